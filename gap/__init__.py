@@ -1,1 +1,1 @@
-"""Diagnosis of the sim-to-real gap: where it lies, what causes it, how far it shrinks."""
+"""The sim-to-real diagnosis: where simulation and measurement differ, what causes it, how far it shrinks."""

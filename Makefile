@@ -1,0 +1,43 @@
+# Two commands do everything on a bare machine: `make demo` and `make test`.
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+export OMP_NUM_THREADS := 1
+export OPENBLAS_NUM_THREADS := 1
+export MKL_NUM_THREADS := 1
+export QT_QPA_PLATFORM ?= offscreen
+
+.PHONY: install system demo test lint gui screenshots benchmark clean
+
+$(BIN)/acquire: pyproject.toml solver/pyproject.toml
+	$(PYTHON) -c 'import sys; assert sys.version_info >= (3, 11), "skinrig needs Python 3.11 or newer"'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install -q --upgrade pip
+	$(BIN)/python -m pip install -q -e '.[gui,test]' -e './solver[test]'
+	@touch $@
+
+install: $(BIN)/acquire
+
+# Qt needs these even offscreen. Installed where we may (root with apt), named otherwise.
+SYSTEM_LIBRARIES := libegl1 libgl1 libxkbcommon0 libdbus-1-3 fontconfig
+system:
+	@sh tools/system_libraries.sh $(SYSTEM_LIBRARIES)
+
+demo: install
+	$(BIN)/python examples/demo/run_demo.py -o out/demo
+
+test: install system lint
+	$(BIN)/python -m pytest tests
+	$(BIN)/python -m pytest solver/tests
+
+lint: install
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+gui: install system
+	QT_QPA_PLATFORM= $(BIN)/acquire gui
+
+clean:
+	rm -rf $(VENV) out build dist

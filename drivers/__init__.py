@@ -1,0 +1,1 @@
+"""Instrument drivers: signals, transports, and per instrument a pure byte codec, a device class and its mathematics."""

@@ -1,0 +1,1 @@
+"""Measurement protocols: units, the YAML schema, and the compiler to timed set-points. Imports nothing of ours."""

@@ -1,0 +1,1 @@
+"""Simulated instruments: their physics stage by stage, effects that can be switched on, byte-level servers, faults."""
