@@ -7,6 +7,7 @@ pressure controllers do: the host's scheduling then never shapes the waveform. T
 from __future__ import annotations
 
 import abc
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -45,6 +46,8 @@ class Status:
 
     ``time`` is device time in s; ``executed`` counts segments finished since ``start``; ``queued`` counts segments still
     waiting; ``state`` is one of ``idle``, ``armed``, ``running``, ``held``, ``safe``, ``fault``; ``fault`` says why.
+    ``began`` is the device time in s at which the running segment (number ``executed``) began, or the last one ended; not
+    a number before ``start``. It is what makes the recorded set-points exact after an ``until`` or a pause.
     """
 
     time: float
@@ -52,6 +55,7 @@ class Status:
     executed: int
     queued: int
     fault: str = ""
+    began: float = math.nan
 
 
 class Source(abc.ABC):
