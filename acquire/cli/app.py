@@ -1,0 +1,136 @@
+"""The ``acquire`` command: which commands there are, and what exit status a failure gives.
+
+Every command lives in a module of its own that imports nothing heavy at its top, so that ``acquire --help`` stays quick.
+"""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import os
+import sys
+import traceback
+from collections.abc import Callable, Sequence
+from typing import Annotated, Any
+
+import typer
+
+DONE, BAD_INPUT, DEVICE, TRIPPED, ABORTED = 0, 2, 3, 4, 5
+BUG = 1  # an exception nobody foresaw: a fault of this program, shown with its traceback
+
+# Command -> (module, function). A module that is absent or broken costs its own command only.
+COMMANDS: dict[str, tuple[str, str]] = {
+    "run": ("acquire.cli.run", "run"),
+    "check": ("acquire.cli.check", "check"),
+    "devices": ("acquire.cli.devices", "devices"),
+    "sim": ("acquire.cli.sim", "sim"),
+    "show": ("acquire.cli.data", "show"),
+    "export": ("acquire.cli.data", "export"),
+    "report": ("acquire.cli.data", "report"),
+    "import": ("acquire.cli.data", "import_"),
+    "recover": ("acquire.cli.data", "recover"),
+    "ls": ("acquire.cli.data", "ls"),
+    "fit": ("acquire.cli.fit", "fit"),
+    "gui": ("acquire.cli.gui", "gui"),
+}
+# Groups of commands: name -> (module, typer application).
+GROUPS: dict[str, tuple[str, str]] = {"gap": ("acquire.cli.gap", "app")}
+
+_BROKEN: dict[str, str] = {}  # command -> why its module did not load
+
+
+def application() -> typer.Typer:
+    """The command line with every command whose module can be imported; the others say what is wrong with them."""
+    app = typer.Typer(
+        name="acquire",
+        help="Run skin-mechanics experiments, record them without loss, fit models, and say why simulation differs.",
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+    )
+    app.callback()(_options)
+    for name, (module, attribute) in (COMMANDS | GROUPS).items():
+        found = _load(name, module, attribute)
+        if found is None:
+            anything = {"allow_extra_args": True, "ignore_unknown_options": True}
+            app.command(name, context_settings=anything)(_missing(name, module))
+        elif name in GROUPS:
+            app.add_typer(found, name=name)
+        else:
+            app.command(name)(found)
+    return app
+
+
+def run(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line (``sys.argv`` by default) and return its exit status.
+
+    0 done, 2 bad input, 3 device or link, 4 tripped, 5 aborted by a person; 1 is a fault of this program.
+    """
+    try:
+        application()(args=None if arguments is None else list(arguments), prog_name="acquire")
+    except SystemExit as stop:
+        return stop.code if isinstance(stop.code, int) else DONE if stop.code is None else BAD_INPUT
+    except KeyboardInterrupt:
+        print("acquire: aborted", file=sys.stderr)
+        return ABORTED
+    except BrokenPipeError:  # the reader of our output (head, less) has gone: not a fault
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - replaces the broken stream until the process ends
+        return DONE
+    except Exception as error:
+        status = exit_status(error)
+        if status == BUG or os.environ.get("ACQUIRE_DEBUG"):
+            traceback.print_exc()
+        print(f"acquire: {_message(error)}", file=sys.stderr)
+        return status
+    return DONE
+
+
+def exit_status(error: BaseException) -> int:
+    """The exit status that an exception means."""
+    from drivers.device import DeviceError
+
+    if isinstance(error, DeviceError):
+        return DEVICE
+    # Faults in what a person gave us: files, names, units, values. All our error classes for it are ValueErrors.
+    if isinstance(error, ValueError | FileNotFoundError | FileExistsError | IsADirectoryError | NotADirectoryError):
+        return BAD_INPUT
+    if isinstance(error, PermissionError | LookupError) and not isinstance(error, IndexError):
+        return BAD_INPUT
+    return BUG
+
+
+def _message(error: BaseException) -> str:
+    # str(KeyError("text")) has quotes around it.
+    text = str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error)
+    return text or type(error).__name__
+
+
+def _options(
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Log what happens to stderr.")] = False,
+) -> None:
+    level = logging.INFO if verbose else logging.WARNING
+    logging.basicConfig(level=level, stream=sys.stderr, format="%(asctime)s %(name)s %(levelname)s %(message)s")
+
+
+def _load(name: str, module: str, attribute: str) -> Any:
+    try:
+        return getattr(importlib.import_module(module), attribute)
+    except ModuleNotFoundError as error:
+        if error.name and not module.startswith(error.name):
+            _BROKEN[name] = f"it needs {error.name}, which is not installed"
+        return None
+    except Exception as error:
+        _BROKEN[name] = f"its module {module} does not load: {error!r}"
+        return None
+
+
+def _missing(name: str, module: str) -> Callable[[], None]:
+    """A command that says why it cannot work."""
+    why = _BROKEN.get(name, f"this installation has no {module}")
+
+    def command() -> None:
+        print(f"acquire {name} is not installed: {why}", file=sys.stderr)
+        raise typer.Exit(BAD_INPUT)
+
+    command.__doc__ = f"(not installed: {why})"
+    return command
