@@ -1,6 +1,6 @@
 """The ``acquire`` command: which commands there are, and what exit status a failure gives.
 
-Every command lives in a module of its own that imports nothing heavy at its top, so that ``acquire --help`` stays quick.
+Every command lives in a module of its own that imports nothing heavy at its top: ``acquire --help`` stays quick.
 """
 
 from __future__ import annotations
