@@ -20,7 +20,8 @@ FloatArray = NDArray[np.float64]
 class Until:
     """An early end of a segment: it stops as soon as ``channel`` satisfies ``comparison`` ``value``.
 
-    ``value`` is in the channel's SI unit. The segment's duration is then its longest allowed one.
+    ``value`` is in the channel's SI unit. The segment's duration is then its longest allowed one. The segment after one
+    that ended early begins at the value reached, not at its own ``start``, and keeps its ``end`` and duration.
     """
 
     channel: str

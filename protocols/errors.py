@@ -1,0 +1,31 @@
+"""What is wrong with a protocol, and where."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One fault. ``line`` and ``column`` count from 1 (0: not known); ``field`` is a path such as ``steps[2].rate``."""
+
+    message: str
+    field: str = ""
+    line: int = 0
+    column: int = 0
+
+    def located(self, file: str) -> str:
+        """``file:line:column: field: message``, the parts that are known."""
+        place = file
+        if self.line:
+            place += f":{self.line}:{self.column}"
+        return ": ".join(part for part in (place, self.field, self.message) if part)
+
+
+class ProtocolError(ValueError):
+    """A protocol that cannot be run as written. ``problems`` has every fault found, in the order of the file."""
+
+    def __init__(self, problems: tuple[Problem, ...], file: str = "") -> None:
+        self.problems = problems
+        self.file = file
+        super().__init__("\n".join(p.located(file) for p in problems))

@@ -1,0 +1,101 @@
+"""Quantities with units, as written by people: ``-300 mbar``, ``1.2 mm``, ``0.1 Hz``; floats in SI inside.
+
+Pint is imported at the first use, because it takes longer than most commands need altogether.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import re
+from typing import Any
+
+#: Per kind of quantity: its SI unit and the units tried, in this order, when a value is written for people.
+KINDS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "pressure": ("Pa", ("mbar",)),
+    "pressure rate": ("Pa/s", ("mbar/s",)),
+    "length": ("m", ("mm",)),
+    "speed": ("m/s", ("mm/s",)),
+    "time": ("s", ("s",)),
+    "frequency": ("Hz", ("Hz",)),
+    "force": ("N", ("N",)),
+    "force rate": ("N/s", ("N/s",)),
+    "angle": ("rad", ("deg",)),
+    "voltage": ("V", ("V",)),
+    "scale": ("m/px", ("mm/px",)),
+}
+_TEXT = re.compile(r"\s*(?P<number>[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?)\s*(?P<unit>[^\d\s].*?)?\s*", re.ASCII)
+MAX_LENGTH = 60  # characters: a quantity is short, and pint's parser is not to be fed with anything else
+
+
+@functools.lru_cache(maxsize=1)
+def _registry() -> Any:
+    import pint
+
+    registry: Any = pint.UnitRegistry(cache_folder=None)
+    registry.define("@alias pixel = px")
+    return registry
+
+
+@functools.lru_cache(maxsize=256)
+def _affine(unit: str, kind: str) -> float:
+    """Factor from ``unit`` to the SI unit of ``kind``. Raises ValueError."""
+    si = KINDS[kind][0]
+    try:
+        return float(_registry().Quantity(1.0, unit).to(si).magnitude)
+    except Exception as error:  # pint raises its own tree, and Python's tokenizer leaks through it
+        raise ValueError(f"{unit!r} is no unit of {kind}; write it in {KINDS[kind][1][0]} or {si}") from error
+
+
+def parse(text: object, kind: str) -> float:
+    """The value of ``text`` (such as ``-300 mbar``) in the SI unit of ``kind``, a key of `KINDS`.
+
+    A bare number has no unit and is refused, zero and pure angles included.
+
+    Raises ValueError: no number, no unit, a unit of another kind, not finite.
+    """
+    example = f"-300 {KINDS[kind][1][0]}" if kind == "pressure" else f"1.2 {KINDS[kind][1][0]}"
+    if isinstance(text, bool) or not isinstance(text, (str, int, float)):
+        raise ValueError(f"expected a {kind} such as '{example}'")
+    if not isinstance(text, str):
+        raise ValueError(f"a unit is missing: {text!r} should be a {kind} such as '{example}'")
+    found = _TEXT.fullmatch(text) if len(text) <= MAX_LENGTH else None
+    if found is None:
+        raise ValueError(f"{text[:MAX_LENGTH]!r} is not a {kind} such as '{example}'")
+    if found["unit"] is None:
+        raise ValueError(f"a unit is missing: {text!r} should be a {kind} such as '{example}'")
+    value = float(found["number"]) * _affine(found["unit"], kind)
+    if not math.isfinite(value):
+        raise ValueError(f"{text!r} is not finite")
+    return value
+
+
+def write(value: float, kind: str) -> str:
+    """``value`` (SI) as text that `parse` reads back to the same float, in a unit that people use if that is exact."""
+    si, pleasant = KINDS[kind]
+    for unit in pleasant:
+        for digits in (6, 12, 17):
+            text = f"{value / _affine(unit, kind):.{digits}g} {unit}"
+            if parse(text, kind) == value:
+                return text
+    return f"{value!r} {si}"
+
+
+def kind_of(channel: str) -> str:
+    """The kind of quantity that a channel or commanded quantity carries, by its name. Raises ValueError."""
+    for prefix, kind in (
+        ("pressure", "pressure"),
+        ("apex_height", "length"),
+        ("axis_position", "length"),
+        ("probe", "length"),
+        ("transducer_force", "force"),
+        ("force", "force"),
+    ):
+        if channel == prefix or channel.startswith(prefix + "_"):
+            return kind
+    raise ValueError(f"unknown channel {channel!r}")
+
+
+def rate_kind(kind: str) -> str:
+    """The kind of the time derivative of ``kind``."""
+    return {"pressure": "pressure rate", "length": "speed", "force": "force rate"}[kind]
