@@ -1,0 +1,61 @@
+"""How an instrument presents itself to the application: what it measures and may do, and how one is opened.
+
+Each instrument's package exports ``INSTRUMENT`` (entry point ``acquire.instruments``); importing it is cheap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from drivers.device import DeviceError, Rig
+from drivers.signals import Channel
+from protocols.limits import Limits
+
+#: Wall time in s without a heartbeat after which a device makes itself safe.
+WATCHDOG = 0.25
+
+
+class NotAllowed(DeviceError):
+    """The station does not permit to open this link (for example a codec that nobody verified on hardware)."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One instrument of a station: where its links are, and what the station vouches for.
+
+    ``address`` is the driven device's link: ``/dev/tty*`` or another serial port, ``socket://host:port``, ``usb:VID:PID``.
+    ``sources`` maps further sources to their links (``{"camera": "socket://…"}`` or ``"uvc:0"``). ``options`` are the
+    instrument's own settings (its package documents them). ``usb_backend`` is a ``usb.backend.IBackend`` for virtual
+    devices; None takes the system's. ``watchdog`` is in s of wall time.
+    """
+
+    instrument: str
+    address: str
+    simulated: bool = False
+    i_have_verified_the_codec: bool = False
+    sources: Mapping[str, str] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)
+    watchdog: float = WATCHDOG
+    usb_backend: Any = None
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """An instrument's descriptor.
+
+    ``channels`` are all it can deliver, ``quantities`` what is commanded, ``limits`` what the hardware stands,
+    ``transports`` the kinds of link of the driven device (``serial``, ``socket``, ``usb``), ``sources`` the names of further
+    links a rig may have. ``open_rig`` builds the rig of a station entry without touching the link; it raises `NotAllowed`
+    where the station does not permit it and ValueError for options it does not know.
+    """
+
+    name: str
+    title: str
+    channels: tuple[Channel, ...]
+    quantities: tuple[str, ...]
+    limits: Limits
+    transports: tuple[str, ...]
+    open_rig: Callable[[Entry], Rig]
+    sources: tuple[str, ...] = ()
