@@ -1,0 +1,216 @@
+"""Fits of one problem under one hypothesis: damped Gauss-Newton with priors, and the Laplace evidence.
+
+Notation: r whitened residual (n,), J its nuisance Jacobian (n, p), Λ = diag(1/sd²). The generalised projector
+P = I − J (JᵀJ + Λ)⁻¹ Jᵀ removes what the nuisance explains within its prior; then χ² after a linear nuisance refit is rᵀ P r.
+Laplace evidence after MacKay, "Information Theory, Inference and Learning Algorithms", ch. 27–28.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.linalg as sla
+
+from gap.hypothesis import Active, Candidate, FloatArray, Problem
+
+MAX_ITERATIONS = 12
+DIFFERENCE_STEP = 1e-3  # of a unit prior range
+
+
+class Projector:
+    """The linear nuisance refit about one point, factorised once and used for every effect."""
+
+    def __init__(self, jacobian: FloatArray, prior_sd: FloatArray) -> None:
+        self.jacobian = jacobian
+        normal = jacobian.T @ jacobian
+        self.precision = np.where(np.isfinite(prior_sd), 1.0 / np.square(prior_sd), 0.0)
+        normal[np.diag_indices_from(normal)] += self.precision
+        self._factor = _factorise(normal)
+
+    def apply(self, vectors: FloatArray) -> FloatArray:
+        """P v for v (n,) or (n, k)."""
+        if not self.jacobian.shape[1]:
+            return vectors
+        return vectors - self.jacobian @ sla.cho_solve(self._factor, self.jacobian.T @ vectors)
+
+    def chi2(self, residual: FloatArray) -> float:
+        """rᵀ P r: χ² of a residual (n,) after the linear refit, prior included."""
+        return float(residual @ self.apply(residual))
+
+
+def _factorise(normal: FloatArray) -> tuple[FloatArray, bool]:
+    """Cholesky factor of a normal matrix, with the least ridge that makes it definite."""
+    scale = np.maximum(np.diag(normal), 1e-300)
+    for ridge in (1e-12, 1e-9, 1e-6, 1e-3):
+        try:
+            factor: tuple[FloatArray, bool] = sla.cho_factor(normal + np.diag(ridge * scale), check_finite=False)
+        except np.linalg.LinAlgError:
+            continue
+        return factor
+    raise np.linalg.LinAlgError("normal matrix is not positive definite")
+
+
+@dataclass
+class Fit:
+    """A fitted hypothesis.
+
+    ``chi2`` is of the data alone, ``penalty`` the prior's share; ``log_evidence`` is untempered; ``unit`` (k,) are the
+    effect parameters in prior quantiles, in the order of the hypothesis, ``covariance`` (k, k) theirs.
+    """
+
+    hypothesis: tuple[Candidate, ...]
+    nuisance: FloatArray
+    unit: FloatArray
+    residual: FloatArray
+    chi2: float
+    penalty: float
+    logdet: float
+    covariance: FloatArray
+    simulations: int
+    jacobian: FloatArray = field(repr=False)
+    effect_jacobian: FloatArray = field(repr=False)
+
+    @property
+    def objective(self) -> float:
+        return self.chi2 + self.penalty
+
+    def log_evidence(self, temper: float = 1.0) -> float:
+        """log marginal likelihood up to the constant that all hypotheses share, with χ² divided by ``temper``."""
+        occam = -0.5 * self.logdet
+        if len(self.unit):
+            # The prior of a unit parameter has width 1: its posterior cannot count as wider than that.
+            spread = np.sqrt(np.clip(np.diag(self.covariance) * temper, 0, None) * 2 * np.pi)
+            occam += float(np.sum(np.log(np.clip(spread, 1e-6, 1.0))))
+        return -0.5 * self.objective / temper + occam
+
+    @property
+    def active(self) -> dict[Candidate, dict[str, float]]:
+        return split(self.hypothesis, self.unit)
+
+
+def split(hypothesis: Sequence[Candidate], unit: FloatArray) -> dict[Candidate, dict[str, float]]:
+    """Parameter values of each effect from one vector of prior quantiles."""
+    out, at = {}, 0
+    for candidate in hypothesis:
+        k = len(candidate.parameters)
+        out[candidate] = candidate.values(unit[at : at + k])
+        at += k
+    return out
+
+
+def fit(
+    problem: Problem,
+    hypothesis: Sequence[Candidate] = (),
+    unit: FloatArray | None = None,
+    nuisance: FloatArray | None = None,
+    iterations: int = MAX_ITERATIONS,
+    tolerance: float = 1e-3,
+) -> Fit:
+    """Nuisance and effect parameters that minimise χ² + prior, from ``nuisance`` (p,) and ``unit`` (k,).
+
+    Levenberg-Marquardt; effect derivatives by differences, nuisance derivatives from the problem. ``tolerance`` is the relative
+    gain below which it stops.
+    """
+    hypothesis = tuple(hypothesis)
+    c = problem.start() if nuisance is None else nuisance.copy()
+    u = np.full(sum(len(h.parameters) for h in hypothesis), 0.5) if unit is None else unit.astype(float).copy()
+    mean, sd = problem.prior_mean, problem.prior_sd
+    precision = np.where(np.isfinite(sd), 1.0 / np.square(sd), 0.0)
+    simulations = 0
+
+    def cost(residual: FloatArray, c: FloatArray) -> float:
+        return float(residual @ residual + np.sum(precision * np.square(c - mean)))
+
+    def linearise(c: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        nonlocal simulations
+        here = problem.evaluate(c, split(hypothesis, u))
+        effect = np.empty((len(here.residual), len(u)))
+        for k in range(len(u)):
+            step = DIFFERENCE_STEP if u[k] < 0.5 else -DIFFERENCE_STEP
+            moved = u.copy()
+            moved[k] += step
+            there = problem.evaluate(c, split(hypothesis, moved), want_jacobian=False)
+            effect[:, k] = (here.residual - there.residual) / step
+        simulations += 1 + len(u)
+        return here.residual, here.jacobian, effect
+
+    residual, jac, effect = linearise(c, u)
+    best = cost(residual, c)
+    damping = 1e-3
+    for _ in range(iterations):
+        full = np.hstack([jac, effect])
+        normal = full.T @ full
+        p = len(c)
+        normal[np.arange(p), np.arange(p)] += precision
+        gradient = full.T @ residual
+        gradient[:p] -= precision * (c - mean)
+        # Parameters at a bound that the step would leave stay there.
+        fixed = np.zeros(len(gradient), bool)
+        fixed[p:] = ((u <= 0) & (gradient[p:] < 0)) | ((u >= 1) & (gradient[p:] > 0))
+        free = ~fixed
+        improved = False
+        for _attempt in range(6):
+            damped = normal[np.ix_(free, free)].copy()
+            damped[np.diag_indices_from(damped)] *= 1.0 + damping
+            step = np.zeros(len(gradient))
+            step[free] = sla.cho_solve(_factorise(damped), gradient[free])
+            c_new, u_new = c + step[:p], np.clip(u + np.clip(step[p:], -0.3, 0.3), 0.0, 1.0)
+            trial = problem.evaluate(c_new, split(hypothesis, u_new), want_jacobian=False)
+            simulations += 1
+            value = cost(trial.residual, c_new)
+            if np.isfinite(value) and value < best:
+                improved = True
+                break
+            damping = max(damping * 8.0, 1e-4)
+        if not improved:
+            break
+        gain = best - value
+        c, u, best = c_new, u_new, value
+        damping *= 0.2
+        residual, jac, effect = linearise(c, u)
+        if gain < tolerance * max(best, 1.0) * 0.1 + 0.02:
+            break
+    return _finish(hypothesis, c, u, residual, jac, effect, precision, mean, simulations)
+
+
+def _finish(
+    hypothesis: tuple[Candidate, ...],
+    c: FloatArray,
+    u: FloatArray,
+    residual: FloatArray,
+    jac: FloatArray,
+    effect: FloatArray,
+    precision: FloatArray,
+    mean: FloatArray,
+    simulations: int,
+) -> Fit:
+    """Curvature, evidence terms and covariance at the optimum."""
+    normal = jac.T @ jac
+    normal[np.diag_indices_from(normal)] += precision
+    penalty = float(np.sum(precision * np.square(c - mean)))
+    covariance = np.zeros((len(u), len(u)))
+    logdet = 0.0
+    if len(c):
+        factor = _factorise(normal)
+        finite = precision > 0
+        logdet = 2.0 * float(np.sum(np.log(np.diag(factor[0])))) - float(np.sum(np.log(precision[finite])))
+        schur = effect.T @ effect - (effect.T @ jac) @ sla.cho_solve(factor, jac.T @ effect)
+    else:
+        schur = effect.T @ effect
+    if len(u):
+        covariance = np.linalg.inv(schur + np.eye(len(u)) * 12.0)  # 12: precision of a uniform prior of width 1
+    return Fit(
+        hypothesis=hypothesis,
+        nuisance=c,
+        unit=u,
+        residual=residual,
+        chi2=float(residual @ residual),
+        penalty=penalty,
+        logdet=logdet,
+        covariance=covariance,
+        simulations=simulations,
+        jacobian=jac,
+        effect_jacobian=effect,
+    )
