@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -12,12 +12,16 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 
+class RecordingError(ValueError):
+    """A recording, bundle, journal or export that cannot be read or written; the message says which and where."""
+
+
 @dataclass(frozen=True)
 class Series:
-    """One channel: ``value`` (n,) in SI ``unit`` at device time ``time`` (n,) s.
+    """One channel: ``value`` (n,) in SI ``unit`` at device time ``time`` (n,) s; a derived profile is (n, width).
 
-    ``time_host`` (n,) s is the host's monotonic clock at arrival, ``seq`` (n,) the device's sample counter (for imported data: the
-    row number). ``stage`` is the stage of the forward chain that the channel observes.
+    ``time_host`` (n,) s is the host's monotonic clock at arrival, ``seq`` (n,) the device's sample counter (for
+    imported data: the row number). ``stage`` is the stage of the forward chain that the channel observes.
     """
 
     value: FloatArray
@@ -32,7 +36,10 @@ class Series:
 
 @dataclass(frozen=True)
 class Frames:
-    """Camera frames: ``data`` (n, height, width) of uint8 (an array or a lazy HDF5 dataset), ``time`` (n,) s, ``scale`` m/px."""
+    """Camera frames: ``data`` (n, height, width) of uint8 (an array or lazy: slice it), ``time`` (n,) s.
+
+    ``scale`` is in m/px; 0 means that it is not known.
+    """
 
     data: Any
     time: FloatArray
@@ -42,7 +49,7 @@ class Frames:
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened: ``time`` s (device clock), level ``info|warning|error|trip``, a short code, plain words."""
+    """Something that happened: ``time`` s (device clock), level ``info|warning|error|trip``, a code, plain words."""
 
     time: float
     level: str
@@ -76,7 +83,7 @@ class RunInfo:
 
 @dataclass(frozen=True)
 class Recording:
-    """One run. ``streams`` and ``setpoints`` map channel or quantity to its series; ``derived`` holds analysis results."""
+    """One run. ``streams`` and ``setpoints`` map channel or quantity to its series; ``derived`` holds results."""
 
     info: RunInfo
     streams: Mapping[str, Series]
@@ -93,3 +100,40 @@ class Recording:
         except KeyError:
             have = ", ".join(self.streams) or "none"
             raise KeyError(f"recording {self.info.id} has no channel {name!r}; it has {have}") from None
+
+    @property
+    def default_plot(self) -> str:
+        """Name of the stream to draw first: the recording's own choice, else by custom; '' without streams."""
+        names = (self.plot, "apex_height", "force_x", "pressure", *self.streams)
+        return next((name for name in names if name in self.streams), "")
+
+
+def difference(a: Recording, b: Recording) -> str:
+    """The first difference between two recordings in words (frames: their times only); '' if there is none."""
+    for item in fields(RunInfo):
+        x, y = getattr(a.info, item.name), getattr(b.info, item.name)
+        if not isinstance(x, Mapping) and x != y:
+            return f"{item.name}: {x!r} became {y!r}"
+    for kind in ("streams", "setpoints", "derived"):
+        axes = ("value", "time") if kind == "setpoints" else ("value", "time", "time_host", "seq")
+        problem = _series_difference(getattr(a, kind), getattr(b, kind), axes)
+        if problem:
+            return f"{kind}: {problem}"
+    if (a.frames is None) != (b.frames is None):
+        return "frames: present in only one"
+    if a.frames is not None and b.frames is not None and not np.array_equal(a.frames.time, b.frames.time):
+        return "frames: time differs"
+    return "" if a.events == b.events else "events differ"
+
+
+def _series_difference(a: Mapping[str, Series], b: Mapping[str, Series], axes: tuple[str, ...]) -> str:
+    if list(a) != list(b):
+        return f"{list(a)} became {list(b)}"
+    for name in a:
+        for item in axes:
+            x, y = getattr(a[name], item), getattr(b[name], item)
+            if (x is None) != (y is None) or (x is not None and not np.array_equal(x, y, equal_nan=True)):
+                return f"{name}: {item} differs"
+        if a[name].unit != b[name].unit:
+            return f"{name}: unit {a[name].unit!r} became {b[name].unit!r}"
+    return ""

@@ -1,0 +1,272 @@
+"""The recording file: NeXus-flavoured HDF5, written whole or not at all, read with suspicion.
+
+Layout (schema ``acquire-recording/1``); every dataset has ``units``, every string is of fixed width::
+
+    /entry                              NXentry; schema, start_time, end_time, status, trip_reason, default plot
+    /entry/run                          who, what and where; the protocol's text and its sha256; package versions
+    /entry/instrument                   name, station file, limits, calibration with provenance
+    /entry/streams/<channel>/{value,time,time_host,seq}    group attributes units, stage, range, resolution
+    /entry/frames/{data,time,seq,crc}   one chunk per frame
+    /entry/derived/<name>/{value,time}  results of an analysis
+    /entry/setpoints/{time,<quantity>}  what was commanded (a quantity with times of its own: <quantity>_time)
+    /entry/events                       compound: time, level, code, text
+    /entry/plot                         NXdata on the default stream
+
+Channels that share their time stamps share one dataset on disk (hard links).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import zlib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from acquire.recording.hdf5_reader import ENTRY_FIELDS, RUN_FIELDS, SCHEMA, open_recording
+from acquire.recording.model import Event, Frames, Recording, RecordingError, RunInfo, Series, difference
+
+
+def write_recording(recording: Recording, path: Path | str, *, overwrite: bool = False) -> Path:
+    """Write ``recording`` to ``path``: to ``<path>.partial``, flushed, read back and compared, fsynced, then renamed.
+
+    Raises RecordingError if ``path`` exists (unless ``overwrite``; it is then replaced only by a verified file), if the
+    recording is inconsistent, or if what was written does not read back equal; OSError if the disk refuses.
+    """
+    path = Path(path)
+    if path.exists() and not overwrite:
+        raise RecordingError(f"{path}: exists already; it is not overwritten")
+    _check_consistent(recording)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(path.name + ".partial")
+    try:
+        with h5py.File(partial, "w", track_order=True) as file:
+            _write(file, recording)
+            file.flush()
+        _verify(recording, partial)
+        with partial.open("rb+") as raw:
+            os.fsync(raw.fileno())
+        os.replace(partial, path)
+    except BaseException:
+        partial.unlink(missing_ok=True)
+        raise
+    sync_folder(path.parent)
+    return path
+
+
+def sync_folder(folder: Path) -> None:
+    """Make a rename in ``folder`` durable (POSIX; other systems do so by themselves)."""
+    if os.name == "posix":
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def _check_consistent(recording: Recording) -> None:
+    run = recording.info.id
+    for kind, group in (
+        ("stream", recording.streams),
+        ("derived", recording.derived),
+        ("set-point", recording.setpoints),
+    ):
+        for name, series in group.items():
+            if not name or "/" in name or name in (".", ".."):
+                raise RecordingError(f"run {run}: {name!r} cannot be the name of a {kind}")
+            shape = np.shape(series.value)
+            for axis in ("time", "time_host", "seq"):
+                array = getattr(series, axis)
+                if array is not None and np.shape(array) != shape[:1]:
+                    raise RecordingError(f"run {run}: {kind} {name} has {shape} values but {axis} of {np.shape(array)}")
+    if recording.frames is not None and len(recording.frames.data) != len(recording.frames.time):
+        raise RecordingError(
+            f"run {run}: {len(recording.frames.data)} frames but {len(recording.frames.time)} frame times"
+        )
+
+
+def _write(file: h5py.File, recording: Recording) -> None:
+    info, plot = recording.info, recording.default_plot
+    file.attrs.create("NX_class", **_text("NXroot"))
+    file.attrs.create("default", **_text("entry"))
+    entry = _group(file, "entry", "NXentry")
+    # As attributes for a quick look, as fields because that is where NeXus readers expect them.
+    for name, text in {"schema": SCHEMA, **{f: getattr(info, f) for f in ENTRY_FIELDS}}.items():
+        entry.attrs.create(name, **_text(text))
+        _put(entry, name, text)
+    _write_run(_group(entry, "run", "NXcollection"), info)
+    _write_instrument(_group(entry, "instrument", "NXinstrument"), recording)
+    shared: dict[tuple[int, str], h5py.Dataset] = {}
+    streams = _group(entry, "streams", "NXcollection")
+    for name, series in recording.streams.items():
+        _write_series(streams, name, series, shared)
+    if recording.derived:
+        derived = _group(entry, "derived", "NXcollection")
+        for name, series in recording.derived.items():
+            _write_series(derived, name, series, shared)
+    if recording.frames is not None:
+        _write_frames(_group(entry, "frames", "NXdata"), recording.frames)
+    _write_setpoints(_group(entry, "setpoints", "NXcollection"), recording.setpoints)
+    _write_events(entry, recording.events)
+    if plot:
+        entry.attrs.create("default", **_text("plot"))
+        _write_plot(_group(entry, "plot", "NXdata"), streams, recording, plot)
+
+
+def _write_run(group: h5py.Group, info: RunInfo) -> None:
+    for name in RUN_FIELDS:
+        _put(group, name, getattr(info, name))
+    _put(group, "protocol_sha256", hashlib.sha256(info.protocol.encode()).hexdigest())
+    group["protocol"].attrs.create("sha256", **_text(hashlib.sha256(info.protocol.encode()).hexdigest()))
+    _put(group, "repeat", np.int64(info.repeat), "1")
+    versions = _group(group, "versions", "NXcollection")
+    for name, version in info.versions.items():
+        _put(versions, name, version)
+
+
+def _write_instrument(group: h5py.Group, recording: Recording) -> None:
+    info = recording.info
+    _put(group, "name", info.instrument)
+    _put(group, "station", info.station)
+    limits = _group(group, "limits", "NXcollection")
+    for name, limit in info.limits.items():
+        known = recording.streams.get(name) or recording.setpoints.get(name)
+        _put(limits, name, np.asarray(limit, float), known.unit if known else "")
+    calibration = _group(group, "calibration", "NXcollection")
+    for name, facts in info.calibration.items():
+        value = facts.get("value", "")
+        dataset = _put(
+            calibration, name, value if isinstance(value, str) else np.asarray(value), str(facts.get("unit", ""))
+        )
+        for fact, content in facts.items():
+            if fact not in ("value", "unit"):
+                dataset.attrs.create(fact, **(_text(content) if isinstance(content, str) else {"data": content}))
+
+
+def _write_series(parent: h5py.Group, name: str, series: Series, shared: dict[tuple[int, str], h5py.Dataset]) -> None:
+    group = _group(parent, name, "NXdata")
+    group.attrs.create("signal", **_text("value"))
+    group.attrs.create("axes", **_text("time"))
+    group.attrs.create("units", **_text(series.unit))
+    group.attrs.create("stage", **_text(series.stage))
+    if series.range is not None:
+        group.attrs["range"] = np.asarray(series.range, float)
+    group.attrs["resolution"] = float(series.resolution)
+    _put(group, "value", np.asarray(series.value, float), series.unit)
+    for axis, array, unit in (
+        ("time", series.time, "s"),
+        ("time_host", series.time_host, "s"),
+        ("seq", series.seq, "1"),
+    ):
+        if array is None:
+            continue
+        key = (id(array), unit)
+        if key in shared:
+            group[axis] = shared[key]
+        else:
+            shared[key] = _put(group, axis, np.asarray(array, np.int64 if axis == "seq" else float), unit)
+
+
+def _write_frames(group: h5py.Group, frames: Frames) -> None:
+    count, height, width = np.shape(frames.data)
+    group.attrs.create("signal", **_text("data"))
+    group.attrs.create("axes", _texts(("time", ".", ".")))
+    group.attrs["scale"] = float(frames.scale)
+    group.attrs.create("scale_units", **_text("m/px"))
+    data = group.create_dataset("data", (count, height, width), np.uint8, chunks=(1, height, width) if count else None)
+    data.attrs.create("units", **_text("1"))
+    crc = np.empty(count, np.uint32)
+    for index in range(count):
+        image = np.asarray(frames.data[index], np.uint8).tobytes()
+        crc[index] = zlib.crc32(image)
+        data.id.write_direct_chunk((index, 0, 0), image)
+    _put(group, "time", np.asarray(frames.time, float), "s")
+    _put(group, "seq", np.arange(count) if frames.seq is None else np.asarray(frames.seq, np.int64), "1")
+    _put(group, "crc", crc, "1")
+
+
+def _write_setpoints(group: h5py.Group, setpoints: Mapping[str, Series]) -> None:
+    common: np.ndarray[Any, Any] | None = None
+    for name, series in setpoints.items():
+        time, axis = np.asarray(series.time, float), "time"
+        if common is None:
+            common = time
+            _put(group, "time", time, "s")
+        elif not np.array_equal(common, time):
+            axis = f"{name}_time"
+            _put(group, axis, time, "s")
+        _put(group, name, np.asarray(series.value, float), series.unit).attrs.create("axes", **_text(axis))
+
+
+def _write_events(entry: h5py.Group, events: Iterable[Event]) -> None:
+    events = tuple(events)
+    texts = {f: [getattr(e, f).encode() for e in events] for f in ("level", "code", "text")}
+    width = {f: max([1, *map(len, column)]) for f, column in texts.items()}
+    dtype = np.dtype([("time", "<f8"), *((f, h5py.string_dtype("utf-8", w)) for f, w in width.items())])
+    table = np.zeros(len(events), dtype)
+    table["time"] = [e.time for e in events]
+    for name, column in texts.items():
+        table[name] = column
+    _put(entry, "events", table, "time: s")
+
+
+def _write_plot(group: h5py.Group, streams: h5py.Group, recording: Recording, plot: str) -> None:
+    group.attrs.create("signal", **_text(plot))
+    group.attrs.create("axes", **_text("time"))
+    _put(group, "title", f"{recording.info.instrument} {recording.info.id}: {plot}")
+    group[plot] = streams[plot]["value"]
+    group["time"] = streams[plot]["time"]
+    shown = recording.streams[plot]
+    others = [
+        name
+        for name, series in recording.streams.items()
+        if name != plot and series.unit == shown.unit and np.array_equal(series.time, shown.time)
+    ]
+    for name in others:
+        group[name] = streams[name]["value"]
+    if others:
+        group.attrs.create("auxiliary_signals", _texts(others))
+
+
+def _group(parent: h5py.Group, name: str, nx_class: str) -> h5py.Group:
+    group = parent.create_group(name, track_order=True)
+    group.attrs.create("NX_class", **_text(nx_class))
+    return group
+
+
+def _text(text: str) -> dict[str, Any]:
+    data = text.encode()
+    return {"data": np.array(data, h5py.string_dtype("utf-8", max(1, len(data))))}
+
+
+def _texts(texts: Iterable[str]) -> Any:
+    data = [text.encode() for text in texts]
+    return np.array(data, h5py.string_dtype("utf-8", max(map(len, data))))
+
+
+def _put(group: h5py.Group, name: str, value: Any, unit: str = "") -> h5py.Dataset:
+    if isinstance(value, str):
+        dataset = group.create_dataset(name, **_text(value))
+    elif np.size(value) > 1024:
+        dataset = group.create_dataset(
+            name, data=value, compression="gzip", compression_opts=1, shuffle=True, fletcher32=True
+        )
+    else:
+        dataset = group.create_dataset(name, data=value)
+    dataset.attrs.create("units", **_text(unit))
+    return dataset
+
+
+def _verify(recording: Recording, path: Path) -> None:
+    """Read ``path`` back and compare every value with what was to be written."""
+    written = open_recording(path)
+    problem = difference(recording, written)
+    if problem:
+        raise RecordingError(f"{path}: what was written does not read back: {problem}")
+    if written.frames is not None:
+        for _ in written.frames.data:  # each frame read is checked against its CRC
+            pass

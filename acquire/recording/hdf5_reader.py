@@ -1,0 +1,182 @@
+"""Reading a recording file: with suspicion, because it may come from anywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from acquire.recording.guard import check_file, check_readable_whole
+from acquire.recording.lazy import Hdf5Frames
+from acquire.recording.model import Event, Frames, Recording, RecordingError, RunInfo, Series
+
+SCHEMA = "acquire-recording/1"
+ENTRY_FIELDS = ("start_time", "end_time", "status", "trip_reason")
+RUN_FIELDS = ("id", "subject", "site", "operator", "specimen", "notes", "protocol", "protocol_name")
+
+
+def open_recording(path: Path | str) -> Recording:
+    """Read a recording; streams are in memory, frames stay on disk until they are sliced.
+
+    Raises RecordingError that names the file and the object for anything that is not a sound recording (external links
+    or storage, virtual datasets, shapes without data, another schema, missing or unequal arrays); FileNotFoundError if
+    there is no such file.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file")
+    try:
+        with h5py.File(path, "r") as file:
+            check_file(file, path)
+            return _Reader(file, path).recording()
+    except RecordingError:
+        raise
+    except (OSError, KeyError, TypeError, ValueError, RuntimeError) as error:
+        raise RecordingError(f"{path}: not a readable recording: {error}") from error
+
+
+class _Reader:
+    """Reads one open file; ``cache`` gives channels that share a dataset on disk the same array."""
+
+    def __init__(self, file: h5py.File, path: Path) -> None:
+        self.path = path
+        self.cache: dict[int, Any] = {}
+        self.entry = self.group(file, "entry")
+
+    def recording(self) -> Recording:
+        schema = self.attr(self.entry, "schema", "")
+        if schema != SCHEMA:
+            raise RecordingError(f"{self.path}: /entry has schema {schema!r}, expected {SCHEMA!r}")
+        plot = ""
+        if "plot" in self.entry:
+            plot = self.attr(self.group(self.entry, "plot"), "signal", "")
+        return Recording(
+            info=self.info(),
+            streams=self.series("streams"),
+            setpoints=self.setpoints(),
+            frames=self.frames(),
+            events=self.events(),
+            derived=self.series("derived"),
+            plot=plot,
+        )
+
+    def info(self) -> RunInfo:
+        run, instrument = self.group(self.entry, "run"), self.group(self.entry, "instrument")
+        calibration: dict[str, dict[str, Any]] = {}
+        for name, dataset in self.members(instrument, "calibration"):
+            value = self.text(dataset) if dataset.dtype.kind == "S" else self.array(dataset)
+            facts = {"value": value.item() if np.ndim(value) == 0 and not isinstance(value, str) else value}
+            facts |= {"unit" if k == "units" else k: self.attr(dataset, k, "") for k in dataset.attrs}
+            calibration[name] = facts
+        limits = {}
+        for name, dataset in self.members(instrument, "limits"):
+            low, high = self.array(dataset)
+            limits[name] = (float(low), float(high))
+        return RunInfo(
+            instrument=self.text(self.dataset(instrument, "name")),
+            station=self.text(self.dataset(instrument, "station")),
+            repeat=int(self.array(self.dataset(run, "repeat"))),
+            versions={name: self.text(dataset) for name, dataset in self.members(run, "versions")},
+            limits=limits,
+            calibration=calibration,
+            **{name: self.text(self.dataset(run, name)) for name in RUN_FIELDS},
+            **{name: self.text(self.dataset(self.entry, name)) for name in ENTRY_FIELDS},
+        )
+
+    def series(self, kind: str) -> dict[str, Series]:
+        result = {}
+        for name, group in self.members(self.entry, kind):
+            if not isinstance(group, h5py.Group):
+                raise RecordingError(f"{self.path}: {group.name} is not a group")
+            value = np.asarray(self.array(self.dataset(group, "value")), float)
+            axes = {axis: self.array(group[axis]) for axis in ("time", "time_host", "seq") if axis in group}
+            for axis, array in {"time": None, **axes}.items():
+                if array is None or np.shape(array) != np.shape(value)[:1]:
+                    have = "missing" if array is None else f"of shape {np.shape(array)}"
+                    raise RecordingError(
+                        f"{self.path}: {group.name}/{axis} is {have}, but value is of shape {value.shape}"
+                    )
+            limits = group.attrs.get("range")
+            result[name] = Series(
+                value=value,
+                time=axes["time"],
+                unit=self.attr(group, "units", ""),
+                time_host=axes.get("time_host"),
+                seq=axes.get("seq"),
+                stage=self.attr(group, "stage", ""),
+                range=None if limits is None else (float(limits[0]), float(limits[1])),
+                resolution=float(group.attrs.get("resolution", 0.0)),
+            )
+        return result
+
+    def setpoints(self) -> dict[str, Series]:
+        result = {}
+        for name, dataset in self.members(self.entry, "setpoints"):
+            axis = self.attr(dataset, "axes", "")
+            if not axis:
+                continue
+            value, time = self.array(dataset), self.array(self.dataset(dataset.parent, axis))
+            if np.shape(value) != np.shape(time):
+                raise RecordingError(
+                    f"{self.path}: {dataset.name} is of shape {np.shape(value)}, its time of {np.shape(time)}"
+                )
+            result[name] = Series(value=value, time=time, unit=self.attr(dataset, "units", ""))
+        return result
+
+    def frames(self) -> Frames | None:
+        if "frames" not in self.entry:
+            return None
+        group = self.group(self.entry, "frames")
+        data = self.dataset(group, "data")
+        time, seq, crc = (self.array(self.dataset(group, name)) for name in ("time", "seq", "crc"))
+        if data.ndim != 3 or data.dtype != np.uint8 or not len(data) == len(time) == len(seq) == len(crc):
+            raise RecordingError(
+                f"{self.path}: {data.name} of shape {data.shape} ({data.dtype}) does not fit its time, seq and crc"
+            )
+        lazy = Hdf5Frames(self.path, data.shape, crc)
+        return Frames(data=lazy, time=time, scale=float(group.attrs.get("scale", 0.0)), seq=seq)
+
+    def events(self) -> tuple[Event, ...]:
+        if "events" not in self.entry:
+            return ()
+        table = self.array(self.dataset(self.entry, "events"))
+        if table.dtype.names != ("time", "level", "code", "text"):
+            raise RecordingError(f"{self.path}: /entry/events has the columns {table.dtype.names}")
+        return tuple(Event(float(t), *(x.decode() for x in texts)) for t, *texts in table.tolist())
+
+    def members(self, parent: h5py.Group, name: str) -> Iterable[tuple[str, Any]]:
+        return list(self.group(parent, name).items()) if name in parent else []
+
+    def group(self, parent: h5py.Group, name: str) -> h5py.Group:
+        item = parent.get(name)
+        if not isinstance(item, h5py.Group):
+            raise RecordingError(
+                f"{self.path}: {parent.name.rstrip('/')}/{name} is missing or not a group: not a recording"
+            )
+        return item
+
+    def dataset(self, parent: h5py.Group, name: str) -> h5py.Dataset:
+        item = parent.get(name)
+        if not isinstance(item, h5py.Dataset):
+            raise RecordingError(f"{self.path}: {parent.name.rstrip('/')}/{name} is missing or not a dataset")
+        return item
+
+    def array(self, dataset: h5py.Dataset) -> Any:
+        address = h5py.h5o.get_info(dataset.id).addr
+        if address not in self.cache:
+            check_readable_whole(dataset, self.path)
+            self.cache[address] = dataset[()]
+        return self.cache[address]
+
+    def text(self, dataset: h5py.Dataset) -> str:
+        if dataset.dtype.kind != "S" or dataset.shape != ():
+            raise RecordingError(f"{self.path}: {dataset.name} is not a text")
+        return bytes(self.array(dataset)).decode()
+
+    @staticmethod
+    def attr(item: Any, name: str, default: Any) -> Any:
+        value = item.attrs.get(name, default)
+        return value.decode() if isinstance(value, bytes) else value
