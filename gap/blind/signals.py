@@ -1,0 +1,101 @@
+"""Small operators on sampled signals, integrated exactly between samples (numba).
+
+Every operator takes a signal ``x`` of shape (N,) on a grid whose steps are ``dt`` (N,), ``dt[i]`` leading from
+sample i-1 to i (``dt[0]`` is not used), and returns a signal of the same shape and unit.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@njit(cache=True)
+def lag(x: Array, dt: Array, tau: float) -> Array:
+    """First-order lag tau y' + y = x [s], exact for piecewise linear x; starts in equilibrium."""
+    y = np.empty_like(x)
+    y[0] = x[0]
+    step, e = -1.0, 0.0
+    for i in range(1, x.size):
+        if dt[i] != step:
+            step = dt[i]
+            e = np.exp(-step / tau)
+        ramp = (x[i] - x[i - 1]) * tau / step
+        y[i] = x[i] - ramp + (y[i - 1] - x[i - 1] + ramp) * e
+    return y
+
+
+@njit(cache=True)
+def uneven_lag(x: Array, dt: Array, rise: float, fall: float) -> Array:
+    """First-order lag with one time constant while y rises and another while it falls [s]."""
+    y = np.empty_like(x)
+    y[0] = x[0]
+    for i in range(1, x.size):
+        tau = rise if x[i] > y[i - 1] else fall
+        y[i] = x[i] + (y[i - 1] - x[i]) * np.exp(-dt[i] / tau)
+    return y
+
+
+@njit(cache=True)
+def play(x: Array, width: Array) -> Array:
+    """Rate-independent play (backlash): y stays until x has moved ``width`` (N,) away from it."""
+    y = np.empty_like(x)
+    y[0] = x[0]
+    for i in range(1, x.size):
+        y[i] = min(max(y[i - 1], x[i] - width[i]), x[i] + width[i])
+    return y
+
+
+@njit(cache=True)
+def bristle(x: Array, scale: float) -> Array:
+    """Dahl's friction state in -1..1: it turns with the sign of dx, exponentially over the distance ``scale``."""
+    z = np.zeros_like(x)
+    for i in range(1, x.size):
+        d = x[i] - x[i - 1]
+        goal = 1.0 if d > 0 else -1.0
+        z[i] = goal + (z[i - 1] - goal) * np.exp(-abs(d) / scale)
+    return z
+
+
+@njit(cache=True)
+def sticky(x: Array, band: float, release: float) -> Array:
+    """A valve that sleeps until x is off by more than ``band``, then follows until within ``release``, and sleeps."""
+    y = np.empty_like(x)
+    y[0] = x[0]
+    awake = False
+    for i in range(1, x.size):
+        off = abs(x[i] - y[i - 1])
+        awake = off > (release if awake else band)
+        y[i] = x[i] if awake or x[i] == 0.0 else y[i - 1]
+    return y
+
+
+@njit(cache=True)
+def running_max(x: Array) -> Array:
+    """Largest value so far."""
+    y = np.empty_like(x)
+    y[0] = x[0]
+    for i in range(1, x.size):
+        y[i] = max(y[i - 1], x[i])
+    return y
+
+
+def power_law_memory(x: Array, dt: Array, alpha: float, shortest: float = 0.02, longest: float = 2e3) -> Array:
+    """Creep (t / 1 s)^alpha of x by a spectrum of nine lags, weights tau^alpha (Schapery's collocation)."""
+    taus = np.geomspace(shortest, longest, 9)
+    total = np.zeros_like(x)
+    for tau in taus:
+        total += tau**alpha * lag(x, dt, tau)
+    # A spectrum of density alpha tau^alpha d(ln tau) / Gamma(1 - alpha) sums to t^alpha; the factor is its spacing.
+    return total * alpha * float(np.log(taus[1] / taus[0]))
+
+
+def wander(t: Array, rng: np.random.Generator, slowest: float, fastest: float) -> Array:
+    """Unit-rms random motion with a 1/f spectrum between two frequencies [Hz], a sum of twelve sines."""
+    f = np.geomspace(slowest, fastest, 12)
+    phases = rng.uniform(0, 2 * np.pi, f.size)
+    total = sum(np.sin(2 * np.pi * fi * t + ph) for fi, ph in zip(f, phases, strict=True))
+    return np.asarray(total / np.sqrt(f.size / 2))
