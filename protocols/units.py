@@ -99,3 +99,29 @@ def kind_of(channel: str) -> str:
 def rate_kind(kind: str) -> str:
     """The kind of the time derivative of ``kind``."""
     return {"pressure": "pressure rate", "length": "speed", "force": "force rate"}[kind]
+
+
+#: SI names preferred over base units when a channel of any instrument is converted.
+_NAMED = ("Pa", "N", "V", "J", "W", "m/s", "m/s^2", "N/m", "N/s", "Pa/s", "V/s")
+
+
+@functools.lru_cache(maxsize=256)
+def to_si(unit: str) -> tuple[str, float, float]:
+    """SI unit, factor and offset of ``unit`` of any kind: ``si = factor * value + offset`` (``degC`` has an offset).
+
+    ``mbar`` gives Pa, ``gf`` N, ``%``, ``-`` and an empty unit ``1``. Raises ValueError for a unit that nobody knows.
+    """
+    registry = _registry()
+    try:
+        if len(unit) > MAX_LENGTH:
+            raise ValueError("too long")
+        parsed = registry.Unit("" if unit.strip() in ("", "1", "-") else unit)
+        named = (name for name in _NAMED if registry.Unit(name).dimensionality == parsed.dimensionality)
+        base = registry.Quantity(1.0, parsed).to_base_units().units
+        si = next(named, f"{base:~C}".replace("**", "^") or "1")
+        target = registry.Unit(si if si != "1" else "")
+        offset = float(registry.Quantity(0.0, parsed).to(target).magnitude)
+        factor = float(registry.Quantity(1.0, parsed).to(target).magnitude) - offset
+    except Exception as error:  # pint raises its own tree, and Python's tokenizer leaks through it
+        raise ValueError(f"{unit!r} is not a unit") from error
+    return si, factor, offset
