@@ -1,0 +1,200 @@
+"""From one response function to compiled kernels: stress, tangent, state update, and derivatives by any parameter.
+
+The generated module lives in the user's cache folder (``SKINRIG_CACHE_DIR``, else ``NUMBA_CACHE_DIR``, else the
+platform's), keyed by the sources it came from, so tracing and compilation happen once per machine and law.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import inspect
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+
+from . import tensor, trace
+from .tensor import Tensor
+from .trace import Expr, derivatives, emit, lift, variables
+
+KINEMATICS = ("F_rr", "F_rz", "F_zr", "F_zz", "F_tt", "theta")
+Values = Mapping[str, Expr]
+Response = Callable[[Tensor, Expr, Values, Values, Expr], tuple[Tensor, Expr, dict[str, Expr]]]
+
+
+@dataclass(frozen=True)
+class Law:
+    """A constitutive law.
+
+    ``response(F, theta, state, parameters, dt)`` returns (P, q, new state): the first Piola–Kirchhoff stress P without
+    the constraint pressure [Pa], the pressure-like q = ∂W/∂θ [Pa] conjugate to the independent dilatation θ, and the
+    state at the end of a step of dt [s]. ``rest`` gives the state's names and values in the undeformed body.
+    """
+
+    name: str
+    parameters: tuple[str, ...]
+    rest: Mapping[str, float]
+    response: Response
+
+    def __hash__(self) -> int:
+        return hash(self.name)
+
+    def kernels(self) -> ModuleType:
+        """The compiled module: stress, stress_tangent, stress_partials and state_partials (see `_TEMPLATE`)."""
+        return _load(self)
+
+
+@cache
+def _load(law: Law) -> ModuleType:
+    modules = (trace, tensor, sys.modules[__name__], sys.modules[law.response.__module__])
+    sources = [inspect.getsource(m) for m in modules]
+    key = hashlib.sha256("\0".join([law.name, *sources]).encode()).hexdigest()[:16]
+    path = _cache_folder() / f"law_{law.name}_{key}.py"
+    if not path.exists():
+        handle, scratch = tempfile.mkstemp(dir=path.parent, suffix=".part")
+        with os.fdopen(handle, "w") as stream:
+            stream.write(source(law))
+        os.replace(scratch, path)  # another process may be doing the same: whole files only
+    spec = importlib.util.spec_from_file_location(f"skinrig_solver_{path.stem}", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)  # numba's cache looks the module up by name
+    spec.loader.exec_module(module)
+    return module
+
+
+def _cache_folder() -> Path:
+    named = os.environ.get("SKINRIG_CACHE_DIR") or os.environ.get("NUMBA_CACHE_DIR")
+    if named:
+        folder = Path(named)
+    else:
+        from platformdirs import user_cache_path  # only needed without an explicit folder
+
+        folder = user_cache_path("skinrig-solver")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if os.access(folder, os.W_OK):
+            return folder
+    except OSError:
+        pass
+    return Path(tempfile.mkdtemp(prefix="skinrig-solver-"))  # a read-only home: compile anew in every process
+
+
+_TEMPLATE = '''"""Generated from the law '{name}' by skinrig_solver.law: do not edit."""
+from math import exp, log, sqrt
+
+import numpy as np
+from numba import njit
+
+FLAGS = {{"contract", "reassoc", "arcp", "nsz"}}
+
+
+@njit(cache=True, fastmath=FLAGS, error_model="numpy")
+def stress(first, last, kin, state, par, dt, out, new):
+    """out (points, 6) = P, q; new (points, states) = state after the step."""
+{stress}
+
+
+@njit(cache=True, fastmath=FLAGS, error_model="numpy")
+def stress_tangent(first, last, kin, state, par, dt, out, tangent):
+    """out (points, 6) = P, q; tangent (points, 6, 6) = their derivatives by F, theta (zeros are not written)."""
+{tangent}
+
+
+@njit(cache=True, fastmath=FLAGS, error_model="numpy")
+def stress_partials(first, last, kin, state, par, dt, dstate, dpar, out):
+    """out (points, 6, m) = d(P, q) at fixed F, theta, in m directions dstate (points, states, m), dpar (pars, m)."""
+    m = dpar.shape[1]
+{stress_partials}
+
+
+@njit(cache=True, fastmath=FLAGS, error_model="numpy")
+def state_partials(first, last, kin, state, par, dt, dkin, dstate, dpar, out):
+    """out (points, states, m) = d(new state) for the directions dkin (points, 6, m), dstate and dpar."""
+    m = dpar.shape[1]
+{state_partials}
+'''
+
+
+def source(law: Law) -> str:
+    """The text of the generated module."""
+    kin = variables(*KINEMATICS)
+    old = variables(*(f"old_{name}" for name in law.rest))
+    par = variables(*(f"par_{name}" for name in law.parameters))
+    (dt,) = variables("dt")
+    P, q, state = law.response(
+        Tensor(*kin[:5]), kin[5], dict(zip(law.rest, old, strict=True)), dict(zip(law.parameters, par, strict=True)), dt
+    )
+    out = [*P.components(), lift(q)]
+    new = [lift(state[name]) for name in law.rest]
+    shape = _Shape(kin, old, par, dt)
+    tangent = derivatives(out, kin)
+    assign = [(f"out[g, {i}]", e) for i, e in enumerate(out)]
+    return _TEMPLATE.format(
+        name=law.name,
+        stress=shape.loop([*assign, *((f"new[g, {i}]", e) for i, e in enumerate(new))]),
+        tangent=shape.loop(
+            [
+                *assign,
+                *((f"tangent[g, {i}, {kin.index(x)}]", e) for i, row in enumerate(tangent) for x, e in row.items()),
+            ]
+        ),
+        stress_partials=shape.directions(derivatives(out, [*old, *par]), {}),
+        state_partials=shape.directions(
+            derivatives(new, [*kin, *old, *par]), {x: f"dkin[g, {i}, k]" for i, x in enumerate(kin)}
+        ),
+    )
+
+
+class _Shape:
+    """Where a law's inputs lie in the arrays, and the loop over points around its straight-line code."""
+
+    def __init__(self, kin: Sequence[Expr], old: Sequence[Expr], par: Sequence[Expr], dt: Expr) -> None:
+        self.points = {x: f"kin[g, {i}]" for i, x in enumerate(kin)} | {x: f"state[g, {i}]" for i, x in enumerate(old)}
+        self.fixed = {x: f"par[{i}]" for i, x in enumerate(par)} | {dt: "dt"}
+        self.moves = {x: f"dstate[g, {i}, k]" for i, x in enumerate(old)}
+        self.moves |= {x: f"dpar[{i}, k]" for i, x in enumerate(par)}
+
+    def _hoisted(self, wanted: Sequence[Expr]) -> tuple[list[str], dict[Expr, str]]:
+        """Code for what depends on parameters and dt only, computed once before the loop."""
+        fixed: set[Expr] = set()
+        needed: list[Expr] = []
+        for e in trace._ordered(wanted):
+            if e.op == "const" or e in self.fixed or (e.args and all(a in fixed for a in e.args)):
+                fixed.add(e)
+            else:
+                needed += [a for a in e.args if a in fixed and a.op != "const"]
+        used = [x for x in self.fixed if x in fixed]
+        lines = [f"{_name(x)} = {self.fixed[x]}" for x in used if self.fixed[x] != "dt"]
+        code, names = emit([e for e in needed if e.op != "var"], {x: _name(x) for x in used}, "c")
+        return lines + code, names
+
+    def loop(self, targets: Sequence[tuple[str, Expr]], extra: Sequence[str] = ()) -> str:
+        wanted = [e for _, e in targets]
+        head, names = self._hoisted(wanted)
+        used = [e for e in trace._ordered(wanted) if e in self.points]
+        code, names = emit(wanted, names | {x: _name(x) for x in used}, "v")
+        body = [f"{_name(x)} = {self.points[x]}" for x in used] + code + [f"{t} = {names[e]}" for t, e in targets]
+        return _indent([*head, "for g in range(first, last):", *(f"    {line}" for line in [*body, *extra])])
+
+    def directions(self, rows: Sequence[Mapping[Expr, Expr]], moves: Mapping[Expr, str]) -> str:
+        moved = {**self.moves, **moves}
+        entries = [(f"j{i}_{n}", e) for i, row in enumerate(rows) for n, e in enumerate(row.values())]
+        inner = []
+        for i, row in enumerate(rows):
+            terms = [f"j{i}_{n} * {moved[x]}" for n, x in enumerate(row)]
+            inner.append(f"    out[g, {i}, k] = {' + '.join(terms) or '0.0'}")
+        return self.loop(entries, ["for k in range(m):", *inner])
+
+
+def _name(x: Expr) -> str:
+    return str(x.extra)
+
+
+def _indent(lines: Sequence[str]) -> str:
+    return "\n".join(f"    {line}" for line in lines)
