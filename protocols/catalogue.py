@@ -1,0 +1,28 @@
+"""The library of protocols that come with the package."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+
+from protocols.errors import Problem, ProtocolError
+from protocols.text import did_you_mean
+
+
+def library() -> dict[str, Path]:
+    """Name (the file's stem) and path of every protocol in ``protocols/library``, in alphabetical order."""
+    folder = Path(str(resources.files("protocols") / "library"))
+    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+
+
+def find(name_or_path: str | Path) -> Path:
+    """The file at a path, or the library's protocol of that name. Raises ProtocolError."""
+    path = Path(name_or_path)
+    if path.is_file():
+        return path
+    known = library()
+    name = str(name_or_path).removesuffix(".yaml")
+    if name in known:
+        return known[name]
+    message = f"no such file, and no protocol of that name in the library{did_you_mean(name, known)}"
+    raise ProtocolError((Problem(message),), str(name_or_path))

@@ -1,0 +1,105 @@
+"""Protocols as text: `load` and `dump` YAML, and the JSON schema for editors."""
+
+from __future__ import annotations
+
+import difflib
+import typing
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from protocols.errors import Problem, ProtocolError
+from protocols.schema import Protocol
+from protocols.source import Key, Source, read
+from protocols.steps import STEPS
+
+
+def load(path_or_text: str | Path) -> Protocol:
+    """The protocol in a YAML file, or in a string that has a line break.
+
+    Raises ProtocolError with every fault found: file, line, column and field.
+    """
+    data, source = read(path_or_text)
+    if not isinstance(data, dict):
+        raise source.fault((), f"a protocol is a mapping of keys, not a {type(data).__name__}")
+    try:
+        protocol = Protocol.model_validate(data)
+    except ValidationError as error:
+        problems = [_problem(dict(e), data, source) for e in error.errors(include_url=False)]
+        raise ProtocolError(tuple(sorted(problems, key=lambda p: (p.line, p.column))), source.file) from None
+    protocol._read = source
+    return protocol
+
+
+def dump(protocol: Protocol) -> str:
+    """YAML text that `load` turns into an equal protocol; what was left at its default is left out."""
+    data = protocol.model_dump(mode="json", by_alias=True, exclude_defaults=True)
+    return yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=110)
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON schema of protocol files, for editors (in VS Code: ``# yaml-language-server: $schema=schema.json``)."""
+    schema = Protocol.model_json_schema(by_alias=True, mode="validation")
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """``; did you mean 'x'?``, or what there is, to append to a message."""
+    known = list(known)
+    close = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
+    return f"; did you mean {close[0]!r}?" if close else f"; there is {', '.join(known)}"
+
+
+def _problem(error: dict[str, Any], data: Any, source: Source) -> Problem:
+    """One of pydantic's errors in the words of protocols, at its line."""
+    path, model = _follow(error["loc"], data)
+    kind, context = error["type"], error.get("ctx", {})
+    if kind == "extra_forbidden":
+        known = [f.alias or name for name, f in model.model_fields.items()]
+        return source.problem(path, f"unknown key {path[-1]!r}{did_you_mean(str(path[-1]), known)}", at_key=True)
+    if kind == "missing":
+        return source.problem(path, "is missing")
+    if kind == "union_tag_not_found":
+        return source.problem(path, f"a step needs a type: {', '.join(STEPS)}")
+    if kind == "union_tag_invalid":
+        message = f"unknown step type {context['tag']!r}{did_you_mean(str(context['tag']), STEPS)}"
+        return source.problem((*path, "type"), message)
+    if kind == "literal_error":
+        choices = context["expected"].replace("'", "").replace(" or ", ", ").split(", ")
+        return source.problem(path, f"{error['input']!r} is not known{did_you_mean(str(error['input']), choices)}")
+    if kind in ("model_type", "model_attributes_type", "dict_type"):
+        return source.problem(path, f"expected keys and values, not {str(error['input'])[:40]!r}")
+    return source.problem(path, error["msg"].removeprefix("Value error, "))
+
+
+def _follow(location: tuple[str | int, ...], data: Any) -> tuple[Key, type[BaseModel]]:
+    """The path in the file of pydantic's location (without its step types), and the model its last part belongs to."""
+    path: list[str | int] = []
+    model: type[BaseModel] = Protocol
+    last = len(location) - 1
+    for index, part in enumerate(location):
+        inside = isinstance(data, dict) and part in data
+        if isinstance(part, str) and not inside and part in STEPS and path and isinstance(path[-1], int):
+            model = STEPS[part]
+            continue
+        path.append(part)
+        if index < last:
+            data = data[part] if inside or isinstance(data, list) else None
+            if isinstance(part, str):
+                model = _model_of(model, part)
+    return tuple(path), model
+
+
+def _model_of(model: type[BaseModel], name: str) -> type[BaseModel]:
+    """The model that a field holds, itself or in a container; the parent when it holds none."""
+    fields = {f.alias or n: f for n, f in model.model_fields.items()}
+    todo = [fields[name].annotation] if name in fields else []
+    while todo:
+        kind = todo.pop()
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            return kind
+        todo.extend(typing.get_args(kind))
+    return model
