@@ -1,0 +1,200 @@
+"""The comparison of hypotheses on one case: screen every effect, refit the best, then pairs, each jointly with the nuisance.
+
+A case is one or several blocks (independent data with their own nuisance; for a suction instrument command -> pressure and
+pressure -> height). A hypothesis changes only the blocks its effects touch, so the evidence of the others is shared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import product
+
+import numpy as np
+
+from gap.hypothesis import Candidate, FloatArray, Problem
+from gap.noise import correlation_time
+from gap.solve import Fit, Projector, fit
+
+STRENGTHS = (0.15, 0.4, 0.65, 0.9)
+SHAPES = (0.2, 0.5, 0.8)
+MAX_GRID = 12
+AMPLITUDES = (0.25, 2.0)
+"""How far a linear rescaling of a screened effect may be trusted, as a multiple of its simulated strength."""
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """Effects and their fits, one per block; blocks they do not touch carry the null's fit."""
+
+    effects: tuple[Candidate, ...]
+    fits: dict[str, Fit]
+
+    @property
+    def objective(self) -> float:
+        return sum(f.objective for f in self.fits.values())
+
+    @property
+    def name(self) -> str:
+        return " + ".join(e.key for e in self.effects) or "none"
+
+
+@dataclass
+class Screened:
+    """One effect after the screening: where in its prior it does best, and by how much χ² falls with the nuisance refitted."""
+
+    candidate: Candidate
+    unit: FloatArray
+    gain: float
+
+
+@dataclass
+class Comparison:
+    """All hypotheses tried on a case, and what it cost."""
+
+    problems: dict[str, Problem]
+    null: Hypothesis
+    hypotheses: list[Hypothesis] = field(default_factory=list)
+    screened: list[Screened] = field(default_factory=list)
+    simulations: int = 0
+
+    def temper(self) -> dict[str, float]:
+        """Per block: how much of χ² to believe, from the best hypothesis' own misfit and its correlation in time.
+
+        1 when the best residual is white at the noise floor. Untempered evidence turns wrong as effects grow: the form error
+        of the right effect is then worth hundreds of nats to a spurious one.
+        """
+        out = {}
+        for name in self.problems:
+            best = min((h.fits[name] for h in (self.null, *self.hypotheses)), key=lambda f: f.objective)
+            misfit = max(1.0, best.chi2 / max(len(best.residual) - len(best.nuisance), 1))
+            out[name] = misfit * _mean_correlation(best.residual, self.problems[name].rows.recording)
+        return out
+
+
+def _mean_correlation(residual: FloatArray, recording: np.ndarray) -> float:
+    times = [correlation_time(residual[recording == r]) for r in np.unique(recording)]
+    return float(np.mean(times)) if times else 1.0
+
+
+def grid(candidate: Candidate) -> list[FloatArray]:
+    """Screening points (k,) in prior quantiles: strengths first, shapes as far as `MAX_GRID` allows."""
+    axes = []
+    size = 1
+    for p in candidate.parameters:
+        values: tuple[float, ...] = STRENGTHS if p.null is not None else SHAPES
+        if size * len(values) > MAX_GRID:
+            values = (0.5,) if p.null is None else (0.25, 0.75)
+            if size * len(values) > MAX_GRID:
+                values = (0.5,)
+        size *= len(values)
+        axes.append(values)
+    return [np.array(point) for point in product(*axes)]
+
+
+def screen(
+    problems: dict[str, Problem], base: Hypothesis, candidates: Sequence[Candidate]
+) -> tuple[list[Screened], int]:
+    """Every candidate on top of ``base``, by the linear nuisance refit; best first. Also the number of simulations."""
+    projectors = {}
+    for name, f in base.fits.items():
+        # The base's own effect parameters are refitted too: they join the nuisance.
+        jacobian = np.hstack([f.jacobian, f.effect_jacobian])
+        sd = np.concatenate([problems[name].prior_sd, np.ones(f.effect_jacobian.shape[1])])
+        projectors[name] = Projector(jacobian, sd)
+    projected = {name: projectors[name].apply(f.residual) for name, f in base.fits.items()}
+    before = {name: float(base.fits[name].residual @ projected[name]) for name in projected}
+    out, simulations = [], 0
+    for candidate in candidates:
+        best, best_unit = -np.inf, np.full(len(candidate.parameters), 0.5)
+        for unit in grid(candidate):
+            along, cross, simulated = 0.0, 0.0, 0.0
+            for block in candidate.blocks:
+                f = base.fits[block]
+                active = {**f.active, candidate: candidate.values(unit)}
+                there = problems[block].evaluate(f.nuisance, active, want_jacobian=False).residual
+                simulations += 1
+                change = f.residual - there
+                projected_change = projectors[block].apply(change)
+                along += float(change @ projected_change)
+                cross += float(projected[block] @ change)
+                simulated += before[block] - float(there @ projectors[block].apply(there))
+            scale = np.clip(cross / along, *AMPLITUDES) if along > 1e-9 else 1.0
+            gain = max(simulated, scale * (2 * cross - scale * along))
+            if gain > best:
+                best, best_unit = gain, unit
+        out.append(Screened(candidate, best_unit, best))
+    return sorted(out, key=lambda s: -s.gain), simulations
+
+
+def refit(
+    problems: dict[str, Problem], base: Hypothesis, candidate: Candidate, unit: FloatArray, iterations: int = 12
+) -> tuple[Hypothesis, int]:
+    """``base`` and one effect more, everything refitted jointly in the blocks that any of them touches."""
+    effects = (*base.effects, candidate)
+    fits = dict(base.fits)
+    simulations = 0
+    for block in candidate.blocks:
+        before = base.fits[block]
+        start = np.concatenate([before.unit, unit])
+        fits[block] = fit(
+            problems[block], (*before.hypothesis, candidate), start, before.nuisance, iterations=iterations
+        )
+        simulations += fits[block].simulations
+    return Hypothesis(effects, fits), simulations
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How wide the search is."""
+
+    refit_singles: int = 10
+    pair_bases: int = 3
+    refit_pairs: int = 3
+    pair_gain: float = 12.0  # tempered fall of χ² below which a second effect is not even refitted
+
+
+def compare(problems: Sequence[Problem], candidates: Sequence[Candidate], effort: Effort = Effort()) -> Comparison:
+    """Null, best singles and best pairs of ``candidates`` on ``problems``."""
+    blocks = {p.name: p for p in problems}
+    fits = {name: fit(p, iterations=25) for name, p in blocks.items()}
+    comparison = Comparison(blocks, Hypothesis((), fits), simulations=sum(f.simulations for f in fits.values()))
+    usable = [c for c in candidates if set(c.blocks) <= set(blocks)]
+    comparison.screened, n = screen(blocks, comparison.null, usable)
+    comparison.simulations += n
+    for s in _shortlist(comparison.screened, effort.refit_singles):
+        hypothesis, n = refit(blocks, comparison.null, s.candidate, s.unit)
+        comparison.hypotheses.append(hypothesis)
+        comparison.simulations += n
+    _pairs(comparison, usable, effort)
+    return comparison
+
+
+def _shortlist(screened: Sequence[Screened], size: int) -> list[Screened]:
+    """The best, and no more than three forms of one concept, so that every concept near the top gets its chance."""
+    out: list[Screened] = []
+    for s in screened:
+        if sum(o.candidate.name == s.candidate.name for o in out) < 3:
+            out.append(s)
+        if len(out) == size:
+            break
+    return out
+
+
+def _pairs(comparison: Comparison, candidates: Sequence[Candidate], effort: Effort) -> None:
+    singles = sorted(comparison.hypotheses, key=lambda h: h.objective)[: effort.pair_bases]
+    temper = comparison.temper()
+    tried: set[frozenset[str]] = set()
+    for base in singles:
+        others = [c for c in candidates if c.name != base.effects[0].name]
+        screened, n = screen(comparison.problems, base, others)
+        comparison.simulations += n
+        for s in screened[: effort.refit_pairs]:
+            together = frozenset((base.effects[0].key, s.candidate.key))
+            worth = s.gain / max(temper[b] for b in s.candidate.blocks)
+            if together in tried or worth < effort.pair_gain:
+                continue
+            tried.add(together)
+            hypothesis, n = refit(comparison.problems, base, s.candidate, s.unit)
+            comparison.hypotheses.append(hypothesis)
+            comparison.simulations += n

@@ -1,0 +1,153 @@
+"""From compared hypotheses to a verdict: classes that the data cannot split, probabilities, and when to say nothing.
+
+Probabilities are tempered Laplace evidences with a prior over *numbers of effects*, flattened by `Judgement.sharpness`; both were set on
+simulations (``benchmarks/calibrate.py``), never on the blind cases that score them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gap.compare import Comparison, Hypothesis
+from gap.hypothesis import Candidate
+
+VERDICTS = ("effect", "several", "none", "unknown", "undetectable")
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """The thresholds of the verdict, in one place."""
+
+    prior_effect: float = 0.6  # that one effect acts
+    prior_pair: float = 0.08  # that two act
+    sharpness: float = 0.6  # exponent on the evidence: model error that the tempering does not see
+    separable: float = 3.0  # distance (in tempered σ) below which two fitted explanations are one class
+    evidence_tie: float = 3.0  # nats within which indistinguishable explanations count as equally good
+    detect: float = 0.5  # probability of "some effect" above which one is claimed
+    unexplained: float = 0.35  # share of the excess χ² that the best leaves, above which the cause is unknown
+    unexplained_gap: float = 1.3  # and the gap that must be left for it
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A class of explanations: the leading hypothesis, the names it cannot be told from, its probability."""
+
+    hypothesis: Hypothesis
+    names: tuple[str, ...]  # concepts of the class, the simplest best first (a pair is "a + b")
+    probability: float
+    detectability: float
+
+    @property
+    def effects(self) -> tuple[Candidate, ...]:
+        return self.hypothesis.effects
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the comparison says. ``stages`` sums to the probability that any effect acts."""
+
+    verdict: str
+    causes: tuple[Cause, ...]
+    stages: Mapping[str, float]
+    probability_none: float
+    unexplained: float
+    gap_before: float
+    gap_after: float
+    temper: Mapping[str, float]
+    confusable: tuple[tuple[str, ...], ...] = field(default=())
+
+
+def concept(h: Hypothesis) -> str:
+    """The name of a hypothesis at the level of concepts."""
+    return " + ".join(sorted(e.name for e in h.effects))
+
+
+def _evidence(h: Hypothesis, temper: Mapping[str, float]) -> float:
+    return sum(f.log_evidence(temper[b]) for b, f in h.fits.items())
+
+
+def _distance(a: Hypothesis, b: Hypothesis, temper: Mapping[str, float]) -> float:
+    """How far apart two fitted explanations predict, in tempered σ."""
+    return float(np.sqrt(sum(np.sum(np.square(a.fits[k].residual - b.fits[k].residual)) / temper[k] for k in temper)))
+
+
+def gap_of(h: Hypothesis) -> float:
+    """rms of the whitened residual over all blocks: 1 at the noise floor."""
+    n = sum(len(f.residual) for f in h.fits.values())
+    return float(np.sqrt(sum(f.chi2 for f in h.fits.values()) / n))
+
+
+def judge(comparison: Comparison, candidates: Sequence[Candidate], rules: Judgement = Judgement()) -> Verdict:
+    """The verdict on a comparison."""
+    temper = comparison.temper()
+    n_concepts = len({c.name for c in candidates}) or 1
+    prior_none = 1.0 - rules.prior_effect - rules.prior_pair
+    forms = {name: sum(c.name == name for c in candidates) for name in {c.name for c in candidates}}
+
+    def log_prior(h: Hypothesis) -> float:
+        if not h.effects:
+            return float(np.log(prior_none))
+        share = sum(-np.log(forms.get(e.name, 1)) for e in h.effects)
+        if len(h.effects) == 1:
+            return float(np.log(rules.prior_effect / n_concepts) + share)
+        pairs = n_concepts * (n_concepts - 1) / 2
+        return float(np.log(rules.prior_pair / max(pairs, 1)) + share)
+
+    everything = [comparison.null, *comparison.hypotheses]
+    score = np.array([log_prior(h) + rules.sharpness * _evidence(h, temper) for h in everything])
+    weight = np.exp(score - score.max())
+    weight /= weight.sum()
+    none = float(weight[0])
+    causes = _classes(everything[1:], score[1:], weight[1:], comparison.null, temper, rules)
+    stages: dict[str, float] = {}
+    for h, w in zip(everything[1:], weight[1:], strict=True):
+        for e in h.effects:
+            stages[e.stage] = stages.get(e.stage, 0.0) + float(w) / len(h.effects)
+    stages = dict(sorted(stages.items(), key=lambda kv: -kv[1]))
+    before = gap_of(comparison.null)
+    after = gap_of(causes[0].hypothesis) if causes else before
+    left = max(after**2 - 1, 0.0) / max(before**2 - 1, 1e-9)
+    if not causes or 1 - none < rules.detect:
+        verdict = "undetectable"
+    elif left > rules.unexplained and after > rules.unexplained_gap:
+        verdict = "unknown"
+    else:
+        verdict = "several" if len(causes[0].effects) > 1 else "effect"
+    return Verdict(verdict, tuple(causes), stages, none, min(left, 1.0), before, after, temper)
+
+
+def _classes(
+    hypotheses: Sequence[Hypothesis],
+    score: np.ndarray,
+    weight: np.ndarray,
+    null: Hypothesis,
+    temper: Mapping[str, float],
+    rules: Judgement,
+) -> list[Cause]:
+    """Group explanations that these data cannot split; within a class the one with fewest parameters leads."""
+    order = list(np.argsort(-score))
+    causes = []
+    while order:
+        lead = order[0]
+        members = [
+            k
+            for k in order
+            if k == lead
+            or (
+                score[lead] - score[k] < rules.evidence_tie
+                and len(hypotheses[k].effects) == len(hypotheses[lead].effects)
+                and _distance(hypotheses[lead], hypotheses[k], temper) < rules.separable
+            )
+        ]
+        simplest = min(members, key=lambda k: (sum(len(e.parameters) for e in hypotheses[k].effects), -score[k]))
+        order = [k for k in order if k not in members]
+        same = [k for k in order if concept(hypotheses[k]) == concept(hypotheses[simplest])]
+        order = [k for k in order if k not in same]
+        names = list(dict.fromkeys([concept(hypotheses[simplest]), *(concept(hypotheses[k]) for k in members)]))
+        gain = sum((null.fits[b].objective - f.objective) / temper[b] for b, f in hypotheses[simplest].fits.items())
+        probability = float(sum(weight[k] for k in (*members, *same)))
+        causes.append(Cause(hypotheses[simplest], tuple(names), probability, float(np.sqrt(max(gain, 0.0)))))
+    return sorted(causes, key=lambda c: -c.probability)

@@ -1,0 +1,56 @@
+"""How much of a signal is noise: the floor against which a gap counts."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gap.hypothesis import FloatArray
+
+
+def high_band_sigma(value: FloatArray) -> float:
+    """Standard deviation of a sample's noise from the high band: third differences, robustly.
+
+    Third differences of white noise have variance 20 σ². The median is taken over non-zero differences where a coarse
+    grid makes most of them vanish, and the grid's own σ = step/√12 is the least.
+    """
+    v = value[np.isfinite(value)]
+    if len(v) < 8:
+        return float(np.std(v)) or 1.0
+    scale = float(np.ptp(v)) or max(abs(float(v[0])), 1.0)
+    differences = np.abs(np.diff(v, 3))
+    sigma = float(np.median(differences)) / 0.6745 / np.sqrt(20.0)
+    return max(sigma, grid_step(v) / np.sqrt(12.0), 1e-7 * scale)
+
+
+def grid_step(value: FloatArray) -> float:
+    """The step of the grid that values lie on, 0.0 when they lie on none.
+
+    The smallest difference between distinct values, if all others are its multiples.
+    """
+    distinct = np.unique(value[np.isfinite(value)])
+    if len(distinct) < 3 or len(distinct) > 0.5 * len(value):
+        return 0.0
+    gaps = np.diff(distinct)
+    step = float(np.min(gaps[gaps > 1e-12 * np.ptp(distinct)], initial=np.inf))
+    if not np.isfinite(step):
+        return 0.0
+    multiples = gaps / step
+    return step if np.mean(np.abs(multiples - np.round(multiples)) < 0.05) > 0.95 else 0.0
+
+
+def correlation_time(residual: FloatArray, limit: int = 2000) -> float:
+    """Integrated autocorrelation time in samples, ≥ 1: so many samples count as one.
+
+    Sum of the autocorrelation up to its first crossing of 0.05 (Sokal's windowing, simplified).
+    """
+    r = residual - residual.mean()
+    n = len(r)
+    if n < 16 or not np.any(r):
+        return 1.0
+    size = 1 << int(np.ceil(np.log2(2 * n)))
+    spectrum = np.abs(np.fft.rfft(r, size)) ** 2
+    rho = np.fft.irfft(spectrum, size)[: min(limit, n // 4)]
+    rho = rho / rho[0]
+    below = np.flatnonzero(rho < 0.05)
+    end = int(below[0]) if len(below) else len(rho)
+    return max(1.0, float(1.0 + 2.0 * np.sum(rho[1:end])))

@@ -1,0 +1,291 @@
+"""Any rig as a diagnosable problem: a forward model with named taps, on recordings of any channels.
+
+A model is a class (or object) in a user's file, given as ``--model file.py:Name``::
+
+    class Servo:
+        name = "servo"
+        channels = ("motor_force",)                      # measured channels that it predicts
+        stages = {"friction_force": "actuator", "motor_force": "sensor"}   # taps and their stages
+        parameters = (Parameter("mass", "kg", 10, 1000, None, 100, "log"),)
+
+        def simulate(self, time, data, parameters, tap):
+            force = parameters["mass"] * data["acceleration"]
+            force = force + tap("friction_force", 0 * force, velocity=data["velocity"])
+            return {"motor_force": tap("motor_force", force)}
+
+``data`` holds every channel and set-point of the recording on ``time`` (n,) s. ``tap`` returns its values unchanged unless an effect acts
+there. See `gap.generic` for the effects a tap can have; ``effects = (GenericEffect(...), ...)`` on the model adds the user's own.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from acquire.recording.model import Recording
+from gap.generic import GENERIC, GenericEffect
+from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Rows
+from gap.noise import high_band_sigma
+from gap.rows import label_rows
+from sim_devices.chain import Parameter
+
+MAX_ROWS = 40_000
+"""Rows of one problem above which samples are thinned (after simulation) to keep a diagnosis within seconds."""
+
+
+class ModelError(ValueError):
+    """A user's model that cannot be used: the message names the file, the model and what is wrong."""
+
+
+class ForwardModel(Protocol):
+    """What `--model` expects; see the module's docstring."""
+
+    name: str
+    channels: Sequence[str]
+    stages: Mapping[str, str]
+    parameters: Sequence[Parameter]
+
+    def simulate(
+        self, time: FloatArray, data: Mapping[str, FloatArray], parameters: Mapping[str, float], tap: Callable[..., Any]
+    ) -> Mapping[str, FloatArray]: ...
+
+
+def load_model(where: str) -> ForwardModel:
+    """The model named by ``file.py:Name``. Raises ModelError.
+
+    A model is code: it is run only because the user names it, never found in a data folder.
+    """
+    path_text, _, name = where.rpartition(":")
+    path = Path(path_text)
+    if not path_text or not name:
+        raise ModelError(f"model {where!r}: give it as file.py:Name")
+    if not path.is_file():
+        raise ModelError(f"model {where!r}: there is no file {path}")
+    spec = importlib.util.spec_from_file_location(f"skinrig_model_{path.stem}", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise ModelError(f"model {where!r}: {path} fails on import: {type(error).__name__}: {error}") from error
+    if not hasattr(module, name):
+        raise ModelError(f"model {where!r}: {path} defines no {name}")
+    model = getattr(module, name)
+    model = model() if isinstance(model, type) else model
+    missing = [a for a in ("name", "channels", "stages", "parameters", "simulate") if not hasattr(model, a)]
+    if missing:
+        raise ModelError(f"model {where!r}: it lacks {', '.join(missing)} (see gap.rig)")
+    return model  # type: ignore[no-any-return]
+
+
+@dataclass
+class _Seen:
+    """What a nominal run shows of a tap: the scale of its signal and of the related ones."""
+
+    low: float = np.inf
+    high: float = -np.inf
+    rate: float = 0.0
+    related: dict[str, float] = field(default_factory=dict)
+
+
+class _Survey:
+    """The tap of a nominal run: changes nothing, notes ranges."""
+
+    def __init__(self) -> None:
+        self.seen: dict[str, _Seen] = {}
+        self.time: FloatArray = np.zeros(0)
+
+    def __call__(self, name: str, values: Any, **related: Any) -> Any:
+        seen = self.seen.setdefault(name, _Seen())
+        y = np.atleast_1d(np.asarray(values, dtype=float))
+        seen.low, seen.high = min(seen.low, float(np.nanmin(y))), max(seen.high, float(np.nanmax(y)))
+        if y.size == self.time.size and y.size > 1:
+            seen.rate = max(seen.rate, float(np.nanquantile(np.abs(np.diff(y) / np.diff(self.time)), 0.99)))
+        for key, other in related.items():
+            seen.related[key] = max(seen.related.get(key, 0.0), float(np.nanmax(np.abs(other))))
+        return values
+
+
+class _Acting:
+    """The tap of a run with effects; keeps their states through one recording."""
+
+    def __init__(self, at: Mapping[str, list[tuple[GenericEffect, Mapping[str, float]]]], time: FloatArray) -> None:
+        self._at = {name: [(e, p, {}) for e, p in effects] for name, effects in at.items()}
+        self._time = time
+        self._used: dict[str, int] = {}
+
+    def __call__(self, name: str, values: Any, **related: Any) -> Any:
+        if name not in self._at:
+            return values
+        y = np.atleast_1d(np.asarray(values, dtype=float))
+        begin = self._used.get(name, 0)
+        time = self._time[begin : begin + y.size]
+        self._used[name] = begin + y.size
+        about = {k: np.atleast_1d(np.asarray(v, dtype=float)) for k, v in related.items()}
+        for effect, p, state in self._at[name]:
+            y = effect.act(state, time, y, about, p)
+        return y if np.ndim(values) else float(y[0])
+
+
+def _scaled(parameter: Parameter, seen: _Seen, measured: float, dt: float, duration: float) -> Parameter:
+    """The generic prior in the units of this rig."""
+    span = seen.high - seen.low
+    signal = span if span > 1e-9 * max(measured, 1e-300) else measured
+    velocity = seen.related.get("velocity", 1.0) or 1.0
+    position = seen.related.get("position", 1.0) or 1.0
+    other = seen.related.get("other", 1.0) or 1.0
+    scales = {
+        "signal": signal, "velocity": velocity, "position": position, "dt": dt, "duration": duration,
+        "signal/velocity": signal / velocity, "signal/velocity²": signal / velocity**2,
+        "signal/position³": signal / position**3, "1/position": 1 / position, "1/signal": 1 / signal,
+        "signal/duration": signal / duration, "signal/other": signal / other, "rate": seen.rate or signal / duration,
+    }  # fmt: skip
+    if parameter.unit == "level":
+        return replace(
+            parameter, low=seen.low + parameter.low * span, high=seen.low + parameter.high * span, default=seen.high
+        )
+    k = scales.get(parameter.unit, 1.0)
+    unit = {"dt": "s", "duration": "s"}.get(parameter.unit, parameter.unit)
+    return replace(parameter, unit=unit, low=parameter.low * k, high=parameter.high * k, default=parameter.default * k)
+
+
+class RigProblem:
+    """Recordings of one rig against its forward model; nuisance = the model's own parameters.
+
+    Nuisance coordinates are multiples of half the stated range (or of half its logarithm), about the default.
+    """
+
+    name = "rig"
+
+    def __init__(self, recordings: Sequence[Recording], model: ForwardModel) -> None:
+        self.model = model
+        self._runs = [_on_one_time_base(r, model) for r in recordings]
+        self._scale = np.array(
+            [0.5 * (np.log(p.high / p.low) if p.scale == "log" else p.high - p.low) for p in model.parameters]
+        )
+        self.prior_mean = np.zeros(len(model.parameters))
+        self.prior_sd = np.full(len(model.parameters), 5.0)
+        nominal, seen = self._survey()
+        measured = [[run[1][c] for c in model.channels] for run in self._runs]
+        self._sigma = {
+            c: float(np.median([high_band_sigma(m[k]) for m in measured])) for k, c in enumerate(model.channels)
+        }
+        total = sum(len(run[0]) for run in self._runs) * len(model.channels)
+        self._stride = max(1, int(np.ceil(total / MAX_ROWS)))
+        keep = [
+            [np.flatnonzero(np.isfinite(m) & np.isfinite(p))[:: self._stride] for m, p in zip(ms, ps, strict=True)]
+            for ms, ps in zip(measured, nominal, strict=True)
+        ]
+        if not any(len(k) for ks in keep for k in ks):
+            raise ModelError(f"model {model.name}: no sample has both a measured and a finite predicted value")
+        self._keep, self._measured = keep, measured
+        self.rows = label_rows(
+            [(r, c, run[0][k]) for r, run, ks in zip(recordings, self._runs, keep, strict=True)
+             for c, k in zip(model.channels, ks, strict=True)]
+        )  # fmt: skip
+        self.candidates = self._candidates(seen)
+        self._by_key = {c.key: e for c, e in self._library(seen)}
+
+    def _survey(self) -> tuple[list[list[FloatArray]], dict[str, _Seen]]:
+        """Nominal prediction of every run at default parameters, and what the taps saw."""
+        survey, out = _Survey(), []
+        defaults = {p.name: p.default for p in self.model.parameters}
+        for time, data in self._runs:
+            survey.time = time
+            made = self.model.simulate(time, data, defaults, survey)
+            missing = [c for c in self.model.channels if c not in made]
+            if missing:
+                raise ModelError(f"model {self.model.name}: simulate returned no {', '.join(missing)}")
+            out.append([np.asarray(made[c], dtype=float) for c in self.model.channels])
+        undeclared = sorted(set(survey.seen) - set(self.model.stages))
+        if undeclared:
+            raise ModelError(f"model {self.model.name}: taps {', '.join(undeclared)} have no stage in `stages`")
+        return out, survey.seen
+
+    def _library(self, seen: Mapping[str, _Seen]) -> list[tuple[Candidate, GenericEffect]]:
+        time = self._runs[0][0]
+        dt, duration = float(np.median(np.diff(time))), float(time[-1] - time[0])
+        measured = float(max(np.ptp(m[np.isfinite(m)]) for ms in self._measured for m in ms))
+        out = []
+        for tap, stage in self.model.stages.items():
+            if tap not in seen:
+                continue
+            for effect in (*GENERIC, *getattr(self.model, "effects", ())):
+                if effect.needs and effect.needs not in seen[tap].related:
+                    continue
+                flat = seen[tap].high - seen[tap].low < 1e-9 * measured
+                if flat and not effect.needs:
+                    continue  # a tap that carries nothing nominally can only gain something from a related signal
+                parameters = tuple(_scaled(p, seen[tap], measured, dt, duration) for p in effect.parameters)
+                key = f"{effect.name}@{tap}"
+                candidate = Candidate(
+                    key, effect.name, stage, parameters, (self.name,), f"{effect.meaning} (at {tap})", effect.remedy
+                )
+                out.append((candidate, effect))
+        return out
+
+    def _candidates(self, seen: Mapping[str, _Seen]) -> tuple[Candidate, ...]:
+        return tuple(c for c, _ in self._library(seen))
+
+    def start(self) -> FloatArray:
+        return np.zeros(len(self.model.parameters))
+
+    def parameters(self, nuisance: FloatArray) -> dict[str, float]:
+        """The model's parameters at a nuisance vector."""
+        out = {}
+        for p, c, s in zip(self.model.parameters, nuisance, self._scale, strict=True):
+            out[p.name] = float(p.default * np.exp(c * s)) if p.scale == "log" else float(p.default + c * s)
+        return out
+
+    def _residual(self, nuisance: FloatArray, active: Active) -> FloatArray:
+        at: dict[str, list[tuple[GenericEffect, Mapping[str, float]]]] = {}
+        for candidate, values in active.items():
+            tap = candidate.key.split("@", 1)[1]
+            at.setdefault(tap, []).append((self._by_key[candidate.key], values))
+        p = self.parameters(nuisance)
+        parts = []
+        for (time, data), keeps, measured in zip(self._runs, self._keep, self._measured, strict=True):
+            made = self.model.simulate(time, data, p, _Acting(at, time))
+            for channel, keep, m in zip(self.model.channels, keeps, measured, strict=True):
+                parts.append((m[keep] - np.asarray(made[channel], dtype=float)[keep]) / self._sigma[channel])
+        residual = np.concatenate(parts)
+        # A parameter set at which the model diverges is a very bad one, not an error.
+        return np.nan_to_num(residual, nan=1e6, posinf=1e6, neginf=-1e6)
+
+    def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
+        residual = self._residual(nuisance, active)
+        if not want_jacobian:
+            return Evaluation(residual, np.zeros((0, 0)))
+        jacobian = np.empty((len(residual), len(nuisance)))
+        for k in range(len(nuisance)):
+            moved = nuisance.copy()
+            moved[k] += 1e-4
+            jacobian[:, k] = (residual - self._residual(moved, active)) / 1e-4
+        return Evaluation(residual, jacobian)
+
+
+def _on_one_time_base(recording: Recording, model: ForwardModel) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """All channels and set-points of a recording on the time base of the first predicted channel."""
+    base = recording.stream(model.channels[0])
+    finite = np.isfinite(base.time)
+    time = base.time[finite]
+    if len(time) < 20:
+        raise ModelError(f"recording {recording.info.id}: channel {model.channels[0]} has {len(time)} samples, too few")
+    data: dict[str, FloatArray] = {}
+    for name, series in {**recording.setpoints, **recording.streams}.items():
+        value = np.asarray(series.value, dtype=float)
+        if len(series.time) == len(base.time) and np.array_equal(series.time, base.time):
+            data[name] = value[finite]
+        else:
+            data[name] = np.interp(time, series.time, value)
+        if name in recording.setpoints:
+            data[f"setpoint_{name}"] = data[name]
+    return time, data
