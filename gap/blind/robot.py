@@ -1,0 +1,358 @@
+"""The micro-robot's chain: tip set-points -> three closed loops -> probe on skin -> transducers -> tip reaction.
+
+Without knobs it is the ideal instrument of README.md; ``fx`` holds the knobs of the effects that are switched on.
+The axes move slowly against a soft skin, so skin and axes are solved in two passes: the load of the commanded path first,
+then the loops under that load, corrected for where the axes really went by the skin's tangent stiffness.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from .instants import Knobs, taken
+from .robot_kinematics import (
+    LEG_HEIGHT,
+    LEG_RADIUS,
+    PIVOTS,
+    TIP,
+    axes_for,
+    force_matrix,
+    jacobian_at_centre,
+    tip,
+    tip_and_tilt,
+)
+from .robot_tissue import SPAN, Parameters, columns, resist
+from .session import Session
+from .signals import Array, bristle, lag, play, uneven_lag, wander
+from .suction import Channels
+
+MASS, KP, KI, KD = 0.060, 1500.0, 12000.0, 15.0  # kg, N/m, N/(m s), N s/m: README.md
+SUBSTEPS = 4  # of 1.25 ms in a grid step of 5 ms
+AXIS_NOISE, AXIS_STEP = 4e-6, 1e-6  # m
+LEG_NOISE, LEG_STEP = 2.0e-3, 5e-4  # N
+AXES = ("axis_position_1", "axis_position_2", "axis_position_3")
+LEGS = ("transducer_force_a", "transducer_force_b", "transducer_force_c")
+PROBE = ("probe_x", "probe_y", "probe_z")
+FORCE = ("force_x", "force_y", "force_z")
+_SUCTION_ONLY = frozenset({"lag_height", "lag_growing"})
+
+
+@njit(cache=True)
+def _loops(ref, load, base, tangent, h, k, limit, windup, drag, dry, extra, speed, law, scale, vary, cog, pitch, bind, heat):  # type: ignore[no-untyped-def]
+    """Three PID loops under a load (N, 3) [N], each a mass with its friction; exact for the force held over a substep.
+
+    Dry friction is the force that would just stop the mass at the end of the substep, if that is within its bound.
+    ``law`` 0: Coulomb; 1: exponential Stribeck; 2: hyperbolic Stribeck; 3: bristles (Dahl).
+    """
+    mass, kp, ki, kd = k[0], k[1], k[2], k[3]
+    out = np.empty_like(ref)
+    q, v, integral, z = ref[0].copy(), np.zeros(3), np.zeros(3), np.zeros(3)
+    warm = np.zeros(3)
+    out[0] = q
+    n = 4
+    for i in range(1, ref.shape[0]):
+        for j in range(n):
+            push = load[i - 1] + (load[i] - load[i - 1]) * (j + 0.5) / n
+            where = base[i - 1] + (base[i] - base[i - 1]) * (j + 0.5) / n
+            push = push - tangent @ (q - where)
+            for a in range(3):
+                r = ref[i - 1, a] + (ref[i, a] - ref[i - 1, a]) * (j + 0.5) / n
+                vr = (ref[i, a] - ref[i - 1, a]) / (n * h)
+                e = r - q[a]
+                u = kp * e + ki * integral[a] + kd * (vr - v[a])
+                held = limit > 0.0 and abs(u) > limit
+                if held:
+                    u = limit if u > 0 else -limit
+                if windup > 0.0 or not held:
+                    integral[a] += h * e
+                u *= 1.0 - vary * (q[a] / 5e-3) ** 2
+                if heat > 0.0:
+                    warm[a] += h * (u * u - warm[a]) / 20.0
+                    u *= 1.0 - heat * warm[a]
+                f = u + push[a] - drag * v[a] + cog * np.sin(2 * np.pi * q[a] / pitch)
+                bound = dry + bind * abs(push[a])
+                if law == 1:
+                    bound += extra * np.exp(-abs(v[a]) / speed)
+                elif law == 2:
+                    bound += extra / (1.0 + (v[a] / speed) ** 2)
+                if law == 3:
+                    goal = 1.0 if v[a] > 0 else -1.0
+                    z[a] = goal + (z[a] - goal) * np.exp(-abs(v[a]) * h / scale)
+                    f -= dry * z[a]
+                elif bound > 0.0:
+                    stop = mass * v[a] / h + f
+                    f -= min(max(stop, -bound), bound)
+                q[a] += h * v[a] + 0.5 * h * h * f / mass
+                v[a] += h * f / mass
+        out[i] = q
+    return out
+
+
+@njit(cache=True)
+def _limited(x, dt, rate):  # type: ignore[no-untyped-def]
+    y = np.empty_like(x)
+    y[0] = x[0]
+    for i in range(1, x.size):
+        y[i] = y[i - 1] + min(max(x[i] - y[i - 1], -rate * dt[i]), rate * dt[i])
+    return y
+
+
+@njit(cache=True)
+def _drawn(x, dt, width, rate, power):  # type: ignore[no-untyped-def]
+    """A rest point that is drawn after x where |x - y| exceeds ``width``, at ``rate`` (over / width)^power."""
+    y = np.zeros_like(x)
+    for i in range(1, x.size):
+        d = x[i] - y[i - 1]
+        over = max(abs(d) - width, 0.0)
+        step = min(rate * dt[i] * over**power, over)
+        y[i] = y[i - 1] + (step if d > 0 else -step)
+    return y
+
+
+def _targets(s: Session, fx: Knobs) -> Array:
+    """Command stage: axis set-points (N, 3) [m]."""
+    t = s.t - fx.get("latency", 0.0)
+    if poll := fx.get("poll", 0.0):
+        t = np.floor(s.t / poll) * poll
+    directions = np.array([r.direction for r in s.recordings])
+    starts = np.array([r.start for r in s.recordings])
+    which = np.clip(np.searchsorted(starts, t, side="right") - 1, 0, None)
+    way = s.command(t)
+    if rate := fx.get("slew", 0.0):
+        way = _limited(way, s.dt, rate)
+    if rate := fx.get("slew_soft", 0.0):
+        way = uneven_lag(_limited(way, s.dt, rate), s.dt, 2e-5 / rate, 2e-5 / rate)
+    return axes_for(way[:, None] * directions[which])
+
+
+def _axis_error(q: Array, fx: Knobs) -> Array:
+    """Error of the position sensors, which the loop believes: (N, 3) [m]."""
+    error = np.zeros_like(q)
+    if a := fx.get("scale_waves", 0.0):
+        k = int(fx["axis"])
+        error[:, k] = a * np.sin(2 * np.pi * q[:, k] / 4e-3 + fx["wave_phase"]) - a * np.sin(fx["wave_phase"])
+    return error
+
+
+def _platform(q: Array, fx: Knobs) -> Array:
+    """Axis positions as the platform sees them: sensor error taken off, play between pivot and slide."""
+    q = q - _axis_error(q, fx)
+    if b := fx.get("backlash", 0.0):
+        q = columns(lambda x: play(x, np.full_like(x, b)), q)
+    if b := fx.get("backlash_soft", 0.0):
+        q = q - b * columns(lambda x: bristle(x, 2 * b), q)
+    return q
+
+
+def _reaction(s: Session, u: Array, law: str, tissue: Parameters, fx: Knobs, rng: np.random.Generator) -> Array:
+    """Interface and tissue: resisting force (N, 3) [N] to a probe displacement u (N, 3) [m]."""
+    get = fx.get
+    if a := get("slip", 0.0):
+        u = u - a * columns(lambda x: play(x, np.full_like(x, get("slip_at", 0.5) * SPAN)), u)
+    if a := get("slip_gradual", 0.0):
+        for w in (0.2, 0.4, 0.6, 0.8):
+            u = u - 0.25 * a * columns(lambda x, w=w: play(x, np.full_like(x, w * SPAN)), u)
+    if a := get("restless", 0.0):  # outside the vocabulary: the subject moves
+        u = u + a * np.stack([wander(s.t, rng, 0.03, 1.0) for _ in range(3)], axis=1)
+    if a := get("expansion", 0.0):  # outside: the frame warms and lifts the tip, not seen by the axes
+        u = u + a * np.array([0.3, 0.0, 1.0]) * (1 - np.exp(-s.t / 90.0))[:, None]
+    if a := get("residual", 0.0):
+        u = u - a * columns(lambda x: _drawn(x, s.dt, 0.25 * SPAN, 0.4, 1.0), u)
+    if a := get("residual_power", 0.0):
+        u = u - a * columns(lambda x: _drawn(x / SPAN, s.dt, 0.0, 0.4, 3.0), u) * SPAN
+    f = resist(law, u, s.dt, tissue)
+    if a := get("glue", 0.0):  # the glue's compliance [m/N], by fixed point on the skin's displacement
+        for _ in range(2):
+            f = resist(law, u - a * f, s.dt, tissue)
+    if a := get("glue_creeping", 0.0):
+        for _ in range(2):
+            yielded = f * (0.5 + np.linalg.norm(f, axis=1, keepdims=True)) * 0.5
+            f = resist(law, u - a * (f - yielded + columns(lambda x: lag(x, s.dt, 1.5), yielded)), s.dt, tissue)
+    if a := get("flexure", 0.0):  # outside: the platform's arm bends sideways with the moment of a lateral force
+        f = resist(law, u - a * f * np.array([1.0, 1.0, 0.0]) - a * 0.5 * f[:, [1, 0, 2]] * np.array([1.0, -1.0, 0.0]), s.dt, tissue)
+    f = _skin_effects(s, u, f, tissue["stiffness"], fx)
+    if a := get("pulse", 0.0):
+        direction = np.array([0.3, 0.2, 1.0])
+        f = f + a * np.sin(2 * np.pi * get("pulse_hz", 1.1) * s.t + get("pulse_phase", 0.0))[:, None] * direction
+    if a := get("breath", 0.0):
+        wave = np.abs(np.sin(np.pi * get("pulse_hz", 0.25) * s.t + get("pulse_phase", 0.0) + 0.6 * np.sin(0.21 * s.t))) ** 3
+        f = f + a * wave[:, None] * (np.array([0.0, 0.3, 0.7]) + u / SPAN)
+    return f
+
+
+def _skin_effects(s: Session, u: Array, f: Array, k: float, fx: Knobs) -> Array:
+    """Tissue effects on the force f (N, 3) [N]; ``k`` is the person's stiffness [N/m]."""
+    get = fx.get
+    size = np.linalg.norm(u, axis=1, keepdims=True)
+    if a := get("creep", 0.0):
+        f = f - a * columns(lambda x: lag(x, s.dt, get("creep_tau", 60.0)), f)
+    if a := get("creep_oneway", 0.0):
+        f = f - a * columns(lambda x: uneven_lag(x, s.dt, get("creep_tau", 40.0), 4 * get("creep_tau", 40.0)), f)
+    if a := get("power_creep", 0.0):
+        f = f - a * sum(tau**-0.2 * columns(lambda x, tau=tau: lag(x, s.dt, tau), f) for tau in np.geomspace(0.03, 300, 9))
+    if a := get("log_creep", 0.0):
+        f = f - a * sum(columns(lambda x, tau=tau: lag(x, s.dt, tau), f) for tau in np.geomspace(0.1, 100.0, 7))
+    if a := get("first_loadings", 0.0):
+        order = np.arange(len(s.recordings))
+        f = f * s.per_recording(1 + a * np.exp(-order / get("series", 1.2)))[:, None]
+    if a := get("mullins", 0.0):  # every direction is virgin when it is first pulled
+        for r in s.recordings:
+            inside = (s.t >= r.start) & (s.t < r.start + r.duration)
+            worked = np.cumsum(np.where(inside, size[:, 0], 0.0) * s.dt) / SPAN
+            f = f * (1 + a * np.where(inside, np.exp(-worked / get("softening", 4.0)), 0.0))[:, None]
+    if a := get("deep", 0.0):
+        f = f + a * k * np.maximum(size - get("deep_at", 0.6) * SPAN, 0) * u / (size + 1e-9)
+    if a := get("deep_smooth", 0.0):
+        w = 0.12 * SPAN
+        over = w * np.logaddexp(0, (size - get("deep_at", 0.6) * SPAN) / w) * u / (size + 0.1 * SPAN)
+        f = f + a * k * columns(lambda x: lag(x, s.dt, 0.8), over)
+    n = np.array([np.cos(get("fibre", 0.0)), np.sin(get("fibre", 0.0)), 0.0])
+    along = u @ n
+    if a := get("tension", 0.0):
+        f = f + a * k * (along**3 / SPAN**2)[:, None] * n
+    if a := get("tension_slack", 0.0):
+        w = 0.1 * SPAN
+        taut = w * (np.logaddexp(0, (np.abs(along) - 0.4 * SPAN) / w) - np.log1p(np.exp(-4.0)))
+        f = f + a * k * (np.sign(along) * taut)[:, None] * n
+    if a := get("tether", 0.0):
+        f = f + a * k * np.maximum(along - get("tether_slack", 0.2) * SPAN, 0)[:, None] * n
+    if a := get("tether_exp", 0.0):
+        f = f + a * k * SPAN * np.expm1(2 * np.maximum(along, 0) / SPAN)[:, None] / 6 * n
+    if a := get("stiffen", 0.0):
+        f = f * (1 + a * (size / SPAN) ** 4)
+    if a := get("locking", 0.0):
+        f = f / (1 - np.minimum(a * size / SPAN, 0.8) ** 3)
+    if a := get("tone", 0.0):
+        f = f * (1 + a * s.t / s.t[-1])[:, None]
+    if a := get("tone_step", 0.0):
+        f = f * (1 + a / (1 + np.exp(-(s.t - get("tone_at", 0.5) * s.t[-1]) / get("tone_width", 3.0))))[:, None]
+    return f
+
+
+def _legs(s: Session, f: Array, normal: Array, q: Array, fx: Knobs) -> Array:
+    """Transducers: compressions (N, 3) [N] for the skin's force on the probe f (N, 3), tared by the caller."""
+    get = fx.get
+    if a := get("turned", 0.0):
+        c, si = np.cos(a), np.sin(a)
+        f = f @ np.array([[c, si, 0], [-si, c, 0], [0, 0, 1.0]])
+    if a := get("leaning", 0.0):
+        c, si = np.cos(a), np.sin(a)
+        f = f @ np.array([[c, 0, si], [0, 1.0, 0], [-si, 0, c]])
+    if m := get("head_mass", 0.0):
+        f = f + 9.81 * m * normal * np.array([1.0, 1.0, 0.0])
+    if m := get("head_overhang", 0.0):
+        f = f + 9.81 * m * (normal - np.array([0, 0, 1.0])) * np.array([1.6, 0.7, 1.0])
+    real = force_matrix(LEG_HEIGHT * (1 + get("h_error", 0.0)), LEG_RADIUS * (1 + get("w_error", 0.0)))
+    x = f @ np.linalg.inv(real).T
+    k = int(get("leg", 0))
+    if a := get("leg_gain", 0.0):
+        x[:, k] *= 1 + a
+    if a := get("leg_gains", 0.0):
+        x = x * (1 + a * np.roll([1.0, -0.6, 0.2], k))
+    if a := get("leg_square", 0.0):
+        x = x + a * x**2
+    if a := get("leg_play", 0.0):
+        x = columns(lambda y: play(y, np.full_like(y, a)), x)
+    if a := get("leg_bristle", 0.0):
+        x = x - a * sum(columns(lambda y, w=w: bristle(y, w), x) for w in (0.05, 0.2, 0.6)) / 3
+    if tau := get("low_pass", 0.0):
+        x = columns(lambda y: lag(y, s.dt, tau), x)
+    if tau := get("low_pass_twice", 0.0):
+        x = columns(lambda y: lag(lag(y, s.dt, 0.35 * tau), s.dt, 0.65 * tau), x)
+    if a := get("leg_into_leg", 0.0):
+        x[:, (k + 1) % 3] += a * x[:, k]
+    if a := get("axis_into_leg", 0.0):
+        x[:, k] += a * q[:, (k + 1) % 3] / 1e-3
+    if a := get("drift", 0.0):
+        x[:, k] += a * s.t / 60.0
+    if a := get("warm_up", 0.0):
+        x = x + a * np.roll([1.0, 0.4, -0.5], k) * (1 - np.exp(-s.t / get("warm_tau", 60.0)))[:, None]
+    if a := get("hum", 0.0):  # outside the vocabulary: interference in bursts
+        x[:, k] += a * np.sin(2 * np.pi * get("hum_hz", 7.3) * s.t) * (np.sin(0.37 * s.t) > 0.3)
+    if a := get("cable", 0.0):  # outside: a cable drags on the head, elastic with dry friction inside
+        x = x + a * (columns(lambda y: bristle(y, 4e-4), q) + q / 1e-3) * np.roll([1.0, 0.2, -0.6], k)
+    return np.asarray(x)
+
+
+def simulate(
+    s: Session, law: str, tissue: Parameters, fx: Knobs, scatter: Array, seed: int, noisy: bool = False
+) -> Channels:
+    """Recorded channels of devices' section 3, one array a recording; see ``suction.simulate`` for the arguments."""
+    get = fx.get
+    rng = np.random.default_rng(seed)
+    skin = s.per_recording([float(r.specimen == "skin") for r in s.recordings])[:, None]
+    factor = skin * s.per_recording(scatter)[:, None]
+    ref = _targets(s, fx)
+    base = _platform(ref, fx)
+    first = factor * _reaction(s, tip(base), law, tissue, fx, np.random.default_rng(seed))
+    j = jacobian_at_centre()
+    tangent = 0.75 * tissue["stiffness"] * j.T @ j
+    q = _loops(
+        ref, -first @ j, base, tangent, float(s.dt[1]) / SUBSTEPS, np.array([MASS, KP, KI, KD]),
+        get("limit", 0.0), get("windup", 0.0), get("drag", 0.0), get("dry", 0.0), get("stribeck", 0.0),
+        get("stribeck_speed", 1e-3), int(get("friction_law", 0)), get("bristle_scale", 1e-5), get("vary", 0.0),
+        get("cogging", 0.0), get("cog_pitch", 1e-3), get("binding", 0.0), get("heating", 0.0),
+    )  # fmt: skip
+    u, normal = tip_and_tilt(np.ascontiguousarray(_platform(q, fx)), PIVOTS, TIP)
+    resisted = factor * _reaction(s, u, law, tissue, fx, rng)
+    legs = _legs(s, -resisted, normal, q, fx)
+    legs = legs - legs[0]
+    if delay := get("tare_late", 0.0):
+        r = s.recordings[0]
+        legs = legs - legs[int(np.searchsorted(s.t, r.start + r.onset + delay))]
+    return _record(s, q, legs, fx, seed, noisy)
+
+
+def _record(s: Session, q: Array, legs: Array, fx: Knobs, seed: int, noisy: bool) -> Channels:
+    """Sampling, resolution and processing of every recording."""
+    out: Channels = {name: [] for name in AXES + LEGS + PROBE + FORCE}
+    get = fx.get
+    matrix = force_matrix()
+    if get("matrix_sign", 0.0):
+        matrix[int(get("row", 0)), int(get("leg", 0))] *= -1
+    if get("row_sign", 0.0):
+        matrix[int(get("row", 0))] *= -1
+    timing = {k: v for k, v in fx.items() if k not in _SUCTION_ONLY}
+    for k, r in enumerate(s.recordings):
+        rows = np.random.default_rng((seed, k))
+        stamps = r.stamps(s.rate)
+        when = taken(stamps, 1 / s.rate, timing, rows)
+        at = np.stack([np.interp(when.main, s.t, q[:, i]) for i in range(3)], axis=1)
+        x = np.stack([np.interp(when.second, s.t, legs[:, i]) for i in range(3)], axis=1)
+        leg = int(get("leg", 0))
+        x[:, leg] += get("offset", 0.0) + get("offset_jump", 0.0) * (stamps > r.start + get("jump_at", 0.5) * r.duration)
+        if a := get("tare_each", 0.0):
+            moment = r.start + r.onset + a
+            x = x - np.array([np.interp(moment, s.t, legs[:, i]) for i in range(3)])
+        if noisy:
+            at = at + AXIS_NOISE * rows.normal(size=at.shape)
+            x = x + LEG_NOISE * rows.normal(size=x.shape)
+        x = _leg_digits(x, fx, noisy)
+        coarse = get("axis_coarse", 0.0)
+        if coarse or noisy:
+            at = np.round(at / (coarse or AXIS_STEP)) * (coarse or AXIS_STEP)
+        at, x = at[when.row], x[when.row]
+        x = x * (get("unit_force", 1.0) if get("unit_only", -1.0) in (-1.0, float(k)) else 1.0)
+        seen = x[:, [1, 0, 2]] if get("legs_swapped", 0.0) else x
+        places = at[:, [0, 2, 1]] if get("axes_swapped", 0.0) else at
+        for names, values in ((AXES, at), (LEGS, x), (PROBE, tip(places) * get("unit_probe", 1.0)), (FORCE, seen @ matrix.T)):
+            for i, name in enumerate(names):
+                out[name].append(np.ascontiguousarray(values[:, i]))
+    return out
+
+
+def _leg_digits(x: Array, fx: Knobs, noisy: bool) -> Array:
+    """Range and resolution of the transducers; what is tared off is preload, so tension down to it can be read."""
+    get = fx.get
+    if top := get("ceiling", 0.0):
+        x = np.minimum(x, top)
+    if low := get("unloaded", 0.0):  # a transducer whose preload is used up reads less and less
+        knee = -0.6 * low
+        x = np.where(x < knee, knee - 0.4 * low * np.tanh((knee - x) / (0.4 * low)), x)
+    if coarse := get("leg_coarse", 0.0):
+        return np.asarray(np.round(x / coarse) * coarse)
+    if coarse := get("leg_coarse_uneven", 0.0):
+        cell = np.floor(x / coarse)
+        return np.asarray(coarse * (cell + 0.35 * (cell % 2)))
+    return np.asarray(np.round(x / LEG_STEP) * LEG_STEP) if noisy else x
