@@ -1,0 +1,214 @@
+"""The append-only journal: the truth of a run while it runs, readable after a crash at any moment.
+
+The file is a row of records, each complete in itself::
+
+    magic 4 B "SRJ1" | length u32 | type u8 | sequence u64 | payload | CRC32 u32 of all before it
+
+Every record is handed to the operating system at once, so a killed process loses nothing it has written; ``fdatasync``
+follows within `SYNC_INTERVAL`, so that a power cut loses no more than that. A torn tail is where reading stops, and a
+damaged record in the middle is skipped at the next magic. `acquire.recording.recovery` reads journals.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import struct
+import time
+import zlib
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, fields
+from enum import IntEnum
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from acquire.recording.model import Event, RecordingError, RunInfo
+from drivers.signals import Block, Channel, Frame
+from protocols.setpoints import Setpoints
+
+MAGIC = b"SRJ1"
+HEADER = struct.Struct("<4sIBQ")
+CRC = struct.Struct("<I")
+BLOCK = struct.Struct("<HI")  # layout, samples; then seq i64, time f8, time_host f8, one f8 row per channel
+FRAME = struct.Struct("<qddII")  # seq, time, time_host, height, width; then the pixels
+SYNC_INTERVAL = 0.05  # s of wall time between two fdatasync at most, while data or `sync` calls arrive
+
+
+class Kind(IntEnum):
+    """Types of records."""
+
+    INFO = 1  # JSON: format, RunInfo, channels, frame scale; always the first record
+    LAYOUT = 2  # JSON: number and channel names of the blocks that follow
+    BLOCK = 3
+    FRAME = 4
+    EVENT = 5  # JSON
+    SETPOINTS = 6  # JSON: from ``start`` on, these break points replace what was commanded
+    END = 7  # JSON: status, trip reason, end time
+
+
+class JournalFull(RecordingError):
+    """The disk took no more. What was recorded so far is whole and can be recovered."""
+
+
+class JournalWriter:
+    """Writes one run's journal. One thread at a time; every method is a single write and returns at once.
+
+    ``frame_scale`` is in m/px (0: not known). Raises FileExistsError rather than touch an existing journal, and
+    `JournalFull` from any method when the disk is full: the torn record is then taken back, no more data are accepted.
+    """
+
+    def __init__(
+        self,
+        path: Path | str,
+        info: RunInfo,
+        channels: Iterable[Channel] = (),
+        *,
+        frame_scale: float = 0.0,
+        sync_interval: float = SYNC_INTERVAL,
+    ) -> None:
+        self.path = Path(path)
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+        self._file = os.open(self.path, flags, 0o644)
+        self._sequence = 0
+        self._end = 0
+        self._full = False
+        self._dirty = False
+        self._sync_interval = sync_interval
+        self._synced = time.monotonic()
+        self._layouts: dict[tuple[str, ...], int] = {}
+        first = {
+            "format": "acquire-journal/1",
+            "info": {item.name: getattr(info, item.name) for item in fields(info)},
+            "channels": [asdict(channel) for channel in channels],
+            "frame_scale": frame_scale,
+        }
+        self._json(Kind.INFO, first)
+        self.sync(force=True)
+
+    def __enter__(self) -> JournalWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close("completed" if error is None else "failed", "" if error is None else str(error))
+
+    @property
+    def size(self) -> int:
+        """Bytes written so far."""
+        return self._end
+
+    def block(self, block: Block) -> None:
+        """Append the samples of several channels that share their stamps."""
+        names = tuple(block.values)
+        if names not in self._layouts:
+            self._json(Kind.LAYOUT, {"layout": len(self._layouts), "channels": names})
+            self._layouts[names] = len(self._layouts)
+        self._append(
+            Kind.BLOCK,
+            BLOCK.pack(self._layouts[names], len(block)),
+            np.ascontiguousarray(block.seq, "<i8").data.cast("B"),
+            *(np.ascontiguousarray(stamp, "<f8").data.cast("B") for stamp in (block.time, block.time_host)),
+            *(np.ascontiguousarray(value, "<f8").data.cast("B") for value in block.values.values()),
+        )
+
+    def frame(self, frame: Frame) -> None:
+        """Append one camera frame."""
+        image = np.ascontiguousarray(frame.image, np.uint8)
+        self._append(Kind.FRAME, FRAME.pack(frame.seq, frame.time, frame.time_host, *image.shape), image.data.cast("B"))
+
+    def event(self, event: Event) -> None:
+        """Append an event."""
+        self._json(Kind.EVENT, asdict(event))
+
+    def setpoints(self, setpoints: Setpoints, start: float = 0.0, units: Mapping[str, str] | None = None) -> None:
+        """Append what is commanded from device time ``start`` (s) on; it replaces earlier break points after ``start``.
+
+        So a run that pauses or ends a step early (``until``) writes the rest of its set-points anew. ``units`` (SI)
+        are those of the channels of the same name where not given.
+        """
+        times, values = setpoints.table()
+        table = {name: value.tolist() for name, value in values.items()}
+        record = {"start": start, "time": (times + start).tolist(), "values": table, "units": dict(units or {})}
+        self._json(Kind.SETPOINTS, record)
+
+    def sync(self, *, force: bool = False) -> None:
+        """Put what was written onto the disk if `SYNC_INTERVAL` has passed (call it when idle, too)."""
+        now = time.monotonic()
+        if self._dirty and (force or now - self._synced >= self._sync_interval):
+            getattr(os, "fdatasync", os.fsync)(self._file)
+            self._dirty = False
+            self._synced = now
+
+    def close(self, status: str = "completed", trip_reason: str = "", end_time: str = "") -> None:
+        """Write how the run ended (wall clock ``end_time``, ISO 8601, default now) and close. Idempotent.
+
+        On a full disk the end is not written: recovery will call the run ``recovered``.
+        """
+        if self._file < 0:
+            return
+        try:
+            end = {"status": status, "trip_reason": trip_reason, "end_time": end_time or iso_now()}
+            if not self._full:
+                self._json(Kind.END, end)
+            self.sync(force=True)
+        except JournalFull:
+            pass  # the caller heard of it when data were refused, or hears of it from the status of the recording
+        finally:
+            os.close(self._file)
+            self._file = -1
+
+    def _json(self, kind: Kind, content: Mapping[str, Any]) -> None:
+        self._append(kind, json.dumps(content, default=_plain).encode())
+
+    def _append(self, kind: Kind, *parts: bytes | memoryview) -> None:
+        if self._file < 0:
+            raise RecordingError(f"{self.path}: the journal is closed")
+        if self._full:
+            raise JournalFull(f"{self.path}: the disk is full; {self._end} bytes are safe")
+        length = sum(len(part) for part in parts)
+        header = HEADER.pack(MAGIC, length, kind, self._sequence)
+        crc = zlib.crc32(header)
+        for part in parts:
+            crc = zlib.crc32(part, crc)
+        self._write((header, *parts, CRC.pack(crc)), HEADER.size + length + CRC.size)
+        self._sequence += 1
+        self._dirty = True
+        self.sync()
+
+    def _write(self, parts: tuple[bytes | memoryview, ...], size: int) -> None:
+        # One write call a record: a signal between two of them cannot tear it.
+        record = b"".join(parts)
+        written = 0
+        try:
+            while written < size:
+                written += os.write(self._file, record[written:] if written else record)
+        except OSError as error:
+            if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+                raise
+            self._full = True
+            os.ftruncate(self._file, self._end)
+            os.lseek(self._file, self._end, os.SEEK_SET)
+            message = f"{self.path}: the disk is full ({error.strerror}); the {self._end} bytes so far are safe"
+            raise JournalFull(message) from error
+        self._end += size
+
+
+def iso_now() -> str:
+    """The present moment as ISO 8601 in UTC, to the millisecond."""
+    seconds = time.time()
+    return time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime(seconds)) + f".{int(seconds % 1 * 1000):03d}+00:00"
+
+
+def _plain(value: Any) -> Any:
+    """Numpy values and mappings as JSON knows them."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return dict(value)
+    raise TypeError(f"{type(value).__name__} cannot be written into the journal")
