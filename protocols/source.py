@@ -16,6 +16,7 @@ from protocols.errors import Problem, ProtocolError
 
 MAX_BYTES = 256 * 1024
 MAX_DEPTH = 24
+MAX_NODES = 50_000  # after aliases, where they are allowed, are written out
 Key = tuple[str | int, ...]
 
 
@@ -53,8 +54,10 @@ def spell(path: Key) -> str:
     return "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in path).lstrip(".")
 
 
-def read(path_or_text: str | Path) -> tuple[Any, Source]:
+def read(path_or_text: str | Path, *, aliases: bool = False) -> tuple[Any, Source]:
     """Plain data (dict, list, scalars) and its `Source`; a string with a line break is text, any other a path.
+
+    ``aliases`` lets anchors and aliases pass, because programs that dump YAML write them for whatever they hold twice.
 
     Raises ProtocolError: unreadable, too large, not YAML, or YAML of a kind that is refused.
     """
@@ -67,7 +70,7 @@ def read(path_or_text: str | Path) -> tuple[Any, Source]:
         text = _contents(Path(path_or_text))
     source = Source(file, text)
     try:
-        _refuse_tricks(text, source)
+        _refuse_tricks(text, source, aliases)
         node = yaml.compose(text, Loader=yaml.SafeLoader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
@@ -96,14 +99,14 @@ def _contents(path: Path) -> str:
         raise ProtocolError((Problem("not UTF-8 text", "", line, 1),), str(path)) from None
 
 
-def _refuse_tricks(text: str, source: Source) -> None:
+def _refuse_tricks(text: str, source: Source, aliases: bool) -> None:
     """Look at the stream of events, which needs no recursion, before any tree is built of it."""
     depth = 0
     for event in yaml.parse(text, Loader=yaml.SafeLoader):
         refused = ""
-        if isinstance(event, yaml.AliasEvent):
+        if isinstance(event, yaml.AliasEvent) and not aliases:
             refused = "aliases (*name) are not allowed"
-        elif isinstance(event, yaml.NodeEvent) and event.anchor is not None:
+        elif isinstance(event, yaml.NodeEvent) and event.anchor is not None and not aliases:
             refused = "anchors (&name) are not allowed"
         elif isinstance(event, (yaml.ScalarEvent, yaml.CollectionStartEvent)) and event.tag is not None:
             refused = f"tags ({event.tag}) are not allowed"
@@ -116,6 +119,8 @@ def _refuse_tricks(text: str, source: Source) -> None:
 
 def _plain(node: yaml.Node, path: Key, source: Source) -> Any:
     source.values[path] = _place(node.start_mark)
+    if len(path) > MAX_DEPTH or len(source.values) > MAX_NODES:
+        raise source.fault(path[:4], "aliases make it too large or endless")
     if isinstance(node, yaml.MappingNode):
         return _mapping(node, path, source)
     if isinstance(node, yaml.SequenceNode):
