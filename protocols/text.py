@@ -6,7 +6,7 @@ import difflib
 import typing
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import yaml
 from pydantic import BaseModel, ValidationError
@@ -16,6 +16,8 @@ from protocols.schema import Protocol
 from protocols.source import Key, Source, read
 from protocols.steps import STEPS
 
+M = TypeVar("M", bound=BaseModel)
+
 
 def load(path_or_text: str | Path) -> Protocol:
     """The protocol in a YAML file, or in a string that has a line break.
@@ -23,15 +25,23 @@ def load(path_or_text: str | Path) -> Protocol:
     Raises ProtocolError with every fault found: file, line, column and field.
     """
     data, source = read(path_or_text)
-    if not isinstance(data, dict):
-        raise source.fault((), f"a protocol is a mapping of keys, not a {type(data).__name__}")
-    try:
-        protocol = Protocol.model_validate(data)
-    except ValidationError as error:
-        problems = [_problem(dict(e), data, source) for e in error.errors(include_url=False)]
-        raise ProtocolError(tuple(sorted(problems, key=lambda p: (p.line, p.column))), source.file) from None
+    protocol = validate(Protocol, data, source)
     protocol._read = source
     return protocol
+
+
+def validate(model: type[M], data: Any, source: Source) -> M:
+    """``data`` as read from ``source``, as an instance of ``model`` (of any YAML file, not only a protocol).
+
+    Raises ProtocolError with every fault found: file, line, column and field.
+    """
+    if not isinstance(data, dict):
+        raise source.fault((), f"a {model.__name__.lower()} is a mapping of keys, not a {type(data).__name__}")
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        problems = [_problem(dict(e), model, data, source) for e in error.errors(include_url=False)]
+        raise ProtocolError(tuple(sorted(problems, key=lambda p: (p.line, p.column))), source.file) from None
 
 
 def dump(protocol: Protocol) -> str:
@@ -53,9 +63,9 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     return f"; did you mean {close[0]!r}?" if close else f"; there is {', '.join(known)}"
 
 
-def _problem(error: dict[str, Any], data: Any, source: Source) -> Problem:
+def _problem(error: dict[str, Any], root: type[BaseModel], data: Any, source: Source) -> Problem:
     """One of pydantic's errors in the words of protocols, at its line."""
-    path, model = _follow(error["loc"], data)
+    path, model = _follow(error["loc"], root, data)
     kind, context = error["type"], error.get("ctx", {})
     if kind == "extra_forbidden":
         known = [f.alias or name for name, f in model.model_fields.items()]
@@ -75,10 +85,10 @@ def _problem(error: dict[str, Any], data: Any, source: Source) -> Problem:
     return source.problem(path, error["msg"].removeprefix("Value error, "))
 
 
-def _follow(location: tuple[str | int, ...], data: Any) -> tuple[Key, type[BaseModel]]:
+def _follow(location: tuple[str | int, ...], root: type[BaseModel], data: Any) -> tuple[Key, type[BaseModel]]:
     """The path in the file of pydantic's location (without its step types), and the model its last part belongs to."""
     path: list[str | int] = []
-    model: type[BaseModel] = Protocol
+    model = root
     last = len(location) - 1
     for index, part in enumerate(location):
         inside = isinstance(data, dict) and part in data
