@@ -15,7 +15,7 @@ from protocols.setpoints import Segment, Setpoints
 
 #: The probe's excursion as a whole: the length of (probe_x, probe_y, probe_z) in m; its rate is the speed of the tip.
 PROBE = "probe"
-_PROBE_AXES = ("probe_x", "probe_y", "probe_z")
+PROBE_AXES = ("probe_x", "probe_y", "probe_z")
 # Relative slack of every comparison: unit conversion and angles leave errors of a few ulp, physics never asks for 1e-9.
 _SLACK = 1e-9
 
@@ -174,15 +174,15 @@ def _extremes(starts: list[Mapping[str, float]], segment: Segment) -> Iterator[t
         ends = [s[name] for s in starts] + [segment.end[name]]
         jump = max(abs(segment.end[name] - s[name]) for s in starts)
         yield name, min(ends), max(ends), _rate(jump, segment.duration)
-    if set(_PROBE_AXES) <= set(names):
+    if set(PROBE_AXES) <= set(names):
         # |p| is convex along a straight line: its largest value is at an end.
         lengths = [_length(s) for s in (*starts, segment.end)]
-        jump = max(math.dist([s[a] for a in _PROBE_AXES], [segment.end[a] for a in _PROBE_AXES]) for s in starts)
+        jump = max(math.dist([s[a] for a in PROBE_AXES], [segment.end[a] for a in PROBE_AXES]) for s in starts)
         yield PROBE, max(lengths), max(lengths), _rate(jump, segment.duration)
 
 
 def _length(position: Mapping[str, float]) -> float:
-    return math.hypot(*(position[a] for a in _PROBE_AXES))
+    return math.hypot(*(position[a] for a in PROBE_AXES))
 
 
 def _rate(jump: float, duration: float) -> float:

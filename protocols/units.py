@@ -32,9 +32,9 @@ MAX_LENGTH = 60  # characters: a quantity is short, and pint's parser is not to 
 def _registry() -> Any:
     import pint
 
-    registry: Any = pint.UnitRegistry(cache_folder=None)
-    registry.define("@alias pixel = px")
-    return registry
+    # Pint's own px is the typesetter's, a length; a camera's pixels are counted.
+    pixels: Any = lambda text: re.sub(r"\bpx\b", "pixel", text)  # noqa: E731
+    return pint.UnitRegistry(cache_folder=None, preprocessors=[pixels])
 
 
 @functools.lru_cache(maxsize=256)
