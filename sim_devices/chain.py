@@ -2,10 +2,10 @@
 
 ``timing -> command -> actuator -> interface -> tissue -> sensor -> processing``
 
-A chain is a list of operators. Each reads some named signals and writes others, on a time grid that need not be uniform,
-and keeps its state between calls: the simulated instruments advance it chunk by chunk in (scaled) real time, the
-diagnosis runs whole sessions in one call; both get the same numbers. An operator can be left out by giving its output
-(a recorded signal) instead: that is how a stage is fed with its recorded input.
+A chain is a list of operators. Each reads some named signals and writes others, on a time grid that need not be
+uniform, and keeps its state between calls: the simulated instruments advance it chunk by chunk in (scaled) real time,
+the diagnosis runs whole sessions in one call; both get the same numbers. An operator can be left out by giving its
+output (a recorded signal) instead: that is how a stage is fed with its recorded input.
 
 An effect is data plus a function that returns a changed chain: with an operator more, or with other parameters.
 """
@@ -51,8 +51,8 @@ class Operator(abc.ABC):
     def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
         """Write the outputs for ``time`` (n,) s, strictly increasing, and move ``state`` to its end, in place.
 
-        ``signals`` holds arrays of shape (n,); inputs are piecewise linear between samples. The state keeps the last time
-        and input of the previous call, so that chunks join without a seam.
+        ``signals`` holds arrays of shape (n,); inputs are piecewise linear between samples. The state keeps the last
+        time and input of the previous call, so that chunks join without a seam.
         """
 
 
@@ -97,11 +97,8 @@ class Runner:
     """A chain with its states, to be advanced chunk by chunk."""
 
     def __init__(self, chain: Chain, given: Sequence[str] = ()) -> None:
-        supplied = set(given)
         self.chain = chain
-        self._operators = [
-            op for op in chain.operators if not (set(op.writes) <= supplied and not set(op.writes) & set(op.reads))
-        ]
+        self._operators = _running(chain, set(given))
         self._states = [op.fresh() for op in self._operators]
 
     def advance(self, time: FloatArray, signals: Mapping[str, FloatArray]) -> Signals:
@@ -110,6 +107,21 @@ class Runner:
         for op, state in zip(self._operators, self._states, strict=True):
             op.advance(state, time, out)
         return out
+
+
+def _running(chain: Chain, given: set[str]) -> list[Operator]:
+    """The operators that have something to do: not those whose outputs are given, nor those that only feed such ones."""
+    running = [op for op in chain.operators if not (set(op.writes) <= given and not set(op.writes) & set(op.reads))]
+    inner = {name for op in chain.operators for name in op.reads}  # what nobody reads is a result
+    while True:
+        used = [op for op in running if _feeds(op, running) or not set(op.writes) <= inner]
+        if len(used) == len(running):
+            return running
+        running = used
+
+
+def _feeds(op: Operator, operators: Sequence[Operator]) -> bool:
+    return any(set(op.writes) & set(other.reads) for other in operators if other is not op)
 
 
 @dataclass(frozen=True)
@@ -134,8 +146,8 @@ class Parameter:
 class Effect:
     """Something a real instrument or tissue does and the nominal chain does not.
 
-    ``install(chain, values)`` returns the chain with the effect; ``values`` has every parameter. ``remedy`` says what would
-    remove it in reality, ``source`` where it is known from. ``instruments`` are the chains it fits.
+    ``install(chain, values)`` returns the chain with the effect; ``values`` has every parameter. ``remedy`` says what
+    would remove it in reality, ``source`` where it is known from. ``instruments`` are the chains it fits.
     """
 
     name: str

@@ -1,0 +1,317 @@
+"""Compiled laws with memory, from one time series to another: the building blocks of stages, effects and user rigs.
+
+Every kernel has the signature ``kernel(s, t, u, p, y)``: state ``s`` (``STATE``,), zeros for rest and changed in place;
+times ``t`` (n,) s, strictly increasing, of any spacing; input ``u`` (n,), piecewise linear between samples; parameters
+``p``; output ``y`` (n,). Calls join without a seam. Linear memory is integrated exactly (first-order hold), so that the
+step hardly matters; rate-independent laws are exact for inputs that are monotone within a step. Before the first sample
+the input was zero.
+
+>>> import numpy as np
+>>> t = np.array([0.0, 1e-9, 1.0])
+>>> evaluate(low_pass, t, np.array([0.0, 1.0, 1.0]), 0.5).round(4).tolist()
+[0.0, 0.0, 0.8647]
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Kernel = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray], None]
+
+STATE = 64
+"""Length of a kernel's state: [0] started, [1] last time, [2] last input, [3:] its own."""
+TERMS = (STATE - 3) // 2
+"""How many terms ``prony`` and ``prandtl`` can have at most."""
+
+
+def evaluate(kernel: Kernel, time: FloatArray, signal: FloatArray, *parameters: float) -> FloatArray:
+    """Output of ``kernel`` from rest, shape (n,), for ``signal`` (n,) on ``time`` (n,) s."""
+    out = np.empty(len(time))
+    u = np.ascontiguousarray(signal, dtype=float)
+    kernel(np.zeros(STATE), np.ascontiguousarray(time, dtype=float), u, np.array(parameters, dtype=float), out)
+    return out
+
+
+@njit(cache=True)
+def hold_weights(dt: float, tau: float) -> tuple[float, float, float]:
+    """Weights (e, a, b) of y1 = e y0 + a u0 + b u1, the exact step of tau y' = u - y for u linear in between."""
+    if tau <= 0.0:
+        return 0.0, 0.0, 1.0
+    x = dt / tau
+    e = math.exp(-x)
+    f = (1.0 - e) / x if x > 1e-4 else 1.0 - x * (0.5 - x / 6.0)
+    return e, f - e, 1.0 - f
+
+
+@njit(cache=True)
+def hash_uniform(seed: float, index: float) -> float:
+    """A number in [0, 1) that depends on seed and index only: the same whatever the chunks (splitmix64)."""
+    z = np.uint64(np.int64(seed)) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(np.int64(index)) * np.uint64(
+        0xBF58476D1CE4E5B9
+    )
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    z = z ^ (z >> np.uint64(31))
+    return float(z >> np.uint64(11)) / 9007199254740992.0
+
+
+@njit(cache=True)
+def low_pass(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """First-order lag, tau y' = u - y. ``p`` = (tau s,)."""
+    if s[0] == 0.0 and t.size:
+        s[0], s[1], s[2] = 1.0, t[0], u[0]
+    last, e, a, b = -1.0, 1.0, 0.0, 0.0
+    for i in range(t.size):
+        dt = t[i] - s[1]
+        if abs(dt - last) > 1e-9 * last:
+            e, a, b = hold_weights(dt, p[0])
+            last = dt
+        s[3] = e * s[3] + a * s[2] + b * u[i] if dt > 0.0 or p[0] <= 0.0 else s[3]
+        s[1], s[2] = t[i], u[i]
+        y[i] = s[3]
+
+
+@njit(cache=True)
+def second_order(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """Second-order lag, tau² y'' + 2 zeta tau y' + y = u. ``p`` = (tau s, zeta)."""
+    if s[0] == 0.0 and t.size:
+        s[0], s[1], s[2] = 1.0, t[0], u[0]
+    w, z = 1.0 / max(p[0], 1e-9), p[1]
+    d2 = w * w * (z * z - 1.0)
+    last, e11, e12, e21, e22 = -1.0, 1.0, 0.0, 0.0, 1.0
+    for i in range(t.size):
+        dt = t[i] - s[1]
+        if dt * w > 1e-7:
+            if abs(dt - last) > 1e-9 * last:
+                d = math.sqrt(abs(d2))
+                if d * dt < 1e-6:
+                    c = math.exp(-z * w * dt)
+                    q = dt * c
+                elif d2 > 0.0:
+                    slow, fast = math.exp((d - z * w) * dt), math.exp(-(d + z * w) * dt)
+                    c, q = 0.5 * (slow + fast), 0.5 * (slow - fast) / d
+                else:
+                    decay = math.exp(-z * w * dt)
+                    c, q = decay * math.cos(d * dt), decay * math.sin(d * dt) / d
+                e11, e12, e21, e22 = c + z * w * q, q, -w * w * q, c - z * w * q
+                last = dt
+            rate = (u[i] - s[2]) / dt
+            lag = rate * 2.0 * z / w  # a ramp is followed this far behind
+            x, v = s[3] - (s[2] - lag), s[4] - rate
+            s[3] = u[i] - lag + e11 * x + e12 * v
+            s[4] = rate + e21 * x + e22 * v
+        else:
+            s[3] += s[4] * dt
+        s[1], s[2] = t[i], u[i]
+        y[i] = s[3]
+
+
+@njit(cache=True)
+def prony(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """Linear memory, y = g0 u + sum g_i lag(u, tau_i).
+
+    ``p`` = (g0, g1, tau1 s, g2, tau2 s, ...), at most ``TERMS`` pairs.
+    """
+    if s[0] == 0.0 and t.size:
+        s[0], s[1], s[2] = 1.0, t[0], u[0]
+    n = (p.size - 1) // 2
+    e, a, b = np.ones(n), np.zeros(n), np.zeros(n)
+    last = -1.0
+    for i in range(t.size):
+        dt = t[i] - s[1]
+        out = p[0] * u[i]
+        if dt > 0.0 and abs(dt - last) > 1e-9 * last:
+            for k in range(n):
+                e[k], a[k], b[k] = hold_weights(dt, p[2 + 2 * k])
+            last = dt
+        for k in range(n):
+            if dt > 0.0:
+                s[3 + k] = e[k] * s[3 + k] + a[k] * s[2] + b[k] * u[i]
+            out += p[1 + 2 * k] * s[3 + k]
+        s[1], s[2] = t[i], u[i]
+        y[i] = out
+
+
+@njit(cache=True)
+def rate_limit(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """Slew limit. ``p`` = (fastest rise, fastest fall), both positive, in the signal's unit per second."""
+    if s[0] == 0.0 and t.size:
+        s[0], s[1] = 1.0, t[0]
+    for i in range(t.size):
+        dt = t[i] - s[1]
+        s[3] = min(max(u[i], s[3] - p[1] * dt), s[3] + p[0] * dt)
+        s[1] = t[i]
+        y[i] = s[3]
+
+
+@njit(cache=True)
+def play(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """Backlash, also Coulomb friction behind a spring: y moves only when |u - y| reaches ``p`` = (half width,)."""
+    for i in range(t.size):
+        s[3] = min(max(s[3], u[i] - p[0]), u[i] + p[0])
+        y[i] = s[3]
+
+
+@njit(cache=True)
+def dead_zone_lag(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """A controller blind to small errors: tau y' = (u - y) beyond the band, else y rests.
+
+    ``p`` = (half band, tau s).
+    """
+    if s[0] == 0.0 and t.size:
+        s[0], s[1] = 1.0, t[0]
+    for i in range(t.size):
+        near = min(max(s[3], u[i] - p[0]), u[i] + p[0])
+        s[3] = near + (s[3] - near) * (math.exp(-(t[i] - s[1]) / p[1]) if p[1] > 0.0 else 0.0)
+        s[1] = t[i]
+        y[i] = s[3]
+
+
+@njit(cache=True)
+def prandtl(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """Prandtl–Ishlinskii hysteresis, a sum of stops each within ±w_i.
+
+    ``p`` = (r1, w1, r2, w2, ...), r_i half widths of u.
+    """
+    for i in range(t.size):
+        y[i] = 0.0
+        for k in range(p.size // 2):
+            r = max(p[2 * k], 1e-300)
+            s[3 + k] = min(max(s[3 + k], u[i] - r), u[i] + r)
+            y[i] += p[2 * k + 1] * (u[i] - s[3 + k]) / r
+
+
+@njit(cache=True)
+def bouc_wen(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """Bouc–Wen hysteresis within ±a: dz = (1 - |z|^n (1 + sign(z du))/2) du/d, y = a z. ``p`` = (a, d, n >= 1).
+
+    Wen 1976. Reversals unload along the initial slope a/d. Reduces to ``dahl``-like saturation for n = 1 in loading.
+    """
+    for i in range(t.size):
+        du = (u[i] - s[2]) / max(p[1], 1e-300)
+        steps = int(min(math.ceil(abs(du) * 8.0), 256.0))
+        for _ in range(steps):
+            h = du / steps
+            z = s[3]
+            for stage in range(2):  # midpoint rule
+                back = 1.0 if z * h > 0.0 else 0.0
+                slope = 1.0 - back * abs(z) ** p[2]
+                z = s[3] + slope * h * (0.5 if stage == 0 else 1.0)
+            s[3] = min(max(z, -1.0), 1.0)
+        s[2] = u[i]
+        y[i] = p[0] * s[3]
+
+
+@njit(cache=True)
+def friction(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """Friction force of a contact at position u: Coulomb, Stribeck, Dahl and LuGre's steady part in one.
+
+    F' = (sign(v) g(v) - F) |v| / d, g(v) = Fc + (Fs - Fc) exp(-(v/vs)²), y = F + c v. ``p`` = (Fc N, Fs N, vs m/s, d m,
+    c N s/m); d is the presliding distance (0: Coulomb). Canudas de Wit et al. 1995; exact for constant v in a step.
+    """
+    if s[0] == 0.0 and t.size:
+        s[0], s[1], s[2] = 1.0, t[0], u[0]
+    for i in range(t.size):
+        du, dt = u[i] - s[2], t[i] - s[1]
+        v = du / dt if dt > 0.0 else 0.0
+        if du != 0.0:
+            ratio = v / max(p[2], 1e-12)
+            level = p[0] + (p[1] - p[0]) * math.exp(-ratio * ratio)
+            level = level if du > 0.0 else -level
+            s[3] = level + (s[3] - level) * (math.exp(-abs(du) / p[3]) if p[3] > 0.0 else 0.0)
+        s[1], s[2] = t[i], u[i]
+        y[i] = s[3] + p[4] * v
+
+
+@njit(cache=True)
+def exposure_gain(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """A gain that load builds up and rest restores: y = u (1 + a w), w -> |u|/ref within tau_up, back within tau_down.
+
+    ``p`` = (a, ref, tau_up s, tau_down s). Emptying stores (a < 0), softening by loading (a > 0).
+    """
+    if s[0] == 0.0 and t.size:
+        s[0], s[1], s[2] = 1.0, t[0], abs(u[0])
+    last, up, down = -1.0, 1.0, 1.0
+    for i in range(t.size):
+        now, dt = abs(u[i]), t[i] - s[1]
+        mean = 0.5 * (s[2] + now) / p[1]
+        if dt > 0.0:
+            if abs(dt - last) > 1e-9 * last:
+                last, up, down = dt, math.exp(-dt / p[2]), math.exp(-dt / p[3])
+            s[3] = mean + (s[3] - mean) * (up if mean > s[3] else down)
+        s[1], s[2] = t[i], now
+        y[i] = u[i] * (1.0 + p[0] * s[3])
+
+
+@njit(cache=True)
+def yield_flow(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """Slow flow under load that comes back slower: y = u + r, r -> k (u - y0)+ within tau_up, back within tau_down.
+
+    ``p`` = (k, y0, tau_up s, tau_down s); u is positive when loaded.
+    """
+    if s[0] == 0.0 and t.size:
+        s[0], s[1], s[2] = 1.0, t[0], u[0]
+    last, up, down = -1.0, 1.0, 1.0
+    for i in range(t.size):
+        dt = t[i] - s[1]
+        goal = p[0] * max(0.5 * (s[2] + u[i]) - p[1], 0.0)
+        if dt > 0.0:
+            if abs(dt - last) > 1e-9 * last:
+                last, up, down = dt, math.exp(-dt / p[2]), math.exp(-dt / p[3])
+            s[3] = goal + (s[3] - goal) * (up if goal > s[3] else down)
+        s[1], s[2] = t[i], u[i]
+        y[i] = u[i] + s[3]
+
+
+@njit(cache=True)
+def mullins(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """Softening by the greatest load so far: y = u (1 + a (1 - |u|/m)), m the maximum, forgotten within tau.
+
+    ``p`` = (a, tau s).
+    """
+    if s[0] == 0.0 and t.size:
+        s[0], s[1] = 1.0, t[0]
+    for i in range(t.size):
+        now = abs(u[i])
+        s[3] = max(s[3] * math.exp(-(t[i] - s[1]) / p[1]), now)
+        s[1] = t[i]
+        y[i] = u[i] * (1.0 + p[0] * (1.0 - now / s[3])) if s[3] > 0.0 else u[i]
+
+
+@njit(cache=True)
+def faulty_samples(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """Late or lost samples at stamps k T: with probability q the one before is delivered. ``p`` = (T s, q, seed, lost).
+
+    lost = 0: late, the true value of the stamp before; lost = 1: lost, the value last delivered is repeated.
+    """
+    for i in range(t.size):
+        k = math.floor(t[i] / p[0] + 1e-6)
+        if s[0] == 0.0 or k != s[3]:
+            s[5], s[4] = s[4], u[i]  # true values at the last stamp and at this one
+            s[7] = 1.0 if hash_uniform(p[2], k) < p[1] and s[0] != 0.0 else 0.0
+            s[6] = s[6] if s[7] == 1.0 else u[i]  # last delivered
+            s[0], s[3] = 1.0, k
+        y[i] = u[i] if s[7] == 0.0 else (s[6] if p[3] >= 0.5 else s[5])
+
+
+@njit(cache=True)
+def jittered(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """Sampling instants that scatter about the stamps k T: y = u + u' d_k, d_k uniform, rms sigma.
+
+    ``p`` = (T s, sigma s, seed).
+    """
+    if s[0] == 0.0 and t.size:
+        s[0], s[1], s[2] = 1.0, t[0], u[0]
+    for i in range(t.size):
+        dt = t[i] - s[1]
+        if dt > 1e-6:
+            s[3] = (u[i] - s[2]) / dt
+            s[1], s[2] = t[i], u[i]
+        shift = (2.0 * hash_uniform(p[2], math.floor(t[i] / p[0] + 1e-6)) - 1.0) * math.sqrt(3.0) * p[1]
+        y[i] = u[i] + s[3] * shift

@@ -1,0 +1,178 @@
+"""Operators of general use: wired to signals by name, they hold a law and its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from sim_devices.chain import Chain, FloatArray, Operator, Signals
+from sim_devices.stages.kernels import STATE, Kernel
+
+Names = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Wired(Operator):
+    """An operator that says which signals it reads and writes, so that effects can re-route them."""
+
+    source: Names
+    target: Names
+
+    @property
+    def reads(self) -> Names:
+        return self.source
+
+    @property
+    def writes(self) -> Names:
+        return self.target
+
+    def fresh(self) -> Any:
+        return None
+
+
+@dataclass(frozen=True)
+class Pass(Wired):
+    """Each source becomes its target, unchanged: the place where an effect can step in."""
+
+    def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
+        for source, target in zip(self.source, self.target, strict=True):
+            signals[target] = signals[source]
+
+
+@dataclass(frozen=True)
+class Map(Wired):
+    """A law without memory: ``function(time, *inputs, *parameters)`` gives the target, or a tuple of the targets."""
+
+    function: Callable[..., Any]
+    parameters: tuple[float, ...] = ()
+
+    def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
+        out = self.function(time, *[signals[s] for s in self.source], *self.parameters)
+        if len(self.target) == 1:
+            signals[self.target[0]] = out
+        else:
+            signals.update(zip(self.target, out, strict=True))
+
+
+@dataclass(frozen=True)
+class Law(Wired):
+    """A compiled law with memory (``kernels``), the same for each pair of source and target.
+
+    With ``add`` the law's output is added to its input, else it replaces it.
+    """
+
+    kernel: Kernel
+    parameters: tuple[float, ...] = ()
+    add: bool = False
+
+    def fresh(self) -> Any:
+        return np.zeros((len(self.source), STATE)), np.array(self.parameters, dtype=float)
+
+    def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
+        memory, parameters = state
+        for row, source, target in zip(memory, self.source, self.target, strict=True):
+            u = signals[source]
+            out = np.empty(len(time))
+            self.kernel(row, time, u, parameters, out)
+            signals[target] = out + u if self.add else out
+
+
+@dataclass(frozen=True)
+class Delay(Wired):
+    """Dead time: each target at t is its source at t - delay - skew (t - epoch), zero before the first sample.
+
+    ``delay`` s; ``skew`` s/s is the rate by which the reading clock runs fast against the writing one. With a negative
+    total delay it reads ahead, as far as the samples of one call reach: a running instrument cannot, a simulation of a
+    whole session can.
+    """
+
+    delay: float = 0.0
+    skew: float = 0.0
+    epoch: float = 0.0
+
+    def fresh(self) -> Any:
+        return {"time": np.empty(0), **{source: np.empty(0) for source in self.source}}
+
+    def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
+        if self.delay == 0.0 and self.skew == 0.0:
+            for source, target in zip(self.source, self.target, strict=True):
+                signals[target] = signals[source]
+            return
+        past = np.concatenate([state["time"], time])
+        at = time - self.delay - self.skew * (time - self.epoch)
+        start = max(np.searchsorted(past, at[-1]) - 1, 0)  # the delay never shrinks faster than time runs
+        for source, target in zip(self.source, self.target, strict=True):
+            values = np.concatenate([state[source], signals[source]])
+            signals[target] = np.interp(at, past, values, left=0.0)
+            state[source] = values[start:]
+        state["time"] = past[start:]
+
+
+@dataclass(frozen=True)
+class Noise(Wired):
+    """White Gaussian noise of ``sigma`` on each channel, and rounding to ``resolution`` (0: none)."""
+
+    sigma: tuple[float, ...]
+    resolution: tuple[float, ...]
+    seed: int = 0
+
+    def fresh(self) -> Any:
+        return [np.random.default_rng([self.seed, i]) for i in range(len(self.source))]
+
+    def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
+        for rng, source, target, sigma, step in zip(
+            state, self.source, self.target, self.sigma, self.resolution, strict=True
+        ):
+            noisy = signals[source] + sigma * rng.standard_normal(len(time))
+            signals[target] = np.round(noisy / step) * step if step else noisy
+
+
+def after(chain: Chain, anchor: str, make: Callable[[Names, Names], Wired], *signals: str) -> Chain:
+    """The chain with one operator more behind ``anchor``, on the named outputs of it (all, if none is named).
+
+    ``make(source, target)`` returns the operator. The anchor's outputs get working names and the new operator writes
+    what the anchor wrote: nothing works in place, so that a recorded signal can replace the whole group.
+    Signals go by the name the anchor had for them before any effect: ``pressure`` also when it now writes
+    ``pressure|leak``.
+    """
+    op = _wired(chain, anchor)
+    chosen = [i for i, t in enumerate(op.target) if not signals or t.split("|")[0] in signals]
+    if not chosen:
+        raise KeyError(f"operator {anchor!r} of the {chain.instrument} chain does not write {signals}")
+    public = tuple(op.target[i] for i in chosen)
+    added = make(public, public)
+    raw = tuple(f"{t}|{added.name}" for t in public)
+    target = tuple(raw[chosen.index(i)] if i in chosen else t for i, t in enumerate(op.target))
+    rename = dict(zip(public, raw, strict=True))
+    added = replace(added, source=tuple(rename.get(s, s) for s in added.source))
+    return _swapped(chain, anchor, replace(op, target=target)).inserted(added, after=anchor)
+
+
+def before(chain: Chain, anchor: str, make: Callable[[Names, Names], Wired], *signals: str) -> Chain:
+    """The chain with one operator more ahead of ``anchor``, on the named inputs of it (all, if none is named).
+
+    ``make(source, target)`` returns the operator; only the anchor sees what it writes.
+    """
+    op = _wired(chain, anchor)
+    public = tuple(s for s in op.source if not signals or s.split("|")[0] in signals)
+    if not public:
+        raise KeyError(f"operator {anchor!r} of the {chain.instrument} chain does not read {signals}")
+    added = make(public, public)
+    rename = {s: f"{s}|{added.name}" for s in public}
+    added = replace(added, target=tuple(rename.get(t, t) for t in added.target))
+    source = tuple(rename.get(s, s) for s in op.source)
+    return _swapped(chain, anchor, replace(op, source=source)).inserted(added, before=anchor)
+
+
+def _wired(chain: Chain, name: str) -> Wired:
+    op = chain[name]
+    if not isinstance(op, Wired):
+        raise TypeError(f"operator {name!r} of the {chain.instrument} chain cannot be re-wired")
+    return op
+
+
+def _swapped(chain: Chain, name: str, operator: Operator) -> Chain:
+    return replace(chain, operators=tuple(operator if o.name == name else o for o in chain.operators))

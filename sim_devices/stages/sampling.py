@@ -1,0 +1,82 @@
+"""From set-points to samples: the time grid of a simulation, and what a channel shows at its time stamps.
+
+Jumps of the command, shifted by the chain's dead time, are nodes of the grid (with a twin ``JUMP`` earlier), so that
+results depend smoothly on latency; the nodes after a jump are dense, where nonlinear laws need them; the stamps
+themselves are nodes, so that no interpolation mimics a lag.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from sim_devices.chain import Chain, FloatArray, Signals
+from sim_devices.stages.operators import Delay
+
+JUMP = 1e-9
+"""Duration of a step, s."""
+REFINEMENT = np.array([2, 5, 10, 16, 24, 34, 46, 60, 80, 105, 140, 180, 240, 320, 450, 700]) * 1e-3
+"""Extra nodes after each kink of the command, s."""
+COMMANDS = {"pressure": "command_pressure", "probe_x": "command_x", "probe_y": "command_y", "probe_z": "command_z"}
+"""Input signal of the chain for each commanded quantity."""
+
+Table = tuple[FloatArray, FloatArray]
+"""Times (m,) s and values (m,); two points at one time are a step."""
+
+
+def time_grid(
+    kinks: FloatArray, stamps: Iterable[FloatArray], *, shift: float = 0.0, skew: float = 0.0, step: float = 0.0
+) -> FloatArray:
+    """Nodes, strictly increasing, over the stamps: stamps, kinks (s) with twins, the same as delayed, and a refinement.
+
+    ``step`` > 0 adds nodes so that none are farther apart while the command is not at rest for longer than a second.
+    """
+    stamps = [np.asarray(s, dtype=float) for s in stamps]
+    ends = np.array([[s[0], s[-1]] for s in stamps if len(s)])
+    kinks = np.unique(kinks)
+    delayed = (kinks + shift) / (1.0 - skew) if skew else kinks + shift
+    nodes = [*stamps, kinks, kinks - JUMP]
+    if shift or skew:
+        nodes += [delayed, delayed - JUMP]
+    nodes.append((delayed[:, None] + REFINEMENT).ravel())
+    if step:
+        nodes.append(np.arange(ends[:, 0].min(), ends[:, 1].max(), step))
+    grid = np.concatenate(nodes)
+    lowest = min(float(ends[:, 0].min()), float(kinks[0]) - JUMP if len(kinks) else np.inf)
+    grid = np.sort(grid[(grid >= lowest) & (grid <= ends[:, 1].max())])
+    return grid[np.diff(grid, prepend=-np.inf) > 0.25 * JUMP]
+
+
+def command_at(table: Table, time: FloatArray) -> FloatArray:
+    """A commanded quantity at ``time`` (n,) s, right-continuous at steps, constant outside its table."""
+    return np.interp(time, table[0], table[1])
+
+
+def sampled(time: FloatArray, signals: Mapping[str, FloatArray], stamps: Mapping[str, FloatArray]) -> Signals:
+    """The named signals at their channels' time stamps."""
+    return {name: np.interp(at, time, signals[name]) for name, at in stamps.items()}
+
+
+def simulate(
+    chain: Chain,
+    commands: Mapping[str, Table],
+    stamps: Mapping[str, FloatArray],
+    given: Mapping[str, Table] | None = None,
+    *,
+    step: float = 0.0,
+) -> Signals:
+    """Measured channels at their stamps, for a whole session from rest.
+
+    ``commands`` maps a commanded quantity (``pressure``, ``probe_x|y|z``) to its table, ``given`` a signal of the chain
+    to a recorded one that takes its place, ``stamps`` each wanted signal to its time stamps (s, increasing).
+    """
+    shift = skew = 0.0
+    for op in chain.operators:
+        if isinstance(op, Delay) and op.stage == "timing":
+            shift, skew = shift + op.delay - op.skew * op.epoch, skew + op.skew
+    kinks = np.concatenate([t for t, _ in commands.values()])
+    grid = time_grid(kinks, stamps.values(), shift=shift, skew=skew, step=step)
+    inputs = {COMMANDS.get(q, q): command_at(table, grid) for q, table in commands.items()}
+    inputs.update({name: command_at(table, grid) for name, table in (given or {}).items()})
+    return sampled(grid, chain.run(grid, inputs), stamps)

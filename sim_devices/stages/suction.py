@@ -1,0 +1,174 @@
+"""The nominal chains of the two suction instruments, from pressure set-point to apex height.
+
+command_pressure -> due_pressure -> setpoint_pressure -> regulated_pressure (what the loop's gauge reads) ->
+line_pressure (true)
+-> skin_pressure -> elastic_height -> viscous_height -> bulge (true) -> raw_height; measured: pressure, apex_height.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from sim_devices.chain import Chain, FloatArray, Signals
+from sim_devices.stages import kernels
+from sim_devices.stages.operators import Delay, Law, Map, Pass, Wired
+from sim_devices.stages.tissues import SuctionTissue, for_opening, suction_tissue
+
+OPENING = {"cutometer": 2e-3, "aspiration": 8e-3}
+"""Default probe openings (diameter, m)."""
+VACUUM = {"cutometer": -50e3, "aspiration": -70e3}
+"""Deepest pressure the pump reaches (Pa gauge), by devices' published range."""
+COMMAND_STEP = 100.0
+"""Command resolution, Pa (1 mbar, assumed)."""
+REGULATOR_TAU = 0.040
+"""Time constant of the second-order pressure regulator, s (assumed)."""
+
+
+@dataclass(frozen=True)
+class Regulator(Wired):
+    """Second-order pressure regulation, tau² p'' + 2 zeta tau p' + p = set-point, within what the pump can do."""
+
+    tau: float = REGULATOR_TAU
+    zeta: float = 1.0
+    lowest: float = -50e3
+    highest: float = 0.0
+
+    def fresh(self) -> Any:
+        return np.zeros(kernels.STATE), np.array([self.tau, self.zeta])
+
+    def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
+        out = np.empty(len(time))
+        kernels.second_order(state[0], time, signals[self.source[0]], state[1], out)
+        signals[self.target[0]] = np.clip(out, self.lowest, self.highest, out=out)
+
+
+@dataclass(frozen=True)
+class Zeroing(Wired):
+    """Height reset to zero when suction starts.
+
+    Sources are height and due pressure. ``marks`` (s) are the moments at which the instrument is armed anew, one for
+    each recording of a session: the reading is zeroed there and at the first suction after it, ``delay`` s late. With
+    ``anew`` > 0 every suction that follows ``anew`` s or more of rest is zeroed too.
+    """
+
+    marks: tuple[float, ...] = ()
+    delay: float = 0.0
+    anew: float = 0.0
+
+    def fresh(self) -> Any:
+        return np.zeros(6), np.array([*sorted(self.marks), np.inf])
+
+    def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
+        height, pressure = (signals[s] for s in self.source)
+        out = np.empty(len(time))
+        _zeroed(state[0], time, height, pressure, state[1], self.delay, self.anew, out)
+        signals[self.target[0]] = out
+
+
+@njit(cache=True)
+def _zeroed(
+    s: FloatArray,
+    t: FloatArray,
+    h: FloatArray,
+    p: FloatArray,
+    marks: FloatArray,
+    delay: float,
+    anew: float,
+    y: FloatArray,
+) -> None:
+    # s: [0] zero, [1] 0 = unstarted, 1 = armed, 2 = waiting out the delay, 3 = zeroed;
+    # [2] when the delay ends, [3] index of the next mark, [4] at rest since
+    for i in range(t.size):
+        if s[1] == 0.0 or t[i] >= marks[int(s[3])]:
+            while t[i] >= marks[int(s[3])]:
+                s[3] += 1.0
+            s[0], s[1], s[4] = h[i], 1.0, t[i]
+        sucking = p[i] < -1.0
+        if sucking:
+            if s[1] == 1.0 or (s[1] == 3.0 and anew > 0.0 and t[i] - s[4] >= anew):
+                s[1], s[2] = 2.0, t[i] + delay
+            s[4] = t[i]
+        if s[1] == 2.0 and t[i] >= s[2] - 1e-9:
+            s[0], s[1] = h[i], 3.0
+        y[i] = h[i] - s[0]
+
+
+def elastic_height(
+    time: FloatArray, pressure: FloatArray, compliance: float, knee: float, exponent: float
+) -> FloatArray:
+    """Instantaneous apex height, m, under gauge ``pressure``, Pa (suction negative); odd in pressure."""
+    ratio = np.abs(pressure) / knee
+    return compliance * knee / exponent * np.copysign(np.expm1(exponent * np.log1p(ratio)), -pressure)
+
+
+def tissue_operators(tissue: SuctionTissue) -> tuple[Wired, ...]:
+    """The tissue's operators, skin_pressure -> bulge."""
+    pairs = [x for pair in zip(tissue.creep, tissue.times, strict=True) for x in pair]
+    flow = (tissue.residual, 0.0, tissue.residual_rise, tissue.residual_fall)
+    soft = (tissue.softening, tissue.softening_height, tissue.softening_rise, tissue.softening_fall)
+    curve = (tissue.compliance, tissue.knee, tissue.exponent)
+    return (
+        Map("elastic", "tissue", ("skin_pressure",), ("elastic_height",), elastic_height, curve),
+        Law("memory", "tissue", ("elastic_height",), ("viscous_height",), kernels.prony, (1.0, *pairs)),
+        Law("residual", "tissue", ("viscous_height",), ("flowed_height",), kernels.yield_flow, flow),
+        Law("softening", "tissue", ("flowed_height",), ("bulge",), kernels.exposure_gain, soft),
+    )
+
+
+def nominal_suction(
+    instrument: str,
+    *,
+    opening: float | None = None,
+    tissue: str | SuctionTissue = "forearm",
+    latency: float = 0.0,
+    tau: float = REGULATOR_TAU,
+    zeta: float = 1.0,
+    command_step: float = COMMAND_STEP,
+    marks: tuple[float, ...] = (),
+) -> Chain:
+    """What an ideal instrument does: ``opening`` is the probe's diameter in m, ``marks`` as in ``Zeroing``."""
+    skin = suction_tissue(tissue) if isinstance(tissue, str) else tissue
+    skin = for_opening(skin, OPENING[instrument] if opening is None else opening)
+    lowest = VACUUM[instrument]
+    return Chain(
+        instrument,
+        (
+            Delay("latency", "timing", ("command_pressure",), ("due_pressure",), delay=latency),
+            Map("command_resolution", "command", ("due_pressure",), ("setpoint_pressure",), rounded, (command_step,)),
+            Regulator(
+                "regulator", "actuator", ("setpoint_pressure",), ("regulated_pressure",), tau, zeta, lowest=lowest
+            ),
+            Map("line", "actuator", ("regulated_pressure",), ("line_pressure",), from_reading, (0.0, 0.0)),
+            Pass("probe", "interface", ("line_pressure",), ("skin_pressure",)),
+            *tissue_operators(skin),
+            Map("gauge", "sensor", ("line_pressure",), ("pressure",), to_reading, (0.0, 0.0)),
+            Pass("optics", "sensor", ("bulge",), ("raw_height",)),
+            Zeroing("zeroing", "processing", ("raw_height", "due_pressure"), ("apex_height",), marks),
+        ),
+    )
+
+
+def with_tissue(chain: Chain, tissue: SuctionTissue) -> Chain:
+    """The chain with another tissue (as this opening meets it); effects on the tissue's operators keep their place."""
+    for op in tissue_operators(tissue):
+        chain = chain.tuned(op.name, parameters=op.parameters)  # type: ignore[attr-defined]
+    return chain
+
+
+def rounded(time: FloatArray, signal: FloatArray, step: float) -> FloatArray:
+    """``signal`` in whole steps (0: as it is)."""
+    return np.round(signal / step) * step if step else signal
+
+
+def to_reading(time: FloatArray, true: FloatArray, gain: float, offset: float) -> FloatArray:
+    """What a gauge of relative gain error and offset shows."""
+    return true * (1.0 + gain) + offset if gain or offset else true
+
+
+def from_reading(time: FloatArray, reading: FloatArray, gain: float, offset: float) -> FloatArray:
+    """The true value at which that gauge shows ``reading``."""
+    return (reading - offset) / (1.0 + gain) if gain or offset else reading

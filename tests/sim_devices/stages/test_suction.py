@@ -1,0 +1,109 @@
+"""The nominal suction chains: published ranges, seams, smooth latency, recorded inputs."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from sim_devices.chain import Runner
+from sim_devices.stages import noisy, nominal
+from sim_devices.stages.sampling import Table, simulate, time_grid
+
+STAMPS = np.arange(0.0, 20.0, 0.01)
+
+
+def steps(level: float) -> Table:
+    """Suction of ``level`` Pa from 1 to 11 s and from 13 to 18 s."""
+    time = np.array([0.0, 1, 1, 11, 11, 13, 13, 18, 18, 20])
+    return time, -level * np.array([0.0, 0, 1, 1, 0, 0, 1, 1, 0, 0])
+
+
+@pytest.mark.parametrize(
+    ("instrument", "level", "lowest", "highest"),
+    [
+        ("cutometer", 15e3, 0.1e-3, 0.3e-3),
+        ("cutometer", 45e3, 0.2e-3, 0.65e-3),
+        ("aspiration", 20e3, 1e-3, 4e-3),
+    ],
+)
+@pytest.mark.parametrize("tissue", ["forearm", "face", "cheek"])
+def test_heights_lie_in_the_published_ranges(
+    instrument: str, level: float, lowest: float, highest: float, tissue: str
+) -> None:
+    chain = nominal(instrument, tissue=tissue)
+    height = simulate(chain, {"pressure": steps(level)}, {"apex_height": STAMPS})["apex_height"]
+    assert lowest <= height.max() <= highest
+    first, second = height[(STAMPS > 1) & (STAMPS < 11)].max(), height[(STAMPS > 13) & (STAMPS < 18)].max()
+    assert first < second * 1.05, "a second curve is softer, or at least not stiffer"
+    assert 0 < height[1299] < 0.3 * first, "some height remains after release"
+
+
+def test_rigid_block_and_open_air_do_not_rise() -> None:
+    for name in ("rigid block", "open air"):
+        out = simulate(nominal("cutometer", tissue=name), {"pressure": steps(45e3)}, {"apex_height": STAMPS})
+        assert np.abs(out["apex_height"]).max() < 1e-8
+
+
+def test_unknown_tissue_and_instrument_are_named() -> None:
+    with pytest.raises(ValueError, match="no tissue 'elbow'; there are forearm"):
+        nominal("cutometer", tissue="elbow")
+    with pytest.raises(ValueError, match="no instrument 'ruler'"):
+        nominal("ruler")
+
+
+@pytest.mark.parametrize("instrument", ["cutometer", "aspiration"])
+def test_chunks_join_without_a_seam(instrument: str) -> None:
+    grid = time_grid(steps(30e3)[0], [STAMPS], shift=0.013)
+    command = np.interp(grid, *steps(30e3))
+    chain = noisy(nominal(instrument, latency=0.013, marks=(12.5,)), seed=4)
+    whole = chain.run(grid, {"command_pressure": command})
+    runner = Runner(chain)
+    cuts = [0, 1, 2, 90, 400, 401, 1200, len(grid)]
+    parts = [runner.advance(grid[a:b], {"command_pressure": command[a:b]}) for a, b in itertools.pairwise(cuts)]
+    for name in whole:
+        np.testing.assert_allclose(np.concatenate([p[name] for p in parts]), whole[name], rtol=1e-9, atol=1e-12)
+
+
+def test_results_depend_smoothly_on_latency() -> None:
+    latencies = np.linspace(0.0101, 0.0199, 25)
+    values = np.array(
+        [
+            simulate(nominal("cutometer", latency=d), {"pressure": steps(30e3)}, {"pressure": STAMPS})["pressure"][105]
+            for d in latencies
+        ]
+    )
+    curvature = np.diff(values, 2)
+    assert np.abs(np.diff(curvature)).max() < 0.02 * np.abs(np.diff(values)).max()
+
+
+def test_the_grid_step_hardly_matters() -> None:
+    chain = nominal("cutometer")
+    fine = simulate(chain, {"pressure": steps(40e3)}, {"apex_height": STAMPS}, step=0.0005)["apex_height"]
+    coarse = simulate(chain, {"pressure": steps(40e3)}, {"apex_height": STAMPS[::10]})["apex_height"]
+    assert np.abs(coarse - fine[::10]).max() < 2e-7
+
+
+def test_a_stage_runs_on_its_recorded_input() -> None:
+    chain = nominal("cutometer")
+    commands = {"pressure": steps(40e3)}
+    stamps = {"apex_height": STAMPS, "line_pressure": STAMPS}
+    full = simulate(chain, commands, stamps)
+    doubled = simulate(
+        chain, commands, {"apex_height": STAMPS}, given={"line_pressure": (STAMPS, 0.5 * full["line_pressure"])}
+    )
+    assert 0.5 < doubled["apex_height"].max() / full["apex_height"].max() < 0.8
+    running = [op.name for op in Runner(chain, given=["line_pressure"])._operators]
+    assert "regulator" not in running
+    assert "command_resolution" not in running
+    assert "latency" in running, "the zeroing still needs the due pressure"
+
+
+def test_height_is_zeroed_when_each_recording_starts() -> None:
+    stamps = {"apex_height": STAMPS}
+    once = simulate(nominal("cutometer"), {"pressure": steps(40e3)}, stamps)["apex_height"]
+    twice = simulate(nominal("cutometer", marks=(12.0,)), {"pressure": steps(40e3)}, stamps)["apex_height"]
+    np.testing.assert_allclose(twice[:1200], once[:1200])
+    assert once[1300] > 1e-6
+    assert twice[1300] == pytest.approx(0.0, abs=1e-12)
