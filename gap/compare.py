@@ -41,11 +41,15 @@ class Hypothesis:
 
 @dataclass
 class Screened:
-    """One effect after the screening: where in its prior it does best, and by how much χ² falls with the nuisance refitted."""
+    """One effect after the screening: where in its prior it does best, and by how much χ² falls with the nuisance refitted.
+
+    ``detectability`` lists, for every simulated point, how far it stands out (‖P Δ‖, untempered).
+    """
 
     candidate: Candidate
     unit: FloatArray
     gain: float
+    detectability: list[tuple[FloatArray, float]] = field(default_factory=list)
 
 
 @dataclass
@@ -107,6 +111,7 @@ def screen(
     out, simulations = [], 0
     for candidate in candidates:
         best, best_unit = -np.inf, np.full(len(candidate.parameters), 0.5)
+        seen = []
         for unit in grid(candidate):
             along, cross, simulated = 0.0, 0.0, 0.0
             for block in candidate.blocks:
@@ -119,11 +124,12 @@ def screen(
                 along += float(change @ projected_change)
                 cross += float(projected[block] @ change)
                 simulated += before[block] - float(there @ projectors[block].apply(there))
+            seen.append((unit, float(np.sqrt(max(along, 0.0)))))
             scale = np.clip(cross / along, *AMPLITUDES) if along > 1e-9 else 1.0
             gain = max(simulated, scale * (2 * cross - scale * along))
             if gain > best:
                 best, best_unit = gain, unit
-        out.append(Screened(candidate, best_unit, best))
+        out.append(Screened(candidate, best_unit, best, seen))
     return sorted(out, key=lambda s: -s.gain), simulations
 
 
@@ -154,15 +160,22 @@ class Effort:
     pair_gain: float = 12.0  # tempered fall of χ² below which a second effect is not even refitted
 
 
-def compare(problems: Sequence[Problem], candidates: Sequence[Candidate], effort: Effort = Effort()) -> Comparison:
-    """Null, best singles and best pairs of ``candidates`` on ``problems``."""
+def compare(
+    problems: Sequence[Problem],
+    candidates: Sequence[Candidate],
+    effort: Effort = Effort(),
+    suspects: Sequence[Candidate] = (),
+) -> Comparison:
+    """Null, best singles and best pairs of ``candidates`` on ``problems``; ``suspects`` are refitted wherever they rank."""
     blocks = {p.name: p for p in problems}
     fits = {name: fit(p, iterations=25) for name, p in blocks.items()}
     comparison = Comparison(blocks, Hypothesis((), fits), simulations=sum(f.simulations for f in fits.values()))
     usable = [c for c in candidates if set(c.blocks) <= set(blocks)]
     comparison.screened, n = screen(blocks, comparison.null, usable)
     comparison.simulations += n
-    for s in _shortlist(comparison.screened, effort.refit_singles):
+    chosen = _shortlist(comparison.screened, effort.refit_singles)
+    chosen += [s for s in comparison.screened if s.candidate in suspects and s not in chosen]
+    for s in chosen:
         hypothesis, n = refit(blocks, comparison.null, s.candidate, s.unit)
         comparison.hypotheses.append(hypothesis)
         comparison.simulations += n

@@ -83,14 +83,19 @@ class Evaluation:
 class Problem(Protocol):
     """One block of data with its forward model.
 
+    ``measured`` (n,) and ``sigma`` (n,) are the data behind the rows in SI and their noise, so that the prediction is
+    measured − residual·sigma. ``local`` (p,) is true for nuisance parameters that belong to single recordings (a gain, a zero).
     ``prior_sd`` (p,) are the standard deviations of the nuisance parameters about ``prior_mean`` (p,): tissue,
     calibration, sampling convention; ``inf`` for free ones.
     """
 
     name: str
     rows: Rows
+    measured: FloatArray
+    sigma: FloatArray
     prior_mean: FloatArray
     prior_sd: FloatArray
+    local: NDArray[np.bool_]
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         """Residual and Jacobian at nuisance parameters (p,) with the effects of ``active`` switched on."""

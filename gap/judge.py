@@ -13,6 +13,7 @@ import numpy as np
 
 from gap.compare import Comparison, Hypothesis
 from gap.hypothesis import Candidate
+from gap.signatures import Signature
 
 VERDICTS = ("effect", "several", "none", "unknown", "undetectable")
 
@@ -74,14 +75,26 @@ def _distance(a: Hypothesis, b: Hypothesis, temper: Mapping[str, float]) -> floa
     return float(np.sqrt(sum(np.sum(np.square(a.fits[k].residual - b.fits[k].residual)) / temper[k] for k in temper)))
 
 
+def made_by(signature: Signature, effect: Candidate) -> bool:
+    """Whether ``effect`` is the one that leaves ``signature``."""
+    same = effect.name.removeprefix("sensor_") == signature.effect.removeprefix("sensor_")
+    where = effect.key.partition("@")[2]
+    return same and where in ("", signature.channel)
+
+
 def gap_of(h: Hypothesis) -> float:
     """rms of the whitened residual over all blocks: 1 at the noise floor."""
     n = sum(len(f.residual) for f in h.fits.values())
     return float(np.sqrt(sum(f.chi2 for f in h.fits.values()) / n))
 
 
-def judge(comparison: Comparison, candidates: Sequence[Candidate], rules: Judgement = Judgement()) -> Verdict:
-    """The verdict on a comparison."""
+def judge(
+    comparison: Comparison,
+    candidates: Sequence[Candidate],
+    rules: Judgement = Judgement(),
+    signatures: Sequence[Signature] = (),
+) -> Verdict:
+    """The verdict on a comparison, with what the channels' own marks add."""
     temper = comparison.temper()
     n_concepts = len({c.name for c in candidates}) or 1
     prior_none = 1.0 - rules.prior_effect - rules.prior_pair
@@ -96,8 +109,11 @@ def judge(comparison: Comparison, candidates: Sequence[Candidate], rules: Judgem
         pairs = n_concepts * (n_concepts - 1) / 2
         return float(np.log(rules.prior_pair / max(pairs, 1)) + share)
 
+    def marks(h: Hypothesis) -> float:
+        return sum(s.nats for s in signatures if any(made_by(s, e) for e in h.effects))
+
     everything = [comparison.null, *comparison.hypotheses]
-    score = np.array([log_prior(h) + rules.sharpness * _evidence(h, temper) for h in everything])
+    score = np.array([log_prior(h) + rules.sharpness * _evidence(h, temper) + marks(h) for h in everything])
     weight = np.exp(score - score.max())
     weight /= weight.sum()
     none = float(weight[0])
@@ -112,7 +128,7 @@ def judge(comparison: Comparison, candidates: Sequence[Candidate], rules: Judgem
     left = max(after**2 - 1, 0.0) / max(before**2 - 1, 1e-9)
     if not causes or 1 - none < rules.detect:
         verdict = "undetectable"
-    elif left > rules.unexplained and after > rules.unexplained_gap:
+    elif left > rules.unexplained and after > rules.unexplained_gap and not marks(causes[0].hypothesis):
         verdict = "unknown"
     else:
         verdict = "several" if len(causes[0].effects) > 1 else "effect"

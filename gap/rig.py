@@ -135,8 +135,10 @@ class _Acting:
         return y if np.ndim(values) else float(y[0])
 
 
-def _scaled(parameter: Parameter, seen: _Seen, measured: float, dt: float, duration: float) -> Parameter:
-    """The generic prior in the units of this rig."""
+def _scaled(
+    parameter: Parameter, seen: _Seen, measured: float, dt: float, duration: float, signal_unit: str
+) -> Parameter:
+    """The generic prior in the units of this rig; ``signal_unit`` is that of the tap's signal."""
     span = seen.high - seen.low
     signal = span if span > 1e-9 * max(measured, 1e-300) else measured
     velocity = seen.related.get("velocity", 1.0) or 1.0
@@ -150,10 +152,14 @@ def _scaled(parameter: Parameter, seen: _Seen, measured: float, dt: float, durat
     }  # fmt: skip
     if parameter.unit == "level":
         return replace(
-            parameter, low=seen.low + parameter.low * span, high=seen.low + parameter.high * span, default=seen.high
+            parameter,
+            unit=signal_unit,
+            low=seen.low + parameter.low * span,
+            high=seen.low + parameter.high * span,
+            default=seen.high,
         )
     k = scales.get(parameter.unit, 1.0)
-    unit = {"dt": "s", "duration": "s"}.get(parameter.unit, parameter.unit)
+    unit = {"dt": "s", "duration": "s", "signal": signal_unit}.get(parameter.unit, parameter.unit)
     return replace(parameter, unit=unit, low=parameter.low * k, high=parameter.high * k, default=parameter.default * k)
 
 
@@ -167,6 +173,7 @@ class RigProblem:
 
     def __init__(self, recordings: Sequence[Recording], model: ForwardModel) -> None:
         self.model = model
+        self._unit = recordings[0].stream(model.channels[0]).unit
         self._runs = [_on_one_time_base(r, model) for r in recordings]
         self._scale = np.array(
             [0.5 * (np.log(p.high / p.low) if p.scale == "log" else p.high - p.low) for p in model.parameters]
@@ -187,6 +194,13 @@ class RigProblem:
         if not any(len(k) for ks in keep for k in ks):
             raise ModelError(f"model {model.name}: no sample has both a measured and a finite predicted value")
         self._keep, self._measured = keep, measured
+        self.measured = np.concatenate(
+            [m[k] for ms, ks in zip(measured, keep, strict=True) for m, k in zip(ms, ks, strict=True)]
+        )
+        self.sigma = np.concatenate(
+            [np.full(len(k), self._sigma[c]) for ks in keep for c, k in zip(model.channels, ks, strict=True)]
+        )
+        self.local = np.zeros(len(model.parameters), bool)
         self.rows = label_rows(
             [(r, c, run[0][k]) for r, run, ks in zip(recordings, self._runs, keep, strict=True)
              for c, k in zip(model.channels, ks, strict=True)]
@@ -224,7 +238,8 @@ class RigProblem:
                 flat = seen[tap].high - seen[tap].low < 1e-9 * measured
                 if flat and not effect.needs:
                     continue  # a tap that carries nothing nominally can only gain something from a related signal
-                parameters = tuple(_scaled(p, seen[tap], measured, dt, duration) for p in effect.parameters)
+                unit = getattr(self.model, "units", {}).get(tap) or self._unit
+                parameters = tuple(_scaled(p, seen[tap], measured, dt, duration, unit) for p in effect.parameters)
                 key = f"{effect.name}@{tap}"
                 candidate = Candidate(
                     key, effect.name, stage, parameters, (self.name,), f"{effect.meaning} (at {tap})", effect.remedy

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy.linalg as sla
 
-from gap.hypothesis import Active, Candidate, FloatArray, Problem
+from gap.hypothesis import Candidate, FloatArray, Problem
 
 MAX_ITERATIONS = 12
 DIFFERENCE_STEP = 1e-3  # of a unit prior range

@@ -1,0 +1,152 @@
+"""``acquire gap``: diagnose recordings, list effects, plan, and the blind check."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+app = typer.Typer(no_args_is_help=True, help="Why simulation and measurement differ: where, which effect, how far it shrinks.")
+blind = typer.Typer(no_args_is_help=True, help="Check the diagnosis on cases whose effect is withheld.")
+app.add_typer(blind, name="blind")
+
+
+@app.command()
+def diagnose(
+    runs: Annotated[list[Path], typer.Argument(help="Recordings, bundles, or folders of them (one session).")],
+    model: Annotated[str, typer.Option(help="Forward model of any other rig, as file.py:Name.")] = "",
+    effects: Annotated[list[Path] | None, typer.Option(help="Python file(s) with further effects.")] = None,
+    solver: Annotated[str, typer.Option(help="Finite-element model of the solver plugin to use as tissue.")] = "",
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder for gap.json and gap.html.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the report on stdout.")] = False,
+) -> None:
+    """Say where simulation and measurement differ, which effect causes it, and how far it shrinks with it."""
+    from gap.diagnose import diagnose as run
+    from gap.page import write_page
+    from gap.report import as_json as report_of
+    from gap.rig import load_model
+
+    recordings = load_all(runs)
+    print(f"diagnosing {len(recordings)} recordings of {recordings[0].info.instrument}", file=sys.stderr)
+    diagnosis = run(recordings, model=load_model(model) if model else None, user_effects=effects or (), solver=solver)
+    report = report_of(diagnosis)
+    folder = output or (None if as_json else Path("gap-report"))
+    if folder:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "gap.json").write_text(json.dumps(report, indent=1) + "\n")
+        write_page(diagnosis, folder / "gap.html")
+    if as_json:
+        print(json.dumps(report, indent=1))
+    else:
+        print(*report["sentences"], sep="\n")
+        print(f"\n{folder}/gap.html\n{folder}/gap.json")
+
+
+def load_all(paths: list[Path]) -> list[Any]:
+    """Recordings at ``paths``: files, bundles, or folders that hold any number of either."""
+    from acquire.recording import load
+
+    found: list[Path] = []
+    for path in paths:
+        if path.is_dir() and not (path / "recording.yaml").exists():
+            bundles = sorted(p.parent for p in path.rglob("recording.yaml"))
+            inside = bundles + sorted(p for p in path.rglob("*.h5"))
+            if not inside:
+                raise FileNotFoundError(f"{path}: no recording (*.h5) and no bundle (recording.yaml) in this folder")
+            found += inside
+        else:
+            found.append(path)
+    return [load(path) for path in found]
+
+
+@app.command()
+def effects(
+    instrument: Annotated[str, typer.Argument(help="cutometer, aspiration or microrobot; all by default.")] = "",
+    as_json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
+) -> None:
+    """List the effects that the diagnosis knows."""
+    from sim_devices.effects import effects as library
+
+    chosen = library(instrument or None)
+    if as_json:
+        rows = [
+            {
+                "name": e.name, "stage": e.stage, "instruments": list(e.instruments), "meaning": e.meaning,
+                "remedy": e.remedy, "source": e.source,
+                "parameters": [
+                    {"name": p.name, "unit": p.unit, "low": p.low, "high": p.high, "default": p.default} for p in e.parameters
+                ],
+            }
+            for e in chosen.values()
+        ]  # fmt: skip
+        print(json.dumps(rows, indent=1))
+        return
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("effect", "stage", "instruments", "meaning", "parameters")
+    for e in chosen.values():
+        numbers = "\n".join(f"{p.name} {p.low:.3g}…{p.high:.3g} {p.unit}" for p in e.parameters)
+        table.add_row(e.name, e.stage, ", ".join(e.instruments), e.meaning, numbers)
+    Console().print(table)
+
+
+@app.command()
+def plan(
+    protocols: Annotated[list[str], typer.Argument(help="Protocol files or library names, measured together.")],
+    as_json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
+) -> None:
+    """Before measuring: which effects this protocol could never tell apart, and how weak an effect it would show."""
+    from gap.plan import plan as make_plan
+
+    result = make_plan(protocols)
+    print(json.dumps(result.as_json(), indent=1) if as_json else result.as_text())
+
+
+@blind.command("make")
+def blind_make(
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the cases.")],
+    tier: Annotated[str, typer.Option(help="T0 … T6.")] = "T3",
+    n: Annotated[int, typer.Option(help="How many cases.")] = 20,
+    seed: Annotated[int, typer.Option(help="Seed of the set.")] = 1,
+    passphrase: Annotated[str, typer.Option(help="What the key is encrypted with.")] = "",
+) -> None:
+    """Write cases whose names, metadata and order say nothing, and their key apart, encrypted."""
+    if tier == "T0":
+        from gap.own import make_own
+
+        make_own(n, seed, output, passphrase=passphrase)
+    else:
+        from gap.blind import make
+
+        make(tier, n, seed, output, passphrase=passphrase)
+    print(output)
+
+
+@blind.command("diagnose")
+def blind_diagnose(
+    cases: Annotated[Path, typer.Argument(help="Folder made by `blind make`.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the reports.")],
+    jobs: Annotated[int, typer.Option(help="Processes.")] = 1,
+) -> None:
+    """Diagnose every case of a set into one report each."""
+    from gap.batch import diagnose_cases
+
+    diagnose_cases(cases, output, jobs)
+
+
+@blind.command("score")
+def blind_score(
+    reports: Annotated[Path, typer.Argument(help="Folder of reports.")],
+    key: Annotated[Path, typer.Argument(help="The key file.")],
+    passphrase: Annotated[str, typer.Option(help="What the key was encrypted with.")] = "",
+    as_json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
+) -> None:
+    """Compare reports with the key: every figure beside its target."""
+    from gap.blind import score
+
+    card = score(reports, key, passphrase)
+    print(card.as_json() if as_json else card.as_text())

@@ -1,0 +1,179 @@
+"""From recordings to a diagnosis: check the data, build the problems, compare, judge, and test on what was not used."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from acquire.recording.model import Recording
+from gap import signatures
+from gap.compare import Comparison, Effort, Hypothesis, compare
+from gap.hypothesis import Candidate, Problem
+from gap.judge import Judgement, Verdict, judge, made_by
+from gap.rig import ForwardModel, RigProblem
+from gap.transfer import Shrink, shrink, splits, transferred
+
+
+class DiagnosisError(ValueError):
+    """The recordings cannot be diagnosed at all: the message names the recording and the channel."""
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Everything a report needs. ``shrinks`` maps the first causes to their shrinkage by split; ``remarks`` are plain words."""
+
+    recordings: tuple[Recording, ...]
+    problems: Mapping[str, Problem]
+    comparison: Comparison
+    verdict: Verdict
+    signatures: tuple[signatures.Signature, ...]
+    shrinks: tuple[Mapping[str, Shrink], ...]
+    bounds: Mapping[str, float]  # effect -> strength (SI) that would have been seen
+    confusable: tuple[tuple[str, ...], ...]
+    remarks: tuple[str, ...]
+    next_experiment: Mapping[str, object]
+    seconds: float
+    fe_solves: int = 0
+    best: Hypothesis = field(init=False)
+
+    def __post_init__(self) -> None:
+        causes = self.verdict.causes
+        object.__setattr__(self, "best", causes[0].hypothesis if causes else self.comparison.null)
+
+
+def diagnose(
+    recordings: Sequence[Recording],
+    model: ForwardModel | None = None,
+    effort: Effort = Effort(),
+    rules: Judgement = Judgement(),
+) -> Diagnosis:
+    """Diagnose recordings of one session together; ``model`` is needed for an instrument that is not ours.
+
+    Raises DiagnosisError, gap.rig.ModelError.
+    """
+    begin = clock.perf_counter()
+    recordings = _in_order(recordings)
+    remarks = _remarks(recordings)
+    problems, candidates = _problems(recordings, model)
+    marks = tuple(signatures.find(recordings))
+    suspects = [c for c in candidates if any(made_by(s, c) for s in marks)]
+    comparison = compare(problems, candidates, effort, suspects)
+    verdict = judge(comparison, candidates, rules, marks)
+    blocks = {p.name: p for p in problems}
+    withheld = splits(recordings)
+    shrinks = []
+    for cause in verdict.causes[:2]:
+        by = {k: transferred(blocks, comparison.null, cause.hypothesis, out) for k, out in withheld.items()}
+        shrinks.append({"fitted": Shrink(verdict.gap_before, _gap(cause.hypothesis)), **by})
+    return Diagnosis(
+        recordings=tuple(recordings),
+        problems=blocks,
+        comparison=comparison,
+        verdict=verdict,
+        signatures=marks,
+        shrinks=tuple(shrinks),
+        bounds=_bounds(comparison, verdict),
+        confusable=_confusable(comparison, verdict),
+        remarks=tuple(remarks),
+        next_experiment={},
+        seconds=clock.perf_counter() - begin,
+    )
+
+
+def _gap(h: Hypothesis) -> float:
+    n = sum(len(f.residual) for f in h.fits.values())
+    return float(np.sqrt(sum(f.chi2 for f in h.fits.values()) / n))
+
+
+def _in_order(recordings: Sequence[Recording]) -> list[Recording]:
+    """Recordings by their session clock. Raises DiagnosisError for none, or for several instruments."""
+    if not recordings:
+        raise DiagnosisError("no recording to diagnose")
+    instruments = {r.info.instrument for r in recordings}
+    if len(instruments) > 1:
+        raise DiagnosisError(
+            f"recordings of several instruments ({', '.join(sorted(instruments))}): diagnose each apart"
+        )
+    for r in recordings:
+        if not r.streams:
+            raise DiagnosisError(f"recording {r.info.id} has no measured channel")
+    return sorted(recordings, key=lambda r: (r.info.start_time, _first_time(r)))
+
+
+def _first_time(recording: Recording) -> float:
+    return min((float(s.time[0]) for s in recording.streams.values() if len(s.time)), default=0.0)
+
+
+def _remarks(recordings: Sequence[Recording]) -> list[str]:
+    """What is weak about the data, in plain words."""
+    out = []
+    for r in recordings:
+        for name, s in r.streams.items():
+            bad = int(np.sum(~np.isfinite(s.value)))
+            if bad:
+                out.append(
+                    f"{r.info.id}: channel {name} has {bad} of {len(s.value)} samples that are not numbers; left out"
+                )
+            if len(s.time) > 1 and np.any(np.diff(s.time) <= 0):
+                out.append(f"{r.info.id}: time stamps of {name} do not always increase")
+    if len(recordings) == 1:
+        out.append(
+            "one recording only: no repeat to take the noise from, and shrinkage on unused data cannot be tested"
+        )
+    return out
+
+
+def _problems(
+    recordings: Sequence[Recording], model: ForwardModel | None
+) -> tuple[list[Problem], tuple[Candidate, ...]]:
+    if model is not None:
+        rig = RigProblem(recordings, model)
+        return [rig], rig.candidates
+    raise DiagnosisError(
+        f"instrument {recordings[0].info.instrument!r} has no built-in forward model: give one with --model file.py:Name"
+    )
+
+
+def _bounds(comparison: Comparison, verdict: Verdict, seen_at: float = 3.0) -> dict[str, float]:
+    """For each effect, the strength that would have stood out by ``seen_at`` σ; inf where none in the prior would."""
+    out: dict[str, float] = {}
+    for s in comparison.screened:
+        strengths = [k for k, p in enumerate(s.candidate.parameters) if p.null is not None]
+        if not strengths or not s.detectability:
+            continue
+        p = s.candidate.parameters[strengths[0]]
+        temper = max(verdict.temper[b] for b in s.candidate.blocks)
+        per_strength = [
+            seen_at * abs(s.candidate.values(u)[p.name] - (p.null or 0.0)) / (d / np.sqrt(temper))
+            for u, d in s.detectability
+            if d > 0
+        ]
+        bound = float(np.median(per_strength)) if per_strength else float("inf")
+        out[s.candidate.key] = min(bound, out.get(s.candidate.key, float("inf")))
+    return out
+
+
+def _confusable(comparison: Comparison, verdict: Verdict, like: float = 0.985) -> tuple[tuple[str, ...], ...]:
+    """Groups of effects whose traces, after the nuisance refit, are the same direction: no fit of these data can split them."""
+    fitted = [h for h in comparison.hypotheses if len(h.effects) == 1]
+    names, traces = [], []
+    for h in fitted:
+        change = np.concatenate([comparison.null.fits[b].residual - h.fits[b].residual for b in comparison.problems])
+        size = float(np.linalg.norm(change))
+        if size > 0:
+            names.append(h.effects[0].name)
+            traces.append(change / size)
+    groups: list[set[str]] = []
+    for i in range(len(names)):
+        for j in range(i):
+            if names[i] != names[j] and abs(float(traces[i] @ traces[j])) > like:
+                touching = [g for g in groups if names[i] in g or names[j] in g]
+                merged = {names[i], names[j]}.union(*touching)
+                groups = [g for g in groups if g not in touching] + [merged]
+    return tuple(tuple(sorted(g)) for g in groups)
+
+
+__all__ = ["Diagnosis", "DiagnosisError", "diagnose", "shrink"]

@@ -1,0 +1,168 @@
+"""The diagnosis as JSON (`gap-report/1`) and in three sentences."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gap.diagnose import Diagnosis
+from gap.hypothesis import Candidate, from_unit
+from gap.judge import Cause
+from gap.rows import LABELS
+from gap.transfer import shrink
+
+SCHEMA = "gap-report/1"
+
+
+def as_json(d: Diagnosis) -> dict[str, Any]:
+    """The report as plain JSON types; the contract of gap-report/1."""
+    v = d.verdict
+    return {
+        "schema": SCHEMA,
+        "verdict": v.verdict,
+        "sentences": sentences(d),
+        "gap": {
+            "before": _round(v.gap_before),
+            "after": _round(v.gap_after),
+            "noise_floor": 1.0,
+            "by": breakdown(d),
+        },
+        "where": [{"stage": s, "probability": _round(p)} for s, p in v.stages.items()],
+        "causes": [_cause(d, c, k) for k, c in enumerate(v.causes[:6])],
+        "none_probability": _round(v.probability_none),
+        "unknown_probability": _round(unknown_probability(d)),
+        "unexplained": _round(v.unexplained),
+        "indistinguishable": [list(g) for g in d.confusable],
+        "undetectable_below": {k: _round(b) for k, b in d.bounds.items() if np.isfinite(b)},
+        "signatures": [{"effect": s.effect, "channel": s.channel, "text": s.text} for s in d.signatures],
+        "next_experiment": dict(d.next_experiment),
+        "remarks": list(d.remarks),
+        "recordings": [r.info.id for r in d.recordings],
+        "cost": {"seconds": _round(d.seconds), "simulations": d.comparison.simulations, "fe_solves": d.fe_solves},
+    }
+
+
+def _round(x: float) -> float:
+    return float(f"{x:.5g}")
+
+
+def unknown_probability(d: Diagnosis) -> float:
+    """How surely the cause is none of the library's: from the share of the gap that the best explanation leaves."""
+    v = d.verdict
+    excess = max(v.gap_after - 1.0, 0.0)
+    return float((1 - v.probability_none) * v.unexplained * excess / (excess + 0.3)) if v.causes else 0.0
+
+
+def breakdown(d: Diagnosis) -> dict[str, dict[str, dict[str, float]]]:
+    """Gap before and after by channel, phase, level, direction and repeat."""
+    out: dict[str, dict[str, dict[str, float]]] = {}
+    for label in LABELS:
+        sums: dict[str, np.ndarray] = {}
+        for name, problem in d.problems.items():
+            codes, names = problem.rows.labels[label]
+            before = d.comparison.null.fits[name].residual ** 2
+            after = d.best.fits[name].residual ** 2
+            for k, value in enumerate(names):
+                at = codes == k
+                part = np.array([before[at].sum(), after[at].sum(), at.sum()])
+                sums[value] = sums.get(value, np.zeros(3)) + part
+        out[label] = {
+            value: {"before": _round(np.sqrt(s[0] / s[2])), "after": _round(np.sqrt(s[1] / s[2]))}
+            for value, s in sums.items()
+            if s[2] and value != "-"
+        }
+    return out
+
+
+def parameters(d: Diagnosis, cause: Cause) -> dict[str, dict[str, Any]]:
+    """Values, standard errors and units of a cause's parameters."""
+    out: dict[str, dict[str, Any]] = {}
+    for effect in cause.effects:
+        f, at = _fit_of(cause, effect)
+        block = effect.blocks[0]
+        for k, p in enumerate(effect.parameters):
+            u = float(f.unit[at + k])
+            slope = (from_unit(p, min(u + 1e-3, 1.0)) - from_unit(p, max(u - 1e-3, 0.0))) / 2e-3
+            variance = f.covariance[at + k, at + k] * d.verdict.temper[block]
+            key = p.name if len(cause.effects) == 1 else f"{effect.name}.{p.name}"
+            se = abs(slope) * float(np.sqrt(max(variance, 0.0)))
+            out[key] = {"value": _round(from_unit(p, u)), "se": _round(se), "unit": p.unit}
+    return out
+
+
+def _fit_of(cause: Cause, effect: Candidate) -> tuple[Any, int]:
+    """The fit that holds an effect's parameters, and where they begin in it."""
+    f = cause.hypothesis.fits[effect.blocks[0]]
+    at = 0
+    for other in f.hypothesis:
+        if other == effect:
+            break
+        at += len(other.parameters)
+    return f, at
+
+
+def _cause(d: Diagnosis, cause: Cause, rank: int) -> dict[str, Any]:
+    fitted = {"fitted": _round(shrink(d.verdict.gap_before, _gap_after(cause)))}
+    by = {k: _round(s.value) for k, s in d.shrinks[rank].items()} if rank < len(d.shrinks) else fitted
+    return {
+        "effects": [e.name for e in cause.effects],
+        "class": [n for n in cause.names],
+        "stages": [e.stage for e in cause.effects],
+        "where": [e.key for e in cause.effects],
+        "probability": _round(cause.probability),
+        "parameters": parameters(d, cause),
+        "detectability": _round(cause.detectability),
+        "meaning": [e.meaning for e in cause.effects],
+        "remedy": [e.remedy for e in cause.effects],
+        "shrink": by,
+    }
+
+
+def _gap_after(cause: Cause) -> float:
+    n = sum(len(f.residual) for f in cause.hypothesis.fits.values())
+    return float(np.sqrt(sum(f.chi2 for f in cause.hypothesis.fits.values()) / n))
+
+
+def words(name: str) -> str:
+    """An effect's name as people say it."""
+    return name.replace("_", " ")
+
+
+def sentences(d: Diagnosis) -> list[str]:
+    """Three sentences for whoever ran the measurement."""
+    v = d.verdict
+    by_phase = breakdown(d)["phase"]
+    worst = max(by_phase, key=lambda k: by_phase[k]["before"]) if len(by_phase) > 1 else ""
+    phase = {"load": "loading", "unload": "unloading", "hold": "holding", "rest": "resting"}.get(worst, worst)
+    mostly = f", mostly while {phase}" if worst and by_phase[worst]["before"] > 1.2 * v.gap_before else ""
+    first = f"The simulation is {v.gap_before:.3g} times the noise off{mostly}."
+    if v.verdict in ("none", "undetectable"):
+        strongest = sorted(d.bounds.items(), key=lambda kv: kv[1])[:1]
+        if v.verdict == "none":
+            second = "No effect of the library is needed to explain these recordings."
+        else:
+            second = "No effect stands out: if one acts, it is weaker than what this protocol can show."
+        third = "The bounds below say how strong each effect could still be." if strongest else ""
+        return [s for s in (first, second, third) if s]
+    cause = v.causes[0]
+    what = " and ".join(words(e.name) for e in cause.effects)
+    share = 100 * shrink(v.gap_before, v.gap_after)
+    numbers = ", ".join(
+        f"{words(k.split('.')[-1])} {p['value']:.3g} {p['unit']}".rstrip()
+        for k, p in list(parameters(d, cause).items())[:3]
+    )
+    if v.verdict == "unknown":
+        second = f"Nothing in the library explains it: the best candidate, {what}, takes away only {share:.0f} % of it."
+    else:
+        second = f"{what.capitalize()} ({', '.join(dict.fromkeys(e.stage for e in cause.effects))}; {numbers}) explains {share:.0f} % of it (probability {cause.probability:.2f})."
+    others = [words(n) for n in cause.names[1:]]
+    if others:
+        third = f"These data cannot tell it from {', '.join(others)}."
+    elif d.shrinks and (
+        split := next((k for k in ("waveform", "level", "direction", "repeat") if k in d.shrinks[0]), "")
+    ):
+        third = f"On a withheld {split} the gap shrinks by {100 * d.shrinks[0][split].value:.0f} %."
+    else:
+        third = f"In reality: {cause.effects[0].remedy}." if cause.effects else ""
+    return [s for s in (first, second, third) if s]

@@ -1,0 +1,121 @@
+"""Deterministic signatures: what a channel shows of its own defects before any model is fitted.
+
+A converter that clips, repeats, skips or coarsens leaves marks that no physics makes. They are found in the samples
+themselves and enter the comparison as evidence (in nats) for the effects that make them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from acquire.recording.model import Recording, Series
+from gap.hypothesis import FloatArray
+from gap.noise import grid_step, high_band_sigma
+
+CERTAIN = 30.0
+"""Nats of a signature that admits no other reading."""
+
+
+@dataclass(frozen=True)
+class Signature:
+    """A mark in ``channel`` made by an effect named ``effect``: ``nats`` of evidence, ``text`` for people."""
+
+    effect: str
+    channel: str
+    nats: float
+    text: str
+
+
+def find(recordings: Sequence[Recording]) -> list[Signature]:
+    """All signatures in the measured channels."""
+    out: list[Signature] = []
+    for name in dict.fromkeys(n for r in recordings for n in r.streams):
+        series = [r.streams[name] for r in recordings if name in r.streams and len(r.streams[name].value) > 30]
+        if not series:
+            continue
+        out += _clipping(name, series) + _repeats(name, series) + _lost(name, series)
+    return out
+
+
+def _clipping(name: str, series: Sequence[Series]) -> list[Signature]:
+    """Runs at the extreme value that the signal enters and leaves with a slope.
+
+    A converter at its end holds one exact value; a plateau of a physical signal carries noise, and one that is only quantised
+    is approached step by step.
+    """
+    out = []
+    value = np.concatenate([s.value[np.isfinite(s.value)] for s in series])
+    span = float(np.ptp(value))
+    if span == 0:
+        return []
+    for effect, sign in (("saturation", 1.0), ("lower_saturation", -1.0)):
+        top = float(np.max(sign * value))
+        at = np.isclose(sign * value, top, rtol=0, atol=1e-9 * span)
+        share = float(np.mean(at))
+        near = np.mean((sign * value < top - 1e-9 * span) & (sign * value > top - 0.03 * span))
+        runs = _runs(at)
+        slopes = [abs(float(value[b - 1] - value[b - 2])) for b, e in runs if e - b >= 3 and b >= 2]
+        entered = [s for s in slopes if s > 3 * high_band_sigma(value) or s > 0.005 * span]
+        if share > 0.005 and share > 1.2 * near and len(entered) >= max(1, len(slopes) // 2):
+            text = f"{name} stands at {sign * top:.4g} exactly in {100 * share:.1f} % of its samples"
+            out.append(Signature(effect, name, CERTAIN, text))
+    return out
+
+
+def _repeats(name: str, series: Sequence[Series]) -> list[Signature]:
+    """Isolated exact repeats of a value where noise makes a repeat by chance unlikely."""
+    repeated, expected, n = 0, 0.0, 0
+    for s in series:
+        v = s.value[np.isfinite(s.value)]
+        if len(v) < 30:
+            continue
+        step = grid_step(v)
+        sigma = high_band_sigma(v)
+        # On a grid, two neighbours agree by chance with about this probability where the signal is still.
+        chance = 0.0 if step == 0 else min(1.0, step / (2 * np.sqrt(np.pi) * max(sigma, step / 4)))
+        moving = np.abs(_slope(v)) > 2 * max(sigma, step)
+        inside = (v > v.min()) & (v < v.max())  # what stands at an extreme is clipped, not repeated
+        same = (np.diff(v) == 0) & inside[1:]
+        if chance > 0.1:  # only where the signal moves by more than a step per sample is a repeat telling
+            same, chance = same & moving, 0.02
+            n += int(np.sum(moving))
+            expected += chance * float(np.sum(moving))
+        else:
+            n += len(same)
+            expected += chance * len(same)
+        repeated += int(np.sum(same))
+    if n and repeated > 5 and repeated > 3 * expected + 3 and repeated < 0.5 * n:
+        nats = min(CERTAIN, (repeated - expected) ** 2 / (2 * max(expected, 1.0)))
+        return [Signature("dropped_samples", name, nats, f"{name} repeats its last value exactly {repeated} times")]
+    return []
+
+
+def _lost(name: str, series: Sequence[Series]) -> list[Signature]:
+    """Gaps in the sequence numbers, or in otherwise even time stamps."""
+    lost = 0
+    for s in series:
+        if s.seq is not None and len(s.seq) > 1:
+            lost += int(np.sum(np.diff(s.seq) > 1))
+        steps = np.diff(s.time)
+        usual = float(np.median(steps))
+        even = float(np.mean(np.abs(steps - usual) < 0.1 * usual)) > 0.9
+        if even:
+            lost += int(np.sum((steps > 1.5 * usual) & (steps < 20 * usual)))
+    if lost:
+        return [Signature("dropped_samples", name, CERTAIN, f"{name} has {lost} gaps in its samples")]
+    return []
+
+
+def _slope(value: FloatArray) -> FloatArray:
+    """Change per sample about each interval, from its neighbours, shape (n − 1,)."""
+    padded = np.concatenate([value[:1], value, value[-1:]])
+    return (padded[3:] - padded[:-3]) / 3.0 if len(padded) > 3 else np.zeros(len(value) - 1)
+
+
+def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
+    """Begin and end of each run of true values."""
+    edges = np.flatnonzero(np.diff(np.r_[0, mask.astype(np.int8), 0]))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

@@ -1,0 +1,129 @@
+"""How far the gap shrinks on data that were not used: other repeats, levels, directions and, above all, other waveforms.
+
+A wrong effect can shrink the gap on the fitted data and their repeats almost as well as the right one; on another
+waveform it cannot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from acquire.recording.model import Recording
+from gap.compare import Hypothesis
+from gap.hypothesis import Active, Evaluation, FloatArray, Problem
+from gap.rows import direction, level
+from gap.solve import Projector, fit
+
+
+@dataclass(frozen=True)
+class Shrink:
+    """rms of the whitened residual on the withheld rows before and after; shrink = (before − after)/(before − 1)."""
+
+    before: float
+    after: float
+
+    @property
+    def value(self) -> float:
+        return shrink(self.before, self.after)
+
+
+def shrink(before: float, after: float, floor: float = 1.0) -> float:
+    """(before − after)/(before − floor); 0 where nothing stood above the floor."""
+    return float((before - after) / (before - floor)) if before > floor * 1.0001 else 0.0
+
+
+class _Masked:
+    """A problem that sees only some of its rows."""
+
+    def __init__(self, problem: Problem, keep: NDArray[np.bool_]) -> None:
+        self.problem, self.keep = problem, keep
+        self.name, self.rows, self.local = problem.name, problem.rows, problem.local
+        self.measured, self.sigma = problem.measured, problem.sigma
+        self.prior_mean, self.prior_sd = problem.prior_mean, problem.prior_sd
+
+    def start(self) -> FloatArray:
+        return self.problem.start()
+
+    def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
+        full = self.problem.evaluate(nuisance, active, want_jacobian)
+        residual = np.where(self.keep, full.residual, 0.0)
+        return Evaluation(residual, full.jacobian * self.keep[:, None] if want_jacobian else full.jacobian)
+
+
+def waveform(recording: Recording) -> str:
+    """``step``, ``ramp``, ``cyclic`` or ``path`` of the first set-point that moves; "-" without one."""
+    for series in recording.setpoints.values():
+        value, time = np.asarray(series.value, dtype=float), np.asarray(series.time, dtype=float)
+        span = float(np.ptp(value)) if len(value) > 1 else 0.0
+        if span == 0:
+            continue
+        grid = np.linspace(time[0], time[-1], 4000)
+        v = np.interp(grid, time, value)
+        rate = np.abs(np.diff(v)) / (span * (grid[1] - grid[0]))
+        middle = np.diff((np.abs(v) > 0.5 * float(np.max(np.abs(v)))).astype(int))
+        loadings = int(np.sum(middle > 0)) + int(np.abs(v[0]) > 0.5 * float(np.max(np.abs(v))))
+        ramping = float(np.mean((rate > 1e-3) & (rate < 2.0)))
+        shape = "ramp" if ramping > 0.15 else "step"
+        return f"{shape}, cyclic" if loadings > 1 else shape
+    return "-"
+
+
+def splits(recordings: Sequence[Recording]) -> dict[str, set[int]]:
+    """Which recordings to withhold, for each kind of split that the session allows."""
+    keys: dict[str, Callable[[Recording], str]] = {"level": level, "direction": direction, "waveform": waveform}
+    out: dict[str, set[int]] = {}
+    for name, key in keys.items():
+        groups: dict[str, set[int]] = {}
+        for k, r in enumerate(recordings):
+            groups.setdefault(key(r), set()).add(k)
+        if len(groups) > 1:
+            # Withhold the smaller part, but never the top level: that would be extrapolation.
+            ordered = sorted(groups.items(), key=lambda kv: (len(kv[1]), kv[0]))
+            out[name] = ordered[0][1] if name != "level" else sorted(groups.items(), key=_leading_number)[0][1]
+    conditions: dict[tuple[str, str, str], list[int]] = {}
+    for k, r in enumerate(recordings):
+        conditions.setdefault((level(r), direction(r), waveform(r)), []).append(k)
+    repeats = {members[-1] for members in conditions.values() if len(members) > 1}
+    if repeats and len(repeats) < len(recordings):
+        out["repeat"] = repeats
+    return out
+
+
+def _leading_number(item: tuple[str, set[int]]) -> float:
+    try:
+        return float(item[0].split()[0].rstrip("°").split("°")[0])
+    except ValueError:
+        return 0.0
+
+
+def transferred(problems: dict[str, Problem], null: Hypothesis, best: Hypothesis, withheld: set[int]) -> Shrink:
+    """Fit both without the withheld recordings, then predict these with the effect's parameters fixed.
+
+    Only nuisance parameters that belong to single recordings are refitted there (linearly, within their prior).
+    """
+    before, after, n = 0.0, 0.0, 0
+    blocks = {b for e in best.effects for b in e.blocks}
+    for name, problem in problems.items():
+        out = np.isin(problem.rows.recording, list(withheld))
+        if not out.any() or out.all():
+            continue
+        n += int(out.sum())
+        square = _withheld(problem, null, name, out)
+        before += square
+        after += _withheld(problem, best, name, out) if name in blocks else square
+    return Shrink(np.sqrt(before / n), np.sqrt(after / n)) if n else Shrink(1.0, 1.0)
+
+
+def _withheld(problem: Problem, h: Hypothesis, name: str, out: NDArray[np.bool_]) -> float:
+    full = h.fits[name]
+    trained = fit(_Masked(problem, ~out), full.hypothesis, full.unit, full.nuisance, iterations=5)
+    there = problem.evaluate(trained.nuisance, trained.active)
+    residual = there.residual[out]
+    local = there.jacobian[out][:, problem.local]
+    if local.shape[1]:
+        residual = Projector(local, problem.prior_sd[problem.local]).apply(residual)
+    return float(residual @ residual)
