@@ -1,0 +1,169 @@
+"""One thread per link, which alone talks to it: everybody else asks that thread."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
+from typing import Any, Protocol, TypeVar
+
+from drivers.device import Device, LinkLost, Source, Status
+from drivers.signals import Block, Frame
+
+log = logging.getLogger(__name__)
+T = TypeVar("T")
+
+READ_TIMEOUT = 0.02  # s of wall time: how long a read may keep a command, or a stop, waiting
+THROTTLE = 0.005  # s of wall time between looks while the receiver is behind
+
+
+class Receiver(Protocol):
+    """Who gets what a link delivers. Called in the link's thread."""
+
+    def receive(self, link: LinkThread, items: Sequence[Block | Frame]) -> None:
+        """Take what has arrived. Must be quick."""
+
+    def behind(self) -> bool:
+        """Whether to read more slowly: a simulated instrument then waits, a real one fills its buffers first."""
+
+    def lost(self, link: LinkThread, error: Exception) -> None:
+        """The link failed."""
+
+
+class LinkThread(threading.Thread):
+    """Owns one `Source` (or `Device`): opens it, reads it, carries out what others ask of it, makes it safe.
+
+    A request to make safe overtakes everything that is queued.
+    """
+
+    def __init__(self, source: Source, receiver: Receiver, beat: Callable[[], int] | None = None) -> None:
+        """``beat()`` counts the supervisor's permissions so far; the device gets one beat for each new one."""
+        super().__init__(name=f"link-{source.name}", daemon=True)
+        self.source = source
+        self.status: Status | None = None
+        self.error: Exception | None = None
+        self._receiver = receiver
+        self._beat = beat if isinstance(source, Device) else None
+        self._beaten = 0
+        self._requests: deque[tuple[Callable[[], Any], Future[Any]]] = deque()
+        self._wake = threading.Event()
+        self._urgent = threading.Event()
+        self._safe = threading.Event()
+        self._streaming = False
+        self._closing = False
+
+    # Called by others -------------------------------------------------------------------------------------------------
+
+    def ask(self, action: Callable[[], T]) -> Future[T]:
+        """Have ``action`` carried out by this thread, after what was asked before."""
+        future: Future[T] = Future()
+        if self._closing:
+            future.set_exception(LinkLost(f"{self.source.name}: the link is closed"))
+        else:
+            self._requests.append((action, future))
+            self._wake.set()
+        return future
+
+    def make_safe(self) -> None:
+        """Make the source safe as soon as the thread is out of the driver; does not wait (see `wait_safe`)."""
+        self._safe.clear()
+        self._urgent.set()
+        self._wake.set()
+
+    def wait_safe(self, timeout: float) -> bool:
+        """Whether the last `make_safe` was carried out within ``timeout`` s."""
+        return self._safe.wait(timeout)
+
+    def connect(self) -> Future[Any]:
+        """Open the link; the result is the instrument's `Identity`."""
+        return self.ask(self._connect)
+
+    def stop(self) -> None:
+        """Make safe, close the link and end the thread."""
+        self._closing = True
+        self.make_safe()
+
+    # In this thread ---------------------------------------------------------------------------------------------------
+
+    def run(self) -> None:
+        """Serve until stopped."""
+        while not self._closing:
+            self._turn()
+        self._make_safe()
+        self.source.close()
+        while self._requests:
+            self._requests.popleft()[1].set_exception(LinkLost(f"{self.source.name}: the link is closed"))
+
+    def _turn(self) -> None:
+        self._wake.clear()
+        if self._urgent.is_set():
+            self._make_safe()
+        while self._requests and not self._urgent.is_set():
+            self._carry_out(*self._requests.popleft())
+        if not self._streaming:
+            self._wake.wait(READ_TIMEOUT)
+            return
+        if self._receiver.behind():
+            self._wake.wait(THROTTLE)
+        try:
+            self._pass_beat()
+            if not self._receiver.behind():
+                items = self.source.read(READ_TIMEOUT)
+                if isinstance(self.source, Device):
+                    self.status = self.source.status
+                if items:
+                    self._receiver.receive(self, items)
+        except Exception as error:  # whatever it is, this link can no longer be trusted
+            self._fail(error)
+
+    def _pass_beat(self) -> None:
+        if self._beat is not None and (permitted := self._beat()) != self._beaten:
+            self._beaten = permitted
+            assert isinstance(self.source, Device)
+            self.source.beat()
+
+    def _carry_out(self, action: Callable[[], Any], future: Future[Any]) -> None:
+        if not future.set_running_or_notify_cancel():
+            return
+        try:
+            result = action()
+        except Exception as error:
+            future.set_exception(error)
+            if isinstance(error, LinkLost):
+                self._fail(error)
+        else:
+            future.set_result(result)
+
+    def _connect(self) -> Any:
+        identity = self.source.connect()
+        self.source.start_stream()
+        self.error = None
+        self._streaming = True
+        return identity
+
+    def _make_safe(self) -> None:
+        self._urgent.clear()
+        # What was asked before the stop is void: a `start` behind it must not undo it.
+        while self._requests:
+            self._requests.popleft()[1].cancel()
+        try:
+            self.source.make_safe()
+        except Exception as error:
+            log.warning("%s: make_safe: %s", self.source.name, error)
+            if self._streaming and not self._closing:
+                self._fail(error)
+        self._safe.set()
+
+    def _fail(self, error: Exception) -> None:
+        if not self._streaming:
+            return
+        self._streaming = False
+        self.error = error
+        self._receiver.lost(self, error)
+        try:
+            self.source.make_safe()
+        except Exception as second:
+            log.warning("%s: make_safe after failure: %s", self.source.name, second)
+        self.source.close()

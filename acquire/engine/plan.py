@@ -1,0 +1,65 @@
+"""What the engine is asked to run, what it says while running, and what it leaves behind."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from acquire.engine.interlock import Trip
+from acquire.engine.state import State
+from acquire.recording import RunInfo
+from protocols.limits import Limits
+from protocols.setpoints import Setpoints
+
+
+@dataclass(frozen=True)
+class RunPlan:
+    """A run, ready to be armed.
+
+    ``limits`` are those of hardware, station, protocol and subject, intersected. ``path`` is the recording to be made
+    (HDF5; its journal lies beside it). ``rest`` is the vented or centred value of each quantity (default 0).
+    ``baseline`` and ``tail`` are how long (s of device time) is recorded before the first set-point and after the end.
+    ``frame_scale`` is in m/px.
+    """
+
+    setpoints: Setpoints
+    limits: Limits
+    info: RunInfo
+    path: Path
+    rest: Mapping[str, float] = field(default_factory=dict)
+    baseline: float = 0.2
+    tail: float = 0.5
+    frame_scale: float = 0.0
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where a run stands. ``elapsed`` and ``duration`` are protocol time in s; ``segment`` counts from 0."""
+
+    state: State
+    segment: int = 0
+    segments: int = 0
+    phase: str = ""
+    step: str = ""
+    labels: Mapping[str, str] = field(default_factory=dict)
+    elapsed: float = 0.0
+    duration: float = 0.0
+    segment_left: float = math.nan
+    device_time: float = math.nan
+    lost: int = 0
+    recorder_fill: float = 0.0
+    trip: Trip | None = None
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended. ``recording`` is the finished file; None if it could not be made (then ``journal`` is kept)."""
+
+    status: State
+    reason: str
+    recording: Path | None
+    journal: Path | None = None
+    trip: Trip | None = None
+    lost: int = 0

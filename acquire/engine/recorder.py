@@ -1,0 +1,133 @@
+"""The recorder: one thread that writes all a run delivers, first into the journal, in the end into the recording."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from acquire.engine.queues import Overflow, RecordQueue
+from acquire.recording import Event, RunInfo
+from acquire.recording.journal import JournalWriter
+from acquire.recording.recovery import finalise
+from drivers.signals import Block, Channel, Frame
+from protocols.setpoints import Setpoints
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Commanded:
+    """Set-points from device time ``start`` s on; they replace what was written for later times."""
+
+    setpoints: Setpoints
+    start: float
+
+
+@dataclass(frozen=True)
+class _End:
+    status: str
+    reason: str
+
+
+Item = Block | Frame | Event | Commanded | _End
+
+
+class Recorder(threading.Thread):
+    """Writes one run. ``on_failure`` is called once, in whichever thread finds out, when data can no longer be kept."""
+
+    def __init__(
+        self,
+        path: Path,
+        info: RunInfo,
+        channels: tuple[Channel, ...],
+        on_failure: Callable[[str], None],
+        frame_scale: float = 0.0,
+        capacity: int = 256 << 20,
+    ) -> None:
+        """Creates the journal beside ``path``. Raises FileExistsError if ``path`` or its journal exists; OSError."""
+        super().__init__(name=f"recorder-{path.stem}", daemon=True)
+        if path.exists():
+            raise FileExistsError(f"{path}: there is a recording already; it is not overwritten")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self.path = path
+        self.journal = path.with_suffix(".journal")
+        self.lost = 0  # samples and frames missing in the sequence numbers
+        self.result: Future[Path] = Future()
+        self._units = {channel.name: channel.unit for channel in channels}
+        self._writer = JournalWriter(self.journal, info, channels, frame_scale=frame_scale)
+        self._queue: RecordQueue[Item] = RecordQueue(capacity)
+        self._on_failure = on_failure
+        self._failed = False
+        self._next_seq: dict[tuple[str, ...], int] = {}
+
+    # Called by others -------------------------------------------------------------------------------------------------
+
+    @property
+    def fill(self) -> float:
+        """How full the queue is, 0 … 1."""
+        return self._queue.fill
+
+    def put(self, item: Block | Frame | Event | Commanded) -> None:
+        """Record ``item``. What does not fit ends the run: nothing is dropped in silence."""
+        try:
+            self._queue.put(item)
+        except Overflow as error:
+            self._fail(str(error))
+
+    def finish(self, status: str, reason: str) -> Future[Path]:
+        """Write the end and the recording; the result is its path. The journal goes only when that is verified."""
+        self._queue.put_always(_End(status, reason))
+        return self.result
+
+    # In this thread ---------------------------------------------------------------------------------------------------
+
+    def run(self) -> None:
+        """Write until finished."""
+        end: _End | None = None
+        while end is None:
+            items = self._queue.take(0.05)
+            end = next((item for item in items if isinstance(item, _End)), None)
+            try:
+                for item in items:
+                    if not self._failed:
+                        self._write(item)
+                if not self._failed:
+                    self._writer.sync()
+            except Exception as error:
+                self._fail(str(error))
+        try:
+            self._writer.close(end.status, end.reason)
+            self.result.set_result(finalise(self.journal, self.path))
+        except Exception as error:
+            log.error("%s: %s; the journal %s is kept", self.path, error, self.journal)
+            self.result.set_exception(error)
+
+    def _write(self, item: Item) -> None:
+        if isinstance(item, Block):
+            self._count_lost(tuple(item.values), item.seq[0], item.seq[-1], np.diff(item.seq), item.time[0])
+            self._writer.block(item)
+        elif isinstance(item, Frame):
+            self._count_lost(("frames",), item.seq, item.seq, np.empty(0, np.int64), item.time)
+            self._writer.frame(item)
+        elif isinstance(item, Event):
+            self._writer.event(item)
+        elif isinstance(item, Commanded):
+            self._writer.setpoints(item.setpoints, item.start, self._units)
+
+    def _count_lost(self, key: tuple[str, ...], first: int, last: int, steps: np.ndarray, time: float) -> None:
+        missing = int(np.sum(np.maximum(steps - 1, 0))) + max(0, int(first) - self._next_seq.get(key, int(first)))
+        self._next_seq[key] = int(last) + 1
+        if missing:
+            self.lost += missing
+            self._writer.event(Event(float(time), "warning", "lost", f"{missing} samples of {', '.join(key)} are lost"))
+
+    def _fail(self, reason: str) -> None:
+        if not self._failed:
+            self._failed = True
+            self._on_failure(reason)
