@@ -40,8 +40,7 @@ def validate(model: type[M], data: Any, source: Source) -> M:
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        problems = [_problem(dict(e), model, data, source) for e in error.errors(include_url=False)]
-        raise ProtocolError(tuple(sorted(problems, key=lambda p: (p.line, p.column))), source.file) from None
+        raise ProtocolError(tuple(_problems(error, model, data, source)), source.file) from None
 
 
 def dump(protocol: Protocol) -> str:
@@ -63,6 +62,20 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     return f"; did you mean {close[0]!r}?" if close else f"; there is {', '.join(known)}"
 
 
+def _problems(error: ValidationError, model: type[BaseModel], data: Any, source: Source) -> list[Problem]:
+    """All faults in the order of the file, but what is missing last: often a misspelt key is why."""
+    errors: list[dict[str, Any]] = [dict(e) for e in error.errors(include_url=False)]
+    places = {e["loc"] for e in errors}
+    found = []
+    for one in errors:
+        # Pydantic counts only the valid entries of a list; the faults of the others are reported by themselves.
+        hollow = one["type"] == "too_short" and any(p[: len(one["loc"])] == one["loc"] != p for p in places)
+        if not hollow:
+            problem = _problem(one, model, data, source)
+            found.append((one["type"] == "missing", problem.line, problem.column, problem))
+    return [entry[-1] for entry in sorted(found, key=lambda entry: entry[:-1])]
+
+
 def _problem(error: dict[str, Any], root: type[BaseModel], data: Any, source: Source) -> Problem:
     """One of pydantic's errors in the words of protocols, at its line."""
     path, model = _follow(error["loc"], root, data)
@@ -72,6 +85,8 @@ def _problem(error: dict[str, Any], root: type[BaseModel], data: Any, source: So
         return source.problem(path, f"unknown key {path[-1]!r}{did_you_mean(str(path[-1]), known)}", at_key=True)
     if kind == "missing":
         return source.problem(path, "is missing")
+    if kind == "too_short":
+        return source.problem(path, "must have at least one entry")
     if kind == "union_tag_not_found":
         return source.problem(path, f"a step needs a type: {', '.join(STEPS)}")
     if kind == "union_tag_invalid":

@@ -44,7 +44,8 @@ def _affine(unit: str, kind: str) -> float:
     try:
         return float(_registry().Quantity(1.0, unit).to(si).magnitude)
     except Exception as error:  # pint raises its own tree, and Python's tokenizer leaks through it
-        raise ValueError(f"{unit!r} is no unit of {kind}; write it in {KINDS[kind][1][0]} or {si}") from error
+        known = " or ".join(dict.fromkeys((*KINDS[kind][1], si)))
+        raise ValueError(f"{unit!r} is no unit of {kind}; write it in {known}") from error
 
 
 def parse(text: object, kind: str) -> float:
@@ -56,14 +57,14 @@ def parse(text: object, kind: str) -> float:
     """
     example = f"-300 {KINDS[kind][1][0]}" if kind == "pressure" else f"1.2 {KINDS[kind][1][0]}"
     if isinstance(text, bool) or not isinstance(text, (str, int, float)):
-        raise ValueError(f"expected a {kind} such as '{example}'")
+        raise ValueError(f"expected {kind}, such as '{example}'")
     if not isinstance(text, str):
-        raise ValueError(f"a unit is missing: {text!r} should be a {kind} such as '{example}'")
+        raise ValueError(f"a unit is missing: {text!r} should be {kind}, such as '{example}'")
     found = _TEXT.fullmatch(text) if len(text) <= MAX_LENGTH else None
     if found is None:
-        raise ValueError(f"{text[:MAX_LENGTH]!r} is not a {kind} such as '{example}'")
+        raise ValueError(f"{text[:MAX_LENGTH]!r} does not read as {kind}, such as '{example}'")
     if found["unit"] is None:
-        raise ValueError(f"a unit is missing: {text!r} should be a {kind} such as '{example}'")
+        raise ValueError(f"a unit is missing: {text!r} should be {kind}, such as '{example}'")
     value = float(found["number"]) * _affine(found["unit"], kind)
     if not math.isfinite(value):
         raise ValueError(f"{text!r} is not finite")
@@ -75,9 +76,9 @@ def write(value: float, kind: str) -> str:
     si, pleasant = KINDS[kind]
     for unit in pleasant:
         for digits in (6, 12, 17):
-            text = f"{value / _affine(unit, kind):.{digits}g} {unit}"
-            if parse(text, kind) == value:
-                return text
+            number = f"{value / _affine(unit, kind):.{digits}g}"
+            if float(number) * _affine(unit, kind) == value:
+                return f"{number} {unit}"
     return f"{value!r} {si}"
 
 
