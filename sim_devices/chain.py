@@ -110,7 +110,7 @@ class Runner:
 
 
 def _running(chain: Chain, given: set[str]) -> list[Operator]:
-    """The operators that have something to do: not those whose outputs are given, nor those that only feed such ones."""
+    """The operators with something to do: not those whose outputs are given, nor those that only feed such ones."""
     running = [op for op in chain.operators if not (set(op.writes) <= given and not set(op.writes) & set(op.reads))]
     inner = {name for op in chain.operators for name in op.reads}  # what nobody reads is a result
     while True:
