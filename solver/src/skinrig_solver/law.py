@@ -107,16 +107,19 @@ def stress_tangent(first, last, kin, state, par, dt, out, tangent):
 
 
 @njit(cache=True, fastmath=FLAGS, error_model="numpy")
-def stress_partials(first, last, kin, state, par, dt, dstate, dpar, out):
-    """out (points, 6, m) = d(P, q) at fixed F, theta, in m directions dstate (points, states, m), dpar (pars, m)."""
-    m = dpar.shape[1]
+def stress_partials(first, last, kin, state, par, dt, dstate, which, out):
+    """out (points, 6, m) = d(P, q) at fixed F, theta, in the m directions dstate (points, states, m) and the
+    parameter with index which (m,), −1 for none."""
+    m = which.shape[0]
+    by_par = np.zeros((6, {pars}))
 {stress_partials}
 
 
 @njit(cache=True, fastmath=FLAGS, error_model="numpy")
-def state_partials(first, last, kin, state, par, dt, dkin, dstate, dpar, out):
-    """out (points, states, m) = d(new state) for the directions dkin (points, 6, m), dstate and dpar."""
-    m = dpar.shape[1]
+def state_partials(first, last, kin, state, par, dt, dkin, dstate, which, out):
+    """out (points, states, m) = d(new state) for the directions dkin (points, 6, m), dstate and which."""
+    m = which.shape[0]
+    by_par = np.zeros(({states}, {pars}))
 {state_partials}
 '''
 
@@ -137,6 +140,8 @@ def source(law: Law) -> str:
     assign = [(f"out[g, {i}]", e) for i, e in enumerate(out)]
     return _TEMPLATE.format(
         name=law.name,
+        pars=len(par),
+        states=len(new),
         stress=shape.loop([*assign, *((f"new[g, {i}]", e) for i, e in enumerate(new))]),
         tangent=shape.loop(
             [
@@ -158,7 +163,7 @@ class _Shape:
         self.points = {x: f"kin[g, {i}]" for i, x in enumerate(kin)} | {x: f"state[g, {i}]" for i, x in enumerate(old)}
         self.fixed = {x: f"par[{i}]" for i, x in enumerate(par)} | {dt: "dt"}
         self.moves = {x: f"dstate[g, {i}, k]" for i, x in enumerate(old)}
-        self.moves |= {x: f"dpar[{i}, k]" for i, x in enumerate(par)}
+        self.par = list(par)
 
     def _hoisted(self, wanted: Sequence[Expr]) -> tuple[list[str], dict[Expr, str]]:
         """Code for what depends on parameters and dt only, computed once before the loop."""
@@ -184,12 +189,19 @@ class _Shape:
 
     def directions(self, rows: Sequence[Mapping[Expr, Expr]], moves: Mapping[Expr, str]) -> str:
         moved = {**self.moves, **moves}
-        entries = [(f"j{i}_{n}", e) for i, row in enumerate(rows) for n, e in enumerate(row.values())]
-        inner = []
+        targets, inner = [], []
         for i, row in enumerate(rows):
-            terms = [f"j{i}_{n} * {moved[x]}" for n, x in enumerate(row)]
+            terms = []
+            for n, (x, e) in enumerate(row.items()):
+                if x in moved:
+                    targets.append((f"j{i}_{n}", e))
+                    terms.append(f"j{i}_{n} * {moved[x]}")
+                else:
+                    targets.append((f"by_par[{i}, {self.par.index(x)}]", e))
             inner.append(f"    out[g, {i}, k] = {' + '.join(terms) or '0.0'}")
-        return self.loop(entries, ["for k in range(m):", *inner])
+        pars = [f"for i in range({len(rows)}):", "    for k in range(m):", "        if which[k] >= 0:"]
+        pars.append("            out[g, i, k] += by_par[i, which[k]]")
+        return self.loop(targets, ["for k in range(m):", *inner, *pars])
 
 
 def _name(x: Expr) -> str:

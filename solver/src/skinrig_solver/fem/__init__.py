@@ -1,0 +1,1 @@
+"""Two-dimensional finite elements for nearly incompressible bodies: axisymmetric or plane strain."""

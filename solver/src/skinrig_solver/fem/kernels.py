@@ -1,0 +1,259 @@
+"""Element kernels: biquadratic displacement u, discontinuous linear dilatation θ and pressure p (Q2/P1/P1).
+
+The functional is ∫ W(F, θ) + p (J − θ) dV (Simo, Taylor and Pister 1985). θ and p stay independent unknowns that each
+Newton step updates linearly; their increments are eliminated element by element:
+
+    Θ = M⁻¹ Gᵀ,  δθ = Θ δu + θ0,  δp = Π δu + π0,  Π = M⁻¹ (K_θu + K_θθ Θ),
+    K = K_uu + K_uθ Θ + Θᵀ (K_θu + K_θθ Θ),  R = R_u + K_uθ θ0 + Θᵀ (K_θθ θ0 + R_θ).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from ..api import Array
+from .mesh import Index
+
+FLAGS = {"contract", "reassoc", "arcp", "nsz"}
+
+
+@njit(cache=True, fastmath=FLAGS)
+def kinematics(elements: Index, gradients: Array, linear: Array, u: Array, theta: Array, kin: Array) -> int:
+    """kin (9 E, 6) = F_rr, F_rz, F_zr, F_zz, F_tt, θ. Returns the first element with J or θ <= 0 or NaN, else −1."""
+    for e in range(elements.shape[0]):
+        for k in range(9):
+            rr, rz, zr, zz, tt = 1.0, 0.0, 0.0, 1.0, 1.0
+            for a in range(9):
+                ur, uz = u[elements[e, a], 0], u[elements[e, a], 1]
+                gr, gz = gradients[e, k, a, 0], gradients[e, k, a, 1]
+                rr += gr * ur
+                rz += gz * ur
+                zr += gr * uz
+                zz += gz * uz
+                tt += gradients[e, k, a, 2] * ur
+            t = theta[e, 0] + linear[k, 1] * theta[e, 1] + linear[k, 2] * theta[e, 2]
+            g = 9 * e + k
+            kin[g, 0], kin[g, 1], kin[g, 2], kin[g, 3], kin[g, 4], kin[g, 5] = rr, rz, zr, zz, tt, t
+            if not ((rr * zz - rz * zr) * tt > 1e-3 and tt > 0.0 and t > 1e-3):
+                return e
+    return -1
+
+
+@njit(cache=True, fastmath=FLAGS)
+def assemble(
+    gradients: Array,
+    weights: Array,
+    linear: Array,
+    inverse_mass: Array,
+    kin: Array,
+    stress: Array,
+    tangent: Array,
+    pressure: Array,
+    scatter: Index,
+    equations: Index,
+    values: Array,
+    residual: Array,
+    Theta: Array,
+    theta0: Array,
+    Pi: Array,
+    pi0: Array,
+) -> None:
+    """Add the condensed tangent to ``values`` (CSR data) and the condensed residual to ``residual``.
+
+    ``scatter`` (E, 18, 18) positions in ``values`` and ``equations`` (E, 18) rows, −1 where fixed. ``Theta``, ``Pi``
+    (E, 3, 18) and ``theta0``, ``pi0`` (E, 3) recover the increments of θ and p.
+    """
+    K, AB = np.empty((18, 18)), np.empty((5, 18))
+    G, Kut, Ktu = np.empty((3, 18)), np.empty((3, 18)), np.empty((3, 18))
+    R, cof = np.empty(18), np.empty(18)
+    Rt, Rp, Ktt = np.empty(3), np.empty(3), np.empty((3, 3))
+    for e in range(weights.shape[0]):
+        K[:] = 0.0
+        G[:] = 0.0
+        Kut[:] = 0.0
+        Ktu[:] = 0.0
+        R[:] = 0.0
+        Rt[:] = 0.0
+        Rp[:] = 0.0
+        Ktt[:] = 0.0
+        for k in range(9):
+            g, w = 9 * e + k, weights[e, k]
+            n1, n2 = linear[k, 1], linear[k, 2]
+            a, b, c, d, t, theta = kin[g, 0], kin[g, 1], kin[g, 2], kin[g, 3], kin[g, 4], kin[g, 5]
+            p = pressure[e, 0] + n1 * pressure[e, 1] + n2 * pressure[e, 2]
+            A = tangent[g]
+            plane = a * d - b * c
+            crr, crz, czr, czz = d * t, -c * t, -b * t, a * t
+            s0, s1, s2 = w * (stress[g, 0] + p * crr), w * (stress[g, 1] + p * crz), w * (stress[g, 2] + p * czr)
+            s3, s4 = w * (stress[g, 3] + p * czz), w * (stress[g, 4] + p * plane)
+            pt, pa, pb, pc, pd = p * t, p * a, p * b, p * c, p * d
+            for i in range(9):
+                gr, gz, gt = gradients[e, k, i, 0], gradients[e, k, i, 1], gradients[e, k, i, 2]
+                j = 2 * i
+                # columns of A + p ∂cof(F)/∂F contracted with the gradients of node i
+                AB[0, j] = w * (A[0, 0] * gr + A[0, 1] * gz + (A[0, 4] + pd) * gt)
+                AB[1, j] = w * (A[1, 0] * gr + A[1, 1] * gz + (A[1, 4] - pc) * gt)
+                AB[2, j] = w * (A[2, 0] * gr + (A[2, 1] - pt) * gz + (A[2, 4] - pb) * gt)
+                AB[3, j] = w * ((A[3, 0] + pt) * gr + A[3, 1] * gz + (A[3, 4] + pa) * gt)
+                AB[4, j] = w * ((A[4, 0] + pd) * gr + (A[4, 1] - pc) * gz + A[4, 4] * gt)
+                AB[0, j + 1] = w * (A[0, 2] * gr + (A[0, 3] + pt) * gz)
+                AB[1, j + 1] = w * ((A[1, 2] - pt) * gr + A[1, 3] * gz)
+                AB[2, j + 1] = w * (A[2, 2] * gr + A[2, 3] * gz)
+                AB[3, j + 1] = w * (A[3, 2] * gr + A[3, 3] * gz)
+                AB[4, j + 1] = w * ((A[4, 2] - pb) * gr + (A[4, 3] + pa) * gz)
+                cr, cz = w * (crr * gr + crz * gz + plane * gt), w * (czr * gr + czz * gz)
+                cof[j], cof[j + 1] = cr, cz
+                R[j] += s0 * gr + s1 * gz + s4 * gt
+                R[j + 1] += s2 * gr + s3 * gz
+                ur, uz = w * (A[0, 5] * gr + A[1, 5] * gz + A[4, 5] * gt), w * (A[2, 5] * gr + A[3, 5] * gz)
+                tr, tz = w * (A[5, 0] * gr + A[5, 1] * gz + A[5, 4] * gt), w * (A[5, 2] * gr + A[5, 3] * gz)
+                Kut[0, j] += ur
+                Kut[1, j] += n1 * ur
+                Kut[2, j] += n2 * ur
+                Kut[0, j + 1] += uz
+                Kut[1, j + 1] += n1 * uz
+                Kut[2, j + 1] += n2 * uz
+                Ktu[0, j] += tr
+                Ktu[1, j] += n1 * tr
+                Ktu[2, j] += n2 * tr
+                Ktu[0, j + 1] += tz
+                Ktu[1, j + 1] += n1 * tz
+                Ktu[2, j + 1] += n2 * tz
+            for i in range(9):
+                gr, gz, gt = gradients[e, k, i, 0], gradients[e, k, i, 1], gradients[e, k, i, 2]
+                for j in range(18):
+                    K[2 * i, j] += gr * AB[0, j] + gz * AB[1, j] + gt * AB[4, j]
+                    K[2 * i + 1, j] += gr * AB[2, j] + gz * AB[3, j]
+            for j in range(18):
+                G[0, j] += cof[j]
+                G[1, j] += n1 * cof[j]
+                G[2, j] += n2 * cof[j]
+            rt, rp, ktt = w * (stress[g, 5] - p), w * (plane * t - theta), w * A[5, 5]
+            for i in range(3):
+                ni = linear[k, i]
+                Rt[i] += ni * rt
+                Rp[i] += ni * rp
+                for j in range(3):
+                    Ktt[i, j] += ni * linear[k, j] * ktt
+        _condense(inverse_mass[e], G, Kut, Ktu, Ktt, Rt, Rp, K, R, Theta[e], theta0[e], Pi[e], pi0[e])
+        for i in range(18):
+            row = equations[e, i]
+            if row >= 0:
+                residual[row] += R[i]
+                for j in range(18):
+                    if scatter[e, i, j] >= 0:
+                        values[scatter[e, i, j]] += K[i, j]
+
+
+@njit(cache=True, fastmath=FLAGS)
+def _condense(
+    inverse: Array,
+    G: Array,
+    Kut: Array,
+    Ktu: Array,
+    Ktt: Array,
+    Rt: Array,
+    Rp: Array,
+    K: Array,
+    R: Array,
+    Theta: Array,
+    theta0: Array,
+    Pi: Array,
+    pi0: Array,
+) -> None:
+    lower = np.empty((3, 18))  # K_θu + K_θθ Θ
+    rest = np.empty(3)  # K_θθ θ0 + R_θ
+    for i in range(3):
+        theta0[i] = inverse[i, 0] * Rp[0] + inverse[i, 1] * Rp[1] + inverse[i, 2] * Rp[2]
+        for j in range(18):
+            Theta[i, j] = inverse[i, 0] * G[0, j] + inverse[i, 1] * G[1, j] + inverse[i, 2] * G[2, j]
+    for i in range(3):
+        rest[i] = Rt[i] + Ktt[i, 0] * theta0[0] + Ktt[i, 1] * theta0[1] + Ktt[i, 2] * theta0[2]
+        for j in range(18):
+            lower[i, j] = Ktu[i, j] + Ktt[i, 0] * Theta[0, j] + Ktt[i, 1] * Theta[1, j] + Ktt[i, 2] * Theta[2, j]
+    for i in range(3):
+        pi0[i] = inverse[i, 0] * rest[0] + inverse[i, 1] * rest[1] + inverse[i, 2] * rest[2]
+        for j in range(18):
+            Pi[i, j] = inverse[i, 0] * lower[0, j] + inverse[i, 1] * lower[1, j] + inverse[i, 2] * lower[2, j]
+    for i in range(18):
+        for n in range(3):
+            R[i] += Kut[n, i] * theta0[n] + Theta[n, i] * rest[n]
+            for j in range(18):
+                K[i, j] += Kut[n, i] * Theta[n, j] + Theta[n, i] * lower[n, j]
+
+
+@njit(cache=True, fastmath=FLAGS)
+def update(
+    elements: Index, du: Array, Theta: Array, theta0: Array, Pi: Array, pi0: Array, theta: Array, pressure: Array
+) -> None:
+    """Advance θ and p (E, 3) by the increments that belong to du (N, 2)."""
+    for e in range(elements.shape[0]):
+        for i in range(3):
+            dt, dp = theta0[e, i], pi0[e, i]
+            for a in range(9):
+                ur, uz = du[elements[e, a], 0], du[elements[e, a], 1]
+                dt += Theta[e, i, 2 * a] * ur + Theta[e, i, 2 * a + 1] * uz
+                dp += Pi[e, i, 2 * a] * ur + Pi[e, i, 2 * a + 1] * uz
+            theta[e, i] += dt
+            pressure[e, i] += dp
+
+
+@njit(cache=True, fastmath=FLAGS)
+def partial_forces(
+    gradients: Array, weights: Array, linear: Array, Theta: Array, dstress: Array, equations: Index, force: Array
+) -> None:
+    """Add the condensed ∂R/∂parameter at fixed unknowns to ``force`` (equations, m) from dstress (9 E, 6, m)."""
+    m = dstress.shape[2]
+    Rt = np.empty((3, m))
+    R = np.empty((18, m))
+    for e in range(weights.shape[0]):
+        Rt[:] = 0.0
+        R[:] = 0.0
+        for k in range(9):
+            S, w = dstress[9 * e + k], weights[e, k]
+            for a in range(9):
+                gr, gz, gt = w * gradients[e, k, a, 0], w * gradients[e, k, a, 1], w * gradients[e, k, a, 2]
+                for j in range(m):
+                    R[2 * a, j] += gr * S[0, j] + gz * S[1, j] + gt * S[4, j]
+                    R[2 * a + 1, j] += gr * S[2, j] + gz * S[3, j]
+            for i in range(3):
+                for j in range(m):
+                    Rt[i, j] += w * linear[k, i] * S[5, j]
+        for a in range(18):
+            row = equations[e, a]
+            if row >= 0:
+                for j in range(m):
+                    force[row, j] += (
+                        R[a, j] + Theta[e, 0, a] * Rt[0, j] + Theta[e, 1, a] * Rt[1, j] + Theta[e, 2, a] * Rt[2, j]
+                    )
+
+
+@njit(cache=True, fastmath=FLAGS)
+def partial_kinematics(gradients: Array, linear: Array, Theta: Array, equations: Index, du: Array, dkin: Array) -> None:
+    """dkin (9 E, 6, m) of the solution derivatives du (equations, m)."""
+    m = du.shape[1]
+    dtheta = np.empty((3, m))
+    for e in range(equations.shape[0]):
+        dtheta[:] = 0.0
+        dkin[9 * e : 9 * e + 9] = 0.0
+        for a in range(18):
+            row = equations[e, a]
+            if row < 0:
+                continue
+            for i in range(3):
+                for j in range(m):
+                    dtheta[i, j] += Theta[e, i, a] * du[row, j]
+            first = 2 * (a % 2)  # r displacements move F_rr, F_rz, F_tt; z displacements F_zr, F_zz
+            for k in range(9):
+                out = dkin[9 * e + k]
+                gr, gz, gt = gradients[e, k, a // 2, 0], gradients[e, k, a // 2, 1], gradients[e, k, a // 2, 2]
+                for j in range(m):
+                    out[first, j] += gr * du[row, j]
+                    out[first + 1, j] += gz * du[row, j]
+                if first == 0:
+                    for j in range(m):
+                        out[4, j] += gt * du[row, j]
+        for k in range(9):
+            for j in range(m):
+                dkin[9 * e + k, 5, j] = dtheta[0, j] + linear[k, 1] * dtheta[1, j] + linear[k, 2] * dtheta[2, j]

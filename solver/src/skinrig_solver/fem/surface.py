@@ -1,0 +1,269 @@
+"""What acts on the top surface: follower suction, and unilateral contact with a rigid profile, with Coulomb friction.
+
+Contact pressure λ >= 0 (per reference area, two Gauss points an edge) is an independent unknown like the element
+pressure. It obeys λ = s(λ (1 − ε) − c g), s the softplus of width w: a smoothed complementarity λ g = 0 whose Newton path
+is that of a primal–dual active set (Hintermüller, Ito and Kunisch 2003) without its chatter, and whose penetration
+ε λ/c vanishes in practice. Friction: t = −κ × slip, limited to μ λ, slip measured along the profile since the last converged step.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from ..api import Array
+from .mesh import Index
+
+FLAGS = {"contract", "nsz"}
+COMPLIANCE = 1e-3  # ε
+
+
+@njit(cache=True)
+def rim(r: float, z: float, height: float, opening: float, fillet: float, out: Array) -> None:
+    """Gap and arc length to a flat annulus at ``height`` with a rounded inner edge and a vertical bore.
+
+    out = g, ∂g/∂r, ∂g/∂z, ∂²g/∂r², ∂²g/∂r∂z, ∂²g/∂z², then the same six of the arc length s (0 where the flat begins,
+    increasing outwards) [m]. The signed distance is exact outside the probe.
+    """
+    u, v = opening + fillet - r, height + fillet - z  # from the fillet's centre, towards the axis and downwards
+    out[:] = 0.0
+    if u <= 0.0:
+        out[0], out[2] = v - fillet, -1.0
+        out[6], out[7] = -u, 1.0
+    elif v <= 0.0:
+        out[0], out[1] = u - fillet, -1.0
+        out[6], out[8] = v - 0.5 * np.pi * fillet, -1.0
+    else:
+        d2 = u * u + v * v
+        d = np.sqrt(d2)
+        nr, nz = -u / d, -v / d
+        out[0], out[1], out[2] = d - fillet, nr, nz
+        out[3], out[4], out[5] = (1.0 - nr * nr) / d, -nr * nz / d, (1.0 - nz * nz) / d
+        out[6] = -fillet * np.arctan2(u, v)
+        scale = fillet / d2
+        out[7], out[8] = scale * v, -scale * u
+        out[9], out[10], out[11] = scale * 2.0 * u * v / d2, scale * (v * v - u * u) / d2, -scale * 2.0 * u * v / d2
+
+
+@njit(cache=True)
+def contact_points(
+    edges: Index, positions: Array, shapes: Array, height: float, opening: float, fillet: float, out: Array
+) -> None:
+    """out (points, 12): `rim` at every contact point; positions (N, 2) current, shapes (2, 3)."""
+    for e in range(edges.shape[0]):
+        for k in range(2):
+            r, z = 0.0, 0.0
+            for a in range(3):
+                r += shapes[k, a] * positions[edges[e, a], 0]
+                z += shapes[k, a] * positions[edges[e, a], 1]
+            rim(r, z, height, opening, fillet, out[2 * e + k])
+
+
+@njit(cache=True)
+def contact(
+    shapes: Array,
+    weights: Array,
+    gap: Array,
+    lam: Array,
+    stiffness: float,
+    width: float,
+    friction: float,
+    tangential: float,
+    slip0: Array,
+    shear0: Array,
+    scatter: Index,
+    equations: Index,
+    values: Array,
+    residual: Array,
+    work: Array,
+) -> float:
+    """Add contact to the system; returns the axial force on the body [N] of the current λ.
+
+    ``equations`` (edges, 7): three nodes' r, z and the probe's height (−1 fixed); ``scatter`` (edges, 7, 7);
+    ``work`` (points, 6): φ, c s, 1/D, current shear, its derivative by slip and by λ (for `advance` and the partials).
+    """
+    force = 0.0
+    b, tang = np.empty(7), np.empty(7)
+    for e in range(equations.shape[0]):
+        for k in range(2):
+            i = 2 * e + k
+            G = gap[i]
+            w = weights[i]
+            y = lam[i] * (1.0 - COMPLIANCE) - stiffness * G[0]
+            x = y / width
+            soft = width * (np.log1p(np.exp(-abs(x))) + max(x, 0.0))
+            slope = 1.0 / (1.0 + np.exp(-x)) if x > -700.0 else 0.0
+            phi = lam[i] - soft
+            inverse = 1.0 / (1.0 - slope * (1.0 - COMPLIANCE))
+            work[i, 0], work[i, 1], work[i, 2] = phi, stiffness * slope, inverse
+            shear, by_slip, by_lam = 0.0, 0.0, 0.0
+            if friction > 0.0:
+                trial = shear0[i] - tangential * (G[6] - slip0[i])
+                limit = friction * max(lam[i], 0.0)
+                if abs(trial) <= limit:
+                    shear, by_slip = trial, -tangential
+                else:
+                    sign = 1.0 if trial > 0.0 else -1.0
+                    shear, by_lam = sign * limit, sign * friction
+            work[i, 3], work[i, 4], work[i, 5] = shear, by_slip, by_lam
+            for a in range(3):
+                n = shapes[k, a]
+                b[2 * a], b[2 * a + 1] = n * G[1], n * G[2]
+                tang[2 * a], tang[2 * a + 1] = n * G[7], n * G[8]
+            b[6], tang[6] = -G[2], -G[8]
+            lam_star = lam[i] - phi * inverse
+            shear_star = shear + by_lam * (lam_star - lam[i])
+            normal = stiffness * slope * inverse  # −dλ/dg
+            force += w * (lam[i] * G[2] + shear * G[8])
+            for p in range(7):
+                row = equations[e, p]
+                if row < 0:
+                    continue
+                residual[row] -= w * (lam_star * b[p] + shear_star * tang[p])
+                np_, sp = _second(shapes, k, p)
+                for q in range(7):
+                    at = scatter[e, p, q]
+                    if at < 0:
+                        continue
+                    nq, sq = _second(shapes, k, q)
+                    m = sp + sq  # 0: rr, 1: rz, 2: zz
+                    values[at] += w * (
+                        normal * b[p] * b[q]
+                        - np_ * nq * (lam[i] * G[3 + m] + shear * G[9 + m])
+                        - tang[p] * (by_slip * tang[q] - by_lam * normal * b[q])
+                    )
+    return force
+
+
+@njit(cache=True)
+def _second(shapes: Array, k: int, p: int) -> tuple[float, int]:
+    """Factor and direction (0 r, 1 z) of unknown p in the position relative to the probe."""
+    return (-1.0, 1) if p == 6 else (shapes[k, p // 2], p % 2)
+
+
+@njit(cache=True)
+def advance(shapes: Array, gap: Array, work: Array, equations: Index, delta: Array, lam: Array) -> None:
+    """Advance λ by the linearised law for the increment ``delta`` (equations,) of the unknowns."""
+    for e in range(equations.shape[0]):
+        for k in range(2):
+            i = 2 * e + k
+            dg = 0.0
+            for p in range(7):
+                if equations[e, p] >= 0:
+                    n, direction = _second(shapes, k, p)
+                    dg += n * gap[i, 1 + direction] * delta[equations[e, p]]
+            lam[i] -= (work[i, 0] + work[i, 1] * dg) * work[i, 2]
+
+
+@njit(cache=True)
+def contact_partials(
+    shapes: Array,
+    weights: Array,
+    gap: Array,
+    work: Array,
+    lam: Array,
+    friction: float,
+    tangential: float,
+    dfriction: Array,
+    dslip0: Array,
+    dshear0: Array,
+    equations: Index,
+    force: Array,
+) -> None:
+    """Add ∂R/∂parameter at fixed unknowns of the friction history and coefficient to ``force`` (equations, m)."""
+    for e in range(equations.shape[0]):
+        for k in range(2):
+            i = 2 * e + k
+            for p in range(7):
+                row = equations[e, p]
+                if row < 0:
+                    continue
+                n, direction = _second(shapes, k, p)
+                tang = n * gap[i, 7 + direction]
+                for j in range(force.shape[1]):
+                    if work[i, 4] != 0.0:
+                        change = dshear0[i, j] + tangential * dslip0[i, j]
+                    else:
+                        change = work[i, 5] / friction * lam[i] * dfriction[j]
+                    force[row, j] -= weights[i] * tang * change
+
+
+@njit(cache=True)
+def contact_history(
+    shapes: Array,
+    gap: Array,
+    work: Array,
+    lam: Array,
+    friction: float,
+    tangential: float,
+    dfriction: Array,
+    equations: Index,
+    du: Array,
+    dslip: Array,
+    dshear: Array,
+) -> None:
+    """Derivatives of slip and shear (points, m) at the end of a step, from those at its start and du (equations, m)."""
+    m = du.shape[1]
+    for e in range(equations.shape[0]):
+        for k in range(2):
+            i = 2 * e + k
+            for j in range(m):
+                dg, ds = 0.0, 0.0
+                for p in range(7):
+                    if equations[e, p] >= 0:
+                        n, direction = _second(shapes, k, p)
+                        dg += n * gap[i, 1 + direction] * du[equations[e, p], j]
+                        ds += n * gap[i, 7 + direction] * du[equations[e, p], j]
+                if work[i, 4] != 0.0:
+                    dshear[i, j] -= tangential * (ds - dslip[i, j])
+                else:
+                    dlam = -work[i, 1] * dg * work[i, 2]
+                    dshear[i, j] = work[i, 5] * (dlam + lam[i] * dfriction[j] / friction)
+                dslip[i, j] = ds
+
+
+@njit(cache=True)
+def follower(
+    edges: Index,
+    positions: Array,
+    shapes: Array,
+    slopes: Array,
+    weights: Array,
+    pressure: float,
+    axisymmetric: bool,
+    scatter: Index,
+    equations: Index,
+    values: Array,
+    residual: Array,
+) -> None:
+    """Add the load of a gauge pressure on the current surface (edges with the body to the right), and its tangent.
+
+    ``equations`` (edges, 6) and ``scatter`` (edges, 6, 6) of the three nodes' r, z; shapes, slopes (3, 3) at the three
+    Gauss points with ``weights`` (3,).
+    """
+    for e in range(edges.shape[0]):
+        for k in range(3):
+            r, dr, dz = 0.0, 0.0, 0.0
+            for a in range(3):
+                r += shapes[k, a] * positions[edges[e, a], 0]
+                dr += slopes[k, a] * positions[edges[e, a], 0]
+                dz += slopes[k, a] * positions[edges[e, a], 1]
+            ring = 2.0 * np.pi * r if axisymmetric else 1.0
+            dring = 2.0 * np.pi if axisymmetric else 0.0
+            w = weights[k] * pressure
+            for a in range(3):
+                n = shapes[k, a] * w
+                for c in range(2):
+                    row = equations[e, 2 * a + c]
+                    if row < 0:
+                        continue
+                    normal = -dz if c == 0 else dr  # outward normal times line element
+                    residual[row] += n * ring * normal
+                    for b in range(3):
+                        at_r, at_z = scatter[e, 2 * a + c, 2 * b], scatter[e, 2 * a + c, 2 * b + 1]
+                        if at_r >= 0:
+                            values[at_r] += n * dring * shapes[k, b] * normal
+                            if c == 1:
+                                values[at_r] += n * ring * slopes[k, b]
+                        if at_z >= 0 and c == 0:
+                            values[at_z] -= n * ring * slopes[k, b]

@@ -1,0 +1,163 @@
+"""The suction models: a law, its layers and their parameters, run through `march`."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from ..api import Array, Cost, Experiment, Field, ModelInfo, Result
+from ..fem.body import Body, Directions, Load, Rim
+from ..law import Law
+from .geometry import SuctionGeometry
+from .march import Run
+from .schedule import Segment, interpolation, segments
+
+INTERFACE = ("friction", "spring_force")  # parameters of every suction model that are not the tissue's
+_LOCK = threading.Lock()  # bodies are workspaces shared between runs
+
+
+@dataclass(frozen=True)
+class SuctionModel:
+    """A law on a stack of layers. ``defaults`` maps an instrument to its default geometry options.
+
+    A law parameter of a layer is the model parameter ``<layer>.<name>``, or ``<name>`` where there is one layer only.
+    """
+
+    info: ModelInfo
+    law: Law
+    layers: tuple[str, ...]
+    defaults: Mapping[str, Mapping[str, Any]]
+
+    def geometry(self, experiment: Experiment) -> SuctionGeometry:
+        """The experiment's geometry, checked."""
+        if experiment.instrument not in self.defaults:
+            raise ValueError(
+                f"model {self.info.name} simulates {' and '.join(self.defaults)}, not {experiment.instrument!r}"
+            )
+        return SuctionGeometry.of(experiment, self.layers, self.defaults[experiment.instrument])
+
+    def simulate(
+        self, experiment: Experiment, parameters: Mapping[str, float], sensitivities: Sequence[str] = ()
+    ) -> Result:
+        """Channel ``apex_height`` [m] of the drive ``pressure`` [Pa]; see :class:`SuctionGeometry` for the options."""
+        started = perf_counter()
+        values = self.info.complete(parameters)
+        geometry = self.geometry(experiment)
+        if set(experiment.drive) != {"pressure"}:
+            raise ValueError(f"model {self.info.name} needs the drive 'pressure', got {sorted(experiment.drive)}")
+        for symbol in sensitivities:
+            if self.info[symbol].symbol == "spring_force" and values[symbol] == 0.0:
+                raise ValueError("the sensitivity to spring_force exists only for a positive force")
+        pressure = experiment.drive["pressure"]
+        pieces = segments(experiment.time, pressure, geometry.rise_time, geometry.steps)
+        with _LOCK:
+            recorder = self._march(geometry, values, tuple(sensitivities), pieces)
+        weights = interpolation(pieces, experiment.time)
+        run = recorder.run
+        return Result(
+            time=experiment.time,
+            channels={"apex_height": weights @ np.array(recorder.height)},
+            parameters=tuple(sensitivities),
+            sensitivities={"apex_height": weights @ np.array(recorder.derivative)} if sensitivities else None,
+            cost=Cost(1, perf_counter() - started, run.newton, run.steps, run.cuts, run.body.size),
+            fields=tuple(recorder.fields),
+            notes={"zero_displacement": recorder.bulge_at_start, "probe_height": run.state.height},
+        )
+
+    def _march(
+        self, geometry: SuctionGeometry, values: Mapping[str, float], wanted: tuple[str, ...], pieces: list[Segment]
+    ) -> _Recorder:
+        body = _body(self.law, geometry)
+        layers = [name for name, _ in geometry.layers]
+        prefix = {layer: f"{layer}." if len(self.layers) > 1 else "" for layer in layers}
+        tissue = [np.array([values[prefix[n] + s] for s in self.law.parameters]) for n in layers]
+        friction, spring = values["friction"], values["spring_force"]
+        directions = None
+        if wanted:
+            names = [[prefix[n] + s for s in self.law.parameters] for n in layers]
+            directions = Directions(
+                law=tuple(np.array([own.index(s) if s in own else -1 for s in wanted]) for own in names),
+                friction=np.array([float(s == "friction") for s in wanted]),
+                force=np.array([float(s == "spring_force") for s in wanted]),
+            )
+            if "friction" in wanted:
+                friction = max(friction, 1e-6)  # the one-sided derivative at no friction
+        run = Run(body, tissue, directions)
+        floating = geometry.probe == "floating"
+        area = np.pi * (geometry.opening_radius + geometry.rim_fillet) ** 2
+        if spring > 0.0:
+            start = pieces[0].start
+            preload = Segment(start - geometry.preload_time, start, 0.0, spring, PRELOAD_STEPS, 1.0)
+            run.advance(preload, lambda force: Load(0.0, None, force, friction), lambda _: None)
+        held = None if floating and spring > 0.0 else run.state.height
+        recorder = _Recorder(run, body, geometry.zero_at_start, max(pieces, key=lambda s: abs(s.drive_stop)).stop)
+        for piece in pieces:
+            run.advance(piece, lambda p: Load(p, held, spring - p * area, friction), recorder.visit)
+        recorder.fields.append(recorder.picture())
+        return recorder
+
+
+PRELOAD_STEPS = 4
+
+
+class _Recorder:
+    """Collects the apex height above the rim, its derivatives, and pictures at full load and at the end."""
+
+    def __init__(self, run: Run, body: Body, zeroed: bool, picture_time: float) -> None:
+        self.run, self.body, self.picture_time = run, body, picture_time
+        top = body.mesh.edges["top"][0, 0]
+        self.apex = int(top)
+        self.equation = int(body.number[self.apex, 1])
+        self.time = -np.inf
+        self.bulge_at_start = self._bulge()
+        self.zero = self.bulge_at_start if zeroed else 0.0
+        self.zero_derivative = self._derivative() if zeroed else 0.0 * self._derivative()
+        self.height: list[float] = [self._bulge() - self.zero]
+        self.derivative: list[Array] = [self._derivative() - self.zero_derivative]
+        self.fields: list[Field] = []
+
+    def visit(self, time: float) -> None:
+        self.time = time
+        self.height.append(self._bulge() - self.zero)
+        self.derivative.append(self._derivative() - self.zero_derivative)
+        if time == self.picture_time:
+            self.fields.append(self.picture())
+
+    def _bulge(self) -> float:
+        return float(self.run.state.u[self.apex, 1]) - self.run.state.height
+
+    def _derivative(self) -> Array:
+        tangents = self.run.tangents
+        if tangents is None:
+            return np.zeros(0)
+        derivative: Array = tangents.du[self.equation] - tangents.du[-1]
+        return derivative
+
+    def picture(self) -> Field:
+        mesh = self.body.mesh
+        corners = mesh.elements[:, [0, 2, 8, 6]]
+        return Field(mesh.nodes, self.run.state.u.copy(), corners, mesh.layer, mesh.layer_names, self.time)
+
+
+@lru_cache(maxsize=16)
+def _body(law: Law, geometry: SuctionGeometry) -> Body:
+    mesh = geometry.build()
+    fixed = np.zeros(mesh.nodes.shape, dtype=bool)
+    fixed[np.unique(mesh.edges["bottom"])] = True
+    fixed[np.unique(mesh.edges["left"]), 0] = True
+    top = mesh.edges["top"]
+    radius = mesh.nodes[top][:, :, 0]
+    margin = 1e-6 * geometry.opening_radius
+    # suction acts up to where the flat of the rim begins; the tissue beyond the bore's middle may touch the probe
+    loaded = top[radius.max(axis=1) <= geometry.opening_radius + geometry.rim_fillet + margin]
+    facing = (radius.min(axis=1) >= 0.5 * geometry.opening_radius) & (
+        radius.max(axis=1) <= geometry.probe_radius + margin
+    )
+    rim = Rim(top[facing], geometry.opening_radius, geometry.rim_fillet)
+    return Body(mesh, law, fixed, loaded, rim, geometry.opening_radius)
