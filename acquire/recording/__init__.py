@@ -1,5 +1,9 @@
 """Recordings: the journal written while running, the verified HDF5 file, reading, importing and exporting them."""
 
+from pathlib import Path
+
+from acquire.recording.bundle import read_bundle
+from acquire.recording.bundle_export import write_bundle
 from acquire.recording.hdf5 import write_recording
 from acquire.recording.hdf5_reader import open_recording
 from acquire.recording.journal import JournalFull, JournalWriter
@@ -16,8 +20,22 @@ __all__ = [
     "RunInfo",
     "Series",
     "finalise",
+    "load",
     "open_recording",
+    "read_bundle",
     "read_journal",
     "recover",
+    "write_bundle",
     "write_recording",
 ]
+
+
+def load(path: Path | str) -> Recording:
+    """The recording at ``path``: a recording file, a bundle's folder or its recording.yaml, or a journal.
+
+    Raises RecordingError or FileNotFoundError.
+    """
+    path = Path(path)
+    if path.is_dir() or path.suffix in (".yaml", ".yml"):
+        return read_bundle(path)
+    return read_journal(path) if path.suffix == ".journal" else open_recording(path)

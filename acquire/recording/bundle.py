@@ -1,0 +1,294 @@
+"""Bundles: a folder with ``recording.yaml`` and tables or images, for a lab without a driver link.
+
+A bundle becomes a recording like any other. Whatever is wrong with it is told with the file and the line, column or
+channel, and nothing is imported then.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from acquire.recording.bundle_schema import SUCTION, Bundle, Images, Source, TimeAxis
+from acquire.recording.images import find_frames
+from acquire.recording.model import Event, FloatArray, Frames, Recording, RecordingError, RunInfo, Series
+from acquire.recording.tables import Table, evenly
+from protocols import units
+from protocols.errors import ProtocolError
+from protocols.source import Key, read
+from protocols.source import Source as Yaml
+from protocols.text import validate
+
+OURS = (*SUCTION, "microrobot")
+FILE_NAME = "recording.yaml"
+
+
+def read_bundle(folder: Path | str) -> Recording:
+    """The recording in ``folder`` (or of the ``recording.yaml`` given).
+
+    Units become SI, times stay on the session's clock. Frames go through the threshold pipeline where the bundle has no
+    ``apex_height`` of its own. A skinrig protocol without ``setpoints`` is compiled to them, beginning at the first
+    sample.
+
+    Raises RecordingError that names file and line, column or channel.
+    """
+    folder = Path(folder)
+    file = folder if folder.is_file() else folder / FILE_NAME
+    if not file.is_file():
+        raise RecordingError(f"{folder}: not a bundle: there is no {FILE_NAME}")
+    try:
+        data, source = read(file, aliases=True)
+        return _Import(file, source, validate(Bundle, data, source)).recording()
+    except ProtocolError as error:
+        raise RecordingError(str(error)) from error
+
+
+class _Import:
+    """The import of one bundle: ``file`` is its recording.yaml, ``source`` knows the lines in it."""
+
+    def __init__(self, file: Path, source: Yaml, bundle: Bundle) -> None:
+        self.file = file
+        self.folder = file.parent
+        self.source = source
+        self.bundle = bundle
+        self.tables: dict[tuple[Path, str | None], Table] = {}
+        self.times: dict[tuple[Path, str | None, TimeAxis, int], FloatArray] = {}
+        self.events = [Event(e.time, e.level, e.code, e.text) for e in bundle.events]
+
+    def recording(self) -> Recording:
+        streams = self.series("channels", self.bundle.channels)
+        setpoints = self.series("setpoints", self.bundle.setpoints)
+        derived = self.series("derived", self.bundle.derived)
+        start = min((float(s.time[0]) for s in streams.values()), default=0.0)
+        frames = None
+        if self.bundle.frames is not None:
+            frames = self.frames(self.bundle.frames, start)
+            if "apex_height" not in streams:
+                found, results = self.threshold(frames, self.bundle.frames)
+                streams |= found
+                derived |= results
+        protocol, name = self.protocol()
+        if not setpoints:
+            setpoints = self.compiled(protocol, start)
+        self.check_sign(streams)
+        return Recording(
+            info=self.info(protocol, name),
+            streams=streams,
+            setpoints=setpoints,
+            frames=frames,
+            events=tuple(self.events),
+            derived=derived,
+            plot=self.bundle.run.plot,
+        )
+
+    def fault(self, path: Key, message: str) -> RecordingError:
+        return RecordingError(str(self.source.fault(path, message)))
+
+    def info(self, protocol: str, name: str) -> RunInfo:
+        bundle, run = self.bundle, self.bundle.run
+        digest = hashlib.sha256(self.source.text.encode() + str(self.folder.resolve()).encode()).hexdigest()[:8]
+        return RunInfo(
+            id=run.id or f"import-{self.folder.resolve().name}-{digest}",
+            instrument=bundle.instrument,
+            start_time=run.start_time,
+            end_time=run.end_time,
+            status=run.status or "imported",
+            trip_reason=run.trip_reason,
+            protocol=protocol,
+            protocol_name=run.protocol_name or name,
+            subject=bundle.subject,
+            site=bundle.site,
+            operator=bundle.operator,
+            repeat=bundle.repeat,
+            specimen=bundle.specimen,
+            notes=bundle.notes,
+            versions=run.versions,
+            station=run.station,
+            limits=run.limits,
+            calibration=run.calibration,
+        )
+
+    # Tables ------------------------------------------------------------------------------------------------------
+
+    def series(self, kind: str, sources: Mapping[str, Source]) -> dict[str, Series]:
+        return {name: self.one(kind, name, source) for name, source in sources.items()}
+
+    def one(self, kind: str, name: str, source: Source) -> Series:
+        if "/" in name:
+            raise self.fault((kind, name), "a channel's name has no '/'")
+        table = self.table((kind, name, "file"), source.file, source.sheet)
+        unit, factor, offset = self.unit((kind, name, "unit"), name, source.unit)
+        if source.width is None:
+            value = table.column(source.column, name)[0]
+        else:
+            value = np.column_stack([table.column(f"{source.column}_{k}", name)[0] for k in range(source.width)])
+        time = self.time((kind, name, "time"), table, source.time, len(value), name)
+        seq = table.column(source.seq, name)[0].astype(np.int64) if source.seq else None
+        if seq is None and kind == "channels":
+            seq = np.arange(len(value))
+        host = table.column(source.time_host, name)[0] if source.time_host else None
+        for what, array in (("seq", seq), ("time_host", host)):
+            if array is not None and len(array) != len(value):
+                raise self.fault((kind, name, what), f"{len(array)} rows, but {len(value)} values")
+        return Series(
+            value=factor * value + offset,
+            time=time,
+            unit=unit,
+            seq=seq,
+            time_host=host,
+            stage=source.stage if source.stage is not None else _stage(self.bundle.instrument, name),
+            range=source.range,
+            resolution=source.resolution or 0.0,
+        )
+
+    def table(self, path: Key, name: str, sheet: str | None) -> Table:
+        file = self.inside(path, name)
+        key = (file, sheet)
+        if key not in self.tables:
+            self.tables[key] = Table(file, sheet)
+        return self.tables[key]
+
+    def inside(self, path: Key, name: str) -> Path:
+        file = (self.folder / name).resolve()
+        if not file.is_relative_to(self.folder.resolve()):
+            raise self.fault(path, f"{name!r} lies outside the bundle")
+        if not file.is_file():
+            raise self.fault(path, f"there is no file {name!r}")
+        return self.folder / name
+
+    def unit(self, path: Key, channel: str, written: str) -> tuple[str, float, float]:
+        try:
+            si, factor, offset = units.to_si(written)
+        except ValueError as error:
+            raise self.fault(path, f"channel {channel}: {error}") from error
+        if self.bundle.instrument in OURS and path[0] != "derived":
+            try:
+                expected = units.KINDS[units.kind_of(channel)][0]
+            except ValueError:
+                return si, factor, offset  # a channel that this lab added
+            if si != expected:
+                raise self.fault(path, f"channel {channel}: {written!r} is {si}, but this channel is in {expected}")
+        return si, factor, offset
+
+    def time(self, path: Key, table: Table, axis: TimeAxis, count: int, channel: str) -> FloatArray:
+        key = (table.path, table.sheet, axis, count)
+        if key not in self.times:
+            self.times[key] = self._time(path, table, axis, count, channel)
+        return self.times[key]
+
+    def _time(self, path: Key, table: Table, axis: TimeAxis, count: int, channel: str) -> FloatArray:
+        if axis.rate is not None:
+            return evenly(count, axis.rate, axis.start)
+        assert axis.column is not None, "the schema asks for one of the two"
+        si, factor, offset = units.to_si(axis.unit) if axis.unit != "s" else ("s", 1.0, 0.0)
+        if si != "s":
+            raise self.fault((*path, "unit"), f"channel {channel}: {axis.unit!r} is not a unit of time")
+        time, lines = table.column(axis.column, channel)
+        if len(time) != count:
+            message = f"{len(time)} times in column {axis.column!r} for {count} values"
+            raise RecordingError(f"{table.path}: channel {channel}: {message}")
+        back = np.flatnonzero(np.diff(time) < 0)
+        if len(back):
+            row = int(back[0]) + 1
+            message = f"time goes back from {time[row - 1]:g} to {time[row]:g}"
+            raise RecordingError(f"{table.path}:{lines[row]}: channel {channel}, column {axis.column!r}: {message}")
+        return factor * time + offset
+
+    def check_sign(self, streams: Mapping[str, Series]) -> None:
+        pressure = streams.get("pressure")
+        if self.bundle.instrument in SUCTION and pressure is not None and np.median(pressure.value) > 1e3:
+            text = "the pressure is mostly positive; suction is negative in a bundle, so check its sign"
+            self.events.append(Event(float(pressure.time[0]), "warning", "pressure_sign", text))
+
+    # Images ------------------------------------------------------------------------------------------------------
+
+    def frames(self, images: Images, start: float) -> Frames:
+        try:
+            data = find_frames(self.folder, images.files)
+        except RecordingError as error:
+            raise self.fault(("frames", "files"), str(error)) from error
+        if images.rate is not None:
+            time = evenly(len(data), images.rate, start if images.start is None else images.start)
+        else:
+            assert images.time is not None, "the schema asks for both"
+            assert images.time_file is not None, "the schema asks for both"
+            table = self.table(("frames", "time_file"), images.time_file, None)
+            time = self.time(("frames", "time"), table, images.time, len(data), "frames")
+        return Frames(data, time, images.scale or 0.0, np.arange(len(data)))
+
+    def threshold(self, frames: Frames, images: Images) -> tuple[dict[str, Series], dict[str, Series]]:
+        from acquire.analysis.frames import apex_and_profile
+
+        if not frames.scale:
+            text = "the frames have no scale, so no height was measured in them"
+            self.events.append(Event(float(frames.time[0]), "warning", "no_scale", text))
+            return {}, {}
+        try:
+            return apex_and_profile(frames, gvt=images.gvt, delta=images.delta, apex=images.apex)
+        except ValueError as error:
+            raise self.fault(("frames",), str(error)) from error
+
+    # Protocol ----------------------------------------------------------------------------------------------------
+
+    def protocol(self) -> tuple[str, str]:
+        """The protocol's text, verbatim where it is a file, and its name."""
+        given = self.bundle.protocol
+        if given is None:
+            return "", ""
+        if isinstance(given, dict):
+            return yaml.safe_dump(given, sort_keys=False, allow_unicode=True), str(given.get("name", ""))
+        if "\n" in given:
+            return given, ""
+        from protocols.catalogue import library
+
+        if not (self.folder / given).is_file() and given in library():
+            return library()[given].read_text("utf-8"), given
+        file = self.inside(("protocol",), given)
+        if file.stat().st_size > 2**20:
+            raise self.fault(("protocol",), f"{given!r} is larger than 1 MB")
+        try:
+            return file.read_text("utf-8"), file.stem
+        except UnicodeDecodeError as error:
+            raise self.fault(("protocol",), f"{given!r} is not UTF-8 text") from error
+
+    def compiled(self, text: str, start: float) -> dict[str, Series]:
+        """Set-points of a skinrig protocol; of any other, none."""
+        from protocols.compiler import compile_protocol
+        from protocols.limits import Limits, Range
+        from protocols.text import load
+
+        try:
+            ours = yaml.safe_load(text)
+        except yaml.YAMLError:
+            return {}
+        if not isinstance(ours, dict) or not str(ours.get("schema", "")).startswith("protocol/"):
+            return {}
+        try:
+            protocol = load(text if "\n" in text else text + "\n")
+            # What was done was allowed where it was done: only the protocol's own limits are asked again.
+            setpoints = compile_protocol(protocol, Limits({q: Range(-1e9, 1e9) for q in protocol.quantities}))
+        except ProtocolError as error:
+            where = self.bundle.protocol if isinstance(self.bundle.protocol, str) else ""
+            located = ProtocolError(error.problems, where if "\n" not in where else "")
+            raise self.fault(("protocol",), f"the protocol is faulty: {located}") from error
+        times, values = setpoints.table()
+        text = "set-points were compiled from the protocol, its beginning put at the first sample"
+        self.events.append(Event(start, "info", "setpoints_compiled", text))
+        return {q: Series(v, times + start, units.KINDS[units.kind_of(q)][0]) for q, v in values.items()}
+
+
+def _stage(instrument: str, channel: str) -> str:
+    """The stage that a known channel of a known instrument observes."""
+    if instrument in SUCTION and channel == "pressure":
+        return "actuator"
+    if instrument == "microrobot" and channel.startswith("axis_position"):
+        return "actuator"
+    if instrument in OURS and channel.startswith(("apex_height", "transducer_force")):
+        return "sensor"
+    if instrument == "microrobot" and channel.startswith(("probe_", "force_")):
+        return "processing"
+    return ""

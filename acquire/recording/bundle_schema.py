@@ -1,0 +1,137 @@
+"""What ``recording.yaml`` of a bundle may say (schema ``recording-bundle/1``).
+
+Beyond the contract of docs/architecture.md a channel may name its stage, range, resolution and sample counter, a time
+axis may be a ``rate`` instead of a column, and ``run`` carries the rest of a run's identity: what an exported recording
+needs to come back whole.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import ConfigDict, Field, model_validator
+
+from protocols.fields import Frequency, Model, Unit
+
+SCHEMA = "recording-bundle/1"
+SUCTION = ("cutometer", "aspiration")
+ScaleValue = Annotated[float, Unit("scale", "positive")]
+Duration = Annotated[float, Unit("time")]
+Short = Annotated[str, Field(max_length=400)]
+
+
+class _Loose(Model):
+    """Numbers are taken as text where text is meant: ``subject: 7``, ``column: 1``."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", coerce_numbers_to_str=True)
+
+
+class TimeAxis(_Loose):
+    """A time column (of the channel's file), or samples evenly at ``rate`` from ``start`` on."""
+
+    column: Short | None = None
+    unit: Short = "s"
+    rate: Frequency | None = None
+    start: Duration = 0.0
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> TimeAxis:
+        if (self.column is None) == (self.rate is None):
+            raise ValueError("time needs either a column or a rate")
+        return self
+
+
+class Source(_Loose):
+    """Where one channel or set-point is: file, column, unit, and its time."""
+
+    file: Short
+    column: Short
+    unit: Short
+    time: TimeAxis
+    width: Annotated[int, Field(ge=1, le=10_000)] | None = Field(
+        default=None, description="a profile: the columns are <column>_0, <column>_1 …"
+    )
+    sheet: Short | None = None
+    stage: Short | None = None
+    range: tuple[float, float] | None = Field(default=None, description="in SI")
+    resolution: float | None = Field(default=None, description="in SI")
+    seq: Short | None = Field(default=None, description="column of the device's sample counter")
+    time_host: Short | None = Field(default=None, description="column of the host's clock, in s")
+
+
+class Images(_Loose):
+    """Camera images: a pattern of PNG or TIFF files in their natural order, or one AVI or MP4 file.
+
+    Their times: ``rate`` from ``start`` on (default: where the channels begin), or a ``time`` column of ``time_file``.
+    ``gvt`` is the grey-value threshold set by eye (0..255), ``delta`` its uncertainty, ``apex`` where the dome points.
+    Without a ``scale`` the images are kept, but no height is measured in them.
+    """
+
+    files: Short
+    scale: ScaleValue | None = None
+    rate: Frequency | None = None
+    start: Duration | None = None
+    time_file: Short | None = None
+    time: TimeAxis | None = None
+    gvt: Annotated[float, Field(ge=0, le=255)] | None = None
+    delta: Annotated[float, Field(gt=0, le=100)] | None = None
+    apex: Literal["up", "down", "left", "right"] | None = None
+
+    @model_validator(mode="after")
+    def _one_clock(self) -> Images:
+        if (self.rate is None) == (self.time_file is None):
+            raise ValueError("frames need either a rate or a time_file")
+        if (self.time_file is None) != (self.time is None):
+            raise ValueError("time_file and time belong together")
+        return self
+
+
+class Run(_Loose):
+    """The rest of a run's identity, as `acquire export` writes it."""
+
+    id: Short | None = None
+    status: Short | None = None
+    trip_reason: str = ""
+    start_time: Short = ""
+    end_time: Short = ""
+    protocol_name: Short = ""
+    versions: dict[str, str] = Field(default={})
+    limits: dict[str, tuple[float, float]] = Field(default={})
+    calibration: dict[str, dict[str, Any]] = Field(default={})
+    station: str = ""
+    plot: Short = ""
+
+
+class EventRow(_Loose):
+    """One event."""
+
+    time: float
+    level: Literal["info", "warning", "error", "trip"]
+    code: Short
+    text: str
+
+
+class Bundle(_Loose):
+    """The whole of ``recording.yaml``."""
+
+    version: Literal["recording-bundle/1"] = Field(alias="schema")
+    instrument: Annotated[str, Field(min_length=1, max_length=80)]
+    protocol: str | dict[str, Any] | None = None
+    subject: Short = ""
+    site: Short = ""
+    repeat: Annotated[int, Field(ge=0, strict=True)] = 1
+    specimen: Short = "skin"
+    operator: Short = ""
+    notes: str = ""
+    channels: dict[str, Source] = Field(default={})
+    setpoints: dict[str, Source] = Field(default={})
+    derived: dict[str, Source] = Field(default={})
+    frames: Images | None = None
+    events: tuple[EventRow, ...] = ()
+    run: Run = Run()
+
+    @model_validator(mode="after")
+    def _something_measured(self) -> Bundle:
+        if not self.channels and self.frames is None:
+            raise ValueError("a recording needs channels or frames")
+        return self

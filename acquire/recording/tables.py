@@ -1,0 +1,146 @@
+"""Columns of numbers from CSV, TSV and XLSX files, with the line and column of whatever is not a number."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import zipfile
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from acquire.recording.model import FloatArray, RecordingError
+from protocols.text import did_you_mean
+
+MAX_BYTES = 2**29  # of text, or of a workbook once unpacked
+
+
+class Table:
+    """One file of columns under a header row. Raises RecordingError that names the file and, where it can, the line.
+
+    Lines beginning with ``#`` before the header are skipped; a CSV may be separated by comma, semicolon (then with a
+    decimal point or a decimal comma) or tab.
+    """
+
+    def __init__(self, path: Path, sheet: str | None = None) -> None:
+        self.path = path
+        self.sheet = sheet
+        if not path.is_file():
+            raise RecordingError(f"{path}: no such file")
+        if path.suffix.lower() == ".xlsx":
+            self._lines, self._rows = _workbook(path, sheet)
+        else:
+            self._lines, self._rows = _text_rows(path)
+        if not self._rows:
+            raise RecordingError(f"{path}: there is no header row")
+        self.header = [name.strip() for name in self._rows[0]]
+        self._columns: dict[str, tuple[FloatArray, list[int]]] = {}
+
+    def column(self, name: str, channel: str) -> tuple[FloatArray, list[int]]:
+        """Values (n,) of the column ``name`` and the line of each in the file; empty cells at its end are no samples.
+
+        ``channel`` is who asks: it is named in the RecordingError for a missing, doubled or empty column, and for a
+        cell that is not a finite number.
+        """
+        if name not in self._columns:
+            self._columns[name] = self._read(name, channel)
+        return self._columns[name]
+
+    def _read(self, name: str, channel: str) -> tuple[FloatArray, list[int]]:
+        found = [index for index, title in enumerate(self.header) if title == name.strip()]
+        if not found:
+            raise RecordingError(f"{self.path}: channel {channel}: no column {name!r}{did_you_mean(name, self.header)}")
+        if len(found) > 1:
+            raise RecordingError(f"{self.path}: channel {channel}: {len(found)} columns are called {name!r}")
+        index = found[0]
+        cells = [row[index].strip() if index < len(row) else "" for row in self._rows[1:]]
+        while cells and not cells[-1]:
+            cells.pop()
+        if not cells:
+            raise RecordingError(f"{self.path}: channel {channel}: column {name!r} is empty")
+        lines = self._lines[1 : len(cells) + 1]
+        try:
+            values = np.array(cells, dtype=np.float64)
+        except ValueError:
+            values = np.array(
+                [self._number(cell, line, name, channel) for cell, line in zip(cells, lines, strict=True)]
+            )
+        bad = np.flatnonzero(~np.isfinite(values))
+        if len(bad):
+            self._number(cells[bad[0]], lines[bad[0]], name, channel)
+        return values, lines
+
+    def _number(self, cell: str, line: int, name: str, channel: str) -> float:
+        try:
+            # A decimal comma cannot be a thousands separator here: a number has at most one.
+            value = float(cell.replace(",", ".", 1) if "." not in cell else cell)
+            if math.isfinite(value):
+                return value
+            what = f"{cell!r} is not a finite number"
+        except ValueError:
+            what = f"{cell!r} is not a number" if cell else "the cell is empty"
+        raise RecordingError(f"{self.path}:{line}: channel {channel}, column {name!r}: {what}")
+
+
+def _text_rows(path: Path) -> tuple[list[int], list[list[str]]]:
+    if path.stat().st_size > MAX_BYTES:
+        raise RecordingError(f"{path}: larger than {MAX_BYTES // 2**20} MB")
+    raw = path.read_bytes()
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = raw.decode("latin-1")  # what older instrument software writes; only headers can be affected
+    if "\0" in text:
+        raise RecordingError(f"{path}: not a text file")
+    first = next((line for line in text.splitlines() if line.strip() and not line.startswith("#")), "")
+    if path.suffix.lower() in (".tsv", ".tab") or "\t" in first:
+        separator = "\t"
+    else:
+        separator = ";" if ";" in first else ","
+    lines: list[int] = []
+    rows: list[list[str]] = []
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
+    try:
+        for row in reader:
+            comment = not rows and row and row[0].startswith("#")
+            if not comment and any(map(str.strip, row)):
+                lines.append(reader.line_num)
+                rows.append(row)
+    except csv.Error as error:
+        raise RecordingError(f"{path}:{reader.line_num}: {error}") from error
+    return lines, rows
+
+
+def _workbook(path: Path, sheet: str | None) -> tuple[list[int], list[list[str]]]:
+    import openpyxl
+
+    try:
+        with zipfile.ZipFile(path) as archive:
+            size = sum(member.file_size for member in archive.infolist())
+        if size > MAX_BYTES:
+            raise RecordingError(f"{path}: unpacks to {size} bytes; more than {MAX_BYTES} are refused")
+        book = openpyxl.load_workbook(path, read_only=True, data_only=True)
+    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
+        if isinstance(error, RecordingError):
+            raise
+        raise RecordingError(f"{path}: not a readable workbook: {error}") from error
+    try:
+        if sheet is not None and sheet not in book.sheetnames:
+            raise RecordingError(f"{path}: no sheet {sheet!r}{did_you_mean(sheet, book.sheetnames)}")
+        chosen = book[sheet] if sheet is not None else book.worksheets[0]
+        lines, rows = [], []
+        for number, cells in enumerate(chosen.iter_rows(values_only=True), start=1):
+            row = ["" if cell is None else str(cell) for cell in cells]
+            if any(map(str.strip, row)):
+                lines.append(number)
+                rows.append(row)
+        return lines, rows
+    finally:
+        book.close()
+
+
+def evenly(count: int, rate: float, start: float) -> NDArray[np.float64]:
+    """Times (count,) in s of samples at ``rate`` Hz from ``start`` s on."""
+    return start + np.arange(count) / rate

@@ -1,0 +1,182 @@
+"""Bundles: what a lab writes by hand comes in with SI units, and what is exported comes back whole."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import openpyxl
+import pytest
+import yaml
+
+from acquire.recording import RecordingError, load, open_recording, read_bundle, write_bundle, write_recording
+from acquire.recording.model import difference
+from tests.acquire.recording.samples import sample_recording
+
+DATA = "t,p,h\n0.0,0,0\n0.1,-300,0.1\n0.2,-300,0.15\n0.3,-300,0.17\n"
+
+
+def channel(column: str, unit: str, file: str = "data.csv", **more: Any) -> dict[str, Any]:
+    return {"file": file, "column": column, "unit": unit, "time": {"column": "t", "unit": "s"}, **more}
+
+
+def make(folder: Path, files: dict[str, str] | None = None, **changes: Any) -> Path:
+    """A small bundle; ``changes`` replace keys of recording.yaml (None removes one), ``files`` lie beside it."""
+    about = {
+        "schema": "recording-bundle/1",
+        "instrument": "cutometer",
+        "subject": "P07",
+        "site": "forehead",
+        "repeat": 1,
+        "channels": {"pressure": channel("p", "mbar"), "apex_height": channel("h", "mm")},
+        **changes,
+    }
+    folder.mkdir(exist_ok=True)
+    for name, text in ({"data.csv": DATA} | (files or {})).items():
+        (folder / name).write_text(text, encoding="utf-8")
+    about = {key: value for key, value in about.items() if value is not None}
+    (folder / "recording.yaml").write_text(yaml.safe_dump(about, sort_keys=False), encoding="utf-8")
+    return folder
+
+
+def test_units_become_si(tmp_path: Path) -> None:
+    recording = load(make(tmp_path / "b"))
+    pressure, height = recording.stream("pressure"), recording.stream("apex_height")
+    assert (pressure.unit, height.unit) == ("Pa", "m")
+    assert np.array_equal(pressure.value, [0, -3e4, -3e4, -3e4])
+    assert np.allclose(height.value, [0, 1e-4, 1.5e-4, 1.7e-4])
+    assert np.array_equal(height.time, [0, 0.1, 0.2, 0.3])
+    assert pressure.stage == "actuator"
+    assert recording.info.status == "imported"
+    assert recording.info.specimen == "skin"
+    assert recording.info.id.startswith("import-b-")
+    assert read_bundle(tmp_path / "b" / "recording.yaml").info.id == recording.info.id
+
+
+@pytest.mark.parametrize("text", ["t;p;h\n0;0;0\n0,1;-300;0,1\n", "# lab\n# x\nt\tp\th\n0\t0\t0\n0.1\t-300\t.1\n"])
+def test_other_separators_and_decimal_commas(tmp_path: Path, text: str) -> None:
+    recording = load(make(tmp_path, {"data.csv": text}))
+    assert np.allclose(recording.stream("apex_height").value, [0, 1e-4])
+    assert np.allclose(recording.stream("apex_height").time, [0, 0.1])
+
+
+def test_workbook_and_channels_of_different_length(tmp_path: Path) -> None:
+    book = openpyxl.Workbook()
+    book.active.append(["t", "p", "t2", "h"])
+    book.active.append([0, 0, 0, 0])
+    book.active.append([0.1, -300.5, None, None])
+    book.save(tmp_path / "data.xlsx")
+    slow = {**channel("h", "mm", "data.xlsx"), "time": {"column": "t2", "unit": "min"}}
+    make(tmp_path, channels={"pressure": channel("p", "mbar", "data.xlsx"), "apex_height": slow})
+    recording = load(tmp_path)
+    assert np.array_equal(recording.stream("pressure").value, [0, -30050.0])
+    assert len(recording.stream("apex_height").value) == 1
+
+
+def test_any_other_rig_names_its_own_channels(tmp_path: Path) -> None:
+    channels = {
+        "motor_force": channel("p", "kgf"),
+        "level": {**channel("h", "V"), "time": {"rate": "0.25 Hz", "start": "8 s"}},
+    }
+    recording = load(make(tmp_path, instrument="servo drive", channels=channels))
+    assert recording.stream("motor_force").unit == "N"
+    assert np.array_equal(recording.stream("level").time, [8, 12, 16, 20])
+
+
+def test_a_foreign_protocol_is_kept_verbatim(tmp_path: Path) -> None:
+    text = "first press\n  then wait: [\n"
+    recording = load(make(tmp_path / "a", {"notes.txt": text}, protocol="notes.txt"))
+    assert recording.info.protocol == text
+    assert not recording.setpoints
+    inline = load(make(tmp_path / "b", protocol={"schema": "other/2", "x": 1}))
+    assert yaml.safe_load(inline.info.protocol) == {"schema": "other/2", "x": 1}
+
+
+PROTOCOL = """schema: protocol/1
+name: one-step
+instrument: cutometer
+limits: {pressure: {low: -500 mbar, high: 0 mbar}}
+steps:
+- {type: hold, pressure: -300 mbar, duration: 2 s}
+"""
+
+
+def test_a_skinrig_protocol_without_setpoints_is_compiled(tmp_path: Path) -> None:
+    data = DATA.replace("0.0,", "10.0,").replace("\n0.", "\n10.")
+    recording = load(make(tmp_path, {"data.csv": data, "protocol.yaml": PROTOCOL}, protocol="protocol.yaml"))
+    commanded = recording.setpoints["pressure"]
+    assert commanded.unit == "Pa"
+    assert commanded.time[0] == 10.0, "the session's clock"
+    assert commanded.value.min() == -3e4
+    assert recording.info.protocol == PROTOCOL
+    assert [event.code for event in recording.events] == ["setpoints_compiled"]
+
+
+def test_setpoints_given_are_taken(tmp_path: Path) -> None:
+    files = {"command.csv": "t,p\n0,0\n0,-300\n2,-300\n", "protocol.yaml": PROTOCOL}
+    given = {"pressure": channel("p", "mbar", "command.csv")}
+    recording = load(make(tmp_path, files, protocol="protocol.yaml", setpoints=given))
+    assert np.array_equal(recording.setpoints["pressure"].value, [0, -3e4, -3e4])
+    assert not recording.events
+
+
+def test_positive_suction_is_remarked_upon(tmp_path: Path) -> None:
+    recording = load(make(tmp_path, {"data.csv": DATA.replace("-300", "300")}))
+    assert [event.code for event in recording.events] == ["pressure_sign"]
+
+
+def test_frames(tmp_path: Path) -> None:
+    images = np.random.default_rng(0).integers(0, 255, (11, 20, 30), dtype=np.uint8)
+    folder = make(tmp_path, frames={"files": "img_*.png", "rate": "25 Hz"})
+    for number, image in enumerate(images):
+        cv2.imwrite(str(folder / f"img_{number}.png"), image)
+    frames = load(folder).frames
+    assert frames is not None
+    assert np.array_equal(np.asarray(frames.data), images), "img_2 comes before img_10"
+    assert np.allclose(frames.time, np.arange(11) / 25)
+    for number, image in enumerate(images):
+        cv2.imwrite(str(folder / f"img_{number}.tif"), image.astype(np.uint16) * 256)
+    folder = make(tmp_path, frames={"files": "img_*.tif", "rate": "25 Hz", "start": "2 s"})
+    frames = load(folder).frames
+    assert frames is not None
+    assert np.array_equal(np.asarray(frames.data), images)
+    assert frames.time[0] == 2.0
+
+
+def test_film(tmp_path: Path) -> None:
+    film = cv2.VideoWriter(str(tmp_path / "film.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (64, 48))
+    for level in (0, 100, 200):
+        film.write(np.full((48, 64, 3), level, np.uint8))
+    film.release()
+    frames = load(make(tmp_path, frames={"files": "film.avi", "rate": "25 Hz"})).frames
+    assert frames is not None
+    assert frames.data.shape == (3, 48, 64)
+    assert np.allclose(frames.data[:, 24, 32], [0, 100, 200], atol=3)
+
+
+def test_export_comes_back_whole(tmp_path: Path) -> None:
+    recording = sample_recording()
+    folder = write_bundle(recording, tmp_path / "bundle")
+    back = load(folder)
+    assert difference(recording, back) == ""
+    assert back.info.limits == recording.info.limits
+    assert back.info.calibration["opening"] == recording.info.calibration["opening"]
+    assert back.streams["pressure"].range == recording.streams["pressure"].range
+    assert back.frames is not None
+    assert recording.frames is not None
+    assert np.array_equal(np.asarray(back.frames.data), recording.frames.data)
+    again = open_recording(write_recording(back, tmp_path / "run.h5"))
+    assert difference(recording, again) == ""
+    with pytest.raises(RecordingError, match="is not empty"):
+        write_bundle(recording, folder)
+
+
+def test_export_of_channels_with_times_of_their_own(tmp_path: Path) -> None:
+    recording = sample_recording(frames=0)
+    slow = recording.streams["apex_height"]
+    slow = replace(slow, value=slow.value[::4], time=slow.time[::4], seq=np.arange(7, 757), time_host=None)
+    recording = replace(recording, streams={"time": slow, "pressure": recording.streams["pressure"]})
+    assert difference(recording, load(write_bundle(recording, tmp_path / "bundle"))) == ""
