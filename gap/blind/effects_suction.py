@@ -1,182 +1,160 @@
-"""Effects of the suction instruments: each form turns one strength into knobs of the chain.
-
-A concept of the vocabulary has a textbook form (``own=False``, tier T1) and at least one of its own (tiers T2 up).
-"""
+"""Effect forms of the suction instruments; each line names the concept, the form, its knob and its strengths (SI)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from .forms import Draw, Form
 
-import numpy as np
-
-from .vocabulary import UNKNOWN
-
-Knobs = dict[str, float]
-Random = np.random.Generator
+CUT, ASP = ("cutometer",), ("aspiration",)
+BOTH = CUT + ASP
 
 
-@dataclass(frozen=True)
-class Form:
-    """One form of an effect.
-
-    ``knobs(strength, rng)`` gives the chain's knobs; strength runs from ``weak`` to ``strong`` (what is physically
-    plausible). ``sizes`` marks strengths in metres that scale with the instrument's heights (the aspiration's are
-    seven times the Cutometer's). ``steps`` lists the only strengths there are, for effects that are or are not.
-    """
-
-    concept: str
-    name: str
-    own: bool
-    weak: float
-    strong: float
-    knobs: Callable[[float, Random], Knobs]
-    sizes: bool = False
-    steps: tuple[float, ...] = ()
-    instruments: tuple[str, ...] = ("cutometer", "aspiration")
-
-    @property
-    def known(self) -> bool:
-        """Whether the concept is in the public vocabulary."""
-        return not self.concept.startswith(UNKNOWN)
+def _book(concept: str, name: str, knob: str, weak: float, strong: float, **draws: Draw) -> Form:
+    return Form(concept, name, False, knob, weak, strong, draws)
 
 
-def _one(knob: str) -> Callable[[float, Random], Knobs]:
-    return lambda a, r: {knob: a}
+def _own(concept: str, name: str, knob: str, weak: float, strong: float, **draws: Draw) -> Form:
+    return Form(concept, name, True, knob, weak, strong, draws)
 
 
-def _sign(r: Random) -> float:
-    return 1.0 if r.random() < 0.5 else -1.0
+def _sized(own: bool, concept: str, name: str, knob: str, weak: float, strong: float, **draws: Draw) -> Form:
+    """A form whose strength is a length, given for the Cutometer's heights."""
+    return Form(concept, name, own, knob, weak, strong, draws, length=True)
 
 
-def _signed(knob: str) -> Callable[[float, Random], Knobs]:
-    return lambda a, r: {knob: a * _sign(r)}
+def _only(instruments: tuple[str, ...], form: Form) -> Form:
+    return Form(**{**form.__dict__, "instruments": instruments})
 
 
-_CUT, _ASP = ("cutometer",), ("aspiration",)
-_LATER: Callable[[Random], float] = lambda r: float(r.integers(1, 4))
+def _steps(own: bool, concept: str, name: str, knob: str, *steps: float, **draws: Draw) -> Form:
+    return Form(concept, name, own, knob, min(steps), max(steps), draws, steps=steps)
+
+
+LATER = range(1, 4)
 
 TIMING = (
-    Form("latency", "dead time", False, 1e-3, 0.8, _one("latency")),
-    Form("latency", "polled", True, 4e-3, 1.5, _one("poll")),
-    Form("clock_skew", "constant", False, 1e-6, 0.02, _signed("skew")),
-    Form("clock_skew", "wandering", True, 1e-6, 0.05, lambda a, r: {"skew_wander": a * _sign(r), "skew_period": r.uniform(60, 200)}),
-    Form("late_samples", "random", False, 1e-3, 0.5, _one("late")),
-    Form("late_samples", "bursts", True, 3e-4, 0.1, lambda a, r: {"late_burst": a, "burst_length": r.integers(2, 8), "burst_depth": r.integers(1, 6)}),
-    Form("dropped_samples", "repeated", False, 1e-3, 0.5, _one("drop")),
-    Form("dropped_samples", "closed up", True, 3e-4, 0.1, lambda a, r: {"drop_gap": a, "gap_length": r.integers(1, 4)}),
-    Form("desynchronisation", "constant", False, 5e-4, 0.6, _signed("lag_height")),
-    Form("desynchronisation", "growing", True, 5e-4, 0.6, _one("lag_growing")),
-    Form("jitter", "normal", False, 3e-4, 0.1, _one("jitter")),
-    Form("jitter", "beating", True, 1e-3, 0.2, lambda a, r: {"beat": a, "beat_ratio": r.uniform(0.05, 0.45)}),
+    _book("latency", "dead time", "latency", 3e-4, 0.8),
+    _own("latency", "polled", "poll", 5e-4, 1.5),
+    _book("clock_skew", "constant", "±skew", 1e-6, 0.02),
+    _own("clock_skew", "wandering", "±skew_wander", 1e-6, 0.05, skew_period=(60, 200)),
+    _book("late_samples", "random", "late", 2e-4, 0.5),
+    _own("late_samples", "bursts", "late_burst", 1e-4, 0.1, burst_length=range(2, 8), burst_depth=range(1, 6)),
+    _book("dropped_samples", "repeated", "drop", 1e-3, 0.5),
+    _own("dropped_samples", "closed up", "drop_gap", 3e-4, 0.1, gap_length=range(1, 4)),
+    _book("desynchronisation", "constant", "±lag_height", 5e-4, 0.6),
+    _own("desynchronisation", "growing", "lag_growing", 5e-4, 0.6),
+    _book("jitter", "normal", "jitter", 1e-5, 0.1),
+    _own("jitter", "beating", "beat", 2e-5, 0.2, beat_ratio=(0.05, 0.45)),
 )
 
 ACTUATOR = (
-    Form("regulator_lag", "first order", False, 1e-3, 3.0, _one("lag")),
-    Form("regulator_lag", "hose", True, 1e-3, 3.0, _one("lag_cascade")),
-    Form("regulator_lag", "slow exhaust", True, 1e-3, 3.0, lambda a, r: {"lag_fall": a, "lag_ratio": r.choice([0.3, 3.0])}),
-    Form("regulator_lag", "two paths", True, 5e-3, 5.0, lambda a, r: {"lag_parallel": a, "lag_share": r.uniform(0.15, 0.5)}),
-    Form("slew_limit", "hard", False, 1 / 2e6, 1 / 3e3, lambda a, r: {"slew": 1 / a}),
-    Form("slew_limit", "soft", True, 1 / 2e6, 1 / 3e3, lambda a, r: {"slew": 1 / a, "slew_soft": 1.0}),
-    Form("overshoot", "under-damped", False, 1e-3, 0.9, _one("underdamped")),
-    Form("overshoot", "lead", True, 1e-4, 0.15, _one("lead")),
-    Form("leak", "linear", False, 1e-4, 8.0, _one("leak")),
-    Form("leak", "orifice", True, 1e-3, 800.0, _one("leak_root")),
-    Form("leak", "lifting valve", True, 1e-4, 15.0, lambda a, r: {"leak_late": a, "leak_at": r.uniform(60e2, 150e2)}),
-    Form("reservoir_depletion", "sag", False, 1e-5, 0.6, lambda a, r: {"sag": a, "sag_tau": r.uniform(4, 15)}),
-    Form("reservoir_depletion", "store", True, 1e-7, 3e-6, lambda a, r: {"store_use": a, "store_refill": r.uniform(15, 60), "store_capacity": r.uniform(4.6e4, 5.5e4)}),
-    Form("dead_band", "dead zone", False, 1.0, 60e2, _one("band")),
-    Form("dead_band", "sleeping valve", True, 10.0, 80e2, _one("sleep")),
-    Form("gauge_offset", "recorded", False, 0.5, 60e2, _signed("gauge_offset")),
-    Form("gauge_offset", "zero shift", True, 0.5, 60e2, lambda a, r: {"gauge_shift": a * _sign(r), "from_recording": _LATER(r)}),
-    Form("gauge_offset", "in the loop", True, 0.5, 60e2, _signed("loop_offset")),
-    Form("gauge_gain", "recorded", False, 1e-5, 0.3, _signed("gauge_gain")),
-    Form("gauge_gain", "two slopes", True, 1e-5, 0.4, _signed("gauge_gain_high")),
+    _book("regulator_lag", "first order", "lag", 1e-4, 3.0),
+    _own("regulator_lag", "hose", "lag_cascade", 1e-4, 3.0),
+    _own("regulator_lag", "uneven", "lag_fall", 1e-4, 3.0, lag_ratio=[0.3, 3.0]),
+    _own("regulator_lag", "two paths", "lag_parallel", 3e-4, 5.0, lag_share=(0.15, 0.5)),
+    _book("slew_limit", "hard", "1/slew", 1 / 2e6, 1 / 3e3),
+    _own("slew_limit", "soft", "1/slew", 1 / 2e6, 1 / 3e3, slew_soft=1.0),
+    _book("overshoot", "under-damped", "underdamped", 1e-3, 0.9),
+    _own("overshoot", "lead", "lead", 1e-4, 0.15),
+    _book("leak", "linear", "leak", 1e-4, 8.0),
+    _own("leak", "orifice", "leak_root", 1e-3, 800.0),
+    _own("leak", "lifting valve", "leak_late", 1e-4, 15.0, leak_at=(60e2, 150e2)),
+    _book("reservoir_depletion", "sag", "sag", 1e-5, 0.6, sag_tau=(4, 15)),
+    _own("reservoir_depletion", "store", "store_use", 1e-7, 3e-6, store_refill=(15, 60), store_margin=(1.0, 1.3)),
+    _book("dead_band", "dead zone", "band", 1.0, 60e2),
+    _own("dead_band", "sleeping valve", "sleep", 10.0, 80e2),
+    _book("gauge_offset", "recorded", "±gauge_offset", 0.5, 60e2),
+    _own("gauge_offset", "zero shift", "±gauge_shift", 0.5, 60e2, from_recording=LATER),
+    _own("gauge_offset", "in the loop", "±loop_offset", 0.5, 60e2),
+    _book("gauge_gain", "recorded", "±gauge_gain", 1e-5, 0.3),
+    _own("gauge_gain", "two slopes", "±gauge_gain_high", 1e-5, 0.4),
 )
 
 INTERFACE = (
-    Form("spring_preload", "constant", False, 10.0, 150e2, _one("preload"), instruments=_CUT),
-    Form("spring_preload", "relaxing", True, 10.0, 150e2, _one("preload_fading"), instruments=_CUT),
-    Form("rim_friction", "constant play", False, 2.0, 100e2, _one("stick")),
-    Form("rim_friction", "Coulomb", True, 1e-4, 0.4, _one("stick_coulomb")),
-    Form("rim_friction", "bristles", True, 1e-4, 0.4, lambda a, r: {"stick_bristle": a, "bristle_scale": r.uniform(10e2, 40e2)}),
-    Form("rim_leak", "growing", False, 1e-4, 0.3, _one("rim_leak")),
-    Form("rim_leak", "sealing", True, 1e-4, 0.9, lambda a, r: {"rim_sealing": a, "seal_at": r.uniform(30e2, 100e2)}),
-    Form("probe_tilt", "seating", False, 1e-7, 1.2e-4, lambda a, r: {"tilt": a, "seat_at": r.uniform(15e2, 80e2)}, sizes=True),
-    Form("probe_tilt", "rocking flat", True, 1e-7, 1.2e-4, lambda a, r: {"tilt_seating": a, "seat_at": r.uniform(15e2, 80e2)}, sizes=True),
-    Form("probe_recoil", "spring", False, 1e-7, 3e-4, _one("recoil"), sizes=True),
-    Form("probe_recoil", "damped", True, 1e-7, 3e-4, lambda a, r: {"recoil_damped": a, "recoil_stop": r.uniform(0.4, 1.2), "recoil_tau": r.uniform(0.05, 0.6)}, sizes=True),
+    _only(CUT, _book("spring_preload", "constant", "preload", 10.0, 150e2)),
+    _only(CUT, _own("spring_preload", "relaxing", "preload_fading", 10.0, 150e2)),
+    _book("rim_friction", "constant play", "stick", 2.0, 100e2),
+    _own("rim_friction", "Coulomb", "stick_coulomb", 1e-4, 0.4),
+    _own("rim_friction", "bristles", "stick_bristle", 1e-4, 0.4, bristle_scale=(10e2, 40e2)),
+    _book("rim_leak", "growing", "rim_leak", 1e-4, 0.45),
+    _own("rim_leak", "sealing", "rim_sealing", 1e-4, 0.9, seal_at=(30e2, 100e2)),
+    _sized(False, "probe_tilt", "seating", "tilt", 1e-7, 1.2e-4, seat_at=(15e2, 80e2)),
+    _sized(True, "probe_tilt", "rocking flat", "tilt_seating", 1e-7, 1.2e-4, seat_at=(15e2, 80e2)),
+    _sized(False, "probe_recoil", "spring", "recoil", 1e-7, 3e-4),
+    _sized(True, "probe_recoil", "damped", "recoil_damped", 1e-7, 3e-4, recoil_stop=(0.4, 1.2), recoil_tau=(0.05, 0.6)),
 )
 
 TISSUE = (
-    Form("slow_creep", "mode", False, 1e-3, 1.5, lambda a, r: {"creep": a, "creep_tau": r.uniform(30, 150)}),
-    Form("slow_creep", "one way", True, 1e-3, 1.5, lambda a, r: {"creep_oneway": a, "creep_tau": r.uniform(25, 100)}),
-    Form("power_law_creep", "fractional", False, 1e-4, 1.0, lambda a, r: {"power_creep": a, "alpha": r.uniform(0.1, 0.35)}),
-    Form("power_law_creep", "logarithmic", True, 1e-4, 0.3, _one("log_creep")),
-    Form("viscoplastic_residual", "Perzyna", False, 1e-4, 0.6, lambda a, r: {"residual": a, "yield_at": r.uniform(0.2, 0.6)}),
-    Form("viscoplastic_residual", "by work", True, 1e-4, 2.0, _one("residual_work")),
-    Form("preconditioning", "by number", False, 1e-3, 0.6, lambda a, r: {"first_loadings": a, "series": r.uniform(0.6, 2.0)}),
-    Form("preconditioning", "by work", True, 1e-3, 0.5, lambda a, r: {"mullins": a, "softening": r.uniform(6, 30)}),
-    Form("missing_deep_layer", "kink", False, 1e-3, 0.8, lambda a, r: {"deep": a, "deep_at": r.uniform(0.4, 0.9)}),
-    Form("missing_deep_layer", "viscous bend", True, 1e-3, 0.8, lambda a, r: {"deep_smooth": a, "deep_at": r.uniform(0.4, 0.9)}),
-    Form("strain_stiffening", "quadratic", False, 1e-4, 0.8, _one("stiffen")),
-    Form("strain_stiffening", "locking", True, 1e-4, 1.5, _one("locking")),
-    Form("pulse_breathing", "sine", False, 2e-8, 1e-4, lambda a, r: {"pulse": a, "pulse_hz": r.choice([r.uniform(0.9, 1.5), r.uniform(0.2, 0.35)]), "pulse_phase": r.uniform(0, 6)}, sizes=True),
-    Form("pulse_breathing", "breath with wave form", True, 2e-8, 1e-4, lambda a, r: {"breath": a, "pulse_hz": r.uniform(0.2, 0.35), "pulse_phase": r.uniform(0, 3)}, sizes=True),
-    Form("muscle_tone_change", "drift", False, 1e-3, 0.6, _signed("tone")),
-    Form("muscle_tone_change", "change", True, 1e-3, 0.6, lambda a, r: {"tone_step": a * _sign(r), "tone_at": r.uniform(0.25, 0.75), "tone_width": r.uniform(0.5, 10)}),
+    _book("slow_creep", "mode", "creep", 1e-3, 1.5, creep_tau=(30, 150)),
+    _own("slow_creep", "one way", "creep_oneway", 1e-3, 1.5, creep_tau=(25, 100)),
+    _book("power_law_creep", "fractional", "power_creep", 1e-4, 1.0, alpha=(0.1, 0.35)),
+    _own("power_law_creep", "logarithmic", "log_creep", 1e-4, 0.3),
+    _book("viscoplastic_residual", "Perzyna", "residual", 1e-4, 0.6, yield_at=(0.2, 0.6)),
+    _own("viscoplastic_residual", "by work", "residual_work", 1e-4, 2.0),
+    _book("preconditioning", "by number", "first_loadings", 1e-3, 0.6, series=(0.6, 2.0)),
+    _own("preconditioning", "by work", "mullins", 1e-3, 0.5, softening=(6, 30)),
+    _book("missing_deep_layer", "kink", "deep", 1e-3, 0.8, deep_at=(0.4, 0.9)),
+    _own("missing_deep_layer", "viscous bend", "deep_smooth", 1e-3, 0.8, deep_at=(0.4, 0.9)),
+    _book("strain_stiffening", "quadratic", "stiffen", 1e-4, 0.8),
+    _own("strain_stiffening", "locking", "locking", 1e-4, 1.5),
+    _sized(False, "pulse_breathing", "pulse", "pulse", 2e-8, 1e-4, pulse_hz=(0.9, 1.5), pulse_phase=(0, 6)),
+    _sized(False, "pulse_breathing", "breath", "pulse", 2e-8, 1e-4, pulse_hz=(0.2, 0.35), pulse_phase=(0, 6)),
+    _sized(True, "pulse_breathing", "wave form", "breath", 2e-8, 1e-4, pulse_hz=(0.2, 0.35), pulse_phase=(0, 3)),
+    _book("muscle_tone_change", "drift", "±tone", 1e-3, 0.6),
+    _own("muscle_tone_change", "change", "±tone_step", 1e-3, 0.6, tone_at=(0.25, 0.75), tone_width=(0.5, 10)),
 )
 
 SENSOR = (
-    Form("sensor_gain", "constant", False, 1e-3, 0.3, _signed("gain"), instruments=_CUT),
-    Form("sensor_gain", "from a recording on", True, 1e-3, 0.5, lambda a, r: {"gain_later": a * _sign(r), "from_recording": _LATER(r)}, instruments=_CUT),
-    Form("sensor_offset", "constant", False, 1e-8, 1e-4, _signed("offset"), sizes=True),
-    Form("sensor_offset", "jump", True, 2e-8, 1e-4, lambda a, r: {"offset_jump": a * _sign(r), "jump_at": r.uniform(0.1, 0.8)}, sizes=True),
-    Form("sensor_drift", "linear", False, 1e-8, 1e-3, _signed("drift"), sizes=True),
-    Form("sensor_drift", "warming up", True, 1e-7, 3e-4, lambda a, r: {"warm_up": a * _sign(r), "warm_tau": r.uniform(4, 20)}, sizes=True),
-    Form("sensor_drift", "wandering", True, 3e-8, 1e-4, _one("walk"), sizes=True),
-    Form("quadratic_error", "square", False, 1e-4, 0.4, _signed("quadratic")),
-    Form("quadratic_error", "waves", True, 1e-4, 0.2, lambda a, r: {"cubic": a * _sign(r), "waves": r.uniform(0.6, 1.6)}),
-    Form("sensor_saturation", "hard", False, 1 / 1e-3, 1 / 5e-5, lambda a, r: {"ceiling": 1 / a}, sizes=True),
-    Form("sensor_saturation", "soft", True, 1 / 1e-3, 1 / 5e-5, lambda a, r: {"soft_ceiling": 1 / a}, sizes=True),
-    Form("sensor_quantisation", "rounding", False, 3e-7, 1.5e-4, _one("coarse"), sizes=True),
-    Form("sensor_quantisation", "uneven", True, 3e-7, 1.5e-4, _one("coarse_uneven"), sizes=True),
-    Form("sensor_hysteresis", "play", False, 3e-8, 6e-5, _one("play_height"), sizes=True),
-    Form("sensor_hysteresis", "bristles", True, 3e-8, 6e-5, _one("preisach"), sizes=True),
-    Form("sensor_low_pass", "first order", False, 5e-4, 2.0, _one("low_pass")),
-    Form("sensor_low_pass", "second order", True, 5e-4, 2.0, _one("low_pass_twice")),
-    Form("crosstalk", "pressure into height", False, 1e-7, 2e-4, _signed("from_pressure"), sizes=True),
-    Form("crosstalk", "height into pressure", True, 1.0, 1e4, _signed("from_height")),
-    Form("crosstalk", "flow into height", True, 1e-7, 2e-4, _signed("from_flow"), sizes=True),
-    Form("misalignment", "tilted camera", False, 0.01, 0.7, _one("askew"), instruments=_ASP),
-    Form("misalignment", "foreshortened", True, 0.01, 0.7, _one("askew_foreshortened"), instruments=_ASP),
-    Form("threshold_bias", "rim", False, 1e-7, 1e-4, _signed("edge"), sizes=True, instruments=_ASP),
-    Form("threshold_bias", "shaded rim", True, 1e-7, 1e-4, _signed("edge_shaded"), sizes=True, instruments=_ASP),
-    Form("lens_distortion", "cubic", False, 1e-4, 0.3, lambda a, r: {"barrel": a * _sign(r), "centre": r.uniform(0, 1)}, instruments=_ASP),
-    Form("lens_distortion", "division", True, 1e-4, 0.3, lambda a, r: {"barrel_division": a * _sign(r), "centre": r.uniform(0, 1)}, instruments=_ASP),
-    Form("scale_error", "constant", False, 1e-3, 0.3, _signed("gain")),
-    Form("scale_error", "after refocusing", True, 1e-3, 0.5, lambda a, r: {"gain_later": a * _sign(r), "from_recording": _LATER(r)}),
-    Form("illumination_drift", "fading", False, 1e-5, 0.2, _one("fading")),
-    Form("illumination_drift", "lamp", True, 1e-5, 0.5, lambda a, r: {"lamp": a, "lamp_tau": r.uniform(2, 15)}),
+    _only(CUT, _book("sensor_gain", "constant", "±gain", 1e-3, 0.3)),
+    _only(CUT, _own("sensor_gain", "from a recording on", "±gain_later", 1e-3, 0.5, from_recording=LATER)),
+    _sized(False, "sensor_offset", "constant", "±offset", 1e-8, 1e-4),
+    _sized(True, "sensor_offset", "jump", "±offset_jump", 2e-8, 1e-4, jump_at=(0.1, 0.8)),
+    _sized(False, "sensor_drift", "linear", "±drift", 1e-8, 1e-3),
+    _sized(True, "sensor_drift", "warming up", "±warm_up", 1e-7, 3e-4, warm_tau=(4, 20)),
+    _sized(True, "sensor_drift", "wandering", "walk", 3e-8, 1e-4),
+    _book("quadratic_error", "square", "±quadratic", 1e-4, 0.4),
+    _own("quadratic_error", "waves", "±waves", 1e-4, 0.2, wave_number=(0.6, 1.6)),
+    _sized(False, "sensor_saturation", "hard", "1/ceiling", 1 / 1e-3, 1 / 5e-5),
+    _sized(True, "sensor_saturation", "soft", "1/soft_ceiling", 1 / 1e-3, 1 / 5e-5),
+    _sized(False, "sensor_quantisation", "rounding", "coarse", 3e-7, 1.5e-4),
+    _sized(True, "sensor_quantisation", "uneven", "coarse_uneven", 3e-7, 1.5e-4),
+    _sized(False, "sensor_hysteresis", "play", "play_height", 3e-8, 6e-5),
+    _sized(True, "sensor_hysteresis", "bristles", "preisach", 3e-8, 6e-5),
+    _book("sensor_low_pass", "first order", "low_pass", 5e-4, 2.0),
+    _own("sensor_low_pass", "second order", "low_pass_twice", 5e-4, 2.0),
+    _sized(False, "crosstalk", "pressure into height", "±from_pressure", 1e-7, 2e-4),
+    _own("crosstalk", "height into pressure", "±from_height", 1.0, 1e4),
+    _sized(True, "crosstalk", "flow into height", "±from_flow", 1e-7, 2e-4),
+    _only(ASP, _book("misalignment", "tilted camera", "askew", 0.01, 0.7)),
+    _only(ASP, _own("misalignment", "foreshortened", "askew_foreshortened", 0.01, 0.7)),
+    _only(ASP, _sized(False, "threshold_bias", "rim", "±edge", 1e-7, 1e-4)),
+    _only(ASP, _sized(True, "threshold_bias", "shaded rim", "±edge_shaded", 1e-7, 1e-4)),
+    _only(ASP, _book("lens_distortion", "cubic", "±barrel", 1e-4, 0.3, centre=(0, 1))),
+    _only(ASP, _own("lens_distortion", "division", "±barrel_division", 1e-4, 0.3, centre=(0, 1))),
+    _book("scale_error", "constant", "±gain", 1e-3, 0.3),
+    _own("scale_error", "after refocusing", "±gain_later", 1e-3, 0.5, from_recording=LATER),
+    _book("illumination_drift", "fading", "fading", 1e-5, 0.2),
+    _own("illumination_drift", "lamp", "lamp", 1e-5, 0.5, lamp_tau=(2, 15)),
 )
 
 PROCESSING = (
-    Form("wrong_zeroing", "late", False, 5e-4, 1.5, _one("zero_late")),
-    Form("wrong_zeroing", "once a session", True, 0.02, 1.0, _one("zero_once")),
-    Form("wrong_unit", "pressure", False, 1, 1, lambda a, r: {"unit_pressure": a}, steps=(0.0980665 / 0.1, 1.01325, 1.3332, 0.75006, 0.1)),
-    Form("wrong_unit", "height", True, 1, 1, lambda a, r: {"unit_height": a, "unit_only": r.integers(0, 4)}, steps=(25.0 / 25.4, 1.125, 0.9, 2.0)),
-    Form("wrong_unit", "one recording", True, 1, 1, lambda a, r: {"unit_pressure": a, "unit_only": r.integers(0, 4)}, steps=(0.980665, 1.01325, 1.3332, 0.1)),
+    _book("wrong_zeroing", "late", "zero_late", 5e-4, 1.5),
+    _own("wrong_zeroing", "averaged too long", "zero_mean", 1e-3, 3.0),
+    _steps(False, "wrong_unit", "pressure", "unit_pressure", 0.980665, 1.01325, 1.33322, 0.75006, 0.1),
+    _steps(True, "wrong_unit", "height", "unit_height", 25 / 25.4, 1.125, 0.9, 2.0, unit_only=range(0, 4)),
+    _steps(
+        True, "wrong_unit", "one recording", "unit_pressure", 0.980665, 1.01325, 1.33322, 0.1, unit_only=range(0, 4)
+    ),
 )
 
 OUTSIDE = (
-    Form("unknown_pump_ripple", "ripple", True, 1e-5, 0.1, lambda a, r: {"pump_ripple": a, "ripple_hz": r.uniform(2.0, 8.0)}),
-    Form("unknown_condensate", "drops", True, 1e-4, 0.5, _one("condensate")),
-    Form("unknown_adiabatic", "heat of compression", True, 1e-4, 0.3, lambda a, r: {"adiabatic": a, "adiabatic_tau": r.uniform(0.5, 3.0)}),
-    Form("unknown_restless", "subject moves", True, 3e-8, 1e-4, _one("restless"), sizes=True),
-    Form("unknown_sweat", "softening by sweat", True, 1e-3, 0.8, _one("sweat")),
-    Form("unknown_blood", "vessels fill", True, 1e-4, 0.5, lambda a, r: {"blood": a, "blood_tau": r.uniform(2, 12)}),
-    Form("unknown_hum", "interference", True, 3e-8, 1e-4, lambda a, r: {"hum": a, "hum_hz": r.uniform(2, 11), "hum_phase": r.uniform(0, 6)}, sizes=True),
-    Form("unknown_fog", "fogged window", True, 1e-4, 0.5, _one("fog")),
+    _own("unknown_pump_ripple", "ripple", "pump_ripple", 1e-5, 0.1, ripple_hz=(2.0, 8.0)),
+    _own("unknown_condensate", "drops", "condensate", 1e-4, 0.5),
+    _own("unknown_adiabatic", "heat of compression", "adiabatic", 1e-4, 0.3, adiabatic_tau=(0.5, 3.0)),
+    _sized(True, "unknown_restless", "subject moves", "restless", 3e-8, 1e-4),
+    _own("unknown_sweat", "softening by sweat", "sweat", 1e-3, 0.8),
+    _own("unknown_blood", "vessels fill", "blood", 1e-4, 0.5, blood_tau=(2, 12)),
+    _sized(True, "unknown_hum", "interference", "hum", 3e-8, 1e-4, hum_hz=(2, 11), hum_phase=(0, 6)),
+    _own("unknown_fog", "fogged window", "fog", 1e-4, 0.5),
 )
 
 FORMS = TIMING + ACTUATOR + INTERFACE + TISSUE + SENSOR + PROCESSING

@@ -9,8 +9,8 @@ bursts; ``drop``, ``drop_gap`` fraction of samples lost, last value repeated, or
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,10 +32,12 @@ class Taken:
 def taken(stamps: Array, period: float, fx: Knobs, rng: np.random.Generator) -> Taken:
     """True sampling instants for nominal ``stamps`` (n,) of one recording, sampled every ``period`` seconds."""
     n = stamps.size
-    true = stamps - fx.get("skew", 0.0) * stamps
+    true = stamps - (fx.get("skew", 0.0) + fx.get("skew_tolerance", 0.0)) * stamps
     if wandering := fx.get("skew_wander", 0.0):
         turn = fx["skew_period"]
-        true = true - wandering * turn / (2 * np.pi) * (1 - np.cos(2 * np.pi * stamps / turn)) - 0.3 * wandering * stamps
+        true = (
+            true - wandering * turn / (2 * np.pi) * (1 - np.cos(2 * np.pi * stamps / turn)) - 0.3 * wandering * stamps
+        )
     scatter, saw, lost_u, late_u = rng.normal(size=n), np.arange(n), rng.random(n), rng.random(n)
     true = true + fx.get("jitter", 0.0) * scatter
     if beat := fx.get("beat", 0.0):

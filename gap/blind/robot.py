@@ -1,16 +1,16 @@
 """The micro-robot's chain: tip set-points -> three closed loops -> probe on skin -> transducers -> tip reaction.
 
 Without knobs it is the ideal instrument of README.md; ``fx`` holds the knobs of the effects that are switched on.
-The axes move slowly against a soft skin, so skin and axes are solved in two passes: the load of the commanded path first,
-then the loops under that load, corrected for where the axes really went by the skin's tangent stiffness.
+The axes move slowly against a soft skin, so skin and axes are solved in two passes: the load of the commanded path
+first, then the loops under that load, corrected for where the axes really went by the skin's tangent stiffness.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from .instants import Knobs, taken
+from .robot_axes import SUBSTEPS, Loop, drawn_after, limited, loops
 from .robot_kinematics import (
     LEG_HEIGHT,
     LEG_RADIUS,
@@ -28,91 +28,19 @@ from .signals import Array, bristle, lag, play, uneven_lag, wander
 from .suction import Channels
 
 MASS, KP, KI, KD = 0.060, 1500.0, 12000.0, 15.0  # kg, N/m, N/(m s), N s/m: README.md
-SUBSTEPS = 4  # of 1.25 ms in a grid step of 5 ms
 AXIS_NOISE, AXIS_STEP = 4e-6, 1e-6  # m
 LEG_NOISE, LEG_STEP = 2.0e-3, 5e-4  # N
 AXES = ("axis_position_1", "axis_position_2", "axis_position_3")
 LEGS = ("transducer_force_a", "transducer_force_b", "transducer_force_c")
 PROBE = ("probe_x", "probe_y", "probe_z")
 FORCE = ("force_x", "force_y", "force_z")
+_UNUSED = {"stribeck_speed": 1e-3, "bristle": 1e-5, "cog_pitch": 1e-3}  # lengths and speeds that divide
 _SUCTION_ONLY = frozenset({"lag_height", "lag_growing"})
-
-
-@njit(cache=True)
-def _loops(ref, load, base, tangent, h, k, limit, windup, drag, dry, extra, speed, law, scale, vary, cog, pitch, bind, heat):  # type: ignore[no-untyped-def]
-    """Three PID loops under a load (N, 3) [N], each a mass with its friction; exact for the force held over a substep.
-
-    Dry friction is the force that would just stop the mass at the end of the substep, if that is within its bound.
-    ``law`` 0: Coulomb; 1: exponential Stribeck; 2: hyperbolic Stribeck; 3: bristles (Dahl).
-    """
-    mass, kp, ki, kd = k[0], k[1], k[2], k[3]
-    out = np.empty_like(ref)
-    q, v, integral, z = ref[0].copy(), np.zeros(3), np.zeros(3), np.zeros(3)
-    warm = np.zeros(3)
-    out[0] = q
-    n = 4
-    for i in range(1, ref.shape[0]):
-        for j in range(n):
-            push = load[i - 1] + (load[i] - load[i - 1]) * (j + 0.5) / n
-            where = base[i - 1] + (base[i] - base[i - 1]) * (j + 0.5) / n
-            push = push - tangent @ (q - where)
-            for a in range(3):
-                r = ref[i - 1, a] + (ref[i, a] - ref[i - 1, a]) * (j + 0.5) / n
-                vr = (ref[i, a] - ref[i - 1, a]) / (n * h)
-                e = r - q[a]
-                u = kp * e + ki * integral[a] + kd * (vr - v[a])
-                held = limit > 0.0 and abs(u) > limit
-                if held:
-                    u = limit if u > 0 else -limit
-                if windup > 0.0 or not held:
-                    integral[a] += h * e
-                u *= 1.0 - vary * (q[a] / 5e-3) ** 2
-                if heat > 0.0:
-                    warm[a] += h * (u * u - warm[a]) / 20.0
-                    u *= 1.0 - heat * warm[a]
-                f = u + push[a] - drag * v[a] + cog * np.sin(2 * np.pi * q[a] / pitch)
-                bound = dry + bind * abs(push[a])
-                if law == 1:
-                    bound += extra * np.exp(-abs(v[a]) / speed)
-                elif law == 2:
-                    bound += extra / (1.0 + (v[a] / speed) ** 2)
-                if law == 3:
-                    goal = 1.0 if v[a] > 0 else -1.0
-                    z[a] = goal + (z[a] - goal) * np.exp(-abs(v[a]) * h / scale)
-                    f -= dry * z[a]
-                elif bound > 0.0:
-                    stop = mass * v[a] / h + f
-                    f -= min(max(stop, -bound), bound)
-                q[a] += h * v[a] + 0.5 * h * h * f / mass
-                v[a] += h * f / mass
-        out[i] = q
-    return out
-
-
-@njit(cache=True)
-def _limited(x, dt, rate):  # type: ignore[no-untyped-def]
-    y = np.empty_like(x)
-    y[0] = x[0]
-    for i in range(1, x.size):
-        y[i] = y[i - 1] + min(max(x[i] - y[i - 1], -rate * dt[i]), rate * dt[i])
-    return y
-
-
-@njit(cache=True)
-def _drawn(x, dt, width, rate, power):  # type: ignore[no-untyped-def]
-    """A rest point that is drawn after x where |x - y| exceeds ``width``, at ``rate`` (over / width)^power."""
-    y = np.zeros_like(x)
-    for i in range(1, x.size):
-        d = x[i] - y[i - 1]
-        over = max(abs(d) - width, 0.0)
-        step = min(rate * dt[i] * over**power, over)
-        y[i] = y[i - 1] + (step if d > 0 else -step)
-    return y
 
 
 def _targets(s: Session, fx: Knobs) -> Array:
     """Command stage: axis set-points (N, 3) [m]."""
-    t = s.t - fx.get("latency", 0.0)
+    t = s.t - fx.get("latency", 0.0) - fx.get("latency_tolerance", 0.0)
     if poll := fx.get("poll", 0.0):
         t = np.floor(s.t / poll) * poll
     directions = np.array([r.direction for r in s.recordings])
@@ -120,10 +48,16 @@ def _targets(s: Session, fx: Knobs) -> Array:
     which = np.clip(np.searchsorted(starts, t, side="right") - 1, 0, None)
     way = s.command(t)
     if rate := fx.get("slew", 0.0):
-        way = _limited(way, s.dt, rate)
+        way = limited(way, s.dt, rate)
     if rate := fx.get("slew_soft", 0.0):
-        way = uneven_lag(_limited(way, s.dt, rate), s.dt, 2e-5 / rate, 2e-5 / rate)
-    return axes_for(way[:, None] * directions[which])
+        way = uneven_lag(limited(way, s.dt, rate), s.dt, 2e-5 / rate, 2e-5 / rate)
+    q = np.zeros((way.size, 3))
+    grid = np.linspace(0.0, 1.5e-3, 257)  # linear between: 0.2 nm off at most
+    for k, direction in enumerate(directions):
+        table, rows = axes_for(grid[:, None] * direction), which == k
+        for a in range(3):
+            q[rows, a] = np.interp(way[rows], grid, table[:, a])
+    return q
 
 
 def _axis_error(q: Array, fx: Knobs) -> Array:
@@ -158,9 +92,9 @@ def _reaction(s: Session, u: Array, law: str, tissue: Parameters, fx: Knobs, rng
     if a := get("expansion", 0.0):  # outside: the frame warms and lifts the tip, not seen by the axes
         u = u + a * np.array([0.3, 0.0, 1.0]) * (1 - np.exp(-s.t / 90.0))[:, None]
     if a := get("residual", 0.0):
-        u = u - a * columns(lambda x: _drawn(x, s.dt, 0.25 * SPAN, 0.4, 1.0), u)
+        u = u - a * columns(lambda x: drawn_after(x, s.dt, 0.25 * SPAN, 0.4, 1.0), u)
     if a := get("residual_power", 0.0):
-        u = u - a * columns(lambda x: _drawn(x / SPAN, s.dt, 0.0, 0.4, 3.0), u) * SPAN
+        u = u - a * columns(lambda x: drawn_after(x / SPAN, s.dt, 0.0, 0.4, 3.0), u) * SPAN
     f = resist(law, u, s.dt, tissue)
     if a := get("glue", 0.0):  # the glue's compliance [m/N], by fixed point on the skin's displacement
         for _ in range(2):
@@ -170,13 +104,21 @@ def _reaction(s: Session, u: Array, law: str, tissue: Parameters, fx: Knobs, rng
             yielded = f * (0.5 + np.linalg.norm(f, axis=1, keepdims=True)) * 0.5
             f = resist(law, u - a * (f - yielded + columns(lambda x: lag(x, s.dt, 1.5), yielded)), s.dt, tissue)
     if a := get("flexure", 0.0):  # outside: the platform's arm bends sideways with the moment of a lateral force
-        f = resist(law, u - a * f * np.array([1.0, 1.0, 0.0]) - a * 0.5 * f[:, [1, 0, 2]] * np.array([1.0, -1.0, 0.0]), s.dt, tissue)
+        f = resist(
+            law,
+            u - a * f * np.array([1.0, 1.0, 0.0]) - a * 0.5 * f[:, [1, 0, 2]] * np.array([1.0, -1.0, 0.0]),
+            s.dt,
+            tissue,
+        )
     f = _skin_effects(s, u, f, tissue["stiffness"], fx)
     if a := get("pulse", 0.0):
         direction = np.array([0.3, 0.2, 1.0])
         f = f + a * np.sin(2 * np.pi * get("pulse_hz", 1.1) * s.t + get("pulse_phase", 0.0))[:, None] * direction
     if a := get("breath", 0.0):
-        wave = np.abs(np.sin(np.pi * get("pulse_hz", 0.25) * s.t + get("pulse_phase", 0.0) + 0.6 * np.sin(0.21 * s.t))) ** 3
+        wave = (
+            np.abs(np.sin(np.pi * get("pulse_hz", 0.25) * s.t + get("pulse_phase", 0.0) + 0.6 * np.sin(0.21 * s.t)))
+            ** 3
+        )
         f = f + a * wave[:, None] * (np.array([0.0, 0.3, 0.7]) + u / SPAN)
     return f
 
@@ -190,7 +132,9 @@ def _skin_effects(s: Session, u: Array, f: Array, k: float, fx: Knobs) -> Array:
     if a := get("creep_oneway", 0.0):
         f = f - a * columns(lambda x: uneven_lag(x, s.dt, get("creep_tau", 40.0), 4 * get("creep_tau", 40.0)), f)
     if a := get("power_creep", 0.0):
-        f = f - a * sum(tau**-0.2 * columns(lambda x, tau=tau: lag(x, s.dt, tau), f) for tau in np.geomspace(0.03, 300, 9))
+        f = f - a * sum(
+            tau**-0.2 * columns(lambda x, tau=tau: lag(x, s.dt, tau), f) for tau in np.geomspace(0.03, 300, 9)
+        )
     if a := get("log_creep", 0.0):
         f = f - a * sum(columns(lambda x, tau=tau: lag(x, s.dt, tau), f) for tau in np.geomspace(0.1, 100.0, 7))
     if a := get("first_loadings", 0.0):
@@ -245,6 +189,7 @@ def _legs(s: Session, f: Array, normal: Array, q: Array, fx: Knobs) -> Array:
         f = f + 9.81 * m * (normal - np.array([0, 0, 1.0])) * np.array([1.6, 0.7, 1.0])
     real = force_matrix(LEG_HEIGHT * (1 + get("h_error", 0.0)), LEG_RADIUS * (1 + get("w_error", 0.0)))
     x = f @ np.linalg.inv(real).T
+    x = x * (1 + np.array([get(f"leg_tolerance_{i}", 0.0) for i in range(3)]))
     k = int(get("leg", 0))
     if a := get("leg_gain", 0.0):
         x[:, k] *= 1 + a
@@ -288,12 +233,12 @@ def simulate(
     first = factor * _reaction(s, tip(base), law, tissue, fx, np.random.default_rng(seed))
     j = jacobian_at_centre()
     tangent = 0.75 * tissue["stiffness"] * j.T @ j
-    q = _loops(
-        ref, -first @ j, base, tangent, float(s.dt[1]) / SUBSTEPS, np.array([MASS, KP, KI, KD]),
-        get("limit", 0.0), get("windup", 0.0), get("drag", 0.0), get("dry", 0.0), get("stribeck", 0.0),
-        get("stribeck_speed", 1e-3), int(get("friction_law", 0)), get("bristle_scale", 1e-5), get("vary", 0.0),
-        get("cogging", 0.0), get("cog_pitch", 1e-3), get("binding", 0.0), get("heating", 0.0),
-    )  # fmt: skip
+    dry = np.full(3, get("dry", 0.0) + get("dry_share", 0.0) * get("stribeck", 0.0))
+    dry[int(get("axis", 0))] += get("dry_one", 0.0)
+    stiff = 1 + get("servo_tolerance", 0.0)
+    sound = {"mass": MASS, "kp": KP * stiff, "ki": KI * stiff, "kd": KD}
+    effects = {name: float(get(name, _UNUSED.get(name, 0.0))) for name in Loop._fields[4:]}
+    q = loops(ref, -first @ j, base, tangent, float(s.dt[1]) / SUBSTEPS, Loop(**sound, **effects), dry)
     u, normal = tip_and_tilt(np.ascontiguousarray(_platform(q, fx)), PIVOTS, TIP)
     resisted = factor * _reaction(s, u, law, tissue, fx, rng)
     legs = _legs(s, -resisted, normal, q, fx)
@@ -321,7 +266,9 @@ def _record(s: Session, q: Array, legs: Array, fx: Knobs, seed: int, noisy: bool
         at = np.stack([np.interp(when.main, s.t, q[:, i]) for i in range(3)], axis=1)
         x = np.stack([np.interp(when.second, s.t, legs[:, i]) for i in range(3)], axis=1)
         leg = int(get("leg", 0))
-        x[:, leg] += get("offset", 0.0) + get("offset_jump", 0.0) * (stamps > r.start + get("jump_at", 0.5) * r.duration)
+        x[:, leg] += get("offset", 0.0) + get("offset_jump", 0.0) * (
+            stamps > r.start + get("jump_at", 0.5) * r.duration
+        )
         if a := get("tare_each", 0.0):
             moment = r.start + r.onset + a
             x = x - np.array([np.interp(moment, s.t, legs[:, i]) for i in range(3)])
@@ -336,7 +283,12 @@ def _record(s: Session, q: Array, legs: Array, fx: Knobs, seed: int, noisy: bool
         x = x * (get("unit_force", 1.0) if get("unit_only", -1.0) in (-1.0, float(k)) else 1.0)
         seen = x[:, [1, 0, 2]] if get("legs_swapped", 0.0) else x
         places = at[:, [0, 2, 1]] if get("axes_swapped", 0.0) else at
-        for names, values in ((AXES, at), (LEGS, x), (PROBE, tip(places) * get("unit_probe", 1.0)), (FORCE, seen @ matrix.T)):
+        for names, values in (
+            (AXES, at),
+            (LEGS, x),
+            (PROBE, tip(places) * get("unit_probe", 1.0)),
+            (FORCE, seen @ matrix.T),
+        ):
             for i, name in enumerate(names):
                 out[name].append(np.ascontiguousarray(values[:, i]))
     return out

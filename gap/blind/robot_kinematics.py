@@ -21,33 +21,32 @@ _AZIMUTH = np.radians([0.0, 120.0, 240.0])
 PIVOTS = RADIUS * np.stack([np.cos(_AZIMUTH), np.sin(_AZIMUTH)], axis=1)  # (3, 2)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def tip_and_tilt(q, pivots, length):  # type: ignore[no-untyped-def]
-    """Tip displacement (N, 3) [m] from its rest, and the platform's unit normal (N, 3), for axis positions q (N, 3) [m]."""
-    out = np.empty((q.shape[0], 3))
-    normal = np.empty((q.shape[0], 3))
-    p = np.zeros((3, 3))
-    p[:, :2] = pivots
-    weight = np.empty(3)
-    for i in range(q.shape[0]):
-        p[:, 2] = q[i]
-        e1, e2 = p[1] - p[0], p[2] - p[0]
-        n = np.array(
-            [e1[1] * e2[2] - e1[2] * e2[1], e1[2] * e2[0] - e1[0] * e2[2], e1[0] * e2[1] - e1[1] * e2[0]]
-        )
-        area2 = np.sqrt(n @ n)
-        n = n / area2
-        # Barycentric weights of the Fermat point: a / sin(A + 60 deg) with side a opposite to the corner A.
-        for k in range(3):
-            u, v = p[(k + 1) % 3] - p[k], p[(k + 2) % 3] - p[k]
-            side = p[(k + 2) % 3] - p[(k + 1) % 3]
-            angle = np.arctan2(area2, u @ v)
-            weight[k] = np.sqrt(side @ side) / np.sin(angle + np.pi / 3)
-        total = weight.sum()
-        for c in range(3):
-            centre = (weight[0] * p[0, c] + weight[1] * p[1, c] + weight[2] * p[2, c]) / total
-            out[i, c] = centre + length * n[c] - (length if c == 2 else 0.0)
-            normal[i, c] = n[c]
+    """Tip displacement (N, 3) [m] and the platform's unit normal (N, 3), from axis positions (N, 3) [m]."""
+    n_poses = q.shape[0]
+    out, normal = np.empty((n_poses, 3)), np.empty((n_poses, 3))
+    e1x, e1y = pivots[1, 0] - pivots[0, 0], pivots[1, 1] - pivots[0, 1]
+    e2x, e2y = pivots[2, 0] - pivots[0, 0], pivots[2, 1] - pivots[0, 1]
+    side2 = e1x * e1x + e1y * e1y  # the pivots' circle holds an equilateral triangle
+    for i in range(n_poses):
+        a, b, c = q[i, 0], q[i, 1], q[i, 2]
+        nx, ny = e1y * (c - a) - (b - a) * e2y, (b - a) * e2x - e1x * (c - a)
+        nz = e1x * e2y - e1y * e2x
+        area2 = np.sqrt(nx * nx + ny * ny + nz * nz)
+        nx, ny, nz = nx / area2, ny / area2, nz / area2
+        # Barycentric weights of the Fermat point: a / sin(A + 60 deg), the side a opposite to the corner A. With the
+        # cosine rule and the area, sin(A) = area2 / (b c): all weights follow from squared sides.
+        sa, sb, sc = side2 + (b - c) ** 2, side2 + (a - c) ** 2, side2 + (a - b) ** 2
+        s60, c60 = 0.8660254037844386, 0.5
+        wa = 1.0 / (area2 * c60 + 0.5 * (sb + sc - sa) * s60)
+        wb = 1.0 / (area2 * c60 + 0.5 * (sa + sc - sb) * s60)
+        wc = 1.0 / (area2 * c60 + 0.5 * (sa + sb - sc) * s60)
+        total = wa + wb + wc
+        out[i, 0] = (wa * pivots[0, 0] + wb * pivots[1, 0] + wc * pivots[2, 0]) / total + length * nx
+        out[i, 1] = (wa * pivots[0, 1] + wb * pivots[1, 1] + wc * pivots[2, 1]) / total + length * ny
+        out[i, 2] = (wa * a + wb * b + wc * c) / total + length * (nz - 1.0)
+        normal[i, 0], normal[i, 1], normal[i, 2] = nx, ny, nz
     return out, normal
 
 
@@ -63,10 +62,10 @@ def jacobian_at_centre() -> Array:
 
 
 def axes_for(target: Array) -> Array:
-    """Axis positions (N, 3) [m] that bring the tip to ``target`` (N, 3) [m]: Newton's chord with the centre Jacobian."""
+    """Axis positions (N, 3) [m] that bring the tip to ``target`` (N, 3) [m]: chord method, centre Jacobian."""
     inverse = np.linalg.inv(jacobian_at_centre())
     q = target @ inverse.T
-    for _ in range(12):
+    for _ in range(8):
         q = q + (target - tip(q)) @ inverse.T
     return q
 

@@ -132,7 +132,7 @@ def free_parameters(law: str) -> tuple[str, ...]:
 
 
 def resist(law: str, u: Array, dt: Array, p: Parameters) -> Array:
-    """Force (N, 3) [N] with which the skin resists a displacement u (N, 3) [m], by ``law``, in the instrument's axes."""
+    """Force (N, 3) [N] with which skin of ``law`` resists a displacement u (N, 3) [m], in the instrument's axes."""
     own = _turned(u, p["heading"])
     return _turned(LAWS[law](own, dt, p), -p["heading"])
 
@@ -144,15 +144,15 @@ def draw(rng: np.random.Generator) -> Parameters:
         return float(rng.uniform(low, high))
 
     return {
-        "stiffness": 720.0 * float(np.exp(rng.normal(0, 0.18))),
+        "stiffness": 640.0 * float(np.exp(rng.normal(0, 0.18))),
         "cross_ratio": between(0.7, 1.3),
         "normal_ratio": between(0.7, 1.5),
         "heading": between(-0.8, 0.8),
         "stiffening": between(0.1, 0.6),
-        "fast": between(0.1, 0.25),
-        "tau_fast": between(0.3, 1.0),
-        "slow": between(0.08, 0.2),
-        "tau_slow": between(3.0, 9.0),
+        "fast": between(0.12, 0.28),
+        "tau_fast": between(0.4, 1.2),
+        "slow": between(0.12, 0.26),
+        "tau_slow": between(2.5, 8.0),
         "alpha": between(0.06, 0.14),
         "drained": between(0.2, 0.4),
         "clogging": between(0.3, 2.0),

@@ -37,7 +37,7 @@ class Recording:
 
     def stamps(self, rate: float) -> Array:
         """Nominal sampling instants on the session's clock [s]."""
-        return self.start + np.arange(int(round(self.duration * rate))) / rate
+        return self.start + np.arange(round(self.duration * rate)) / rate
 
     def command(self, t: Array) -> Array:
         """Commanded value at session times ``t`` (linear between corners, 0 or last value outside)."""
@@ -47,7 +47,7 @@ class Recording:
 
 @dataclass(frozen=True)
 class Session:
-    """All recordings of a case in order, their sampling rate [Hz], and the simulation grid ``t`` (N,) with steps ``dt``."""
+    """All recordings of a case in order, their sampling rate [Hz], and the simulation grid ``t`` (N,), steps ``dt``."""
 
     instrument: str
     recordings: tuple[Recording, ...]
@@ -62,7 +62,7 @@ class Session:
         for r in self.recordings:
             times += [r.start + c[0] for c in r.corners]
             values += [c[1] for c in r.corners]
-        return np.interp(t, times + [1e9], values + [0.0])
+        return np.interp(t, [*times, 1e9], [*values, 0.0])
 
     def per_recording(self, values: Sequence[float]) -> Array:
         """A step function of time on the grid: ``values[k]`` from the start of recording k to the next start."""
@@ -102,7 +102,9 @@ def _cycles(level: float, onset: float, hold: float, rest: float, n: int) -> tup
     return corners, now + 1.0
 
 
-def _place(items: list[tuple[str, list[tuple[float, float]], float, str]], onset: float, gaps: Array) -> tuple[Recording, ...]:
+def _place(
+    items: list[tuple[str, list[tuple[float, float]], float, str]], onset: float, gaps: Array
+) -> tuple[Recording, ...]:
     made: list[Recording] = []
     seen: dict[str, int] = {}
     now = 1.0
@@ -181,7 +183,9 @@ def robot_session(rng: np.random.Generator, reference: bool) -> Session:
         direction = (float(np.cos(ph) * np.cos(th)), float(np.cos(ph) * np.sin(th)), float(np.sin(ph)))
         condition = f"{name} {theta:.0f} {phi:.0f}"
         seen[condition + specimen] = seen.get(condition + specimen, 0) + 1
-        made.append(Recording(now, length, tuple(corners), onset, condition, seen[condition + specimen], specimen, direction))
+        made.append(
+            Recording(now, length, tuple(corners), onset, condition, seen[condition + specimen], specimen, direction)
+        )
         now = round(now + length + float(rng.uniform(1.5, 4.0)), 1)
     t, dt = _grid(made, 5e-3, 5e-3)
     return Session("microrobot", tuple(made), 100.0, t, dt)

@@ -73,8 +73,7 @@ def _store(p, dt, use, refill, capacity):  # type: ignore[no-untyped-def]
 def chamber_suction(s: Session, fx: Knobs, rng: np.random.Generator) -> Array:
     """Command and actuator stages: true suction in the chamber (N,) [Pa]."""
     get = fx.get
-    delay = get("latency", 0.0)
-    t = s.t - delay
+    t = s.t - get("latency", 0.0) - get("latency_tolerance", 0.0)
     if poll := get("poll", 0.0):
         t = np.floor(s.t / poll) * poll
     c = s.command(t)
@@ -94,12 +93,14 @@ def chamber_suction(s: Session, fx: Knobs, rng: np.random.Generator) -> Array:
         c = c * (1 - sag * lag((c > 0).astype(float), s.dt, get("sag_tau", 8.0)))
     if band := get("sleep", 0.0):
         c = sticky(c, band, 0.2 * band)
-    zeta = 1.0 - get("underdamped", 0.0)
+    zeta = 1.0 + get("damping_tolerance", 0.0) - get("underdamped", 0.0)
     leak = (get("leak", 0.0), get("leak_root", 0.0), get("leak_late", 0.0), get("leak_at", 0.0))
     slew = (get("slew", 0.0), get("slew_soft", 0.0))
-    p = _regulator(c, s.dt, OMEGA, zeta, *slew, *leak, get("band", 0.0), get("lead", 0.0))
+    p = _regulator(
+        c, s.dt, OMEGA * (1 + get("regulator_tolerance", 0.0)), zeta, *slew, *leak, get("band", 0.0), get("lead", 0.0)
+    )
     if use := get("store_use", 0.0):
-        p = _store(p, s.dt, use, get("store_refill", 30.0), get("store_capacity", 6e4))
+        p = _store(p, s.dt, use, get("store_refill", 30.0), get("store_margin", 1.1) * float(c.max()))
     return _unusual_actuator(s, p, fx, rng)
 
 
@@ -150,7 +151,9 @@ def skin_height(s: Session, p: Array, law: str, tissue: Parameters, fx: Knobs, r
         p = p - a * np.maximum(p - get("deep_at", 0.6) * ref, 0.0)
     if a := get("deep_smooth", 0.0):
         w = 0.15 * ref
-        over = w * np.logaddexp(0.0, (p - get("deep_at", 0.6) * ref) / w) - w * np.log1p(np.exp(-get("deep_at", 0.6) * ref / w))
+        over = w * np.logaddexp(0.0, (p - get("deep_at", 0.6) * ref) / w) - w * np.log1p(
+            np.exp(-get("deep_at", 0.6) * ref / w)
+        )
         p = p - a * lag(over, s.dt, 0.8)
     h = LAWS[law](p, s.dt, tissue)
     if a := get("creep", 0.0):
@@ -221,8 +224,8 @@ def read_height(s: Session, p: Array, h: Array, fx: Knobs, rng: np.random.Genera
     h = h * (1 + get("gain", 0.0)) * (1 + get("gain_later", 0.0) * after)
     if a := get("quadratic", 0.0):
         h = h + a * h * (h / size - 1)
-    if a := get("cubic", 0.0):
-        h = h + a * size * np.sin(np.pi * h / size * get("waves", 1.0))
+    if a := get("waves", 0.0):
+        h = h + a * size * np.sin(np.pi * h / size * get("wave_number", 1.0))
     if a := get("edge", 0.0):  # a threshold set too high cuts a rim of the dome that grows as the dome does
         h = h - a * (1 - np.exp(-np.maximum(h, 0) / (0.25 * size)))
     if a := get("edge_shaded", 0.0):
@@ -286,7 +289,7 @@ def simulate(
         rows = np.random.default_rng((seed, k))
         when = taken(r.stamps(s.rate), 1 / s.rate, fx, rows)
         pressure = _gauge(np.interp(when.main, s.t, p), r.stamps(s.rate), k, fx)
-        height = np.interp(when.second, s.t, h) - _zero(s, k, h, fx)
+        height = np.interp(when.second - fx.get("height_tolerance", 0.0), s.t, h) - _zero(s, k, h, fx)
         if a := fx.get("offset", 0.0):
             height = height + a
         if a := fx.get("offset_jump", 0.0):
@@ -294,7 +297,8 @@ def simulate(
         pressure = pressure + fx.get("from_height", 0.0) * height / 1e-3
         if noisy:
             pressure = pressure + PA_NOISE[s.instrument] * rows.normal(size=pressure.size)
-            height = height + H_NOISE[s.instrument] * rows.normal(size=height.size)
+            # The zero is one reading, with the noise of one.
+            height = height + H_NOISE[s.instrument] * (rows.normal(size=height.size) - rows.normal())
         height = _digits(height, H_STEP[s.instrument], fx, noisy)
         if noisy:
             pressure = np.round(pressure / PA_STEP) * PA_STEP
@@ -305,6 +309,7 @@ def simulate(
 
 def _gauge(p: Array, t: Array, k: int, fx: Knobs) -> Array:
     """The recorded gauge's reading of suction p; offsets and gains that its loop does not see act here."""
+    p = p * (1 + fx.get("gain_tolerance", 0.0)) + fx.get("zero_tolerance", 0.0)
     later = float(k >= fx.get("from_recording", 0.0))
     p = p + fx.get("loop_offset", 0.0) + fx.get("gauge_offset", 0.0) + fx.get("gauge_shift", 0.0) * later
     p = p * (1 + fx.get("loop_gain", 0.0)) * (1 + fx.get("gauge_gain", 0.0))
@@ -317,11 +322,10 @@ def _zero(s: Session, k: int, h: Array, fx: Knobs) -> float:
     at = r.start + r.onset
     if delay := fx.get("zero_late", 0.0):
         at += delay
-    value = float(np.interp(at, s.t, h))
-    if share := fx.get("zero_once", 0.0):
-        first = s.recordings[0]
-        value += share * (float(np.interp(first.start + first.onset, s.t, h)) - value)
-    return value
+    if window := fx.get("zero_mean", 0.0):
+        inside = (s.t > at - 0.3) & (s.t < at + window)
+        return float(np.mean(h[inside]))
+    return float(np.interp(at, s.t, h))
 
 
 def _digits(h: Array, step: float, fx: Knobs, noisy: bool) -> Array:

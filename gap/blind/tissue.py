@@ -82,7 +82,7 @@ def membrane(s: Array, dt: Array, p: Parameters) -> Array:
 
 
 def poroelastic(s: Array, dt: Array, p: Parameters) -> Array:
-    """Drainage of a slab (Terzaghi): creep modes n = 1, 3, 5 ... of weight 1/n^2 and time tau/n^2, slower when squeezed."""
+    """Drainage of a slab (Terzaghi): creep modes n = 1, 3, 5 ... of weight 1/n^2, time tau/n^2, slower if squeezed."""
     e = _curve(s, p)
     squeezed = dt * (1 + p["clogging"]) / (1 + p["clogging"] * (1 + e / p["amplitude"]))
     drained = np.zeros_like(e)
@@ -133,7 +133,7 @@ def _eyring(e, dt, rate, ease):  # type: ignore[no-untyped-def]
 
 
 def activated(s: Array, dt: Array, p: Parameters) -> Array:
-    """Rate-dependent skin: a Kelvin element whose dashpot flows as sinh of its stress (Eyring), so it thins with load."""
+    """Rate-dependent skin: a Kelvin element whose dashpot flows as sinh of its stress (Eyring): it thins with load."""
     e = _curve(s, p)
     x = _eyring(e / p["amplitude"], dt, 1 / p["tau_slow"], p["ease"])
     return e + (p["fast"] + p["slow"]) * p["amplitude"] * x
