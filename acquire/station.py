@@ -1,0 +1,211 @@
+"""Station files: which instruments a bench has, where their links are, how far they may go, what is known of them.
+
+::
+
+    schema: station/1
+    name: bench by the window
+    instruments:
+      cutometer:
+        address: /dev/ttyUSB0
+        i_have_verified_the_codec: true
+        limits: {pressure: {low: -450 mbar, high: 0 mbar}}
+      aspiration:
+        simulated: {tissue: cheek}
+        calibration:
+          frame_scale: {value: 0.02 mm/px, provenance: assumed}
+    subjects:
+      P07: {pressure: {low: -300 mbar, high: 0 mbar}}
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import Field, PrivateAttr, field_validator, model_validator
+
+from acquire.engine.interlock import Rules
+from acquire.engine.interlock import Tracking as TrackingRule
+from drivers.instrument import WATCHDOG, Entry
+from protocols import units
+from protocols.fields import Duration, Model, Text
+from protocols.limits import Limits
+from protocols.schema import Limit
+from protocols.source import Source, read
+from protocols.text import validate
+
+Provenance = Literal["documented", "reported", "assumed", "measured"]
+#: What a calibration may say, and the kind of quantity it is.
+CALIBRATIONS = {"frame_scale": "scale", "opening": "length", "contact_force": "force", "hole_radius": "length"}
+
+
+class Tracking(Model):
+    """Largest deviation from the set-point, as text with a unit, and for how long."""
+
+    error: Text
+    duration: Duration
+
+
+class Interlock(Model):
+    """Changes to `acquire.engine.Rules`; ``disk`` is in bytes."""
+
+    margin: Annotated[float, Field(ge=0, le=1)] | None = None
+    rate_margin: Annotated[float, Field(ge=0, le=10)] | None = None
+    rate_window: Duration | None = None
+    stale: Duration | None = None
+    disk: Annotated[int, Field(ge=0)] | None = None
+    tracking: dict[str, Tracking] = {}
+
+    @field_validator("tracking")
+    @classmethod
+    def _check(cls, tracking: dict[str, Tracking]) -> dict[str, Tracking]:
+        for quantity, rule in tracking.items():
+            units.parse(rule.error, units.kind_of(quantity))
+        return tracking
+
+    def rules(self) -> Rules:
+        """The rules, with everything that is not said here at its default."""
+        said = {name: getattr(self, name) for name in self.model_fields_set - {"tracking"}}
+        tracking = {
+            q: TrackingRule(abs(units.parse(t.error, units.kind_of(q))), t.duration) for q, t in self.tracking.items()
+        }
+        return Rules(**{k: v for k, v in said.items() if v is not None}, tracking={**Rules().tracking, **tracking})
+
+
+class Calibration(Model):
+    """One number that readings depend on, with its unit, and how well it is known."""
+
+    value: Text
+    provenance: Provenance
+    note: Text = ""
+
+
+class Simulation(Model):
+    """A simulated instrument instead of a real one."""
+
+    tissue: Text = "forearm"
+    effects: tuple[Text, ...] = ()
+    seed: int | None = None
+    link: Literal["pty", "tcp", "usb", "auto"] = "auto"
+
+
+class Instrument(Model):
+    """One instrument: ``address`` of a real one, or ``simulated``."""
+
+    instrument: Text = Field(default="", description="kind of instrument; the entry's name by default")
+    address: Text = ""
+    sources: dict[str, Text] = {}
+    simulated: Simulation | None = None
+    i_have_verified_the_codec: bool = False
+    options: dict[str, Any] = {}
+    watchdog: Duration = WATCHDOG
+    limits: dict[str, Limit] = {}
+    interlock: Interlock = Interlock()
+    calibration: dict[str, Calibration] = {}
+
+    @model_validator(mode="after")
+    def _check(self) -> Instrument:
+        if bool(self.address) is (self.simulated is not None):
+            raise ValueError("an instrument has either an address or 'simulated', not both and not neither")
+        return self
+
+    @field_validator("limits")
+    @classmethod
+    def _check_limits(cls, limits: dict[str, Limit]) -> dict[str, Limit]:
+        parse_limits(limits, "station")
+        return limits
+
+    @field_validator("calibration")
+    @classmethod
+    def _check_calibration(cls, calibration: dict[str, Calibration]) -> dict[str, Calibration]:
+        for name, entry in calibration.items():
+            if name not in CALIBRATIONS:
+                raise ValueError(f"unknown calibration {name!r}; there is {', '.join(CALIBRATIONS)}")
+            units.parse(entry.value, CALIBRATIONS[name])
+        return calibration
+
+    @property
+    def station_limits(self) -> Limits:
+        """The bench's own limits of this instrument."""
+        return parse_limits(self.limits, "station")
+
+    def calibrated(self, name: str) -> float:
+        """A calibration in SI; 0 where the station has none."""
+        return units.parse(self.calibration[name].value, CALIBRATIONS[name]) if name in self.calibration else 0.0
+
+    def entry(self, kind: str) -> Entry:
+        """What a real instrument's driver is given."""
+        return Entry(
+            instrument=kind,
+            address=self.address,
+            i_have_verified_the_codec=self.i_have_verified_the_codec,
+            sources=self.sources,
+            options=self.options,
+            watchdog=self.watchdog,
+        )
+
+
+class Station(Model):
+    """A bench: its instruments by name, and limits of its subjects by pseudonym."""
+
+    version: Literal["station/1"] = Field(alias="schema")
+    name: Text = ""
+    instruments: Annotated[dict[str, Instrument], Field(min_length=1)]
+    subjects: dict[str, dict[str, Limit]] = {}
+    _read: Source = PrivateAttr(default_factory=Source)
+
+    @field_validator("subjects")
+    @classmethod
+    def _check_subjects(cls, subjects: dict[str, dict[str, Limit]]) -> dict[str, dict[str, Limit]]:
+        for name, limits in subjects.items():
+            parse_limits(limits, f"subject {name}")
+        return subjects
+
+    def subject_limits(self, subject: str) -> Limits:
+        """The limits set for a subject; none for one that is not listed."""
+        return parse_limits(self.subjects.get(subject, {}), f"subject {subject}")
+
+    def find(self, kind: str) -> str:
+        """Name of the first instrument of a kind. Raises ValueError that says what the station has."""
+        for name, instrument in self.instruments.items():
+            if (instrument.instrument or name) == kind:
+                return name
+        raise ValueError(
+            f"station {self.name or self._read.file!r} has no {kind}; it has {', '.join(self.instruments)}"
+        )
+
+    def text(self) -> str:
+        """The station as YAML, for the recording."""
+        data = self.model_dump(mode="json", by_alias=True, exclude_defaults=True)
+        return yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
+
+
+def parse_limits(written: dict[str, Limit], origin: str) -> Limits:
+    """Limits as written, in SI. Raises ValueError that names quantity and entry."""
+    return Limits.parse({k: v.model_dump(exclude_none=True) for k, v in written.items()}, origin)
+
+
+def load_station(path: Path | str) -> Station:
+    """Read a station file. Raises ProtocolError (a ValueError) with file, line and field of every fault."""
+    data, source = read(path)
+    station = validate(Station, data, source)
+    station._read = source
+    return station
+
+
+def simulated_station(tissue: str = "forearm", effects: tuple[str, ...] = (), seed: int | None = None) -> Station:
+    """The default bench: one simulated instrument of each kind."""
+    simulation = {"tissue": tissue, "effects": effects, "seed": seed}
+    scale = {"frame_scale": {"value": "0.02 mm/px", "provenance": "assumed", "note": "of the simulated camera"}}
+    return Station.model_validate(
+        {
+            "schema": "station/1",
+            "name": "simulated bench",
+            "instruments": {
+                "cutometer": {"simulated": simulation},
+                "aspiration": {"simulated": simulation, "calibration": scale},
+                "microrobot": {"simulated": simulation},
+            },
+        }
+    )
