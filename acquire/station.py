@@ -55,7 +55,7 @@ class Interlock(Model):
     rate_window: Duration | None = None
     stale: Duration | None = None
     disk: Annotated[int, Field(ge=0)] | None = None
-    tracking: dict[str, Tracking] = {}
+    tracking: dict[str, Tracking] = Field(default={})
 
     @field_validator("tracking")
     @classmethod
@@ -95,14 +95,14 @@ class Instrument(Model):
 
     instrument: Text = Field(default="", description="kind of instrument; the entry's name by default")
     address: Text = ""
-    sources: dict[str, Text] = {}
+    sources: dict[str, Text] = Field(default={})
     simulated: Simulation | None = None
     i_have_verified_the_codec: bool = False
-    options: dict[str, Any] = {}
+    options: dict[str, Any] = Field(default={})
     watchdog: Duration = WATCHDOG
-    limits: dict[str, Limit] = {}
+    limits: dict[str, Limit] = Field(default={})
     interlock: Interlock = Interlock()
-    calibration: dict[str, Calibration] = {}
+    calibration: dict[str, Calibration] = Field(default={})
 
     @model_validator(mode="after")
     def _check(self) -> Instrument:
@@ -152,7 +152,7 @@ class Station(Model):
     version: Literal["station/1"] = Field(alias="schema")
     name: Text = ""
     instruments: Annotated[dict[str, Instrument], Field(min_length=1)]
-    subjects: dict[str, dict[str, Limit]] = {}
+    subjects: dict[str, dict[str, Limit]] = Field(default={})
     _read: Source = PrivateAttr(default_factory=Source)
 
     @field_validator("subjects")
