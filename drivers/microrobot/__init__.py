@@ -1,0 +1,64 @@
+"""Three-axis voice-coil micro-robot: forces and displacements of a probe glued to skin, on a USB bulk link.
+
+Options of a station entry: none.
+"""
+
+from __future__ import annotations
+
+from drivers.device import Rig
+from drivers.instrument import Entry, Instrument
+from drivers.options import take
+from drivers.signals import Channel
+from protocols.limits import PROBE, Limits, Range
+
+QUANTITIES = ("probe_x", "probe_y", "probe_z")
+
+_AXIS = (-5e-3, 5e-3)
+_REACH = (-3e-3, 3e-3)
+
+CHANNELS = (
+    *(Channel(f"axis_position_{k}", "m", "sensor", _AXIS, 50e-6) for k in (1, 2, 3)),
+    *(Channel(f"transducer_force_{k}", "N", "sensor", (-14.7, 14.7), 6e-3) for k in "abc"),
+    *(Channel(q, "m", "processing", _REACH, 50e-6) for q in QUANTITIES),
+    *(Channel(f"force_{k}", "N", "processing", (-14.7, 14.7), 6e-3) for k in "xyz"),
+)
+
+#: Excursion and tip speed are assumed; the transducers end at 1500 g (datasheet).
+LIMITS = Limits(
+    {**{q: Range(*_REACH, rate=20e-3) for q in QUANTITIES}, PROBE: Range(0.0, 3e-3, rate=20e-3)},
+    "hardware",
+)
+
+
+def open_rig(entry: Entry) -> Rig:
+    """The rig of a station entry; the link is opened by ``connect``. Raises ValueError for an unknown option."""
+    from drivers.microrobot.codec import CAPACITY, MicrorobotCodec
+    from drivers.microrobot.processing import Processing
+    from drivers.stream import StreamDevice
+    from drivers.transports import open_transport
+
+    take(entry)
+    processing = Processing()
+    device = StreamDevice(
+        "microrobot",
+        open_link=lambda: open_transport(entry.address, usb_backend=entry.usb_backend),
+        codec=MicrorobotCodec,
+        channels=CHANNELS,
+        quantities=QUANTITIES,
+        capacity=CAPACITY,
+        watchdog=entry.watchdog,
+        convert=processing,
+        zero=processing.tare,
+    )
+    return Rig("microrobot", device)
+
+
+INSTRUMENT = Instrument(
+    name="microrobot",
+    title="Three-axis micro-robot",
+    channels=CHANNELS,
+    quantities=QUANTITIES,
+    limits=LIMITS,
+    transports=("usb", "socket", "serial"),
+    open_rig=open_rig,
+)

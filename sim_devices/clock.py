@@ -1,0 +1,84 @@
+"""The time in which a simulated instrument lives: real, scaled, or moved by hand.
+
+Simulated time never jumps: an instrument that falls behind (its computation is slow, or the host does not
+read) calls `Clock.slip`, and its clock goes on from where the instrument is.
+"""
+
+from __future__ import annotations
+
+import abc
+import threading
+import time
+
+
+class Clock(abc.ABC):
+    """Simulated seconds since the instrument was switched on."""
+
+    @property
+    @abc.abstractmethod
+    def speed(self) -> float:
+        """Simulated seconds per second of wall time."""
+
+    @abc.abstractmethod
+    def now(self) -> float:
+        """Simulated time in s."""
+
+    @abc.abstractmethod
+    def wall_until(self, moment: float) -> float:
+        """Wall time in s until ``moment`` (simulated s), 0 when it has passed; what one may sleep before looking again."""
+
+    @abc.abstractmethod
+    def slip(self, moment: float) -> None:
+        """Let it be ``moment`` (simulated s, not later than now) again: the instrument could not keep up."""
+
+
+class ScaledClock(Clock):
+    """Wall time times ``speed``; 1 is real time."""
+
+    def __init__(self, speed: float = 1.0) -> None:
+        if not speed > 0:
+            raise ValueError(f"the speed of a clock is positive, not {speed:g}")
+        self._speed = speed
+        self._origin = time.monotonic()
+
+    @property
+    def speed(self) -> float:
+        return self._speed
+
+    def now(self) -> float:
+        return (time.monotonic() - self._origin) * self._speed
+
+    def wall_until(self, moment: float) -> float:
+        return max(0.0, self._origin + moment / self._speed - time.monotonic())
+
+    def slip(self, moment: float) -> None:
+        self._origin = time.monotonic() - moment / self._speed
+
+
+class ManualClock(Clock):
+    """Stands still until `advance` is called: for tests that must not depend on the machine's load."""
+
+    _LOOK_AGAIN = 0.001
+
+    def __init__(self) -> None:
+        self._now = 0.0
+        self._lock = threading.Lock()
+
+    @property
+    def speed(self) -> float:
+        return 1.0
+
+    def now(self) -> float:
+        with self._lock:
+            return self._now
+
+    def advance(self, seconds: float) -> None:
+        """Let ``seconds`` pass."""
+        with self._lock:
+            self._now += seconds
+
+    def wall_until(self, moment: float) -> float:
+        return 0.0 if self.now() >= moment else self._LOOK_AGAIN
+
+    def slip(self, moment: float) -> None:
+        """Nothing: what was advanced by hand is caught up with, however long it takes."""

@@ -1,0 +1,118 @@
+"""The back door of a simulated instrument: what is really so, and what may go wrong. For tests, not for hosts."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from sim_devices.servers.instrument import SimInstrument
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What is really so at the instrument, whatever the link says.
+
+    ``signals`` are the chain's signals at the last moment computed (``line_pressure`` in Pa, ``axis_1`` in m …); ``vented`` when nothing
+    is commanded, nothing moves and the skin is free. ``limits`` are those it was armed with.
+    """
+
+    time: float
+    state: str
+    fault: str
+    executed: int
+    command: Mapping[str, float]
+    limits: Mapping[str, tuple[float, float]]
+    signals: Mapping[str, float]
+    vented: bool
+    streaming: bool
+
+
+class BackDoor:
+    """Thread-safe access to one `SimInstrument`."""
+
+    def __init__(self, sim: SimInstrument) -> None:
+        self._sim = sim
+
+    def truth(self) -> Truth:
+        """What is really so, now. Raises RuntimeError when the simulation itself has failed."""
+        sim = self._sim
+        if sim.error is not None:
+            raise RuntimeError(f"the simulated {sim.bench.instrument.name} has failed: {sim.error!r}") from sim.error
+        with sim.lock:
+            firmware = sim.firmware
+            return Truth(
+                time=sim.time,
+                state=firmware.state,
+                fault=firmware.fault,
+                executed=firmware.executed,
+                command=firmware.command,
+                limits=dict(firmware.limits),
+                signals=dict(sim.signals),
+                vented=firmware.resting and sim.still,
+                streaming=any(port.streaming for port in sim.ports),
+            )
+
+    def wait_vented(self, timeout: float = 3.0) -> Truth:
+        """The first truth that is vented and still. Raises TimeoutError with the last one after ``timeout`` s of wall time."""
+        deadline = time.monotonic() + timeout
+        while not (truth := self.truth()).vented:
+            if time.monotonic() > deadline:
+                raise TimeoutError(f"not vented and still after {timeout:g} s: {truth}")
+            time.sleep(0.005)
+        return truth
+
+    def unplug(self) -> None:
+        """Pull every cable."""
+        with self._sim.lock:
+            for port in self._sim.ports:
+                port.link.unplug()
+                port.reset()
+
+    def plug(self) -> None:
+        """Put the cables back. A pseudo-terminal may have another address then."""
+        with self._sim.lock:
+            for port in self._sim.ports:
+                port.link.plug()
+
+    def reboot(self) -> None:
+        """Restart the firmware while the cable stays in."""
+        with self._sim.lock:
+            self._sim.reboot()
+
+    def stall(self, seconds: float) -> None:
+        """No byte either way for ``seconds`` of wall time."""
+        with self._sim.lock:
+            for port in self._sim.ports:
+                port.faults.stall_until = time.monotonic() + seconds
+
+    def garbage(self, count: int) -> None:
+        """``count`` random bytes before the next message."""
+        with self._sim.lock:
+            for port in self._sim.ports:
+                port.faults.garbage = count
+
+    def corrupt(self, messages: int) -> None:
+        """One byte changed in each of the next ``messages``."""
+        with self._sim.lock:
+            for port in self._sim.ports:
+                port.faults.corrupt = messages
+
+    def repeat(self, messages: int) -> None:
+        """Each of the next ``messages`` sent twice."""
+        with self._sim.lock:
+            for port in self._sim.ports:
+                port.faults.repeat = messages
+
+    def short_reads(self, size: int) -> None:
+        """At most ``size`` bytes at once on the control link; 0 lifts it."""
+        with self._sim.lock:
+            self._sim.faults.short = size
+
+    def nan(self, channel: str, samples: float = math.inf) -> None:
+        """The next ``samples`` of a raw channel are not numbers. Raises ValueError for a channel it does not have."""
+        if channel not in self._sim.bench.raw:
+            raise ValueError(f"no raw channel {channel!r}; there are {', '.join(self._sim.bench.raw)}")
+        with self._sim.lock:
+            self._sim.faults.nan[channel] = samples

@@ -1,0 +1,270 @@
+"""What runs inside a simulated instrument: its segment queue, limits, states and watchdog. No bytes, no physics, no thread.
+
+::
+
+    idle ──arm──▶ armed ──start──▶ running ──hold──▶ held ──start──▶ running
+      ▲             │                 │                │
+      │             └───────safe──────┴──────safe──────┘──▶ safe ──arm──▶ armed
+    (boot)          └──limit passed or no beat──▶ fault ──safe──▶ safe
+
+Whatever leaves ``running`` vents at once (suction) or goes back to the centre at the rate the instrument allows (robot).
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from drivers import messages as msg
+from drivers.device import Identity, Refused, Status
+from drivers.signals import FloatArray
+from protocols.limits import PROBE, Limits
+from sim_devices.servers.timeline import Waveform
+
+#: Segments shorter than this (s) are steps.
+SHORTEST = 1e-5
+#: A measured value this share of the allowed span beyond its limit is a fault.
+MARGIN = 0.05
+_SLACK = 1e-6
+
+
+@dataclass
+class _Motion:
+    """The piece being executed; ``counted`` when it came from the host's queue."""
+
+    piece: msg.Piece
+    began: float
+    counted: bool
+
+
+@dataclass
+class Firmware:
+    """The state machine of one instrument.
+
+    ``hardware`` are its own limits; a quantity with a finite rate there cannot step: on start it approaches the
+    first segment, on hold it returns to zero at that rate. ``raw`` names the measured channels it watches.
+    """
+
+    identity: Identity
+    quantities: tuple[str, ...]
+    raw: tuple[str, ...]
+    capacity: int
+    hardware: Limits
+    time: float = 0.0
+    state: str = "idle"
+    fault: str = ""
+    executed: int = 0
+    began: float = math.nan
+    watchdog: float = math.inf
+    limits: dict[str, tuple[float, float]] = field(default_factory=dict)
+    _queue: deque[msg.Piece] = field(default_factory=deque)
+    _motion: _Motion | None = None
+    _value: tuple[float, ...] = ()
+    _last_beat: float = -math.inf
+    _cut: bool = False  # the last piece was cut short: the next begins where it ended
+
+    def __post_init__(self) -> None:
+        self._value = self._zero
+
+    @property
+    def _zero(self) -> tuple[float, ...]:
+        return (0.0,) * len(self.quantities)
+
+    @property
+    def status(self) -> Status:
+        return Status(self.time, self.state, self.executed, len(self._queue), self.fault, self.began)
+
+    @property
+    def command(self) -> dict[str, float]:
+        """What is commanded now."""
+        return dict(zip(self.quantities, self._value, strict=True))
+
+    @property
+    def resting(self) -> bool:
+        """Nothing is executed and everything commanded is zero."""
+        return self._motion is None and self._value == self._zero and not (self.state == "running" and self._queue)
+
+    def handle(self, body: msg.Body, wall: float) -> None:
+        """Obey a request that arrived at ``wall`` (monotonic s). Raises Refused with the reason."""
+        match body:
+            case msg.Arm(limits, watchdog):
+                self._arm(limits, watchdog, wall)
+            case msg.Enqueue(pieces):
+                self._enqueue(pieces)
+            case msg.Start():
+                self._start()
+            case msg.Hold():
+                if self.state in ("armed", "running"):
+                    self._stop("held")
+            case msg.Skip(index):
+                self._skip(index)
+            case msg.Safe():
+                self._stop("safe")
+                self.limits.clear()
+
+    def beat(self, wall: float) -> None:
+        """The host is alive at ``wall`` (monotonic s)."""
+        self._last_beat = wall
+
+    def watch_host(self, wall: float) -> bool:
+        """Vent if the host has been silent for too long; whether that happened just now."""
+        if self.state not in ("armed", "running", "held") or wall - self._last_beat <= self.watchdog:
+            return False
+        self.trip(f"no heartbeat for {self.watchdog:g} s")
+        return True
+
+    def watch_values(self, values: FloatArray) -> None:
+        """Vent if a measured value (n, raw channels) is out of its limits; what is not a number is the host's to judge."""
+        if self.state not in ("armed", "running", "held"):
+            return
+        for column, name in enumerate(self.raw):
+            low, high = self.limits.get(name, (-math.inf, math.inf))
+            spare = MARGIN * (high - low) if math.isfinite(high - low) else 0.0
+            outside = (values[:, column] < low - spare) | (values[:, column] > high + spare)
+            if outside.any():
+                value = values[outside, column][0]
+                self.trip(f"{name} {value:.6g} is outside {low:.6g} to {high:.6g}")
+                return
+
+    def trip(self, reason: str) -> None:
+        """Stop by itself."""
+        self._stop("fault")
+        self.fault = reason
+
+    def advance(self, until: float) -> Waveform:
+        """Execute up to ``until`` (device time, s); what was commanded on the way."""
+        times, values = [self.time], [self._value]
+
+        def reach(time: float, value: tuple[float, ...]) -> None:
+            times.append(time)
+            values.append(value)
+            self.time, self._value = time, value
+
+        while True:
+            if self._motion is None:
+                if self.state != "running" or not self._queue:
+                    reach(until, self._value)
+                    break
+                piece = self._queue.popleft()
+                if self._cut:
+                    piece, self._cut = replace(piece, start=self._value), False
+                self._motion = _Motion(piece, self.time, True)
+                self.began = self.time
+                if piece.start != self._value:
+                    reach(self.time, piece.start)
+            piece, began = self._motion.piece, self._motion.began
+            end = began + piece.duration if piece.duration >= SHORTEST else began
+            if end <= until:
+                reach(end, piece.end)
+                if self._motion.counted:
+                    self.executed += 1
+                    self.began = end
+                self._motion = None
+            else:
+                share = (until - began) / piece.duration
+                reach(until, tuple(a + share * (b - a) for a, b in zip(piece.start, piece.end, strict=True)))
+                break
+        return Waveform(np.array(times), np.array(values))
+
+    def _arm(self, limits: Mapping[str, tuple[float, float]], watchdog: float, wall: float) -> None:
+        if self.state == "fault":
+            raise Refused(f"in fault ({self.fault}); make it safe first")
+        if self.state in ("running", "held"):
+            raise Refused(f"{self.state}; make it safe first")
+        if not 0 < watchdog < math.inf:
+            raise Refused(f"a watchdog time of {watchdog:g} s")
+        for name in self.quantities:
+            low, high = limits.get(name, (-math.inf, math.inf))
+            if not (math.isfinite(low) and math.isfinite(high)):
+                raise Refused(f"no finite limits for {name}")
+        for name, (low, high) in limits.items():
+            own = self.hardware[name]
+            if not (own.holds(low) and own.holds(high) and low <= high):
+                raise Refused(f"limits {low:g} to {high:g} of {name}; the hardware allows {own.low:g} to {own.high:g}")
+        self.limits = dict(limits)
+        self.watchdog = watchdog
+        self._last_beat = wall
+        self._queue.clear()
+        self.executed, self.began = 0, math.nan
+        self.state = "armed"
+
+    def _enqueue(self, pieces: tuple[msg.Piece, ...]) -> None:
+        if self.state not in ("armed", "running", "held"):
+            raise Refused(f"not armed ({self.state})")
+        if len(self._queue) + len(pieces) > self.capacity:
+            raise Refused(f"the queue holds {self.capacity} segments, {len(self._queue)} wait, {len(pieces)} more came")
+        tail = self._tail()
+        for number, piece in enumerate(pieces):
+            self._check(piece, tail, number)
+            tail = piece.end
+        self._queue.extend(pieces)
+
+    def _tail(self) -> tuple[float, ...] | None:
+        """Where the queue ends; None where its end is not fixed, because the start is approached or the last piece was cut."""
+        if self._queue:
+            return self._queue[-1].end
+        if self.state != "running" or self._cut:
+            return None
+        return self._motion.piece.end if self._motion else self._value
+
+    def _check(self, piece: msg.Piece, before: tuple[float, ...] | None, number: int) -> None:
+        where = f"segment {number} of those sent: "
+        if len(piece.start) != len(self.quantities) or len(piece.end) != len(self.quantities):
+            raise Refused(f"{where}{len(piece.start)} values for {len(self.quantities)} quantities")
+        if not math.isfinite(piece.duration) or piece.duration < 0:
+            raise Refused(f"{where}a duration of {piece.duration:g} s")
+        for name, a, b in zip(self.quantities, piece.start, piece.end, strict=True):
+            low, high = self.limits[name]
+            slack = _SLACK * (high - low)
+            for value in (a, b):
+                if not low - slack <= value <= high + slack:
+                    raise Refused(f"{where}{name} {value:g} is outside {low:g} to {high:g}")
+        if PROBE in self.limits and max(math.hypot(*piece.start), math.hypot(*piece.end)) > self.limits[PROBE][1] * (
+            1 + _SLACK
+        ):
+            raise Refused(f"{where}the probe leaves its reach of {self.limits[PROBE][1]:g} m")
+        for k, name in enumerate(self.quantities):
+            rate = self.hardware[name].rate
+            if math.isinf(rate):
+                continue
+            if before is not None and abs(piece.start[k] - before[k]) > _SLACK:
+                raise Refused(f"{where}{name} jumps from {before[k]:g} to {piece.start[k]:g}")
+            if abs(piece.end[k] - piece.start[k]) > rate * piece.duration * (1 + _SLACK):
+                raise Refused(f"{where}{name} is faster than {rate:g} per s")
+
+    def _start(self) -> None:
+        if self.state == "running":
+            return
+        if self.state not in ("armed", "held"):
+            raise Refused(f"not armed ({self.state})")
+        self.state = "running"
+        self.executed, self.began = 0, math.nan
+        self._cut = False
+        self._motion = self._slow_move(self._queue[0].start) if self._queue else None
+
+    def _skip(self, index: int) -> None:
+        if self.state != "running" or self._motion is None or not self._motion.counted or index != self.executed:
+            return
+        self._motion = None
+        self._cut = True
+        self.executed += 1
+        self.began = self.time
+
+    def _stop(self, state: str) -> None:
+        """Forget the queue and go to zero."""
+        self._queue.clear()
+        self.state, self.fault, self._cut = state, "", False
+        self.began = self.time
+        self._motion = self._slow_move(self._zero)
+        if self._motion is None:
+            self._value = self._zero
+
+    def _slow_move(self, target: tuple[float, ...]) -> _Motion | None:
+        """A move of the host's asking to ``target`` at the allowed rates; None where a step is allowed or nothing moves."""
+        rates = [self.hardware[q].rate for q in self.quantities]
+        duration = max(abs(b - a) / r for a, b, r in zip(self._value, target, rates, strict=True))
+        return _Motion(msg.Piece(duration, self._value, target), self.time, False) if duration > 0 else None
