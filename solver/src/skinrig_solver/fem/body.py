@@ -50,18 +50,17 @@ class State:
     height: float = 0.0
 
     def copy(self) -> State:
-        arrays = (self.u, self.theta, self.p, self.history, self.lam, self.slip, self.shear)
-        return State(*(a.copy() for a in arrays), height=self.height)
+        u, theta, p, history = self.u.copy(), self.theta.copy(), self.p.copy(), self.history.copy()
+        return State(u, theta, p, history, self.lam.copy(), self.slip.copy(), self.shear.copy(), self.height)
 
 
 @dataclass
 class Tangents:
-    """Derivatives of a state by m parameters: du (equations, m), history (points, states, m), slip, shear (c, m)."""
+    """Derivatives of a state by m parameters: du (equations, m), history (points, states, m), slip (contacts, m)."""
 
     du: Array
     history: Array
     slip: Array
-    shear: Array
 
 
 @dataclass(frozen=True)
@@ -90,11 +89,10 @@ class Directions:
 
 @dataclass(frozen=True)
 class Contactness:
-    """Numerical constants of contact: ``stiffness`` c [Pa/m], smoothing ``width`` [Pa], stick ``tangential`` [Pa/m]."""
+    """Numerical constants of contact: ``stiffness`` c [Pa/m] and smoothing ``width`` [Pa], see `surface`."""
 
-    stiffness: float = 1e10
-    width: float = 100.0
-    tangential: float = 1e10
+    stiffness: float = 2e8
+    width: float = 40.0
 
 
 class Body:
@@ -224,7 +222,7 @@ class Body:
         contacts = 0 if self.rim is None else 2 * len(self.rim.edges)
         points = 9 * len(self.mesh.elements)
         shape = (points, len(self.law.rest), m)
-        return Tangents(np.zeros((self.size, m)), np.zeros(shape), np.zeros((contacts, m)), np.zeros((contacts, m)))
+        return Tangents(np.zeros((self.size, m)), np.zeros(shape), np.zeros((contacts, m)))
 
     def differentiate(
         self,
@@ -245,11 +243,10 @@ class Body:
         force = np.zeros((self.size, m))
         kernels.partial_forces(pts.gradients, pts.weights, pts.linear, self.Theta, dstress, self.equations, force)
         rough = self.rim is not None and load.friction > 0.0
-        contact = self.contactness
         if rough:
-            surface.contact_partials(
-                self.shapes2, self.contact_weights, self.gap, self.work, new.lam, load.friction, contact.tangential,
-                directions.friction, tangents.slip, tangents.shear, self.contact_equations, force,
+            surface.friction_partials(
+                self.shapes2, self.contact_weights, self.gap, self.work, directions.friction, tangents.slip,
+                self.contact_equations, force,
             )  # fmt: skip
         if self.rim is not None:
             # a held probe stays where the derivative of its height was left; a pressed one balances the spring
@@ -260,13 +257,10 @@ class Body:
         history = np.empty_like(tangents.history)
         for (a, b), par, which in zip(self.mesh.layer_points(), parameters, directions.law, strict=True):
             self.code.state_partials(a, b, self.kin, old.history, par, dt, dkin, tangents.history, which, history)
-        slip, shear = tangents.slip.copy(), tangents.shear.copy()
-        if rough:
-            surface.contact_history(
-                self.shapes2, self.gap, self.work, new.lam, load.friction, contact.tangential,
-                directions.friction, self.contact_equations, du, slip, shear,
-            )  # fmt: skip
-        return Tangents(du, history, slip, shear)
+        slip = np.empty_like(tangents.slip)
+        if self.rim is not None:
+            surface.slip_derivatives(self.shapes2, self.gap, self.contact_equations, du, slip)
+        return Tangents(du, history, slip)
 
     def _kinematics(self, state: State) -> int:
         pts = self.mesh.points
@@ -300,11 +294,10 @@ class Body:
             self._contact(old, new, load)
 
     def _contact(self, old: State, new: State, load: Load) -> None:
-        contact = self.contactness
         self._gaps(new)
         surface.contact(
-            self.shapes2, self.contact_weights, self.gap, new.lam, contact.stiffness, contact.width, load.friction,
-            contact.tangential, old.slip, old.shear, self.pattern.scatter[2], self.contact_equations, self.values,
+            self.shapes2, self.contact_weights, self.gap, new.lam, new.shear, old.slip, self.contactness.stiffness,
+            self.contactness.width, load.friction, self.pattern.scatter[2], self.contact_equations, self.values,
             self.residual, self.work,
         )  # fmt: skip
         probe = self.size - 1
@@ -325,7 +318,7 @@ class Body:
         kernels.update(self.mesh.elements, du, self.Theta, self.theta0, self.Pi, self.pi0, state.theta, state.p)
         if self.rim is not None:
             state.height += float(delta[-1])
-            surface.advance(self.shapes2, self.gap, self.work, self.contact_equations, delta, state.lam)
+            surface.advance(self.shapes2, self.gap, self.work, self.contact_equations, delta, state.lam, state.shear)
 
     def _commit(self, old: State, new: State, load: Load, dt: float, parameters: Sequence[Array], time: float) -> None:
         """History at the end of the step."""
@@ -337,7 +330,4 @@ class Body:
             self.code.stress(a, b, self.kin, old.history, par, dt, self.stress, new.history)
         if self.rim is not None:
             self._gaps(new)
-            trial = old.shear - self.contactness.tangential * (self.gap[:, 6] - old.slip)
-            limit = load.friction * np.maximum(new.lam, 0.0)
-            new.shear = np.clip(trial, -limit, limit)
             new.slip = self.gap[:, 6].copy()

@@ -1,9 +1,10 @@
 """What acts on the top surface: follower suction, and unilateral contact with a rigid profile, with Coulomb friction.
 
-Contact pressure λ >= 0 (per reference area, two Gauss points an edge) is an independent unknown like the element
-pressure. It obeys λ = s(λ (1 − ε) − c g), s the softplus of width w: a smoothed complementarity λ g = 0 whose Newton path
-is that of a primal–dual active set (Hintermüller, Ito and Kunisch 2003) without its chatter, and whose penetration
-ε λ/c vanishes in practice. Friction: t = −κ × slip, limited to μ λ, slip measured along the profile since the last converged step.
+Contact pressure λ >= 0 and shear t (per reference area, two Gauss points an edge) are independent unknowns like the
+element pressure. λ = s(λ (1 − ε) − c g), s the softplus of width w, smooths the complementarity of λ and gap g; the
+Newton path is that of a primal–dual active set (Hintermüller, Ito and Kunisch 2003) without its chatter, and the
+penetration ε λ/c vanishes in practice. Coulomb friction likewise: t = clamp(t (1 − ε) − c Δs) to ± μ λ, with slip Δs
+along the profile since the last converged step and the clamp made of two softplus.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from ..api import Array
 from .mesh import Index
 
 FLAGS = {"contract", "nsz"}
-COMPLIANCE = 1e-3  # ε
+COMPLIANCE = 1e-4  # ε
 
 
 @njit(cache=True)
@@ -60,61 +61,62 @@ def contact_points(
 
 
 @njit(cache=True)
+def _softplus(x: float) -> tuple[float, float]:
+    """log(1 + exp(x)) and its slope."""
+    e = np.exp(-abs(x))
+    return np.log1p(e) + max(x, 0.0), (1.0 if x > 0.0 else e) / (1.0 + e)
+
+
+@njit(cache=True)
 def contact(
     shapes: Array,
     weights: Array,
     gap: Array,
     lam: Array,
+    shear: Array,
+    slip0: Array,
     stiffness: float,
     width: float,
     friction: float,
-    tangential: float,
-    slip0: Array,
-    shear0: Array,
     scatter: Index,
     equations: Index,
     values: Array,
     residual: Array,
     work: Array,
-) -> float:
-    """Add contact to the system; returns the axial force on the body [N] of the current λ.
+) -> None:
+    """Add contact to the system.
 
     ``equations`` (edges, 7): three nodes' r, z and the probe's height (−1 fixed); ``scatter`` (edges, 7, 7);
-    ``work`` (points, 6): φ, c s, 1/D, current shear, its derivative by slip and by λ (for `advance` and the partials).
+    ``work`` (points, 6): the linearised laws dλ = work0 − work1 dg and dt = work2 − work3 ds + work4 dλ, and
+    work5 = ∂t/∂μ at fixed positions and λ.
     """
-    force = 0.0
     b, tang = np.empty(7), np.empty(7)
     for e in range(equations.shape[0]):
         for k in range(2):
             i = 2 * e + k
-            G = gap[i]
-            w = weights[i]
-            y = lam[i] * (1.0 - COMPLIANCE) - stiffness * G[0]
-            x = y / width
-            soft = width * (np.log1p(np.exp(-abs(x))) + max(x, 0.0))
-            slope = 1.0 / (1.0 + np.exp(-x)) if x > -700.0 else 0.0
-            phi = lam[i] - soft
+            G, w = gap[i], weights[i]
+            soft, slope = _softplus((lam[i] * (1.0 - COMPLIANCE) - stiffness * G[0]) / width)
             inverse = 1.0 / (1.0 - slope * (1.0 - COMPLIANCE))
-            work[i, 0], work[i, 1], work[i, 2] = phi, stiffness * slope, inverse
-            shear, by_slip, by_lam = 0.0, 0.0, 0.0
+            work[i, 0], work[i, 1] = (width * soft - lam[i]) * inverse, stiffness * slope * inverse
             if friction > 0.0:
-                trial = shear0[i] - tangential * (G[6] - slip0[i])
-                limit = friction * max(lam[i], 0.0)
-                if abs(trial) <= limit:
-                    shear, by_slip = trial, -tangential
-                else:
-                    sign = 1.0 if trial > 0.0 else -1.0
-                    shear, by_lam = sign * limit, sign * friction
-            work[i, 3], work[i, 4], work[i, 5] = shear, by_slip, by_lam
+                trial, limit = shear[i] * (1.0 - COMPLIANCE) - stiffness * (G[6] - slip0[i]), friction * lam[i]
+                up, up_slope = _softplus((trial + limit) / width)
+                down, down_slope = _softplus((trial - limit) / width)
+                stick = up_slope - down_slope
+                inverse = 1.0 / (1.0 - stick * (1.0 - COMPLIANCE))
+                work[i, 2] = (width * (up - down) - limit - shear[i]) * inverse
+                work[i, 3] = stiffness * stick * inverse
+                work[i, 5] = (up_slope + down_slope - 1.0) * inverse * lam[i]
+                work[i, 4] = (up_slope + down_slope - 1.0) * inverse * friction
+            else:
+                work[i, 2:6] = 0.0
             for a in range(3):
                 n = shapes[k, a]
                 b[2 * a], b[2 * a + 1] = n * G[1], n * G[2]
                 tang[2 * a], tang[2 * a + 1] = n * G[7], n * G[8]
             b[6], tang[6] = -G[2], -G[8]
-            lam_star = lam[i] - phi * inverse
-            shear_star = shear + by_lam * (lam_star - lam[i])
-            normal = stiffness * slope * inverse  # −dλ/dg
-            force += w * (lam[i] * G[2] + shear * G[8])
+            lam_star = lam[i] + work[i, 0]
+            shear_star = shear[i] + work[i, 2] + work[i, 4] * work[i, 0]
             for p in range(7):
                 row = equations[e, p]
                 if row < 0:
@@ -128,11 +130,10 @@ def contact(
                     nq, sq = _second(shapes, k, q)
                     m = sp + sq  # 0: rr, 1: rz, 2: zz
                     values[at] += w * (
-                        normal * b[p] * b[q]
-                        - np_ * nq * (lam[i] * G[3 + m] + shear * G[9 + m])
-                        - tang[p] * (by_slip * tang[q] - by_lam * normal * b[q])
+                        work[i, 1] * b[p] * b[q]
+                        + tang[p] * (work[i, 3] * tang[q] + work[i, 4] * work[i, 1] * b[q])
+                        - np_ * nq * (lam[i] * G[3 + m] + shear[i] * G[9 + m])
                     )
-    return force
 
 
 @njit(cache=True)
@@ -142,84 +143,57 @@ def _second(shapes: Array, k: int, p: int) -> tuple[float, int]:
 
 
 @njit(cache=True)
-def advance(shapes: Array, gap: Array, work: Array, equations: Index, delta: Array, lam: Array) -> None:
-    """Advance λ by the linearised law for the increment ``delta`` (equations,) of the unknowns."""
+def advance(shapes: Array, gap: Array, work: Array, equations: Index, delta: Array, lam: Array, shear: Array) -> None:
+    """Advance λ and the shear by the linearised laws for the increment ``delta`` (equations,) of the unknowns."""
     for e in range(equations.shape[0]):
         for k in range(2):
             i = 2 * e + k
-            dg = 0.0
+            dg, ds = 0.0, 0.0
             for p in range(7):
                 if equations[e, p] >= 0:
                     n, direction = _second(shapes, k, p)
                     dg += n * gap[i, 1 + direction] * delta[equations[e, p]]
-            lam[i] -= (work[i, 0] + work[i, 1] * dg) * work[i, 2]
+                    ds += n * gap[i, 7 + direction] * delta[equations[e, p]]
+            dlam = work[i, 0] - work[i, 1] * dg
+            lam[i] += dlam
+            shear[i] += work[i, 2] - work[i, 3] * ds + work[i, 4] * dlam
 
 
 @njit(cache=True)
-def contact_partials(
+def friction_partials(
     shapes: Array,
     weights: Array,
     gap: Array,
     work: Array,
-    lam: Array,
-    friction: float,
-    tangential: float,
     dfriction: Array,
     dslip0: Array,
-    dshear0: Array,
     equations: Index,
     force: Array,
 ) -> None:
-    """Add ∂R/∂parameter at fixed unknowns of the friction history and coefficient to ``force`` (equations, m)."""
+    """Add ∂R/∂parameter at fixed unknowns, through μ and the slip at the step's start, to ``force`` (equations, m)."""
     for e in range(equations.shape[0]):
         for k in range(2):
             i = 2 * e + k
             for p in range(7):
                 row = equations[e, p]
-                if row < 0:
-                    continue
-                n, direction = _second(shapes, k, p)
-                tang = n * gap[i, 7 + direction]
-                for j in range(force.shape[1]):
-                    if work[i, 4] != 0.0:
-                        change = dshear0[i, j] + tangential * dslip0[i, j]
-                    else:
-                        change = work[i, 5] / friction * lam[i] * dfriction[j]
-                    force[row, j] -= weights[i] * tang * change
+                if row >= 0:
+                    n, direction = _second(shapes, k, p)
+                    tang = weights[i] * n * gap[i, 7 + direction]
+                    for j in range(force.shape[1]):
+                        force[row, j] -= tang * (work[i, 5] * dfriction[j] + work[i, 3] * dslip0[i, j])
 
 
 @njit(cache=True)
-def contact_history(
-    shapes: Array,
-    gap: Array,
-    work: Array,
-    lam: Array,
-    friction: float,
-    tangential: float,
-    dfriction: Array,
-    equations: Index,
-    du: Array,
-    dslip: Array,
-    dshear: Array,
-) -> None:
-    """Derivatives of slip and shear (points, m) at the end of a step, from those at its start and du (equations, m)."""
-    m = du.shape[1]
+def slip_derivatives(shapes: Array, gap: Array, equations: Index, du: Array, dslip: Array) -> None:
+    """dslip (points, m) of the solution derivatives du (equations, m)."""
+    dslip[:] = 0.0
     for e in range(equations.shape[0]):
         for k in range(2):
-            i = 2 * e + k
-            for j in range(m):
-                dg, ds = 0.0, 0.0
-                for p in range(7):
-                    if equations[e, p] >= 0:
-                        n, direction = _second(shapes, k, p)
-                        dg += n * gap[i, 1 + direction] * du[equations[e, p], j]
-                        ds += n * gap[i, 7 + direction] * du[equations[e, p], j]
-                if work[i, 4] != 0.0:
-                    dshear[i, j] -= tangential * (ds - dslip[i, j])
-                else:
-                    dlam = -work[i, 1] * dg * work[i, 2]
-                    dshear[i, j] = work[i, 5] * (dlam + lam[i] * dfriction[j] / friction)
-                dslip[i, j] = ds
+            for p in range(7):
+                if equations[e, p] >= 0:
+                    n, direction = _second(shapes, k, p)
+                    for j in range(du.shape[1]):
+                        dslip[2 * e + k, j] += n * gap[2 * e + k, 7 + direction] * du[equations[e, p], j]
 
 
 @njit(cache=True)

@@ -34,7 +34,7 @@ class Run:
             self.tangents = self.body.rest_tangents(len(self.directions.friction))
 
     def advance(self, piece: Segment, load: Callable[[float], Load], visit: Callable[[float], None]) -> None:
-        """Step through a segment: ``load`` gives what acts at a drive value, ``visit`` gets the time after each step."""
+        """Step through a segment: ``load`` gives what acts at a drive value; ``visit`` gets the time of each step."""
         now, previous = piece.start, None
         for time in piece.times:
             start = self.state
@@ -75,8 +75,9 @@ def _extrapolated(before: State | None, now: State) -> State:
     if before is None:
         return now
     guess = now.copy()
-    for name in ("u", "theta", "p", "lam"):
+    for name in ("u", "theta", "p", "lam", "shear"):
         values, old = getattr(guess, name), getattr(before, name)
         values += values - old
+    guess.height += guess.height - before.height
     np.maximum(guess.lam, 0.0, out=guess.lam)
     return guess
