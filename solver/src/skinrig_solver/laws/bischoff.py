@@ -3,7 +3,7 @@
 W = (n k theta / 4) (P^2 sum_i [rho_i beta_i / P^2 + ln(beta_i / sinh beta_i)]
                      - (beta_P / P) ln(l_a^(a^2) l_b^(b^2) l_c^(c^2)))
 with the unit cell's half diagonals P_i = (a, +-b, +-c)/2, P = |P_i|, rho_i^2 = P_i . C P_i, N = P^2 links a chain,
-beta_i = L^-1(rho_i / N), beta_P = L^-1(1 / P), L(x) = coth x - 1/x, l_a^2 = C11 and so on; dW/drho_i = (n k theta / 4) beta_i.
+beta_i = L^-1(rho_i / N), beta_P = L^-1(1 / P), L(x) = coth x - 1/x, l_a^2 = C11, …; dW/drho_i = n k theta beta_i / 4.
 A chain drawn to its length (rho_i >= N) has no energy: the point function writes NaN.
 """
 

@@ -1,8 +1,8 @@
 """Ogden, two terms: W = sum_i mu_i / alpha_i (l1_bar^alpha_i + l2_bar^alpha_i + l3_bar^alpha_i - 3).
 
-The stretches are isochoric, l_bar = J^(-1/3) l: paper M prints no bar, but with U(J) alone the law would
-not be stress-free at F = I. The initial shear modulus is sum_i mu_i alpha_i / 2. Stress and tangent are assembled in principal axes
-(Ogden, Non-linear Elastic Deformations, 1984, section 6.1), with the limit of equal stretches taken analytically.
+The stretches are isochoric, l_bar = J^(-1/3) l: paper M prints no bar, but with U(J) alone the law would not be
+stress-free at F = I. The initial shear modulus is sum_i mu_i alpha_i / 2. Stress and tangent are assembled in principal
+axes (Ogden, Non-linear Elastic Deformations, 1984, section 6.1), with the limit of equal stretches taken analytically.
 """
 
 from __future__ import annotations

@@ -23,7 +23,8 @@ _PLACE = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])
 @njit(cache=True)
 def determinant(c: Array) -> float:
     """det of a symmetric tensor (6,)."""
-    return c[0] * (c[1] * c[2] - c[4] * c[4]) - c[3] * (c[3] * c[2] - c[4] * c[5]) + c[5] * (c[3] * c[4] - c[1] * c[5])
+    cofactors = c[0] * (c[1] * c[2] - c[4] * c[4]) - c[3] * (c[3] * c[2] - c[4] * c[5])
+    return float(cofactors + c[5] * (c[3] * c[4] - c[1] * c[5]))
 
 
 @njit(cache=True)

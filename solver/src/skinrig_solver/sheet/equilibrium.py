@@ -1,0 +1,196 @@
+"""Equilibrium of the pre-stretched sheet under a displaced probe: Newton's method, step cutting, derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse.linalg import SuperLU, splu
+
+from ..api import Array, Field, SolverError
+from ..laws import Law
+from .kernels import assemble, differentiate
+from .mesh import Mesh
+from .prestress import Prestress
+from .system import System, matrix, system
+
+_TOLERANCE = 1e-9  # unbalanced nodal force relative to the largest nodal force in the sheet
+_ITERATIONS = 14
+_SMALLEST_STEP = 1.0 / 512.0
+
+
+@dataclass
+class Work:
+    """Counters a run reports."""
+
+    iterations: int = 0
+    steps: int = 0
+    cuts: int = 0
+
+
+class Sheet:
+    """A sheet held around the hole and glued to the probe; ``move`` displaces the probe from where it is.
+
+    Parameters
+    ----------
+    law, p : the law and its parameters (m,)
+    mesh : ring of the membrane or solid; ``thickness`` [m] of the stress-free sheet multiplies a membrane's areas
+    state : the pre-stretched state, from which displacements count
+    spatial : the mesh lies on the pre-stretched sheet (hole and probe round there), else on the stress-free one
+    initial : (sx, sy) [Pa], an initial stress in the sheet as it lies, or None
+    """
+
+    def __init__(
+        self,
+        law: Law,
+        p: Array,
+        mesh: Mesh,
+        thickness: float,
+        state: Prestress,
+        spatial: bool = False,
+        initial: Array | None = None,
+    ) -> None:
+        self.law, self.p, self.mesh, self.state, self.spatial = law, p, mesh, state, spatial
+        d = mesh.dimension
+        self.F0 = np.zeros((3, d))
+        self.F0[:2, :2] = state.F
+        if d == 3:
+            self.F0[2, 2] = np.sqrt(state.c33)
+        carried = np.ones(d)
+        if spatial:
+            carried[:2] = state.stretches
+        self.gradients = np.ascontiguousarray(mesh.gradients * carried)
+        self.weights = mesh.weights * ((thickness if d == 2 else 1.0) / carried.prod())
+        shape = mesh.weights.shape
+        self.scale = 1.0  # the acting stress is scale S_e + extra (kernels.py)
+        self.extra = np.zeros((*shape, 6))
+        self.initial = initial
+        if initial is not None:
+            self.extra[..., :2] = initial
+        self.elastic = np.broadcast_to(state.elastic, (*shape, 6)).copy()
+        self.c33 = np.full(shape, state.c33)
+        self.u = np.zeros((len(mesh.nodes), 3))
+        self.f = np.zeros_like(self.u)
+        self.probe = np.zeros(3)
+        self.work = Work()
+        self._predictor: Array | None = None  # du_free / d(probe) with its sign turned
+
+    # ---------------------------------------------------------------------------------------------------- solving
+    def move(self, to: Array, time: float = np.nan) -> None:
+        """Displace the probe to ``to`` (3,) [m]; raises SolverError (with ``time``) where no step is small enough."""
+        start, done, step = self.probe.copy(), 0.0, 1.0
+        plane = self.mesh.dimension == 2 and not to[2] and not start[2] and not self.u[:, 2].any()
+        numbers = system(self.mesh, plane)
+        while done < 1.0:
+            target = start + min(1.0, done + step) * (to - start)
+            before = self.u.copy(), self.c33.copy()
+            trouble = self._equilibrate(numbers, target)
+            if trouble is None:
+                done, step = min(1.0, done + step), 2.0 * step
+                self.probe = target
+                self.work.steps += 1
+                continue
+            self.u, self.c33 = before
+            self._predictor = None
+            step *= 0.5
+            self.work.cuts += 1
+            if step < _SMALLEST_STEP:
+                reason, element = trouble
+                load = dict(zip(("probe_x", "probe_y", "probe_z"), target.tolist(), strict=True))
+                raise SolverError(f"the sheet found no equilibrium: {reason}", time=time, load=load, element=element)
+
+    def _equilibrate(self, numbers: System, target: Array) -> tuple[str, int | None] | None:
+        """Newton iteration at one probe position; None, or what went wrong and in which element."""
+        free = numbers.equations >= 0
+        if self._predictor is not None and len(self._predictor) == numbers.size:
+            self.u[free] -= self._predictor @ (target - self.probe)
+        self.u[self.mesh.probe] = target
+        worst = np.inf
+        for iteration in range(_ITERATIONS):
+            element, K, Kp, _ = self._assemble(numbers)
+            self.work.iterations += 1
+            if element >= 0:
+                return "an element has no stress", element
+            residual = self.f[free]
+            error = float(np.abs(residual).max())
+            if not np.isfinite(error):
+                return "the forces are not finite", None
+            factor = self._factor(numbers, K)
+            if factor is None:
+                return "the tangent is singular", self._loudest(free)
+            if error <= _TOLERANCE * np.abs(self.f).max() + 1e-14:
+                self._predictor = factor.solve(Kp)
+                return None
+            if iteration > 3 and error > 100.0 * worst:
+                break
+            worst = min(worst, error)
+            self.u[free] -= factor.solve(residual)
+        return "Newton's method did not converge", self._loudest(free)
+
+    def _assemble(self, numbers: System) -> tuple[int, Array, Array, Array]:
+        K, Kp, Kpp = np.empty(len(numbers.indices)), np.empty((numbers.size, 3)), np.empty((3, 3))
+        element = assemble(
+            self.law.point, self.p, self.gradients, self.weights, self.mesh.cells, numbers.equations, numbers.places,
+            self.F0, self.u, self.scale, self.extra, self.c33, self.elastic, self.f, K, Kp, Kpp,
+        )  # fmt: skip
+        return element, K, Kp, Kpp
+
+    @staticmethod
+    def _factor(numbers: System, K: Array) -> SuperLU | None:
+        try:
+            return splu(
+                matrix(numbers, K), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+            )
+        except RuntimeError:
+            return None
+
+    def _loudest(self, free: NDArray[np.bool_]) -> int:
+        """The element at the node with the largest unbalanced force."""
+        node = int(np.argmax(np.abs(np.where(free, self.f, 0.0)).max(axis=1)))
+        return int(np.argmax((self.mesh.cells == node).any(axis=1)))
+
+    # -------------------------------------------------------------------------------------------------- responses
+    @property
+    def force(self) -> Array:
+        """Force the sheet exerts on the probe (3,) [N]."""
+        return np.asarray(-self.f[self.mesh.probe].sum(axis=0))
+
+    def linearise(self, sensitivities: bool = False) -> tuple[Array, Array]:
+        """Derivatives of ``force`` at equilibrium: by the probe's position (3, 3) [N/m], and by parameters (m + 2, 3).
+
+        The parameters are the law's, then the elastic pre-stress (sx, sy) behind the state; without ``sensitivities``
+        the second array is empty. Adjoint: three solves serve them all.
+        """
+        numbers = system(self.mesh)
+        _, K, Kp, Kpp = self._assemble(numbers)
+        factor = self._factor(numbers, K)
+        adjoint = np.zeros_like(Kp) if factor is None else factor.solve(Kp)
+        tangent = Kp.T @ adjoint - Kpp
+        if not sensitivities:
+            return tangent, np.empty((0, 3))
+        if self.mesh.dimension == 3:
+            raise ValueError("sensitivities are available for the membrane only")
+        many = self.p.size + 2
+        dF0, frame, dextra = np.zeros((many, 3, 2)), np.zeros((many, 2, 2)), np.zeros((many, 6))
+        if self.initial is not None:
+            dextra[-2, 0] = dextra[-1, 1] = 1.0
+        else:
+            for i in range(2):
+                dF0[:, i, i] = self.state.derivatives[:, i]
+                if self.spatial:
+                    frame[:, i, i] = self.state.derivatives[:, i] / self.state.stretches[i]
+        df = np.empty((many, len(self.u), 3))
+        differentiate(
+            self.law.point, self.p, self.gradients, self.weights, self.mesh.cells,
+            self.F0, self.u, self.scale, self.extra, self.c33, dF0, frame, dextra, df,
+        )  # fmt: skip
+        at_probe = df[:, self.mesh.probe].sum(axis=1)
+        return tangent, df[:, numbers.equations >= 0] @ adjoint - at_probe
+
+    def picture(self, time: float) -> Field:
+        """Mesh and position relative to the probe's rest, for pictures; z is zero on a membrane's mesh."""
+        nodes = np.zeros((len(self.mesh.nodes), 3))
+        nodes[:, : self.mesh.dimension] = self.mesh.nodes
+        layer = np.zeros(len(self.mesh.corners), dtype=np.int64)
+        return Field(nodes, self.u.copy(), self.mesh.corners, layer, ("skin",), time)

@@ -1,0 +1,102 @@
+"""The micro-robot's sheet as a forward model: one per law.
+
+Paper M: a sheet under in-plane pre-stress is glued to a probe, held around a support's hole, and the probe is moved.
+Parameters are the law's, the pre-stress sx, sy and two relaxation terms, the second off by default.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+
+from ..api import Array, Cost, Experiment, ModelInfo, Parameter, Result
+from ..laws import Law
+from .history import history_force
+from .options import Options
+from .response import Response
+
+AXES = ("x", "y", "z")
+CHANNELS = tuple(f"force_{axis}" for axis in AXES)
+# the pre-stress identified together with each law's default parameters [Pa]
+_PRESTRESS = {"ogden": (84e3, 61e3), "yeoh": (40e3, 30e3), "tong_fung": (92e3, 49e3), "bischoff": (25e3, 23e3),
+              "fung": (7e3, 3e3), "gasser": (26e3, 18e3)}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class SheetModel:
+    """A sheet of one law; implements ``skinrig_solver.api.Model``.
+
+    Drive: ``probe_x|y|z`` [m], a missing one is zero. Channels: ``force_x|y|z`` [N], which the skin exerts on the
+    probe. Geometry options: see ``options.Options``. Sensitivities are exact for samples on the rays of the path
+    (rays.py); for samples off them the change of the tangent with the parameters is neglected.
+    """
+
+    law: Law
+
+    @property
+    def info(self) -> ModelInfo:
+        sx, sy = _PRESTRESS[self.law.name]
+        source = "assumed" if self.law.name == "yeoh" else "M"
+        shared = (
+            Parameter("sx", "Pa", 0.0, 1e6, sx, "pre-stress along x", source),
+            Parameter("sy", "Pa", 0.0, 1e6, sy, "pre-stress along y", source),
+            Parameter("gbar", "", 0.0, 0.95, 0.4, "relaxing share of the stress", "M"),
+            Parameter("tau", "s", 1e-3, 1e4, 0.8, "its relaxation time", "M", "log"),
+            Parameter("gbar2", "", 0.0, 0.95, 0.0, "share of a second relaxation", "assumed"),
+            Parameter("tau2", "s", 1e-3, 1e5, 10.0, "its relaxation time", "assumed", "log"),
+        )
+        return ModelInfo(
+            f"sheet_{self.law.name}",
+            "sheet",
+            self.law.parameters + shared,
+            CHANNELS,
+            f"sheet of skin under a three-axis probe, {self.law.name} law with quasi-linear viscoelasticity",
+            self.law.source,
+        )
+
+    def simulate(
+        self, experiment: Experiment, parameters: Mapping[str, float], sensitivities: Sequence[str] = ()
+    ) -> Result:
+        """Forces on the probe's path; see ``api.Model``."""
+        began = perf_counter()
+        info = self.info
+        values = info.complete(parameters)
+        columns = [info.symbols.index(info[symbol].symbol) for symbol in sensitivities]
+        positions = _path(experiment)
+        options = Options.read(experiment.geometry)
+        if sensitivities and (options.relaxation == "history" or options.element == "solid"):
+            raise ValueError("sensitivities need geometry options relaxation='convolution' and element='membrane'")
+        response = Response(self.law, values, options)
+        slopes = None
+        if options.relaxation == "history":
+            force = history_force(response, experiment.time, positions)
+        else:
+            force, derivatives = response.force(experiment.time, positions, bool(columns))
+            if columns:
+                slopes = {channel: derivatives[columns, :, k].T for k, channel in enumerate(CHANNELS)}
+        work = response.work
+        return Result(
+            experiment.time,
+            {channel: np.ascontiguousarray(force[:, k]) for k, channel in enumerate(CHANNELS)},
+            tuple(sensitivities),
+            slopes,
+            Cost(1, perf_counter() - began, work.iterations, work.steps, work.cuts, 3 * len(options.mesh().nodes)),
+            () if response.field is None else (response.field,),
+            {f"prestretch_{axis}": float(x) for axis, x in zip("xy", response.state.stretches, strict=True)},
+        )
+
+
+def _path(experiment: Experiment) -> Array:
+    """The probe's positions (n, 3) [m]; refuses other instruments and drives by name."""
+    if experiment.instrument != "microrobot":
+        raise ValueError(f"a sheet model needs a microrobot experiment, got {experiment.instrument!r}")
+    names = [f"probe_{axis}" for axis in AXES]
+    unknown = sorted(set(experiment.drive) - set(names))
+    if unknown or not experiment.drive:
+        what = f"drive {unknown[0]!r} is unknown" if unknown else "there is no drive"
+        raise ValueError(f"{what}; a sheet model is driven by {', '.join(names)}")
+    zero = np.zeros_like(experiment.time)
+    return np.stack([experiment.drive.get(name, zero) for name in names], axis=1)

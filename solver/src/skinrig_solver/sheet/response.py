@@ -1,0 +1,101 @@
+"""From parameters and a probe's path to forces: the pre-stress step, the elastic response along rays, relaxation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..api import Array, Field
+from ..laws import Law
+from .equilibrium import Sheet, Work
+from .options import Options
+from .prestress import stretch, unstretched
+from .rays import Ray, fold, rays
+from .viscoelastic import Prony
+
+RELAXATION = ("gbar", "tau", "gbar2", "tau2")
+
+
+@dataclass(frozen=True)
+class _Table:
+    """The elastic force at a ray's points: force (k, 3), tangent (k, 3, 3), derivatives (k, m + 2, 3)."""
+
+    force: Array
+    tangent: Array
+    derivatives: Array
+
+
+class Response:
+    """One set of parameters under one set of options.
+
+    ``values`` holds the law's parameters, sx, sy and the relaxation's. Raises SolverError where the pre-stress finds no
+    stable state.
+    """
+
+    def __init__(self, law: Law, values: Mapping[str, float], options: Options) -> None:
+        self.law, self.options = law, options
+        self.p = np.array([values[symbol] for symbol in law.symbols])
+        self.loads = np.array([values["sx"], values["sy"]])
+        self.prony = Prony((values["gbar"], values["gbar2"]), (values["tau"], values["tau2"]))
+        self.creep, self.creep_rate = 1.0, np.zeros(len(RELAXATION))
+        self.state = unstretched(self.p)
+        if options.prestress_mode == "load":
+            self.creep, self.creep_rate = self.prony.creep_factor(options.prestress_ramp)
+            self.state = stretch(law, self.p, self.creep * self.loads)
+        self.work = Work()
+        self.field: Field | None = None
+
+    def sheet(self) -> Sheet:
+        """The pre-stressed sheet with the probe at rest."""
+        return Sheet(
+            self.law,
+            self.p,
+            self.options.mesh(),
+            self.options.thickness,
+            self.state,
+            self.options.frame == "spatial",
+            self.loads if self.options.prestress_mode == "initial" else None,
+        )
+
+    def elastic(self, time: Array, positions: Array, sensitivities: bool) -> tuple[Array, Array]:
+        """Instantaneous force (n, 3) on positions (n, 3) and its derivatives (m + 2, n, 3) as in Sheet.linearise."""
+        folded, signs = fold(positions, self.law.aligned)
+        force = np.zeros_like(positions)
+        derivatives = np.zeros((len(self.p) + 2 if sensitivities else 0, *positions.shape))
+        for ray in rays(folded):
+            table = self._solve(ray, float(time[ray.farthest]), sensitivities)
+            near = folded[ray.samples]
+            weights = ray.weights(near, self.options.points)
+            off = near - np.outer(near @ ray.direction, ray.direction)
+            force[ray.samples] = weights @ table.force + np.einsum("sk,kij,sj->si", weights, table.tangent, off)
+            derivatives[:, ray.samples] = np.einsum("sk,kmi->msi", weights, table.derivatives)
+        return force * signs, derivatives * signs
+
+    def _solve(self, ray: Ray, time: float, sensitivities: bool) -> _Table:
+        sheet = self.sheet()
+        forces, tangents, derivatives = [], [], []
+        for distance in ray.points(self.options.points):
+            sheet.move(distance * ray.direction, time)
+            tangent, slopes = sheet.linearise(sensitivities)
+            forces.append(sheet.force)
+            tangents.append(tangent)
+            derivatives.append(slopes)
+        self.work.iterations += sheet.work.iterations
+        self.work.steps += sheet.work.steps
+        self.work.cuts += sheet.work.cuts
+        self.field = sheet.picture(time)
+        return _Table(np.array(forces), np.array(tangents), np.array(derivatives))
+
+    def force(self, time: Array, positions: Array, sensitivities: bool) -> tuple[Array, Array]:
+        """Relaxed force (n, 3) and derivatives (m + 6, n, 3) by the law's parameters, sx, sy and the relaxation's."""
+        elastic, by_state = self.elastic(time, positions, sensitivities)
+        force = self.prony.relax(time, elastic)
+        if not sensitivities:
+            return force, np.empty((0, *force.shape))
+        by_creep = np.tensordot(self.loads, by_state[-2:], 1)
+        by_state[-2:] *= self.creep
+        relaxed = np.stack([self.prony.relax(time, row) for row in (*by_state, by_creep)])
+        by_relaxation = self.prony.relax_derivatives(time, elastic) + self.creep_rate[:, None, None] * relaxed[-1]
+        return force, np.concatenate([relaxed[:-1], by_relaxation])
