@@ -1,0 +1,129 @@
+"""``acquire run``: one protocol on one instrument, from connecting to the finished recording."""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from acquire.cli.app import ABORTED, DEVICE, DONE, TRIPPED
+
+if TYPE_CHECKING:
+    from acquire.engine import Outcome, RunEngine
+    from acquire.station import Station
+
+
+def run(
+    protocol: Annotated[str, typer.Argument(help="A protocol: a YAML file or a name of the library.")],
+    sim: Annotated[bool, typer.Option("--sim", help="On simulated instruments.")] = False,
+    station: Annotated[Path | None, typer.Option(help="Station file; with --sim all in it is simulated.")] = None,
+    instrument: Annotated[str, typer.Option(help="The station's instrument, where it has several of a kind.")] = "",
+    speed: Annotated[float, typer.Option(help="Simulated seconds per second.")] = 1.0,
+    subject: Annotated[str, typer.Option(help="Pseudonym of the subject, such as P07.")] = "",
+    site: Annotated[str, typer.Option(help="Where on the body, such as forehead.")] = "",
+    specimen: Annotated[str, typer.Option(help="skin, or a reference: 'rigid block', 'open air'.")] = "skin",
+    repeat: Annotated[int, typer.Option(help="Which repeat of this measurement it is, from 1.", min=1)] = 1,
+    operator: Annotated[str, typer.Option(help="Who measures.")] = "",
+    notes: Annotated[str, typer.Option(help="Anything worth keeping.")] = "",
+    effect: Annotated[
+        list[str] | None, typer.Option(help="Simulated non-ideality, such as regulator_lag:tau=0.3s; may be repeated.")
+    ] = None,
+    tissue: Annotated[str, typer.Option(help="Simulated tissue, such as forearm.")] = "",
+    seed: Annotated[int | None, typer.Option(help="Seed of the simulation's noise and scatter.")] = None,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the recording, or its file name (.h5).")] = Path(
+        "runs"
+    ),
+    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+) -> None:
+    """Run a protocol and record it. Ctrl-C vents, keeps what was recorded and ends with status 5."""
+    from acquire.cli.progress import Reporter
+    from acquire.session import Request, Session
+
+    bench = _station(station, sim, tissue, tuple(effect or ()), seed)
+    request = Request(subject, site, operator, repeat, specimen, notes)
+    with Session(bench, speed=speed, out=out) as session:
+        engine, plan = session.prepare(protocol, request, name=instrument, out=out)
+        restore = _abort_on_signals(engine)
+        try:
+            engine.arm(plan)
+            engine.start()
+            with Reporter(plan.info.protocol_name, plan.setpoints.duration) as reporter:
+                while True:
+                    try:
+                        outcome = engine.wait(0.1)
+                        break
+                    except TimeoutError:
+                        reporter.update(engine.progress)
+                reporter.update(engine.progress)
+        finally:
+            restore()
+    _tell(outcome, plan.info.id, plan.info.instrument, plan.setpoints.duration, as_json)
+    raise typer.Exit(_status(outcome))
+
+
+def _station(path: Path | None, sim: bool, tissue: str, effects: tuple[str, ...], seed: int | None) -> Station:
+    """The bench to run on. Raises ValueError where the options do not say which, or contradict each other."""
+    from acquire.station import Simulation, load_station, simulated_station
+
+    asked: dict[str, Any] = {"effects": effects} if effects else {}
+    asked |= {"tissue": tissue} if tissue else {}
+    asked |= {"seed": seed} if seed is not None else {}
+    if path is None:
+        if not sim:
+            raise ValueError("say --sim for simulated instruments, or --station FILE for those of a bench")
+        return simulated_station(**asked)
+    bench = load_station(path)
+    if asked and not sim and not any(entry.simulated for entry in bench.instruments.values()):
+        raise ValueError(f"{path}: no instrument is simulated; --{'/--'.join(asked)} need one")
+    instruments = {}
+    for name, entry in bench.instruments.items():
+        if sim or entry.simulated is not None:
+            simulation = (entry.simulated or Simulation()).model_copy(update=asked)
+            entry = entry.model_copy(update={"address": "", "sources": {}, "options": {}, "simulated": simulation})
+        instruments[name] = entry
+    return bench.model_copy(update={"instruments": instruments})
+
+
+def _abort_on_signals(engine: RunEngine) -> Any:
+    """Have Ctrl-C and a polite kill abort the run; what this returns puts the old handlers back."""
+    caught = [signal.SIGINT, signal.SIGTERM]
+
+    def abort(number: int, frame: Any) -> None:
+        engine.abort(f"aborted by a person ({signal.Signals(number).name})")
+
+    before = {number: signal.signal(number, abort) for number in caught}
+    return lambda: [signal.signal(number, handler) for number, handler in before.items()]
+
+
+def _tell(outcome: Outcome, identity: str, instrument: str, duration: float, as_json: bool) -> None:
+    if as_json:
+        result = {
+            "id": identity,
+            "instrument": instrument,
+            "status": str(outcome.status),
+            "reason": outcome.reason,
+            "recording": str(outcome.recording) if outcome.recording else None,
+            "journal": str(outcome.journal) if outcome.journal else None,
+            "duration": duration,
+            "lost_samples": outcome.lost,
+        }
+        typer.echo(json.dumps(result, indent=2))
+        return
+    if outcome.reason:
+        print(f"{outcome.status}: {outcome.reason}", file=sys.stderr)
+    if outcome.lost:
+        print(f"{outcome.lost} samples were lost", file=sys.stderr)
+    if outcome.recording is not None:
+        typer.echo(outcome.recording)
+    else:
+        print(f"no recording; try: acquire recover {outcome.journal}", file=sys.stderr)
+
+
+def _status(outcome: Outcome) -> int:
+    from acquire.engine import State
+
+    return {State.COMPLETED: DONE, State.ABORTED: ABORTED, State.TRIPPED: TRIPPED}.get(outcome.status, DEVICE)

@@ -1,0 +1,315 @@
+"""A session: the instruments of a station, real or simulated, with their engines, in this process.
+
+The command line and tests host one; so does the worker process behind the window.
+
+>>> with Session(simulated_station(), speed=50) as session:            # doctest: +SKIP
+...     outcome = session.run("demo-cutometer", subject="P07", site="forearm")
+...     print(outcome.status, outcome.recording)
+"""
+
+from __future__ import annotations
+
+import platform
+import secrets
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from acquire.engine import Outcome, Progress, RunEngine, RunPlan, State
+from acquire.plugins import instrument as descriptor
+from acquire.recording import RunInfo
+from acquire.recording.journal import iso_now
+from acquire.station import CALIBRATIONS, Instrument, Station, simulated_station
+from acquire.supervisor import Supervisor
+from protocols import Limits, Protocol, Setpoints, compile_protocol, dump, effective_limits, find, load, units
+
+if TYPE_CHECKING:
+    from sim_devices.servers import BackDoor, Server
+
+PACKAGES = ("skinrig", "numpy", "scipy", "numba", "h5py", "pyserial", "pyusb")
+
+
+@dataclass(frozen=True)
+class Request:
+    """Who and what a run is for. ``repeat`` counts repeats of the same measurement, from 1."""
+
+    subject: str = ""
+    site: str = ""
+    operator: str = ""
+    repeat: int = 1
+    specimen: str = "skin"
+    notes: str = ""
+
+
+@dataclass
+class _Bench:
+    """One open instrument."""
+
+    engine: RunEngine
+    supervisor: Supervisor
+    server: Server | None
+    setup: tuple[float | None, str]  # opening and specimen that the simulated one was made for
+
+
+class Session:
+    """Opens a station's instruments and runs protocols on them, several at once if asked to.
+
+    ``speed`` scales the time of simulated instruments, ``out`` is the folder for recordings. ``watched`` are further
+    names that must keep calling `tick` or the instruments make themselves safe (a window, for example).
+    """
+
+    def __init__(
+        self,
+        station: Station | None = None,
+        *,
+        speed: float = 1.0,
+        out: Path | str = "runs",
+        watched: Iterable[str] = (),
+        frame_size: tuple[int, int] = (640, 480),
+        listener: Callable[[str, State, str], None] | None = None,
+    ) -> None:
+        if not speed > 0:
+            raise ValueError(f"the speed must be positive, not {speed:g}")
+        self.station = _settled(station or simulated_station())
+        self.out = Path(out)
+        self._speed = speed
+        self._watched = tuple(watched)
+        self._frame_size = frame_size
+        self._listener = listener
+        self._benches: dict[str, _Bench] = {}
+
+    def __enter__(self) -> Session:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    # Instruments ------------------------------------------------------------------------------------------------------
+
+    def kind(self, name: str) -> str:
+        """The kind of the station's instrument ``name``. Raises ValueError."""
+        return self._entry(name).instrument or name
+
+    def open(self, name: str, *, opening: float | None = None, specimen: str = "skin") -> RunEngine:
+        """The engine of an instrument, connected; a simulated one is switched on, with ``opening`` (m), ``specimen``.
+
+        Raises ValueError (station, plugin), DeviceError.
+        """
+        entry, kind = self._entry(name), self.kind(name)
+        setup = (opening, specimen)
+        if name in self._benches and entry.simulated is not None and self._benches[name].setup != setup:
+            self._close(name)  # another probe, another specimen
+        if name not in self._benches:
+            self._benches[name] = self._make(name, kind, entry, setup)
+        engine = self._benches[name].engine
+        if engine.state is State.IDLE:
+            engine.connect()
+        return engine
+
+    def engine(self, name: str) -> RunEngine:
+        """The engine of an open instrument. Raises KeyError."""
+        return self._benches[name].engine
+
+    @property
+    def engines(self) -> dict[str, RunEngine]:
+        """The engines of all open instruments."""
+        return {name: bench.engine for name, bench in self._benches.items()}
+
+    def back_door(self, name: str) -> BackDoor:
+        """What is really so at an open simulated instrument, for tests. Raises ValueError for a real one."""
+        server = self._benches[name].server
+        if server is None:
+            raise ValueError(f"{name} is not simulated")
+        return server.back_door
+
+    def supervisor(self, name: str) -> Supervisor:
+        """The heartbeat's keeper of an open instrument."""
+        return self._benches[name].supervisor
+
+    # Runs -------------------------------------------------------------------------------------------------------------
+
+    def limits(self, name: str, subject: str = "") -> Limits:
+        """Hardware, station and subject limits of an instrument, intersected. Raises ValueError if nothing is left."""
+        entry = self._entry(name)
+        hardware: Limits = descriptor(self.kind(name)).limits
+        return hardware.intersect(entry.station_limits).intersect(self.station.subject_limits(subject))
+
+    def compile(self, name: str, protocol: Protocol, subject: str = "") -> tuple[Setpoints, Limits]:
+        """Set-points of a protocol within all limits, and those limits.
+
+        Raises ProtocolError with the lines; ValueError when the limits exclude each other or the instrument is another.
+        """
+        if protocol.instrument != self.kind(name):
+            raise ValueError(f"protocol {protocol.name} is for a {protocol.instrument}; {name} is a {self.kind(name)}")
+        limits = self.limits(name, subject)
+        return compile_protocol(protocol, limits), effective_limits(protocol, limits)
+
+    def plan(self, name: str, protocol: Protocol, request: Request | None = None, out: Path | None = None) -> RunPlan:
+        """Everything the engine needs for a run. ``out`` is a folder, or a file name that ends in ``.h5``."""
+        request = request or Request()
+        setpoints, limits = self.compile(name, protocol, request.subject)
+        entry = self._entry(name)
+        identity = f"{time.strftime('%Y%m%d-%H%M%S')}-{protocol.name}-{secrets.token_hex(2)}"
+        folder = out or self.out
+        path = folder if folder.suffix == ".h5" else folder / f"{identity}.h5"
+        info = RunInfo(
+            id=identity,
+            instrument=protocol.instrument,
+            start_time=iso_now(),
+            protocol=protocol.origin.text or dump(protocol),
+            protocol_name=protocol.name,
+            subject=request.subject,
+            site=request.site,
+            operator=request.operator,
+            repeat=request.repeat,
+            specimen=request.specimen,
+            notes=request.notes,
+            versions=versions(),
+            station=self.station.text(),
+            limits=limits.values(),
+            calibration=calibration(entry, protocol),
+        )
+        return RunPlan(setpoints, limits, info, path, frame_scale=entry.calibrated("frame_scale"))
+
+    def prepare(
+        self,
+        protocol: Protocol | str | Path,
+        request: Request | None = None,
+        *,
+        name: str = "",
+        out: Path | None = None,
+    ) -> tuple[RunEngine, RunPlan]:
+        """The connected engine and the plan for a protocol (a file, or a name of the library); not armed yet.
+
+        ``name`` is the station's instrument; the first of the protocol's kind by default.
+        """
+        if not isinstance(protocol, Protocol):
+            protocol = load(find(protocol))
+        name = name or self.station.find(protocol.instrument)
+        request = request or Request()
+        plan = self.plan(name, protocol, request, out)
+        return self.open(name, opening=protocol.setup.opening, specimen=request.specimen), plan
+
+    def run(
+        self,
+        protocol: Protocol | str | Path,
+        request: Request | None = None,
+        *,
+        name: str = "",
+        out: Path | None = None,
+        watch: Callable[[Progress], None] | None = None,
+    ) -> Outcome:
+        """Run a protocol to its end. ``watch`` is called with the progress ten times per second.
+
+        An exception, KeyboardInterrupt included, aborts the run before it goes on.
+        """
+        engine, plan = self.prepare(protocol, request, name=name, out=out)
+        try:
+            engine.arm(plan)
+            engine.start()
+            while True:
+                try:
+                    return engine.wait(0.1)
+                except TimeoutError:
+                    if watch is not None:
+                        watch(engine.progress)
+        except BaseException as error:
+            engine.abort("aborted by a person" if isinstance(error, KeyboardInterrupt) else f"{error!r}")
+            raise
+
+    def stop(self, reason: str = "emergency stop") -> None:
+        """Emergency stop of every open instrument; latches until each engine is reset."""
+        for bench in self._benches.values():
+            bench.engine.stop(reason)
+
+    def tick(self, name: str) -> None:
+        """``name``, one of the watched, is alive."""
+        for bench in self._benches.values():
+            bench.supervisor.tick(name)
+
+    def close(self) -> None:
+        """Abort what runs, make everything safe, switch simulated instruments off. Idempotent."""
+        for bench in self._benches.values():
+            bench.engine.abort("the session ended")
+        for name in list(self._benches):
+            self._close(name)
+
+    # Inside -----------------------------------------------------------------------------------------------------------
+
+    def _entry(self, name: str) -> Instrument:
+        if name not in self.station.instruments:
+            raise ValueError(f"no instrument {name!r} in the station; it has {', '.join(self.station.instruments)}")
+        return self.station.instruments[name]
+
+    def _make(self, name: str, kind: str, entry: Instrument, setup: tuple[float | None, str]) -> _Bench:
+        server = None
+        if entry.simulated is not None:
+            from acquire import simulation
+
+            opening, specimen = setup
+            server = simulation.start(
+                kind, entry, speed=self._speed, opening=opening, specimen=specimen, frame_size=self._frame_size
+            )
+            rig = server.open_rig()
+        else:
+            rig = descriptor(kind).open_rig(entry.entry(kind))
+        supervisor = Supervisor(("engine", *self._watched))
+        listener = self._listener
+        engine = RunEngine(
+            rig,
+            rules=entry.interlock.rules(),
+            heartbeat=supervisor,
+            listener=None if listener is None else lambda state, event: listener(name, state, event),
+        )
+        return _Bench(engine, supervisor, server, setup)
+
+    def _close(self, name: str) -> None:
+        bench = self._benches.pop(name)
+        bench.engine.close()
+        bench.supervisor.close()
+        if bench.server is not None:
+            bench.server.close()
+
+
+def versions() -> dict[str, str]:
+    """Versions of what a recording depends on."""
+    found = {"python": platform.python_version(), "platform": platform.platform()}
+    for package in PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def calibration(entry: Instrument, protocol: Protocol) -> dict[str, dict[str, Any]]:
+    """Name -> value (SI), unit, provenance, note: from the station, and what the protocol says of the setup."""
+    result: dict[str, dict[str, Any]] = {}
+    for name, known in entry.calibration.items():
+        unit = units.KINDS[CALIBRATIONS[name]][0]
+        result[name] = {
+            "value": entry.calibrated(name),
+            "unit": unit,
+            "provenance": known.provenance,
+            "note": known.note,
+        }
+    for name, kind in CALIBRATIONS.items():
+        value = getattr(protocol.setup, name, None)
+        if value is not None:
+            unit = units.KINDS[kind][0]
+            result[name] = {"value": value, "unit": unit, "provenance": "documented", "note": "by the protocol"}
+    return result
+
+
+def _settled(station: Station) -> Station:
+    """The station with a seed for every simulated instrument, so that recordings tell it."""
+    from acquire.simulation import settled
+
+    instruments = {
+        name: entry.model_copy(update={"simulated": settled(entry.simulated)}) if entry.simulated else entry
+        for name, entry in station.instruments.items()
+    }
+    return station.model_copy(update={"instruments": instruments})
