@@ -5,6 +5,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from acquire.recording.model import Recording
 from gap import signatures
 from gap.compare import Comparison, Effort, Hypothesis, compare
 from gap.hypothesis import Candidate, Problem
+from gap.effects import library
 from gap.judge import Judgement, Verdict, judge, made_by
 from gap.rig import ForwardModel, RigProblem
 from gap.transfer import Shrink, shrink, splits, transferred
@@ -49,15 +51,19 @@ def diagnose(
     model: ForwardModel | None = None,
     effort: Effort = Effort(),
     rules: Judgement = Judgement(),
+    user_effects: Sequence[Path] = (),
+    solver: str = "",
 ) -> Diagnosis:
     """Diagnose recordings of one session together; ``model`` is needed for an instrument that is not ours.
+
+    ``user_effects`` are files with further effects, ``solver`` a finite-element model to take the tissue from.
 
     Raises DiagnosisError, gap.rig.ModelError.
     """
     begin = clock.perf_counter()
     recordings = _in_order(recordings)
     remarks = _remarks(recordings)
-    problems, candidates = _problems(recordings, model)
+    problems, candidates = _problems(recordings, model, user_effects, solver)
     marks = tuple(signatures.find(recordings))
     suspects = [c for c in candidates if any(made_by(s, c) for s in marks)]
     comparison = compare(problems, candidates, effort, suspects)
@@ -127,14 +133,17 @@ def _remarks(recordings: Sequence[Recording]) -> list[str]:
 
 
 def _problems(
-    recordings: Sequence[Recording], model: ForwardModel | None
+    recordings: Sequence[Recording], model: ForwardModel | None, user_effects: Sequence[Path], solver: str
 ) -> tuple[list[Problem], tuple[Candidate, ...]]:
     if model is not None:
         rig = RigProblem(recordings, model)
         return [rig], rig.candidates
-    raise DiagnosisError(
-        f"instrument {recordings[0].info.instrument!r} has no built-in forward model: give one with --model file.py:Name"
-    )
+    instrument = recordings[0].info.instrument
+    if instrument in ("cutometer", "aspiration"):
+        from gap.suction import suction_problems
+
+        return suction_problems(recordings, library(instrument, user_effects))
+    raise DiagnosisError(f"instrument {instrument!r} has no built-in forward model: give one with --model file.py:Name")
 
 
 def _bounds(comparison: Comparison, verdict: Verdict, seen_at: float = 3.0) -> dict[str, float]:

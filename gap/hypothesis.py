@@ -6,7 +6,7 @@ a suction probe, the micro-robot and any other rig.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -85,6 +85,7 @@ class Problem(Protocol):
 
     ``measured`` (n,) and ``sigma`` (n,) are the data behind the rows in SI and their noise, so that the prediction is
     measured − residual·sigma. ``local`` (p,) is true for nuisance parameters that belong to single recordings (a gain, a zero).
+    ``alternatives`` are prior widths (p,) over which the evidence is averaged; ``prior_sd`` is the one used while fitting.
     ``prior_sd`` (p,) are the standard deviations of the nuisance parameters about ``prior_mean`` (p,): tissue,
     calibration, sampling convention; ``inf`` for free ones.
     """
@@ -96,6 +97,7 @@ class Problem(Protocol):
     prior_mean: FloatArray
     prior_sd: FloatArray
     local: NDArray[np.bool_]
+    alternatives: Sequence[FloatArray]
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         """Residual and Jacobian at nuisance parameters (p,) with the effects of ``active`` switched on."""

@@ -66,8 +66,12 @@ def concept(h: Hypothesis) -> str:
     return " + ".join(sorted(e.name for e in h.effects))
 
 
-def _evidence(h: Hypothesis, temper: Mapping[str, float]) -> float:
-    return sum(f.log_evidence(temper[b]) for b, f in h.fits.items())
+def _evidence(h: Hypothesis, comparison: Comparison, temper: Mapping[str, float]) -> float:
+    total = 0.0
+    for block, f in h.fits.items():
+        problem = comparison.problems[block]
+        total += f.log_evidence(temper[block], problem.prior_mean, problem.alternatives)
+    return total
 
 
 def _distance(a: Hypothesis, b: Hypothesis, temper: Mapping[str, float]) -> float:
@@ -113,7 +117,7 @@ def judge(
         return sum(s.nats for s in signatures if any(made_by(s, e) for e in h.effects))
 
     everything = [comparison.null, *comparison.hypotheses]
-    score = np.array([log_prior(h) + rules.sharpness * _evidence(h, temper) + marks(h) for h in everything])
+    score = np.array([log_prior(h) + rules.sharpness * _evidence(h, comparison, temper) + marks(h) for h in everything])
     weight = np.exp(score - score.max())
     weight /= weight.sum()
     none = float(weight[0])

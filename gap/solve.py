@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import scipy.linalg as sla
@@ -56,7 +57,7 @@ def _factorise(normal: FloatArray) -> tuple[FloatArray, bool]:
 class Fit:
     """A fitted hypothesis.
 
-    ``chi2`` is of the data alone, ``penalty`` the prior's share; ``log_evidence`` is untempered; ``unit`` (k,) are the
+    ``chi2`` is of the data alone, ``penalty`` the prior's share; ``unit`` (k,) are the
     effect parameters in prior quantiles, in the order of the hypothesis, ``covariance`` (k, k) theirs.
     """
 
@@ -66,7 +67,6 @@ class Fit:
     residual: FloatArray
     chi2: float
     penalty: float
-    logdet: float
     covariance: FloatArray
     simulations: int
     jacobian: FloatArray = field(repr=False)
@@ -76,14 +76,37 @@ class Fit:
     def objective(self) -> float:
         return self.chi2 + self.penalty
 
-    def log_evidence(self, temper: float = 1.0) -> float:
-        """log marginal likelihood up to the constant that all hypotheses share, with χ² divided by ``temper``."""
-        occam = -0.5 * self.logdet
+    def log_evidence(self, temper: float, prior_mean: FloatArray, priors: Sequence[FloatArray]) -> float:
+        """log marginal likelihood up to the constant that all hypotheses share, with χ² divided by ``temper``.
+
+        The mean over the prior widths ``priors`` (each (p,)): how far tissue laws may differ from the nominal one is not known.
+        """
+        terms = [self._nuisance_evidence(temper, prior_mean, sd) for sd in priors]
+        occam = 0.0
         if len(self.unit):
             # The prior of a unit parameter has width 1: its posterior cannot count as wider than that.
             spread = np.sqrt(np.clip(np.diag(self.covariance) * temper, 0, None) * 2 * np.pi)
-            occam += float(np.sum(np.log(np.clip(spread, 1e-6, 1.0))))
-        return -0.5 * self.objective / temper + occam
+            occam = float(np.sum(np.log(np.clip(spread, 1e-6, 1.0))))
+        return float(np.logaddexp.reduce(terms) - np.log(len(terms))) + occam
+
+    def _nuisance_evidence(self, temper: float, mean: FloatArray, sd: FloatArray) -> float:
+        """log evidence of the nuisance model linearised about the fit, under another prior width."""
+        if not len(sd):
+            return -0.5 * self.chi2 / temper
+        precision = np.where(np.isfinite(sd), 1.0 / np.square(sd), 1e-12)
+        at_mean = self.residual + self.jacobian @ (self.nuisance - mean)
+        normal = self._normal / temper
+        normal[np.diag_indices_from(normal)] += precision
+        factor = _factorise(normal)
+        b = self.jacobian.T @ at_mean / temper
+        least = float(at_mean @ at_mean) / temper - float(b @ sla.cho_solve(factor, b))
+        logdet = 2.0 * float(np.sum(np.log(np.diag(factor[0])))) - float(np.sum(np.log(precision)))
+        return -0.5 * (least + logdet)
+
+    @cached_property
+    def _normal(self) -> FloatArray:
+        normal: FloatArray = self.jacobian.T @ self.jacobian
+        return normal
 
     @property
     def active(self) -> dict[Candidate, dict[str, float]]:
@@ -191,11 +214,8 @@ def _finish(
     normal[np.diag_indices_from(normal)] += precision
     penalty = float(np.sum(precision * np.square(c - mean)))
     covariance = np.zeros((len(u), len(u)))
-    logdet = 0.0
     if len(c):
         factor = _factorise(normal)
-        finite = precision > 0
-        logdet = 2.0 * float(np.sum(np.log(np.diag(factor[0])))) - float(np.sum(np.log(precision[finite])))
         schur = effect.T @ effect - (effect.T @ jac) @ sla.cho_solve(factor, jac.T @ effect)
     else:
         schur = effect.T @ effect
@@ -208,7 +228,6 @@ def _finish(
         residual=residual,
         chi2=float(residual @ residual),
         penalty=penalty,
-        logdet=logdet,
         covariance=covariance,
         simulations=simulations,
         jacobian=jac,

@@ -43,7 +43,7 @@ class _Masked:
         self.problem, self.keep = problem, keep
         self.name, self.rows, self.local = problem.name, problem.rows, problem.local
         self.measured, self.sigma = problem.measured, problem.sigma
-        self.prior_mean, self.prior_sd = problem.prior_mean, problem.prior_sd
+        self.prior_mean, self.prior_sd, self.alternatives = problem.prior_mean, problem.prior_sd, problem.alternatives
 
     def start(self) -> FloatArray:
         return self.problem.start()

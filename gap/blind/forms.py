@@ -22,16 +22,15 @@ class Form:
     """One form of an effect concept, on one kind of instrument.
 
     ``knob`` names the chain's knob that takes the strength: ``±name`` with a random sign, ``1/name`` its inverse.
-    The strength runs from ``weak`` to ``strong`` (what is physically plausible) or takes one of ``steps``. ``draws``
-    are the other knobs of the form: an interval, an integer range, a choice, or a constant. ``length`` marks strengths
-    that scale with the instrument's heights.
+    The strength runs up to ``strong`` (the most that is physically plausible) or takes one of ``steps``. ``draws``
+    are the other knobs of the form: an interval, an integer range, a choice, or a constant. ``length`` marks
+    strengths that scale with the instrument's heights.
     """
 
     concept: str
     name: str
     own: bool
     knob: str
-    weak: float
     strong: float
     draws: Mapping[str, Draw] = field(default_factory=dict)
     length: bool = False

@@ -24,12 +24,13 @@ from .robot_kinematics import (
 )
 from .robot_tissue import SPAN, Parameters, columns, resist
 from .session import Session
-from .signals import Array, bristle, lag, play, uneven_lag, wander
+from .signals import Array, bristle, coarsened, lag, play, uneven_lag, wander
 from .suction import Channels
 
 MASS, KP, KI, KD = 0.060, 1500.0, 12000.0, 15.0  # kg, N/m, N/(m s), N s/m: README.md
-AXIS_NOISE, AXIS_STEP = 4e-6, 1e-6  # m
-LEG_NOISE, LEG_STEP = 2.0e-3, 5e-4  # N
+DRAG = 1.0  # N s/m, of slides and coil
+AXIS_NOISE, AXIS_STEP = 12e-6, 1e-6  # m
+LEG_NOISE, LEG_STEP = 5e-3, 5e-4  # N
 AXES = ("axis_position_1", "axis_position_2", "axis_position_3")
 LEGS = ("transducer_force_a", "transducer_force_b", "transducer_force_c")
 PROBE = ("probe_x", "probe_y", "probe_z")
@@ -238,6 +239,7 @@ def simulate(
     stiff = 1 + get("servo_tolerance", 0.0)
     sound = {"mass": MASS, "kp": KP * stiff, "ki": KI * stiff, "kd": KD}
     effects = {name: float(get(name, _UNUSED.get(name, 0.0))) for name in Loop._fields[4:]}
+    effects["drag"] += DRAG
     q = loops(ref, -first @ j, base, tangent, float(s.dt[1]) / SUBSTEPS, Loop(**sound, **effects), dry)
     u, normal = tip_and_tilt(np.ascontiguousarray(_platform(q, fx)), PIVOTS, TIP)
     resisted = factor * _reaction(s, u, law, tissue, fx, rng)
@@ -276,9 +278,7 @@ def _record(s: Session, q: Array, legs: Array, fx: Knobs, seed: int, noisy: bool
             at = at + AXIS_NOISE * rows.normal(size=at.shape)
             x = x + LEG_NOISE * rows.normal(size=x.shape)
         x = _leg_digits(x, fx, noisy)
-        coarse = get("axis_coarse", 0.0)
-        if coarse or noisy:
-            at = np.round(at / (coarse or AXIS_STEP)) * (coarse or AXIS_STEP)
+        at = coarsened(at, AXIS_STEP, get("axis_coarse", 0.0), 0.0, noisy)
         at, x = at[when.row], x[when.row]
         x = x * (get("unit_force", 1.0) if get("unit_only", -1.0) in (-1.0, float(k)) else 1.0)
         seen = x[:, [1, 0, 2]] if get("legs_swapped", 0.0) else x
@@ -302,9 +302,4 @@ def _leg_digits(x: Array, fx: Knobs, noisy: bool) -> Array:
     if low := get("unloaded", 0.0):  # a transducer whose preload is used up reads less and less
         knee = -0.6 * low
         x = np.where(x < knee, knee - 0.4 * low * np.tanh((knee - x) / (0.4 * low)), x)
-    if coarse := get("leg_coarse", 0.0):
-        return np.asarray(np.round(x / coarse) * coarse)
-    if coarse := get("leg_coarse_uneven", 0.0):
-        cell = np.floor(x / coarse)
-        return np.asarray(coarse * (cell + 0.35 * (cell % 2)))
-    return np.asarray(np.round(x / LEG_STEP) * LEG_STEP) if noisy else x
+    return coarsened(x, LEG_STEP, get("leg_coarse", 0.0), get("leg_coarse_uneven", 0.0), noisy)

@@ -96,8 +96,8 @@ def loops(ref, load, base, tangent, h, c, dry):  # type: ignore[no-untyped-def]
                     stop = c.mass * v[a] / h + f
                     f -= min(max(stop, -bound), bound)
                 f = (f - drag * v[a]) / (1.0 + h * drag / c.mass)
-                q[a] += h * v[a] + 0.5 * h * h * f / c.mass
                 v[a] += h * f / c.mass
+                q[a] += h * v[a]
         out[i] = q
     return out
 

@@ -99,3 +99,18 @@ def wander(t: Array, rng: np.random.Generator, slowest: float, fastest: float) -
     phases = rng.uniform(0, 2 * np.pi, f.size)
     total = sum(np.sin(2 * np.pi * fi * t + ph) for fi, ph in zip(f, phases, strict=True))
     return np.asarray(total / np.sqrt(f.size / 2))
+
+
+def coarsened(x: Array, step: float, coarse: float, uneven: float, noisy: bool) -> Array:
+    """Resolution: x rounded to ``step``, or to steps wider by ``coarse``, or cut to ``uneven`` ones of two sizes.
+
+    Without noise the nominal rounding counts as noise and is left out, and a coarser one keeps only the error it adds.
+    """
+    wide = step + max(coarse, uneven)
+    if uneven:
+        cell = np.floor(x / wide)
+        rounded = wide * (cell + 0.35 * (cell % 2))
+    else:
+        rounded = np.round(x / wide) * wide
+    share = 1.0 if noisy else float(np.sqrt(1 - (step / wide) ** 2))
+    return np.asarray(x + share * (rounded - x))

@@ -1,8 +1,8 @@
 """How detectable an effect is, and the strength that makes it so detectable.
 
-delta = |Sigma^-1/2 (recorded with the effect - recorded without)|, Sigma white with the instrument's noise. The part that
-tissue parameters, the scatter of repeats and the tolerances of a sound instrument can imitate is removed by linear
-least squares (finite differences at the true values).
+delta = |Sigma^-1/2 (recorded with the effect - recorded without)|, Sigma white with the instrument's noise. The part
+that tissue parameters, the scatter of repeats and the tolerances of a sound instrument can imitate is removed by
+linear least squares (finite differences at the true values).
 """
 
 from __future__ import annotations
@@ -40,6 +40,7 @@ TOLERANCES: dict[str, dict[str, float]] = {
     },
 }
 """What a sound instrument may be off by (sd): every case draws its own, and delta allows for it."""
+FAINTEST = 1e-7  # of the strongest: where the search for a strength begins
 _ROBOT_STRIDE = 4  # rows of the robot's recordings that are skipped: delta grows back by the root of it
 
 
@@ -84,7 +85,12 @@ class Subject:
         if self.session.instrument != "microrobot":
             p, h = suction.PA_NOISE[self.session.instrument], suction.H_NOISE[self.session.instrument]
             step = suction.H_STEP[self.session.instrument]
-            return ({"pressure": np.hypot(p, suction.PA_STEP / 12**0.5), "apex_height": np.hypot(h, step / 12**0.5)},)
+            return (
+                {
+                    "pressure": np.hypot(p, suction.PA_STEP[self.session.instrument] / 12**0.5),
+                    "apex_height": np.hypot(h, step / 12**0.5),
+                },
+            )
         axes, legs = dict.fromkeys(robot.AXES, robot.AXIS_NOISE), dict.fromkeys(robot.LEGS, robot.LEG_NOISE)
         force_sd = np.linalg.norm(robot_kinematics.force_matrix(), axis=1) * robot.LEG_NOISE
         probe_sd = np.linalg.norm(robot_kinematics.jacobian_at_centre(), axis=1) * robot.AXIS_NOISE
@@ -162,15 +168,15 @@ class Subject:
         if form.steps:
             found = [(s, delta(s)) for s in form.steps]
             return min(found, key=lambda sd: abs(np.log(max(sd[1], 1e-9) / target)))
-        low, high = np.log(form.weak), np.log(form.strong)
+        low, high = np.log(form.strong * FAINTEST), np.log(form.strong)
         best = (form.strong, delta(form.strong))
         if best[1] < target:
             return best
         at, value = high, best[1]
-        for k in range(9):
+        for k in range(14):
             # Effects grow about in proportion to their strength; where that guess leaves the bracket, bisect it.
             guess = at + np.log(target / max(value, 1e-9))
-            at = guess if low < guess < high and k < 6 else 0.5 * (low + high)
+            at = guess if low < guess < high and k < 5 else 0.5 * (low + high)
             value = delta(float(np.exp(at)))
             if abs(np.log(max(value, 1e-9) / target)) < abs(np.log(best[1] / target)):
                 best = (float(np.exp(at)), value)

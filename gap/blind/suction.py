@@ -13,12 +13,12 @@ from numba import njit
 
 from .instants import Knobs, taken
 from .session import Session
-from .signals import Array, bristle, lag, play, power_law_memory, running_max, sticky, uneven_lag, wander
+from .signals import Array, bristle, coarsened, lag, play, power_law_memory, running_max, sticky, uneven_lag, wander
 from .tissue import LAWS, Parameters, _plastic_flow
 
 OMEGA = 1 / 0.040  # rad/s, the regulator's double pole
-PA_NOISE = {"cutometer": 40.0, "aspiration": 40.0}  # Pa rms
-PA_STEP = 10.0  # Pa, the gauge's resolution
+PA_NOISE = {"cutometer": 70.0, "aspiration": 50.0}  # Pa rms
+PA_STEP = {"cutometer": 100.0, "aspiration": 10.0}  # Pa, the gauge's resolution
 H_NOISE = {"cutometer": 3.5e-6, "aspiration": 4e-6}  # m rms
 H_STEP = {"cutometer": 1e-5, "aspiration": 1e-6}  # m
 Channels = dict[str, list[Array]]
@@ -301,7 +301,7 @@ def simulate(
             height = height + H_NOISE[s.instrument] * (rows.normal(size=height.size) - rows.normal())
         height = _digits(height, H_STEP[s.instrument], fx, noisy)
         if noisy:
-            pressure = np.round(pressure / PA_STEP) * PA_STEP
+            pressure = np.round(pressure / PA_STEP[s.instrument]) * PA_STEP[s.instrument]
         out["pressure"].append(-_units(pressure, "pressure", k, fx)[when.row])
         out["apex_height"].append(_units(height, "height", k, fx)[when.row])
     return out
@@ -335,12 +335,7 @@ def _digits(h: Array, step: float, fx: Knobs, noisy: bool) -> Array:
     if top := fx.get("soft_ceiling", 0.0):
         knee = 0.7 * top
         h = np.where(h > knee, knee + (top - knee) * np.tanh((h - knee) / (top - knee)), h)
-    if coarse := fx.get("coarse", 0.0):
-        return np.asarray(np.round(h / coarse) * coarse)
-    if coarse := fx.get("coarse_uneven", 0.0):  # truncation by a counter with steps of two sizes
-        cell = np.floor(h / coarse)
-        return np.asarray(coarse * (cell + 0.35 * (cell % 2)))
-    return np.asarray(np.round(h / step) * step) if noisy else h
+    return coarsened(h, step, fx.get("coarse", 0.0), fx.get("coarse_uneven", 0.0), noisy)
 
 
 def _units(x: Array, channel: str, k: int, fx: Mapping[str, float]) -> Array:

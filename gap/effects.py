@@ -1,0 +1,40 @@
+"""The effects the diagnosis chooses from: the library, plug-ins, and what a user's file adds."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Sequence
+from pathlib import Path
+
+from sim_devices.chain import Effect
+
+
+def library(instrument: str, files: Sequence[Path] = ()) -> dict[str, Effect]:
+    """Effects for ``instrument`` by key, with those of the user's ``files``.
+
+    A file is Python; every `sim_devices.chain.Effect` at its top level counts. Raises ValueError that names the file.
+    """
+    from sim_devices.effects import effects
+
+    found = dict(effects(instrument))
+    for path in files:
+        added = _from_file(path)
+        fitting = {e.name: e for e in added if instrument in e.instruments}
+        if not fitting:
+            raise ValueError(f"{path}: it defines no effect for instrument {instrument}")
+        found.update(fitting)
+    return found
+
+
+def _from_file(path: Path) -> list[Effect]:
+    if not path.is_file():
+        raise ValueError(f"{path}: there is no such file of effects")
+    spec = importlib.util.spec_from_file_location(f"skinrig_effects_{path.stem}", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise ValueError(f"{path}: fails on import: {type(error).__name__}: {error}") from error
+    return [value for value in vars(module).values() if isinstance(value, Effect)]
