@@ -66,12 +66,14 @@ class Tangents:
 @dataclass(frozen=True)
 class Load:
     """What acts during a step: gauge ``pressure`` on the loaded edges [Pa], and the probe: held at ``height`` [m], or
-    pressed down with ``force`` [N] where height is None. ``friction`` is Coulomb's coefficient."""
+    pressed down with ``force`` [N] where height is None. ``friction`` is Coulomb's coefficient; ``force_slope`` the
+    derivative of force by the spring's force."""
 
     pressure: float
     height: float | None = 0.0
     force: float = 0.0
     friction: float = 0.0
+    force_slope: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,7 @@ class Directions:
     """The m parameters of a differentiation.
 
     ``law`` one (m,) array a layer: the index of the law parameter that direction j is there, −1 for none; ``friction``
-    and ``force`` (m,) derivatives of Coulomb's coefficient and of the probe's force.
+    and ``force`` (m,) derivatives of Coulomb's coefficient and of the spring's force.
     """
 
     law: tuple[Index, ...]
@@ -250,7 +252,7 @@ class Body:
             )  # fmt: skip
         if self.rim is not None:
             # a held probe stays where the derivative of its height was left; a pressed one balances the spring
-            force[-1] = -tangents.du[-1] if load.height is not None else force[-1] + directions.force
+            force[-1] = -tangents.du[-1] if load.height is not None else force[-1] + load.force_slope * directions.force
         du = np.ascontiguousarray(-self.factor.solve(force))
         dkin = np.empty((len(self.kin), 6, m))
         kernels.partial_kinematics(pts.gradients, pts.linear, self.Theta, self.equations, du, dkin)

@@ -94,7 +94,7 @@ class SuctionModel:
         if spring > 0.0:
             start = pieces[0].start
             preload = Segment(start - geometry.preload_time, start, 0.0, spring, PRELOAD_STEPS, 1.0)
-            run.advance(preload, lambda force: Load(0.0, None, force, friction), lambda _: None)
+            run.advance(preload, lambda force: Load(0.0, None, force, friction, force / spring), lambda _: None)
         held = None if floating and spring > 0.0 else run.state.height
         recorder = _Recorder(run, body, geometry.zero_at_start, max(pieces, key=lambda s: abs(s.drive_stop)).stop)
         for piece in pieces:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import solveh_banded
 
 from ..api import Array
 
@@ -73,6 +74,18 @@ def noise(drive: Array) -> float:
     return float(np.median(np.abs(np.diff(drive, 3))) / (0.6745 * np.sqrt(20.0)))
 
 
+def polyline_fit(time: Array, drive: Array, knots: Array) -> Array:
+    """Values at the knots of the polyline that fits the samples best in the least-squares sense."""
+    cell = np.clip(np.searchsorted(knots, time, side="right") - 1, 0, len(knots) - 2)
+    part = (time - knots[cell]) / (knots[cell + 1] - knots[cell])
+    diagonal = np.bincount(cell, (1.0 - part) ** 2, len(knots)) + np.bincount(cell + 1, part**2, len(knots))
+    beside = np.bincount(cell, part * (1.0 - part), len(knots))[:-1]
+    right = np.bincount(cell, (1.0 - part) * drive, len(knots)) + np.bincount(cell + 1, part * drive, len(knots))
+    banded = np.stack([np.concatenate([[0.0], beside]), diagonal])
+    values: Array = solveh_banded(banded, right)
+    return values
+
+
 def segments(time: Array, drive: Array, rise: float, density: float = 1.0) -> list[Segment]:
     """The pieces of a run that starts at rest.
 
@@ -82,8 +95,11 @@ def segments(time: Array, drive: Array, rise: float, density: float = 1.0) -> li
     span = float(np.max(np.abs(drive)))
     if span == 0.0:
         return [Segment(float(time[0]), float(time[-1]), 0.0, 0.0, max(1, round(2 * density)), 1.0)]
-    kept = corners(time, drive, max(2e-3 * span, 4.0 * noise(drive)))
+    rough = noise(drive)
+    kept = corners(time, drive, max(2e-3 * span, 6.0 * rough))
     t, p = time[kept], drive[kept]
+    if 6.0 * rough > 2e-3 * span:
+        p = polyline_fit(time, drive, t)
     if p[0] != 0.0:
         t, p = np.concatenate([[t[0] - rise], t]), np.concatenate([[0.0], p])
     pieces = []
