@@ -74,7 +74,7 @@ def jacobian(axis: ArrayLike, geometry: Geometry = GEOMETRY) -> FloatArray:
 
 @dataclass(frozen=True)
 class Pose:
-    """Where the platform is: ``centre`` (..., 3) m, ``rotation`` (..., 3, 3), ``slides`` (..., 3) centre to pivot, m."""
+    """Where the platform is: ``centre`` (..., 3) m, ``rotation`` (..., 3, 3), ``slides`` (..., 3) centre to pivot."""
 
     centre: FloatArray
     rotation: FloatArray
@@ -225,26 +225,31 @@ def inverse_into(
     """``inverse`` on separate arrays (n,), into ``z1``, ``z2``, ``z3``."""
     jac = np.empty((3, 3))
     for i in range(x.size):
+        if i > 0 and x[i] == x[i - 1] and y[i] == y[i - 1]:  # at rest, or along the normal: the same slopes
+            lift = z[i] - z[i - 1]
+            z1[i], z2[i], z3[i] = z1[i - 1] + lift, z2[i - 1] + lift, z3[i - 1] + lift
+            continue
         nx, ny = x[i] / height, y[i] / height
-        nz2 = 1.0 - nx * nx - ny * ny
-        gx, gy = -nx / math.sqrt(nz2), -ny / math.sqrt(nz2)  # NaN where the tip cannot lean that far
-        tz = 0.0
+        lean = math.sqrt(1.0 - nx * nx - ny * ny)  # NaN where the tip cannot lean that far
+        gx, gy, tz = -nx / lean, -ny / lean, 0.0
         error = np.inf
         for _ in range(_NEWTON):
             a, b, c = rho * gx, rho * (-0.5 * gx + _SINE * gy), rho * (-0.5 * gx - _SINE * gy)
             tx, ty, tz = _derivatives(a, b, c, rho, height, jac)
             ex, ey = x[i] - tx, y[i] - ty
-            error = max(abs(ex), abs(ey))
-            if not error > 1e-16 + 1e-15 * height:
-                break
             xx = rho * (jac[0, 0] - 0.5 * (jac[0, 1] + jac[0, 2]))
             xy = rho * _SINE * (jac[0, 1] - jac[0, 2])
             yx = rho * (jac[1, 0] - 0.5 * (jac[1, 1] + jac[1, 2]))
             yy = rho * _SINE * (jac[1, 1] - jac[1, 2])
             det = xx * yy - xy * yx
-            gx += (yy * ex - xy * ey) / det
-            gy += (xx * ey - yx * ex) / det
-        if not error < 1e-12:
+            dx, dy = (yy * ex - xy * ey) / det, (xx * ey - yx * ex) / det
+            gx += dx
+            gy += dy
+            error = abs(dx) + abs(dy)
+            if not error > 1e-6:  # convergence is quadratic: what is left is about error²
+                tz += rho * ((jac[2, 0] - 0.5 * (jac[2, 1] + jac[2, 2])) * dx + _SINE * (jac[2, 1] - jac[2, 2]) * dy)
+                break
+        if not error <= 1e-6:
             gx = gy = np.nan
         lift = z[i] - tz
         z1[i] = lift + rho * gx

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from sim_devices.chain import Chain
+from sim_devices.chain import Chain, Runner
 from sim_devices.stages.operators import Names, Noise, Wired, after
+from sim_devices.stages.robot import LoopRunner, nominal_robot
 from sim_devices.stages.suction import nominal_suction
 
 INSTRUMENTS = ("cutometer", "aspiration", "microrobot")
 RATES = {"cutometer": 100.0, "aspiration": 25.0, "microrobot": 1000.0}
 """Sampling rates, Hz."""
 
-_SUCTION_NOISE = {  # standard deviation and resolution of pressure (Pa) and apex height (m): assumed
-    "cutometer": ((30.0, 2e-6), (10.0, 10e-6)),
-    "aspiration": ((40.0, 5e-6), (10.0, 0.0)),
+_NOISE: dict[str, dict[str, tuple[float, float]]] = {
+    # operator: standard deviation and resolution of its outputs (Pa, m or N): assumed
+    "cutometer": {"gauge": (30.0, 10.0), "optics": (2e-6, 10e-6)},
+    "aspiration": {"gauge": (40.0, 10.0), "optics": (5e-6, 0.0)},
+    "microrobot": {"position_sensors": (8e-6, 0.0), "transducers": (1.5e-3, 0.0)},
 }
 
 
@@ -28,6 +32,8 @@ def nominal(instrument: str, **options: Any) -> Chain:
     """
     if instrument in ("cutometer", "aspiration"):
         return nominal_suction(instrument, **options)
+    if instrument == "microrobot":
+        return nominal_robot(**options)
     raise ValueError(f"no instrument {instrument!r}; there are {', '.join(INSTRUMENTS)}")
 
 
@@ -37,14 +43,27 @@ def noisy(chain: Chain, seed: int, *, scatter: float = 0.02) -> Chain:
     ``scatter`` is the relative standard deviation of the tissue's compliance between seeds.
     """
     factor = float(np.exp(scatter * np.random.default_rng([seed, 99]).standard_normal()))
-    sigma, resolution = _SUCTION_NOISE[chain.instrument]
-    elastic: Any = chain["elastic"]
-    chain = chain.tuned("elastic", parameters=(elastic.parameters[0] * factor, *elastic.parameters[1:]))
+    if chain.instrument == "microrobot":
+        skin = chain["tissue"].tissue  # type: ignore[attr-defined]
+        k1, k2, k3 = (k / factor for k in skin.stiffness)
+        chain = chain.tuned("tissue", tissue=replace(skin, stiffness=(k1, k2, k3)))
+    else:
+        compliance, *rest = chain["elastic"].parameters  # type: ignore[attr-defined]
+        chain = chain.tuned("elastic", parameters=(compliance * factor, *rest))
+    for k, (anchor, (sigma, resolution)) in enumerate(_NOISE[chain.instrument].items()):
+        added = partial(_noise, f"{anchor}_noise", sigma, resolution, 2 * seed + k)
+        chain = after(chain, anchor, added)
+    return chain
 
-    def sensor_noise(anchor: str, k: int) -> Callable[[Names, Names], Wired]:
-        return lambda s, t: Noise(f"{anchor}_noise", "sensor", s, t, (sigma[k],), (resolution[k],), 2 * seed + k)
 
-    return after(after(chain, "gauge", sensor_noise("gauge", 0)), "optics", sensor_noise("optics", 1))
+def _noise(name: str, sigma: float, resolution: float, seed: int, source: Names, target: Names) -> Wired:
+    n = len(source)
+    return Noise(name, "sensor", source, target, (sigma,) * n, (resolution,) * n, seed)
 
 
-__all__ = ["INSTRUMENTS", "RATES", "noisy", "nominal"]
+def runner(chain: Chain) -> Runner | LoopRunner:
+    """What advances ``chain`` chunk by chunk as a running instrument, the robot's loop through the tissue closed."""
+    return LoopRunner(chain) if chain.instrument == "microrobot" else Runner(chain)
+
+
+__all__ = ["INSTRUMENTS", "RATES", "noisy", "nominal", "runner"]

@@ -52,7 +52,7 @@ class SheetTissue:
     angle: float = 0.3  # rad, of the stiffest in-plane direction (across Langer's lines)
     length: float = 1.2e-3  # l, m
     exponent: float = 0.35  # p; above 0: stiffening
-    relaxation: tuple[float, ...] = (0.08, 0.12, 0.12, 0.08)  # g_i
+    relaxation: tuple[float, ...] = (0.10, 0.15, 0.15, 0.08)  # g_i
     times: tuple[float, ...] = (0.08, 0.6, 4.0, 30.0)  # tau_i, s
     softening: float = 0.05  # a
     softening_rise: float = 6.0  # s
@@ -70,12 +70,12 @@ SUCTION: dict[str, SuctionTissue] = {
 }
 
 SHEET: dict[str, SheetTissue] = {
-    "forearm": SheetTissue(stiffness=(640.0, 460.0, 330.0)),
-    "upper arm": SheetTissue(stiffness=(420.0, 320.0, 250.0)),
-    "face": SheetTissue(stiffness=(500.0, 400.0, 280.0)),
-    "forehead": SheetTissue(stiffness=(620.0, 520.0, 380.0), angle=0.0),
-    "cheek": SheetTissue(stiffness=(360.0, 320.0, 220.0)),
-    "jaw": SheetTissue(stiffness=(440.0, 360.0, 260.0), angle=-0.4),
+    "forearm": SheetTissue(stiffness=(840.0, 640.0, 480.0)),
+    "upper arm": SheetTissue(stiffness=(520.0, 430.0, 330.0)),
+    "face": SheetTissue(stiffness=(600.0, 480.0, 380.0)),
+    "forehead": SheetTissue(stiffness=(740.0, 620.0, 470.0), angle=0.0),
+    "cheek": SheetTissue(stiffness=(470.0, 420.0, 330.0)),
+    "jaw": SheetTissue(stiffness=(540.0, 450.0, 350.0), angle=-0.4),
 }
 
 _RIGID_COMPLIANCE = 1e-14  # m/Pa and, as its inverse, far above any instrument's own stiffness

@@ -1,0 +1,157 @@
+"""The robot's three driven axes: voice coil, moving mass and the PID loop that closes over them.
+
+m x'' = F - (c + drag) x' - friction + load, F = Kp e + Ki ∫e - Kd x' with e = target - x. The linear loop is integrated
+exactly for targets and loads that are linear in a step: about the particular solution x = r + λ/Ki, x' = ρ (ρ, λ the
+slopes of target and load) the deviation moves by the matrix exponential. What is not linear (friction, force limit,
+uneven force constant) acts as a force held over substeps of at most ``SUBSTEP``; dry friction takes at most the impulse
+that stops the axis, so that sticking is exact.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from sim_devices.chain import FloatArray, Signals
+from sim_devices.stages.operators import Wired
+
+MASS = 0.060
+"""Moving mass of an axis, kg (assumed)."""
+LOOP_RATE = 100.0
+"""Triple pole of the nominal closed loop, 1/s (assumed): Kp = 3 m p², Ki = m p³, Kd = 3 m p."""
+SUBSTEP = 1e-3
+"""s, where a nonlinearity is present."""
+_STATE = 8  # [0] started [1] time [2] target [3] load [4] integral [5] position [6] velocity [7] presliding friction
+
+
+@dataclass(frozen=True)
+class AxisLoop(Wired):
+    """Closed loop of each axis. Sources are the targets (m), then the loads on the axes (N; absent means none).
+
+    ``rate`` (1/s) sets the gains. The rest are imperfections, zero when there are none: ``drag`` N s/m; ``coulomb`` N,
+    ``stiction`` N above it near standstill with Stribeck speed ``stribeck_speed`` m/s, ``presliding`` m (0: none);
+    ``force_limit`` N; ``windup`` 0 (integrator frozen while the force is limited) to 1 (runs on); relative change of
+    the force constant ``slope`` 1/m and ``curvature`` 1/m².
+    """
+
+    rate: float = LOOP_RATE
+    mass: float = MASS
+    drag: float = 0.0
+    coulomb: float = 0.0
+    stiction: float = 0.0
+    stribeck_speed: float = 1e-3
+    presliding: float = 0.0
+    force_limit: float = math.inf
+    windup: float = 0.0
+    slope: float = 0.0
+    curvature: float = 0.0
+
+    def fresh(self) -> Any:
+        p, m = self.rate, self.mass
+        linear = not (self.coulomb or self.stiction or self.slope or self.curvature or math.isfinite(self.force_limit))
+        values = (
+            m, 3 * m * p**2, m * p**3, 3 * m * p, self.drag, self.coulomb, self.stiction, self.stribeck_speed,
+            self.presliding, self.force_limit, self.windup, self.slope, self.curvature,
+            math.inf if linear else (0.25 * SUBSTEP if self.presliding else SUBSTEP),
+        )  # fmt: skip
+        return np.zeros((len(self.target), _STATE)), np.array(values)
+
+    def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
+        rows, parameters = state
+        n = len(self.target)
+        for row, source, load, target in zip(rows, self.source[:n], self.source[n:], self.target, strict=True):
+            out = np.empty(len(time))
+            push = signals[load] if load in signals else np.zeros(len(time))
+            _advance_axis(row, time, signals[source], push, parameters, out)
+            signals[target] = out
+
+
+@njit(cache=True)
+def _exponential(a: FloatArray, h: float, rate: float, out: FloatArray) -> None:
+    """exp(a h) (3, 3) by Taylor series with scaling and squaring; ``rate`` bounds the eigenvalues."""
+    squarings = int(max(0.0, math.ceil(math.log2(max(rate * h, 1e-9) / 0.05))))
+    b = a * (h / 2.0**squarings)
+    term = np.eye(3)
+    result = np.eye(3)
+    for k in range(1, 13):
+        term = _product(term, b) / k
+        result = result + term
+    for _ in range(squarings):
+        result = _product(result, result)
+    out[:] = result
+
+
+@njit(cache=True)
+def _product(a: FloatArray, b: FloatArray) -> FloatArray:
+    c = np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            c[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
+    return c
+
+
+@njit(cache=True)
+def _advance_axis(
+    s: FloatArray, t: FloatArray, target: FloatArray, load: FloatArray, p: FloatArray, y: FloatArray
+) -> None:
+    m, kp, ki, kd, drag, coulomb, stiction, v_s, presliding, limit, windup, slope, curvature, longest = p
+    damping = kd + drag
+    w = ki / (kp + 1e-300) * 3.0  # the loop's rate
+    # State (w ∫e, x, x'/w): the same size each, so that the series converges fast.
+    a = np.zeros((3, 3))
+    a[0, 1], a[1, 2] = -w, w
+    a[2, 0], a[2, 1], a[2, 2] = ki / (m * w * w), -kp / (m * w), -damping / m
+    bound = 3.0 * w + damping / m
+    e = np.eye(3)
+    if s[0] == 0.0 and t.size:
+        s[0], s[1], s[2], s[3] = 1.0, t[0], target[0], load[0]
+    last = -1.0
+    for i in range(t.size):
+        dt = t[i] - s[1]
+        if dt > 1e-7:
+            steps = math.ceil(dt / longest * (1.0 - 1e-9)) if longest < dt else 1
+            h = dt / steps
+            if abs(h - last) > 1e-9 * last:
+                _exponential(a, h, bound, e)
+                last = h
+            rho, lam = (target[i] - s[2]) / dt, (load[i] - s[3]) / dt
+            for k in range(steps):
+                r0, r1 = s[2] + rho * h * k, s[2] + rho * h * (k + 1)
+                extra = 0.0
+                if longest < math.inf:
+                    force = kp * (r0 - s[5]) + ki * s[4] - kd * s[6]
+                    real = force * (1.0 + slope * s[5] + curvature * s[5] * s[5])
+                    real = min(max(real, -limit), limit)
+                    extra = real - force
+                load0 = s[3] + lam * h * k
+                ip0 = (damping * rho - load0 - extra + kp * lam / ki) / ki
+                d0, d1, d2 = w * (s[4] - ip0), s[5] - (r0 + lam / ki), (s[6] - rho) / w
+                integral = ip0 - lam * h / ki + (e[0, 0] * d0 + e[0, 1] * d1 + e[0, 2] * d2) / w
+                x = r1 + lam / ki + e[1, 0] * d0 + e[1, 1] * d1 + e[1, 2] * d2
+                v = rho + w * (e[2, 0] * d0 + e[2, 1] * d1 + e[2, 2] * d2)
+                if coulomb > 0.0 or stiction > 0.0:
+                    gain = w * w * e[2, 0] / ki  # of the speed at the end of the step, per newton
+                    speed = 0.5 * (s[6] + v)
+                    level = coulomb + stiction * math.exp(-((speed / v_s) ** 2))
+                    if presliding > 0.0:
+                        goal = level if speed > 0.0 else -level
+                        s[7] = goal + (s[7] - goal) * math.exp(-abs(speed) * h / presliding)
+                        dry = -s[7]
+                    else:
+                        dry = min(max(-v / gain, -level), level)
+                    v += gain * dry
+                    x += w * e[1, 0] * dry / ki
+                    integral -= (1.0 - e[0, 0]) * dry / ki
+                    if presliding == 0.0 and abs(dry) < level:  # stopped
+                        v = 0.0
+                        if s[6] == 0.0:  # and was: stays where it is
+                            x, integral = s[5], s[4] + h * (0.5 * (r0 + r1) - s[5])
+                if limit < math.inf and windup < 1.0 and abs(extra) > 0.0 and abs(real) >= limit:
+                    integral = s[4] + windup * (integral - s[4])
+                s[4], s[5], s[6] = integral, x, v
+        s[1], s[2], s[3] = t[i], target[i], load[i]
+        y[i] = s[5]
