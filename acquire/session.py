@@ -100,7 +100,7 @@ class Session:
         """
         entry, kind = self._entry(name), self.kind(name)
         setup = (opening, specimen)
-        if name in self._benches and entry.simulated is not None and self._benches[name].setup != setup:
+        if name in self._benches and entry.here and self._benches[name].setup != setup:
             self._close(name)  # another probe, another specimen
         if name not in self._benches:
             self._benches[name] = self._make(name, kind, entry, setup)
@@ -246,7 +246,7 @@ class Session:
 
     def _make(self, name: str, kind: str, entry: Instrument, setup: tuple[float | None, str]) -> _Bench:
         server = None
-        if entry.simulated is not None:
+        if entry.here:
             from acquire import simulation
 
             opening, specimen = setup
@@ -309,7 +309,9 @@ def _settled(station: Station) -> Station:
     from acquire.simulation import settled
 
     instruments = {
-        name: entry.model_copy(update={"simulated": settled(entry.simulated)}) if entry.simulated else entry
+        name: entry.model_copy(update={"simulated": settled(entry.simulated)})
+        if entry.here and entry.simulated
+        else entry
         for name, entry in station.instruments.items()
     }
     return station.model_copy(update={"instruments": instruments})

@@ -91,7 +91,10 @@ class Simulation(Model):
 
 
 class Instrument(Model):
-    """One instrument: ``address`` of a real one, or ``simulated``."""
+    """One instrument: at an ``address``, or ``simulated`` in this process.
+
+    With both, the address is that of a simulated instrument served elsewhere (``acquire sim``): ``simulated: true``.
+    """
 
     instrument: Text = Field(default="", description="kind of instrument; the entry's name by default")
     address: Text = ""
@@ -106,9 +109,21 @@ class Instrument(Model):
 
     @model_validator(mode="after")
     def _check(self) -> Instrument:
-        if bool(self.address) is (self.simulated is not None):
-            raise ValueError("an instrument has either an address or 'simulated', not both and not neither")
+        if not self.address and self.simulated is None:
+            raise ValueError("an instrument needs an address, or 'simulated: true'")
+        if self.address and self.simulated not in (None, Simulation()):
+            raise ValueError("an instrument at an address is simulated elsewhere: write 'simulated: true' and no more")
         return self
+
+    @field_validator("simulated", mode="before")
+    @classmethod
+    def _check_simulated(cls, simulated: object) -> object:
+        return {True: {}, False: None}[simulated] if isinstance(simulated, bool) else simulated
+
+    @property
+    def here(self) -> bool:
+        """Whether it is to be simulated in this process."""
+        return self.simulated is not None and not self.address
 
     @field_validator("limits")
     @classmethod
@@ -135,10 +150,11 @@ class Instrument(Model):
         return units.parse(self.calibration[name].value, CALIBRATIONS[name]) if name in self.calibration else 0.0
 
     def entry(self, kind: str) -> Entry:
-        """What a real instrument's driver is given."""
+        """What the driver of an instrument at an address is given."""
         return Entry(
             instrument=kind,
             address=self.address,
+            simulated=self.simulated is not None,
             i_have_verified_the_codec=self.i_have_verified_the_codec,
             sources=self.sources,
             options=self.options,

@@ -77,11 +77,11 @@ def _station(path: Path | None, sim: bool, tissue: str, effects: tuple[str, ...]
             raise ValueError("say --sim for simulated instruments, or --station FILE for those of a bench")
         return simulated_station(**asked)
     bench = load_station(path)
-    if asked and not sim and not any(entry.simulated for entry in bench.instruments.values()):
+    if asked and not sim and not any(entry.here for entry in bench.instruments.values()):
         raise ValueError(f"{path}: no instrument is simulated; --{'/--'.join(asked)} need one")
     instruments = {}
     for name, entry in bench.instruments.items():
-        if sim or entry.simulated is not None:
+        if sim or entry.here:
             simulation = (entry.simulated or Simulation()).model_copy(update=asked)
             entry = entry.model_copy(update={"address": "", "sources": {}, "options": {}, "simulated": simulation})
         instruments[name] = entry
