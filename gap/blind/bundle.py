@@ -32,7 +32,7 @@ def write_csv(path: Path, header: list[str], columns: list[Array], decimals: lis
 
 
 def _command(session: Session, r: Recording) -> tuple[Array, dict[str, Array]]:
-    """Times and commanded values of a recording: a regular grid and every corner, so that linear between rows is exact."""
+    """Times and commanded values of a recording: a grid and every corner, so that linear between rows is exact."""
     rate = _COMMAND_RATE[session.instrument]
     grid = r.start + np.arange(int(r.duration * rate) + 1) / rate
     corners = r.start + np.array([c[0] for c in r.corners])
