@@ -1,0 +1,1 @@
+"""What a recording says by itself: curve parameters, loops and energy, quality flags, statistics over repeats."""

@@ -1,0 +1,72 @@
+"""Where suction begins, is released and ends in a recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from acquire.recording.model import FloatArray, Recording, Series
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """One suction and its release. Times in s on the recording's clock, ``level`` the strongest suction, Pa (negative).
+
+    ``onset`` is the last moment without suction, ``release`` the last at (nearly) full suction, ``end`` where the next
+    cycle or nothing follows. ``rise`` and ``fall`` are how long going to the level and back takes: 0 for a step.
+    """
+
+    onset: float
+    release: float
+    end: float
+    level: float
+    rise: float
+    fall: float
+
+
+def suction_cycles(recording: Recording) -> tuple[Cycle, ...]:
+    """Cycles of suction as commanded, or as measured where no set-points were recorded. Empty without either."""
+    commanded = recording.setpoints.get("pressure")
+    if commanded is not None and len(commanded.time):
+        cycles = find_cycles(commanded, threshold=0.02)
+    elif "pressure" in recording.streams:
+        cycles = find_cycles(recording.streams["pressure"], threshold=0.10)
+    else:
+        return ()
+    last = max((float(s.time[-1]) for s in recording.streams.values() if len(s.time)), default=np.inf)
+    if cycles and last > cycles[-1].release:
+        cycles = (*cycles[:-1], _until(cycles[-1], last))
+    return cycles
+
+
+def find_cycles(pressure: Series, *, threshold: float, shortest: float = 0.05) -> tuple[Cycle, ...]:
+    """Stretches of suction above ``threshold`` (a fraction of the strongest); gaps below ``shortest`` s are bridged."""
+    time, suction = pressure.time, -pressure.value
+    strongest = float(suction.max(initial=0.0))
+    if strongest <= 0:
+        return ()
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], suction > threshold * strongest, [False]])))
+    stretches: list[tuple[int, int]] = []
+    for first, past in zip(edges[::2], edges[1::2], strict=True):
+        if stretches and time[first] - time[stretches[-1][1] - 1] < shortest:
+            stretches[-1] = (stretches[-1][0], int(past))
+        else:
+            stretches.append((int(first), int(past)))
+    found = [_cycle(time, suction, first, past) for first, past in stretches]
+    found = [cycle for cycle in found if cycle.release + cycle.fall - cycle.onset >= shortest]
+    ends = [cycle.onset for cycle in found[1:]] + [float(time[-1])]
+    return tuple(_until(cycle, end) for cycle, end in zip(found, ends, strict=True))
+
+
+def _cycle(time: FloatArray, suction: FloatArray, first: int, past: int) -> Cycle:
+    before, after = max(first - 1, 0), min(past, len(time) - 1)
+    level = float(suction[first:past].max())
+    full = first + np.flatnonzero(suction[first:past] >= 0.98 * level)
+    onset, release = float(time[before]), float(time[full[-1]])
+    rise, fall = float(time[full[0]]) - onset, float(time[after]) - release
+    return Cycle(onset, release, float(time[after]), -level, rise, fall)
+
+
+def _until(cycle: Cycle, end: float) -> Cycle:
+    return Cycle(cycle.onset, cycle.release, max(end, cycle.release), cycle.level, cycle.rise, cycle.fall)

@@ -1,0 +1,123 @@
+"""Quality flags of one recording: what an operator should know before using it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from acquire.analysis.cycles import suction_cycles
+from acquire.recording.model import Recording, Series
+
+
+@dataclass(frozen=True)
+class Flag:
+    """One check: ``level`` ``ok``, ``warning`` or ``bad``, the number behind it, and plain words."""
+
+    name: str
+    level: str
+    value: float
+    text: str
+
+
+def quality(recording: Recording) -> tuple[Flag, ...]:
+    """Every check that applies to the recording: lost samples, saturation, drift, first curve, contour, trips."""
+    checks = (_lost, _saturation, _drift, _first_curve, _contour, _ending)
+    return tuple(flag for check in checks for flag in check(recording))
+
+
+def lost_samples(series: Series) -> int:
+    """Samples missing in the device's counter (0 if it did not count)."""
+    if series.seq is None or len(series.seq) < 2:
+        return 0
+    return int(np.sum(np.maximum(np.diff(series.seq) - 1, 0)))
+
+
+def _lost(recording: Recording) -> list[Flag]:
+    lost = {name: lost_samples(series) for name, series in recording.streams.items()}
+    if recording.frames is not None and recording.frames.seq is not None:
+        lost["frames"] = int(np.sum(np.maximum(np.diff(recording.frames.seq) - 1, 0)))
+    worst = max(lost.values(), default=0)
+    if not worst:
+        return [Flag("lost samples", "ok", 0.0, "no sample is missing")]
+    names = ", ".join(f"{name} {count}" for name, count in lost.items() if count)
+    return [Flag("lost samples", "bad", float(worst), f"samples are missing: {names}")]
+
+
+def _saturation(recording: Recording) -> list[Flag]:
+    """Values at the end of the channel's range, or a flat top that a sensor at its limit leaves."""
+    flags = []
+    for name, series in recording.streams.items():
+        value = series.value[np.isfinite(series.value)]
+        if series.range is None or not len(value):
+            continue
+        low, high = series.range
+        slack = max(series.resolution, 1e-9 * (high - low) if np.isfinite(high - low) else 0.0)
+        # A range that begins at rest (0 Pa, 0 m) is not saturated by resting there.
+        ends = [end for end in (low, high) if np.isfinite(end) and end != 0]
+        share = max((float(np.mean(np.abs(value - end) <= slack)) for end in ends), default=0.0)
+        if share > 0.001:
+            text = f"{name} is at the end of its range in {100 * share:.2g} % of the samples"
+            flags.append(Flag("saturation", "bad" if share > 0.01 else "warning", share, text))
+    return flags or [Flag("saturation", "ok", 0.0, "no channel reaches the end of its range")]
+
+
+def _drift(recording: Recording) -> list[Flag]:
+    """The pressure gauge's zero, or the forces' at the centre, before and after the run."""
+    zeros = [name for name in ("pressure", "force_x", "force_y", "force_z") if name in recording.streams]
+    worst, text = 0.0, ""
+    for name in zeros:
+        series = recording.streams[name]
+        commanded = recording.setpoints.get("pressure" if name == "pressure" else "probe_x")
+        if commanded is None or len(series.time) < 40:
+            continue
+        before = series.value[series.time <= commanded.time[0]][-20:]
+        after = series.value[-20:]
+        span = float(np.ptp(series.value))
+        if len(before) < 3 or span <= 0:
+            continue
+        shift = float(np.mean(after) - np.mean(before))
+        if abs(shift) / span > worst:
+            worst = abs(shift) / span
+            text = f"{name} ends {shift:+.3g} {series.unit} from where it began, {100 * worst:.2g} % of its span"
+    if not text:
+        return []
+    level = "ok" if worst < 0.02 else "warning" if worst < 0.1 else "bad"
+    return [Flag("drift", level, worst, text)]
+
+
+def _first_curve(recording: Recording) -> list[Flag]:
+    """The first curve of a series differs from the others (preconditioning): how far."""
+    cycles = suction_cycles(recording)
+    if len(cycles) < 2 or "apex_height" not in recording.streams:
+        return []
+    height = recording.streams["apex_height"]
+    tops = []
+    for cycle in cycles:
+        inside = (height.time >= cycle.onset) & (height.time <= cycle.release + 0.1)
+        if inside.any():
+            tops.append(float(height.value[inside].max() - np.interp(cycle.onset, height.time, height.value)))
+    if len(tops) < 2 or not np.mean(tops[1:]):
+        return []
+    change = tops[0] / float(np.mean(tops[1:])) - 1
+    text = f"the first curve rises {100 * change:+.1f} % compared with the {len(tops) - 1} after it"
+    return [Flag("first curve", "ok" if abs(change) < 0.1 else "warning", change, text)]
+
+
+def _contour(recording: Recording) -> list[Flag]:
+    if "contour_confidence" not in recording.derived:
+        return []
+    confidence = recording.derived["contour_confidence"].value
+    if not len(confidence):
+        return []
+    poor = float(np.mean(~(confidence >= 0.5)))
+    text = f"contour confidence {np.nanmedian(confidence):.2f} (median); below 0.5 in {100 * poor:.0f} % of the frames"
+    return [Flag("contour", "ok" if poor < 0.05 else "warning" if poor < 0.3 else "bad", poor, text)]
+
+
+def _ending(recording: Recording) -> list[Flag]:
+    status = recording.info.status
+    if status in ("completed", "imported"):
+        return []
+    why = f": {recording.info.trip_reason}" if recording.info.trip_reason else ""
+    return [Flag("ending", "warning" if status in ("recovered", "aborted") else "bad", 1.0, f"the run {status}{why}")]

@@ -1,0 +1,68 @@
+"""Curves of several repeats or persons together: mean with its 95 % band, and whether groups differ (paper F)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from acquire.recording.model import FloatArray
+
+
+@dataclass(frozen=True)
+class MeanCurve:
+    """Mean (n,) of ``count`` curves over ``time`` (n,) s, and the half-width (n,) of its 95 % confidence interval."""
+
+    time: FloatArray
+    mean: FloatArray
+    half_width: FloatArray
+    count: int
+
+
+@dataclass(frozen=True)
+class Anova:
+    """One-way analysis of variance: ``f`` with ``between`` and ``within`` degrees of freedom, and its ``p``."""
+
+    f: float
+    p: float
+    between: int
+    within: int
+
+
+def mean_curve(curves: Sequence[tuple[FloatArray, FloatArray]], samples: int = 500) -> MeanCurve:
+    """Mean of curves (time, value), each counted from its own first time, over the time that all of them cover.
+
+    The half-width is Student's t at 97.5 % times the standard error; NaN for one curve. Raises ValueError without any.
+    """
+    from scipy.stats import t as student
+
+    if not curves:
+        raise ValueError("no curves to average")
+    longest = min(float(time[-1] - time[0]) for time, _ in curves)
+    grid = np.linspace(0.0, longest, samples)
+    values = np.stack([np.interp(grid, time - time[0], value) for time, value in curves])
+    count = len(curves)
+    if count < 2:
+        return MeanCurve(grid, values[0], np.full(samples, np.nan), 1)
+    error = values.std(axis=0, ddof=1) / np.sqrt(count)
+    return MeanCurve(grid, values.mean(axis=0), student.ppf(0.975, count - 1) * error, count)
+
+
+def anova(groups: Sequence[Sequence[float]]) -> Anova:
+    """Whether the means of ``groups`` differ by more than their scatter explains.
+
+    Raises ValueError unless there are two groups and one of them has two values.
+    """
+    from scipy.stats import f as fisher
+
+    sizes = [len(group) for group in groups]
+    if len(groups) < 2 or min(sizes) < 1 or max(sizes) < 2:
+        raise ValueError(f"analysis of variance needs at least two groups and repeats, not groups of {sizes}")
+    everything = np.concatenate([np.asarray(group, float) for group in groups])
+    means = [float(np.mean(group)) for group in groups]
+    between, within = len(groups) - 1, len(everything) - len(groups)
+    explained = sum(n * (m - everything.mean()) ** 2 for n, m in zip(sizes, means, strict=True)) / between
+    scatter = sum(float(np.sum((np.asarray(g) - m) ** 2)) for g, m in zip(groups, means, strict=True)) / within
+    ratio = explained / scatter if scatter else np.inf
+    return Anova(float(ratio), float(fisher.sf(ratio, between, within)), between, within)
