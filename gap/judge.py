@@ -28,6 +28,7 @@ class Judgement:
     separable: float = 3.0  # distance (in tempered σ) below which two fitted explanations are one class
     evidence_tie: float = 3.0  # nats within which indistinguishable explanations count as equally good
     detect: float = 0.5  # probability of "some effect" above which one is claimed
+    second_share: float = 0.3  # of what the best single effect leaves above the noise, that a second must explain
     unexplained: float = 0.35  # share of the excess χ² that the best leaves, above which the cause is unknown
     unexplained_gap: float = 1.3  # and the gap that must be left for it
 
@@ -86,6 +87,16 @@ def made_by(signature: Signature, effect: Candidate) -> bool:
     return same and where in ("", signature.channel)
 
 
+def _earned(h: Hypothesis, comparison: Comparison, rules: Judgement) -> bool:
+    """Whether each further effect of a hypothesis explains enough of what fewer leave; form errors are always worth some χ²."""
+    if len(h.effects) < 2:
+        return True
+    singles = [s for s in comparison.hypotheses if len(s.effects) == 1 and s.effects[0] in h.effects]
+    n = sum(len(f.residual) for f in h.fits.values())
+    left = min(s.objective for s in singles)
+    return left - h.objective > rules.second_share * max(left - n, 0.0)
+
+
 def gap_of(h: Hypothesis) -> float:
     """rms of the whitened residual over all blocks: 1 at the noise floor."""
     n = sum(len(f.residual) for f in h.fits.values())
@@ -116,7 +127,7 @@ def judge(
     def marks(h: Hypothesis) -> float:
         return sum(s.nats for s in signatures if any(made_by(s, e) for e in h.effects))
 
-    everything = [comparison.null, *comparison.hypotheses]
+    everything = [comparison.null, *(h for h in comparison.hypotheses if _earned(h, comparison, rules))]
     score = np.array([log_prior(h) + rules.sharpness * _evidence(h, comparison, temper) + marks(h) for h in everything])
     weight = np.exp(score - score.max())
     weight /= weight.sum()

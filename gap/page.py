@@ -32,7 +32,9 @@ def page(d: Diagnosis) -> str:
     first = d.recordings[0].info
     title = " · ".join(x for x in (first.instrument, first.subject, first.site) if x)
     pictures = {"where": _where(report), "curves": [_curves(d, name) for name in d.problems]}
-    return environment.get_template("gap.html").render(r=report, title=title, pictures=pictures, bounds=_bounds(d))
+    causes = [c for k, c in enumerate(report["causes"]) if k == 0 or c["probability"] > 0.005]
+    template = environment.get_template("gap.html")
+    return template.render(r=report, title=title, causes=causes, pictures=pictures, bounds=_bounds(d))
 
 
 def _bounds(d: Diagnosis) -> list[tuple[str, dict[str, Any]]]:

@@ -14,7 +14,8 @@ A model is a class (or object) in a user's file, given as ``--model file.py:Name
             return {"motor_force": tap("motor_force", force)}
 
 ``data`` holds every channel and set-point of the recording on ``time`` (n,) s. ``tap`` returns its values unchanged unless an effect acts
-there. See `gap.generic` for the effects a tap can have; ``effects = (GenericEffect(...), ...)`` on the model adds the user's own.
+there. An optional ``observe(time, data)`` returns the channels to compare with, where the recorded ones must first be filtered like
+the model's inputs. See `gap.generic` for the effects a tap can have; ``effects = (GenericEffect(...), ...)`` on the model adds the user's own.
 """
 
 from __future__ import annotations
@@ -181,10 +182,11 @@ class RigProblem:
         self.prior_mean = np.zeros(len(model.parameters))
         self.prior_sd = np.full(len(model.parameters), 5.0)
         nominal, seen = self._survey()
-        measured = [[run[1][c] for c in model.channels] for run in self._runs]
-        self._sigma = {
-            c: float(np.median([high_band_sigma(m[k]) for m in measured])) for k, c in enumerate(model.channels)
-        }
+        observe = getattr(model, "observe", lambda time, data: data)
+        observed = [observe(time, data) for time, data in self._runs]
+        measured = [[np.asarray(o[c], dtype=float) for c in model.channels] for o in observed]
+        # Of the channel as recorded: what `observe` filters out is noise too.
+        self._sigma = {c: float(np.median([high_band_sigma(run[1][c]) for run in self._runs])) for c in model.channels}
         total = sum(len(run[0]) for run in self._runs) * len(model.channels)
         self._stride = max(1, int(np.ceil(total / MAX_ROWS)))
         keep = [
