@@ -1,7 +1,7 @@
 """Frames and checksums that the codecs share: lines with a CRC, and COBS packets.
 
-COBS is Cheshire and Baker, "Consistent Overhead Byte Stuffing", IEEE/ACM Trans. Networking 7 (1999): it removes every zero
-from a packet, so that a zero byte always means a boundary and a reader is in step again after one packet.
+COBS is Cheshire and Baker, "Consistent Overhead Byte Stuffing", IEEE/ACM Trans. Networking 7 (1999): it removes every
+zero from a packet, so that a zero byte always means a boundary and a reader is in step again after one packet.
 """
 
 from __future__ import annotations

@@ -25,7 +25,8 @@ class NotAllowed(DeviceError):
 class Entry:
     """One instrument of a station: where its links are, and what the station vouches for.
 
-    ``address`` is the driven device's link: ``/dev/tty*`` or another serial port, ``socket://host:port``, ``usb:VID:PID``.
+    ``address`` is the driven device's link: ``/dev/tty*`` or another serial port, ``socket://host:port``,
+    ``usb:VID:PID``.
     ``sources`` maps further sources to their links (``{"camera": "socket://…"}`` or ``"uvc:0"``). ``options`` are the
     instrument's own settings (its package documents them). ``usb_backend`` is a ``usb.backend.IBackend`` for virtual
     devices; None takes the system's. ``watchdog`` is in s of wall time.
@@ -46,9 +47,9 @@ class Instrument:
     """An instrument's descriptor.
 
     ``channels`` are all it can deliver, ``quantities`` what is commanded, ``limits`` what the hardware stands,
-    ``transports`` the kinds of link of the driven device (``serial``, ``socket``, ``usb``), ``sources`` the names of further
-    links a rig may have. ``open_rig`` builds the rig of a station entry without touching the link; it raises `NotAllowed`
-    where the station does not permit it and ValueError for options it does not know.
+    ``transports`` the kinds of link of the driven device (``serial``, ``socket``, ``usb``), ``sources`` the names of
+    further links a rig may have. ``open_rig`` builds the rig of a station entry without touching the link; it raises
+    `NotAllowed` where the station does not permit it and ValueError for options it does not know.
     """
 
     name: str

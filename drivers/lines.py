@@ -1,6 +1,7 @@
 """Dialects of text lines: a head, a request number, a verb, arguments, a CRC-16 in hexadecimal after an asterisk.
 
-``@0A QUEUE 60.0,-30000.0,-30000.0*5C21\\r`` — an instrument's dialect chooses the head, the verbs and how samples are written.
+``@0A QUEUE 60.0,-30000.0,-30000.0*5C21\\r`` — an instrument's dialect chooses the head, the verbs and how samples are
+written.
 """
 
 from __future__ import annotations

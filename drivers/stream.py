@@ -45,8 +45,8 @@ class Codec(abc.ABC):
 class StreamDevice(Device):
     """A `Device` over any codec and transport. Single-threaded: the thread that owns the link calls it.
 
-    ``raw`` are the channels on the wire; ``convert`` maps raw values (n, raw channels) to every channel's (n,) values; ``zero``
-    is called on arming.
+    ``raw`` are the channels on the wire; ``convert`` maps raw values (n, raw channels) to every channel's (n,) values;
+    ``zero`` is called on arming.
     """
 
     def __init__(

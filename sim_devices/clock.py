@@ -25,7 +25,7 @@ class Clock(abc.ABC):
 
     @abc.abstractmethod
     def wall_until(self, moment: float) -> float:
-        """Wall time in s until ``moment`` (simulated s), 0 when it has passed; what one may sleep before looking again."""
+        """Wall time in s until ``moment`` (simulated s), 0 when it has passed; one may sleep so long."""
 
     @abc.abstractmethod
     def slip(self, moment: float) -> None:

@@ -21,7 +21,10 @@ LIMITS = Limits({"pressure": Range(-700 * MBAR, 0.0)}, "hardware")
 
 
 def open_rig(entry: Entry) -> Rig:
-    """The rig of a station entry; links are opened by ``connect``. Raises ValueError for an unknown option or source."""
+    """The rig of a station entry; its links are opened by ``connect``.
+
+    Raises ValueError for an unknown option or source.
+    """
     from drivers.aspiration.pressure import CAPACITY, PressureCodec
     from drivers.stream import StreamDevice
     from drivers.transports import open_transport

@@ -19,6 +19,8 @@ from drivers.transports import Transport, open_transport
 Measure = Callable[[NDArray[np.uint8]], float]
 
 _REPLY_TIMEOUT = 2.0
+#: Wall time in s for which the rest of a frame is awaited once it has begun.
+_WITHIN_FRAME = 0.005
 
 
 class Camera(Source):
@@ -77,7 +79,10 @@ class FramedCamera(Camera):
         self._need_link().write(framelink.STREAM_ON)
 
     def read(self, timeout: float) -> Sequence[Block | Frame]:
-        arrived = self._decoder.feed(self._need_link().read(timeout))
+        link = self._need_link()
+        arrived = self._decoder.feed(link.read(timeout))
+        while not arrived and self._decoder.incomplete and (more := link.read(_WITHIN_FRAME)):
+            arrived += self._decoder.feed(more)
         now = time.monotonic()
         return self._deliver([Frame(p.image, p.seq, p.time, now) for p in arrived if isinstance(p, Picture)])
 

@@ -1,8 +1,8 @@
 """The simulated camera's wire: raw 8 bit frames behind a header, little endian, and one-line commands the other way.
 
 This is a link of this project, for simulated instruments; real cameras are opened by their own interfaces.
-Header: ``RAW8``, kind (u8: 0 frame, 1 identity), a spare byte, width and height (u16), sequence number (u32), device time in µs
-(u64), length of the payload (u32), CRC-32 of the payload, CRC-16 of the header before it.
+Header: ``RAW8``, kind (u8: 0 frame, 1 identity), a spare byte, width and height (u16), sequence number (u32), device
+time in µs (u64), length of the payload (u32), CRC-32 of the payload, CRC-16 of the header before it.
 """
 
 from __future__ import annotations
@@ -64,6 +64,11 @@ class FrameDecoder:
         while (message := self._next()) is not None:
             found.append(message)
         return found
+
+    @property
+    def incomplete(self) -> bool:
+        """Whether a message has begun and not ended."""
+        return bool(self._buffer)
 
     def _next(self) -> Picture | Identity | None:
         while True:

@@ -1,9 +1,9 @@
 """The micro-robot controller's dialect: COBS packets with a CRC-32, little endian, ended by a zero byte.
 
-Assumed, not taken from hardware: the paper's robot ran on a National Instruments card; here its controller is a firmware
-peer on USB. Packet: kind (u8), request number (u8), body, CRC-32 of all before. Text is UTF-8 after its length (u8).
-Samples: number of the first (u32), its time in µs (u64), status, count n (u16), µs after the first (n u32), then the raw channels
-one after the other (n f32 each).
+Assumed, not taken from hardware: the paper's robot ran on a National Instruments card; here its controller is a
+firmware peer on USB. Packet: kind (u8), request number (u8), body, CRC-32 of all before. Text is UTF-8 after its
+length (u8). Samples: number of the first (u32), its time in µs (u64), status, count n (u16), µs after the first (n
+u32), then the raw channels one after the other (n f32 each).
 """
 
 from __future__ import annotations
@@ -216,7 +216,8 @@ def _parse_body(kind: type, reader: _Reader) -> msg.Body:
         (watchdog,) = reader.take(struct.Struct("<d"))
         limits = {}
         while reader.left:
-            limits[reader.text()] = reader.take(struct.Struct("<2d"))
+            name = reader.text()
+            limits[name] = reader.take(struct.Struct("<2d"))
         return msg.Arm(limits, watchdog)
     if kind is msg.Enqueue:
         pieces = []

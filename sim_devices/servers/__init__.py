@@ -27,6 +27,9 @@ __all__ = ["LINKS", "BackDoor", "Server", "Truth", "serve"]
 LINKS = ("pty", "tcp", "usb")
 _LINKS_OF = {"cutometer": ("pty", "tcp"), "aspiration": ("pty", "tcp"), "microrobot": ("usb", "tcp", "pty")}
 _CAMERA_BUFFER = 2**20
+#: Of the simulated camera, m/px, and the diameter of the rim that it sees, m.
+FRAME_SCALE = 2e-5
+RIM = 8e-3
 
 
 class Server:
@@ -70,10 +73,10 @@ def serve(
 ) -> Server:
     """Switch on a simulated instrument; use the result as a context manager or ``close`` it.
 
-    ``link`` is ``pty``, ``tcp`` or ``usb`` (default: the first the instrument supports); ``port`` the TCP port (0: any free one). Without
-    ``chain`` it is the nominal one with sensor noise and scatter by ``seed``. ``speed`` scales time, unless a ``clock`` is given.
-    ``camera`` switches the aspiration device's camera, ``frame_size`` is (width, height) in px. ``options`` and
-    ``watchdog`` (s) go into the entry.
+    ``link`` is ``pty``, ``tcp`` or ``usb`` (default: the first the instrument supports); ``port`` the TCP port (0: any
+    free one). Without ``chain`` it is the nominal one with sensor noise and scatter by ``seed``. ``speed`` scales time,
+    unless a ``clock`` is given. ``camera`` switches the aspiration device's camera, ``frame_size`` is (width, height)
+    in px, always at the same scale. ``options`` and ``watchdog`` (s) go into the entry.
 
     Raises ValueError for an instrument, or a link that it does not have.
     """
@@ -90,10 +93,12 @@ def serve(
     control: Link = PtyLink() if link == "pty" else TcpLink(port)
     frames = None
     if bench.seen and camera:
-        from sim_devices.servers.dome import Dome
+        from sim_devices.stages.scene import Scene
 
         frames = TcpLink(send_buffer=_CAMERA_BUFFER)
-        render = render or Dome(frame_size)
+        # In a small frame the rim is drawn narrower, so that the scale stays what stations say it is.
+        rim = min(RIM, 0.7 * frame_size[0] * FRAME_SCALE)
+        render = render or Scene(frame_size, FRAME_SCALE, rim, seed=seed)
     sim = SimInstrument(bench, chain, clock or ScaledClock(speed), control, frames, render)
     extra: dict[str, Any] = {} if watchdog is None else {"watchdog": watchdog}
     if link == "usb":

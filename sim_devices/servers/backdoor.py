@@ -14,8 +14,8 @@ from sim_devices.servers.instrument import SimInstrument
 class Truth:
     """What is really so at the instrument, whatever the link says.
 
-    ``signals`` are the chain's signals at the last moment computed (``line_pressure`` in Pa, ``axis_1`` in m …); ``vented`` when nothing
-    is commanded, nothing moves and the skin is free. ``limits`` are those it was armed with.
+    ``signals`` are the chain's signals at the last moment computed (``line_pressure`` in Pa, ``axis_1`` in m …);
+    ``vented`` when nothing is commanded, nothing moves and the skin is free. ``limits`` are those it was armed with.
     """
 
     time: float
@@ -55,7 +55,7 @@ class BackDoor:
             )
 
     def wait_vented(self, timeout: float = 3.0) -> Truth:
-        """The first truth that is vented and still. Raises TimeoutError with the last one after ``timeout`` s of wall time."""
+        """The first truth that is vented and still. Raises TimeoutError after ``timeout`` s of wall time."""
         deadline = time.monotonic() + timeout
         while not (truth := self.truth()).vented:
             if time.monotonic() > deadline:

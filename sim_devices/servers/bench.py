@@ -1,4 +1,4 @@
-"""What each simulated instrument is: its dialect, its queue, its sampling, and which signals of the chain it measures."""
+"""What each simulated instrument is: its dialect, its queue, its sampling, the signals of the chain it measures."""
 
 from __future__ import annotations
 
@@ -33,8 +33,9 @@ class Bench:
     """One kind of simulated instrument.
 
     ``command`` maps each quantity to the chain's input; ``measure`` takes the chain's signals (n,) to the raw channels
-    (n, raw) of the wire. ``rate`` is samples per s, ``substeps`` how many steps of the chain make a sample, ``longest`` the most
-    samples in a block. ``still`` says from the true signals' last values (and their rates) whether the patient is free.
+    (n, raw) of the wire. ``rate`` is samples per s, ``substeps`` how many steps of the chain make a sample,
+    ``longest`` the most samples in a block. ``still`` says from the true signals' last values (and their rates)
+    whether the patient is free.
     ``seen`` is the signal that a camera sees, at ``rate``; empty without camera.
     """
 

@@ -15,9 +15,10 @@ from drivers.signals import FloatArray
 class Faults:
     """Faults pending on one instrument; all off at first.
 
-    ``garbage`` random bytes go out before the next message; the next ``corrupt`` messages have one byte changed, the next ``repeat``
-    are sent twice; ``short`` bytes are the most sent at once (0: no limit); until ``stall_until`` (wall, monotonic s) no byte goes
-    either way; ``nan`` maps raw channels to how many of their next samples are no number (math.inf: all).
+    ``garbage`` random bytes go out before the next message; the next ``corrupt`` messages have one byte changed, the
+    next ``repeat`` are sent twice; ``short`` bytes are the most sent at once (0: no limit); until ``stall_until``
+    (wall, monotonic s) no byte goes either way; ``nan`` maps raw channels to how many of their next samples are no
+    number (math.inf: all).
     """
 
     garbage: int = 0

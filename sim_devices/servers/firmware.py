@@ -1,4 +1,5 @@
-"""What runs inside a simulated instrument: its segment queue, limits, states and watchdog. No bytes, no physics, no thread.
+"""What runs inside a simulated instrument: its segment queue, limits, states and watchdog. No bytes, no physics, no
+thread.
 
 ::
 
@@ -7,7 +8,8 @@
       │             └───────safe──────┴──────safe──────┘──▶ safe ──arm──▶ armed
     (boot)          └──limit passed or no beat──▶ fault ──safe──▶ safe
 
-Whatever leaves ``running`` vents at once (suction) or goes back to the centre at the rate the instrument allows (robot).
+Whatever leaves ``running`` vents at once (suction) or goes back to the centre at the rate the instrument allows
+(robot).
 """
 
 from __future__ import annotations
@@ -118,7 +120,7 @@ class Firmware:
         return True
 
     def watch_values(self, values: FloatArray) -> None:
-        """Vent if a measured value (n, raw channels) is out of its limits; what is not a number is the host's to judge."""
+        """Vent if a measured value (n, raw channels) is out of its limits; NaN is for the host to judge."""
         if self.state not in ("armed", "running", "held"):
             return
         for column, name in enumerate(self.raw):
@@ -204,7 +206,7 @@ class Firmware:
         self._queue.extend(pieces)
 
     def _tail(self) -> tuple[float, ...] | None:
-        """Where the queue ends; None where its end is not fixed, because the start is approached or the last piece was cut."""
+        """Where the queue ends; None where that is open: the start is approached, or the last piece was cut."""
         if self._queue:
             return self._queue[-1].end
         if self.state != "running" or self._cut:
@@ -264,7 +266,7 @@ class Firmware:
             self._value = self._zero
 
     def _slow_move(self, target: tuple[float, ...]) -> _Motion | None:
-        """A move of the host's asking to ``target`` at the allowed rates; None where a step is allowed or nothing moves."""
+        """A move of its own to ``target`` at the allowed rates; None where a step is allowed or nothing moves."""
         rates = [self.hardware[q].rate for q in self.quantities]
         duration = max(abs(b - a) / r for a, b, r in zip(self._value, target, rates, strict=True))
         return _Motion(msg.Piece(duration, self._value, target), self.time, False) if duration > 0 else None

@@ -18,7 +18,7 @@ JUMP = 1e-9
 
 @dataclass(frozen=True)
 class Waveform:
-    """What is commanded over a stretch of time: break points (m,) s and values (m, quantities); equal times are a step."""
+    """What is commanded for a while: break points (m,) s and values (m, quantities); equal times are a step."""
 
     time: FloatArray
     values: FloatArray
@@ -43,7 +43,7 @@ def _sharp(waveform: Waveform) -> tuple[FloatArray, FloatArray]:
 
 
 def grid(first: int, count: int, rate: float, substeps: int, waveform: Waveform) -> FloatArray:
-    """Nodes in s for samples ``first`` to ``first + count - 1`` at ``rate`` per s, after the last node of the stretch before."""
+    """Nodes in s for ``count`` samples from number ``first`` at ``rate`` per s, after the last node computed before."""
     start = max(0, (first - 1) * substeps + 1) if first else 0
     even = np.arange(start, (first + count - 1) * substeps + 1) / (rate * substeps)
     time, _ = _sharp(waveform)

@@ -1,7 +1,7 @@
 """A virtual USB host controller for pyusb: the driver's pyusb calls are the real ones, only the wires are not.
 
-Bulk transfers to and from the device travel over a loopback TCP connection to the simulated instrument, so that the same
-device can live in this process or in another one.
+Bulk transfers to and from the device travel over a loopback TCP connection to the simulated instrument, so that the
+same device can live in this process or in another one.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ class _Handle:
             self.cable = None
 
 
-class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]
-    """A `usb.backend.IBackend` whose bus carries the given devices; each has one vendor interface with two bulk endpoints."""
+class VirtualUsb(usb.backend.IBackend):
+    """A backend whose bus carries the given devices; each has one vendor interface with two bulk endpoints."""
 
     def __init__(self, *devices: VirtualDevice) -> None:
         self._devices = devices
