@@ -15,7 +15,7 @@ import numpy as np
 
 from drivers import messages as msg
 from drivers.device import Refused
-from sim_devices.chain import Chain, Runner
+from sim_devices.chain import Chain
 from sim_devices.clock import Clock
 from sim_devices.servers.bench import Bench
 from sim_devices.servers.faults import Faults
@@ -23,6 +23,7 @@ from sim_devices.servers.firmware import Firmware
 from sim_devices.servers.links import Link
 from sim_devices.servers.ports import CameraPort, ControlPort, Port, Render
 from sim_devices.servers.timeline import commanded, grid
+from sim_devices.stages import runner
 
 #: Samples are sent about this often (wall time, s).
 BLOCK_WALL = 0.01
@@ -56,7 +57,7 @@ class SimInstrument:
         self.error: BaseException | None = None
         self.firmware = self._boot()
         self._chain = chain
-        self._runner = Runner(chain)
+        self._runner = runner(chain)
         self._clock = clock
         self._control = ControlPort(control, bench.codec, self.faults)
         self._camera = CameraPort(camera, bench.identity, render) if camera and render else None
@@ -71,7 +72,7 @@ class SimInstrument:
     def start(self) -> None:
         """Switch it on, once everything is compiled: a device answers from its first moment."""
         rest = np.arange(2) / self.bench.rate
-        Runner(self._chain).advance(rest, {name: np.zeros(2) for name in self.bench.command.values()})
+        runner(self._chain).advance(rest, {name: np.zeros(2) for name in self.bench.command.values()})
         self._thread.start()
 
     def close(self) -> None:

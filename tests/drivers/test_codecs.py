@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -80,7 +81,7 @@ def samples(draw: st.DrawFn, name: str) -> msg.Samples:
 
 def decoded(codec: Codec, data: bytes, cuts: list[int]) -> list[msg.Message]:
     edges = sorted({0, len(data), *(c % (len(data) + 1) for c in cuts)})
-    return [m for a, b in zip(edges, edges[1:], strict=False) for m in codec.decode(data[a:b])]
+    return [m for a, b in itertools.pairwise(edges) for m in codec.decode(data[a:b])]
 
 
 def same(a: object, b: object) -> bool:
