@@ -159,6 +159,27 @@ def play(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArr
 
 
 @njit(cache=True)
+def play_within(s: FloatArray, u: FloatArray, width: FloatArray, soft: float, y: FloatArray) -> None:
+    """``play`` whose half ``width`` (n,) changes, as dry friction does with the normal load.
+
+    ``soft`` > 0.5: y approaches the edge exponentially over a distance of one half width (Dahl) instead of being
+    carried by it.
+    """
+    for i in range(u.size):
+        w = width[i]
+        if soft > 0.5:
+            du = u[i] - s[2]
+            edge = w if du > 0.0 else -w
+            lag = edge + (s[4] - edge) * math.exp(-abs(du) / max(w, 1e-300))
+            s[4] = min(max(lag, -w), w)
+            s[3] = u[i] - s[4]
+        else:
+            s[3] = min(max(s[3], u[i] - w), u[i] + w)
+        s[2] = u[i]
+        y[i] = s[3]
+
+
+@njit(cache=True)
 def dead_zone_lag(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """A controller blind to small errors: tau y' = (u - y) beyond the band, else y rests.
 
@@ -253,18 +274,19 @@ def exposure_gain(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y:
 def yield_flow(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Slow flow under load that comes back slower: y = u + r, r -> k (u - y0)+ within tau_up, back within tau_down.
 
-    ``p`` = (k, y0, tau_up s, tau_down s); u is positive when loaded.
+    ``p`` = (k, y0, tau_up s, tau_down s); odd in u.
     """
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2] = 1.0, t[0], u[0]
     last, up, down = -1.0, 1.0, 1.0
     for i in range(t.size):
         dt = t[i] - s[1]
-        goal = p[0] * max(0.5 * (s[2] + u[i]) - p[1], 0.0)
+        mean = 0.5 * (s[2] + u[i])
+        goal = p[0] * math.copysign(max(abs(mean) - p[1], 0.0), mean)
         if dt > 0.0:
             if abs(dt - last) > 1e-9 * last:
                 last, up, down = dt, math.exp(-dt / p[2]), math.exp(-dt / p[3])
-            s[3] = goal + (s[3] - goal) * (up if goal > s[3] else down)
+            s[3] = goal + (s[3] - goal) * (up if abs(goal) > abs(s[3]) else down)
         s[1], s[2] = t[i], u[i]
         y[i] = u[i] + s[3]
 

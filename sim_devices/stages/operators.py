@@ -82,16 +82,17 @@ class Law(Wired):
 
 @dataclass(frozen=True)
 class Delay(Wired):
-    """Dead time: each target at t is its source at t - delay - skew (t - epoch), zero before the first sample.
+    """Dead time: each target at t is its source at t - delay - skew (t - t0), zero before the first sample.
 
-    ``delay`` s; ``skew`` s/s is the rate by which the reading clock runs fast against the writing one. With a negative
-    total delay it reads ahead, as far as the samples of one call reach: a running instrument cannot, a simulation of a
-    whole session can.
+    ``delay`` s; ``skew`` is the relative rate by which the reading clock runs fast against the writing one since they
+    were aligned last, at the latest of ``marks`` (s; the start of time, if there is none). With a negative total delay
+    it reads ahead, as far as the samples of one call reach: a running instrument cannot, a simulation of a whole
+    session can.
     """
 
     delay: float = 0.0
     skew: float = 0.0
-    epoch: float = 0.0
+    marks: tuple[float, ...] = ()
 
     def fresh(self) -> Any:
         return {"time": np.empty(0), **{source: np.empty(0) for source in self.source}}
@@ -102,13 +103,21 @@ class Delay(Wired):
                 signals[target] = signals[source]
             return
         past = np.concatenate([state["time"], time])
-        at = time - self.delay - self.skew * (time - self.epoch)
-        start = max(np.searchsorted(past, at[-1]) - 1, 0)  # the delay never shrinks faster than time runs
+        at = time - self.delay - self.skew * (time - self._aligned(time))
+        start = max(np.searchsorted(past, at[-1]) - 1, 0)  # later calls never need anything older
         for source, target in zip(self.source, self.target, strict=True):
             values = np.concatenate([state[source], signals[source]])
             signals[target] = np.interp(at, past, values, left=0.0)
             state[source] = values[start:]
         state["time"] = past[start:]
+
+    def shows(self, moments: FloatArray) -> FloatArray:
+        """When the source's ``moments`` (s) appear in the target."""
+        return moments + (self.delay + self.skew * (moments - self._aligned(moments))) / (1.0 - self.skew)
+
+    def _aligned(self, time: FloatArray) -> FloatArray:
+        marks = np.array([0.0, *sorted(self.marks)])
+        return marks[np.maximum(np.searchsorted(marks, time, side="right") - 1, 0)]
 
 
 @dataclass(frozen=True)
@@ -165,6 +174,14 @@ def before(chain: Chain, anchor: str, make: Callable[[Names, Names], Wired], *si
     added = replace(added, target=tuple(rename.get(t, t) for t in added.target))
     source = tuple(rename.get(s, s) for s in op.source)
     return _swapped(chain, anchor, replace(op, source=source)).inserted(added, before=anchor)
+
+
+def last_writer(chain: Chain, signal: str) -> str:
+    """Name of the operator that writes ``signal`` last. Raises KeyError if none does."""
+    for op in reversed(chain.operators):
+        if signal in op.writes:
+            return op.name
+    raise KeyError(f"no operator of the {chain.instrument} chain writes {signal!r}")
 
 
 def _wired(chain: Chain, name: str) -> Wired:

@@ -37,6 +37,7 @@ def numbered(name: str) -> Names:
     return tuple(f"{name}_{k}" for k in "123")
 
 
+LOAD, AXIS_LOAD = numbered("load"), numbered("axis_load")
 TRANSDUCERS = tuple(f"transducer_force_{k}" for k in "abc")
 
 
@@ -106,17 +107,21 @@ def nominal_robot(
     tissue: str | SheetTissue = "forearm",
     latency: float = 0.0,
     rate: float = LOOP_RATE,
+    marks: tuple[float, ...] = (),
     geometry: Geometry = GEOMETRY,
     w: float = forces.TRANSDUCER_RADIUS,
     h: float = forces.PROBE_HEIGHT,
 ) -> Chain:
-    """What an ideal robot does; ``rate`` (1/s) is the axes' loop, ``w`` and ``h`` (m) belong to the force matrix."""
+    """What an ideal robot does.
+
+    ``rate`` (1/s) is the axes' loop, ``marks`` (s) tell when recordings start, ``w`` and ``h`` (m) belong to the force matrix.
+    """
     skin = sheet_tissue(tissue) if isinstance(tissue, str) else tissue
     matrix = forces.matrix(w, h)
     return Chain(
         "microrobot",
         (
-            Delay("latency", "timing", xyz("command"), xyz("due"), delay=latency),
+            Delay("latency", "timing", xyz("command"), xyz("due"), delay=latency, marks=marks),
             Platform("inverse_kinematics", "command", xyz("due"), numbered("target"), inverse=True, geometry=geometry),
             AxisLoop("axes", "actuator", numbered("target") + numbered("load"), numbered("axis"), rate=rate),
             Platform("platform", "actuator", numbered("axis"), xyz("tip"), geometry=geometry),
@@ -157,14 +162,14 @@ class LoopRunner:
         start = 0
         for end in [*(c for c in np.unique(cuts) if 0 < c < len(time)), len(time)]:
             piece = {name: values[start:end] for name, values in inputs.items()}
-            piece.update(zip(numbered("load"), np.repeat(self._load[:, None], end - start, axis=1), strict=True))
+            piece.update(zip(LOAD, np.repeat(self._load[:, None], end - start, axis=1), strict=True))
             done = self._parts[1].advance(time[start:end], piece)
             for name, values in done.items():
                 if name not in inputs:
                     if start == 0:
                         out[name] = np.empty(len(time))
                     out[name][start:end] = values
-            self._load = np.array([done[name][-1] for name in numbered("axis_load")])
+            self._load = np.array([done[name][-1] for name in AXIS_LOAD])
             start = end
         return self._parts[2].advance(time, out)
 
@@ -178,8 +183,8 @@ def closed_loop(
     """
     load = np.zeros((3, len(time)))
     for _ in range(iterations):
-        out = chain.run(time, {**signals, **dict(zip(numbered("load"), load, strict=True))})
-        new = np.stack([out[name] for name in numbered("axis_load")])
+        out = chain.run(time, {**signals, **dict(zip(LOAD, load, strict=True))})
+        new = np.stack([out[name] for name in AXIS_LOAD])
         change, load = float(np.abs(new - load).max(initial=0.0)), new
         if not change > tolerance:
             break

@@ -7,7 +7,7 @@ themselves are nodes, so that no interpolation mimics a lag.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -26,18 +26,19 @@ Table = tuple[FloatArray, FloatArray]
 
 
 def time_grid(
-    kinks: FloatArray, stamps: Iterable[FloatArray], *, shift: float = 0.0, skew: float = 0.0, step: float = 0.0
+    kinks: FloatArray, stamps: Iterable[FloatArray], *, delays: Sequence[Delay] = (), step: float = 0.0
 ) -> FloatArray:
-    """Nodes, strictly increasing, over the stamps: stamps, kinks (s) with twins, the same as delayed, and a refinement.
+    """Nodes, strictly increasing, over the stamps: these, kinks (s) with twins, the same as ``delays`` show them, a refinement.
 
-    ``step`` > 0 adds nodes so that none are farther apart while the command is not at rest for longer than a second.
+    With ``step`` > 0 no two nodes are farther apart.
     """
     stamps = [np.asarray(s, dtype=float) for s in stamps]
     ends = np.array([[s[0], s[-1]] for s in stamps if len(s)])
     kinks = np.unique(kinks)
-    delayed = (kinks + shift) / (1.0 - skew) if skew else kinks + shift
     nodes = [*stamps, kinks, kinks - JUMP]
-    if shift or skew:
+    delayed = kinks
+    for delay in delays:
+        delayed = delay.shows(delayed)
         nodes += [delayed, delayed - JUMP]
     nodes.append((delayed[:, None] + REFINEMENT).ravel())
     if step:
@@ -71,12 +72,9 @@ def simulate(
     ``commands`` maps a commanded quantity (``pressure``, ``probe_x|y|z``) to its table, ``given`` a signal of the chain
     to a recorded one that takes its place, ``stamps`` each wanted signal to its time stamps (s, increasing).
     """
-    shift = skew = 0.0
-    for op in chain.operators:
-        if isinstance(op, Delay) and op.stage == "timing":
-            shift, skew = shift + op.delay - op.skew * op.epoch, skew + op.skew
+    delays = [op for op in chain.operators if isinstance(op, Delay) and op.name == "latency" and (op.delay or op.skew)]
     kinks = np.concatenate([t for t, _ in commands.values()])
-    grid = time_grid(kinks, stamps.values(), shift=shift, skew=skew, step=step)
+    grid = time_grid(kinks, stamps.values(), delays=delays, step=step)
     inputs = {COMMANDS.get(q, q): command_at(table, grid) for q, table in commands.items()}
     inputs.update({name: command_at(table, grid) for name, table in (given or {}).items()})
     return sampled(grid, chain.run(grid, inputs), stamps)

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from sim_devices.chain import Chain, FloatArray, Signals
-from sim_devices.stages import kernels
+from sim_devices.stages import kernels, laws
 from sim_devices.stages.operators import Delay, Law, Map, Pass, Wired
 from sim_devices.stages.tissues import SuctionTissue, for_opening, suction_tissue
 
@@ -137,15 +137,22 @@ def nominal_suction(
     return Chain(
         instrument,
         (
-            Delay("latency", "timing", ("command_pressure",), ("due_pressure",), delay=latency),
-            Map("command_resolution", "command", ("due_pressure",), ("setpoint_pressure",), rounded, (command_step,)),
+            Delay("latency", "timing", ("command_pressure",), ("due_pressure",), delay=latency, marks=marks),
+            Map(
+                "command_resolution",
+                "command",
+                ("due_pressure",),
+                ("setpoint_pressure",),
+                laws.quantisation,
+                (command_step,),
+            ),
             Regulator(
                 "regulator", "actuator", ("setpoint_pressure",), ("regulated_pressure",), tau, zeta, lowest=lowest
             ),
-            Map("line", "actuator", ("regulated_pressure",), ("line_pressure",), from_reading, (0.0, 0.0)),
+            Map("line", "actuator", ("regulated_pressure",), ("line_pressure",), laws.affine_inverse, (0.0, 0.0)),
             Pass("probe", "interface", ("line_pressure",), ("skin_pressure",)),
             *tissue_operators(skin),
-            Map("gauge", "sensor", ("line_pressure",), ("pressure",), to_reading, (0.0, 0.0)),
+            Map("gauge", "sensor", ("line_pressure",), ("pressure",), laws.affine, (0.0, 0.0)),
             Pass("optics", "sensor", ("bulge",), ("raw_height",)),
             Zeroing("zeroing", "processing", ("raw_height", "due_pressure"), ("apex_height",), marks),
         ),
@@ -157,18 +164,3 @@ def with_tissue(chain: Chain, tissue: SuctionTissue) -> Chain:
     for op in tissue_operators(tissue):
         chain = chain.tuned(op.name, parameters=op.parameters)  # type: ignore[attr-defined]
     return chain
-
-
-def rounded(time: FloatArray, signal: FloatArray, step: float) -> FloatArray:
-    """``signal`` in whole steps (0: as it is)."""
-    return np.round(signal / step) * step if step else signal
-
-
-def to_reading(time: FloatArray, true: FloatArray, gain: float, offset: float) -> FloatArray:
-    """What a gauge of relative gain error and offset shows."""
-    return true * (1.0 + gain) + offset if gain or offset else true
-
-
-def from_reading(time: FloatArray, reading: FloatArray, gain: float, offset: float) -> FloatArray:
-    """The true value at which that gauge shows ``reading``."""
-    return (reading - offset) / (1.0 + gain) if gain or offset else reading

@@ -9,6 +9,7 @@ import pytest
 
 from sim_devices.chain import Runner
 from sim_devices.stages import noisy, nominal
+from sim_devices.stages.operators import Delay
 from sim_devices.stages.sampling import Table, simulate, time_grid
 
 STAMPS = np.arange(0.0, 20.0, 0.01)
@@ -55,9 +56,11 @@ def test_unknown_tissue_and_instrument_are_named() -> None:
 
 @pytest.mark.parametrize("instrument", ["cutometer", "aspiration"])
 def test_chunks_join_without_a_seam(instrument: str) -> None:
-    grid = time_grid(steps(30e3)[0], [STAMPS], shift=0.013)
-    command = np.interp(grid, *steps(30e3))
     chain = noisy(nominal(instrument, latency=0.013, marks=(12.5,)), seed=4)
+    delay = chain["latency"]
+    assert isinstance(delay, Delay)
+    grid = time_grid(steps(30e3)[0], [STAMPS], delays=[delay])
+    command = np.interp(grid, *steps(30e3))
     whole = chain.run(grid, {"command_pressure": command})
     runner = Runner(chain)
     cuts = [0, 1, 2, 90, 400, 401, 1200, len(grid)]

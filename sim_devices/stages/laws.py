@@ -1,0 +1,124 @@
+"""Laws without memory, ``law(time, signal, *parameters)``: for stages, effects and user rigs.
+
+All take and return arrays (n,).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim_devices.chain import FloatArray
+
+
+def gain(time: FloatArray, u: FloatArray, error: float) -> FloatArray:
+    """u (1 + error)."""
+    return u * (1.0 + error)
+
+
+def offset(time: FloatArray, u: FloatArray, amount: float) -> FloatArray:
+    """u + amount."""
+    return u + amount
+
+
+def affine(time: FloatArray, u: FloatArray, error: float, amount: float) -> FloatArray:
+    """u (1 + error) + amount: what a gauge of relative gain error and offset shows."""
+    return u * (1.0 + error) + amount if error or amount else u
+
+
+def affine_inverse(time: FloatArray, reading: FloatArray, error: float, amount: float) -> FloatArray:
+    """The true value at which that gauge shows ``reading``."""
+    return (reading - amount) / (1.0 + error) if error or amount else reading
+
+
+def quadratic(time: FloatArray, u: FloatArray, error: float, reference: float) -> FloatArray:
+    """u (1 + error u / reference)."""
+    return u * (1.0 + error * u / reference)
+
+
+def cubic(time: FloatArray, u: FloatArray, error: float, reference: float) -> FloatArray:
+    """u (1 + error (u / reference)²): cubic stiffness, radial distortion."""
+    return u * (1.0 + error * (u / reference) ** 2)
+
+
+def saturation(time: FloatArray, u: FloatArray, limit: float, soft: float = 0.0) -> FloatArray:
+    """u within ±limit: clipped, or bent smoothly (u / (1 + |u/limit|^6)^(1/6)) where ``soft`` is 1."""
+    if soft > 0.5:
+        return np.asarray(u / (1.0 + np.abs(u / limit) ** 6) ** (1.0 / 6.0))
+    return np.clip(u, -limit, limit)
+
+
+def dead_zone(time: FloatArray, u: FloatArray, half_width: float) -> FloatArray:
+    """Zero within ±half_width, u less that beyond."""
+    return u - np.clip(u, -half_width, half_width)
+
+
+def quantisation(time: FloatArray, u: FloatArray, step: float) -> FloatArray:
+    """u in whole steps (0: as it is)."""
+    return np.round(u / step) * step if step > 0.0 else u
+
+
+def leak(time: FloatArray, u: FloatArray, share: float, exponent: float, reference: float) -> FloatArray:
+    """u less ``share`` of it at ``reference``, as |u|^(1 + exponent): 0 laminar leak, -0.5 orifice, 1 one that opens."""
+    return np.asarray(u - share * np.copysign(reference * (np.abs(u) / reference) ** (1.0 + exponent), u))
+
+
+def coulomb(time: FloatArray, speed: FloatArray, force: float, smoothing: float) -> FloatArray:
+    """Friction force of ``speed``: ±force, smoothed by tanh(speed / smoothing); sharp where smoothing is 0."""
+    return force * (np.tanh(speed / smoothing) if smoothing > 0.0 else np.sign(speed))
+
+
+def stribeck(
+    time: FloatArray, speed: FloatArray, force: float, stiction: float, stribeck_speed: float, smoothing: float
+) -> FloatArray:
+    """Friction force of ``speed``: ``force``, and ``stiction`` above it that fades as exp(-(speed/stribeck_speed)²)."""
+    level = force + stiction * np.exp(-((speed / stribeck_speed) ** 2))
+    return level * coulomb(time, speed, 1.0, smoothing)
+
+
+def course(time: FloatArray, tau: float, form: float) -> FloatArray:
+    """How something slow runs with the clock: 0 linear t/tau, 1 saturating 1 - exp(-t/tau), 2 swinging sin(2πt/tau)."""
+    if form < 0.5:
+        return time / tau
+    return -np.expm1(-np.maximum(time, 0.0) / tau) if form < 1.5 else np.sin(2 * np.pi * time / tau)
+
+
+def drift(time: FloatArray, u: FloatArray, amount: float, tau: float, form: float) -> FloatArray:
+    """u + amount · ``course``."""
+    return u + amount * course(time, tau, form)
+
+
+def gain_drift(time: FloatArray, u: FloatArray, amount: float, tau: float, form: float) -> FloatArray:
+    """u (1 + amount · ``course``)."""
+    return u * (1.0 + amount * course(time, tau, form))
+
+
+def stiffness_drift(time: FloatArray, u: FloatArray, amount: float, tau: float, form: float) -> FloatArray:
+    """u / (1 + amount · ``course``), where the denominator stays above 0.05."""
+    return u / np.maximum(1.0 + amount * course(time, tau, form), 0.05)
+
+
+def stiffening(time: FloatArray, u: FloatArray, strength: float, exponent: float, reference: float) -> FloatArray:
+    """u / (1 + strength |u/reference|^n)^(1/n): grows ever more slowly, never falls."""
+    return np.asarray(u / (1.0 + strength * np.abs(u / reference) ** exponent) ** (1.0 / exponent))
+
+
+def ramp(u: FloatArray, start: float, width: float) -> FloatArray:
+    """(u - start)+ with its corner rounded over ``width`` (softplus), zero at u = 0."""
+    return np.asarray(width * (np.logaddexp(0.0, (u - start) / width) - np.logaddexp(0.0, -start / width)))
+
+
+def layered(time: FloatArray, u: FloatArray, stiffness: float, start: float, width: float) -> FloatArray:
+    """u whose slope falls to 1 / (1 + stiffness) beyond ``start``: a second spring takes part."""
+    extra = stiffness / (1.0 + stiffness)
+    return u - extra * np.copysign(ramp(np.abs(u), start, width), u)
+
+
+def pulse(time: FloatArray, u: FloatArray, amplitude: float, frequency: float, phase: float) -> FloatArray:
+    """u + amplitude times a wave with 0.3 of second harmonic, as of heart beat."""
+    a = 2 * np.pi * frequency * time + phase
+    return u + amplitude * (np.sin(a) + 0.3 * np.sin(2 * a + 0.8))
+
+
+def through_zero(time: FloatArray, u: FloatArray, amount: float, distance: float) -> FloatArray:
+    """u + amount (1 - exp(-|u|/distance)) with u's sign: an error that is there as soon as there is a signal."""
+    return u - amount * np.copysign(np.expm1(-np.abs(u) / distance), u)
