@@ -1,0 +1,183 @@
+"""The apex of a profile: a robust polynomial over the cap, so that noise averages out and dents do not count."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+_TERMS = 5  # quartic: a parabola would put the top of a round bubble several pixels too low
+_MEDIAN = 4  # columns on each side of the running median that finds the cap
+_ROUNDS = 5
+
+
+@njit(cache=True)
+def cap(profile: FloatArray, base: float) -> tuple[int, int]:
+    """First and past-last column of the cap: around the highest point, down by a fifth of the height (4 to 30 px).
+
+    ``profile`` (columns,) holds rows, NaN for none; higher is smaller. (0, 0) when there is nothing.
+    """
+    columns = profile.shape[0]
+    smooth = np.full(columns, np.nan)
+    window = np.empty(2 * _MEDIAN + 1)
+    best = -1
+    for c in range(columns):
+        n = 0
+        for k in range(max(0, c - _MEDIAN), min(columns, c + _MEDIAN + 1)):
+            if np.isfinite(profile[k]):
+                window[n] = profile[k]
+                n += 1
+        if n > _MEDIAN:
+            smooth[c] = np.sort(window[:n])[n // 2]
+            if best < 0 or smooth[c] < smooth[best]:
+                best = c
+    if best < 0:
+        return 0, 0
+    floor = smooth[best] + min(max(4.0, 0.2 * (base - smooth[best])), 30.0)
+    reach = columns // 4
+    first = best
+    while first > 0 and best - first < reach and smooth[first - 1] <= floor:
+        first -= 1
+    last = best
+    while last < columns - 1 and last - best < reach and smooth[last + 1] <= floor:
+        last += 1
+    return first, last + 1
+
+
+@njit(cache=True)
+def fit(profile: FloatArray, first: int, last: int) -> tuple[float, float, float, float]:
+    """Apex column, apex row, scatter (px) about the polynomial and share of columns used, of ``profile[first:last]``.
+
+    Tukey's biweight, begun from the median scatter, gives dents and specks no weight. All NaN for fewer than 8 columns.
+    """
+    nothing = (np.nan, np.nan, np.nan, 0.0)
+    width = last - first
+    if width < 8:
+        return nothing
+    half = 0.5 * (width - 1)
+    middle = first + half
+    n = 0
+    for c in range(first, last):
+        if np.isfinite(profile[c]):
+            n += 1
+    if n < 8:
+        return nothing
+    x = np.empty(n)
+    y = np.empty(n)
+    k = 0
+    for c in range(first, last):
+        if np.isfinite(profile[c]):
+            x[k] = (c - middle) / half
+            y[k] = profile[c]
+            k += 1
+    weight = np.ones(n)
+    shift = y.min()
+    coefficients = np.zeros(_TERMS)
+    scatter = 0.0
+    residual = np.empty(n)
+    for _ in range(_ROUNDS):
+        matrix = np.zeros((_TERMS, _TERMS))
+        right = np.zeros(_TERMS)
+        powers = np.empty(2 * _TERMS - 1)
+        moments = np.zeros(2 * _TERMS - 1)
+        for i in range(n):
+            powers[0] = weight[i]
+            for p in range(1, 2 * _TERMS - 1):
+                powers[p] = powers[p - 1] * x[i]
+            moments += powers
+            for p in range(_TERMS):
+                right[p] += powers[p] * (y[i] - shift)
+        for p in range(_TERMS):
+            for q in range(_TERMS):
+                matrix[p, q] = moments[p + q]
+            matrix[p, p] += 1e-9 * n
+        _solve(matrix, right, coefficients)
+        for i in range(n):
+            residual[i] = y[i] - shift - _value(coefficients, x[i])
+        scatter = max(1.4826 * np.sort(np.abs(residual))[n // 2], 0.02)
+        for i in range(n):
+            u = residual[i] / (4.685 * scatter)
+            weight[i] = (1 - u * u) ** 2 if abs(u) < 1 else 0.0
+        if weight.sum() < _TERMS + 2:
+            return nothing
+    at = -1.0
+    best = _value(coefficients, at)
+    steps = 4 * width
+    for k in range(1, steps + 1):
+        here = -1.0 + 2.0 * k / steps
+        value = _value(coefficients, here)
+        if value < best:
+            at, best = here, value
+    return middle + half * at, best + shift, scatter, float((weight > 0.1).sum()) / width
+
+
+@njit(cache=True)
+def _solve(matrix: FloatArray, right: FloatArray, solution: FloatArray) -> None:
+    """Solve a symmetric positive definite system by Cholesky's method; ``matrix`` and ``right`` are used up."""
+    n = right.shape[0]
+    for j in range(n):
+        for k in range(j):
+            matrix[j, j] -= matrix[j, k] ** 2
+        matrix[j, j] = np.sqrt(matrix[j, j])
+        for i in range(j + 1, n):
+            for k in range(j):
+                matrix[i, j] -= matrix[i, k] * matrix[j, k]
+            matrix[i, j] /= matrix[j, j]
+    for i in range(n):
+        for k in range(i):
+            right[i] -= matrix[i, k] * right[k]
+        right[i] /= matrix[i, i]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            right[i] -= matrix[k, i] * right[k]
+        right[i] /= matrix[i, i]
+        solution[i] = right[i]
+
+
+@njit(cache=True)
+def _value(coefficients: FloatArray, x: float) -> float:
+    total = 0.0
+    for p in range(coefficients.shape[0] - 1, -1, -1):
+        total = total * x + coefficients[p]
+    return total
+
+
+@njit(cache=True)
+def foot(profile: FloatArray, edges: FloatArray, apex_row: float) -> float:
+    """The row on which the bubble stands.
+
+    Where the outermost parts of ``profile`` are level, the rim plane. Else, going down from the apex, the narrowest row
+    of ``edges`` (2, rows; left and right) after the widest: the neck of a bubble on a needle; where it does not narrow,
+    the lowest row.
+    """
+    columns, rows = profile.shape[0], edges.shape[1]
+    seen = profile[np.isfinite(profile)]
+    border = max(4, columns // 32)
+    if seen.shape[0] > columns // 2:
+        left, right = np.sort(seen[:border]), np.sort(seen[-border:])
+        level = max(left[-1] - left[0], right[-1] - right[0]) <= 4.0
+        rim_left, rim_right = left[border // 2], right[border // 2]
+        if level and abs(rim_left - rim_right) <= 0.05 * columns:
+            return 0.5 * (rim_left + rim_right)
+    widest, narrowest, narrow_row, lowest = 0.0, 0.0, -1, rows - 1
+    for r in range(max(0, int(apex_row)), rows):
+        width = edges[1, r] - edges[0, r]
+        if np.isnan(width):
+            continue
+        lowest = r
+        if width >= widest and narrow_row < 0:
+            widest = width
+        elif width < 0.95 * widest and (narrow_row < 0 or width < narrowest):
+            narrowest, narrow_row = width, r
+        elif narrow_row >= 0 and width > 1.05 * narrowest + 1.0:
+            break
+    if narrow_row < 0:
+        return float(lowest)
+    for r in range(max(0, int(apex_row)), narrow_row):
+        # A needle of constant width begins above its noisiest row.
+        width = edges[1, r] - edges[0, r]
+        if r > apex_row + 0.25 * (narrow_row - apex_row) and width <= 1.02 * narrowest + 1.0:
+            return float(r)
+    return float(narrow_row)

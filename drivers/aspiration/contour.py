@@ -1,0 +1,355 @@
+"""The threshold pipeline: from camera frames to the tissue's contour, its apex and how sure that is.
+
+Weickenmeier et al. (2015) turn grey images into black and white at a grey-value threshold (GVT) set by eye for each
+site, and read from them the initial tissue height and the displacement of the apex. Here the GVT may still be set by
+hand; if not, one is proposed. Every apex comes with the band that a GVT ± ``delta`` would give.
+
+    even light (background) -> GVT -> the one component that is tissue -> sub-pixel edge -> foot, apex, band, confidence
+
+Rows and columns count pixel middles, row 0 on top, whatever way the apex points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.aspiration import apex as caps
+from drivers.aspiration import background, segment
+from drivers.aspiration.threshold import LEAST_AREA, propose
+
+FloatArray = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+_BAND_SEARCH = 12  # px in which the edge at GVT ± delta is looked for
+_SOFT = 0.35  # of the usual grey step across the edge; columns below it are not trusted
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How frames are read.
+
+    ``gvt`` in grey values of the evened image (those of the raw image where the light is brightest), None to have one
+    proposed; ``delta`` grey values for the band; ``background`` ``estimate``, ``none``, or an image of the empty field;
+    ``roi`` (left, top, width, height) px, what lies outside is not looked at; ``initial_frames`` how many frames
+    at the beginning give the initial tissue height.
+    """
+
+    gvt: float | None = None
+    delta: float = 10.0
+    apex: Literal["up", "down"] = "up"
+    tissue: Literal["dark", "bright"] = "dark"
+    background: Literal["estimate", "none"] | NDArray[Any] = "estimate"
+    roi: tuple[int, int, int, int] | None = None
+    initial_frames: int = 5
+
+
+@dataclass(frozen=True)
+class Contour:
+    """What one frame shows, in px of the frame.
+
+    ``apex_column``, ``apex_row``, ``foot_row`` (where the bubble stands: the rim plane, or the neck above a needle);
+    ``height`` from foot to apex and ``band`` (low, high) of it at GVT ± delta; ``profile`` (width,) the row of the edge
+    in each column and ``sides`` (2, height) the columns of its left and right edge in each row, NaN for none.
+    ``confidence`` 0 … 1; ``flags`` name what was noticed: ``no_tissue``, ``noise``, ``cut_off``, ``reflections``,
+    ``satellites``, ``gaps``, ``low_contrast``, ``border``.
+    """
+
+    gvt: float
+    apex_column: float = np.nan
+    apex_row: float = np.nan
+    foot_row: float = np.nan
+    height: float = np.nan
+    band: tuple[float, float] = (np.nan, np.nan)
+    profile: FloatArray = field(default_factory=lambda: np.empty(0), repr=False)
+    sides: FloatArray = field(default_factory=lambda: np.empty((2, 0)), repr=False)
+    confidence: float = 0.0
+    flags: tuple[str, ...] = ()
+
+    def outline(self) -> FloatArray:
+        """The whole contour as points (n, 2) of column and row, from the left of the foot over the apex to its right.
+
+        Overhanging and steep parts come from ``sides``, the cap from ``profile``.
+        """
+        if not np.isfinite(self.height):
+            return np.empty((0, 2))
+        rows = np.arange(self.sides.shape[1])
+        below = (rows - self.apex_row) * np.sign(self.foot_row - self.apex_row)
+        flank = (below > 0.3 * self.height) & (below <= self.height)
+        order = np.argsort(-below[flank])
+        left, right = (np.column_stack([side[flank], rows[flank]])[order] for side in self.sides)
+        columns = np.arange(len(self.profile), dtype=float)
+        on_cap = np.abs(self.profile - self.apex_row) <= 0.3 * self.height
+        cap = np.column_stack([columns[on_cap], self.profile[on_cap]])
+        points = np.vstack([left, cap, right[::-1]])
+        return points[np.isfinite(points).all(axis=1)]
+
+
+class Pipeline:
+    """Settings made definite on some frames of a series (its light, its GVT), ready to measure all of them.
+
+    ``gvt`` is the threshold in use, ``gvt_confidence`` how sure the proposal is (1 for one set by hand).
+    """
+
+    def __init__(self, settings: Settings, gain: NDArray[np.float32], gvt: float, gvt_confidence: float) -> None:
+        self.settings = settings
+        self.gvt = gvt
+        self.gvt_confidence = gvt_confidence
+        self._gain = gain
+
+    @classmethod
+    def prepare(cls, frames: Sequence[Image], settings: Settings) -> Pipeline:
+        """Take the light from the first of ``frames`` (height, width) and the GVT from all of them.
+
+        Raises ValueError: no frame, not 8 bit grey, or a flat field or region that does not fit.
+        """
+        if len(frames) == 0:
+            raise ValueError("there are no frames")
+        for frame in frames:
+            _check(frame, settings)
+        gain = _gain(frames[0], settings)
+        if settings.gvt is not None:
+            return cls(settings, gain, settings.gvt, 1.0)
+        # The proposal is as sure as the contour that it gives, and as little as the proposals scatter.
+        proposals, sureness = [], []
+        for frame in frames:
+            gvt = propose(_evened(frame, gain, settings))
+            if gvt is not None:
+                proposals.append(gvt)
+                sureness.append(cls(settings, gain, gvt, 1.0).measure(frame).confidence)
+        if not proposals:
+            return cls(settings, gain, 127.5, 0.0)
+        scatter = float(np.std(proposals)) / max(settings.delta, 1.0)
+        return cls(settings, gain, float(np.median(proposals)), float(np.median(sureness)) / (1 + scatter**2))
+
+    def measure(self, frame: Image) -> Contour:
+        """The contour in one frame (height, width). Raises ValueError for one that is not 8 bit grey."""
+        settings = self.settings
+        _check(frame, settings)
+        grey = _evened(frame, self._gain, settings)
+        gvt = self.gvt if settings.tissue == "dark" else 255.0 - self.gvt
+        runs, count = segment.label(grey, gvt)
+        if count < 0:
+            return Contour(self.gvt, flags=("noise",))
+        least = int(LEAST_AREA * grey.size)
+        name, others = segment.choose(grey, runs, count, max(least // 20, 12)) if count else (-1, 0)
+        if name < 0:
+            return Contour(self.gvt, flags=("no_tissue",))
+        top = segment.envelope(runs, count, name, grey.shape[1])
+        outside, inside = segment.contrast(grey, top)
+        step = outside - inside
+        if not np.isfinite(step).any():
+            return Contour(self.gvt, flags=("no_tissue",))
+        # Where the edge is much softer than elsewhere the tissue has run into a shade: no contour there.
+        profile = segment.crossings(grey, top, gvt, 1)
+        profile[~(step >= _SOFT * np.nanpercentile(step, 75))] = np.nan
+        edges = segment.sides(grey, runs, count, name, gvt)
+        flags = []
+        first, last = caps.cap(profile, float(grey.shape[0]))
+        foot = caps.foot(profile, edges, float(np.nanmin(profile[first:last])) if last > first else 0.0)
+        first, last = caps.cap(profile, foot)
+        column, row, scatter, share = caps.fit(profile, first, last)
+        band_rows = []
+        for shift in (-settings.delta, settings.delta):
+            moved = segment.crossings(grey, top, gvt + shift, _BAND_SEARCH)
+            moved[np.isnan(profile)] = np.nan
+            band_rows.append(caps.fit(moved, first, last)[1])
+        low, high = sorted(foot - r for r in band_rows)
+        height = foot - row
+        if np.isfinite(height) and not low <= height <= high:  # an edge lost at one of the thresholds
+            low, high = np.fmin(low, height), np.fmax(high, height)
+        # Tissue at the upper border within the cap or right beside it: the apex may be outside the image.
+        cut_off = last == first or bool(np.any(top[max(first - 2, 0) : last + 2] == 0))
+        step = step[first:last][np.isfinite(profile[first:last])]
+        clear = float(np.median(step)) if len(step) else 0.0
+        if cut_off:
+            flags.append("cut_off")
+        if segment.holes(runs, count, name, 3):
+            flags.append("reflections")
+        if others:
+            flags.append("satellites")
+        if share < 0.9:
+            flags.append("gaps")
+        if clear < 30:
+            flags.append("low_contrast")
+        if (edges[0] <= 0).any() != (edges[1] >= grey.shape[1] - 1).any():
+            flags.append("border")
+        return _placed(
+            Contour(
+                self.gvt,
+                np.nan if cut_off else column,
+                np.nan if cut_off else row,
+                foot,
+                np.nan if cut_off else height,
+                (np.nan, np.nan) if cut_off else (low, high),
+                profile,
+                edges,
+                0.0 if cut_off else _confidence(clear, share, scatter, (high - low) / 2),
+                tuple(flags),
+            ),
+            frame.shape,
+            settings,
+        )
+
+
+def analyse_frame(image: Image, settings: Settings | None = None) -> Contour:
+    """The contour in one image (height, width) of 8 bit grey, light and GVT taken from that image.
+
+    Raises ValueError for an image that is not 8 bit grey.
+    """
+    settings = settings or Settings()
+    return Pipeline.prepare([image], settings).measure(image)
+
+
+def analyse_frames(frames: Any, scale: float, settings: Settings | None = None) -> dict[str, Any]:
+    """Height, apex displacement and profile over time; ``frames`` (n, height, width), ``scale`` m/px.
+
+    The light is that of the first frame; the GVT, if not set, the median of proposals for five frames. All in m:
+
+    - ``height`` (n,) from the foot to the apex, the foot being that of the initial frames;
+    - ``band_low``, ``band_high`` (n,) the same at GVT ± delta;
+    - ``initial_height`` scalar, the median height of the initial frames; ``apex`` (n,) = height - initial_height;
+    - ``profile`` (n, width) height of the edge above the foot in each column, NaN where there is none;
+
+    and ``confidence`` (n,), ``gvt``, ``gvt_confidence``, ``flags`` (n,) tuples. Raises ValueError as `analyse_frame`.
+    """
+    settings = settings or Settings()
+    n = len(frames)
+    if not scale > 0:
+        raise ValueError(f"the scale must be positive, not {scale}")
+    some = [np.asarray(frames[k]) for k in sorted({round(k) for k in np.linspace(0, n - 1, 5)})] if n else []
+    pipeline = Pipeline.prepare(some, settings)
+    found = [pipeline.measure(np.asarray(frames[k])) for k in range(n)]
+    beginning = found[: settings.initial_frames]
+    feet = np.array([c.foot_row for c in beginning])
+    foot = float(np.nanmedian(feet)) if np.isfinite(feet).any() else np.nan
+    sign = 1.0 if settings.apex == "up" else -1.0
+    height = sign * (foot - np.array([c.apex_row for c in found])) * scale
+    below, above = (np.array([c.band[side] - c.height for c in found]) * scale for side in (0, 1))
+    initial = height[: settings.initial_frames]
+    initial_height = float(np.nanmedian(initial)) if np.isfinite(initial).any() else np.nan
+    width = frames[0].shape[1]
+    profile = np.array([c.profile if len(c.profile) else np.full(width, np.nan) for c in found])
+    return {
+        "height": height,
+        "band_low": height + below,
+        "band_high": height + above,
+        "initial_height": initial_height,
+        "apex": height - initial_height,
+        "profile": sign * (foot - profile) * scale,
+        "confidence": np.array([c.confidence for c in found]),
+        "gvt": pipeline.gvt,
+        "gvt_confidence": pipeline.gvt_confidence,
+        "flags": [c.flags for c in found],
+    }
+
+
+class LiveApex:
+    """Measures frames as they come: call it with an image to get the displacement of the apex in m, NaN for no contour.
+
+    The first frame gives the light and the initial height; until a proposed GVT is sure, every frame proposes again.
+    ``latest`` is the last contour, for the overlay; `reset` begins anew.
+    """
+
+    def __init__(self, scale: float, settings: Settings | None = None) -> None:
+        self._scale = scale
+        self._settings = settings or Settings()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget light, GVT and initial height (the tissue or the lamp was moved)."""
+        self.pipeline: Pipeline | None = None
+        self.latest: Contour | None = None
+        self._rest_row = np.nan
+
+    def __call__(self, image: Image) -> float:
+        if self.pipeline is None or self.pipeline.gvt_confidence < 0.5:
+            self.pipeline = Pipeline.prepare([image], self._settings)
+            self._rest_row = np.nan
+        self.latest = self.pipeline.measure(image)
+        if np.isnan(self._rest_row):
+            self._rest_row = self.latest.apex_row
+        sign = 1.0 if self._settings.apex == "up" else -1.0
+        return float(sign * (self._rest_row - self.latest.apex_row) * self._scale)
+
+
+def _confidence(step: float, share: float, scatter: float, half_band: float) -> float:
+    """0 … 1, a product of four signs that the apex means something.
+
+    Each is 1/2 at the value given: a grey step of 15 across the edge, 7 columns in 10 of the cap on a smooth curve, a
+    scatter of 0.5 px about it, a band of ± 2 px.
+    """
+    if not np.isfinite(half_band):
+        return 0.0
+    clear = step**2 / (step**2 + 15.0**2) if step > 0 else 0.0
+    smooth = 1 / (1 + (scatter / 0.5) ** 2)
+    whole = float(np.clip((share - 0.4) / 0.6, 0, 1))
+    narrow = 1 / (1 + (half_band / 2.0) ** 2)
+    return float(clear * smooth * whole * narrow)
+
+
+def _check(frame: Image, settings: Settings) -> None:
+    if frame.ndim != 2 or frame.dtype != np.uint8:
+        raise ValueError(f"a frame is 8 bit grey (height, width), not {frame.dtype} of shape {frame.shape}")
+    if settings.roi is not None:
+        left, top, width, height = settings.roi
+        inside = left >= 0 and top >= 0 and left + width <= frame.shape[1] and top + height <= frame.shape[0]
+        if not inside or width < 16 or height < 16:
+            raise ValueError(
+                f"the region {settings.roi} is not at least 16 x 16 px inside a frame of {frame.shape[::-1]}"
+            )
+
+
+def _cut(image: NDArray[Any], settings: Settings) -> NDArray[Any]:
+    if settings.roi is None:
+        return np.ascontiguousarray(image)
+    left, top, width, height = settings.roi
+    return np.ascontiguousarray(image[top : top + height, left : left + width])
+
+
+def _gain(frame: Image, settings: Settings) -> NDArray[np.float32]:
+    if isinstance(settings.background, np.ndarray):
+        if settings.background.shape != frame.shape:
+            raise ValueError(f"the flat field has shape {settings.background.shape}, the frames {frame.shape}")
+        return np.asarray(_cut(background.from_flat_field(settings.background), settings))
+    # A bright bubble before a dark field shows nothing of the light where there is no tissue.
+    if settings.background == "none" or settings.tissue == "bright":
+        return np.ones((1, 1), np.float32)
+    return background.estimate(_cut(frame, settings))
+
+
+def _evened(frame: Image, gain: NDArray[np.float32], settings: Settings) -> segment.Grey:
+    grey: segment.Grey = segment.normalise(
+        _cut(frame, settings), gain, settings.tissue == "bright", settings.apex == "down"
+    )
+    return grey
+
+
+def _placed(contour: Contour, shape: tuple[int, ...], settings: Settings) -> Contour:
+    """From upright rows and columns of the region to those of the frame."""
+    left, top, width, height = settings.roi or (0, 0, shape[1], shape[0])
+    down = settings.apex == "down"
+
+    def row(value: Any) -> Any:
+        return top + (height - 1 - value if down else value)
+
+    profile = np.full(shape[1], np.nan)
+    profile[left : left + width] = row(contour.profile)
+    sides = np.full((2, shape[0]), np.nan)
+    sides[:, top : top + height] = left + (contour.sides[:, ::-1] if down else contour.sides)
+    return Contour(
+        contour.gvt,
+        left + contour.apex_column,
+        row(contour.apex_row),
+        row(contour.foot_row),
+        contour.height,
+        contour.band,
+        profile,
+        sides,
+        contour.confidence,
+        contour.flags,
+    )
