@@ -24,7 +24,7 @@ from .robot_kinematics import (
 )
 from .robot_tissue import SPAN, Parameters, columns, resist
 from .session import Session
-from .signals import Array, bristle, coarsened, lag, play, uneven_lag, wander
+from .signals import Array, bristle, coarsened, lag, play, spectrum, uneven_lag, wander
 from .suction import Channels
 
 MASS, KP, KI, KD = 0.060, 1500.0, 12000.0, 15.0  # kg, N/m, N/(m s), N s/m: README.md
@@ -74,9 +74,9 @@ def _platform(q: Array, fx: Knobs) -> Array:
     """Axis positions as the platform sees them: sensor error taken off, play between pivot and slide."""
     q = q - _axis_error(q, fx)
     if b := fx.get("backlash", 0.0):
-        q = columns(lambda x: play(x, np.full_like(x, b)), q)
+        q = columns(play, q, b)
     if b := fx.get("backlash_soft", 0.0):
-        q = q - b * columns(lambda x: bristle(x, 2 * b), q)
+        q = q - b * columns(bristle, q, 2 * b)
     return q
 
 
@@ -84,18 +84,18 @@ def _reaction(s: Session, u: Array, law: str, tissue: Parameters, fx: Knobs, rng
     """Interface and tissue: resisting force (N, 3) [N] to a probe displacement u (N, 3) [m]."""
     get = fx.get
     if a := get("slip", 0.0):
-        u = u - a * columns(lambda x: play(x, np.full_like(x, get("slip_at", 0.5) * SPAN)), u)
+        u = u - a * columns(play, u, get("slip_at", 0.5) * SPAN)
     if a := get("slip_gradual", 0.0):
         for w in (0.2, 0.4, 0.6, 0.8):
-            u = u - 0.25 * a * columns(lambda x, w=w: play(x, np.full_like(x, w * SPAN)), u)
+            u = u - 0.25 * a * columns(play, u, w * SPAN)
     if a := get("restless", 0.0):  # outside the vocabulary: the subject moves
         u = u + a * np.stack([wander(s.t, rng, 0.03, 1.0) for _ in range(3)], axis=1)
     if a := get("expansion", 0.0):  # outside: the frame warms and lifts the tip, not seen by the axes
         u = u + a * np.array([0.3, 0.0, 1.0]) * (1 - np.exp(-s.t / 90.0))[:, None]
     if a := get("residual", 0.0):
-        u = u - a * columns(lambda x: drawn_after(x, s.dt, 0.25 * SPAN, 0.4, 1.0), u)
+        u = u - a * columns(drawn_after, u, s.dt, 0.25 * SPAN, 0.4, 1.0)
     if a := get("residual_power", 0.0):
-        u = u - a * columns(lambda x: drawn_after(x / SPAN, s.dt, 0.0, 0.4, 3.0), u) * SPAN
+        u = u - a * columns(drawn_after, u / SPAN, s.dt, 0.0, 0.4, 3.0) * SPAN
     f = resist(law, u, s.dt, tissue)
     if a := get("glue", 0.0):  # the glue's compliance [m/N], by fixed point on the skin's displacement
         for _ in range(2):
@@ -103,7 +103,7 @@ def _reaction(s: Session, u: Array, law: str, tissue: Parameters, fx: Knobs, rng
     if a := get("glue_creeping", 0.0):
         for _ in range(2):
             yielded = f * (0.5 + np.linalg.norm(f, axis=1, keepdims=True)) * 0.5
-            f = resist(law, u - a * (f - yielded + columns(lambda x: lag(x, s.dt, 1.5), yielded)), s.dt, tissue)
+            f = resist(law, u - a * (f - yielded + columns(lag, yielded, s.dt, 1.5)), s.dt, tissue)
     if a := get("flexure", 0.0):  # outside: the platform's arm bends sideways with the moment of a lateral force
         f = resist(
             law,
@@ -129,15 +129,14 @@ def _skin_effects(s: Session, u: Array, f: Array, k: float, fx: Knobs) -> Array:
     get = fx.get
     size = np.linalg.norm(u, axis=1, keepdims=True)
     if a := get("creep", 0.0):
-        f = f - a * columns(lambda x: lag(x, s.dt, get("creep_tau", 60.0)), f)
+        f = f - a * columns(lag, f, s.dt, get("creep_tau", 60.0))
     if a := get("creep_oneway", 0.0):
-        f = f - a * columns(lambda x: uneven_lag(x, s.dt, get("creep_tau", 40.0), 4 * get("creep_tau", 40.0)), f)
+        f = f - a * columns(uneven_lag, f, s.dt, get("creep_tau", 40.0), 4 * get("creep_tau", 40.0))
     if a := get("power_creep", 0.0):
-        f = f - a * sum(
-            tau**-0.2 * columns(lambda x, tau=tau: lag(x, s.dt, tau), f) for tau in np.geomspace(0.03, 300, 9)
-        )
+        taus = np.geomspace(0.03, 300, 9)
+        f = f - a * columns(spectrum, f, s.dt, taus, taus**-0.2)
     if a := get("log_creep", 0.0):
-        f = f - a * sum(columns(lambda x, tau=tau: lag(x, s.dt, tau), f) for tau in np.geomspace(0.1, 100.0, 7))
+        f = f - a * columns(spectrum, f, s.dt, np.geomspace(0.1, 100.0, 7), np.ones(7))
     if a := get("first_loadings", 0.0):
         order = np.arange(len(s.recordings))
         f = f * s.per_recording(1 + a * np.exp(-order / get("series", 1.2)))[:, None]
@@ -151,7 +150,7 @@ def _skin_effects(s: Session, u: Array, f: Array, k: float, fx: Knobs) -> Array:
     if a := get("deep_smooth", 0.0):
         w = 0.12 * SPAN
         over = w * np.logaddexp(0, (size - get("deep_at", 0.6) * SPAN) / w) * u / (size + 0.1 * SPAN)
-        f = f + a * k * columns(lambda x: lag(x, s.dt, 0.8), over)
+        f = f + a * k * columns(lag, over, s.dt, 0.8)
     n = np.array([np.cos(get("fibre", 0.0)), np.sin(get("fibre", 0.0)), 0.0])
     along = u @ n
     if a := get("tension", 0.0):
@@ -199,13 +198,15 @@ def _legs(s: Session, f: Array, normal: Array, q: Array, fx: Knobs) -> Array:
     if a := get("leg_square", 0.0):
         x = x + a * x**2
     if a := get("leg_play", 0.0):
-        x = columns(lambda y: play(y, np.full_like(y, a)), x)
+        x = columns(play, x, a)
     if a := get("leg_bristle", 0.0):
-        x = x - a * sum(columns(lambda y, w=w: bristle(y, w), x) for w in (0.05, 0.2, 0.6)) / 3
+        clean = x
+        for w in (0.05, 0.2, 0.6):
+            x = x - a / 3 * columns(bristle, clean, w)
     if tau := get("low_pass", 0.0):
-        x = columns(lambda y: lag(y, s.dt, tau), x)
+        x = columns(lag, x, s.dt, tau)
     if tau := get("low_pass_twice", 0.0):
-        x = columns(lambda y: lag(lag(y, s.dt, 0.35 * tau), s.dt, 0.65 * tau), x)
+        x = columns(lag, columns(lag, x, s.dt, 0.35 * tau), s.dt, 0.65 * tau)
     if a := get("leg_into_leg", 0.0):
         x[:, (k + 1) % 3] += a * x[:, k]
     if a := get("axis_into_leg", 0.0):
@@ -217,7 +218,7 @@ def _legs(s: Session, f: Array, normal: Array, q: Array, fx: Knobs) -> Array:
     if a := get("hum", 0.0):  # outside the vocabulary: interference in bursts
         x[:, k] += a * np.sin(2 * np.pi * get("hum_hz", 7.3) * s.t) * (np.sin(0.37 * s.t) > 0.3)
     if a := get("cable", 0.0):  # outside: a cable drags on the head, elastic with dry friction inside
-        x = x + a * (columns(lambda y: bristle(y, 4e-4), q) + q / 1e-3) * np.roll([1.0, 0.2, -0.6], k)
+        x = x + a * (columns(bristle, q, 4e-4) + q / 1e-3) * np.roll([1.0, 0.2, -0.6], k)
     return np.asarray(x)
 
 

@@ -11,15 +11,15 @@ from collections.abc import Callable
 import numpy as np
 from numba import njit
 
-from .signals import Array, lag, play
+from .signals import Array, lag, play, spectrum
 
 Parameters = dict[str, float]
 SPAN = 1.3e-3  # m, reference displacement
 
 
-def columns(f: Callable[[Array], Array], u: Array) -> Array:
-    """Apply an operator on signals to every column of u (N, 3)."""
-    return np.stack([f(np.ascontiguousarray(u[:, k])) for k in range(3)], axis=1)
+def columns(f: Callable[..., Array], u: Array, *constants: object) -> Array:
+    """Apply an operator on signals, ``f(x, *constants)``, to every column of u (N, 3)."""
+    return np.stack([f(np.ascontiguousarray(u[:, k]), *constants) for k in range(3)], axis=1)
 
 
 def _turned(u: Array, heading: float) -> Array:
@@ -39,8 +39,8 @@ def _elastic(u: Array, p: Parameters) -> Array:
 def conventional(u: Array, dt: Array, p: Parameters) -> Array:
     """Quasi-linear viscoelasticity with two relaxation modes."""
     e = _elastic(u, p)
-    out = e - p["fast"] * columns(lambda x: lag(x, dt, p["tau_fast"]), e)
-    return out - p["slow"] * columns(lambda x: lag(x, dt, p["tau_slow"]), e)
+    out = e - p["fast"] * columns(lag, e, dt, p["tau_fast"])
+    return out - p["slow"] * columns(lag, e, dt, p["tau_slow"])
 
 
 def fractional(u: Array, dt: Array, p: Parameters) -> Array:
@@ -49,13 +49,13 @@ def fractional(u: Array, dt: Array, p: Parameters) -> Array:
     taus = np.geomspace(0.02, 300.0, 9)
     weights = np.exp(-0.05 / taus) * (taus / 0.05) ** -p["alpha"]
     weights *= p["alpha"] * np.log(taus[1] / taus[0])
-    return e - sum(w * columns(lambda x, tau=tau: lag(x, dt, tau), e) for w, tau in zip(weights, taus, strict=True))
+    return e - columns(spectrum, e, dt, taus, weights)
 
 
 def exponential(u: Array, dt: Array, p: Parameters) -> Array:
     """Fung's exponential stiffening of the part of the displacement that has not relaxed: memory inside the curve."""
-    fresh = u - p["fast"] * columns(lambda x: lag(x, dt, p["tau_fast"]), u)
-    fresh = fresh - p["slow"] * columns(lambda x: lag(x, dt, p["tau_slow"]), u)
+    fresh = u - p["fast"] * columns(lag, u, dt, p["tau_fast"])
+    fresh = fresh - p["slow"] * columns(lag, u, dt, p["tau_slow"])
     return _springs(p) * fresh * np.exp(1.6 * p["stiffening"] * np.sum(fresh**2, axis=1, keepdims=True) / SPAN**2)
 
 
@@ -63,10 +63,10 @@ def poroelastic(u: Array, dt: Array, p: Parameters) -> Array:
     """Drainage: relaxation modes of weight 1/n^2 and time tau/n^2 (n odd), faster where the skin is deformed."""
     e = _elastic(u, p)
     faster = dt * (1 + p["clogging"] * np.sum(u**2, axis=1) / SPAN**2)
-    out = e - 0.5 * p["fast"] * columns(lambda x: lag(x, dt, p["tau_fast"]), e)
+    out = e - 0.5 * p["fast"] * columns(lag, e, dt, p["tau_fast"])
     for n in (1, 3, 5, 7, 9):
         weight = p["drained"] * 8 / np.pi**2 / n**2
-        out = out - weight * columns(lambda x, n=n: _uneven(x, faster, p["tau_slow"] / n**2), e)
+        out = out - weight * columns(_uneven, e, faster, p["tau_slow"] / n**2)
     return out
 
 
@@ -84,7 +84,7 @@ def plastic(u: Array, dt: Array, p: Parameters) -> Array:
     """Conventional skin beside four spring-slider pairs (Iwan): loops that do not depend on rate."""
     out = 0.85 * conventional(u, dt, p)
     for share, width in ((0.4, 0.1), (0.3, 0.25), (0.2, 0.5), (0.1, 0.9)):
-        slid = columns(lambda x, w=width: x - play(x, np.full_like(x, w * SPAN)), u)
+        slid = u - columns(play, u, width * SPAN)
         out = out + p["plastic"] * share * _springs(p) * slid
     return out
 
@@ -105,7 +105,7 @@ def activated(u: Array, dt: Array, p: Parameters) -> Array:
     e = _elastic(u, p)
     scale = p["stiffness"] * SPAN
     share = p["fast"] + p["slow"]
-    return e - share * scale * columns(lambda x: _sinh_dashpot(x / scale, dt, p["tau_slow"], p["ease"]), e)
+    return e - share * scale * columns(_sinh_dashpot, e / scale, dt, p["tau_slow"], p["ease"])
 
 
 LAWS: dict[str, Callable[[Array, Array, Parameters], Array]] = {

@@ -64,7 +64,7 @@ class Session:
             values += [c[1] for c in r.corners]
         return np.interp(t, [*times, 1e9], [*values, 0.0])
 
-    def per_recording(self, values: Sequence[float]) -> Array:
+    def per_recording(self, values: Sequence[float] | Array) -> Array:
         """A step function of time on the grid: ``values[k]`` from the start of recording k to the next start."""
         index = np.searchsorted([r.start for r in self.recordings], self.t, side="right") - 1
         return np.asarray(values, float)[np.clip(index, 0, None)]
@@ -80,7 +80,7 @@ def _grid(recordings: Sequence[Recording], rest_step: float, step: float) -> tup
                 now = end
     t = np.concatenate(pieces)
     # Rounded so that equal steps are equal numbers: exponentials are then computed once.
-    return t, np.round(np.diff(t, prepend=-step), 9)
+    return t, np.round(np.diff(t, prepend=-step), 9).astype(np.float64)
 
 
 def _hold(level: float, onset: float, hold: float, rest: float) -> tuple[list[tuple[float, float]], float]:

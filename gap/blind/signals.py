@@ -40,12 +40,13 @@ def uneven_lag(x: Array, dt: Array, rise: float, fall: float) -> Array:
 
 
 @njit(cache=True)
-def play(x: Array, width: Array) -> Array:
-    """Rate-independent play (backlash): y stays until x has moved ``width`` (N,) away from it."""
+def play(x: Array, width: float, share: float = 0.0) -> Array:
+    """Rate-independent play (backlash): y stays until x is ``width + share * x`` away from it."""
     y = np.empty_like(x)
     y[0] = x[0]
     for i in range(1, x.size):
-        y[i] = min(max(y[i - 1], x[i] - width[i]), x[i] + width[i])
+        w = width + share * x[i]
+        y[i] = min(max(y[i - 1], x[i] - w), x[i] + w)
     return y
 
 
@@ -83,14 +84,19 @@ def running_max(x: Array) -> Array:
     return y
 
 
+def spectrum(x: Array, dt: Array, taus: Array, weights: Array) -> Array:
+    """Weighted sum of first-order lags of x."""
+    total = np.zeros_like(x)
+    for tau, w in zip(taus, weights, strict=True):
+        total += w * lag(x, dt, tau)
+    return total
+
+
 def power_law_memory(x: Array, dt: Array, alpha: float, shortest: float = 0.02, longest: float = 2e3) -> Array:
     """Creep (t / 1 s)^alpha of x by a spectrum of nine lags, weights tau^alpha (Schapery's collocation)."""
     taus = np.geomspace(shortest, longest, 9)
-    total = np.zeros_like(x)
-    for tau in taus:
-        total += tau**alpha * lag(x, dt, tau)
     # A spectrum of density alpha tau^alpha d(ln tau) / Gamma(1 - alpha) sums to t^alpha; the factor is its spacing.
-    return total * alpha * float(np.log(taus[1] / taus[0]))
+    return spectrum(x, dt, taus, taus**alpha * alpha * np.log(taus[1] / taus[0]))
 
 
 def wander(t: Array, rng: np.random.Generator, slowest: float, fastest: float) -> Array:

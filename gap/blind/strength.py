@@ -64,14 +64,16 @@ class Subject:
     tolerance: Mapping[str, float]
     seed: int
 
-    def record(self, knobs: Mapping[str, float], noisy: bool = False, **tissue_changes: float) -> suction.Channels:
-        """The session's recorded channels, with the effects' ``knobs`` switched on."""
+    def record(
+        self, knobs: Mapping[str, float], noisy: bool = False, skin: Mapping[str, float] | None = None
+    ) -> suction.Channels:
+        """The session's recorded channels, with effects' ``knobs`` on and parameters of the ``skin`` changed."""
         chain: types.ModuleType = robot if self.session.instrument == "microrobot" else suction
         fx = dict(self.tolerance)
         for name, value in knobs.items():
             fx[name] = fx.get(name, 0.0) + value
         channels: suction.Channels = chain.simulate(
-            self.session, self.law, dict(self.tissue) | tissue_changes, fx, self.scatter, self.seed, noisy
+            self.session, self.law, dict(self.tissue) | dict(skin or {}), fx, self.scatter, self.seed, noisy
         )
         return channels
 
@@ -109,14 +111,14 @@ class Subject:
         varied = []
         for name in free:
             step = 1e-3 * max(abs(self.tissue[name]), 0.05)
-            varied.append((step, self.record({}, **{name: self.tissue[name] + step})))
+            varied.append((step, self.record({}, skin={name: self.tissue[name] + step})))
         n = len(self.session.recordings)
         off = [self.record({name: sd}) for name, sd in tolerances_of(self.session.instrument).items()]
         bases = []
         for view in self._views:
             nominal = self._whitened(self._nominal, view)
             columns = [(self._whitened(v, view) - nominal) / step for step, v in varied]
-            columns = [c / max(np.linalg.norm(c), 1e-30) for c in columns]
+            columns = [c / max(float(np.linalg.norm(c)), 1e-30) for c in columns]
             columns += [self._whitened(o, view) - nominal for o in off]
             answer = [c for c in view if c.startswith(("apex", "transducer", "force"))]
             for k in range(n):

@@ -13,7 +13,19 @@ from numba import njit
 
 from .instants import Knobs, taken
 from .session import Session
-from .signals import Array, bristle, coarsened, lag, play, power_law_memory, running_max, sticky, uneven_lag, wander
+from .signals import (
+    Array,
+    bristle,
+    coarsened,
+    lag,
+    play,
+    power_law_memory,
+    running_max,
+    spectrum,
+    sticky,
+    uneven_lag,
+    wander,
+)
 from .tissue import LAWS, Parameters, _plastic_flow
 
 OMEGA = 1 / 0.040  # rad/s, the regulator's double pole
@@ -128,9 +140,9 @@ def skin_suction(s: Session, p: Array, fx: Knobs) -> Array:
     if a := get("rim_sealing", 0.0):
         p = p * (1 - a * np.exp(-p / get("seal_at", 60e2)))
     if a := get("stick", 0.0):
-        p = np.maximum(play(p, np.full_like(p, a)), 0.0)
+        p = np.maximum(play(p, a), 0.0)
     if mu := get("stick_coulomb", 0.0):  # normal force grows with suction, so does the play
-        p = play(p, mu * p + 0.1 * mu * ref)
+        p = play(p, 0.1 * mu * ref, mu)
     if a := get("stick_bristle", 0.0):
         p = np.maximum(p - a * (0.3 * ref + p) * bristle(p, get("bristle_scale", 20e2)), 0.0)
     if a := get("preload", 0.0):
@@ -163,7 +175,7 @@ def skin_height(s: Session, p: Array, law: str, tissue: Parameters, fx: Knobs, r
     if a := get("power_creep", 0.0):
         h = h + a * power_law_memory(h, s.dt, get("alpha", 0.2))
     if a := get("log_creep", 0.0):  # flat relaxation spectrum (Fung's box): creep as the logarithm of time
-        h = h + a * sum(lag(h, s.dt, tau) for tau in np.geomspace(0.1, 100.0, 7))
+        h = h + a * spectrum(h, s.dt, np.geomspace(0.1, 100.0, 7), np.ones(7))
     if a := get("residual", 0.0):
         h = h + size * _plastic_flow(p, s.dt, get("yield_at", 0.4) * ref, ref / a, 0.5, 1e4)
     if a := get("residual_work", 0.0):
@@ -220,7 +232,7 @@ def read_height(s: Session, p: Array, h: Array, fx: Knobs, rng: np.random.Genera
     """Height sensor on the grid, before zeroing (N,) [m]; h is not yet zeroed, its resting value is near 0."""
     get = fx.get
     size = {"cutometer": 0.3e-3, "aspiration": 2e-3}[s.instrument]
-    after = s.per_recording(np.arange(len(s.recordings)) >= get("from_recording", 0.0))
+    after = s.per_recording([float(k >= get("from_recording", 0.0)) for k in range(len(s.recordings))])
     h = h * (1 + get("gain", 0.0)) * (1 + get("gain_later", 0.0) * after)
     if a := get("quadratic", 0.0):
         h = h + a * h * (h / size - 1)
@@ -241,7 +253,7 @@ def read_height(s: Session, p: Array, h: Array, fx: Knobs, rng: np.random.Genera
     if a := get("askew_foreshortened", 0.0):
         h = h * np.cos(a) / (1 + np.sin(a) * h / (4 * size))
     if a := get("play_height", 0.0):
-        h = play(h, np.full_like(h, a))
+        h = play(h, a)
     if a := get("preisach", 0.0):
         h = h - a * sum(bristle(h, f * size) for f in (0.03, 0.1, 0.3)) / 3
     if tau := get("low_pass", 0.0):
