@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from acquire.analysis.cycles import suction_cycles
-from acquire.recording.model import Recording, Series
+from acquire.recording.model import FloatArray, Recording, Series
 
 
 @dataclass(frozen=True)
@@ -45,21 +45,40 @@ def _lost(recording: Recording) -> list[Flag]:
 
 
 def _saturation(recording: Recording) -> list[Flag]:
-    """Values at the end of the channel's range, or a flat top that a sensor at its limit leaves."""
+    """Values at the end of the channel's range, or the flat top that a sensor at an unknown limit leaves."""
     flags = []
     for name, series in recording.streams.items():
         value = series.value[np.isfinite(series.value)]
-        if series.range is None or not len(value):
+        if not len(value):
             continue
-        low, high = series.range
-        slack = max(series.resolution, 1e-9 * (high - low) if np.isfinite(high - low) else 0.0)
-        # A range that begins at rest (0 Pa, 0 m) is not saturated by resting there.
-        ends = [end for end in (low, high) if np.isfinite(end) and end != 0]
-        share = max((float(np.mean(np.abs(value - end) <= slack)) for end in ends), default=0.0)
+        if series.range is None:
+            share, what = 0.0 if name in recording.setpoints else _flat_top(value), "stays at its extreme"
+        else:
+            share, what = _at_end(value, series.range, series.resolution), "is at the end of its range"
         if share > 0.001:
-            text = f"{name} is at the end of its range in {100 * share:.2g} % of the samples"
+            text = f"{name} {what} in {100 * share:.2g} % of the samples"
             flags.append(Flag("saturation", "bad" if share > 0.01 else "warning", share, text))
-    return flags or [Flag("saturation", "ok", 0.0, "no channel reaches the end of its range")]
+    return flags or [Flag("saturation", "ok", 0.0, "no channel is saturated")]
+
+
+def _at_end(value: FloatArray, limits: tuple[float, float], resolution: float) -> float:
+    """Share of samples at an end of the range, save at one that is rest itself (0 Pa, 0 m)."""
+    slack = max(resolution, 1e-9 * (limits[1] - limits[0]) if np.isfinite(limits).all() else 0.0)
+    ends = [end for end in limits if np.isfinite(end) and end != 0]
+    return max((float(np.mean(np.abs(value - end) <= slack)) for end in ends), default=0.0)
+
+
+def _flat_top(value: FloatArray) -> float:
+    """Share of samples equal to the greatest or least one, if they stay there far longer than at any value between."""
+    starts = np.flatnonzero(np.concatenate([[True], np.diff(value) != 0]))
+    lengths = np.diff(np.append(starts, len(value)))
+    usual = int(lengths[(value[starts] < value.max()) & (value[starts] > value.min())].max(initial=1))
+    share = 0.0
+    for extreme in (value.min(), value.max()):
+        longest = int(lengths[value[starts] == extreme].max(initial=0))
+        if extreme != 0 and longest >= 5 and longest > 3 * usual:
+            share = max(share, float(np.mean(value == extreme)))
+    return share
 
 
 def _drift(recording: Recording) -> list[Flag]:
