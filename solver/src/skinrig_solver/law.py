@@ -86,7 +86,7 @@ def _cache_folder() -> Path:
 
 
 _TEMPLATE = '''"""Generated from the law '{name}' by skinrig_solver.law: do not edit."""
-from math import exp, log, sqrt
+from math import exp, expm1, log, sqrt
 
 import numpy as np
 from numba import njit

@@ -2,8 +2,8 @@
 
 A law is an ordinary Python function of :class:`Expr` objects. Running it builds an expression graph in which equal
 expressions are one node; :func:`derivatives` differentiates the graph in forward mode (node by node, zeros never
-stored); :func:`emit` writes the wanted nodes as assignments. The functions ``sqrt``, ``exp``, ``log``, ``power``,
-``select`` and ``root`` (a scalar equation, differentiated by the implicit-function theorem) are the vocabulary beyond
+stored); :func:`emit` writes the wanted nodes as assignments. The functions ``sqrt``, ``exp``, ``expm1``, ``log``,
+``power``, ``select`` and ``root`` (a scalar equation, differentiated by the implicit-function theorem) are the vocabulary beyond
 ``+ - * / **``.
 
 >>> x, y = variables("x", "y")
@@ -144,6 +144,11 @@ def exp(x: Number) -> Expr:
     return _make("exp", lift(x))
 
 
+def expm1(x: Number) -> Expr:
+    """exp(x) − 1 without cancellation."""
+    return _make("expm1", lift(x))
+
+
 def log(x: Number) -> Expr:
     return _make("log", lift(x))
 
@@ -200,6 +205,8 @@ def _partials(e: Expr) -> list[tuple[Expr, Expr]]:
             return [(a[0], 0.5 / e)]
         case "exp":
             return [(a[0], e)]
+        case "expm1":
+            return [(a[0], e + 1.0)]
         case "log":
             return [(a[0], 1.0 / a[0])]
         case "pow":

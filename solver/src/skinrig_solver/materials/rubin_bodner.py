@@ -23,7 +23,7 @@ from ..trace import Expr, exp, lift, log, root, sqrt
 PARAMETERS = (
     "mu0", "q", "m1", "m2", "m5", "Gamma1", "Gamma2", "n", "r1", "r2", "r3", "r4", "hardening_gamma",
 )  # fmt: skip
-TINY = 1e-20  # added under square roots of squared strains: a strain of 1e-10 stands for rest
+TINY = 1e-24  # added under square roots of squared strains: a strain of 1e-12 stands for rest
 
 
 def _sym(state: Values, name: str) -> Sym:

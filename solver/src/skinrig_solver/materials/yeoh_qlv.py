@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from ..law import Law, Response, Values
 from ..tensor import Sym, Tensor, identity
-from ..trace import Expr, exp, lift, power
+from ..trace import Expr, expm1, lift, power
 
 COMPONENTS = ("rr", "rz", "zz", "tt")
 
@@ -35,9 +35,9 @@ def _response(terms: int) -> Response:
         new = {f"S_{c}": v for c, v in zip(COMPONENTS, now.components(), strict=True)}
         total = now * (1.0 - sum((p[f"g{i}"] for i in range(1, terms + 1)), start=lift(0.0)))
         for i in range(1, terms + 1):
-            decay = exp(-(dt / p[f"tau{i}"]))
-            ramp = p[f"g{i}"] * (1.0 - decay) * p[f"tau{i}"] / dt
-            branch = Sym(*(state[f"h{i}_{c}"] for c in COMPONENTS)) * decay + change * ramp
+            lost = -expm1(-(dt / p[f"tau{i}"]))
+            ramp = p[f"g{i}"] * lost * p[f"tau{i}"] / dt
+            branch = Sym(*(state[f"h{i}_{c}"] for c in COMPONENTS)) * (1.0 - lost) + change * ramp
             new |= {f"h{i}_{c}": v for c, v in zip(COMPONENTS, branch.components(), strict=True)}
             total = total + branch
         bulk = p["G"] * (2.0 * (1.0 + p["nu"]) / (3.0 * (1.0 - 2.0 * p["nu"])))

@@ -1,0 +1,171 @@
+"""The same Yeoh suction in this solver, felupe and NGSolve: the references of tests and benchmarks.
+
+One layer, elastic, the surface outside the opening held in z and free to slide (a bilateral, frictionless rim without
+fillet, since the three codes treat contact differently), follower suction inside, bottom fixed. Every function returns the
+apex height [m], the unknowns and the seconds of one warm run.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+
+from skinrig_solver.fem.body import Body, Load
+from skinrig_solver.fem.mesh import Mesh, block, graded
+from skinrig_solver.materials.yeoh_qlv import yeoh_qlv
+from skinrig_solver.suction.march import Run
+from skinrig_solver.suction.schedule import Segment
+
+
+@dataclass(frozen=True)
+class Case:
+    """Radii, thickness [m]; shear modulus, second Yeoh coefficient [Pa]; Poisson's ratio; suction [Pa]; load steps; rim or
+    free surface."""
+
+    opening: float = 1e-3
+    radius: float = 10e-3
+    thickness: float = 3e-3
+    G: float = 2e4
+    c20: float = 1e4
+    nu: float = 0.495
+    pressure: float = -1e4
+    steps: int = 5
+    rim: bool = True
+
+    @property
+    def bulk(self) -> float:
+        return 2.0 * self.G * (1.0 + self.nu) / (3.0 * (1.0 - 2.0 * self.nu))
+
+    def breaks(self, density: float) -> tuple[np.ndarray, np.ndarray]:
+        h, growth = 0.05 * self.opening / density, 1.0 + 0.6 / density
+        r = np.concatenate(
+            [graded(self.opening, 0.0, h, growth)[::-1], graded(self.opening, self.radius, h, growth)[1:]]
+        )
+        return r, graded(0.0, -self.thickness, 1.5 * h, growth)
+
+    def mesh(self, density: float) -> Mesh:
+        r, z = self.breaks(density)
+        return block(r, z, np.zeros(len(z) - 1, dtype=np.int64), ("tissue",), axisymmetric=True)
+
+
+def ours(case: Case, density: float, repeats: int = 2) -> tuple[float, int, float]:
+    mesh = case.mesh(density)
+    law = yeoh_qlv(1)
+    fixed = np.zeros(mesh.nodes.shape, dtype=bool)
+    fixed[np.unique(mesh.edges["bottom"])] = True
+    fixed[np.unique(mesh.edges["left"]), 0] = True
+    top = np.unique(mesh.edges["top"])
+    if case.rim:
+        fixed[top[mesh.nodes[top, 0] >= case.opening * (1 - 1e-9)], 1] = True
+    edges = mesh.edges["top"]
+    loaded = edges[mesh.nodes[edges][:, :, 0].max(axis=1) <= case.opening * (1 + 1e-9)]
+    values = {"G": case.G, "nu": case.nu, "c20": case.c20, "tau1": 1.0}
+    parameters = [np.array([values.get(name, 0.0) for name in law.parameters])]
+    seconds = np.inf
+    for _ in range(repeats):
+        started = perf_counter()
+        body = Body(mesh, law, fixed, loaded, None, case.opening)
+        run = Run(body, parameters)
+        run.advance(Segment(0.0, 1.0, 0.0, case.pressure, case.steps, 1.0), Load, lambda _: None)
+        seconds = min(seconds, perf_counter() - started)
+    return float(run.state.u[mesh.edges["top"][0, 0], 1]), body.size, seconds
+
+
+def with_felupe(case: Case, density: float, repeats: int = 2) -> tuple[float, int, float]:
+    """Biquadratic quadrilaterals with felupe's nearly incompressible (mean dilatation) body."""
+    import felupe as fem
+    from felupe.constitution.tensortrax import Hyperelastic
+
+    def yeoh(C, c10, c20):  # type: ignore[no-untyped-def]
+        from tensortrax.math import trace
+        from tensortrax.math.linalg import det
+
+        x = det(C) ** (-1 / 3) * trace(C) - 3
+        return c10 * x + c20 * x**2
+
+    ours_mesh = case.mesh(density)
+    # felupe numbers a nine-node quadrilateral corners, then edges, then centre
+    cells = ours_mesh.elements[:, [0, 2, 8, 6, 1, 5, 7, 3, 4]]
+    seconds = np.inf
+    for _ in range(repeats):
+        started = perf_counter()
+        # felupe's axis is the first coordinate
+        mesh = fem.Mesh(ours_mesh.nodes[:, ::-1].copy(), cells[:, [0, 3, 2, 1, 7, 6, 5, 4, 8]], "quad9")
+        region = fem.RegionBiQuadraticQuad(mesh)
+        field = fem.FieldContainer([fem.FieldAxisymmetric(region, dim=2)])
+        solid = fem.SolidBodyNearlyIncompressible(Hyperelastic(yeoh, c10=case.G / 2, c20=case.c20), field, case.bulk)
+        z, r = mesh.points[:, 0], mesh.points[:, 1]
+        rim = (z > -1e-12) & (r >= case.opening * (1 - 1e-9))
+        boundaries = {
+            "axis": fem.Boundary(field[0], mask=r < 1e-12, skip=(1, 0)),
+            "bottom": fem.Boundary(field[0], mask=z < -case.thickness * (1 - 1e-9)),
+        }
+        if case.rim:
+            boundaries["rim"] = fem.Boundary(field[0], mask=rim, skip=(0, 1))
+        surface = fem.RegionBiQuadraticQuadBoundary(
+            mesh, only_surface=True, mask=(z > -1e-12) & (r <= case.opening * (1 + 1e-9)), ensure_3d=True
+        )
+        pressure = fem.SolidBodyPressure(fem.FieldContainer([fem.FieldAxisymmetric(surface, dim=2)]))
+        ramp = case.pressure * np.arange(1, case.steps + 1) / case.steps
+        step = fem.Step(items=[solid, pressure], ramp={pressure: ramp}, boundaries=boundaries)
+        fem.Job(steps=[step]).evaluate(verbose=0, tol=1e-8)
+        seconds = min(seconds, perf_counter() - started)
+    apex = int(np.argmin(np.abs(z) + r))
+    return float(field[0].values[apex, 0]), 2 * mesh.npoints, seconds
+
+
+def with_ngsolve(case: Case, density: float, repeats: int = 2) -> tuple[float, int, float]:
+    """Taylor–Hood triangles (u quadratic, p linear) with NGSolve's symbolic energy, refined towards the opening's edge."""
+    import ngsolve as ng
+    from netgen.geom2d import SplineGeometry
+
+    ng.ngsglobals.msg_level = 0
+    ng.SetNumThreads(1)
+    geometry = SplineGeometry()
+    a, R, H, fine = case.opening, case.radius, case.thickness, 0.06 * case.opening / density
+    corners = [(0, -H), (R, -H), (R, 0), (a, 0), (0, 0)]
+    points = [geometry.AppendPoint(*xy, maxh=fine if xy == (a, 0) else 10 * R) for xy in corners]
+    for i, name in enumerate(("bottom", "side", "rim", "opening", "axis")):
+        geometry.Append(["line", points[i], points[(i + 1) % 5]], bc=name)
+    mesh = ng.Mesh(geometry.GenerateMesh(maxh=0.8 * a / density, grading=0.3))
+    seconds = np.inf
+    for _ in range(repeats):
+        started = perf_counter()
+        # lengths in units of the opening and stresses of the modulus: NGSolve's Newton measures energies
+        ur = ng.H1(mesh, order=2, dirichlet="bottom|axis")
+        uz = ng.H1(mesh, order=2, dirichlet="bottom|rim" if case.rim else "bottom")
+        space = ur * uz * ng.H1(mesh, order=1)
+        (u, w, p), (v, s, _) = space.TnT()
+        gu, gw = ng.grad(u), ng.grad(w)
+        frr, frz, fzr, fzz, ftt = 1 + gu[0], gu[1], gw[0], 1 + gw[1], 1 + u / ng.x
+        J = (frr * fzz - frz * fzr) * ftt
+        shear = J ** (-2 / 3) * (frr**2 + frz**2 + fzr**2 + fzz**2 + ftt**2) - 3
+        ring, k = 2 * np.pi * ng.x, case.bulk / case.G
+        form = ng.BilinearForm(space)
+        energy = 0.5 * shear + case.c20 / case.G * shear**2 + p * (J - 1) - p**2 / (2 * k)
+        form += ng.Variation((energy * ring).Compile() * ng.dx(bonus_intorder=2))
+        load, t = ng.Parameter(0.0), ng.specialcf.tangential(2)
+        tu, tw = ng.grad(u).Trace() * t, ng.grad(w).Trace() * t
+        flow = 2 * np.pi * (ng.x + u) * (-(t[1] + tw) * v.Trace() + (t[0] + tu) * s.Trace())
+        # the opening runs towards the axis, so the outward normal is minus the rotated tangent
+        form += (-load * flow * ng.ds("opening")).Compile()
+        solution = ng.GridFunction(space)
+        for i in range(1, case.steps + 1):
+            load.Set(case.pressure / case.G * i / case.steps)
+            with ng.TaskManager():
+                ng.solvers.Newton(
+                    form, solution, inverse="umfpack", maxerr=1e-12, maxit=25, printing=False, dampfactor=1
+                )
+        seconds = min(seconds, perf_counter() - started)
+    return float(solution.components[1](mesh(1e-9, 0.0))), space.ndof, seconds
+
+
+if __name__ == "__main__":
+    for density in (1.0, 2.0):
+        for run in (ours, with_felupe, with_ngsolve):
+            apex, unknowns, seconds = run(Case(), density)
+            print(
+                f"{run.__name__:12s} density {density}: apex {1e3 * apex:.5f} mm, {unknowns} unknowns, {seconds:.3f} s"
+            )
