@@ -12,8 +12,8 @@ import numpy as np
 from acquire.recording.model import Recording
 from gap import signatures
 from gap.compare import Comparison, Effort, Hypothesis, compare
-from gap.hypothesis import Candidate, Problem
 from gap.effects import library
+from gap.hypothesis import Candidate, Problem
 from gap.judge import Judgement, Verdict, judge, made_by
 from gap.rig import ForwardModel, RigProblem
 from gap.transfer import Shrink, shrink, splits, transferred
@@ -143,6 +143,10 @@ def _problems(
         from gap.suction import suction_problems
 
         return suction_problems(recordings, library(instrument, user_effects))
+    if instrument == "microrobot":
+        from gap.robot import robot_problems
+
+        return robot_problems(recordings, library(instrument, user_effects))
     raise DiagnosisError(f"instrument {instrument!r} has no built-in forward model: give one with --model file.py:Name")
 
 

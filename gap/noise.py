@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
 from gap.hypothesis import FloatArray
 
@@ -54,3 +55,20 @@ def correlation_time(residual: FloatArray, limit: int = 2000) -> float:
     below = np.flatnonzero(rho < 0.05)
     end = int(below[0]) if len(below) else len(rho)
     return max(1.0, float(1.0 + 2.0 * np.sum(rho[1:end])))
+
+
+def denoised(time: FloatArray, value: FloatArray, base: FloatArray, width: float = 0.25) -> FloatArray:
+    """A record that drives a simulation, without its sensor's noise: ``base`` (n,), what the nominal actuator would have done, plus
+    the remainder smoothed over ``width`` s, over a few samples only where it moves significantly.
+
+    Raw noise, fed to a tissue, imitates friction and preload.
+    """
+    dt = float(np.median(np.diff(time)))
+    remainder = value - base
+    sigma = high_band_sigma(remainder)
+    wide = gaussian_filter1d(remainder, max(width / dt, 1.0), mode="nearest")
+    narrow = gaussian_filter1d(remainder, 1.0, mode="nearest")
+    moving = gaussian_filter1d((np.abs(narrow - wide) > 2.5 * sigma).astype(float), 3.0, mode="nearest")
+    trust = np.clip(4.0 * moving - 0.4, 0.0, 1.0)
+    near = np.where(np.abs(remainder - narrow) > 6 * sigma, remainder, narrow)
+    return np.asarray(base + trust * near + (1 - trust) * wide)

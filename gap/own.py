@@ -15,13 +15,14 @@ import numpy as np
 from acquire.recording.model import Recording, RunInfo, Series
 from gap.hypothesis import FloatArray
 from sim_devices.chain import Chain, Effect
-from sim_devices.stages import RATES, nominal, noisy
+from sim_devices.stages import RATES, noisy, nominal
+from sim_devices.stages.robot import TRANSDUCERS, closed_loop, numbered, xyz
 from sim_devices.stages.sampling import simulate
 from sim_devices.stages.suction import with_tissue
-from sim_devices.stages.tissues import SuctionTissue, for_opening, suction_tissue
+from sim_devices.stages.tissues import SheetTissue, SuctionTissue, for_opening, sheet_tissue, suction_tissue
 
-STAGES = {"pressure": "actuator", "apex_height": "sensor"}
-UNITS = {"pressure": "Pa", "apex_height": "m"}
+ROBOT_RATE = 100.0
+"""Samples per second that robot sessions keep: the motion is slow, the files stay small."""
 
 
 @dataclass(frozen=True)
@@ -113,16 +114,93 @@ def _chain(
     return chain
 
 
+def direction_cycles(azimuth: float, elevation: float, size: float, period: float, cycles: int) -> Leg:
+    """``cycles`` triangles of ``size`` m along a direction (rad), ``period`` s each, back to the centre."""
+    along = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+    time = [0.0, *(0.5 + 0.5 * period * np.arange(2 * cycles + 1)), 1.0 + period * cycles]
+    path = np.array([0.0, *([0.0, size] * cycles), 0.0, 0.0])
+    tables = {f"probe_{a}": (np.asarray(time), path * along[k]) for k, a in enumerate("xyz")}
+    return Leg(tables, float(time[-1]))
+
+
+def robot_legs(rng: np.random.Generator) -> list[Leg]:
+    """A session's recordings: in-plane directions, the normal, one repeated, one faster."""
+    size = float(rng.uniform(1.0, 1.4)) * 1e-3
+    azimuths = np.radians(np.arange(0.0, 360.0, float(rng.choice([45.0, 60.0]))))
+    legs = [direction_cycles(a, 0.0, size, 10.0, 3) for a in azimuths]
+    legs.append(direction_cycles(0.0, np.pi / 2, 0.8 * size, 10.0, 3))
+    legs.append(replace(direction_cycles(azimuths[0], 0.0, size, 10.0, 3), repeat=2))
+    legs.append(direction_cycles(azimuths[1], 0.0, size, 4.0, 3))
+    if rng.random() < 0.3:
+        legs.append(replace(direction_cycles(0.0, 0.0, size, 10.0, 1), specimen="open air"))
+    return legs
+
+
+def robot_session(
+    rng: np.random.Generator,
+    effects: Sequence[tuple[Effect, Mapping[str, float]]] = (),
+    tissue: SheetTissue | None = None,
+    legs: Sequence[Leg] | None = None,
+    scatter: float = 0.03,
+    pause: float = 1.0,
+) -> list[Recording]:
+    """Recordings of a simulated robot session; ``scatter`` as for suction."""
+    legs = list(legs) if legs is not None else robot_legs(rng)
+    starts = np.cumsum([0.0, *[leg.duration + pause for leg in legs]])[:-1]
+    stamps = [s + np.arange(0.0, leg.duration, 1 / ROBOT_RATE) for s, leg in zip(starts, legs, strict=True)]
+    names = (*numbered("axis_position"), *TRANSDUCERS, *xyz("probe"), *xyz("force"))
+    made: list[dict[str, FloatArray]] = [{} for _ in legs]
+    for specimen in dict.fromkeys(leg.specimen for leg in legs):
+        members = [k for k, leg in enumerate(legs) if leg.specimen == specimen]
+        law = (tissue or sheet_tissue("forearm")) if specimen == "skin" else sheet_tissue(specimen)
+        chain = nominal("microrobot", tissue=law)
+        for effect, values in effects:
+            chain = effect.apply(chain, values)
+        chain = noisy(chain, int(rng.integers(1 << 30)), scatter=0.0)
+        at = np.concatenate([stamps[k] for k in members])
+        inputs = {}
+        for quantity, signal in (("probe_x", "command_x"), ("probe_y", "command_y"), ("probe_z", "command_z")):
+            time = np.concatenate([starts[k] + legs[k].quantity_tables[quantity][0] for k in members])
+            inputs[signal] = np.interp(
+                at, time, np.concatenate([legs[k].quantity_tables[quantity][1] for k in members])
+            )
+        signals = closed_loop(chain, at, inputs)
+        ends = np.cumsum([len(stamps[k]) for k in members])
+        for k, end in zip(members, ends, strict=True):
+            gain = 1 + scatter * rng.standard_normal() if specimen == "skin" else 1.0
+            made[k] = {
+                n: signals[n][end - len(stamps[k]) : end] * (gain if n.startswith(("transducer", "force")) else 1.0)
+                for n in names
+            }
+    begin = datetime(2026, 1, 1, tzinfo=UTC)
+    return [
+        _recording("microrobot", leg, made[k], stamps[k], float(starts[k]), begin + timedelta(seconds=float(starts[k])))
+        for k, leg in enumerate(legs)
+    ]
+
+
 def _recording(
     instrument: str, leg: Leg, channels: Mapping[str, FloatArray], time: FloatArray, start: float, begin: datetime
 ) -> Recording:
     streams = {
-        name: Series(value, time, UNITS[name], seq=np.arange(len(time)), stage=STAGES[name])
+        name: Series(
+            value, time, "N" if "force" in name else "Pa" if name == "pressure" else "m", seq=np.arange(len(time))
+        )
         for name, value in channels.items()
     }
-    setpoints = {q: Series(v, t + start, "Pa") for q, (t, v) in leg.quantity_tables.items()}
+    unit = "Pa" if instrument != "microrobot" else "m"
+    setpoints = {q: Series(v, t + start, unit) for q, (t, v) in leg.quantity_tables.items()}
     info = RunInfo(
         id=f"simulated-{start:.0f}", instrument=instrument, start_time=begin.isoformat(), subject="P00", site="forearm",
         specimen=leg.specimen, repeat=leg.repeat,
     )  # fmt: skip
     return Recording(info, streams, setpoints)
+
+
+def session(
+    instrument: str, rng: np.random.Generator, effects: Sequence[tuple[Effect, Mapping[str, float]]] = ()
+) -> list[Recording]:
+    """Recordings of a simulated session of any of our instruments."""
+    if instrument == "microrobot":
+        return robot_session(rng, effects)
+    return suction_session(instrument, rng, effects)

@@ -31,7 +31,7 @@ import numpy as np
 
 from acquire.recording.model import Recording
 from gap.generic import GENERIC, GenericEffect
-from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Rows
+from gap.hypothesis import Active, Candidate, Evaluation, FloatArray
 from gap.noise import high_band_sigma
 from gap.rows import label_rows
 from sim_devices.chain import Parameter

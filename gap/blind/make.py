@@ -14,7 +14,7 @@ from .bundle import write_recording
 from .forms import Form
 from .lock import seal
 from .session import robot_session, suction_session
-from .strength import SCATTER, Subject, tolerances_of
+from .strength import Subject, scatter_of, tolerances_of
 from .vocabulary import INSTRUMENTS, UNKNOWN, stage_of
 
 TIERS = ("T1", "T2", "T3", "T4", "T5", "T6")
@@ -74,7 +74,7 @@ def _subject(instrument: str, tier: str, rng: np.random.Generator) -> tuple[Subj
     laws = list((robot_tissue if is_robot else tissue).LAWS)
     law = str(rng.choice(laws[1:])) if tier in ("T3", "T6") else laws[0]
     person = robot_tissue.draw(rng) if is_robot else tissue.draw(instrument, rng)
-    scatter = np.exp(SCATTER * rng.normal(size=len(session.recordings)))
+    scatter = np.exp(scatter_of(session) * rng.normal(size=len(session.recordings)))
     tolerance = {name: float(sd * rng.normal()) for name, sd in tolerances_of(instrument).items()}
     return Subject(session, law, person, scatter, tolerance, int(rng.integers(2**31))), reference
 

@@ -13,13 +13,15 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy.linalg
 
 from . import robot, robot_kinematics, robot_tissue, suction, tissue
 from .forms import Form
 from .session import Session
 from .signals import Array
 
-SCATTER = 0.02  # relative sd of the skin's compliance between recordings
+SCATTER = {"hold": 0.02, "cycles": 0.02, "ramp": 0.04, "slow": 0.03, "quick": 0.03}
+"""Relative sd of the skin's compliance between recordings, by waveform (repeats within 4-10 %, reported)."""
 TOLERANCES: dict[str, dict[str, float]] = {
     "suction": {
         "latency_tolerance": 1e-3,  # s, of a command
@@ -47,6 +49,32 @@ _ROBOT_STRIDE = 4  # rows of the robot's recordings that are skipped: delta grow
 def tolerances_of(instrument: str) -> dict[str, float]:
     """Tolerances (sd) of an instrument, by knob."""
     return TOLERANCES.get(instrument, TOLERANCES["suction"])
+
+
+def scatter_of(session: Session) -> Array:
+    """Sd of the compliance of each recording (R,), relative."""
+    return np.array([SCATTER[r.condition.split()[0]] for r in session.recordings])
+
+
+@dataclass(frozen=True)
+class _Nuisance:
+    """Whitened sensitivities (N, K), each scaled to its prior sd where ``held`` (K,) is 1 and free where it is 0."""
+
+    sensitivities: Array
+    held: Array
+
+    @cached_property
+    def _gram(self) -> tuple[Array, bool]:
+        j = self.sensitivities
+        factor: tuple[Array, bool] = scipy.linalg.cho_factor(j.T @ j + np.diag(self.held + 1e-9))
+        return factor
+
+    def left_of(self, r: Array) -> float:
+        """Norm of what is left of a whitened residual r (N,) at its best fit, prior included."""
+        if not np.all(np.isfinite(r)):
+            return 0.0
+        x = scipy.linalg.cho_solve(self._gram, self.sensitivities.T @ r)
+        return float(np.hypot(np.linalg.norm(r - self.sensitivities @ x), np.linalg.norm(self.held * x)))
 
 
 @dataclass(frozen=True)
@@ -105,8 +133,8 @@ class Subject:
         return np.concatenate([x[::stride] / sd for name, sd in view.items() for x in channels[name]]) * stride**0.5
 
     @cached_property
-    def _projectors(self) -> tuple[Array, ...]:
-        """For each view an orthonormal basis of what the nuisance can imitate, rows of the prior appended."""
+    def _nuisances(self) -> tuple[_Nuisance, ...]:
+        """For each view what tissue parameters, scatter, zeros and tolerances can imitate."""
         free = (robot_tissue if self.session.instrument == "microrobot" else tissue).free_parameters(self.law)
         varied = []
         for name in free:
@@ -114,7 +142,7 @@ class Subject:
             varied.append((step, self.record({}, skin={name: self.tissue[name] + step})))
         n = len(self.session.recordings)
         off = [self.record({name: sd}) for name, sd in tolerances_of(self.session.instrument).items()]
-        bases = []
+        found = []
         for view in self._views:
             nominal = self._whitened(self._nominal, view)
             columns = [(self._whitened(v, view) - nominal) / step for step, v in varied]
@@ -122,20 +150,16 @@ class Subject:
             columns += [self._whitened(o, view) - nominal for o in off]
             answer = [c for c in view if c.startswith(("apex", "transducer", "force"))]
             for k in range(n):
-                columns.append(SCATTER * self._whitened(self._only(k, answer, view, self._nominal), view))
+                columns.append(
+                    scatter_of(self.session)[k] * self._whitened(self._only(k, answer, view, self._nominal), view)
+                )
             if "apex_height" in view:
                 flat = {c: [np.ones_like(x) for x in self._nominal[c]] for c in view}
                 zero_sd = view["apex_height"]
                 columns += [zero_sd * self._whitened(self._only(k, answer, view, flat), view) for k in range(n)]
-            prior = np.zeros((self._priors, len(columns)))
-            prior[: len(columns) - len(free), len(free) :] = np.eye(len(columns) - len(free))
-            bases.append(np.linalg.qr(np.vstack([np.stack(columns, axis=1), prior]))[0])
-        return tuple(bases)
-
-    @property
-    def _priors(self) -> int:
-        """Rows of the prior: scatter and zero of each recording, tolerances of the instrument."""
-        return 2 * len(self.session.recordings) + len(tolerances_of(self.session.instrument))
+            held = np.arange(len(columns)) >= len(free)
+            found.append(_Nuisance(np.stack(columns, axis=1), held.astype(float)))
+        return tuple(found)
 
     @staticmethod
     def _only(k: int, answer: list[str], view: Mapping[str, float], channels: suction.Channels) -> suction.Channels:
@@ -143,12 +167,8 @@ class Subject:
         return {c: [x * float(i == k and c in answer) for i, x in enumerate(channels[c])] for c in view}
 
     def _distance(self, a: suction.Channels, b: suction.Channels) -> float:
-        best = 0.0
-        for view, q in zip(self._views, self._projectors, strict=True):
-            r = np.zeros(q.shape[0])
-            r[: -self._priors] = self._whitened(a, view) - self._whitened(b, view)
-            best = max(best, float(np.linalg.norm(r - q @ (q.T @ r))))
-        return best
+        pairs = zip(self._views, self._nuisances, strict=True)
+        return max(n.left_of(self._whitened(a, v) - self._whitened(b, v)) for v, n in pairs)
 
     def detectability(self, knobs: Mapping[str, float], beside: Mapping[str, float] | None = None) -> float:
         """delta of switching ``knobs`` on, ``beside`` others that are on anyway."""
@@ -164,8 +184,7 @@ class Subject:
         instrument = self.session.instrument
 
         def delta(strength: float) -> float:
-            value = self.detectability(form.knobs(strength, instrument, seed))
-            return value if np.isfinite(value) else 0.0
+            return self.detectability(form.knobs(strength, instrument, seed))
 
         if form.steps:
             found = [(s, delta(s)) for s in form.steps]

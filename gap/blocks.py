@@ -1,0 +1,165 @@
+"""Blocks of data of our own instruments: some channels of a session, binned, against a part of the forward chain.
+
+A block's arrays are channel-major: C channels at the same n time stamps make C n rows. Recordings of one specimen form a group and
+are simulated together, rests included, so that slow effects see the session's clock.
+"""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from acquire.recording.model import Recording
+from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Rows
+from gap.rows import label_rows
+from gap.session import SKIN, Command, Session
+from sim_devices.chain import Chain, Effect
+
+
+@dataclass(frozen=True)
+class Group:
+    """Recordings of one specimen and the commands over them."""
+
+    specimen: str
+    members: tuple[int, ...]
+    commands: Mapping[str, Command]
+
+    @property
+    def skin(self) -> bool:
+        return self.specimen == SKIN
+
+    def tables(self) -> dict[str, tuple[FloatArray, FloatArray]]:
+        """Commands as tables for the simulation."""
+        return {q: (c.time, c.value) for q, c in self.commands.items()}
+
+
+class GroupedSession(Session):
+    """A session whose recordings are grouped by specimen."""
+
+    def __init__(self, recordings: Sequence[Recording], quantities: Sequence[str]) -> None:
+        super().__init__(recordings)
+        self.instrument = recordings[0].info.instrument
+        specimens = [r.info.specimen or SKIN for r in recordings]
+        self.groups = []
+        for name in dict.fromkeys(specimens):
+            members = tuple(k for k, s in enumerate(specimens) if s == name)
+            self.groups.append(Group(name, members, {q: self.command(q, members) for q in quantities}))
+        self.kinks = np.unique(np.concatenate([c.time for g in self.groups for c in g.commands.values()]))
+        self.marks = tuple(self.span(k)[0] for k in range(len(recordings)))
+
+
+class Block(abc.ABC):
+    """Rows in bins, whitening, effects by candidate; subclasses say what is predicted and what the nuisance is."""
+
+    name: str
+    channels: tuple[str, ...]
+    floor: float = 0.0  # SI: noise that averaging does not lower, because the nominal chain is not known better
+
+    prior_mean: FloatArray
+    prior_sd: FloatArray
+    alternatives: tuple[FloatArray, ...]
+
+    def __init__(self, session: GroupedSession, library: Mapping[str, Effect], without: Sequence[str] = ()) -> None:
+        self.session, self.library = session, library
+        self.groups: list[tuple[Group, slice]] = []
+        runs: list[int] = []
+        parts = []
+        at = 0
+        for group in session.groups:
+            if group.specimen in without:
+                continue
+            begin = at
+            for k in group.members:
+                if not all(c in session.recordings[k].streams for c in self.channels):
+                    continue
+                bins = [session.binned(c, k, session.kinks) for c in self.channels]
+                n = min(len(b.time) for b in bins)  # equal unless a channel lost samples at its end
+                parts.append(
+                    (bins[0].time[:n], np.stack([b.value[:n] for b in bins]), np.stack([b.count[:n] for b in bins]))
+                )
+                runs += [k] * n
+                at += n
+            if at > begin:
+                self.groups.append((group, slice(begin, at)))
+        if not at:
+            raise ValueError(f"no recording has all channels {', '.join(self.channels)}")
+        self.stamps = np.concatenate([p[0] for p in parts])
+        self.run = np.asarray(runs, dtype=np.int64)
+        self.runs = sorted(set(runs))
+        values = np.hstack([p[1] for p in parts])
+        counts = np.hstack([p[2] for p in parts])
+        noise = [session.sigma(c, self.runs) for c in self.channels]
+        self.noise = np.array([white for white, _ in noise])
+        hard = np.hypot(np.array([grid for _, grid in noise]), self.floor)
+        self.measured = values.ravel()
+        self.sigma = np.sqrt(self.noise[:, None] ** 2 / counts + hard[:, None] ** 2).ravel()
+        self.dt = float(
+            np.median([np.median(np.diff(session.recordings[k].streams[self.channels[0]].time)) for k in self.runs])
+        )
+        self.rows = self._labelled()
+
+    def _labelled(self) -> Rows:
+        parts = []
+        for channel in self.channels:
+            for k in dict.fromkeys(self.run.tolist()):
+                parts.append((self.session.recordings[k], channel, self.stamps[self.run == k] - self.session.shifts[k]))
+        rows = label_rows(parts)
+        c = len(self.channels)
+        return Rows(np.tile(self.stamps, c), np.tile(self.run, c), rows.labels)
+
+    @property
+    def member(self) -> FloatArray:
+        """Which recording each stamp belongs to, (n, recordings) of 0 and 1."""
+        return (self.run[:, None] == np.asarray(self.runs)[None, :]).astype(float)
+
+    def with_effects(self, chain: Chain, active: Active) -> Chain:
+        """The chain with the active effects."""
+        for candidate, values in active.items():
+            chain = self.library[candidate.key].apply(chain, values)
+        return chain
+
+    def start(self) -> FloatArray:
+        return self.prior_mean.copy()
+
+    @abc.abstractmethod
+    def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
+        """Whitened residual and nuisance Jacobian."""
+
+
+def compressed(columns: FloatArray, weights: FloatArray, size: int) -> tuple[FloatArray, FloatArray]:
+    """The ``size`` principal directions of a weighted basis (n, q): columns of unit rms and their weights.
+
+    With c ~ N(0, diag(weights²)) both bases give nearly the same prior over functions; the new one is shorter.
+    """
+    scaled = columns * weights
+    size = min(size, scaled.shape[1])
+    values, vectors = np.linalg.eigh(scaled.T @ scaled)
+    order = np.argsort(values)[::-1][:size]
+    order = order[values[order] > 1e-10 * values[order[0]]] if len(order) and values[order[0]] > 0 else order[:0]
+    basis = scaled @ vectors[:, order]
+    rms = np.sqrt(np.mean(basis**2, axis=0))
+    return basis / np.maximum(rms, 1e-300), rms
+
+
+def candidates_for(
+    effects: Mapping[str, Effect], blocks: Sequence[Block], threshold: float = 0.05
+) -> tuple[Candidate, ...]:
+    """One candidate per effect; which blocks it changes is found by switching it on at its default strength."""
+    at_rest = {b.name: (b.start(), b.evaluate(b.start(), {}, want_jacobian=False).residual) for b in blocks}
+    out = []
+    for key, effect in effects.items():
+        trial = Candidate(key, effect.name, effect.stage, effect.parameters, (), effect.meaning, effect.remedy)
+        values = {p.name: p.default for p in effect.parameters}
+        touched = []
+        for block in blocks:
+            start, nominal = at_rest[block.name]
+            changed = block.evaluate(start, {trial: values}, want_jacobian=False).residual
+            if float(np.max(np.abs(changed - nominal))) > threshold:
+                touched.append(block.name)
+        if touched:
+            meaning, remedy = effect.meaning, effect.remedy
+            out.append(Candidate(key, effect.name, effect.stage, effect.parameters, tuple(touched), meaning, remedy))
+    return tuple(out)

@@ -1,0 +1,347 @@
+"""The micro-robot as four blocks: set-point -> axes; axes -> probe and transducers -> force (both recomputed, no freedom); axes -> transducers.
+
+The axes are fed the load that the recorded forces put on them, the tissue the recorded axis positions; so a gap of the control
+loop, of the arithmetic and of everything beyond the tip show in different blocks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from acquire.recording.model import Recording
+from gap.blocks import Block, Group, GroupedSession, candidates_for, compressed
+from gap.chains import pruned
+from gap.hypothesis import Active, Candidate, Evaluation, FloatArray
+from gap.noise import denoised
+from gap.tissue_null import sheet_discrepancy
+from sim_devices.chain import Chain, Effect
+from sim_devices.stages import nominal
+from sim_devices.stages.axes import LOOP_RATE
+from sim_devices.stages.kernels import evaluate, low_pass
+from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
+from sim_devices.stages.sampling import simulate
+from sim_devices.stages.tissues import SheetTissue, sheet_tissue
+
+Table = tuple[FloatArray, FloatArray]
+QUANTITIES = ("probe_x", "probe_y", "probe_z")
+AXES = numbered("axis_position")
+LOOP_STEP = 0.01
+"""s; the loop is exact between kinks, so this only has to resolve what is not linear in it."""
+
+
+def _chain(group: Group, tissue: SheetTissue, rate: float = LOOP_RATE) -> Chain:
+    """The nominal chain for a group: ``tissue`` if it is skin, else what its specimen is."""
+    law = tissue if group.skin else _specimen(group.specimen)
+    return nominal("microrobot", tissue=law, rate=rate)
+
+
+def _specimen(name: str) -> SheetTissue:
+    try:
+        return sheet_tissue(name)
+    except ValueError:
+        return sheet_tissue("silicone")
+
+
+def _recorded(
+    block: Block, group: Group, names: Sequence[str], targets: Sequence[str], smooth: float
+) -> dict[str, Table]:
+    """Recorded channels of a group as tables that stand in for signals of the chain; ``smooth`` in samples."""
+    out = {}
+    for name, target in zip(names, targets, strict=True):
+        times, values = [], []
+        for k in group.members:
+            series = block.session.recordings[k].streams.get(name)
+            if series is None:
+                continue
+            value = np.asarray(series.value, dtype=float)
+            good = np.isfinite(value)
+            times.append(block.session.time(k, series)[good])
+            values.append(gaussian_filter1d(value[good], smooth, mode="nearest") if smooth else value[good])
+        if times:
+            out[target] = (np.concatenate(times), np.concatenate(values))
+    return out
+
+
+def _on_even_grid(
+    chain: Chain, group: Group, stamps: FloatArray, given: Mapping[str, Table] | None = None
+) -> dict[str, FloatArray]:
+    """Signals at ``stamps`` (n,) s by way of even steps: the loop's exact step is then computed once and not for every sample."""
+    tables = group.tables()
+    kinks = tables["probe_x"][0]
+    begin = min(stamps[0], kinks[0])
+    grid = np.unique(np.concatenate([np.arange(begin, stamps[-1] + LOOP_STEP, LOOP_STEP), kinks[kinks <= stamps[-1]]]))
+    grid = grid[np.diff(grid, prepend=-np.inf) > 1e-9]
+    inputs = {f"command_{a}": np.interp(grid, *tables[f"probe_{a}"]) for a in "xyz"}
+    inputs |= {name: np.interp(grid, *table) for name, table in (given or {}).items()}
+    made = chain.run(grid, inputs)
+    return {name: np.interp(stamps, grid, value) for name, value in made.items()}
+
+
+class AxesBlock(Block):
+    """Tip set-point -> axis positions, under the load that the recorded force is.
+
+    Nuisance: the loop's rate, the sampling convention, a zero of each sensor in each recording, and quick lags of target and load that
+    another controller than the nominal one would show.
+    """
+
+    name, channels = "axes", AXES
+    floor = 0.5e-6  # m
+    TARGET_LAGS = (0.01, 0.03, 0.1)
+    LOAD_LAGS = (0.03, 0.2, 1.0)
+
+    def __init__(self, session: GroupedSession, library: Mapping[str, Effect]) -> None:
+        super().__init__(session, library)
+        self._loads = [self._load(g) for g, _ in self.groups]
+        self._columns = self._lag_columns()
+        self._runs = np.kron(np.eye(3), self.member)
+        r = self._runs.shape[1]
+        sd = [0.5, 0.6 * self.dt, *[0.3] * 3, *[1.0] * 3]
+        self.prior_sd = np.concatenate([sd, np.full(r, 3e-6)])
+        self.prior_mean = np.zeros(len(self.prior_sd))
+        self.local = np.zeros(len(self.prior_sd), bool)
+        self.local[len(sd) :] = True
+        self.alternatives = (self.prior_sd,)
+
+    def _load(self, group: Group) -> dict[str, Table]:
+        """The recorded force as load on the axes, N."""
+        given = _recorded(self, group, xyz("force"), xyz("reaction"), 3.0) | _recorded(
+            self, group, AXES, numbered("axis"), 3.0
+        )
+        if len(given) < 6:
+            return {}
+        time = given["axis_1"][0]
+        signals = {name: np.interp(time, *table) for name, table in given.items()}
+        chain = pruned(_chain(group, sheet_tissue("forearm")), numbered("axis_load"), given=tuple(signals))
+        made = chain.run(np.unique(time), {n: v[np.unique(time, return_index=True)[1]] for n, v in signals.items()})
+        unique = np.unique(time)
+        return {f"load_{k}": (unique, made[f"axis_load_{k}"]) for k in "123"}
+
+    def _lag_columns(self) -> FloatArray:
+        """Lagged minus direct target and load (3n, 6): m, and m for 1 N against the loop's nominal stiffness."""
+        out = np.zeros((3, len(self.stamps), 6))
+        stiffness = 3 * 0.06 * LOOP_RATE**2
+        for (g, at), load in zip(self.groups, self._loads, strict=True):
+            command = g.commands["probe_x"].time
+            fine = np.unique(
+                np.concatenate([self.stamps[at], command, command + 1e-9, *[command + d for d in (0.01, 0.03, 0.1)]])
+            )
+            inputs = {f"command_{a}": np.interp(fine, *g.tables()[f"probe_{a}"]) for a in "xyz"}
+            targets = pruned(_chain(g, sheet_tissue("forearm")), numbered("target")).run(fine, inputs)
+            for axis in range(3):
+                direct = targets[f"target_{axis + 1}"]
+                for j, tau in enumerate(self.TARGET_LAGS):
+                    out[axis, at, j] = np.interp(self.stamps[at], fine, evaluate(low_pass, fine, direct, tau) - direct)
+                if load:
+                    pushed = np.interp(fine, *load[f"load_{axis + 1}"]) / stiffness
+                    for j, tau in enumerate(self.LOAD_LAGS):
+                        lagged = evaluate(low_pass, fine, pushed, tau)
+                        out[axis, at, 3 + j] = np.interp(self.stamps[at], fine, pushed - lagged)
+        return out.reshape(-1, 6)
+
+    def _predict(self, nuisance: FloatArray, active: Active) -> FloatArray:
+        out = np.empty((3, len(self.stamps)))
+        rate = LOOP_RATE * float(np.exp(np.clip(nuisance[0], -3, 3)))
+        for (g, at), load in zip(self.groups, self._loads, strict=True):
+            chain = pruned(self.with_effects(_chain(g, sheet_tissue("forearm"), rate), active), AXES, given=tuple(load))
+            made = _on_even_grid(chain, g, self.stamps[at] + nuisance[1], load)
+            out[:, at] = np.stack([made[c] for c in AXES])
+        return out.ravel()
+
+    def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
+        moved_axes = self._predict(nuisance, active)
+        predicted = moved_axes + self._columns @ nuisance[2:8] + self._runs @ nuisance[8:]
+        residual = (self.measured - predicted) / self.sigma
+        if not want_jacobian:
+            return Evaluation(residual, np.zeros((0, 0)))
+        chain_part = np.empty((len(residual), 2))
+        for k, step in enumerate((1e-2, 0.1 * self.dt)):
+            moved = nuisance.copy()
+            moved[k] += step
+            chain_part[:, k] = (self._predict(moved, active) - moved_axes) / step
+        return Evaluation(residual, np.hstack([chain_part, self._columns, self._runs]) / self.sigma[:, None])
+
+
+class ArithmeticBlock(Block):
+    """Recomputed channels: axis positions -> probe, transducers -> force. No freedom but a zero in each recording."""
+
+    def __init__(
+        self,
+        session: GroupedSession,
+        library: Mapping[str, Effect],
+        name: str,
+        source: Sequence[str],
+        target: Sequence[str],
+        floor: float,
+    ) -> None:
+        self.name, self.channels, self._source, self.floor = name, tuple(target), tuple(source), floor
+        super().__init__(session, library)
+        # What is recomputed carries the noise of what it is computed from: both are the recording's own.
+        self.sigma = np.full(len(self.measured), floor)
+        self._runs = np.kron(np.eye(3), self.member)
+        self.prior_sd = np.full(self._runs.shape[1], 5 * floor)
+        self.prior_mean = np.zeros(len(self.prior_sd))
+        self.local = np.ones(len(self.prior_sd), bool)
+        self.alternatives = (self.prior_sd,)
+        self._given = [self._binned_source(g, at) for g, at in self.groups]
+
+    def _binned_source(self, group: Group, at: slice) -> dict[str, Table]:
+        out = {}
+        for name in self._source:
+            values = np.concatenate([
+                self.session.binned(name, k, self.session.kinks).value[: int(np.sum(self.run[at] == k))]
+                for k in dict.fromkeys(self.run[at].tolist())
+            ])  # fmt: skip
+            out[name] = (self.stamps[at], values)
+        return out
+
+    def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
+        out = np.empty((3, len(self.stamps)))
+        for (g, at), given in zip(self.groups, self._given, strict=True):
+            chain = self.with_effects(_chain(g, sheet_tissue("forearm")), active)
+            signals = {n: v for n, (_, v) in given.items()}
+            made = pruned(chain, self.channels, given=tuple(signals)).run(self.stamps[at], signals)
+            out[:, at] = np.stack([made[c] for c in self.channels])
+        residual = (self.measured - out.ravel() - self._runs @ nuisance) / self.sigma
+        return Evaluation(residual, self._runs / self.sigma[:, None] if want_jacobian else np.zeros((0, 0)))
+
+
+class ForceBlock(Block):
+    """Recorded axis positions -> transducer forces.
+
+    Nuisance: the reduced sheet's parameters; per recording a gain and the transducers' zeros; the sampling convention; the discrepancy
+    of other conservative, fading sheets.
+    """
+
+    name, channels = "force", TRANSDUCERS
+    floor = 1e-3  # N
+    TISSUE = ("stiffness1", "stiffness2", "stiffness3", "angle", "length", "exponent",
+              "relaxation1", "relaxation2", "relaxation3", "relaxation4", "softening")  # fmt: skip
+    TISSUE_SD = (1.0, 1.0, 1.0, 1.5, 0.7, 0.3, 0.08, 0.08, 0.08, 0.08, 0.04)
+    GAIN_SD = 0.04
+    ZERO_SD = 0.01  # N
+    DISCREPANCY_SD = 0.01  # of the force, per basis function
+    DISCREPANCY_SCALES = (0.1, 1.0, 5.0)
+    DISCREPANCY_SIZE = 40
+
+    def __init__(self, session: GroupedSession, library: Mapping[str, Effect]) -> None:
+        super().__init__(session, library)
+        self._tissue = sheet_tissue("forearm")
+        self._axes = [self._smoothed(g) for g, _ in self.groups]
+        self._zeros = np.kron(np.eye(3), self.member)
+        self._gains = np.tile(self.member, (3, 1))
+        size = max(float(np.ptp(self.measured)), 10 * float(np.median(self.sigma)))
+        columns, weights = compressed(*self._discrepancy_columns(), self.DISCREPANCY_SIZE)
+        self._basis = columns * size
+        n, r, z = len(self.TISSUE) + 1, self._gains.shape[1], self._zeros.shape[1]
+        first = n + r + z
+        self.prior_sd = np.concatenate(
+            [
+                self.TISSUE_SD,
+                [0.6 * self.dt],
+                np.full(r, self.GAIN_SD),
+                np.full(z, self.ZERO_SD),
+                self.DISCREPANCY_SD * weights,
+            ]
+        )
+        self.prior_mean = np.zeros(len(self.prior_sd))
+        self.local = np.zeros(len(self.prior_sd), bool)
+        self.local[n:first] = True
+        self.alternatives = tuple(
+            np.concatenate([self.prior_sd[:first], self.prior_sd[first:] * s]) for s in self.DISCREPANCY_SCALES
+        )
+
+    def _smoothed(self, group: Group) -> dict[str, Table]:
+        """Recorded axis positions of a group without their sensors' noise."""
+        raw = _recorded(self, group, AXES, numbered("axis"), 0.0)
+        time = raw["axis_1"][0]
+        base = _on_even_grid(pruned(_chain(group, self._tissue), numbered("axis")), group, time)
+        return {name: (time, denoised(time, value, base[name])) for name, (_, value) in raw.items()}
+
+    def _discrepancy_columns(self) -> tuple[FloatArray, FloatArray]:
+        parts, weights = [], np.zeros(0)
+        for (g, at), axes in zip(self.groups, self._axes, strict=True):
+            chain = _chain(g, self._tissue)
+            time = axes["axis_1"][0]
+            made = pruned(chain, xyz("skin"), given=numbered("axis")).run(time, {n: t[1] for n, t in axes.items()})
+            inverse = np.asarray(chain["transducers"].matrix).reshape(3, 3)  # type: ignore[attr-defined]
+            basis, weights = sheet_discrepancy(time, np.stack([made[s] for s in xyz("skin")]), self.stamps[at])
+            legs = np.einsum("ij,jnq->inq", inverse, basis) * float(g.skin)
+            parts.append(legs)
+        columns = np.concatenate(parts, axis=1).reshape(3 * len(self.stamps), -1)
+        return columns / max(float(np.max(np.abs(columns))), 1e-12), weights
+
+    def tissue(self, nuisance: FloatArray) -> SheetTissue:
+        """The reduced sheet at a nuisance vector."""
+        c = dict(zip(self.TISSUE, nuisance, strict=False))
+        base = self._tissue
+        return replace(
+            base,
+            stiffness=tuple(
+                k * float(np.exp(np.clip(c[f"stiffness{i + 1}"], -8, 5))) for i, k in enumerate(base.stiffness)
+            ),
+            angle=base.angle + c["angle"],
+            length=base.length * float(np.exp(np.clip(c["length"], -3, 3))),
+            exponent=float(np.clip(base.exponent + c["exponent"], -0.3, 3.0)),
+            relaxation=tuple(g + c[f"relaxation{i + 1}"] for i, g in enumerate(base.relaxation)),
+            softening=base.softening + c["softening"],
+        )
+
+    def _chain_forces(self, nuisance: FloatArray, active: Active) -> FloatArray:
+        tissue = self.tissue(nuisance)
+        shift = nuisance[len(self.TISSUE)]
+        out = np.empty((3, len(self.stamps)))
+        for (g, at), axes in zip(self.groups, self._axes, strict=True):
+            chain = pruned(self.with_effects(_chain(g, tissue), active), TRANSDUCERS, given=tuple(axes))
+            made = simulate(chain, g.tables(), dict.fromkeys(TRANSDUCERS, self.stamps[at] + shift), axes)
+            out[:, at] = np.stack([made[c] for c in TRANSDUCERS])
+        return out.ravel()
+
+    def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
+        n, r, z = len(self.TISSUE) + 1, self._gains.shape[1], self._zeros.shape[1]
+        gain = 1 + self._gains @ nuisance[n : n + r]
+        forces = self._chain_forces(nuisance, active)
+        predicted = forces * gain + self._zeros @ nuisance[n + r : n + r + z] + self._basis @ nuisance[n + r + z :]
+        residual = (self.measured - predicted) / self.sigma
+        if not want_jacobian:
+            return Evaluation(residual, np.zeros((0, 0)))
+        chain_part = np.empty((len(residual), n))
+        for k in range(n):
+            moved = nuisance.copy()
+            step = 1e-3 if k < n - 1 else 0.1 * self.dt
+            moved[k] += step
+            chain_part[:, k] = (self._chain_forces(moved, active) - forces) / step
+        jacobian = np.hstack([chain_part * gain[:, None], self._gains * forces[:, None], self._zeros, self._basis])
+        return Evaluation(residual, jacobian / self.sigma[:, None])
+
+
+def robot_problems(
+    recordings: Sequence[Recording], effects: Mapping[str, Effect]
+) -> tuple[list[Block], tuple[Candidate, ...]]:
+    """The blocks that a session's channels allow, and the effects that show in them.
+
+    Raises ValueError when what was commanded, or what was measured, is missing.
+    """
+    missing = [r.info.id for r in recordings if not all(q in r.setpoints for q in QUANTITIES)]
+    if missing:
+        raise ValueError(f"recording {missing[0]} has no set-points of probe_x, probe_y and probe_z")
+    session = GroupedSession(recordings, QUANTITIES)
+
+    def has(*names: str) -> bool:
+        return any(all(n in r.streams for n in names) for r in recordings)
+
+    blocks: list[Block] = []
+    if has(*AXES):
+        blocks.append(AxesBlock(session, effects))
+    if has(*AXES, *xyz("probe")):
+        blocks.append(ArithmeticBlock(session, effects, "kinematics", AXES, xyz("probe"), 2e-6))
+    if has(*TRANSDUCERS, *xyz("force")):
+        blocks.append(ArithmeticBlock(session, effects, "matrix", TRANSDUCERS, xyz("force"), 2e-3))
+    if has(*AXES, *TRANSDUCERS):
+        blocks.append(ForceBlock(session, effects))
+    if not blocks:
+        raise ValueError(f"recording {recordings[0].info.id} has neither axis positions nor transducer forces")
+    return blocks, candidates_for(effects, blocks)
