@@ -50,7 +50,7 @@ def _compiled(kind: str, chain: Chain) -> None:
     from sim_devices.chain import Runner
     from sim_devices.servers.bench import BENCHES
 
-    time = np.arange(4) * 1e-3
+    time = np.arange(4, dtype=np.float64) * 1e-3
     Runner(chain).advance(time, {name: np.zeros(len(time)) for name in BENCHES[kind].command.values()})
 
 
@@ -68,7 +68,9 @@ def start(
 
     assert entry.simulated is not None
     simulation = settled(entry.simulated)
-    link = "" if simulation.link == "auto" else simulation.link
+    # TCP works on every system and copes with any load; pseudo-terminals do neither.
+    automatic = "usb" if kind == "microrobot" else "tcp"
+    link = automatic if simulation.link == "auto" else simulation.link
     return serve(
         kind,
         link,

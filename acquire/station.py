@@ -211,17 +211,22 @@ def load_station(path: Path | str) -> Station:
 
 
 def simulated_station(tissue: str = "forearm", effects: tuple[str, ...] = (), seed: int | None = None) -> Station:
-    """The default bench: one simulated instrument of each kind."""
-    simulation = {"tissue": tissue, "effects": effects, "seed": seed}
+    """The default bench: one simulated instrument of each kind.
+
+    It must run on a computer that is busy with other things (continuous integration), so its watchdog and its patience
+    with a silent link are longer than a bench with people on it should have.
+    """
+    simulated = {"simulated": {"tissue": tissue, "effects": effects, "seed": seed}}
+    simulated |= {"watchdog": "1 s", "interlock": {"stale": "5 s"}}
     scale = {"frame_scale": {"value": "0.02 mm/px", "provenance": "assumed", "note": "of the simulated camera"}}
     return Station.model_validate(
         {
             "schema": "station/1",
             "name": "simulated bench",
             "instruments": {
-                "cutometer": {"simulated": simulation},
-                "aspiration": {"simulated": simulation, "calibration": scale},
-                "microrobot": {"simulated": simulation},
+                "cutometer": simulated,
+                "aspiration": {**simulated, "calibration": scale},
+                "microrobot": simulated,
             },
         }
     )
