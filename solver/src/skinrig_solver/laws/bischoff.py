@@ -23,13 +23,13 @@ TEMPERATURE = 298.0  # K, assumed: only n k theta enters
 _SIGNS = np.array([[1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [1.0, -1.0, -1.0]])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def langevin(x: float) -> float:
     """L(x) = coth x - 1/x, x >= 0."""
     return x / 3.0 * (1.0 - x * x / 15.0) if x < 1e-3 else 1.0 / tanh(x) - 1.0 / x
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def langevin_slope(x: float) -> float:
     """dL/dx."""
     if x < 1e-2:
@@ -38,7 +38,7 @@ def langevin_slope(x: float) -> float:
     return 1.0 / (x * x) - 4.0 * e * e
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def inverse_langevin(y: float) -> float:
     """x with L(x) = y for 0 <= y < 1 to rounding: Newton from Cohen's rational start; NaN from y = 1 on."""
     if not 0.0 <= y < 1.0:
@@ -54,7 +54,7 @@ def inverse_langevin(y: float) -> float:
     return x
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _chain_energy(rho: float, N: float) -> float:
     if rho >= N:
         return inf
@@ -62,7 +62,7 @@ def _chain_energy(rho: float, N: float) -> float:
     return rho * b + N * (log(2.0 * b) - b - log1p(-exp(-2.0 * b)))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def energy(C: Array, p: Array) -> float:
     """W [Pa] of C (6,) and p = (n, a, b, c, B), less its value at C = I."""
     sides = p[1:4]
@@ -141,7 +141,16 @@ def point(C: Array, p: Array, derivatives: bool, S: Array, D: Array, dS: Array) 
 BISCHOFF = Law(
     "bischoff",
     (
-        Parameter("n", "1/m^3", 1e16, 1e26, 6.632e20, "chain density", "M, forehead", "log"),
+        Parameter(
+            "n",
+            "1/m^3",
+            1e16,
+            1e28,
+            6.632e23,
+            "chain density",
+            "M, forehead, times 1000 (docs/validation/sheet.md)",
+            "log",
+        ),
         Parameter("a", "", 0.3, 3.0, 0.8529, "unit cell's side along x", "M, forehead"),
         Parameter("b", "", 0.3, 3.0, 1.272, "unit cell's side along y", "M, forehead"),
         Parameter("c", "", 0.3, 3.0, 1.386, "unit cell's side along z", "M, forehead"),

@@ -17,7 +17,7 @@ from .law import BULK, Law, compiled
 from .tensors import Array, add_isochoric, add_volumetric, contract, determinant, inverse, isochoric_stress
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _moduli(l11: float, l22: float, mu1: float, mu2: float, K: Array) -> None:
     """The 6x6 stiffness K with c Q = E_bar : K : E_bar; linear in its four arguments."""
     K[:] = 0.0
@@ -28,7 +28,7 @@ def _moduli(l11: float, l22: float, mu1: float, mu2: float, K: Array) -> None:
     K[4, 4] = mu2
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _apply(K: Array, E: Array, T: Array) -> None:
     for m in range(6):
         T[m] = 0.0
@@ -36,14 +36,14 @@ def _apply(K: Array, E: Array, T: Array) -> None:
             T[m] += K[m, n] * E[n] * (1.0 if n < 3 else 2.0)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _strain(C: Array, det: float, E: Array) -> None:
     a = det ** (-1.0 / 3.0)
     for m in range(6):
         E[m] = 0.5 * (a * C[m] - (1.0 if m < 3 else 0.0))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def energy(C: Array, p: Array) -> float:
     """W [Pa] of C (6,) and p = (c, lambda11, lambda22, mu1, mu2, B)."""
     det = determinant(C)
@@ -100,5 +100,5 @@ FUNG = Law(
     ),
     energy,
     point,
-    "M, table of face parameters (kPa assumed for c and lambda)",
+    "M, table of face parameters with c and lambda taken as kPa",
 )

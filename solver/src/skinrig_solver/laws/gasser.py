@@ -16,7 +16,7 @@ from .law import BULK, Law, compiled
 from .tensors import Array, add_isochoric, add_volumetric, determinant, inverse, isochoric_stress
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def energy(C: Array, p: Array) -> float:
     """W [Pa] of C (6,) and p = (mu, k1, k2, theta, B)."""
     det = determinant(C)

@@ -17,7 +17,7 @@ from .law import BULK, Law, compiled
 from .tensors import COLUMN, ROW, Array, eigen
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def energy(C: Array, p: Array) -> float:
     """W [Pa] of C (6,) and p = (mu1, alpha1, mu2, alpha2, B)."""
     squares, axes = np.empty(3), np.empty((3, 3))
@@ -30,7 +30,7 @@ def energy(C: Array, p: Array) -> float:
     return float(w)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _spread(values: Array, axes: Array, S: Array) -> None:
     """S = sum_a values_a n_a n_a."""
     for m in range(6):
@@ -39,14 +39,14 @@ def _spread(values: Array, axes: Array, S: Array) -> None:
             S[m] += values[a] * axes[a, ROW[m]] * axes[a, COLUMN[m]]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _dyad(x: Array, y: Array, out: Array) -> None:
     """out = (x y + y x) / 2."""
     for m in range(6):
         out[m] = 0.5 * (x[ROW[m]] * y[COLUMN[m]] + x[COLUMN[m]] * y[ROW[m]])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _normal(rate: Array, tau: Array, squares: Array, a: int, b: int) -> float:
     """2 d(tau_a / l_a^2)/d(l_b^2), the tangent of principal stresses."""
     return float((rate[a, b] - (2.0 * tau[a] if a == b else 0.0)) / (squares[a] * squares[b]))

@@ -20,14 +20,14 @@ COLUMN = np.array([0, 1, 2, 1, 2, 2])
 _PLACE = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def determinant(c: Array) -> float:
     """det of a symmetric tensor (6,)."""
     cofactors = c[0] * (c[1] * c[2] - c[4] * c[4]) - c[3] * (c[3] * c[2] - c[4] * c[5])
     return float(cofactors + c[5] * (c[3] * c[4] - c[1] * c[5]))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def inverse(c: Array, out: Array) -> float:
     """Write the inverse of a symmetric tensor (6,) and return its determinant."""
     det = determinant(c)
@@ -40,13 +40,13 @@ def inverse(c: Array, out: Array) -> float:
     return det
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def contract(a: Array, b: Array) -> float:
     """a : b of two symmetric tensors (6,)."""
     return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + 2.0 * (a[3] * b[3] + a[4] * b[4] + a[5] * b[5]))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def add_inverse_rate(ci: Array, factor: float, D: Array) -> None:
     """D -= factor dC^-1/dE, that is D_ijkl += factor (Ci_ik Ci_jl + Ci_il Ci_jk)."""
     for m in range(6):
@@ -56,7 +56,7 @@ def add_inverse_rate(ci: Array, factor: float, D: Array) -> None:
             D[m, n] += factor * (ci[_PLACE[i, k]] * ci[_PLACE[j, l]] + ci[_PLACE[i, l]] * ci[_PLACE[j, k]])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def add_volumetric(det_c: float, ci: Array, bulk: float, S: Array, D: Array) -> None:
     """Add stress and tangent of U(J) = B/2 (ln J)^2, with det C = J^2 and the inverse of C."""
     p = 0.5 * bulk * log(det_c)
@@ -67,7 +67,7 @@ def add_volumetric(det_c: float, ci: Array, bulk: float, S: Array, D: Array) -> 
     add_inverse_rate(ci, -p, D)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def add_isochoric(C: Array, det_c: float, ci: Array, S_bar: Array, D_bar: Array, S: Array, D: Array) -> None:
     """Add stress and tangent of W(C_bar), C_bar = J^(-2/3) C, from S_bar = 2 dW/dC_bar and D_bar = 2 dS_bar/dC_bar.
 
@@ -93,7 +93,7 @@ def add_isochoric(C: Array, det_c: float, ci: Array, S_bar: Array, D_bar: Array,
     add_inverse_rate(ci, p, D)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def isochoric_stress(C: Array, det_c: float, ci: Array, S_bar: Array, S: Array) -> None:
     """S = J^(-2/3) (S_bar - (S_bar : C) C^-1 / 3): the stress alone, used for derivatives linear in S_bar."""
     a = det_c ** (-1.0 / 3.0)
@@ -102,7 +102,7 @@ def isochoric_stress(C: Array, det_c: float, ci: Array, S_bar: Array, S: Array) 
         S[m] = a * (S_bar[m] - p * ci[m])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def eigen(c: Array, values: Array, vectors: Array) -> None:
     """Eigenvalues (3,) and eigenvectors (3, 3, one per row) of a symmetric tensor (6,), by cyclic Jacobi rotations."""
     a = np.empty((3, 3))

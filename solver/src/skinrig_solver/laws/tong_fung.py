@@ -16,7 +16,7 @@ from .law import BULK, Law, compiled
 from .tensors import Array, add_volumetric, determinant, inverse
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def energy(C: Array, p: Array) -> float:
     """W [Pa] of C (6,) and p = (c, A1, A2, a1, a2, a3, B)."""
     x, y = 0.5 * (C[0] - 1.0), 0.5 * (C[1] - 1.0)

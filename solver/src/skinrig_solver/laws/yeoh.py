@@ -12,7 +12,7 @@ from .law import BULK, Law, compiled
 from .tensors import Array, add_isochoric, add_volumetric, determinant, inverse, isochoric_stress
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def energy(C: Array, p: Array) -> float:
     """W [Pa] of C (6,) and p = (c10, c20, c30, B)."""
     det = determinant(C)

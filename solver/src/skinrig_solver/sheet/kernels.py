@@ -23,14 +23,15 @@ def plane_stress(law, C, p, derivatives, S, D, dS):  # type: ignore[no-untyped-d
     C, S, D, dS as in laws/law.py, with C13 = C23 = 0 and z an axis of material symmetry. Returns |S33| relative to the
     stiffness, or NaN where no thickness balances.
     """
+    error = np.inf
     good = 0.0  # the last thickness that had a stress
     for _ in range(80):
         law(C, p, derivatives, S, D, dS)
-        error = abs(S[2]) / abs(D[2, 2])
+        before, error = error, abs(S[2]) / abs(D[2, 2])
         if not np.isfinite(error):  # beyond a chain's length, say: go back towards the last value, or thinner
             C[2] = 0.5 * (good + C[2]) if good > 0.0 else 0.95 * C[2]
             continue
-        if error <= 1e-12 * C[2]:
+        if error <= 1e-15 * C[2] or (error <= 1e-11 * C[2] and error >= 0.5 * before):  # exact, or at rounding
             break
         good = C[2]
         C[2] += max(-0.5 * C[2], min(-2.0 * S[2] / abs(D[2, 2]), C[2]))
@@ -52,7 +53,7 @@ def plane_stress(law, C, p, derivatives, S, D, dS):  # type: ignore[no-untyped-d
     return error
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _deformation(F0, u, nodes, g, F, C):  # type: ignore[no-untyped-def]
     """F (3, d) and C = F^T F (6,) of one Gauss point; a membrane keeps the C33 it finds in ``C``."""
     d = F.shape[1]
@@ -68,7 +69,7 @@ def _deformation(F0, u, nodes, g, F, C):  # type: ignore[no-untyped-def]
             C[_PLACE[i, j]] = F[0, i] * F[0, j] + F[1, i] * F[1, j] + F[2, i] * F[2, j]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _nominal(F, S, D, scale, P, A):  # type: ignore[no-untyped-def]
     """Nominal stress P = F S (3, d) and A = dP/dF (3 d, 3 d), component iJ at i d + J; S total, D still unscaled."""
     d = F.shape[1]
@@ -127,7 +128,8 @@ def assemble(  # type: ignore[no-untyped-def]
             C[2] = thickness[e, q]
             _deformation(F0, u, nodes, g, F, C)
             if d == 2:
-                plane_stress(law, C, p, False, S, D, none)
+                if not plane_stress(law, C, p, False, S, D, none) >= 0.0:
+                    return e
                 thickness[e, q] = C[2]
             else:
                 law(C, p, False, S, D, none)
