@@ -70,9 +70,9 @@ class _Nuisance:
         return factor
 
     def left_of(self, r: Array) -> float:
-        """Norm of what is left of a whitened residual r (N,) at its best fit, prior included."""
+        """Norm of what is left of a whitened residual r (N,) at its best fit, prior included; inf if r is not finite."""
         if not np.all(np.isfinite(r)):
-            return 0.0
+            return np.inf
         x = scipy.linalg.cho_solve(self._gram, self.sensitivities.T @ r)
         return float(np.hypot(np.linalg.norm(r - self.sensitivities @ x), np.linalg.norm(self.held * x)))
 
