@@ -5,7 +5,7 @@ from pathlib import Path
 from acquire.recording.bundle import read_bundle
 from acquire.recording.bundle_export import write_bundle
 from acquire.recording.hdf5 import write_recording
-from acquire.recording.hdf5_reader import open_recording
+from acquire.recording.hdf5_reader import open_info, open_recording
 from acquire.recording.journal import JournalFull, JournalWriter
 from acquire.recording.model import Event, Frames, Recording, RecordingError, RunInfo, Series
 from acquire.recording.recovery import finalise, read_journal, recover
@@ -21,6 +21,7 @@ __all__ = [
     "Series",
     "finalise",
     "load",
+    "open_info",
     "open_recording",
     "read_bundle",
     "read_journal",

@@ -42,17 +42,21 @@ def read_bundle(folder: Path | str) -> Recording:
         raise RecordingError(f"{folder}: not a bundle: there is no {FILE_NAME}")
     try:
         data, source = read(file, aliases=True)
-        return _Import(file, source, validate(Bundle, data, source)).recording()
+        return import_bundle(validate(Bundle, data, source), file.parent, source)
     except ProtocolError as error:
         raise RecordingError(str(error)) from error
 
 
-class _Import:
-    """The import of one bundle: ``file`` is its recording.yaml, ``source`` knows the lines in it."""
+def import_bundle(bundle: Bundle, folder: Path, source: Yaml) -> Recording:
+    """The recording of ``bundle``, whose files are in ``folder``; faults are told at their place in ``source``."""
+    return _Import(bundle, folder, source).recording()
 
-    def __init__(self, file: Path, source: Yaml, bundle: Bundle) -> None:
-        self.file = file
-        self.folder = file.parent
+
+class _Import:
+    """The import of one bundle."""
+
+    def __init__(self, bundle: Bundle, folder: Path, source: Yaml) -> None:
+        self.folder = folder
         self.source = source
         self.bundle = bundle
         self.tables: dict[tuple[Path, str | None], Table] = {}

@@ -7,13 +7,13 @@ needs to come back whole.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import ConfigDict, Field, model_validator
 
 from protocols.fields import Frequency, Model, Unit
 
-SCHEMA = "recording-bundle/1"
+SCHEMA: Final = "recording-bundle/1"
 SUCTION = ("cutometer", "aspiration")
 ScaleValue = Annotated[float, Unit("scale", "positive")]
 Duration = Annotated[float, Unit("time")]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import h5py
 import numpy as np
@@ -12,6 +12,8 @@ import numpy as np
 from acquire.recording.guard import check_file, check_readable_whole
 from acquire.recording.lazy import Hdf5Frames
 from acquire.recording.model import Event, Frames, Recording, RecordingError, RunInfo, Series
+
+T = TypeVar("T")
 
 SCHEMA = "acquire-recording/1"
 ENTRY_FIELDS = ("start_time", "end_time", "status", "trip_reason")
@@ -25,13 +27,21 @@ def open_recording(path: Path | str) -> Recording:
     or storage, virtual datasets, shapes without data, another schema, missing or unequal arrays); FileNotFoundError if
     there is no such file.
     """
-    path = Path(path)
+    return _read(Path(path), _Reader.recording)
+
+
+def open_info(path: Path | str) -> RunInfo:
+    """Only who, what and when of a recording: quick, however long it is. Raises as `open_recording`."""
+    return _read(Path(path), _Reader.info)
+
+
+def _read(path: Path, what: Callable[[_Reader], T]) -> T:
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file")
     try:
         with h5py.File(path, "r") as file:
             check_file(file, path)
-            return _Reader(file, path).recording()
+            return what(_Reader(file, path))
     except RecordingError:
         raise
     except (OSError, KeyError, TypeError, ValueError, RuntimeError) as error:
@@ -45,11 +55,11 @@ class _Reader:
         self.path = path
         self.cache: dict[int, Any] = {}
         self.entry = self.group(file, "entry")
-
-    def recording(self) -> Recording:
         schema = self.attr(self.entry, "schema", "")
         if schema != SCHEMA:
-            raise RecordingError(f"{self.path}: /entry has schema {schema!r}, expected {SCHEMA!r}")
+            raise RecordingError(f"{path}: /entry has schema {schema!r}, expected {SCHEMA!r}")
+
+    def recording(self) -> Recording:
         plot = ""
         if "plot" in self.entry:
             plot = self.attr(self.group(self.entry, "plot"), "signal", "")

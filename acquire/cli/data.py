@@ -1,0 +1,167 @@
+"""``acquire show | export | report | import | recover | ls``: everything done with recordings after they were made."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from acquire.recording import Recording
+
+Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+Run = Annotated[Path, typer.Argument(help="A recording (.h5), a bundle's folder, or a journal.")]
+DEFAULT = Path("runs")
+Force = Annotated[bool, typer.Option("--force", help="Replace what is there.")]
+
+
+def show(
+    run: Run,
+    png: Annotated[Path | None, typer.Option(help="Draw the recording into this file (.png, .svg, .pdf).")] = None,
+    as_json: Json = False,
+) -> None:
+    """Say what a recording holds: channels, curve parameters, quality, events."""
+    from acquire.recording import load
+    from acquire.report.summary import in_words, summarise
+
+    recording = load(run)
+    summary = summarise(recording)
+    if png is not None:
+        from acquire.report.figures import overview, save
+
+        png.parent.mkdir(parents=True, exist_ok=True)
+        save(overview(recording), png)
+        summary["png"] = str(png)
+    typer.echo(json.dumps(summary, indent=2, ensure_ascii=False) if as_json else in_words(summary))
+
+
+def export(
+    run: Run,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="File (.csv, .mat) or folder (bundle).")] = None,
+    form: Annotated[str, typer.Option("--format", "-f", help="csv, mat or bundle; else by the name of OUT.")] = "",
+    as_json: Json = False,
+) -> None:
+    """Write a recording as CSV, as a MATLAB file, or as a bundle that `acquire import` takes back whole."""
+    from acquire.recording import RecordingError, load, write_bundle
+    from acquire.recording.export import write_csv, write_mat
+
+    suffixes = {".csv": "csv", ".mat": "mat", "": "bundle"}
+    if not form:
+        form = "csv" if out is None else suffixes.get(out.suffix.lower(), "")
+    if form not in suffixes.values():
+        raise RecordingError(f"cannot export as {form or (out and out.suffix)!r}; there is csv, mat and bundle")
+    recording = load(run)
+    name = run.resolve().name.removesuffix(".h5")
+    target = out or Path(f"{name}-bundle" if form == "bundle" else f"{name}.{form}")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    if form == "csv":
+        files = write_csv(recording, target)
+    else:
+        files = [write_mat(recording, target) if form == "mat" else write_bundle(recording, target)]
+    _say(files, as_json)
+
+
+def report(
+    runs: Annotated[list[Path], typer.Argument(help="Recordings (.h5) or bundles' folders.")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="The page; default: the recording's name.")] = None,
+    title: Annotated[str, typer.Option(help="The page's heading.")] = "",
+    as_json: Json = False,
+) -> None:
+    """Write one self-contained HTML page with figures, parameters and quality of one or several recordings."""
+    from acquire.recording import load
+    from acquire.report.page import write_page
+
+    recordings = [load(run) for run in runs]
+    target = out or Path(f"{runs[0].resolve().name.removesuffix('.h5') if len(runs) == 1 else 'report'}.html")
+    _say([write_page(recordings, target, title)], as_json)
+
+
+def import_(
+    source: Annotated[Path, typer.Argument(help="A bundle's folder or recording.yaml; with --map an exported table.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the recording, or its file name.")] = DEFAULT,
+    column_map: Annotated[
+        Path | None, typer.Option("--map", help="Column map (YAML) for curves that other software exported.")
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Make a recording of a bundle, or recordings of a table of exported curves."""
+    from acquire.recording import read_bundle, write_recording
+
+    if column_map is not None:
+        from acquire.recording.curves_import import read_curves
+
+        recordings = read_curves(source, column_map)
+    else:
+        recordings = [read_bundle(source)]
+    paths = [_target(out, recording, len(recordings)) for recording in recordings]
+    written = [write_recording(r, path, overwrite=force) for r, path in zip(recordings, paths, strict=True)]
+    for recording in recordings:
+        for event in recording.events:
+            if event.level in ("warning", "error"):
+                typer.echo(f"{recording.info.id}: {event.level}: {event.text}", err=True)
+    _say(written, as_json)
+
+
+def recover(
+    journal: Annotated[Path, typer.Argument(help="The journal that a crash left (.journal).")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="The recording; default: beside the journal.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Make a recording of what a crash left; the journal stays. A whole recording is never touched."""
+    from acquire.recording import recover as make
+
+    if not journal.is_file():
+        raise FileNotFoundError(f"{journal}: no such file")
+    _say([make(journal, out)], as_json)
+
+
+def ls(
+    words: Annotated[list[str] | None, typer.Argument(help="subject=P07, site=forehead … or any text.")] = None,
+    folder: Annotated[Path, typer.Option("--folder", "-d", help="Where recordings are looked for.")] = DEFAULT,
+    as_json: Json = False,
+) -> None:
+    """List recordings, and journals that wait for recovery."""
+    from acquire.catalogue import FIELDS, catalogue
+
+    if folder == DEFAULT and not folder.is_dir():
+        typer.echo("[]" if as_json else f"no recordings yet: there is no folder {folder}")
+        return
+    entries = catalogue(folder, words or [])
+    if as_json:
+        listed = [
+            {"path": str(e.path), "problem": e.problem, **({f: getattr(e.info, f) for f in FIELDS} if e.info else {})}
+            for e in entries
+        ]
+        typer.echo(json.dumps(listed, indent=2, ensure_ascii=False))
+        return
+    rows = [("start", "instrument", "protocol", "subject", "site", "rep", "status", "file")]
+    for entry in entries:
+        if entry.info is None:
+            rows.append(("", "", "", "", "", "", "!", f"{entry.path}  {entry.problem}"))
+        else:
+            i = entry.info
+            start = i.start_time[:19].replace("T", " ")
+            rows.append(
+                (start, i.instrument, i.protocol_name, i.subject, i.site, str(i.repeat), i.status, str(entry.path))
+            )
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]) - 1)]
+    for row in rows:
+        cells = [f"{cell:<{width}}" for cell, width in zip(row, [*widths, 0], strict=True)]
+        typer.echo("  ".join(cells).rstrip())
+
+
+def _target(out: Path, recording: Recording, count: int) -> Path:
+    """``out`` itself if it names a file (numbered by repeat if there are several), else a file in it."""
+    if out.suffix not in (".h5", ".hdf5", ".nxs"):
+        # The name comes from whoever made the bundle: it must not lead out of the folder.
+        name = re.sub(r"[^\w.-]", "_", recording.info.id).strip(".")
+        return out / f"{name or 'recording'}.h5"
+    return out if count == 1 else out.with_name(f"{out.stem}-{recording.info.repeat}{out.suffix}")
+
+
+def _say(paths: list[Path], as_json: bool) -> None:
+    typer.echo(json.dumps({"files": [str(path) for path in paths]}) if as_json else "\n".join(map(str, paths)))

@@ -1,0 +1,124 @@
+"""Import of curves that an instrument's own software exported, through a column map.
+
+A column map is a YAML file that says which column is what (schema ``column-map/1``)::
+
+    schema: column-map/1
+    instrument: cutometer
+    time: {column: 'Time [s]', unit: s}        # or {rate: 100 Hz}
+    channels:
+      apex_height: {column: 'Curve *', unit: mm}   # '*': one recording per column that fits
+      pressure: {column: 'Pressure', unit: mbar, suction: positive}
+    protocol: protocol.yaml                    # optional, beside the map
+    subject: P07                               # optional, like site, operator, specimen, notes
+"""
+
+from __future__ import annotations
+
+import fnmatch
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import ConfigDict, Field, model_validator
+
+from acquire.recording.bundle import import_bundle
+from acquire.recording.bundle_schema import SCHEMA, Bundle, Run, Source, TimeAxis
+from acquire.recording.model import Recording, RecordingError
+from acquire.recording.tables import Table
+from protocols.errors import ProtocolError
+from protocols.fields import Model
+from protocols.source import Source as Yaml
+from protocols.source import read
+from protocols.text import validate
+
+Short = Annotated[str, Field(max_length=400)]
+
+
+class MappedColumn(Model):
+    """One channel: its column (``*`` stands for any text) and unit; exports often give suction as a positive number."""
+
+    column: Short
+    unit: Short
+    suction: Literal["negative", "positive"] = "negative"
+
+
+class ColumnMap(Model):
+    """The whole map."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", coerce_numbers_to_str=True)
+    version: Literal["column-map/1"] = Field(alias="schema")
+    instrument: Short = "cutometer"
+    time: TimeAxis
+    channels: Annotated[dict[str, MappedColumn], Field(min_length=1)]
+    protocol: str | dict[str, Any] | None = None
+    subject: Short = ""
+    site: Short = ""
+    operator: Short = ""
+    specimen: Short = "skin"
+    notes: str = ""
+    sheet: Short | None = None
+
+    @model_validator(mode="after")
+    def _one_pattern(self) -> ColumnMap:
+        if sum("*" in channel.column for channel in self.channels.values()) > 1:
+            raise ValueError("only one channel's column may have a '*'")
+        return self
+
+
+def read_curves(export: Path | str, column_map: Path | str) -> list[Recording]:
+    """The recordings in ``export`` (CSV, TSV or XLSX), one per column that fits the map's ``*``, numbered as repeats.
+
+    Raises RecordingError that names file and line, column or channel.
+    """
+    export, column_map = Path(export), Path(column_map)
+    try:
+        data, source = read(column_map, aliases=True)
+        mapping = validate(ColumnMap, data, source)
+    except ProtocolError as error:
+        raise RecordingError(str(error)) from error
+    header = Table(export, mapping.sheet).header
+    pattern = next((channel.column for channel in mapping.channels.values() if "*" in channel.column), None)
+    matches: list[str | None] = [None]
+    if pattern is not None:
+        matches = [title for title in header if fnmatch.fnmatchcase(title, pattern)]
+        if not matches:
+            raise RecordingError(f"{export}: no column fits {pattern!r}; there is {', '.join(header)}")
+    return [_one(export, mapping, source, match, number) for number, match in enumerate(matches, start=1)]
+
+
+def _one(export: Path, mapping: ColumnMap, source: Yaml, match: str | None, number: int) -> Recording:
+    """The map as a bundle whose data are in ``export``: one way in, one set of checks."""
+    channels = {
+        name: Source(
+            file=export.name,
+            column=match if match is not None and "*" in channel.column else channel.column,
+            unit=channel.unit,
+            time=mapping.time,
+            sheet=mapping.sheet,
+        )
+        for name, channel in mapping.channels.items()
+    }
+    about = {key: getattr(mapping, key) for key in ("instrument", "subject", "site", "operator", "specimen", "notes")}
+    bundle = Bundle(
+        schema=SCHEMA,
+        repeat=number,
+        channels=channels,
+        protocol=_protocol(Path(source.file), mapping.protocol),
+        run=Run(id=f"import-{export.stem}-{number}"),
+        **about,
+    )
+    recording = import_bundle(bundle, export.parent, source)
+    flipped = {name for name, channel in mapping.channels.items() if channel.suction == "positive"}
+    streams = {n: replace(s, value=0.0 - s.value) if n in flipped else s for n, s in recording.streams.items()}
+    events = tuple(event for event in recording.events if event.code != "pressure_sign" or "pressure" not in flipped)
+    return replace(recording, streams=streams, events=events)
+
+
+def _protocol(column_map: Path, given: str | dict[str, Any] | None) -> str | dict[str, Any] | None:
+    """The text of a protocol file beside the map, else what was given: an inline protocol or a library name."""
+    if not isinstance(given, str) or "\n" in given:
+        return given
+    path = column_map.parent / given
+    if not path.resolve().is_relative_to(column_map.parent.resolve()):
+        raise RecordingError(f"{column_map}: protocol: {given!r} lies outside the map's folder")
+    return path.read_text("utf-8") + "\n" if path.is_file() else given
