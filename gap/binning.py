@@ -1,8 +1,8 @@
 """Thinning: bins that are narrow after every kink of the command and widen with its age.
 
-A hold of a minute has little to say after its first second; averaging there keeps every slow trend, lowers the noise and
-makes a diagnosis take seconds. What lives in single samples (repeats, jitter, coarse steps) is looked for before, by
-`gap.signatures`.
+A hold of a minute has little to say after its first second; averaging there keeps every slow trend, lowers the noise
+and makes a diagnosis take seconds. What lives in single samples (repeats, jitter, coarse steps) is looked for before,
+by `gap.signatures`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Blocks of data of our own instruments: some channels of a session, binned, against a part of the forward chain.
 
-A block's arrays are channel-major: C channels at the same n time stamps make C n rows. Recordings of one specimen form a group and
-are simulated together, rests included, so that slow effects see the session's clock.
+A block's arrays are channel-major: C channels at the same n time stamps make C n rows. Recordings of one specimen
+form a group and are simulated together, rests included, so that slow effects see the session's clock.
 """
 
 from __future__ import annotations

@@ -1,7 +1,9 @@
-"""The comparison of hypotheses on one case: screen every effect, refit the best, then pairs, each jointly with the nuisance.
+"""The comparison of hypotheses on one case: screen every effect, refit the best, then pairs, each jointly with the
+nuisance.
 
-A case is one or several blocks (independent data with their own nuisance; for a suction instrument command -> pressure and
-pressure -> height). A hypothesis changes only the blocks its effects touch, so the evidence of the others is shared.
+A case is one or several blocks (independent data with their own nuisance; for a suction instrument command ->
+pressure and pressure -> height). A hypothesis changes only the blocks its effects touch, so the evidence of the
+others is shared.
 """
 
 from __future__ import annotations
@@ -41,7 +43,8 @@ class Hypothesis:
 
 @dataclass
 class Screened:
-    """One effect after the screening: where in its prior it does best, and by how much χ² falls with the nuisance refitted.
+    """One effect after the screening: where in its prior it does best, and by how much χ² falls with the nuisance
+    refitted.
 
     ``detectability`` lists, for every simulated point, how far it stands out (‖P Δ‖, untempered).
     """
@@ -65,8 +68,8 @@ class Comparison:
     def temper(self) -> dict[str, float]:
         """Per block: how much of χ² to believe, from the best hypothesis' own misfit and its correlation in time.
 
-        1 when the best residual is white at the noise floor. Untempered evidence turns wrong as effects grow: the form error
-        of the right effect is then worth hundreds of nats to a spurious one.
+        1 when the best residual is white at the noise floor. Untempered evidence turns wrong as effects grow: the
+        form error of the right effect is then worth hundreds of nats to a spurious one.
         """
         out = {}
         for name in self.problems:
@@ -166,7 +169,8 @@ def compare(
     effort: Effort = Effort(),
     suspects: Sequence[Candidate] = (),
 ) -> Comparison:
-    """Null, best singles and best pairs of ``candidates`` on ``problems``; ``suspects`` are refitted wherever they rank."""
+    """Null, best singles and best pairs of ``candidates`` on ``problems``; ``suspects`` are refitted wherever they
+    rank."""
     blocks = {p.name: p for p in problems}
     fits = {name: fit(p, iterations=25) for name, p in blocks.items()}
     comparison = Comparison(blocks, Hypothesis((), fits), simulations=sum(f.simulations for f in fits.values()))

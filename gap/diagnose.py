@@ -25,7 +25,8 @@ class DiagnosisError(ValueError):
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Everything a report needs. ``shrinks`` maps the first causes to their shrinkage by split; ``remarks`` are plain words."""
+    """Everything a report needs. ``shrinks`` maps the first causes to their shrinkage by split; ``remarks`` are plain
+    words."""
 
     recordings: tuple[Recording, ...]
     problems: Mapping[str, Problem]
@@ -170,7 +171,8 @@ def _bounds(comparison: Comparison, verdict: Verdict, seen_at: float = 3.0) -> d
 
 
 def _confusable(comparison: Comparison, verdict: Verdict, like: float = 0.985) -> tuple[tuple[str, ...], ...]:
-    """Groups of effects whose traces, after the nuisance refit, are the same direction: no fit of these data can split them."""
+    """Groups of effects whose traces, after the nuisance refit, are the same direction: no fit of these data can
+    split them."""
     fitted = [h for h in comparison.hypotheses if len(h.effects) == 1]
     names, traces = [], []
     for h in fitted:

@@ -10,19 +10,19 @@ from sim_devices.chain import Effect
 
 
 def library(instrument: str, files: Sequence[Path] = ()) -> dict[str, Effect]:
-    """Effects for ``instrument`` by key, with those of the user's ``files``.
+    """Effects for ``instrument`` by key, one for each form they have, with those of the user's ``files``.
 
     A file is Python; every `sim_devices.chain.Effect` at its top level counts. Raises ValueError that names the file.
     """
-    from sim_devices.effects import effects
+    from sim_devices.effects import effects, variants
 
-    found = dict(effects(instrument))
+    found = {key: form for effect in effects(instrument).values() for key, form in variants(effect).items()}
     for path in files:
         added = _from_file(path)
         fitting = {e.name: e for e in added if instrument in e.instruments}
         if not fitting:
             raise ValueError(f"{path}: it defines no effect for instrument {instrument}")
-        found.update(fitting)
+        found.update({key: form for effect in fitting.values() for key, form in variants(effect).items()})
     return found
 
 

@@ -1,10 +1,12 @@
 """Effects that any rig can have, acting on one of its signals through a *tap*.
 
-A model calls ``tap("force", values, velocity=v)`` where something could act; the nominal chain returns the values unchanged. Taps are
-causal and keep a state, so a model may call them on whole series or sample by sample inside its own integration loop.
+A model calls ``tap("force", values, velocity=v)`` where something could act; the nominal chain returns the values
+unchanged. Taps are causal and keep a state, so a model may call them on whole series or sample by sample inside its
+own integration loop.
 
-Forms: Coulomb/Stribeck after Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30 (1994) 1083; Dahl after P. Dahl, AIAA J. 14
-(1976) 1675; Bouc-Wen after Y. Wen, J. Eng. Mech. Div. 102 (1976) 249; play (backlash) after Krasnosel'skii & Pokrovskii.
+Forms: Coulomb/Stribeck after Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30 (1994) 1083; Dahl after P.
+Dahl, AIAA J. 14 (1976) 1675; Bouc-Wen after Y. Wen, J. Eng. Mech. Div. 102 (1976) 249; play (backlash) after
+Krasnosel'skii & Pokrovskii.
 """
 
 from __future__ import annotations
@@ -23,10 +25,11 @@ State = dict[str, float]
 
 @dataclass(frozen=True)
 class GenericEffect:
-    """``act(state, time, values, related, p)`` returns the changed values; ``needs`` names the related signal it acts with.
+    """``act(state, time, values, related, p)`` returns the changed values; ``needs`` names the related signal it acts
+    with.
 
-    Parameters of unit ``signal`` have priors relative to the range of the signal, ``velocity`` and ``position`` relative to those
-    of the related one; they are scaled when the effect meets its rig.
+    Parameters of unit ``signal`` have priors relative to the range of the signal, ``velocity`` and ``position``
+    relative to those of the related one; they are scaled when the effect meets its rig.
     """
 
     name: str

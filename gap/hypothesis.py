@@ -1,7 +1,7 @@
 """What the diagnosis compares: hypotheses (which effects act), and problems (data against a forward model).
 
-A problem hides instrument and tissue behind whitened residuals: everything in `gap.solve` and `gap.infer` is the same for
-a suction probe, the micro-robot and any other rig.
+A problem hides instrument and tissue behind whitened residuals: everything in `gap.solve` and `gap.infer` is the same
+for a suction probe, the micro-robot and any other rig.
 """
 
 from __future__ import annotations
@@ -84,10 +84,10 @@ class Problem(Protocol):
     """One block of data with its forward model.
 
     ``measured`` (n,) and ``sigma`` (n,) are the data behind the rows in SI and their noise, so that the prediction is
-    measured − residual·sigma. ``local`` (p,) is true for nuisance parameters that belong to single recordings (a gain, a zero).
-    ``alternatives`` are prior widths (p,) over which the evidence is averaged; ``prior_sd`` is the one used while fitting.
-    ``prior_sd`` (p,) are the standard deviations of the nuisance parameters about ``prior_mean`` (p,): tissue,
-    calibration, sampling convention; ``inf`` for free ones.
+    measured − residual·sigma. ``local`` (p,) is true for nuisance parameters that belong to single recordings (a
+    gain, a zero). ``alternatives`` are prior widths (p,) over which the evidence is averaged; ``prior_sd`` is the one
+    used while fitting. ``prior_sd`` (p,) are the standard deviations of the nuisance parameters about ``prior_mean``
+    (p,): tissue, calibration, sampling convention; ``inf`` for free ones.
     """
 
     name: str

@@ -1,7 +1,8 @@
 """From compared hypotheses to a verdict: classes that the data cannot split, probabilities, and when to say nothing.
 
-Probabilities are tempered Laplace evidences with a prior over *numbers of effects*, flattened by `Judgement.sharpness`; both were set on
-simulations (``benchmarks/calibrate.py``), never on the blind cases that score them.
+Probabilities are tempered Laplace evidences with a prior over *numbers of effects*, flattened by
+`Judgement.sharpness`; both were set on simulations (``benchmarks/calibrate.py``), never on the blind cases that score
+them.
 """
 
 from __future__ import annotations
@@ -88,7 +89,8 @@ def made_by(signature: Signature, effect: Candidate) -> bool:
 
 
 def _earned(h: Hypothesis, comparison: Comparison, rules: Judgement) -> bool:
-    """Whether each further effect of a hypothesis explains enough of what fewer leave; form errors are always worth some χ²."""
+    """Whether each further effect of a hypothesis explains enough of what fewer leave; form errors are always worth
+    some χ²."""
     if len(h.effects) < 2:
         return True
     singles = [s for s in comparison.hypotheses if len(s.effects) == 1 and s.effects[0] in h.effects]

@@ -58,8 +58,8 @@ def correlation_time(residual: FloatArray, limit: int = 2000) -> float:
 
 
 def denoised(time: FloatArray, value: FloatArray, base: FloatArray, width: float = 0.25) -> FloatArray:
-    """A record that drives a simulation, without its sensor's noise: ``base`` (n,), what the nominal actuator would have done, plus
-    the remainder smoothed over ``width`` s, over a few samples only where it moves significantly.
+    """A record that drives a simulation, without its sensor's noise: ``base`` (n,), what the nominal actuator would
+    have done, plus the remainder smoothed over ``width`` s, over a few samples only where it moves significantly.
 
     Raw noise, fed to a tissue, imitates friction and preload.
     """

@@ -1,7 +1,7 @@
 """Sessions from the project's own simulator: tier T0 of the blind check, and the material for calibration and planning.
 
-A session is what a lab would do: a few levels (or directions), a second waveform, repeats, maybe a reference specimen. Rests between
-recordings are simulated too, so that slow effects see the session's clock.
+A session is what a lab would do: a few levels (or directions), a second waveform, repeats, maybe a reference
+specimen. Rests between recordings are simulated too, so that slow effects see the session's clock.
 """
 
 from __future__ import annotations

@@ -13,9 +13,10 @@ A model is a class (or object) in a user's file, given as ``--model file.py:Name
             force = force + tap("friction_force", 0 * force, velocity=data["velocity"])
             return {"motor_force": tap("motor_force", force)}
 
-``data`` holds every channel and set-point of the recording on ``time`` (n,) s. ``tap`` returns its values unchanged unless an effect acts
-there. An optional ``observe(time, data)`` returns the channels to compare with, where the recorded ones must first be filtered like
-the model's inputs. See `gap.generic` for the effects a tap can have; ``effects = (GenericEffect(...), ...)`` on the model adds the user's own.
+``data`` holds every channel and set-point of the recording on ``time`` (n,) s. ``tap`` returns its values unchanged
+unless an effect acts there. An optional ``observe(time, data)`` returns the channels to compare with, where the
+recorded ones must first be filtered like the model's inputs. See `gap.generic` for the effects a tap can have;
+``effects = (GenericEffect(...), ...)`` on the model adds the user's own.
 """
 
 from __future__ import annotations

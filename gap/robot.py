@@ -1,7 +1,8 @@
-"""The micro-robot as four blocks: set-point -> axes; axes -> probe and transducers -> force (both recomputed, no freedom); axes -> transducers.
+"""The micro-robot as four blocks: set-point -> axes; axes -> probe and transducers -> force (both recomputed, no
+freedom); axes -> transducers.
 
-The axes are fed the load that the recorded forces put on them, the tissue the recorded axis positions; so a gap of the control
-loop, of the arithmetic and of everything beyond the tip show in different blocks.
+The axes are fed the load that the recorded forces put on them, the tissue the recorded axis positions; so a gap of
+the control loop, of the arithmetic and of everything beyond the tip show in different blocks.
 """
 
 from __future__ import annotations
@@ -69,7 +70,8 @@ def _recorded(
 def _on_even_grid(
     chain: Chain, group: Group, stamps: FloatArray, given: Mapping[str, Table] | None = None
 ) -> dict[str, FloatArray]:
-    """Signals at ``stamps`` (n,) s by way of even steps: the loop's exact step is then computed once and not for every sample."""
+    """Signals at ``stamps`` (n,) s by way of even steps: the loop's exact step is then computed once and not for
+    every sample."""
     tables = group.tables()
     kinks = tables["probe_x"][0]
     begin = min(stamps[0], kinks[0])
@@ -84,8 +86,8 @@ def _on_even_grid(
 class AxesBlock(Block):
     """Tip set-point -> axis positions, under the load that the recorded force is.
 
-    Nuisance: the loop's rate, the sampling convention, a zero of each sensor in each recording, and quick lags of target and load that
-    another controller than the nominal one would show.
+    Nuisance: the loop's rate, the sampling convention, a zero of each sensor in each recording, and quick lags of
+    target and load that another controller than the nominal one would show.
     """
 
     name, channels = "axes", AXES
@@ -212,8 +214,8 @@ class ArithmeticBlock(Block):
 class ForceBlock(Block):
     """Recorded axis positions -> transducer forces.
 
-    Nuisance: the reduced sheet's parameters; per recording a gain and the transducers' zeros; the sampling convention; the discrepancy
-    of other conservative, fading sheets.
+    Nuisance: the reduced sheet's parameters; per recording a gain and the transducers' zeros; the sampling
+    convention; the discrepancy of other conservative, fading sheets.
     """
 
     name, channels = "force", TRANSDUCERS

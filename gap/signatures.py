@@ -43,8 +43,8 @@ def find(recordings: Sequence[Recording]) -> list[Signature]:
 def _clipping(name: str, series: Sequence[Series]) -> list[Signature]:
     """Runs at the extreme value that the signal enters and leaves with a slope.
 
-    A converter at its end holds one exact value; a plateau of a physical signal carries noise, and one that is only quantised
-    is approached step by step.
+    A converter at its end holds one exact value; a plateau of a physical signal carries noise, and one that is only
+    quantised is approached step by step.
     """
     out = []
     value = np.concatenate([s.value[np.isfinite(s.value)] for s in series])

@@ -1,8 +1,8 @@
 """Fits of one problem under one hypothesis: damped Gauss-Newton with priors, and the Laplace evidence.
 
 Notation: r whitened residual (n,), J its nuisance Jacobian (n, p), Λ = diag(1/sd²). The generalised projector
-P = I − J (JᵀJ + Λ)⁻¹ Jᵀ removes what the nuisance explains within its prior; then χ² after a linear nuisance refit is rᵀ P r.
-Laplace evidence after MacKay, "Information Theory, Inference and Learning Algorithms", ch. 27–28.
+P = I − J (JᵀJ + Λ)⁻¹ Jᵀ removes what the nuisance explains within its prior; then χ² after a linear nuisance refit is
+rᵀ P r. Laplace evidence after MacKay, "Information Theory, Inference and Learning Algorithms", ch. 27–28.
 """
 
 from __future__ import annotations
@@ -79,7 +79,8 @@ class Fit:
     def log_evidence(self, temper: float, prior_mean: FloatArray, priors: Sequence[FloatArray]) -> float:
         """log marginal likelihood up to the constant that all hypotheses share, with χ² divided by ``temper``.
 
-        The mean over the prior widths ``priors`` (each (p,)): how far tissue laws may differ from the nominal one is not known.
+        The mean over the prior widths ``priors`` (each (p,)): how far tissue laws may differ from the nominal one is
+        not known.
         """
         terms = [self._nuisance_evidence(temper, prior_mean, sd) for sd in priors]
         occam = 0.0
@@ -133,8 +134,8 @@ def fit(
 ) -> Fit:
     """Nuisance and effect parameters that minimise χ² + prior, from ``nuisance`` (p,) and ``unit`` (k,).
 
-    Levenberg-Marquardt; effect derivatives by differences, nuisance derivatives from the problem. ``tolerance`` is the relative
-    gain below which it stops.
+    Levenberg-Marquardt; effect derivatives by differences, nuisance derivatives from the problem. ``tolerance`` is
+    the relative gain below which it stops.
     """
     hypothesis = tuple(hypothesis)
     c = problem.start() if nuisance is None else nuisance.copy()

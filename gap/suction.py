@@ -1,8 +1,9 @@
 """The suction instruments as two blocks of data: command -> recorded pressure, and recorded pressure -> apex height.
 
-The first isolates the actuator: no tissue in it. The second is fed with the *smoothed* recorded pressure (raw gauge noise would
-imitate friction and preload) and meets the tissue: the reduced law with its parameters free, and beside it a discrepancy that other
-tissue laws could leave (`gap.tissue_null`), so that only what no tissue could do is called a device effect.
+The first isolates the actuator: no tissue in it. The second is fed with the *smoothed* recorded pressure (raw gauge
+noise would imitate friction and preload) and meets the tissue: the reduced law with its parameters free, and beside
+it a discrepancy that other tissue laws could leave (`gap.tissue_null`), so that only what no tissue could do is
+called a device effect.
 """
 
 from __future__ import annotations
@@ -47,8 +48,8 @@ def _specimen(name: str) -> SuctionTissue:
 class PressureBlock(Block):
     """Command -> recorded pressure.
 
-    Nuisance: the regulator's time constant and damping, the sampling convention (a shift within one sample), and three quick lags that
-    other regulators than the nominal second-order one would add.
+    Nuisance: the regulator's time constant and damping, the sampling convention (a shift within one sample), and
+    three quick lags that other regulators than the nominal second-order one would add.
     """
 
     name, channels = "pressure", ("pressure",)
@@ -104,8 +105,8 @@ class PressureBlock(Block):
 class HeightBlock(Block):
     """Recorded pressure -> apex height.
 
-    Nuisance: the reduced tissue's parameters; per recording a gain (the skin's scatter from run to run) and a zero; the sampling
-    convention; the discrepancy of tissue laws.
+    Nuisance: the reduced tissue's parameters; per recording a gain (the skin's scatter from run to run) and a zero;
+    the sampling convention; the discrepancy of tissue laws.
     """
 
     name, channels = "height", ("apex_height",)

@@ -1,8 +1,9 @@
 """What tissues other than the reduced law could do: a basis of causal responses to suction, with prior weights.
 
-Linear combinations of it are added to the nominal prediction with small prior standard deviations (the principal shapes B of the
-covariance Σ = σ²I + B Bᵀ): curve -> memory (any elastic curve, any fading memory, not separable), memory -> curve, and slow dependence
-on the past. What acts between loading and unloading at equal history, or only at the instrument's end, is not in it.
+Linear combinations of it are added to the nominal prediction with small prior standard deviations (the principal
+shapes B of the covariance Σ = σ²I + B Bᵀ): curve -> memory (any elastic curve, any fading memory, not separable),
+memory -> curve, and slow dependence on the past. What acts between loading and unloading at equal history, or only at
+the instrument's end, is not in it.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ def suction_discrepancy(
 ) -> tuple[FloatArray, FloatArray]:
     """Basis (n, q), each column of unit size, at ``stamps`` (n,) s, and prior weights (q,).
 
-    ``time``, ``pressure`` (m,) s, Pa is the suction on the skin; columns are zero at ``marks`` (s), as the instrument zeroes.
+    ``time``, ``pressure`` (m,) s, Pa is the suction on the skin; columns are zero at ``marks`` (s), as the instrument
+    zeroes.
     """
     grid = np.unique(np.concatenate([stamps, time[:: max(1, len(time) // 20000)], time[:1], time[-1:]]))
     u = np.maximum(-np.interp(grid, time, pressure), 0.0)
@@ -67,10 +69,11 @@ SHEET_MEMORY = (0.0, 0.1, 0.7, 4.0, 30.0)
 
 
 def sheet_discrepancy(time: FloatArray, displacement: FloatArray, stamps: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Forces (3, n, q) at ``stamps`` (n,) s that other conservative sheets with fading memory could make, and weights (q,).
+    """Forces (3, n, q) at ``stamps`` (n,) s that other conservative sheets with fading memory could make, and weights
+    (q,).
 
-    ``displacement`` (3, m) m at ``time`` (m,) s. Elastic forces are gradients of potentials: monomials of degree 2 to 4 in the displacement
-    over its largest value; each is followed by every memory.
+    ``displacement`` (3, m) m at ``time`` (m,) s. Elastic forces are gradients of potentials: monomials of degree 2 to
+    4 in the displacement over its largest value; each is followed by every memory.
     """
     grid = np.unique(np.concatenate([stamps, time[:: max(1, len(time) // 15000)]]))
     u = np.stack([np.interp(grid, time, d) for d in displacement])

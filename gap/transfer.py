@@ -1,4 +1,5 @@
-"""How far the gap shrinks on data that were not used: other repeats, levels, directions and, above all, other waveforms.
+"""How far the gap shrinks on data that were not used: other repeats, levels, directions and, above all, other
+waveforms.
 
 A wrong effect can shrink the gap on the fitted data and their repeats almost as well as the right one; on another
 waveform it cannot.

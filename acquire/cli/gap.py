@@ -9,7 +9,9 @@ from typing import Annotated, Any
 
 import typer
 
-app = typer.Typer(no_args_is_help=True, help="Why simulation and measurement differ: where, which effect, how far it shrinks.")
+app = typer.Typer(
+    no_args_is_help=True, help="Why simulation and measurement differ: where, which effect, how far it shrinks."
+)
 blind = typer.Typer(no_args_is_help=True, help="Check the diagnosis on cases whose effect is withheld.")
 app.add_typer(blind, name="blind")
 

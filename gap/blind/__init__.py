@@ -3,3 +3,8 @@
 Nothing here imports the diagnosis, its effect library or the simulated instruments (an import contract
 enforces it): what is shared is the public vocabulary of effect names, the bundle format and the report schema.
 """
+
+from .cases import Hidden, Truth, make, write_key
+from .scoring import Scorecard, score
+
+__all__ = ["Hidden", "Scorecard", "Truth", "make", "score", "write_key"]

@@ -7,8 +7,8 @@ import json
 import sys
 from pathlib import Path
 
-from .make import default_passphrase, make
-from .score import score
+from .cases import make
+from .scoring import score
 from .vocabulary import INSTRUMENTS
 
 
@@ -22,13 +22,11 @@ def main(arguments: list[str] | None = None) -> int:
     m.add_argument("--seed", type=int, required=True)
     m.add_argument("-o", "--out", type=Path, required=True)
     m.add_argument("--instrument", action="append", choices=INSTRUMENTS, help="may be repeated (default: all)")
-    m.add_argument("--passphrase", help="default: made from the seed")
+    m.add_argument("--passphrase", default="")
     s = commands.add_parser("score", help="compare reports with the sealed keys")
     s.add_argument("reports", type=Path)
     s.add_argument("key", type=Path, nargs="+")
-    secret = s.add_mutually_exclusive_group(required=True)
-    secret.add_argument("--seed", type=int)
-    secret.add_argument("--passphrase")
+    s.add_argument("--passphrase", default="")
     s.add_argument("--json", type=Path, help="write the figures to this file too")
     given = parser.parse_args(arguments)
     try:
@@ -36,10 +34,10 @@ def main(arguments: list[str] | None = None) -> int:
             key = make(given.tier, given.n, given.seed, given.out, given.instrument or INSTRUMENTS, given.passphrase)
             print(f"{given.n} cases in {given.out}, key in {key}")
         else:
-            card = score(given.reports, given.key, given.passphrase or default_passphrase(given.seed))
-            print(card.table())
+            card = score(given.reports, given.key, given.passphrase)
+            print(card.as_text())
             if given.json:
-                given.json.write_text(json.dumps(card.to_json(), indent=1) + "\n")
+                given.json.write_text(json.dumps(card.as_json(), indent=1) + "\n")
     except (ValueError, OSError) as e:
         print(f"error: {e}", file=sys.stderr)
         return 2

@@ -11,10 +11,11 @@ import hmac
 import os
 
 _MAGIC = b"blind-key/1\n"
+_DEFAULT = "unread, not secret"  # where no passphrase is given
 
 
 def _keys(passphrase: str, salt: bytes) -> tuple[bytes, bytes]:
-    both = hashlib.scrypt(passphrase.encode(), salt=salt, n=2**12, r=8, p=1, dklen=64)
+    both = hashlib.scrypt((passphrase or _DEFAULT).encode(), salt=salt, n=2**12, r=8, p=1, dklen=64)
     return both[:32], both[32:]
 
 

@@ -70,7 +70,7 @@ class _Nuisance:
         return factor
 
     def left_of(self, r: Array) -> float:
-        """Norm of what is left of a whitened residual r (N,) at its best fit, prior included; inf if r is not finite."""
+        """Norm of what a best fit (prior included) leaves of a whitened residual r (N,); inf if r is not finite."""
         if not np.all(np.isfinite(r)):
             return np.inf
         x = scipy.linalg.cho_solve(self._gram, self.sensitivities.T @ r)

@@ -136,13 +136,13 @@ def make(
     seed: int,
     out: Path | str,
     instruments: Sequence[str] = INSTRUMENTS,
-    passphrase: str | None = None,
+    passphrase: str = "",
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
     """Write ``n`` blind cases of ``tier`` into the new folder ``out`` and their sealed key beside it.
 
     The instruments take turns. Each case is ``case-<hex>/r01 ...``, recordings of one session in order; the key is
-    ``<out>-key/key.bin``, sealed with ``passphrase`` (default: ``default_passphrase(seed)``). Returns the key's path.
+    ``<out>-key/key.bin``, sealed with ``passphrase`` (see ``write_key``). Returns the key's path.
     Equal arguments give equal cases. Raises ValueError for an unknown tier or instrument, FileExistsError if ``out``
     or the key exists.
     """
@@ -172,15 +172,18 @@ def make(
             progress(k + 1, n)
     manifest = {"schema": "blind-manifest/1", "cases": [{"case": t.case, "instrument": t.instrument} for t in truths]}
     (out / "manifest.json").write_text(json.dumps(manifest, indent=1) + "\n")
-    key.parent.mkdir(parents=True, exist_ok=True)
-    plain = json.dumps({"schema": "blind-key/1", "tier": tier, "seed": seed, "cases": [asdict(t) for t in truths]})
-    key.write_bytes(seal(plain.encode(), passphrase or default_passphrase(seed)))
+    write_key(key, truths, passphrase)
     return key
 
 
-def default_passphrase(seed: int) -> str:
-    """Passphrase of a key made without one: it keeps labels unread, not secret."""
-    return f"blind seed {seed}"
+def write_key(path: Path, truths: Sequence[Truth], passphrase: str = "") -> None:
+    """Seal what is hidden in each case into the key file ``path``.
+
+    Without a passphrase a fixed one is used: labels are then unread, not secret.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    plain = json.dumps({"schema": "blind-key/1", "cases": [asdict(t) for t in truths]})
+    path.write_bytes(seal(plain.encode(), passphrase))
 
 
 def _make_case(folder: Path, instrument: str, tier: str, decks: dict[str, _Deck], rng: np.random.Generator) -> Truth:

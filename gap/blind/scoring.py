@@ -140,7 +140,7 @@ class Scorecard:
                 return f
         raise KeyError(name)
 
-    def to_json(self) -> dict[str, Any]:
+    def as_json(self) -> dict[str, Any]:
         """Plain data for ``json.dump``; figures without cases have null values."""
         figures = [{k: _plain(v) for k, v in asdict(f).items()} | {"met": f.met} for f in self.figures]
         return {
@@ -152,7 +152,7 @@ class Scorecard:
             "per_case": list(self.per_case),
         }
 
-    def table(self) -> str:
+    def as_text(self) -> str:
         """The figures as plain text, beside their targets."""
         head = f"{'figure':46s} {'value':>7s}  {'95 % interval':>15s} {'n':>5s}  target"
         lines = [f"{self.cases} cases, {self.missing} without a report", head, "-" * len(head)]
@@ -246,7 +246,7 @@ def _load_report(path: Path) -> Report | None:
         raise ValueError(f"{path.name}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
 
 
-def load(reports: Path, keys: Sequence[Path], passphrase: str) -> list[Case]:
+def load(reports: Path, keys: Sequence[Path], passphrase: str = "") -> list[Case]:
     """Truths of the sealed ``keys`` joined with the reports ``<case>.json``.
 
     Raises ValueError for a wrong passphrase or a malformed report, naming it.
@@ -344,7 +344,7 @@ def _row(c: Case) -> dict[str, Any]:
     }
 
 
-def score(reports: Path | str, key: Path | str | Sequence[Path | str], passphrase: str) -> Scorecard:
+def score(reports: Path | str, key: Path | str | Sequence[Path | str], passphrase: str = "") -> Scorecard:
     """Score the folder ``reports`` (``<case>.json``, schema ``gap-report/1``) against one or several sealed keys.
 
     Raises FileNotFoundError for a missing folder or key and ValueError for a wrong passphrase or malformed report.
