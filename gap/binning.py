@@ -8,6 +8,7 @@ by `gap.signatures`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +35,7 @@ def bin_edges(begin: float, end: float, kinks: FloatArray, dt: float) -> FloatAr
     inside = np.unique(np.concatenate([[begin], kinks[(kinks > begin) & (kinks < end)], [end + dt]]))
     widest = max(WIDEST, dt)
     edges = [begin]
-    for start, stop in zip(inside[:-1], inside[1:], strict=True):
+    for start, stop in pairwise(inside):
         t = start
         while t < stop - 0.5 * dt:
             t += min(max(dt, GROWTH * (t - start)), widest)

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from acquire.recording.model import Recording
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Rows
@@ -60,7 +61,8 @@ class Block(abc.ABC):
 
     prior_mean: FloatArray
     prior_sd: FloatArray
-    alternatives: tuple[FloatArray, ...]
+    alternatives: Sequence[FloatArray]
+    local: NDArray[np.bool_]
 
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect], without: Sequence[str] = ()) -> None:
         self.session, self.library = session, library

@@ -135,7 +135,7 @@ def _remarks(recordings: Sequence[Recording]) -> list[str]:
 
 def _problems(
     recordings: Sequence[Recording], model: ForwardModel | None, user_effects: Sequence[Path], solver: str
-) -> tuple[list[Problem], tuple[Candidate, ...]]:
+) -> tuple[Sequence[Problem], tuple[Candidate, ...]]:
     if model is not None:
         rig = RigProblem(recordings, model)
         return [rig], rig.candidates

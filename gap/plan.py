@@ -65,7 +65,9 @@ class Plan:
         return "\n".join(lines)
 
 
-def build(recordings: Sequence[Recording], effects: Mapping[str, Any]) -> tuple[list[Any], tuple[Candidate, ...]]:
+def build(
+    recordings: Sequence[Recording], effects: Mapping[str, Any]
+) -> tuple[Sequence[Problem], tuple[Candidate, ...]]:
     """Problems and candidates of one of our instruments."""
     make = robot_problems if recordings[0].info.instrument == "microrobot" else suction_problems
     return make(recordings, effects)

@@ -155,7 +155,9 @@ def sentences(d: Diagnosis) -> list[str]:
     if v.verdict == "unknown":
         second = f"Nothing in the library explains it: the best candidate, {what}, takes away only {share:.0f} % of it."
     else:
-        second = f"{what.capitalize()} ({', '.join(dict.fromkeys(e.stage for e in cause.effects))}; {numbers}) explains {share:.0f} % of it (probability {cause.probability:.2f})."
+        stage = ", ".join(dict.fromkeys(e.stage for e in cause.effects))
+        how_sure = f"(probability {cause.probability:.2f})"
+        second = f"{what.capitalize()} ({stage}; {numbers}) explains {share:.0f} % of it {how_sure}."
     others = [words(n) for n in cause.names[1:]]
     if others:
         third = f"These data cannot tell it from {', '.join(others)}."

@@ -85,7 +85,7 @@ def load_model(where: str) -> ForwardModel:
     missing = [a for a in ("name", "channels", "stages", "parameters", "simulate") if not hasattr(model, a)]
     if missing:
         raise ModelError(f"model {where!r}: it lacks {', '.join(missing)} (see gap.rig)")
-    return model  # type: ignore[no-any-return]
+    return model
 
 
 @dataclass
@@ -120,7 +120,9 @@ class _Acting:
     """The tap of a run with effects; keeps their states through one recording."""
 
     def __init__(self, at: Mapping[str, list[tuple[GenericEffect, Mapping[str, float]]]], time: FloatArray) -> None:
-        self._at = {name: [(e, p, {}) for e, p in effects] for name, effects in at.items()}
+        self._at: dict[str, list[tuple[GenericEffect, Mapping[str, float], dict[str, float]]]] = {
+            name: [(e, p, {}) for e, p in effects] for name, effects in at.items()
+        }
         self._time = time
         self._used: dict[str, int] = {}
 
@@ -204,7 +206,7 @@ class RigProblem:
             [np.full(len(k), self._sigma[c]) for ks in keep for c, k in zip(model.channels, ks, strict=True)]
         )
         self.local = np.zeros(len(model.parameters), bool)
-        self.alternatives = (self.prior_sd,)
+        self.alternatives: Sequence[FloatArray] = (self.prior_sd,)
         self.rows = label_rows(
             [(r, c, run[0][k]) for r, run, ks in zip(recordings, self._runs, keep, strict=True)
              for c, k in zip(model.channels, ks, strict=True)]

@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter1d
 from acquire.recording.model import Recording
 from gap.blocks import Block, Group, GroupedSession, candidates_for, compressed
 from gap.chains import pruned
-from gap.hypothesis import Active, Candidate, Evaluation, FloatArray
+from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Problem
 from gap.noise import denoised
 from gap.tissue_null import sheet_discrepancy
 from sim_devices.chain import Chain, Effect
@@ -280,11 +280,10 @@ class ForceBlock(Block):
         """The reduced sheet at a nuisance vector."""
         c = dict(zip(self.TISSUE, nuisance, strict=False))
         base = self._tissue
+        k1, k2, k3 = (k * float(np.exp(np.clip(c[f"stiffness{i + 1}"], -8, 5))) for i, k in enumerate(base.stiffness))
         return replace(
             base,
-            stiffness=tuple(
-                k * float(np.exp(np.clip(c[f"stiffness{i + 1}"], -8, 5))) for i, k in enumerate(base.stiffness)
-            ),
+            stiffness=(k1, k2, k3),
             angle=base.angle + c["angle"],
             length=base.length * float(np.exp(np.clip(c["length"], -3, 3))),
             exponent=float(np.clip(base.exponent + c["exponent"], -0.3, 3.0)),
@@ -322,7 +321,7 @@ class ForceBlock(Block):
 
 def robot_problems(
     recordings: Sequence[Recording], effects: Mapping[str, Effect]
-) -> tuple[list[Block], tuple[Candidate, ...]]:
+) -> tuple[Sequence[Problem], tuple[Candidate, ...]]:
     """The blocks that a session's channels allow, and the effects that show in them.
 
     Raises ValueError when what was commanded, or what was measured, is missing.

@@ -56,7 +56,9 @@ def direction(recording: Recording) -> str:
 def label_rows(parts: Sequence[tuple[Recording, str, FloatArray]]) -> Rows:
     """Rows of ``(recording, channel, time (n,) s)`` parts, in their order."""
     columns: dict[str, list[str]] = {name: [] for name in LABELS}
-    run, times, ids = [], [], {}
+    run: list[int] = []
+    times: list[FloatArray] = []
+    ids: dict[int, int] = {}
     for recording, channel, time in parts:
         n = len(time)
         columns["channel"] += [channel] * n

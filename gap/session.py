@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -79,7 +80,7 @@ def _shifts(recordings: Sequence[Recording]) -> tuple[FloatArray, bool]:
     for r in recordings:
         times = [np.asarray(s.time, dtype=float) for s in r.streams.values() if len(s.time)]
         spans.append((min(float(t[0]) for t in times), max(float(t[-1]) for t in times)))
-    own = any(b[0] < a[1] for a, b in zip(spans[:-1], spans[1:], strict=True))
+    own = any(b[0] < a[1] for a, b in pairwise(spans))
     shifts = np.zeros(len(recordings))
     if own:
         at = 0.0

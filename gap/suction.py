@@ -17,7 +17,7 @@ import numpy as np
 from acquire.recording.model import Recording
 from gap.blocks import Block, Group, GroupedSession, candidates_for, compressed
 from gap.chains import pruned
-from gap.hypothesis import Active, Candidate, Evaluation, FloatArray
+from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Problem
 from gap.noise import denoised
 from gap.tissue_null import suction_discrepancy
 from sim_devices.chain import Chain, Effect
@@ -55,15 +55,18 @@ class PressureBlock(Block):
     name, channels = "pressure", ("pressure",)
     floor = 10.0  # Pa: a tenth of the command's resolution
     LAGS = (0.015, 0.04, 0.1)
+    GAUGE_GAIN, GAUGE_ZERO = 1e-3, 15.0  # tolerances of a sound gauge: relative, Pa (assumed)
 
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect]) -> None:
         # An open probe holds no pressure: its record says nothing of the regulator.
         super().__init__(session, library, without=("open air",))
-        self.prior_sd = np.array([0.15, 0.15, 0.6 * self.dt, *[0.03] * len(self.LAGS)])
+        self.prior_sd = np.array(
+            [0.15, 0.15, 0.6 * self.dt, *[0.03] * len(self.LAGS), self.GAUGE_GAIN, self.GAUGE_ZERO]
+        )
         self.prior_mean = np.zeros(len(self.prior_sd))
         self.local = np.zeros(len(self.prior_sd), bool)
         self.alternatives = (self.prior_sd,)
-        self._lagged = self._lag_columns()
+        self._linear = np.column_stack([self._lag_columns(), self.measured, np.ones(len(self.stamps))])
 
     def _lag_columns(self) -> FloatArray:
         """Lagged minus direct command (n, lags), Pa."""
@@ -86,7 +89,7 @@ class PressureBlock(Block):
             chain = _chain(self.session, g, NO_TISSUE, tau=tau, zeta=zeta, command_step=0.0)
             chain = pruned(self.with_effects(chain, active), ("pressure",))
             out[at] = simulate(chain, g.tables(), {"pressure": self.stamps[at] + nuisance[2]})["pressure"]
-        return out + self._lagged @ nuisance[3:]
+        return out + self._linear @ nuisance[3:]
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         predicted = self._predict(nuisance, active)
@@ -98,7 +101,7 @@ class PressureBlock(Block):
             moved = nuisance.copy()
             moved[k] += step
             jacobian[:, k] = (self._predict(moved, active) - predicted) / step / self.sigma
-        jacobian[:, 3:] = self._lagged / self.sigma[:, None]
+        jacobian[:, 3:] = self._linear / self.sigma[:, None]
         return Evaluation(residual, jacobian)
 
 
@@ -217,7 +220,7 @@ class HeightBlock(Block):
 
 def suction_problems(
     recordings: Sequence[Recording], effects: Mapping[str, Effect]
-) -> tuple[list[Block], tuple[Candidate, ...]]:
+) -> tuple[Sequence[Problem], tuple[Candidate, ...]]:
     """The blocks that a session's channels allow, and the effects that show in them.
 
     Raises ValueError when what was commanded, or what was measured, is missing.
