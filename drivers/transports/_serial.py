@@ -1,4 +1,4 @@
-"""Serial ports, pseudo-terminals and ``socket://`` through pyserial."""
+"""Serial ports and pseudo-terminals through pyserial."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ class SerialTransport(Transport):
 
     def __init__(self, address: str, baudrate: int) -> None:
         super().__init__(address)
-        exclusive = {} if "://" in address or os.name == "nt" else {"exclusive": True}
+        exclusive = {} if os.name == "nt" else {"exclusive": True}
         try:
             self._port = serial.serial_for_url(
                 address, baudrate=baudrate, timeout=0, write_timeout=_WRITE_TIMEOUT, **exclusive
             )
         except (OSError, ValueError) as error:  # SerialException is an OSError
             raise self._lost(error) from error
-        self._selectable = os.name != "nt" or "://" in address
+        self._selectable = os.name != "nt"
 
     def _receive(self, timeout: float) -> bytes:
         try:
@@ -50,5 +50,9 @@ class SerialTransport(Transport):
             raise self._lost(error) from error
 
     def close(self) -> None:
+        # pyserial leaves a socket open when its other end has gone first.
+        socket = getattr(self._port, "_socket", None)
         with contextlib.suppress(OSError):
             self._port.close()
+        if socket is not None:
+            socket.close()
