@@ -1,7 +1,7 @@
 """Links to instruments: serial ports, pseudo-terminals, TCP sockets and USB bulk endpoints behind one interface.
 
-``open_transport("/dev/ttyUSB0")``, ``"COM3"``, ``"socket://127.0.0.1:5000"`` (both through pyserial) or
-``"usb:16C0:27DD"`` (pyusb; hexadecimal vendor and product id).
+``open_transport("/dev/ttyUSB0")`` or ``"COM3"`` (pyserial), ``"socket://127.0.0.1:5000"``, ``"usb:16C0:27DD"`` (pyusb;
+hexadecimal vendor and product id).
 """
 
 from __future__ import annotations
@@ -24,10 +24,15 @@ def kind_of(address: str) -> str:
 
 def open_transport(address: str, *, baudrate: int = 115200, usb_backend: Any = None) -> Transport:
     """Open a link. Raises ValueError on an address that means nothing, LinkLost when nobody is there."""
-    if kind_of(address) == "usb":
+    kind = kind_of(address)
+    if kind == "usb":
         from drivers.transports._usb import UsbTransport
 
         return UsbTransport(address, usb_backend)
+    if kind == "socket":
+        from drivers.transports._socket import SocketTransport
+
+        return SocketTransport(address)
     from drivers.transports._serial import SerialTransport
 
     return SerialTransport(address, baudrate)

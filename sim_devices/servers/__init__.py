@@ -38,12 +38,13 @@ class Server:
     def __init__(self, sim: SimInstrument, entry: Entry) -> None:
         self._sim = sim
         self.entry = entry
+        self.bench = sim.bench
         self.back_door = BackDoor(sim)
         sim.start()
 
     def open_rig(self) -> Rig:
         """The instrument's rig on this server, not connected yet."""
-        return self._sim.bench.instrument.open_rig(self.entry)
+        return self.bench.instrument.open_rig(self.entry)
 
     def close(self) -> None:
         """Switch it off. Idempotent."""

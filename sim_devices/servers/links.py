@@ -133,6 +133,9 @@ class TcpLink(Link):
     def unplug(self) -> None:
         self._drop_host()
         if self._listener is not None:
+            # A thread that waits on the socket would keep it listening beyond its close.
+            with contextlib.suppress(OSError):
+                self._listener.shutdown(socket.SHUT_RDWR)
             self._listener.close()
             self._listener = None
 

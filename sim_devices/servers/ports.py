@@ -38,6 +38,7 @@ class Port:
     def flush(self, wall: float) -> None:
         """Send what the link takes at ``wall`` (monotonic s)."""
         if self.faults.stalled(wall):
+            self._progress = wall
             return
         if not self.backlog:
             self._progress = wall
