@@ -1,8 +1,8 @@
 """The same Yeoh suction in this solver, felupe and NGSolve: the references of tests and benchmarks.
 
 One layer, elastic, the surface outside the opening held in z and free to slide (a bilateral, frictionless rim without
-fillet, since the three codes treat contact differently), follower suction inside, bottom fixed. Every function returns the
-apex height [m], the unknowns and the seconds of one warm run.
+fillet, since the three codes treat contact differently), follower suction inside, bottom fixed. Every function returns
+the apex height [m], the unknowns and the seconds of the fastest of ``repeats`` runs.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from skinrig_solver.suction.schedule import Segment
 
 @dataclass(frozen=True)
 class Case:
-    """Radii, thickness [m]; shear modulus, second Yeoh coefficient [Pa]; Poisson's ratio; suction [Pa]; load steps; rim or
-    free surface."""
+    """Radii, thickness [m]; shear modulus, second Yeoh coefficient [Pa]; Poisson's ratio; suction [Pa]; load steps;
+    with a rim, or a free surface that nothing holds down (smoother, so a sharper comparison)."""
 
     opening: float = 1e-3
     radius: float = 10e-3
@@ -117,7 +117,7 @@ def with_felupe(case: Case, density: float, repeats: int = 2) -> tuple[float, in
 
 
 def with_ngsolve(case: Case, density: float, repeats: int = 2) -> tuple[float, int, float]:
-    """Taylor–Hood triangles (u quadratic, p linear) with NGSolve's symbolic energy, refined towards the opening's edge."""
+    """Taylor–Hood triangles (u quadratic, p linear) with NGSolve's symbolic energy, refined towards the rim."""
     import ngsolve as ng
     from netgen.geom2d import SplineGeometry
 

@@ -2,9 +2,9 @@
 
 A law is an ordinary Python function of :class:`Expr` objects. Running it builds an expression graph in which equal
 expressions are one node; :func:`derivatives` differentiates the graph in forward mode (node by node, zeros never
-stored); :func:`emit` writes the wanted nodes as assignments. The functions ``sqrt``, ``exp``, ``expm1``, ``log``,
-``power``, ``select`` and ``root`` (a scalar equation, differentiated by the implicit-function theorem) are the vocabulary beyond
-``+ - * / **``.
+stored); :func:`emit` writes the wanted nodes as assignments. The vocabulary beyond ``+ - * / **``: ``sqrt``, ``exp``,
+``expm1``, ``log``, ``power``, ``select``, and ``root``, a scalar equation that is differentiated by the
+implicit-function theorem.
 
 >>> x, y = variables("x", "y")
 >>> f = exp(x * y) + x

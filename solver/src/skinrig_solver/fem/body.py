@@ -182,7 +182,7 @@ class Body:
         """
         new = guess.copy()
         new.history = old.history
-        trouble = {"pressure": load.pressure}
+        trouble = {"pressure": load.pressure} | ({"probe_force": load.force} if load.height is None else {})
         before = np.inf
         for iteration in range(1, MAX_NEWTON + 1):
             bad = self._kinematics(new)

@@ -1,0 +1,128 @@
+"""The suction models: convergence, sensitivities, an independent library, options and refusals."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import peers
+import pytest
+
+from skinrig_solver import Experiment, Result, SolverError, models
+
+YEOH, RB = models()["suction_yeoh_qlv"], models()["suction_rubin_bodner"]
+
+
+def hold(
+    seconds: float, pressure: float, instrument: Any = "cutometer", rate: float = 20.0, **geometry: Any
+) -> Experiment:
+    time = np.arange(0.0, seconds + 0.5 / rate, 1.0 / rate)
+    return Experiment(instrument, time, {"pressure": np.where(time > 0.0, pressure, 0.0)}, geometry)
+
+
+def apex(result: Result) -> float:
+    return float(result.channels["apex_height"][-1])
+
+
+def test_mesh_and_steps_are_converged_to_half_a_percent() -> None:
+    """Defaults against twice the mesh and against four times the steps, at the end and over the whole curve."""
+    run = hold(60.0, -30e3, rate=10.0)
+    coarse = RB.simulate(run, {}).channels["apex_height"]
+    for finer in ({"mesh": 2.0}, {"steps": 4.0}):
+        fine = RB.simulate(hold(60.0, -30e3, rate=10.0, **finer), {}).channels["apex_height"]
+        assert np.abs(coarse - fine).max() < 5e-3 * fine.max()
+
+
+def test_felupe_agrees_within_one_percent() -> None:
+    """The same Yeoh suction with felupe's biquadratic mean-dilatation elements."""
+    pytest.importorskip("felupe")
+    pytest.importorskip("tensortrax")
+    case = peers.Case(rim=False, pressure=-2e4)
+    ours, _, _ = peers.ours(case, 2.0, repeats=1)
+    theirs, _, _ = peers.with_felupe(case, 2.0, repeats=1)
+    assert ours == pytest.approx(theirs, rel=0.01)
+
+
+def test_ngsolve_agrees_within_one_percent() -> None:
+    pytest.importorskip("ngsolve")
+    case = peers.Case()
+    ours, _, _ = peers.ours(case, 2.0, repeats=1)
+    theirs, _, _ = peers.with_ngsolve(case, 1.5, repeats=1)
+    assert ours == pytest.approx(theirs, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("model", "symbols", "run"),
+    [
+        (RB, ("skin.mu0", "skin.q", "skin.n", "skin.Gamma2", "smas.mu0"), hold(5.0, -30e3)),
+        (RB, ("skin.m2", "muscle.mu0", "smas.r2"), hold(5.0, -15e3, "aspiration")),
+        (YEOH, ("G", "nu", "c20", "g1", "tau2", "friction", "spring_force"), hold(5.0, -20e3)),
+        (YEOH, ("G", "spring_force"), hold(5.0, -20e3, probe="floating")),
+    ],
+)
+def test_sensitivities_agree_with_differences(model: Any, symbols: tuple[str, ...], run: Experiment) -> None:
+    exact = model.simulate(run, {}, symbols).sensitivities["apex_height"]
+    for j, symbol in enumerate(symbols):
+        value = model.info.defaults[symbol]
+        h = 2e-3 * value  # differences feel the tolerance of Newton's method and the kinks of friction
+        sides = [model.simulate(run, {symbol: value + s * h}).channels["apex_height"] for s in (1, -1)]
+        difference = (sides[0] - sides[1]) / (2 * h)
+        assert np.abs(exact[:, j] - difference).max() < 1e-2 * np.abs(difference).max() + 2e-10 / value, symbol
+
+
+def test_a_stiffer_skin_rises_less_and_a_wider_opening_more() -> None:
+    base = apex(YEOH.simulate(hold(1.0, -2e4), {}))
+    assert apex(YEOH.simulate(hold(1.0, -2e4), {"G": 4e4})) < base
+    assert apex(YEOH.simulate(hold(1.0, -2e4, opening_radius=3e-3), {})) > base
+    assert apex(YEOH.simulate(hold(1.0, -2e4), {"spring_force": 0.0})) > base
+
+
+def test_preload_makes_the_bulge_that_the_cutometer_zeroes_away() -> None:
+    zeroed = YEOH.simulate(hold(1.0, -2e4), {})
+    whole = YEOH.simulate(hold(1.0, -2e4, zero_at_start=False), {})
+    bulge = zeroed.notes["zero_displacement"]
+    assert 2e-5 < bulge < 3e-4
+    assert np.allclose(whole.channels["apex_height"] - zeroed.channels["apex_height"], bulge)
+
+
+def test_equal_arguments_give_equal_results() -> None:
+    first = RB.simulate(hold(5.0, -30e3), {})
+    RB.simulate(hold(5.0, -10e3), {"skin.q": 30.0})
+    again = RB.simulate(hold(5.0, -30e3), {})
+    assert np.array_equal(first.channels["apex_height"], again.channels["apex_height"])
+
+
+def test_the_picture_shows_the_dome() -> None:
+    result = RB.simulate(hold(1.0, -30e3), {})
+    at_load = result.fields[0]
+    heights = (at_load.nodes + at_load.displacement)[:, 1]
+    assert heights.max() == pytest.approx(result.channels["apex_height"].max(), rel=0.1)
+    assert at_load.layer_names == ("skin", "smas")
+    assert result.cost.dofs > 1000
+    assert result.cost.newton_steps >= result.cost.time_steps > 0
+
+
+@pytest.mark.parametrize(
+    ("run", "message"),
+    [
+        (hold(1.0, -1e4, "microrobot"), "simulates cutometer and aspiration, not 'microrobot'"),
+        (hold(1.0, -1e4, rim_filet=1e-4), "no geometry option 'rim_filet'"),
+        (hold(1.0, -1e4, layers={"fat": 1e-3}), "no layer 'fat'"),
+        (hold(1.0, -1e4, opening_radius=-1.0), "opening_radius must be positive"),
+        (hold(1.0, -1e4, probe="loose"), "'held' or 'floating'"),
+        (Experiment("cutometer", np.linspace(0, 1, 3), {"force": np.zeros(3)}), "needs the drive 'pressure'"),
+    ],
+)
+def test_wrong_input_is_named(run: Experiment, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        RB.simulate(run, {})
+
+
+def test_spring_sensitivity_needs_a_spring() -> None:
+    with pytest.raises(ValueError, match="spring_force"):
+        RB.simulate(hold(1.0, -1e4), {}, ["spring_force"])
+
+
+def test_a_load_that_tissue_cannot_bear_ends_in_an_honest_error() -> None:
+    with pytest.raises(SolverError, match=r"t = .* s, pressure = -"):
+        YEOH.simulate(hold(1.0, -5e6), {"G": 1e3, "c20": 0.0, "spring_force": 0.0})
