@@ -1,14 +1,19 @@
 """ETH aspiration device: a pressure controller on a serial link and a camera that sees the tissue bubble from the side.
 
-Options of a station entry: ``baudrate`` (115200).
+Options of a station entry: ``baudrate`` (115200); of the camera ``frame_scale`` (0.02 mm/px, assumed), and of the live
+apex height ``gvt`` (grey-value threshold; none: proposed), ``apex`` (up or down), ``tissue`` (dark or bright).
 """
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
 
 from drivers.device import Rig, Source
 from drivers.instrument import Entry, Instrument
 from drivers.options import take
 from drivers.signals import Channel
+from protocols import units
 from protocols.limits import Limits, Range
 
 MBAR = 100.0
@@ -29,7 +34,7 @@ def open_rig(entry: Entry) -> Rig:
     from drivers.stream import StreamDevice
     from drivers.transports import open_transport
 
-    options = take(entry, baudrate=115200)
+    options = take(entry, baudrate=115200, frame_scale="0.02 mm/px", gvt=None, apex="up", tissue="dark")
     device = StreamDevice(
         "aspiration",
         open_link=lambda: open_transport(entry.address, baudrate=options["baudrate"]),
@@ -43,15 +48,17 @@ def open_rig(entry: Entry) -> Rig:
     unknown = sorted(set(entry.sources) - set(INSTRUMENT.sources))
     if unknown:
         raise ValueError(f"aspiration: unknown source {unknown[0]!r}; it has {', '.join(INSTRUMENT.sources)}")
-    cameras = tuple(_camera(name, address) for name, address in entry.sources.items())
+    cameras = tuple(_camera(name, address, options) for name, address in entry.sources.items())
     return Rig("aspiration", device, cameras)
 
 
-def _camera(name: str, address: str) -> Source:
+def _camera(name: str, address: str, options: Mapping[str, Any]) -> Source:
     from drivers.aspiration.camera import FramedCamera, UvcCamera
+    from drivers.aspiration.contour import LiveApex, Settings
 
+    settings = Settings(gvt=options["gvt"], apex=options["apex"], tissue=options["tissue"])
     kind = UvcCamera if address.startswith("uvc:") else FramedCamera
-    return kind(name, address, (APEX,), None)
+    return kind(name, address, (APEX,), LiveApex(units.parse(options["frame_scale"], "scale"), settings))
 
 
 INSTRUMENT = Instrument(

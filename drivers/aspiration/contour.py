@@ -26,6 +26,7 @@ FloatArray = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
 _BAND_SEARCH = 12  # px in which the edge at GVT ± delta is looked for
+_SURE = 0.5  # confidence from which a proposed GVT is used live
 _SOFT = 0.35  # of the usual grey step across the edge; columns below it are not trusted
 
 
@@ -249,15 +250,18 @@ def analyse_frames(frames: Any, scale: float, settings: Settings | None = None) 
 
 
 class LiveApex:
-    """Measures frames as they come: call it with an image to get the displacement of the apex in m, NaN for no contour.
+    """Measures frames as they come: call it with an image to get the displacement of the apex in m.
 
-    The first frame gives the light and the initial height; until a proposed GVT is sure, every frame proposes again.
-    ``latest`` is the last contour, for the overlay; `reset` begins anew.
+    The first frame with a sure GVT gives the light and the initial height; before that, and where there is no contour,
+    the result is NaN. ``latest`` is the last contour, for the overlay; `reset` begins anew. ``scale`` is in m/px.
     """
 
     def __init__(self, scale: float, settings: Settings | None = None) -> None:
+        if not scale > 0:
+            raise ValueError(f"the scale must be positive, not {scale}")
         self._scale = scale
         self._settings = settings or Settings()
+        _compile()
         self.reset()
 
     def reset(self) -> None:
@@ -267,14 +271,22 @@ class LiveApex:
         self._rest_row = np.nan
 
     def __call__(self, image: Image) -> float:
-        if self.pipeline is None or self.pipeline.gvt_confidence < 0.5:
+        if self.pipeline is None or self.pipeline.gvt_confidence < _SURE:
             self.pipeline = Pipeline.prepare([image], self._settings)
-            self._rest_row = np.nan
         self.latest = self.pipeline.measure(image)
+        if self.pipeline.gvt_confidence < _SURE:
+            return np.nan
         if np.isnan(self._rest_row):
             self._rest_row = self.latest.apex_row
         sign = 1.0 if self._settings.apex == "up" else -1.0
         return float(sign * (self._rest_row - self.latest.apex_row) * self._scale)
+
+
+def _compile() -> None:
+    """Run every kernel once, so that the first frame of a measurement does not wait for the compiler."""
+    rows, columns = np.mgrid[:64, :64]
+    dome = np.where(rows > 32 + (columns - 32) ** 2 / 60, 20, 200).astype(np.uint8)
+    analyse_frame(dome)
 
 
 def _confidence(step: float, share: float, scatter: float, half_band: float) -> float:
