@@ -159,6 +159,18 @@ def play(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArr
 
 
 @njit(cache=True)
+def soft_play(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """Backlash taken up gradually (Dahl): u - y nears ±``p`` = (half width,) exponentially over that distance."""
+    half = max(p[0], 1e-300)
+    for i in range(t.size):
+        du = u[i] - s[2]
+        edge = p[0] if du > 0.0 else -p[0]
+        s[3] = edge + (s[3] - edge) * math.exp(-abs(du) / half)
+        s[2] = u[i]
+        y[i] = u[i] - s[3]
+
+
+@njit(cache=True)
 def play_within(s: FloatArray, u: FloatArray, width: FloatArray, soft: float, y: FloatArray) -> None:
     """``play`` whose half ``width`` (n,) changes, as dry friction does with the normal load.
 
@@ -177,6 +189,21 @@ def play_within(s: FloatArray, u: FloatArray, width: FloatArray, soft: float, y:
             s[3] = min(max(s[3], u[i] - w), u[i] + w)
         s[2] = u[i]
         y[i] = s[3]
+
+
+@njit(cache=True)
+def slipping(s: FloatArray, x: FloatArray, y: FloatArray, reach: float, share: float, out: FloatArray) -> None:
+    """Play in a plane: point s (2,) is carried along at a distance ``reach`` of (x, y); out (2, n) = (x, y) - share s.
+
+    As friction with kinematic hardening: ``share`` of the displacement beyond ``reach`` is slip.
+    """
+    for i in range(x.size):
+        dx, dy = x[i] - s[0], y[i] - s[1]
+        far = math.sqrt(dx * dx + dy * dy)
+        if far > reach:
+            s[0] += (far - reach) / far * dx
+            s[1] += (far - reach) / far * dy
+        out[0, i], out[1, i] = x[i] - share * s[0], y[i] - share * s[1]
 
 
 @njit(cache=True)

@@ -65,12 +65,12 @@ class Zeroing(Wired):
     def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
         height, pressure = (signals[s] for s in self.source)
         out = np.empty(len(time))
-        _zeroed(state[0], time, height, pressure, state[1], self.delay, self.anew, out)
+        zeroed(state[0], time, height, pressure, state[1], self.delay, self.anew, True, out)
         signals[self.target[0]] = out
 
 
 @njit(cache=True)
-def _zeroed(
+def zeroed(
     s: FloatArray,
     t: FloatArray,
     h: FloatArray,
@@ -78,15 +78,19 @@ def _zeroed(
     marks: FloatArray,
     delay: float,
     anew: float,
+    at_marks: bool,
     y: FloatArray,
 ) -> None:
+    """Height less its zero, taken when suction starts after a mark, and at the mark itself with ``at_marks``."""
     # s: [0] zero, [1] 0 = unstarted, 1 = armed, 2 = waiting out the delay, 3 = zeroed;
     # [2] when the delay ends, [3] index of the next mark, [4] at rest since
     for i in range(t.size):
         if s[1] == 0.0 or t[i] >= marks[int(s[3])]:
             while t[i] >= marks[int(s[3])]:
                 s[3] += 1.0
-            s[0], s[1], s[4] = h[i], 1.0, t[i]
+            s[1], s[4] = 1.0, t[i]
+            if at_marks:
+                s[0] = h[i]
         sucking = p[i] < -1.0
         if sucking:
             if s[1] == 1.0 or (s[1] == 3.0 and anew > 0.0 and t[i] - s[4] >= anew):

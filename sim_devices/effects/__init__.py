@@ -1,0 +1,132 @@
+"""The library of effects: what real instruments and skin do and the nominal chain does not.
+
+``effects("cutometer")`` gives those of one instrument by name. Other packages add their own under the entry point
+``acquire.effects``: an ``Effect``, an iterable of them, or a function that returns either. One that does not load is
+listed by ``broken()`` and disturbs nobody.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from itertools import product
+
+from sim_devices.chain import Chain, Effect, Parameter
+from sim_devices.effects import actuator, interface, processing, sensor, timing, tissue
+from sim_devices.effects.build import CHOICE
+
+GROUP = "acquire.effects"
+
+
+def effects(instrument: str | None = None) -> dict[str, Effect]:
+    """Effects by name, in the order of the stages; of one instrument, or all.
+
+    Where an effect takes other units on other instruments, the list of all has it as ``name`` for the first one and as
+    ``name@instrument`` for the others.
+    """
+    found: dict[str, Effect] = {}
+    for effect in _all()[0]:
+        if instrument is None:
+            key = effect.name if effect.name not in found else f"{effect.name}@{effect.instruments[0]}"
+            found.setdefault(key, effect)
+        elif instrument in effect.instruments:
+            found.setdefault(effect.name, effect)
+    return found
+
+
+def broken() -> dict[str, str]:
+    """Plugins of effects that did not load: name of the entry point -> error."""
+    return dict(_all()[1])
+
+
+def variants(effect: Effect) -> dict[str, Effect]:
+    """One effect for each combination of its choices, these fixed: ``backlash[form=1]``; itself if it has none."""
+    choices = [p for p in effect.parameters if p.unit == CHOICE and p.name != "seed"]
+    if not choices:
+        return {effect.name: effect}
+    found = {}
+    for numbers in product(*(range(int(p.low), int(p.high) + 1) for p in choices)):
+        fixed = {p.name: float(n) for p, n in zip(choices, numbers, strict=True)}
+        key = f"{effect.name}[{','.join(f'{k}={v:g}' for k, v in fixed.items())}]"
+        free = tuple(p for p in effect.parameters if p.name not in fixed)
+        found[key] = replace(effect, parameters=free, install=_with(effect, fixed))
+    return found
+
+
+def parse_effect(text: str, instrument: str | None = None) -> tuple[Effect, dict[str, float]]:
+    """The effect and the given parameters, SI, of ``name`` or ``name:parameter=value,...``; values may carry a unit.
+
+    >>> effect, values = parse_effect("regulator_lag:tau=300ms")
+    >>> effect.name, values
+    ('regulator_lag', {'tau': 0.3})
+
+    Raises ValueError that names the effect, parameter or value it cannot use.
+    """
+    name, _, rest = text.partition(":")
+    known = effects(instrument)
+    name = name.strip()
+    if name not in known:
+        raise ValueError(f"no effect {name!r}{f' of {instrument}' if instrument else ''}; there are {', '.join(known)}")
+    effect = known[name]
+    parameters = {p.name: p for p in effect.parameters}
+    values = {}
+    for item in filter(None, (part.strip() for part in rest.split(","))):
+        key, equals, value = (part.strip() for part in item.partition("="))
+        if not equals or key not in parameters:
+            have = ", ".join(parameters)
+            raise ValueError(f"effect {name} has no parameter {item!r}; write parameter=value, with one of {have}")
+        values[key] = _number(name, parameters[key], value)
+    return effect, values
+
+
+def _number(effect: str, parameter: Parameter, text: str) -> float:
+    where = f"effect {effect}, parameter {parameter.name} = {text!r}"
+    try:
+        return float(text)
+    except ValueError:
+        pass
+    if parameter.unit == CHOICE:
+        raise ValueError(f"{where}: a whole number is needed: {parameter.meaning}")
+    import pint  # only where somebody writes a unit: it is slow to load
+
+    try:
+        return float(pint.Quantity(text).to("" if parameter.unit == "1" else parameter.unit).magnitude)
+    except Exception as error:  # pint raises many kinds
+        raise ValueError(f"{where}: a number in {parameter.unit} is needed: {error}") from None
+
+
+def _with(effect: Effect, fixed: Mapping[str, float]):  # type: ignore[no-untyped-def]
+    def install(chain: Chain, values: Mapping[str, float]) -> Chain:
+        return effect.install(chain, {**values, **fixed})
+
+    return install
+
+
+@cache
+def _all() -> tuple[tuple[Effect, ...], tuple[tuple[str, str], ...]]:
+    own = [e for module in (timing, actuator, interface, tissue, sensor, processing) for e in module.EFFECTS]
+    added, errors = _plugins(entry_points(group=GROUP))
+    return (*own, *added), tuple(errors.items())
+
+
+def _plugins(entries: Iterable[EntryPoint]) -> tuple[list[Effect], dict[str, str]]:
+    """Effects of the entry points, and the error of each that gives none."""
+    found: list[Effect] = []
+    errors: dict[str, str] = {}
+    for entry in entries:
+        try:
+            made = entry.load()
+            made = made() if callable(made) else made
+            listed = [made] if isinstance(made, Effect) else list(made)
+            wrong = [type(e).__name__ for e in listed if not isinstance(e, Effect)]
+            if wrong:
+                raise TypeError(f"it gives {wrong[0]} where effects are expected")
+            found += listed
+        except Exception as error:  # whatever a stranger's module does
+            errors[entry.name] = f"{entry.value}: {type(error).__name__}: {error}"
+    return found, errors
+
+
+__all__ = ["GROUP", "broken", "effects", "parse_effect", "variants"]

@@ -1,0 +1,257 @@
+"""Effects of what moves: pressure regulation and its gauge, voice coils and their friction."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from sim_devices.chain import Chain
+from sim_devices.effects.build import (
+    PRESSURE,
+    ROBOT,
+    SUCTION,
+    Values,
+    choice,
+    chosen,
+    effect,
+    law_after,
+    law_before,
+    map_after,
+    shape,
+    signed,
+    strength,
+)
+from sim_devices.stages import kernels, laws
+
+_COIL = 10.0
+"""N; a limit that the robot's coils never reach."""
+
+
+def _regulator_lag(chain: Chain, v: Values) -> Chain:
+    if chosen(v, "form") == 1:
+        op: Any = chain["regulator"]
+        return chain.tuned("regulator", tau=math.hypot(op.tau, v["tau"] / 2))
+    return law_after(chain, "regulator", "regulator_lag", "actuator", kernels.low_pass, (v["tau"],))
+
+
+def _slew_suction(chain: Chain, v: Values) -> Chain:
+    rate = PRESSURE / v["span_time"]
+    rates = (rate * v["release"], rate)  # suction is negative: rising pressure is release
+    return law_before(chain, "regulator", "slew_limit", "actuator", kernels.rate_limit, rates)
+
+
+def _overshoot(chain: Chain, v: Values) -> Chain:
+    op: Any = chain["regulator"]
+    log = math.log(max(v["overshoot"], 1e-12))
+    return chain.tuned("regulator", tau=op.tau * v["slowness"], zeta=-log / math.hypot(math.pi, log))
+
+
+def _leak(chain: Chain, v: Values) -> Chain:
+    parameters = (v["shortfall"], v["exponent"], PRESSURE)
+    return map_after(chain, "regulator", "leak", "actuator", laws.leak, parameters)
+
+
+def _depletion(chain: Chain, v: Values) -> Chain:
+    parameters = (-v["sag"], PRESSURE, v["tau"], v["tau"] * v["refill"])
+    return law_after(chain, "regulator", "reservoir_depletion", "actuator", kernels.exposure_gain, parameters)
+
+
+def _dead_band(chain: Chain, v: Values) -> Chain:
+    parameters = (v["band"], v["tau"])
+    return law_before(chain, "regulator", "dead_band", "actuator", kernels.dead_zone_lag, parameters)
+
+
+def _gauge(chain: Chain, error: float, amount: float) -> Chain:
+    known: Any = chain["gauge"]
+    parameters = (known.parameters[0] + error, known.parameters[1] + amount)
+    return chain.tuned("gauge", parameters=parameters).tuned("line", parameters=parameters)
+
+
+def _slew_robot(chain: Chain, v: Values) -> Chain:
+    rate = 1e-3 / v["span_time"]
+    targets = ("target_1", "target_2", "target_3")
+    return law_before(chain, "axes", "slew_limit", "actuator", kernels.rate_limit, (rate, rate), *targets)
+
+
+def _backlash(chain: Chain, v: Values) -> Chain:
+    half = v["gap"] / 2
+    if chosen(v, "form") == 0:
+        return law_before(chain, "platform", "backlash", "actuator", kernels.play, (half,))
+    return law_before(chain, "platform", "backlash", "actuator", kernels.soft_play, (half,))
+
+
+def _friction(chain: Chain, v: Values) -> Chain:
+    return chain.tuned("axes", coulomb=v["force"], presliding=v["presliding"])
+
+
+def _stribeck(chain: Chain, v: Values) -> Chain:
+    return chain.tuned(
+        "axes", stiction=v["stiction"], coulomb=v["stiction"] * v["coulomb_share"], stribeck_speed=v["speed"]
+    )
+
+
+EFFECTS = (
+    effect(
+        "regulator_lag", "actuator", SUCTION,
+        "Pressure follows its command more slowly than nominal.",
+        "Shorter hoses, a faster valve or more integral gain; record the pressure at the probe.",
+        "hoses and valves; W and F assume rise times without measuring them",
+        (
+            strength("tau", "s", 5e-3, 3.0, 0.3, "time constant beyond the nominal regulator's"),
+            choice("form", 0, "a first-order lag behind the regulator", "a slower second-order regulator"),
+        ),
+        _regulator_lag,
+    ),
+    effect(
+        "slew_limit", "actuator", SUCTION,
+        "The rate of pressure is limited.",
+        "A stronger pump, a wider valve; or command ramps that the pump can follow.",
+        "F assumed 1e5 mbar/s; pumps reach far less",
+        (
+            strength("span_time", "s", 0.01, 10.0, 1.0, "time for 300 mbar of suction"),
+            shape("release", "1", 0.3, 10.0, 1.0, "how much faster pressure comes back", log=True),
+        ),
+        _slew_suction,
+    ),
+    effect(
+        "overshoot", "actuator", SUCTION,
+        "Under-damped pressure regulation.",
+        "Less integral gain, or a damped reservoir.",
+        "second-order regulation; gap.md",
+        (
+            strength("overshoot", "1", 5e-3, 0.8, 0.25, "of a step"),
+            shape("slowness", "1", 0.3, 8.0, 1.5, "time constant against the nominal one", log=True),
+        ),
+        _overshoot,
+    ),
+    effect(
+        "leak", "actuator", SUCTION,
+        "Flow past the regulator: pressure falls short of its command, more at high suction.",
+        "Tighten the line; hold a pressure with the pump off and watch it fall.",
+        "orifice and laminar leak laws; gap.md",
+        (
+            strength("shortfall", "1", 2e-3, 0.6, 0.1, "of 300 mbar at 300 mbar"),
+            shape("exponent", "1", -0.5, 1.5, 0.7, "-0.5 orifice, 0 laminar, above: a leak that opens"),
+        ),
+        _leak,
+    ),
+    effect(
+        "reservoir_depletion", "actuator", SUCTION,
+        "Suction sags as the vacuum store empties.",
+        "A larger reservoir, a pump that runs, pauses to refill.",
+        "the aspiration device's air reservoir (W)",
+        (
+            strength("sag", "1", 2e-3, 0.6, 0.1, "of the pressure, at 300 mbar held for long"),
+            shape("tau", "s", 2.0, 300.0, 30.0, "time to empty", log=True),
+            shape("refill", "1", 0.05, 5.0, 0.5, "time to refill against time to empty", log=True),
+        ),
+        _depletion,
+    ),
+    effect(
+        "dead_band", "actuator", SUCTION,
+        "The valve ignores small pressure errors.",
+        "A finer valve, or integral action.",
+        "on-off and proportional valves; gap.md",
+        (
+            strength("band", "Pa", 50.0, 8e3, 1e3, "half width of the ignored error"),
+            shape("tau", "s", 0.0, 0.5, 0.02, "how slowly the valve closes in on the band"),
+        ),
+        _dead_band,
+    ),
+    effect(
+        "gauge_offset", "actuator", SUCTION,
+        "The gauge that closes the loop and is recorded reads a constant too much.",
+        "Zero the gauge in open air; compare with a manometer.",
+        "null shift of pressure sensors; gap.md",
+        (signed("offset", "Pa", 5e3, 1e3, "reading minus truth"),),
+        lambda chain, v: _gauge(chain, 0.0, v["offset"]),
+    ),
+    effect(
+        "gauge_gain", "actuator", SUCTION,
+        "The gauge that closes the loop and is recorded has a wrong sensitivity.",
+        "Calibrate at two pressures with a manometer tap.",
+        "span error of pressure sensors; gap.md",
+        (signed("error", "1", 0.4, 0.1, "relative error of the reading"),),
+        lambda chain, v: _gauge(chain, v["error"], 0.0),
+    ),
+    effect(
+        "slew_limit", "actuator", ROBOT,
+        "The rate of axis motion is limited.",
+        "Slower trajectories, or a higher limit in the controller.",
+        "trajectory generators' velocity limits; gap.md",
+        (strength("span_time", "s", 0.2, 20.0, 2.5, "time for 1 mm of an axis"),),
+        _slew_robot,
+    ),
+    effect(
+        "force_saturation", "actuator", ROBOT,
+        "Voice-coil force (current) is limited.",
+        "A stronger coil or supply; slower starts.",
+        "amplifier current limits; gap.md",
+        (strength("limit", "N", 0.05, _COIL, 0.6, "of one axis", null=_COIL),),
+        lambda chain, v: chain.tuned("axes", force_limit=v["limit"]),
+    ),
+    effect(
+        "viscous_drag", "actuator", ROBOT,
+        "Drag of an axis in proportion to its speed.",
+        "Other grease; feed the speed forward.",
+        "slides and position sensors; gap.md",
+        (strength("drag", "N s/m", 1.0, 3e3, 200.0, "per axis"),),
+        lambda chain, v: chain.tuned("axes", drag=v["drag"]),
+    ),
+    effect(
+        "coulomb_friction", "actuator", ROBOT,
+        "Dry friction of an axis, constant against motion.",
+        "Other bearings; friction feed-forward; dither.",
+        "ALPS RDC1014 alone has up to 0.25 N; Dahl 1968 for the presliding form",
+        (
+            strength("force", "N", 0.01, 5.0, 0.4, "of one axis"),
+            shape("presliding", "m", 0.0, 60e-6, 0.0, "distance over which it builds up; 0: at once"),
+        ),
+        _friction,
+    ),
+    effect(
+        "stribeck_friction", "actuator", ROBOT,
+        "Dry friction that is higher near standstill.",
+        "Other lubricant; dither; a faster approach.",
+        "Stribeck 1902; Armstrong-Hélouvry et al. 1994",
+        (
+            strength("stiction", "N", 0.01, 5.0, 0.5, "above the kinetic friction, at standstill"),
+            shape("coulomb_share", "1", 0.0, 2.0, 0.5, "kinetic friction against that"),
+            shape("speed", "m/s", 5e-5, 5e-3, 5e-4, "Stribeck speed", log=True),
+        ),
+        _stribeck,
+    ),
+    effect(
+        "backlash", "actuator", ROBOT,
+        "Play between axis and platform.",
+        "Preload the pivots with stiffer springs.",
+        "vee-jewel pivots held by springs (M)",
+        (
+            strength("gap", "m", 1e-6, 6e-4, 80e-6, "full play of one axis"),
+            choice("form", 0, "sharp", "taken up gradually"),
+        ),
+        _backlash,
+    ),
+    effect(
+        "integral_windup", "actuator", ROBOT,
+        "The integral term winds up while the force is limited, and empties late.",
+        "Freeze the integrator while the output is limited.",
+        "Åström & Hägglund, PID Controllers",
+        (
+            strength("limit", "N", 0.05, _COIL, 0.5, "force at which the output is limited", null=_COIL),
+            shape("running", "1", 0.2, 1.0, 1.0, "share of the integration that goes on"),
+        ),
+        lambda chain, v: chain.tuned("axes", force_limit=v["limit"], windup=v["running"]),
+    ),
+    effect(
+        "position_dependent_force_constant", "actuator", ROBOT,
+        "Coil force per ampere varies along the stroke.",
+        "Tabulate the force constant and divide by it.",
+        "fringe field of short voice coils; gap.md",
+        (
+            signed("slope", "1/m", 400.0, 150.0, "relative change per metre of travel"),
+            shape("curvature", "1/m**2", 0.0, 6e4, 0.0, "relative loss per square metre"),
+        ),
+        lambda chain, v: chain.tuned("axes", slope=v["slope"], curvature=-v["curvature"]),
+    ),
+)  # fmt: skip

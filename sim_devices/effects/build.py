@@ -1,0 +1,135 @@
+"""How effects are written down: parameters in a line, operators put next to the nominal one they disturb."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from sim_devices.chain import Chain, Effect, Parameter
+from sim_devices.stages.kernels import Kernel
+from sim_devices.stages.operators import Delay, Law, Map, Names, Wired, after, before, last_writer
+
+Values = Mapping[str, float]
+Install = Callable[[Chain, Values], Chain]
+
+SUCTION = ("cutometer", "aspiration")
+CUTOMETER, ASPIRATION, ROBOT = ("cutometer",), ("aspiration",), ("microrobot",)
+ALL = (*SUCTION, *ROBOT)
+PRESSURE = 30e3
+"""Pa at which relative errors of pressure are quoted: 300 mbar."""
+CHOICE = "choice"
+"""Unit of a shape parameter that takes whole numbers only, each a form or a channel of its own."""
+
+
+def strength(
+    name: str, unit: str, low: float, high: float, default: float, meaning: str = "", null: float = 0.0
+) -> Parameter:
+    """A positive strength, log-uniform a priori; 0 (or ``null``) switches the effect off."""
+    return Parameter(name, unit, low, high, null, default, "log", meaning)
+
+
+def signed(name: str, unit: str, size: float, default: float, meaning: str = "") -> Parameter:
+    """A strength of either sign within ±size."""
+    return Parameter(name, unit, -size, size, 0.0, default, "linear", meaning)
+
+
+def shape(
+    name: str, unit: str, low: float, high: float, default: float, meaning: str = "", *, log: bool = False
+) -> Parameter:
+    """A parameter of form: no value of it switches the effect off."""
+    return Parameter(name, unit, low, high, None, default, "log" if log else "linear", meaning)
+
+
+def choice(name: str, default: int, *forms: str) -> Parameter:
+    """One of several forms or channels, by number."""
+    meaning = ", ".join(f"{i} {form}" for i, form in enumerate(forms))
+    return Parameter(name, CHOICE, 0.0, float(len(forms) - 1), None, float(default), "linear", meaning)
+
+
+def chosen(values: Values, name: str) -> int:
+    """The whole number that a choice stands for."""
+    return round(values[name])
+
+
+def effect(
+    name: str,
+    stage: str,
+    instruments: Names,
+    meaning: str,
+    remedy: str,
+    source: str,
+    parameters: tuple[Parameter, ...],
+    install: Install,
+) -> Effect:
+    """An effect that leaves the chain alone where all its strengths are at their null values."""
+    strengths = [p for p in parameters if p.null is not None]
+
+    def guarded(chain: Chain, values: Values) -> Chain:
+        return chain if all(values[p.name] == p.null for p in strengths) else install(chain, values)
+
+    return Effect(name, stage, instruments, meaning, remedy, source, parameters, guarded)
+
+
+def law_after(
+    chain: Chain,
+    anchor: str,
+    name: str,
+    stage: str,
+    kernel: Kernel,
+    parameters: tuple[float, ...],
+    *signals: str,
+    add: bool = False,
+) -> Chain:
+    """``kernel`` on the outputs of ``anchor``."""
+    return after(chain, anchor, lambda s, t: Law(name, stage, s, t, kernel, parameters, add), *signals)
+
+
+def law_before(
+    chain: Chain, anchor: str, name: str, stage: str, kernel: Kernel, parameters: tuple[float, ...], *signals: str
+) -> Chain:
+    """``kernel`` on the inputs of ``anchor``."""
+    return before(chain, anchor, lambda s, t: Law(name, stage, s, t, kernel, parameters), *signals)
+
+
+def map_after(
+    chain: Chain,
+    anchor: str,
+    name: str,
+    stage: str,
+    function: Callable[..., Any],
+    parameters: tuple[float, ...],
+    *signals: str,
+    reading: Names = (),
+) -> Chain:
+    """``function`` on the outputs of ``anchor``, one by one; on all at once and on those of ``reading``, if given."""
+
+    def make(source: Names, target: Names) -> Wired:
+        if reading or len(source) == 1:
+            return Map(name, stage, (*source, *reading), target, function, parameters)
+        return Each(name, stage, source, target, function, parameters)
+
+    return after(chain, anchor, make, *signals)
+
+
+class Each(Map):
+    """``Map`` applied to each pair of source and target by itself."""
+
+    def advance(self, state: Any, time: Any, signals: Any) -> None:
+        for source, target in zip(self.source, self.target, strict=True):
+            signals[target] = self.function(time, signals[source], *self.parameters)
+
+
+def delayed(chain: Chain, name: str, stage: str, seconds: float, anchor: str) -> Chain:
+    """Dead time on the outputs of ``anchor``."""
+    return after(chain, anchor, lambda s, t: Delay(name, stage, s, t, seconds))
+
+
+def on_recorded(chain: Chain, signal: str, make: Callable[[Names, Names], Wired]) -> Chain:
+    """An operator behind everything else that makes ``signal``, noise included: what happens to stored samples."""
+    return after(chain, last_writer(chain, signal), make, signal)
+
+
+def height_scale(chain: Chain) -> float:
+    """The height that the chain's tissue and opening make typical, m."""
+    scale: float = chain["softening"].parameters[1]  # type: ignore[attr-defined]
+    return scale

@@ -1,0 +1,221 @@
+"""Effects between instrument and skin: rim, tilt, recoil, glue, support."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sim_devices.chain import Chain, FloatArray, Signals
+from sim_devices.effects.build import (
+    CUTOMETER,
+    PRESSURE,
+    ROBOT,
+    SUCTION,
+    Values,
+    choice,
+    chosen,
+    effect,
+    map_after,
+    shape,
+    strength,
+)
+from sim_devices.stages import kernels, laws
+from sim_devices.stages.operators import Names, Wired, after
+
+
+@dataclass(frozen=True)
+class RimFriction(Wired):
+    """Height (first source) that lags within a play which the skin's pressure on the rim (second source) opens.
+
+    ``share`` of the half ``width`` (m, at 300 mbar) is in proportion to suction, the rest is always there.
+    """
+
+    width: float
+    share: float
+    soft: float
+
+    def fresh(self) -> Any:
+        return np.zeros(kernels.STATE)
+
+    def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
+        height, pressure = (signals[s] for s in self.source)
+        width = self.width * (1.0 - self.share + self.share * np.abs(pressure) / PRESSURE)
+        out = np.empty(len(time))
+        kernels.play_within(state, height, width, self.soft, out)
+        signals[self.target[0]] = out
+
+
+@dataclass(frozen=True)
+class Recoil(Wired):
+    """Height (first source) plus what the probe sinks in under its own suction (second source), ``tau`` s late."""
+
+    depth: float
+    tau: float
+
+    def fresh(self) -> Any:
+        return np.zeros(kernels.STATE), np.array([self.tau])
+
+    def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
+        height, pressure = (signals[s] for s in self.source)
+        sunk = np.empty(len(time))
+        kernels.low_pass(state[0], time, pressure, state[1], sunk)
+        signals[self.target[0]] = height - self.depth / PRESSURE * sunk
+
+
+@dataclass(frozen=True)
+class Slip(Wired):
+    """Displacement of the skin (x, y, z) less what slips under the support once it is ``reach`` m from where it sits.
+
+    ``share`` of the excess slips; it stays where it slipped to. z does not slip.
+    """
+
+    reach: float
+    share: float
+
+    def fresh(self) -> Any:
+        return np.zeros(2)
+
+    def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
+        x, y, z = (np.ascontiguousarray(signals[s]) for s in self.source)
+        out = np.empty((2, len(time)))
+        kernels.slipping(state, x, y, self.reach, self.share, out)
+        signals.update(zip(self.target, (out[0], out[1], z), strict=True))
+
+
+def tilted_pressure(time: FloatArray, pressure: FloatArray, seal: float) -> FloatArray:
+    """Suction less what a gap under the rim lets in until ``seal`` Pa have closed it."""
+    lost = -seal * np.expm1(-np.abs(pressure) / seal)
+    return pressure - np.copysign(lost, pressure)
+
+
+def _preload(chain: Chain, v: Values) -> Chain:
+    if chosen(v, "form") == 0:
+        return map_after(chain, "probe", "spring_preload", "interface", laws.offset, (-v["pressure"],))
+    elastic: Any = chain["elastic"]
+    lost = float(elastic.function(np.zeros(1), np.array([-v["pressure"]]), *elastic.parameters)[0])
+    return map_after(chain, "optics", "spring_preload", "interface", lost_height, (lost,))
+
+
+def lost_height(time: FloatArray, height: FloatArray, lost: float) -> FloatArray:
+    """Height that shows only beyond ``lost`` m, its corner rounded over a fifth of that."""
+    return np.copysign(laws.ramp(np.abs(height), lost, 0.2 * lost), height)
+
+
+def _rim_friction(chain: Chain, v: Values) -> Chain:
+    def make(source: Names, target: Names) -> Wired:
+        return RimFriction(
+            "rim_friction", "interface", (*source, "skin_pressure"), target, v["width"], v["share"], v["form"]
+        )
+
+    return after(chain, "softening", make)
+
+
+def _rim_leak(chain: Chain, v: Values) -> Chain:
+    return map_after(chain, "probe", "rim_leak", "interface", laws.leak, (v["share"], v["exponent"], PRESSURE))
+
+
+def _tilt(chain: Chain, v: Values) -> Chain:
+    chain = map_after(chain, "optics", "probe_tilt", "interface", laws.gain, (math.cos(2 * v["angle"]) - 1.0,))
+    seal = v["seal"] * v["angle"]
+    return map_after(chain, "probe", "probe_tilt_seal", "interface", tilted_pressure, (seal,)) if seal > 0 else chain
+
+
+def _recoil(chain: Chain, v: Values) -> Chain:
+    return after(
+        chain,
+        "optics",
+        lambda s, t: Recoil("probe_recoil", "interface", (*s, "line_pressure"), t, v["depth"], v["tau"]),
+    )
+
+
+def _glue(chain: Chain, v: Values) -> Chain:
+    return chain.tuned("tissue", glue=(v["compliance"], v["compliance"] * v["normal"]))
+
+
+def _slip(chain: Chain, v: Values) -> Chain:
+    return after(chain, "glue", lambda s, t: Slip("support_slip", "interface", s, t, v["reach"], v["share"]))
+
+
+EFFECTS = (
+    effect(
+        "spring_preload", "interface", CUTOMETER,
+        "The probe's spring bulges the skin before the zero is taken, so that this height is lost.",
+        "Weigh the contact force, zero before contact, or add the lost height (ZeroDisp).",
+        "F: ZeroDisp 0.05 to 0.09 mm on biomimetics",
+        (
+            strength("pressure", "Pa", 200.0, 15e3, 4e3, "suction that would bulge the skin as much as the spring"),
+            choice("form", 0, "a preload of the tissue", "a dead height before the reading rises"),
+        ),
+        _preload,
+    ),
+    effect(
+        "rim_friction", "interface", SUCTION,
+        "Skin sticks and slips on the probe's rim: height lags on the way up and on the way down.",
+        "A lubricated or rounded rim; compare with a silicone block.",
+        "F: Coulomb friction 0.35 at the rim",
+        (
+            strength("width", "m", 1e-6, 5e-4, 3e-5, "half width of the lag at 300 mbar"),
+            shape("share", "1", 0.0, 1.0, 0.5, "of it in proportion to suction, the rest constant"),
+            choice("form", 0, "sharp play", "taken up gradually"),
+        ),
+        _rim_friction,
+    ),
+    effect(
+        "rim_leak", "interface", SUCTION,
+        "Air leaks under the rim: skin sees less suction than the gauge.",
+        "Press more evenly, grease the rim, shave the site.",
+        "contact on hairy or curved sites; gap.md",
+        (
+            strength("share", "1", 2e-3, 0.6, 0.12, "of the suction at 300 mbar"),
+            shape("exponent", "1", -0.5, 1.5, 0.5, "-0.5 orifice, 0 laminar, above: a leak that opens"),
+        ),
+        _rim_leak,
+    ),
+    effect(
+        "probe_tilt", "interface", SUCTION,
+        "The probe stands askew: the dome rises out of the beam's axis and the rim seals late.",
+        "A holder that squares the probe to the skin.",
+        "contact is the main scatter of hand-held probes (reported)",
+        (
+            strength("angle", "rad", 0.01, 0.5, 0.15, "between probe axis and skin normal"),
+            shape("seal", "Pa", 0.0, 60e3, 20e3, "suction per radian that closes the gap under the rim"),
+        ),
+        _tilt,
+    ),
+    effect(
+        "probe_recoil", "interface", SUCTION,
+        "The probe is drawn into the skin by its own suction, so that the apex seems higher.",
+        "Clamp the probe, or measure its position.",
+        "hand-held probes on soft sites; gap.md",
+        (
+            strength("depth", "m", 1e-6, 1e-3, 4e-5, "at 300 mbar"),
+            shape("tau", "s", 0.0, 5.0, 0.3, "time it takes"),
+        ),
+        _recoil,
+    ),
+    effect(
+        "glue_compliance", "interface", ROBOT,
+        "The glue between probe and skin yields: the skin moves less than the probe.",
+        "A thinner layer, cyanoacrylate instead of tape; track the skin by camera.",
+        "M glues the probe; yield unknown",
+        (
+            strength("compliance", "m/N", 2e-6, 1e-3, 2e-4, "in plane"),
+            shape("normal", "1", 0.05, 1.0, 0.3, "compliance along the normal against that in plane"),
+        ),
+        _glue,
+    ),
+    effect(
+        "support_slip", "interface", ROBOT,
+        "Skin slips under the support plate beyond a load, and does not come back.",
+        "More contact pressure or double-sided tape under the plate; smaller amplitude.",
+        "M holds the skin by a plate with a hole; gap.md",
+        (
+            strength("share", "1", 0.01, 1.0, 0.4, "of the displacement beyond the threshold that is lost to slip"),
+            shape("reach", "m", 0.1e-3, 1.5e-3, 0.6e-3, "displacement at which slip begins"),
+        ),
+        _slip,
+    ),
+)  # fmt: skip

@@ -1,0 +1,160 @@
+"""Effects of software: the right samples, wrongly turned into numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sim_devices.chain import Chain, FloatArray, Signals
+from sim_devices.effects.build import (
+    ALL,
+    ROBOT,
+    SUCTION,
+    Values,
+    choice,
+    chosen,
+    effect,
+    map_after,
+    on_recorded,
+    shape,
+    strength,
+)
+from sim_devices.stages import laws
+from sim_devices.stages.operators import Map, Wired, after
+from sim_devices.stages.robot import TRANSDUCERS, numbered
+from sim_devices.stages.suction import zeroed
+
+
+@dataclass(frozen=True)
+class Retare(Wired):
+    """Each channel less ``share`` of what it reads ``delay`` s after every one of ``marks`` (s)."""
+
+    share: float
+    delay: float
+    marks: tuple[float, ...]
+
+    def fresh(self) -> Any:
+        return np.zeros((len(self.source), 6)), np.array([*sorted(self.marks), np.inf])
+
+    def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
+        started = np.full(len(time), -2.0)  # always "sucking": the zero is due at once, then late by the delay
+        for row, source, target in zip(state[0], self.source, self.target, strict=True):
+            u, out = np.ascontiguousarray(signals[source]), np.empty(len(time))
+            zeroed(row, time, u, started, state[1], self.delay, 0.0, False, out)
+            signals[target] = u + self.share * (out - u)
+
+
+def _zeroing(chain: Chain, v: Values) -> Chain:
+    if chosen(v, "form") == 0:
+        return chain.tuned("zeroing", delay=v["delay"])
+    return chain.tuned("zeroing", anew=v["delay"])
+
+
+def _tare(chain: Chain, v: Values) -> Chain:
+    op: Any = chain["latency"]
+    marks = op.marks if chosen(v, "form") == 1 else ()
+    return after(
+        chain,
+        "transducers",
+        lambda s, t: Retare("wrong_zeroing", "processing", s, t, v["share"], v["delay"], marks),
+    )
+
+
+def _sign(chain: Chain, v: Values) -> Chain:
+    op: Any = chain["force_matrix"]
+    matrix = list(op.matrix)
+    matrix[chosen(v, "element")] *= 1.0 - 2.0 * v["share"]
+    return chain.tuned("force_matrix", matrix=tuple(matrix))
+
+
+_PAIRS = ((0, 1), (1, 2), (0, 2))
+
+
+def exchanged(time: FloatArray, a: FloatArray, b: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
+    """Two channels of which ``share`` goes to the other."""
+    return (1.0 - share) * a + share * b, (1.0 - share) * b + share * a
+
+
+def _swap(chain: Chain, v: Values) -> Chain:
+    which = chosen(v, "pair")
+    anchor, names = ("transducers", TRANSDUCERS) if which < 3 else ("position_sensors", numbered("axis_position"))
+    i, j = _PAIRS[which % 3]
+
+    def make(source: tuple[str, ...], target: tuple[str, ...]) -> Wired:
+        return Map("axis_swap", "processing", source, target, exchanged, (v["share"],))
+
+    return after(chain, anchor, make, names[i], names[j])
+
+
+def _unit(chain: Chain, v: Values) -> Chain:
+    first = chosen(v, "channel") == 0
+    if chain.instrument == "microrobot":
+        anchor = "transducers" if first else "position_sensors"
+        return map_after(chain, anchor, "wrong_unit", "processing", laws.gain, (v["factor"] - 1.0,))
+    signal = "pressure" if first else "apex_height"
+    return on_recorded(
+        chain, signal, lambda s, t: Map("wrong_unit", "processing", s, t, laws.gain, (v["factor"] - 1.0,))
+    )
+
+
+EFFECTS = (
+    effect(
+        "matrix_sign", "processing", ROBOT,
+        "A sign of the force matrix is wrong.",
+        "Push the probe by hand in x, y and z and look at the signs.",
+        "the paper labels the forces X, Y, Z in the equation and A, B, C in the text",
+        (
+            strength("share", "1", 0.01, 1.0, 1.0, "1: the sign is turned"),
+            choice("element", 0, "Rx of a", "Rx of b", "Rx of c", "Ry of a", "Ry of b", "Ry of c", "Rz of a", "Rz of b",
+                   "Rz of c"),
+        ),
+        _sign,
+    ),
+    effect(
+        "axis_swap", "processing", ROBOT,
+        "Two channels are exchanged.",
+        "Load one transducer, move one axis, and see which channel answers.",
+        "cabling; gap.md",
+        (
+            strength("share", "1", 0.01, 1.0, 1.0, "1: wholly exchanged"),
+            choice("pair", 0, "transducers a, b", "b, c", "a, c", "position sensors 1, 2", "2, 3", "1, 3"),
+        ),
+        _swap,
+    ),
+    effect(
+        "wrong_zeroing", "processing", SUCTION,
+        "Zero taken at the wrong moment, or at each suction anew.",
+        "Keep the raw height and subtract the zero afterwards.",
+        "the Cutometer resets to 0 when suction starts (paper)",
+        (
+            strength("delay", "s", 5e-3, 10.0, 0.3, "after the start of suction; form 1: rest that is needed"),
+            choice("form", 0, "late", "at every suction after a rest"),
+        ),
+        _zeroing,
+    ),
+    effect(
+        "wrong_zeroing", "processing", ROBOT,
+        "Force zeroed while the skin is loaded.",
+        "Tare in free air, before contact.",
+        "gap.md",
+        (
+            strength("share", "1", 0.01, 1.0, 1.0, "of the force at that moment that is taken for zero"),
+            shape("delay", "s", 0.01, 60.0, 2.0, "after the start", log=True),
+            choice("form", 0, "once in the session", "at each recording anew"),
+        ),
+        _tare,
+    ),
+    effect(
+        "wrong_unit", "processing", ALL,
+        "A channel is converted with the wrong unit.",
+        "Check one known value of each channel.",
+        "mmHg for mbar 1.333, gf for cN 0.981, inch for cm 2.54",
+        (
+            strength("factor", "1", 0.1, 10.0, 1.333, "stored against true", null=1.0),
+            choice("channel", 0, "pressure, or force", "height, or position"),
+        ),
+        _unit,
+    ),
+)  # fmt: skip

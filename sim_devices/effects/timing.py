@@ -1,0 +1,134 @@
+"""Effects of time: when commands act, when samples are taken, which ones arrive."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from sim_devices.chain import Chain
+from sim_devices.effects.build import (
+    ALL,
+    SUCTION,
+    Values,
+    choice,
+    chosen,
+    delayed,
+    effect,
+    law_after,
+    on_recorded,
+    shape,
+    signed,
+    strength,
+)
+from sim_devices.stages import RATES, kernels
+from sim_devices.stages.operators import Law
+from sim_devices.stages.robot import TRANSDUCERS, numbered
+
+_SEED = shape("seed", "choice", 0, 9, 1, "which samples are hit: another number, other samples")
+_RATE = shape("rate", "Hz", 0, 2000, 0, "sampling rate; 0: the instrument's own")
+
+
+def _sensors(chain: Chain, channel: int) -> tuple[tuple[str, str], ...]:
+    """(operator, recorded signal) of the sensors that a choice names."""
+    if chain.instrument == "microrobot":
+        position = tuple(("position_sensors", s) for s in numbered("axis_position"))
+        force = tuple(("transducers", s) for s in TRANSDUCERS)
+        return (*position, *force) if channel == 0 else (position if channel == 1 else force)
+    both = (("gauge", "pressure"), ("optics", "apex_height"))
+    return both if channel == 0 else both[channel - 1 : channel]
+
+
+_CHANNEL = choice("channel", 0, "all", "pressure, or position", "height, or force")
+
+
+def _period(chain: Chain, values: Values) -> float:
+    return 1.0 / (values["rate"] or RATES[chain.instrument])
+
+
+def _latency(chain: Chain, v: Values) -> Chain:
+    op: Any = chain["latency"]
+    return chain.tuned("latency", delay=op.delay + v["delay"])
+
+
+def _skew(chain: Chain, v: Values) -> Chain:
+    op: Any = chain["latency"]
+    marks = op.marks if chosen(v, "aligned") == 0 else ()
+    return chain.tuned("latency", skew=op.skew + v["rate"], marks=marks)
+
+
+def _faulty(name: str, lost: float) -> Any:
+    def install(chain: Chain, v: Values) -> Chain:
+        parameters = (_period(chain, v), v["fraction"], v["seed"], lost)
+        for _, signal in _sensors(chain, chosen(v, "channel")):
+            chain = on_recorded(
+                chain, signal, lambda s, t: Law(name, "timing", s, t, kernels.faulty_samples, parameters)
+            )
+        return chain
+
+    return install
+
+
+def _desynchronised(chain: Chain, v: Values) -> Chain:
+    anchor = "optics" if v["shift"] > 0 else "gauge"
+    return delayed(chain, "desynchronisation", "timing", abs(v["shift"]), anchor)
+
+
+def _jitter(chain: Chain, v: Values) -> Chain:
+    parameters = (_period(chain, v), v["sigma"], v["seed"])
+    for anchor in dict.fromkeys(a for a, _ in _sensors(chain, chosen(v, "channel"))):
+        chain = law_after(chain, anchor, "jitter", "timing", kernels.jittered, parameters)
+    return chain
+
+
+EFFECTS = (
+    effect(
+        "latency", "timing", ALL,
+        "Commands take effect late by a constant dead time.",
+        "Time-stamp commands where they act, or measure the delay with a trigger and subtract it.",
+        "buffered serial and USB links; gap.md",
+        (strength("delay", "s", 1e-3, 0.5, 0.08, "dead time"),),
+        _latency,
+    ),
+    effect(
+        "clock_skew", "timing", ALL,
+        "The recording's clock runs fast or slow against the command clock.",
+        "Take both from one clock, or exchange time stamps at both ends of a recording.",
+        "crystal tolerance is 20 to 100 ppm; software timers are far worse",
+        (
+            signed("rate", "s/s", 0.01, 3e-3, "relative rate, positive: the recording's clock runs fast"),
+            choice("aligned", 0, "at the start of each recording", "once, at the start of the session"),
+        ),
+        _skew,
+    ),
+    effect(
+        "late_samples", "timing", ALL,
+        "Some samples are delivered late: older values under newer stamps.",
+        "Stamp samples in the device, not on arrival.",
+        "operating system scheduling; gap.md",
+        (strength("fraction", "1", 1e-3, 0.5, 0.1, "of the samples"), _CHANNEL, _SEED, _RATE),
+        _faulty("late_samples", 0.0),
+    ),
+    effect(
+        "dropped_samples", "timing", ALL,
+        "Samples are lost and the last value is repeated.",
+        "Number the samples and store the gaps; give the link more buffer.",
+        "overrun serial buffers; gap.md",
+        (strength("fraction", "1", 1e-3, 0.5, 0.1, "of the samples"), _CHANNEL, _SEED, _RATE),
+        _faulty("dropped_samples", 1.0),
+    ),
+    effect(
+        "desynchronisation", "timing", SUCTION,
+        "Height (image or optics) lags or leads the pressure channel.",
+        "Trigger camera and gauge together, or align them on a step of suction.",
+        "separate camera and pressure streams; gap.md",
+        (signed("shift", "s", 0.4, 0.08, "positive: height is late; negative: pressure is"),),
+        _desynchronised,
+    ),
+    effect(
+        "jitter", "timing", ALL,
+        "True sampling instants scatter about the stamped ones.",
+        "Sample by hardware timer.",
+        "software-timed sampling; gap.md",
+        (strength("sigma", "s", 1e-4, 0.03, 5e-3, "rms scatter, uniformly distributed"), _CHANNEL, _SEED, _RATE),
+        _jitter,
+    ),
+)  # fmt: skip

@@ -1,0 +1,305 @@
+"""Effects of skin that the nominal reduced tissue does not have."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from sim_devices.chain import Chain, FloatArray
+from sim_devices.effects.build import (
+    ALL,
+    ROBOT,
+    SUCTION,
+    Values,
+    choice,
+    chosen,
+    effect,
+    height_scale,
+    law_after,
+    map_after,
+    shape,
+    signed,
+    strength,
+)
+from sim_devices.stages import kernels, laws
+from sim_devices.stages.robot import xyz
+
+_SKIN = xyz("skin")
+Forces = tuple[FloatArray, FloatArray, FloatArray]
+
+
+def spectrum(slowest: float, fastest: float, weight: Callable[[float], float]) -> list[tuple[float, float]]:
+    """Pairs (g, tau) at half decades that stand for a continuous spectrum ``weight(tau)`` per unit of ln tau."""
+    n = max(round(2 * math.log10(slowest / fastest)), 1)
+    taus = [fastest * (slowest / fastest) ** ((i + 0.5) / n) for i in range(n)]
+    return [(weight(t) * math.log(slowest / fastest) / n, t) for t in taus]
+
+
+def _memory(pairs: list[tuple[float, float]], sign: float) -> tuple[float, ...]:
+    return (1.0, *(x for g, tau in pairs for x in (sign * g, tau)))
+
+
+def _is_robot(chain: Chain) -> bool:
+    return chain.instrument == "microrobot"
+
+
+def _creep(chain: Chain, v: Values) -> Chain:
+    if chosen(v, "form") == 0:
+        pairs = [(v["amount"], v["tau"])]
+    else:  # the same amount spread evenly over one and a half decades of time: logarithmic creep
+        pairs = spectrum(v["tau"] * 5, v["tau"] / 6, lambda _: v["amount"] / math.log(30.0))
+    anchor, sign = ("tissue", -1.0) if _is_robot(chain) else ("memory", 1.0)
+    share = 1.0 + v["amount"] if _is_robot(chain) else 1.0  # relaxation never exceeds the whole force
+    pairs = [(g / share, tau) for g, tau in pairs]
+    return law_after(chain, anchor, "slow_creep", "tissue", kernels.prony, _memory(pairs, sign))
+
+
+def _power_law(chain: Chain, v: Values) -> Chain:
+    a, n = v["amount"], v["exponent"]
+    if _is_robot(chain):
+        pairs = spectrum(1e4, 1e-2, lambda tau: tau**-n)
+        total = sum(g for g, _ in pairs) * (1.0 + a) / a
+        pairs = [(g / total, tau) for g, tau in pairs]
+        return law_after(chain, "tissue", "power_law_creep", "tissue", kernels.prony, _memory(pairs, -1.0))
+    pairs = spectrum(1e4, 1e-2, lambda tau: a * n / math.gamma(1.0 - n) * tau**n)
+    return law_after(chain, "memory", "power_law_creep", "tissue", kernels.prony, _memory(pairs, 1.0))
+
+
+def _residual(chain: Chain, v: Values) -> Chain:
+    name, stage, law = "viscoplastic_residual", "tissue", kernels.yield_flow
+    if _is_robot(chain):
+        share = v["amount"] / (1.0 + v["amount"])
+        parameters = (-share, v["threshold"] * 1e-3, v["rise"], v["fall"])
+        return law_after(chain, "glue", name, stage, law, parameters)
+    parameters = (v["amount"], v["threshold"] * height_scale(chain), v["rise"], v["fall"])
+    return law_after(chain, "residual", name, stage, law, parameters)
+
+
+def _preconditioning(chain: Chain, v: Values) -> Chain:
+    name, stage = "preconditioning", "tissue"
+    if chosen(v, "form") == 1:
+        anchor, sign = ("tissue", -1.0) if _is_robot(chain) else ("softening", 1.0)
+        return law_after(chain, anchor, name, stage, kernels.mullins, (sign * v["amount"], v["forgetting"]))
+    if _is_robot(chain):
+        skin: Any = chain["tissue"]
+        share = v["amount"] / (1.0 + v["amount"])
+        law = replace(
+            skin.tissue,
+            softening=skin.tissue.softening + share,
+            softening_rise=v["rise"],
+            softening_fall=v["forgetting"],
+        )
+        return chain.tuned("tissue", tissue=law)
+    parameters = (v["amount"], height_scale(chain), v["rise"], v["forgetting"])
+    return law_after(chain, "softening", name, stage, kernels.exposure_gain, parameters)
+
+
+def _with_skin(chain: Chain, name: str, function: Callable[..., Forces], parameters: tuple[float, ...]) -> Chain:
+    """Forces changed in view of the skin's displacement."""
+    return map_after(chain, "tissue", name, "tissue", function, parameters, reading=_SKIN)
+
+
+def deep_layer_force(
+    time: FloatArray, fx: FloatArray, fy: FloatArray, fz: FloatArray, x: FloatArray, y: FloatArray, z: FloatArray,
+    stiffness: float, start: float, width: float,
+) -> Forces:  # fmt: skip
+    """A spring towards rest that is engaged beyond a displacement of ``start``."""
+    far = np.sqrt(x * x + y * y + z * z)
+    pull = stiffness * laws.ramp(far, start, width) / np.maximum(far, 1e-12)
+    return fx - pull * x, fy - pull * y, fz - pull * z
+
+
+def stiffening_force(
+    time: FloatArray, fx: FloatArray, fy: FloatArray, fz: FloatArray, x: FloatArray, y: FloatArray, z: FloatArray,
+    strength: float, exponent: float,
+) -> Forces:  # fmt: skip
+    """Force times 1 + strength (displacement / 1 mm)^exponent."""
+    factor = 1.0 + strength * (np.sqrt(x * x + y * y + z * z) / 1e-3) ** exponent
+    return fx * factor, fy * factor, fz * factor
+
+
+def tension_force(
+    time: FloatArray, fx: FloatArray, fy: FloatArray, fz: FloatArray, x: FloatArray, y: FloatArray, z: FloatArray,
+    stiffness: float, angle: float,
+) -> Forces:  # fmt: skip
+    """More tension along ``angle``, as much less across: the mean over directions stays."""
+    c, s = math.cos(2 * angle), math.sin(2 * angle)
+    return fx - stiffness * (c * x + s * y), fy - stiffness * (s * x - c * y), fz
+
+
+def tether_force(
+    time: FloatArray, fx: FloatArray, fy: FloatArray, fz: FloatArray, x: FloatArray, y: FloatArray, z: FloatArray,
+    stiffness: float, angle: float, slack: float,
+) -> Forces:  # fmt: skip
+    """A thread that pulls back only when the skin moves away along ``angle`` by more than ``slack``."""
+    c, s = math.cos(angle), math.sin(angle)
+    pull = stiffness * laws.ramp(c * x + s * y, slack, 0.05e-3)
+    return fx - pull * c, fy - pull * s, fz
+
+
+def _deep_layer(chain: Chain, v: Values) -> Chain:
+    if _is_robot(chain):
+        parameters = (400.0 * v["stiffness"], v["start"] * 1e-3, 0.15e-3 * v["start"])
+        return _with_skin(chain, "missing_deep_layer", deep_layer_force, parameters)
+    start = v["start"] * height_scale(chain)
+    parameters = (v["stiffness"], start, 0.15 * start)
+    return map_after(chain, "residual", "missing_deep_layer", "tissue", laws.layered, parameters)
+
+
+def _stiffening(chain: Chain, v: Values) -> Chain:
+    if _is_robot(chain):
+        return _with_skin(chain, "strain_stiffening", stiffening_force, (v["strength"], v["exponent"]))
+    parameters = (v["strength"], v["exponent"], 0.5 * height_scale(chain))
+    return map_after(chain, "elastic", "strain_stiffening", "tissue", laws.stiffening, parameters)
+
+
+def _pulse_suction(chain: Chain, v: Values) -> Chain:
+    parameters = (v["amplitude"], v["frequency"], v["phase"])
+    return map_after(chain, "softening", "pulse_breathing", "tissue", laws.pulse, parameters)
+
+
+def _pulse_robot(chain: Chain, v: Values) -> Chain:
+    for signal, part in (("reaction_z", 1.0), ("reaction_x", 0.4), ("reaction_y", 0.2)):
+        parameters = (part * v["amplitude"], v["frequency"], v["phase"])
+        chain = map_after(chain, "tissue", "pulse_breathing", "tissue", laws.pulse, parameters, signal)
+    return chain
+
+
+def _tone(chain: Chain, v: Values) -> Chain:
+    parameters = (v["change"], v["tau"], v["form"])
+    if _is_robot(chain):
+        return map_after(chain, "tissue", "muscle_tone_change", "tissue", laws.gain_drift, parameters)
+    return map_after(chain, "softening", "muscle_tone_change", "tissue", laws.stiffness_drift, parameters)
+
+
+def _pulse(instruments: tuple[str, ...], unit: str, low: float, high: float, default: float, install: Any) -> Any:
+    return effect(
+        "pulse_breathing", "tissue", instruments,
+        "Periodic motion by heart beat or breath.",
+        "Average over beats, or record pulse and breath and subtract.",
+        "0.15 to 0.4 Hz breath, 0.8 to 2 Hz pulse",
+        (
+            strength("amplitude", unit, low, high, default),
+            shape("frequency", "Hz", 0.15, 2.0, 1.1, log=True),
+            shape("phase", "rad", 0.0, 2 * math.pi, 0.0),
+        ),
+        install,
+    )  # fmt: skip
+
+
+EFFECTS = (
+    effect(
+        "slow_creep", "tissue", ALL,
+        "A slow relaxation mode that the nominal tissue lacks.",
+        "Longer holds and recovery; a slow term in the tissue model.",
+        "F needs three to five Prony terms; W and M see drift over minutes",
+        (
+            strength("amount", "1", 0.01, 2.0, 0.3, "of the response, after a time much longer than tau"),
+            shape("tau", "s", 10.0, 3000.0, 100.0, log=True),
+            choice("form", 0, "exponential", "logarithmic about tau"),
+        ),
+        _creep,
+    ),
+    effect(
+        "power_law_creep", "tissue", ALL,
+        "Fractional (power-law) memory.",
+        "A fractional element in the tissue model.",
+        "springpot; Magin 2010; skin creeps over decades of time",
+        (
+            strength("amount", "1", 0.01, 2.0, 0.25, "creep in 1 s against the instantaneous response"),
+            shape("exponent", "1", 0.05, 0.7, 0.25),
+        ),
+        _power_law,
+    ),
+    effect(
+        "viscoplastic_residual", "tissue", ALL,
+        "Deformation that stays after unloading.",
+        "Longer pauses; a viscoplastic mode in the tissue model.",
+        "W: residual height; Rubin & Bodner 2002",
+        (
+            strength("amount", "1", 0.01, 2.0, 0.25, "residual against response, when loaded for long"),
+            shape("threshold", "1", 0.0, 0.8, 0.0, "response below which nothing stays, against the typical one"),
+            shape("rise", "s", 0.5, 120.0, 8.0, log=True),
+            shape("fall", "s", 60.0, 1e5, 3000.0, log=True),
+        ),
+        _residual,
+    ),
+    effect(
+        "preconditioning", "tissue", ALL,
+        "The first loadings differ from later ones: skin softens by loading.",
+        "Load a few times before the measurement; leave the same pause before every repeat.",
+        "first curve of a series differs (reported; Mullins 1969 for the form by maximum)",
+        (
+            strength("amount", "1", 0.01, 1.0, 0.2, "softening in the end"),
+            shape("rise", "s", 0.5, 120.0, 8.0, "time under load that it takes (form 0)", log=True),
+            shape("forgetting", "s", 100.0, 1e5, 2000.0, "time of rest that undoes it", log=True),
+            choice("form", 0, "by exposure", "by the greatest load so far"),
+        ),
+        _preconditioning,
+    ),
+    effect(
+        "missing_deep_layer", "tissue", ALL,
+        "A deeper layer takes part once deformation reaches it.",
+        "A layered tissue model; other probe openings or amplitudes.",
+        "W: SMAS and muscle under skin",
+        (
+            strength("stiffness", "1", 0.02, 10.0, 1.0, "deep layer against what is engaged before (robot: 400 N/m)"),
+            shape("start", "1", 0.1, 1.2, 0.4, "response that reaches it, against the typical height (robot: mm)"),
+        ),
+        _deep_layer,
+    ),
+    effect(
+        "prestress_anisotropy", "tissue", ROBOT,
+        "In-plane tension differs between directions.",
+        "Free pre-stress in the model; measure more directions.",
+        "M: σx and σy differ by up to two",
+        (
+            strength("stiffness", "N/m", 5.0, 1500.0, 150.0, "more along, less across"),
+            shape("angle", "rad", 0.0, math.pi, 1.2, "direction of the greater tension"),
+        ),
+        lambda chain, v: _with_skin(chain, "prestress_anisotropy", tension_force, (v["stiffness"], v["angle"])),
+    ),
+    effect(
+        "sub_dermal_tether", "tissue", ROBOT,
+        "A one-sided tether: stiffer one way than the opposite.",
+        "Measure opposite directions; a tether in the model.",
+        "retinacula and scars; M measures θ over the whole circle",
+        (
+            strength("stiffness", "N/m", 10.0, 3e3, 400.0),
+            shape("angle", "rad", 0.0, 2 * math.pi, 0.5, "direction in which it pulls taut"),
+            shape("slack", "m", 0.0, 1e-3, 0.4e-3),
+        ),
+        lambda chain, v: _with_skin(
+            chain, "sub_dermal_tether", tether_force, (v["stiffness"], v["angle"], v["slack"])
+        ),
+    ),
+    effect(
+        "strain_stiffening", "tissue", ALL,
+        "Stiffening with deformation beyond the nominal curve.",
+        "A stiffer law at large strain; more levels.",
+        "collagen recruitment; Fung 1993",
+        (
+            strength("strength", "1", 0.02, 10.0, 0.6, "at half the typical height (robot: at 1 mm)"),
+            shape("exponent", "1", 1.0, 5.0, 2.0),
+        ),
+        _stiffening,
+    ),
+    _pulse(SUCTION, "m", 3e-7, 3e-4, 1.5e-5, _pulse_suction),
+    _pulse(ROBOT, "N", 5e-4, 0.3, 0.03, _pulse_robot),
+    effect(
+        "muscle_tone_change", "tissue", ALL,
+        "Stiffness changes during the session.",
+        "Let the subject rest and breathe; repeat the first measurement at the end.",
+        "muscle activity; gap.md",
+        (
+            signed("change", "1", 0.6, 0.3, "relative stiffness in the end (form 2: amplitude)"),
+            shape("tau", "s", 10.0, 2000.0, 150.0, "time it takes (form 2: period)", log=True),
+            choice("form", 1, "linear in time", "towards a new level", "to and fro"),
+        ),
+        _tone,
+    ),
+)  # fmt: skip
