@@ -108,6 +108,12 @@ class Runner:
             op.advance(state, time, out)
         return out
 
+    def restart(self, name: str) -> None:
+        """Put the named operator, if it is there, back to rest while the others go on (a sensor zeroed anew)."""
+        for k, op in enumerate(self._operators):
+            if op.name == name:
+                self._states[k] = op.fresh()
+
 
 def _running(chain: Chain, given: set[str]) -> list[Operator]:
     """The operators with something to do: not those whose outputs are given, nor those that only feed such ones."""

@@ -50,9 +50,5 @@ class SerialTransport(Transport):
             raise self._lost(error) from error
 
     def close(self) -> None:
-        # pyserial leaves a socket open when its other end has gone first.
-        socket = getattr(self._port, "_socket", None)
         with contextlib.suppress(OSError):
             self._port.close()
-        if socket is not None:
-            socket.close()

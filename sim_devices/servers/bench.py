@@ -34,9 +34,9 @@ class Bench:
 
     ``command`` maps each quantity to the chain's input; ``measure`` takes the chain's signals (n,) to the raw channels
     (n, raw) of the wire. ``rate`` is samples per s, ``substeps`` how many steps of the chain make a sample,
-    ``longest`` the most samples in a block. ``still`` says from the true signals' last values (and their rates)
-    whether the patient is free.
-    ``seen`` is the signal that a camera sees, at ``rate``; empty without camera.
+    ``longest`` the most samples in a block. ``still`` says from the true signals' last values whether the patient is
+    free. ``seen`` is the signal that a camera sees, at ``rate``; empty without camera. ``zeroing`` is the operator that begins
+    anew when the instrument is armed.
     """
 
     instrument: Instrument
@@ -51,6 +51,7 @@ class Bench:
     longest: int
     still: Callable[[Mapping[str, float]], bool]
     seen: str = ""
+    zeroing: str = ""
 
 
 def _columns(*names: str) -> Callable[[Signals], FloatArray]:
@@ -86,6 +87,7 @@ BENCHES: dict[str, Bench] = {
         substeps=4,
         longest=250,
         still=_vented,
+        zeroing="zeroing",
     ),
     "aspiration": Bench(
         instrument=aspiration.INSTRUMENT,
@@ -99,6 +101,7 @@ BENCHES: dict[str, Bench] = {
         substeps=16,
         longest=50,
         still=_vented,
+        zeroing="zeroing",
         seen="apex_height",
     ),
     "microrobot": Bench(

@@ -15,7 +15,7 @@ import numpy as np
 
 from drivers import messages as msg
 from drivers.device import Refused
-from sim_devices.chain import Chain
+from sim_devices.chain import Chain, Runner
 from sim_devices.clock import Clock
 from sim_devices.servers.bench import Bench
 from sim_devices.servers.faults import Faults
@@ -168,6 +168,8 @@ class SimInstrument:
                 self._control.streaming = body.on
             else:
                 self.firmware.handle(body, wall)
+                if isinstance(body, msg.Arm) and isinstance(self._runner, Runner):
+                    self._runner.restart(self.bench.zeroing)
         except Refused as refusal:
             return msg.Reply(request.number, refused=str(refusal))
         return msg.Reply(request.number)
