@@ -22,7 +22,7 @@ from acquire.engine import Outcome, Progress, RunEngine, RunPlan, State
 from acquire.plugins import instrument as descriptor
 from acquire.recording import RunInfo
 from acquire.recording.journal import iso_now
-from acquire.station import CALIBRATIONS, Instrument, Station, simulated_station
+from acquire.station import CALIBRATIONS, FRAME_SCALE, Calibration, Instrument, Station, simulated_station
 from acquire.supervisor import Supervisor
 from protocols import Limits, Protocol, Setpoints, compile_protocol, dump, effective_limits, find, load, units
 
@@ -305,13 +305,15 @@ def calibration(entry: Instrument, protocol: Protocol) -> dict[str, dict[str, An
 
 
 def _settled(station: Station) -> Station:
-    """The station with a seed for every simulated instrument, so that recordings tell it."""
+    """The station with all that recordings should tell: seeds of simulations, the assumed scale of cameras."""
     from acquire.simulation import settled
 
-    instruments = {
-        name: entry.model_copy(update={"simulated": settled(entry.simulated)})
-        if entry.here and entry.simulated
-        else entry
-        for name, entry in station.instruments.items()
-    }
+    instruments = {}
+    for name, entry in station.instruments.items():
+        if entry.here and entry.simulated is not None:
+            entry = entry.model_copy(update={"simulated": settled(entry.simulated)})
+        if (entry.instrument or name) == "aspiration" and "frame_scale" not in entry.calibration:
+            scale = Calibration(value=FRAME_SCALE, provenance="assumed", note="default")
+            entry = entry.model_copy(update={"calibration": {**entry.calibration, "frame_scale": scale}})
+        instruments[name] = entry
     return station.model_copy(update={"instruments": instruments})

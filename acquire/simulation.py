@@ -37,7 +37,7 @@ def chain(kind: str, simulation: Simulation, *, opening: float | None = None, sp
     for text in simulation.effects:
         from sim_devices.effects import parse_effect
 
-        effect, values = parse_effect(text)
+        effect, values = parse_effect(text, kind)
         result = effect.apply(result, values)
     _compiled(kind, result)
     return result
@@ -78,7 +78,7 @@ def start(
         speed=speed,
         seed=simulation.seed or 0,
         frame_size=frame_size,
-        options=entry.options,
+        options=entry.driver_options,
         watchdog=entry.watchdog,
     )
 

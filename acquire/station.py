@@ -36,6 +36,8 @@ from protocols.source import Source, read
 from protocols.text import validate
 
 Provenance = Literal["documented", "reported", "assumed", "measured"]
+#: Of a camera that nobody calibrated.
+FRAME_SCALE = "0.02 mm/px"
 #: What a calibration may say, and the kind of quantity it is.
 CALIBRATIONS = {"frame_scale": "scale", "opening": "length", "contact_force": "force", "hole_radius": "length"}
 
@@ -149,6 +151,12 @@ class Instrument(Model):
         """A calibration in SI; 0 where the station has none."""
         return units.parse(self.calibration[name].value, CALIBRATIONS[name]) if name in self.calibration else 0.0
 
+    @property
+    def driver_options(self) -> dict[str, Any]:
+        """The driver's options, with the calibrations that it needs to make readings of pictures."""
+        scale = self.calibration.get("frame_scale")
+        return {**self.options, "frame_scale": scale.value} if scale else dict(self.options)
+
     def entry(self, kind: str) -> Entry:
         """What the driver of an instrument at an address is given."""
         return Entry(
@@ -157,7 +165,7 @@ class Instrument(Model):
             simulated=self.simulated is not None,
             i_have_verified_the_codec=self.i_have_verified_the_codec,
             sources=self.sources,
-            options=self.options,
+            options=self.driver_options,
             watchdog=self.watchdog,
         )
 
@@ -218,15 +226,10 @@ def simulated_station(tissue: str = "forearm", effects: tuple[str, ...] = (), se
     """
     simulated = {"simulated": {"tissue": tissue, "effects": effects, "seed": seed}}
     simulated |= {"watchdog": "1 s", "interlock": {"stale": "5 s"}}
-    scale = {"frame_scale": {"value": "0.02 mm/px", "provenance": "assumed", "note": "of the simulated camera"}}
     return Station.model_validate(
         {
             "schema": "station/1",
             "name": "simulated bench",
-            "instruments": {
-                "cutometer": simulated,
-                "aspiration": {**simulated, "calibration": scale},
-                "microrobot": simulated,
-            },
+            "instruments": {kind: simulated for kind in ("cutometer", "aspiration", "microrobot")},
         }
     )

@@ -24,6 +24,7 @@ from acquire.engine.state import State, StateMachine, WrongState
 from acquire.recording import Event
 from drivers.device import DeviceError, Identity, LinkLost, Refused, Rig, Status
 from drivers.signals import Block, Channel, Frame
+from protocols.limits import PROBE
 from protocols.setpoints import Until
 
 log = logging.getLogger(__name__)
@@ -366,7 +367,7 @@ class RunEngine:
         self._start_at = self._written_from = math.nan
         self._recording_from = self._now()
         self._seen_running = False
-        known = {*device.quantities, *(c.name for c in self.channels)}
+        known = {PROBE, *device.quantities, *(c.name for c in self.channels)}
         limits = {n: v for n, v in plan.limits.values().items() if n in known and plan.limits[n].bounded}
         self._machine.fire("arm")
         self._recorder = recorder
@@ -378,7 +379,8 @@ class RunEngine:
             self._end("fail", str(error))
             raise
         names = tuple(link.source.name for link in self._links)
-        self._interlock.watch(plan.limits, names, feeder.commanded, plan.path.parent)
+        gappy = frozenset(c.name for source in self.rig.sources for c in source.channels)
+        self._interlock.watch(plan.limits, names, feeder.commanded, plan.path.parent, gappy)
 
     def _start(self) -> None:
         self._machine.fire("start")

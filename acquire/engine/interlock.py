@@ -79,6 +79,7 @@ class Interlock(threading.Thread):
         self._limits = Limits()
         self._commanded: Callable[[FloatArray], Mapping[str, FloatArray]] | None = None
         self._folder: Path | None = None
+        self._gappy: frozenset[str] = frozenset()
         self._watching = False
         self._closing = False
         self._tails: dict[str, tuple[FloatArray, FloatArray]] = {}
@@ -92,10 +93,14 @@ class Interlock(threading.Thread):
         links: tuple[str, ...],
         commanded: Callable[[FloatArray], Mapping[str, FloatArray]] | None = None,
         folder: Path | None = None,
+        gappy: frozenset[str] = frozenset(),
     ) -> None:
-        """Begin to watch ``limits`` per channel, freshness of ``links``, ``commanded(time)``, space at ``folder``."""
+        """Begin to watch ``limits`` per channel, freshness of ``links``, ``commanded(time)``, space at ``folder``.
+
+        The ``gappy`` channels may be NaN: a camera does not find a contour in every picture.
+        """
         now = time.monotonic()
-        self._limits, self._commanded, self._folder = limits, commanded, folder
+        self._limits, self._commanded, self._folder, self._gappy = limits, commanded, folder, gappy
         self._heard = dict.fromkeys(links, now)
         self._tails.clear()
         self._off_since.clear()
@@ -157,7 +162,7 @@ class Interlock(threading.Thread):
     def _check(self, block: Block) -> None:
         for name, values in block.values.items():
             bad = ~np.isfinite(values)
-            if bad.any():
+            if bad.any() and name not in self._gappy:
                 self.fire(Trip("nan", f"{name} is not a number", float(block.time[bad.argmax()])))
                 return
             self._check_value(name, values, block.time)
@@ -172,11 +177,11 @@ class Interlock(threading.Thread):
         # A bound at infinity has no span to widen; the other one then stands as it is.
         slack = self.rules.margin * (limit.high - limit.low) if limit.bounded else 0.0
         low, high = limit.low - slack, limit.high + slack
-        for extreme, outside in ((values.min(), values < low), (values.max(), values > high)):
-            if outside.any():
-                message = f"{name} is {extreme:.6g}, outside {limit.low:.6g} … {limit.high:.6g} (SI)"
-                self.fire(Trip("value", message, float(when[outside.argmax()])))
-                return
+        outside = (values < low) | (values > high)  # False for NaN
+        if outside.any():
+            first = outside.argmax()
+            message = f"{name} is {values[first]:.6g}, outside {limit.low:.6g} … {limit.high:.6g} (SI)"
+            self.fire(Trip("value", message, float(when[first])))
 
     def _check_rate(self, name: str, values: FloatArray, when: FloatArray) -> None:
         limit = self._limits[name].rate
