@@ -35,8 +35,8 @@ class Bench:
     ``command`` maps each quantity to the chain's input; ``measure`` takes the chain's signals (n,) to the raw channels
     (n, raw) of the wire. ``rate`` is samples per s, ``substeps`` how many steps of the chain make a sample,
     ``longest`` the most samples in a block. ``still`` says from the true signals' last values whether the patient is
-    free. ``seen`` is the signal that a camera sees, at ``rate``; empty without camera. ``zeroing`` is the operator that begins
-    anew when the instrument is armed.
+    free. ``seen`` is the signal that a camera sees, at ``rate``; empty without camera. ``zeroing`` is the operator
+    that begins anew when the instrument is armed.
     """
 
     instrument: Instrument

@@ -55,10 +55,10 @@ class VirtualUsb(usb.backend.IBackend):
     """A backend whose bus carries the given devices; each has one vendor interface with two bulk endpoints."""
 
     def __init__(self, *devices: VirtualDevice) -> None:
-        self._devices = devices
+        self.devices = devices
 
     def enumerate_devices(self) -> Any:
-        yield from self._devices
+        yield from self.devices
 
     def get_device_descriptor(self, dev: VirtualDevice) -> Any:
         return SimpleNamespace(
@@ -76,10 +76,10 @@ class VirtualUsb(usb.backend.IBackend):
             iProduct=2,
             iSerialNumber=3,
             bNumConfigurations=1,
-            address=self._devices.index(dev) + 1,
+            address=self.devices.index(dev) + 1,
             bus=1,
-            port_number=self._devices.index(dev) + 1,
-            port_numbers=(self._devices.index(dev) + 1,),
+            port_number=self.devices.index(dev) + 1,
+            port_numbers=(self.devices.index(dev) + 1,),
             speed=usb.util.SPEED_HIGH,
         )
 
