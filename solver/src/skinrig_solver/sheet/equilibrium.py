@@ -20,6 +20,7 @@ _ITERATIONS = 25
 _GROWTH = 10.0  # an update that raises the unbalanced force by more is halved, at most four times
 _SMALLEST_SHARE = 1.0 / 16.0
 _SMALLEST_STEP = 1.0 / 512.0
+_DRIVE = ("probe_x", "probe_y", "probe_z")
 
 
 @dataclass
@@ -99,7 +100,7 @@ class Sheet:
             self.work.cuts += 1
             if step < _SMALLEST_STEP:
                 reason, element = trouble
-                load = dict(zip(("probe_x", "probe_y", "probe_z"), target.tolist(), strict=True))
+                load = dict(zip(_DRIVE, target.tolist(), strict=True))
                 raise SolverError(f"the sheet found no equilibrium: {reason}", time=time, load=load, element=element)
 
     def _equilibrate(self, numbers: System, target: Array) -> tuple[str, int | None] | None:
@@ -165,15 +166,21 @@ class Sheet:
         The parameters are the law's, then the elastic pre-stress (sx, sy) behind the state; without ``sensitivities``
         the second array is empty. Adjoint: three solves serve them all.
         """
-        numbers = system(self.mesh)
-        _, K, Kp, Kpp = self._assemble(numbers)
-        factor = self._factor(numbers, K)
-        adjoint = np.zeros_like(Kp) if factor is None else factor.solve(Kp)
+        if sensitivities and self.mesh.dimension == 3:
+            raise ValueError("sensitivities are available for the membrane only")
+        for plane in (False, True):  # a membrane without tension has no stiffness out of its plane
+            numbers = system(self.mesh, plane)
+            _, K, Kp, Kpp = self._assemble(numbers)
+            factor = self._factor(numbers, K)
+            if factor is not None:
+                break
+        else:
+            load = dict(zip(_DRIVE, self.probe.tolist(), strict=True))
+            raise SolverError("the sheet's tangent is singular", load=load)
+        adjoint = factor.solve(Kp)
         tangent = Kp.T @ adjoint - Kpp
         if not sensitivities:
             return tangent, np.empty((0, 3))
-        if self.mesh.dimension == 3:
-            raise ValueError("sensitivities are available for the membrane only")
         many = self.p.size + 2
         dF0, frame, dextra = np.zeros((many, 3, 2)), np.zeros((many, 2, 2)), np.zeros((many, 6))
         if self.initial is not None:

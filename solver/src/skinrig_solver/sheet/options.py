@@ -24,8 +24,8 @@ class Options:
     hole_radius : of the support; not given by the paper, assumed
     probe_radius : of the glued patch
     prestress_mode : 'load', dead loads stretch the sheet first (face); 'initial', an initial stress as it lies (arm)
-    prestress_ramp : duration [s] of the dead loads' ramp, during which the sheet creeps (paper: 5); 0, the default, makes
-        sx and sy the elastic stresses the test starts from (docs/validation/sheet.md: closer to the reported forces)
+    prestress_ramp : duration [s] of the dead loads' ramp, during which the sheet creeps (paper: 5); 0, the default,
+        makes sx and sy the elastic stresses the test starts from (docs/validation/sheet.md compares the forces)
     frame : hole and patch are round on the stress-free sheet ('material', as node sets of a mesh) or 'spatial'
     relaxation : 'convolution' of the elastic force, or 'history' of every point's stress, sample by sample
     element : 'membrane', or 'solid' (bending included; no sensitivities)
