@@ -30,8 +30,9 @@ def from_flat_field(flat: NDArray[np.generic]) -> NDArray[np.float32]:
 def estimate(image: Image) -> NDArray[np.float32]:
     """Gain estimated from one image in which the field is bright and tissue dark.
 
-    The logarithm of the medians of bright blocks is fitted by a polynomial of the fourth degree, robustly; where tissue
-    or dirt hides the field the polynomial goes on. (1, 1) ones where too little field is seen for that.
+    The logarithm of the medians of bright blocks is fitted by a polynomial of the fourth degree, robustly; blocks that
+    lie on it, however dark, are then taken in. Where tissue or dirt hides the field the polynomial goes on. (1, 1) ones
+    where too little field is seen for that.
     """
     blocks, rows, columns = _medians(image)
     bright = blocks > _otsu(blocks)
@@ -44,20 +45,14 @@ def estimate(image: Image) -> NDArray[np.float32]:
     inner[:-1] &= bright[1:]
     inner[:, 1:] &= bright[:, :-1]
     inner[:, :-1] &= bright[:, 1:]
-    if inner.sum() < 3 * 15:
-        inner = bright
-    level = np.log(np.maximum(blocks[inner], 1.0))
-    terms = _terms(x[inner], y[inner])
-    weight = np.ones(len(level))
-    coefficients: FloatArray = np.zeros(terms.shape[1])
-    for _ in range(8):
-        # A little ridge keeps the polynomial quiet where no block holds it.
-        left = (terms * weight[:, None]).T @ terms + 1e-3 * np.eye(terms.shape[1])
-        coefficients = np.asarray(np.linalg.solve(left, (terms * weight[:, None]).T @ level), float)
-        residual = level - terms @ coefficients
-        scatter = max(1.4826 * float(np.median(np.abs(residual))), 2e-3)
-        weight = np.clip(1 - (residual / (4.685 * scatter)) ** 2, 0, None) ** 2
-    seen = np.exp(terms @ coefficients)
+    used = inner if inner.sum() >= 3 * 15 else bright
+    terms = _terms(x.ravel(), y.ravel())
+    level = np.log(np.maximum(blocks.ravel(), 1.0))
+    coefficients = _robust(terms[used.ravel()], level[used.ravel()])
+    for _ in range(4):
+        used = (np.abs(level - terms @ coefficients) < 0.1).reshape(used.shape)
+        coefficients = _robust(terms[used.ravel()], level[used.ravel()])
+    seen = np.exp(terms[used.ravel()] @ coefficients)
     height, width = image.shape
     full_y = np.linspace(-1, 1, height)
     full_x = np.linspace(-1, 1, width)
@@ -68,6 +63,21 @@ def estimate(image: Image) -> NDArray[np.float32]:
         grid[i, j] = c
     field = np.exp(np.clip(powers_y.T @ grid.T @ powers_x, None, 6.0))
     return _gain(np.clip(field, seen.min(), seen.max()), float(np.percentile(seen, 95)))
+
+
+def _robust(terms: FloatArray, level: FloatArray) -> FloatArray:
+    """Coefficients of the polynomial, by least squares with Tukey's biweight."""
+    weight = np.ones(len(level))
+    coefficients = np.zeros(terms.shape[1])
+    for _ in range(6):
+        # A little ridge keeps the polynomial quiet where no block holds it.
+        weighted = terms * weight[:, None]
+        left = weighted.T @ terms + 1e-3 * np.eye(terms.shape[1])
+        coefficients = np.asarray(np.linalg.solve(left, weighted.T @ level), float)
+        residual = level - terms @ coefficients
+        scatter = max(1.4826 * float(np.median(np.abs(residual))), 2e-3)
+        weight = np.clip(1 - (residual / (4.685 * scatter)) ** 2, 0, None) ** 2
+    return coefficients
 
 
 def _gain(field: FloatArray, level: float) -> NDArray[np.float32]:

@@ -26,6 +26,7 @@ FloatArray = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
 _BAND_SEARCH = 12  # px in which the edge at GVT ± delta is looked for
+_MARGIN = 6.0  # px from the upper border within which an apex is not believed
 _SURE = 0.5  # confidence from which a proposed GVT is used live
 _SOFT = 0.35  # of the usual grey step across the edge; columns below it are not trusted
 
@@ -163,8 +164,8 @@ class Pipeline:
         height = foot - row
         if np.isfinite(height) and not low <= height <= high:  # an edge lost at one of the thresholds
             low, high = np.fmin(low, height), np.fmax(high, height)
-        # Tissue at the upper border within the cap or right beside it: the apex may be outside the image.
-        cut_off = last == first or bool(np.any(top[max(first - 2, 0) : last + 2] == 0))
+        # Tissue at the upper border within the cap, or so close that no edge can be seen above it.
+        cut_off = last == first or row < _MARGIN or bool(np.any(top[max(first - 2, 0) : last + 2] == 0))
         step = step[first:last][np.isfinite(profile[first:last])]
         clear = float(np.median(step)) if len(step) else 0.0
         if cut_off:
