@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -68,18 +69,12 @@ class _Import:
         setpoints = self.series("setpoints", self.bundle.setpoints)
         derived = self.series("derived", self.bundle.derived)
         start = min((float(s.time[0]) for s in streams.values()), default=0.0)
-        frames = None
-        if self.bundle.frames is not None:
-            frames = self.frames(self.bundle.frames, start)
-            if "apex_height" not in streams:
-                found, results = self.threshold(frames, self.bundle.frames)
-                streams |= found
-                derived |= results
+        frames = self.frames(self.bundle.frames, start) if self.bundle.frames is not None else None
         protocol, name = self.protocol()
         if not setpoints:
             setpoints = self.compiled(protocol, start)
         self.check_sign(streams)
-        return Recording(
+        recording = Recording(
             info=self.info(protocol, name),
             streams=streams,
             setpoints=setpoints,
@@ -88,6 +83,7 @@ class _Import:
             derived=derived,
             plot=self.bundle.run.plot,
         )
+        return self.threshold(recording)
 
     def fault(self, path: Key, message: str) -> RecordingError:
         return RecordingError(str(self.source.fault(path, message)))
@@ -224,15 +220,21 @@ class _Import:
             time = self.time(("frames", "time"), table, images.time, len(data), "frames")
         return Frames(data, time, images.scale or 0.0, np.arange(len(data)))
 
-    def threshold(self, frames: Frames, images: Images) -> tuple[dict[str, Series], dict[str, Series]]:
-        from acquire.analysis.frames import apex_and_profile
-
-        if not frames.scale:
+    def threshold(self, recording: Recording) -> Recording:
+        """What the frames show, unless the bundle says it itself."""
+        images = self.bundle.frames
+        if images is None or "apex_height" in recording.streams:
+            return recording
+        if images.scale is None:
             text = "the frames have no scale, so no height was measured in them"
-            self.events.append(Event(float(frames.time[0]), "warning", "no_scale", text))
-            return {}, {}
+            missing = Event(0.0, "warning", "no_scale", text)
+            return replace(recording, events=(*recording.events, missing))
+        from acquire.analysis.frames import with_contour
+        from drivers.aspiration.contour import Settings
+
+        delta = Settings.delta if images.delta is None else images.delta
         try:
-            return apex_and_profile(frames, gvt=images.gvt, delta=images.delta, apex=images.apex)
+            return with_contour(recording, Settings(images.gvt, delta, images.apex, images.tissue))
         except ValueError as error:
             raise self.fault(("frames",), str(error)) from error
 

@@ -64,6 +64,7 @@ class Images(_Loose):
 
     Their times: ``rate`` from ``start`` on (default: where the channels begin), or a ``time`` column of ``time_file``.
     ``gvt`` is the grey-value threshold set by eye (0..255), ``delta`` its uncertainty, ``apex`` where the dome points.
+    ``tissue`` is darker or brighter than what is behind it.
     Without a ``scale`` the images are kept, but no height is measured in them.
     """
 
@@ -75,7 +76,8 @@ class Images(_Loose):
     time: TimeAxis | None = None
     gvt: Annotated[float, Field(ge=0, le=255)] | None = None
     delta: Annotated[float, Field(gt=0, le=100)] | None = None
-    apex: Literal["up", "down", "left", "right"] | None = None
+    apex: Literal["up", "down"] = "up"
+    tissue: Literal["dark", "bright"] = "dark"
 
     @model_validator(mode="after")
     def _one_clock(self) -> Images:

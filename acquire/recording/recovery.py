@@ -46,10 +46,23 @@ def finalise(journal: Path | str, path: Path | str, *, keep: bool = False) -> Pa
         if there.info.id != recording.info.id:
             raise RecordingError(f"{path}: holds run {there.info.id}, not {recording.info.id}; it is not overwritten")
     else:
-        write_recording(recording, path)
+        write_recording(_with_contour(recording), path)
     if not keep:
         journal.unlink()
     return path
+
+
+def _with_contour(recording: Recording) -> Recording:
+    """What the frames show is added, but no fault in reading them may cost the recording."""
+    if recording.frames is None:
+        return recording
+    from acquire.analysis.frames import with_contour
+
+    try:
+        return with_contour(recording)
+    except Exception as error:
+        failed = Event(float(recording.frames.time[0]), "error", "contour", f"the frames could not be read: {error}")
+        return replace(recording, events=(*recording.events, failed))
 
 
 def recover(journal: Path | str, path: Path | str | None = None, *, keep: bool = True) -> Path:

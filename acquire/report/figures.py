@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 import numpy as np
 
 from acquire.analysis.cycles import suction_cycles
+from acquire.analysis.frames import contour_of
 from acquire.analysis.loops import by_direction, loops
 from acquire.recording.model import FloatArray, Recording, Series
 from acquire.report.summary import pleasant
@@ -54,7 +55,7 @@ def overview(recording: Recording) -> Figure:
     """One figure of the whole recording: channels over time, and beside them loops or images."""
     beside = _beside(recording)
     groups = _groups(recording.streams)
-    figure = _figure(11.0, max(3.2, 2.1 * len(groups) + 0.6))
+    figure = _figure(11.0, max(4.4 if beside == "frames" else 3.2, 2.1 * len(groups) + 0.6))
     columns = 2 if beside else 1
     grid = figure.add_gridspec(max(len(groups), 1), columns, width_ratios=(2.2, 1) if beside else (1,))
     first = None
@@ -76,21 +77,19 @@ def overview(recording: Recording) -> Figure:
 
 @_styled
 def frame_strip(recording: Recording, count: int = 4) -> Figure | None:
-    """Up to ``count`` camera frames from first to highest apex with their contour; None without frames."""
-    if recording.frames is None or not len(recording.frames.time):
+    """Up to ``count`` camera frames from first to highest apex with their contour; None without at least two."""
+    if recording.frames is None or len(recording.frames.time) < 2:
         return None
     frames = recording.frames
     last = len(frames.time) - 1
     if "apex_height" in recording.streams:
         heights = np.nan_to_num(np.interp(frames.time, *_xy(recording.streams["apex_height"])))
-        last = max(int(np.argmax(heights)), 1) if last else 0
+        last = max(int(np.argmax(heights)), 1)
     picks = np.unique(np.linspace(0, last, count).astype(int))
     height, width = frames.data.shape[1:]
-    figure = _figure(11.0, 11.0 / count * height / width + 0.5)
-    for axes, index in zip(figure.subplots(1, count, squeeze=False)[0], picks, strict=False):
+    figure = _figure(11.0, min(11.0 / len(picks) * height / width + 0.5, 6.0))
+    for axes, index in zip(figure.subplots(1, len(picks), squeeze=False)[0], picks, strict=True):
         _image(axes, recording, int(index))
-    for axes in figure.axes[len(picks) :]:
-        axes.axis("off")
     return figure
 
 
@@ -181,7 +180,8 @@ def _over_time(axes: Any, recording: Recording, names: list[str], unit: str) -> 
     for number, name in enumerate(names):
         colour = MEASURED if single else COLOURS[number % len(COLOURS)]
         time, value = thinned(*_xy(recording.streams[name]))
-        axes.plot(time, factor * value, color=colour, lw=1.3, label="measured" if single else name)
+        marker = "o" if len(time) < 20 else None
+        axes.plot(time, factor * value, marker=marker, color=colour, lw=1.3, label="measured" if single else name)
         commanded = recording.setpoints.get(name)
         if commanded is not None and commanded.unit == unit:
             time, value = thinned(*_xy(commanded))
@@ -240,9 +240,10 @@ def _image(axes: Any, recording: Recording, index: int) -> None:
     frames = recording.frames
     assert frames is not None
     axes.imshow(frames.data[index], cmap="gray", vmin=0, vmax=255)
-    if "contour_row" in recording.derived:
-        rows = recording.derived["contour_row"].value[index]
-        axes.plot(np.arange(len(rows)), rows, color="#2ecc71", lw=1.2)
+    contour = contour_of(recording, index)
+    if contour is not None:
+        axes.plot(*contour.outline().T, color="#2ecc71", lw=1.2)
+        axes.plot(contour.apex_column, contour.apex_row, "+", color="#e74c3c", ms=9)
     axes.set_title(f"frame {index}, {frames.time[index]:.2f} s", fontsize=9)
     axes.set_xticks([])
     axes.set_yticks([])

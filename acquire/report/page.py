@@ -39,6 +39,7 @@ def render(recordings: Sequence[Recording], title: str = "") -> str:
         lstrip_blocks=True,
     )
     environment.filters["shown"] = shown
+    environment.filters["fact"] = _fact
     count = f"{len(recordings)} recordings"
     return environment.get_template("page.html.j2").render(
         title=title or (recordings[0].info.id if len(recordings) == 1 else count),
@@ -64,7 +65,7 @@ def _comparisons(recordings: Sequence[Recording]) -> list[dict[str, str]]:
     """One figure for each instrument and protocol that was recorded more than once."""
     groups: dict[tuple[str, str], list[Recording]] = defaultdict(list)
     for recording in recordings:
-        if recording.default_plot:
+        if recording.default_plot and len(recording.streams[recording.default_plot].time) > 1:
             groups[recording.info.instrument, recording.info.protocol_name].append(recording)
     return [
         {"title": f"{instrument}: {name or 'all'}, {len(group)} recordings", "image": as_image(comparison(group))}
@@ -80,6 +81,11 @@ def _subtitle(recordings: Sequence[Recording]) -> str:
         ", ".join(dict.fromkeys(r.info.site for r in recordings if r.info.site)),
     ]
     return " · ".join(fact for fact in facts if fact)
+
+
+def _fact(value: Any) -> str:
+    """A calibration value: a number to six digits, anything else as it is."""
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def _version() -> str:

@@ -1,15 +1,14 @@
-"""A process that records, or finalises, without end, until it is killed: ``journal_child.py record|finalise JOURNAL``.
+"""What a process does, recording or finalising without end, until it is killed.
 
-It says on stdout the number of each record (of each recording) just before it writes it, so that the parent knows what
-must be found afterwards.
+It tells its parent the number of each record (of each recording) just before it writes it, so that the parent knows
+what must be found afterwards.
 """
 
 from __future__ import annotations
 
-import os
-import sys
 import time
 from itertools import count
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import numpy as np
@@ -30,22 +29,20 @@ def append(writer: JournalWriter, number: int) -> None:
         writer.frame(Frame(IMAGE + number % 256, number, number / 100.0, number / 100.0))
 
 
-def record(path: Path) -> None:
+def record(path: Path, parent: Connection) -> None:
+    """Append 10 ms every millisecond."""
     writer = JournalWriter(path, INFO, CHANNELS)
     for number in count():
-        os.write(1, b"%d\n" % number)
+        parent.send(number)
         append(writer, number)
         time.sleep(0.001)
 
 
-def finalise_again_and_again(path: Path) -> None:
+def finalise_again_and_again(path: Path, parent: Connection) -> None:
+    """Make one recording after the other from the same journal."""
     with JournalWriter(path, INFO, CHANNELS) as writer:
         for number in range(100):
             append(writer, number)
     for number in count():
-        os.write(1, b"%d\n" % number)
+        parent.send(number)
         finalise(path, path.with_suffix(f".{number}.h5"), keep=True)
-
-
-if __name__ == "__main__":
-    {"record": record, "finalise": finalise_again_and_again}[sys.argv[1]](Path(sys.argv[2]))

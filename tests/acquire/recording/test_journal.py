@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
+import multiprocessing
 import os
 import random
 import signal
-import subprocess
-import sys
 import time
+from collections.abc import Callable
 from dataclasses import replace
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +34,7 @@ from acquire.recording.journal import MAGIC
 from acquire.recording.model import difference
 from drivers.signals import Block, Channel, Frame
 from protocols.setpoints import Segment, Setpoints
+from tests.acquire.recording import journal_child
 from tests.acquire.recording.samples import sample_recording
 
 CHANNELS = (
@@ -49,7 +52,7 @@ STEP = Setpoints(
 
 def write(path: Path, recording: Recording, *, close: bool = True, block: int = 100) -> None:
     """Write ``recording`` as an engine would: blocks and frames and events, one after the other."""
-    writer = JournalWriter(path, replace(recording.info, end_time="", status=""), CHANNELS, frame_scale=2e-5)
+    writer = JournalWriter(path, replace(recording.info, end_time="", status=""), CHANNELS)
     writer.setpoints(STEP)
     first = next(iter(recording.streams.values()))
     assert first.seq is not None
@@ -83,9 +86,26 @@ def test_finalise_gives_the_recording_and_removes_the_journal(tmp_path: Path) ->
     assert read.frames is not None
     assert recording.frames is not None
     assert np.array_equal(np.asarray(read.frames.data), recording.frames.data)
-    assert read.frames.scale == 2e-5
     assert read.streams["pressure"].range == (-5e4, 0.0)
     assert not journal.exists()
+
+
+def test_finalise_reads_the_frames(tmp_path: Path) -> None:
+    rows, columns = np.mgrid[:120, :160]
+    time = np.arange(20) / 25.0
+    with JournalWriter(tmp_path / "run.journal", sample_recording().info, CHANNELS, frame_scale=2e-5) as writer:
+        writer.setpoints(STEP, start=0.4)
+        for number, moment in enumerate(time):
+            top = 90.0 - (40.0 if moment > 0.4 else 0.0)
+            dome = rows > top + (columns - 80) ** 2 / 60
+            writer.frame(Frame(np.where(dome, 30, 200).astype(np.uint8), number, moment, moment))
+    recording = open_recording(finalise(tmp_path / "run.journal", tmp_path / "run.h5"))
+    height = recording.stream("apex_height")
+    assert height.value[5] == pytest.approx(0.0, abs=4e-6)
+    assert height.value[-1] == pytest.approx(40 * 2e-5, abs=2e-5)
+    assert set(recording.derived) == {"apex_low", "apex_high", "profile", "contour_confidence"}
+    assert recording.derived["profile"].value.shape == (20, 160)
+    assert recording.info.calibration["gvt"]["apex"] == "up"
 
 
 def test_a_crash_after_the_rename_changes_nothing(tmp_path: Path) -> None:
@@ -206,28 +226,33 @@ def test_a_full_disk_loses_nothing_so_far(tmp_path: Path, monkeypatch: pytest.Mo
     assert found.info.status == "recovered"
 
 
-def kill_child(what: str, journal: Path, delay: float) -> int:
-    """Start the child, kill -9 it ``delay`` s after its first record, and return the number it said last."""
-    child = subprocess.Popen(
-        [sys.executable, str(Path(__file__).with_name("journal_child.py")), what, str(journal)],
-        stdout=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])},
-    )
-    assert child.stdout is not None
-    with child.stdout:
-        child.stdout.readline()
+def kill_child(work: Callable[[Path, Connection], None], journal: Path, delay: float) -> int:
+    """Start ``work`` in a process, kill -9 it ``delay`` s after its first record; returns the number it said last."""
+    # A server that has imported everything forks the children: starting fifty interpreters would take a minute.
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([journal_child.__name__])
+    ours, theirs = context.Pipe(duplex=False)
+    child = context.Process(target=work, args=(journal, theirs))
+    child.start()
+    theirs.close()
+    with ours:
+        said = ours.recv()
         time.sleep(delay)
-        child.send_signal(signal.SIGKILL)
-        said = child.stdout.read().splitlines()
-    child.wait()
-    return int(said[-1]) if said else 0
+        child.kill()
+        with contextlib.suppress(EOFError, OSError):
+            while True:
+                said = ours.recv()
+    child.join()
+    assert child.exitcode == -signal.SIGKILL
+    child.close()
+    return int(said)
 
 
 def test_thirty_kills_while_recording(tmp_path: Path) -> None:
     chance = random.Random(2026)
     for number in range(30):
         journal = tmp_path / f"{number}.journal"
-        begun = kill_child("record", journal, chance.uniform(0.0, 0.08))
+        begun = kill_child(journal_child.record, journal, chance.uniform(0.0, 0.08))
         if begun == 0:
             continue  # killed within its first record: there may be nothing yet
         recording = open_recording(recover(journal))
@@ -243,7 +268,7 @@ def test_twenty_kills_while_finalising(tmp_path: Path) -> None:
     for number in range(20):
         folder = tmp_path / str(number)
         folder.mkdir()
-        begun = kill_child("finalise", folder / "run.journal", chance.uniform(0.0, 0.08))
+        begun = kill_child(journal_child.finalise_again_and_again, folder / "run.journal", chance.uniform(0.0, 0.08))
         whole = sorted(folder.glob("*.h5"))
         assert begun <= len(whole) <= begun + 1
         for path in [*whole, recover(folder / "run.journal")]:
