@@ -232,7 +232,7 @@ def simulate(
     factor = skin * s.per_recording(scatter)[:, None]
     ref = _targets(s, fx)
     base = _platform(ref, fx)
-    first = factor * _reaction(s, tip(base), law, tissue, fx, np.random.default_rng(seed))
+    first = factor * _reaction(s, skin * tip(base), law, tissue, fx, np.random.default_rng(seed))
     j = jacobian_at_centre()
     tangent = 0.75 * tissue["stiffness"] * j.T @ j
     dry = np.full(3, get("dry", 0.0) + get("dry_share", 0.0) * get("stribeck", 0.0))
@@ -243,13 +243,18 @@ def simulate(
     effects["drag"] += DRAG
     q = loops(ref, -first @ j, base, tangent, float(s.dt[1]) / SUBSTEPS, Loop(**sound, **effects), dry)
     u, normal = tip_and_tilt(np.ascontiguousarray(_platform(q, fx)), PIVOTS, TIP)
-    resisted = factor * _reaction(s, u, law, tissue, fx, rng)
+    resisted = factor * _reaction(s, skin * u, law, tissue, fx, rng)
     legs = _legs(s, -resisted, normal, q, fx)
     legs = legs - legs[0]
     if delay := get("tare_late", 0.0):
-        r = s.recordings[0]
-        legs = legs - legs[int(np.searchsorted(s.t, r.start + r.onset + delay))]
+        r = next(r for r in s.recordings if r.specimen == "skin")
+        legs = legs - _at(s, r.start + r.onset + delay, legs)
     return _record(s, q, legs, fx, seed, noisy)
+
+
+def _at(s: Session, moment: float, x: Array) -> Array:
+    """Values (3,) of x (N, 3) at a session time [s]."""
+    return np.array([np.interp(moment, s.t, x[:, i]) for i in range(3)])
 
 
 def _record(s: Session, q: Array, legs: Array, fx: Knobs, seed: int, noisy: bool) -> Channels:
@@ -273,8 +278,7 @@ def _record(s: Session, q: Array, legs: Array, fx: Knobs, seed: int, noisy: bool
             stamps > r.start + get("jump_at", 0.5) * r.duration
         )
         if a := get("tare_each", 0.0):
-            moment = r.start + r.onset + a
-            x = x - np.array([np.interp(moment, s.t, legs[:, i]) for i in range(3)])
+            x = x - _at(s, r.start + r.onset + a, legs)
         if noisy:
             at = at + AXIS_NOISE * rows.normal(size=at.shape)
             x = x + LEG_NOISE * rows.normal(size=x.shape)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.special import gamma
 
 Array = NDArray[np.float64]
 
@@ -93,10 +94,14 @@ def spectrum(x: Array, dt: Array, taus: Array, weights: Array) -> Array:
 
 
 def power_law_memory(x: Array, dt: Array, alpha: float, shortest: float = 0.02, longest: float = 2e3) -> Array:
-    """Creep (t / 1 s)^alpha of x by a spectrum of nine lags, weights tau^alpha (Schapery's collocation)."""
+    """Creep (t / 1 s)^alpha of x by a spectrum of nine lags; what is faster than ``shortest`` [s] is instantaneous.
+
+    t^alpha = int alpha tau^alpha (1 - exp(-t / tau)) d(ln tau) / Gamma(1 - alpha) (Schapery).
+    """
     taus = np.geomspace(shortest, longest, 9)
-    # A spectrum of density alpha tau^alpha d(ln tau) / Gamma(1 - alpha) sums to t^alpha; the factor is its spacing.
-    return spectrum(x, dt, taus, taus**alpha * alpha * np.log(taus[1] / taus[0]))
+    spacing = np.log(taus[1] / taus[0])
+    instant = (shortest * np.exp(-0.5 * spacing)) ** alpha
+    return (spectrum(x, dt, taus, taus**alpha * alpha * spacing) + instant * x) / float(gamma(1 - alpha))
 
 
 def wander(t: Array, rng: np.random.Generator, slowest: float, fastest: float) -> Array:
