@@ -27,10 +27,14 @@ def cap(profile: FloatArray, base: float) -> tuple[int, int]:
         n = 0
         for k in range(max(0, c - _MEDIAN), min(columns, c + _MEDIAN + 1)):
             if np.isfinite(profile[k]):
-                window[n] = profile[k]
+                place = n  # insertion keeps the few values in order
+                while place > 0 and window[place - 1] > profile[k]:
+                    window[place] = window[place - 1]
+                    place -= 1
+                window[place] = profile[k]
                 n += 1
         if n > _MEDIAN:
-            smooth[c] = np.sort(window[:n])[n // 2]
+            smooth[c] = window[n // 2]
             if best < 0 or smooth[c] < smooth[best]:
                 best = c
     if best < 0:

@@ -12,7 +12,7 @@ Rows and columns count pixel middles, row 0 on top, whatever way the apex points
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -134,68 +134,10 @@ class Pipeline:
         _check(frame, settings)
         grey = _evened(frame, self._gain, settings)
         gvt = self.gvt if settings.tissue == "dark" else 255.0 - self.gvt
-        runs, count = segment.label(grey, gvt)
-        if count < 0:
-            return Contour(self.gvt, flags=("noise",))
-        least = int(LEAST_AREA * grey.size)
-        name, others = segment.choose(grey, runs, count, max(least // 20, 12)) if count else (-1, 0)
-        if name < 0:
-            return Contour(self.gvt, flags=("no_tissue",))
-        top = segment.envelope(runs, count, name, grey.shape[1])
-        outside, inside = segment.contrast(grey, top)
-        step = outside - inside
-        if not np.isfinite(step).any():
-            return Contour(self.gvt, flags=("no_tissue",))
-        # Where the edge is much softer than elsewhere the tissue has run into a shade: no contour there.
-        profile = segment.crossings(grey, top, gvt, 1)
-        profile[~(step >= _SOFT * np.nanpercentile(step, 75))] = np.nan
-        edges = segment.sides(grey, runs, count, name, gvt)
-        flags = []
-        first, last = caps.cap(profile, float(grey.shape[0]))
-        foot = caps.foot(profile, edges, float(np.nanmin(profile[first:last])) if last > first else 0.0)
-        first, last = caps.cap(profile, foot)
-        column, row, scatter, share = caps.fit(profile, first, last)
-        band_rows = []
-        for shift in (-settings.delta, settings.delta):
-            moved = segment.crossings(grey, top, gvt + shift, _BAND_SEARCH)
-            moved[np.isnan(profile)] = np.nan
-            band_rows.append(caps.fit(moved, first, last)[1])
-        low, high = sorted(foot - r for r in band_rows)
-        height = foot - row
-        if np.isfinite(height) and not low <= height <= high:  # an edge lost at one of the thresholds
-            low, high = np.fmin(low, height), np.fmax(high, height)
-        # Tissue at the upper border within the cap, or so close that no edge can be seen above it.
-        cut_off = last == first or row < _MARGIN or bool(np.any(top[max(first - 2, 0) : last + 2] == 0))
-        step = step[first:last][np.isfinite(profile[first:last])]
-        clear = float(np.median(step)) if len(step) else 0.0
-        if cut_off:
-            flags.append("cut_off")
-        if segment.holes(runs, count, name, 3):
-            flags.append("reflections")
-        if others:
-            flags.append("satellites")
-        if share < 0.9:
-            flags.append("gaps")
-        if clear < 30:
-            flags.append("low_contrast")
-        if (edges[0] <= 0).any() != (edges[1] >= grey.shape[1] - 1).any():
-            flags.append("border")
-        return _placed(
-            Contour(
-                self.gvt,
-                np.nan if cut_off else column,
-                np.nan if cut_off else row,
-                foot,
-                np.nan if cut_off else height,
-                (np.nan, np.nan) if cut_off else (low, high),
-                profile,
-                edges,
-                0.0 if cut_off else _confidence(clear, share, scatter, (high - low) / 2),
-                tuple(flags),
-            ),
-            frame.shape,
-            settings,
-        )
+        tissue = _find(grey, gvt)
+        if isinstance(tissue, str):
+            return Contour(self.gvt, flags=(tissue,))
+        return _placed(replace(_read(grey, gvt, settings.delta, tissue), gvt=self.gvt), frame.shape, settings)
 
 
 def analyse_frame(image: Image, settings: Settings | None = None) -> Contour:
@@ -283,6 +225,76 @@ class LiveApex:
         return float(sign * (self._rest_row - self.latest.apex_row) * self._scale)
 
 
+@dataclass(frozen=True)
+class _Tissue:
+    """The component that is tissue: its first row, sub-pixel edge and grey step by column, and its sides by row."""
+
+    top: segment.IntArray
+    profile: FloatArray
+    step: FloatArray
+    sides: FloatArray
+    flags: tuple[str, ...]
+
+
+def _find(grey: segment.Grey, gvt: float) -> _Tissue | str:
+    """The tissue in an upright, dark, even image, or the flag that says why there is none."""
+    runs, count = segment.label(grey, gvt)
+    if count < 0:
+        return "noise"
+    name, others = segment.choose(grey, runs, count, max(int(LEAST_AREA / 20 * grey.size), 12))
+    if name < 0:
+        return "no_tissue"
+    top = segment.envelope(runs, count, name, grey.shape[1])
+    outside, inside = segment.contrast(grey, top)
+    step = outside - inside
+    if not np.isfinite(step).any():
+        return "no_tissue"
+    # Where the edge is much softer than elsewhere the tissue has run into a shade: no contour there.
+    profile = segment.crossings(grey, top, gvt, 1)
+    profile[~(step >= _SOFT * np.nanpercentile(step, 75))] = np.nan
+    sides = segment.sides(grey, runs, count, name, gvt)
+    noticed = {
+        "reflections": segment.holes(runs, count, name, 3) > 0,
+        "satellites": others > 0,
+        "border": (sides[0] <= 0).any() != (sides[1] >= grey.shape[1] - 1).any(),
+    }
+    return _Tissue(top, profile, step, sides, tuple(flag for flag, seen in noticed.items() if seen))
+
+
+def _read(grey: segment.Grey, gvt: float, delta: float, tissue: _Tissue) -> Contour:
+    """Foot, apex, band and confidence of the tissue, in px of the upright image."""
+    top, profile = tissue.top, tissue.profile
+    first, last = caps.cap(profile, float(grey.shape[0]))
+    foot = caps.foot(profile, tissue.sides, float(np.nanmin(profile[first:last])) if last > first else 0.0)
+    first, last = caps.cap(profile, foot)
+    column, row, scatter, share = caps.fit(profile, first, last)
+    # Tissue at the upper border within the cap, or so close that no edge can be seen above it.
+    if last == first or row < _MARGIN or np.any(top[max(first - 2, 0) : last + 2] == 0):
+        return Contour(gvt, foot_row=foot, profile=profile, sides=tissue.sides, flags=("cut_off", *tissue.flags))
+    height = foot - row
+    heights = [height]
+    for shift in (-delta, delta):
+        moved = segment.crossings(grey, top, gvt + shift, _BAND_SEARCH)
+        moved[np.isnan(profile)] = np.nan
+        heights.append(foot - caps.fit(moved, first, last)[1])
+    low, high = float(np.min(heights)), float(np.max(heights))  # NaN where an edge is lost at one of the thresholds
+    step = tissue.step[first:last][np.isfinite(profile[first:last])]
+    clear = float(np.median(step)) if len(step) else 0.0
+    noticed = {"gaps": share < 0.9, "low_contrast": clear < 30}
+    return Contour(
+        gvt,
+        column,
+        row,
+        foot,
+        height,
+        (low, high),
+        profile,
+        tissue.sides,
+        _confidence(clear, share, scatter, (high - low) / 2),
+        (*tissue.flags, *(flag for flag, seen in noticed.items() if seen)),
+    )
+
+
 def _compile() -> None:
     """Run every kernel once, so that the first frame of a measurement does not wait for the compiler."""
     rows, columns = np.mgrid[:64, :64]
@@ -354,15 +366,11 @@ def _placed(contour: Contour, shape: tuple[int, ...], settings: Settings) -> Con
     profile[left : left + width] = row(contour.profile)
     sides = np.full((2, shape[0]), np.nan)
     sides[:, top : top + height] = left + (contour.sides[:, ::-1] if down else contour.sides)
-    return Contour(
-        contour.gvt,
-        left + contour.apex_column,
-        row(contour.apex_row),
-        row(contour.foot_row),
-        contour.height,
-        contour.band,
-        profile,
-        sides,
-        contour.confidence,
-        contour.flags,
+    return replace(
+        contour,
+        apex_column=left + contour.apex_column,
+        apex_row=row(contour.apex_row),
+        foot_row=row(contour.foot_row),
+        profile=profile,
+        sides=sides,
     )
