@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from acquire.analysis.cycles import suction_cycles
+from acquire.analysis.cycles import Cycle, suction_cycles
 from acquire.recording.model import FloatArray, Recording, Series
 
 
@@ -90,7 +90,7 @@ def _drift(recording: Recording) -> list[Flag]:
         commanded = recording.setpoints.get("pressure" if name == "pressure" else "probe_x")
         if commanded is None or len(series.time) < 40:
             continue
-        before = series.value[series.time <= commanded.time[0]][-20:]
+        before = series.value[series.time <= _first_move(commanded)][-20:]
         after = series.value[-20:]
         span = float(np.ptp(series.value))
         if len(before) < 3 or span <= 0:
@@ -105,9 +105,16 @@ def _drift(recording: Recording) -> list[Flag]:
     return [Flag("drift", level, worst, text)]
 
 
+def _first_move(commanded: Series) -> float:
+    """When the set-point first leaves its initial value, s: forces are tared and gauges zeroed by then."""
+    moved = np.flatnonzero(commanded.value != commanded.value[0])
+    return float(commanded.time[max(int(moved[0]) - 1, 0)]) if len(moved) else float(commanded.time[-1])
+
+
 def _first_curve(recording: Recording) -> list[Flag]:
-    """The first curve of a series differs from the others (preconditioning): how far."""
+    """The first curve of a series differs from its repeats (preconditioning): how far."""
     cycles = suction_cycles(recording)
+    cycles = tuple(cycle for cycle in cycles if _alike(cycle, cycles[0]))
     if len(cycles) < 2 or "apex_height" not in recording.streams:
         return []
     height = recording.streams["apex_height"]
@@ -121,6 +128,15 @@ def _first_curve(recording: Recording) -> list[Flag]:
     change = tops[0] / float(np.mean(tops[1:])) - 1
     text = f"the first curve rises {100 * change:+.1f} % compared with the {len(tops) - 1} after it"
     return [Flag("first curve", "ok" if abs(change) < 0.1 else "warning", change, text)]
+
+
+def _alike(a: Cycle, b: Cycle) -> bool:
+    """Whether two cycles repeat the same suction: level within 5 %, loading and holding within 5 % or 0.2 s."""
+    return (
+        abs(a.level - b.level) <= 0.05 * abs(b.level)
+        and abs(a.rise - b.rise) <= max(0.05 * b.rise, 0.2)
+        and abs((a.release - a.onset) - (b.release - b.onset)) <= max(0.05 * (b.release - b.onset), 0.2)
+    )
 
 
 def _contour(recording: Recording) -> list[Flag]:
