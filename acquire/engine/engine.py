@@ -10,22 +10,17 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError, Future
 from concurrent.futures import TimeoutError as FutureTimeout
+from dataclasses import replace
 from typing import Any, Protocol, TypeVar
 
-import numpy as np
-
-from acquire.engine.feeder import Feeder
+from acquire.engine.active import ActiveRun
 from acquire.engine.interlock import Interlock, Rules, Trip
 from acquire.engine.link import LinkThread
 from acquire.engine.plan import Outcome, Progress, RunPlan
 from acquire.engine.queues import DisplayQueue
-from acquire.engine.recorder import Commanded, Recorder
 from acquire.engine.state import State, StateMachine, WrongState
-from acquire.recording import Event
 from drivers.device import DeviceError, Identity, LinkLost, Refused, Rig, Status
 from drivers.signals import Block, Channel, Frame
-from protocols.limits import PROBE
-from protocols.setpoints import Until
 
 log = logging.getLogger(__name__)
 T = TypeVar("T")
@@ -33,14 +28,6 @@ T = TypeVar("T")
 TICK = 0.02  # s of wall time between two turns of the engine when nothing wakes it earlier
 ANSWER = 5.0  # s of wall time within which a link's thread has to answer
 SAFE = 2.0  # s of wall time within which a device must confirm that it is safe
-TAIL = 3.0  # s of wall time after which the recording of the venting ends at the latest
-
-_COMPARE: dict[str, Callable[[Any, float], Any]] = {
-    "<": np.less,
-    "<=": np.less_equal,
-    ">": np.greater,
-    ">=": np.greater_equal,
-}
 
 
 class Heartbeat(Protocol):
@@ -90,15 +77,8 @@ class RunEngine:
         self._ticked = 0.0
         self._closing = False
         self._outcome: Future[Outcome] = Future()
-        self._plan: RunPlan | None = None
-        self._recorder: Recorder | None = None
-        self._feeder: Feeder | None = None
-        self._arrived: deque[Block] = deque(maxlen=256)  # for `until` conditions
-        self._recording_from = math.nan
-        self._start_at = math.nan  # device time at which the protocol is to start; NaN once it has
-        self._seen_running = False
-        self._written_from = math.nan  # beginning of the set-points that the journal has
-        self._thread = threading.Thread(target=self._run, name=f"engine-{rig.instrument}", daemon=True)
+        self._run: ActiveRun | None = None
+        self._thread = threading.Thread(target=self._serve, name=f"engine-{rig.instrument}", daemon=True)
         self._thread.start()
         self._interlock.start()
 
@@ -127,29 +107,10 @@ class RunEngine:
     @property
     def progress(self) -> Progress:
         """Where the run stands."""
-        feeder, plan, status, recorder = self._feeder, self._plan, self.status, self._recorder
-        now = status.time if status else math.nan
-        if feeder is None or plan is None:
-            return Progress(self.state, device_time=now, trip=self.trip)
-        segments = plan.setpoints.segments
-        index = min(feeder.index, len(segments) - 1)
-        segment, edges = segments[index], plan.setpoints.edges
-        within = min(max(now - feeder.began, 0.0), segment.duration) if math.isfinite(feeder.began) else 0.0
-        return Progress(
-            state=self.state,
-            segment=index,
-            segments=len(segments),
-            phase=segment.phase,
-            step=segment.step,
-            labels=segment.labels,
-            elapsed=float(edges[-1] if feeder.finished else edges[index] + within),
-            duration=float(edges[-1]),
-            segment_left=segment.duration - within,
-            device_time=now,
-            lost=recorder.lost if recorder else 0,
-            recorder_fill=recorder.fill if recorder else 0.0,
-            trip=self.trip,
-        )
+        now = self.status.time if self.status else math.nan
+        run = self._run
+        progress = Progress(self.state, device_time=now) if run is None else run.progress(self.state, now)
+        return replace(progress, trip=self.trip)
 
     # What a person, a program or a window may do ----------------------------------------------------------------------
 
@@ -215,20 +176,18 @@ class RunEngine:
 
     def receive(self, link: LinkThread, items: Sequence[Block | Frame]) -> None:
         """Hand on what arrived: recorder first, then interlock, then screens."""
-        recorder = self._recorder
+        run = self._run
         for item in items:
-            if recorder is not None:
-                recorder.put(item)
+            if run is not None:
+                run.receive(item)
             self._interlock.receive(link.source.name, item, link.status)
-            if isinstance(item, Block):
-                self._arrived.append(item)
         self.display.put(items)
         self._wake.set()
 
     def behind(self) -> bool:
         """Whether the recorder is half full: the link is then read more slowly."""
-        recorder = self._recorder
-        return recorder is not None and recorder.fill > 0.5
+        run = self._run
+        return run is not None and run.fill > 0.5
 
     def lost(self, link: LinkThread, error: Exception) -> None:
         """A link failed: a trip, or a failure where nothing is armed."""
@@ -237,7 +196,7 @@ class RunEngine:
 
     # The engine's thread ----------------------------------------------------------------------------------------------
 
-    def _run(self) -> None:
+    def _serve(self) -> None:
         while not (self._closing and not self.state.live):
             self._wake.wait(TICK)
             self._wake.clear()
@@ -351,28 +310,11 @@ class RunEngine:
         if not self._machine.can("arm"):
             raise WrongState(f"cannot arm while {self.state}")
         device = self.rig.device
-        if set(plan.setpoints.quantities) != set(device.quantities):
-            raise ValueError(
-                f"the protocol commands {', '.join(plan.setpoints.quantities) or 'nothing'}; "
-                f"{device.name} is commanded by {', '.join(device.quantities)}"
-            )
-        for violation in plan.limits.violations(plan.setpoints):
-            where = f"step {violation.step}: " if violation.step else ""
-            raise ValueError(f"{where}{violation.quantity}: {violation.message}")
-        plan.path.parent.mkdir(parents=True, exist_ok=True)
-        feeder = Feeder(plan.setpoints, device.queue_capacity, plan.rest, plan.limits.rates())
-        recorder = Recorder(plan.path, plan.info, self.channels, self._recorder_failed, plan.frame_scale)
-        recorder.start()
-        self._plan, self._feeder, self._outcome = plan, feeder, Future()
-        self._start_at = self._written_from = math.nan
-        self._recording_from = self._now()
-        self._seen_running = False
-        known = {PROBE, *device.quantities, *(c.name for c in self.channels)}
-        limits = {n: v for n, v in plan.limits.values().items() if n in known and plan.limits[n].bounded}
+        run = ActiveRun(plan, device, self.channels, lambda why: self._interlock.fire(Trip("recorder", why)))
+        self._run, self._outcome = run, Future()
         self._machine.fire("arm")
-        self._recorder = recorder
         try:
-            self._ask(lambda: device.arm(limits))
+            self._ask(lambda: device.arm(run.limits))
         except CancelledError:
             raise
         except Exception as error:
@@ -380,29 +322,23 @@ class RunEngine:
             raise
         names = tuple(link.source.name for link in self._links)
         gappy = frozenset(c.name for source in self.rig.sources for c in source.channels)
-        self._interlock.watch(plan.limits, names, feeder.commanded, plan.path.parent, gappy)
+        self._interlock.watch(plan.limits, names, run.feeder.commanded, plan.path.parent, gappy)
 
     def _start(self) -> None:
         self._machine.fire("start")
-        self._start_at = self._now() + (self._plan.baseline if self._plan else 0.0)
+        self._active.begin(self._now())
 
     def _pause(self) -> None:
         if not self._machine.can("pause"):
             raise WrongState(f"cannot pause while {self.state}")
-        assert self._feeder is not None
-        if self._seen_running:
-            self._ask(self.rig.device.hold)
-            held = self._until_status("held")
-            self._feeder.follow(held)
-            at = held.began if math.isfinite(held.began) else held.time
-            self._feeder.interrupt(max(at, self._feeder.began))
-            self._note("info", "pause", "vented and held")
+        self._active.hold(self._ask, lambda: self._until_status("held"))
+        self._active.note("info", "pause", "vented and held", self._now())
         self._machine.fire("pause")
 
     def _resume(self) -> None:
         self._machine.fire("resume")
-        self._note("info", "resume", "resumed at the beginning of the interrupted segment")
-        self._start_at = self._now()
+        self._active.note("info", "resume", "resumed at the beginning of the interrupted segment", self._now())
+        self._active.resume(self._now())
 
     def _reset(self) -> None:
         self._machine.fire("reset")
@@ -414,57 +350,14 @@ class RunEngine:
         self._close_links()
 
     def _drive(self) -> None:
-        """One turn of a running protocol: feed the device, follow it, end what is to end."""
-        feeder, status, device = self._feeder, self.status, self.rig.device
-        assert feeder is not None
-        if status is None:
+        """One turn of a running protocol."""
+        if self.status is None:
             return
-        if math.isfinite(self._start_at):
-            if status.time >= self._start_at:
-                self._start_at = math.nan
-                self._seen_running = False
-                self._ask(lambda segments=feeder.feed(): device.enqueue(segments))  # type: ignore[misc]
-                self._ask(device.start)
-            return
-        if not self._seen_running:
-            self._seen_running = status.state == "running"
-            if not self._seen_running:
-                return
-        feeder.follow(status)
-        if feeder.finished:
+        trip = self._active.drive(self.status, self._ask)
+        if trip is not None:
+            self._interlock.fire(trip)
+        elif self._active.feeder.finished:
             self._end("complete", "")
-            return
-        if status.state in ("safe", "idle", "held"):
-            text = status.fault or "it stopped by itself (heartbeat missed, or its own safety)"
-            self._interlock.fire(Trip("device", f"{device.name}: {text}", status.time))
-            return
-        self._look_for_until(feeder)
-        if segments := feeder.feed():
-            self._ask(lambda: device.enqueue(segments))
-        self._write_setpoints(feeder)
-
-    def _look_for_until(self, feeder: Feeder) -> None:
-        watched = feeder.watched
-        while self._arrived:
-            block = self._arrived.popleft()
-            if watched is None or watched.until is None or watched.until.channel not in block.values:
-                continue
-            met = _COMPARE[watched.until.comparison](block.values[watched.until.channel], watched.until.value)
-            met &= block.time >= feeder.began
-            if met.any():
-                self._ask(self.rig.device.skip)
-                feeder.skipped()
-                self._note("info", "until", f"{_words(watched.until)} at {block.time[met.argmax()]:.3f} s")
-                watched = None
-
-    def _write_setpoints(self, feeder: Feeder) -> None:
-        """Keep the journal's set-points true: written at the start and wherever the plan shifted."""
-        if self._recorder is None or not math.isfinite(feeder.began):
-            return
-        if feeder.shifted or not math.isfinite(self._written_from):
-            feeder.shifted = False
-            self._written_from = feeder.began
-            self._recorder.put(Commanded(feeder.remaining(), feeder.began))
 
     # Ends -------------------------------------------------------------------------------------------------------------
 
@@ -476,37 +369,12 @@ class RunEngine:
         state = self._machine.fire(event)
         asked = time.monotonic()
         safe = all([link.wait_safe(max(0.0, asked + SAFE - time.monotonic())) for link in self._links])
-        if self._recorder is not None and self._plan is not None and self._feeder is not None:
-            if not safe:
-                self._note("error", "unconfirmed", "the device did not confirm that it is safe; its watchdog vents it")
-            self._close_recording(state, reason)
         self._interlock.rest()
-
-    def _close_recording(self, state: State, reason: str) -> None:
-        recorder, plan, feeder = self._recorder, self._plan, self._feeder
-        assert recorder is not None
-        assert plan is not None
-        assert feeder is not None
-        ended = self._now()
-        if state is not State.COMPLETED:
-            feeder.interrupt(ended)
-            self._note("trip" if state is State.TRIPPED else "warning", str(state), reason)
-        deadline = time.monotonic() + TAIL
-        while self._now() < ended + plan.tail and time.monotonic() < deadline and not self._links[0].error:
-            time.sleep(TICK / 4)
-        self._recorder = None
-        if feeder.done:
-            first = min(self._recording_from, feeder.done[0].begin)
-            recorder.put(Commanded(feeder.executed(first, self._now()), first))
-        result = recorder.finish(str(state), reason)
-        path, journal = None, None
-        try:
-            path = result.result()
-        except Exception as error:
-            journal = recorder.journal
-            reason = f"{reason}; the recording could not be written: {error}".lstrip("; ")
-        recorder.join()
-        self._outcome.set_result(Outcome(state, reason, path, journal, self.trip, recorder.lost))
+        if self._run is not None and self._run.recording:
+            if not safe:
+                self._run.note("error", "unconfirmed", "the device did not confirm that it is safe", self._now())
+            outcome = self._run.finish(state, reason, self._links)
+            self._outcome.set_result(replace(outcome, trip=self.trip))
 
     def _make_safe(self) -> None:
         for link in self._links:
@@ -524,9 +392,6 @@ class RunEngine:
         self._make_safe()
         self._wake.set()
 
-    def _recorder_failed(self, reason: str) -> None:
-        self._interlock.fire(Trip("recorder", reason))
-
     def _changed(self, state: State, event: str) -> None:
         log.info("%s: %s -> %s", self.rig.instrument, event, state)
         if self._listener is not None:
@@ -536,6 +401,11 @@ class RunEngine:
                 log.exception("%s: a listener failed on %s", self.rig.instrument, event)
 
     # Small things -----------------------------------------------------------------------------------------------------
+
+    @property
+    def _active(self) -> ActiveRun:
+        assert self._run is not None
+        return self._run
 
     def _now(self) -> float:
         """Device time in s."""
@@ -551,11 +421,3 @@ class RunEngine:
             self._tick()
             time.sleep(TICK / 4)
         raise Refused(f"{self.rig.device.name} does not become {state}")
-
-    def _note(self, level: str, code: str, text: str) -> None:
-        if self._recorder is not None:
-            self._recorder.put(Event(self._now(), level, code, text))
-
-
-def _words(until: Until) -> str:
-    return f"{until.channel} {until.comparison} {until.value:g} (SI)"

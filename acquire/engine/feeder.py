@@ -104,6 +104,8 @@ class Feeder:
         """Take in a status that the device sent after ``start``."""
         if status.executed > len(self._fed):
             raise ValueError(f"the device says it executed {status.executed} segments but got {len(self._fed)}")
+        if status.executed == 0 and not math.isfinite(status.began):
+            return  # on its way to the first segment
         began = status.began if math.isfinite(status.began) else status.time
         fresh = self._fed[self._ended : status.executed]
         if not math.isfinite(self._clock):

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from typing import Any, Protocol, TypeVar
+
+import numpy as np
 
 from drivers.device import Device, LinkLost, Source, Status
 from drivers.signals import Block, Frame
@@ -43,6 +46,7 @@ class LinkThread(threading.Thread):
         super().__init__(name=f"link-{source.name}", daemon=True)
         self.source = source
         self.status: Status | None = None
+        self.latest = -math.inf  # device time in s of the newest data
         self.error: Exception | None = None
         self._receiver = receiver
         self._beat = beat if isinstance(source, Device) else None
@@ -114,6 +118,7 @@ class LinkThread(threading.Thread):
                 if isinstance(self.source, Device):
                     self.status = self.source.status
                 if items:
+                    self.latest = max(float(np.max(item.time)) for item in items)
                     self._receiver.receive(self, items)
         except Exception as error:  # whatever it is, this link can no longer be trusted
             self._fail(error)

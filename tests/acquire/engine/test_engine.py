@@ -208,8 +208,7 @@ def test_a_dead_supervisor_trips(engine: RunEngine, plan: Plan) -> None:
 
 def test_an_exception_inside_the_engine_fails_safely(engine: RunEngine, device: FakeDevice, plan: Plan) -> None:
     running(engine, plan(LONG))
-    assert engine._feeder is not None
-    engine._feeder.follow = None  # type: ignore[assignment, method-assign]
+    engine._active.feeder.follow = None  # type: ignore[assignment, method-assign]
     outcome = engine.wait(5)
     assert outcome.status is State.FAILED
     assert "TypeError" in outcome.reason
@@ -232,8 +231,8 @@ def test_a_full_recorder_stops_the_run(
     engine: RunEngine, device: FakeDevice, plan: Plan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     running(engine, plan(LONG))
-    assert engine._recorder is not None
-    monkeypatch.setattr(engine._recorder._queue, "_capacity", 1)
+    assert engine._run is not None
+    monkeypatch.setattr(engine._run._recorder._queue, "_capacity", 1)
     monkeypatch.setattr(engine, "behind", lambda: False)
     outcome = engine.wait(5)
     assert outcome.trip is not None
@@ -298,3 +297,32 @@ def test_a_listener_that_raises_does_no_harm(device: FakeDevice, plan: Plan) -> 
     engine.abort()
     assert engine.wait(5).status is State.ABORTED
     engine.close()
+
+
+def test_a_pause_before_anything_has_moved(engine: RunEngine, device: FakeDevice, plan: Plan) -> None:
+    engine.connect()
+    engine.arm(plan())
+    engine.start()
+    engine.pause()
+    engine.resume()
+    outcome = engine.wait(10)
+    assert outcome.status is State.COMPLETED
+    assert outcome.recording is not None
+    assert open_recording(outcome.recording).streams["pressure"].value.min() == -30e3
+
+
+@pytest.mark.parametrize("delay", [0.005, 0.015, 0.03, 0.05])
+def test_pauses_at_any_moment_lose_nothing(engine: RunEngine, plan: Plan, delay: float) -> None:
+    engine.connect()
+    engine.arm(plan())
+    engine.start()
+    for _ in range(3):
+        time.sleep(delay)
+        if engine.state is State.RUNNING:
+            engine.pause()
+            engine.resume()
+    outcome = engine.wait(10)
+    assert outcome.status is State.COMPLETED
+    assert outcome.recording is not None
+    recording = open_recording(outcome.recording)
+    assert np.sum(recording.streams["pressure"].value == -30e3) / 100 >= 1.99
