@@ -45,13 +45,18 @@ class Law:
         return hash(self.name)
 
     def kernels(self) -> ModuleType:
-        """The compiled module: stress, stress_tangent, stress_partials and state_partials (see `_TEMPLATE`)."""
+        """The compiled module: stress, stress_tangent and partials (see `_TEMPLATE`)."""
         return _load(self)
 
 
 @cache
 def _load(law: Law) -> ModuleType:
-    modules = (trace, tensor, sys.modules[__name__], sys.modules[law.response.__module__])
+    modules = (
+        trace,
+        tensor,
+        sys.modules[__name__],
+        sys.modules[inspect.unwrap(getattr(law.response, "func", law.response)).__module__],
+    )
     sources = [inspect.getsource(m) for m in modules]
     key = hashlib.sha256("\0".join([law.name, *sources]).encode()).hexdigest()[:16]
     path = _cache_folder() / f"law_{law.name}_{key}.py"
@@ -107,20 +112,13 @@ def stress_tangent(first, last, kin, state, par, dt, out, tangent):
 
 
 @njit(cache=True, fastmath=FLAGS, error_model="numpy")
-def stress_partials(first, last, kin, state, par, dt, dstate, which, out):
-    """out (points, 6, m) = d(P, q) at fixed F, theta, in the m directions dstate (points, states, m) and the
-    parameter with index which (m,), −1 for none."""
+def partials(first, last, kin, state, par, dt, dstate, which, dstress, dnew, by_kin):
+    """dstress (points, 6, m) = d(P, q) and dnew (points, states, m) = d(new state) at fixed F, theta, in the m
+    directions dstate (points, states, m) and the parameter with index which (m,), −1 for none; by_kin
+    (points, states, 6) = derivatives of the new state by F, theta (zeros are not written)."""
     m = which.shape[0]
-    by_par = np.zeros((6, {pars}))
-{stress_partials}
-
-
-@njit(cache=True, fastmath=FLAGS, error_model="numpy")
-def state_partials(first, last, kin, state, par, dt, dkin, dstate, which, out):
-    """out (points, states, m) = d(new state) for the directions dkin (points, 6, m), dstate and which."""
-    m = which.shape[0]
-    by_par = np.zeros(({states}, {pars}))
-{state_partials}
+    by_par = np.zeros(({rows}, {pars}))
+{partials}
 '''
 
 
@@ -141,7 +139,7 @@ def source(law: Law) -> str:
     return _TEMPLATE.format(
         name=law.name,
         pars=len(par),
-        states=len(new),
+        rows=6 + len(new),
         stress=shape.loop([*assign, *((f"new[g, {i}]", e) for i, e in enumerate(new))]),
         tangent=shape.loop(
             [
@@ -149,10 +147,7 @@ def source(law: Law) -> str:
                 *((f"tangent[g, {i}, {kin.index(x)}]", e) for i, row in enumerate(tangent) for x, e in row.items()),
             ]
         ),
-        stress_partials=shape.directions(derivatives(out, [*old, *par]), {}),
-        state_partials=shape.directions(
-            derivatives(new, [*kin, *old, *par]), {x: f"dkin[g, {i}, k]" for i, x in enumerate(kin)}
-        ),
+        partials=shape.directions(out, new),
     )
 
 
@@ -162,8 +157,7 @@ class _Shape:
     def __init__(self, kin: Sequence[Expr], old: Sequence[Expr], par: Sequence[Expr], dt: Expr) -> None:
         self.points = {x: f"kin[g, {i}]" for i, x in enumerate(kin)} | {x: f"state[g, {i}]" for i, x in enumerate(old)}
         self.fixed = {x: f"par[{i}]" for i, x in enumerate(par)} | {dt: "dt"}
-        self.moves = {x: f"dstate[g, {i}, k]" for i, x in enumerate(old)}
-        self.par = list(par)
+        self.kin, self.old, self.par = list(kin), list(old), list(par)
 
     def _hoisted(self, wanted: Sequence[Expr]) -> tuple[list[str], dict[Expr, str]]:
         """Code for what depends on parameters and dt only, computed once before the loop."""
@@ -187,21 +181,28 @@ class _Shape:
         body = [f"{_name(x)} = {self.points[x]}" for x in used] + code + [f"{t} = {names[e]}" for t, e in targets]
         return _indent([*head, "for g in range(first, last):", *(f"    {line}" for line in [*body, *extra])])
 
-    def directions(self, rows: Sequence[Mapping[Expr, Expr]], moves: Mapping[Expr, str]) -> str:
-        moved = {**self.moves, **moves}
+    def directions(self, out: Sequence[Expr], new: Sequence[Expr]) -> str:
+        """Derivatives by kinematics go to ``by_kin``; those by state and parameters are applied to the directions."""
         targets, inner = [], []
+        rows = derivatives([*out, *new], [*self.kin, *self.old, *self.par])
         for i, row in enumerate(rows):
             terms = []
-            for n, (x, e) in enumerate(row.items()):
-                if x in moved:
+            for x, e in row.items():
+                if x in self.old:
+                    n = self.old.index(x)
                     targets.append((f"j{i}_{n}", e))
-                    terms.append(f"j{i}_{n} * {moved[x]}")
-                else:
+                    terms.append(f"j{i}_{n} * dstate[g, {n}, k]")
+                elif x in self.par:
                     targets.append((f"by_par[{i}, {self.par.index(x)}]", e))
-            inner.append(f"    out[g, {i}, k] = {' + '.join(terms) or '0.0'}")
-        pars = [f"for i in range({len(rows)}):", "    for k in range(m):", "        if which[k] >= 0:"]
-        pars.append("            out[g, i, k] += by_par[i, which[k]]")
-        return self.loop(targets, ["for k in range(m):", *inner, *pars])
+                elif i >= len(out):
+                    targets.append((f"by_kin[g, {i - len(out)}, {self.kin.index(x)}]", e))
+            target = f"dstress[g, {i}, k]" if i < len(out) else f"dnew[g, {i - len(out)}, k]"
+            inner += [f"    {target} = {' + '.join(terms) or '0.0'}"]
+        inner += ["    if which[k] >= 0:"]
+        inner += [f"        for i in range({len(out)}):", "            dstress[g, i, k] += by_par[i, which[k]]"]
+        inner += [f"        for i in range({len(new)}):"]
+        inner += [f"            dnew[g, i, k] += by_par[{len(out)} + i, which[k]]"]
+        return self.loop(targets, ["for k in range(m):", *inner])
 
 
 def _name(x: Expr) -> str:

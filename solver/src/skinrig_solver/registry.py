@@ -10,7 +10,7 @@ from .api import Model
 
 # problem package -> names its MODELS dict holds, so that listing names costs no import of numba
 _PACKAGES: dict[str, tuple[str, ...]] = {
-    "suction": ("suction_yeoh_qlv", "suction_rubin_bodner"),
+    "suction": ("suction_yeoh_qlv", "suction_rubin_bodner", "suction_rubin_bodner_gamma"),
     "sheet": ("sheet_ogden", "sheet_tong_fung", "sheet_bischoff", "sheet_fung", "sheet_gasser", "sheet_yeoh"),
     "finger": ("finger_section",),
 }

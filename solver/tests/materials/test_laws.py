@@ -8,19 +8,19 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from skinrig_solver.law import Law
-from skinrig_solver.materials.rubin_bodner import RUBIN_BODNER
+from skinrig_solver.materials.rubin_bodner import RUBIN_BODNER, RUBIN_BODNER_GAMMA
 from skinrig_solver.materials.yeoh_qlv import yeoh_qlv
 
 Array = NDArray[np.float64]
 SKIN = {
     "mu0": 0.086e6, "q": 3.9, "m1": 1000.0, "m2": 0.027, "m5": 0.981, "Gamma1": 1.34, "Gamma2": 67.3, "n": 0.5,
-    "r1": 20.0, "r2": 6.91, "r3": 1e-10, "r4": 1e-4, "hardening_gamma": 0.0,
+    "r1": 20.0, "r2": 6.91, "r3": 1e-10, "r4": 1e-4,
 }  # fmt: skip
 YEOH = {
     "G": 2e4, "nu": 0.49, "c20": 1e4, "c30": 2e3, "c40": 1e2, "c50": 10.0,
     "g1": 0.2, "tau1": 0.3, "g2": 0.1, "tau2": 3.0, "g3": 0.15, "tau3": 40.0,
 }  # fmt: skip
-LAWS = [(RUBIN_BODNER, SKIN), (yeoh_qlv(3), YEOH)]
+LAWS = [(RUBIN_BODNER, SKIN), (yeoh_qlv(3), YEOH), (RUBIN_BODNER_GAMMA, SKIN)]
 MODES = {
     "uniaxial": lambda x: np.diag([x**-0.5, x, x**-0.5]),
     "biaxial": lambda x: np.diag([x, x**-2.0, x]),
@@ -181,12 +181,13 @@ def test_every_derivative_agrees_with_differences(law: Law, values: dict[str, fl
     out, tangent = np.zeros((1, 6)), np.zeros((1, 6, 6))
     code.stress_tangent(0, 1, kin[None], point.state, point.par, 0.07, out, tangent)
     which = np.concatenate([np.full(6 + states, -1), np.arange(pars)])
-    dkin, dstate = np.zeros((1, 6, m)), np.zeros((1, states, m))
-    dkin[0, :, :6], dstate[0, :, 6 : 6 + states] = np.eye(6), np.eye(states)
+    dstate = np.zeros((1, states, m))
+    dstate[0, :, 6 : 6 + states] = np.eye(states)
     dstress, dnew = np.zeros((1, 6, m)), np.zeros((1, states, m))
-    code.stress_partials(0, 1, kin[None], point.state, point.par, 0.07, dstate, which, dstress)
-    code.state_partials(0, 1, kin[None], point.state, point.par, 0.07, dkin, dstate, which, dnew)
+    by_kin = np.zeros((1, states, 6))
+    code.partials(0, 1, kin[None], point.state, point.par, 0.07, dstate, which, dstress, dnew, by_kin)
     dstress[0, :, :6] += tangent[0]
+    dnew[0, :, :6] += by_kin[0]
     exact = np.concatenate([dstress[0], dnew[0]])
     exact, numeric = exact * sizes, numeric * sizes  # per relative change of each input
     assert np.all(np.abs(exact - numeric) <= 1e-5 * np.abs(numeric).max(axis=1, keepdims=True) + 1e-8)

@@ -257,3 +257,15 @@ def partial_kinematics(gradients: Array, linear: Array, Theta: Array, equations:
         for k in range(9):
             for j in range(m):
                 dkin[9 * e + k, 5, j] = dtheta[0, j] + linear[k, 1] * dtheta[1, j] + linear[k, 2] * dtheta[2, j]
+
+
+@njit(cache=True, fastmath=FLAGS)
+def add_products(matrices: Array, vectors: Array, out: Array) -> None:
+    """out (points, rows, m) += matrices (points, rows, columns) @ vectors (points, columns, m)."""
+    for g in range(out.shape[0]):
+        for i in range(out.shape[1]):
+            for c in range(matrices.shape[2]):
+                factor = matrices[g, i, c]
+                if factor != 0.0:
+                    for j in range(out.shape[2]):
+                        out[g, i, j] += factor * vectors[g, c, j]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from ..api import ModelInfo, Parameter
-from ..materials.rubin_bodner import RUBIN_BODNER
+from ..materials.rubin_bodner import RUBIN_BODNER, RUBIN_BODNER_GAMMA
 from ..materials.yeoh_qlv import yeoh_qlv
 from .models import SuctionModel
 
@@ -71,15 +73,6 @@ def _layer(layer: str, **v: float) -> tuple[Parameter, ...]:
         Parameter(f"{layer}.r2", "", 1e-4, 1e4, v["r2"], "hardening of the rate-independent part", w, "log"),
         Parameter(f"{layer}.r3", HZ, 1e-14, 1.0, v["r3"], "rate at which the hardening changes over", fixed, "log"),
         Parameter(f"{layer}.r4", HZ, 0.0, 1.0, 1e-4, "rate at which hardening recovers", fixed),
-        Parameter(
-            f"{layer}.hardening_gamma",
-            "",
-            0.0,
-            1.0,
-            0.0,
-            "power of γ in the hardening (some authors: 1)",
-            "reconstructed",
-        ),
     )
 
 
@@ -143,4 +136,14 @@ RUBIN_BODNER_SUCTION = SuctionModel(
             "radius": 72.5e-3,
         },
     },
+)
+
+RUBIN_BODNER_GAMMA_SUCTION = replace(
+    RUBIN_BODNER_SUCTION,
+    law=RUBIN_BODNER_GAMMA,
+    info=replace(
+        RUBIN_BODNER_SUCTION.info,
+        name="suction_rubin_bodner_gamma",
+        description=f"{RUBIN_BODNER_SUCTION.info.description}; hardening with the factor γ that some authors write",
+    ),
 )

@@ -12,7 +12,7 @@ from ..fem.body import Body, Directions, Load, State, Tangents
 from .schedule import Segment
 
 MAX_CUTS = 8  # halvings of one step before giving up
-EXACT = 1e-7  # last Newton correction (in length scales) above which derivatives need a fresh tangent
+EXACT = 1e-6  # last Newton correction (in length scales) above which derivatives need a fresh tangent
 
 
 @dataclass
