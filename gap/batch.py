@@ -41,7 +41,7 @@ def _reports(folders: list[Path], jobs: int) -> Iterator[tuple[str, dict[str, An
 def diagnose_case(folder: Path) -> tuple[str, dict[str, Any]]:
     """Name and report of one case."""
     try:
-        return folder.name, as_json(diagnose([load(p) for p in session_paths(folder)]))
+        return folder.name, as_json(diagnose([load(p) for p in session_paths(folder)], advise=False))
     except Exception as error:
         reason = f"{type(error).__name__}: {error}"
         return folder.name, {

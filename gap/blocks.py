@@ -8,16 +8,22 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from acquire.recording.model import Recording
+from gap.chains import needed, run
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Rows
 from gap.rows import label_rows
 from gap.session import SKIN, Command, Session
 from sim_devices.chain import Chain, Effect
+from sim_devices.stages.operators import Delay
+from sim_devices.stages.sampling import COMMANDS, simulate, time_grid
+
+Table = tuple[FloatArray, FloatArray]
+"""Times (m,) s and values (m,)."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +38,7 @@ class Group:
     def skin(self) -> bool:
         return self.specimen == SKIN
 
-    def tables(self) -> dict[str, tuple[FloatArray, FloatArray]]:
+    def tables(self) -> dict[str, Table]:
         """Commands as tables for the simulation."""
         return {q: (c.time, c.value) for q, c in self.commands.items()}
 
@@ -102,6 +108,7 @@ class Block(abc.ABC):
             np.median([np.median(np.diff(session.recordings[k].streams[self.channels[0]].time)) for k in self.runs])
         )
         self.rows = self._labelled()
+        self._grids: dict[int, tuple[FloatArray, dict[str, FloatArray]]] = {}
 
     def _labelled(self) -> Rows:
         parts = []
@@ -122,6 +129,34 @@ class Block(abc.ABC):
         for candidate, values in active.items():
             chain = self.library[candidate.key].apply(chain, values)
         return chain
+
+    def simulated(
+        self,
+        chain: Chain,
+        group: Group,
+        at: slice,
+        shift: float,
+        given: Mapping[str, Table] | None = None,
+    ) -> FloatArray:
+        """The block's channels as ``chain`` makes them at the group's time stamps + ``shift`` s, (channels, n).
+
+        The grid is made once for a group; dead times in the chain need one of their own, which `sampling.simulate`
+        makes.
+        """
+        given = given or {}
+        tables = group.tables()
+        stamps = self.stamps[at]
+        operators = needed(chain, self.channels, given)
+        if any(isinstance(op, Delay) and (op.delay or op.skew) for op in operators):
+            partial = replace(chain, operators=operators)
+            made = simulate(partial, tables, dict.fromkeys(self.channels, stamps + shift), given)
+            return np.stack([made[c] for c in self.channels])
+        if at.start not in self._grids:
+            grid = time_grid(np.concatenate([t for t, _ in tables.values()]), [stamps])
+            self._grids[at.start] = grid, {COMMANDS[q]: np.interp(grid, *table) for q, table in tables.items()}
+        grid, commands = self._grids[at.start]
+        made = run(operators, grid, commands | {name: np.interp(grid, *table) for name, table in given.items()})
+        return np.stack([np.interp(stamps + shift, grid, made[c]) for c in self.channels])
 
     def start(self) -> FloatArray:
         return self.prior_mean.copy()

@@ -21,6 +21,8 @@ from gap.solve import Fit, Projector, fit
 STRENGTHS = (0.15, 0.4, 0.65, 0.9)
 SHAPES = (0.2, 0.5, 0.8)
 MAX_GRID = 12
+STARTS = 2
+"""Screening points from which a refit starts."""
 AMPLITUDES = (0.25, 2.0)
 """How far a linear rescaling of a screened effect may be trusted, as a multiple of its simulated strength."""
 
@@ -52,6 +54,7 @@ class Screened:
     candidate: Candidate
     unit: FloatArray
     gain: float
+    others: tuple[FloatArray, ...] = ()  # further points of the prior worth starting from
     detectability: list[tuple[FloatArray, float]] = field(default_factory=list)
 
 
@@ -113,7 +116,7 @@ def screen(
     before = {name: float(base.fits[name].residual @ projected[name]) for name in projected}
     out, simulations = [], 0
     for candidate in candidates:
-        best, best_unit = -np.inf, np.full(len(candidate.parameters), 0.5)
+        points: list[tuple[float, FloatArray]] = []
         seen = []
         for unit in grid(candidate):
             along, cross, simulated = 0.0, 0.0, 0.0
@@ -129,27 +132,30 @@ def screen(
                 simulated += before[block] - float(there @ projectors[block].apply(there))
             seen.append((unit, float(np.sqrt(max(along, 0.0)))))
             scale = np.clip(cross / along, *AMPLITUDES) if along > 1e-9 else 1.0
-            gain = max(simulated, scale * (2 * cross - scale * along))
-            if gain > best:
-                best, best_unit = gain, unit
-        out.append(Screened(candidate, best_unit, best, seen))
+            points.append((max(simulated, float(scale * (2 * cross - scale * along))), unit))
+        points.sort(key=lambda p: -p[0])
+        out.append(Screened(candidate, points[0][1], points[0][0], tuple(u for _, u in points[1:STARTS]), seen))
     return sorted(out, key=lambda s: -s.gain), simulations
 
 
-def refit(
-    problems: dict[str, Problem], base: Hypothesis, candidate: Candidate, unit: FloatArray, iterations: int = 12
-) -> tuple[Hypothesis, int]:
-    """``base`` and one effect more, everything refitted jointly in the blocks that any of them touches."""
+def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) -> tuple[Hypothesis, int]:
+    """``base`` and one effect more, everything refitted jointly in the blocks that any of them touches.
+
+    From the best screening points: a few steps each, then the best to convergence.
+    """
+    candidate = screened.candidate
     effects = (*base.effects, candidate)
     fits = dict(base.fits)
     simulations = 0
     for block in candidate.blocks:
         before = base.fits[block]
-        start = np.concatenate([before.unit, unit])
-        fits[block] = fit(
-            problems[block], (*before.hypothesis, candidate), start, before.nuisance, iterations=iterations
-        )
-        simulations += fits[block].simulations
+        tries = []
+        for unit in (screened.unit, *screened.others):
+            start = np.concatenate([before.unit, unit])
+            tries.append(fit(problems[block], (*before.hypothesis, candidate), start, before.nuisance, iterations=5))
+        best = min(tries, key=lambda f: f.objective)
+        fits[block] = fit(problems[block], best.hypothesis, best.unit, best.nuisance)
+        simulations += sum(f.simulations for f in tries) + fits[block].simulations
     return Hypothesis(effects, fits), simulations
 
 
@@ -180,7 +186,7 @@ def compare(
     chosen = _shortlist(comparison.screened, effort.refit_singles)
     chosen += [s for s in comparison.screened if s.candidate in suspects and s not in chosen]
     for s in chosen:
-        hypothesis, n = refit(blocks, comparison.null, s.candidate, s.unit)
+        hypothesis, n = refit(blocks, comparison.null, s)
         comparison.hypotheses.append(hypothesis)
         comparison.simulations += n
     _pairs(comparison, usable, effort)
@@ -212,6 +218,6 @@ def _pairs(comparison: Comparison, candidates: Sequence[Candidate], effort: Effo
             if together in tried or worth < effort.pair_gain:
                 continue
             tried.add(together)
-            hypothesis, n = refit(comparison.problems, base, s.candidate, s.unit)
+            hypothesis, n = refit(comparison.problems, base, s)
             comparison.hypotheses.append(hypothesis)
             comparison.simulations += n

@@ -54,10 +54,12 @@ def diagnose(
     rules: Judgement = Judgement(),
     user_effects: Sequence[Path] = (),
     solver: str = "",
+    advise: bool = True,
 ) -> Diagnosis:
     """Diagnose recordings of one session together; ``model`` is needed for an instrument that is not ours.
 
-    ``user_effects`` are files with further effects, ``solver`` a finite-element model to take the tissue from.
+    ``user_effects`` are files with further effects, ``solver`` a finite-element model to take the tissue from;
+    ``advise`` also looks for the experiment that would split what remains.
 
     Raises DiagnosisError, gap.rig.ModelError.
     """
@@ -85,7 +87,7 @@ def diagnose(
         bounds=_bounds(comparison, verdict),
         confusable=_confusable(comparison, verdict),
         remarks=tuple(remarks),
-        next_experiment={},
+        next_experiment=_advice(recordings, verdict, model, user_effects) if advise else {},
         seconds=clock.perf_counter() - begin,
     )
 
@@ -149,6 +151,20 @@ def _problems(
 
         return robot_problems(recordings, library(instrument, user_effects))
     raise DiagnosisError(f"instrument {instrument!r} has no built-in forward model: give one with --model file.py:Name")
+
+
+def _advice(
+    recordings: Sequence[Recording], verdict: Verdict, model: ForwardModel | None, user_effects: Sequence[Path]
+) -> Mapping[str, object]:
+    """The next experiment, where more than one explanation survives on an instrument that we can simulate."""
+    rivals = [c.hypothesis for c in verdict.causes if c.probability > 0.02][:3]
+    twins = [h for c in verdict.causes[:1] for h in c.members if h is not c.hypothesis][:1]
+    rivals = [*rivals[:1], *twins, *rivals[1:]][:3]
+    if model is not None or len(rivals) < 2 or verdict.verdict in ("none", "undetectable"):
+        return {}
+    from gap.advice import next_experiment
+
+    return next_experiment(recordings, rivals, library(recordings[0].info.instrument, user_effects))
 
 
 def _bounds(comparison: Comparison, verdict: Verdict, seen_at: float = 3.0) -> dict[str, float]:

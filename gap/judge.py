@@ -42,6 +42,7 @@ class Cause:
     names: tuple[str, ...]  # concepts of the class, the simplest best first (a pair is "a + b")
     probability: float
     detectability: float
+    members: tuple[Hypothesis, ...] = ()
 
     @property
     def effects(self) -> tuple[Candidate, ...]:
@@ -182,5 +183,13 @@ def _classes(
         names = list(dict.fromkeys([concept(hypotheses[simplest]), *(concept(hypotheses[k]) for k in members)]))
         gain = sum((null.fits[b].objective - f.objective) / temper[b] for b, f in hypotheses[simplest].fits.items())
         probability = float(sum(weight[k] for k in (*members, *same)))
-        causes.append(Cause(hypotheses[simplest], tuple(names), probability, float(np.sqrt(max(gain, 0.0)))))
+        causes.append(
+            Cause(
+                hypotheses[simplest],
+                tuple(names),
+                probability,
+                float(np.sqrt(max(gain, 0.0))),
+                tuple(hypotheses[k] for k in members),
+            )
+        )
     return sorted(causes, key=lambda c: -c.probability)

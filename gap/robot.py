@@ -14,8 +14,8 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from acquire.recording.model import Recording
-from gap.blocks import Block, Group, GroupedSession, candidates_for, compressed
-from gap.chains import pruned
+from gap.blocks import Block, Group, GroupedSession, Table, candidates_for, compressed
+from gap.chains import needed, run
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Problem
 from gap.noise import denoised
 from gap.tissue_null import sheet_discrepancy
@@ -24,10 +24,8 @@ from sim_devices.stages import nominal
 from sim_devices.stages.axes import LOOP_RATE
 from sim_devices.stages.kernels import evaluate, low_pass
 from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
-from sim_devices.stages.sampling import simulate
 from sim_devices.stages.tissues import SheetTissue, sheet_tissue
 
-Table = tuple[FloatArray, FloatArray]
 QUANTITIES = ("probe_x", "probe_y", "probe_z")
 AXES = numbered("axis_position")
 LOOP_STEP = 0.01
@@ -68,10 +66,10 @@ def _recorded(
 
 
 def _on_even_grid(
-    chain: Chain, group: Group, stamps: FloatArray, given: Mapping[str, Table] | None = None
-) -> dict[str, FloatArray]:
-    """Signals at ``stamps`` (n,) s by way of even steps: the loop's exact step is then computed once and not for
-    every sample."""
+    chain: Chain, wanted: Sequence[str], group: Group, stamps: FloatArray, given: Mapping[str, Table] | None = None
+) -> FloatArray:
+    """The wanted signals at ``stamps`` (n,) s, (signals, n), by way of even steps: the loop's exact step is then
+    computed once and not for every sample."""
     tables = group.tables()
     kinks = tables["probe_x"][0]
     begin = min(stamps[0], kinks[0])
@@ -79,8 +77,8 @@ def _on_even_grid(
     grid = grid[np.diff(grid, prepend=-np.inf) > 1e-9]
     inputs = {f"command_{a}": np.interp(grid, *tables[f"probe_{a}"]) for a in "xyz"}
     inputs |= {name: np.interp(grid, *table) for name, table in (given or {}).items()}
-    made = chain.run(grid, inputs)
-    return {name: np.interp(stamps, grid, value) for name, value in made.items()}
+    made = run(needed(chain, wanted, given or ()), grid, inputs)
+    return np.stack([np.interp(stamps, grid, made[name]) for name in wanted])
 
 
 class AxesBlock(Block):
@@ -117,9 +115,9 @@ class AxesBlock(Block):
             return {}
         time = given["axis_1"][0]
         signals = {name: np.interp(time, *table) for name, table in given.items()}
-        chain = pruned(_chain(group, sheet_tissue("forearm")), numbered("axis_load"), given=tuple(signals))
-        made = chain.run(np.unique(time), {n: v[np.unique(time, return_index=True)[1]] for n, v in signals.items()})
-        unique = np.unique(time)
+        unique, first = np.unique(time, return_index=True)
+        operators = needed(_chain(group, sheet_tissue("forearm")), numbered("axis_load"), tuple(signals))
+        made = run(operators, unique, {n: v[first] for n, v in signals.items()})
         return {f"load_{k}": (unique, made[f"axis_load_{k}"]) for k in "123"}
 
     def _lag_columns(self) -> FloatArray:
@@ -132,7 +130,7 @@ class AxesBlock(Block):
                 np.concatenate([self.stamps[at], command, command + 1e-9, *[command + d for d in (0.01, 0.03, 0.1)]])
             )
             inputs = {f"command_{a}": np.interp(fine, *g.tables()[f"probe_{a}"]) for a in "xyz"}
-            targets = pruned(_chain(g, sheet_tissue("forearm")), numbered("target")).run(fine, inputs)
+            targets = run(needed(_chain(g, sheet_tissue("forearm")), numbered("target")), fine, inputs)
             for axis in range(3):
                 direct = targets[f"target_{axis + 1}"]
                 for j, tau in enumerate(self.TARGET_LAGS):
@@ -148,9 +146,8 @@ class AxesBlock(Block):
         out = np.empty((3, len(self.stamps)))
         rate = LOOP_RATE * float(np.exp(np.clip(nuisance[0], -3, 3)))
         for (g, at), load in zip(self.groups, self._loads, strict=True):
-            chain = pruned(self.with_effects(_chain(g, sheet_tissue("forearm"), rate), active), AXES, given=tuple(load))
-            made = _on_even_grid(chain, g, self.stamps[at] + nuisance[1], load)
-            out[:, at] = np.stack([made[c] for c in AXES])
+            chain = self.with_effects(_chain(g, sheet_tissue("forearm"), rate), active)
+            out[:, at] = _on_even_grid(chain, AXES, g, self.stamps[at] + nuisance[1], load)
         return out.ravel()
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
@@ -205,7 +202,7 @@ class ArithmeticBlock(Block):
         for (g, at), given in zip(self.groups, self._given, strict=True):
             chain = self.with_effects(_chain(g, sheet_tissue("forearm")), active)
             signals = {n: v for n, (_, v) in given.items()}
-            made = pruned(chain, self.channels, given=tuple(signals)).run(self.stamps[at], signals)
+            made = run(needed(chain, self.channels, signals), self.stamps[at], signals)
             out[:, at] = np.stack([made[c] for c in self.channels])
         residual = (self.measured - out.ravel() - self._runs @ nuisance) / self.sigma
         return Evaluation(residual, self._runs / self.sigma[:, None] if want_jacobian else np.zeros((0, 0)))
@@ -260,15 +257,15 @@ class ForceBlock(Block):
         """Recorded axis positions of a group without their sensors' noise."""
         raw = _recorded(self, group, AXES, numbered("axis"), 0.0)
         time = raw["axis_1"][0]
-        base = _on_even_grid(pruned(_chain(group, self._tissue), numbered("axis")), group, time)
-        return {name: (time, denoised(time, value, base[name])) for name, (_, value) in raw.items()}
+        base = _on_even_grid(_chain(group, self._tissue), numbered("axis"), group, time)
+        return {name: (time, denoised(time, value, b)) for (name, (_, value)), b in zip(raw.items(), base, strict=True)}
 
     def _discrepancy_columns(self) -> tuple[FloatArray, FloatArray]:
         parts, weights = [], np.zeros(0)
         for (g, at), axes in zip(self.groups, self._axes, strict=True):
             chain = _chain(g, self._tissue)
             time = axes["axis_1"][0]
-            made = pruned(chain, xyz("skin"), given=numbered("axis")).run(time, {n: t[1] for n, t in axes.items()})
+            made = run(needed(chain, xyz("skin"), numbered("axis")), time, {n: t[1] for n, t in axes.items()})
             inverse = np.asarray(chain["transducers"].matrix).reshape(3, 3)  # type: ignore[attr-defined]
             basis, weights = sheet_discrepancy(time, np.stack([made[s] for s in xyz("skin")]), self.stamps[at])
             legs = np.einsum("ij,jnq->inq", inverse, basis) * float(g.skin)
@@ -296,9 +293,8 @@ class ForceBlock(Block):
         shift = nuisance[len(self.TISSUE)]
         out = np.empty((3, len(self.stamps)))
         for (g, at), axes in zip(self.groups, self._axes, strict=True):
-            chain = pruned(self.with_effects(_chain(g, tissue), active), TRANSDUCERS, given=tuple(axes))
-            made = simulate(chain, g.tables(), dict.fromkeys(TRANSDUCERS, self.stamps[at] + shift), axes)
-            out[:, at] = np.stack([made[c] for c in TRANSDUCERS])
+            chain = self.with_effects(_chain(g, tissue), active)
+            out[:, at] = self.simulated(chain, g, at, shift, axes)
         return out.ravel()
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:

@@ -54,12 +54,16 @@ def _clipping(name: str, series: Sequence[Series]) -> list[Signature]:
     for effect, sign in (("saturation", 1.0), ("lower_saturation", -1.0)):
         top = float(np.max(sign * value))
         at = np.isclose(sign * value, top, rtol=0, atol=1e-9 * span)
-        share = float(np.mean(at))
-        near = np.mean((sign * value < top - 1e-9 * span) & (sign * value > top - 0.03 * span))
-        runs = _runs(at)
-        slopes = [abs(float(value[b - 1] - value[b - 2])) for b, e in runs if e - b >= 3 and b >= 2]
-        entered = [s for s in slopes if s > 3 * high_band_sigma(value) or s > 0.005 * span]
-        if share > 0.005 and share > 1.2 * near and len(entered) >= max(1, len(slopes) // 2):
+        near = float(np.mean((sign * value < top - 1e-9 * span) & (sign * value > top - 0.03 * span)))
+        step = max(grid_step(value), 3 * high_band_sigma(value), 0.003 * span)
+        clipped = 0
+        for b, e in _runs(at):
+            before = sign * value[max(b - max(3, (e - b) // 2), 0) : b]
+            # A slow signal on a coarse grid also dwells at its largest value, but it comes there step by step.
+            if e - b >= 3 and len(before) >= 3 and top - float(np.mean(before)) > 2 * step:
+                clipped += e - b
+        share = clipped / len(value)
+        if share > 0.005 and share > 1.2 * near:
             text = f"{name} stands at {sign * top:.4g} exactly in {100 * share:.1f} % of its samples"
             out.append(Signature(effect, name, CERTAIN, text))
     return out

@@ -16,7 +16,7 @@ import scipy.linalg as sla
 
 from gap.hypothesis import Candidate, FloatArray, Problem
 
-MAX_ITERATIONS = 12
+MAX_ITERATIONS = 30
 DIFFERENCE_STEP = 1e-3  # of a unit prior range
 
 
@@ -147,9 +147,12 @@ def fit(
     def cost(residual: FloatArray, c: FloatArray) -> float:
         return float(residual @ residual + np.sum(precision * np.square(c - mean)))
 
-    def linearise(c: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def linearise(
+        c: FloatArray, u: FloatArray, kept: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Residual and Jacobians; the nuisance's is ``kept`` where one is given."""
         nonlocal simulations
-        here = problem.evaluate(c, split(hypothesis, u))
+        here = problem.evaluate(c, split(hypothesis, u), want_jacobian=kept is None)
         effect = np.empty((len(here.residual), len(u)))
         for k in range(len(u)):
             step = DIFFERENCE_STEP if u[k] < 0.5 else -DIFFERENCE_STEP
@@ -158,7 +161,7 @@ def fit(
             there = problem.evaluate(c, split(hypothesis, moved), want_jacobian=False)
             effect[:, k] = (here.residual - there.residual) / step
         simulations += 1 + len(u)
-        return here.residual, here.jacobian, effect
+        return here.residual, here.jacobian if kept is None else kept, effect
 
     residual, jac, effect = linearise(c, u)
     best = cost(residual, c)
@@ -191,9 +194,12 @@ def fit(
         if not improved:
             break
         gain = best - value
+        # While the linear model foretells the gain, its costly nuisance part is good enough for another step.
+        foretold = float(2 * gradient @ step - step @ normal @ step)
+        stale = not 0.75 < gain / max(foretold, 1e-12) < 1.3
         c, u, best = c_new, u_new, value
         damping *= 0.2
-        residual, jac, effect = linearise(c, u)
+        residual, jac, effect = linearise(c, u, None if stale else jac)
         if gain < tolerance * max(best, 1.0) * 0.1 + 0.02:
             break
     return _finish(hypothesis, c, u, residual, jac, effect, precision, mean, simulations)

@@ -10,13 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from acquire.recording.model import Recording
 from gap.blocks import Block, Group, GroupedSession, candidates_for, compressed
-from gap.chains import pruned
+from gap.chains import needed
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Problem
 from gap.noise import denoised
 from gap.tissue_null import suction_discrepancy
@@ -35,7 +36,12 @@ NO_TISSUE = SuctionTissue(0.0, creep=(), times=(), residual=0.0, softening=0.0)
 def _chain(session: GroupedSession, group: Group, tissue: SuctionTissue, **options: Any) -> Chain:
     """The nominal chain for a group: ``tissue`` if it is skin, else what its specimen is."""
     law = tissue if group.skin else _specimen(group.specimen)
-    return with_tissue(nominal(session.instrument, marks=session.marks, **options), law)
+    return with_tissue(_nominal(session.instrument, session.marks, **options), law)
+
+
+@lru_cache(maxsize=64)
+def _nominal(instrument: str, marks: tuple[float, ...], **options: Any) -> Chain:
+    return nominal(instrument, marks=marks, **options)
 
 
 def _specimen(name: str) -> SuctionTissue:
@@ -86,9 +92,8 @@ class PressureBlock(Block):
         out = np.empty(len(self.stamps))
         for g, at in self.groups:
             # Bins average over the staircase of the command's resolution: simulate its mean.
-            chain = _chain(self.session, g, NO_TISSUE, tau=tau, zeta=zeta, command_step=0.0)
-            chain = pruned(self.with_effects(chain, active), ("pressure",))
-            out[at] = simulate(chain, g.tables(), {"pressure": self.stamps[at] + nuisance[2]})["pressure"]
+            chain = _chain(self.session, g, NO_TISSUE, command_step=0.0).tuned("regulator", tau=tau, zeta=zeta)
+            out[at] = self.simulated(self.with_effects(chain, active), g, at, nuisance[2])[0]
         return out + self._linear @ nuisance[3:]
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
@@ -154,7 +159,8 @@ class HeightBlock(Block):
         if not times:
             return group.tables()["pressure"]
         time, value = np.concatenate(times), np.concatenate(values)
-        chain = pruned(_chain(self.session, group, NO_TISSUE), ("line_pressure",))
+        chain = _chain(self.session, group, NO_TISSUE)
+        chain = replace(chain, operators=needed(chain, ("line_pressure",)))
         base = simulate(chain, group.tables(), {"line_pressure": time})["line_pressure"]
         return time, denoised(time, value, base)
 
@@ -194,11 +200,18 @@ class HeightBlock(Block):
         out = np.empty(len(self.stamps))
         for (g, at), (t, p) in zip(self.groups, self._line, strict=True):
             chain = self.with_effects(_chain(self.session, g, tissue), active)
-            gain, offset = chain["gauge"].parameters  # type: ignore[attr-defined]
-            chain = pruned(chain, ("apex_height",), given=("line_pressure",))
-            given = {"line_pressure": (t, (p - offset) / (1.0 + gain))}
-            out[at] = simulate(chain, g.tables(), {"apex_height": self.stamps[at] + shift}, given)["apex_height"]
+            if any("pressure" in c.blocks for c in active):
+                p = p + self._gauge_error(chain, g, t)
+            out[at] = self.simulated(chain, g, at, shift, {"line_pressure": (t, p)})[0]
         return out
+
+    def _gauge_error(self, chain: Chain, group: Group, time: FloatArray) -> FloatArray:
+        """What to add to the recorded pressure for the true one, (n,) Pa: nothing for an actuator's effect, the
+        gauge's error for its own."""
+        wanted = ("line_pressure", "pressure")
+        partial = replace(chain, operators=needed(chain, wanted))
+        made = simulate(partial, group.tables(), dict.fromkeys(wanted, time))
+        return made["line_pressure"] - made["pressure"]
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         n, r = len(self.TISSUE) + 1, self._runs.shape[1]

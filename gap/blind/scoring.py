@@ -181,7 +181,8 @@ def _figure(name: str, cases: Sequence[Case], statistic: Statistic, target: str 
         return Figure(name, float("nan"), float("nan"), float("nan"), 0, target)
     rng = np.random.default_rng(0)
     draws = [statistic([cases[i] for i in rng.integers(len(cases), size=len(cases))]) for _ in range(_RESAMPLES)]
-    low, high = np.nanquantile(draws, [0.025, 0.975])
+    finite = [d for d in draws if np.isfinite(d)] or [float("nan")]
+    low, high = np.quantile(finite, [0.025, 0.975])
     return Figure(name, statistic(cases), float(low), float(high), len(cases), target)
 
 
