@@ -1,0 +1,178 @@
+"""The scorer on synthetic reports whose figures are known."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gap.blind import Hidden, Truth, score, write_key
+from gap.blind.__main__ import main
+from gap.blind.vocabulary import CONCEPTS, stage_of
+
+
+def truth(case: str, tier: str, *effects: tuple[str, float]) -> Truth:
+    hidden = [
+        Hidden(name, stage_of(name) if name in CONCEPTS else "unknown", "form", 1.0, delta, {})
+        for name, delta in effects
+    ]
+    total = float(np.linalg.norm([d for _, d in effects]))
+    return Truth(case, tier, "cutometer", hidden, total, "conventional", {}, False)
+
+
+def cause(*effects: str, p: float = 0.9, members: tuple[str, ...] = (), waveform: float = 0.97) -> dict:
+    return {"effects": list(effects), "class": list(members), "probability": p, "shrink": {"waveform": waveform}}
+
+
+def report(verdict: str, *causes: dict, stage: str = "actuator", **more: object) -> dict:
+    where = [{"stage": stage, "probability": 0.8}, {"stage": "sensor", "probability": 0.1}]
+    return {"schema": "gap-report/1", "verdict": verdict, "where": where, "causes": list(causes), **more}
+
+
+def scored(folder: Path, pairs: list[tuple[Truth, dict | None]]):
+    reports = folder / "reports"
+    reports.mkdir()
+    for t, r in pairs:
+        if r is not None:
+            (reports / f"{t.case}.json").write_text(json.dumps(r))
+    write_key(folder / "key.bin", [t for t, _ in pairs], "secret")
+    return score(reports, folder / "key.bin", "secret")
+
+
+def test_hits_stages_and_bins(tmp_path: Path):
+    lag = ("regulator_lag", 40.0)
+    card = scored(
+        tmp_path,
+        [
+            (truth("a", "T2", lag), report("effect", cause("regulator_lag"), cost={"seconds": 2.0})),
+            (truth("b", "T2", lag), report("effect", cause("hose", members=("regulator_lag",)), cost={"seconds": 4.0})),
+            (truth("c", "T3", lag), report("effect", cause("leak"), cause("regulator_lag", p=0.05), stage="sensor")),
+            (truth("d", "T3", ("leak", 6.0)), report("undetectable")),
+            (truth("e", "T1", lag), None),
+        ],
+    )
+    assert card["top-1"].value == 0.5
+    assert card["top-1"].n == 4
+    assert card["top-1"].met is False
+    assert card["top-3"].value == 0.75
+    assert card["stage"].value == 0.75
+    assert card["top-1, delta > 30"].value == pytest.approx(2 / 3)
+    assert card["top-1, delta 5 - 10"].value == 0.0
+    assert card["power at delta = 6"].value == 0.0
+    assert card["seconds a case (median)"].value == 3.0
+    assert card["seconds a case (median)"].met is True
+    assert card["shrink on another waveform (median; truth: 1)"].value == pytest.approx(0.97)
+    assert card["top-1, T1"].value == 0.0
+    assert (card.cases, card.missing) == (5, 1)
+    assert card["top-1"].low <= 0.5 <= card["top-1"].high
+    assert ("cutometer: regulator_lag", "leak", 1) in card.mistakes
+    assert card["false alarms T6"].n == 0
+    assert np.isnan(card["false alarms T6"].value)
+
+
+def test_causes_are_ranked_by_probability(tmp_path: Path):
+    answer = report("effect", cause("leak", p=0.2), cause("regulator_lag", p=0.7))
+    assert scored(tmp_path, [(truth("a", "T2", ("regulator_lag", 9.0)), answer)])["top-1"].value == 1.0
+
+
+def test_false_alarms_are_device_effects_with_more_than_even_odds(tmp_path: Path):
+    answers = {
+        "alarm": report("effect", cause("rim_friction", p=0.6)),
+        "hesitant": report("effect", cause("rim_friction", p=0.5)),
+        "tissue": report("effect", cause("slow_creep", p=0.9)),
+        "class with tissue": report("effect", cause("rim_friction", p=0.9, members=("strain_stiffening",))),
+        "none": report("none", cause("rim_friction", p=0.9)),
+        "unknown": report("unknown", cause("rim_friction", p=0.9)),
+        "user's own": report("several", cause("my_effect", p=0.8)),
+    }
+    card = scored(tmp_path, [(truth(name, "T6"), r) for name, r in answers.items()])
+    assert card["false alarms T6"].value == pytest.approx(2 / 7)
+    assert card["false alarms T6"].n == 7
+
+
+def test_pairs_need_both_effects_among_three_causes(tmp_path: Path):
+    both = (("leak", 8.0), ("latency", 20.0))
+    pairs = [
+        (truth("a", "T4", *both), report("several", cause("leak", "latency"))),
+        (truth("b", "T4", *both), report("several", cause("leak"), cause("jitter", p=0.3), cause("latency", p=0.2))),
+        (truth("c", "T4", *both), report("several", cause("leak"))),
+        (truth("d", "T4", ("leak", 8.0), ("latency", 4.0)), report("several", cause("leak"))),
+        (truth("e", "T4", *both, ("jitter", 9.0)), report("several", cause("leak"))),
+    ]
+    figure = scored(tmp_path, pairs)["both of a pair in the top three"]
+    assert figure.value == pytest.approx(2 / 3)
+    assert figure.n == 3
+
+
+def test_unknown_recall_at_five_percent_false(tmp_path: Path):
+    known = [(truth(f"k{i}", "T2", ("leak", 20.0)), report("effect", unknown_probability=i / 40)) for i in range(40)]
+    hidden = [
+        (truth(f"u{i}", "T5", ("unknown_x", 20.0)), report("unknown", unknown_probability=p))
+        for i, p in enumerate([0.99, 0.98, 0.2, 0.96])
+    ]
+    weak = [(truth("w", "T5", ("unknown_x", 4.0)), report("none"))]
+    # Two of forty known cases may be flagged: the threshold is 37/40.
+    assert scored(tmp_path, known + hidden + weak)["unknown found at 5 % false, delta >= 10"].value == 0.75
+
+
+def test_calibration_error_of_a_known_overconfidence(tmp_path: Path):
+    pairs = [
+        (truth(f"{i}", "T2", ("leak", 20.0)), report("effect", cause("leak" if i < 6 else "latency", p=0.8)))
+        for i in range(10)
+    ]
+    assert scored(tmp_path, pairs)["calibration error"].value == pytest.approx(0.2)
+
+
+def test_faint_effects_should_be_called_undetectable(tmp_path: Path):
+    verdicts = ["undetectable", "undetectable", "none", "effect"]
+    pairs = [(truth(v + str(i), "T2", ("leak", 1.0)), report(v)) for i, v in enumerate(verdicts)]
+    card = scored(tmp_path, pairs)
+    assert card["delta < 3 called undetectable"].value == 0.5
+    assert card["delta < 3 called undetectable or none"].value == 0.75
+
+
+def test_several_keys_are_scored_together(tmp_path: Path):
+    (tmp_path / "reports").mkdir()
+    for tier in ("T2", "T6"):
+        write_key(tmp_path / f"{tier}.bin", [truth(f"case {tier}", tier, *([("leak", 9.0)] if tier == "T2" else []))])
+    card = score(tmp_path / "reports", [tmp_path / "T2.bin", tmp_path / "T6.bin"])
+    assert (card.cases, card.missing) == (2, 2)
+    assert card["false alarms T6"].value == 0.0
+
+
+def test_text_and_json_agree(tmp_path: Path):
+    card = scored(tmp_path, [(truth("a", "T2", ("leak", 9.0)), report("effect", cause("leak")))])
+    data = json.loads(json.dumps(card.as_json(), allow_nan=False))
+    figure = next(f for f in data["figures"] if f["name"] == "top-1")
+    assert (figure["value"], figure["target"], figure["met"]) == (1.0, ">= 0.95", True)
+    line = next(line for line in card.as_text().splitlines() if line.startswith("top-1 "))
+    assert "1.000" in line
+    assert line.endswith("met")
+    assert data["per_case"][0]["hit"] is True
+
+
+def test_bad_reports_and_passphrases_are_named(tmp_path: Path):
+    t = truth("a", "T2", ("leak", 9.0))
+    with pytest.raises(ValueError, match=r"a\.json: causes\.0\.probability"):
+        scored(tmp_path, [(t, report("effect", cause("leak", p=1.4)))])
+    with pytest.raises(ValueError, match=r"key\.bin: wrong passphrase"):
+        score(tmp_path / "reports", tmp_path / "key.bin", "other")
+    with pytest.raises(FileNotFoundError, match="no such folder"):
+        score(tmp_path / "nowhere", tmp_path / "key.bin", "secret")
+
+
+def test_command_line_makes_and_scores(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    out = tmp_path / "cases"
+    assert main(["make", "--tier", "T6", "--n", "1", "--seed", "1", "--instrument", "cutometer", "-o", str(out)]) == 0
+    reports = tmp_path / "reports"
+    reports.mkdir()
+    for case in json.loads((out / "manifest.json").read_text())["cases"]:
+        (reports / f"{case['case']}.json").write_text(json.dumps(report("none")))
+    key, figures = tmp_path / "cases-key" / "key.bin", tmp_path / "figures.json"
+    assert main(["score", str(reports), str(key), "--json", str(figures)]) == 0
+    assert "false alarms T6" in capsys.readouterr().out
+    assert json.loads(figures.read_text())["cases"] == 1
+    assert main(["make", "--tier", "T0", "--n", "1", "--seed", "1", "-o", str(tmp_path / "t0")]) == 2
+    assert "error: tier T0" in capsys.readouterr().err
