@@ -57,8 +57,8 @@ def _depletion(chain: Chain, v: Values) -> Chain:
 
 
 def _dead_band(chain: Chain, v: Values) -> Chain:
-    parameters = (v["band"], v["tau"])
-    return law_before(chain, "regulator", "dead_band", "actuator", kernels.dead_zone_lag, parameters)
+    law = kernels.play if chosen(v, "form") == 0 else kernels.sticking
+    return law_before(chain, "regulator", "dead_band", "actuator", law, (v["band"],))
 
 
 def _gauge(chain: Chain, error: float, amount: float) -> Chain:
@@ -154,7 +154,7 @@ EFFECTS = (
         "on-off and proportional valves; gap.md",
         (
             strength("band", "Pa", 50.0, 8e3, 1e3, "half width of the ignored error"),
-            shape("tau", "s", 0.0, 0.5, 0.02, "how slowly the valve closes in on the band"),
+            choice("form", 0, "corrects down to the band", "rests within the band, then corrects wholly"),
         ),
         _dead_band,
     ),
@@ -179,7 +179,7 @@ EFFECTS = (
         "The rate of axis motion is limited.",
         "Slower trajectories, or a higher limit in the controller.",
         "trajectory generators' velocity limits; gap.md",
-        (strength("span_time", "s", 0.2, 20.0, 2.5, "time for 1 mm of an axis"),),
+        (strength("span_time", "s", 0.2, 50.0, 6.0, "time for 1 mm of an axis"),),
         _slew_robot,
     ),
     effect(
@@ -187,7 +187,7 @@ EFFECTS = (
         "Voice-coil force (current) is limited.",
         "A stronger coil or supply; slower starts.",
         "amplifier current limits; gap.md",
-        (strength("limit", "N", 0.05, _COIL, 0.6, "of one axis", null=_COIL),),
+        (strength("limit", "N", 0.02, _COIL, 0.25, "of one axis", null=_COIL),),
         lambda chain, v: chain.tuned("axes", force_limit=v["limit"]),
     ),
     effect(
@@ -238,7 +238,7 @@ EFFECTS = (
         "Freeze the integrator while the output is limited.",
         "Åström & Hägglund, PID Controllers",
         (
-            strength("limit", "N", 0.05, _COIL, 0.5, "force at which the output is limited", null=_COIL),
+            strength("limit", "N", 0.02, _COIL, 0.25, "force at which the output is limited", null=_COIL),
             shape("running", "1", 0.2, 1.0, 1.0, "share of the integration that goes on"),
         ),
         lambda chain, v: chain.tuned("axes", force_limit=v["limit"], windup=v["running"]),
@@ -249,8 +249,8 @@ EFFECTS = (
         "Tabulate the force constant and divide by it.",
         "fringe field of short voice coils; gap.md",
         (
-            signed("slope", "1/m", 400.0, 150.0, "relative change per metre of travel"),
-            shape("curvature", "1/m**2", 0.0, 6e4, 0.0, "relative loss per square metre"),
+            signed("slope", "1/m", 2000.0, 300.0, "relative change per metre of travel"),
+            shape("curvature", "1/m**2", 0.0, 2e5, 0.0, "relative loss per square metre"),
         ),
         lambda chain, v: chain.tuned("axes", slope=v["slope"], curvature=-v["curvature"]),
     ),

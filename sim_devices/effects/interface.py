@@ -120,7 +120,7 @@ def _rim_leak(chain: Chain, v: Values) -> Chain:
 def _tilt(chain: Chain, v: Values) -> Chain:
     chain = map_after(chain, "optics", "probe_tilt", "interface", laws.gain, (math.cos(2 * v["angle"]) - 1.0,))
     seal = v["seal"] * v["angle"]
-    return map_after(chain, "probe", "probe_tilt_seal", "interface", tilted_pressure, (seal,)) if seal > 0 else chain
+    return map_after(chain, "probe", "probe_tilt_seal", "interface", tilted_pressure, (seal,)) if seal > 0.01 else chain
 
 
 def _recoil(chain: Chain, v: Values) -> Chain:

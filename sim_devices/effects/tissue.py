@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from sim_devices.chain import Chain, FloatArray
+from sim_devices.chain import Chain, FloatArray, Signals
 from sim_devices.effects.build import (
     ALL,
     ROBOT,
@@ -26,10 +26,29 @@ from sim_devices.effects.build import (
     strength,
 )
 from sim_devices.stages import kernels, laws
+from sim_devices.stages.operators import Wired, after
 from sim_devices.stages.robot import xyz
 
 _SKIN = xyz("skin")
 Forces = tuple[FloatArray, FloatArray, FloatArray]
+
+
+@dataclass(frozen=True)
+class Softening(Wired):
+    """Force (x, y, z) less what exposure to its own magnitude softens; parameters as of ``kernels.exposure_gain``."""
+
+    parameters: tuple[float, ...]
+
+    def fresh(self) -> Any:
+        return np.zeros(kernels.STATE), np.array(self.parameters)
+
+    def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
+        force = np.stack([signals[s] for s in self.source])
+        size = np.sqrt((force**2).sum(axis=0))
+        softened = np.empty(len(time))
+        kernels.exposure_gain(state[0], time, size, state[1], softened)
+        factor = np.divide(softened, size, out=np.ones(len(time)), where=size > 0)
+        signals.update(zip(self.target, force * factor, strict=True))
 
 
 def spectrum(slowest: float, fastest: float, weight: Callable[[float], float]) -> list[tuple[float, float]]:
@@ -85,15 +104,9 @@ def _preconditioning(chain: Chain, v: Values) -> Chain:
         anchor, sign = ("tissue", -1.0) if _is_robot(chain) else ("softening", 1.0)
         return law_after(chain, anchor, name, stage, kernels.mullins, (sign * v["amount"], v["forgetting"]))
     if _is_robot(chain):
-        skin: Any = chain["tissue"]
         share = v["amount"] / (1.0 + v["amount"])
-        law = replace(
-            skin.tissue,
-            softening=skin.tissue.softening + share,
-            softening_rise=v["rise"],
-            softening_fall=v["forgetting"],
-        )
-        return chain.tuned("tissue", tissue=law)
+        parameters = (-share, 0.5, v["rise"], v["forgetting"])
+        return after(chain, "tissue", lambda s, t: Softening(name, stage, s, t, parameters))
     parameters = (v["amount"], height_scale(chain), v["rise"], v["forgetting"])
     return law_after(chain, "softening", name, stage, kernels.exposure_gain, parameters)
 

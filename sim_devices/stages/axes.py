@@ -25,6 +25,7 @@ LOOP_RATE = 100.0
 """Triple pole of the nominal closed loop, 1/s (assumed): Kp = 3 m p², Ki = m p³, Kd = 3 m p."""
 SUBSTEP = 1e-3
 """s, where a nonlinearity is present."""
+_END_STOP = 6e-3  # m from the centre; only what can lose control of an axis gets there
 _STATE = 8  # [0] started [1] time [2] target [3] load [4] integral [5] position [6] velocity [7] presliding friction
 
 
@@ -49,13 +50,14 @@ class AxisLoop(Wired):
     windup: float = 0.0
     slope: float = 0.0
     curvature: float = 0.0
+    spring: float = 0.0
 
     def fresh(self) -> Any:
         p, m = self.rate, self.mass
         linear = not (self.coulomb or self.stiction or self.slope or self.curvature or math.isfinite(self.force_limit))
         values = (
             m, 3 * m * p**2, m * p**3, 3 * m * p, self.drag, self.coulomb, self.stiction, self.stribeck_speed,
-            self.presliding, self.force_limit, self.windup, self.slope, self.curvature,
+            self.presliding, self.force_limit, self.windup, self.slope, self.curvature, self.spring,
             math.inf if linear else (0.25 * SUBSTEP if self.presliding else SUBSTEP),
         )  # fmt: skip
         return np.zeros((len(self.target), _STATE)), np.array(values)
@@ -98,14 +100,14 @@ def _product(a: FloatArray, b: FloatArray) -> FloatArray:
 def _advance_axis(
     s: FloatArray, t: FloatArray, target: FloatArray, load: FloatArray, p: FloatArray, y: FloatArray
 ) -> None:
-    m, kp, ki, kd, drag, coulomb, stiction, v_s, presliding, limit, windup, slope, curvature, longest = p
+    m, kp, ki, kd, drag, coulomb, stiction, v_s, presliding, limit, windup, slope, curvature, spring, longest = p
     damping = kd + drag
     w = ki / (kp + 1e-300) * 3.0  # the loop's rate
     # State (w ∫e, x, x'/w): the same size each, so that the series converges fast.
     a = np.zeros((3, 3))
     a[0, 1], a[1, 2] = -w, w
-    a[2, 0], a[2, 1], a[2, 2] = ki / (m * w * w), -kp / (m * w), -damping / m
-    bound = 3.0 * w + damping / m
+    a[2, 0], a[2, 1], a[2, 2] = ki / (m * w * w), -(kp + spring) / (m * w), -damping / m
+    bound = 3.0 * w + damping / m + spring / (m * w)
     e = np.eye(3)
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2], s[3] = 1.0, t[0], target[0], load[0]
@@ -118,16 +120,18 @@ def _advance_axis(
             if abs(h - last) > 1e-9 * last:
                 _exponential(a, h, bound, e)
                 last = h
-            rho, lam = (target[i] - s[2]) / dt, (load[i] - s[3]) / dt
+            rho = (target[i] - s[2]) / dt
+            lam = (load[i] - s[3]) / dt - spring * rho
             for k in range(steps):
                 r0, r1 = s[2] + rho * h * k, s[2] + rho * h * (k + 1)
                 extra = 0.0
                 if longest < math.inf:
-                    force = kp * (r0 - s[5]) + ki * s[4] - kd * s[6]
-                    real = force * (1.0 + slope * s[5] + curvature * s[5] * s[5])
+                    error = r0 - s[5] + 0.5 * h * (rho - s[6])  # at the middle of the step, about its mean
+                    force = kp * error + ki * (s[4] + 0.5 * h * error) - kd * s[6]
+                    real = force * max(1.0 + slope * s[5] + curvature * s[5] * s[5], 0.05)
                     real = min(max(real, -limit), limit)
                     extra = real - force
-                load0 = s[3] + lam * h * k
+                load0 = s[3] + (load[i] - s[3]) / steps * k - spring * (r0 + lam / ki)
                 ip0 = (damping * rho - load0 - extra + kp * lam / ki) / ki
                 d0, d1, d2 = w * (s[4] - ip0), s[5] - (r0 + lam / ki), (s[6] - rho) / w
                 integral = ip0 - lam * h / ki + (e[0, 0] * d0 + e[0, 1] * d1 + e[0, 2] * d2) / w
@@ -152,6 +156,8 @@ def _advance_axis(
                             x, integral = s[5], s[4] + h * (0.5 * (r0 + r1) - s[5])
                 if limit < math.inf and windup < 1.0 and abs(extra) > 0.0 and abs(real) >= limit:
                     integral = s[4] + windup * (integral - s[4])
+                if longest < math.inf and abs(x) > _END_STOP:
+                    x, v = math.copysign(_END_STOP, x), 0.0
                 s[4], s[5], s[6] = integral, x, v
         s[1], s[2], s[3] = t[i], target[i], load[i]
         y[i] = s[5]

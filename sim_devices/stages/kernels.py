@@ -207,17 +207,11 @@ def slipping(s: FloatArray, x: FloatArray, y: FloatArray, reach: float, share: f
 
 
 @njit(cache=True)
-def dead_zone_lag(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
-    """A controller blind to small errors: tau y' = (u - y) beyond the band, else y rests.
-
-    ``p`` = (half band, tau s).
-    """
-    if s[0] == 0.0 and t.size:
-        s[0], s[1] = 1.0, t[0]
+def sticking(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """A controller that rests until its error exceeds ``p`` = (half band,), then corrects it wholly."""
     for i in range(t.size):
-        near = min(max(s[3], u[i] - p[0]), u[i] + p[0])
-        s[3] = near + (s[3] - near) * (math.exp(-(t[i] - s[1]) / p[1]) if p[1] > 0.0 else 0.0)
-        s[1] = t[i]
+        if abs(u[i] - s[3]) > p[0]:
+            s[3] = u[i]
         y[i] = s[3]
 
 

@@ -58,7 +58,7 @@ def quantisation(time: FloatArray, u: FloatArray, step: float) -> FloatArray:
 
 
 def leak(time: FloatArray, u: FloatArray, share: float, exponent: float, reference: float) -> FloatArray:
-    """u less ``share`` of it at ``reference``, as |u|^(1 + exponent): 0 laminar leak, -0.5 orifice, 1 one that opens."""
+    """u less ``share`` of it at ``reference``, as |u|^(1 + exponent): 0 laminar leak, -0.5 orifice, 1 that opens."""
     return np.asarray(u - share * np.copysign(reference * (np.abs(u) / reference) ** (1.0 + exponent), u))
 
 

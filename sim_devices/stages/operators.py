@@ -152,7 +152,7 @@ def after(chain: Chain, anchor: str, make: Callable[[Names, Names], Wired], *sig
     if not chosen:
         raise KeyError(f"operator {anchor!r} of the {chain.instrument} chain does not write {signals}")
     public = tuple(op.target[i] for i in chosen)
-    added = make(public, public)
+    added = _unique(chain, make(public, public))
     raw = tuple(f"{t}|{added.name}" for t in public)
     target = tuple(raw[chosen.index(i)] if i in chosen else t for i, t in enumerate(op.target))
     rename = dict(zip(public, raw, strict=True))
@@ -169,7 +169,7 @@ def before(chain: Chain, anchor: str, make: Callable[[Names, Names], Wired], *si
     public = tuple(s for s in op.source if not signals or s.split("|")[0] in signals)
     if not public:
         raise KeyError(f"operator {anchor!r} of the {chain.instrument} chain does not read {signals}")
-    added = make(public, public)
+    added = _unique(chain, make(public, public))
     rename = {s: f"{s}|{added.name}" for s in public}
     added = replace(added, target=tuple(rename.get(t, t) for t in added.target))
     source = tuple(rename.get(s, s) for s in op.source)
@@ -182,6 +182,15 @@ def last_writer(chain: Chain, signal: str) -> str:
         if signal in op.writes:
             return op.name
     raise KeyError(f"no operator of the {chain.instrument} chain writes {signal!r}")
+
+
+def _unique(chain: Chain, operator: Wired) -> Wired:
+    """The operator under a name that the chain does not have yet."""
+    names = {op.name for op in chain.operators}
+    if operator.name not in names:
+        return operator
+    number = next(i for i in range(2, len(names) + 2) if f"{operator.name}#{i}" not in names)
+    return replace(operator, name=f"{operator.name}#{number}")
 
 
 def _wired(chain: Chain, name: str) -> Wired:

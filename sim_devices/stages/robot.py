@@ -8,6 +8,7 @@ processed: probe_x|y|z, force_x|y|z.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -37,7 +38,7 @@ def numbered(name: str) -> Names:
     return tuple(f"{name}_{k}" for k in "123")
 
 
-LOAD, AXIS_LOAD = numbered("load"), numbered("axis_load")
+AXES, LOAD, AXIS_LOAD = numbered("axis"), numbered("load"), numbered("axis_load")
 TRANSDUCERS = tuple(f"transducer_force_{k}" for k in "abc")
 
 
@@ -114,7 +115,8 @@ def nominal_robot(
 ) -> Chain:
     """What an ideal robot does.
 
-    ``rate`` (1/s) is the axes' loop, ``marks`` (s) tell when recordings start, ``w`` and ``h`` (m) belong to the force matrix.
+    ``rate`` (1/s) is the axes' loop, ``marks`` (s) tell when recordings start, ``w`` and ``h`` (m) are the force
+    matrix's.
     """
     skin = sheet_tissue(tissue) if isinstance(tissue, str) else tissue
     matrix = forces.matrix(w, h)
@@ -143,15 +145,10 @@ class LoopRunner:
     """
 
     def __init__(self, chain: Chain) -> None:
-        names = [op.name for op in chain.operators]
-        # Effects sit next to their anchors: the loop is whatever lies from the axes to the load.
-        first, last = names.index("axes"), names.index("load")
+        parts, self._spring = _around_the_loop(chain)
         self.chain = chain
-        self._parts = [
-            Runner(Chain(chain.instrument, ops))
-            for ops in (chain.operators[:first], chain.operators[first : last + 1], chain.operators[last + 1 :])
-        ]
-        self._inner = {s for op in chain.operators[first : last + 1] for s in op.reads}
+        self._parts = [Runner(part) for part in parts]
+        self._inner = {s for op in parts[1].operators for s in op.reads}
         self._load = np.zeros(3)
 
     def advance(self, time: FloatArray, signals: Mapping[str, FloatArray]) -> Signals:
@@ -169,23 +166,53 @@ class LoopRunner:
                     if start == 0:
                         out[name] = np.empty(len(time))
                     out[name][start:end] = values
-            self._load = np.array([done[name][-1] for name in AXIS_LOAD])
+            self._load = np.array(
+                [done[f][-1] + self._spring * done[x][-1] for f, x in zip(AXIS_LOAD, AXES, strict=True)]
+            )
             start = end
         return self._parts[2].advance(time, out)
 
 
+def _around_the_loop(chain: Chain) -> tuple[tuple[Chain, Chain, Chain], float]:
+    """The chain ahead of the axes, from there to the load, and behind it, and the spring that the axes were given.
+
+    Effects sit next to their anchors. The spring (N/m) is about what the tissue's stiffness is to an axis: the axes
+    meet it at once, so that only the rest of the load is late (or iterated), and the loop is stable also where the axes
+    themselves yield.
+    """
+    tissue = chain["tissue"]
+    spring = 0.4 * float(np.mean(tissue.tissue.stiffness)) if isinstance(tissue, Sheet) else 0.0
+    operators = chain.tuned("axes", spring=min(spring, 1e3)).operators
+    names = [op.name for op in operators]
+    first, last = names.index("axes"), names.index("load") + 1
+    ahead, loop, behind = operators[:first], operators[first:last], operators[last:]
+    parts = Chain(chain.instrument, ahead), Chain(chain.instrument, loop), Chain(chain.instrument, behind)
+    return parts, min(spring, 1e3)
+
+
 def closed_loop(
-    chain: Chain, time: FloatArray, signals: Mapping[str, FloatArray], *, tolerance: float = 1e-4, iterations: int = 12
+    chain: Chain, time: FloatArray, signals: Mapping[str, FloatArray], *, tolerance: float = 1e-4, iterations: int = 20
 ) -> Signals:
     """A whole session with the tissue's load on the axes found by iteration, to ``tolerance`` N.
 
-    The loop is stiff against the tissue, so that a few passes do.
+    The loop is stiff against the tissue, so that a few passes do; where it is not (coils at their limit), the session
+    runs piece by piece instead, which takes longer. Where the axes or their load are given, one pass does.
     """
-    load = np.zeros((3, len(time)))
+    if signals.keys() & {*LOAD, *AXES}:
+        return chain.run(time, signals)
+    (ahead, loop, behind), spring = _around_the_loop(chain)
+    inputs = ahead.run(time, signals)
+    load, push = np.zeros((3, len(time))), np.zeros((3, len(time)))
     for _ in range(iterations):
-        out = chain.run(time, {**signals, **dict(zip(LOAD, load, strict=True))})
+        out = loop.run(time, {**inputs, **dict(zip(LOAD, push, strict=True))})
         new = np.stack([out[name] for name in AXIS_LOAD])
         change, load = float(np.abs(new - load).max(initial=0.0)), new
-        if not change > tolerance:
-            break
-    return out
+        push = load + spring * np.stack([out[name] for name in AXES])
+        if change <= tolerance:
+            return behind.run(time, out)
+    pieces = [np.arange(a, b, PIECE)[1:] for a, b in itertools.pairwise(time)]
+    fine = np.unique(np.concatenate([time, *pieces]))
+    runner = LoopRunner(chain)
+    out = runner.advance(fine, {name: np.interp(fine, time, values) for name, values in signals.items()})
+    at = np.searchsorted(fine, time)
+    return {name: values[at] for name, values in out.items()}

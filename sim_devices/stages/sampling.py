@@ -13,6 +13,7 @@ import numpy as np
 
 from sim_devices.chain import Chain, FloatArray, Signals
 from sim_devices.stages.operators import Delay
+from sim_devices.stages.robot import closed_loop
 
 JUMP = 1e-9
 """Duration of a step, s."""
@@ -28,7 +29,7 @@ Table = tuple[FloatArray, FloatArray]
 def time_grid(
     kinks: FloatArray, stamps: Iterable[FloatArray], *, delays: Sequence[Delay] = (), step: float = 0.0
 ) -> FloatArray:
-    """Nodes, strictly increasing, over the stamps: these, kinks (s) with twins, the same as ``delays`` show them, a refinement.
+    """Nodes, strictly increasing, over the stamps: these, kinks (s) with twins, also as ``delays`` show them, and more.
 
     With ``step`` > 0 no two nodes are farther apart.
     """
@@ -51,7 +52,8 @@ def time_grid(
 
 def command_at(table: Table, time: FloatArray) -> FloatArray:
     """A commanded quantity at ``time`` (n,) s, right-continuous at steps, constant outside its table."""
-    return np.interp(time, table[0], table[1])
+    # A node that rounding put just before a step counts as on it; the twin, a whole `JUMP` before, does not.
+    return np.interp(time + 0.5 * JUMP, table[0], table[1])
 
 
 def sampled(time: FloatArray, signals: Mapping[str, FloatArray], stamps: Mapping[str, FloatArray]) -> Signals:
@@ -77,4 +79,5 @@ def simulate(
     grid = time_grid(kinks, stamps.values(), delays=delays, step=step)
     inputs = {COMMANDS.get(q, q): command_at(table, grid) for q, table in commands.items()}
     inputs.update({name: command_at(table, grid) for name, table in (given or {}).items()})
-    return sampled(grid, chain.run(grid, inputs), stamps)
+    run = closed_loop if chain.instrument == "microrobot" else Chain.run
+    return sampled(grid, run(chain, grid, inputs), stamps)

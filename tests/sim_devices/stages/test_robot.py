@@ -133,3 +133,20 @@ def test_the_tissue_has_a_potential_and_the_glue_yields() -> None:
     glue = np.array([2e-4, 2e-4, 1e-4])
     reaction = elastic(u, (2e-4, 1e-4))
     np.testing.assert_allclose(elastic(u + glue * reaction), reaction, atol=1e-6)
+
+
+@pytest.mark.parametrize("windup", [0.0, 1.0])
+def test_coils_at_their_limit_are_still_stopped_by_the_tissue(windup: float) -> None:
+    chain = nominal("microrobot").tuned("axes", force_limit=0.25, windup=windup)
+    time = TIME[:1200]
+    out = closed_loop(chain, time, command("x", TRIANGLE[:1200]))
+    assert 0.5e-3 < np.abs(out["tip_x"]).max() < 1.2e-3
+    assert np.abs(out["axis_load_1"]).max() < 0.26
+    fine = np.arange(0, 4, 0.004)
+    inputs = command("x", np.interp(fine, TIME, TRIANGLE))
+    whole = runner(chain).advance(fine, inputs)
+    stream = runner(chain)
+    parts = [
+        stream.advance(fine[a : a + 90], {k: v[a : a + 90] for k, v in inputs.items()}) for a in range(0, 1000, 90)
+    ]
+    np.testing.assert_allclose(np.concatenate([p["force_x"] for p in parts]), whole["force_x"], rtol=1e-7, atol=1e-9)

@@ -1,0 +1,157 @@
+"""Each effect: nothing at its null, something at its default, no seam between chunks, finite all over its prior."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sim_devices.chain import Chain, Effect, FloatArray, Runner, Signals
+from sim_devices.effects import effects
+from sim_devices.effects.build import CHOICE
+from sim_devices.stages import INSTRUMENTS, nominal
+from sim_devices.stages.robot import LOAD, TRANSDUCERS, numbered, xyz
+from sim_devices.stages.sampling import time_grid
+
+CASES = [pytest.param(i, e, id=f"{i}-{e.name}") for i in INSTRUMENTS for e in effects(i).values()]
+MEASURED = {
+    "cutometer": ("pressure", "apex_height"),
+    "aspiration": ("pressure", "apex_height"),
+    "microrobot": (*numbered("axis_position"), *TRANSDUCERS, *xyz("probe"), *xyz("force")),
+}
+FLOOR = {"pressure": 1.0, "apex_height": 1e-7, "axis": 1e-8, "transducer": 1e-5, "probe": 1e-8, "force": 1e-5}
+"""Changes that count, per channel: far below any noise."""
+STEPWISE = ("overshoot", "late_samples", "dropped_samples", "wrong_zeroing")
+"""Effects whose strength is logarithmic or a count, so that they have no small form."""
+UNHELD = ("force_saturation", "integral_windup")
+"""With a given load nothing holds an axis whose coil is at its limit; in its loop it is tested with the stages."""
+
+
+@functools.cache
+def session(instrument: str) -> tuple[FloatArray, Signals, Chain]:
+    """Two recordings of a session, 5 minutes apart: time, inputs, nominal chain."""
+    marks = (0.0, 320.0)
+    if instrument == "microrobot":
+        time = np.concatenate([np.arange(0, 12, 0.02), np.arange(320, 332, 0.02)])
+        wave = 1.3e-3 * np.interp(time % 320, [0, 1, 3, 5, 7, 9], [0, 0, 1, -0.2, 0.8, 0])
+        load = {name: 0.3 * (i - 1) * wave / 1.3e-3 for i, name in enumerate(LOAD)}
+        commands = dict(zip(xyz("command"), (0.8 * wave, 0.5 * wave, 0.3 * wave), strict=True))
+        return time, {**commands, **load}, nominal(instrument, marks=marks)
+    level = 40e3 if instrument == "cutometer" else 20e3
+    kinks = np.array([1.0, 6, 8, 9, 10, 11])
+    shape = np.array([1.0, 0, 0.7, 0.7, 0.7, 0])  # of a table with steps at 1, 6 and 8 s and a ramp from 10 to 11 s
+    table = np.concatenate([np.repeat(kinks, 2), 320 + np.repeat(kinks, 2)])
+    before = np.array([0.0, 1, 0, 0.7, 0.7, 0])
+    values = np.tile(np.column_stack([before, shape]).ravel(), 2)
+    stamps = [np.concatenate([np.arange(0, 14, 0.02), np.arange(320, 334, 0.02)])]
+    time = time_grid(table, stamps)
+    return time, {"command_pressure": -level * np.interp(time, table, values)}, nominal(instrument, marks=marks)
+
+
+@functools.cache
+def reference(instrument: str) -> Signals:
+    time, inputs, chain = session(instrument)
+    return chain.run(time, inputs)
+
+
+def changed(instrument: str, out: Signals) -> list[str]:
+    """Measured channels that differ from nominal."""
+    return [n for n in MEASURED[instrument] if np.abs(out[n] - reference(instrument)[n]).max() > floor(n)]
+
+
+def floor(channel: str) -> float:
+    return FLOOR.get(channel) or FLOOR[channel.split("_")[0]]
+
+
+@pytest.mark.parametrize(("instrument", "effect"), CASES)
+def test_nothing_changes_at_the_null_values(instrument: str, effect: Effect) -> None:
+    _time, _inputs, chain = session(instrument)
+    nothing = {p.name: p.null for p in effect.parameters if p.null is not None}
+    assert effect.apply(chain, nothing) == chain
+
+
+@pytest.mark.parametrize(("instrument", "effect"), [c for c in CASES if c.values[1].name not in STEPWISE])
+def test_a_tiny_strength_is_a_tiny_change(instrument: str, effect: Effect) -> None:
+    time, inputs, chain = session(instrument)
+    tiny = {p.name: p.null + 1e-7 * (p.default - p.null) for p in effect.parameters if p.null is not None}
+    tiny |= {p.name: p.null * (1 - 1e-9) for p in effect.parameters if p.null is not None and p.null == p.high}
+    out = effect.apply(chain, tiny).run(time, inputs)
+    for name in MEASURED[instrument]:
+        # A mean, as next to a jump of the command a sample may change wholly; the jump may move by a node of the grid.
+        mean = np.trapezoid(np.abs(out[name] - reference(instrument)[name]), time) / (time[-1] - time[0])
+        assert mean <= floor(name) * (10.0 if effect.stage == "timing" else 1.0), name
+
+
+@pytest.mark.parametrize(("instrument", "effect"), CASES)
+def test_the_default_shows_and_chunks_join_without_a_seam(instrument: str, effect: Effect) -> None:
+    time, inputs, chain = session(instrument)
+    chain = effect.apply(chain)
+    whole = chain.run(time, inputs)
+    assert changed(instrument, whole), "the default strength is visible in a measured channel"
+    if effect.name in UNHELD:
+        return
+    runner = Runner(chain)
+    cuts = [0, 1, 2, 77, len(time) // 2 - 3, len(time) // 2 + 5, len(time)]
+    parts = [runner.advance(time[a:b], {k: v[a:b] for k, v in inputs.items()}) for a, b in itertools.pairwise(cuts)]
+    for name in MEASURED[instrument]:
+        scale = np.abs(whole[name]).max()
+        np.testing.assert_allclose(np.concatenate([p[name] for p in parts]), whole[name], atol=1e-8 * scale)
+
+
+@pytest.mark.parametrize(("instrument", "effect"), CASES)
+@settings(max_examples=6, deadline=None)
+@given(data=st.data())
+def test_outputs_are_finite_all_over_the_prior(instrument: str, effect: Effect, data: st.DataObject) -> None:
+    time, inputs, chain = session(instrument)
+    values = {}
+    for p in effect.parameters:
+        u = data.draw(st.sampled_from([0, 1000]) | st.integers(0, 1000), label=p.name) / 1000
+        values[p.name] = p.low * (p.high / p.low) ** u if p.scale == "log" else p.low + u * (p.high - p.low)
+        if p.unit == CHOICE:
+            values[p.name] = float(round(values[p.name]))
+    out = effect.apply(chain, values).run(time, inputs)
+    for name in MEASURED[instrument]:
+        assert np.isfinite(out[name]).all(), (name, values)
+
+
+@pytest.mark.parametrize("instrument", INSTRUMENTS)
+def test_effects_combine_in_any_order(instrument: str) -> None:
+    time, inputs, chain = session(instrument)
+    everything = list(effects(instrument).values())
+    for order in (everything, everything[::-1]):
+        combined = chain
+        for effect in order:
+            combined = effect.apply(combined)
+        out = combined.run(time, inputs)
+        assert all(np.isfinite(out[name]).all() for name in MEASURED[instrument])
+
+
+@pytest.mark.parametrize(
+    ("name", "channels"),
+    [
+        ("gauge_offset", ["apex_height"]),
+        ("rim_leak", ["apex_height"]),
+        ("leak", ["pressure", "apex_height"]),
+        ("sensor_gain", ["apex_height"]),
+        ("slow_creep", ["apex_height"]),
+    ],
+)
+def test_effects_show_where_they_should(name: str, channels: list[str]) -> None:
+    time, inputs, chain = session("cutometer")
+    assert changed("cutometer", effects("cutometer")[name].apply(chain).run(time, inputs)) == channels
+
+
+@pytest.mark.parametrize(
+    "name", ["latency", "regulator_lag", "leak", "reservoir_depletion", "slew_limit", "overshoot", "dead_band"]
+)
+def test_actuator_effects_leave_a_recorded_line_pressure_alone(name: str) -> None:
+    time, inputs, chain = session("cutometer")
+    recorded = {"line_pressure": 0.9 * reference("cutometer")["line_pressure"], **inputs}
+    expected = chain.run(time, recorded)
+    out = effects("cutometer")[name].apply(chain).run(time, recorded)
+    np.testing.assert_array_equal(out["pressure"], expected["pressure"])
+    np.testing.assert_array_equal(out["bulge"], expected["bulge"])

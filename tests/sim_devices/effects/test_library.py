@@ -1,0 +1,128 @@
+"""The library as a whole: complete, documented, parsed from text, extended by plugins that may be broken."""
+
+from __future__ import annotations
+
+from importlib.metadata import EntryPoint
+
+import pytest
+
+from gap.blind.vocabulary import CONCEPTS, INSTRUMENTS, Instrument, concepts_of
+from sim_devices import effects as library
+from sim_devices.effects import broken, effects, parse_effect, variants
+from sim_devices.effects.build import CHOICE
+from sim_devices.stages import nominal
+
+
+@pytest.mark.parametrize("instrument", INSTRUMENTS)
+def test_every_concept_of_the_vocabulary_has_an_effect_in_its_stage(instrument: Instrument) -> None:
+    known = effects(instrument)
+    assert set(concepts_of(instrument)) <= set(known)
+    for name in concepts_of(instrument):
+        assert known[name].stage == CONCEPTS[name].stage
+
+
+def test_effects_are_documented() -> None:
+    listed = effects()
+    assert len({e.name for e in listed.values()}) >= 40
+    assert not broken()
+    for key, effect in listed.items():
+        assert effect.meaning.endswith("."), key
+        assert effect.remedy.endswith("."), key
+        assert effect.source, key
+        assert effect.strengths, key
+        for p in effect.parameters:
+            assert p.low < p.high, (key, p.name)
+            assert p.low <= p.default <= p.high, (key, p.name)
+            assert p.unit, (key, p.name)
+            if p.scale == "log":
+                assert p.low > 0, (key, p.name)
+            if p.unit == CHOICE and p.name != "seed":
+                assert p.meaning.startswith("0 "), (key, p.name)
+
+
+def test_keys_of_all_name_the_instrument_where_units_differ() -> None:
+    listed = effects()
+    assert listed["slew_limit"].instruments == ("cutometer", "aspiration")
+    assert listed["slew_limit@microrobot"].instruments == ("microrobot",)
+    assert effects("microrobot")["slew_limit"] is listed["slew_limit@microrobot"]
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("regulator_lag", {}),
+        ("regulator_lag:tau=0.3s", {"tau": 0.3}),
+        ("regulator_lag: tau = 300 ms, form=1", {"tau": 0.3, "form": 1.0}),
+        ("dead_band:band=8mbar", {"band": 800.0}),
+        ("leak:shortfall=8 percent", {"shortfall": 0.08}),
+        ("gauge_offset:offset=-500", {"offset": -500.0}),
+    ],
+)
+def test_effects_are_read_from_text(text: str, values: dict[str, float]) -> None:
+    effect, given = parse_effect(text)
+    assert effect.name == text.partition(":")[0]
+    assert given == pytest.approx(values)
+    effect.apply(nominal("cutometer"), given)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("regulater_lag", "no effect 'regulater_lag'; there are latency"),
+        ("regulator_lag:tao=1", "no parameter 'tao=1'; write parameter=value, with one of tau, form"),
+        ("regulator_lag:tau", "no parameter 'tau'"),
+        ("regulator_lag:tau=3mm", "tau = '3mm': a number in s is needed"),
+        ("regulator_lag:form=slow", "a whole number is needed: 0 a first-order lag"),
+    ],
+)
+def test_wrong_text_is_refused_by_name(text: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        parse_effect(text)
+
+
+def test_an_effect_of_another_instrument_is_refused() -> None:
+    with pytest.raises(ValueError, match="no effect 'leak' of microrobot"):
+        parse_effect("leak", "microrobot")
+    with pytest.raises(ValueError, match="not for microrobot"):
+        effects()["leak"].apply(nominal("microrobot"))
+    assert parse_effect("sensor_gain:channel=1", "microrobot")[1] == {"channel": 1.0}
+
+
+def test_variants_fix_each_choice() -> None:
+    found = variants(effects("microrobot")["backlash"])
+    assert list(found) == ["backlash[form=0]", "backlash[form=1]"]
+    chain = nominal("microrobot")
+    for form, variant in enumerate(found.values()):
+        assert variant.name == "backlash"
+        assert [p.name for p in variant.parameters] == ["gap"]
+        assert variant.apply(chain) == effects("microrobot")["backlash"].apply(chain, {"form": form})
+    assert list(variants(effects()["leak"])) == ["leak"]
+
+
+def test_a_broken_plugin_is_reported_and_disturbs_nobody() -> None:
+    here = __name__
+    entries = [
+        EntryPoint("good", f"{here}:ONE", library.GROUP),
+        EntryPoint("several", f"{here}:several", library.GROUP),
+        EntryPoint("gone", "no_such_module_anywhere:EFFECTS", library.GROUP),
+        EntryPoint("wrong", f"{here}:WRONG", library.GROUP),
+        EntryPoint("raises", f"{here}:raises", library.GROUP),
+    ]
+    found, errors = library._plugins(entries)
+    assert [e.name for e in found] == ["leak", "latency", "leak"]
+    assert set(errors) == {"gone", "wrong", "raises"}
+    assert "ModuleNotFoundError" in errors["gone"]
+    assert "int where effects are expected" in errors["wrong"]
+    assert "ZeroDivisionError" in errors["raises"]
+
+
+ONE = effects()["leak"]
+WRONG = [3]
+
+
+def several() -> list[object]:
+    return [effects()["latency"], effects()["leak"]]
+
+
+def raises() -> None:
+    raise ZeroDivisionError
