@@ -2,7 +2,8 @@
 
 Every instrument speaks the same few messages in a dialect of its own. A request carries a number and is answered by a
 `Reply` with the same number; a host that hears nothing sends the same request again, and a device that has
-already answered that number repeats its answer instead of acting twice. Samples come unasked while the stream is on.
+already answered that number repeats its answer instead of acting twice. Samples come unasked while the stream is on;
+ahead of every answer to a command goes a status (`Samples` without samples).
 """
 
 from __future__ import annotations

@@ -59,7 +59,7 @@ class SimInstrument:
         self._chain = chain
         self._runner = runner(chain)
         self._clock = clock
-        self._control = ControlPort(control, bench.codec, self.faults)
+        self._control = ControlPort(control, bench.codec, len(bench.raw), self.faults)
         self._camera = CameraPort(camera, bench.identity, render) if camera and render else None
         self.ports: list[Port] = [self._control, *([self._camera] if self._camera else [])]
         self._ticks = 0  # samples since the chain began: its time, which no reboot changes
@@ -172,6 +172,8 @@ class SimInstrument:
                     self._runner.restart(self.bench.zeroing)
         except Refused as refusal:
             return msg.Reply(request.number, refused=str(refusal))
+        # Status goes ahead of the answer, so that a host never acts on what was true before its command.
+        self._control.status(self.firmware.status)
         return msg.Reply(request.number)
 
     def _advance(self, count: int) -> None:

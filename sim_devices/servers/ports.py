@@ -89,11 +89,12 @@ class ControlPort(Port):
 
     depth = 16384
 
-    def __init__(self, link: Link, codec: Callable[[], Codec], faults: Faults) -> None:
+    def __init__(self, link: Link, codec: Callable[[], Codec], channels: int, faults: Faults) -> None:
         super().__init__(link, faults)
         self._new_codec = codec
         self._codec = codec()
         self._last_reply: msg.Reply | None = None
+        self._none = np.empty((0, channels))
 
     def receive(self) -> list[msg.Message]:
         """The messages that arrived."""
@@ -112,6 +113,10 @@ class ControlPort(Port):
     def announce(self, identity: Identity) -> None:
         """After a boot: say who is there, unasked."""
         self._queue(self._codec.encode(msg.Reply(0, identity=identity)))
+
+    def status(self, status: Status) -> None:
+        """Send a status without samples."""
+        self._queue(self._codec.encode(msg.Samples(0, self._none[:, 0], self._none, status)))
 
     def samples(self, first: int, time: FloatArray, values: FloatArray, status: Status) -> None:
         """Send a block, if the host asked for the stream."""

@@ -28,26 +28,17 @@ class Waveform:
         return Waveform(self.time + offset, self.values)
 
 
-def _sharp(waveform: Waveform) -> tuple[FloatArray, FloatArray]:
-    """Break points with strictly increasing times: each step takes `JUMP` s, of several at once only the ends count."""
-    time = waveform.time.copy()
-    step = np.diff(time) < JUMP
-    before = np.concatenate([step, [False]]) & ~np.concatenate([[False], step])
-    after = np.concatenate([[False], step]) & ~np.concatenate([step, [False]])
-    time[before] -= JUMP
-    if before[0]:  # a step where the stretch begins: the node before it is computed already
-        time[0] += JUMP
-        time[np.flatnonzero(after)[0]] = time[0] + JUMP
-    kept = before | after | ~(np.concatenate([step, [False]]) | np.concatenate([[False], step]))
-    return time[kept], waveform.values[kept]
-
-
 def grid(first: int, count: int, rate: float, substeps: int, waveform: Waveform) -> FloatArray:
     """Nodes in s for ``count`` samples from number ``first`` at ``rate`` per s, after the last node computed before."""
     start = max(0, (first - 1) * substeps + 1) if first else 0
     even = np.arange(start, (first + count - 1) * substeps + 1) / (rate * substeps)
-    time, _ = _sharp(waveform)
-    inner = time[(time > waveform.time[0]) & (time < even[-1])]
+    breaks, begin = waveform.time, waveform.time[0]
+    steps = breaks[1:][np.diff(breaks) < 0.25 * JUMP]
+    # At the seam the node before the step is there already.
+    before = steps[steps > begin + JUMP] - JUMP
+    seam = steps[steps <= begin + JUMP] + JUMP
+    inner = np.concatenate([breaks[breaks > begin + JUMP], before, seam])
+    inner = inner[inner < even[-1]]
     if not len(inner):
         return even
     nodes = np.sort(np.concatenate([even, inner]))
@@ -55,7 +46,7 @@ def grid(first: int, count: int, rate: float, substeps: int, waveform: Waveform)
 
 
 def commanded(waveform: Waveform, nodes: FloatArray, quantities: tuple[str, ...]) -> Iterator[tuple[str, FloatArray]]:
-    """Each quantity's values on the nodes."""
-    time, values = _sharp(waveform)
+    """Each quantity's values on the nodes, right-continuous."""
     for k, quantity in enumerate(quantities):
-        yield quantity, np.interp(nodes, time, values[:, k])
+        # A node that rounding put just before a step counts as on it; the node before, a whole `JUMP` away, does not.
+        yield quantity, np.interp(nodes + 0.5 * JUMP, waveform.time, waveform.values[:, k])
