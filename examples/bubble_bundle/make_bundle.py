@@ -2,7 +2,7 @@
 
     python examples/bubble_bundle/make_bundle.py -o out/bubbles
     acquire import out/bubbles/calibrated -o out/bubbles/calibrated.h5
-    acquire report out/bubbles/calibrated.h5 out/bubbles/water -o out/bubbles/page.html
+    acquire report out/bubbles/calibrated.h5 out/bubbles/gwater -o out/bubbles/page.html
 
 The images are small copies of real ones (see tests/data/README.md): every third or fourth pixel, so that a pixel is
 three or four times as large.
@@ -20,8 +20,8 @@ DATA = Path(__file__).parents[2] / "tests" / "data" / "bubble_on_needle_cc0"
 # Image, scale in mm/px, where the scale is from. It is known for one image: 1.24 mm over 400 px of the original.
 BUNDLES = {
     "calibrated": ("uEye_Image_000827_every_4.png", 4 * 1.24 / 400, "scale from the data set"),
-    "surfactant": ("gttab_20_70_every_3.png", 3 * 0.003, "scale assumed"),
-    "water": ("gwater20_70_every_3.png", 3 * 0.003, "scale assumed"),
+    "gttab": ("gttab_20_70_every_3.png", 3 * 0.003, "scale assumed"),
+    "gwater": ("gwater20_70_every_3.png", 3 * 0.003, "scale assumed"),
 }
 
 

@@ -78,7 +78,7 @@ def test_bubbles(tmp_path: Path) -> None:
     path = write_recording(recording, tmp_path / "run.h5")
     assert nxload(path).plottable_data.nxsignal.nxname == "apex_height"
     assert difference(recording, open_recording(path)) == ""
-    for name, height in {"surfactant": 2.32e-3, "water": 2.50e-3}.items():  # at the assumed scale
+    for name, height in {"gttab": 2.32e-3, "gwater": 2.50e-3}.items():  # at the assumed scale
         other = load(module.make_bundle(name, tmp_path / name))
         assert other.stream("apex_height").value == pytest.approx([height], rel=0.03)
         assert other.derived["contour_confidence"].value[0] > 0.5
