@@ -36,7 +36,10 @@ def propose(grey: Grey) -> float | None:
             break
         outside, inside = segment.contrast(grey, top)
         middle = (outside + inside) / 2
-        sharp = outside - inside > 0.5 * np.nanmax([np.nanmedian(outside - inside), 1.0])
+        step = outside - inside
+        if not np.isfinite(step).any():
+            break
+        sharp = step > 0.5 * max(float(np.nanmedian(step)), 1.0)
         if sharp.any():
             best = float(np.median(middle[sharp]))
     return best
