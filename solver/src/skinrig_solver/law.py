@@ -97,22 +97,23 @@ import numpy as np
 from numba import njit
 
 FLAGS = {{"contract", "reassoc", "arcp", "nsz"}}
+ROOTS = {roots}  # columns of memory (points, ROOTS), where scalar equations start from: nan at first
 
 
 @njit(cache=True, fastmath=FLAGS, error_model="numpy")
-def stress(first, last, kin, state, par, dt, out, new):
+def stress(first, last, kin, state, par, dt, memory, out, new):
     """out (points, 6) = P, q; new (points, states) = state after the step."""
 {stress}
 
 
 @njit(cache=True, fastmath=FLAGS, error_model="numpy")
-def stress_tangent(first, last, kin, state, par, dt, out, tangent):
+def stress_tangent(first, last, kin, state, par, dt, memory, out, tangent):
     """out (points, 6) = P, q; tangent (points, 6, 6) = their derivatives by F, theta (zeros are not written)."""
 {tangent}
 
 
 @njit(cache=True, fastmath=FLAGS, error_model="numpy")
-def partials(first, last, kin, state, par, dt, dstate, which, dstress, dnew, by_kin):
+def partials(first, last, kin, state, par, dt, memory, dstate, which, dstress, dnew, by_kin):
     """dstress (points, 6, m) = d(P, q) and dnew (points, states, m) = d(new state) at fixed F, theta, in the m
     directions dstate (points, states, m) and the parameter with index which (m,), −1 for none; by_kin
     (points, states, 6) = derivatives of the new state by F, theta (zeros are not written)."""
@@ -133,13 +134,14 @@ def source(law: Law) -> str:
     )
     out = [*P.components(), lift(q)]
     new = [lift(state[name]) for name in law.rest]
-    shape = _Shape(kin, old, par, dt)
+    shape = _Shape(kin, old, par, dt, [*out, *new])
     tangent = derivatives(out, kin)
     assign = [(f"out[g, {i}]", e) for i, e in enumerate(out)]
     return _TEMPLATE.format(
         name=law.name,
         pars=len(par),
         rows=6 + len(new),
+        roots=len(shape.memory),
         stress=shape.loop([*assign, *((f"new[g, {i}]", e) for i, e in enumerate(new))]),
         tangent=shape.loop(
             [
@@ -154,7 +156,10 @@ def source(law: Law) -> str:
 class _Shape:
     """Where a law's inputs lie in the arrays, and the loop over points around its straight-line code."""
 
-    def __init__(self, kin: Sequence[Expr], old: Sequence[Expr], par: Sequence[Expr], dt: Expr) -> None:
+    def __init__(
+        self, kin: Sequence[Expr], old: Sequence[Expr], par: Sequence[Expr], dt: Expr, outputs: Sequence[Expr]
+    ) -> None:
+        self.memory = {e: f"memory[g, {i}]" for i, e in enumerate(trace.roots(outputs))}
         self.points = {x: f"kin[g, {i}]" for i, x in enumerate(kin)} | {x: f"state[g, {i}]" for i, x in enumerate(old)}
         self.fixed = {x: f"par[{i}]" for i, x in enumerate(par)} | {dt: "dt"}
         self.kin, self.old, self.par = list(kin), list(old), list(par)
@@ -177,7 +182,7 @@ class _Shape:
         wanted = [e for _, e in targets]
         head, names = self._hoisted(wanted)
         used = [e for e in trace._ordered(wanted) if e in self.points]
-        code, names = emit(wanted, names | {x: _name(x) for x in used}, "v")
+        code, names = emit(wanted, names | {x: _name(x) for x in used}, "v", self.memory)
         body = [f"{_name(x)} = {self.points[x]}" for x in used] + code + [f"{t} = {names[e]}" for t, e in targets]
         return _indent([*head, "for g in range(first, last):", *(f"    {line}" for line in [*body, *extra])])
 

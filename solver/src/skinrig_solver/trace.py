@@ -15,7 +15,7 @@ implicit-function theorem.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Union
 
 Number = Union["Expr", float]
@@ -307,10 +307,18 @@ def _code(e: Expr, args: list[str]) -> str:
     return f"{e.op}({', '.join(args)})"
 
 
-def emit(outputs: Sequence[Expr], known: dict[Expr, str], prefix: str) -> tuple[list[str], dict[Expr, str]]:
+def roots(outputs: Sequence[Expr]) -> list[Expr]:
+    """The scalar equations that the outputs depend on."""
+    return [e for e in _ordered(outputs) if e.op == "root"]
+
+
+def emit(
+    outputs: Sequence[Expr], known: dict[Expr, str], prefix: str, memory: Mapping[Expr, str] | None = None
+) -> tuple[list[str], dict[Expr, str]]:
     """Assignments that compute the outputs, and the name each node has afterwards.
 
     ``known`` names nodes already computed (inputs, or nodes hoisted out of a loop). Names start with ``prefix``.
+    ``memory`` names places that keep a root's value for the next evaluation to start from (nan at first).
     """
     lines: list[str] = []
     names = dict(known)
@@ -325,11 +333,14 @@ def emit(outputs: Sequence[Expr], known: dict[Expr, str], prefix: str) -> tuple[
         else:
             names[e] = f"{prefix}{e.index}"
             arguments = [names[a] for a in e.args]
-            lines += _root_lines(e, names[e], arguments) if e.op == "root" else [f"{names[e]} = {_code(e, arguments)}"]
+            if e.op == "root":
+                lines += _root_lines(e, names[e], arguments, (memory or {}).get(e))
+            else:
+                lines.append(f"{names[e]} = {_code(e, arguments)}")
     return lines, names
 
 
-def _root_lines(e: Expr, name: str, arguments: list[str]) -> list[str]:
+def _root_lines(e: Expr, name: str, arguments: list[str], memory: str | None) -> list[str]:
     residual, tolerance = _equation(e)
     symbols = variables(*(f"@{name}.{i}" for i in range(len(arguments) - 2)))
     value = residual(*symbols)
@@ -337,8 +348,10 @@ def _root_lines(e: Expr, name: str, arguments: list[str]) -> list[str]:
     known = dict(zip(symbols, (name, *arguments[3:]), strict=True))
     body, names = emit([value, slope], known, f"{name}_")
     low, high, step = f"{name}_low", f"{name}_high", f"{name}_step"
+    recall = [f"if {low} < {memory} < {high}:", f"    {name} = {memory}"] if memory else []
     return [
         f"{low}, {high}, {name} = {arguments[0]}, {arguments[1]}, {arguments[2]}",
+        *recall,
         "for _ in range(100):",
         *(f"    {line}" for line in body),
         f"    if {names[value]} > 0.0:",
@@ -352,4 +365,5 @@ def _root_lines(e: Expr, name: str, arguments: list[str]) -> list[str]:
         f"    {name} = {step}",
         f"    if {low}_done:",
         "        break",
+        *([f"{memory} = {name}"] if memory else []),
     ]

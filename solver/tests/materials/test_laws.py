@@ -44,9 +44,10 @@ class Point:
         self.law, self.par = law, np.array([values[name] for name in law.parameters])
         self.state = np.array([list(law.rest.values())], dtype=float)
 
-    def evaluate(self, kin: Array, dt: float, par: Array | None = None) -> tuple[Array, Array]:
+    def evaluate(self, kin: Array, dt: float) -> tuple[Array, Array]:
         out, new = np.zeros((1, 6)), np.zeros_like(self.state)
-        self.law.kernels().stress(0, 1, kin[None], self.state, self.par if par is None else par, dt, out, new)
+        code = self.law.kernels()
+        code.stress(0, 1, kin[None], self.state, self.par, dt, np.full((1, code.ROOTS), np.nan), out, new)
         return out[0], new[0]
 
     def step(self, F: Array, dt: float) -> Array:
@@ -154,6 +155,7 @@ def test_stress_free_at_rest(law: Law, values: dict[str, float]) -> None:
 @pytest.mark.parametrize(("law", "values"), LAWS)
 def test_every_derivative_agrees_with_differences(law: Law, values: dict[str, float]) -> None:
     rng, code = np.random.default_rng(3), law.kernels()
+    memory = np.full((1, code.ROOTS), np.nan)
     point = Point(law, values)
     point.step(np.eye(3) + 0.05 * np.diag(rng.normal(size=3)), 0.05)
     kin = pack(np.eye(3), 1.001)
@@ -162,7 +164,7 @@ def test_every_derivative_agrees_with_differences(law: Law, values: dict[str, fl
 
     def both(kin: Array, state: Array, par: Array) -> Array:
         out, new = np.zeros((1, 6)), np.zeros((1, states))
-        code.stress(0, 1, kin[None], state[None], par, 0.07, out, new)
+        code.stress(0, 1, kin[None], state[None], par, 0.07, memory, out, new)
         return np.concatenate([out[0], new[0]])
 
     base = [kin, point.state[0], point.par]
@@ -179,13 +181,13 @@ def test_every_derivative_agrees_with_differences(law: Law, values: dict[str, fl
     numeric = np.array(columns).T
     m = 6 + states + pars
     out, tangent = np.zeros((1, 6)), np.zeros((1, 6, 6))
-    code.stress_tangent(0, 1, kin[None], point.state, point.par, 0.07, out, tangent)
+    code.stress_tangent(0, 1, kin[None], point.state, point.par, 0.07, memory, out, tangent)
     which = np.concatenate([np.full(6 + states, -1), np.arange(pars)])
     dstate = np.zeros((1, states, m))
     dstate[0, :, 6 : 6 + states] = np.eye(states)
     dstress, dnew = np.zeros((1, 6, m)), np.zeros((1, states, m))
     by_kin = np.zeros((1, states, 6))
-    code.partials(0, 1, kin[None], point.state, point.par, 0.07, dstate, which, dstress, dnew, by_kin)
+    code.partials(0, 1, kin[None], point.state, point.par, 0.07, memory, dstate, which, dstress, dnew, by_kin)
     dstress[0, :, :6] += tangent[0]
     dnew[0, :, :6] += by_kin[0]
     exact = np.concatenate([dstress[0], dnew[0]])

@@ -142,6 +142,7 @@ class Body:
         points, elements = 9 * len(mesh.elements), len(mesh.elements)
         self.kin, self.stress = np.empty((points, 6)), np.zeros((points, 6))
         self.tangent, self.by_kin = np.zeros((points, 6, 6)), np.zeros((points, len(law.rest), 6))
+        self.memory = np.full((points, self.code.ROOTS), np.nan)
         self.Theta, self.Pi = np.empty((elements, 3, 18)), np.empty((elements, 3, 18))
         self.theta0, self.pi0 = np.empty((elements, 3)), np.empty((elements, 3))
         self.values, self.residual = np.empty(self.pattern.nnz), np.empty(self.size)
@@ -158,6 +159,7 @@ class Body:
 
     def rest(self) -> State:
         """The undeformed, stress-free body with the probe touching it."""
+        self.memory[:] = np.nan  # a run must not depend on the one before
         elements = len(self.mesh.elements)
         theta = np.zeros((elements, 3))
         theta[:, 0] = 1.0
@@ -242,7 +244,18 @@ class Body:
         dstress, history = np.empty((len(self.kin), 6, m)), np.empty_like(tangents.history)
         for (a, b), par, which in zip(self.mesh.layer_points(), parameters, directions.law, strict=True):
             self.code.partials(
-                a, b, self.kin, old.history, par, dt, tangents.history, which, dstress, history, self.by_kin
+                a,
+                b,
+                self.kin,
+                old.history,
+                par,
+                dt,
+                self.memory,
+                tangents.history,
+                which,
+                dstress,
+                history,
+                self.by_kin,
             )
         force = np.zeros((self.size, m))
         kernels.partial_forces(pts.gradients, pts.weights, pts.linear, self.Theta, dstress, self.equations, force)
@@ -280,7 +293,7 @@ class Body:
     def _assemble(self, old: State, new: State, load: Load, dt: float, parameters: Sequence[Array]) -> None:
         pts = self.mesh.points
         for (a, b), par in zip(self.mesh.layer_points(), parameters, strict=True):
-            self.code.stress_tangent(a, b, self.kin, old.history, par, dt, self.stress, self.tangent)
+            self.code.stress_tangent(a, b, self.kin, old.history, par, dt, self.memory, self.stress, self.tangent)
         self.values[:] = 0.0
         self.residual[:] = 0.0
         kernels.assemble(
@@ -329,7 +342,7 @@ class Body:
             raise SolverError("an element inverted", time=time, load={"pressure": load.pressure}, element=bad)
         new.history = np.empty_like(old.history)
         for (a, b), par in zip(self.mesh.layer_points(), parameters, strict=True):
-            self.code.stress(a, b, self.kin, old.history, par, dt, self.stress, new.history)
+            self.code.stress(a, b, self.kin, old.history, par, dt, self.memory, self.stress, new.history)
         if self.rim is not None:
             self._gaps(new)
             new.slip = self.gap[:, 6].copy()
