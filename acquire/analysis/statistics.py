@@ -21,6 +21,16 @@ class MeanCurve:
 
 
 @dataclass(frozen=True)
+class Spread:
+    """Mean of ``count`` repeats of a number, half-width of its 95 % confidence interval, standard deviation / mean."""
+
+    mean: float
+    half_width: float
+    relative: float
+    count: int
+
+
+@dataclass(frozen=True)
 class Anova:
     """One-way analysis of variance: ``f`` with ``between`` and ``within`` degrees of freedom, and its ``p``."""
 
@@ -47,6 +57,19 @@ def mean_curve(curves: Sequence[tuple[FloatArray, FloatArray]], samples: int = 5
         return MeanCurve(grid, values[0], np.full(samples, np.nan), 1)
     error = values.std(axis=0, ddof=1) / np.sqrt(count)
     return MeanCurve(grid, values.mean(axis=0), student.ppf(0.975, count - 1) * error, count)
+
+
+def spread(values: Sequence[float]) -> Spread:
+    """`Spread` of the finite ``values``. Raises ValueError unless there are two of them."""
+    from scipy.stats import t as student
+
+    finite = np.array([value for value in values if np.isfinite(value)], float)
+    count = len(finite)
+    if count < 2:
+        raise ValueError(f"a spread needs at least two repeats, not {count}")
+    mean, scatter = float(finite.mean()), float(finite.std(ddof=1))
+    half_width = float(student.ppf(0.975, count - 1)) * scatter / count**0.5
+    return Spread(mean, half_width, scatter / abs(mean) if mean else np.inf, count)
 
 
 def anova(groups: Sequence[Sequence[float]]) -> Anova:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from acquire.analysis.curves import DEFINITIONS
+from acquire.analysis.curves import DEFINITIONS, recording_parameters
+from acquire.analysis.statistics import Spread, spread
 from acquire.recording.model import Recording
 from acquire.report.figures import as_image, comparison, frame_strip, overview
 from acquire.report.summary import shown, summarise
@@ -61,17 +63,28 @@ def _run(recording: Recording) -> dict[str, Any]:
     }
 
 
-def _comparisons(recordings: Sequence[Recording]) -> list[dict[str, str]]:
-    """One figure for each instrument and protocol that was recorded more than once."""
+def _comparisons(recordings: Sequence[Recording]) -> list[dict[str, Any]]:
+    """A figure, and how parameters scatter, for each instrument and protocol that was recorded more than once."""
     groups: dict[tuple[str, str], list[Recording]] = defaultdict(list)
     for recording in recordings:
         if recording.default_plot and len(recording.streams[recording.default_plot].time) > 1:
             groups[recording.info.instrument, recording.info.protocol_name].append(recording)
     return [
-        {"title": f"{instrument}: {name or 'all'}, {len(group)} recordings", "image": as_image(comparison(group))}
+        {
+            "title": f"{instrument}: {name or 'all'}, {len(group)} recordings",
+            "image": as_image(comparison(group)),
+            "spreads": _spreads(group),
+        }
         for (instrument, name), group in groups.items()
         if len(group) > 1
     ]
+
+
+def _spreads(group: Sequence[Recording]) -> dict[str, Spread]:
+    """Scatter of the curve parameters over ``group``, of those that two recordings have."""
+    tables = [recording_parameters(recording) for recording in group]
+    columns = {name: [table.get(name, math.nan) for table in tables] for name in DEFINITIONS}
+    return {name: spread(values) for name, values in columns.items() if sum(map(math.isfinite, values)) >= 2}
 
 
 def _subtitle(recordings: Sequence[Recording]) -> str:

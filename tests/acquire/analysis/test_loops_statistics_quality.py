@@ -10,7 +10,7 @@ from scipy.stats import f_oneway
 
 from acquire.analysis.loops import by_direction, loops
 from acquire.analysis.quality import quality
-from acquire.analysis.statistics import anova, mean_curve
+from acquire.analysis.statistics import anova, mean_curve, spread
 from acquire.recording import Recording, RunInfo, Series
 from tests.acquire.recording.samples import sample_recording
 
@@ -61,6 +61,15 @@ def test_mean_curve_and_its_band() -> None:
     assert np.isnan(mean_curve(curves[:1]).half_width).all()
     with pytest.raises(ValueError, match="no curves"):
         mean_curve([])
+
+
+def test_spread() -> None:
+    found = spread([1.0, 1.2, 0.8, float("nan")])
+    assert (found.mean, found.count) == (pytest.approx(1.0), 3)
+    assert found.half_width == pytest.approx(4.3027 * 0.2 / np.sqrt(3), rel=1e-4)
+    assert found.relative == pytest.approx(0.2)
+    with pytest.raises(ValueError, match="at least two repeats, not 1"):
+        spread([1.0])
 
 
 def test_anova_agrees_with_scipy() -> None:
