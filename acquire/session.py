@@ -122,7 +122,7 @@ class Session:
         """What is really so at an open simulated instrument, for tests. Raises ValueError for a real one."""
         server = self._benches[name].server
         if server is None:
-            raise ValueError(f"{name} is not simulated")
+            raise ValueError(f"{name} is not simulated here")
         return server.back_door
 
     def supervisor(self, name: str) -> Supervisor:

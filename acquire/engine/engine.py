@@ -19,7 +19,7 @@ from acquire.engine.link import LinkThread
 from acquire.engine.plan import Outcome, Progress, RunPlan
 from acquire.engine.queues import DisplayQueue
 from acquire.engine.state import State, StateMachine, WrongState
-from drivers.device import DeviceError, Identity, LinkLost, Refused, Rig, Status
+from drivers.device import DeviceError, Identity, LinkLost, Rig, Status
 from drivers.signals import Block, Channel, Frame
 
 log = logging.getLogger(__name__)
@@ -27,6 +27,7 @@ T = TypeVar("T")
 
 TICK = 0.02  # s of wall time between two turns of the engine when nothing wakes it earlier
 ANSWER = 5.0  # s of wall time within which a link's thread has to answer
+SETTLE = 0.25  # s of device time that must have been heard before arming: a tare is made of it
 SAFE = 2.0  # s of wall time within which a device must confirm that it is safe
 
 
@@ -314,6 +315,7 @@ class RunEngine:
         self._run, self._outcome = run, Future()
         self._machine.fire("arm")
         try:
+            self._wait_until(lambda: self._links[0].latest - self._links[0].first >= SETTLE, "deliver samples")
             self._ask(lambda: device.arm(run.limits))
         except CancelledError:
             raise
@@ -331,7 +333,7 @@ class RunEngine:
     def _pause(self) -> None:
         if not self._machine.can("pause"):
             raise WrongState(f"cannot pause while {self.state}")
-        self._active.hold(self._ask, lambda: self._until_status("held"))
+        self._active.hold(self._ask, self._held)
         self._active.note("info", "pause", "vented and held", self._now())
         self._machine.fire("pause")
 
@@ -411,13 +413,19 @@ class RunEngine:
         """Device time in s."""
         return self.status.time if self.status is not None else 0.0
 
-    def _until_status(self, state: str) -> Status:
+    def _held(self) -> Status:
+        """The status that says the device holds."""
+        self._wait_until(lambda: self.status is not None and self.status.state == "held", "hold")
+        assert self.status is not None
+        return self.status
+
+    def _wait_until(self, condition: Callable[[], bool], what: str) -> None:
+        """Wait, beating, until ``condition`` holds. Raises DeviceError that the device does not do ``what``."""
         deadline = time.monotonic() + ANSWER
-        while time.monotonic() < deadline:
-            if self.status is not None and self.status.state == state:
-                return self.status
+        while not condition():
             if self._abort or self._interlock.trip is not None:
                 raise CancelledError
+            if time.monotonic() > deadline:
+                raise DeviceError(f"{self.rig.device.name} does not {what} within {ANSWER:g} s")
             self._tick()
             time.sleep(TICK / 4)
-        raise Refused(f"{self.rig.device.name} does not become {state}")

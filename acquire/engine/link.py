@@ -46,6 +46,7 @@ class LinkThread(threading.Thread):
         super().__init__(name=f"link-{source.name}", daemon=True)
         self.source = source
         self.status: Status | None = None
+        self.first = math.inf  # device time in s of the first data after connecting
         self.latest = -math.inf  # device time in s of the newest data
         self.error: Exception | None = None
         self._receiver = receiver
@@ -119,6 +120,7 @@ class LinkThread(threading.Thread):
                     self.status = self.source.status
                 if items:
                     self.latest = max(float(np.max(item.time)) for item in items)
+                    self.first = min(self.first, self.latest)
                     self._receiver.receive(self, items)
         except Exception as error:  # whatever it is, this link can no longer be trusted
             self._fail(error)
