@@ -359,7 +359,7 @@ def _root_lines(e: Expr, name: str, arguments: list[str], memory: str | None) ->
         "    else:",
         f"        {low} = {name}",
         f"    {step} = {name} - {names[value]} / {names[slope]}",
-        f"    if not ({low} < {step} < {high}):",
+        f"    if not ({low} <= {step} <= {high}):",
         f"        {step} = 0.5 * ({low} + {high})",
         f"    {low}_done = abs({step} - {name}) <= {tolerance!r} * ({tolerance!r} + abs({name}))",
         f"    {name} = {step}",
