@@ -20,6 +20,8 @@ from protocols.setpoints import Segment
 #: A request unanswered for this long (wall time, s) is sent again, this many times in all.
 REPLY_TIMEOUT = 0.15
 ATTEMPTS = 8
+#: Within this wall time in s the samples for the tare must have come.
+FIRST_TIMEOUT = 3.0
 #: Bytes without one valid message after which the other end is not speaking our dialect.
 MOST_GARBAGE = 65536
 
@@ -46,7 +48,7 @@ class StreamDevice(Device):
     """A `Device` over any codec and transport. Single-threaded: the thread that owns the link calls it.
 
     ``raw`` are the channels on the wire; ``convert`` maps raw values (n, raw channels) to every channel's (n,) values;
-    ``zero`` is called on arming.
+    ``zero`` is called with the first so many raw samples when the stream begins.
     """
 
     def __init__(
@@ -60,7 +62,7 @@ class StreamDevice(Device):
         capacity: int,
         watchdog: float,
         convert: Callable[[FloatArray], Mapping[str, FloatArray]],
-        zero: Callable[[], None] | None = None,
+        zero: tuple[Callable[[FloatArray], None], int] | None = None,
     ) -> None:
         self.name = name
         self._open_link = open_link
@@ -116,13 +118,14 @@ class StreamDevice(Device):
 
     def start_stream(self) -> None:
         self._request(msg.Stream(True))
+        if self._zero is not None:
+            tare, count = self._zero
+            tare(self._first(count))
 
     def arm(self, limits: Mapping[str, tuple[float, float]]) -> None:
         missing = [q for q in self._quantities if not all(np.isfinite(limits.get(q, (-np.inf, np.inf))))]
         if missing:
             raise Refused(f"{self.name}: no finite limits for {', '.join(missing)}; without limits nothing is armed")
-        if self._zero is not None:
-            self._zero()
         self._request(msg.Arm(dict(limits), self._watchdog))
 
     def enqueue(self, segments: Sequence[Segment]) -> None:
@@ -172,6 +175,7 @@ class StreamDevice(Device):
         if self._link is not None:
             self._link.close()
             self._link = None
+        self._pending.clear()
 
     def _need_link(self) -> Transport:
         if self._link is None:
@@ -223,6 +227,15 @@ class StreamDevice(Device):
                     raise LinkLost(f"{self.name} on {link.address}: the device restarted by itself")
                 replies.append(message)
         return replies
+
+    def _first(self, count: int) -> FloatArray:
+        """The first ``count`` raw samples of the stream; they stay to be read. Raises LinkLost when they do not come."""
+        deadline = time.monotonic() + FIRST_TIMEOUT
+        while sum(len(samples.time) for samples, _ in self._pending) < count:
+            if time.monotonic() > deadline:
+                raise LinkLost(f"{self.name}: the stream was switched on, but no {count} samples came")
+            self._receive(0.05)
+        return np.concatenate([samples.values for samples, _ in self._pending])[:count]
 
     def _block(self, arrived: list[tuple[msg.Samples, float]]) -> Block:
         counts = [len(samples.time) for samples, _ in arrived]

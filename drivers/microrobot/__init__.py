@@ -1,6 +1,7 @@
 """Three-axis voice-coil micro-robot: forces and displacements of a probe glued to skin, on a USB bulk link.
 
-Options of a station entry: none.
+The transducers are tared when the stream begins: the probe must hang free then. Options of a station entry:
+``force_matrix`` (nine numbers, row by row; the paper's).
 """
 
 from __future__ import annotations
@@ -33,12 +34,11 @@ LIMITS = Limits(
 def open_rig(entry: Entry) -> Rig:
     """The rig of a station entry; the link is opened by ``connect``. Raises ValueError for an unknown option."""
     from drivers.microrobot.codec import CAPACITY, MicrorobotCodec
-    from drivers.microrobot.processing import Processing
+    from drivers.microrobot.processing import TARE_SAMPLES, Processing
     from drivers.stream import StreamDevice
     from drivers.transports import open_transport
 
-    take(entry)
-    processing = Processing()
+    processing = Processing(take(entry, force_matrix=None)["force_matrix"])
     device = StreamDevice(
         "microrobot",
         open_link=lambda: open_transport(entry.address, usb_backend=entry.usb_backend),
@@ -48,7 +48,7 @@ def open_rig(entry: Entry) -> Rig:
         capacity=CAPACITY,
         watchdog=entry.watchdog,
         convert=processing,
-        zero=processing.tare,
+        zero=(processing.tare, TARE_SAMPLES),
     )
     return Rig("microrobot", device)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -15,35 +15,35 @@ TARE_SAMPLES = 200
 
 
 class Processing:
-    """Converts raw blocks (n, 6): axis positions in m, transducer voltages in V; remembers the tare."""
+    """Converts raw blocks (n, 6): axis positions in m, transducer voltages in V; remembers the tare.
 
-    def __init__(self) -> None:
-        self._recent: deque[FloatArray] = deque()
+    ``force_matrix`` are the nine numbers, row by row, that turn the transducers' forces into the force on the probe;
+    none: those of the paper. Raises ValueError for another count.
+    """
+
+    def __init__(self, force_matrix: Sequence[float] | None = None) -> None:
+        matrix = forces.matrix().ravel() if force_matrix is None else np.asarray(force_matrix, dtype=float)
+        if matrix.shape != (9,) or not np.isfinite(matrix).all():
+            raise ValueError(f"force_matrix: nine finite numbers, row by row, are needed, not {force_matrix}")
+        self._matrix = matrix.reshape(3, 3)
         self._tare = np.zeros(3)
 
     def __call__(self, raw: FloatArray) -> dict[str, FloatArray]:
         """Every channel's values (n,), SI."""
         axis, untared = raw[:, :3], forces.transducer_forces(raw[:, 3:])
-        self._remember(untared)
         force = untared - self._tare
-        columns = np.column_stack([axis, force, kinematics.forward(axis), forces.reaction(force)])
+        columns = np.column_stack([axis, force, kinematics.forward(axis), force @ self._matrix.T])
         return dict(zip(NAMES, columns.T, strict=True))
 
-    def tare(self) -> None:
-        """Take the mean of the latest samples as zero; the probe must be at rest. Without samples the tare stays.
+    def tare(self, raw: FloatArray) -> None:
+        """Take the mean of raw samples (n, 6) as zero: the probe is at rest, before it touches the skin.
 
         Raises Refused when a transducer gives no numbers.
         """
-        if self._recent:
-            try:
-                self._tare = forces.tare(np.concatenate(self._recent)[-TARE_SAMPLES:])
-            except ValueError as error:
-                raise Refused(f"microrobot: {error}") from error
-
-    def _remember(self, untared: FloatArray) -> None:
-        self._recent.append(untared[-TARE_SAMPLES:])
-        while sum(map(len, self._recent)) - len(self._recent[0]) >= TARE_SAMPLES:
-            self._recent.popleft()
+        try:
+            self._tare = forces.tare(forces.transducer_forces(raw[:, 3:]))
+        except ValueError as error:
+            raise Refused(f"microrobot: {error}") from error
 
 
 NAMES = (

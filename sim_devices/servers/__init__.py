@@ -102,6 +102,10 @@ def serve(
         render = render or Scene(frame_size, FRAME_SCALE, rim, seed=seed)
     sim = SimInstrument(bench, chain, clock or ScaledClock(speed), control, frames, render)
     extra: dict[str, Any] = {} if watchdog is None else {"watchdog": watchdog}
+    options = dict(options or {})
+    if instrument == "microrobot":
+        # The host turns forces on the transducers into the force on the probe: an effect there is a wrong matrix here.
+        options.setdefault("force_matrix", [float(m) for m in chain["force_matrix"].matrix])  # type: ignore[attr-defined]
     if link == "usb":
         from sim_devices.servers.usb import VirtualDevice, VirtualUsb
 
@@ -115,7 +119,7 @@ def serve(
         address=address,
         simulated=True,
         sources={"camera": frames.address} if frames else {},
-        options=dict(options or {}),
+        options=options,
         **extra,
     )
     return Server(sim, entry)

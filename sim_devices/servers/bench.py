@@ -18,6 +18,7 @@ from drivers.microrobot.codec import CAPACITY as ROBOT_CAPACITY
 from drivers.microrobot.codec import RAW as ROBOT_RAW
 from drivers.microrobot.codec import MicrorobotCodec
 from drivers.microrobot.forces import Calibration, transducer_volts
+from drivers.microrobot.processing import TARE_SAMPLES
 from drivers.signals import FloatArray
 from drivers.stream import Codec
 from sim_devices.chain import Signals
@@ -36,7 +37,8 @@ class Bench:
     (n, raw) of the wire. ``rate`` is samples per s, ``substeps`` how many steps of the chain make a sample,
     ``longest`` the most samples in a block. ``still`` says from the true signals' last values whether the patient is
     free. ``seen`` is the signal that a camera sees, at ``rate``; empty without camera. ``zeroing`` is the operator
-    that begins anew when the instrument is armed.
+    that begins anew when the instrument is armed. ``unload`` makes raw values (n, raw) what they are before the probe
+    touches the skin, as the first ``unloaded`` samples of a stream are: a session begins with taring.
     """
 
     instrument: Instrument
@@ -52,6 +54,8 @@ class Bench:
     still: Callable[[Mapping[str, float]], bool]
     seen: str = ""
     zeroing: str = ""
+    unload: Callable[[FloatArray], None] | None = None
+    unloaded: int = 0
 
 
 def _columns(*names: str) -> Callable[[Signals], FloatArray]:
@@ -62,6 +66,10 @@ def _robot_raw(signals: Signals) -> FloatArray:
     forces = np.column_stack([signals[f"transducer_force_{k}"] for k in "abc"])
     positions = [signals[f"axis_position_{k}"] for k in (1, 2, 3)]
     return np.column_stack([*positions, transducer_volts(forces, TRANSDUCERS)])
+
+
+def _hang_free(raw: FloatArray) -> None:
+    raw[:, 3:] = transducer_volts(np.zeros(3), TRANSDUCERS)
 
 
 def _vented(signals: Mapping[str, float]) -> bool:
@@ -116,5 +124,7 @@ BENCHES: dict[str, Bench] = {
         substeps=1,
         longest=500,
         still=_centred,
+        unload=_hang_free,
+        unloaded=TARE_SAMPLES,
     ),
 }

@@ -64,6 +64,7 @@ class SimInstrument:
         self.ports: list[Port] = [self._control, *([self._camera] if self._camera else [])]
         self._ticks = 0  # samples since the chain began: its time, which no reboot changes
         self._booted = 0  # tick at the last boot, where the device's own time begins
+        self._unloaded = 0  # samples still to come before the probe touches the skin
         self.signals: dict[str, float] = {}
         self.still = True
         self._stopping = threading.Event()
@@ -166,6 +167,7 @@ class SimInstrument:
         try:
             if isinstance(body, msg.Stream):
                 self._control.streaming = body.on
+                self._unloaded = self.bench.unloaded
             else:
                 self.firmware.handle(body, wall)
                 if isinstance(body, msg.Arm) and isinstance(self._runner, Runner):
@@ -192,6 +194,9 @@ class SimInstrument:
         self.signals = {name: float(values[-1]) for name, values in signals.items()}
         self.still = bench.still(self.signals)
         values = bench.measure(sampled)
+        if bench.unload and self._unloaded:
+            bench.unload(values[: self._unloaded])
+            self._unloaded = max(0, self._unloaded - count)
         self.firmware.watch_values(values)
         self.faults.spoil(values, bench.raw)
         self._control.samples(first - self._booted, stamps - offset, values, self.firmware.status)

@@ -21,6 +21,10 @@ from sim_devices.servers.links import Link
 Render = Callable[[float, float], NDArray[np.uint8]]
 
 
+#: First frames of a stream, in which the tissue is at rest: from them the initial height is taken.
+UNLOADED_FRAMES = 3
+
+
 class Port:
     """Sends what is queued as the link takes it; what is queued for nobody is dropped."""
 
@@ -139,6 +143,7 @@ class CameraPort(Port):
         self._identity = identity
         self._render = render
         self._heard = b""
+        self._unloaded = 0  # frames still to come in which the tissue is at rest
 
     def receive(self) -> None:
         """Obey what arrived."""
@@ -147,16 +152,19 @@ class CameraPort(Port):
             match line + b"\r":
                 case framelink.STREAM_ON:
                     self.streaming = True
+                    self._unloaded = UNLOADED_FRAMES
                 case framelink.STREAM_OFF:
                     self.streaming = False
                 case framelink.IDENTIFY:
                     self._queue(framelink.encode(self._identity))
 
     def frames(self, first: int, time: FloatArray, heights: FloatArray) -> None:
-        """Render and send one frame a sample, if the host asked for them."""
+        """Render and send one frame a sample, if the host asked for them; none where the height is not a number."""
         if not self.streaming:
             return
-        for k, (moment, height) in enumerate(zip(time.tolist(), heights.tolist(), strict=True)):
+        for k in np.flatnonzero(np.isfinite(heights)).tolist():
+            moment, height = float(time[k]), 0.0 if self._unloaded else float(heights[k])
+            self._unloaded = max(0, self._unloaded - 1)
             self._queue(framelink.encode(Picture(self._render(height, moment), first + k, moment)))
 
     def reset(self) -> None:

@@ -101,6 +101,7 @@ def test_the_robot_measures_where_it_is_told_to_go() -> None:
 
 def test_a_second_run_is_zeroed_anew() -> None:
     segments = [
+        Segment(0.5, {"pressure": 0.0}, {"pressure": 0.0}),
         Segment(2.0, {"pressure": -4e4}, {"pressure": -4e4}),
         Segment(0.0, {"pressure": 0.0}, {"pressure": 0.0}),
     ]
@@ -112,7 +113,7 @@ def test_a_second_run_is_zeroed_anew() -> None:
         device.close()
     stamps = np.concatenate([b.time for b in blocks])
     assert residual > 5e-6
-    assert abs(joined(blocks, "apex_height")[stamps <= began][-1]) < residual / 5
+    assert abs(joined(blocks, "apex_height")[stamps <= began + 0.5][-1]) < residual / 5
 
 
 @pytest.fixture
