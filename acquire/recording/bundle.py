@@ -99,7 +99,7 @@ class _Import:
             status=run.status or "imported",
             trip_reason=run.trip_reason,
             protocol=protocol,
-            protocol_name=run.protocol_name or name,
+            protocol_name=name if run.protocol_name is None else run.protocol_name,
             subject=bundle.subject,
             site=bundle.site,
             operator=bundle.operator,

@@ -40,7 +40,9 @@ def write_bundle(recording: Recording, folder: Path | str) -> Path:
         about["frames"] = _images(folder, recording.frames)
     about["events"] = [dataclasses.asdict(event) for event in recording.events]
     run = {f.name: getattr(info, f.name) for f in dataclasses.fields(info) if f.name not in _OWN_KEYS}
-    about["run"] = _plain({key: value for key, value in (run | {"plot": recording.plot}).items() if value})
+    run |= {"plot": recording.plot}
+    # An empty name says that there is none; left out, import would take the protocol file's.
+    about["run"] = _plain({key: value for key, value in run.items() if value or key == "protocol_name"})
     about = {key: value for key, value in about.items() if value not in ({}, [], "")}
     text = yaml.dump(about, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110)
     (folder / FILE_NAME).write_text(text, encoding="utf-8")

@@ -96,7 +96,7 @@ class Run(_Loose):
     trip_reason: str = ""
     start_time: Short = ""
     end_time: Short = ""
-    protocol_name: Short = ""
+    protocol_name: Short | None = None
     versions: dict[str, str] = Field(default={})
     limits: dict[str, tuple[float, float]] = Field(default={})
     calibration: dict[str, dict[str, Any]] = Field(default={})
