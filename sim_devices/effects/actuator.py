@@ -22,9 +22,7 @@ from sim_devices.effects.build import (
     strength,
 )
 from sim_devices.stages import kernels, laws
-
-_COIL = 10.0
-"""N; a limit that the robot's coils never reach."""
+from sim_devices.stages.axes import FORCE_LIMIT
 
 
 def _regulator_lag(chain: Chain, v: Values) -> Chain:
@@ -187,7 +185,7 @@ EFFECTS = (
         "Voice-coil force (current) is limited.",
         "A stronger coil or supply; slower starts.",
         "amplifier current limits; gap.md",
-        (strength("limit", "N", 0.02, _COIL, 0.25, "of one axis", null=_COIL),),
+        (strength("limit", "N", 0.02, FORCE_LIMIT, 0.25, "of one axis", null=FORCE_LIMIT),),
         lambda chain, v: chain.tuned("axes", force_limit=v["limit"]),
     ),
     effect(
@@ -238,7 +236,7 @@ EFFECTS = (
         "Freeze the integrator while the output is limited.",
         "Åström & Hägglund, PID Controllers",
         (
-            strength("limit", "N", 0.02, _COIL, 0.25, "force at which the output is limited", null=_COIL),
+            strength("limit", "N", 0.02, FORCE_LIMIT, 0.25, "force at which the output is limited", null=FORCE_LIMIT),
             shape("running", "1", 0.2, 1.0, 1.0, "share of the integration that goes on"),
         ),
         lambda chain, v: chain.tuned("axes", force_limit=v["limit"], windup=v["running"]),

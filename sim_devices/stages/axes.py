@@ -23,6 +23,8 @@ MASS = 0.060
 """Moving mass of an axis, kg (assumed)."""
 LOOP_RATE = 100.0
 """Triple pole of the nominal closed loop, 1/s (assumed): Kp = 3 m p², Ki = m p³, Kd = 3 m p."""
+FORCE_LIMIT = 10.0
+"""Greatest force of a coil, N (assumed)."""
 SUBSTEP = 1e-3
 """s, where a nonlinearity is present."""
 _END_STOP = 6e-3  # m from the centre; only what can lose control of an axis gets there
@@ -36,7 +38,8 @@ class AxisLoop(Wired):
     ``rate`` (1/s) sets the gains. The rest are imperfections, zero when there are none: ``drag`` N s/m; ``coulomb`` N,
     ``stiction`` N above it near standstill with Stribeck speed ``stribeck_speed`` m/s, ``presliding`` m (0: none);
     ``force_limit`` N; ``windup`` 0 (integrator frozen while the force is limited) to 1 (runs on); relative change of
-    the force constant ``slope`` 1/m and ``curvature`` 1/m².
+    the force constant ``slope`` 1/m and ``curvature`` 1/m². ``spring`` N/m holds each axis towards zero: what loops
+    through a tissue take for its stiffness (``robot.closed_loop``), so that only the difference is iterated.
     """
 
     rate: float = LOOP_RATE
@@ -46,7 +49,7 @@ class AxisLoop(Wired):
     stiction: float = 0.0
     stribeck_speed: float = 1e-3
     presliding: float = 0.0
-    force_limit: float = math.inf
+    force_limit: float = FORCE_LIMIT
     windup: float = 0.0
     slope: float = 0.0
     curvature: float = 0.0
@@ -54,7 +57,7 @@ class AxisLoop(Wired):
 
     def fresh(self) -> Any:
         p, m = self.rate, self.mass
-        linear = not (self.coulomb or self.stiction or self.slope or self.curvature or math.isfinite(self.force_limit))
+        linear = not (self.coulomb or self.stiction or self.slope or self.curvature)
         values = (
             m, 3 * m * p**2, m * p**3, 3 * m * p, self.drag, self.coulomb, self.stiction, self.stribeck_speed,
             self.presliding, self.force_limit, self.windup, self.slope, self.curvature, self.spring,
@@ -100,64 +103,91 @@ def _product(a: FloatArray, b: FloatArray) -> FloatArray:
 def _advance_axis(
     s: FloatArray, t: FloatArray, target: FloatArray, load: FloatArray, p: FloatArray, y: FloatArray
 ) -> None:
-    m, kp, ki, kd, drag, coulomb, stiction, v_s, presliding, limit, windup, slope, curvature, spring, longest = p
-    damping = kd + drag
-    w = ki / (kp + 1e-300) * 3.0  # the loop's rate
+    m, kp, ki, kd, drag, _, _, _, _, limit, _, _, _, spring, longest = p
+    w = 3.0 * ki / kp  # the loop's rate
     # State (w ∫e, x, x'/w): the same size each, so that the series converges fast.
     a = np.zeros((3, 3))
     a[0, 1], a[1, 2] = -w, w
-    a[2, 0], a[2, 1], a[2, 2] = ki / (m * w * w), -(kp + spring) / (m * w), -damping / m
-    bound = 3.0 * w + damping / m + spring / (m * w)
-    e = np.eye(3)
+    a[2, 0], a[2, 1], a[2, 2] = ki / (m * w * w), -(kp + spring) / (m * w), -(kd + drag) / m
+    bound = 3.0 * w + (kd + drag) / m + spring / (m * w)
+    e, last = np.eye(3), -1.0
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2], s[3] = 1.0, t[0], target[0], load[0]
-    last = -1.0
     for i in range(t.size):
         dt = t[i] - s[1]
         if dt > 1e-7:
-            steps = math.ceil(dt / longest * (1.0 - 1e-9)) if longest < dt else 1
-            h = dt / steps
-            if abs(h - last) > 1e-9 * last:
-                _exponential(a, h, bound, e)
-                last = h
-            rho = (target[i] - s[2]) / dt
-            lam = (load[i] - s[3]) / dt - spring * rho
-            for k in range(steps):
-                r0, r1 = s[2] + rho * h * k, s[2] + rho * h * (k + 1)
-                extra = 0.0
-                if longest < math.inf:
-                    error = r0 - s[5] + 0.5 * h * (rho - s[6])  # at the middle of the step, about its mean
-                    force = kp * error + ki * (s[4] + 0.5 * h * error) - kd * s[6]
-                    real = force * max(1.0 + slope * s[5] + curvature * s[5] * s[5], 0.05)
-                    real = min(max(real, -limit), limit)
-                    extra = real - force
-                load0 = s[3] + (load[i] - s[3]) / steps * k - spring * (r0 + lam / ki)
-                ip0 = (damping * rho - load0 - extra + kp * lam / ki) / ki
-                d0, d1, d2 = w * (s[4] - ip0), s[5] - (r0 + lam / ki), (s[6] - rho) / w
-                integral = ip0 - lam * h / ki + (e[0, 0] * d0 + e[0, 1] * d1 + e[0, 2] * d2) / w
-                x = r1 + lam / ki + e[1, 0] * d0 + e[1, 1] * d1 + e[1, 2] * d2
-                v = rho + w * (e[2, 0] * d0 + e[2, 1] * d1 + e[2, 2] * d2)
-                if coulomb > 0.0 or stiction > 0.0:
-                    gain = w * w * e[2, 0] / ki  # of the speed at the end of the step, per newton
-                    speed = 0.5 * (s[6] + v)
-                    level = coulomb + stiction * math.exp(-((speed / v_s) ** 2))
-                    if presliding > 0.0:
-                        goal = level if speed > 0.0 else -level
-                        s[7] = goal + (s[7] - goal) * math.exp(-abs(speed) * h / presliding)
-                        dry = -s[7]
-                    else:
-                        dry = min(max(-v / gain, -level), level)
-                    v += gain * dry
-                    x += w * e[1, 0] * dry / ki
-                    integral -= (1.0 - e[0, 0]) * dry / ki
-                    if presliding == 0.0 and abs(dry) < level:  # stopped
-                        v = 0.0
-                        if s[6] == 0.0:  # and was: stays where it is
-                            x, integral = s[5], s[4] + h * (0.5 * (r0 + r1) - s[5])
-                if limit < math.inf and windup < 1.0 and abs(extra) > 0.0 and abs(real) >= limit:
-                    integral = s[4] + windup * (integral - s[4])
-                if longest < math.inf and abs(x) > _END_STOP:
-                    x, v = math.copysign(_END_STOP, x), 0.0
+            integral, x, v = s[4], s[5], s[6]
+            steps = max(math.ceil(dt / longest * (1.0 - 1e-9)), 1)
+            for attempt in range(2):
+                h = dt / steps
+                if abs(h - last) > 1e-9 * last:
+                    _exponential(a, h, bound, e)
+                    last = h
+                _run(s, p, w, e, target[i], load[i], h, steps, longest == math.inf and attempt == 0)
+                # Only a coil at its limit forbids one long step: then once more, in short ones.
+                before = kp * (s[2] - x) + ki * integral - kd * v
+                behind = kp * (target[i] - s[5]) + ki * s[4] - kd * s[6]
+                if longest < math.inf or attempt == 1 or max(abs(before), abs(behind)) <= limit:
+                    break
                 s[4], s[5], s[6] = integral, x, v
+                steps = max(math.ceil(dt / SUBSTEP * (1.0 - 1e-9)), 1)
         s[1], s[2], s[3] = t[i], target[i], load[i]
         y[i] = s[5]
+
+
+@njit(cache=True)
+def _run(
+    s: FloatArray,
+    p: FloatArray,
+    w: float,
+    e: FloatArray,
+    target: float,
+    load: float,
+    h: float,
+    steps: int,
+    linear: bool,
+) -> None:
+    """From the last target and load in ``s`` to these in ``steps`` of ``h`` s; ``e`` is the exponential of one.
+
+    ``linear``: nothing but the linear loop.
+    """
+    _, kp, ki, kd, drag, coulomb, stiction, v_s, presliding, limit, windup, slope, curvature, spring, _ = p
+    rho = (target - s[2]) / (h * steps)
+    lam = (load - s[3]) / (h * steps) - spring * rho
+    for k in range(steps):
+        r0, r1 = s[2] + rho * h * k, s[2] + rho * h * (k + 1)
+        extra, limited = 0.0, False
+        if not linear:
+            error = r0 - s[5] + 0.5 * h * (rho - s[6])  # at the middle of the step, about its mean
+            force = kp * error + ki * (s[4] + 0.5 * h * error) - kd * s[6]
+            real = force * max(1.0 + slope * s[5] + curvature * s[5] * s[5], 0.05)
+            limited = abs(real) >= limit
+            extra = min(max(real, -limit), limit) - force
+        load0 = s[3] + (load - s[3]) / steps * k - spring * (r0 + lam / ki)
+        ip0 = ((kd + drag) * rho - load0 - extra + kp * lam / ki) / ki
+        d0, d1, d2 = w * (s[4] - ip0), s[5] - (r0 + lam / ki), (s[6] - rho) / w
+        integral = ip0 - lam * h / ki + (e[0, 0] * d0 + e[0, 1] * d1 + e[0, 2] * d2) / w
+        x = r1 + lam / ki + e[1, 0] * d0 + e[1, 1] * d1 + e[1, 2] * d2
+        v = rho + w * (e[2, 0] * d0 + e[2, 1] * d1 + e[2, 2] * d2)
+        if coulomb > 0.0 or stiction > 0.0:
+            gain = w * w * e[2, 0] / ki  # of the speed at the end of the step, per newton
+            speed = 0.5 * (s[6] + v)
+            level = coulomb + stiction * math.exp(-((speed / v_s) ** 2))
+            if presliding > 0.0:
+                goal = level if speed > 0.0 else -level
+                s[7] = goal + (s[7] - goal) * math.exp(-abs(speed) * h / presliding)
+                dry = -s[7]
+            else:
+                dry = min(max(-v / gain, -level), level)
+            v += gain * dry
+            x += w * e[1, 0] * dry / ki
+            integral -= (1.0 - e[0, 0]) * dry / ki
+            if presliding == 0.0 and abs(dry) < level:  # stopped
+                v = 0.0
+                if s[6] == 0.0:  # and was: stays where it is
+                    x, integral = s[5], s[4] + h * (0.5 * (r0 + r1) - s[5])
+        if limited:
+            integral = s[4] + windup * (integral - s[4])
+        if abs(x) > _END_STOP and not linear:
+            x, v = math.copysign(_END_STOP, x), 0.0
+        s[4], s[5], s[6] = integral, x, v
