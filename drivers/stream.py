@@ -229,7 +229,7 @@ class StreamDevice(Device):
         return replies
 
     def _first(self, count: int) -> FloatArray:
-        """The first ``count`` raw samples of the stream; they stay to be read. Raises LinkLost when they do not come."""
+        """The first ``count`` raw samples of the stream, still to be read. Raises LinkLost when they do not come."""
         deadline = time.monotonic() + FIRST_TIMEOUT
         while sum(len(samples.time) for samples, _ in self._pending) < count:
             if time.monotonic() > deadline:
