@@ -9,43 +9,72 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 _TERMS = 5  # quartic: a parabola would put the top of a round bubble several pixels too low
-_MEDIAN = 4  # columns on each side of the running median that finds the cap
 _ROUNDS = 5
+_NOTCH = 15  # columns; a dent narrower than this (a reflection on the edge) is filled
+_SPECK = 14  # a bump narrower than the image by this factor (dirt on the edge) is cut off
 
 
 @njit(cache=True)
-def cap(profile: FloatArray, base: float) -> tuple[int, int]:
-    """First and past-last column of the cap: around the highest point, down by a fifth of the height (4 to 30 px).
+def cleaned(profile: FloatArray) -> FloatArray:
+    """``profile`` (columns,) of rows, NaN for none, without narrow dents and bumps: where to look, not what to measure.
 
-    ``profile`` (columns,) holds rows, NaN for none; higher is smaller. (0, 0) when there is nothing.
+    A morphological closing, then an opening; gaps narrower than a bump are bridged, wider ones are infinitely low.
     """
     columns = profile.shape[0]
-    smooth = np.full(columns, np.nan)
-    window = np.empty(2 * _MEDIAN + 1)
-    best = -1
+    bump = max(24, columns // _SPECK)
+    filled = np.full(columns, np.inf)
+    before = -1
     for c in range(columns):
-        n = 0
-        for k in range(max(0, c - _MEDIAN), min(columns, c + _MEDIAN + 1)):
-            if np.isfinite(profile[k]):
-                place = n  # insertion keeps the few values in order
-                while place > 0 and window[place - 1] > profile[k]:
-                    window[place] = window[place - 1]
-                    place -= 1
-                window[place] = profile[k]
-                n += 1
-        if n > _MEDIAN:
-            smooth[c] = window[n // 2]
-            if best < 0 or smooth[c] < smooth[best]:
-                best = c
-    if best < 0:
+        if np.isfinite(profile[c]):
+            filled[c] = profile[c]
+            if 0 <= before < c - 1 and c - before <= bump:
+                filled[before + 1 : c] = max(profile[before], profile[c])
+            before = c
+    # A bump at the border of the image is cut in half: the rim goes on beyond, so that it is cut off all the same.
+    closed = _highest(_lowest(filled, _NOTCH), _NOTCH)
+    padded = np.full(columns + 2 * bump, np.inf)
+    padded[bump : bump + columns] = closed
+    padded[:bump] = np.sort(closed[: 3 * bump])[3 * bump // 2]
+    padded[bump + columns :] = np.sort(closed[columns - 3 * bump :])[3 * bump // 2]
+    return _lowest(_highest(padded, bump), bump)[bump : bump + columns]
+
+
+@njit(cache=True)
+def _lowest(rows: FloatArray, window: int) -> FloatArray:
+    return -_highest(-rows, window)
+
+
+@njit(cache=True)
+def _highest(rows: FloatArray, window: int) -> FloatArray:
+    """Largest value within half a window of each column."""
+    columns = rows.shape[0]
+    half = window // 2
+    out = np.empty(columns)
+    for c in range(columns):
+        largest = rows[c]
+        for k in range(max(0, c - half), min(columns, c + half + 1)):
+            largest = max(largest, rows[k])
+        out[c] = largest
+    return out
+
+
+@njit(cache=True)
+def cap(clean: FloatArray, base: float) -> tuple[int, int]:
+    """First and past-last column of the cap: around the highest point, down by a fifth of the height (4 to 30 px).
+
+    ``clean`` (columns,) is a `cleaned` profile; higher is smaller. (0, 0) when there is nothing.
+    """
+    columns = clean.shape[0]
+    best = int(np.argmin(clean))
+    if not np.isfinite(clean[best]):
         return 0, 0
-    floor = smooth[best] + min(max(4.0, 0.2 * (base - smooth[best])), 30.0)
+    floor = clean[best] + min(max(4.0, 0.2 * (base - clean[best])), 30.0)
     reach = columns // 4
     first = best
-    while first > 0 and best - first < reach and smooth[first - 1] <= floor:
+    while first > 0 and best - first < reach and clean[first - 1] <= floor:
         first -= 1
     last = best
-    while last < columns - 1 and last - best < reach and smooth[last + 1] <= floor:
+    while last < columns - 1 and last - best < reach and clean[last + 1] <= floor:
         last += 1
     return first, last + 1
 
@@ -149,18 +178,19 @@ def _value(coefficients: FloatArray, x: float) -> float:
 
 
 @njit(cache=True)
-def foot(profile: FloatArray, edges: FloatArray, apex_row: float) -> float:
+def foot(profile: FloatArray, clean: FloatArray, edges: FloatArray) -> float:
     """The row on which the bubble stands.
 
-    Where the outermost parts of ``profile`` are level, the rim plane. Else, going down from the apex, the narrowest row
-    of ``edges`` (2, rows; left and right) after the widest: the neck of a bubble on a needle; where it does not narrow,
-    the lowest row.
+    Where the outermost parts of the profile (given as found and `cleaned`) are level, the rim plane. Else, going down
+    from the apex, the narrowest row of ``edges`` (2, rows; left and right) after the widest: the neck of a bubble on a
+    needle; where it does not narrow, the lowest row.
     """
-    columns, rows = profile.shape[0], edges.shape[1]
-    seen = profile[np.isfinite(profile)]
+    columns, rows = clean.shape[0], edges.shape[1]
+    apex_row = clean.min()
+    seen = np.flatnonzero(np.isfinite(clean) & (np.abs(profile - clean) < 3.0))
     border = max(4, columns // 32)
     if seen.shape[0] > columns // 2:
-        left, right = np.sort(seen[:border]), np.sort(seen[-border:])
+        left, right = np.sort(profile[seen[:border]]), np.sort(profile[seen[-border:]])
         level = max(left[-1] - left[0], right[-1] - right[0]) <= 4.0
         rim_left, rim_right = left[border // 2], right[border // 2]
         if level and abs(rim_left - rim_right) <= 0.05 * columns:

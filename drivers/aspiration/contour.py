@@ -36,7 +36,8 @@ class Settings:
     """How frames are read.
 
     ``gvt`` in grey values of the evened image (those of the raw image where the light is brightest), None to have one
-    proposed; ``delta`` grey values for the band; ``background`` ``estimate``, ``none``, or an image of the empty field;
+    proposed; ``delta`` grey values for the band; ``background`` ``estimate`` (of a bright field behind dark tissue;
+    bright tissue shows too little of the light, so nothing is done), ``none``, or an image of the empty field;
     ``roi`` (left, top, width, height) px, what lies outside is not looked at; ``initial_frames`` how many frames
     at the beginning give the initial tissue height.
     """
@@ -121,6 +122,7 @@ class Pipeline:
         for frame in frames:
             gvt = propose(_evened(frame, gain, settings))
             if gvt is not None:
+                gvt = _turned(gvt, settings)
                 proposals.append(gvt)
                 sureness.append(cls(settings, gain, gvt, 1.0).measure(frame).confidence)
         if not proposals:
@@ -133,7 +135,7 @@ class Pipeline:
         settings = self.settings
         _check(frame, settings)
         grey = _evened(frame, self._gain, settings)
-        gvt = self.gvt if settings.tissue == "dark" else 255.0 - self.gvt
+        gvt = _turned(self.gvt, settings)
         tissue = _find(grey, gvt)
         if isinstance(tissue, str):
             return Contour(self.gvt, flags=(tissue,))
@@ -264,9 +266,9 @@ def _find(grey: segment.Grey, gvt: float) -> _Tissue | str:
 def _read(grey: segment.Grey, gvt: float, delta: float, tissue: _Tissue) -> Contour:
     """Foot, apex, band and confidence of the tissue, in px of the upright image."""
     top, profile = tissue.top, tissue.profile
-    first, last = caps.cap(profile, float(grey.shape[0]))
-    foot = caps.foot(profile, tissue.sides, float(np.nanmin(profile[first:last])) if last > first else 0.0)
-    first, last = caps.cap(profile, foot)
+    clean = caps.cleaned(profile)
+    foot = caps.foot(profile, clean, tissue.sides)
+    first, last = caps.cap(clean, foot)
     column, row, scatter, share = caps.fit(profile, first, last)
     # Tissue at the upper border within the cap, or so close that no edge can be seen above it.
     if last == first or row < _MARGIN or np.any(top[max(first - 2, 0) : last + 2] == 0):
@@ -352,6 +354,11 @@ def _evened(frame: Image, gain: NDArray[np.float32], settings: Settings) -> segm
         _cut(frame, settings), gain, settings.tissue == "bright", settings.apex == "down"
     )
     return grey
+
+
+def _turned(gvt: float, settings: Settings) -> float:
+    """A threshold between the frame's grey values and those of the dark image."""
+    return gvt if settings.tissue == "dark" else 255.0 - gvt
 
 
 def _placed(contour: Contour, shape: tuple[int, ...], settings: Settings) -> Contour:

@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.special import expit
 
 FloatArray = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -166,7 +167,7 @@ def _field(
             continue
         distance = np.hypot(columns - column, rows - row)
         soft = rng.uniform(1.0, 3.0)
-        field = field * (1 - rng.uniform(0.4, 0.9) / (1 + np.exp((distance - radius) / soft)))
+        field = field * (1 - rng.uniform(0.4, 0.9) * expit((radius - distance) / soft))
         placed += 1
     return field.astype(np.float32)
 

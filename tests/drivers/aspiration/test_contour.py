@@ -6,6 +6,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from drivers.aspiration.background import estimate, from_flat_field
 from drivers.aspiration.contour import Contour, LiveApex, Pipeline, Settings, analyse_frame, analyse_frames
@@ -115,6 +117,45 @@ def test_a_speck_of_dirt_on_the_edge_does_not_raise_it() -> None:
     assert analyse_frame(image).apex_row == pytest.approx(clean.apex_row, abs=0.1)
 
 
+@pytest.mark.parametrize("column", [6, 40, 600, 634])
+def test_dirt_on_the_rim_is_not_the_apex_even_of_flat_tissue(column: int) -> None:
+    scene = Scene(light=Light.ideal(), initial_height=0.05e-3)
+    for height in (0.0, 1e-3):
+        image = scene(height)
+        cv2.circle(image, (column, 425), 14, 30, -1)
+        found = analyse_frame(image)
+        assert found.apex_row == pytest.approx(scene.profile(height).min(), abs=0.3)
+        assert found.foot_row == pytest.approx(scene.base_row, abs=0.3)
+
+
+@settings(max_examples=12, deadline=None)
+@given(
+    seed=st.integers(0, 1000),
+    bright=st.floats(100, 240),
+    dark=st.floats(5, 50),
+    vignetting=st.floats(0, 0.7),
+    gradient=st.floats(0, 0.4),
+    blur=st.floats(0.7, 3.0),
+    noise=st.floats(0.5, 3.0),
+    roundness=st.floats(0.8, 2.0),
+)
+def test_any_light_gives_the_apex_to_a_tenth_of_a_pixel(
+    seed: int,
+    bright: float,
+    dark: float,
+    vignetting: float,
+    gradient: float,
+    blur: float,
+    noise: float,
+    roundness: float,
+) -> None:
+    light = Light(bright, dark, vignetting, gradient, reflections=4, satellites=8, blur=blur, noise=noise)
+    scene = Scene(light=light, roundness=roundness, seed=seed)
+    heights = np.array([0.0, 0.0, 0.0, 0.3e-3, 1e-3, 2.2e-3, 3.7e-3])
+    found = analyse_frames(frames(scene, heights), scene.scale, Settings(initial_frames=3))
+    assert rms(found["apex"] - heights) / scene.scale <= 0.1
+
+
 def test_satellites_and_reflections_are_told() -> None:
     plain = analyse_frame(Scene(light=Light.ideal())(2e-3))
     spotted = analyse_frame(Scene(light=HARSH, seed=3)(2e-3))
@@ -189,7 +230,7 @@ def test_live_apex_is_no_number_without_tissue() -> None:
 
 
 @pytest.mark.parametrize(
-    ("image", "settings", "says"),
+    ("image", "wrong", "says"),
     [
         (np.zeros((10, 10, 3), np.uint8), Settings(), "8 bit grey"),
         (np.zeros((10, 10), np.uint16), Settings(), "8 bit grey"),
@@ -197,9 +238,9 @@ def test_live_apex_is_no_number_without_tissue() -> None:
         (np.zeros((100, 100), np.uint8), Settings(background=np.ones((10, 10))), "flat field has shape"),
     ],
 )
-def test_wrong_input_is_refused(image: np.ndarray, settings: Settings, says: str) -> None:
+def test_wrong_input_is_refused(image: np.ndarray, wrong: Settings, says: str) -> None:
     with pytest.raises(ValueError, match=says):
-        analyse_frame(image, settings)
+        analyse_frame(image, wrong)
 
 
 def test_no_frames_no_scale_and_a_black_flat_field_are_refused() -> None:
