@@ -40,6 +40,25 @@ def suction_cycles(recording: Recording) -> tuple[Cycle, ...]:
     return cycles
 
 
+def onset(recording: Recording) -> float:
+    """When the experiment begins on the recording's clock (s): the first suction, else the first commanded motion.
+
+    Repeats are compared from there, because how long a recording idles before it says nothing.
+    """
+    cycles = suction_cycles(recording)
+    if cycles:
+        return cycles[0].onset
+    moves = [first_move(series) for series in recording.setpoints.values() if np.ptp(series.value) > 0]
+    times = [float(series.time[0]) for series in recording.streams.values() if len(series.time)]
+    return min(moves or times, default=0.0)
+
+
+def first_move(commanded: Series) -> float:
+    """When a set-point first leaves its initial value, s: forces are tared and gauges zeroed by then."""
+    moved = np.flatnonzero(commanded.value != commanded.value[0])
+    return float(commanded.time[max(int(moved[0]) - 1, 0)]) if len(moved) else float(commanded.time[-1])
+
+
 def find_cycles(pressure: Series, *, threshold: float, shortest: float = 0.05) -> tuple[Cycle, ...]:
     """Stretches of suction above ``threshold`` (a fraction of the strongest); gaps below ``shortest`` s are bridged."""
     time, suction = pressure.time, -pressure.value

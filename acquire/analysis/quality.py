@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from acquire.analysis.cycles import Cycle, suction_cycles
+from acquire.analysis.cycles import Cycle, first_move, suction_cycles
 from acquire.recording.model import FloatArray, Recording, Series
 
 
@@ -90,7 +90,7 @@ def _drift(recording: Recording) -> list[Flag]:
         commanded = recording.setpoints.get("pressure" if name == "pressure" else "probe_x")
         if commanded is None or len(series.time) < 40:
             continue
-        before = series.value[series.time <= _first_move(commanded)][-20:]
+        before = series.value[series.time <= first_move(commanded)][-20:]
         after = series.value[-20:]
         span = float(np.ptp(series.value))
         if len(before) < 3 or span <= 0:
@@ -103,12 +103,6 @@ def _drift(recording: Recording) -> list[Flag]:
         return []
     level = "ok" if worst < 0.02 else "warning" if worst < 0.1 else "bad"
     return [Flag("drift", level, worst, text)]
-
-
-def _first_move(commanded: Series) -> float:
-    """When the set-point first leaves its initial value, s: forces are tared and gauges zeroed by then."""
-    moved = np.flatnonzero(commanded.value != commanded.value[0])
-    return float(commanded.time[max(int(moved[0]) - 1, 0)]) if len(moved) else float(commanded.time[-1])
 
 
 def _first_curve(recording: Recording) -> list[Flag]:

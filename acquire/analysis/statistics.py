@@ -41,17 +41,20 @@ class Anova:
 
 
 def mean_curve(curves: Sequence[tuple[FloatArray, FloatArray]], samples: int = 500) -> MeanCurve:
-    """Mean of curves (time, value), each counted from its own first time, over the time that all of them cover.
+    """Mean of curves (time, value) whose times count from a common moment, over the time that all of them cover.
 
-    The half-width is Student's t at 97.5 % times the standard error; NaN for one curve. Raises ValueError without any.
+    The half-width is Student's t at 97.5 % times the standard error; NaN for one curve. Raises ValueError without any,
+    or if they have no time in common.
     """
     from scipy.stats import t as student
 
     if not curves:
         raise ValueError("no curves to average")
-    longest = min(float(time[-1] - time[0]) for time, _ in curves)
-    grid = np.linspace(0.0, longest, samples)
-    values = np.stack([np.interp(grid, time - time[0], value) for time, value in curves])
+    first, last = max(float(time[0]) for time, _ in curves), min(float(time[-1]) for time, _ in curves)
+    if first >= last:
+        raise ValueError("the curves have no time in common")
+    grid = np.linspace(first, last, samples)
+    values = np.stack([np.interp(grid, time, value) for time, value in curves])
     count = len(curves)
     if count < 2:
         return MeanCurve(grid, values[0], np.full(samples, np.nan), 1)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
 
-from acquire.analysis.cycles import suction_cycles
+from acquire.analysis.cycles import onset, suction_cycles
 from acquire.analysis.frames import contour_of
 from acquire.analysis.loops import by_direction, loops
 from acquire.analysis.statistics import mean_curve
@@ -96,24 +96,26 @@ def frame_strip(recording: Recording, count: int = 4) -> Figure | None:
 
 @_styled
 def comparison(recordings: Sequence[Recording]) -> Figure:
-    """The default stream of several recordings, each from its own beginning; of three or more also their mean."""
+    """The default stream of several recordings from where each experiment begins; of three or more also their mean."""
     figure = _figure(11.0, 3.6)
     axes = figure.subplots()
     name = recordings[0].default_plot
     factor, unit = pleasant(recordings[0].streams[name].unit)
     shown = [recording for recording in recordings if name in recording.streams]
-    for number, recording in enumerate(shown):
-        time, value = thinned(*_xy(recording.streams[name]))
+    curves = [(r.streams[name].time - onset(r), r.streams[name].value) for r in shown]
+    for number, (recording, curve) in enumerate(zip(shown, curves, strict=True)):
+        time, value = thinned(*curve)
         label = f"{recording.info.id} (repeat {recording.info.repeat})" if len(shown) <= 8 else None
-        axes.plot(time - time[0], factor * value, color=COLOURS[number % len(COLOURS)], lw=1, label=label)
-    if len(shown) >= 3:
-        mean = mean_curve([_xy(recording.streams[name]) for recording in shown])
+        axes.plot(time, factor * value, color=COLOURS[number % len(COLOURS)], lw=1, label=label)
+    if len(shown) >= 3 and max(t[0] for t, _ in curves) < min(t[-1] for t, _ in curves):
+        mean = mean_curve(curves)
         axes.plot(mean.time, factor * mean.mean, color="black", lw=1.6, label=f"mean of {mean.count}, 95 % band")
         low, high = mean.mean - mean.half_width, mean.mean + mean.half_width
         axes.fill_between(mean.time, factor * low, factor * high, color="black", alpha=0.15, lw=0)
-    axes.set_xlabel("time from the beginning (s)")
+    axes.set_xlabel("time from the first motion (s)")
     axes.set_ylabel(f"{_title(name)} ({unit})" if unit else _title(name))
-    axes.legend(frameon=False, fontsize=8)
+    if len(axes.lines) <= 10:
+        axes.legend(frameon=False, fontsize=8, ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0))
     return figure
 
 

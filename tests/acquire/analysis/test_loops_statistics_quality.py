@@ -51,11 +51,14 @@ def test_loops() -> None:
 def test_mean_curve_and_its_band() -> None:
     rng = np.random.default_rng(0)
     time = np.linspace(5, 7, 400)
-    curves = [(time + shift, np.full(400, value)) for shift, value in enumerate(rng.normal(1.0, 0.1, 10))]
+    curves = [(time - shift, np.full(400, value)) for shift, value in enumerate(rng.normal(1.0, 0.1, 10))]
+    with pytest.raises(ValueError, match="no time in common"):
+        mean_curve(curves)
+    curves = [(t + 0.1 * shift + shift, value) for shift, (t, value) in enumerate(curves)]
     mean = mean_curve(curves)
     values = [value[0] for _, value in curves]
     assert mean.count == 10
-    assert mean.time[-1] == pytest.approx(2.0)
+    assert (mean.time[0], mean.time[-1]) == (pytest.approx(5.9), pytest.approx(7.0))
     assert mean.mean == pytest.approx(np.full(500, np.mean(values)))
     assert mean.half_width == pytest.approx(np.full(500, 2.2622 * np.std(values, ddof=1) / np.sqrt(10)), rel=1e-4)
     assert np.isnan(mean_curve(curves[:1]).half_width).all()
