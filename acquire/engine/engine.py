@@ -122,7 +122,7 @@ class RunEngine:
     def arm(self, plan: RunPlan) -> None:
         """Check the plan against its limits, open its journal, hand the limits to the device.
 
-        Raises ValueError (limits missing or exceeded, wrong quantities), FileExistsError, DeviceError.
+        Raises ValueError (limits missing or exceeded, wrong quantities, disk full), FileExistsError, DeviceError.
         """
         self._do(lambda: self._arm(plan))
 
@@ -311,6 +311,9 @@ class RunEngine:
         if not self._machine.can("arm"):
             raise WrongState(f"cannot arm while {self.state}")
         device = self.rig.device
+        plan.path.parent.mkdir(parents=True, exist_ok=True)
+        if fault := self._interlock.short_of_space(plan.path.parent):
+            raise ValueError(fault)
         run = ActiveRun(plan, device, self.channels, lambda why: self._interlock.fire(Trip("recorder", why)))
         self._run, self._outcome = run, Future()
         self._machine.fire("arm")

@@ -233,9 +233,11 @@ class Interlock(threading.Thread):
                 self.fire(Trip("stale", f"{link} delivered nothing for {now - heard:.2f} s"))
 
     def _check_disk(self) -> None:
-        if self._folder is not None:
-            free = shutil.disk_usage(self._folder).free
-            if free < self.rules.disk:
-                self.fire(
-                    Trip("disk", f"{free / 1e6:.0f} MB free at {self._folder}, {self.rules.disk / 1e6:.0f} needed")
-                )
+        if self._folder is not None and (fault := self.short_of_space(self._folder)):
+            self.fire(Trip("disk", fault))
+
+    def short_of_space(self, folder: Path) -> str:
+        """What is wrong with the free space at an existing ``folder``; '' when there is enough."""
+        free = shutil.disk_usage(folder).free
+        enough = free >= self.rules.disk
+        return "" if enough else f"{free / 1e6:.0f} MB free at {folder}, {self.rules.disk / 1e6:.0f} MB needed"

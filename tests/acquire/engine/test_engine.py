@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
 import time
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from acquire.engine import RunEngine, RunPlan, State, WrongState
+from acquire.engine import RunEngine, RunPlan, State, WrongState, interlock
 from acquire.recording import open_recording
 from drivers.device import LinkLost, Refused
 from protocols.limits import Limits, Range
@@ -326,3 +327,20 @@ def test_pauses_at_any_moment_lose_nothing(engine: RunEngine, plan: Plan, delay:
     assert outcome.recording is not None
     recording = open_recording(outcome.recording)
     assert np.sum(recording.streams["pressure"].value == -30e3) / 100 >= 1.99
+
+
+def test_a_full_disk_trips_and_then_forbids_arming(
+    engine: RunEngine, device: FakeDevice, plan: Plan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    running(engine, plan(LONG))
+    full = shutil._ntuple_diskusage(10**9, 10**9, 10**6)  # type: ignore[attr-defined]
+    monkeypatch.setattr(interlock.shutil, "disk_usage", lambda folder: full)
+    outcome = engine.wait(5)
+    assert outcome.trip is not None
+    assert outcome.trip.code == "disk"
+    assert "1 MB free" in outcome.reason
+    assert device.vented
+    engine.reset()
+    engine.connect()
+    with pytest.raises(ValueError, match="200 MB needed"):
+        engine.arm(plan(name="next"))
