@@ -90,6 +90,14 @@ class Firmware:
         """Nothing is executed and everything commanded is zero."""
         return self._motion is None and self._value == self._zero and not (self.state == "running" and self._queue)
 
+    @property
+    def horizon(self) -> float:
+        """Device time in s at which the queue runs dry: now, where it has; inf while nothing is executed."""
+        if self.state != "running":
+            return math.inf
+        end = self._motion.began + self._motion.piece.duration if self._motion else self.time
+        return end + sum(piece.duration for piece in self._queue)
+
     def handle(self, body: msg.Body, wall: float) -> None:
         """Obey a request that arrived at ``wall`` (monotonic s). Raises Refused with the reason."""
         match body:

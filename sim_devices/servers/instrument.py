@@ -7,6 +7,7 @@ not take more bytes it stops advancing: time slips instead of samples being lost
 
 from __future__ import annotations
 
+import math
 import select
 import threading
 import time
@@ -31,6 +32,9 @@ BLOCK_WALL = 0.01
 LONGEST_SLEEP = 0.02
 #: A device that is safe already does not wait for a host that has taken nothing for this long (wall time, s).
 PATIENCE = 0.5
+#: With time running faster than real, a dry queue stops it for at most this long (wall time, s): the host would have
+#: fed a real instrument long before.
+FEEDING = 0.25
 #: Bytes that may wait while the device goes safe, so that it gets there whatever the host does.
 SAFE_DEPTH = 2**24
 _ACTIVE = ("armed", "running", "held")
@@ -64,6 +68,7 @@ class SimInstrument:
         self.ports: list[Port] = [self._control, *([self._camera] if self._camera else [])]
         self._ticks = 0  # samples since the chain began: its time, which no reboot changes
         self._booted = 0  # tick at the last boot, where the device's own time begins
+        self._dry_since = 0.0  # wall time at which the queue last held something
         self._unloaded = 0  # samples still to come before the probe touches the skin
         self.signals: dict[str, float] = {}
         self.still = True
@@ -123,7 +128,7 @@ class SimInstrument:
         self.firmware.watch_host(wall)
         for port in self.ports:
             port.flush(wall)
-        if self._asleep or self._blocked(wall):
+        if self._asleep or self._blocked(wall) or self._hungry(wall):
             self._clock.slip(self.time)
             return LONGEST_SLEEP
         due = int(self._clock.now() * self.bench.rate) + 1 - self._ticks
@@ -132,7 +137,7 @@ class SimInstrument:
             return self._clock.wall_until((self._ticks + batch - 1) / self.bench.rate)
         if due > 4 * batch:
             self._clock.slip(self.time)
-        self._advance(batch)
+        self._advance(min(batch, self._fed))
         for port in self.ports:
             port.flush(wall)
         return 0.0
@@ -150,6 +155,18 @@ class SimInstrument:
             if port.silent(wall) > PATIENCE:
                 port.reset()
         return any(port.backlog > SAFE_DEPTH for port in self.ports)
+
+    def _hungry(self, wall: float) -> bool:
+        """Whether time must stand still until the host has fed the queue."""
+        if self._clock.speed <= 1 or self.firmware.horizon > self.firmware.time:
+            self._dry_since = wall
+        return 0 < wall - self._dry_since < FEEDING
+
+    @property
+    def _fed(self) -> int:
+        """How many samples the queue lasts, at least 1; the longest block while nothing is executed."""
+        left = min(self.firmware.horizon - self.firmware.time, self.bench.longest / self.bench.rate)
+        return max(1, math.ceil(left * self.bench.rate))
 
     def _obey(self, message: msg.Message, wall: float) -> None:
         if isinstance(message, msg.Beat):

@@ -234,3 +234,27 @@ def test_a_simulation_that_fails_says_so(monkeypatch: pytest.MonkeyPatch) -> Non
         monkeypatch.setattr(server._sim, "_turn", lambda wall: 1 / 0)
         with pytest.raises(RuntimeError, match="cutometer has failed"):
             [(server.back_door.truth(), time.sleep(0.01)) for _ in range(200)]
+
+
+def test_at_high_speed_time_waits_for_the_host_to_feed_the_queue() -> None:
+    def at(value: float) -> dict[str, float]:
+        return {"pressure": value}
+
+    with serve("cutometer", "tcp", chain=nominal("cutometer"), speed=1000.0) as server:
+        device = server.open_rig().device
+        device.connect()
+        device.start_stream()
+        device.arm({"pressure": (-5e4, 0.0)})
+        device.enqueue([Segment(10.0, at(0.0), at(-1e4))])
+        device.start()
+        blocks: list[Block] = []
+        for number in range(1, 6):
+            while device.status.executed < number:
+                device.beat()
+                blocks += [b for b in device.read(0.02) if isinstance(b, Block)]
+            time.sleep(0.01)  # 10 s of the instrument's time
+            device.enqueue([Segment(10.0, at(-1e4), at(-1e4))])
+        assert device.status.time < 60.0
+        device.make_safe()
+        device.close()
+    assert server.back_door.truth().time < 61.0
