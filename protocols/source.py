@@ -77,8 +77,12 @@ def read(path_or_text: str | Path, *, aliases: bool = False) -> tuple[Any, Sourc
         line, column = _place(mark) if mark else (0, 0)
         what = " ".join(part for part in (error.context, error.problem) if part)
         raise ProtocolError((Problem(f"not YAML: {what}", "", line, column),), file) from None
-    except yaml.YAMLError as error:
-        raise ProtocolError((Problem(f"not YAML: {' '.join(str(error).split())}"),), file) from None
+    except yaml.reader.ReaderError as error:
+        before = text[: error.position]
+        line, column = before.count("\n") + 1, error.position - before.rfind("\n")
+        raise ProtocolError(
+            (Problem(f"not YAML: forbidden character {text[error.position]!r}", "", line, column),), file
+        ) from None
     if node is None:
         raise ProtocolError((Problem("the protocol is empty"),), file)
     return _plain(node, (), source), source

@@ -3,8 +3,10 @@
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from protocols import Limits, ProtocolError, Range, compile_protocol, load
+from protocols import Limits, Problem, ProtocolError, Range, compile_protocol, library, load
 from protocols.source import MAX_BYTES
 
 HEAD = "schema: protocol/1\nname: x\ninstrument: cutometer\n"
@@ -18,7 +20,7 @@ UNREADABLE = {
     "a list": ("- 1\n- 2\n", 1, "", "mapping of keys"),
     "bad yaml": (HEAD + "steps: [\n", 5, "", "not YAML"),
     "tab": (HEAD + "steps:\n\t- x\n", 5, "", "not YAML"),
-    "control character": (HEAD + "title: \x01\n", 0, "", "not YAML"),
+    "control character": (HEAD + "title: \x01\n", 4, "", "forbidden character"),
     "alias": (HEAD + "a: &a [1]\nsteps: *a\n", 4, "", "anchors"),
     "tag": (HEAD + "steps: !!python/object:os.system {}\n", 4, "", "tags"),
     "deep": (HEAD + "steps: " + 40 * "[" + 40 * "]" + "\n", 4, "", "nested deeper"),
@@ -235,3 +237,45 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     latin.write_bytes(HEAD.encode() + "title: Häut\n".encode("latin-1"))
     with pytest.raises(ProtocolError, match=r"latin\.yaml:4:1: not UTF-8"):
         load(latin)
+
+
+LIBRARY = [path.read_text() for path in library().values()]
+FRAGMENTS = [
+    "[",
+    "}",
+    ":",
+    "- ",
+    "\n",
+    "\t",
+    "&a ",
+    "*a",
+    "!!x",
+    "0",
+    "1e999",
+    ".nan",
+    "~",
+    "|",
+    "é",
+    "\x00",
+    "repeat: 999\n",
+]
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    st.sampled_from(LIBRARY),
+    st.lists(st.tuples(st.floats(0, 1), st.integers(0, 4), st.sampled_from(FRAGMENTS)), min_size=1, max_size=4),
+)
+def test_a_damaged_protocol_is_either_one_still_or_refused_with_its_line(
+    text: str, damages: list[tuple[float, int, str]]
+) -> None:
+    for place, lost, gained in damages:
+        at = int(place * len(text))
+        text = text[:at] + gained + text[at + lost :]
+    problems: tuple[Problem, ...] = ()
+    try:
+        protocol = load(text + "\n")
+        compile_protocol(protocol, TIP if protocol.instrument == "microrobot" else SUCTION)
+    except ProtocolError as error:
+        problems = error.problems
+    assert all(p.line > 0 for p in problems)
