@@ -34,15 +34,16 @@ def bin_edges(begin: float, end: float, kinks: FloatArray, dt: float) -> FloatAr
     """Edges from ``begin`` to ``end`` s for samples ``dt`` s apart; ``kinks`` (k,) s are where the command bends."""
     inside = np.unique(np.concatenate([[begin], kinks[(kinks > begin) & (kinks < end)], [end + dt]]))
     widest = max(WIDEST, dt)
-    edges = [begin]
+    edges = [float(begin)]
     for start, stop in pairwise(inside):
         t = start
-        while t < stop - 0.5 * dt:
+        while stop - t > 0.5 * dt:
             t += min(max(dt, GROWTH * (t - start)), widest)
-            edges.append(min(t, stop))
-    edges[-1] = max(edges[-1], end + dt)
-    out = np.unique(np.asarray(edges))
-    return out[np.r_[True, np.diff(out) > 0.49 * dt]]
+            if stop - t < 0.5 * dt:
+                t = stop
+            edges.append(float(t))
+        # Two kinks closer than a sample (a step written as a steep ramp) share an edge: the first.
+    return np.asarray(edges)
 
 
 def bin_means(time: FloatArray, value: FloatArray, edges: FloatArray) -> Bins:

@@ -22,6 +22,8 @@ from sim_devices.chain import Chain, Effect
 from sim_devices.stages.operators import Delay
 from sim_devices.stages.sampling import COMMANDS, simulate, time_grid
 
+CLOCK_SD = 3e-5
+"""How fast the recording's clock may soundly run against the command's: an ordinary crystal (assumed)."""
 Table = tuple[FloatArray, FloatArray]
 """Times (m,) s and values (m,)."""
 
@@ -135,7 +137,7 @@ class Block(abc.ABC):
         chain: Chain,
         group: Group,
         at: slice,
-        shift: float,
+        shift: float | FloatArray,
         given: Mapping[str, Table] | None = None,
     ) -> FloatArray:
         """The block's channels as ``chain`` makes them at the group's time stamps + ``shift`` s, (channels, n).

@@ -57,18 +57,17 @@ def correlation_time(residual: FloatArray, limit: int = 2000) -> float:
     return max(1.0, float(1.0 + 2.0 * np.sum(rho[1:end])))
 
 
-def denoised(time: FloatArray, value: FloatArray, base: FloatArray, width: float = 0.25) -> FloatArray:
-    """A record that drives a simulation, without its sensor's noise: ``base`` (n,), what the nominal actuator would
-    have done, plus the remainder smoothed over ``width`` s, over a few samples only where it moves significantly.
+def denoised(time: FloatArray, remainder: FloatArray, width: float = 0.25) -> FloatArray:
+    """What a record shows beyond its fitted actuator, (n,), without the sensor's noise: smoothed over ``width`` s,
+    over a few samples only where it moves significantly.
 
     Raw noise, fed to a tissue, imitates friction and preload.
     """
     dt = float(np.median(np.diff(time)))
-    remainder = value - base
     sigma = high_band_sigma(remainder)
     wide = gaussian_filter1d(remainder, max(width / dt, 1.0), mode="nearest")
     narrow = gaussian_filter1d(remainder, 1.0, mode="nearest")
     moving = gaussian_filter1d((np.abs(narrow - wide) > 2.5 * sigma).astype(float), 3.0, mode="nearest")
     trust = np.clip(4.0 * moving - 0.4, 0.0, 1.0)
     near = np.where(np.abs(remainder - narrow) > 6 * sigma, remainder, narrow)
-    return np.asarray(base + trust * near + (1 - trust) * wide)
+    return np.asarray(trust * near + (1 - trust) * wide)

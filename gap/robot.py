@@ -14,7 +14,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from acquire.recording.model import Recording
-from gap.blocks import Block, Group, GroupedSession, Table, candidates_for, compressed
+from gap.blocks import CLOCK_SD, Block, Group, GroupedSession, Table, candidates_for, compressed
 from gap.chains import needed, run
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Problem
 from gap.noise import denoised
@@ -99,7 +99,7 @@ class AxesBlock(Block):
         self._columns = self._lag_columns()
         self._runs = np.kron(np.eye(3), self.member)
         r = self._runs.shape[1]
-        sd = [0.5, 0.6 * self.dt, *[0.3] * 3, *[1.0] * 3]
+        sd = [0.5, 0.6 * self.dt, CLOCK_SD, *[0.3] * 3, *[1.0] * 3]
         self.prior_sd = np.concatenate([sd, np.full(r, 3e-6)])
         self.prior_mean = np.zeros(len(self.prior_sd))
         self.local = np.zeros(len(self.prior_sd), bool)
@@ -147,17 +147,18 @@ class AxesBlock(Block):
         rate = LOOP_RATE * float(np.exp(np.clip(nuisance[0], -3, 3)))
         for (g, at), load in zip(self.groups, self._loads, strict=True):
             chain = self.with_effects(_chain(g, sheet_tissue("forearm"), rate), active)
-            out[:, at] = _on_even_grid(chain, AXES, g, self.stamps[at] + nuisance[1], load)
+            shift = nuisance[1] + nuisance[2] * (self.stamps[at] - self.stamps[0])
+            out[:, at] = _on_even_grid(chain, AXES, g, self.stamps[at] + shift, load)
         return out.ravel()
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         moved_axes = self._predict(nuisance, active)
-        predicted = moved_axes + self._columns @ nuisance[2:8] + self._runs @ nuisance[8:]
+        predicted = moved_axes + self._columns @ nuisance[3:9] + self._runs @ nuisance[9:]
         residual = (self.measured - predicted) / self.sigma
         if not want_jacobian:
             return Evaluation(residual, np.zeros((0, 0)))
-        chain_part = np.empty((len(residual), 2))
-        for k, step in enumerate((1e-2, 0.1 * self.dt)):
+        chain_part = np.empty((len(residual), 3))
+        for k, step in enumerate((1e-2, 0.1 * self.dt, 1e-6)):
             moved = nuisance.copy()
             moved[k] += step
             chain_part[:, k] = (self._predict(moved, active) - moved_axes) / step
@@ -258,7 +259,9 @@ class ForceBlock(Block):
         raw = _recorded(self, group, AXES, numbered("axis"), 0.0)
         time = raw["axis_1"][0]
         base = _on_even_grid(_chain(group, self._tissue), numbered("axis"), group, time)
-        return {name: (time, denoised(time, value, b)) for (name, (_, value)), b in zip(raw.items(), base, strict=True)}
+        return {
+            name: (time, b + denoised(time, value - b)) for (name, (_, value)), b in zip(raw.items(), base, strict=True)
+        }
 
     def _discrepancy_columns(self) -> tuple[FloatArray, FloatArray]:
         parts, weights = [], np.zeros(0)

@@ -104,7 +104,7 @@ def _corners(time: FloatArray, value: FloatArray) -> tuple[FloatArray, FloatArra
     span = float(np.ptp(value))
     if span == 0:
         return time[[0, -1]], value[[0, -1]]
-    jump = ~twin & (np.abs(np.diff(value)) > 0.02 * span) & (np.abs(slope) * usual > 0.02 * span)
+    jump = (dt > 0.5 * usual) & (np.abs(np.diff(value)) > 0.02 * span) & (np.abs(slope) * usual > 0.02 * span)
     alone = jump & ~np.r_[False, jump[:-1]] & ~np.r_[jump[1:], False]
     bend = np.abs(np.diff(slope)) * usual > 1e-4 * span
     keep = np.r_[True, bend, True] | np.r_[False, alone | twin] | np.r_[alone | twin, False]

@@ -16,15 +16,16 @@ from typing import Any
 import numpy as np
 
 from acquire.recording.model import Recording
-from gap.blocks import Block, Group, GroupedSession, candidates_for, compressed
+from gap.blocks import CLOCK_SD, Block, Group, GroupedSession, candidates_for, compressed
 from gap.chains import needed
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Problem
 from gap.noise import denoised
+from gap.solve import fit
 from gap.tissue_null import suction_discrepancy
 from sim_devices.chain import Chain, Effect
 from sim_devices.stages import nominal
 from sim_devices.stages.kernels import evaluate, low_pass
-from sim_devices.stages.sampling import simulate
+from sim_devices.stages.sampling import REFINEMENT, simulate
 from sim_devices.stages.suction import REGULATOR_TAU, with_tissue
 from sim_devices.stages.tissues import SuctionTissue, suction_tissue
 
@@ -67,7 +68,7 @@ class PressureBlock(Block):
         # An open probe holds no pressure: its record says nothing of the regulator.
         super().__init__(session, library, without=("open air",))
         self.prior_sd = np.array(
-            [0.15, 0.15, 0.6 * self.dt, *[0.03] * len(self.LAGS), self.GAUGE_GAIN, self.GAUGE_ZERO]
+            [0.15, 0.15, 0.6 * self.dt, CLOCK_SD, *[0.03] * len(self.LAGS), self.GAUGE_GAIN, self.GAUGE_ZERO]
         )
         self.prior_mean = np.zeros(len(self.prior_sd))
         self.local = np.zeros(len(self.prior_sd), bool)
@@ -75,13 +76,14 @@ class PressureBlock(Block):
         self._linear = np.column_stack([self._lag_columns(), self.measured, np.ones(len(self.stamps))])
 
     def _lag_columns(self) -> FloatArray:
-        """Lagged minus direct command (n, lags), Pa."""
+        """What a further lag behind the nominal regulator would change (n, lags), Pa."""
         out = np.zeros((len(self.stamps), len(self.LAGS)))
         for g, at in self.groups:
-            command = g.commands["pressure"]
-            nodes = [command.time + d for d in (0.0, 1e-9, 0.02, 0.05, 0.1, 0.2)]
-            fine = np.unique(np.concatenate([self.stamps[at], *nodes]))
-            direct = np.interp(fine, command.time, command.value)
+            kinks = g.commands["pressure"].time
+            fine = np.unique(np.concatenate([self.stamps[at], (kinks[:, None] + REFINEMENT).ravel()]))
+            chain = _chain(self.session, g, NO_TISSUE, command_step=0.0)
+            partial = replace(chain, operators=needed(chain, ("pressure",)))
+            direct = simulate(partial, g.tables(), {"pressure": fine})["pressure"]
             for j, tau in enumerate(self.LAGS):
                 out[at, j] = np.interp(self.stamps[at], fine, evaluate(low_pass, fine, direct, tau) - direct)
         return out
@@ -93,8 +95,9 @@ class PressureBlock(Block):
         for g, at in self.groups:
             # Bins average over the staircase of the command's resolution: simulate its mean.
             chain = _chain(self.session, g, NO_TISSUE, command_step=0.0).tuned("regulator", tau=tau, zeta=zeta)
-            out[at] = self.simulated(self.with_effects(chain, active), g, at, nuisance[2])[0]
-        return out + self._linear @ nuisance[3:]
+            shift = nuisance[2] + nuisance[3] * (self.stamps[at] - self.stamps[0])
+            out[at] = self.simulated(self.with_effects(chain, active), g, at, shift)[0]
+        return out + self._linear @ nuisance[4:]
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         predicted = self._predict(nuisance, active)
@@ -102,11 +105,11 @@ class PressureBlock(Block):
         if not want_jacobian:
             return Evaluation(residual, np.zeros((0, 0)))
         jacobian = np.empty((len(residual), len(nuisance)))
-        for k, step in enumerate((1e-3, 1e-3, 0.05 * self.dt)):
+        for k, step in enumerate((1e-3, 1e-3, 0.05 * self.dt, 1e-6)):
             moved = nuisance.copy()
             moved[k] += step
             jacobian[:, k] = (self._predict(moved, active) - predicted) / step / self.sigma
-        jacobian[:, 3:] = self._linear / self.sigma[:, None]
+        jacobian[:, 4:] = self._linear / self.sigma[:, None]
         return Evaluation(residual, jacobian)
 
 
@@ -125,10 +128,12 @@ class HeightBlock(Block):
     DISCREPANCY_SCALES = (0.1, 1.0, 5.0)
     DISCREPANCY_SIZE = 32
 
-    def __init__(self, session: GroupedSession, library: Mapping[str, Effect]) -> None:
+    def __init__(
+        self, session: GroupedSession, library: Mapping[str, Effect], pressure: PressureBlock | None = None
+    ) -> None:
         super().__init__(session, library)
         self._tissue = suction_tissue("forearm")
-        self._line = [self._smoothed(g) for g, _ in self.groups]
+        self._line = [self._smoothed(g, pressure) for g, _ in self.groups]
         self._runs = self.member
         size = max(float(np.ptp(self.measured)), 10 * float(np.median(self.sigma)))
         columns, weights = compressed(*self._discrepancy_columns(), self.DISCREPANCY_SIZE)
@@ -146,7 +151,7 @@ class HeightBlock(Block):
             for s in self.DISCREPANCY_SCALES
         )
 
-    def _smoothed(self, group: Group) -> tuple[FloatArray, FloatArray]:
+    def _smoothed(self, group: Group, pressure: PressureBlock | None) -> tuple[FloatArray, FloatArray]:
         """Recorded pressure of a group as a table, without its gauge noise; the command where none was recorded."""
         times, values = [], []
         for k in group.members:
@@ -159,10 +164,26 @@ class HeightBlock(Block):
         if not times:
             return group.tables()["pressure"]
         time, value = np.concatenate(times), np.concatenate(values)
-        chain = _chain(self.session, group, NO_TISSUE)
-        chain = replace(chain, operators=needed(chain, ("line_pressure",)))
-        base = simulate(chain, group.tables(), {"line_pressure": time})["line_pressure"]
-        return time, denoised(time, value, base)
+        fine, base = self._actuator(group, time, pressure)
+        remainder = denoised(time, value - np.interp(time, fine, base))
+        return fine, base + np.interp(fine, time, remainder)
+
+    def _actuator(
+        self, group: Group, time: FloatArray, pressure: PressureBlock | None
+    ) -> tuple[FloatArray, FloatArray]:
+        """What the nominal regulator, as fitted to the recorded pressure, made of the command: times, finer than the
+        record's, and Pa."""
+        chain = _chain(self.session, group, NO_TISSUE, command_step=0.0)
+        shift = 0.0
+        if pressure is not None:
+            c = fit(pressure).nuisance
+            chain = chain.tuned("regulator", tau=REGULATOR_TAU * float(np.exp(c[0])), zeta=float(np.exp(c[1])))
+            shift = float(c[2])
+        kinks = group.commands["pressure"].time
+        fine = np.unique(np.concatenate([time, (kinks[:, None] + REFINEMENT).ravel(), kinks]))
+        fine = fine[(fine >= time[0]) & (fine <= time[-1])]
+        partial = replace(chain, operators=needed(chain, ("line_pressure",)))
+        return fine, simulate(partial, group.tables(), {"line_pressure": fine + shift})["line_pressure"]
 
     def _discrepancy_columns(self) -> tuple[FloatArray, FloatArray]:
         parts, weights = [], np.zeros(0)
@@ -243,10 +264,12 @@ def suction_problems(
         raise ValueError(f"recording {missing[0]} has no set-points of pressure: what was commanded is not known")
     session = GroupedSession(recordings, ("pressure",))
     blocks: list[Block] = []
+    pressure = None
     if any("pressure" in r.streams for r in recordings):
-        blocks.append(PressureBlock(session, effects))
+        pressure = PressureBlock(session, effects)
+        blocks.append(pressure)
     if any("apex_height" in r.streams for r in recordings):
-        blocks.append(HeightBlock(session, effects))
+        blocks.append(HeightBlock(session, effects, pressure))
     if not blocks:
         raise ValueError(f"recording {recordings[0].info.id} has neither channel pressure nor apex_height")
     return blocks, candidates_for(effects, blocks)

@@ -15,7 +15,7 @@ from sim_devices.stages.kernels import evaluate, low_pass
 
 MEMORY = (0.0, 0.06, 0.3, 1.5, 8.0, 40.0, 200.0)
 """Time constants of the fading memory, s (0: instantaneous)."""
-KNEES = (0.05, 0.15, 0.4)
+KNEES = (0.01, 0.03, 0.07, 0.15, 0.3, 0.6)
 """Fractions of the largest suction at which elastic curves may bend."""
 
 

@@ -144,7 +144,7 @@ def draw(rng: np.random.Generator) -> Parameters:
         return float(rng.uniform(low, high))
 
     return {
-        "stiffness": 720.0 * float(np.exp(rng.normal(0, 0.18))),
+        "stiffness": 640.0 * float(np.exp(rng.normal(0, 0.16))),
         "cross_ratio": between(0.7, 1.3),
         "normal_ratio": between(0.7, 1.5),
         "heading": between(-0.8, 0.8),
