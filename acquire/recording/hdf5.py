@@ -220,11 +220,12 @@ def _write_plot(group: h5py.Group, streams: h5py.Group, recording: Recording, pl
     _put(group, "title", f"{recording.info.instrument} {recording.info.id}: {plot}")
     group[plot] = streams[plot]["value"]
     group["time"] = streams[plot]["time"]
-    shown = recording.streams[plot]
+    shown, quantity = recording.streams[plot], plot.rpartition("_")[0]
+    # The other components of a vector: force_y and force_z beside force_x.
     others = [
         name
         for name, series in recording.streams.items()
-        if name != plot and series.unit == shown.unit and np.array_equal(series.time, shown.time)
+        if quantity and name != plot and name.rpartition("_")[0] == quantity and np.array_equal(series.time, shown.time)
     ]
     for name in others:
         group[name] = streams[name]["value"]

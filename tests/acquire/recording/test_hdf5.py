@@ -206,3 +206,12 @@ def test_not_hdf5_and_truncated(written: Path, tmp_path: Path) -> None:
         open_recording(path)
     with pytest.raises(FileNotFoundError, match="no such file"):
         open_recording(tmp_path / "none.h5")
+
+
+def test_components_of_a_vector_are_plotted_together(tmp_path: Path) -> None:
+    time = np.arange(5.0)
+    streams = {name: Series(time * k, time, "N") for k, name in enumerate(["force_x", "force_y", "other"])}
+    recording = replace(sample_recording(frames=0), streams=streams)
+    plot = nxload(write_recording(recording, tmp_path / "run.h5"))["entry/plot"]
+    assert plot.nxsignal.nxname == "force_x"
+    assert [str(name) for name in np.atleast_1d(plot.attrs["auxiliary_signals"])] == ["force_y"]
