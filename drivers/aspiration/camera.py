@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,16 @@ from drivers.device import Identity, LinkLost, ProtocolFault, Source
 from drivers.signals import Block, Channel, Frame
 from drivers.transports import Transport, open_transport
 
-#: From an image to the apex height in m, not a number where no contour is found.
-Measure = Callable[[NDArray[np.uint8]], float]
+
+class Measure(Protocol):
+    """From an image to the apex height in m, not a number where no contour is found (see `contour.LiveApex`)."""
+
+    def __call__(self, image: NDArray[np.uint8], /) -> float:
+        """Measure one frame."""
+
+    def reset(self) -> None:
+        """Begin anew: the next frame shows the tissue at rest."""
+
 
 _REPLY_TIMEOUT = 2.0
 #: Wall time in s for which the rest of a frame is awaited once it has begun.
@@ -37,6 +45,10 @@ class Camera(Source):
 
     def make_safe(self) -> None:
         """A camera drives nothing."""
+
+    def _rest(self) -> None:
+        if self._measure is not None:
+            self._measure.reset()
 
     def _deliver(self, frames: list[Frame]) -> Sequence[Block | Frame]:
         if not frames or self._measure is None:
@@ -76,6 +88,7 @@ class FramedCamera(Camera):
         raise LinkLost(f"{self.name} on {self._address}: no answer within {_REPLY_TIMEOUT:g} s")
 
     def start_stream(self) -> None:
+        self._rest()
         self._need_link().write(framelink.STREAM_ON)
 
     def read(self, timeout: float) -> Sequence[Block | Frame]:
@@ -126,6 +139,7 @@ class UvcCamera(Camera):
         return Identity("UVC camera", str(self._index), f"OpenCV {cv2.__version__}")
 
     def start_stream(self) -> None:
+        self._rest()
         self._seq = 0
         self._started = time.monotonic()
 
