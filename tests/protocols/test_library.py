@@ -92,3 +92,11 @@ def test_the_json_schema_knows_every_key() -> None:
     assert {"schema", "name", "instrument", "setup", "limits", "steps"} <= set(schema["properties"])
     assert schema["additionalProperties"] is False
     assert {"Hold", "Ramp", "Cycle", "Wait", "Trajectory", "Group"} <= set(schema["$defs"])
+
+
+def test_the_example_in_the_documentation_compiles() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "protocols.md").read_text()
+    example = page.split("```yaml\n")[1].split("```")[0]
+    limits = LIMITS.intersect(Limits({"pressure": Range(-40e3, 0)}, "station"))
+    # 2 s; four times 60 s + 45 s; 350 mbar at 20 mbar/s; 10 s; three triangles of 2 x 17.5 s
+    assert compile_protocol(load(example), limits).duration == pytest.approx(2 + 4 * 105 + 17.5 + 10 + 3 * 35)
