@@ -122,10 +122,12 @@ class _Import:
             raise self.fault((kind, name), "a channel's name has no '/'")
         table = self.table((kind, name, "file"), source.file, source.sheet)
         unit, factor, offset = self.unit((kind, name, "unit"), name, source.unit)
+        nan = source.allow_nan
         if source.width is None:
-            value = table.column(source.column, name)[0]
+            value = table.column(source.column, name, allow_nan=nan)[0]
         else:
-            value = np.column_stack([table.column(f"{source.column}_{k}", name)[0] for k in range(source.width)])
+            columns = [f"{source.column}_{k}" for k in range(source.width)]
+            value = np.column_stack([table.column(column, name, allow_nan=nan)[0] for column in columns])
         time = self.time((kind, name, "time"), table, source.time, len(value), name)
         seq = table.column(source.seq, name)[0].astype(np.int64) if source.seq else None
         if seq is None and kind == "channels":

@@ -51,6 +51,7 @@ class Source(_Loose):
     width: Annotated[int, Field(ge=1, le=10_000)] | None = Field(
         default=None, description="a profile: the columns are <column>_0, <column>_1 …"
     )
+    allow_nan: bool = Field(default=False, description="nan cells are samples without a value, not a fault")
     sheet: Short | None = None
     stage: Short | None = None
     range: tuple[float, float] | None = Field(default=None, description="in SI")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -46,15 +45,20 @@ class Table:
             self._lines, self._rows = _text_rows(path, text, separator)
         self._columns: dict[str, tuple[FloatArray, Sequence[int]]] = {}
 
-    def column(self, name: str, channel: str) -> tuple[FloatArray, Sequence[int]]:
+    def column(self, name: str, channel: str, *, allow_nan: bool = False) -> tuple[FloatArray, Sequence[int]]:
         """Values (n,) of the column ``name`` and the line of each in the file; empty cells at its end are no samples.
 
         ``channel`` is who asks: it is named in the RecordingError for a missing, doubled or empty column, and for a
-        cell that is not a finite number.
+        cell that is not a finite number (``nan`` is none unless ``allow_nan``).
         """
         if name not in self._columns:
             self._columns[name] = self._read(name, channel)
-        return self._columns[name]
+        values, lines = self._columns[name]
+        bad = np.flatnonzero(np.isinf(values) if allow_nan else ~np.isfinite(values))
+        if len(bad):
+            text = repr(float(values[bad[0]]))
+            raise self._fault(lines[bad[0]], channel, name, f"{text!r} is not a finite number")
+        return values, lines
 
     def _read(self, name: str, channel: str) -> tuple[FloatArray, Sequence[int]]:
         found = [index for index, title in enumerate(self.header) if title == name.strip()]
@@ -77,21 +81,18 @@ class Table:
             values = np.array(
                 [self._number(cell, line, name, channel) for cell, line in zip(cells, lines, strict=True)]
             )
-        bad = np.flatnonzero(~np.isfinite(values))
-        if len(bad):
-            self._number(cells[bad[0]], lines[bad[0]], name, channel)
         return values, lines
 
     def _number(self, cell: str, line: int, name: str, channel: str) -> float:
         try:
             # A decimal comma cannot be a thousands separator here: a number has at most one.
-            value = float(cell.replace(",", ".", 1) if "." not in cell else cell)
-            if math.isfinite(value):
-                return value
-            what = f"{cell!r} is not a finite number"
+            return float(cell.replace(",", ".", 1) if "." not in cell else cell)
         except ValueError:
             what = f"{cell!r} is not a number" if cell else "the cell is empty"
-        raise RecordingError(f"{self.path}:{line}: channel {channel}, column {name!r}: {what}")
+            raise self._fault(line, channel, name, what) from None
+
+    def _fault(self, line: int, channel: str, name: str, what: str) -> RecordingError:
+        return RecordingError(f"{self.path}:{line}: channel {channel}, column {name!r}: {what}")
 
 
 def _text(path: Path) -> tuple[str, str]:
@@ -112,7 +113,7 @@ def _text(path: Path) -> tuple[str, str]:
 
 
 def _plain_numbers(text: str, separator: str) -> FloatArray | None:
-    """All cells (rows, columns) below the first line, if that is the header and all of them are finite numbers.
+    """All cells (rows, columns) below the first line, if that is the header and all of them are numbers.
 
     The common case, ten times quicker than looking at every cell; whatever is not that plain is read cell by cell.
     """
@@ -124,8 +125,7 @@ def _plain_numbers(text: str, separator: str) -> FloatArray | None:
     except ValueError:
         return None
     # A blank line is skipped by the reader, and line numbers would no longer be right.
-    plain = len(numbers) == body.rstrip("\r\n").count("\n") + 1 and np.isfinite(numbers).all()
-    return numbers if plain else None
+    return numbers if len(numbers) == body.rstrip("\r\n").count("\n") + 1 else None
 
 
 def _text_rows(path: Path, text: str, separator: str) -> tuple[list[int], list[list[str]]]:

@@ -174,6 +174,14 @@ def test_export_comes_back_whole(tmp_path: Path) -> None:
         write_bundle(recording, folder)
 
 
+def test_samples_without_a_value_come_back(tmp_path: Path) -> None:
+    recording = sample_recording()
+    height, profile = recording.streams["apex_height"], recording.derived["profile"]
+    height.value[[0, 17, -1]] = np.nan
+    profile.value[:, :2] = np.nan
+    assert difference(recording, load(write_bundle(recording, tmp_path / "bundle"))) == ""
+
+
 def test_export_of_channels_with_times_of_their_own(tmp_path: Path) -> None:
     recording = sample_recording(frames=0)
     slow = recording.streams["apex_height"]
