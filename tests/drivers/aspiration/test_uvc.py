@@ -24,7 +24,7 @@ class Capture:
         colour[..., 1] = 100  # green
         self.images: list[Any] = [colour, colour, np.full((4, 6), 7, np.uint8)]
 
-    def isOpened(self) -> bool:  # noqa: N802 - OpenCV's name
+    def isOpened(self) -> bool:
         return self.open
 
     def read(self) -> tuple[bool, Any]:

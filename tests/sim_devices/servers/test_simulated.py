@@ -13,6 +13,7 @@ import usb.util
 from drivers.aspiration.camera import FramedCamera
 from drivers.device import Device, LinkLost
 from drivers.signals import Block, Frame
+from drivers.transports import open_transport
 from protocols.setpoints import Segment, Setpoints
 from sim_devices.clock import ManualClock, ScaledClock
 from sim_devices.servers import Server, serve
@@ -258,3 +259,17 @@ def test_at_high_speed_time_waits_for_the_host_to_feed_the_queue() -> None:
         device.make_safe()
         device.close()
     assert server.back_door.truth().time < 61.0
+
+
+@pytest.mark.parametrize("instrument", ["cutometer", "aspiration", "microrobot"])
+def test_rubbish_from_the_host_does_no_harm(instrument: str) -> None:
+    random = np.random.default_rng(5)
+    with serve(instrument, "tcp", camera=False) as server:
+        rig = server.open_rig()
+        port = open_transport(server.entry.address)
+        for _ in range(20):
+            port.write(random.bytes(5000))
+        port.close()
+        assert rig.device.connect().model
+        rig.device.close()
+        assert server.back_door.truth().state == "idle"
