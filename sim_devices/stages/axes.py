@@ -103,7 +103,7 @@ def _product(a: FloatArray, b: FloatArray) -> FloatArray:
 def _advance_axis(
     s: FloatArray, t: FloatArray, target: FloatArray, load: FloatArray, p: FloatArray, y: FloatArray
 ) -> None:
-    m, kp, ki, kd, drag, _, _, _, _, limit, _, _, _, spring, longest = p
+    m, kp, ki, kd, drag, limit, spring, longest = p[0], p[1], p[2], p[3], p[4], p[9], p[13], p[14]
     w = 3.0 * ki / kp  # the loop's rate
     # State (w ∫e, x, x'/w): the same size each, so that the series converges fast.
     a = np.zeros((3, 3))
@@ -135,7 +135,7 @@ def _advance_axis(
         y[i] = s[5]
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _run(
     s: FloatArray,
     p: FloatArray,
@@ -151,7 +151,8 @@ def _run(
 
     ``linear``: nothing but the linear loop.
     """
-    _, kp, ki, kd, drag, coulomb, stiction, v_s, presliding, limit, windup, slope, curvature, spring, _ = p
+    kp, ki, kd, drag, coulomb, stiction, v_s, presliding = p[1], p[2], p[3], p[4], p[5], p[6], p[7], p[8]
+    limit, windup, slope, curvature, spring = p[9], p[10], p[11], p[12], p[13]
     rho = (target - s[2]) / (h * steps)
     lam = (load - s[3]) / (h * steps) - spring * rho
     for k in range(steps):
