@@ -56,6 +56,7 @@ class VirtualUsb(usb.backend.IBackend):
 
     def __init__(self, *devices: VirtualDevice) -> None:
         self.devices = devices
+        self._handles: list[_Handle] = []
 
     def enumerate_devices(self) -> Any:
         yield from self.devices
@@ -128,10 +129,13 @@ class VirtualUsb(usb.backend.IBackend):
         )
 
     def open_device(self, dev: VirtualDevice) -> _Handle:
-        return _Handle(dev)
+        handle = _Handle(dev)
+        self._handles.append(handle)
+        return handle
 
     def close_device(self, dev_handle: _Handle) -> None:
         dev_handle.unplug()
+        self._handles.remove(dev_handle)
 
     def set_configuration(self, dev_handle: _Handle, config_value: int) -> None:
         """The only configuration is always set."""
@@ -140,6 +144,8 @@ class VirtualUsb(usb.backend.IBackend):
         return 1
 
     def claim_interface(self, dev_handle: _Handle, intf: int) -> None:
+        if any(h is not dev_handle and h.cable for h in self._handles if h.device == dev_handle.device):
+            raise usb.core.USBError("Resource busy", None, errno.EBUSY)
         if dev_handle.cable is None:
             try:
                 dev_handle.cable = socket.create_connection(("127.0.0.1", dev_handle.device.port), timeout=1.0)

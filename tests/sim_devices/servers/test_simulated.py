@@ -222,6 +222,8 @@ def test_the_virtual_bus_looks_like_a_real_one_to_pyusb() -> None:
         usb.util.claim_interface(device, 0)
         with pytest.raises(usb.core.USBTimeoutError):
             device.read(0x81, 64, 10)
+        with pytest.raises(LinkLost, match="busy"):
+            server.open_rig().device.connect()
         server.back_door.unplug()
         with pytest.raises(usb.core.USBError) as lost:
             [device.read(0x81, 64, 100) for _ in range(20)]
