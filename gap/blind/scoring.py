@@ -84,8 +84,10 @@ class Case:
 
     @property
     def false_alarm(self) -> bool:
-        """A device effect named with more than even odds."""
-        if self.report is None or self.verdict in ("none", "unknown", "undetectable"):
+        """A device effect named with more than even odds; a missing report counts as one."""
+        if self.report is None:
+            return True
+        if self.verdict in ("none", "unknown", "undetectable"):
             return False
         return any(c.probability > 0.5 and _device(c) for c in self.report.causes)
 

@@ -139,7 +139,7 @@ def test_several_keys_are_scored_together(tmp_path: Path):
         write_key(tmp_path / f"{tier}.bin", [truth(f"case {tier}", tier, *([("leak", 9.0)] if tier == "T2" else []))])
     card = score(tmp_path / "reports", [tmp_path / "T2.bin", tmp_path / "T6.bin"])
     assert (card.cases, card.missing) == (2, 2)
-    assert card["false alarms T6"].value == 0.0
+    assert card["false alarms T6"].value == 1.0  # a missing report is wrong
 
 
 def test_text_and_json_agree(tmp_path: Path):
