@@ -133,8 +133,10 @@ class JournalWriter:
         are those of the channels of the same name where not given.
         """
         times, values = setpoints.table()
+        # Durations that were measured add up with errors of an ulp; break points must not go back by it.
+        times = np.maximum.accumulate(times + start)
         table = {name: value.tolist() for name, value in values.items()}
-        record = {"start": start, "time": (times + start).tolist(), "values": table, "units": dict(units or {})}
+        record = {"start": start, "time": times.tolist(), "values": table, "units": dict(units or {})}
         self._json(Kind.SETPOINTS, record)
 
     def sync(self, *, force: bool = False) -> None:

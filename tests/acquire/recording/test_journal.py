@@ -273,3 +273,11 @@ def test_twenty_kills_while_finalising(tmp_path: Path) -> None:
         assert begun <= len(whole) <= begun + 1
         for path in [*whole, recover(folder / "run.journal")]:
             assert len(open_recording(path).stream("pressure").value) == 1000
+
+
+def test_set_points_never_go_back(tmp_path: Path) -> None:
+    """Durations told by a device may be negative by an ulp; the recording is exported and imported all the same."""
+    pieces = Setpoints(tuple(Segment(d, {"pressure": 0.0}, {"pressure": 0.0}) for d in (0.6, 1.0, -4.4e-16, 8.0)))
+    with JournalWriter(tmp_path / "run.journal", sample_recording().info, CHANNELS) as writer:
+        writer.setpoints(pieces, start=0.76)
+    assert np.all(np.diff(read_journal(tmp_path / "run.journal").setpoints["pressure"].time) >= 0)
