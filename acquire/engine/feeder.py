@@ -191,7 +191,7 @@ class Feeder:
             if piece.begin > moment:
                 segments.append(Segment(piece.begin - moment, self._rest, self._rest, "rest"))
             phase = self._all[piece.index].phase if piece.index >= 0 else "load"
-            segments.append(Segment(piece.end - piece.begin, piece.start, piece.finish, phase))
+            segments.append(Segment(max(0.0, piece.end - piece.begin), piece.start, piece.finish, phase))
             moment, value = piece.end, piece.finish
         if value != self._rest or last > moment:
             segments.append(Segment(max(0.0, last - moment), self._rest, self._rest, "rest"))
