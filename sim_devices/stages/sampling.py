@@ -56,9 +56,39 @@ def command_at(table: Table, time: FloatArray) -> FloatArray:
     return np.interp(time + 0.5 * JUMP, table[0], table[1])
 
 
-def sampled(time: FloatArray, signals: Mapping[str, FloatArray], stamps: Mapping[str, FloatArray]) -> Signals:
-    """The named signals at their channels' time stamps."""
-    return {name: np.interp(at, time, signals[name]) for name, at in stamps.items()}
+def sampled(
+    time: FloatArray,
+    signals: Mapping[str, FloatArray],
+    stamps: Mapping[str, FloatArray],
+    averaging: Mapping[str, float] | None = None,
+) -> Signals:
+    """The named signals at their channels' time stamps; the mean over the ``averaging`` s before each, where given."""
+    windows = averaging or {}
+    return {
+        name: mean_before(time, signals[name], at, windows[name])
+        if windows.get(name, 0.0) > 0.0
+        else np.interp(at, time, signals[name])
+        for name, at in stamps.items()
+    }
+
+
+def mean_before(time: FloatArray, signal: FloatArray, stamps: FloatArray, window: float) -> FloatArray:
+    """Mean of a piecewise linear ``signal`` (n,) over [stamp - window, stamp], constant outside its time.
+
+    ``window`` > 0 s. An integrating converter, or a device that averages faster samples.
+    """
+    step = np.diff(time)
+    area = np.concatenate([[0.0], np.cumsum(0.5 * (signal[1:] + signal[:-1]) * step)])
+
+    def integral(at: FloatArray) -> FloatArray:
+        inside = np.clip(at, time[0], time[-1])
+        k = np.clip(np.searchsorted(time, inside, side="right") - 1, 0, len(time) - 2)
+        part = inside - time[k]
+        slope = (signal[k + 1] - signal[k]) / step[k]
+        outside = np.where(at < time[0], (at - time[0]) * signal[0], np.maximum(at - time[-1], 0.0) * signal[-1])
+        return np.asarray(area[k] + part * (signal[k] + 0.5 * slope * part) + outside)
+
+    return np.asarray((integral(stamps) - integral(stamps - window)) / window)
 
 
 def simulate(
@@ -68,6 +98,7 @@ def simulate(
     given: Mapping[str, Table] | None = None,
     *,
     step: float = 0.0,
+    averaging: Mapping[str, float] | None = None,
 ) -> Signals:
     """Measured channels at their stamps, for a whole session from rest.
 
@@ -80,4 +111,4 @@ def simulate(
     inputs = {COMMANDS.get(q, q): command_at(table, grid) for q, table in commands.items()}
     inputs.update({name: command_at(table, grid) for name, table in (given or {}).items()})
     run = closed_loop if chain.instrument == "microrobot" else Chain.run
-    return sampled(grid, run(chain, grid, inputs), stamps)
+    return sampled(grid, run(chain, grid, inputs), stamps, averaging)

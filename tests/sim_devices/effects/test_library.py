@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from importlib.metadata import EntryPoint
+from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from gap.blind.vocabulary import CONCEPTS, INSTRUMENTS, Instrument, concepts_of
@@ -126,3 +129,16 @@ def several() -> list[object]:
 
 def raises() -> None:
     raise ZeroDivisionError
+
+
+def test_the_effect_shown_in_the_docs_works() -> None:
+    text = (Path(__file__).parents[3] / "docs" / "effects.md").read_text()
+    first, second = (block.split("```")[0] for block in text.split("```python\n")[1:])
+    names: dict[str, Any] = {}
+    exec(first, names)
+    exec(second, names)
+    stamps = np.arange(0.0, 4.0, 0.01)
+    table = (np.array([0.0, 1.0, 1.0, 4.0]), np.array([0.0, 0.0, -3e4, -3e4]))
+    surging = names["SURGE"].apply(names["chain"], {"share": 0.05})
+    pressure = names["simulate"](surging, {"pressure": table}, {"pressure": stamps})["pressure"]
+    assert np.ptp(pressure[200:]) == pytest.approx(3e3, rel=0.01)

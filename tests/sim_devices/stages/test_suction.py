@@ -10,7 +10,7 @@ import pytest
 from sim_devices.chain import Runner
 from sim_devices.stages import noisy, nominal
 from sim_devices.stages.operators import Delay
-from sim_devices.stages.sampling import Table, simulate, time_grid
+from sim_devices.stages.sampling import Table, mean_before, sampled, simulate, time_grid
 
 STAMPS = np.arange(0.0, 20.0, 0.01)
 
@@ -110,3 +110,15 @@ def test_height_is_zeroed_when_each_recording_starts() -> None:
     np.testing.assert_allclose(twice[:1200], once[:1200])
     assert once[1300] > 1e-6
     assert twice[1300] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_averaged_samples_are_means_of_the_window_before() -> None:
+    time = np.sort(np.random.default_rng(2).uniform(0, 3, 400))
+    signal = np.sin(5 * time)
+    stamps = np.linspace(0.5, 2.5, 40)
+    fine = np.linspace(-0.2, 0.0, 20_001)
+    expected = [np.interp(t + fine, time, signal).mean() for t in stamps]
+    out = sampled(time, {"pressure": signal}, {"pressure": stamps}, {"pressure": 0.2})
+    np.testing.assert_allclose(out["pressure"], expected, atol=2e-5)
+    constant = mean_before(np.array([0.0, 1.0]), np.array([3.0, 3.0]), np.array([-5.0, 0.05, 9.0]), 0.1)
+    np.testing.assert_allclose(constant, 3.0)
