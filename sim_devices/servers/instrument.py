@@ -34,7 +34,7 @@ LONGEST_SLEEP = 0.02
 PATIENCE = 0.5
 #: With time running faster than real, a dry queue stops it for at most this long (wall time, s): the host would have
 #: fed a real instrument long before.
-FEEDING = 0.25
+FEEDING = 0.5
 #: Bytes that may wait while the device goes safe, so that it gets there whatever the host does.
 SAFE_DEPTH = 2**24
 _ACTIVE = ("armed", "running", "held")

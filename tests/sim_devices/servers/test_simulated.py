@@ -251,16 +251,17 @@ def test_at_high_speed_time_waits_for_the_host_to_feed_the_queue() -> None:
         device.enqueue([Segment(10.0, at(0.0), at(-1e4))])
         device.start()
         blocks: list[Block] = []
+        began = np.nan
         for number in range(1, 6):
             while device.status.executed < number:
                 device.beat()
                 blocks += [b for b in device.read(0.02) if isinstance(b, Block)]
+            began = device.status.began - 10.0 * number if number == 1 else began
+            assert device.status.time <= began + 10.0 * number + 0.02
             time.sleep(0.01)  # 10 s of the instrument's time
             device.enqueue([Segment(10.0, at(-1e4), at(-1e4))])
-        assert device.status.time < 60.0
         device.make_safe()
         device.close()
-    assert server.back_door.truth().time < 61.0
 
 
 @pytest.mark.parametrize("instrument", ["cutometer", "aspiration", "microrobot"])
