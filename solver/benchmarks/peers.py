@@ -2,7 +2,7 @@
 
 One layer, elastic, the surface outside the opening held in z and free to slide (a bilateral, frictionless rim without
 fillet, since the three codes treat contact differently), follower suction inside, bottom fixed. Every function returns
-the apex height [m], the unknowns and the seconds of the fastest of ``repeats`` runs.
+a `Timing` of the fastest of ``repeats`` runs: what is built once for a geometry, apart from what each run costs.
 """
 
 from __future__ import annotations
@@ -17,6 +17,16 @@ from skinrig_solver.fem.mesh import Mesh, block, graded
 from skinrig_solver.materials.yeoh_qlv import yeoh_qlv
 from skinrig_solver.suction.march import Run
 from skinrig_solver.suction.schedule import Segment
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Apex height [m], unknowns of the linear systems, and seconds to set up and to solve."""
+
+    apex: float
+    unknowns: int
+    setup: float
+    solve: float
 
 
 @dataclass(frozen=True)
@@ -50,7 +60,7 @@ class Case:
         return block(r, z, np.zeros(len(z) - 1, dtype=np.int64), ("tissue",), axisymmetric=True)
 
 
-def ours(case: Case, density: float, repeats: int = 2) -> tuple[float, int, float]:
+def ours(case: Case, density: float, repeats: int = 2) -> Timing:
     mesh = case.mesh(density)
     law = yeoh_qlv(1)
     fixed = np.zeros(mesh.nodes.shape, dtype=bool)
@@ -63,17 +73,18 @@ def ours(case: Case, density: float, repeats: int = 2) -> tuple[float, int, floa
     loaded = edges[mesh.nodes[edges][:, :, 0].max(axis=1) <= case.opening * (1 + 1e-9)]
     values = {"G": case.G, "nu": case.nu, "c20": case.c20, "tau1": 1.0}
     parameters = [np.array([values.get(name, 0.0) for name in law.parameters])]
-    seconds = np.inf
+    setup = solve = np.inf
     for _ in range(repeats):
         started = perf_counter()
         body = Body(mesh, law, fixed, loaded, None, case.opening)
+        built = perf_counter()
         run = Run(body, parameters)
         run.advance(Segment(0.0, 1.0, 0.0, case.pressure, case.steps, 1.0), Load, lambda _: None)
-        seconds = min(seconds, perf_counter() - started)
-    return float(run.state.u[mesh.edges["top"][0, 0], 1]), body.size, seconds
+        setup, solve = min(setup, built - started), min(solve, perf_counter() - built)
+    return Timing(float(run.state.u[mesh.edges["top"][0, 0], 1]), body.size, setup, solve)
 
 
-def with_felupe(case: Case, density: float, repeats: int = 2) -> tuple[float, int, float]:
+def with_felupe(case: Case, density: float, repeats: int = 2) -> Timing:
     """Biquadratic quadrilaterals with felupe's nearly incompressible (mean dilatation) body."""
     import felupe as fem
     from felupe.constitution.tensortrax import Hyperelastic
@@ -88,7 +99,7 @@ def with_felupe(case: Case, density: float, repeats: int = 2) -> tuple[float, in
     ours_mesh = case.mesh(density)
     # felupe numbers a nine-node quadrilateral corners, then edges, then centre
     cells = ours_mesh.elements[:, [0, 2, 8, 6, 1, 5, 7, 3, 4]]
-    seconds = np.inf
+    setup = solve = np.inf
     for _ in range(repeats):
         started = perf_counter()
         # felupe's axis is the first coordinate
@@ -109,14 +120,15 @@ def with_felupe(case: Case, density: float, repeats: int = 2) -> tuple[float, in
         )
         pressure = fem.SolidBodyPressure(fem.FieldContainer([fem.FieldAxisymmetric(surface, dim=2)]))
         ramp = case.pressure * np.arange(1, case.steps + 1) / case.steps
+        built = perf_counter()
         step = fem.Step(items=[solid, pressure], ramp={pressure: ramp}, boundaries=boundaries)
         fem.Job(steps=[step]).evaluate(verbose=0, tol=1e-8)
-        seconds = min(seconds, perf_counter() - started)
+        setup, solve = min(setup, built - started), min(solve, perf_counter() - built)
     apex = int(np.argmin(np.abs(z) + r))
-    return float(field[0].values[apex, 0]), 2 * mesh.npoints, seconds
+    return Timing(float(field[0].values[apex, 0]), 2 * mesh.npoints, setup, solve)
 
 
-def with_ngsolve(case: Case, density: float, repeats: int = 2) -> tuple[float, int, float]:
+def with_ngsolve(case: Case, density: float, repeats: int = 2) -> Timing:
     """Taylor–Hood triangles (u quadratic, p linear) with NGSolve's symbolic energy, refined towards the rim."""
     import ngsolve as ng
     from netgen.geom2d import SplineGeometry
@@ -130,7 +142,7 @@ def with_ngsolve(case: Case, density: float, repeats: int = 2) -> tuple[float, i
     for i, name in enumerate(("bottom", "side", "rim", "opening", "axis")):
         geometry.Append(["line", points[i], points[(i + 1) % 5]], bc=name)
     mesh = ng.Mesh(geometry.GenerateMesh(maxh=0.8 * a / density, grading=0.3))
-    seconds = np.inf
+    setup = solve = np.inf
     for _ in range(repeats):
         started = perf_counter()
         # lengths in units of the opening and stresses of the modulus: NGSolve's Newton measures energies
@@ -151,6 +163,7 @@ def with_ngsolve(case: Case, density: float, repeats: int = 2) -> tuple[float, i
         flow = 2 * np.pi * (ng.x + u) * (-(t[1] + tw) * v.Trace() + (t[0] + tu) * s.Trace())
         # the opening runs towards the axis, so the outward normal is minus the rotated tangent
         form += (-load * flow * ng.ds("opening")).Compile()
+        built = perf_counter()
         solution = ng.GridFunction(space)
         for i in range(1, case.steps + 1):
             load.Set(case.pressure / case.G * i / case.steps)
@@ -158,14 +171,5 @@ def with_ngsolve(case: Case, density: float, repeats: int = 2) -> tuple[float, i
                 ng.solvers.Newton(
                     form, solution, inverse="umfpack", maxerr=1e-12, maxit=25, printing=False, dampfactor=1
                 )
-        seconds = min(seconds, perf_counter() - started)
-    return float(solution.components[1](mesh(1e-9, 0.0))), space.ndof, seconds
-
-
-if __name__ == "__main__":
-    for density in (1.0, 2.0):
-        for run in (ours, with_felupe, with_ngsolve):
-            apex, unknowns, seconds = run(Case(), density)
-            print(
-                f"{run.__name__:12s} density {density}: apex {1e3 * apex:.5f} mm, {unknowns} unknowns, {seconds:.3f} s"
-            )
+        setup, solve = min(setup, built - started), min(solve, perf_counter() - built)
+    return Timing(float(solution.components[1](mesh(1e-9, 0.0))), space.ndof, setup, solve)

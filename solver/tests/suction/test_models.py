@@ -38,17 +38,17 @@ def test_felupe_agrees_within_one_percent() -> None:
     pytest.importorskip("felupe")
     pytest.importorskip("tensortrax")
     case = peers.Case(rim=False, pressure=-2e4)
-    ours, _, _ = peers.ours(case, 2.0, repeats=1)
-    theirs, _, _ = peers.with_felupe(case, 2.0, repeats=1)
-    assert ours == pytest.approx(theirs, rel=0.01)
+    ours = peers.ours(case, 2.0, repeats=1)
+    theirs = peers.with_felupe(case, 2.0, repeats=1)
+    assert ours.apex == pytest.approx(theirs.apex, rel=0.01)
 
 
 def test_ngsolve_agrees_within_one_percent() -> None:
     pytest.importorskip("ngsolve")
     case = peers.Case()
-    ours, _, _ = peers.ours(case, 2.0, repeats=1)
-    theirs, _, _ = peers.with_ngsolve(case, 1.5, repeats=1)
-    assert ours == pytest.approx(theirs, rel=0.01)
+    ours = peers.ours(case, 2.0, repeats=1)
+    theirs = peers.with_ngsolve(case, 1.5, repeats=1)
+    assert ours.apex == pytest.approx(theirs.apex, rel=0.01)
 
 
 @pytest.mark.parametrize(
