@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 FloatArray = NDArray[np.float64]
 
@@ -14,48 +15,24 @@ _NOTCH = 15  # columns; a dent narrower than this (a reflection on the edge) is 
 _SPECK = 14  # a bump narrower than the image by this factor (dirt on the edge) is cut off
 
 
-@njit(cache=True)
 def cleaned(profile: FloatArray) -> FloatArray:
     """``profile`` (columns,) of rows, NaN for none, without narrow dents and bumps: where to look, not what to measure.
 
     A morphological closing, then an opening; gaps narrower than a bump are bridged, wider ones are infinitely low.
     """
-    columns = profile.shape[0]
+    columns = len(profile)
     bump = max(24, columns // _SPECK)
-    filled = np.full(columns, np.inf)
-    before = -1
-    for c in range(columns):
-        if np.isfinite(profile[c]):
-            filled[c] = profile[c]
-            if 0 <= before < c - 1 and c - before <= bump:
-                filled[before + 1 : c] = max(profile[before], profile[c])
-            before = c
+    seen = np.flatnonzero(np.isfinite(profile))
+    filled = np.where(np.isfinite(profile), profile, np.inf)
+    for gap in np.flatnonzero((np.diff(seen) > 1) & (np.diff(seen) <= bump)):
+        before, after = seen[gap], seen[gap + 1]
+        filled[before + 1 : after] = max(profile[before], profile[after])
+    closed = maximum_filter1d(minimum_filter1d(filled, _NOTCH, mode="nearest"), _NOTCH, mode="nearest")
     # A bump at the border of the image is cut in half: the rim goes on beyond, so that it is cut off all the same.
-    closed = _highest(_lowest(filled, _NOTCH), _NOTCH)
-    padded = np.full(columns + 2 * bump, np.inf)
-    padded[bump : bump + columns] = closed
-    padded[:bump] = np.sort(closed[: 3 * bump])[3 * bump // 2]
-    padded[bump + columns :] = np.sort(closed[columns - 3 * bump :])[3 * bump // 2]
-    return _lowest(_highest(padded, bump), bump)[bump : bump + columns]
-
-
-@njit(cache=True)
-def _lowest(rows: FloatArray, window: int) -> FloatArray:
-    return -_highest(-rows, window)
-
-
-@njit(cache=True)
-def _highest(rows: FloatArray, window: int) -> FloatArray:
-    """Largest value within half a window of each column."""
-    columns = rows.shape[0]
-    half = window // 2
-    out = np.empty(columns)
-    for c in range(columns):
-        largest = rows[c]
-        for k in range(max(0, c - half), min(columns, c + half + 1)):
-            largest = max(largest, rows[k])
-        out[c] = largest
-    return out
+    left, right = np.median(closed[: 3 * bump]), np.median(closed[-3 * bump :])
+    padded = np.concatenate([np.full(bump, left), closed, np.full(bump, right)])
+    opened: FloatArray = minimum_filter1d(maximum_filter1d(padded, bump, mode="nearest"), bump, mode="nearest")
+    return opened[bump : bump + columns]
 
 
 @njit(cache=True)
@@ -177,24 +154,29 @@ def _value(coefficients: FloatArray, x: float) -> float:
     return total
 
 
-@njit(cache=True)
 def foot(profile: FloatArray, clean: FloatArray, edges: FloatArray) -> float:
     """The row on which the bubble stands.
 
-    Where the outermost parts of the profile (given as found and `cleaned`) are level, the rim plane. Else, going down
-    from the apex, the narrowest row of ``edges`` (2, rows; left and right) after the widest: the neck of a bubble on a
-    needle; where it does not narrow, the lowest row.
+    Where the outermost parts of the profile (given as found and `cleaned`) are level, the rim plane. Else the neck of a
+    bubble on a needle, found in ``edges`` (2, rows; left and right).
     """
-    columns, rows = clean.shape[0], edges.shape[1]
-    apex_row = clean.min()
-    seen = np.flatnonzero(np.isfinite(clean) & (np.abs(profile - clean) < 3.0))
+    columns = len(clean)
+    with np.errstate(invalid="ignore"):
+        seen = profile[np.abs(profile - clean) < 3.0]
     border = max(4, columns // 32)
-    if seen.shape[0] > columns // 2:
-        left, right = np.sort(profile[seen[:border]]), np.sort(profile[seen[-border:]])
+    if len(seen) > columns // 2:
+        left, right = np.sort(seen[:border]), np.sort(seen[-border:])
         level = max(left[-1] - left[0], right[-1] - right[0]) <= 4.0
-        rim_left, rim_right = left[border // 2], right[border // 2]
-        if level and abs(rim_left - rim_right) <= 0.05 * columns:
-            return 0.5 * (rim_left + rim_right)
+        rims = left[border // 2], right[border // 2]
+        if level and abs(rims[0] - rims[1]) <= 0.05 * columns:
+            return float(np.mean(rims))
+    return float(_neck(edges, float(clean.min())))
+
+
+@njit(cache=True)
+def _neck(edges: FloatArray, apex_row: float) -> float:
+    """Going down from the apex, the narrowest row after the widest; the lowest row where it does not narrow."""
+    rows = edges.shape[1]
     widest, narrowest, narrow_row, lowest = 0.0, 0.0, -1, rows - 1
     for r in range(max(0, int(apex_row)), rows):
         width = edges[1, r] - edges[0, r]
