@@ -91,9 +91,14 @@ class Firmware:
         return self._motion is None and self._value == self._zero and not (self.state == "running" and self._queue)
 
     @property
+    def starved(self) -> bool:
+        """Running, with nothing left to execute."""
+        return self.state == "running" and self._motion is None and not self._queue
+
+    @property
     def horizon(self) -> float:
-        """Device time in s at which the queue runs dry: now, where it has; inf while nothing is executed."""
-        if self.state != "running":
+        """Device time in s at which the queue runs dry; inf while nothing is executed."""
+        if self.state != "running" or self.starved:
             return math.inf
         end = self._motion.began + self._motion.piece.duration if self._motion else self.time
         return end + sum(piece.duration for piece in self._queue)

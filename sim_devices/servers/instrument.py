@@ -158,7 +158,7 @@ class SimInstrument:
 
     def _hungry(self, wall: float) -> bool:
         """Whether time must stand still until the host has fed the queue."""
-        if self._clock.speed <= 1 or self.firmware.horizon > self.firmware.time:
+        if self._clock.speed <= 1 or not self.firmware.starved:
             self._dry_since = wall
         return 0 < wall - self._dry_since < FEEDING
 

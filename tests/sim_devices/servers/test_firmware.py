@@ -71,6 +71,23 @@ def test_skip_ends_where_it_is_and_the_next_begins_there() -> None:
     assert wave.values[-1, 0] == pytest.approx(-1e3)
 
 
+def test_knows_when_its_queue_runs_dry() -> None:
+    firmware = armed(suction())
+    assert firmware.horizon == math.inf
+    firmware.handle(msg.Start(), 0.0)
+    assert firmware.starved
+    assert firmware.horizon == math.inf
+    firmware.handle(msg.Enqueue((piece(0.0, -1e3, -1e3),)), 0.0)
+    assert not firmware.starved
+    firmware.handle(msg.Enqueue((piece(2.0, -1e3, -1e3), piece(1.0, -1e3, 0.0))), 0.0)
+    firmware.advance(0.5)
+    assert firmware.horizon == pytest.approx(3.0)
+    firmware.advance(3.0)
+    assert firmware.starved
+    firmware.handle(msg.Hold(), 0.0)
+    assert not firmware.starved
+
+
 def test_the_robot_never_jumps() -> None:
     firmware = armed(robot())
     far = (1e-3, 0.0, 0.0)
