@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from sim_devices.chain import Chain, Runner
-from sim_devices.stages.operators import Names, Noise, Wired, after
 from sim_devices.stages.robot import LoopRunner, nominal_robot
 from sim_devices.stages.suction import nominal_suction
 
@@ -19,9 +17,9 @@ RATES = {"cutometer": 100.0, "aspiration": 25.0, "microrobot": 1000.0}
 
 _NOISE: dict[str, dict[str, tuple[float, float]]] = {
     # operator: standard deviation and resolution of its outputs (Pa, m or N): assumed
-    "cutometer": {"gauge": (30.0, 10.0), "optics": (2e-6, 10e-6)},
-    "aspiration": {"gauge": (40.0, 10.0), "optics": (5e-6, 0.0)},
-    "microrobot": {"position_sensors": (8e-6, 0.0), "transducers": (1.5e-3, 0.0)},
+    "cutometer": {"gauge_noise": (30.0, 10.0), "optics_noise": (2e-6, 10e-6)},
+    "aspiration": {"gauge_noise": (40.0, 10.0), "optics_noise": (5e-6, 0.0)},
+    "microrobot": {"position_noise": (8e-6, 0.0), "transducer_noise": (1.5e-3, 0.0)},
 }
 
 
@@ -50,15 +48,9 @@ def noisy(chain: Chain, seed: int, *, scatter: float = 0.02) -> Chain:
     else:
         compliance, *rest = chain["elastic"].parameters  # type: ignore[attr-defined]
         chain = chain.tuned("elastic", parameters=(compliance * factor, *rest))
-    for k, (anchor, (sigma, resolution)) in enumerate(_NOISE[chain.instrument].items()):
-        added = partial(_noise, f"{anchor}_noise", sigma, resolution, 2 * seed + k)
-        chain = after(chain, anchor, added)
+    for k, (name, (sigma, resolution)) in enumerate(_NOISE[chain.instrument].items()):
+        chain = chain.tuned(name, sigma=sigma, resolution=resolution, seed=2 * seed + k)
     return chain
-
-
-def _noise(name: str, sigma: float, resolution: float, seed: int, source: Names, target: Names) -> Wired:
-    n = len(source)
-    return Noise(name, "sensor", source, target, (sigma,) * n, (resolution,) * n, seed)
 
 
 def runner(chain: Chain) -> Runner | LoopRunner:

@@ -122,21 +122,26 @@ class Delay(Wired):
 
 @dataclass(frozen=True)
 class Noise(Wired):
-    """White Gaussian noise of ``sigma`` on each channel, and rounding to ``resolution`` (0: none)."""
+    """White Gaussian noise of ``sigma`` on each channel, then rounding to ``resolution``; neither where it is 0."""
 
-    sigma: tuple[float, ...]
-    resolution: tuple[float, ...]
+    sigma: float = 0.0
+    resolution: float = 0.0
     seed: int = 0
 
     def fresh(self) -> Any:
-        return [np.random.default_rng([self.seed, i]) for i in range(len(self.source))]
+        return [np.random.default_rng([self.seed, i]) for i in range(len(self.source))] if self.sigma else None
 
     def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
-        for rng, source, target, sigma, step in zip(
-            state, self.source, self.target, self.sigma, self.resolution, strict=True
-        ):
-            noisy = signals[source] + sigma * rng.standard_normal(len(time))
-            signals[target] = np.round(noisy / step) * step if step else noisy
+        for i, (source, target) in enumerate(zip(self.source, self.target, strict=True)):
+            out = signals[source]
+            if self.sigma:
+                out = out + self.sigma * state[i].standard_normal(len(time))
+            signals[target] = np.round(out / self.resolution) * self.resolution if self.resolution else out
+
+
+def analog(*signals: str) -> Names:
+    """The names of channels before noise and converter."""
+    return tuple(f"{s}|analog" for s in signals)
 
 
 def after(chain: Chain, anchor: str, make: Callable[[Names, Names], Wired], *signals: str) -> Chain:

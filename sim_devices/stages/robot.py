@@ -19,7 +19,7 @@ from drivers.microrobot import forces
 from drivers.microrobot.kinematics import GEOMETRY, Geometry, _derivatives, forward_into, inverse_into
 from sim_devices.chain import Chain, FloatArray, Runner, Signals
 from sim_devices.stages.axes import LOOP_RATE, AxisLoop
-from sim_devices.stages.operators import Delay, Names, Pass, Wired
+from sim_devices.stages.operators import Delay, Names, Noise, Pass, Wired, analog
 from sim_devices.stages.sheet import Sheet
 from sim_devices.stages.tissues import SheetTissue, sheet_tissue
 
@@ -119,6 +119,7 @@ def nominal_robot(
     """
     skin = sheet_tissue(tissue) if isinstance(tissue, str) else tissue
     matrix = forces.matrix(w, h)
+    inverse = tuple(np.linalg.inv(matrix).ravel().tolist())
     return Chain(
         "microrobot",
         (
@@ -129,8 +130,10 @@ def nominal_robot(
             Pass("glue", "interface", xyz("tip"), xyz("skin")),
             Sheet("tissue", "tissue", xyz("skin"), xyz("reaction"), skin),
             AxisLoad("load", "interface", xyz("reaction") + numbered("axis"), numbered("axis_load"), geometry=geometry),
-            Pass("position_sensors", "sensor", numbered("axis"), numbered("axis_position")),
-            Linear("transducers", "sensor", xyz("reaction"), TRANSDUCERS, tuple(np.linalg.inv(matrix).ravel())),
+            Pass("position_sensors", "sensor", numbered("axis"), analog(*numbered("axis_position"))),
+            Noise("position_noise", "sensor", analog(*numbered("axis_position")), numbered("axis_position")),
+            Linear("transducers", "sensor", xyz("reaction"), analog(*TRANSDUCERS), inverse),
+            Noise("transducer_noise", "sensor", analog(*TRANSDUCERS), TRANSDUCERS),
             Platform("probe_position", "processing", numbered("axis_position"), xyz("probe"), geometry=geometry),
             Linear("force_matrix", "processing", TRANSDUCERS, xyz("force"), tuple(matrix.ravel())),
         ),

@@ -15,7 +15,7 @@ from numba import njit
 
 from sim_devices.chain import Chain, FloatArray, Signals
 from sim_devices.stages import kernels, laws
-from sim_devices.stages.operators import Delay, Law, Map, Pass, Wired
+from sim_devices.stages.operators import Delay, Law, Map, Noise, Pass, Wired, analog
 from sim_devices.stages.tissues import SuctionTissue, for_opening, suction_tissue
 
 OPENING = {"cutometer": 2e-3, "aspiration": 8e-3}
@@ -156,8 +156,10 @@ def nominal_suction(
             Map("line", "actuator", ("regulated_pressure",), ("line_pressure",), laws.affine_inverse, (0.0, 0.0)),
             Pass("probe", "interface", ("line_pressure",), ("skin_pressure",)),
             *tissue_operators(skin),
-            Map("gauge", "sensor", ("line_pressure",), ("pressure",), laws.affine, (0.0, 0.0)),
-            Pass("optics", "sensor", ("bulge",), ("raw_height",)),
+            Map("gauge", "sensor", ("line_pressure",), analog("pressure"), laws.affine, (0.0, 0.0)),
+            Noise("gauge_noise", "sensor", analog("pressure"), ("pressure",)),
+            Pass("optics", "sensor", ("bulge",), analog("raw_height")),
+            Noise("optics_noise", "sensor", analog("raw_height"), ("raw_height",)),
             Zeroing("zeroing", "processing", ("raw_height", "due_pressure"), ("apex_height",), marks),
         ),
     )

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from sim_devices.chain import Chain, Effect, FloatArray, Runner, Signals
 from sim_devices.effects import effects
 from sim_devices.effects.build import CHOICE
-from sim_devices.stages import INSTRUMENTS, nominal
+from sim_devices.stages import INSTRUMENTS, noisy, nominal
 from sim_devices.stages.robot import LOAD, TRANSDUCERS, numbered, xyz
 from sim_devices.stages.sampling import time_grid
 
@@ -155,3 +155,18 @@ def test_actuator_effects_leave_a_recorded_line_pressure_alone(name: str) -> Non
     out = effects("cutometer")[name].apply(chain).run(time, recorded)
     np.testing.assert_array_equal(out["pressure"], expected["pressure"])
     np.testing.assert_array_equal(out["bulge"], expected["bulge"])
+
+
+@pytest.mark.parametrize(("instrument", "effect"), CASES)
+def test_noise_may_be_switched_on_before_or_after(instrument: str, effect: Effect) -> None:
+    chain = nominal(instrument)
+    assert noisy(effect.apply(chain), 5) == effect.apply(noisy(chain, 5))
+
+
+def test_dropped_samples_repeat_noise_and_all() -> None:
+    time, inputs, _ = session("cutometer")
+    stamps = np.arange(0, 14, 0.01)
+    chain = effects("cutometer")["dropped_samples"].apply(noisy(nominal("cutometer"), 5))
+    pressure = chain.run(stamps, {"command_pressure": np.interp(stamps, time, inputs["command_pressure"])})["pressure"]
+    hold = (stamps > 2) & (stamps < 6)
+    assert 0.05 < np.mean(np.diff(pressure[hold]) == 0) < 0.3
