@@ -16,6 +16,7 @@ BAD_INPUT = 2
 
 def check(
     protocol: Annotated[str, typer.Argument(help="A YAML file or a name of the library; none: list the library.")] = "",
+    station: Annotated[Path | None, typer.Option(help="Check against this station's limits too.")] = None,
     png: Annotated[Path | None, typer.Option(help="Draw the set-points into this file.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
     schema: Annotated[bool, typer.Option("--schema", help="Print the JSON schema of protocols, for editors.")] = False,
@@ -30,7 +31,7 @@ def check(
         _list(as_json)
         return
     try:
-        _check(protocol, png, as_json)
+        _check(protocol, station, png, as_json)
     except ProtocolError as error:
         if as_json:
             problems = [
@@ -42,15 +43,15 @@ def check(
         raise typer.Exit(BAD_INPUT) from None
 
 
-def _check(name: str, png: Path | None, as_json: bool) -> None:
+def _check(name: str, station: Path | None, png: Path | None, as_json: bool) -> None:
     from protocols import compile_protocol, effective_limits, find, load
     from protocols.summary import draw, in_words, summarise
 
     path = find(name)
     protocol = load(path)
-    hardware = _hardware_limits(protocol)
-    setpoints = compile_protocol(protocol, hardware)
-    limits = effective_limits(protocol, hardware)
+    given = _limits(protocol, station)
+    setpoints = compile_protocol(protocol, given)
+    limits = effective_limits(protocol, given)
     summary = summarise(protocol, setpoints, limits)
     if png is not None:
         draw(protocol, setpoints, limits, png)
@@ -60,12 +61,16 @@ def _check(name: str, png: Path | None, as_json: bool) -> None:
         typer.echo(in_words(summary))
 
 
-def _hardware_limits(protocol: Protocol) -> Limits:
-    """What the instrument's driver says its hardware stands."""
-    import importlib
+def _limits(protocol: Protocol, station: Path | None) -> Limits:
+    """What the instrument's hardware stands and, if there is a station, what it allows its first such instrument."""
+    from acquire.plugins import instrument
+    from acquire.station import load_station
 
-    limits: Limits = importlib.import_module(f"drivers.{protocol.instrument}").INSTRUMENT.limits
-    return limits
+    limits: Limits = instrument(protocol.instrument).limits
+    if station is None:
+        return limits
+    bench = load_station(station)
+    return limits.intersect(bench.instruments[bench.find(protocol.instrument)].station_limits)
 
 
 def _list(as_json: bool) -> None:

@@ -51,3 +51,16 @@ def test_draws_a_preview(name: str, tmp_path: Path) -> None:
 def test_lists_the_library_and_prints_the_schema() -> None:
     assert "demo-aspiration" in runner.invoke(app, []).stdout
     assert json.loads(runner.invoke(app, ["--schema"]).stdout)["title"] == "Protocol"
+
+
+def test_a_station_may_allow_less(tmp_path: Path) -> None:
+    station = tmp_path / "station.yaml"
+    station.write_text(
+        "schema: station/1\ninstruments:\n  cutometer:\n    simulated: {}\n"
+        "    limits: {pressure: {low: -250 mbar, high: 0 mbar}}\n"
+    )
+    result = runner.invoke(app, ["demo-cutometer", "--station", str(station)])
+    assert result.exit_code == 2
+    assert "outside -250 mbar … 0 mbar (hardware ∩ station ∩ protocol limits)" in result.stderr
+    missing = runner.invoke(app, ["demo-aspiration", "--station", str(station)])
+    assert "has no aspiration" in str(missing.exception)
