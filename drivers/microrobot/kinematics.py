@@ -57,7 +57,10 @@ def forward(axis: ArrayLike, geometry: Geometry = GEOMETRY) -> FloatArray:
 
 
 def inverse(tip: ArrayLike, geometry: Geometry = GEOMETRY) -> FloatArray:
-    """Axis positions (..., 3) for tip positions (..., 3); NaN where no pose exists (strokes are not checked here)."""
+    """Axis positions (..., 3) for tip positions (..., 3); NaN where no pose exists (strokes are not checked here).
+
+    The pose of least tilt: beyond a singularity (see ``conditioning``) a second one leads to the same tip.
+    """
     p, shape = _columns(tip)
     axis = np.empty_like(p)
     inverse_into(p[0], p[1], p[2], geometry.axis_radius, geometry.tip_height, axis[0], axis[1], axis[2])

@@ -82,9 +82,9 @@ def test_shapes_are_kept_and_wrong_ones_named() -> None:
 
 
 @settings(max_examples=40, deadline=None)
-@given(st.floats(0.01, 0.1), st.floats(0.005, 0.08), st.tuples(*[st.floats(-0.15, 0.15)] * 3))
-def test_round_trip_for_any_geometry(radius: float, height: float, relative: tuple[float, float, float]) -> None:
-    geometry = Geometry(radius, height)
+@given(st.floats(0.01, 0.1), st.floats(0.3, 2.0), st.tuples(*[st.floats(-0.15, 0.15)] * 3))
+def test_round_trip_for_any_geometry(radius: float, slender: float, relative: tuple[float, float, float]) -> None:
+    geometry = Geometry(radius, radius * slender)  # a flatter one has a second pose for the same tip
     axis = radius * np.array(relative)
     np.testing.assert_allclose(inverse(forward(axis, geometry), geometry), axis, atol=1e-11)
 
