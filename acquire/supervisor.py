@@ -17,9 +17,24 @@ import sys
 import threading
 import time
 from collections.abc import Sequence
+from typing import Protocol
 
 PERIOD = 0.05  # s between permissions; a device's watchdog (0.25 s by default) outlasts a few lost ones
 PATIENCE = 0.15  # s of silence of one that must be alive after which permissions stop
+
+
+class Heartbeat(Protocol):
+    """What the engine needs of a `Supervisor`."""
+
+    @property
+    def alive(self) -> bool:
+        """Whether beats can still be permitted."""
+
+    def permissions(self) -> int:
+        """Beats permitted so far."""
+
+    def tick(self, name: str = "engine") -> None:
+        """The control loop is alive."""
 
 
 class Supervisor:

@@ -89,8 +89,8 @@ def _station(path: Path | None, sim: bool, tissue: str, effects: tuple[str, ...]
 
 
 def _abort_on_signals(engine: RunEngine) -> Any:
-    """Have Ctrl-C and a polite kill abort the run; what this returns puts the old handlers back."""
-    caught = [signal.SIGINT, signal.SIGTERM]
+    """Have Ctrl-C, a polite kill and a closed terminal abort the run; the result puts the old handlers back."""
+    caught = [signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])]
 
     def abort(number: int, frame: Any) -> None:
         engine.abort(f"aborted by a person ({signal.Signals(number).name})")
@@ -114,7 +114,8 @@ def _tell(outcome: Outcome, identity: str, instrument: str, duration: float, as_
         typer.echo(json.dumps(result, indent=2))
         return
     if outcome.reason:
-        print(f"{outcome.status}: {outcome.reason}", file=sys.stderr)
+        told = outcome.reason.startswith(outcome.status)
+        print(outcome.reason if told else f"{outcome.status}: {outcome.reason}", file=sys.stderr)
     if outcome.lost:
         print(f"{outcome.lost} samples were lost", file=sys.stderr)
     if outcome.recording is not None:

