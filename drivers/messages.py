@@ -9,7 +9,7 @@ ahead of every answer to a command goes a status (`Samples` without samples).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -134,4 +134,4 @@ class Tally:
 
     accepted: int = 0
     discarded: int = 0
-    last_fault: str = field(default="")
+    last_fault: str = ""
