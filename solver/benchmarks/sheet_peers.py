@@ -21,6 +21,7 @@ from skinrig_solver.sheet.prestress import Prestress, stretch
 
 Array = NDArray[np.float64]
 Answer = tuple[Array, int, float]
+_STEPS = 32  # of the whole sheet's probe: NGSolve starts every step without a predictor
 
 
 @dataclass(frozen=True)
@@ -152,3 +153,91 @@ def with_ngsolve(case: Case, order: int, size: float, steps: int) -> Answer:
             raise RuntimeError("NGSolve's Newton iteration did not converge")
         forces.append(ng.InnerProduct(residual, unit.vec) * 1e-3 * case.thickness * 1e3)
     return np.array(forces), space.ndof, perf_counter() - started
+
+
+def whole_sheet(law: str, loads: tuple[float, float], side: float = 50e-3, size: float = 4.0) -> tuple[Array, Array]:
+    """Paper M's two steps on the whole square sheet with NGSolve, elastic, the probe 1.3 mm along x.
+
+    Dead loads on two sides, the opposite ones held normal; then everything outside the hole (radius 20 mm) held and the
+    patch (radius 2 mm) displaced. Laws 'ogden' and 'gasser' with their defaults. Returns the force on the probe
+    (2,) [N] and the deformation gradient (2, 2) at the centre before the second step.
+    """
+    import ngsolve as ng
+    from netgen.geom2d import SplineGeometry
+
+    case = Case()
+    geometry = SplineGeometry()
+    half = 0.5e3 * side
+    geometry.AddRectangle((-half, -half), (half, half), leftdomain=3, bcs=("bottom", "right", "top", "left"))
+    geometry.AddCircle((0, 0), case.outer * 1e3, leftdomain=2, rightdomain=3)
+    geometry.AddCircle((0, 0), case.inner * 1e3, leftdomain=1, rightdomain=2, maxh=0.25 * size)
+    for number, name in enumerate(("probe", "ring", "support"), start=1):
+        geometry.SetMaterial(number, name)
+    mesh = ng.Mesh(geometry.GenerateMesh(maxh=size))
+    mesh.Curve(3)
+    flat = ng.VectorH1(mesh, order=3, dirichletx="left", dirichlety="bottom")
+    space = flat * ng.L2(mesh, order=2)
+    (u, thickness), _ = space.TnT()
+    F = ng.CF((1, 0, 0, 1), dims=(2, 2)) + ng.Grad(u)
+    C = F.trans * F
+    volume = 0.5 * ng.log(C[0, 0] * C[1, 1] - C[0, 1] * C[0, 1]) + ng.log(thickness)
+    p = [parameter.default for parameter in LAWS[law].parameters]
+    energy = 0.5 * p[-1] * volume**2
+    if law == "ogden":
+        middle = 0.5 * (C[0, 0] + C[1, 1])
+        radius = ng.sqrt(0.25 * (C[0, 0] - C[1, 1]) ** 2 + C[0, 1] ** 2 + 1e-12)
+        for mu, a in ((p[0], p[1]), (p[2], p[3])):
+            powers = (middle + radius) ** (a / 2) + (middle - radius) ** (a / 2) + thickness**a
+            energy = energy + mu / a * powers * ng.exp(-a / 3 * volume)
+    else:
+        mu, k1, k2, theta = p[:4]
+        x, y = np.cos(theta), np.sin(theta)
+        part = ng.exp(-2 / 3 * volume)
+        e = part * (x * x * C[0, 0] + 2 * x * y * C[0, 1] + y * y * C[1, 1]) - 1
+        trace = part * (C[0, 0] + C[1, 1] + thickness**2)
+        energy = energy + mu / 2 * (trace - 3) + k1 / k2 * (ng.exp(k2 * e**2) - 1)
+    load = ng.Parameter(0.0)
+    form = ng.BilinearForm(space, symmetric=False)
+    form += ng.Variation((1e-3 * energy).Compile() * ng.dx)
+    form += ng.Variation(-1e-3 * load * loads[0] * u[0] * ng.ds("right"))
+    form += ng.Variation(-1e-3 * load * loads[1] * u[1] * ng.ds("top"))
+    solution = ng.GridFunction(space)
+    solution.components[1].Set(ng.CF(1.0))
+
+    def newton(free: ng.BitArray) -> ng.BaseVector:
+        residual, update = solution.vec.CreateVector(), solution.vec.CreateVector()
+        inside = ng.Projector(free, True)
+        for _ in range(30):
+            form.AssembleLinearization(solution.vec)
+            form.Apply(solution.vec, residual)
+            update.data = inside * residual
+            if ng.Norm(update) < 1e-8 * ng.Norm(residual) + 1e-10:
+                return residual
+            update.data = form.mat.Inverse(free, inverse="umfpack") * residual
+            solution.vec.data -= update
+        raise RuntimeError("NGSolve's Newton iteration did not converge")
+
+    for share in np.linspace(0.0, 1.0, 41)[1:]:
+        load.Set(share**2)  # small first: the sheet is soft until it is stretched
+        newton(space.FreeDofs())
+    centre = np.eye(2) + np.array(ng.Grad(solution.components[0])(mesh(0.0, 0.0))).reshape(2, 2)
+
+    moving = ng.BitArray(space.ndof)
+    moving[:] = False
+    inner, outer = (flat.GetDofs(mesh.Materials(name)) for name in ("probe", "support"))
+    for dof in range(flat.ndof):
+        moving[dof] = not inner[dof] and not outer[dof]
+    for dof in range(flat.ndof, space.ndof):
+        moving[dof] = True
+    shift, units = ng.GridFunction(space), [ng.GridFunction(space) for _ in range(2)]
+    for k, way in enumerate(((1, 0), (0, 1))):
+        units[k].components[0].Set(ng.CF(way), definedon=mesh.Materials("probe"))
+        for dof in range(flat.ndof):
+            if not inner[dof]:
+                units[k].vec[dof] = 0.0
+    for _ in range(_STEPS):
+        shift.vec.data = (1e3 * case.reach / _STEPS) * units[0].vec
+        solution.vec.data += shift.vec
+        residual = newton(moving)
+    force = np.array([ng.InnerProduct(residual, unit.vec) for unit in units]) * case.thickness
+    return force, centre

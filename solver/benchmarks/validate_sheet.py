@@ -185,6 +185,26 @@ def chains() -> None:
         print(f"| {factor:g} | {n * 1.38e-23 * 298:.3g} Pa | {' | '.join(cells)} |")
 
 
+def whole() -> None:
+    """Paper M's two steps on the whole square sheet (NGSolve), elastic, against the ring and its pre-stretch."""
+    import sheet_peers as peers
+
+    from skinrig_solver.laws import LAWS
+
+    print("| law | F at the centre of the whole sheet | stretches here | force there N | force here N |")
+    print("|---|---|---|---|---|")
+    for law, loads in (("ogden", (84e3, 61e3)), ("gasser", (26e3, 18e3))):
+        force, F = peers.whole_sheet(law, loads)
+        p = np.array([q.default for q in LAWS[law].parameters])
+        state = peers.stretch(LAWS[law], p, np.array(loads))
+        body = peers.Sheet(LAWS[law], p, peers.ring(2e-3, 20e-3, 6, 16), 1.5e-3, state)
+        for k in range(1, 7):
+            body.move(np.array([REACH * k / 6, 0.0, 0.0]))
+        there, here = (", ".join(f"{x:.3f}" for x in np.abs(f[:2])) for f in (force, body.force))
+        matrix = np.array2string(F.round(3), separator=", ").replace("\n", "")
+        print(f"| {law} | {matrix} | {state.stretches.round(3)} | {there} | {here} |")
+
+
 PARTS = {
     "rows": rows,
     "geometry": geometry,
@@ -192,6 +212,7 @@ PARTS = {
     "solid": solid,
     "accuracy": accuracy,
     "chains": chains,
+    "whole": whole,
 }
 
 if __name__ == "__main__":
