@@ -213,6 +213,7 @@ class _Import:
             data = find_frames(self.folder, images.files)
         except RecordingError as error:
             raise self.fault(("frames", "files"), str(error)) from error
+        seq = np.arange(len(data))
         if images.rate is not None:
             time = evenly(len(data), images.rate, start if images.start is None else images.start)
         else:
@@ -220,7 +221,9 @@ class _Import:
             assert images.time_file is not None, "the schema asks for both"
             table = self.table(("frames", "time_file"), images.time_file, None)
             time = self.time(("frames", "time"), table, images.time, len(data), "frames")
-        return Frames(data, time, images.scale or 0.0, np.arange(len(data)))
+            if images.seq is not None:
+                seq = table.column(images.seq, "frames")[0].astype(np.int64)
+        return Frames(data, time, images.scale or 0.0, seq)
 
     def threshold(self, recording: Recording) -> Recording:
         """What the frames show, unless the bundle says it itself."""

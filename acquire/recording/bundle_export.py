@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from acquire.recording.bundle import FILE_NAME
 from acquire.recording.bundle_schema import SCHEMA
@@ -63,7 +64,7 @@ def table_groups(group: Mapping[str, Series]) -> list[dict[str, Series]]:
     return groups
 
 
-def write_table(path: Path, columns: Mapping[str, FloatArray]) -> None:
+def write_table(path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
     """A CSV of equally long ``columns``; floats carry every digit."""
     with path.open("w", encoding="utf-8", newline="\n") as file:
         file.write(",".join(columns) + "\n")
@@ -86,8 +87,8 @@ def _tables(folder: Path, stem: str, group: Mapping[str, Series]) -> dict[str, A
             entry: dict[str, Any] = {"file": file, "column": column, "unit": series.unit or "1", "time": time}
             for axis in ("seq", "time_host"):
                 array = getattr(series, axis)
-                if array is None or (axis == "seq" and np.array_equal(array, np.arange(len(array)))):
-                    continue  # rows are counted anyway
+                if array is None or (stem == "data" and axis == "seq" and np.array_equal(array, np.arange(len(array)))):
+                    continue  # a channel's rows are counted anyway
                 shared = [c for c in columns if c.startswith(axis) and np.array_equal(columns[c], array)]
                 chosen = shared[0] if shared else axis if axis not in columns else f"{axis}_{name}"
                 columns[chosen] = array
@@ -116,12 +117,14 @@ def _images(folder: Path, frames: Frames) -> dict[str, Any]:
         if not encoded:
             raise RecordingError(f"{folder}: frame {number} cannot be written as PNG")
         (folder / "frames" / f"{number:06d}.png").write_bytes(png.tobytes())
-    write_table(folder / "frames.csv", {"time": frames.time})
+    seq = np.arange(len(frames.time)) if frames.seq is None else frames.seq
+    write_table(folder / "frames.csv", {"time": frames.time, "seq": seq})
     about: dict[str, Any] = {
         "files": "frames/*.png",
         "time_file": "frames.csv",
         "time": {"column": "time", "unit": "s"},
     }
+    about["seq"] = "seq"
     return about | ({"scale": f"{frames.scale!r} m/px"} if frames.scale else {})
 
 

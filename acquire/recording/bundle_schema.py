@@ -75,6 +75,7 @@ class Images(_Loose):
     start: Duration | None = None
     time_file: Short | None = None
     time: TimeAxis | None = None
+    seq: Short | None = Field(default=None, description="column of time_file with the camera's frame counter")
     gvt: Annotated[float, Field(ge=0, le=255)] | None = None
     delta: Annotated[float, Field(gt=0, le=100)] | None = None
     apex: Literal["up", "down"] = "up"

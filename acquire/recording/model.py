@@ -109,7 +109,7 @@ class Recording:
 
 
 def difference(a: Recording, b: Recording) -> str:
-    """The first difference between two recordings in words (frames: their times only); '' if there is none."""
+    """The first difference between two recordings in words (of frames all but the pixels); '' if there is none."""
     for item in fields(RunInfo):
         x, y = getattr(a.info, item.name), getattr(b.info, item.name)
         if not isinstance(x, Mapping) and x != y:
@@ -121,8 +121,10 @@ def difference(a: Recording, b: Recording) -> str:
             return f"{kind}: {problem}"
     if (a.frames is None) != (b.frames is None):
         return "frames: present in only one"
-    if a.frames is not None and b.frames is not None and not np.array_equal(a.frames.time, b.frames.time):
-        return "frames: time differs"
+    if a.frames is not None and b.frames is not None:
+        for what in ("time", "seq", "scale"):
+            if not np.array_equal(getattr(a.frames, what), getattr(b.frames, what)):
+                return f"frames: {what} differs"
     return "" if a.events == b.events else "events differ"
 
 

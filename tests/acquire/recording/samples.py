@@ -43,7 +43,9 @@ def sample_recording(samples: int = 3000, *, frames: int = 5, run_id: str = "202
             "apex_height": Series(height, time, "m", host, seq, "sensor", (0.0, 4e-3), 1e-5),
         },
         setpoints={"pressure": Series(np.array([0.0, -3e4, -3e4, 0.0]), np.array([0.0, 0.0, 15.0, 15.0]), "Pa")},
-        frames=Frames(images, np.arange(frames) / 25.0, 2e-5, np.arange(frames)) if frames else None,
+        frames=Frames(images, np.arange(frames) / 25.0, 2e-5, np.arange(3, frames + 3)) if frames else None,
         events=(Event(0.0, "info", "start", "läuft"), Event(15.0, "warning", "late", "a sample came late")),
-        derived={"profile": Series(np.ones((frames, 7)), np.arange(frames) / 25.0, "m")} if frames else {},
+        derived={"profile": Series(np.ones((frames, 7)), np.arange(frames) / 25.0, "m", seq=np.arange(frames))}
+        if frames
+        else {},
     )

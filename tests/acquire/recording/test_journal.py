@@ -65,7 +65,7 @@ def write(path: Path, recording: Recording, *, close: bool = True, block: int = 
         writer.block(Block(values, first.seq[part], first.time[part], first.time_host[part]))
     if recording.frames is not None:
         for number, image in enumerate(recording.frames.data):
-            writer.frame(Frame(image, number, recording.frames.time[number], 0.0))
+            writer.frame(Frame(image, number + 3, recording.frames.time[number], 0.0))
     if close:
         writer.close("completed", end_time=recording.info.end_time)
     else:
@@ -78,7 +78,9 @@ def test_finalise_gives_the_recording_and_removes_the_journal(tmp_path: Path) ->
     write(journal, recording)
     path = finalise(journal, tmp_path / "run.h5")
     read = open_recording(path)
-    expected = replace(recording, setpoints=read.setpoints)
+    assert recording.frames is not None
+    # Without a scale the frames are kept, and nothing is measured in them.
+    expected = replace(recording, setpoints=read.setpoints, frames=replace(recording.frames, scale=0.0))
     assert difference(expected, read) == ""
     assert np.array_equal(read.setpoints["pressure"].time, [0, 0, 0, 15, 15, 15])
     assert np.array_equal(read.setpoints["pressure"].value, [0, -3e4, -3e4, -3e4, -3e4, 0])
