@@ -1,0 +1,142 @@
+"""Kernels and laws against closed forms, and in chunks."""
+
+from __future__ import annotations
+
+import doctest
+import itertools
+
+import numpy as np
+import pytest
+from scipy.signal import lsim
+
+from sim_devices.chain import FloatArray
+from sim_devices.stages import kernels, laws
+from sim_devices.stages.kernels import STATE, Kernel, evaluate
+
+RNG = np.random.default_rng(8)
+TIME = np.sort(RNG.uniform(0, 6, 300))
+WAVE = np.sin(3 * TIME) * np.minimum(TIME, 1.0)
+CASES: list[tuple[Kernel, tuple[float, ...]]] = [
+    (kernels.low_pass, (0.3,)),
+    (kernels.second_order, (0.2, 0.4)),
+    (kernels.second_order, (0.2, 1.0)),
+    (kernels.second_order, (0.2, 2.5)),
+    (kernels.prony, (1.0, 0.3, 0.1, -0.2, 2.0)),
+    (kernels.rate_limit, (0.5, 2.0)),
+    (kernels.play, (0.2,)),
+    (kernels.soft_play, (0.2,)),
+    (kernels.sticking, (0.2,)),
+    (kernels.prandtl, (0.1, 0.3, 0.4, 0.2)),
+    (kernels.bouc_wen, (0.5, 0.2, 2.0)),
+    (kernels.friction, (0.3, 0.5, 1.0, 0.05, 0.1)),
+    (kernels.exposure_gain, (0.4, 1.0, 0.5, 5.0)),
+    (kernels.yield_flow, (0.4, 0.2, 0.5, 5.0)),
+    (kernels.mullins, (0.3, 4.0)),
+    (kernels.faulty_samples, (0.05, 0.3, 1.0, 1.0)),
+    (kernels.jittered, (0.05, 0.01, 1.0)),
+]
+
+
+@pytest.mark.parametrize(("kernel", "parameters"), CASES)
+def test_chunks_join_without_a_seam(kernel: Kernel, parameters: tuple[float, ...]) -> None:
+    whole = evaluate(kernel, TIME, WAVE, *parameters)
+    state, parts = np.zeros(STATE), []
+    for a, b in itertools.pairwise([0, 1, 2, 120, 121, 300]):
+        part = np.empty(b - a)
+        kernel(state, TIME[a:b], WAVE[a:b], np.array(parameters), part)
+        parts.append(part)
+    np.testing.assert_allclose(np.concatenate(parts), whole, atol=1e-12)
+    assert np.isfinite(whole).all()
+
+
+def uniform() -> tuple[FloatArray, FloatArray]:
+    time = np.arange(0, 6, 0.02)
+    return time, np.sin(3 * time)
+
+
+@pytest.mark.parametrize("tau", [0.05, 0.7])
+def test_low_pass_is_exact_for_linear_pieces(tau: float) -> None:
+    time, wave = uniform()
+    _, expected, _ = lsim(([1.0], [tau, 1.0]), wave, time)
+    np.testing.assert_allclose(evaluate(kernels.low_pass, time, wave, tau), expected, atol=1e-10)
+
+
+@pytest.mark.parametrize("zeta", [0.05, 0.999, 1.0, 1.001, 4.0])
+def test_second_order_is_exact_for_linear_pieces(zeta: float) -> None:
+    time, wave = uniform()
+    _, expected, _ = lsim(([1.0], [0.09, 0.6 * zeta, 1.0]), wave, time)
+    np.testing.assert_allclose(evaluate(kernels.second_order, time, wave, 0.3, zeta), expected, atol=1e-8)
+
+
+def test_gaps_and_jumps_are_harmless() -> None:
+    time = np.array([0.0, 1.0, 1.0 + 1e-9, 1.3, 4000.0, 4000.1])
+    wave = np.array([0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
+    out = evaluate(kernels.second_order, time, wave, 0.1, 1.0)
+    np.testing.assert_allclose(out, [0, 0, 0, 1 - 4 * np.exp(-3.0), 1, 1], atol=1e-6)
+    out = evaluate(kernels.low_pass, time, wave, 0.1)
+    np.testing.assert_allclose(out, [0, 0, 0, 1 - np.exp(-3.0), 1, 1], atol=1e-6)
+
+
+def test_prony_is_the_sum_of_its_lags() -> None:
+    lags = [evaluate(kernels.low_pass, TIME, WAVE, tau) for tau in (0.1, 2.0)]
+    expected = 0.7 * WAVE + 0.3 * lags[0] - 0.2 * lags[1]
+    np.testing.assert_allclose(evaluate(kernels.prony, TIME, WAVE, 0.7, 0.3, 0.1, -0.2, 2.0), expected, atol=1e-12)
+
+
+def test_hysteresis_stays_within_its_width_and_costs_energy() -> None:
+    time = np.arange(0, 20, 0.01)
+    wave = np.sin(2 * np.pi * time / 5)
+    for kernel, parameters, within in [
+        (kernels.bouc_wen, (0.5, 0.2, 2.0), 0.5),
+        (kernels.prandtl, (0.1, 0.3, 0.4, 0.2), 0.5),
+        (kernels.friction, (0.5, 0.5, 1.0, 0.05, 0.0), 0.5),
+    ]:
+        force = evaluate(kernel, time, wave, *parameters)
+        assert np.abs(force).max() <= within + 1e-12
+        cycle = time >= 15
+        assert np.trapezoid(force[cycle], wave[cycle]) > 0.5 * 4 * within * 0.5
+
+
+def test_friction_reduces_to_coulomb_and_dahl() -> None:
+    time, wave = uniform()
+    moving = np.sign(np.diff(wave))
+    coulomb = evaluate(kernels.friction, time, wave, 0.3, 0.3, 1.0, 0.0, 0.0)
+    np.testing.assert_allclose(coulomb[1:], 0.3 * moving)
+    ramp = np.linspace(0, 1, 50)
+    dahl = evaluate(kernels.friction, ramp, ramp, 0.3, 0.3, 1.0, 0.2, 0.0)
+    np.testing.assert_allclose(dahl, 0.3 * (1 - np.exp(-ramp / 0.2)), atol=1e-12)
+
+
+def test_random_faults_hit_the_asked_share_whatever_the_grid() -> None:
+    stamps = np.arange(4000) * 0.01
+    wave = np.cumsum(RNG.standard_normal(4000))
+    late = evaluate(kernels.faulty_samples, stamps, wave, 0.01, 0.2, 3.0, 0.0)
+    assert 0.17 < np.mean(late != wave) < 0.23
+    dense = np.sort(np.concatenate([stamps, stamps + 0.004]))
+    again = evaluate(kernels.faulty_samples, dense, np.interp(dense, stamps, wave), 0.01, 0.2, 3.0, 0.0)
+    np.testing.assert_allclose(again[::2], late)
+    scatter = evaluate(kernels.jittered, stamps, 2.0 * stamps, 0.01, 0.003, 1.0)[1:] / 2 - stamps[1:]
+    assert np.std(scatter) == pytest.approx(0.003, rel=0.05)
+    assert abs(scatter.mean()) < 3e-4
+
+
+def test_laws() -> None:
+    u, t = np.linspace(-2, 2, 9), np.linspace(0, 1, 9)
+    np.testing.assert_allclose(laws.affine_inverse(t, laws.affine(t, u, 0.2, 0.5), 0.2, 0.5), u)
+    np.testing.assert_allclose(laws.saturation(t, u, 1.0), np.clip(u, -1, 1))
+    assert np.abs(laws.saturation(t, 100 * u, 1.0, 1.0)).max() <= 1.0
+    np.testing.assert_allclose(laws.dead_zone(t, u, 0.5), [-1.5, -1, -0.5, 0, 0, 0, 0.5, 1, 1.5])
+    np.testing.assert_allclose(laws.leak(t, u, 0.1, 0.0, 1.0), 0.9 * u)
+    np.testing.assert_allclose(laws.coulomb(t, u, 0.3, 0.0), 0.3 * np.sign(u))
+    assert laws.stribeck(t, np.array([1e-6]), 0.3, 0.2, 0.1, 0.0)[0] == pytest.approx(0.5)
+    assert (np.diff(laws.stiffening(t, u, 3.0, 2.0, 0.5)) > 0).all()
+    assert laws.ramp(np.zeros(1), 0.4, 0.1)[0] == 0.0
+    slope = np.gradient(laws.layered(t, np.linspace(0, 2, 200), 3.0, 0.5, 0.02), 2 / 199)
+    assert slope[5] == pytest.approx(1.0, abs=1e-3)
+    assert slope[-5] == pytest.approx(0.25, abs=1e-3)
+
+
+def test_the_example_in_the_module_is_true() -> None:
+    result = doctest.testmod(kernels)
+    assert result.attempted
+    assert not result.failed
