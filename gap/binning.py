@@ -30,15 +30,17 @@ class Bins:
     count: NDArray[np.int64]
 
 
-def bin_edges(begin: float, end: float, kinks: FloatArray, dt: float) -> FloatArray:
+def bin_edges(
+    begin: float, end: float, kinks: FloatArray, dt: float, growth: float = GROWTH, widest: float = WIDEST
+) -> FloatArray:
     """Edges from ``begin`` to ``end`` s for samples ``dt`` s apart; ``kinks`` (k,) s are where the command bends."""
     inside = np.unique(np.concatenate([[begin], kinks[(kinks > begin) & (kinks < end)], [end + dt]]))
-    widest = max(WIDEST, dt)
+    widest = max(widest, dt)
     edges = [float(begin)]
     for start, stop in pairwise(inside):
         t = start
         while stop - t > 0.5 * dt:
-            t += min(max(dt, GROWTH * (t - start)), widest)
+            t += min(max(dt, growth * (t - start)), widest)
             if stop - t < 0.5 * dt:
                 t = stop
             edges.append(float(t))

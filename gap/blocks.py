@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquire.recording.model import Recording
+from gap.binning import GROWTH, WIDEST
 from gap.chains import needed, run
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Rows
 from gap.rows import label_rows
@@ -65,6 +66,7 @@ class Block(abc.ABC):
 
     name: str
     channels: tuple[str, ...]
+    growth, widest = GROWTH, WIDEST  # of the bins
     floor: float = 0.0  # SI: noise that averaging does not lower, because the nominal chain is not known better
 
     prior_mean: FloatArray
@@ -85,7 +87,7 @@ class Block(abc.ABC):
             for k in group.members:
                 if not all(c in session.recordings[k].streams for c in self.channels):
                     continue
-                bins = [session.binned(c, k, session.kinks) for c in self.channels]
+                bins = [session.binned(c, k, session.kinks, self.growth, self.widest) for c in self.channels]
                 n = min(len(b.time) for b in bins)  # equal unless a channel lost samples at its end
                 parts.append(
                     (bins[0].time[:n], np.stack([b.value[:n] for b in bins]), np.stack([b.count[:n] for b in bins]))
@@ -110,7 +112,7 @@ class Block(abc.ABC):
             np.median([np.median(np.diff(session.recordings[k].streams[self.channels[0]].time)) for k in self.runs])
         )
         self.rows = self._labelled()
-        self._grids: dict[int, tuple[FloatArray, dict[str, FloatArray]]] = {}
+        self._grids: dict[tuple[int, float, float], tuple[FloatArray, dict[str, FloatArray]]] = {}
 
     def _labelled(self) -> Rows:
         parts = []
@@ -153,12 +155,21 @@ class Block(abc.ABC):
             partial = replace(chain, operators=operators)
             made = simulate(partial, tables, dict.fromkeys(self.channels, stamps + shift), given)
             return np.stack([made[c] for c in self.channels])
-        if at.start not in self._grids:
-            grid = time_grid(np.concatenate([t for t, _ in tables.values()]), [stamps])
-            self._grids[at.start] = grid, {COMMANDS[q]: np.interp(grid, *table) for q, table in tables.items()}
-        grid, commands = self._grids[at.start]
+        grid, commands = self._grid(group, at, stamps + shift)
         made = run(operators, grid, commands | {name: np.interp(grid, *table) for name, table in given.items()})
         return np.stack([np.interp(stamps + shift, grid, made[c]) for c in self.channels])
+
+    def _grid(self, group: Group, at: slice, stamps: FloatArray) -> tuple[FloatArray, dict[str, FloatArray]]:
+        """Nodes and commands on them. The stamps themselves are nodes: interpolation between others would mimic a
+        lag."""
+        key = (at.start, float(stamps[0]), float(stamps[-1]))
+        if key not in self._grids:
+            if len(self._grids) > 64:
+                self._grids.clear()
+            tables = group.tables()
+            grid = time_grid(np.concatenate([t for t, _ in tables.values()]), [stamps])
+            self._grids[key] = grid, {COMMANDS[q]: np.interp(grid, *table) for q, table in tables.items()}
+        return self._grids[key]
 
     def start(self) -> FloatArray:
         return self.prior_mean.copy()

@@ -18,9 +18,11 @@ from gap.hypothesis import Candidate, FloatArray, Problem
 from gap.noise import correlation_time
 from gap.solve import Fit, Projector, fit
 
-STRENGTHS = (0.15, 0.4, 0.65, 0.9)
-SHAPES = (0.2, 0.5, 0.8)
-MAX_GRID = 12
+STRENGTHS = (0.25, 0.7)
+SHAPES = (0.25, 0.75)
+MAX_GRID = 8
+HOPELESS = 4.0
+"""Fall of χ² in the screening below which an effect is not refitted."""
 STARTS = 2
 """Screening points from which a refit starts."""
 AMPLITUDES = (0.25, 2.0)
@@ -134,7 +136,15 @@ def screen(
             scale = np.clip(cross / along, *AMPLITUDES) if along > 1e-9 else 1.0
             points.append((max(simulated, float(scale * (2 * cross - scale * along))), unit))
         points.sort(key=lambda p: -p[0])
-        out.append(Screened(candidate, points[0][1], points[0][0], tuple(u for _, u in points[1:STARTS]), seen))
+        out.append(
+            Screened(
+                candidate,
+                points[0][1],
+                points[0][0],
+                tuple(u for g, u in points[1:STARTS] if g > 0.6 * points[0][0]),
+                seen,
+            )
+        )
     return sorted(out, key=lambda s: -s.gain), simulations
 
 
@@ -163,9 +173,9 @@ def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) ->
 class Effort:
     """How wide the search is."""
 
-    refit_singles: int = 10
-    pair_bases: int = 3
-    refit_pairs: int = 3
+    refit_singles: int = 9
+    pair_bases: int = 2
+    refit_pairs: int = 2
     pair_gain: float = 12.0  # tempered fall of χ² below which a second effect is not even refitted
 
 
@@ -194,10 +204,15 @@ def compare(
 
 
 def _shortlist(screened: Sequence[Screened], size: int) -> list[Screened]:
-    """The best, and no more than three forms of one concept, so that every concept near the top gets its chance."""
+    """The best, no more than two forms of one concept: every concept near the top gets its chance.
+
+    What the linear screening sees no use in (below `HOPELESS`) is left, but the first three always go.
+    """
     out: list[Screened] = []
     for s in screened:
-        if sum(o.candidate.name == s.candidate.name for o in out) < 3:
+        if len(out) >= 3 and s.gain < HOPELESS:
+            break
+        if sum(o.candidate.name == s.candidate.name for o in out) < 2:
             out.append(s)
         if len(out) == size:
             break

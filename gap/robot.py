@@ -28,7 +28,9 @@ from sim_devices.stages.tissues import SheetTissue, sheet_tissue
 
 QUANTITIES = ("probe_x", "probe_y", "probe_z")
 AXES = numbered("axis_position")
-LOOP_STEP = 0.01
+ROBOT_BINS = 0.15, 0.4
+"""Growth and largest width (s) of the bins: the motion is slow."""
+LOOP_STEP = 0.02
 """s; the loop is exact between kinks, so this only has to resolve what is not linear in it."""
 
 
@@ -89,6 +91,7 @@ class AxesBlock(Block):
     """
 
     name, channels = "axes", AXES
+    growth, widest = ROBOT_BINS
     floor = 0.5e-6  # m
     TARGET_LAGS = (0.01, 0.03, 0.1)
     LOAD_LAGS = (0.03, 0.2, 1.0)
@@ -168,6 +171,8 @@ class AxesBlock(Block):
 class ArithmeticBlock(Block):
     """Recomputed channels: axis positions -> probe, transducers -> force. No freedom but a zero in each recording."""
 
+    growth, widest = ROBOT_BINS
+
     def __init__(
         self,
         session: GroupedSession,
@@ -191,10 +196,11 @@ class ArithmeticBlock(Block):
     def _binned_source(self, group: Group, at: slice) -> dict[str, Table]:
         out = {}
         for name in self._source:
-            values = np.concatenate([
-                self.session.binned(name, k, self.session.kinks).value[: int(np.sum(self.run[at] == k))]
-                for k in dict.fromkeys(self.run[at].tolist())
-            ])  # fmt: skip
+            parts = []
+            for k in dict.fromkeys(self.run[at].tolist()):
+                bins = self.session.binned(name, k, self.session.kinks, self.growth, self.widest)
+                parts.append(bins.value[: int(np.sum(self.run[at] == k))])
+            values = np.concatenate(parts)
             out[name] = (self.stamps[at], values)
         return out
 
@@ -217,6 +223,7 @@ class ForceBlock(Block):
     """
 
     name, channels = "force", TRANSDUCERS
+    growth, widest = ROBOT_BINS
     floor = 1e-3  # N
     TISSUE = ("stiffness1", "stiffness2", "stiffness3", "angle", "length", "exponent",
               "relaxation1", "relaxation2", "relaxation3", "relaxation4", "softening")  # fmt: skip

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from acquire.recording.model import Recording, Series
-from gap.binning import Bins, bin_edges, bin_means
+from gap.binning import GROWTH, WIDEST, Bins, bin_edges, bin_means
 from gap.hypothesis import FloatArray
 from gap.noise import grid_step, high_band_sigma
 
@@ -59,12 +59,13 @@ class Session:
         order = np.argsort(time, kind="stable")
         return Command(time[order], value[order])
 
-    def binned(self, channel: str, k: int, kinks: FloatArray) -> Bins:
+    def binned(self, channel: str, k: int, kinks: FloatArray, growth: float = GROWTH, widest: float = WIDEST) -> Bins:
         """A channel of recording ``k`` in bins that follow the command's kinks."""
         series = self.recordings[k].streams[channel]
         time = self.time(k, series)
         dt = float(np.median(np.diff(time)))
-        return bin_means(time, np.asarray(series.value, dtype=float), bin_edges(time[0], time[-1], kinks, dt))
+        edges = bin_edges(time[0], time[-1], kinks, dt, growth, widest)
+        return bin_means(time, np.asarray(series.value, dtype=float), edges)
 
     def sigma(self, channel: str, members: Sequence[int]) -> tuple[float, float]:
         """Noise of one sample of a channel, and the part that averaging does not lower (its grid's), in SI."""

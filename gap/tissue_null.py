@@ -44,7 +44,7 @@ def suction_discrepancy(
     curves = [u, u**2, u**3, *[np.minimum(u, k) / k for k in KNEES]]
     for tau in MEMORY:
         for curve in curves:
-            add(lag(curve, tau), 1.0)
+            add(lag(curve, tau), 5.0 if tau == 0 else 1.5)  # nobody knows a person's elastic curve
     for tau in (0.3, 3.0, 30.0):
         m = lag(u, tau)
         add(m * u, 0.7)
