@@ -224,8 +224,11 @@ def simulated_station(tissue: str = "forearm", effects: tuple[str, ...] = (), se
     It must run on a computer that is busy with other things (continuous integration), so its watchdog and its patience
     with a silent link are longer than a bench with people on it should have.
     """
-    simulated = {"simulated": {"tissue": tissue, "effects": effects, "seed": seed}}
-    simulated |= {"watchdog": "1 s", "interlock": {"stale": "5 s"}}
+    simulated = {
+        "simulated": {"tissue": tissue, "effects": effects, "seed": seed},
+        "watchdog": "1 s",
+        "interlock": {"stale": "5 s"},
+    }
     return Station.model_validate(
         {
             "schema": "station/1",
