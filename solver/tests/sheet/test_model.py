@@ -218,6 +218,11 @@ def test_other_instruments_and_unsupported_sensitivities_are_refused() -> None:
         MODELS["sheet_ogden"].simulate(triangles((1.0, 0.0, 0.0)), {}, ["stiffness"])
 
 
+def test_parameters_without_a_law_are_named() -> None:
+    with pytest.raises(SolverError, match=r"bischoff law has no stress at rest: a\^2"):
+        MODELS["sheet_bischoff"].simulate(triangles((1.0, 0.0, 0.0)), {"a": 0.5, "b": 0.8, "c": 0.9})
+
+
 def test_a_sheet_that_cannot_follow_says_when_where_and_under_what() -> None:
     """Chains as dense as paper M prints them are locked by the pre-stress (docs/validation)."""
     with pytest.raises(SolverError, match="no equilibrium") as caught:

@@ -159,4 +159,5 @@ BISCHOFF = Law(
     energy,
     point,
     "M, table of face parameters; temperature 298 K assumed",
+    domain="a^2 + b^2 + c^2 must exceed 4, or the chains at rest are longer than their links",
 )

@@ -36,6 +36,7 @@ class Law:
     energy : ``energy(C, p)`` [J/m^3], compiled
     point : see the module's docstring
     aligned : x, y and z are axes of material symmetry, so a response is known from one octant of directions
+    domain : the condition on the parameters, beside their bounds, without which there is no stress even at rest
     """
 
     name: str
@@ -44,6 +45,7 @@ class Law:
     point: Any
     source: str
     aligned: bool = True
+    domain: str = ""
 
     @property
     def symbols(self) -> tuple[str, ...]:

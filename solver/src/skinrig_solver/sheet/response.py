@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..api import Array, Field
+from ..api import Array, Field, SolverError
 from ..laws import Law
 from .equilibrium import Sheet, Work
 from .options import Options
@@ -15,7 +15,7 @@ from .prestress import stretch, unstretched
 from .rays import Ray, fold, rays
 from .viscoelastic import Prony
 
-RELAXATION = ("gbar", "tau", "gbar2", "tau2")
+_REST = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,9 @@ class Response:
         self.p = np.array([values[symbol] for symbol in law.symbols])
         self.loads = np.array([values["sx"], values["sy"]])
         self.prony = Prony((values["gbar"], values["gbar2"]), (values["tau"], values["tau2"]))
-        self.creep, self.creep_rate = 1.0, np.zeros(len(RELAXATION))
+        self.creep, self.creep_rate = 1.0, np.zeros(4)
+        if not np.isfinite(law.energy(_REST, self.p)):
+            raise SolverError(f"the {law.name} law has no stress at rest: {law.domain}")
         self.state = unstretched(self.p)
         if options.prestress_mode == "load":
             self.creep, self.creep_rate = self.prony.creep_factor(options.prestress_ramp)
