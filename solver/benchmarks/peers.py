@@ -12,8 +12,9 @@ from time import perf_counter
 
 import numpy as np
 
-from skinrig_solver.fem.body import Body, Load
+from skinrig_solver.fem.body import Body
 from skinrig_solver.fem.mesh import Mesh, block, graded
+from skinrig_solver.fem.types import Load
 from skinrig_solver.materials.yeoh_qlv import yeoh_qlv
 from skinrig_solver.suction.march import Run
 from skinrig_solver.suction.schedule import Segment

@@ -7,9 +7,10 @@ import pytest
 from numpy.typing import NDArray
 
 from skinrig_solver import SolverError
-from skinrig_solver.fem.body import Body, Load, Rim, State
+from skinrig_solver.fem.body import Body
 from skinrig_solver.fem.mesh import Mesh, block, graded
 from skinrig_solver.fem.surface import rim
+from skinrig_solver.fem.types import Load, Rim, State
 from skinrig_solver.materials.yeoh_qlv import yeoh_qlv
 
 Array = NDArray[np.float64]

@@ -55,8 +55,8 @@ def test_ngsolve_agrees_within_one_percent() -> None:
     ("model", "symbols", "run"),
     [
         (RB, ("skin.mu0", "skin.q", "skin.n", "skin.Gamma2", "smas.mu0"), hold(5.0, -30e3)),
-        (RB, ("skin.m2", "muscle.mu0", "smas.r2"), hold(5.0, -15e3, "aspiration")),
-        (YEOH, ("G", "nu", "c20", "g1", "tau2", "friction", "spring_force"), hold(5.0, -20e3)),
+        (RB, ("skin.m2", "muscle.mu0", "smas.thickness_factor"), hold(5.0, -15e3, "aspiration")),
+        (YEOH, ("G", "nu", "c20", "tau2", "friction", "spring_force", "thickness_factor"), hold(5.0, -20e3)),
         (YEOH, ("G", "spring_force"), hold(5.0, -20e3, probe="floating")),
     ],
 )

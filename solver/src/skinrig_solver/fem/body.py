@@ -7,8 +7,9 @@ pressure λ are eliminated point- or element-wise (see `kernels`, `surface`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,83 +19,19 @@ from ..law import Law
 from . import kernels, surface
 from .linear import Factor, Pattern
 from .mesh import GAUSS2, GAUSS3, WEIGHT3, Index, Mesh, line_shapes
+from .types import Contactness, Directions, Load, Rim, State, Tangents
 
 MAX_NEWTON = 14
-TOLERANCE = 3e-5  # accepted relative to the length scale; the step that follows it is quadratically smaller
+TOLERANCE = 1e-6  # error accepted after a step, relative to the length scale: last correction times its contraction
+SHAPE_STEP = 1e-5  # of the nodes, relative to the length scale, in differences of the residual
 
 
-@dataclass(frozen=True)
-class Rim:
-    """A rigid annulus with a rounded bore above the edges ``edges`` (k, 3), free to move along z.
+class ShapePartial(NamedTuple):
+    """What moving the mesh does at fixed unknowns: residual (equations,) and kinematics (points, 6), per direction."""
 
-    ``opening`` and ``fillet`` radii [m]; ``friction`` coefficient enters per run.
-    """
-
-    edges: Index
-    opening: float
-    fillet: float
-
-
-@dataclass
-class State:
-    """Everything that a step starts from. Arrays: u (N, 2) [m], theta and p (E, 3), history (points, states), lam, slip
-    and shear (contact points,), and the probe's ``height`` above its rest on the undeformed surface [m]."""
-
-    u: Array
-    theta: Array
-    p: Array
-    history: Array
-    lam: Array
-    slip: Array
-    shear: Array
-    height: float = 0.0
-
-    def copy(self) -> State:
-        u, theta, p, history = self.u.copy(), self.theta.copy(), self.p.copy(), self.history.copy()
-        return State(u, theta, p, history, self.lam.copy(), self.slip.copy(), self.shear.copy(), self.height)
-
-
-@dataclass
-class Tangents:
-    """Derivatives of a state by m parameters: du (equations, m), history (points, states, m), slip (contacts, m)."""
-
-    du: Array
-    history: Array
-    slip: Array
-
-
-@dataclass(frozen=True)
-class Load:
-    """What acts during a step: gauge ``pressure`` on the loaded edges [Pa], and the probe: held at ``height`` [m], or
-    pressed down with ``force`` [N] where height is None. ``friction`` is Coulomb's coefficient; ``force_slope`` the
-    derivative of force by the spring's force."""
-
-    pressure: float
-    height: float | None = 0.0
-    force: float = 0.0
-    friction: float = 0.0
-    force_slope: float = 1.0
-
-
-@dataclass(frozen=True)
-class Directions:
-    """The m parameters of a differentiation.
-
-    ``law`` one (m,) array a layer: the index of the law parameter that direction j is there, −1 for none; ``friction``
-    and ``force`` (m,) derivatives of Coulomb's coefficient and of the spring's force.
-    """
-
-    law: tuple[Index, ...]
-    friction: Array
+    column: int
     force: Array
-
-
-@dataclass(frozen=True)
-class Contactness:
-    """Numerical constants of contact: ``stiffness`` c [Pa/m] and smoothing ``width`` [Pa], see `surface`."""
-
-    stiffness: float = 2e8
-    width: float = 40.0
+    kin: Array
 
 
 class Body:
@@ -118,7 +55,7 @@ class Body:
         contactness: Contactness | None = None,
         backend: str | None = None,
     ) -> None:
-        self.mesh, self.law, self.loaded, self.rim, self.scale = mesh, law, loaded, rim, scale
+        self.law, self.loaded, self.rim, self.scale = law, loaded, rim, scale
         self.contactness = contactness or Contactness()
         self.code = law.kernels()
         number = np.full(fixed.shape, -1, dtype=np.int64)
@@ -137,7 +74,7 @@ class Body:
         self.pattern = Pattern(self.size, groups)
         self.scatter, self.load_scatter = self.pattern.scatter[:2]
         self.factor = Factor(self.pattern, backend)
-        self.shapes2, slopes2 = line_shapes(GAUSS2)
+        self.shapes2, self.slopes2 = line_shapes(GAUSS2)
         self.shapes3, self.slopes3 = line_shapes(GAUSS3)
         points, elements = 9 * len(mesh.elements), len(mesh.elements)
         self.kin, self.stress = np.empty((points, 6)), np.zeros((points, 6))
@@ -147,11 +84,22 @@ class Body:
         self.theta0, self.pi0 = np.empty((elements, 3)), np.empty((elements, 3))
         self.values, self.residual = np.empty(self.pattern.nnz), np.empty(self.size)
         if rim is not None:
-            where = mesh.nodes[rim.edges]
-            length = np.linalg.norm(np.einsum("ka,eac->ekc", slopes2, where), axis=-1)
+            self.gap, self.work = np.empty((2 * len(rim.edges), 12)), np.empty((2 * len(rim.edges), 6))
+        self._moved: dict[tuple[int, float], Mesh] = {}
+        self.place(mesh)
+
+    def place(self, mesh: Mesh) -> None:
+        """Continue on the same mesh with its nodes elsewhere: topology, pattern and symbolic factors stay."""
+        self._moved.clear()
+        self._use(mesh)
+
+    def _use(self, mesh: Mesh) -> None:
+        self.mesh = mesh
+        if self.rim is not None:
+            where = mesh.nodes[self.rim.edges]
+            length = np.linalg.norm(np.einsum("ka,eac->ekc", self.slopes2, where), axis=-1)
             radius = np.einsum("ka,ea->ek", self.shapes2, where[..., 0])
             self.contact_weights = (length * (2.0 * np.pi * radius if mesh.axisymmetric else 1.0)).ravel()
-            self.gap, self.work = np.empty((2 * len(rim.edges), 12)), np.empty((2 * len(rim.edges), 6))
 
     @cached_property
     def _rest_history(self) -> Array:
@@ -185,7 +133,7 @@ class Body:
         new = guess.copy()
         new.history = old.history
         trouble = {"pressure": load.pressure} | ({"probe_force": load.force} if load.height is None else {})
-        before = np.inf
+        best, previous = np.inf, 0.0
         for iteration in range(1, MAX_NEWTON + 1):
             bad = self._kinematics(new)
             if bad >= 0:
@@ -199,14 +147,15 @@ class Body:
             size = float(np.max(np.abs(delta)))
             if not np.isfinite(size):
                 raise SolverError("the solution is not finite", time=time, load=trouble)
-            if iteration > 6 and size > 2.0 * before:
+            if iteration > 6 and size > 2.0 * best:
                 break
-            before = min(before, size)
             # far from the solution a full step may fold elements: move no node further than the length scale
             self._advance(new, delta, min(1.0, 0.5 * self.scale / size) if size > 0 else 1.0)
-            if size <= TOLERANCE * self.scale:
+            contraction = min(1.0, size / previous) if iteration > 1 and previous > 0.0 else 1.0
+            if size * contraction <= TOLERANCE * self.scale:
                 self._commit(old, new, load, dt, parameters, time)
                 return new, iteration, size
+            best, previous = min(best, size), size
         worst = int(np.argmax(np.abs(delta)))
         owner = np.argwhere(self.equations == worst)
         raise SolverError(
@@ -221,6 +170,28 @@ class Body:
         self._kinematics(new)
         self._assemble(old, new, load, dt, parameters)
         self.factor.update(self.values)
+
+    def shape_partials(
+        self, old: State, new: State, load: Load, dt: float, parameters: Sequence[Array], directions: Directions
+    ) -> list[ShapePartial]:
+        """∂/∂shape at fixed unknowns, by differences of the residual. Leaves the tangent stale: `relinearise`."""
+        mesh, partials = self.mesh, []
+        for column, move in directions.shape:
+            step = SHAPE_STEP * self.scale / float(np.max(np.abs(move)))
+            sides = []
+            for sign in (1.0, -1.0):
+                key = (column, sign)
+                if key not in self._moved:
+                    self._moved[key] = replace(mesh, nodes=mesh.nodes + sign * step * move)
+                self._use(self._moved[key])
+                self._kinematics(new)
+                self._assemble(old, new, load, dt, parameters)
+                sides.append((self.residual.copy(), self.theta0.copy(), self.kin.copy()))
+            force, theta0, kin = ((up - down) / (2.0 * step) for up, down in zip(*sides, strict=True))
+            kin[:, 5] += (theta0 @ mesh.points.linear.T).ravel()
+            partials.append(ShapePartial(column, force, kin))
+        self._use(mesh)
+        return partials
 
     def rest_tangents(self, m: int) -> Tangents:
         contacts = 0 if self.rim is None else 2 * len(self.rim.edges)
@@ -237,8 +208,9 @@ class Body:
         dt: float,
         parameters: Sequence[Array],
         directions: Directions,
+        moves: Sequence[ShapePartial] = (),
     ) -> Tangents:
-        """Derivatives of ``new``, with the tangent last factorised."""
+        """Derivatives of ``new``, with the tangent last factorised; ``moves`` from `shape_partials`."""
         m = tangents.du.shape[1]
         pts = self.mesh.points
         dstress, history = np.empty((len(self.kin), 6, m)), np.empty_like(tangents.history)
@@ -268,9 +240,13 @@ class Body:
         if self.rim is not None:
             # a held probe stays where the derivative of its height was left; a pressed one balances the spring
             force[-1] = -tangents.du[-1] if load.height is not None else force[-1] + load.force_slope * directions.force
+        for move in moves:
+            force[: self.displacements, move.column] += move.force[: self.displacements]
         du = np.ascontiguousarray(-self.factor.solve(force))
         dkin = np.empty((len(self.kin), 6, m))
         kernels.partial_kinematics(pts.gradients, pts.linear, self.Theta, self.equations, du, dkin)
+        for move in moves:
+            dkin[:, :, move.column] += move.kin
         kernels.add_products(self.by_kin, dkin, history)
         slip = np.empty_like(tangents.slip)
         if self.rim is not None:

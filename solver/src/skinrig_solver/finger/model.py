@@ -10,7 +10,8 @@ from time import perf_counter
 import numpy as np
 
 from ..api import Array, Cost, Experiment, Field, ModelInfo, Parameter, Result
-from ..fem.body import Body, Directions, Load
+from ..fem.body import Body
+from ..fem.types import Directions, Load
 from ..materials.yeoh_qlv import yeoh_qlv
 from ..suction.march import Run
 from ..suction.schedule import interpolation, segments

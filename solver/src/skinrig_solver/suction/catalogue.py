@@ -19,6 +19,11 @@ def _interface(friction: float, spring: float, source: str) -> tuple[Parameter, 
     )
 
 
+def _thickness(prefix: str = "") -> Parameter:
+    meaning = "thickness relative to the geometry's"
+    return Parameter(f"{prefix}thickness_factor", "", 0.3, 3.0, 1.0, meaning, "1 by definition", "log")
+
+
 YEOH_SUCTION = SuctionModel(
     info=ModelInfo(
         name="suction_yeoh_qlv",
@@ -36,6 +41,7 @@ YEOH_SUCTION = SuctionModel(
             Parameter("tau2", S, 1e-3, 1e4, 5.0, "time constant, second Prony term", "assumed", "log"),
             Parameter("g3", "", 0.0, 0.9, 0.10, "relaxing fraction, third Prony term", "assumed"),
             Parameter("tau3", S, 1e-3, 1e4, 50.0, "time constant, third Prony term", "assumed", "log"),
+            _thickness(),
             *_interface(0.35, 0.55, "paper F"),
         ),
         channels=("apex_height",),
@@ -73,6 +79,7 @@ def _layer(layer: str, **v: float) -> tuple[Parameter, ...]:
         Parameter(f"{layer}.r2", "", 1e-4, 1e4, v["r2"], "hardening of the rate-independent part", w, "log"),
         Parameter(f"{layer}.r3", HZ, 1e-14, 1.0, v["r3"], "rate at which the hardening changes over", fixed, "log"),
         Parameter(f"{layer}.r4", HZ, 0.0, 1.0, 1e-4, "rate at which hardening recovers", fixed),
+        _thickness(f"{layer}."),
     )
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
-from ..api import Experiment
+from ..api import Array, Experiment
 from ..fem.mesh import Mesh, block, graded
 
 
@@ -76,6 +76,17 @@ class SuctionGeometry:
         merged = {**defaults, **options, "layers": pairs}
         merged.setdefault("rim_fillet", 0.1 * merged["opening_radius"])
         return SuctionGeometry(**merged)
+
+    def stretched(self, factors: Sequence[float]) -> tuple[Array, list[Array]]:
+        """Nodes of `build` with each layer's thickness scaled, and their derivative by each factor: (N, 2) [m]."""
+        nodes = self.build().nodes
+        depths = np.concatenate([[0.0], np.cumsum([thickness for _, thickness in self.layers])])
+        moves = []
+        for k, (_, thickness) in enumerate(self.layers):
+            move = np.zeros_like(nodes)
+            move[:, 1] = -np.interp(-nodes[:, 1], depths, thickness * (np.arange(len(depths)) > k))
+            moves.append(move)
+        return nodes + sum((f - 1.0) * move for f, move in zip(factors, moves, strict=True)), moves
 
     def build(self) -> Mesh:
         """Cells refined towards rim and surface; grid lines at the bore, the fillet's end and the probe's edge."""

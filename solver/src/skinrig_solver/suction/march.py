@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..api import Array, SolverError
-from ..fem.body import Body, Directions, Load, State, Tangents
+from ..fem.body import Body
+from ..fem.types import Directions, Load, State, Tangents
 from .schedule import Segment
 
 MAX_CUTS = 8  # halvings of one step before giving up
@@ -62,11 +63,11 @@ class Run:
         self.newton += iterations
         self.steps += 1
         if self.tangents is not None and self.directions is not None:
-            if last > EXACT * self.body.scale:
-                self.body.relinearise(self.state, new, acting, time - now, self.parameters)
-            self.tangents = self.body.differentiate(
-                self.state, new, self.tangents, acting, time - now, self.parameters, self.directions
-            )
+            step = (acting, time - now, self.parameters)
+            moves = self.body.shape_partials(self.state, new, *step, self.directions)
+            if last > EXACT * self.body.scale or moves:
+                self.body.relinearise(self.state, new, *step)
+            self.tangents = self.body.differentiate(self.state, new, self.tangents, *step, self.directions, moves)
         self.state = new
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from time import perf_counter
 from typing import Any
@@ -12,13 +12,16 @@ from typing import Any
 import numpy as np
 
 from ..api import Array, Cost, Experiment, Field, ModelInfo, Result
-from ..fem.body import Body, Directions, Load, Rim
+from ..fem.body import Body
+from ..fem.types import Directions, Load, Rim
 from ..law import Law
 from .geometry import SuctionGeometry
 from .march import Run
 from .schedule import Segment, interpolation, segments
 
-INTERFACE = ("friction", "spring_force")  # parameters of every suction model that are not the tissue's
+THICKNESS = (
+    "thickness_factor"  # of a layer's thickness in the geometry; optional, 1 where a model has no such parameter
+)
 _LOCK = threading.Lock()  # bodies are workspaces shared between runs
 
 
@@ -26,7 +29,8 @@ _LOCK = threading.Lock()  # bodies are workspaces shared between runs
 class SuctionModel:
     """A law on a stack of layers. ``defaults`` maps an instrument to its default geometry options.
 
-    A law parameter of a layer is the model parameter ``<layer>.<name>``, or ``<name>`` where there is one layer only.
+    A law parameter of a layer is the model parameter ``<layer>.<name>``, or ``<name>`` where there is one layer only;
+    besides, every model has ``friction`` and ``spring_force``, and may have ``[<layer>.]thickness_factor``.
     """
 
     info: ModelInfo
@@ -76,6 +80,10 @@ class SuctionModel:
         body = _body(self.law, geometry)
         layers = [name for name, _ in geometry.layers]
         prefix = {layer: f"{layer}." if len(self.layers) > 1 else "" for layer in layers}
+        factors = {f"{prefix[n]}{THICKNESS}": values.get(f"{prefix[n]}{THICKNESS}", 1.0) for n in layers}
+        nodes, moves = geometry.stretched(list(factors.values()))
+        if not np.array_equal(nodes, body.mesh.nodes):
+            body.place(replace(body.mesh, nodes=nodes))
         tissue = [np.array([values[prefix[n] + s] for s in self.law.parameters]) for n in layers]
         friction, spring = values["friction"], values["spring_force"]
         directions = None
@@ -85,6 +93,7 @@ class SuctionModel:
                 law=tuple(np.array([own.index(s) if s in own else -1 for s in wanted]) for own in names),
                 friction=np.array([float(s == "friction") for s in wanted]),
                 force=np.array([float(s == "spring_force") for s in wanted]),
+                shape=tuple((wanted.index(s), move) for s, move in zip(factors, moves, strict=True) if s in wanted),
             )
             if "friction" in wanted:
                 friction = max(friction, 1e-6)  # the one-sided derivative at no friction
