@@ -116,7 +116,7 @@ class Session:
     @property
     def engines(self) -> dict[str, RunEngine]:
         """The engines of all open instruments."""
-        return {name: bench.engine for name, bench in self._benches.items()}
+        return {name: bench.engine for name, bench in list(self._benches.items())}  # another thread may open one
 
     def back_door(self, name: str) -> BackDoor:
         """What is really so at an open simulated instrument, for tests. Raises ValueError for a real one."""
@@ -222,12 +222,12 @@ class Session:
 
     def stop(self, reason: str = "emergency stop") -> None:
         """Emergency stop of every open instrument; latches until each engine is reset."""
-        for bench in self._benches.values():
-            bench.engine.stop(reason)
+        for engine in self.engines.values():
+            engine.stop(reason)
 
     def tick(self, name: str) -> None:
         """``name``, one of the watched, is alive."""
-        for bench in self._benches.values():
+        for bench in list(self._benches.values()):
             bench.supervisor.tick(name)
 
     def close(self) -> None:

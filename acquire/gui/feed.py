@@ -1,0 +1,146 @@
+"""What the worker sends of one instrument: its state, and its data thinned for a screen."""
+
+from __future__ import annotations
+
+import math
+import shutil
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from acquire.engine.queues import nbytes
+from acquire.gui.messages import Picture, View
+from acquire.gui.thinning import extremes
+from drivers.signals import Block, FloatArray, Frame
+
+if TYPE_CHECKING:
+    from acquire.engine import RunEngine
+    from drivers.aspiration.contour import Contour, Pipeline
+    from protocols import Setpoints
+
+FINE = 0.05  # s of device time that one pair of points stands for
+PATH = ("probe_x", "probe_y", "probe_z", "force_x", "force_y", "force_z")
+WIDEST = 400  # px of a picture on the screen
+CONTOUR_PERIOD = 0.1  # s of wall time between two contours
+SURE = 0.5  # confidence from which a proposed threshold is kept
+
+
+class Feed:
+    """Empties one engine's display queue. Used by the publisher's thread; `begin`, `threshold` by any."""
+
+    def __init__(self, name: str, scale: float) -> None:
+        """``scale`` of the camera is in m/px."""
+        self.name = name
+        self.error = ""
+        self.threshold: float | None = None
+        self._scale = scale
+        self._run = 0
+        self._edges: FloatArray = np.zeros(1)
+        self._origin = math.nan
+        self._disk = Disk()
+        self._contour_at = 0.0
+        self._contour: Contour | None = None
+        self._pipeline: Pipeline | None = None
+
+    def begin(self, setpoints: Setpoints) -> None:
+        """A run of ``setpoints`` begins."""
+        self._edges = setpoints.edges
+        self._origin = math.nan
+        self._run += 1
+        self._pipeline = None
+
+    def view(self, engine: RunEngine, out: Path) -> View:
+        """The instrument now, with everything that arrived since the last call."""
+        items = engine.display.take()
+        blocks = [item for item in items if isinstance(item, Block) and len(item)]
+        frames = [item for item in items if isinstance(item, Frame)]
+        progress, trip, status = engine.progress, engine.trip, engine.status
+        if math.isnan(self._origin) and status is not None and status.state == "running":
+            if math.isfinite(status.began) and status.executed < len(self._edges):
+                self._origin = status.began - float(self._edges[status.executed])
+        identity = next(iter(engine.identities.values()), None)
+        return View(
+            name=self.name,
+            state=str(progress.state),
+            error=self.error,
+            identity=f"{identity.model}, {identity.serial}" if identity else "",
+            trip=trip.message if trip else "",
+            run=self._run,
+            origin=self._origin,
+            device_time=progress.device_time,
+            phase=progress.phase,
+            labels=dict(progress.labels),
+            segment=progress.segment,
+            segments=progress.segments,
+            elapsed=progress.elapsed,
+            duration=progress.duration,
+            left=progress.segment_left,
+            lost=progress.lost,
+            fill=progress.recorder_fill,
+            disk=self._disk.left(sum(nbytes(item) for item in items), out),
+            points=_points(blocks),
+            path=_path(blocks),
+            picture=self._seen(frames[-1]) if frames else None,
+        )
+
+    def _seen(self, frame: Frame) -> Picture:
+        """The frame made small, with its contour; between two contours the last one is shown."""
+        step = -(-frame.image.shape[1] // WIDEST)
+        small = np.ascontiguousarray(frame.image[::step, ::step])
+        now = time.monotonic()
+        if self._contour is None or now - self._contour_at >= CONTOUR_PERIOD:
+            self._contour_at = now
+            self._contour = self._measure(frame)
+        found = self._contour
+        height = found.height * self._scale if self._scale else math.nan
+        return Picture(small, found.outline() / step, found.gvt, height, found.confidence, found.flags)
+
+    def _measure(self, frame: Frame) -> Contour:
+        from drivers.aspiration.contour import Pipeline, Settings
+
+        asked, pipeline = self.threshold, self._pipeline
+        if pipeline is None or pipeline.settings.gvt != asked or pipeline.gvt_confidence < SURE:
+            pipeline = self._pipeline = Pipeline.prepare([frame.image], Settings(gvt=asked))
+        return pipeline.measure(frame.image)
+
+
+class Disk:
+    """How long the disk lasts at the rate at which data arrive."""
+
+    def __init__(self) -> None:
+        self._looked = time.monotonic()
+        self._bytes = 0
+        self._left = math.nan
+
+    def left(self, arrived: int, folder: Path) -> float:
+        """Seconds until the disk is full; NaN while nothing arrives."""
+        self._bytes += arrived
+        now = time.monotonic()
+        if now - self._looked >= 1.0:
+            rate = self._bytes / (now - self._looked)
+            there = next(parent for parent in (folder, *folder.resolve().parents) if parent.exists())
+            self._left = shutil.disk_usage(there).free / rate if rate else math.nan
+            self._looked, self._bytes = now, 0
+        return self._left
+
+
+def _points(blocks: list[Block]) -> dict[str, tuple[FloatArray, FloatArray]]:
+    parts: dict[str, list[tuple[FloatArray, FloatArray]]] = {}
+    for block in blocks:
+        for name, value in block.values.items():
+            parts.setdefault(name, []).append((block.time, value))
+    joined = {n: (np.concatenate([t for t, _ in p]), np.concatenate([v for _, v in p])) for n, p in parts.items()}
+    return {name: extremes(*curve, FINE) for name, curve in joined.items()}
+
+
+def _path(blocks: list[Block]) -> FloatArray | None:
+    """Tip position and force, at most one row for each `FINE`."""
+    whole = [b for b in blocks if all(name in b.values for name in PATH)]
+    if not whole:
+        return None
+    rows = np.concatenate([np.column_stack([b.values[name] for name in PATH]) for b in whole])
+    when = np.concatenate([b.time for b in whole])
+    stretch = np.floor(when / FINE)
+    return rows[np.append(np.flatnonzero(np.diff(stretch)), len(rows) - 1)]

@@ -1,0 +1,178 @@
+"""What the window and its worker process say to each other. Plain data only, so that it goes through a pipe."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.signals import FloatArray
+
+WINDOW = "window"  # the name under which the window's liveness is watched
+# Words on the safety pipe, which carries nothing else and is read by a thread that does nothing else.
+ALIVE, STOP = b".", b"!"
+
+LIVE = frozenset({"armed", "running", "paused"})
+NEEDS_RESET = frozenset({"tripped", "failed"})
+
+
+@dataclass(frozen=True)
+class BenchSettings:
+    """What the worker opens: a station file, or the simulated bench where there is none."""
+
+    station: Path | None = None
+    out: Path = Path("runs")
+    speed: float = 1.0
+    tissue: str = "forearm"
+    seed: int | None = None
+    frame_size: tuple[int, int] = (640, 480)
+
+
+@dataclass(frozen=True)
+class Command:
+    """Something a person wants; ``number`` comes back in the `Reply`."""
+
+    number: int
+    action: str
+    instrument: str = ""
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What is wrong with a protocol, and where; ``line`` counts from 1, 0 where it is not known."""
+
+    message: str
+    field: str = ""
+    line: int = 0
+
+
+@dataclass(frozen=True)
+class Reply:
+    """The answer to a command: ``value``, or the ``error`` in plain words, with its ``faults`` in a protocol."""
+
+    number: int
+    value: Any = None
+    error: str = ""
+    faults: tuple[Fault, ...] = ()
+
+
+@dataclass(frozen=True)
+class ProtocolEntry:
+    """A protocol of the library or a file, as the list shows it."""
+
+    name: str
+    title: str
+    instrument: str
+    path: Path
+
+
+@dataclass(frozen=True)
+class Preview:
+    """A compiled protocol: break points (``time`` in s; SI values), limits (SI), phases as (begin, end, name)."""
+
+    name: str
+    instrument: str
+    text: str
+    words: str
+    duration: float
+    time: FloatArray
+    values: Mapping[str, FloatArray]
+    limits: Mapping[str, tuple[float, float]]
+    phases: tuple[tuple[float, float, str], ...]
+
+
+@dataclass(frozen=True)
+class ChannelInfo:
+    """A channel for the plots: SI unit, and the limits that hold in this run."""
+
+    name: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class InstrumentInfo:
+    """An instrument of the station before it is opened."""
+
+    name: str
+    kind: str
+    title: str
+    simulated: bool
+    channels: tuple[ChannelInfo, ...]
+    camera: bool
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A camera frame made small for the screen, its contour (n, 2; column and row of ``image``) and the apex in words.
+
+    ``gvt`` is the grey-value threshold used (NaN: none found), ``height`` the apex above the foot in m (NaN: unknown).
+    """
+
+    image: NDArray[np.uint8]
+    outline: FloatArray
+    gvt: float = math.nan
+    height: float = math.nan
+    confidence: float = math.nan
+    flags: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class View:
+    """One instrument as the worker sees it now, and the data since the last view.
+
+    ``points`` maps channel to (time, value), thinned by extremes; ``path`` (n, 6) is tip position (m) and force (N);
+    ``origin`` the device time at which the protocol began (NaN: not yet). ``run`` counts runs: another one clears the
+    plots. Times are in s; ``left`` is what remains of the running segment, ``disk`` how long the disk lasts at the
+    present rate (NaN: nothing arrives).
+    """
+
+    name: str
+    state: str
+    error: str = ""
+    identity: str = ""
+    trip: str = ""
+    run: int = 0
+    origin: float = math.nan
+    device_time: float = math.nan
+    phase: str = ""
+    labels: Mapping[str, str] = field(default_factory=dict)
+    segment: int = 0
+    segments: int = 0
+    elapsed: float = 0.0
+    duration: float = 0.0
+    left: float = math.nan
+    lost: int = 0
+    fill: float = 0.0
+    disk: float = math.nan
+    points: Mapping[str, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
+    path: FloatArray | None = None
+    picture: Picture | None = None
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A run ended. ``recording`` is None if it could not be written; ``journal`` then holds the data."""
+
+    instrument: str
+    status: str
+    reason: str
+    recording: Path | None
+    journal: Path | None
+    lost: int
+
+
+@dataclass(frozen=True)
+class Ready:
+    """The worker is up: the station's instruments."""
+
+    station: str
+    instruments: tuple[InstrumentInfo, ...]
+
+
+Update = Ready | Reply | Finished | tuple[View, ...]

@@ -1,0 +1,231 @@
+"""The process behind the window: it hosts the session, so that a window that hangs cannot hold pressure on skin.
+
+Four kinds of thread, and none waits for the window:
+
+- the guard reads the safety pipe and does nothing else: the window is alive, or emergency stop, or (closed) gone;
+- the main thread takes commands; abort and stop are done at once, what takes time goes to
+- one thread per instrument, which answers;
+- the publisher sends views and answers. If the window does not read, it blocks, and only it does.
+
+Ctrl-C in the terminal reaches this process too, whatever the window is doing: emergency stop.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import queue
+import signal
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from acquire.gui import answers
+from acquire.gui.feed import Feed
+from acquire.gui.messages import (
+    STOP,
+    WINDOW,
+    BenchSettings,
+    Command,
+    Fault,
+    Finished,
+    Ready,
+    Reply,
+    Update,
+)
+
+if TYPE_CHECKING:
+    from acquire.engine import RunEngine
+
+log = logging.getLogger(__name__)
+PERIOD = 1 / 30  # s between two views
+
+
+def main(bench: BenchSettings, commands: Connection, updates: Connection, safety: Connection) -> None:
+    """Run until the window closes its end of the pipes. The target of the worker process."""
+    worker = Worker(bench, commands, updates, safety)
+    with contextlib.suppress(ValueError):  # not in the main thread: in a test
+        signal.signal(signal.SIGINT, lambda *_: worker.stop("emergency stop by Ctrl-C"))
+        signal.signal(signal.SIGTERM, lambda *_: worker.end())
+    worker.run()
+
+
+class Worker:
+    """The session's host. `run` returns when the window is gone or says ``quit``."""
+
+    def __init__(self, bench: BenchSettings, commands: Connection, updates: Connection, safety: Connection) -> None:
+        from acquire.session import Session
+        from acquire.station import load_station, simulated_station
+
+        self._bench = bench
+        self._commands, self._updates, self._safety = commands, updates, safety
+        self._outbox: queue.SimpleQueue[Update] = queue.SimpleQueue()
+        self._over = threading.Event()
+        self._feeds: dict[str, Feed] = {}
+        self._hands: dict[str, ThreadPoolExecutor] = {}
+        self._fault = ""
+        try:
+            station = load_station(bench.station) if bench.station else simulated_station(bench.tissue, seed=bench.seed)
+        except (ValueError, OSError) as error:
+            self._fault = str(error)
+            station = simulated_station(bench.tissue, seed=bench.seed)
+        self.session = Session(
+            station, speed=bench.speed, out=bench.out, watched=(WINDOW,), frame_size=bench.frame_size
+        )
+
+    def run(self) -> None:
+        """Serve the window."""
+        guard = threading.Thread(target=self._guard, name="guard", daemon=True)
+        publisher = threading.Thread(target=self._publish, name="publisher", daemon=True)
+        guard.start()
+        name = self._fault or self.session.station.name or "station"
+        self._outbox.put(Ready(name, answers.instruments(self.session)))
+        publisher.start()
+        try:
+            self._serve()
+        finally:
+            self.end()
+            self.session.close()
+            for hand in self._hands.values():
+                hand.shutdown(wait=True)
+            publisher.join(1.0)  # a window that hangs does not read: its pipe is closed by the process's end
+
+    def stop(self, reason: str) -> None:
+        """Emergency stop of every instrument. From any thread, at once."""
+        self.session.stop(reason)
+
+    def end(self) -> None:
+        """Abort what runs and leave."""
+        self._over.set()
+        for engine in self.session.engines.values():
+            engine.abort("the window was closed")
+
+    # The safety pipe --------------------------------------------------------------------------------------------------
+
+    def _guard(self) -> None:
+        try:
+            while not self._over.is_set():
+                word = self._safety.recv_bytes()
+                if word == STOP:
+                    self.stop("emergency stop by a person")
+                else:
+                    self.session.tick(WINDOW)
+        except (EOFError, OSError):
+            log.info("the window is gone")
+        finally:
+            self.end()
+
+    # Views and answers ------------------------------------------------------------------------------------------------
+
+    def _publish(self) -> None:
+        try:
+            while not self._over.wait(PERIOD):
+                self._send_replies()
+                engines = self.session.engines
+                self._updates.send(tuple(self._feed(n).view(e, self.session.out) for n, e in engines.items()))
+            self._send_replies()
+        except (OSError, ValueError):
+            self.end()
+
+    def _send_replies(self) -> None:
+        with contextlib.suppress(queue.Empty):
+            while True:
+                self._updates.send(self._outbox.get_nowait())
+
+    def _feed(self, name: str) -> Feed:
+        if name not in self._feeds:
+            scale = self.session.station.instruments[name].calibrated("frame_scale")
+            self._feeds[name] = Feed(name, scale)
+        return self._feeds[name]
+
+    # Commands ---------------------------------------------------------------------------------------------------------
+
+    def _serve(self) -> None:
+        try:
+            while not self._over.is_set():
+                if self._commands.poll(0.1):
+                    self._take(self._commands.recv())
+        except (EOFError, OSError):
+            return
+
+    def _take(self, command: Command) -> None:
+        """Do at once what must not wait; have the rest done in the instrument's own thread."""
+        name = command.instrument
+        if command.action == "quit":
+            self._over.set()
+        elif command.action == "abort":
+            if name in self.session.engines:
+                self.session.engine(name).abort()
+        elif command.action == "threshold":
+            self._feed(name).threshold = command.arguments["gvt"]
+        else:
+            hand = self._hands.setdefault(name, ThreadPoolExecutor(1, thread_name_prefix=f"hand-{name}"))
+            hand.submit(self._answer, command)
+
+    def _answer(self, command: Command) -> None:
+        actions: dict[str, Callable[..., Any]] = {
+            "connect": self._connect,
+            "disconnect": lambda name: self.session.engine(name).disconnect(),
+            "run": self._run,
+            "pause": lambda name: self.session.engine(name).pause(),
+            "resume": lambda name: self.session.engine(name).resume(),
+            "reset": self._reset,
+            "protocols": lambda name, **more: answers.protocols(**more),
+            "preview": lambda name, **more: answers.preview(self.session, name, **more),
+        }
+        name = command.instrument
+        try:
+            value = actions[command.action](name, **command.arguments)
+        except Exception as error:
+            log.info("%s: %s: %r", name, command.action, error)
+            if name:
+                self._feed(name).error = str(error) or repr(error)
+            self._outbox.put(Reply(command.number, error=str(error) or repr(error), faults=_faults(error)))
+            return
+        if name and command.action != "preview":
+            self._feed(name).error = ""
+        self._outbox.put(Reply(command.number, value))
+
+    def _connect(self, name: str) -> None:
+        self.session.open(name)
+
+    def _reset(self, name: str) -> None:
+        from acquire.engine import State
+
+        engine = self.session.engine(name)
+        if engine.state in (State.TRIPPED, State.FAILED):
+            engine.reset()
+        engine.connect()
+
+    def _run(self, name: str, protocol: str, gvt: float | None = None, **who: Any) -> Path:
+        """Arm and start; the result is where the recording will be. Its end is told by `Finished`."""
+        from acquire.session import Request
+
+        engine, plan = self.session.prepare(protocol, Request(**who), name=name)
+        if gvt is not None:
+            known = {"value": gvt, "unit": "1", "provenance": "documented", "note": "set by the operator"}
+            calibration = {**plan.info.calibration, "gvt": known}
+            plan = replace(plan, info=replace(plan.info, calibration=calibration))
+        feed = self._feed(name)
+        feed.threshold = gvt
+        engine.arm(plan)
+        feed.begin(plan.setpoints)
+        engine.start()
+        threading.Thread(target=self._await, args=(name, engine), name=f"await-{name}", daemon=True).start()
+        return plan.path
+
+    def _await(self, name: str, engine: RunEngine) -> None:
+        outcome = engine.wait()
+        if outcome.reason:
+            self._feed(name).error = outcome.reason
+        finished = Finished(name, str(outcome.status), outcome.reason, outcome.recording, outcome.journal, outcome.lost)
+        self._outbox.put(finished)
+
+
+def _faults(error: Exception) -> tuple[Fault, ...]:
+    problems = getattr(error, "problems", ())
+    return tuple(Fault(p.message, p.field, p.line) for p in problems)
