@@ -16,8 +16,6 @@ from skinrig_solver.sheet.system import matrix, system
 Array = NDArray[np.float64]
 THICKNESS = 1.5e-3
 LAW = pytest.mark.parametrize("name", list(LAWS))
-# pre-stress [Pa] every law's defaults bear
-LOADS = {"ogden": (84e3, 61e3), "tong_fung": (92e3, 49e3), "bischoff": (25e3, 23e3), "fung": (7e3, 3e3)}
 
 
 def defaults(name: str) -> Array:
@@ -25,7 +23,7 @@ def defaults(name: str) -> Array:
 
 
 def prestress(name: str) -> Prestress:
-    return stretch(LAWS[name], defaults(name), np.array(LOADS.get(name, (26e3, 18e3))))
+    return stretch(LAWS[name], defaults(name), np.array(LAWS[name].prestress))
 
 
 def sheet(name: str, layers: int = 0, spatial: bool = False, initial: Array | None = None) -> Sheet:
@@ -103,7 +101,7 @@ def test_tangent_is_the_derivative_of_the_forces(name: str, layers: int) -> None
 
 @LAW
 def test_prestress_balances_its_loads_and_knows_its_derivatives(name: str) -> None:
-    law, p, loads = LAWS[name], defaults(name), np.array(LOADS.get(name, (26e3, 18e3)))
+    law, p, loads = LAWS[name], defaults(name), np.array(LAWS[name].prestress)
     state = stretch(law, p, loads)
     assert_allclose(state.stretches * state.elastic[:2], loads, rtol=1e-8)
     for k in range(p.size + 2):

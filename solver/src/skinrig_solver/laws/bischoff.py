@@ -159,5 +159,6 @@ BISCHOFF = Law(
     energy,
     point,
     "M, table of face parameters; temperature 298 K assumed",
+    (25e3, 23e3),
     domain="a^2 + b^2 + c^2 must exceed 4, or the chains at rest are longer than their links",
 )

@@ -101,4 +101,5 @@ FUNG = Law(
     energy,
     point,
     "M, table of face parameters with c and lambda taken as kPa",
+    (7e3, 3e3),
 )

@@ -79,5 +79,6 @@ GASSER = Law(
     energy,
     point,
     "M, table of face parameters",
+    (26e3, 18e3),
     aligned=False,
 )

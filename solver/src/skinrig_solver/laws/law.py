@@ -35,6 +35,7 @@ class Law:
     parameters : the law's own parameters, in the order of ``p``; the bulk modulus is the last
     energy : ``energy(C, p)`` [J/m^3], compiled
     point : see the module's docstring
+    prestress : (sx, sy) [Pa] identified together with the default parameters
     aligned : x, y and z are axes of material symmetry, so a response is known from one octant of directions
     domain : the condition on the parameters, beside their bounds, without which there is no stress even at rest
     """
@@ -44,6 +45,7 @@ class Law:
     energy: Callable[[Array, Array], float]
     point: Any
     source: str
+    prestress: tuple[float, float]
     aligned: bool = True
     domain: str = ""
 

@@ -130,4 +130,5 @@ OGDEN = Law(
     energy,
     point,
     "M, table of Ogden parameters; isochoric stretches assumed",
+    (84e3, 61e3),
 )

@@ -65,4 +65,5 @@ TONG_FUNG = Law(
     energy,
     point,
     "M, table of Tong-Fung parameters",
+    (92e3, 49e3),
 )

@@ -55,4 +55,5 @@ YEOH = Law(
     energy,
     point,
     "F, eq. 1",
+    (40e3, 30e3),
 )

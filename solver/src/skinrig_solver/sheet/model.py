@@ -20,9 +20,6 @@ from .response import Response
 
 AXES = ("x", "y", "z")
 CHANNELS = tuple(f"force_{axis}" for axis in AXES)
-# the pre-stress identified together with each law's default parameters [Pa]
-_PRESTRESS = {"ogden": (84e3, 61e3), "yeoh": (40e3, 30e3), "tong_fung": (92e3, 49e3), "bischoff": (25e3, 23e3),
-              "fung": (7e3, 3e3), "gasser": (26e3, 18e3)}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -38,11 +35,10 @@ class SheetModel:
 
     @property
     def info(self) -> ModelInfo:
-        sx, sy = _PRESTRESS[self.law.name]
-        source = "assumed" if self.law.name == "yeoh" else "M"
+        sx, sy = self.law.prestress
         shared = (
-            Parameter("sx", "Pa", 0.0, 1e6, sx, "pre-stress along x", source),
-            Parameter("sy", "Pa", 0.0, 1e6, sy, "pre-stress along y", source),
+            Parameter("sx", "Pa", 0.0, 1e6, sx, "pre-stress along x", self.law.source),
+            Parameter("sy", "Pa", 0.0, 1e6, sy, "pre-stress along y", self.law.source),
             Parameter("gbar", "", 0.0, 0.95, 0.4, "relaxing share of the stress", "M"),
             Parameter("tau", "s", 1e-3, 1e4, 0.8, "its relaxation time", "M", "log"),
             Parameter("gbar2", "", 0.0, 0.95, 0.0, "share of a second relaxation", "assumed"),
