@@ -6,7 +6,6 @@
 One thread. Seconds are of this machine; ratios to the peers are of the same run.
 """
 
-# ruff: noqa: E402 - threads are counted when numpy is imported
 from __future__ import annotations
 
 import os

@@ -12,6 +12,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import radians
+from pathlib import Path
 
 import numpy as np
 
@@ -205,6 +206,57 @@ def whole() -> None:
         print(f"| {law} | {matrix} | {state.stretches.round(3)} | {there} | {here} |")
 
 
+def figure() -> None:
+    """docs/validation/sheet.png: the moved sheet, its loops, and the force in every direction for four rows."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+    from matplotlib.collections import PolyCollection
+
+    figure = plt.figure(figsize=(13.0, 4.2), layout="constrained")
+    mesh, loops = figure.add_subplot(1, 3, 1), figure.add_subplot(1, 3, 2)
+    rose = figure.add_subplot(1, 3, 3, projection="polar")
+
+    model = models()["sheet_ogden"]
+    field = model.simulate(cycle("x", {}), FOREARM.parameters).fields[0]
+    enlarged = 1e3 * (field.nodes + 3.0 * field.displacement)[:, :2]
+    shift = np.linalg.norm(1e3 * field.displacement, axis=1)[field.cells].mean(axis=1)
+    cells = PolyCollection(enlarged[field.cells], array=shift, cmap="viridis", edgecolors="white", linewidths=0.4)
+    mesh.add_collection(cells)
+    mesh.set(xlim=(-21, 21), ylim=(-21, 21), aspect="equal", xlabel="x [mm]", ylabel="y [mm]")
+    mesh.set_title("probe 1.3 mm along x (drawn 3 times)")
+    figure.colorbar(cells, ax=mesh, label="displacement [mm]", shrink=0.8)
+
+    for way in WAYS:
+        experiment = cycle(way, {}, rate=50.0)
+        force = model.simulate(experiment, FOREARM.parameters).channels[f"force_{way}"]
+        label = "normal (x 10)" if way == "z" else f"along {way}"
+        loops.plot(1e3 * experiment.drive[f"probe_{way}"], -force * (10.0 if way == "z" else 1.0), label=label, lw=1.2)
+    loops.set(
+        xlabel="probe [mm]", ylabel="force of the probe on the skin [N]", title="forearm stiff, Ogden, three cycles"
+    )
+    loops.legend(frameon=False)
+
+    angle = np.radians(np.arange(0, 361, 15))
+    time = np.linspace(0.0, 30.0, 151)
+    path = REACH * (1.0 - np.abs((time / 10.0 % 1.0) * 2.0 - 1.0))
+    for row in (FOREHEAD, ROWS[7], ROWS[8], ROWS[9]):
+        peak = []
+        for a in angle:
+            way = np.array([np.cos(a), np.sin(a)])
+            experiment = Experiment("microrobot", time, {"probe_x": path * way[0], "probe_y": path * way[1]})
+            channels = models()[f"sheet_{row.law}"].simulate(experiment, row.parameters).channels
+            peak.append(-(channels["force_x"] * way[0] + channels["force_y"] * way[1])[100:].min())
+        rose.plot(angle, peak, label=f"{row.law}{row.region.removeprefix('forehead')}", lw=1.2)
+    rose.set_title("forehead rows: force along the probe's way [N]", pad=16)
+    rose.set_rlabel_position(250)
+    rose.legend(frameon=False, loc="lower left", bbox_to_anchor=(0.95, 0.75))
+    target = Path(__file__).parents[2] / "docs" / "validation" / "sheet.png"
+    figure.savefig(target, dpi=110)
+    print(f"wrote {target.name}")
+
+
 PARTS = {
     "rows": rows,
     "geometry": geometry,
@@ -213,6 +265,7 @@ PARTS = {
     "accuracy": accuracy,
     "chains": chains,
     "whole": whole,
+    "figure": figure,
 }
 
 if __name__ == "__main__":
