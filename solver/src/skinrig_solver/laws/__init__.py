@@ -1,9 +1,9 @@
 """The hyperelastic laws of a sheet of skin: one file of formulas each.
 
 To add one, write its file after the shortest example, yeoh.py: an ``energy`` and a compiled ``point`` function with
-stress, tangent and parameter derivatives (helpers in tensors.py), and a ``Law`` that names its parameters. Enter it
-in ``LAWS`` here and as ``sheet_<name>`` in ``skinrig_solver.registry``. The tests of tests/laws then check its derivatives;
-add its energy to tests/laws/test_energies.py for an independent stress.
+stress, tangent and parameter derivatives (helpers in tensors.py), and a ``Law`` that names its parameters.
+Enter it in ``LAWS`` here and as ``sheet_<name>`` in ``skinrig_solver.registry``.
+The tests of tests/laws then check its derivatives; test_energies.py there takes its energy for an independent stress.
 """
 
 from .bischoff import BISCHOFF
