@@ -25,6 +25,8 @@ from sim_devices.stages.sampling import COMMANDS, simulate, time_grid
 
 CLOCK_SD = 3e-5
 """How fast the recording's clock may soundly run against the command's: an ordinary crystal (assumed)."""
+STAMP_SD = 0.7e-3
+"""s: how well a single stamp or the moment of a step is known (assumed). An integrator's step is as good as that, too."""
 Table = tuple[FloatArray, FloatArray]
 """Times (m,) s and values (m,)."""
 
@@ -122,6 +124,10 @@ class Block(abc.ABC):
         rows = label_rows(parts)
         c = len(self.channels)
         return Rows(np.tile(self.stamps, c), np.tile(self.run, c), rows.labels)
+
+    def blur_steep_parts(self, slope: FloatArray) -> None:
+        """Add what uncertain stamps do to the noise where the signal, of ``slope`` (channels · n,) per s, is steep."""
+        self.sigma = np.hypot(self.sigma, np.abs(slope) * STAMP_SD)
 
     @property
     def member(self) -> FloatArray:

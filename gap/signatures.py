@@ -31,7 +31,8 @@ class Signature:
 def find(recordings: Sequence[Recording]) -> list[Signature]:
     """All signatures in the measured channels."""
     out: list[Signature] = []
-    for name in dict.fromkeys(n for r in recordings for n in r.streams):
+    computed = ("probe_", "force_") if any("transducer_force_a" in r.streams for r in recordings) else ()
+    for name in dict.fromkeys(n for r in recordings for n in r.streams if not n.startswith(computed or "\0")):
         series = [r.streams[name] for r in recordings if name in r.streams and len(r.streams[name].value) > 30]
         if not series:
             continue
@@ -81,14 +82,14 @@ def _repeats(name: str, series: Sequence[Series]) -> list[Signature]:
         step = grid_step(v)
         if step == 0 and len(np.unique(v)) < 0.97 * len(v):
             continue  # computed from coarse channels: its repeats are theirs
+        if step and high_band_sigma(v) < 1.5 * step:
+            continue  # on so coarse a grid stillness is no news
         change = np.diff(v)
         inside = (v[1:] > v.min()) & (v[1:] < v.max())  # what stands at an extreme is clipped, not repeated
         repeated += int(np.sum((change == 0) & inside))
         if step:
             by_one = np.abs(np.abs(change) / step - 1.0) < 0.1
             expected += 0.6 * float(np.sum(by_one & inside))
-            if np.sum(by_one) < 0.01 * len(change):  # the grid is coarser than the noise: stillness is no news
-                expected = float("inf")
     excess = repeated - expected
     if repeated > 5 and excess > 5 * np.sqrt(max(expected, 1.0)) and repeated > 1.3 * expected:
         nats = min(CERTAIN, excess**2 / (2 * max(expected, 1.0)) / 10)

@@ -74,6 +74,12 @@ class PressureBlock(Block):
         self.local = np.zeros(len(self.prior_sd), bool)
         self.alternatives = (self.prior_sd,)
         self._linear = np.column_stack([self._lag_columns(), self.measured, np.ones(len(self.stamps))])
+        self.blur_steep_parts(self._slope())
+
+    def _slope(self) -> FloatArray:
+        later, earlier = self.prior_mean.copy(), self.prior_mean.copy()
+        later[2], earlier[2] = 1e-3, -1e-3
+        return (self._predict(later, {}) - self._predict(earlier, {})) / 2e-3
 
     def _lag_columns(self) -> FloatArray:
         """What a further lag behind the nominal regulator would change (n, lags), Pa."""
@@ -146,6 +152,9 @@ class HeightBlock(Block):
         self.prior_mean = np.zeros(len(self.prior_sd))
         self.local = np.zeros(len(self.prior_sd), bool)
         self.local[n : n + 2 * r] = True
+        later, earlier = self.start(), self.start()
+        later[n - 1], earlier[n - 1] = 1e-3, -1e-3
+        self.blur_steep_parts((self._chain_height(later, {}) - self._chain_height(earlier, {})) / 2e-3)
         self.alternatives = tuple(
             np.concatenate([self.prior_sd[: n + 2 * r], self.prior_sd[n + 2 * r :] * s])
             for s in self.DISCREPANCY_SCALES
