@@ -34,7 +34,7 @@ def test_interpolation_is_exact_at_steps_and_for_a_line() -> None:
     values = np.random.default_rng(0).normal(size=len(steps))
     assert np.allclose(interpolation(pieces, steps) @ values, values)
     time = np.linspace(0.0, 60.0, 500)
-    weights = interpolation(pieces, time)
+    weights = interpolation(pieces, time).toarray()
     assert np.allclose(weights.sum(axis=1), 1.0)
     ramp = time[time < 1.0]
     assert np.allclose(weights[: len(ramp)] @ steps, ramp)
@@ -66,7 +66,7 @@ def test_a_drive_already_on_at_the_first_sample_has_been_ramped() -> None:
     pieces = segments(time, np.full(11, -1e4), 0.02)
     assert pieces[0].start == -0.02
     assert pieces[0].drive_start == 0.0
-    weights = interpolation(pieces, time)
+    weights = interpolation(pieces, time).toarray()
     assert np.argmax(weights[0]) == pieces[0].steps
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sp
 from scipy.linalg import solveh_banded
 
 from ..api import Array
@@ -118,29 +119,25 @@ def segments(time: Array, drive: Array, rise: float, density: float = 1.0) -> li
     return pieces
 
 
-def interpolation(pieces: list[Segment], time: Array) -> Array:
+def interpolation(pieces: list[Segment], time: Array) -> sp.csr_matrix:
     """(len(time), 1 + total steps): weights of the initial value and every step's value in the value at each time."""
-    total = sum(piece.steps for piece in pieces)
-    weights = np.zeros((len(time), total + 1))
-    first = 0
+    starts = np.array([piece.start for piece in pieces])
+    owner = np.clip(np.searchsorted(starts, time, side="right") - 1, 0, len(pieces) - 1)
+    blocks, first = [], 0
     for number, piece in enumerate(pieces):
-        last = number == len(pieces) - 1
-        inside = (time >= piece.start if number else np.ones(len(time), dtype=bool)) & (
-            np.ones(len(time), dtype=bool) if last else time < piece.stop
-        )
-        rows = np.flatnonzero(inside)
-        x = np.clip(piece.step_number(np.maximum(time[rows], piece.start)), 0.0, piece.steps)
+        rows = np.flatnonzero(owner == number)
+        x = np.clip(piece.step_number(np.clip(time[rows], piece.start, piece.stop)), 0.0, piece.steps)
         cell = np.minimum(x.astype(np.int64), piece.steps - 1)
         s = x - cell
         slopes = _slopes(piece.steps + 1)
-        h00, h10 = (1 + 2 * s) * (1 - s) ** 2, s * (1 - s) ** 2
-        h01, h11 = s * s * (3 - 2 * s), s * s * (s - 1)
-        local = h10[:, None] * slopes[cell] + h11[:, None] * slopes[cell + 1]
-        local[np.arange(len(rows)), cell] += h00
-        local[np.arange(len(rows)), cell + 1] += h01
-        weights[rows[:, None], first + np.arange(piece.steps + 1)] = local
+        local = (s * (1 - s) ** 2)[:, None] * slopes[cell] + (s * s * (s - 1))[:, None] * slopes[cell + 1]
+        local[np.arange(len(rows)), cell] += (1 + 2 * s) * (1 - s) ** 2
+        local[np.arange(len(rows)), cell + 1] += s * s * (3 - 2 * s)
+        row, column = np.nonzero(local)
+        blocks.append((local[row, column], rows[row], first + column))
         first += piece.steps
-    return weights
+    values, rows, columns = (np.concatenate(part) for part in zip(*blocks, strict=True))
+    return sp.csr_matrix((values, (rows, columns)), shape=(len(time), first + 1))
 
 
 def _slopes(n: int) -> Array:
