@@ -220,7 +220,7 @@ class Model(Protocol):
     ) -> Result:
         """Run the experiment. Missing parameters take their defaults.
 
-        Raises ``ValueError`` for a wrong drive, geometry option or parameter (named), ``SolverError`` where the
-        equations could not be solved.
+        Raises ``ValueError`` for a wrong drive, geometry option or parameter value (named), ``KeyError`` for an unknown
+        sensitivity, ``SolverError`` where the equations could not be solved.
         """
         ...
