@@ -102,6 +102,18 @@ def test_the_picture_shows_the_dome() -> None:
     assert result.cost.newton_steps >= result.cost.time_steps > 0
 
 
+def test_thickness_moves_the_mesh_and_orders_do_not_matter() -> None:
+    run, symbols = hold(1.0, -15e3), ["skin.thickness_factor", "smas.thickness_factor", "skin.mu0"]
+    there = RB.simulate(run, {"skin.thickness_factor": 1.2}, symbols)
+    back = RB.simulate(run, {"skin.thickness_factor": 1.2}, symbols[::-1])
+    assert there.sensitivities is not None
+    assert back.sensitivities is not None
+    turned = back.sensitivities["apex_height"][:, ::-1]
+    assert np.allclose(there.sensitivities["apex_height"], turned, rtol=1e-6, atol=1e-15)
+    thicker = hold(1.0, -15e3, layers={"skin": 1.2 * 1.7e-3, "smas": 3.0e-3})
+    assert apex(there) == pytest.approx(apex(RB.simulate(thicker, {})), rel=2e-3)
+
+
 @pytest.mark.parametrize(
     ("run", "message"),
     [

@@ -108,6 +108,7 @@ class Body:
     def rest(self) -> State:
         """The undeformed, stress-free body with the probe touching it."""
         self.memory[:] = np.nan  # a run must not depend on the one before
+        self._moved.clear()
         elements = len(self.mesh.elements)
         theta = np.zeros((elements, 3))
         theta[:, 0] = 1.0
