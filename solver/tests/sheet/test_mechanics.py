@@ -156,6 +156,15 @@ def test_in_plane_stiffness_of_an_elastic_ring() -> None:
     assert_allclose(-np.diag(tangent)[:2], expected, rtol=1e-3)
 
 
+def test_a_flat_membrane_that_would_wrinkle_names_no_normal_stiffness() -> None:
+    body = Sheet(LAWS["ogden"], defaults("ogden"), ring(2e-3, 20e-3, 4, 12), THICKNESS, prestress("ogden"))
+    assert body.linearise()[0][2, 2] < 0.0
+    for reach in (0.5e-3, 1e-3, 1.5e-3):
+        body.move(np.array([reach, 0.0, 0.0]))
+    assert np.isnan(body.linearise()[0][2, 2])
+    assert not body.u[:, 2].any()
+
+
 def test_mesh_converges() -> None:
     """The default mesh is within 0.2 % of one with seven times the nodes, 1.3 mm out; a coarser one within 1 %."""
     law, p, state = LAWS["ogden"], defaults("ogden"), prestress("ogden")

@@ -61,6 +61,22 @@ def test_sensitivities_match_differences(name: str, mode: str) -> None:
         assert_allclose(exact, rate, atol=1e-4 * np.abs(rate).max() + 1e-7 * force / base[symbol], err_msg=symbol)
 
 
+def test_sensitivities_hold_off_the_rays() -> None:
+    """Tracking error and a little tilt: samples beside the rays, also where a flat membrane would wrinkle."""
+    rng = np.random.default_rng(2)
+    experiment = triangles((0.8, 0.6, 0.0))
+    drive = {axis: path + 1.5e-5 * rng.standard_normal(path.size) for axis, path in experiment.drive.items()}
+    wandering = Experiment("microrobot", experiment.time, drive, COARSE)
+    result = MODELS["sheet_ogden"].simulate(wandering, {}, ("sx", "alpha2"))
+    assert result.sensitivities is not None
+    for k, (symbol, value) in enumerate((("sx", 84e3), ("alpha2", 40.09))):
+        sides = [channels(wandering, **{symbol: value * (1.0 + 1e-4 * sign)}) for sign in (1.0, -1.0)]
+        rate = (sides[0] - sides[1]) / (2e-4 * value)
+        for axis in range(3):
+            exact = result.sensitivities[f"force_{'xyz'[axis]}"][:, k]
+            assert_allclose(exact, rate[:, axis], atol=0.02 * np.abs(rate[:, axis]).max())
+
+
 def test_sensitivity_subset_keeps_the_order_asked_for() -> None:
     experiment = triangles((1.0, 0.0, 0.0))
     every = MODELS["sheet_yeoh"].simulate(experiment, {}, MODELS["sheet_yeoh"].info.symbols)

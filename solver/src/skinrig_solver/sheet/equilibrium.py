@@ -83,8 +83,7 @@ class Sheet:
     def move(self, to: Array, time: float = np.nan) -> None:
         """Displace the probe to ``to`` (3,) [m]; raises SolverError (with ``time``) where no step is small enough."""
         start, done, step = self.probe.copy(), 0.0, 1.0
-        plane = self.mesh.dimension == 2 and not to[2] and not start[2] and not self.u[:, 2].any()
-        numbers = system(self.mesh, plane)
+        numbers = system(self.mesh, self._flat and not to[2])
         while done < 1.0:
             target = start + min(1.0, done + step) * (to - start)
             before = self.u.copy(), self.c33.copy()
@@ -102,6 +101,10 @@ class Sheet:
                 reason, element = trouble
                 load = dict(zip(_DRIVE, target.tolist(), strict=True))
                 raise SolverError(f"the sheet found no equilibrium: {reason}", time=time, load=load, element=element)
+
+    @property
+    def _flat(self) -> bool:
+        return self.mesh.dimension == 2 and not self.u[:, 2].any()
 
     def _equilibrate(self, numbers: System, target: Array) -> tuple[str, int | None] | None:
         """Newton iteration at one probe position; None, or what went wrong and in which element."""
@@ -164,21 +167,27 @@ class Sheet:
         """Derivatives of ``force`` at equilibrium: by the probe's position (3, 3) [N/m], and by parameters (m + 2, 3).
 
         The parameters are the law's, then the elastic pre-stress (sx, sy) behind the state; without ``sensitivities``
-        the second array is empty. Adjoint: three solves serve them all.
+        the second array is empty. Adjoint: three solves serve them all. A flat membrane under compression (it would
+        wrinkle; the skin's bending stiffness holds it) has no meaningful normal stiffness: nan stands there.
         """
         if sensitivities and self.mesh.dimension == 3:
             raise ValueError("sensitivities are available for the membrane only")
-        for plane in (False, True):  # a membrane without tension has no stiffness out of its plane
-            numbers = system(self.mesh, plane)
+        numbers = system(self.mesh)
+        _, K, Kp, Kpp = self._assemble(numbers)
+        factor = self._factor(numbers, K)
+        # without pivoting the signs of U's diagonal are those of the tangent's eigenvalues
+        slack = self._flat and (factor is None or not (factor.U.diagonal() > 0.0).all())
+        if slack:
+            numbers = system(self.mesh, plane=True)
             _, K, Kp, Kpp = self._assemble(numbers)
             factor = self._factor(numbers, K)
-            if factor is not None:
-                break
-        else:
+        if factor is None:
             load = dict(zip(_DRIVE, self.probe.tolist(), strict=True))
             raise SolverError("the sheet's tangent is singular", load=load)
         adjoint = factor.solve(Kp)
         tangent = Kp.T @ adjoint - Kpp
+        if slack:
+            tangent[2, 2] = np.nan
         if not sensitivities:
             return tangent, np.empty((0, 3))
         many = self.p.size + 2
@@ -197,6 +206,17 @@ class Sheet:
         )  # fmt: skip
         at_probe = df[:, self.mesh.probe].sum(axis=1)
         return tangent, df[:, numbers.equations >= 0] @ adjoint - at_probe
+
+    def sideways(self, way: Array, distance: float, slopes: Array) -> Array:
+        """How the parameters' derivatives ``slopes`` of ``linearise`` change per metre along ``way`` (m + 2, 3).
+
+        A secant over ``distance`` [m]; the sheet is put back where it was.
+        """
+        before = self.u.copy(), self.c33.copy(), self.probe, self.f.copy(), self.elastic.copy(), self._predictor
+        self.move(self.probe + distance * way)
+        moved = self.linearise(True)[1]
+        self.u, self.c33, self.probe, self.f, self.elastic, self._predictor = before
+        return (moved - slopes) / distance
 
     def picture(self, time: float) -> Field:
         """Mesh and position relative to the probe's rest, for pictures; z is zero on a membrane's mesh."""

@@ -28,7 +28,7 @@ class SheetModel:
 
     Drive: ``probe_x|y|z`` [m], a missing one is zero. Channels: ``force_x|y|z`` [N], which the skin exerts on the
     probe. Geometry options: see ``options.Options``. Sensitivities are exact for samples on the rays of the path
-    (rays.py); for samples off them the change of the tangent with the parameters is neglected.
+    (rays.py), and to second order in the distance for samples off them.
     """
 
     law: Law

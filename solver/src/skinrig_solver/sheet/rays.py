@@ -26,6 +26,14 @@ class Ray:
     samples: NDArray[np.int64]
     farthest: int
 
+    @property
+    def across(self) -> Array:
+        """Two unit vectors (2, 3) normal to the ray, the second one z where the ray lies in the sheet's plane."""
+        x, y, _ = self.direction
+        first = np.array([-y, x, 0.0]) / np.hypot(x, y) if np.hypot(x, y) > 1e-3 else np.array([1.0, 0.0, 0.0])
+        second = np.cross(self.direction, first)
+        return np.stack([first, second / np.linalg.norm(second)])
+
     def points(self, count: int) -> Array:
         """Distances (count,) of the Chebyshev points from 0 to the reach [m]."""
         return 0.5 * self.reach * (1.0 - np.cos(np.pi * np.arange(count) / (count - 1)))
@@ -65,6 +73,9 @@ def rays(positions: Array) -> Iterator[Ray]:
     while open_samples.any():
         farthest = int(np.argmax(np.where(open_samples, distance, 0.0)))
         direction = positions[farthest] / distance[farthest]
+        if abs(direction[2]) < OFF_RAY:  # meant to be in the sheet's plane, where a membrane stays flat
+            direction[2] = 0.0
+            direction /= np.linalg.norm(direction)
         directions.append(direction)
         open_samples &= _off(positions, direction) > allowed
         open_samples[farthest] = False

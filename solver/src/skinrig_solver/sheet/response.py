@@ -15,16 +15,21 @@ from .prestress import stretch, unstretched
 from .rays import Ray, fold, rays
 from .viscoelastic import Prony
 
+_ON_RAY = 1e-7  # m: samples this near to a ray need no derivatives across it
 _REST = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True)
 class _Table:
-    """The elastic force at a ray's points: force (k, 3), tangent (k, 3, 3), derivatives (k, m + 2, 3)."""
+    """The elastic force at a ray's points.
+
+    force (k, 3), tangent (k, 3, 3), derivatives (k, m + 2, 3) and their change sideways (k, 2, m + 2, 3).
+    """
 
     force: Array
     tangent: Array
     derivatives: Array
+    sideways: Array
 
 
 class Response:
@@ -67,28 +72,42 @@ class Response:
         force = np.zeros_like(positions)
         derivatives = np.zeros((len(self.p) + 2 if sensitivities else 0, *positions.shape))
         for ray in rays(folded):
-            table = self._solve(ray, float(time[ray.farthest]), sensitivities)
             near = folded[ray.samples]
+            off = near @ ray.across.T
+            table = self._solve(ray, float(time[ray.farthest]), np.abs(off).max(axis=0), sensitivities)
             weights = ray.weights(near, self.options.points)
-            off = near - np.outer(near @ ray.direction, ray.direction)
-            force[ray.samples] = weights @ table.force + np.einsum("sk,kij,sj->si", weights, table.tangent, off)
-            derivatives[:, ray.samples] = np.einsum("sk,kmi->msi", weights, table.derivatives)
+            across = np.einsum("sk,kij,wj,sw->si", weights, table.tangent, ray.across, off, optimize=True)
+            force[ray.samples] = weights @ table.force + across
+            if sensitivities:
+                derivatives[:, ray.samples] = np.einsum("sk,kmi->msi", weights, table.derivatives)
+                if table.sideways.any():
+                    change = np.einsum("sk,kwmi,sw->msi", weights, table.sideways, off, optimize=True)
+                    derivatives[:, ray.samples] += change
         return force * signs, derivatives * signs
 
-    def _solve(self, ray: Ray, time: float, sensitivities: bool) -> _Table:
+    def _solve(self, ray: Ray, time: float, spread: Array, sensitivities: bool) -> _Table:
+        """Solve at the ray's points; ``spread`` (2,) [m] is how far samples lie from it across."""
         sheet = self.sheet()
-        forces, tangents, derivatives = [], [], []
+        many = len(self.p) + 2
+        forces, tangents, derivatives, sideways = [], [], [], []
+        normal, sides = 0.0, np.zeros((2, many, 3))  # kept from the last point where a flat membrane was taut
         for distance in ray.points(self.options.points):
             sheet.move(distance * ray.direction, time)
             tangent, slopes = sheet.linearise(sensitivities)
+            taut = bool(np.isfinite(tangent[2, 2]))
+            normal = tangent[2, 2] = tangent[2, 2] if taut else normal
             forces.append(sheet.force)
             tangents.append(tangent)
             derivatives.append(slopes)
+            for k in range(2 if sensitivities else 0):
+                if spread[k] > _ON_RAY and (taut or not ray.across[k, 2]):
+                    sides[k] = sheet.sideways(ray.across[k], spread[k], slopes)
+            sideways.append(sides.copy())
         self.work.iterations += sheet.work.iterations
         self.work.steps += sheet.work.steps
         self.work.cuts += sheet.work.cuts
         self.field = sheet.picture(time)
-        return _Table(np.array(forces), np.array(tangents), np.array(derivatives))
+        return _Table(np.array(forces), np.array(tangents), np.array(derivatives), np.array(sideways))
 
     def force(self, time: Array, positions: Array, sensitivities: bool) -> tuple[Array, Array]:
         """Relaxed force (n, 3) and derivatives (m + 6, n, 3) by the law's parameters, sx, sy and the relaxation's."""
