@@ -79,7 +79,8 @@ def effects(
                 "name": e.name, "stage": e.stage, "instruments": list(e.instruments), "meaning": e.meaning,
                 "remedy": e.remedy, "source": e.source,
                 "parameters": [
-                    {"name": p.name, "unit": p.unit, "low": p.low, "high": p.high, "default": p.default} for p in e.parameters
+                    {"name": p.name, "unit": p.unit, "low": p.low, "high": p.high, "default": p.default}
+                    for p in e.parameters
                 ],
             }
             for e in chosen.values()
@@ -112,20 +113,23 @@ def plan(
 def blind_make(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the cases.")],
     tier: Annotated[str, typer.Option(help="T0 … T6.")] = "T3",
-    n: Annotated[int, typer.Option(help="How many cases.")] = 20,
+    n: Annotated[int, typer.Option("--n", "-n", help="How many cases.")] = 20,
     seed: Annotated[int, typer.Option(help="Seed of the set.")] = 1,
+    instrument: Annotated[list[str] | None, typer.Option(help="Only these instruments (may be repeated).")] = None,
     passphrase: Annotated[str, typer.Option(help="What the key is encrypted with.")] = "",
 ) -> None:
     """Write cases whose names, metadata and order say nothing, and their key apart, encrypted."""
+    from gap.blind import make
+    from gap.blind.vocabulary import INSTRUMENTS
+
+    chosen = instrument or INSTRUMENTS
     if tier == "T0":
-        from gap.own import make_own
+        from gap.own_cases import make_own
 
-        make_own(n, seed, output, passphrase=passphrase)
+        key = make_own(n, seed, output, passphrase, chosen)
     else:
-        from gap.blind import make
-
-        make(tier, n, seed, output, passphrase=passphrase)
-    print(output)
+        key = make(tier, n, seed, output, chosen, passphrase)
+    print(f"{output}\n{key}")
 
 
 @blind.command("diagnose")
@@ -143,12 +147,12 @@ def blind_diagnose(
 @blind.command("score")
 def blind_score(
     reports: Annotated[Path, typer.Argument(help="Folder of reports.")],
-    key: Annotated[Path, typer.Argument(help="The key file.")],
+    keys: Annotated[list[Path], typer.Argument(help="The key file, or those of several sets (tiers) together.")],
     passphrase: Annotated[str, typer.Option(help="What the key was encrypted with.")] = "",
     as_json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
 ) -> None:
     """Compare reports with the key: every figure beside its target."""
     from gap.blind import score
 
-    card = score(reports, key, passphrase)
-    print(card.as_json() if as_json else card.as_text())
+    card = score(reports, keys, passphrase)
+    print(json.dumps(card.as_json(), indent=1) if as_json else card.as_text())
