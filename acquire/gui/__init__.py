@@ -1,1 +1,1 @@
-"""The operator's window. Nothing outside this package imports Qt, and nothing in the window's process hosts an engine."""
+"""The operator's window: nothing else imports Qt, and nothing in the window's process hosts an engine."""

@@ -43,6 +43,11 @@ class Client(QObject):
         self._open = True
         self._greeted = False
 
+    @property
+    def alive(self) -> bool:
+        """Whether the worker is there and answers."""
+        return self._open and (not self._greeted or time.monotonic() - self._heard <= SILENT)
+
     def ask(
         self, action: str, instrument: str = "", answer: Callable[[Reply], None] | None = None, **arguments: Any
     ) -> None:

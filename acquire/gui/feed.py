@@ -6,13 +6,14 @@ import math
 import shutil
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from acquire.engine.queues import nbytes
 from acquire.gui.messages import Picture, View
 from acquire.gui.thinning import extremes
+from drivers.device import Status
 from drivers.signals import Block, FloatArray, Frame
 
 if TYPE_CHECKING:
@@ -58,8 +59,7 @@ class Feed:
         frames = [item for item in items if isinstance(item, Frame)]
         progress, trip, status = engine.progress, engine.trip, engine.status
         if math.isnan(self._origin) and status is not None and status.state == "running":
-            if math.isfinite(status.began) and status.executed < len(self._edges):
-                self._origin = status.began - float(self._edges[status.executed])
+            self._origin = self._origin_by(status)
         identity = next(iter(engine.identities.values()), None)
         return View(
             name=self.name,
@@ -84,6 +84,11 @@ class Feed:
             path=_path(blocks),
             picture=self._seen(frames[-1]) if frames else None,
         )
+
+    def _origin_by(self, status: Status) -> float:
+        """Device time at which the protocol began, by the segment that the device says it executes."""
+        known = math.isfinite(status.began) and status.executed < len(self._edges)
+        return status.began - float(self._edges[status.executed]) if known else math.nan
 
     def _seen(self, frame: Frame) -> Picture:
         """The frame made small, with its contour; between two contours the last one is shown."""

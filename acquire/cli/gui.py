@@ -1,0 +1,27 @@
+"""``acquire gui``: the operator's window."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def gui(
+    station: Annotated[
+        Path | None, typer.Option(help="Station file; none: the last one, or the simulated bench.")
+    ] = None,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for recordings.")] = Path("runs"),
+    speed: Annotated[float, typer.Option(help="Simulated seconds per second.")] = 1.0,
+    tissue: Annotated[str, typer.Option(help="Simulated tissue, such as forearm.")] = "forearm",
+    dark: Annotated[bool | None, typer.Option("--dark/--light", help="Colours; remembered.")] = None,
+) -> None:
+    """Open the window. Ctrl-C in this terminal is an emergency stop."""
+    try:
+        from acquire.gui.app import run
+    except ImportError as error:
+        raise ValueError(f"the window needs the extra 'gui' (pip install 'skinrig[gui]'): {error}") from error
+    from acquire.gui.messages import BenchSettings
+
+    raise typer.Exit(run(BenchSettings(station=station, out=out, speed=speed, tissue=tissue), dark=dark))

@@ -1,0 +1,135 @@
+"""The recordings in the folder: find, look at, recover, and hand on to diagnosis and fit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QColor, QKeyEvent
+from PySide6.QtWidgets import (
+    QAbstractItemView,
+    QHBoxLayout,
+    QHeaderView,
+    QLabel,
+    QLineEdit,
+    QPushButton,
+    QTableWidget,
+    QTableWidgetItem,
+    QVBoxLayout,
+    QWidget,
+)
+
+from acquire.gui.reading import Row
+from acquire.gui.theme import LEVELS
+
+COLUMNS = ("begun", "instrument", "protocol", "subject", "site", "repeat", "status")
+COLOURS = {
+    "completed": LEVELS["ok"], "imported": LEVELS["ok"], "recovered": LEVELS["warning"], "aborted": LEVELS["warning"],
+}  # fmt: skip
+
+
+class BrowserPanel(QWidget):
+    """A table of recordings. Signals carry the chosen paths."""
+
+    refresh_wanted = Signal()
+    folder_wanted = Signal()
+    open_wanted = Signal(object)
+    recover_wanted = Signal(object)
+    diagnose_wanted = Signal(object)
+    fit_wanted = Signal(object)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.rows: tuple[Row, ...] = ()
+        self.folder = QLabel("")
+        self.folder.setProperty("role", "faint")
+        self.filter = QLineEdit()
+        self.filter.setPlaceholderText("filter: subject, site, protocol, status …")
+        self.filter.setClearButtonEnabled(True)
+        self.filter.textChanged.connect(self._filter)
+        self.table = QTableWidget(0, len(COLUMNS))
+        self.table.setHorizontalHeaderLabels([name.capitalize() for name in COLUMNS])
+        self.table.verticalHeader().hide()
+        self.table.setShowGrid(False)
+        self.table.setAlternatingRowColors(True)
+        self.table.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+        self.table.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
+        self.table.horizontalHeader().setSectionResizeMode(2, QHeaderView.ResizeMode.Stretch)
+        self.table.itemSelectionChanged.connect(self._chosen)
+        self.table.itemDoubleClicked.connect(lambda: self.open.click())
+        self.open = self._button("Open", lambda: self.open_wanted.emit(self.chosen[0]))
+        self.diagnose = self._button("Diagnose", lambda: self.diagnose_wanted.emit(self.chosen))
+        self.fit = self._button("Fit", lambda: self.fit_wanted.emit(self.chosen))
+        self.recover = self._button("Recover", lambda: self.recover_wanted.emit(self.journals))
+        self.refresh = self._button("Refresh", self.refresh_wanted.emit)
+        change = self._button("Folder …", self.folder_wanted.emit)
+        top = QHBoxLayout()
+        top.addWidget(self.filter, 1)
+        top.addWidget(change)
+        top.addWidget(self.refresh)
+        bottom = QHBoxLayout()
+        bottom.addWidget(self.folder, 1)
+        for button in (self.open, self.diagnose, self.fit, self.recover):
+            bottom.addWidget(button)
+        column = QVBoxLayout(self)
+        column.addLayout(top)
+        column.addWidget(self.table, 1)
+        column.addLayout(bottom)
+        self._chosen()
+
+    def show_rows(self, folder: Path, rows: tuple[Row, ...]) -> None:
+        """Another list."""
+        self.rows = rows
+        self.folder.setText(f"{len(rows)} in {folder.resolve()}")
+        self.table.setRowCount(len(rows))
+        for number, row in enumerate(rows):
+            cells = (row.start[:19].replace("T", " "), row.instrument, row.protocol, row.subject, row.site)
+            for column, text in enumerate((*cells, str(row.repeat or ""), row.status)):
+                item = QTableWidgetItem(text)
+                item.setToolTip(row.problem or str(row.path))
+                if column == len(COLUMNS) - 1:
+                    item.setForeground(QColor(COLOURS.get(row.status, LEVELS["bad"])))
+                self.table.setItem(number, column, item)
+        for column in (0, 1, 3, 4, 5, 6):
+            self.table.resizeColumnToContents(column)
+        self._filter(self.filter.text())
+        self._chosen()
+
+    @property
+    def chosen(self) -> list[Path]:
+        """The chosen recordings that can be read."""
+        return [row.path for row in self._selected() if not row.problem]
+
+    @property
+    def journals(self) -> list[Path]:
+        """The chosen journals that a crash left."""
+        return [row.path for row in self._selected() if row.path.suffix == ".journal"]
+
+    def _selected(self) -> list[Row]:
+        numbers = sorted({index.row() for index in self.table.selectionModel().selectedRows()})
+        return [self.rows[number] for number in numbers if number < len(self.rows)]
+
+    def _chosen(self) -> None:
+        self.open.setEnabled(len(self.chosen) == 1)
+        self.diagnose.setEnabled(bool(self.chosen))
+        self.fit.setEnabled(bool(self.chosen))
+        self.recover.setEnabled(bool(self.journals))
+
+    def _filter(self, text: str) -> None:
+        words = text.lower().split()
+        for number in range(self.table.rowCount()):
+            cells = [self.table.item(number, column) for column in range(len(COLUMNS))]
+            line = " ".join(cell.text().lower() for cell in cells if cell is not None)
+            self.table.setRowHidden(number, not all(word in line for word in words))
+
+    def _button(self, text: str, action: object) -> QPushButton:
+        button = QPushButton(text)
+        button.clicked.connect(action)
+        return button
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Return opens the chosen recording."""
+        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter) and self.open.isEnabled():
+            self.open.click()
+            return
+        super().keyPressEvent(event)

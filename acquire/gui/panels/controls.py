@@ -1,0 +1,114 @@
+"""The bar that is always there: what goes on, how long it takes, START, PAUSE, STOP and the emergency stop."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QLabel, QProgressBar, QPushButton, QWidget
+
+from acquire.gui.estop import button_for
+from acquire.gui.messages import LIVE, NEEDS_RESET, View
+from acquire.gui.units import clock
+
+PHASES = {"load": "loading", "hold": "holding", "unload": "unloading", "rest": "waiting"}
+STARTABLE = frozenset({"ready", "completed", "aborted"})
+
+
+class ControlBar(QFrame):
+    """Commands for the chosen instrument; the emergency stop is for all of them."""
+
+    start = Signal()
+    pause = Signal()
+    resume = Signal()
+    halt = Signal()
+    estop = Signal()
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setProperty("role", "bar")
+        self.state = QLabel("no instrument")
+        self.state.setProperty("role", "title")
+        self.countdown = QLabel("")
+        self.countdown.setProperty("role", "number")
+        self.detail = QLabel("")
+        self.detail.setProperty("role", "faint")
+        self.bar = QProgressBar()
+        self.bar.setRange(0, 1000)
+        self.bar.setTextVisible(False)
+        self.bar.setFixedHeight(8)
+        self.start_button = self._button("START", "start", "F5", self.start.emit)
+        self.pause_button = self._button("PAUSE", "pause", "F6", self._pause_or_resume)
+        self.stop_button = self._button("STOP", "halt", "F7", self.halt.emit)
+        self.estop_button = button_for(self.estop.emit)
+        self._paused = False
+        words = QGridLayout()
+        words.addWidget(self.state, 0, 0)
+        words.addWidget(self.countdown, 0, 1)
+        words.addWidget(self.detail, 1, 0, 1, 2)
+        words.addWidget(self.bar, 2, 0, 1, 2)
+        words.setColumnStretch(0, 1)
+        layout = QHBoxLayout(self)
+        layout.addLayout(words, 1)
+        for button in (self.start_button, self.pause_button, self.stop_button):
+            button.setMinimumSize(104, 56)
+            layout.addWidget(button)
+        layout.addSpacing(16)
+        self.estop_button.setMinimumSize(170, 72)
+        layout.addWidget(self.estop_button)
+        self.show_view(None, ready=False)
+
+    def show_view(self, view: View | None, *, ready: bool) -> None:
+        """The chosen instrument's state; ``ready`` when a protocol without faults is chosen."""
+        state = view.state if view is not None else "off"
+        self.start_button.setEnabled(ready and state in STARTABLE)
+        self.stop_button.setEnabled(state in LIVE)
+        self.pause_button.setEnabled(state in ("running", "paused"))
+        if self._paused != (state == "paused"):
+            self._paused = state == "paused"
+            self.pause_button.setText("RESUME" if self._paused else "PAUSE")
+        if view is None or state not in LIVE:
+            self._idle(state, ready)
+        else:
+            self._running(view)
+
+    def _idle(self, state: str, ready: bool) -> None:
+        if state in NEEDS_RESET:
+            words = "stopped: reset the instrument"
+        elif state in STARTABLE:
+            words = "ready to start" if ready else "choose a protocol"
+        else:
+            words = "connect an instrument" if state in ("off", "idle") else "connecting …"
+        _set(self.state, words)
+        _set(self.countdown, "")
+        _set(self.detail, "START F5   PAUSE F6   STOP F7   E-STOP Esc")
+        self.bar.setValue(1000 if state == "completed" else 0)
+
+    def _running(self, view: View) -> None:
+        if view.state == "paused":
+            words = "PAUSED – vented"
+        elif view.state == "armed":
+            words = "starting"
+        else:
+            labels = [f"{name} {value}" for name, value in view.labels.items()]
+            words = " · ".join([PHASES.get(view.phase, view.phase), *labels])
+        _set(self.state, words)
+        _set(self.countdown, clock(view.left) if view.state == "running" else "")
+        left = clock(view.duration - view.elapsed)
+        _set(self.detail, f"step {view.segment + 1} of {view.segments} · {left} left of {clock(view.duration)}")
+        self.bar.setValue(round(1000 * view.elapsed / view.duration) if view.duration else 0)
+
+    def _pause_or_resume(self) -> None:
+        (self.resume if self._paused else self.pause).emit()
+
+    def _button(self, text: str, role: str, key: str, action: object) -> QPushButton:
+        button = QPushButton(text)
+        button.setProperty("role", role)
+        button.setShortcut(key)
+        button.setToolTip(key)
+        button.clicked.connect(action)
+        return button
+
+
+def _set(label: QLabel, text: str) -> None:
+    """A label lays itself out anew at every setText: only where it says something else."""
+    if label.text() != text:
+        label.setText(text)

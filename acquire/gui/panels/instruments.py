@@ -1,0 +1,155 @@
+"""The bench: which instruments there are, how they are, and what was the matter last."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QMouseEvent
+from PySide6.QtWidgets import QFrame, QGridLayout, QGroupBox, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
+
+from acquire.gui.messages import LIVE, NEEDS_RESET, InstrumentInfo, View
+from acquire.gui.theme import LIGHTS
+
+#: States in the words of somebody at the bench.
+WORDS = {
+    "off": "not connected",
+    "idle": "not connected",
+    "connecting": "connecting …",
+    "ready": "ready",
+    "armed": "armed",
+    "running": "running",
+    "paused": "paused, vented",
+    "completed": "ready, last run complete",
+    "aborted": "ready, last run stopped",
+    "tripped": "stopped for safety: reset it",
+    "failed": "failed: reset it",
+}
+
+
+class InstrumentRow(QFrame):
+    """One instrument: light, name, state, last error, and the one button that its state calls for."""
+
+    chosen = Signal(str)
+    wanted = Signal(str, str)  # action, instrument
+
+    def __init__(self, info: InstrumentInfo, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.info = info
+        self.state = "off"
+        self.setProperty("role", "bar")
+        self.light = QLabel("●")
+        title = QLabel(info.title)
+        title.setStyleSheet("font-weight: 600")
+        title.setToolTip(info.name)
+        self.words = QLabel(WORDS["off"])
+        self.words.setProperty("role", "faint")
+        self.error = QLabel("")
+        self.error.setProperty("role", "error")
+        self.error.setWordWrap(True)
+        self.error.hide()
+        self.button = QPushButton("Connect")
+        self.button.clicked.connect(self._act)
+        grid = QGridLayout(self)
+        grid.setContentsMargins(8, 6, 8, 6)
+        grid.setHorizontalSpacing(8)
+        grid.addWidget(self.light, 0, 0, 2, 1)
+        grid.addWidget(title, 0, 1)
+        grid.addWidget(self.words, 1, 1)
+        grid.addWidget(self.button, 0, 2, 2, 1)
+        grid.addWidget(self.error, 2, 0, 1, 3)
+        grid.setColumnStretch(1, 1)
+        self._light("off")
+
+    def show_state(self, state: str, error: str = "") -> None:
+        """Show a state; nothing is painted where nothing changed."""
+        if (state, error) == (self.state, self.error.text()):
+            return
+        self.state = state
+        self._light(state)
+        simulated = " (simulated)" if self.info.simulated else ""
+        self.words.setText(WORDS.get(state, state) + simulated * (state in ("ready", "off")))
+        self.error.setText(error)
+        self.error.setVisible(bool(error))
+        self.button.setText(
+            "Reset" if state in NEEDS_RESET else "Connect" if state in ("off", "idle") else "Disconnect"
+        )
+        self.button.setEnabled(state not in LIVE and state != "connecting")
+
+    def mark(self, chosen: bool) -> None:
+        """Show whether this is the one that runs are started on."""
+        self.setFrameShape(QFrame.Shape.StyledPanel)
+        self.setStyleSheet('QFrame[role="bar"] { border: 2px solid palette(highlight); }' if chosen else "")
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        """A click anywhere on the row chooses the instrument."""
+        self.chosen.emit(self.info.name)
+        super().mousePressEvent(event)
+
+    def _light(self, state: str) -> None:
+        self.light.setStyleSheet(f"color: {LIGHTS.get(state, LIGHTS['off'])}; font-size: 20pt")
+        self.light.setAccessibleName(f"{self.info.title}: {WORDS.get(state, state)}")
+
+    def _act(self) -> None:
+        action = {"Connect": "connect", "Reset": "reset", "Disconnect": "disconnect"}[self.button.text()]
+        if action == "connect":
+            self.show_state("connecting")
+        self.wanted.emit(action, self.info.name)
+
+
+class InstrumentsPanel(QGroupBox):
+    """Every instrument of the station."""
+
+    chosen = Signal(str)
+    wanted = Signal(str, str)
+    station_wanted = Signal(bool)  # True: the simulated bench; False: a station file
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__("Instruments", parent)
+        self.rows: dict[str, InstrumentRow] = {}
+        self.current = ""
+        self.bench = QLabel("starting …")
+        self.bench.setWordWrap(True)
+        self.simulated = QPushButton("Simulated")
+        self.station = QPushButton("Station file …")
+        self.simulated.clicked.connect(lambda: self.station_wanted.emit(True))
+        self.station.clicked.connect(lambda: self.station_wanted.emit(False))
+        buttons = QHBoxLayout()
+        buttons.addWidget(self.simulated)
+        buttons.addWidget(self.station)
+        self._list = QVBoxLayout()
+        layout = QVBoxLayout(self)
+        layout.addWidget(self.bench)
+        layout.addLayout(self._list)
+        layout.addLayout(buttons)
+        layout.setAlignment(Qt.AlignmentFlag.AlignTop)
+
+    def show_bench(self, name: str, instruments: tuple[InstrumentInfo, ...]) -> None:
+        """The instruments of a station, none connected yet."""
+        for row in self.rows.values():
+            self._list.removeWidget(row)
+            row.deleteLater()
+        self.rows = {info.name: InstrumentRow(info) for info in instruments}
+        for row in self.rows.values():
+            self._list.addWidget(row)
+            row.chosen.connect(self.choose)
+            row.wanted.connect(self.wanted)
+        self.bench.setText(name)
+        self.current = ""
+
+    def choose(self, name: str) -> None:
+        """Make an instrument the one that runs are started on."""
+        if name in self.rows and name != self.current:
+            self.current = name
+            for other, row in self.rows.items():
+                row.mark(other == name)
+            self.chosen.emit(name)
+
+    def show_views(self, views: tuple[View, ...]) -> None:
+        """New states."""
+        for view in views:
+            if view.name in self.rows:
+                self.rows[view.name].show_state(view.state, view.trip or view.error)
+
+    @property
+    def live(self) -> bool:
+        """Whether an instrument may act on a person."""
+        return any(row.state in LIVE for row in self.rows.values())

@@ -1,0 +1,160 @@
+"""After a run: is it any good, what does it say, and how does it compare with earlier ones."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QPixmap, QResizeEvent
+from PySide6.QtWidgets import (
+    QAbstractItemView,
+    QGroupBox,
+    QHBoxLayout,
+    QHeaderView,
+    QLabel,
+    QScrollArea,
+    QTableWidget,
+    QTableWidgetItem,
+    QTabWidget,
+    QVBoxLayout,
+    QWidget,
+)
+
+from acquire.analysis.curves import DEFINITIONS
+from acquire.gui.reading import Result
+from acquire.gui.theme import LEVELS
+from acquire.report.summary import shown
+
+
+class PictureView(QScrollArea):
+    """A picture as wide as there is room for."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._label = QLabel()
+        self._label.setAlignment(Qt.AlignmentFlag.AlignTop | Qt.AlignmentFlag.AlignHCenter)
+        self._pixmap = QPixmap()
+        self.setWidget(self._label)
+        self.setWidgetResizable(True)
+
+    def show_png(self, data: bytes) -> None:
+        """Show a PNG; nothing for no bytes."""
+        self._pixmap = QPixmap()
+        if data:
+            self._pixmap.loadFromData(data)
+        self._fit()
+
+    @property
+    def shown(self) -> bool:
+        """Whether there is a picture."""
+        return not self._pixmap.isNull()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Qt's hook: another size."""
+        super().resizeEvent(event)
+        self._fit()
+
+    def _fit(self) -> None:
+        if self._pixmap.isNull():
+            self._label.clear()
+            return
+        width = min(self.viewport().width() - 4, self._pixmap.width())
+        self._label.setPixmap(self._pixmap.scaledToWidth(width, Qt.TransformationMode.SmoothTransformation))
+
+
+class ResultPanel(QWidget):
+    """Quality flags, parameters and pictures of one recording."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.title = QLabel("No recording yet")
+        self.title.setProperty("role", "title")
+        self.title.setWordWrap(True)
+        self.subtitle = QLabel("After a run its result appears here; older ones are under Recordings.")
+        self.subtitle.setProperty("role", "faint")
+        self.subtitle.setWordWrap(True)
+        quality = QGroupBox("Quality")
+        self._quality = QVBoxLayout(quality)
+        self.flags: list[QLabel] = []
+        parameters = QGroupBox("Parameters")
+        self.table = QTableWidget(0, 3)
+        self.table.setHorizontalHeaderLabels(["", "value", "meaning"])
+        self.table.verticalHeader().hide()
+        self.table.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
+        self.table.setAlternatingRowColors(True)
+        self.table.setShowGrid(False)
+        self.table.horizontalHeader().setSectionResizeMode(2, QHeaderView.ResizeMode.Stretch)
+        QVBoxLayout(parameters).addWidget(self.table)
+        self.picture, self.compared = PictureView(), PictureView()
+        self.pages = QTabWidget()
+        self.pages.addTab(self.picture, "This run")
+        self.pages.addTab(self.compared, "With earlier runs")
+        left = QVBoxLayout()
+        left.addWidget(quality)
+        left.addWidget(parameters, 1)
+        row = QHBoxLayout()
+        row.addLayout(left, 2)
+        row.addWidget(self.pages, 3)
+        column = QVBoxLayout(self)
+        column.addWidget(self.title)
+        column.addWidget(self.subtitle)
+        column.addLayout(row, 1)
+        self.result: Result | None = None
+
+    def show_waiting(self, text: str) -> None:
+        """A run has just ended and is being read."""
+        self.title.setText(text)
+
+    def show_result(self, result: Result) -> None:
+        """Everything about a recording."""
+        self.result = result
+        summary = result.summary
+        who = " · ".join(str(summary[key]) for key in ("subject", "site") if summary[key])
+        self.title.setText(f"{summary['protocol'] or summary['id']} – {summary['status']}")
+        self.subtitle.setText(
+            f"{who} · repeat {summary['repeat']} · {summary['specimen']} · {summary['start_time']} · {result.path.name}"
+            + (f"\n{summary['trip_reason']}" if summary["trip_reason"] else "")
+        )
+        self._show_flags(summary["quality"])
+        self._show_parameters(summary)
+        self.picture.show_png(result.picture)
+        self.compared.show_png(result.compared)
+        self.pages.setTabText(1, f"With earlier runs ({len(result.others)})")
+        self.pages.setTabEnabled(1, bool(result.others))
+        self.pages.setCurrentIndex(0)
+
+    def _show_flags(self, flags: list[Mapping[str, Any]]) -> None:
+        for label in self.flags:
+            self._quality.removeWidget(label)
+            label.deleteLater()
+        self.flags = []
+        for flag in flags:
+            colour = LEVELS[flag["level"]]
+            label = QLabel(
+                f'<span style="color:{colour}; font-size:15pt">●</span> &nbsp;<b>{flag["name"]}</b>: {flag["text"]}'
+            )
+            label.setWordWrap(True)
+            label.setAccessibleName(f"{flag['name']}: {flag['level']}")
+            self._quality.addWidget(label)
+            self.flags.append(label)
+
+    def _show_parameters(self, summary: Mapping[str, Any]) -> None:
+        rows = [
+            (name, shown(value, DEFINITIONS[name].unit), DEFINITIONS[name].text)
+            for name, value in summary["parameters"].items()
+        ]
+        for entry in summary["directions"]:
+            direction = ", ".join(f"{x:+.2f}" for x in entry["direction"])
+            loss = "–" if entry["energy_loss"] is None else f"{100 * entry['energy_loss']:.0f} % of the energy lost"
+            rows.append(
+                (f"({direction})", shown(entry["force"], "N"), f"at {shown(entry['displacement'], 'm')}, {loss}")
+            )
+        self.table.setRowCount(len(rows))
+        for number, cells in enumerate(rows):
+            for column, text in enumerate(cells):
+                item = QTableWidgetItem(text)
+                item.setToolTip(text)
+                self.table.setItem(number, column, item)
+        self.table.resizeColumnToContents(0)
+        self.table.resizeColumnToContents(1)

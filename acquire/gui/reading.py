@@ -1,0 +1,114 @@
+"""What the analyst's process does with recordings: lists, summaries and pictures as plain data."""
+
+from __future__ import annotations
+
+import io
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+COMPARED = 8  # earlier runs in one picture
+RUNNING = 10.0  # s: a journal that was written to within that time belongs to a run that goes on
+
+
+@dataclass(frozen=True)
+class Row:
+    """A recording in the browser."""
+
+    path: Path
+    start: str
+    instrument: str
+    protocol: str
+    subject: str
+    site: str
+    repeat: int
+    status: str
+    problem: str = ""
+
+
+@dataclass(frozen=True)
+class Result:
+    """A recording for the result panel: `acquire.report.summary.summarise`, and pictures as PNG.
+
+    ``compared`` is empty where the subject has no earlier run of the protocol at the site; ``others`` are those runs.
+    """
+
+    path: Path
+    summary: dict[str, Any]
+    picture: bytes
+    compared: bytes
+    others: tuple[str, ...]
+
+
+def listing(folder: Path) -> tuple[Row, ...]:
+    """Recordings and abandoned journals in ``folder``, the newest first; nothing if there is no such folder."""
+    from acquire.catalogue import catalogue
+
+    if not folder.is_dir():
+        return ()
+    rows = []
+    for entry in catalogue(folder):
+        info = entry.info
+        if info is not None:
+            rows.append(
+                Row(
+                    entry.path, info.start_time, info.instrument, info.protocol_name, info.subject, info.site,
+                    info.repeat, info.status,
+                )
+            )  # fmt: skip
+        elif entry.path.suffix != ".journal":
+            rows.append(Row(entry.path, "", "", entry.path.stem, "", "", 0, "unreadable", entry.problem))
+        elif time.time() - entry.path.stat().st_mtime > RUNNING:
+            rows.append(Row(entry.path, "", "", entry.path.stem, "", "", 0, "not finished", entry.problem))
+    return tuple(reversed(rows))
+
+
+def result(path: Path) -> Result:
+    """Everything the result panel shows of a recording. Raises RecordingError, FileNotFoundError."""
+    from acquire.recording import load
+    from acquire.report import figures
+    from acquire.report.summary import summarise
+
+    recording = load(path)
+    earlier = _earlier(path, recording.info)
+    compared = b""
+    if earlier:
+        compared = _png(figures.comparison([*(load(p) for p in earlier), recording]))
+    return Result(
+        path,
+        summarise(recording),
+        _png(figures.overview(recording)),
+        compared,
+        tuple(p.stem for p in earlier),
+    )
+
+
+def recovered(journal: Path) -> Path:
+    """Make a recording of what a crash left; the journal is kept beside it under another name."""
+    from acquire.recording import recover
+
+    path = recover(journal)
+    journal.rename(journal.with_suffix(".journal.recovered"))
+    return path
+
+
+def _earlier(path: Path, info: Any) -> list[Path]:
+    """Runs of the same protocol on the same subject and site that began before."""
+    from acquire.catalogue import catalogue
+
+    same = [
+        entry.path
+        for entry in catalogue(path.parent)
+        if entry.info is not None
+        and entry.info.start_time < info.start_time
+        and (entry.info.subject, entry.info.site, entry.info.protocol_name)
+        == (info.subject, info.site, info.protocol_name)
+    ]
+    return same[-COMPARED:]
+
+
+def _png(figure: Any) -> bytes:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=90)
+    return buffer.getvalue()
