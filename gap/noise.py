@@ -16,7 +16,7 @@ def high_band_sigma(value: FloatArray) -> float:
     """
     v = value[np.isfinite(value)]
     if len(v) < 8:
-        return float(np.std(v)) or 1.0
+        return (float(np.std(v)) if len(v) else 0.0) or 1.0
     scale = float(np.ptp(v)) or max(abs(float(v[0])), 1.0)
     differences = np.abs(np.diff(v, 3))
     sigma = float(np.median(differences)) / 0.6745 / np.sqrt(20.0)
@@ -58,14 +58,18 @@ def correlation_time(residual: FloatArray, limit: int = 2000) -> float:
 
 
 def denoised(time: FloatArray, remainder: FloatArray, width: float = 0.25) -> FloatArray:
-    """What a record shows beyond its fitted actuator, (n,), without the sensor's noise: smoothed over ``width`` s,
-    over a few samples only where it moves significantly.
+    """What a record shows beyond its fitted actuator, (n,), without the sensor's noise: smoothed over ``width`` s and
+    shrunk by three standard errors; over a few samples only where it moves quickly.
 
-    Raw noise, fed to a tissue, imitates friction and preload.
+    Raw noise, fed to a tissue, imitates friction and preload; what is left of it at rest, where skin is softest, a
+    leaning probe.
     """
     dt = float(np.median(np.diff(time)))
     sigma = high_band_sigma(remainder)
-    wide = gaussian_filter1d(remainder, max(width / dt, 1.0), mode="nearest")
+    samples = max(width / dt, 1.0)
+    wide = gaussian_filter1d(remainder, samples, mode="nearest")
+    standard_error = sigma / np.sqrt(2.0 * np.sqrt(np.pi) * samples)
+    wide = np.sign(wide) * np.maximum(np.abs(wide) - 3.0 * standard_error, 0.0)
     narrow = gaussian_filter1d(remainder, 1.0, mode="nearest")
     moving = gaussian_filter1d((np.abs(narrow - wide) > 2.5 * sigma).astype(float), 3.0, mode="nearest")
     trust = np.clip(4.0 * moving - 0.4, 0.0, 1.0)

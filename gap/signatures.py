@@ -80,8 +80,8 @@ def _repeats(name: str, series: Sequence[Series]) -> list[Signature]:
         if len(v) < 30 or np.ptp(v) == 0:
             continue
         step = grid_step(v)
-        if step == 0 and len(np.unique(v)) < 0.97 * len(v):
-            continue  # computed from coarse channels: its repeats are theirs
+        if step == 0 and len(np.unique(v)) < 0.97 * (1 + np.count_nonzero(np.diff(v))):
+            continue  # values come back, not only stand: computed from coarse channels, its repeats are theirs
         if step and high_band_sigma(v) < 1.5 * step:
             continue  # on so coarse a grid stillness is no news
         change = np.diff(v)

@@ -1,0 +1,115 @@
+"""The solver against closed forms of linear least squares."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gap.solve import Projector, fit
+from sim_devices.chain import Parameter
+
+
+@pytest.fixture
+def data() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(3)
+    design = rng.normal(size=(60, 3))
+    return design, design @ [1.0, -2.0, 0.5] + rng.normal(size=60), np.array([0.3, 1.0, np.inf])
+
+
+def precision(sd: np.ndarray) -> np.ndarray:
+    return np.diag(np.where(np.isfinite(sd), 1 / sd**2, 0.0))
+
+
+def test_without_prior_it_is_least_squares(linear, data) -> None:
+    design, y, _ = data
+    found = fit(linear(y, design))
+    assert found.nuisance == pytest.approx(np.linalg.lstsq(design, y, rcond=None)[0], abs=1e-4)
+    assert found.penalty == 0
+
+
+def test_a_prior_pulls_as_bayes_foretells(linear, data) -> None:
+    design, y, sd = data
+    expected = np.linalg.solve(design.T @ design + precision(sd), design.T @ y)
+    found = fit(linear(y, design, sd=sd))
+    assert found.nuisance == pytest.approx(expected, abs=2e-3)
+    assert found.penalty == pytest.approx(float(expected @ precision(sd) @ expected), rel=1e-2)
+
+
+def test_projector_foretells_the_objective_after_a_refit(linear, data) -> None:
+    design, y, sd = data
+    assert Projector(design, sd).chi2(y) == pytest.approx(fit(linear(y, design, sd=sd)).objective, rel=1e-3)
+
+
+def test_projector_leaves_nothing_of_what_free_nuisance_explains(data) -> None:
+    design, _, _ = data
+    assert np.abs(Projector(design, np.full(3, np.inf)).apply(design)).max() < 1e-6
+
+
+def test_evidence_of_a_linear_problem_is_the_gaussian_one(linear, data) -> None:
+    design, y, _ = data
+    sd = np.array([0.3, 1.0, 2.0])
+    found = fit(linear(y, design, sd=sd))
+    covariance = np.eye(60) + design @ np.diag(sd**2) @ design.T
+    expected = -0.5 * (y @ np.linalg.solve(covariance, y) + np.linalg.slogdet(covariance)[1])
+    assert found.log_evidence(1.0, np.zeros(3), (sd,)) == pytest.approx(expected, abs=1e-2)
+
+
+def test_evidence_averages_over_prior_widths(linear, data) -> None:
+    design, y, _ = data
+    narrow, wide = np.full(3, 0.1), np.full(3, 2.0)
+    found = fit(linear(y, design, sd=wide))
+    each = [found.log_evidence(1.0, np.zeros(3), (sd,)) for sd in (narrow, wide)]
+    both = found.log_evidence(1.0, np.zeros(3), (narrow, wide))
+    assert both == pytest.approx(np.logaddexp(*each) - np.log(2))
+
+
+def test_tempering_makes_evidence_milder(linear, data, candidate) -> None:
+    design, y, sd = data
+    bump = np.sin(np.arange(60.0))
+    wrong = y + 3 * bump
+    null = fit(linear(wrong, design, sd=np.ones(3)))
+    right = fit(linear(wrong, design, {"bump": lambda v: v["a"] * bump}, np.ones(3)), (candidate("bump"),))
+
+    def gain(temper: float) -> float:
+        one, other = (f.log_evidence(temper, np.zeros(3), (np.ones(3),)) for f in (right, null))
+        return one - other
+
+    assert gain(1.0) > gain(4.0) > 0
+
+
+def test_an_effect_is_found_with_its_standard_error(linear, data, candidate) -> None:
+    design, y, _ = data
+    bump = np.linspace(-1, 1, 60) ** 2
+    problem = linear(y + 4 * bump, design, {"bump": lambda v: v["a"] * bump})
+    found = fit(problem, (candidate("bump"),))
+    value = next(iter(found.active.values()))["a"]
+    se = 20 * np.sqrt(found.covariance[0, 0])  # of a prior 20 wide
+    projected = Projector(design, np.full(3, np.inf)).apply(bump)
+    assert se == pytest.approx(1 / np.sqrt(float(bump @ projected) + 12 / 20**2), rel=1e-2)
+    assert abs(value - 4) < 4 * se
+
+
+def test_effect_parameters_stay_within_their_prior(linear, data, candidate) -> None:
+    design, y, _ = data
+    bump = np.linspace(-1, 1, 60) ** 2
+    problem = linear(y + 40 * bump, design, {"bump": lambda v: v["a"] * bump})
+    found = fit(problem, (candidate("bump"),))
+    assert found.unit[0] == pytest.approx(1.0)
+    assert next(iter(found.active.values()))["a"] == pytest.approx(10.0)
+
+
+def test_a_nonlinear_parameter_on_a_log_prior_converges(linear, candidate) -> None:
+    t = np.linspace(0, 5, 200)
+    rng = np.random.default_rng(0)
+    decay = {"decay": lambda v: 50 * np.exp(-t / v["tau"])}
+    problem = linear(50 * np.exp(-t / 0.7) + rng.normal(size=200), np.ones((200, 1)), decay)
+    found = fit(problem, (candidate("decay", Parameter("tau", "s", 0.05, 20.0, None, 1.0, "log")),))
+    assert next(iter(found.active.values()))["tau"] == pytest.approx(0.7, rel=0.1)
+
+
+def test_a_problem_without_nuisance_works(linear, candidate) -> None:
+    t = np.linspace(0, 1, 30)
+    problem = linear(2 * t, np.zeros((30, 0)), {"slope": lambda v: v["a"] * t})
+    found = fit(problem, (candidate("slope"),))
+    assert next(iter(found.active.values()))["a"] == pytest.approx(2.0, abs=1e-2)
+    assert Projector(np.zeros((30, 0)), np.zeros(0)).apply(t) is t
