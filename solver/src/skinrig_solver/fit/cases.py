@@ -1,0 +1,245 @@
+"""From recordings to cases: what a model is run on and what it is compared with.
+
+Recordings are duck-typed: ``info`` (id, instrument, protocol), ``streams`` and ``setpoints``, mappings of series with
+``time``, ``value`` and ``unit`` in SI.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatch
+from typing import Any
+
+import numpy as np
+import yaml
+
+from ..api import Array, Experiment, Instrument, ModelInfo
+from . import units
+from .spec import Options, Spec
+
+DRIVES = {"suction": ("pressure",), "finger": ("pressure",), "sheet": ("probe_x", "probe_y", "probe_z")}
+INSTRUMENTS: dict[str, tuple[Instrument, ...]] = {
+    "suction": ("cutometer", "aspiration"),
+    "finger": ("cutometer", "aspiration"),
+    "sheet": ("microrobot",),
+}
+MEASURED_AS = {"deflection": "apex_height"}  # channels of models that recordings know under another name
+LOAD = 0.05  # of the largest drive: where the load begins
+_UNIT = {"pressure": "Pa", "force_x": "N", "force_y": "N", "force_z": "N"}  # all others are metres
+
+
+class RecordingError(ValueError):
+    """A recording that a model cannot be fitted to; the message names the recording and what is missing."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One recording as a fit sees it.
+
+    ``data``, ``scale`` and ``weight`` are keyed by the model's channel: measured values (n,) in SI, what residuals are
+    divided by (the largest measured value, paper M), and the square root of each sample's weight (n,). ``sampled``
+    says how many samples were recorded, and ``note`` what was done to them.
+    """
+
+    label: str
+    experiment: Experiment
+    data: Mapping[str, Array]
+    scale: Mapping[str, float]
+    weight: Mapping[str, Array]
+    sampled: int
+    note: str = ""
+
+    @property
+    def size(self) -> int:
+        """Number of compared values."""
+        return sum(values.size for values in self.data.values())
+
+
+def cases(recordings: Sequence[Any], spec: Spec, info: ModelInfo) -> list[Case]:
+    """The recordings that ``spec`` does not skip, as cases. Raises RecordingError naming what is missing."""
+    found: list[Case] = []
+    labels: set[str] = set()
+    for number, recording in enumerate(recordings):
+        label = str(recording.info.id) or f"recording {number + 1}"
+        while label in labels:
+            label += "'"
+        labels.add(label)
+        options = [o for o in spec.recordings if matches(o.pattern, label, recording.info.instrument, number)]
+        if not any(o.skip for o in options):
+            found.append(_case(recording, label, spec, info, options))
+    for pattern in (o.pattern for o in spec.recordings):
+        if not any(matches(pattern, str(r.info.id), r.info.instrument, k) for k, r in enumerate(recordings)):
+            raise RecordingError(f"recordings.{pattern}: fits none of {', '.join(sorted(labels)) or 'no recordings'}")
+    if not found:
+        raise RecordingError("a fit needs at least one recording")
+    return _balanced(found) if spec.balance == "recordings" else found
+
+
+def matches(pattern: str, label: str, instrument: str, number: int) -> bool:
+    """Whether a pattern (glob) means a recording: by its id, its instrument, or its number in the call, from 1."""
+    return fnmatch(label, pattern) or pattern in (instrument, str(number + 1))
+
+
+def _case(recording: Any, label: str, spec: Spec, info: ModelInfo, options: Sequence[Options]) -> Case:
+    instrument = recording.info.instrument
+    allowed = INSTRUMENTS[info.problem]
+    if instrument not in allowed:
+        raise RecordingError(
+            f"recording {label} is of a {instrument}; model {info.name} is fitted to {' or '.join(allowed)}"
+        )
+    channels = [c for c in info.channels if spec.channels.get(c, 1.0) > 0.0]
+    for channel in spec.channels:
+        if channel not in info.channels:
+            raise RecordingError(f"channels.{channel}: model {info.name} has {', '.join(info.channels)}")
+    if not channels:
+        raise RecordingError("channels: every channel has weight 0")
+    series = {c: _stream(recording, label, MEASURED_AS.get(c, c)) for c in channels}
+    time, data = _common(label, series)
+    names = DRIVES[info.problem]
+    notes = []
+    drive = {}
+    for name in names:
+        source, commanded = _drive(recording, label, name, spec.drive)
+        drive[name] = _resampled(label, name, source, time)
+        if commanded and spec.drive == "measured":
+            notes.append(f"{name} was not recorded: set-point used")
+    sampled = time.size
+    reduce = _averaged if info.problem == "sheet" else _picked
+    time, data, drive = reduce(time, data, drive, -(-sampled // spec.samples))
+    if time.size < sampled:
+        notes.append(f"{time.size} of {sampled} samples, {reduce.__doc__}".rstrip("."))
+    geometry: dict[str, Any] = {**_setup(recording, info.problem), **spec.geometry}
+    weight = 1.0
+    for option in options:
+        geometry.update(option.geometry)
+        weight *= option.weight
+    origin = float(time[0]) if spec.phase_origin == "recording" else _loading(time, drive)
+    of_phase = _phase_weights(time - origin, spec)
+    experiment = Experiment(instrument, time - time[0], drive, geometry, label)
+    scale = {c: float(np.abs(values).max()) for c, values in data.items()}
+    for channel, size in scale.items():
+        if not size > 0.0:
+            raise RecordingError(f"recording {label}: channel {channel!r} is zero throughout")
+    weights = {c: np.sqrt(weight * spec.channels.get(c, 1.0) * of_phase) for c in data}
+    return Case(label, experiment, data, scale, weights, sampled, "; ".join(notes))
+
+
+def _stream(recording: Any, label: str, name: str) -> Any:
+    if name not in recording.streams:
+        have = ", ".join(recording.streams) or "none"
+        raise RecordingError(f"recording {label} has no channel {name!r}; it has {have}")
+    series = recording.streams[name]
+    unit = _UNIT.get(name, "m")
+    if series.unit != unit:
+        raise RecordingError(f"recording {label}: channel {name!r} is in {series.unit!r}, not in {unit!r}")
+    return series
+
+
+def _drive(recording: Any, label: str, name: str, wanted: str) -> tuple[Any, bool]:
+    """A drive's series, and whether it is the set-point."""
+    if name in recording.streams and wanted == "measured":
+        return _stream(recording, label, name), False
+    if name in recording.setpoints:
+        return recording.setpoints[name], True
+    have = ", ".join(recording.streams) or "none"
+    where = "channel or set-point" if wanted == "measured" else "set-point"
+    raise RecordingError(f"recording {label} has no {where} {name!r}; its channels are {have}")
+
+
+def _common(label: str, series: Mapping[str, Any]) -> tuple[Array, dict[str, Array]]:
+    """The channels on the time of the first, where all are finite."""
+    first = next(iter(series.values()))
+    time = np.asarray(first.time, dtype=np.float64)
+    order = np.flatnonzero(np.isfinite(time) & (time > np.concatenate([[-np.inf], np.fmax.accumulate(time)[:-1]])))
+    time = time[order]
+    data = {}
+    for name, one in series.items():
+        own, value = np.asarray(one.time, dtype=np.float64), np.asarray(one.value, dtype=np.float64)
+        if value.ndim != 1 or value.size != own.size:
+            raise RecordingError(f"recording {label}: channel {name!r} has shape {value.shape}, not one value a time")
+        if one is first or np.array_equal(own, first.time):
+            data[name] = value[order]
+        else:
+            inside = (time >= np.nanmin(own)) & (time <= np.nanmax(own))
+            data[name] = np.where(inside, np.interp(time, own, value), np.nan)
+    good = np.all([np.isfinite(values) for values in data.values()], axis=0)
+    if good.sum() < 10:
+        raise RecordingError(
+            f"recording {label}: only {int(good.sum())} samples have finite values in {' and '.join(series)}"
+        )
+    return time[good], {name: values[good] for name, values in data.items()}
+
+
+def _resampled(label: str, name: str, series: Any, time: Array) -> Array:
+    own, value = np.asarray(series.time, dtype=np.float64), np.asarray(series.value, dtype=np.float64)
+    good = np.isfinite(own) & np.isfinite(value)
+    if not good.any():
+        raise RecordingError(f"recording {label}: {name!r} has no finite value")
+    return np.interp(time, own[good], value[good])
+
+
+_Curves = tuple[Array, dict[str, Array], dict[str, Array]]
+
+
+def _averaged(time: Array, data: dict[str, Array], drive: dict[str, Array], group: int) -> _Curves:
+    """means of neighbours."""  # the sheet's drive is smooth, and means keep what noise would hide
+    count = time.size // group
+
+    def mean(values: Array) -> Array:
+        return np.asarray(values[: count * group].reshape(count, group).mean(axis=1))
+
+    return mean(time), {k: mean(v) for k, v in data.items()}, {k: mean(v) for k, v in drive.items()}
+
+
+def _picked(time: Array, data: dict[str, Array], drive: dict[str, Array], group: int) -> _Curves:
+    """evenly picked."""  # steps of suction must stay steps
+    return time[::group], {k: v[::group] for k, v in data.items()}, {k: v[::group] for k, v in drive.items()}
+
+
+def _setup(recording: Any, problem: str) -> dict[str, float]:
+    """What the recording's protocol says about the instrument's opening or the support's hole."""
+    try:
+        setup = (yaml.safe_load(recording.info.protocol or "") or {}).get("setup") or {}
+        if problem == "suction" and setup.get("opening") is not None:
+            return {"opening_radius": 0.5 * units.read(setup["opening"], "m", "setup.opening")}
+        if problem == "sheet" and setup.get("hole_radius") is not None:
+            return {"hole_radius": units.read(setup["hole_radius"], "m", "setup.hole_radius")}
+    except (yaml.YAMLError, ValueError, AttributeError):
+        pass  # protocols of other rigs are kept verbatim in recordings: they may be anything
+    return {}
+
+
+def _loading(time: Array, drive: Mapping[str, Array]) -> float:
+    size = np.sqrt(np.sum([values**2 for values in drive.values()], axis=0))
+    return float(time[np.argmax(size > LOAD * size.max())])
+
+
+def _phase_weights(time: Array, spec: Spec) -> Array:
+    """Each sample's weight (n,): a_i / N_i of its phase (paper F), scaled to a mean of one over the phases' samples."""
+    if not spec.phases:
+        return np.ones(time.size)
+    weight = np.zeros(time.size)
+    for phase in spec.phases:
+        inside = (time >= phase.start) & (time < phase.stop)
+        if inside.any():
+            weight[inside] = phase.weight / inside.sum()
+    if not weight.any():
+        raise RecordingError("phases: no recorded sample lies in any phase of a weight above 0")
+    return np.asarray(weight * np.count_nonzero(weight) / weight.sum())
+
+
+def _balanced(found: list[Case]) -> list[Case]:
+    mean = sum(case.size for case in found) / len(found)
+    return [
+        Case(
+            c.label,
+            c.experiment,
+            c.data,
+            c.scale,
+            {k: w * np.sqrt(mean / c.size) for k, w in c.weight.items()},
+            c.sampled,
+            c.note,
+        )
+        for c in found
+    ]

@@ -1,0 +1,201 @@
+"""How well parameters are known: covariance, correlations, what cannot be told apart, profile likelihood."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..api import Array
+from . import units
+from .problem import Evaluation, Problem
+from .variables import Free
+
+AT_BOUND = 1e-4  # of the range between bounds: how near counts as at the bound
+POORLY = 0.5  # relative standard error above which a parameter is called not identifiable
+INSEPARABLE = 0.995  # correlation from which two parameters count as one
+ALIKE = 0.95  # correlation worth a warning
+CONFIDENCE = 3.841  # 95 % of chi-squared with one degree of freedom
+_SINGULAR = 1e-13  # relative eigenvalue below which a direction carries no information
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One identified parameter, SI. ``interval`` is 95 %; ``at`` is 'lower' or 'upper' where it sits on a bound.
+
+    ``standard_error`` is nan at a bound and inf where the data say nothing. ``profile`` (k, 2) holds values and
+    rises of the likelihood's chi-squared, None where it was not asked for; ``profile_interval`` ends where that rise
+    reaches 3.84, infinite on a side where it does not within the bounds.
+    """
+
+    free: Free
+    unit: str
+    value: float
+    standard_error: float
+    interval: tuple[float, float]
+    identifiable: bool
+    at: str = ""
+    profile: Array | None = None
+    profile_interval: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Covariance (m, m) in the optimiser's coordinates, correlations (m, m), and warnings in plain words.
+
+    ``noise`` gives each compared curve's residual standard deviation [SI of its channel] and ``persistence`` by how
+    much its residuals' neighbours resemble each other, as a number of samples that count as one (1: white noise).
+    """
+
+    covariance: Array
+    correlation: Array
+    noise: tuple[float, ...]
+    persistence: tuple[float, ...]
+    on_bound: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+def uncertainty(problem: Problem, optimum: Evaluation) -> Uncertainty:
+    """What the curvature at the optimum says.
+
+    The covariance is the sandwich H^-1 M H^-1 with H = J^T J and M = sum over curves of s^2 J^T W J, where s^2 is each
+    curve's own residual variance, times the number of samples that count as one where residuals are correlated in time
+    (White 1980; Sokal's integrated autocorrelation time). It is right for any weights. Parameters on a bound are held.
+    """
+    assert optimum.jacobian is not None
+    variables = problem.variables
+    lower, upper = variables.bounds
+    margin = AT_BOUND * (upper - lower)
+    sides = np.where(optimum.z <= lower + margin, -1, np.where(optimum.z >= upper - margin, 1, 0))
+    inner = np.flatnonzero(sides == 0)
+    jacobian = optimum.jacobian[:, inner]
+    weight = np.concatenate([c.weight[k] / c.scale[k] for c in problem.cases for k in c.data])
+    used = weight > 0.0
+    dof = max(int(used.sum()) - len(inner), 1)
+    noise, persistence = [], []
+    middle = np.zeros((len(inner), len(inner)))
+    for _, _, where in problem.groups():
+        w = weight[where]
+        plain = np.divide(optimum.residual[where], w, out=np.zeros_like(w), where=w > 0.0)
+        count = max(int((w > 0.0).sum()), 1)
+        variance = float(plain @ plain) / count * used.sum() / dof
+        together = _persistence(plain[w > 0.0])
+        noise.append(float(np.sqrt(variance)))
+        persistence.append(together)
+        rows = jacobian[where] * w[:, None]
+        middle += variance * together * rows.T @ rows
+    covariance, blind = _sandwich(jacobian, middle)
+    whole = np.full((variables.start.size, variables.start.size), np.nan)
+    whole[np.ix_(inner, inner)] = covariance
+    deviation = np.sqrt(np.diag(covariance))
+    with np.errstate(invalid="ignore"):
+        correlation = np.full_like(whole, np.nan)
+        correlation[np.ix_(inner, inner)] = np.clip(covariance / np.outer(deviation, deviation), -1.0, 1.0)
+    names = [variables.symbols[k] for k in inner]
+    on_bound = tuple("" if s == 0 else "lower" if s < 0 else "upper" for s in sides)
+    warnings = [
+        f"{free.symbol} ended on its {side} bound, {units.show(optimum_value, variables.info[free.symbol].unit)}: "
+        "the data want it beyond, or do not feel it"
+        for free, side, optimum_value in zip(
+            variables.free, on_bound, (variables.values(optimum.z)[s] for s in variables.symbols), strict=True
+        )
+        if side
+    ]
+    warnings += [f"the data say nothing about {' and '.join(names[k] for k in blind)}"] if len(blind) else []
+    warnings += _pairs(names, correlation[np.ix_(inner, inner)])
+    warnings += _curves(problem, persistence)
+    return Uncertainty(whole, correlation, tuple(noise), tuple(persistence), on_bound, tuple(warnings))
+
+
+def _sandwich(jacobian: Array, middle: Array) -> tuple[Array, NDArray[np.intp]]:
+    """H^-1 M H^-1, and the columns that touch directions without information (infinite variance there)."""
+    size = np.linalg.norm(jacobian, axis=0)
+    unfelt = size <= 1e-12 * size.max(initial=0.0)
+    size = np.where(unfelt, 1.0, size)
+    scaled = jacobian / size
+    values, vectors = np.linalg.eigh(scaled.T @ scaled)
+    known = values > _SINGULAR * values.max(initial=1.0)
+    inverse = (vectors[:, known] / values[known]) @ vectors[:, known].T
+    covariance = inverse @ (middle / np.outer(size, size)) @ inverse / np.outer(size, size)
+    blind = np.flatnonzero(unfelt | (np.abs(vectors[:, ~known]) > 0.1).any(axis=1))
+    covariance[blind, blind] = np.inf
+    return covariance, blind
+
+
+def _persistence(residual: Array) -> float:
+    """Integrated autocorrelation time in samples, at least 1: the window ends where it is five times the sum."""
+    n = residual.size
+    power = float(residual @ residual)
+    if n < 20 or power == 0.0:
+        return 1.0
+    spectrum = np.abs(np.fft.rfft(residual - residual.mean(), 2 * n)) ** 2
+    correlation = np.fft.irfft(spectrum)[: n // 2]
+    if correlation[0] <= 0.0 or correlation[1] / correlation[0] < 3.0 / np.sqrt(n):
+        return 1.0  # white within what n samples can tell
+    total = 2.0 * np.cumsum(correlation / correlation[0]) - 1.0
+    window = np.flatnonzero(np.arange(total.size) >= 5.0 * total)
+    return float(max(1.0, total[window[0] if window.size else -1]))
+
+
+def _pairs(names: Sequence[str], correlation: Array) -> list[str]:
+    found = []
+    for i in range(len(names)):
+        for j in range(i):
+            r = correlation[i, j]
+            if abs(r) >= INSEPARABLE:
+                how = "rises" if r < 0 else "falls"
+                found.append(
+                    f"{names[j]} and {names[i]} cannot be told apart (correlation {r:+.3f}): when one falls the other "
+                    f"{how} and the curves stay; hold one of them, or measure something that separates them"
+                )
+            elif abs(r) >= ALIKE:
+                found.append(f"{names[j]} and {names[i]} are hard to tell apart (correlation {r:+.3f})")
+    return found
+
+
+def _curves(problem: Problem, persistence: Sequence[float]) -> list[str]:
+    rough = [
+        f"{problem.cases[number].label} {channel}"
+        for (number, channel, _), together in zip(problem.groups(), persistence, strict=True)
+        if together >= 3.0
+    ]
+    if not rough:
+        return []
+    return [
+        f"the misfit of {', '.join(rough)} is systematic, not noise: the model lacks something there. Standard errors "
+        "are widened for it, but say nothing of the error this makes in the parameters"
+    ]
+
+
+def estimates(problem: Problem, optimum: Evaluation, known: Uncertainty) -> list[Estimate]:
+    """Every free parameter with its standard error and verdict."""
+    values = problem.variables.values(optimum.z)
+    found = []
+    for k, free in enumerate(problem.variables.free):
+        value, deviation = values[free.symbol], float(np.sqrt(known.covariance[k, k]))
+        error = deviation * free.slope(value)
+        if free.log and np.isfinite(deviation):
+            spread = np.exp(min(1.96 * deviation, 300.0))
+            interval = (value / spread, value * spread)
+        else:
+            interval = (value - 1.96 * error, value + 1.96 * error)
+        interval = (max(interval[0], free.lower), min(interval[1], free.upper))
+        others = np.delete(np.abs(known.correlation[k]), k)
+        together = bool(np.any(others[np.isfinite(others)] >= INSEPARABLE))
+        relative = error / max(abs(value), 1e-300)
+        identifiable = not known.on_bound[k] and not together and bool(relative <= POORLY)
+        unit = problem.variables.info[free.symbol].unit
+        found.append(Estimate(free, unit, value, error, interval, identifiable, known.on_bound[k]))
+    return found
+
+
+def doubts(found: Sequence[Estimate]) -> list[str]:
+    """In plain words, the parameters whose value is little more than a guess."""
+    worded = []
+    for e in found:
+        if not e.at and np.isfinite(e.standard_error) and e.standard_error > POORLY * abs(e.value):
+            percent = 100 * e.standard_error / max(abs(e.value), 1e-300)
+            worded.append(f"{e.free.symbol} is known only to ±{percent:.0f} %: treat it as not identified")
+    return worded
