@@ -147,7 +147,7 @@ def sentences(d: Diagnosis) -> list[str]:
         return [s for s in (first, second, third) if s]
     cause = v.causes[0]
     what = " and ".join(words(e.name) for e in cause.effects)
-    share = 100 * shrink(v.gap_before, v.gap_after)
+    share = 100 * min(shrink(v.gap_before, v.gap_after), 1.0)  # below the noise floor is not more than all
     numbers = ", ".join(
         f"{words(k.split('.')[-1])} {p['value']:.3g} {p['unit']}".rstrip()
         for k, p in list(parameters(d, cause).items())[:3]
@@ -164,7 +164,7 @@ def sentences(d: Diagnosis) -> list[str]:
     elif d.shrinks and (
         split := next((k for k in ("waveform", "level", "direction", "repeat") if k in d.shrinks[0]), "")
     ):
-        third = f"On a withheld {split} the gap shrinks by {100 * d.shrinks[0][split].value:.0f} %."
+        third = f"On a withheld {split} the gap shrinks by {100 * min(d.shrinks[0][split].value, 1.0):.0f} %."
     else:
-        third = f"In reality: {cause.effects[0].remedy}." if cause.effects else ""
+        third = f"In reality: {cause.effects[0].remedy.rstrip('.')}." if cause.effects else ""
     return [s for s in (first, second, third) if s]

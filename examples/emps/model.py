@@ -1,10 +1,13 @@
-"""A servo drive as a user would write it: motor force = mass x acceleration + viscous drag x velocity + offset. No dry friction.
+"""A servo drive as a user would write it, without dry friction.
+
+Motor force = mass x acceleration + viscous drag x velocity + offset.
 
     python examples/emps/make_bundle.py -o out/emps
     acquire gap diagnose out/emps/record out/emps/pulses --model examples/emps/model.py:Servo -o out/emps/gap
 
-The model is an *inverse* one: it reads the measured position and predicts the force. Differentiating a measured position amplifies its
-noise, so everything passes one and the same zero-phase low-pass filter, prediction and data alike (parallel filtering, M. Gautier 1997).
+The model is an *inverse* one: it reads the measured position and predicts the force. Differentiating a measured
+position amplifies its noise, so everything passes one and the same zero-phase low-pass filter, prediction and data
+alike (parallel filtering, M. Gautier 1997).
 """
 
 from __future__ import annotations

@@ -1,0 +1,84 @@
+"""Three simulated instruments measure skin; then a fault is hidden in one of them, and found.
+
+    python examples/demo/run_demo.py -o out/demo
+
+Nothing here but the commands a person would type: each is printed before it runs. The instruments are simulated and
+run faster than real time, but the drivers speak real bytes to them. Ends with status 1 if the diagnosis does not name
+the hidden effect.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+ACQUIRE = Path(sys.executable).with_name("acquire")
+INSTRUMENTS = {"cutometer": 20, "aspiration": 5, "microrobot": 5}  # simulated seconds per second
+SESSION = (("hold-150", 1), ("hold-300", 1), ("hold-450", 1), ("hold-450", 2), ("triangle", 1))
+"""Protocols of the session that the effect hides in, and which repeat each is."""
+
+
+def acquire(*arguments: object) -> None:
+    """Print and run one `acquire` command. Raises SystemExit with its status if it fails."""
+    words = [str(a) for a in arguments]
+    print(f"\n$ acquire {shlex.join(words)}", flush=True)
+    status = subprocess.run([ACQUIRE, *words], check=False).returncode
+    if status:
+        raise SystemExit(status)
+
+
+def fresh(path: Path) -> Path:
+    """``path``, without what an earlier demo left there: a run never overwrites a recording."""
+    path.unlink(missing_ok=True)
+    return path
+
+
+def measure(out: Path) -> Path:
+    """Run the demo protocol of every instrument; one page of all recordings. Returns the page."""
+    recordings = []
+    for instrument, speed in INSTRUMENTS.items():
+        recordings.append(fresh(out / f"{instrument}.h5"))
+        person = ("--subject", "P01", "--site", "forearm")
+        acquire("run", f"demo-{instrument}", "--sim", "--speed", speed, *person, "--seed", 1, "-o", recordings[-1])
+    page = out / "summary.html"
+    acquire("report", *recordings, "-o", page)
+    return page
+
+
+def hide_and_find(out: Path, effect: str) -> Path:
+    """Record a session with ``effect`` switched on, then diagnose it. Returns the folder of the diagnosis."""
+    session = out / "session"
+    for k, (protocol, repeat) in enumerate(SESSION):
+        what = ("run", HERE / f"{protocol}.yaml", "--sim", "--speed", 20, "--effect", effect)
+        recording = fresh(session / f"{k + 1}-{protocol}.h5")
+        acquire(*what, "--seed", k, "--repeat", repeat, "-o", recording)
+    acquire("gap", "diagnose", session, "-o", out / "gap")
+    return out / "gap"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/demo"), help="folder for everything")
+    parser.add_argument("--effect", default="regulator_lag:tau=0.3s", help="what to hide (acquire gap effects)")
+    arguments = parser.parse_args()
+    out: Path = arguments.output
+    out.mkdir(parents=True, exist_ok=True)
+    page = measure(out)
+    gap = hide_and_find(out, arguments.effect)
+
+    hidden = arguments.effect.partition(":")[0]
+    causes = json.loads((gap / "gap.json").read_text())["causes"]
+    named = causes[0]["class"] if causes else []
+    print(f"\nhidden: {arguments.effect}\nfound:  {', '.join(named) or 'nothing'}")
+    print(f"\nrecordings  {out}/*.h5 and {out}/session/*.h5\nsummary     {page}\ndiagnosis   {gap / 'gap.html'}")
+    if hidden not in named:
+        raise SystemExit(f"the diagnosis did not name {hidden}")
+
+
+if __name__ == "__main__":
+    main()
