@@ -198,12 +198,13 @@ class _Shape:
                 elif i >= len(out):
                     targets.append((f"by_kin[g, {i - len(out)}, {self.kin.index(x)}]", e))
             target = f"dstress[g, {i}, k]" if i < len(out) else f"dnew[g, {i - len(out)}, k]"
-            inner += [f"    {target} = {' + '.join(terms) or '0.0'}"]
-        inner += ["    if which[k] >= 0:"]
+            # a loop for each row: one output and one input array, which the compiler can vectorise
+            inner += ["for k in range(m):", f"    {target} = {' + '.join(terms) or '0.0'}"]
+        inner += ["for k in range(m):", "    if which[k] >= 0:"]
         inner += [f"        for i in range({len(out)}):", "            dstress[g, i, k] += by_par[i, which[k]]"]
         inner += [f"        for i in range({len(new)}):"]
         inner += [f"            dnew[g, i, k] += by_par[{len(out)} + i, which[k]]"]
-        return self.loop(targets, ["for k in range(m):", *inner])
+        return self.loop(targets, inner)
 
 
 def _name(x: Expr) -> str:

@@ -86,6 +86,7 @@ class Body:
         if rim is not None:
             self.gap, self.work = np.empty((2 * len(rim.edges), 12)), np.empty((2 * len(rim.edges), 6))
         self._moved: dict[tuple[int, float], Mesh] = {}
+        self._buffers: list[Array] = []
         self.place(mesh)
 
     def place(self, mesh: Mesh) -> None:
@@ -172,6 +173,15 @@ class Body:
         self._assemble(old, new, load, dt, parameters)
         self.factor.update(self.values)
 
+    def _workspace(self, history: Array) -> tuple[Array, Array, Array]:
+        """dstress, dkin and the next history: kept between steps, since fresh megabytes cost page faults."""
+        points, states, m = history.shape
+        if not self._buffers or self._buffers[0].shape[2] != m:
+            shapes = [(points, 6, m), (points, 6, m), (points, states, m), (points, states, m)]
+            self._buffers = [np.empty(shape) for shape in shapes]
+        dstress, dkin, first, second = self._buffers
+        return dstress, dkin, second if history is first else first
+
     def shape_partials(
         self, old: State, new: State, load: Load, dt: float, parameters: Sequence[Array], directions: Directions
     ) -> list[ShapePartial]:
@@ -191,7 +201,7 @@ class Body:
             force, theta0, kin = ((up - down) / (2.0 * step) for up, down in zip(*sides, strict=True))
             kin[:, 5] += (theta0 @ mesh.points.linear.T).ravel()
             partials.append(ShapePartial(column, force, kin))
-        self._use(mesh)
+            self._use(mesh)
         return partials
 
     def rest_tangents(self, m: int) -> Tangents:
@@ -214,7 +224,7 @@ class Body:
         """Derivatives of ``new``, with the tangent last factorised; ``moves`` from `shape_partials`."""
         m = tangents.du.shape[1]
         pts = self.mesh.points
-        dstress, history = np.empty((len(self.kin), 6, m)), np.empty_like(tangents.history)
+        dstress, dkin, history = self._workspace(tangents.history)
         for (a, b), par, which in zip(self.mesh.layer_points(), parameters, directions.law, strict=True):
             self.code.partials(
                 a,
@@ -244,7 +254,6 @@ class Body:
         for move in moves:
             force[: self.displacements, move.column] += move.force[: self.displacements]
         du = np.ascontiguousarray(-self.factor.solve(force))
-        dkin = np.empty((len(self.kin), 6, m))
         kernels.partial_kinematics(pts.gradients, pts.linear, self.Theta, self.equations, du, dkin)
         for move in moves:
             dkin[:, :, move.column] += move.kin
