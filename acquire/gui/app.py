@@ -31,5 +31,7 @@ def run(bench: BenchSettings, *, dark: bool | None = None, store: QSettings | No
     window = MainWindow(bench, store)
     window.show()
     # Ctrl-C is an emergency stop, made by the worker, which gets it too; here it closes the window.
-    signal.signal(signal.SIGINT, lambda *_: window.shut() or app.quit())
-    return app.exec()
+    signal.signal(signal.SIGINT, lambda *_: app.quit())
+    status = app.exec()
+    window.shut()
+    return status

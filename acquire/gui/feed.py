@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 FINE = 0.05  # s of device time that one pair of points stands for
 PATH = ("probe_x", "probe_y", "probe_z", "force_x", "force_y", "force_z")
 WIDEST = 400  # px of a picture on the screen
-CONTOUR_PERIOD = 0.1  # s of wall time between two contours
 SURE = 0.5  # confidence from which a proposed threshold is kept
 
 
@@ -41,8 +40,6 @@ class Feed:
         self._edges: FloatArray = np.zeros(1)
         self._origin = math.nan
         self._disk = Disk()
-        self._contour_at = 0.0
-        self._contour: Contour | None = None
         self._pipeline: Pipeline | None = None
 
     def begin(self, setpoints: Setpoints) -> None:
@@ -91,14 +88,10 @@ class Feed:
         return status.began - float(self._edges[status.executed]) if known else math.nan
 
     def _seen(self, frame: Frame) -> Picture:
-        """The frame made small, with its contour; between two contours the last one is shown."""
+        """The frame made small, with its contour."""
         step = -(-frame.image.shape[1] // WIDEST)
         small = np.ascontiguousarray(frame.image[::step, ::step])
-        now = time.monotonic()
-        if self._contour is None or now - self._contour_at >= CONTOUR_PERIOD:
-            self._contour_at = now
-            self._contour = self._measure(frame)
-        found = self._contour
+        found = self._measure(frame)
         height = found.height * self._scale if self._scale else math.nan
         return Picture(small, found.outline() / step, found.gvt, height, found.confidence, found.flags)
 

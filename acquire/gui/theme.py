@@ -65,8 +65,11 @@ QLabel[role="title"] {{ font-size: 15pt; font-weight: 600; }}
 QLabel[role="faint"] {{ color: {faint}; }}
 QLabel[role="error"] {{ color: {limit}; }}
 QLabel[role="number"] {{ font-size: 20pt; font-weight: 600; }}
-QLineEdit, QComboBox, QSpinBox {{ padding: 4px; min-height: 22px; }}
-QPushButton {{ padding: 6px 14px; min-height: 24px; }}
+QLineEdit, QComboBox {{ padding: 4px; min-height: 22px; }}
+QSpinBox {{ min-height: 30px; }}
+QPushButton {{ padding: 5px 10px; min-height: 24px; }}
+QListWidget::item {{ padding: 5px; border-bottom: 1px solid {border}; }}
+QListWidget::item:selected {{ background: {accent}; color: {base}; }}
 QPushButton[role="start"] {{ background: #2e8b57; color: white; font-weight: 700; border-radius: 6px; border: none; }}
 QPushButton[role="pause"] {{ background: #c98a12; color: white; font-weight: 700; border-radius: 6px; border: none; }}
 QPushButton[role="halt"] {{ background: #5f6b76; color: white; font-weight: 700; border-radius: 6px; border: none; }}

@@ -39,6 +39,7 @@ from acquire.gui.panels.result import ResultPanel
 from acquire.gui.panels.subject import SubjectPanel
 
 FRAME = 33  # ms between two turns of the one timer
+SIDE = 396  # px, the column of instruments and subject
 
 
 class MainWindow(QMainWindow):
@@ -56,6 +57,8 @@ class MainWindow(QMainWindow):
         self.latched = False
         self.views: dict[str, View] = {}
         self._asked_to_run = False
+        self._resetting = False
+        self._abandoned: Sequence[Path] = ()
         self._entries: tuple[ProtocolEntry, ...] = ()
         self._drawn: dict[str, MeasurePanel] = {}
         self._build()
@@ -108,7 +111,7 @@ class MainWindow(QMainWindow):
         scroll.setWidgetResizable(True)
         scroll.setFrameShape(QScrollArea.Shape.NoFrame)
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        scroll.setFixedWidth(350)
+        scroll.setFixedWidth(SIDE)
         row = QHBoxLayout()
         row.addWidget(scroll)
         row.addWidget(self.tabs, 1)
@@ -207,8 +210,6 @@ class MainWindow(QMainWindow):
 
     # The bench --------------------------------------------------------------------------------------------------------
 
-    _resetting = False
-
     def _connect_bench(self) -> None:
         self.client = Client(self.bench, self)
         self.client.ready.connect(self._show_ready)
@@ -219,8 +220,7 @@ class MainWindow(QMainWindow):
     def _show_ready(self, ready: Ready) -> None:
         self.views.clear()
         self.instruments.show_bench(ready.station, ready.instruments)
-        while self.measure.count():
-            old = self.measure.widget(0)
+        for old in self._drawn.values():
             self.measure.removeWidget(old)
             old.deleteLater()
         self._drawn = {info.name: MeasurePanel(info) for info in ready.instruments}
@@ -343,8 +343,6 @@ class MainWindow(QMainWindow):
             self.statusBar().showMessage(reply.error, 15000)
 
     # Recordings -------------------------------------------------------------------------------------------------------
-
-    _abandoned: Sequence[Path] = ()
 
     def refresh(self) -> None:
         """Read the list of recordings anew."""

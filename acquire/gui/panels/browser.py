@@ -56,8 +56,8 @@ class BrowserPanel(QWidget):
         self.table.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
         self.table.horizontalHeader().setSectionResizeMode(2, QHeaderView.ResizeMode.Stretch)
         self.table.itemSelectionChanged.connect(self._chosen)
-        self.table.itemDoubleClicked.connect(lambda: self.open.click())
-        self.open = self._button("Open", lambda: self.open_wanted.emit(self.chosen[0]))
+        self.table.itemDoubleClicked.connect(lambda item: self.open_wanted.emit(self.rows[item.row()].path))
+        self.look = self._button("Open", lambda: self.open_wanted.emit(self.chosen[0]))
         self.diagnose = self._button("Diagnose", lambda: self.diagnose_wanted.emit(self.chosen))
         self.fit = self._button("Fit", lambda: self.fit_wanted.emit(self.chosen))
         self.recover = self._button("Recover", lambda: self.recover_wanted.emit(self.journals))
@@ -69,7 +69,7 @@ class BrowserPanel(QWidget):
         top.addWidget(self.refresh)
         bottom = QHBoxLayout()
         bottom.addWidget(self.folder, 1)
-        for button in (self.open, self.diagnose, self.fit, self.recover):
+        for button in (self.look, self.diagnose, self.fit, self.recover):
             bottom.addWidget(button)
         column = QVBoxLayout(self)
         column.addLayout(top)
@@ -110,7 +110,7 @@ class BrowserPanel(QWidget):
         return [self.rows[number] for number in numbers if number < len(self.rows)]
 
     def _chosen(self) -> None:
-        self.open.setEnabled(len(self.chosen) == 1)
+        self.look.setEnabled(len(self.chosen) == 1)
         self.diagnose.setEnabled(bool(self.chosen))
         self.fit.setEnabled(bool(self.chosen))
         self.recover.setEnabled(bool(self.journals))
@@ -129,7 +129,7 @@ class BrowserPanel(QWidget):
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         """Return opens the chosen recording."""
-        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter) and self.open.isEnabled():
-            self.open.click()
+        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter) and self.look.isEnabled():
+            self.look.click()
             return
         super().keyPressEvent(event)

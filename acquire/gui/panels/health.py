@@ -20,11 +20,11 @@ class Health(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.lost, self.disk, self.recorder, self.screen = (QLabel("") for _ in range(4))
+        self.lost, self.disk, self.recorder, self.rate = (QLabel("") for _ in range(4))
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
         row.addStretch(1)
-        for label in (self.lost, self.disk, self.recorder, self.screen):
+        for label in (self.lost, self.disk, self.recorder, self.rate):
             row.addWidget(label)
             row.addSpacing(18)
         self._frames = 0
@@ -46,7 +46,7 @@ class Health(QWidget):
         now = time.monotonic()
         if now - self._since >= 1.0:
             rate = self._frames / (now - self._since)
-            _tell(self.screen, f"screen {rate:.0f} Hz", "warning" if rate < 15 else "ok")
+            _tell(self.rate, f"screen {rate:.0f} Hz", "warning" if rate < 15 else "ok")
             self._frames, self._since = 0, now
 
 

@@ -25,7 +25,7 @@ class MeasurePanel(QWidget):
         for beside in (self.camera, self.robot):
             if beside is not None:
                 splitter.addWidget(beside)
-                splitter.setSizes([560, 480])
+                splitter.setSizes([500, 500])
         row = QHBoxLayout(self)
         row.addWidget(splitter)
 

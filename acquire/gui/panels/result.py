@@ -28,7 +28,7 @@ from acquire.report.summary import shown
 
 
 class PictureView(QScrollArea):
-    """A picture as wide as there is room for."""
+    """A picture as large as there is room for."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -59,8 +59,9 @@ class PictureView(QScrollArea):
         if self._pixmap.isNull():
             self._label.clear()
             return
-        width = min(self.viewport().width() - 4, self._pixmap.width())
-        self._label.setPixmap(self._pixmap.scaledToWidth(width, Qt.TransformationMode.SmoothTransformation))
+        room = self.viewport().size().boundedTo(self._pixmap.size())
+        aspect, smooth = Qt.AspectRatioMode.KeepAspectRatio, Qt.TransformationMode.SmoothTransformation
+        self._label.setPixmap(self._pixmap.scaled(room, aspect, smooth))
 
 
 class ResultPanel(QWidget):
@@ -76,6 +77,7 @@ class ResultPanel(QWidget):
         self.subtitle.setWordWrap(True)
         quality = QGroupBox("Quality")
         self._quality = QVBoxLayout(quality)
+        self._quality.setAlignment(Qt.AlignmentFlag.AlignTop)
         self.flags: list[QLabel] = []
         parameters = QGroupBox("Parameters")
         self.table = QTableWidget(0, 3)
@@ -90,16 +92,14 @@ class ResultPanel(QWidget):
         self.pages = QTabWidget()
         self.pages.addTab(self.picture, "This run")
         self.pages.addTab(self.compared, "With earlier runs")
-        left = QVBoxLayout()
-        left.addWidget(quality)
-        left.addWidget(parameters, 1)
         row = QHBoxLayout()
-        row.addLayout(left, 2)
-        row.addWidget(self.pages, 3)
+        row.addWidget(quality, 2)
+        row.addWidget(parameters, 3)
         column = QVBoxLayout(self)
         column.addWidget(self.title)
         column.addWidget(self.subtitle)
-        column.addLayout(row, 1)
+        column.addWidget(self.pages, 3)
+        column.addLayout(row, 2)
         self.result: Result | None = None
 
     def show_waiting(self, text: str) -> None:

@@ -70,10 +70,15 @@ class RobotPanel(QWidget):
         self.numbers = QLabel("")
         self.numbers.setTextFormat(Qt.TextFormat.RichText)
         self.numbers.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self.numbers.setMinimumWidth(1)
+        self.numbers.setWordWrap(True)
         grid = QGridLayout(self)
         for projection, cell in zip(self.projections, ((0, 0), (1, 0), (1, 1)), strict=True):
             grid.addWidget(projection.plot, *cell)
         grid.addWidget(self.numbers, 0, 1)
+        for line in (0, 1):
+            grid.setColumnStretch(line, 1)
+            grid.setRowStretch(line, 1)
         self._path = np.empty((0, 6))
         self._run = 0
         self._most = 0.1  # N, the greatest force of this run
@@ -110,7 +115,7 @@ class RobotPanel(QWidget):
         way, strength = float(np.linalg.norm(tip)), float(np.linalg.norm(force))
         self.numbers.setText(
             f'<p style="font-size:19pt; font-weight:600; color:{theme.curves[0]}">{way:.2f} mm</p>'
-            f"<p>x {tip[0]:+.2f} &nbsp; y {tip[1]:+.2f} &nbsp; z {tip[2]:+.2f} mm</p>"
+            f"<p>x {tip[0]:+.2f}&nbsp; y {tip[1]:+.2f} &nbsp; z {tip[2]:+.2f} mm</p>"
             f'<p style="font-size:19pt; font-weight:600; color:{theme.curves[1]}">{strength:.3f} N</p>'
             f"<p>x {force[0]:+.3f} &nbsp; y {force[1]:+.3f} &nbsp; z {force[2]:+.3f} N</p>"
             f'<p style="color:{theme.limit}">border {1e3 * self.radius:.1f} mm</p>'.replace("-0.00 ", "0.00 ")
