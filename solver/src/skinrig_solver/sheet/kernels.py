@@ -245,10 +245,11 @@ def differentiate(law, p, gradients, weights, cells, F0, u, scale, extra, thickn
 def membrane_point(law, p, F, scale, extra, c33, elastic, P, A, dS):  # type: ignore[no-untyped-def]
     """One membrane point under F (3, 2): writes S_e (6,), P (3, 2), A (6, 6), dS_e/dp (m, 6); returns C33 or NaN."""
     C, D = np.zeros(6), np.empty((6, 6))
+    for i in range(3):
+        C[0] += F[i, 0] ** 2
+        C[1] += F[i, 1] ** 2
+        C[3] += F[i, 0] * F[i, 1]
     C[2] = c33
-    none = np.zeros((0, 0), dtype=np.int32)
-    inside = np.empty_like(F)
-    _deformation(F, np.zeros((0, 3)), none.ravel(), F, inside, C)
     if not plane_stress(law, C, p, True, elastic, D, dS) >= 0.0:
         return np.nan
     _nominal(F, scale * elastic + extra, D, scale, P, A)
