@@ -7,7 +7,7 @@ export OPENBLAS_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 export QT_QPA_PLATFORM ?= offscreen
 
-.PHONY: install system demo test lint gui screenshots benchmark clean
+.PHONY: install system demo test lint gui screenshots benchmark pictures clean
 
 $(BIN)/acquire: pyproject.toml solver/pyproject.toml
 	$(PYTHON) -c 'import sys; assert sys.version_info >= (3, 11), "skinrig needs Python 3.11 or newer"'
@@ -35,6 +35,16 @@ lint: install
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# Every benchmark prints seconds and ratios; together they take long. One alone: .venv/bin/python benchmarks/kinematics.py
+benchmark: install
+	$(BIN)/python -m pip install -q -e './solver[bench]'
+	set -e; for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python $$script; done
+	set -e; cd solver; for script in benchmarks/bench_*.py; do echo "== $$script"; $(abspath $(BIN))/python $$script; done
+
+# The README's pictures, from what the demo recorded.
+pictures: demo
+	$(BIN)/python tools/pictures.py out/demo docs/pictures
 
 gui: install system
 	QT_QPA_PLATFORM= $(BIN)/acquire gui
