@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import textwrap
 from pathlib import Path
 
 from acquire.cli.gap import load_all
@@ -40,8 +39,8 @@ def diagnosis_picture(d: Diagnosis, path: Path) -> None:
             ax.spines[["top", "right"]].set_visible(False)
     axes[0, 0].set_ylabel("pressure (mbar)")
     axes[1, 0].set_ylabel("residual / noise")
-    axes[0, 0].legend(frameon=False, loc="upper center", markerscale=4)
-    figure.suptitle("\n".join(textwrap.wrap(" ".join(sentences(d)), 115)), fontsize=10, x=0.02, ha="left")
+    axes[0, 0].legend(frameon=False, loc="center", markerscale=4)
+    figure.suptitle("\n".join(sentences(d)), fontsize=10, x=0.02, ha="left")
     figure.savefig(path, dpi=90)
 
 
