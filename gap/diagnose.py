@@ -16,7 +16,11 @@ from gap.effects import library
 from gap.hypothesis import Candidate, Problem
 from gap.judge import Judgement, Verdict, judge, made_by
 from gap.rig import ForwardModel, RigProblem
+from gap.session import REST, Session
 from gap.transfer import Shrink, shrink, splits, transferred
+
+INSTRUMENTS = ("cutometer", "aspiration", "microrobot")
+"""Those with a built-in forward model."""
 
 
 class DiagnosisError(ValueError):
@@ -72,6 +76,13 @@ def diagnose(
     comparison = compare(problems, candidates, effort, suspects)
     verdict = judge(comparison, candidates, rules, marks)
     blocks = {p.name: p for p in problems}
+    solves = 0
+    if solver:
+        from gap.fe_tissue import checked
+
+        answer = verdict.causes[0].hypothesis if verdict.causes else comparison.null
+        solves, words = checked(problems, answer.fits)
+        remarks += words
     withheld = splits(recordings)
     shrinks = []
     for cause in verdict.causes[:2]:
@@ -89,6 +100,7 @@ def diagnose(
         remarks=tuple(remarks),
         next_experiment=_advice(recordings, verdict, model, user_effects) if advise else {},
         seconds=clock.perf_counter() - begin,
+        fe_solves=solves,
     )
 
 
@@ -128,6 +140,8 @@ def _remarks(recordings: Sequence[Recording]) -> list[str]:
                 )
             if len(s.time) > 1 and np.any(np.diff(s.time) <= 0):
                 out.append(f"{r.info.id}: time stamps of {name} do not always increase")
+    if recordings[0].info.instrument in INSTRUMENTS and Session(recordings).own_clocks:
+        out.append(f"every recording has a clock of its own: rests of {REST:.0f} s between them are assumed")
     if len(recordings) == 1:
         out.append(
             "one recording only: no repeat to take the noise from, and shrinkage on unused data cannot be tested"
@@ -139,12 +153,18 @@ def _problems(
     recordings: Sequence[Recording], model: ForwardModel | None, user_effects: Sequence[Path], solver: str
 ) -> tuple[Sequence[Problem], tuple[Candidate, ...]]:
     if model is not None:
+        if solver:
+            raise DiagnosisError("a solver's tissue is for suction probes and the micro-robot, not for a --model rig")
         rig = RigProblem(recordings, model)
         return [rig], rig.candidates
     instrument = recordings[0].info.instrument
     if instrument in ("cutometer", "aspiration"):
         from gap.suction import suction_problems
 
+        if solver:
+            from gap.fe_tissue import fe_height
+
+            return suction_problems(recordings, library(instrument, user_effects), fe_height(solver))
         return suction_problems(recordings, library(instrument, user_effects))
     if instrument == "microrobot":
         from gap.robot import robot_problems

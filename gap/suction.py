@@ -8,7 +8,7 @@ called a device effect.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -223,13 +223,16 @@ class HeightBlock(Block):
             c[0] = float(np.log(max(np.max(self.measured[skin]), 1e-7) / top))
         return c
 
+    def _law_chain(self, group: Group, nuisance: FloatArray) -> Chain:
+        """The nominal chain of a group with the tissue at a nuisance vector."""
+        return _chain(self.session, group, self.tissue(nuisance))
+
     def _chain_height(self, nuisance: FloatArray, active: Active) -> FloatArray:
         """Apex height of the chain (n,) m, before run scatter and discrepancy."""
-        tissue = self.tissue(nuisance)
         shift = nuisance[len(self.TISSUE)]
         out = np.empty(len(self.stamps))
         for (g, at), (t, p) in zip(self.groups, self._line, strict=True):
-            chain = self.with_effects(_chain(self.session, g, tissue), active)
+            chain = self.with_effects(self._law_chain(g, nuisance), active)
             if any("pressure" in c.blocks for c in active):
                 p = p + self._gauge_error(chain, g, t)
             out[at] = self.simulated(chain, g, at, shift, {"line_pressure": (t, p)})[0]
@@ -262,9 +265,13 @@ class HeightBlock(Block):
 
 
 def suction_problems(
-    recordings: Sequence[Recording], effects: Mapping[str, Effect]
+    recordings: Sequence[Recording],
+    effects: Mapping[str, Effect],
+    height: Callable[[GroupedSession, Mapping[str, Effect], PressureBlock | None], HeightBlock] = HeightBlock,
 ) -> tuple[Sequence[Problem], tuple[Candidate, ...]]:
     """The blocks that a session's channels allow, and the effects that show in them.
+
+    ``height`` makes the block of the apex height: with the reduced tissue, or another one.
 
     Raises ValueError when what was commanded, or what was measured, is missing.
     """
@@ -278,7 +285,7 @@ def suction_problems(
         pressure = PressureBlock(session, effects)
         blocks.append(pressure)
     if any("apex_height" in r.streams for r in recordings):
-        blocks.append(HeightBlock(session, effects, pressure))
+        blocks.append(height(session, effects, pressure))
     if not blocks:
         raise ValueError(f"recording {recordings[0].info.id} has neither channel pressure nor apex_height")
     return blocks, candidates_for(effects, blocks)
