@@ -24,8 +24,11 @@ class SkinrigSolver:
         """Run one model: see :meth:`skinrig_solver.api.Model.simulate`."""
         return models()[model].simulate(experiment, parameters, sensitivities)
 
-    def fit(self, recordings: Sequence[Any], spec: Any, **options: Any) -> Any:
-        """Identify parameters from recordings: see :func:`skinrig_solver.fit.fit`."""
-        from .fit import fit  # a fit pulls in the optimisers; listing models must not
+    def fit(
+        self, recordings: Sequence[Any], spec: Any = None, *, jobs: int = 1, cluster: str = "", **options: Any
+    ) -> Any:
+        """Identify parameters on ``jobs`` processes or a dask cluster: see :func:`skinrig_solver.fit.fit`."""
+        from .fit import fit, workers  # a fit pulls in the optimisers; listing models must not
 
-        return fit(recordings, spec, **options)
+        with workers(jobs, cluster) as executor:
+            return fit(recordings, spec, executor=executor, **options)

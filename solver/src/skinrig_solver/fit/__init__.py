@@ -1,6 +1,7 @@
 """Identification: parameters of a forward model from one or several recordings, and how well they are known."""
 
 from .cases import RecordingError
+from .executors import workers
 from .optimisers import FitError
 from .result import FitResult
 from .run import Progress, fit
@@ -16,4 +17,5 @@ __all__ = [
     "fit",
     "load_spec",
     "read_spec",
+    "workers",
 ]

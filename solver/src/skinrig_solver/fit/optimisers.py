@@ -15,8 +15,8 @@ INSIDE = 1e-8  # relative distance that an interior method keeps from a bound
 FAR = 1e3  # a point where the model cannot be run counts so many times the starting objective
 
 
-class FitError(RuntimeError):
-    """A fit that could not begin or came to nothing."""
+class FitError(ValueError):
+    """A fit that cannot begin: the model cannot be run where it was told to start."""
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from .optimisers import FitError, Optimum, minimise
 from .problem import Evaluation, Problem, Tally
 from .profile import profiles
 from .result import Curve, Effort, FitResult, Start
-from .spec import Spec, Stage, load_spec, read_spec
+from .spec import Spec, SpecError, Stage, load_spec, read_spec
 from .statistics import doubts, estimates, uncertainty
 from .variables import Free, Variables
 
@@ -38,21 +38,21 @@ Observer = Callable[[Progress], None]
 
 def fit(
     recordings: Sequence[Any],
-    spec: Spec | Mapping[str, Any] | Path | str,
+    spec: Spec | Mapping[str, Any] | Path | str | None = None,
     *,
+    model: str | Model = "",
     executor: Executor | None = None,
     progress: Observer | None = None,
-    model: Model | None = None,
 ) -> FitResult:
     """Identify a model's free parameters from one or several recordings together.
 
     Parameters
     ----------
     recordings : `acquire.recording.Recording` objects, or anything shaped like them (see cases.py)
-    spec : a Spec, its plain data, or a file; a model's name alone frees what the papers identified
+    spec : a Spec, its plain data, or a file; without one, what the papers identified is free
+    model : a model's name, needed where the specification has none; or a Model that is not registered under any
     executor : runs the recordings of an evaluation, or the starts of a multi-start fit, side by side
     progress : called with a `Progress` after every evaluation that this process sees
-    model : the forward model itself, for one that is not registered under ``spec.model``
 
     Raises
     ------
@@ -61,11 +61,12 @@ def fit(
     FitError
         The model cannot be run at the start.
     """
-    spec = _read(spec)
-    chosen = model or models()[spec.model]
+    named, forward = (model, model) if isinstance(model, str) else (model.info.name, model)
+    spec = _read(spec, named)
+    forward = forward or spec.model
+    chosen = models()[forward] if isinstance(forward, str) else forward
     variables = spec.variables(chosen.info)
     found = cases(recordings, spec, chosen.info)
-    forward: str | Model = model or spec.model
     tally = Tally()
     watch = _Watch(progress)
     values, stages = variables.values(variables.start), []
@@ -90,12 +91,14 @@ def fit(
     return _result(problem, optimum, spec, variables, tuple(starts), tuple(stages))
 
 
-def _read(spec: Spec | Mapping[str, Any] | Path | str) -> Spec:
-    if isinstance(spec, Spec):
-        return spec
-    if isinstance(spec, str) and spec in models():
-        return Spec(spec)
-    return read_spec(spec) if isinstance(spec, Mapping) else load_spec(spec)
+def _read(spec: Spec | Mapping[str, Any] | Path | str | None, model: str) -> Spec:
+    if spec is None:
+        return read_spec({"model": model})
+    if not isinstance(spec, Spec):
+        spec = read_spec({"model": model, **spec}) if isinstance(spec, Mapping) else load_spec(spec, model)
+    if model not in ("", spec.model):
+        raise SpecError(f"model: the specification is for {spec.model}, not for {model}")
+    return spec
 
 
 class _Watch:
@@ -232,7 +235,11 @@ def _result(
 ) -> FitResult:
     best = optimum.evaluation
     known = uncertainty(problem, best)
-    found = profiles(problem, best, known, estimates(problem, best, known), spec)
+    first = {f.symbol: f.start for f in variables.free}
+    found = [
+        replace(e, free=replace(e.free, start=first[e.free.symbol]))  # where the fit began, not its last stage
+        for e in profiles(problem, best, known, estimates(problem, best, known), spec)
+    ]
     warnings = [*known.warnings, *doubts(found)]
     if not optimum.converged:
         warnings.insert(0, f"the optimiser stopped before it converged: {optimum.reason}")

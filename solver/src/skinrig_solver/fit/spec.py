@@ -169,8 +169,11 @@ def free_by_default(info: ModelInfo) -> tuple[str, ...]:
     return FREE.get(info.name.removesuffix("_gamma"), info.symbols)
 
 
-def load_spec(path: Path | str) -> Spec:
-    """Read a specification file. Raises SpecError that names file, line and field; FileNotFoundError."""
+def load_spec(path: Path | str, model: str = "") -> Spec:
+    """Read a specification file, of ``model`` where it names none.
+
+    Raises SpecError that names file, line and field; FileNotFoundError.
+    """
     path = Path(path)
     text = path.read_text(encoding="utf-8")
     try:
@@ -180,7 +183,7 @@ def load_spec(path: Path | str) -> Spec:
         line = f":{mark.line + 1}" if mark else ""
         raise SpecError(f"{path}{line}: not YAML: {getattr(error, 'problem', error)}") from None
     try:
-        return read_spec(data)
+        return read_spec({"model": model, **data} if isinstance(data, dict) else data)
     except SpecError as error:
         named = str(error).split(":")[0]
         raise SpecError(f"{path}:{_line(tree, named.split('.'))}: {error}") from error

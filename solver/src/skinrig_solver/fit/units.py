@@ -35,10 +35,15 @@ def read(value: object, unit: str, where: str) -> float:
     return float(match[1]) * known[match[2]]
 
 
+def readable(value: float, unit: str) -> tuple[str, float]:
+    """The most readable multiple of an SI unit for a value, and how many SI units it is."""
+    for name in _SHOWN.get(unit, ()):
+        if abs(value) >= 0.1 * UNITS[unit][name]:
+            return name, UNITS[unit][name]
+    return unit, 1.0
+
+
 def show(value: float, unit: str, digits: int = 4) -> str:
     """``value`` [SI unit] with its most readable multiple of the unit."""
-    for name in _SHOWN.get(unit, ()):
-        factor = UNITS[unit][name]
-        if abs(value) >= 0.1 * factor:
-            return f"{value / factor:.{digits}g} {name}"
-    return f"{value:.{digits}g} {unit}".rstrip()
+    name, factor = readable(value, unit)
+    return f"{value / factor:.{digits}g} {name}".rstrip()

@@ -1,0 +1,133 @@
+"""``acquire fit``: identify a model's parameters from recordings, by a solver plugin (``acquire.solvers``)."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+LINES = 5.0  # s between two lines of progress where there is no terminal
+
+
+def fit(
+    runs: Annotated[
+        list[Path] | None, typer.Argument(help="Recordings (.h5) or bundles' folders, fitted together.")
+    ] = None,
+    model: Annotated[str, typer.Option(help="Forward model; with --list all are named.")] = "",
+    spec: Annotated[Path | None, typer.Option(help="What is free, bounds, starts, weights, optimiser (YAML).")] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder for fit.json and fit.html.")] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes that run the model side by side.")] = 1,
+    cluster: Annotated[
+        str, typer.Option(help="Scheduler of a dask.distributed cluster, such as tcp://host:8786.")
+    ] = "",
+    list_models: Annotated[bool, typer.Option("--list", help="List the models and their parameters.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the result on stdout.")] = False,
+) -> None:
+    """Identify a model's parameters from recordings, and say how well they are known."""
+    solver = _solver(model)
+    if list_models:
+        _list(solver, model, as_json)
+        return
+    from acquire.recording import load
+
+    if not runs:
+        raise ValueError("a fit needs at least one recording")
+    if not (model or spec):
+        raise ValueError(f"a fit needs --model or --spec; models are {', '.join(solver.models())}")
+    recordings = [load(run) for run in runs]
+    with _Bar() as bar:
+        result = solver.fit(recordings, spec, model=model, jobs=jobs, cluster=cluster, progress=bar.update)
+    folder = output or (None if as_json else Path("fit-report"))
+    data = result.as_dict()
+    if folder:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "fit.json").write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+        result.write_page(folder / "fit.html")
+    if as_json:
+        typer.echo(json.dumps(data, indent=1))
+    else:
+        typer.echo(f"{result.in_words()}\n\n{folder}/fit.html\n{folder}/fit.json")
+
+
+def _solver(model: str) -> Any:
+    """The installed solver, by preference one that has ``model``; ends with status 2 and says what is missing."""
+    from acquire.cli.app import BAD_INPUT
+    from acquire.plugins import plugins
+
+    found = plugins("acquire.solvers")
+    for plugin in found.values():
+        if not plugin.working:
+            print(
+                f"acquire fit: the solver {plugin.name} ({plugin.value}) does not load: {plugin.error}", file=sys.stderr
+            )
+    working = [plugin.object() for plugin in found.values() if plugin.working]
+    if not working:
+        print(
+            "acquire fit is not installed: no solver plugin (entry point acquire.solvers). "
+            "skinrig's own is in the folder solver: pip install ./solver",
+            file=sys.stderr,
+        )
+        raise typer.Exit(BAD_INPUT)
+    return next((solver for solver in working if model in solver.models()), working[0])
+
+
+def _list(solver: Any, model: str, as_json: bool) -> None:
+    chosen = {name: m.info for name, m in solver.models().items() if model in ("", name)}
+    if not chosen:
+        raise ValueError(f"no model {model!r}; there are {', '.join(solver.models())}")
+    if as_json:
+        rows = [
+            {
+                "name": info.name, "problem": info.problem, "description": info.description, "source": info.source,
+                "channels": list(info.channels), "parameters": [p.__dict__ for p in info.parameters],
+            }
+            for info in chosen.values()
+        ]  # fmt: skip
+        typer.echo(json.dumps(rows, indent=1))
+        return
+    for info in chosen.values():
+        typer.echo(f"{info.name}: {info.description}")
+        if model:
+            for p in info.parameters:
+                typer.echo(
+                    f"  {p.symbol:<14} {p.default:>10.4g} {p.unit:<3} [{p.lower:.3g}, {p.upper:.3g}]  {p.meaning}"
+                )
+
+
+class _Bar:
+    """Progress of a fit: a bar on a terminal, a line now and then elsewhere; on stderr."""
+
+    def __init__(self) -> None:
+        self._bar: Any = None
+        self._task: Any = None
+        self._told = time.monotonic()
+
+    def __enter__(self) -> _Bar:
+        if sys.stderr.isatty():
+            from rich.console import Console
+            from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+            columns = (TextColumn("fit {task.description}"), BarColumn(), TimeElapsedColumn())
+            self._bar = Progress(*columns, console=Console(stderr=True), transient=True)
+            self._bar.start()
+            self._task = self._bar.add_task("", total=None)
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def update(self, progress: Any) -> None:
+        """Show what a solver reports: ``what``, ``evaluations``, ``forward_runs``, ``relative_objective``."""
+        words = f"{progress.what}: {progress.evaluations} evaluations, {progress.forward_runs} runs of the model"
+        if progress.relative_objective == progress.relative_objective:  # not nan
+            words += f", misfit {100 * progress.relative_objective:.3g} % of the start's"
+        if self._bar is not None:
+            self._bar.update(self._task, description=words)
+        elif time.monotonic() - self._told >= LINES:
+            self._told = time.monotonic()
+            print(f"fit {words}", file=sys.stderr, flush=True)
