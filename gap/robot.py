@@ -17,12 +17,12 @@ from acquire.recording.model import Recording
 from gap.blocks import CLOCK_SD, Block, Group, GroupedSession, Table, candidates_for, compressed
 from gap.chains import needed, run
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Problem
-from gap.noise import denoised
-from gap.tissue_null import sheet_discrepancy
+from gap.robot_loop import CONTROLLERS
+from gap.sheet_null import sheet_discrepancy
+from gap.smoothing import significant
+from gap.solve import fit
 from sim_devices.chain import Chain, Effect
 from sim_devices.stages import nominal
-from sim_devices.stages.axes import LOOP_RATE
-from sim_devices.stages.kernels import evaluate, low_pass
 from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
 from sim_devices.stages.tissues import SheetTissue, sheet_tissue
 
@@ -30,14 +30,16 @@ QUANTITIES = ("probe_x", "probe_y", "probe_z")
 AXES = numbered("axis_position")
 ROBOT_BINS = 0.15, 0.4
 """Growth and largest width (s) of the bins: the motion is slow."""
+STAMPS_SD = 1e-3
+"""s: how late or early all stamps, or all commands, may soundly be (assumed)."""
 LOOP_STEP = 0.02
 """s; the loop is exact between kinks, so this only has to resolve what is not linear in it."""
 
 
-def _chain(group: Group, tissue: SheetTissue, rate: float = LOOP_RATE) -> Chain:
+def _chain(group: Group, tissue: SheetTissue) -> Chain:
     """The nominal chain for a group: ``tissue`` if it is skin, else what its specimen is."""
     law = tissue if group.skin else _specimen(group.specimen)
-    return nominal("microrobot", tissue=law, rate=rate)
+    return nominal("microrobot", tissue=law)
 
 
 def _specimen(name: str) -> SheetTissue:
@@ -86,28 +88,37 @@ def _on_even_grid(
 class AxesBlock(Block):
     """Tip set-point -> axis positions, under the load that the recorded force is.
 
-    Nuisance: the loop's rate, the sampling convention, a zero of each sensor in each recording, and quick lags of
-    target and load that another controller than the nominal one would show.
+    Nuisance: the loop's gains and the sampling convention within their tolerances, and a zero of each sensor in each
+    recording. Which of the known controllers it is, the recording tells.
     """
 
     name, channels = "axes", AXES
     growth, widest = ROBOT_BINS
     floor = 0.5e-6  # m
-    TARGET_LAGS = (0.01, 0.03, 0.1)
-    LOAD_LAGS = (0.03, 0.2, 1.0)
+    SD = (0.03, 0.03, 0.03, STAMPS_SD, CLOCK_SD)  # of the logarithms of the gains, s, 1
+    ZERO_SD = 2e-6  # m
+    STEPS = (1e-2, 1e-2, 1e-2, 1e-3, 1e-6)
 
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect]) -> None:
         super().__init__(session, library)
         self._loads = [self._load(g) for g, _ in self.groups]
-        self._columns = self._lag_columns()
         self._runs = np.kron(np.eye(3), self.member)
-        r = self._runs.shape[1]
-        sd = [0.5, 0.6 * self.dt, CLOCK_SD, *[0.3] * 3, *[1.0] * 3]
-        self.prior_sd = np.concatenate([sd, np.full(r, 3e-6)])
+        k = len(self.SD)
+        self.prior_sd = np.concatenate([self.SD, np.full(self._runs.shape[1], self.ZERO_SD)])
         self.prior_mean = np.zeros(len(self.prior_sd))
         self.local = np.zeros(len(self.prior_sd), bool)
-        self.local[len(sd) :] = True
+        self.local[k:] = True
         self.alternatives = (self.prior_sd,)
+        self.controller = CONTROLLERS[0]
+        fits = []
+        for controller in CONTROLLERS:
+            self.controller = controller
+            fits.append((fit(self, nuisance=self.prior_mean, iterations=6), controller))
+        best, self.controller = min(fits, key=lambda f: f[0].objective)
+        self._start = best.nuisance
+
+    def start(self) -> FloatArray:
+        return self._start.copy()
 
     def _load(self, group: Group) -> dict[str, Table]:
         """The recorded force as load on the axes, N."""
@@ -123,49 +134,35 @@ class AxesBlock(Block):
         made = run(operators, unique, {n: v[first] for n, v in signals.items()})
         return {f"load_{k}": (unique, made[f"axis_load_{k}"]) for k in "123"}
 
-    def _lag_columns(self) -> FloatArray:
-        """Lagged minus direct target and load (3n, 6): m, and m for 1 N against the loop's nominal stiffness."""
-        out = np.zeros((3, len(self.stamps), 6))
-        stiffness = 3 * 0.06 * LOOP_RATE**2
-        for (g, at), load in zip(self.groups, self._loads, strict=True):
-            command = g.commands["probe_x"].time
-            fine = np.unique(
-                np.concatenate([self.stamps[at], command, command + 1e-9, *[command + d for d in (0.01, 0.03, 0.1)]])
-            )
-            inputs = {f"command_{a}": np.interp(fine, *g.tables()[f"probe_{a}"]) for a in "xyz"}
-            targets = run(needed(_chain(g, sheet_tissue("forearm")), numbered("target")), fine, inputs)
-            for axis in range(3):
-                direct = targets[f"target_{axis + 1}"]
-                for j, tau in enumerate(self.TARGET_LAGS):
-                    out[axis, at, j] = np.interp(self.stamps[at], fine, evaluate(low_pass, fine, direct, tau) - direct)
-                if load:
-                    pushed = np.interp(fine, *load[f"load_{axis + 1}"]) / stiffness
-                    for j, tau in enumerate(self.LOAD_LAGS):
-                        lagged = evaluate(low_pass, fine, pushed, tau)
-                        out[axis, at, 3 + j] = np.interp(self.stamps[at], fine, pushed - lagged)
-        return out.reshape(-1, 6)
+    def _chain(self, group: Group, nuisance: FloatArray, active: Active) -> Chain:
+        chain = self.controller.installed(_chain(group, sheet_tissue("forearm")), np.exp(np.clip(nuisance[:3], -3, 3)))
+        return self.with_effects(chain, active)
 
     def _predict(self, nuisance: FloatArray, active: Active) -> FloatArray:
         out = np.empty((3, len(self.stamps)))
-        rate = LOOP_RATE * float(np.exp(np.clip(nuisance[0], -3, 3)))
         for (g, at), load in zip(self.groups, self._loads, strict=True):
-            chain = self.with_effects(_chain(g, sheet_tissue("forearm"), rate), active)
-            shift = nuisance[1] + nuisance[2] * (self.stamps[at] - self.stamps[0])
-            out[:, at] = _on_even_grid(chain, AXES, g, self.stamps[at] + shift, load)
+            shift = nuisance[3] + nuisance[4] * (self.stamps[at] - self.stamps[0])
+            out[:, at] = _on_even_grid(self._chain(g, nuisance, active), AXES, g, self.stamps[at] + shift, load)
         return out.ravel()
 
+    def true_axes(self, group: Group, time: FloatArray) -> FloatArray:
+        """Where the axes were at ``time`` (n,) s, (3, n) m, as far as the nominal fit knows."""
+        load = self._loads[[g for g, _ in self.groups].index(group)]
+        nuisance = self._start
+        return _on_even_grid(self._chain(group, nuisance, {}), numbered("axis"), group, time + nuisance[3], load)
+
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
+        k = len(self.SD)
         moved_axes = self._predict(nuisance, active)
-        predicted = moved_axes + self._columns @ nuisance[3:9] + self._runs @ nuisance[9:]
-        residual = (self.measured - predicted) / self.sigma
+        residual = (self.measured - moved_axes - self._runs @ nuisance[k:]) / self.sigma
         if not want_jacobian:
             return Evaluation(residual, np.zeros((0, 0)))
-        chain_part = np.empty((len(residual), 3))
-        for k, step in enumerate((1e-2, 0.1 * self.dt, 1e-6)):
+        chain_part = np.empty((len(residual), k))
+        for j, step in enumerate(self.STEPS):
             moved = nuisance.copy()
-            moved[k] += step
-            chain_part[:, k] = (self._predict(moved, active) - moved_axes) / step
-        return Evaluation(residual, np.hstack([chain_part, self._columns, self._runs]) / self.sigma[:, None])
+            moved[j] += step
+            chain_part[:, j] = (self._predict(moved, active) - moved_axes) / step
+        return Evaluation(residual, np.hstack([chain_part, self._runs]) / self.sigma[:, None])
 
 
 class ArithmeticBlock(Block):
@@ -234,10 +231,10 @@ class ForceBlock(Block):
     DISCREPANCY_SCALES = (0.1, 1.0, 5.0)
     DISCREPANCY_SIZE = 40
 
-    def __init__(self, session: GroupedSession, library: Mapping[str, Effect]) -> None:
+    def __init__(self, session: GroupedSession, library: Mapping[str, Effect], axes: AxesBlock) -> None:
         super().__init__(session, library)
         self._tissue = sheet_tissue("forearm")
-        self._axes = [self._smoothed(g) for g, _ in self.groups]
+        self._axes = [self._smoothed(g, axes) for g, _ in self.groups]
         self._zeros = np.kron(np.eye(3), self.member)
         self._gains = np.tile(self.member, (3, 1))
         size = max(float(np.ptp(self.measured)), 10 * float(np.median(self.sigma)))
@@ -261,13 +258,15 @@ class ForceBlock(Block):
             np.concatenate([self.prior_sd[:first], self.prior_sd[first:] * s]) for s in self.DISCREPANCY_SCALES
         )
 
-    def _smoothed(self, group: Group) -> dict[str, Table]:
-        """Recorded axis positions of a group without their sensors' noise."""
+    def _smoothed(self, group: Group, axes: AxesBlock) -> dict[str, Table]:
+        """Recorded axis positions of a group without their sensors' noise: the fitted axes, and the significant part
+        of what the record shows beyond them."""
         raw = _recorded(self, group, AXES, numbered("axis"), 0.0)
         time = raw["axis_1"][0]
-        base = _on_even_grid(_chain(group, self._tissue), numbered("axis"), group, time)
+        fitted = axes.true_axes(group, time)
         return {
-            name: (time, b + denoised(time, value - b)) for (name, (_, value)), b in zip(raw.items(), base, strict=True)
+            name: (time, base + significant(time, value - base))
+            for (name, (_, value)), base in zip(raw.items(), fitted, strict=True)
         }
 
     def _discrepancy_columns(self) -> tuple[FloatArray, FloatArray]:
@@ -342,13 +341,14 @@ def robot_problems(
 
     blocks: list[Block] = []
     if has(*AXES):
-        blocks.append(AxesBlock(session, effects))
+        axes = AxesBlock(session, effects)
+        blocks.append(axes)
     if has(*AXES, *xyz("probe")):
         blocks.append(ArithmeticBlock(session, effects, "kinematics", AXES, xyz("probe"), 2e-6))
     if has(*TRANSDUCERS, *xyz("force")):
         blocks.append(ArithmeticBlock(session, effects, "matrix", TRANSDUCERS, xyz("force"), 2e-3))
     if has(*AXES, *TRANSDUCERS):
-        blocks.append(ForceBlock(session, effects))
+        blocks.append(ForceBlock(session, effects, axes))
     if not blocks:
         raise ValueError(f"recording {recordings[0].info.id} has neither axis positions nor transducer forces")
     return blocks, candidates_for(effects, blocks)

@@ -1,0 +1,73 @@
+"""The controllers that the robot's axes may soundly have: gains, and what the derivative acts on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from sim_devices.chain import Chain, FloatArray, Signals
+from sim_devices.stages.axes import LOOP_RATE, MASS, AxisLoop
+from sim_devices.stages.operators import Wired
+from sim_devices.stages.robot import numbered
+
+
+@dataclass(frozen=True)
+class TunedLoop(AxisLoop):
+    """An axis loop with gains of its own: proportional N/m, integral N/(m s), derivative of the position N s/m."""
+
+    gains: tuple[float, float, float] = (3 * MASS * LOOP_RATE**2, MASS * LOOP_RATE**3, 3 * MASS * LOOP_RATE)
+
+    def fresh(self) -> Any:
+        rows, parameters = super().fresh()
+        parameters[1:4] = self.gains
+        return rows, parameters
+
+
+@dataclass(frozen=True)
+class Feed(Wired):
+    """Adds ``gain`` (N s/m) times the speed of each target to the load on its axis; sources: targets, then loads."""
+
+    gain: float = 0.0
+
+    def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
+        n = len(self.target)
+        for source, load in zip(self.source[:n], self.target, strict=True):
+            speed = np.diff(signals[source], prepend=signals[source][0]) / np.diff(time, prepend=time[0] - 1.0)
+            signals[load] = self.gain * speed + signals.get(load, 0.0)
+
+
+@dataclass(frozen=True)
+class Controller:
+    """A PID loop: gains in N/m, N/(m s), N s/m, ``drag`` N s/m of the axis.
+
+    ``on_error`` tells whether the derivative is the error's, or that of the position alone.
+    """
+
+    proportional: float
+    integral: float
+    derivative: float
+    drag: float
+    on_error: bool
+
+    def installed(self, chain: Chain, scale: FloatArray) -> Chain:
+        """The chain with this controller, its three gains multiplied by ``scale`` (3,)."""
+        p, i, d = (self.proportional * scale[0], self.integral * scale[1], self.derivative * scale[2])
+        loop = chain["axes"]
+        assert isinstance(loop, AxisLoop)
+        kept = {f.name: getattr(loop, f.name) for f in fields(AxisLoop)}
+        tuned = TunedLoop(**kept, gains=(p, i, d + self.drag))
+        operators = tuple(tuned if op is loop else op for op in chain.operators)
+        chain = Chain(chain.instrument, operators)
+        if not self.on_error:
+            return chain
+        targets, loads = numbered("target"), numbered("load")
+        return chain.inserted(Feed("derivative_of_target", "actuator", targets, loads, gain=d), before="axes")
+
+
+CONTROLLERS = (
+    Controller(3 * MASS * LOOP_RATE**2, MASS * LOOP_RATE**3, 3 * MASS * LOOP_RATE, 0.0, on_error=False),
+    Controller(1500.0, 12000.0, 15.0, 1.0, on_error=True),
+)
+"""Ours (a triple pole), and the one of the blind check's nominal instrument. All figures assumed."""
