@@ -1,0 +1,61 @@
+"""A window on the simulated bench, without a screen."""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from PySide6.QtCore import QSettings
+from PySide6.QtWidgets import QApplication
+from pytestqt.qtbot import QtBot
+
+from acquire.gui import theme
+from acquire.gui.messages import BenchSettings
+from acquire.gui.window import MainWindow
+
+PATIENCE = 40_000  # ms; a worker starts in seconds, on a busy machine in many
+MakeWindow = Callable[..., MainWindow]
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> QSettings:
+    return QSettings(str(tmp_path / "settings.ini"), QSettings.Format.IniFormat)
+
+
+@pytest.fixture
+def make_window(qapp: QApplication, qtbot: QtBot, tmp_path: Path, store: QSettings) -> Iterator[MakeWindow]:
+    """Makes windows whose worker is up; all are closed, and so vented, at the end."""
+    theme.apply(qapp, theme.LIGHT)
+    windows = []
+
+    def make(speed: float = 20.0, **more: object) -> MainWindow:
+        bench = BenchSettings(out=tmp_path / "runs", speed=speed, seed=1, frame_size=(160, 120), **more)  # type: ignore[arg-type]
+        window = MainWindow(bench, store)
+        windows.append(window)
+        window.show()
+        qtbot.waitUntil(lambda: window.prepare.preview is not None, timeout=PATIENCE)
+        return window
+
+    yield make
+    for window in windows:
+        window.shut()
+        window.close()
+        window.deleteLater()
+    qapp.sendPostedEvents()
+
+
+def connected(qtbot: QtBot, window: MainWindow, name: str) -> None:
+    """Choose an instrument and connect it by its button; its demo is then ready to start."""
+    window.instruments.choose(name)
+    window.instruments.rows[name].button.click()
+    qtbot.waitUntil(lambda: state(window, name) == "ready", timeout=PATIENCE)
+    qtbot.waitUntil(lambda: window.controls.start_button.isEnabled(), timeout=PATIENCE)
+
+
+def state(window: MainWindow, name: str) -> str:
+    return window.views[name].state if name in window.views else "off"

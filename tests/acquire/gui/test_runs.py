@@ -1,0 +1,87 @@
+"""A protocol on each instrument, from the click to the recording, through every panel."""
+
+from __future__ import annotations
+
+import pytest
+from PySide6.QtCore import QSettings, Qt
+from pytestqt.qtbot import QtBot
+
+from acquire.gui import settings
+from acquire.recording import open_recording
+from tests.acquire.gui.conftest import PATIENCE, MakeWindow, connected, state
+
+CHANNELS = {"cutometer": "apex_height", "aspiration": "apex_height", "microrobot": "force_z"}
+
+
+@pytest.mark.parametrize("name", list(CHANNELS))
+def test_from_click_to_recording(qtbot: QtBot, make_window: MakeWindow, store: QSettings, name: str) -> None:
+    window = make_window()
+    connected(qtbot, window, name)
+    preview = window.prepare.preview
+    assert preview is not None
+    assert preview.name == f"demo-{name}"
+    window.subject.subject.setText("P07")
+    qtbot.mouseClick(window.controls.start_button, Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: state(window, name) == "running", timeout=PATIENCE)
+    assert window.tabs.currentWidget() is window.measure
+    panel = window.measure.currentWidget()
+    qtbot.waitUntil(lambda: window.views[name].elapsed > 0.3 * preview.duration, timeout=PATIENCE)
+    for plot in panel.live.plots:
+        for channel, curve in plot.curves.items():
+            time, _ = curve.getData()
+            assert len(time), channel
+            assert len(time) <= 900  # thinned
+            assert preview.duration * 1.05 > time[-1] > 0  # on the protocol's own clock
+    if panel.camera is not None:
+        assert panel.camera.image.image is not None
+        assert len(panel.camera.outline.getData()[0]) > 20
+        assert "mm" in panel.camera.apex.text()
+    if panel.robot is not None:
+        assert "N" in panel.robot.numbers.text()
+    assert window.controls.countdown.text()
+    qtbot.waitUntil(lambda: window.result.result is not None, timeout=PATIENCE)
+    result = window.result.result
+    assert result is not None
+    recording = open_recording(result.path)
+    assert recording.info.status == "completed"
+    assert recording.info.subject == "P07"
+    assert CHANNELS[name] in recording.streams
+    assert window.result.flags
+    assert window.result.picture.shown
+    assert window.result.table.rowCount() > 0
+    assert window.subject.repeat.value() == 2
+    qtbot.waitUntil(lambda: window.browser.table.rowCount() == 1, timeout=PATIENCE)
+    window.shut()
+    kept = settings.load(store)
+    assert kept.instrument == name
+    assert kept.protocols[name].endswith(f"demo-{name}.yaml")
+
+
+def test_pause_resume_stop(qtbot: QtBot, make_window: MakeWindow) -> None:
+    window = make_window(speed=5.0)
+    connected(qtbot, window, "cutometer")
+    window.controls.start_button.click()
+    qtbot.waitUntil(lambda: window.controls.pause_button.isEnabled(), timeout=PATIENCE)
+    window.controls.pause_button.click()
+    qtbot.waitUntil(lambda: state(window, "cutometer") == "paused", timeout=PATIENCE)
+    qtbot.waitUntil(lambda: window.controls.pause_button.text() == "RESUME", timeout=PATIENCE)
+    window.controls.pause_button.click()
+    qtbot.waitUntil(lambda: state(window, "cutometer") == "running", timeout=PATIENCE)
+    window.controls.stop_button.click()
+    qtbot.waitUntil(lambda: window.result.result is not None, timeout=PATIENCE)
+    assert window.result.result is not None
+    assert window.result.result.summary["status"] == "aborted"
+    assert window.subject.repeat.value() == 1
+
+
+def test_a_threshold_set_by_hand_is_recorded(qtbot: QtBot, make_window: MakeWindow) -> None:
+    window = make_window()
+    connected(qtbot, window, "aspiration")
+    camera = window.measure.currentWidget().camera
+    camera.proposed.setChecked(False)
+    camera.slider.setValue(120)
+    window.controls.start_button.click()
+    qtbot.waitUntil(lambda: window.views["aspiration"].picture is not None, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: window.result.result is not None, timeout=PATIENCE)
+    assert window.result.result is not None
+    assert window.result.result.summary["calibration"]["gvt"]["value"] == 120
