@@ -17,7 +17,11 @@ from gap.hypothesis import Candidate, Problem
 from gap.judge import Judgement, Verdict, judge, made_by
 from gap.rig import ForwardModel, RigProblem
 from gap.session import REST, Session
+from gap.session import REST, Session
 from gap.transfer import Shrink, shrink, splits, transferred
+
+INSTRUMENTS = ("cutometer", "aspiration", "microrobot")
+"""Those with a built-in forward model."""
 
 INSTRUMENTS = ("cutometer", "aspiration", "microrobot")
 """Those with a built-in forward model."""
@@ -140,6 +144,8 @@ def _remarks(recordings: Sequence[Recording]) -> list[str]:
                 )
             if len(s.time) > 1 and np.any(np.diff(s.time) <= 0):
                 out.append(f"{r.info.id}: time stamps of {name} do not always increase")
+    if recordings[0].info.instrument in INSTRUMENTS and Session(recordings).own_clocks:
+        out.append(f"every recording has a clock of its own: rests of {REST:.0f} s between them are assumed")
     if recordings[0].info.instrument in INSTRUMENTS and Session(recordings).own_clocks:
         out.append(f"every recording has a clock of its own: rests of {REST:.0f} s between them are assumed")
     if len(recordings) == 1:

@@ -195,7 +195,8 @@ def _leak(
     state: State, time: FloatArray, y: FloatArray, related: Mapping[str, FloatArray], p: Mapping[str, float]
 ) -> FloatArray:
     """What is held bleeds away: a share of the signal's change is lost with a time constant."""
-    return y - p["share"] * _lagged(state, time, y, p["tau"], rest=float(y[0])) + p["share"] * _join(state, "y", y)
+    rest = state.setdefault("rest", float(y[0]))
+    return y - p["share"] * (_lagged(state, time, y, p["tau"], rest) - rest)
 
 
 def _creep(

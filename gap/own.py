@@ -23,6 +23,8 @@ from sim_devices.stages.tissues import SheetTissue, SuctionTissue, for_opening, 
 
 ROBOT_RATE = 100.0
 """Samples per second that robot sessions keep: the motion is slow, the files stay small."""
+ROBOT_SUBSTEPS = 5
+"""Simulated steps for each sample kept: a loop that is solved on its samples alone is late by part of one."""
 
 
 @dataclass(frozen=True)
@@ -157,14 +159,14 @@ def robot_session(
         for effect, values in effects:
             chain = effect.apply(chain, values)
         chain = noisy(chain, int(rng.integers(1 << 30)), scatter=0.0)
-        at = np.concatenate([stamps[k] for k in members])
+        fine = np.concatenate([_fine(stamps[k]) for k in members])
         inputs = {}
         for quantity, signal in (("probe_x", "command_x"), ("probe_y", "command_y"), ("probe_z", "command_z")):
             time = np.concatenate([starts[k] + legs[k].quantity_tables[quantity][0] for k in members])
             inputs[signal] = np.interp(
-                at, time, np.concatenate([legs[k].quantity_tables[quantity][1] for k in members])
+                fine, time, np.concatenate([legs[k].quantity_tables[quantity][1] for k in members])
             )
-        signals = closed_loop(chain, at, inputs)
+        signals = {name: values[::ROBOT_SUBSTEPS] for name, values in closed_loop(chain, fine, inputs).items()}
         ends = np.cumsum([len(stamps[k]) for k in members])
         for k, end in zip(members, ends, strict=True):
             gain = 1 + scatter * rng.standard_normal() if specimen == "skin" else 1.0
@@ -177,6 +179,11 @@ def robot_session(
         _recording("microrobot", leg, made[k], stamps[k], float(starts[k]), begin + timedelta(seconds=float(starts[k])))
         for k, leg in enumerate(legs)
     ]
+
+
+def _fine(stamps: FloatArray) -> FloatArray:
+    """`ROBOT_SUBSTEPS` instants for each of ``stamps`` (n,), itself the first of them."""
+    return (stamps[:, None] + np.arange(ROBOT_SUBSTEPS) / (ROBOT_SUBSTEPS * ROBOT_RATE)).ravel()
 
 
 def _recording(

@@ -48,10 +48,10 @@ def _round(x: float) -> float:
 
 
 def unknown_probability(d: Diagnosis) -> float:
-    """How surely the cause is none of the library's: from the share of the gap that the best explanation leaves."""
-    v = d.verdict
-    excess = max(v.gap_after - 1.0, 0.0)
-    return float((1 - v.probability_none) * v.unexplained * excess / (excess + 0.3)) if v.causes else 0.0
+    """How surely the cause is none of the library's: from the share of the gap that the best explanation leaves, and
+    how far that is above the noise."""
+    excess = max(d.verdict.gap_after - 1.0, 0.0)
+    return float(d.verdict.unexplained * excess / (excess + 0.3))
 
 
 def breakdown(d: Diagnosis) -> dict[str, dict[str, dict[str, float]]]:

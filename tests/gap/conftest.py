@@ -83,6 +83,6 @@ def recording(
     return Recording(RunInfo(name, instrument, "", repeat=repeat, specimen=specimen), streams, setpoints)
 
 
-@pytest.fixture(name="recording")
+@pytest.fixture(name="recording", scope="session")
 def _recording() -> Callable[..., Recording]:
     return recording

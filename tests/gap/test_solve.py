@@ -64,7 +64,7 @@ def test_evidence_averages_over_prior_widths(linear, data) -> None:
 
 
 def test_tempering_makes_evidence_milder(linear, data, candidate) -> None:
-    design, y, sd = data
+    design, y, _ = data
     bump = np.sin(np.arange(60.0))
     wrong = y + 3 * bump
     null = fit(linear(wrong, design, sd=np.ones(3)))

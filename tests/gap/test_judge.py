@@ -1,0 +1,105 @@
+"""The verdict on small linear problems: which effect, which class, one or two, or none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gap.compare import compare
+from gap.judge import Judgement, Verdict, judge, made_by
+from gap.signatures import Signature
+from sim_devices.chain import Parameter
+
+T = np.linspace(0.0, 1.0, 400)
+SHAPES = {
+    "bump": np.exp(-(((T - 0.3) / 0.05) ** 2)),
+    "late": np.exp(-(((T - 0.7) / 0.05) ** 2)),
+    "wave": np.sin(40 * T),
+    "twin": np.exp(-(((T - 0.3) / 0.0502) ** 2)),
+}
+DESIGN = np.column_stack([np.ones_like(T), T])
+
+
+@pytest.fixture
+def verdict_on(linear, candidate):
+    """``verdict_on(names, strengths)``: judge data made with ``strengths``, candidates ``names``."""
+
+    def run(names, strengths, rules=Judgement(), marks=(), extra=0.0, seed=0) -> Verdict:
+        noise = np.random.default_rng(seed).normal(size=len(T))
+        y = DESIGN @ [2.0, 1.0] + sum((a * SHAPES[n] for n, a in strengths.items()), 0 * T) + noise + extra
+        effects = {n: (lambda v, n=n: v["a"] * SHAPES[n.split("[")[0]]) for n in names}
+        problem = linear(y, DESIGN, effects, np.full(2, 100.0))
+        known = [candidate(n, Parameter("a", "1", -30.0, 30.0)) for n in names]
+        return judge(compare([problem], known), known, rules, marks)
+
+    return run
+
+
+def test_the_effect_that_acts_is_named(verdict_on) -> None:
+    v = verdict_on(("bump", "late", "wave"), {"bump": 8.0})
+    assert v.verdict == "effect"
+    assert v.causes[0].names == ("bump",)
+    assert v.causes[0].probability > 0.8
+    assert v.gap_before > v.gap_after
+    assert v.gap_after == pytest.approx(1.0, abs=0.1)
+    assert next(iter(v.stages)) == "actuator"
+    assert sum(v.stages.values()) == pytest.approx(1 - v.probability_none)
+
+
+def test_nothing_is_found_where_nothing_is(verdict_on) -> None:
+    for seed in range(5):
+        v = verdict_on(("bump", "late", "wave"), {}, seed=seed)
+        assert v.verdict in ("none", "undetectable")
+        assert v.probability_none > 0.5
+
+
+def test_effects_with_equal_traces_are_one_class(verdict_on) -> None:
+    v = verdict_on(("bump", "late", "twin"), {"bump": 8.0})
+    assert v.verdict == "effect"
+    assert set(v.causes[0].names) == {"bump", "twin"}
+    assert v.causes[0].probability > 0.8  # together: never a coin toss between them
+
+
+def test_forms_of_one_concept_share_its_prior(verdict_on) -> None:
+    v = verdict_on(("bump[form=0]", "bump[form=1]", "late"), {"bump": 8.0})
+    assert v.causes[0].names == ("bump",)
+    assert v.causes[0].probability > 0.8
+
+
+def test_two_effects_are_told_as_several(verdict_on) -> None:
+    v = verdict_on(("bump", "late", "wave"), {"bump": 9.0, "wave": 4.0})
+    assert v.verdict == "several"
+    assert {e.name for e in v.causes[0].effects} == {"bump", "wave"}
+
+
+def test_a_second_effect_must_earn_its_place(verdict_on) -> None:
+    """What the first one's form error leaves is worth some χ² to any second one."""
+    strange = 1.5 * np.sign(np.sin(23 * T))
+    assert len(verdict_on(("bump", "late"), {"bump": 15.0, "late": 1.2}, extra=strange).causes[0].effects) == 1
+    assert len(verdict_on(("bump", "late"), {"bump": 15.0, "late": 4.0}).causes[0].effects) == 2
+
+
+def test_what_the_library_lacks_is_unknown_and_not_the_nearest_name(verdict_on) -> None:
+    strange = 8.0 * np.sign(np.sin(23 * T))
+    v = verdict_on(("bump", "late", "wave"), {}, extra=strange)
+    assert v.verdict in ("unknown", "undetectable", "none")
+    assert v.unexplained > 0.5
+
+
+def test_a_signature_decides_between_equals(verdict_on) -> None:
+    marks = (Signature("twin", "height", 30.0, "twin's mark"),)
+    v = verdict_on(("bump", "late", "twin"), {"bump": 8.0}, marks=marks)
+    assert v.causes[0].names[0] == "twin"
+
+
+def test_a_prior_for_no_effect_wins_on_weak_evidence(verdict_on) -> None:
+    doubtful = {"bump": 0.9}
+    sure_of_none = Judgement(prior_effect=1e-6, prior_pair=1e-9)
+    assert verdict_on(("bump", "late"), doubtful, sure_of_none).verdict in ("none", "undetectable")
+
+
+def test_whose_mark_a_signature_is(candidate) -> None:
+    mark = Signature("saturation", "level", 30.0, "")
+    assert made_by(mark, candidate("sensor_saturation"))
+    assert made_by(mark, candidate("saturation"))
+    assert not made_by(mark, candidate("drift"))
