@@ -79,6 +79,8 @@ class SimInstrument:
         """Switch it on, once everything is compiled: a device answers from its first moment."""
         rest = np.arange(2) / self.bench.rate
         runner(self._chain).advance(rest, {name: np.zeros(2) for name in self.bench.command.values()})
+        if self._camera is not None:
+            self._camera.prepare()
         self._thread.start()
 
     def close(self) -> None:

@@ -145,6 +145,10 @@ class CameraPort(Port):
         self._heard = b""
         self._unloaded = 0  # frames still to come in which the tissue is at rest
 
+    def prepare(self) -> None:
+        """Render one image for nobody, so that the first frame does not wait for the compiler."""
+        self._render(0.0, 0.0)
+
     def receive(self) -> None:
         """Obey what arrived."""
         *lines, self._heard = (self._heard + self._receive()).split(b"\r")
