@@ -39,8 +39,11 @@ def fit(
     if not (model or spec):
         raise ValueError(f"a fit needs --model or --spec; models are {', '.join(solver.models())}")
     recordings = [load(run) for run in runs]
-    with _Bar() as bar:
-        result = solver.fit(recordings, spec, model=model, jobs=jobs, cluster=cluster, progress=bar.update)
+    try:
+        with _Bar() as bar:
+            result = solver.fit(recordings, spec, model=model, jobs=jobs, cluster=cluster, progress=bar.update)
+    except ImportError as error:  # an extra of the solver: its message says which
+        raise ValueError(str(error)) from error
     folder = output or (None if as_json else Path("fit-report"))
     data = result.as_dict()
     if folder:

@@ -1,0 +1,113 @@
+"""``acquire fit``: without a solver it says what is missing; with one, the result reaches files and terminal."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from acquire import plugins
+from acquire.cli import app
+from acquire.recording import Recording, RunInfo, Series, write_recording
+
+
+class Result:
+    """As much of a fit's result as the command uses."""
+
+    def __init__(self, arguments: dict[str, Any]) -> None:
+        self.arguments = arguments
+
+    def as_dict(self) -> dict[str, Any]:
+        return {"schema": "skinrig-fit/1", **self.arguments}
+
+    def in_words(self) -> str:
+        return "it fits"
+
+    def write_page(self, path: Path) -> Path:
+        path.write_text("<!doctype html>")
+        return path
+
+
+class Solver:
+    """A plugin that reports what it was asked."""
+
+    def models(self) -> dict[str, Any]:
+        return {"sheet": None, "suction": None}
+
+    def fit(self, recordings: list[Recording], spec: Path | None, **options: Any) -> Result:
+        options.pop("progress")
+        if options["model"] == "none":
+            raise ValueError("model: there is no 'none'")
+        return Result({"runs": [r.info.id for r in recordings], "spec": str(spec), **options})
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    time = np.arange(10.0)
+    pressure = Series(-1e3 * time, time, "Pa")
+    info = RunInfo("a-run", "cutometer", "2026-01-01T00:00:00+00:00")
+    return write_recording(Recording(info, {"pressure": pressure}), tmp_path / "a.h5")
+
+
+def with_solvers(monkeypatch: pytest.MonkeyPatch, *found: plugins.Plugin) -> None:
+    monkeypatch.setattr(plugins, "plugins", lambda group: {p.name: p for p in found})
+
+
+WORKING = plugins.Plugin("acquire.solvers", "skinrig", "a:b", Solver)
+BROKEN = plugins.Plugin("acquire.solvers", "other", "c:d", error="ImportError: no numba")
+
+
+def test_without_a_solver_it_says_what_is_missing(
+    monkeypatch: pytest.MonkeyPatch, run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with_solvers(monkeypatch)
+    assert app.run(["fit", str(run), "--model", "suction"]) == app.BAD_INPUT
+    assert "pip install ./solver" in capsys.readouterr().err
+    with_solvers(monkeypatch, BROKEN)
+    assert app.run(["fit", str(run), "--model", "suction"]) == app.BAD_INPUT
+    assert "does not load: ImportError: no numba" in capsys.readouterr().err
+
+
+def test_result_goes_to_files_or_to_stdout(
+    monkeypatch: pytest.MonkeyPatch, run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with_solvers(monkeypatch, BROKEN, WORKING)
+    out = tmp_path / "deep" / "out"
+    assert app.run(["fit", str(run), str(run), "--model", "suction", "--jobs", "2", "-o", str(out)]) == app.DONE
+    data = json.loads((out / "fit.json").read_text())
+    assert data["runs"] == ["a-run", "a-run"]
+    assert (data["model"], data["jobs"], data["cluster"]) == ("suction", 2, "")
+    assert (out / "fit.html").exists()
+    assert "it fits" in capsys.readouterr().out
+    assert app.run(["fit", str(run), "--model", "suction", "--json"]) == app.DONE
+    assert json.loads(capsys.readouterr().out)["schema"] == "skinrig-fit/1"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--model", "suction"], "at least one recording"),
+        (["RUN"], "needs --model or --spec; models are sheet, suction"),
+        (["RUN", "--model", "none"], "there is no 'none'"),
+        (["missing.h5", "--model", "suction"], "missing.h5"),
+        (["--list", "--model", "nope"], "no model 'nope'"),
+    ],
+)
+def test_bad_input_is_said_with_status_2(
+    monkeypatch: pytest.MonkeyPatch, run: Path, arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with_solvers(monkeypatch, WORKING)
+    assert app.run(["fit", *(str(run) if a == "RUN" else a for a in arguments)]) == app.BAD_INPUT
+    assert words in capsys.readouterr().err
+
+
+def test_the_installed_solver_lists_its_models(capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("skinrig_solver")
+    assert app.run(["fit", "--list"]) == app.DONE
+    assert "suction_yeoh_qlv" in capsys.readouterr().out
+    assert app.run(["fit", "--list", "--model", "suction_yeoh_qlv", "--json"]) == app.DONE
+    (model,) = json.loads(capsys.readouterr().out)
+    assert {"symbol", "unit", "lower", "upper", "default"} <= set(model["parameters"][0])
