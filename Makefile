@@ -34,6 +34,7 @@ lint: install
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	cd solver && $(abspath $(BIN))/mypy src
 	$(BIN)/lint-imports
 
 # Every benchmark prints seconds and ratios; together they take long. One alone: .venv/bin/python benchmarks/kinematics.py
