@@ -147,24 +147,35 @@ def sentences(d: Diagnosis) -> list[str]:
         return [s for s in (first, second, third) if s]
     cause = v.causes[0]
     what = " and ".join(words(e.name) for e in cause.effects)
-    share = 100 * min(shrink(v.gap_before, v.gap_after), 1.0)  # below the noise floor is not more than all
-    numbers = ", ".join(
-        f"{words(k.split('.')[-1])} {p['value']:.3g} {p['unit']}".rstrip()
-        for k, p in list(parameters(d, cause).items())[:3]
-    )
+    share = 100 * max(shrink(v.gap_before, v.gap_after), 0.0)
     if v.verdict == "unknown":
         second = f"Nothing in the library explains it: the best candidate, {what}, takes away only {share:.0f} % of it."
-    else:
-        stage = ", ".join(dict.fromkeys(e.stage for e in cause.effects))
-        how_sure = f"(probability {cause.probability:.2f})"
-        second = f"{what.capitalize()} ({stage}; {numbers}) explains {share:.0f} % of it {how_sure}."
+        third = "What acts is not known: the pictures below show where to look, and an effect of your own can be added."
+        return [first, second, third]
+    stage = ", ".join(dict.fromkeys(e.stage for e in cause.effects))
+    how_sure = f"(probability {cause.probability:.2f})"
+    verb = "explain" if len(cause.effects) > 1 else "explains"
+    second = f"{what.capitalize()} ({'; '.join([stage, *numbers(d, cause)])}) {verb} {share:.0f} % of it {how_sure}."
     others = [words(n) for n in cause.names[1:]]
+    split = next((k for k in ("waveform", "level", "direction", "repeat") if d.shrinks and k in d.shrinks[0]), "")
     if others:
-        third = f"These data cannot tell it from {', '.join(others)}."
-    elif d.shrinks and (
-        split := next((k for k in ("waveform", "level", "direction", "repeat") if k in d.shrinks[0]), "")
-    ):
-        third = f"On a withheld {split} the gap shrinks by {100 * min(d.shrinks[0][split].value, 1.0):.0f} %."
+        third = f"These data cannot tell it from {' or '.join(others)}."
+    elif split:
+        held = {"waveform": "another waveform", "level": "another level", "direction": "another direction"}
+        on = held.get(split, "another repeat")
+        third = f"On {on}, withheld from the fit, the gap shrinks by {100 * d.shrinks[0][split].value:.0f} %."
     else:
-        third = f"In reality: {cause.effects[0].remedy.rstrip('.')}." if cause.effects else ""
-    return [s for s in (first, second, third) if s]
+        third = f"In reality: {cause.effects[0].remedy}"
+    return [first, second, third]
+
+
+def numbers(d: Diagnosis, cause: Cause, most: int = 2) -> list[str]:
+    """The first parameters of a cause as people write them: ``tau 0.31 s``."""
+    out = []
+    for effect in cause.effects:
+        for p in effect.parameters[:most]:
+            found = parameters(d, cause)[p.name if len(cause.effects) == 1 else f"{effect.name}.{p.name}"]
+            if p.unit != "choice":
+                unit = "" if p.unit == "1" else f" {p.unit}"
+                out.append(f"{words(p.name)} {found['value']:.3g}{unit}")
+    return out[: 2 * most]
