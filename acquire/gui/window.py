@@ -195,11 +195,12 @@ class MainWindow(QMainWindow):
     def _show_views(self, views: tuple[View, ...]) -> None:
         for view in views:
             self.views[view.name] = view
+            self._asked_to_run = self._asked_to_run and view.state not in LIVE
             panel = self._drawn.get(view.name)
             if panel is not None:
                 panel.show_view(view, self.measure.currentWidget() is panel and panel.isVisible())
         self.instruments.show_views(views)
-        self.controls.show_view(self.views.get(self.current), ready=self.ready)
+        self._show_controls()
         self.health.show_view(self.views.get(self.current))
         stopped = [view for view in self.views.values() if view.state in NEEDS_RESET]
         if stopped and not self.alarm.isVisible() and not self._resetting:
@@ -207,6 +208,9 @@ class MainWindow(QMainWindow):
             self.alarm.say(
                 f"STOPPED – {stopped[0].trip or stopped[0].error or stopped[0].state}. Everything is vented."
             )
+
+    def _show_controls(self) -> None:
+        self.controls.show_view(self.views.get(self.current), ready=self.ready)
 
     # The bench --------------------------------------------------------------------------------------------------------
 
@@ -241,7 +245,7 @@ class MainWindow(QMainWindow):
         self.kept.instrument = name
         self.measure.setCurrentWidget(self._drawn[name])
         self.prepare.show_entries(self._entries, kind, self.kept.protocols.get(kind, ""))
-        self.controls.show_view(self.views.get(name), ready=self.ready)
+        self._show_controls()
 
     def _change_station(self, simulated: bool) -> None:
         """Another bench: another worker."""
@@ -267,6 +271,7 @@ class MainWindow(QMainWindow):
 
     def _preview(self) -> None:
         path = self.prepare.chosen
+        self._show_controls()
         if not path or not self.current:
             return
         kind = self.instruments.rows[self.current].info.kind
@@ -279,6 +284,7 @@ class MainWindow(QMainWindow):
                 self.prepare.show_faults(Path(path), reply.error, reply.faults)
             else:
                 self.prepare.show_preview(reply.value)
+            self._show_controls()
 
         self.client.ask("preview", self.current, show, path=path, subject=self.subject.who()["subject"])
 
@@ -293,7 +299,8 @@ class MainWindow(QMainWindow):
         gvt = {"gvt": panel.camera.gvt} if panel.camera is not None else {}
 
         def started(reply: Reply) -> None:
-            self._asked_to_run = False
+            if reply.error:
+                self._asked_to_run = False  # else until a view says so: no moment without the emergency stop's key
             self._tell(reply)
 
         self.client.ask("run", self.current, started, protocol=self.prepare.chosen, **self.subject.who(), **gvt)
@@ -304,7 +311,7 @@ class MainWindow(QMainWindow):
         self.latched = True
         self._resetting = False
         self.alarm.say("EMERGENCY STOP – everything vents. Look first, then reset.")
-        self.controls.show_view(self.views.get(self.current), ready=False)
+        self._show_controls()
 
     def reset(self) -> None:
         """A person looked: acknowledge what stopped the instruments and open their links anew."""
