@@ -17,6 +17,7 @@ from ..api import Array
 
 GROWTH = 2.3  # of successive steps at constant drive
 RAMP_STEPS = 8  # for a ramp over the whole range of the drive
+CORNER = 4e-3  # of the drive's range: how far a sample may lie from the polyline
 
 
 @dataclass(frozen=True)
@@ -96,12 +97,12 @@ def segments(time: Array, drive: Array, rise: float, density: float = 1.0) -> li
     span = float(np.max(np.abs(drive)))
     if span == 0.0:
         return [Segment(float(time[0]), float(time[-1]), 0.0, 0.0, max(1, round(2 * density)), 1.0)]
-    rough = noise(drive)
-    kept = corners(time, drive, max(2e-3 * span, 6.0 * rough))
-    t, p = time[kept], drive[kept]
-    if 6.0 * rough > 2e-3 * span:
-        p = polyline_fit(time, drive, t)
-    if p[0] != 0.0:
+    kept = corners(time, drive, max(CORNER * span / density, 6.0 * noise(drive)))
+    t = time[kept]
+    p = polyline_fit(time, drive, t)  # halves the error of a smooth drive, averages the noise of a recorded one
+    if drive[0] == 0.0:
+        p[0] = 0.0
+    else:
         t, p = np.concatenate([[t[0] - rise], t]), np.concatenate([[0.0], p])
     pieces = []
     growth = GROWTH ** (1.0 / density)
@@ -112,10 +113,8 @@ def segments(time: Array, drive: Array, rise: float, density: float = 1.0) -> li
         # after a fast piece the response starts with steps as short as that piece
         graded = int(np.ceil(np.log1p(length / max(before, 1e-4 * length) * (growth - 1.0)) / np.log(growth)))
         rest = change < 0.5 * before / length if before < length else change < 1e-2
-        if rest or graded > uniform:
-            pieces.append(Segment(t[a], t[a + 1], p[a], p[a + 1], max(2, graded, uniform), growth))
-        else:
-            pieces.append(Segment(t[a], t[a + 1], p[a], p[a + 1], uniform, 1.0))
+        steps = max(graded, uniform, 2 if rest else 1)
+        pieces.append(Segment(t[a], t[a + 1], p[a], p[a + 1], steps, growth if rest or graded > uniform else 1.0))
     return pieces
 
 
