@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
 
 from acquire.recording.model import Recording
 from gap.blocks import CLOCK_SD, Block, Group, GroupedSession, Table, candidates_for, compressed
@@ -21,7 +20,7 @@ from gap.robot_loop import CONTROLLERS
 from gap.sheet_null import sheet_discrepancy
 from gap.smoothing import significant
 from gap.solve import fit
-from sim_devices.chain import Chain, Effect
+from sim_devices.chain import Chain, Effect, Operator
 from sim_devices.stages import nominal
 from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
 from sim_devices.stages.tissues import SheetTissue, sheet_tissue
@@ -30,8 +29,14 @@ QUANTITIES = ("probe_x", "probe_y", "probe_z")
 AXES = numbered("axis_position")
 ROBOT_BINS = 0.15, 0.4
 """Growth and largest width (s) of the bins: the motion is slow."""
+RELAXATION_TIMES = (0.06, 0.2, 0.6, 1.8, 5.0, 15.0, 50.0)
+"""s: dense enough for any relaxation spectrum."""
+SHEET_STEP = 0.05
+"""s between nodes of the sheet, stamps apart."""
 STAMPS_SD = 1e-3
 """s: how late or early all stamps, or all commands, may soundly be (assumed)."""
+KINK = 1e-6
+"""s, within which a speed changes."""
 LOOP_STEP = 0.02
 """s; the loop is exact between kinks, so this only has to resolve what is not linear in it."""
 
@@ -50,9 +55,10 @@ def _specimen(name: str) -> SheetTissue:
 
 
 def _recorded(
-    block: Block, group: Group, names: Sequence[str], targets: Sequence[str], smooth: float
+    block: Block, group: Group, names: Sequence[str], targets: Sequence[str], smooth: bool
 ) -> dict[str, Table]:
-    """Recorded channels of a group as tables that stand in for signals of the chain; ``smooth`` in samples."""
+    """Recorded channels of a group as tables for signals of the chain, without their noise if ``smooth``."""
+    ``smooth``."""
     out = {}
     for name, target in zip(names, targets, strict=True):
         times, values = [], []
@@ -62,26 +68,28 @@ def _recorded(
                 continue
             value = np.asarray(series.value, dtype=float)
             good = np.isfinite(value)
-            times.append(block.session.time(k, series)[good])
-            values.append(gaussian_filter1d(value[good], smooth, mode="nearest") if smooth else value[good])
+            time = block.session.time(k, series)[good]
+            times.append(time)
+            values.append(significant(time, value[good]) if smooth else value[good])
         if times:
             out[target] = (np.concatenate(times), np.concatenate(values))
     return out
 
 
 def _on_even_grid(
-    chain: Chain, wanted: Sequence[str], group: Group, stamps: FloatArray, given: Mapping[str, Table] | None = None
+    operators: Sequence[Operator], wanted: Sequence[str], group: Group, stamps: FloatArray, given: Mapping[str, Table]
 ) -> FloatArray:
     """The wanted signals at ``stamps`` (n,) s, (signals, n), by way of even steps: the loop's exact step is then
     computed once and not for every sample."""
     tables = group.tables()
     kinks = tables["probe_x"][0]
     begin = min(stamps[0], kinks[0])
-    grid = np.unique(np.concatenate([np.arange(begin, stamps[-1] + LOOP_STEP, LOOP_STEP), kinks[kinks <= stamps[-1]]]))
-    grid = grid[np.diff(grid, prepend=-np.inf) > 1e-9]
+    kinks = kinks[kinks <= stamps[-1]]
+    grid = np.unique(np.concatenate([np.arange(begin, stamps[-1] + LOOP_STEP, LOOP_STEP), kinks, kinks + KINK]))
+    grid = grid[np.diff(grid, prepend=-np.inf) > 0.5 * KINK]
     inputs = {f"command_{a}": np.interp(grid, *tables[f"probe_{a}"]) for a in "xyz"}
-    inputs |= {name: np.interp(grid, *table) for name, table in (given or {}).items()}
-    made = run(needed(chain, wanted, given or ()), grid, inputs)
+    inputs |= {name: np.interp(grid, *table) for name, table in given.items()}
+    made = run(operators, grid, inputs)
     return np.stack([np.interp(stamps, grid, made[name]) for name in wanted])
 
 
@@ -95,13 +103,15 @@ class AxesBlock(Block):
     name, channels = "axes", AXES
     growth, widest = ROBOT_BINS
     floor = 0.5e-6  # m
-    SD = (0.03, 0.03, 0.03, STAMPS_SD, CLOCK_SD)  # of the logarithms of the gains, s, 1
+    SD = (0.05, 0.05, 0.15, STAMPS_SD, CLOCK_SD, 4e-3)
+    """Of the logarithms of the gains; s by which all is late; 1; s by which the load on the axes is."""
     ZERO_SD = 2e-6  # m
-    STEPS = (1e-2, 1e-2, 1e-2, 1e-3, 1e-6)
+    STEPS = (1e-2, 1e-2, 1e-2, 1e-3, 1e-6, 1e-3)
 
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect]) -> None:
         super().__init__(session, library)
         self._loads = [self._load(g) for g, _ in self.groups]
+        self._made: dict[tuple[object, ...], FloatArray] = {}  # most effects leave the axes alone
         self._runs = np.kron(np.eye(3), self.member)
         k = len(self.SD)
         self.prior_sd = np.concatenate([self.SD, np.full(self._runs.shape[1], self.ZERO_SD)])
@@ -122,9 +132,8 @@ class AxesBlock(Block):
 
     def _load(self, group: Group) -> dict[str, Table]:
         """The recorded force as load on the axes, N."""
-        given = _recorded(self, group, xyz("force"), xyz("reaction"), 3.0) | _recorded(
-            self, group, AXES, numbered("axis"), 3.0
-        )
+        given = _recorded(self, group, xyz("force"), xyz("reaction"), smooth=True)
+        given |= _recorded(self, group, AXES, numbered("axis"), smooth=True)
         if len(given) < 6:
             return {}
         time = given["axis_1"][0]
@@ -140,16 +149,23 @@ class AxesBlock(Block):
 
     def _predict(self, nuisance: FloatArray, active: Active) -> FloatArray:
         out = np.empty((3, len(self.stamps)))
-        for (g, at), load in zip(self.groups, self._loads, strict=True):
-            shift = nuisance[3] + nuisance[4] * (self.stamps[at] - self.stamps[0])
-            out[:, at] = _on_even_grid(self._chain(g, nuisance, active), AXES, g, self.stamps[at] + shift, load)
+        for i, ((g, at), load) in enumerate(zip(self.groups, self._loads, strict=True)):
+            operators = needed(self._chain(g, nuisance, active), AXES, load)
+            key = (i, operators, *nuisance[3:6].tolist())
+            if key not in self._made:
+                if len(self._made) > 20:
+                    self._made.clear()
+                shift = nuisance[3] + nuisance[4] * (self.stamps[at] - self.stamps[0])
+                late = {name: (time + nuisance[5], value) for name, (time, value) in load.items()}
+                self._made[key] = _on_even_grid(operators, AXES, g, self.stamps[at] + shift, late)
+            out[:, at] = self._made[key]
         return out.ravel()
 
     def true_axes(self, group: Group, time: FloatArray) -> FloatArray:
         """Where the axes were at ``time`` (n,) s, (3, n) m, as far as the nominal fit knows."""
         load = self._loads[[g for g, _ in self.groups].index(group)]
-        nuisance = self._start
-        return _on_even_grid(self._chain(group, nuisance, {}), numbered("axis"), group, time + nuisance[3], load)
+        operators = needed(self._chain(group, self._start, {}), numbered("axis"), load)
+        return _on_even_grid(operators, numbered("axis"), group, time + self._start[3], load)
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         k = len(self.SD)
@@ -215,53 +231,75 @@ class ArithmeticBlock(Block):
 class ForceBlock(Block):
     """Recorded axis positions -> transducer forces.
 
-    Nuisance: the reduced sheet's parameters; per recording a gain and the transducers' zeros; the sampling
-    convention; the discrepancy of other conservative, fading sheets.
+    Nuisance: the reduced sheet's parameters; the sampling convention; the transducers' calibration; per recording a
+    gain and their zeros; what other sheets could do.
     """
 
     name, channels = "force", TRANSDUCERS
+    trust = 0.08
     growth, widest = ROBOT_BINS
-    floor = 1e-3  # N
+    floor = 0.3e-3  # N
     TISSUE = ("stiffness1", "stiffness2", "stiffness3", "angle", "length", "exponent",
-              "relaxation1", "relaxation2", "relaxation3", "relaxation4", "softening")  # fmt: skip
-    TISSUE_SD = (1.0, 1.0, 1.0, 1.5, 0.7, 0.3, 0.08, 0.08, 0.08, 0.08, 0.04)
-    GAIN_SD = 0.04
-    ZERO_SD = 0.01  # N
-    DISCREPANCY_SD = 0.01  # of the force, per basis function
-    DISCREPANCY_SCALES = (0.1, 1.0, 5.0)
-    DISCREPANCY_SIZE = 40
+              *(f"relaxation{k + 1}" for k in range(len(RELAXATION_TIMES))), "softening")  # fmt: skip
+    TISSUE_SD = (1.0, 1.0, 1.0, 1.5, 0.7, 0.3, *[0.1] * len(RELAXATION_TIMES), 0.04)
+    GAIN_SD = 0.04  # of the tissue's stiffness between recordings
+    CALIBRATION_SD = 2e-3  # of each transducer
+    ZERO_SD = 3e-3  # N
+    DISCREPANCY_SD = 0.02  # of the force, per basis function
+    DISCREPANCY_SCALES = (0.15, 0.5, 2.5)
+    DISCREPANCY_SIZE = 140
 
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect], axes: AxesBlock) -> None:
         super().__init__(session, library)
-        self._tissue = sheet_tissue("forearm")
+        self._tissue = replace(
+            sheet_tissue("forearm"),
+            relaxation=(0.5 / len(RELAXATION_TIMES),) * len(RELAXATION_TIMES),
+            times=RELAXATION_TIMES,
+        )
         self._axes = [self._smoothed(g, axes) for g, _ in self.groups]
+        self._grids_of = [self._grid_of(g, at, axes) for (g, at), axes in zip(self.groups, self._axes, strict=True)]
         self._zeros = np.kron(np.eye(3), self.member)
         self._gains = np.tile(self.member, (3, 1))
+        self._legs = np.kron(np.eye(3), np.ones((len(self.stamps), 1)))
         size = max(float(np.ptp(self.measured)), 10 * float(np.median(self.sigma)))
         columns, weights = compressed(*self._discrepancy_columns(), self.DISCREPANCY_SIZE)
         self._basis = columns * size
-        n, r, z = len(self.TISSUE) + 1, self._gains.shape[1], self._zeros.shape[1]
-        first = n + r + z
-        self.prior_sd = np.concatenate(
-            [
-                self.TISSUE_SD,
-                [0.6 * self.dt],
-                np.full(r, self.GAIN_SD),
-                np.full(z, self.ZERO_SD),
-                self.DISCREPANCY_SD * weights,
-            ]
-        )
+        runs = self.member.shape[1]
+        sd = {
+            "tissue": np.asarray(self.TISSUE_SD),
+            "shift": np.array([STAMPS_SD]),
+            "calibration": np.full(3, self.CALIBRATION_SD),
+            "gain": np.full(runs, self.GAIN_SD),
+            "zero": np.full(3 * runs, self.ZERO_SD),
+            "discrepancy": self.DISCREPANCY_SD * weights,
+        }
+        ends = np.cumsum([len(v) for v in sd.values()])
+        self._parts = {name: slice(end - len(v), end) for (name, v), end in zip(sd.items(), ends.tolist(), strict=True)}
+        self.prior_sd = np.concatenate(list(sd.values()))
         self.prior_mean = np.zeros(len(self.prior_sd))
         self.local = np.zeros(len(self.prior_sd), bool)
-        self.local[n:first] = True
-        self.alternatives = tuple(
-            np.concatenate([self.prior_sd[:first], self.prior_sd[first:] * s]) for s in self.DISCREPANCY_SCALES
+        self.local[self._parts["gain"].start : self._parts["zero"].stop] = True
+        widths = []
+        for scale in self.DISCREPANCY_SCALES:
+            widths.append(self.prior_sd.copy())
+            widths[-1][self._parts["discrepancy"]] *= scale
+        self.alternatives = tuple(widths)
+
+    def _grid_of(self, group: Group, at: slice, axes: Mapping[str, Table]) -> tuple[FloatArray, dict[str, FloatArray]]:
+        """Nodes for a group, fine enough for a sheet between them, and the axes there."""
+        begin, end = self.stamps[at][0], self.stamps[at][-1]
+        kinks = group.tables()["probe_x"][0]
+        time = axes["axis_1"][0]
+        even = np.arange(min(begin, time[0]), end, SHEET_STEP)
+        grid = np.unique(
+            np.concatenate([even, self.stamps[at], kinks[(kinks > even[0]) & (kinks < end)], [end + 0.05]])
         )
+        return grid, {name: np.interp(grid, *table) for name, table in axes.items()}
 
     def _smoothed(self, group: Group, axes: AxesBlock) -> dict[str, Table]:
         """Recorded axis positions of a group without their sensors' noise: the fitted axes, and the significant part
         of what the record shows beyond them."""
-        raw = _recorded(self, group, AXES, numbered("axis"), 0.0)
+        raw = _recorded(self, group, AXES, numbered("axis"), smooth=False)
         time = raw["axis_1"][0]
         fitted = axes.true_axes(group, time)
         return {
@@ -298,30 +336,31 @@ class ForceBlock(Block):
         )
 
     def _chain_forces(self, nuisance: FloatArray, active: Active) -> FloatArray:
-        tissue = self.tissue(nuisance)
-        shift = nuisance[len(self.TISSUE)]
+        tissue, shift = self.tissue(nuisance), nuisance[self._parts["shift"]][0]
         out = np.empty((3, len(self.stamps)))
-        for (g, at), axes in zip(self.groups, self._axes, strict=True):
-            chain = self.with_effects(_chain(g, tissue), active)
-            out[:, at] = self.simulated(chain, g, at, shift, axes)
+        for (g, at), (grid, axes) in zip(self.groups, self._grids_of, strict=True):
+            operators = needed(self.with_effects(_chain(g, tissue), active), TRANSDUCERS, axes)
+            made = run(operators, grid, axes)
+            out[:, at] = np.stack([np.interp(self.stamps[at] + shift, grid, made[c]) for c in TRANSDUCERS])
         return out.ravel()
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
-        n, r, z = len(self.TISSUE) + 1, self._gains.shape[1], self._zeros.shape[1]
-        gain = 1 + self._gains @ nuisance[n : n + r]
+        part = {name: nuisance[where] for name, where in self._parts.items()}
+        gain = 1 + self._gains @ part["gain"] + self._legs @ part["calibration"]
         forces = self._chain_forces(nuisance, active)
-        predicted = forces * gain + self._zeros @ nuisance[n + r : n + r + z] + self._basis @ nuisance[n + r + z :]
+        predicted = forces * gain + self._zeros @ part["zero"] + self._basis @ part["discrepancy"]
         residual = (self.measured - predicted) / self.sigma
         if not want_jacobian:
             return Evaluation(residual, np.zeros((0, 0)))
+        n = self._parts["shift"].stop
         chain_part = np.empty((len(residual), n))
         for k in range(n):
             moved = nuisance.copy()
             step = 1e-3 if k < n - 1 else 0.1 * self.dt
             moved[k] += step
-            chain_part[:, k] = (self._chain_forces(moved, active) - forces) / step
-        jacobian = np.hstack([chain_part * gain[:, None], self._gains * forces[:, None], self._zeros, self._basis])
-        return Evaluation(residual, jacobian / self.sigma[:, None])
+            chain_part[:, k] = (self._chain_forces(moved, active) - forces) / step * gain
+        scaled = np.hstack([self._legs, self._gains]) * forces[:, None]
+        return Evaluation(residual, np.hstack([chain_part, scaled, self._zeros, self._basis]) / self.sigma[:, None])
 
 
 def robot_problems(
