@@ -34,44 +34,45 @@ from sim_devices.stages.sampling import REFINEMENT, simulate
 from sim_devices.stages.suction import OPENING
 from sim_devices.stages.tissues import SuctionTissue
 
-TIMES = (0.3, 3.0, 30.0)
-"""Relaxation times of the law, s (assumed): the discrepancy of the block bridges what lies between."""
+TIMES = (0.2, 2.5, 30.0)
+"""Relaxation times to begin from, s (assumed)."""
 SHARES = (0.3, 0.3, 0.4)
 """Relaxing moduli over the one that stays, to begin from (assumed)."""
 BENDS = (0.5, 0.05)
 """c20/G and c30/G to begin from (assumed: stiffening as of skin)."""
-FREE = ("G", "c20", "c30", "g1", "g2", "g3")
+FREE = ("G", "c20", "c30", "g1", "g2", "g3", "tau1", "tau2", "tau3")
 """Parameters of the model that are fitted, through `moduli`."""
-ANCHORS = 3
+ANCHORS = 5
 """Linearisations at most."""
-MESH = 0.7
-"""Density of the mesh: the apex within 1 to 2 % of the finest, which the modulus takes up."""
+MESH = 0.5
+"""Density of the mesh: the apex is about 2 % off the finest one's, which the modulus takes up."""
 CURVE_POINTS = 25
 TABLE_POINTS = 600
 
 
 def moduli(x: FloatArray, base: float) -> dict[str, float]:
-    """Parameters of the Yeoh law at ``x`` (6,): log of scale, of c20/G and c30/G, and of the relaxing moduli, each
+    """Parameters of the Yeoh law at ``x`` (9,): logs of scale, c20/G, c30/G, relaxing moduli and their times, each
     over its start.
 
     Every modulus is in proportion to the scale; relaxing shares are positive and below 1 together.
     """
     x = np.clip(x, -6.0, 6.0)
     modulus = base * float(np.exp(x[0]))
-    relaxing = np.array(SHARES) * np.exp(x[3:])
+    relaxing = np.array(SHARES) * np.exp(x[3:6])
+    times = np.array(TIMES) * np.exp(x[6:9])
     shares = relaxing / (1.0 + relaxing.sum())
     out = {
         "G": modulus,
         "c20": BENDS[0] * modulus * float(np.exp(x[1])),
         "c30": BENDS[1] * modulus * float(np.exp(x[2])),
     }
-    for i, (g, tau) in enumerate(zip(shares, TIMES, strict=True), start=1):
-        out |= {f"g{i}": float(g), f"tau{i}": tau}
+    for i, (g, tau) in enumerate(zip(shares, times, strict=True), start=1):
+        out |= {f"g{i}": float(g), f"tau{i}": float(tau)}
     return out | {"friction": 0.0, "spring_force": 0.0}
 
 
 def moduli_slopes(x: FloatArray, base: float, step: float = 1e-6) -> FloatArray:
-    """Derivative of the `FREE` parameters by ``x``, (6, 6)."""
+    """Derivative of the `FREE` parameters by ``x``, (9, 9)."""
     out = np.empty((len(FREE), len(x)))
     for k in range(len(x)):
         up, down = x.copy(), x.copy()
@@ -124,7 +125,7 @@ def _added(time: FloatArray, height: FloatArray, at: FloatArray, values: FloatAr
 
 @dataclass(frozen=True)
 class Anchor:
-    """The finite elements at one point: curve, and per group times, remainder (m,) and its slopes (m, 6)."""
+    """The finite elements at one point: curve, and per group times, remainder (m,) and its slopes (m, 9)."""
 
     x: FloatArray
     curve: Curve
@@ -137,8 +138,10 @@ class FeHeightBlock(HeightBlock):
     Nuisance: the law's parameters of `moduli` in place of the reduced ones; all else as in `HeightBlock`.
     """
 
-    TISSUE = ("scale", "bend2", "bend3", "relax1", "relax2", "relax3", "residual", "softening")
-    TISSUE_SD = (1.0, 0.7, 1.0, 0.7, 0.7, 0.7, 0.1, 0.04)
+    TISSUE: tuple[str, ...] = (
+        "scale", "bend2", "bend3", "relax1", "relax2", "relax3", "time1", "time2", "time3", "residual", "softening",
+    )  # fmt: skip
+    TISSUE_SD: tuple[float, ...] = (1.0, 0.7, 1.0, 0.7, 0.7, 0.7, 0.7, 0.7, 0.7, 0.1, 0.04)
 
     def __init__(
         self,
@@ -147,7 +150,7 @@ class FeHeightBlock(HeightBlock):
         pressure: PressureBlock | None,
         model: FeModel,
     ) -> None:
-        missing = [s for s in (*FREE, "tau1", "friction", "spring_force") if s not in model.symbols]
+        missing = [s for s in (*FREE, "friction", "spring_force") if s not in model.symbols]
         if model.problem != "suction" or missing:
             raise ValueError(
                 f"finite-element model {model.name!r} cannot stand for skin under suction here: the diagnosis takes "
@@ -167,7 +170,7 @@ class FeHeightBlock(HeightBlock):
             self._begin = fitted.nuisance
             foreseen = self._chain_height(fitted.nuisance, {})
             try:
-                self._anchor = self._anchored(fitted.nuisance[:6])
+                self._anchor = self._anchored(fitted.nuisance[: len(FREE)])
             except ValueError:  # the fit left where the model can be solved: the anchor before is the best there is
                 return
             found = self._chain_height(fitted.nuisance, {})
@@ -177,7 +180,7 @@ class FeHeightBlock(HeightBlock):
     def _first_guess(self) -> FloatArray:
         if self._anchor is None:
             self._base = self._scale()
-            self._anchor = self._anchored(np.zeros(6))
+            self._anchor = self._anchored(np.zeros(len(FREE)))
         return np.zeros(len(self.TISSUE) + 1)
 
     def start(self) -> FloatArray:
@@ -194,7 +197,7 @@ class FeHeightBlock(HeightBlock):
         chain = super()._law_chain(group, nuisance)
         if not group.skin or self._anchor is None:
             return chain
-        x = nuisance[:6]
+        x = nuisance[: len(FREE)]
         table, memory = self._surrogate(x, self._anchor)
         chain = chain.tuned("elastic", function=looked_up, parameters=table)
         chain = before(chain, "elastic", lambda s, t: Law("fe_creep", "tissue", s, t, prony, memory))
@@ -204,8 +207,8 @@ class FeHeightBlock(HeightBlock):
 
     def _surrogate(self, x: FloatArray, anchor: Anchor) -> tuple[tuple[FloatArray, FloatArray], tuple[float, ...]]:
         law = moduli(x, self._base)
-        shares = np.array([law[f"g{i + 1}"] for i in range(len(TIMES))])
-        return anchor.curve.at(x, anchor.x), creep(shares, np.array(TIMES))
+        shares, times = (np.array([law[f"{s}{i + 1}"] for i in range(len(TIMES))]) for s in ("g", "tau"))
+        return anchor.curve.at(x, anchor.x), creep(shares, times)
 
     def _surrogate_height(self, x: FloatArray, anchor: Anchor, time: FloatArray, pressure: FloatArray) -> FloatArray:
         table, memory = self._surrogate(x, anchor)
@@ -224,8 +227,8 @@ class FeHeightBlock(HeightBlock):
         The curve depends on suction over modulus only.
         """
         guess = self.model.defaults["G"]
-        curve = self._curve(np.zeros(6), guess, 4.0 * guess)
-        law = moduli(np.zeros(6), guess)
+        curve = self._curve(np.zeros(len(FREE)), guess, 4.0 * guess)
+        law = moduli(np.zeros(len(FREE)), guess)
         crept = self._top() / (1.0 - sum(law[f"g{i + 1}"] for i in range(len(TIMES))))
         skin = np.concatenate([np.full(at.stop - at.start, g.skin) for g, at in self.groups])
         wanted = float(np.clip(np.max(self.measured[skin]), 1e-3 * curve.height[-1], curve.height[-1]))
@@ -292,7 +295,7 @@ class FeHeightBlock(HeightBlock):
     def surrogate_error(self, fitted: Fit) -> float:
         """rms of surrogate less a full solve in units of the noise, at a fit's parameters and under its effects."""
         assert self._anchor is not None
-        x = fitted.nuisance[:6]
+        x = fitted.nuisance[: len(FREE)]
         errors = []
         for (g, at), (t, p) in zip(self.groups, self._line, strict=True):
             if not g.skin:
@@ -341,7 +344,7 @@ def checked(problems: Iterable[Problem], fits: Mapping[str, Fit]) -> tuple[int, 
 
 
 def _differences(function: Callable[[FloatArray], FloatArray], x: FloatArray, step: float = 1e-4) -> FloatArray:
-    """Central differences of ``function`` (6,) -> (n,) at ``x``, (n, 6)."""
+    """Central differences of ``function`` (9,) -> (n,) at ``x``, (n, 9)."""
     columns = []
     for k in range(len(x)):
         up, down = x.copy(), x.copy()

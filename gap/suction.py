@@ -127,8 +127,10 @@ class HeightBlock(Block):
     """
 
     name, channels = "height", ("apex_height",)
-    TISSUE = ("compliance", "knee", "exponent", "creep1", "creep2", "creep3", "creep4", "residual", "softening")
-    TISSUE_SD = (1.5, 1.0, 0.4, 0.15, 0.15, 0.15, 0.15, 0.1, 0.04)
+    TISSUE: tuple[str, ...] = (
+        "compliance", "knee", "exponent", "creep1", "creep2", "creep3", "creep4", "residual", "softening",
+    )  # fmt: skip
+    TISSUE_SD: tuple[float, ...] = (1.5, 1.0, 0.4, 0.15, 0.15, 0.15, 0.15, 0.1, 0.04)
     GAIN_SD = 0.05
     DISCREPANCY_SD = 0.01  # of the height, per basis function
     DISCREPANCY_SCALES = (0.1, 1.0, 5.0)
