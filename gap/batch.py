@@ -21,13 +21,26 @@ def session_paths(folder: Path) -> list[Path]:
 
 
 def diagnose_cases(cases: Path, output: Path, jobs: int = 1) -> None:
-    """Diagnose every case folder below ``cases`` into ``output/<case>.json``; a case that fails gets a report that
-    says so."""
+    """Diagnose every case folder below ``cases`` into ``output/<case>.json``.
+
+    A case that fails gets a report that says so; one that has a report keeps it, so that a run can go on where it was
+    broken off. Raises FileNotFoundError where there are no cases.
+    """
+    if not cases.is_dir():
+        raise FileNotFoundError(f"{cases}: no such folder of cases")
+    every = sorted(p for p in cases.iterdir() if p.is_dir())
+    if not every:
+        raise FileNotFoundError(f"{cases}: no case folder in it")
     output.mkdir(parents=True, exist_ok=True)
-    folders = sorted(p for p in cases.iterdir() if p.is_dir())
+    folders = [p for p in every if not (output / f"{p.name}.json").exists()]
+    done = len(every) - len(folders)
+    if done:
+        print(f"{done} of {len(every)} have a report already", file=sys.stderr, flush=True)
     for k, (name, report) in enumerate(_reports(folders, jobs)):
-        (output / f"{name}.json").write_text(json.dumps(report) + "\n")
-        print(f"{k + 1}/{len(folders)} {name}: {report['verdict']}", file=sys.stderr, flush=True)
+        partial = output / f"{name}.json.part"
+        partial.write_text(json.dumps(report) + "\n")
+        partial.replace(output / f"{name}.json")
+        print(f"{done + k + 1}/{len(every)} {name}: {report['verdict']}", file=sys.stderr, flush=True)
 
 
 def _reports(folders: list[Path], jobs: int) -> Iterator[tuple[str, dict[str, Any]]]:

@@ -23,8 +23,10 @@ from gap.robot import robot_problems
 from gap.solve import Projector, fit
 from gap.suction import suction_problems
 
-SEPARABLE_SHARE = 0.36
-"""1 − cos² of two traces that an effect of δ = 5 separates by three σ."""
+STRONG = 15.0
+"""δ of an effect that counts as strong: what cannot be told apart by three σ at this δ is one class."""
+VISIBLE = 1.0
+"""δ below which a trace is lost in the noise: its direction says nothing."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,8 @@ class Trace:
 
 @dataclass(frozen=True)
 class Plan:
-    """``weakest`` maps an effect to the δ of its default strength; ``classes`` are groups that cannot be separated."""
+    """``weakest`` maps an effect to the δ of its default strength; ``classes`` are groups that cannot be separated,
+    ``invisible`` the effects that tissue or calibration take up whole."""
 
     instrument: str
     weakest: Mapping[str, float]
@@ -58,10 +61,10 @@ class Plan:
     def as_text(self) -> str:
         lines = ["Effects and how far they would stand out at their default strength (δ; below 3 nobody could tell):"]
         lines += [f"  {k:<36} {v:8.1f}" for k, v in sorted(self.weakest.items(), key=lambda kv: -kv[1])]
-        lines.append("Never separable by these recordings (at δ = 5):")
+        lines.append(f"Never separable by these recordings (not even at δ = {STRONG:.0f}):")
         lines += [f"  {', '.join(c)}" for c in self.classes] or ["  none"]
         if self.invisible:
-            lines.append(f"Leave no trace at all: {', '.join(self.invisible)}")
+            lines.append(f"Leave no trace that tissue or calibration could not leave: {', '.join(self.invisible)}")
         return "\n".join(lines)
 
 
@@ -91,17 +94,19 @@ def traces(problems: Mapping[str, Problem], null: Hypothesis, candidates: Sequen
                 parts.append(projectors[b].apply(f.residual - there))
             trace = np.concatenate(parts)
             sizes.append(float(np.linalg.norm(trace)))
-            if sizes[-1] > 1e-6:
+            if sizes[-1] > VISIBLE:
                 rows.append(trace / sizes[-1])
         out.append(Trace(candidate, np.asarray(rows), sizes[0]))
     return out
 
 
 def likeness(a: Trace, b: Trace) -> float:
-    """The largest |cosine| between traces of two effects, over their strengths and shapes."""
+    """How well one effect can imitate the other, |cosine|: the nearest trace of the imitator, in the median over the
+    strengths and shapes of the imitated."""
     if not len(a.directions) or not len(b.directions):
         return 0.0
-    return float(np.max(np.abs(a.directions @ b.directions.T)))
+    cosines = np.abs(a.directions @ b.directions.T)
+    return float(max(np.median(cosines.max(axis=1)), np.median(cosines.max(axis=0))))
 
 
 def plan(protocols: Sequence[str]) -> Plan:
@@ -121,13 +126,12 @@ def summarise(instrument: str, found: Sequence[Trace]) -> Plan:
     groups: list[set[str]] = []
     for i, a in enumerate(found):
         for b in found[:i]:
-            if a.candidate.name != b.candidate.name and 1 - likeness(a, b) ** 2 < SEPARABLE_SHARE * 0.1:
+            if a.candidate.name != b.candidate.name and STRONG**2 * (1 - likeness(a, b) ** 2) < 9.0:
                 touching = [g for g in groups if a.candidate.name in g or b.candidate.name in g]
                 groups = [g for g in groups if g not in touching]
                 groups.append({a.candidate.name, b.candidate.name}.union(*touching))
-    known = set(library(instrument))
-    shown = {t.candidate.key for t in found}
-    invisible = tuple(sorted({k.split("[")[0] for k in known - shown} - set(weakest)))
+    shown = {t.candidate.name for t in found if len(t.directions)}
+    invisible = tuple(sorted({e.name for e in library(instrument).values()} - shown))
     return Plan(instrument, weakest, tuple(tuple(sorted(g)) for g in groups), invisible)
 
 

@@ -1,0 +1,65 @@
+"""The blind check in full: fresh cases of every tier, their diagnosis, and every figure beside its target.
+
+    python benchmarks/blind/run.py --n 100 --seed 2027 --jobs 2 -o out/blind
+    python benchmarks/blind/run.py --tiers T2 T3 --n 300 --instrument cutometer
+
+Cases and reports stay in the folder: a run that was broken off goes on where it stopped, and reports made before are
+not made again. What is printed also goes to ``figures.txt`` and ``figures.json``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+
+from gap.batch import diagnose_cases
+from gap.blind import Scorecard, make, score
+from gap.blind.vocabulary import INSTRUMENTS
+from gap.own_cases import make_own
+
+TIERS = ("T0", "T1", "T2", "T3", "T4", "T5", "T6")
+
+
+def run(
+    output: Path, tiers: list[str], n: int, seed: int, instruments: list[str], jobs: int, passphrase: str = ""
+) -> Scorecard:
+    """Make what is missing of the cases of ``tiers``, diagnose what has no report, score all together."""
+    keys = []
+    for tier in tiers:
+        cases, key = output / f"{tier}-{seed}", output / f"{tier}-{seed}-key" / "key.bin"
+        if not key.exists():
+            begin = time.perf_counter()
+            if tier == "T0":
+                make_own(n, seed, cases, passphrase, instruments)
+            else:
+                make(tier, n, seed, cases, instruments, passphrase)
+            print(f"{tier}: {n} cases made in {time.perf_counter() - begin:.0f} s", file=sys.stderr, flush=True)
+        begin = time.perf_counter()
+        diagnose_cases(cases, output / "reports", jobs)
+        print(f"{tier}: diagnosed in {time.perf_counter() - begin:.0f} s", file=sys.stderr, flush=True)
+        keys.append(key)
+    return score(output / "reports", keys, passphrase)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--tiers", nargs="+", default=list(TIERS), choices=TIERS, metavar="TIER", help="T0 ... T6")
+    parser.add_argument("--n", type=int, default=100, help="cases for each tier")
+    parser.add_argument("--seed", type=int, default=int(time.time()), help="of the sets (default: the clock, so fresh)")
+    parser.add_argument("--instrument", nargs="+", default=list(INSTRUMENTS), choices=INSTRUMENTS, metavar="NAME")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/blind"))
+    given = parser.parse_args()
+    card = run(given.output, given.tiers, given.n, given.seed, given.instrument, given.jobs)
+    heading = f"seed {given.seed}, {given.n} cases of each of {', '.join(given.tiers)}; {', '.join(given.instrument)}"
+    text = f"{heading}\n{card.as_text()}\n"
+    (given.output / "figures.txt").write_text(text)
+    (given.output / "figures.json").write_text(json.dumps(card.as_json(), indent=1) + "\n")
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
