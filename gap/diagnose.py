@@ -17,11 +17,7 @@ from gap.hypothesis import Candidate, Problem
 from gap.judge import Judgement, Verdict, judge, made_by
 from gap.rig import ForwardModel, RigProblem
 from gap.session import REST, Session
-from gap.session import REST, Session
 from gap.transfer import Shrink, shrink, splits, transferred
-
-INSTRUMENTS = ("cutometer", "aspiration", "microrobot")
-"""Those with a built-in forward model."""
 
 INSTRUMENTS = ("cutometer", "aspiration", "microrobot")
 """Those with a built-in forward model."""
@@ -146,8 +142,6 @@ def _remarks(recordings: Sequence[Recording]) -> list[str]:
                 out.append(f"{r.info.id}: time stamps of {name} do not always increase")
     if recordings[0].info.instrument in INSTRUMENTS and Session(recordings).own_clocks:
         out.append(f"every recording has a clock of its own: rests of {REST:.0f} s between them are assumed")
-    if recordings[0].info.instrument in INSTRUMENTS and Session(recordings).own_clocks:
-        out.append(f"every recording has a clock of its own: rests of {REST:.0f} s between them are assumed")
     if len(recordings) == 1:
         out.append(
             "one recording only: no repeat to take the noise from, and shrinkage on unused data cannot be tested"
@@ -212,21 +206,26 @@ def _bounds(comparison: Comparison, verdict: Verdict, seen_at: float = 3.0) -> d
     return out
 
 
-def _confusable(comparison: Comparison, verdict: Verdict, like: float = 0.985) -> tuple[tuple[str, ...], ...]:
-    """Groups of effects whose traces, after the nuisance refit, are the same direction: no fit of these data can
-    split them."""
+def _confusable(
+    comparison: Comparison, verdict: Verdict, like: float = 0.985, apart: float = 3.0
+) -> tuple[tuple[str, ...], ...]:
+    """Groups of effects whose traces, after the nuisance refit, are the same direction and end less than ``apart`` σ
+    from each other: no fit of these data can split them. (Of a large effect, poor copies too have nearly its
+    direction, but what they leave gives them away.)"""
     fitted = [h for h in comparison.hypotheses if len(h.effects) == 1]
+    noise = {b: float(np.sqrt(t)) for b, t in verdict.temper.items()}
     names, traces = [], []
     for h in fitted:
-        change = np.concatenate([comparison.null.fits[b].residual - h.fits[b].residual for b in comparison.problems])
-        size = float(np.linalg.norm(change))
-        if size > 0:
+        parts = [(comparison.null.fits[b].residual - h.fits[b].residual) / noise[b] for b in comparison.problems]
+        change = np.concatenate(parts)
+        if np.linalg.norm(change) > 0:
             names.append(h.effects[0].name)
-            traces.append(change / size)
+            traces.append(change)
     groups: list[set[str]] = []
     for i in range(len(names)):
         for j in range(i):
-            if names[i] != names[j] and abs(float(traces[i] @ traces[j])) > like:
+            alike = abs(float(traces[i] @ traces[j])) > like * np.linalg.norm(traces[i]) * np.linalg.norm(traces[j])
+            if names[i] != names[j] and alike and np.linalg.norm(traces[i] - traces[j]) < apart:
                 touching = [g for g in groups if names[i] in g or names[j] in g]
                 merged = {names[i], names[j]}.union(*touching)
                 groups = [g for g in groups if g not in touching] + [merged]
