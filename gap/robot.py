@@ -58,7 +58,6 @@ def _recorded(
     block: Block, group: Group, names: Sequence[str], targets: Sequence[str], smooth: bool
 ) -> dict[str, Table]:
     """Recorded channels of a group as tables for signals of the chain, without their noise if ``smooth``."""
-    ``smooth``."""
     out = {}
     for name, target in zip(names, targets, strict=True):
         times, values = [], []
