@@ -23,7 +23,7 @@ def session_paths(folder: Path) -> list[Path]:
 def diagnose_cases(cases: Path, output: Path, jobs: int = 1) -> None:
     """Diagnose every case folder below ``cases`` into ``output/<case>.json``.
 
-    A case that fails gets a report that says so; one that has a report keeps it, so that a run can go on where it was
+    A case whose data cannot be diagnosed gets a report that says so; one that has a report keeps it, so that a run can go on where it was
     broken off. Raises FileNotFoundError where there are no cases.
     """
     if not cases.is_dir():
@@ -52,10 +52,10 @@ def _reports(folders: list[Path], jobs: int) -> Iterator[tuple[str, dict[str, An
 
 
 def diagnose_case(folder: Path) -> tuple[str, dict[str, Any]]:
-    """Name and report of one case."""
+    """Name and report of one case. Faults of the data become a report; those of the program are raised."""
     try:
         return folder.name, as_json(diagnose([load(p) for p in session_paths(folder)], advise=False))
-    except Exception as error:
+    except (ValueError, LookupError, ArithmeticError, OSError) as error:
         reason = f"{type(error).__name__}: {error}"
         return folder.name, {
             "schema": "gap-report/1", "verdict": "unknown", "causes": [], "where": [], "remarks": [reason],
