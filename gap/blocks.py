@@ -25,8 +25,13 @@ from sim_devices.stages.sampling import COMMANDS, simulate, time_grid
 
 CLOCK_SD = 3e-5
 """How fast the recording's clock may soundly run against the command's: an ordinary crystal (assumed)."""
-STAMP_SD = 0.7e-3
-"""s: how well a single stamp or the moment of a step is known (assumed). An integrator's step is as good as that, too."""
+QUICK = 0.5
+"""s after a kink of the command in which signals are quick."""
+NEAR = (-5e-3, -2e-3, -1e-3, 1e-3, 2e-3, 5e-3)
+"""s about a stamp at which the simulation has nodes there."""
+STAMP_SD = 1e-3
+"""s: how well a single stamp or the moment of a step is known (assumed). An integrator's step is as good as that,
+too."""
 Table = tuple[FloatArray, FloatArray]
 """Times (m,) s and values (m,)."""
 
@@ -69,6 +74,7 @@ class Block(abc.ABC):
     name: str
     channels: tuple[str, ...]
     growth, widest = GROWTH, WIDEST  # of the bins
+    trust = 0.5
     floor: float = 0.0  # SI: noise that averaging does not lower, because the nominal chain is not known better
 
     prior_mean: FloatArray
@@ -114,7 +120,7 @@ class Block(abc.ABC):
             np.median([np.median(np.diff(session.recordings[k].streams[self.channels[0]].time)) for k in self.runs])
         )
         self.rows = self._labelled()
-        self._grids: dict[tuple[int, float, float], tuple[FloatArray, dict[str, FloatArray]]] = {}
+        self._grids: dict[int, tuple[FloatArray, dict[str, FloatArray]]] = {}
 
     def _labelled(self) -> Rows:
         parts = []
@@ -161,21 +167,25 @@ class Block(abc.ABC):
             partial = replace(chain, operators=operators)
             made = simulate(partial, tables, dict.fromkeys(self.channels, stamps + shift), given)
             return np.stack([made[c] for c in self.channels])
-        grid, commands = self._grid(group, at, stamps + shift)
+        grid, commands = self._grid(group, at)
         made = run(operators, grid, commands | {name: np.interp(grid, *table) for name, table in given.items()})
         return np.stack([np.interp(stamps + shift, grid, made[c]) for c in self.channels])
 
-    def _grid(self, group: Group, at: slice, stamps: FloatArray) -> tuple[FloatArray, dict[str, FloatArray]]:
-        """Nodes and commands on them. The stamps themselves are nodes: interpolation between others would mimic a
-        lag."""
-        key = (at.start, float(stamps[0]), float(stamps[-1]))
-        if key not in self._grids:
-            if len(self._grids) > 64:
-                self._grids.clear()
+    def _grid(self, group: Group, at: slice) -> tuple[FloatArray, dict[str, FloatArray]]:
+        """Nodes and commands on them, one grid whatever the shift.
+
+        A grid that moved with it would make the fit's landscape rough. Where the signal is quick, nodes about each
+        stamp keep the interpolation from mimicking a lag.
+        """
+        if at.start not in self._grids:
             tables = group.tables()
-            grid = time_grid(np.concatenate([t for t, _ in tables.values()]), [stamps])
-            self._grids[key] = grid, {COMMANDS[q]: np.interp(grid, *table) for q, table in tables.items()}
-        return self._grids[key]
+            kinks = np.unique(np.concatenate([t for t, _ in tables.values()]))
+            stamps = self.stamps[at]
+            since = stamps - kinks[np.clip(np.searchsorted(kinks, stamps, side="right") - 1, 0, len(kinks) - 1)]
+            quick = stamps[(since >= 0) & (since < QUICK)]
+            grid = time_grid(kinks, [stamps, *(quick + d for d in NEAR)])
+            self._grids[at.start] = grid, {COMMANDS[q]: np.interp(grid, *table) for q, table in tables.items()}
+        return self._grids[at.start]
 
     def start(self) -> FloatArray:
         return self.prior_mean.copy()

@@ -188,7 +188,7 @@ def compare(
     """Null, best singles and best pairs of ``candidates`` on ``problems``; ``suspects`` are refitted wherever they
     rank."""
     blocks = {p.name: p for p in problems}
-    fits = {name: fit(p, iterations=25) for name, p in blocks.items()}
+    fits = {name: fit(p, iterations=60, tolerance=1e-5) for name, p in blocks.items()}
     comparison = Comparison(blocks, Hypothesis((), fits), simulations=sum(f.simulations for f in fits.values()))
     usable = [c for c in candidates if set(c.blocks) <= set(blocks)]
     comparison.screened, n = screen(blocks, comparison.null, usable)
@@ -199,8 +199,27 @@ def compare(
         hypothesis, n = refit(blocks, comparison.null, s)
         comparison.hypotheses.append(hypothesis)
         comparison.simulations += n
+    _finish_null(comparison)
     _pairs(comparison, usable, effort)
     return comparison
+
+
+def _finish_null(comparison: Comparison) -> None:
+    """Fit the null again from where the effects' fits ended: one that stopped early would give them nats they have
+    not earned."""
+    for block, problem in comparison.problems.items():
+        best = min((h.fits[block] for h in comparison.hypotheses), key=lambda f: f.objective, default=None)
+        for start in (comparison.null.fits[block], best):
+            if start is None:
+                continue
+            again = fit(problem, nuisance=start.nuisance, iterations=40, tolerance=1e-5)
+            comparison.simulations += again.simulations
+            if again.objective < comparison.null.fits[block].objective:
+                comparison.null.fits[block] = again
+    for h in comparison.hypotheses:
+        touched = {b for e in h.effects for b in e.blocks}
+        for block in comparison.problems.keys() - touched:
+            h.fits[block] = comparison.null.fits[block]
 
 
 def _shortlist(screened: Sequence[Screened], size: int) -> list[Screened]:

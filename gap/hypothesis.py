@@ -84,10 +84,10 @@ class Problem(Protocol):
     """One block of data with its forward model.
 
     ``measured`` (n,) and ``sigma`` (n,) are the data behind the rows in SI and their noise, so that the prediction is
-    measured − residual·sigma. ``local`` (p,) is true for nuisance parameters that belong to single recordings (a
-    gain, a zero). ``alternatives`` are prior widths (p,) over which the evidence is averaged; ``prior_sd`` is the one
-    used while fitting. ``prior_sd`` (p,) are the standard deviations of the nuisance parameters about ``prior_mean``
-    (p,): tissue, calibration, sampling convention; ``inf`` for free ones.
+    measured − residual·sigma. ``local`` (p,) is true for nuisance parameters that belong to single recordings (a gain,
+    a zero). ``trust`` is the exponent on the block's evidence, for model error that tempering does not see: low where a
+    person's tissue is in the loop. ``alternatives`` are prior widths (p,) over which the evidence is averaged;
+    ``prior_sd`` is the one used while fitting.
     """
 
     name: str
@@ -98,6 +98,7 @@ class Problem(Protocol):
     prior_sd: FloatArray
     local: NDArray[np.bool_]
     alternatives: Sequence[FloatArray]
+    trust: float
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         """Residual and Jacobian at nuisance parameters (p,) with the effects of ``active`` switched on."""

@@ -1,8 +1,8 @@
 """From compared hypotheses to a verdict: classes that the data cannot split, probabilities, and when to say nothing.
 
-Probabilities are tempered Laplace evidences with a prior over *numbers of effects*, flattened by
-`Judgement.sharpness`; both were set on simulations (``benchmarks/calibrate.py``), never on the blind cases that score
-them.
+Probabilities are tempered Laplace evidences with a prior over *numbers of effects*, raised to each block's `trust`.
+Both were set on development seeds of the blind generator, not on those that score them
+(docs/decisions/gap-method.md).
 """
 
 from __future__ import annotations
@@ -25,7 +25,9 @@ class Judgement:
 
     prior_effect: float = 0.6  # that one effect acts
     prior_pair: float = 0.08  # that two act
-    sharpness: float = 0.6  # exponent on the evidence: model error that the tempering does not see
+    sure_none: float = 0.93  # probability of no effect above which, at a gap below `quiet_gap`, the verdict is `none`
+    quiet_gap: float = 1.1
+    unusual_gap: float = 1.3  # gap above which finding nothing means that the cause is unknown, not that there is none
     separable: float = 3.0  # distance (in tempered σ) below which two fitted explanations are one class
     evidence_tie: float = 3.0  # nats within which indistinguishable explanations count as equally good
     detect: float = 0.5  # probability of "some effect" above which one is claimed
@@ -73,13 +75,16 @@ def _evidence(h: Hypothesis, comparison: Comparison, temper: Mapping[str, float]
     total = 0.0
     for block, f in h.fits.items():
         problem = comparison.problems[block]
-        total += f.log_evidence(temper[block], problem.prior_mean, problem.alternatives)
+        total += problem.trust * f.log_evidence(temper[block], problem.prior_mean, problem.alternatives)
     return total
 
 
-def _distance(a: Hypothesis, b: Hypothesis, temper: Mapping[str, float]) -> float:
-    """How far apart two fitted explanations predict, in tempered σ."""
-    return float(np.sqrt(sum(np.sum(np.square(a.fits[k].residual - b.fits[k].residual)) / temper[k] for k in temper)))
+def _distance(a: Hypothesis, b: Hypothesis, comparison: Comparison, temper: Mapping[str, float]) -> float:
+    """How far apart two fitted explanations predict, in tempered σ, each block as far as it is trusted."""
+    square = 0.0
+    for k, problem in comparison.problems.items():
+        square += problem.trust / temper[k] * float(np.sum(np.square(a.fits[k].residual - b.fits[k].residual)))
+    return float(np.sqrt(square))
 
 
 def made_by(signature: Signature, effect: Candidate) -> bool:
@@ -131,11 +136,11 @@ def judge(
         return sum(s.nats for s in signatures if any(made_by(s, e) for e in h.effects))
 
     everything = [comparison.null, *(h for h in comparison.hypotheses if _earned(h, comparison, rules))]
-    score = np.array([log_prior(h) + rules.sharpness * _evidence(h, comparison, temper) + marks(h) for h in everything])
+    score = np.array([log_prior(h) + _evidence(h, comparison, temper) + marks(h) for h in everything])
     weight = np.exp(score - score.max())
     weight /= weight.sum()
     none = float(weight[0])
-    causes = _classes(everything[1:], score[1:], weight[1:], comparison.null, temper, rules)
+    causes = _classes(everything[1:], score[1:], weight[1:], comparison, temper, rules)
     stages: dict[str, float] = {}
     for h, w in zip(everything[1:], weight[1:], strict=True):
         for e in h.effects:
@@ -145,7 +150,8 @@ def judge(
     after = gap_of(causes[0].hypothesis) if causes else before
     left = max(after**2 - 1, 0.0) / max(before**2 - 1, 1e-9)
     if not causes or 1 - none < rules.detect:
-        verdict = "undetectable"
+        quiet = before <= rules.quiet_gap and none >= rules.sure_none
+        verdict = "unknown" if before > rules.unusual_gap else "none" if quiet else "undetectable"
     elif left > rules.unexplained and after > rules.unexplained_gap and not marks(causes[0].hypothesis):
         verdict = "unknown"
     else:
@@ -157,7 +163,7 @@ def _classes(
     hypotheses: Sequence[Hypothesis],
     score: np.ndarray,
     weight: np.ndarray,
-    null: Hypothesis,
+    comparison: Comparison,
     temper: Mapping[str, float],
     rules: Judgement,
 ) -> list[Cause]:
@@ -173,7 +179,7 @@ def _classes(
             or (
                 score[lead] - score[k] < rules.evidence_tie
                 and len(hypotheses[k].effects) == len(hypotheses[lead].effects)
-                and _distance(hypotheses[lead], hypotheses[k], temper) < rules.separable
+                and _distance(hypotheses[lead], hypotheses[k], comparison, temper) < rules.separable
             )
         ]
         simplest = min(members, key=lambda k: (sum(len(e.parameters) for e in hypotheses[k].effects), -score[k]))
@@ -181,7 +187,9 @@ def _classes(
         same = [k for k in order if concept(hypotheses[k]) == concept(hypotheses[simplest])]
         order = [k for k in order if k not in same]
         names = list(dict.fromkeys([concept(hypotheses[simplest]), *(concept(hypotheses[k]) for k in members)]))
-        gain = sum((null.fits[b].objective - f.objective) / temper[b] for b, f in hypotheses[simplest].fits.items())
+        gain = sum(
+            (comparison.null.fits[b].objective - f.objective) / temper[b] for b, f in hypotheses[simplest].fits.items()
+        )
         probability = float(sum(weight[k] for k in (*members, *same)))
         causes.append(
             Cause(

@@ -206,6 +206,7 @@ class RigProblem:
             [np.full(len(k), self._sigma[c]) for ks in keep for c, k in zip(model.channels, ks, strict=True)]
         )
         self.local = np.zeros(len(model.parameters), bool)
+        self.trust = 0.6
         self.alternatives: Sequence[FloatArray] = (self.prior_sd,)
         self.rows = label_rows(
             [(r, c, run[0][k]) for r, run, ks in zip(recordings, self._runs, keep, strict=True)

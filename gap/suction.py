@@ -8,6 +8,7 @@ called a device effect.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -127,14 +128,16 @@ class HeightBlock(Block):
     """
 
     name, channels = "height", ("apex_height",)
+    trust = 0.08  # other tissue laws than ours leave up to δ = 15 that some device effect can repair
     TISSUE: tuple[str, ...] = (
         "compliance", "knee", "exponent", "creep1", "creep2", "creep3", "creep4", "residual", "softening",
     )  # fmt: skip
     TISSUE_SD: tuple[float, ...] = (1.5, 1.0, 0.4, 0.15, 0.15, 0.15, 0.15, 0.1, 0.04)
+    ANCHORED_SD: tuple[float, ...] = (0.5, 0.15, 0.08, 0.08, 0.08, 0.08, 0.08, 0.06, 0.03)
     GAIN_SD = 0.05
     DISCREPANCY_SD = 0.01  # of the height, per basis function
-    DISCREPANCY_SCALES = (0.1, 1.0, 5.0)
-    DISCREPANCY_SIZE = 32
+    DISCREPANCY_SCALES = (0.2, 1.0, 4.0)
+    DISCREPANCY_SIZE = 48
 
     def __init__(
         self, session: GroupedSession, library: Mapping[str, Effect], pressure: PressureBlock | None = None
@@ -143,6 +146,8 @@ class HeightBlock(Block):
         self._tissue = suction_tissue("forearm")
         self._line = [self._smoothed(g, pressure) for g, _ in self.groups]
         self._runs = self.member
+        self._start: FloatArray | None = None
+        self._size = 1.0
         size = max(float(np.ptp(self.measured)), 10 * float(np.median(self.sigma)))
         columns, weights = compressed(*self._discrepancy_columns(), self.DISCREPANCY_SIZE)
         self._basis = columns * size
@@ -154,7 +159,9 @@ class HeightBlock(Block):
         self.prior_mean = np.zeros(len(self.prior_sd))
         self.local = np.zeros(len(self.prior_sd), bool)
         self.local[n : n + 2 * r] = True
-        later, earlier = self.start(), self.start()
+        later = self.prior_mean.copy()
+        later[: len(self.TISSUE)] = self._first_guess()[:-1]
+        earlier = later.copy()
         later[n - 1], earlier[n - 1] = 1e-3, -1e-3
         self.blur_steep_parts((self._chain_height(later, {}) - self._chain_height(earlier, {})) / 2e-3)
         self.alternatives = tuple(
@@ -198,8 +205,9 @@ class HeightBlock(Block):
 
     def _discrepancy_columns(self) -> tuple[FloatArray, FloatArray]:
         parts, weights = [], np.zeros(0)
+        guess = self._chain_height(self._first_guess(), {})
         for (g, at), (t, p) in zip(self.groups, self._line, strict=True):
-            basis, weights = suction_discrepancy(t, p, self.stamps[at], np.asarray(self.session.marks))
+            basis, weights = suction_discrepancy(t, p, guess[at], self.stamps[at], np.asarray(self.session.marks))
             parts.append(basis * float(g.skin))
         return np.vstack(parts), weights
 
@@ -209,7 +217,7 @@ class HeightBlock(Block):
         base = self._tissue
         return replace(
             base,
-            compliance=base.compliance * float(np.exp(c["compliance"])),
+            compliance=base.compliance * self._size * max(1.0 + c["compliance"], 1e-3),
             knee=base.knee * float(np.exp(c["knee"])),
             exponent=float(np.clip(base.exponent + c["exponent"], 0.02, 3.0)),
             creep=tuple(g + c[f"creep{i + 1}"] for i, g in enumerate(base.creep)),
@@ -218,11 +226,29 @@ class HeightBlock(Block):
         )
 
     def start(self) -> FloatArray:
-        c = self.prior_mean.copy()
+        """The tissue's parameters fitted alone, which then are the prior's mean.
+
+        Beside a free discrepancy, which can do all that they do and linearly, they would run away.
+        """
+        if self._start is None:
+            n = len(self.TISSUE)
+            alone = copy.copy(self)
+            alone.prior_sd = np.where(np.arange(len(self.prior_sd)) <= n, self.prior_sd, 1e-6)
+            c = self.prior_mean.copy()
+            self._start = fit(alone, nuisance=c, iterations=15).nuisance
+            self.prior_mean[:n] = self._start[:n]
+            for sd in (self.prior_sd, *self.alternatives):
+                sd[:n] = self.ANCHORED_SD
+        return self._start.copy()
+
+    def _first_guess(self) -> FloatArray:
+        """Tissue and shift (t,) at a size of the compliance that gives the largest height measured."""
+        c = np.zeros(len(self.TISSUE) + 1)
+        self._size = 1.0
         skin = np.concatenate([np.full(at.stop - at.start, g.skin) for g, at in self.groups])
         top = float(np.max(np.abs(self._chain_height(c, {})[skin]), initial=0.0))
         if top > 0:
-            c[0] = float(np.log(max(np.max(self.measured[skin]), 1e-7) / top))
+            self._size = max(float(np.max(self.measured[skin])), 1e-7) / top
         return c
 
     def _law_chain(self, group: Group, nuisance: FloatArray) -> Chain:

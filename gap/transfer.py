@@ -43,7 +43,7 @@ class _Masked:
     def __init__(self, problem: Problem, keep: NDArray[np.bool_]) -> None:
         self.problem, self.keep = problem, keep
         self.name, self.rows, self.local = problem.name, problem.rows, problem.local
-        self.measured, self.sigma = problem.measured, problem.sigma
+        self.measured, self.sigma, self.trust = problem.measured, problem.sigma, problem.trust
         self.prior_mean, self.prior_sd, self.alternatives = problem.prior_mean, problem.prior_sd, problem.alternatives
 
     def start(self) -> FloatArray:
