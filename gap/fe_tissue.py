@@ -44,6 +44,8 @@ FREE = ("G", "c20", "c30", "g1", "g2", "g3", "tau1", "tau2", "tau3")
 """Parameters of the model that are fitted, through `moduli`."""
 ANCHORS = 5
 """Linearisations at most."""
+NEAR = 0.25
+"""How far from its anchor (in logarithms of parameters) a fit may stay without another linearisation."""
 MESH = 0.5
 """Density of the mesh: the apex is about 2 % off the finest one's, which the modulus takes up."""
 CURVE_POINTS = 25
@@ -164,17 +166,17 @@ class FeHeightBlock(HeightBlock):
         self._settle()
 
     def _settle(self) -> None:
-        """Move the anchor to the fit, until the surrogate foresees what the finite elements say."""
+        """Move the anchor to where the fit leads, until it stays near."""
         for _ in range(ANCHORS):
-            fitted = fit(self, iterations=12)
+            fitted = fit(self)
             self._begin = fitted.nuisance
-            foreseen = self._chain_height(fitted.nuisance, {})
-            try:
-                self._anchor = self._anchored(fitted.nuisance[: len(FREE)])
-            except ValueError:  # the fit left where the model can be solved: the anchor before is the best there is
+            x = fitted.nuisance[: len(FREE)]
+            assert self._anchor is not None
+            if float(np.max(np.abs(x - self._anchor.x))) < NEAR:
                 return
-            found = self._chain_height(fitted.nuisance, {})
-            if float(np.sqrt(np.mean(np.square((found - foreseen) / self.sigma)))) < 0.5:
+            try:
+                self._anchor = self._anchored(x)
+            except ValueError:  # the fit left where the model can be solved: the anchor before is the best there is
                 return
 
     def _first_guess(self) -> FloatArray:
