@@ -23,8 +23,8 @@ def session_paths(folder: Path) -> list[Path]:
 def diagnose_cases(cases: Path, output: Path, jobs: int = 1) -> None:
     """Diagnose every case folder below ``cases`` into ``output/<case>.json``.
 
-    A case whose data cannot be diagnosed gets a report that says so; one that has a report keeps it, so that a run can go on where it was
-    broken off. Raises FileNotFoundError where there are no cases.
+    A case whose data cannot be diagnosed gets a report that says so; one that has a report keeps it, so that a run
+    can go on where it was broken off. Raises FileNotFoundError where there are no cases.
     """
     if not cases.is_dir():
         raise FileNotFoundError(f"{cases}: no such folder of cases")

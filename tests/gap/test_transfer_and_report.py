@@ -176,7 +176,6 @@ def test_a_sound_rig_is_not_accused(recording) -> None:
     assert result["undetectable_below"]  # how strong each effect could still be
 
 
-@pytest.mark.xfail(reason="the judge calls it undetectable", strict=False)
 def test_what_no_effect_of_the_library_does_is_not_named_with_certainty(recording) -> None:
     def strange(time: np.ndarray, opening: np.ndarray) -> np.ndarray:
         return opening + 0.2 * np.sign(np.sin(2 * np.pi * 1.7 * time)) * (opening > 0.3)
