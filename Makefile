@@ -50,5 +50,8 @@ pictures: demo
 gui: install system
 	QT_QPA_PLATFORM= $(BIN)/acquire gui
 
+screenshots: install system
+	$(BIN)/python tools/screenshots.py -o docs/screenshots
+
 clean:
 	rm -rf $(VENV) out build dist

@@ -92,7 +92,11 @@ class MainWindow(QMainWindow):
             tool.diagnosis,
         )
         self.fit = tool.ToolPanel(
-            "Fit a material model", "Identifies a model's parameters through the solver plugin.", "model", tool.fit
+            "Fit a material model",
+            "Identifies a model's parameters from the recordings together, by the solver plugin, with their errors. "
+            "The model is one of 'acquire fit --list'.",
+            "model",
+            tool.fit,
         )
         self.tabs = QTabWidget()
         for widget, title in (

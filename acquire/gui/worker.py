@@ -182,7 +182,7 @@ class Worker:
             value = actions[command.action](name, **command.arguments)
         except Exception as error:
             log.info("%s: %s: %r", name, command.action, error)
-            if name:
+            if name and command.action != "preview":  # a fault of a protocol is none of the instrument's
                 self._feed(name).error = str(error) or repr(error)
             self._outbox.put(Reply(command.number, error=str(error) or repr(error), faults=_faults(error)))
             return

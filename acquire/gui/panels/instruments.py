@@ -20,8 +20,8 @@ WORDS = {
     "paused": "paused, vented",
     "completed": "ready, last run complete",
     "aborted": "ready, last run stopped",
-    "tripped": "stopped for safety: reset it",
-    "failed": "failed: reset it",
+    "tripped": "stopped, to be reset",
+    "failed": "failed, to be reset",
 }
 
 
@@ -63,13 +63,14 @@ class InstrumentRow(QFrame):
 
     def show_state(self, state: str, error: str = "") -> None:
         """Show a state; nothing is painted where nothing changed."""
-        if (state, error) == (self.state, self.error.text()):
+        if (state, error) == (self.state, self.error.toolTip()):
             return
         self.state = state
         self._light(state)
         simulated = " (simulated)" if self.info.simulated else ""
         self.words.setText(WORDS.get(state, state) + simulated * (state in ("ready", "off")))
-        self.error.setText(error)
+        self.error.setText(error.splitlines()[0] if error else "")
+        self.error.setToolTip(error)
         self.error.setVisible(bool(error))
         self.button.setText(
             "Reset" if state in NEEDS_RESET else "Connect" if state in ("off", "idle") else "Disconnect"

@@ -22,6 +22,7 @@ WHOLE, LAST = "whole run", f"last {RECENT:.0f} s"
 FIRST_RANGE = {"Pa": (-5_000.0, 500.0), "m": (-0.05e-3, 0.5e-3), "N": (-0.1, 0.1)}
 HIDDEN = ("axis_position", "transducer_force")  # raw channels: recorded, but not what an operator watches
 MOST_PLOTS = 4
+EDGE = 0.04  # of the range: a curve that comes so near to its end widens it
 
 
 def groups(channels: Iterable[ChannelInfo]) -> list[tuple[str, list[ChannelInfo]]]:
@@ -54,6 +55,7 @@ class ChannelPlot(QWidget):
         self._lines: list[pg.InfiniteLine] = []
         self._range = FIRST_RANGE.get(channels[0].unit, (-1.0, 1.0))
         self._plan: tuple[FloatArray, dict[str, FloatArray]] = (np.empty(0), {})
+        self._plan_drawn = math.nan
         self._set_range()
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 0)
@@ -69,7 +71,9 @@ class ChannelPlot(QWidget):
             self.plot.removeItem(line)
         self._lines = []
         self._range = FIRST_RANGE.get(self.channels[0].unit, (-1.0, 1.0))
-        self._plan = (np.empty(0), {})
+        self._plan, self._plan_drawn = (np.empty(0), {}), math.nan
+        for curve in self.commanded.values():
+            curve.clear()
         if preview is not None:
             values = {c.name: preview.values[c.name] for c in self.channels if c.name in preview.values}
             self._plan = (preview.time, values)
@@ -93,12 +97,15 @@ class ChannelPlot(QWidget):
             seen = value[np.isfinite(value)]
             if len(seen):
                 low, high = min(low, float(seen.min())), max(high, float(seen.max()))
-        if low < self._range[0] or high > self._range[1]:
-            self._cover(min(low, self._range[0]), max(high, self._range[1]))
+        edge = EDGE * (self._range[1] - self._range[0])
+        if low < self._range[0] + edge or high > self._range[1] - edge:
+            self._cover(low - edge, high + edge)
             self._set_range()
-        time, values = self._plan
-        for name, value in values.items():
-            self.commanded[name].setData(time + plan_offset, self.factor * value)
+        if plan_offset != self._plan_drawn:
+            self._plan_drawn = plan_offset
+            time, values = self._plan
+            for name, value in values.items():
+                self.commanded[name].setData(time + plan_offset, self.factor * value)
 
     def tell(self) -> None:
         """The newest values in numbers."""

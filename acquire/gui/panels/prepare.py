@@ -42,6 +42,7 @@ class PreparePanel(QWidget):
         self.entries: tuple[ProtocolEntry, ...] = ()
         self.list = QListWidget()
         self.list.setWordWrap(True)
+        self.list.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.list.currentItemChanged.connect(self._choose)
         self.open = QPushButton("Open a file …")
         self.open.clicked.connect(self.open_wanted)
@@ -74,7 +75,7 @@ class PreparePanel(QWidget):
         splitter.addWidget(left)
         splitter.addWidget(right)
         splitter.setStretchFactor(1, 1)
-        splitter.setSizes([290, 800])
+        splitter.setSizes([330, 760])
         QVBoxLayout(self).addWidget(splitter)
 
     def show_entries(self, entries: Sequence[ProtocolEntry], kind: str, chosen: str = "") -> None:
@@ -122,7 +123,7 @@ class PreparePanel(QWidget):
     def show_faults(self, path: Path, message: str, faults: Sequence[Fault]) -> None:
         """Say what is wrong with a protocol, beside its text with the lines marked."""
         self.preview = None
-        self.plot.clear()
+        self.plot.hide()
         self.title.setText(f"{path.stem} – cannot be run")
         lines = [
             f"line {f.line}: {f.field + ': ' if f.field else ''}{f.message}" if f.line else f.message for f in faults
@@ -144,6 +145,7 @@ class PreparePanel(QWidget):
 
     def _draw(self, preview: Preview) -> None:
         theme = current()
+        self.plot.show()
         self.plot.clear()
         if len(preview.phases) <= MOST_PHASES:
             for begin, end, phase in preview.phases:

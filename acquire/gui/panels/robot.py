@@ -12,7 +12,8 @@ from acquire.gui.plots import plot
 from acquire.gui.theme import current
 
 REACH = 3e-3  # m, the hardware's excursion (assumed), where no protocol says less
-KEPT = 2000  # points of the path
+KEPT = 800  # points of the path
+EVERY = 2  # views between two paintings: fifteen per second are enough for the eye here
 #: Horizontal and vertical axis of each projection, and from where it looks.
 PROJECTIONS = ((0, 1, "from above"), (0, 2, "from the front"), (1, 2, "from the side"))
 
@@ -100,13 +101,13 @@ class RobotPanel(QWidget):
             return
         self._path = np.concatenate([self._path, view.path])[-KEPT:]
         self._most = max(self._most, float(np.linalg.norm(view.path[:, 3:], axis=1).max()))
-        if not drawn:
+        self._frames += 1
+        if not drawn or self._frames % EVERY:
             return
         length = 0.8e3 * self.radius / self._most
         for projection in self.projections:
             projection.draw(self._path, length)
-        self._frames += 1
-        if self._frames % 6 == 1:
+        if self._frames % 6 == 0:
             self._tell()
 
     def _tell(self) -> None:
@@ -115,8 +116,8 @@ class RobotPanel(QWidget):
         way, strength = float(np.linalg.norm(tip)), float(np.linalg.norm(force))
         self.numbers.setText(
             f'<p style="font-size:19pt; font-weight:600; color:{theme.curves[0]}">{way:.2f} mm</p>'
-            f"<p>x {tip[0]:+.2f}&nbsp; y {tip[1]:+.2f} &nbsp; z {tip[2]:+.2f} mm</p>"
+            f"<p>x {tip[0]:+.2f}&nbsp; y {tip[1]:+.2f} &nbsp; z {tip[2]:+.2f}</p>"
             f'<p style="font-size:19pt; font-weight:600; color:{theme.curves[1]}">{strength:.3f} N</p>'
-            f"<p>x {force[0]:+.3f} &nbsp; y {force[1]:+.3f} &nbsp; z {force[2]:+.3f} N</p>"
-            f'<p style="color:{theme.limit}">border {1e3 * self.radius:.1f} mm</p>'.replace("-0.00 ", "0.00 ")
+            f"<p>x {force[0]:+.3f} &nbsp; y {force[1]:+.3f} &nbsp; z {force[2]:+.3f}</p>"
+            f'<p style="color:{theme.limit}">border {1e3 * self.radius:.1f} mm</p>'
         )

@@ -25,7 +25,7 @@ from PySide6.QtWidgets import (
 from acquire.gui.jobs import Tool
 from acquire.gui.panels.result import PictureView
 
-_PICTURE = re.compile(r'src="data:image/png;base64,([A-Za-z0-9+/=]+)"')
+_PICTURE = re.compile(r'src="data:image/(?:png|svg\+xml);base64,([A-Za-z0-9+/=]+)"')
 
 
 class ToolPanel(QWidget):
@@ -176,7 +176,7 @@ class ToolPanel(QWidget):
 
 
 def pictures(page: str) -> list[bytes]:
-    """The PNG pictures inlined in an HTML page."""
+    """The pictures (PNG or SVG) inlined in an HTML page."""
     return [base64.b64decode(found) for found in _PICTURE.findall(page)]
 
 
