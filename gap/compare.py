@@ -50,7 +50,8 @@ class Screened:
     """One effect after the screening: where in its prior it does best, and by how much χ² falls with the nuisance
     refitted.
 
-    ``detectability`` lists, for every simulated point, how far it stands out (‖P Δ‖, untempered).
+    ``detectability`` lists, for every simulated point, how far it stands out (‖P Δ‖, untempered); ``traces`` what it
+    changes in each block's whitened residual.
     """
 
     candidate: Candidate
@@ -58,6 +59,7 @@ class Screened:
     gain: float
     others: tuple[FloatArray, ...] = ()  # further points of the prior worth starting from
     detectability: list[tuple[FloatArray, float]] = field(default_factory=list)
+    traces: list[dict[str, FloatArray]] = field(default_factory=list)
 
 
 @dataclass
@@ -105,9 +107,17 @@ def grid(candidate: Candidate) -> list[FloatArray]:
 
 
 def screen(
-    problems: dict[str, Problem], base: Hypothesis, candidates: Sequence[Candidate]
+    problems: dict[str, Problem],
+    base: Hypothesis,
+    candidates: Sequence[Candidate],
+    known: Sequence[Screened] = (),
 ) -> tuple[list[Screened], int]:
-    """Every candidate on top of ``base``, by the linear nuisance refit; best first. Also the number of simulations."""
+    """Every candidate on top of ``base``, by the linear nuisance refit; best first. Also the number of simulations.
+
+    The traces of candidates that are ``known`` from another base are used again: a second effect adds nearly what it
+    changes alone, and whatever looks worth it is refitted.
+    """
+    traces_of = {s.candidate: s.traces for s in known}
     projectors = {}
     for name, f in base.fits.items():
         # The base's own effect parameters are refitted too: they join the nuisance.
@@ -115,26 +125,21 @@ def screen(
         sd = np.concatenate([problems[name].prior_sd, np.ones(f.effect_jacobian.shape[1])])
         projectors[name] = Projector(jacobian, sd)
     projected = {name: projectors[name].apply(f.residual) for name, f in base.fits.items()}
-    before = {name: float(base.fits[name].residual @ projected[name]) for name in projected}
     out, simulations = [], 0
     for candidate in candidates:
         points: list[tuple[float, FloatArray]] = []
         seen = []
-        for unit in grid(candidate):
-            along, cross, simulated = 0.0, 0.0, 0.0
-            for block in candidate.blocks:
-                f = base.fits[block]
-                active = {**f.active, candidate: candidate.values(unit)}
-                there = problems[block].evaluate(f.nuisance, active, want_jacobian=False).residual
-                simulations += 1
-                change = f.residual - there
-                projected_change = projectors[block].apply(change)
-                along += float(change @ projected_change)
-                cross += float(projected[block] @ change)
-                simulated += before[block] - float(there @ projectors[block].apply(there))
+        traces = traces_of.get(candidate, [])
+        if not traces:
+            for unit in grid(candidate):
+                traces.append({b: _trace(problems[b], base.fits[b], candidate, unit) for b in candidate.blocks})
+                simulations += len(candidate.blocks)
+        for unit, trace in zip(grid(candidate), traces, strict=True):
+            along = sum(float(change @ projectors[block].apply(change)) for block, change in trace.items())
+            cross = sum(float(projected[block] @ change) for block, change in trace.items())
             seen.append((unit, float(np.sqrt(max(along, 0.0)))))
             scale = np.clip(cross / along, *AMPLITUDES) if along > 1e-9 else 1.0
-            points.append((max(simulated, float(scale * (2 * cross - scale * along))), unit))
+            points.append((max(2 * cross - along, float(scale * (2 * cross - scale * along))), unit))
         points.sort(key=lambda p: -p[0])
         out.append(
             Screened(
@@ -143,9 +148,16 @@ def screen(
                 points[0][0],
                 tuple(u for g, u in points[1:STARTS] if g > 0.6 * points[0][0]),
                 seen,
+                traces,
             )
         )
     return sorted(out, key=lambda s: -s.gain), simulations
+
+
+def _trace(problem: Problem, f: Fit, candidate: Candidate, unit: FloatArray) -> FloatArray:
+    """What a candidate at ``unit`` (k,) takes from a fit's whitened residual (n,)."""
+    active = {**f.active, candidate: candidate.values(unit)}
+    return np.asarray(f.residual - problem.evaluate(f.nuisance, active, want_jacobian=False).residual)
 
 
 def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) -> tuple[Hypothesis, int]:
@@ -244,7 +256,7 @@ def _pairs(comparison: Comparison, candidates: Sequence[Candidate], effort: Effo
     tried: set[frozenset[str]] = set()
     for base in singles:
         others = [c for c in candidates if c.name != base.effects[0].name]
-        screened, n = screen(comparison.problems, base, others)
+        screened, n = screen(comparison.problems, base, others, comparison.screened)
         comparison.simulations += n
         for s in screened[: effort.refit_pairs]:
             together = frozenset((base.effects[0].key, s.candidate.key))

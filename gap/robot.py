@@ -102,7 +102,7 @@ class AxesBlock(Block):
     name, channels = "axes", AXES
     growth, widest = ROBOT_BINS
     floor = 0.5e-6  # m
-    SD = (0.05, 0.05, 0.15, STAMPS_SD, CLOCK_SD, 4e-3)
+    SD = (0.02, 0.02, 0.1, STAMPS_SD, CLOCK_SD, 4e-3)
     """Of the logarithms of the gains; s by which all is late; 1; s by which the load on the axes is."""
     ZERO_SD = 2e-6  # m
     STEPS = (1e-2, 1e-2, 1e-2, 1e-3, 1e-6, 1e-3)
