@@ -13,6 +13,7 @@ from gap.rows import LABELS
 from gap.transfer import shrink
 
 SCHEMA = "gap-report/1"
+UNKNOWN_NEXT = "What acts is not known: the pictures show where to look, and an effect of your own can be added."
 
 
 def as_json(d: Diagnosis) -> dict[str, Any]:
@@ -129,6 +130,18 @@ def words(name: str) -> str:
     return name.replace("_", " ")
 
 
+PREFIXED = {"m": (("mm", 1e3, 1e-3), ("µm", 1e6, 0.0)), "s": (("s", 1.0, 0.1), ("ms", 1e3, 0.0)),
+            "Pa": (("mbar", 1e-2, 0.0),), "N": (("N", 1.0, 0.1), ("mN", 1e3, 0.0))}  # fmt: skip
+"""For an SI unit: unit, factor, and the least magnitude (SI) for which people use it."""
+
+
+def quantity(value: float, unit: str, se: float | None = None) -> str:
+    """A number as people write it: ``0.31 ± 0.02 s``, ``98.2 µm``; nothing after a pure number."""
+    shown, factor, _ = next((u for u in PREFIXED.get(unit, ()) if abs(value) >= u[2]), (unit, 1.0, 0.0))
+    spread = f" ± {se * factor:.1g}" if se is not None else ""
+    return f"{value * factor:.3g}{spread} {'' if shown in ('1', 'choice') else shown}".rstrip()
+
+
 def sentences(d: Diagnosis) -> list[str]:
     """Three sentences for whoever ran the measurement."""
     v = d.verdict
@@ -137,21 +150,23 @@ def sentences(d: Diagnosis) -> list[str]:
     phase = {"load": "loading", "unload": "unloading", "hold": "holding", "rest": "resting"}.get(worst, worst)
     mostly = f", mostly while {phase}" if worst and by_phase[worst]["before"] > 1.2 * v.gap_before else ""
     first = f"The simulation is {v.gap_before:.3g} times the noise off{mostly}."
+    if v.gap_before < 1.1:
+        first = f"Simulation and measurement agree to within the noise (gap {v.gap_before:.2f}, noise 1)."
     if v.verdict in ("none", "undetectable"):
-        strongest = sorted(d.bounds.items(), key=lambda kv: kv[1])[:1]
         if v.verdict == "none":
             second = "No effect of the library is needed to explain these recordings."
         else:
-            second = "No effect stands out: if one acts, it is weaker than what this protocol can show."
-        third = "The bounds below say how strong each effect could still be." if strongest else ""
+            second = "No effect stands out: if one acts, it is weaker than what these recordings can show."
+        third = "The bounds below say how strong each effect could still be." if d.bounds else ""
         return [s for s in (first, second, third) if s]
+    if not v.causes:
+        return [first, "Nothing in the library explains it.", UNKNOWN_NEXT]
     cause = v.causes[0]
     what = " and ".join(words(e.name) for e in cause.effects)
-    share = 100 * max(shrink(v.gap_before, v.gap_after), 0.0)
+    share = 100 * min(max(shrink(v.gap_before, v.gap_after), 0.0), 1.0)  # below the noise floor: all of it, not more
     if v.verdict == "unknown":
         second = f"Nothing in the library explains it: the best candidate, {what}, takes away only {share:.0f} % of it."
-        third = "What acts is not known: the pictures below show where to look, and an effect of your own can be added."
-        return [first, second, third]
+        return [first, second, UNKNOWN_NEXT]
     stage = ", ".join(dict.fromkeys(e.stage for e in cause.effects))
     how_sure = f"(probability {cause.probability:.2f})"
     verb = "explain" if len(cause.effects) > 1 else "explains"
@@ -163,7 +178,7 @@ def sentences(d: Diagnosis) -> list[str]:
     elif split:
         held = {"waveform": "another waveform", "level": "another level", "direction": "another direction"}
         on = held.get(split, "another repeat")
-        third = f"On {on}, withheld from the fit, the gap shrinks by {100 * d.shrinks[0][split].value:.0f} %."
+        third = f"On {on}, withheld from the fit, the gap shrinks by {100 * min(d.shrinks[0][split].value, 1.0):.0f} %."
     else:
         third = f"In reality: {cause.effects[0].remedy}"
     return [first, second, third]
@@ -176,6 +191,5 @@ def numbers(d: Diagnosis, cause: Cause, most: int = 2) -> list[str]:
         for p in effect.parameters[:most]:
             found = parameters(d, cause)[p.name if len(cause.effects) == 1 else f"{effect.name}.{p.name}"]
             if p.unit != "choice":
-                unit = "" if p.unit == "1" else f" {p.unit}"
-                out.append(f"{words(p.name)} {found['value']:.3g}{unit}")
+                out.append(f"{words(p.name)} {quantity(found['value'], p.unit)}")
     return out[: 2 * most]

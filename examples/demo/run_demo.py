@@ -64,7 +64,7 @@ def hide_and_find(out: Path, effect: str) -> Path:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("-o", "--output", type=Path, default=Path("out/demo"), help="folder for everything")
-    parser.add_argument("--effect", default="regulator_lag:tau=0.3s", help="what to hide (acquire gap effects)")
+    parser.add_argument("--effect", default="leak:shortfall=8 percent", help="what to hide (acquire gap effects)")
     arguments = parser.parse_args()
     out: Path = arguments.output
     out.mkdir(parents=True, exist_ok=True)
