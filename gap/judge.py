@@ -23,8 +23,8 @@ VERDICTS = ("effect", "several", "none", "unknown", "undetectable")
 class Judgement:
     """The thresholds of the verdict, in one place."""
 
-    prior_effect: float = 0.6  # that one effect acts
-    prior_pair: float = 0.08  # that two act
+    prior_effect: float = 0.45  # that one effect acts
+    prior_pair: float = 0.05  # that two act
     sure_none: float = 0.93  # probability of no effect above which, at a gap below `quiet_gap`, the verdict is `none`
     quiet_gap: float = 1.1
     unusual_gap: float = 1.3  # gap above which finding nothing means that the cause is unknown, not that there is none

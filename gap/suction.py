@@ -69,7 +69,7 @@ class PressureBlock(Block):
         # An open probe holds no pressure: its record says nothing of the regulator.
         super().__init__(session, library, without=("open air",))
         self.prior_sd = np.array(
-            [0.15, 0.15, 0.6 * self.dt, CLOCK_SD, *[0.03] * len(self.LAGS), self.GAUGE_GAIN, self.GAUGE_ZERO]
+            [0.15, 0.15, 0.6 * self.dt, CLOCK_SD, *[0.08] * len(self.LAGS), self.GAUGE_GAIN, self.GAUGE_ZERO]
         )
         self.prior_mean = np.zeros(len(self.prior_sd))
         self.local = np.zeros(len(self.prior_sd), bool)
@@ -128,7 +128,7 @@ class HeightBlock(Block):
     """
 
     name, channels = "height", ("apex_height",)
-    trust = 0.08  # other tissue laws than ours leave up to δ = 15 that some device effect can repair
+    trust = 0.06  # other tissue laws than ours leave up to δ = 15 that some device effect can repair
     TISSUE: tuple[str, ...] = (
         "compliance", "knee", "exponent", "creep1", "creep2", "creep3", "creep4", "residual", "softening",
     )  # fmt: skip
