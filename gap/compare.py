@@ -14,11 +14,13 @@ from itertools import product
 
 import numpy as np
 
-from gap.hypothesis import Candidate, FloatArray, Problem
+from gap.hypothesis import Candidate, FloatArray, Problem, to_unit
 from gap.noise import correlation_time
 from gap.solve import Fit, Projector, fit
 
 STRENGTHS = (0.25, 0.7)
+SIGNED = (-0.2, -0.04, 0.04, 0.2)
+"""Of the prior's range, about the value that does nothing, where that lies inside: half the range is mostly absurd."""
 SHAPES = (0.25, 0.75)
 MAX_GRID = 8
 HOPELESS = 4.0
@@ -97,8 +99,11 @@ def grid(candidate: Candidate) -> list[FloatArray]:
     size = 1
     for p in candidate.parameters:
         values: tuple[float, ...] = STRENGTHS if p.null is not None else SHAPES
+        if p.null is not None and p.scale == "linear" and p.low < p.null < p.high:
+            middle = to_unit(p, p.null)
+            values = tuple(float(np.clip(middle + d, 0, 1)) for d in SIGNED)
         if size * len(values) > MAX_GRID:
-            values = (0.5,) if p.null is None else (0.25, 0.75)
+            values = (0.5,) if p.null is None else (values[len(values) // 2 - 1], values[len(values) // 2])
             if size * len(values) > MAX_GRID:
                 values = (0.5,)
         size *= len(values)

@@ -7,7 +7,7 @@ the control loop, of the arithmetic and of everything beyond the tip show in dif
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -122,7 +122,7 @@ class AxesBlock(Block):
         fits = []
         for controller in CONTROLLERS:
             self.controller = controller
-            fits.append((fit(self, nuisance=self.prior_mean, iterations=6), controller))
+            fits.append((fit(self, nuisance=self.prior_mean, iterations=3), controller))
         best, self.controller = min(fits, key=lambda f: f[0].objective)
         self._start = best.nuisance
 
@@ -183,7 +183,7 @@ class AxesBlock(Block):
 class ArithmeticBlock(Block):
     """Recomputed channels: axis positions -> probe, transducers -> force. No freedom but a zero in each recording."""
 
-    growth, widest = ROBOT_BINS
+    growth, widest = 0.4, 0.8  # nothing is quick in a formula, and noise there is none
 
     def __init__(
         self,
@@ -238,9 +238,9 @@ class ForceBlock(Block):
     trust = 0.08
     growth, widest = ROBOT_BINS
     floor = 0.3e-3  # N
-    TISSUE = ("stiffness1", "stiffness2", "stiffness3", "angle", "length", "exponent",
+    TISSUE: tuple[str, ...] = ("stiffness1", "stiffness2", "stiffness3", "angle", "length", "exponent",
               *(f"relaxation{k + 1}" for k in range(len(RELAXATION_TIMES))), "softening")  # fmt: skip
-    TISSUE_SD = (1.0, 1.0, 1.0, 1.5, 0.7, 0.3, *[0.1] * len(RELAXATION_TIMES), 0.04)
+    TISSUE_SD: tuple[float, ...] = (1.0, 1.0, 1.0, 1.5, 0.7, 0.3, *[0.1] * len(RELAXATION_TIMES), 0.04)
     GAIN_SD = 0.04  # of the tissue's stiffness between recordings
     CALIBRATION_SD = 2e-3  # of each transducer
     ZERO_SD = 3e-3  # N
@@ -334,11 +334,15 @@ class ForceBlock(Block):
             softening=base.softening + c["softening"],
         )
 
+    def _law_chain(self, group: Group, nuisance: FloatArray) -> Chain:
+        """The nominal chain of a group with the tissue at a nuisance vector."""
+        return _chain(group, self.tissue(nuisance))
+
     def _chain_forces(self, nuisance: FloatArray, active: Active) -> FloatArray:
-        tissue, shift = self.tissue(nuisance), nuisance[self._parts["shift"]][0]
+        shift = nuisance[self._parts["shift"]][0]
         out = np.empty((3, len(self.stamps)))
         for (g, at), (grid, axes) in zip(self.groups, self._grids_of, strict=True):
-            operators = needed(self.with_effects(_chain(g, tissue), active), TRANSDUCERS, axes)
+            operators = needed(self.with_effects(self._law_chain(g, nuisance), active), TRANSDUCERS, axes)
             made = run(operators, grid, axes)
             out[:, at] = np.stack([np.interp(self.stamps[at] + shift, grid, made[c]) for c in TRANSDUCERS])
         return out.ravel()
@@ -363,9 +367,13 @@ class ForceBlock(Block):
 
 
 def robot_problems(
-    recordings: Sequence[Recording], effects: Mapping[str, Effect]
+    recordings: Sequence[Recording],
+    effects: Mapping[str, Effect],
+    force: Callable[[GroupedSession, Mapping[str, Effect], AxesBlock], ForceBlock] = ForceBlock,
 ) -> tuple[Sequence[Problem], tuple[Candidate, ...]]:
     """The blocks that a session's channels allow, and the effects that show in them.
+
+    ``force`` makes the block of the transducers: with the reduced tissue, or another one.
 
     Raises ValueError when what was commanded, or what was measured, is missing.
     """
@@ -386,7 +394,7 @@ def robot_problems(
     if has(*TRANSDUCERS, *xyz("force")):
         blocks.append(ArithmeticBlock(session, effects, "matrix", TRANSDUCERS, xyz("force"), 2e-3))
     if has(*AXES, *TRANSDUCERS):
-        blocks.append(ForceBlock(session, effects, axes))
+        blocks.append(force(session, effects, axes))
     if not blocks:
         raise ValueError(f"recording {recordings[0].info.id} has neither axis positions nor transducer forces")
     return blocks, candidates_for(effects, blocks)
