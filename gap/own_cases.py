@@ -18,6 +18,7 @@ from acquire.recording import write_bundle
 from acquire.recording.model import Recording
 from gap import own
 from gap.blind import Hidden, Truth, write_key
+from gap.blind.cases import TIERS
 from gap.blind.vocabulary import INSTRUMENTS
 from gap.effects import library
 from gap.hypothesis import from_unit
@@ -46,7 +47,7 @@ def make_own(
     if key.exists():
         raise FileExistsError(f"{key} exists")
     out.mkdir(parents=True, exist_ok=False)
-    root = np.random.SeedSequence([seed, 0])
+    root = np.random.SeedSequence([seed, len(TIERS)])  # the tiers of `gap.blind` have 0, 1 ...: other names of cases
     rng = np.random.default_rng(root)
     names = sorted(f"case-{x:08x}" for x in rng.choice(2**32, size=n, replace=False).tolist())
     turns = rng.permutation([instruments[k % len(instruments)] for k in range(n)]).tolist()

@@ -134,12 +134,15 @@ PREFIXED = {"m": (("mm", 1e3, 1e-3), ("µm", 1e6, 0.0)), "s": (("s", 1.0, 0.1), 
             "Pa": (("mbar", 1e-2, 0.0),), "N": (("N", 1.0, 0.1), ("mN", 1e3, 0.0))}  # fmt: skip
 """For an SI unit: unit, factor, and the least magnitude (SI) for which people use it."""
 
+UNNAMED = ("1", "choice", "velocity", "position", "rate")
+"""Pure numbers, and what a rig's model does not tell the unit of."""
+
 
 def quantity(value: float, unit: str, se: float | None = None) -> str:
     """A number as people write it: ``0.31 ± 0.02 s``, ``98.2 µm``; nothing after a pure number."""
     shown, factor, _ = next((u for u in PREFIXED.get(unit, ()) if abs(value) >= u[2]), (unit, 1.0, 0.0))
     spread = f" ± {se * factor:.1g}" if se is not None else ""
-    return f"{value * factor:.3g}{spread} {'' if shown in ('1', 'choice') else shown}".rstrip()
+    return f"{value * factor:.3g}{spread} {'' if shown in UNNAMED else shown}".rstrip()
 
 
 def sentences(d: Diagnosis) -> list[str]:
@@ -170,7 +173,11 @@ def sentences(d: Diagnosis) -> list[str]:
     stage = ", ".join(dict.fromkeys(e.stage for e in cause.effects))
     how_sure = f"(probability {cause.probability:.2f})"
     verb = "explain" if len(cause.effects) > 1 else "explains"
-    second = f"{what.capitalize()} ({'; '.join([stage, *numbers(d, cause)])}) {verb} {share:.0f} % of it {how_sure}."
+    named = f"{what.capitalize()} ({'; '.join([stage, *numbers(d, cause)])})"
+    second = f"{named} {verb} {share:.0f} % of it {how_sure}."
+    if v.gap_before < 1.1:
+        stands = "stand" if len(cause.effects) > 1 else "stands"
+        second = f"{named} {stands} out all the same, by {cause.detectability:.0f} σ {how_sure}."
     others = [words(n) for n in cause.names[1:]]
     split = next((k for k in ("waveform", "level", "direction", "repeat") if d.shrinks and k in d.shrinks[0]), "")
     if others:
