@@ -64,7 +64,7 @@ def test_sensitivities_agree_with_differences(model: Any, symbols: tuple[str, ..
     exact = model.simulate(run, {}, symbols).sensitivities["apex_height"]
     for j, symbol in enumerate(symbols):
         value = model.info.defaults[symbol]
-        h = 2e-3 * value  # differences feel the tolerance of Newton's method and the kinks of friction
+        h = 1e-2 * value  # smaller steps drown in the tolerance of Newton's method, larger ones meet friction's kinks
         sides = [model.simulate(run, {symbol: value + s * h}).channels["apex_height"] for s in (1, -1)]
         difference = (sides[0] - sides[1]) / (2 * h)
         assert np.abs(exact[:, j] - difference).max() < 2e-2 * np.abs(difference).max() + 2e-10 / value, symbol

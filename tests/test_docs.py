@@ -1,0 +1,28 @@
+"""The documentation: what it links to is there, and the commands it names exist."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from acquire.cli.app import COMMANDS, GROUPS
+
+ROOT = Path(__file__).parents[1]
+PAGES = sorted(
+    p for p in [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), ROOT / "solver/README.md"] if ".venv" not in p.parts
+)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_links_lead_somewhere(page: Path) -> None:
+    links = re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
+    missing = [link for link in links if "://" not in link and not (page.parent / link).exists()]
+    assert not missing
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_commands_exist(page: Path) -> None:
+    named = re.findall(r"(?:^|`|; )acquire ([a-z]+)", page.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    assert set(named) <= set(COMMANDS) | set(GROUPS)
