@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import os
 import resource
+import signal
 import tempfile
 import time
 from collections.abc import Callable
@@ -24,6 +25,7 @@ from PySide6.QtWidgets import QApplication
 from acquire.gui import theme
 from acquire.gui.messages import BenchSettings
 from acquire.gui.window import FRAME, MainWindow
+from sim_devices.servers import serve
 
 WINDOW = (1440, 900)
 
@@ -70,11 +72,7 @@ def main() -> None:
     theme.apply(app, theme.LIGHT)
     print(f"load of the machine before: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
     with tempfile.TemporaryDirectory() as folder:
-        store = QSettings(str(Path(folder) / "settings.ini"), QSettings.Format.IniFormat)
-        window = MainWindow(BenchSettings(out=Path(folder), seed=1), store)
-        window.resize(*WINDOW)
-        window.show()
-        wait(lambda: window.prepare.preview is not None)
+        window = opened(BenchSettings(out=Path(folder), seed=1), Path(folder))
         meter = Meter(window)
         meter.begin()
         QTest.qWait(round(1e3 * given.seconds / 3))
@@ -94,7 +92,52 @@ def main() -> None:
             window.controls.stop_button.click()
             wait(lambda name=name: window.views[name].state == "aborted")
         window.shut()
-        window.close()
+        stops(Path(folder))
+
+
+def opened(bench: BenchSettings, folder: Path) -> MainWindow:
+    """A window whose worker is up."""
+    store = QSettings(str(folder / "settings.ini"), QSettings.Format.IniFormat)
+    window = MainWindow(bench, store)
+    window.resize(*WINDOW)
+    window.show()
+    wait(lambda: window.prepare.preview is not None)
+    return window
+
+
+def stops(folder: Path) -> None:
+    """How long an emergency stop takes to reach the device: by the window's button, by Ctrl-C with the window frozen.
+
+    The device is simulated in this process and reached over TCP. Venting itself then takes what the physics takes.
+    """
+    with serve("cutometer", "tcp", watchdog=5.0) as server:
+        station = folder / "station.yaml"
+        entry = f"{{address: '{server.entry.address}', simulated: true, watchdog: 5 s, interlock: {{stale: 5 s}}}}"
+        station.write_text(f"schema: station/1\ninstruments:\n  cutometer: {entry}\n")
+        window = opened(BenchSettings(station=station, out=folder), folder)
+        door = server.back_door
+        window.instruments.rows["cutometer"].button.click()
+        for what in ("by the button", "by Ctrl-C, window frozen"):
+            wait(lambda: window.controls.start_button.isEnabled())
+            window.controls.start_button.click()
+            wait(lambda: door.truth().signals.get("line_pressure", 0.0) < -20e3)
+            began = time.perf_counter()
+            if what == "by the button":
+                window.controls.estop_button.pressed.emit()
+            else:
+                os.kill(window.client.process.pid or 0, signal.SIGINT)
+            while door.truth().state == "running":
+                time.sleep(0.0005)
+            told = time.perf_counter() - began
+            door.wait_vented()
+            vented = time.perf_counter() - began
+            print(
+                f"emergency stop {what:<25} device told after {1e3 * told:4.0f} ms, vented after {1e3 * vented:4.0f} ms"
+            )
+            wait(lambda: window.views["cutometer"].state == "tripped" and window.alarm.isVisible())
+            window.reset()
+            wait(lambda: window.views["cutometer"].state == "ready")
+        window.shut()
 
 
 if __name__ == "__main__":

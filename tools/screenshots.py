@@ -169,6 +169,7 @@ def tools(folder: Path, runs: Path, store: QSettings) -> None:
     window.fit.field.setText("suction_yeoh_qlv")
     window.fit.start.click()
     at.wait(lambda: not window.fit.running, timeout=900)
+    window.fit.next.click()
     at.shoot("fit")
     at.close()
 

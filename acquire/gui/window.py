@@ -278,6 +278,7 @@ class MainWindow(QMainWindow):
         self._show_controls()
         if not path or not self.current:
             return
+        self.subject.concern(path)
         kind = self.instruments.rows[self.current].info.kind
         self.kept.protocols[kind] = path
 

@@ -26,6 +26,8 @@ from acquire.gui.reading import Result
 from acquire.gui.theme import LEVELS
 from acquire.report.summary import shown
 
+LEGIBLE = 0.75  # of its size: a picture is not made smaller to fit, but scrolled
+
 
 class PictureView(QScrollArea):
     """A picture as large as there is room for."""
@@ -59,9 +61,11 @@ class PictureView(QScrollArea):
         if self._pixmap.isNull():
             self._label.clear()
             return
-        room = self.viewport().size().boundedTo(self._pixmap.size())
-        aspect, smooth = Qt.AspectRatioMode.KeepAspectRatio, Qt.TransformationMode.SmoothTransformation
-        self._label.setPixmap(self._pixmap.scaled(room, aspect, smooth))
+        room, whole = self.viewport().size(), self._pixmap.size()
+        wide = min(room.width() / whole.width(), 1.0)
+        scale = max(min(wide, room.height() / whole.height()), min(wide, LEGIBLE))
+        smooth = Qt.TransformationMode.SmoothTransformation
+        self._label.setPixmap(self._pixmap.scaledToWidth(round(scale * whole.width()), smooth))
 
 
 class ResultPanel(QWidget):

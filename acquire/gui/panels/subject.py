@@ -53,6 +53,8 @@ class SubjectPanel(QGroupBox):
         form.addRow("Specimen", self.specimen)
         form.addRow("Operator", self.operator)
         form.addRow("Notes", self.notes)
+        self._protocol = ""
+        self._repeats: dict[tuple[str, str, str], int] = {}
         self._last = self._key()
 
     def who(self) -> dict[str, Any]:
@@ -68,18 +70,26 @@ class SubjectPanel(QGroupBox):
 
     def count_repeat(self) -> None:
         """A run was completed: the next one is the next repeat."""
+        self._repeats[self._key()] = self.repeat.value() + 1
         self.repeat.setValue(self.repeat.value() + 1)
 
-    def _key(self) -> tuple[str, str]:
-        return self.subject.text().strip(), self.site.currentText().strip()
+    def concern(self, protocol: str) -> None:
+        """Another protocol is chosen: its repeats count for themselves."""
+        if protocol != self._protocol:
+            self._protocol = protocol
+            self._last = self._key()
+            self.repeat.setValue(self._repeats.get(self._key(), 1))
+
+    def _key(self) -> tuple[str, str, str]:
+        return self.subject.text().strip(), self.site.currentText().strip(), self._protocol
 
     def _renew(self) -> None:
         self.subject.setText(pseudonym())
         self._restart()
 
     def _restart(self) -> None:
-        """Repeats count anew for another subject or site."""
+        """Repeats count for themselves at another subject or site."""
         if self._key() != self._last:
             self._last = self._key()
-            self.repeat.setValue(1)
+            self.repeat.setValue(self._repeats.get(self._key(), 1))
             self.changed.emit()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import re
-import tempfile
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -27,12 +26,14 @@ from acquire.gui.panels.result import PictureView
 
 _PICTURE = re.compile(r'src="data:image/(?:png|svg\+xml);base64,([A-Za-z0-9+/=]+)"')
 
+REPORTS = "reports"  # folder beside the recordings
+
 
 class ToolPanel(QWidget):
     """Runs one tool on recordings.
 
     ``arguments(runs, option, folder)`` is the command line after ``acquire``; ``option`` is what the panel's one field
-    says. The tool leaves an HTML page with its pictures in ``folder``.
+    says. The tool leaves an HTML page with its pictures in ``folder``, which is made beside the recordings.
     """
 
     def __init__(
@@ -48,7 +49,7 @@ class ToolPanel(QWidget):
         self._arguments = arguments
         self._runs: tuple[Path, ...] = ()
         self._tool: Tool | None = None
-        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._folder: Path | None = None
         self._began = 0.0
         self._pictures: list[bytes] = []
         self._number = 0
@@ -113,8 +114,9 @@ class ToolPanel(QWidget):
     def run(self) -> None:
         """Start the tool."""
         self.close_tool()
-        self._folder = tempfile.TemporaryDirectory(prefix="skinrig-")
-        self._tool = Tool(self._arguments(self._runs, self.field.text().strip(), Path(self._folder.name)), self)
+        arguments = self._arguments(self._runs, self.field.text().strip(), Path())
+        self._folder = self._runs[0].parent / REPORTS / f"{arguments[0]}-{time.strftime('%Y%m%d-%H%M%S')}"
+        self._tool = Tool(self._arguments(self._runs, self.field.text().strip(), self._folder), self)
         self._tool.said.connect(self.said.appendPlainText)
         self._tool.ended.connect(self._ended)
         self._began = time.monotonic()
@@ -132,13 +134,10 @@ class ToolPanel(QWidget):
                 self.status.setText(text)
 
     def close_tool(self) -> None:
-        """End the tool and forget its page."""
+        """End the tool."""
         if self._tool is not None:
             self._tool.close()
             self._tool = None
-        if self._folder is not None:
-            self._folder.cleanup()
-            self._folder = None
 
     def _cancel(self) -> None:
         if self._tool is not None:
@@ -161,7 +160,7 @@ class ToolPanel(QWidget):
             self.picture.show_png(self._pictures[self._number])
 
     def _page(self) -> Path | None:
-        return next(iter(sorted(Path(self._folder.name).glob("*.html"))), None) if self._folder is not None else None
+        return next(iter(sorted(self._folder.glob("*.html"))), None) if self._folder is not None else None
 
     def _open_page(self) -> None:
         if (page := self._page()) is not None:

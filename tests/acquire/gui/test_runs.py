@@ -21,10 +21,16 @@ def test_from_click_to_recording(qtbot: QtBot, make_window: MakeWindow, store: Q
     assert preview is not None
     assert preview.name == f"demo-{name}"
     window.subject.subject.setText("P07")
+    panel = window.measure.currentWidget()
+    if panel.camera is not None:
+        window.tabs.setCurrentWidget(window.measure)
+        qtbot.waitUntil(lambda: panel.camera.apex.text() != "apex –", timeout=PATIENCE)
+        proposed = panel.camera.slider.value()
+        panel.camera.proposed.setChecked(False)
+        panel.camera.slider.setValue(proposed + 10)
     qtbot.mouseClick(window.controls.start_button, Qt.MouseButton.LeftButton)
     qtbot.waitUntil(lambda: state(window, name) == "running", timeout=PATIENCE)
     assert window.tabs.currentWidget() is window.measure
-    panel = window.measure.currentWidget()
     qtbot.waitUntil(lambda: window.views[name].elapsed > 0.3 * preview.duration, timeout=PATIENCE)
     for plot in panel.live.plots:
         for channel, curve in plot.curves.items():
@@ -46,6 +52,8 @@ def test_from_click_to_recording(qtbot: QtBot, make_window: MakeWindow, store: Q
     assert recording.info.status == "completed"
     assert recording.info.subject == "P07"
     assert CHANNELS[name] in recording.streams
+    if panel.camera is not None:  # a threshold set by hand is the recording's too
+        assert recording.info.calibration["gvt"]["value"] == proposed + 10
     assert window.result.flags
     assert window.result.picture.shown
     assert window.result.table.rowCount() > 0
@@ -72,16 +80,3 @@ def test_pause_resume_stop(qtbot: QtBot, make_window: MakeWindow) -> None:
     assert window.result.result is not None
     assert window.result.result.summary["status"] == "aborted"
     assert window.subject.repeat.value() == 1
-
-
-def test_a_threshold_set_by_hand_is_recorded(qtbot: QtBot, make_window: MakeWindow) -> None:
-    window = make_window()
-    connected(qtbot, window, "aspiration")
-    camera = window.measure.currentWidget().camera
-    camera.proposed.setChecked(False)
-    camera.slider.setValue(120)
-    window.controls.start_button.click()
-    qtbot.waitUntil(lambda: window.views["aspiration"].picture is not None, timeout=PATIENCE)
-    qtbot.waitUntil(lambda: window.result.result is not None, timeout=PATIENCE)
-    assert window.result.result is not None
-    assert window.result.result.summary["calibration"]["gvt"]["value"] == 120
