@@ -35,7 +35,7 @@ def next_experiment(
     for name, action in actions(instrument, legs).items():
         found[name] = min(_split([*legs, action], instrument, rivals[0], rival, effects) for rival in rivals[1:])
     best = max(found, key=lambda k: found[k])
-    names = [" + ".join(e.name.replace("_", " ") for e in h.effects) or "no effect" for h in rivals]
+    names = [" with ".join(e.name.replace("_", " ") for e in h.effects) or "no effect" for h in rivals]
     others = " or ".join(dict.fromkeys(names[1:]))
     if found[best] < ENOUGH:
         text = f"None of the measurements considered would tell {names[0]} from {others}."

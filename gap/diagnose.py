@@ -14,7 +14,7 @@ from gap import signatures
 from gap.compare import Comparison, Effort, Hypothesis, compare
 from gap.effects import library
 from gap.hypothesis import Candidate, Problem
-from gap.judge import Judgement, Verdict, judge, made_by
+from gap.judge import Judgement, Verdict, concept, judge, made_by
 from gap.rig import ForwardModel, RigProblem
 from gap.session import REST, Session
 from gap.transfer import Shrink, shrink, splits, transferred
@@ -98,7 +98,7 @@ def diagnose(
         bounds=_bounds(comparison, verdict),
         confusable=_confusable(comparison, verdict),
         remarks=tuple(remarks),
-        next_experiment=_advice(recordings, verdict, model, user_effects) if advise else {},
+        next_experiment=_advice(recordings, comparison.null, verdict, model, user_effects) if advise else {},
         seconds=clock.perf_counter() - begin,
         fe_solves=solves,
     )
@@ -174,13 +174,20 @@ def _problems(
 
 
 def _advice(
-    recordings: Sequence[Recording], verdict: Verdict, model: ForwardModel | None, user_effects: Sequence[Path]
+    recordings: Sequence[Recording],
+    null: Hypothesis,
+    verdict: Verdict,
+    model: ForwardModel | None,
+    user_effects: Sequence[Path],
 ) -> Mapping[str, object]:
     """The next experiment, where more than one explanation survives on an instrument that we can simulate."""
-    rivals = [c.hypothesis for c in verdict.causes if c.probability > 0.02][:3]
-    twins = [h for c in verdict.causes[:1] for h in c.members if h is not c.hypothesis][:1]
-    rivals = [*rivals[:1], *twins, *rivals[1:]][:3]
-    if model is not None or len(rivals) < 2 or verdict.verdict in ("none", "undetectable"):
+    if model is not None or verdict.verdict in ("none", "undetectable") or not verdict.causes:
+        return {}
+    twins = [h for h in verdict.causes[0].members if concept(h) != concept(verdict.causes[0].hypothesis)][:1]
+    others = [null] if verdict.probability_none > 0.02 else []
+    others += [c.hypothesis for c in verdict.causes[1:] if c.probability > 0.02]
+    rivals = [verdict.causes[0].hypothesis, *twins, *others][:3]
+    if len(rivals) < 2:
         return {}
     from gap.advice import next_experiment
 

@@ -182,6 +182,8 @@ def sentences(d: Diagnosis) -> list[str]:
     split = next((k for k in ("waveform", "level", "direction", "repeat") if d.shrinks and k in d.shrinks[0]), "")
     if others:
         third = f"These data cannot tell it from {' or '.join(others)}."
+    elif v.gap_before < 1.1:
+        third = f"That nothing acts has probability {v.probability_none:.2f}."
     elif split:
         held = {"waveform": "another waveform", "level": "another level", "direction": "another direction"}
         on = held.get(split, "another repeat")
