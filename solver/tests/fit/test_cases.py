@@ -114,7 +114,7 @@ def test_what_cannot_be_compared_is_refused_by_name(record: Record) -> None:
         (replace(recording, streams={"pressure": pressure}), "no channel 'apex_height'; it has pressure"),
         (with_height(Series(height.time, height.value, "mm")), "is in 'mm', not in 'm'"),
         (with_height(Series(height.time, height.value * np.nan, "m")), "only 0 samples have finite values"),
-        (with_height(Series(height.time, height.value * 0.0, "m")), "zero throughout"),
+        (with_height(Series(height.time, height.value * 0.0, "m")), "are zero throughout"),
         (with_height(Series(height.time, np.ones((401, 2)), "m")), "has shape"),
     ):
         with pytest.raises(RecordingError, match=words):
@@ -127,3 +127,12 @@ def test_what_cannot_be_compared_is_refused_by_name(record: Record) -> None:
         made([recording], channels={"apex_height": 0})
     with pytest.raises(RecordingError, match="no recorded sample"):
         made([recording], phases=[{"from": 100, "to": 200}])
+
+
+def test_an_idle_component_does_not_count_as_signal() -> None:
+    time = np.arange(0.0, 10.0, 0.1)
+    sizes = {"x": 1.0, "y": 0.5, "z": 1e-3}
+    streams = {f"probe_{x}": Series(time, 1e-3 * time, "m") for x in "xyz"}
+    streams |= {f"force_{x}": Series(time, size * time / time[-1], "N") for x, size in sizes.items()}
+    (case,) = made([Recording(Info("robot", "microrobot"), streams)], model="sheet_ogden")
+    assert case.scale == pytest.approx({"force_x": 1.0, "force_y": 0.5, "force_z": 0.1})

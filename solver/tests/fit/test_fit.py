@@ -67,7 +67,7 @@ def test_every_optimiser_finds_the_same_place(run: Run, optimiser: str) -> None:
     assert result.vaf > 0.999
     reference = run()
     for e in reference.estimates:
-        assert values(result)[e.free.symbol] == pytest.approx(e.value, abs=0.05 * e.standard_error)
+        assert values(result)[e.free.symbol] == pytest.approx(e.value, abs=0.1 * e.standard_error)
     assert (result.effort.forward_runs > 100) == (optimiser == "nelder-mead")
 
 

@@ -26,6 +26,7 @@ INSTRUMENTS: dict[str, tuple[Instrument, ...]] = {
 }
 MEASURED_AS = {"deflection": "apex_height"}  # channels of models that recordings know under another name
 LOAD = 0.05  # of the largest drive: where the load begins
+IDLE = 0.1  # of the largest component: a smaller one is scaled by this, so that its noise does not count as signal
 _UNIT = {"pressure": "Pa", "force_x": "N", "force_y": "N", "force_z": "N"}  # all others are metres
 
 
@@ -38,8 +39,8 @@ class Case:
     """One recording as a fit sees it.
 
     ``data``, ``scale`` and ``weight`` are keyed by the model's channel: measured values (n,) in SI, what residuals are
-    divided by (the largest measured value, paper M), and the square root of each sample's weight (n,). ``sampled``
-    says how many samples were recorded, and ``note`` what was done to them.
+    divided by (the largest measured value of each force component, paper M), and the square root of each sample's
+    weight (n,). ``sampled`` says how many samples were recorded, and ``note`` what was done to them.
     """
 
     label: str
@@ -117,10 +118,10 @@ def _case(recording: Any, label: str, spec: Spec, info: ModelInfo, options: Sequ
     origin = float(time[0]) if spec.phase_origin == "recording" else _loading(time, drive)
     of_phase = _phase_weights(time - origin, spec)
     experiment = Experiment(instrument, time - time[0], drive, geometry, label)
-    scale = {c: float(np.abs(values).max()) for c, values in data.items()}
-    for channel, size in scale.items():
-        if not size > 0.0:
-            raise RecordingError(f"recording {label}: channel {channel!r} is zero throughout")
+    largest = {c: float(np.abs(values).max()) for c, values in data.items()}
+    if not max(largest.values()) > 0.0:
+        raise RecordingError(f"recording {label}: {' and '.join(data)} are zero throughout")
+    scale = {c: max(size, IDLE * max(largest.values())) for c, size in largest.items()}
     weights = {c: np.sqrt(weight * spec.channels.get(c, 1.0) * of_phase) for c in data}
     return Case(label, experiment, data, scale, weights, sampled, "; ".join(notes))
 

@@ -61,7 +61,7 @@ def _trust_region(problem: Problem, start: Array, evaluations: int, tolerance: f
         x_scale="jac",
         method="trf",
         ftol=tolerance,
-        xtol=0.1 * np.sqrt(tolerance),
+        xtol=0.1 * tolerance,
         gtol=1e-12,
         max_nfev=evaluations,
     )
@@ -69,7 +69,7 @@ def _trust_region(problem: Problem, start: Array, evaluations: int, tolerance: f
 
 
 def _sqp(problem: Problem, start: Array, evaluations: int, tolerance: float) -> tuple[Array, bool, str]:
-    """Kraft's SLSQP (1988) on half the sum of squares over its starting value."""
+    """Kraft's SLSQP (1988) on the sum of squares over its starting value, which the optimum is a small part of."""
     first = problem.evaluate(start)
     size = max(first.objective, 1e-300)
     bounds = np.stack(problem.variables.bounds, axis=1)
@@ -86,7 +86,7 @@ def _sqp(problem: Problem, start: Array, evaluations: int, tolerance: float) -> 
         jac=True,
         method="SLSQP",
         bounds=bounds,
-        options={"maxiter": evaluations, "ftol": tolerance * 1e-2},
+        options={"maxiter": evaluations, "ftol": 1e-4 * tolerance},
     )
     return done.x, bool(done.success), str(done.message)
 

@@ -112,7 +112,7 @@ class Spec:
     stages: tuple[Stage, ...] = (Stage("all"),)
     profile: tuple[str, ...] | Literal["all"] = ()
     evaluations: int = 100
-    tolerance: float = 1e-7
+    tolerance: float = 1e-5
 
     def __post_init__(self) -> None:
         choices = {"optimiser": Optimiser, "drive": Drive, "balance": Balance, "phase_origin": Origin}

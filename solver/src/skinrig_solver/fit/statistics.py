@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 
 from ..api import Array
 from . import units
@@ -103,7 +104,7 @@ def uncertainty(problem: Problem, optimum: Evaluation) -> Uncertainty:
         )
         if side
     ]
-    warnings += [f"the data say nothing about {' and '.join(names[k] for k in blind)}"] if len(blind) else []
+    warnings += [f"the data say nothing about {_listed([names[k] for k in blind])}"] if len(blind) else []
     warnings += _pairs(names, correlation[np.ix_(inner, inner)])
     warnings += _curves(problem, persistence)
     return Uncertainty(whole, correlation, tuple(noise), tuple(persistence), on_bound, tuple(warnings))
@@ -140,19 +141,31 @@ def _persistence(residual: Array) -> float:
 
 
 def _pairs(names: Sequence[str], correlation: Array) -> list[str]:
+    """One sentence for each set of parameters that count as one, and one for all weaker pairs."""
+    strong = np.abs(correlation) >= INSEPARABLE
+    count, group = connected_components(strong, directed=False)
     found = []
-    for i in range(len(names)):
-        for j in range(i):
-            r = correlation[i, j]
-            if abs(r) >= INSEPARABLE:
-                how = "rises" if r < 0 else "falls"
-                found.append(
-                    f"{names[j]} and {names[i]} cannot be told apart (correlation {r:+.3f}): when one falls the other "
-                    f"{how} and the curves stay; hold one of them, or measure something that separates them"
-                )
-            elif abs(r) >= ALIKE:
-                found.append(f"{names[j]} and {names[i]} are hard to tell apart (correlation {r:+.3f})")
-    return found
+    for k in range(count):
+        members = np.flatnonzero(group == k)
+        if members.size > 1:
+            block = np.abs(correlation[np.ix_(members, members)])
+            worst = float(block[~np.eye(members.size, dtype=bool)].max())
+            together = _listed([names[int(j)] for j in members])
+            found.append(
+                f"{together} cannot be told apart (correlation up to {worst:.4f}): they can "
+                "change together and the curves stay. Hold one, or measure something that separates them"
+            )
+    weak = [
+        f"{names[j]} and {names[i]} ({correlation[i, j]:+.2f})"
+        for i in range(len(names))
+        for j in range(i)
+        if abs(correlation[i, j]) >= ALIKE and group[i] != group[j]
+    ]
+    return found + ([f"hard to tell apart (correlation): {'; '.join(weak)}"] if weak else [])
+
+
+def _listed(names: Sequence[str]) -> str:
+    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
 
 def _curves(problem: Problem, persistence: Sequence[float]) -> list[str]:
@@ -193,9 +206,6 @@ def estimates(problem: Problem, optimum: Evaluation, known: Uncertainty) -> list
 
 def doubts(found: Sequence[Estimate]) -> list[str]:
     """In plain words, the parameters whose value is little more than a guess."""
-    worded = []
-    for e in found:
-        if not e.at and np.isfinite(e.standard_error) and e.standard_error > POORLY * abs(e.value):
-            percent = 100 * e.standard_error / max(abs(e.value), 1e-300)
-            worded.append(f"{e.free.symbol} is known only to ±{percent:.0f} %: treat it as not identified")
-    return worded
+    poor = [e for e in found if not e.at and np.isfinite(e.standard_error) and e.standard_error > POORLY * abs(e.value)]
+    words = [f"{e.free.symbol} (±{100 * e.standard_error / max(abs(e.value), 1e-300):.0f} %)" for e in poor]
+    return [f"too uncertain to be called identified: {', '.join(words)}"] if words else []
