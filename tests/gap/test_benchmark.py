@@ -1,0 +1,51 @@
+"""The full blind benchmark in the small: it runs, goes on where it stopped, and prints every figure of the table."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from gap.batch import diagnose_cases
+
+ROOT = Path(__file__).parents[2]
+TABLE = (
+    "top-1", "top-3", "stage", "top-1, delta > 30", "false alarms T0", "false alarms T6", "calibration error",
+    "unknown found at 5 % false, delta >= 10", "both of a pair in the top three", "power at delta = 6",
+    "shrink on another waveform (median; truth: 1)", "seconds a case (median)",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def benchmark() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("blind_benchmark", ROOT / "benchmarks/blind/run.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_a_small_benchmark_prints_the_whole_table_and_resumes(benchmark: ModuleType, tmp_path: Path) -> None:
+    arguments = (["T0", "T3"], 1, 3, ["aspiration"], 1)
+    card = benchmark.run(tmp_path, *arguments)
+    text = card.as_text()
+    assert (card.cases, card.missing) == (2, 0)
+    assert all(name in text for name in TABLE)
+    reports = sorted((tmp_path / "reports").glob("*.json"))
+    assert len(reports) == 2  # cases of different tiers never share a name
+    written = [r.stat().st_mtime_ns for r in reports]
+    reports[0].unlink()
+    benchmark.run(tmp_path, *arguments)
+    assert reports[0].exists()
+    assert reports[1].stat().st_mtime_ns == written[1]
+
+
+def test_folders_without_cases_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match="no such folder of cases"):
+        diagnose_cases(tmp_path / "none", tmp_path / "out")
+    with pytest.raises(FileNotFoundError, match="no case folder"):
+        diagnose_cases(tmp_path, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
