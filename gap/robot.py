@@ -16,10 +16,10 @@ from acquire.recording.model import Recording
 from gap.blocks import CLOCK_SD, Block, Group, GroupedSession, Table, candidates_for, compressed
 from gap.chains import needed, run
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Problem
-from gap.robot_loop import CONTROLLERS
+from gap.robot_loop import CONTROLLERS, Controller
 from gap.sheet_null import sheet_discrepancy
 from gap.smoothing import significant
-from gap.solve import fit
+from gap.solve import Fit, fit
 from sim_devices.chain import Chain, Effect, Operator
 from sim_devices.stages import nominal
 from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
@@ -35,6 +35,8 @@ SHEET_STEP = 0.05
 """s between nodes of the sheet, stamps apart."""
 STAMPS_SD = 1e-3
 """s: how late or early all stamps, or all commands, may soundly be (assumed)."""
+STRAINED = 60.0
+"""Penalty of the loop's tolerances above which the quick fit asks for drag."""
 KINK = 1e-6
 """s, within which a speed changes."""
 LOOP_STEP = 0.02
@@ -119,12 +121,21 @@ class AxesBlock(Block):
         self.local[k:] = True
         self.alternatives = (self.prior_sd,)
         self.controller = CONTROLLERS[0]
-        fits = []
-        for controller in CONTROLLERS:
-            self.controller = controller
-            fits.append((fit(self, nuisance=self.prior_mean, iterations=3), controller))
-        best, self.controller = min(fits, key=lambda f: f[0].objective)
-        self._start = best.nuisance
+        fits = [pair for controller in CONTROLLERS for pair in self._tried(controller)]
+        self._best, self.controller = min(fits, key=lambda pair: pair[0].objective)
+        alone = [f for f, controller in fits if controller is self.controller and not f.hypothesis]
+        self._start = alone[0].nuisance
+
+    def _tried(self, controller: Controller) -> list[tuple[Fit, Controller]]:
+        """Quick fits with a controller; also with drag where its gains are strained without, because much drag looks
+        like the other controller."""
+        self.controller = controller
+        fits = [fit(self, nuisance=self.prior_mean, iterations=3)]
+        drag = self.library.get("viscous_drag")
+        if fits[0].penalty > STRAINED and drag is not None:
+            extra = Candidate("viscous_drag", drag.name, drag.stage, drag.parameters, (self.name,))
+            fits.append(fit(self, (extra,), np.array([0.6]), self.prior_mean, iterations=6))
+        return [(f, controller) for f in fits]
 
     def start(self) -> FloatArray:
         return self._start.copy()
@@ -161,10 +172,11 @@ class AxesBlock(Block):
         return out.ravel()
 
     def true_axes(self, group: Group, time: FloatArray) -> FloatArray:
-        """Where the axes were at ``time`` (n,) s, (3, n) m, as far as the nominal fit knows."""
+        """Where the axes were at ``time`` (n,) s, (3, n) m, as far as the quick fits know."""
         load = self._loads[[g for g, _ in self.groups].index(group)]
-        operators = needed(self._chain(group, self._start, {}), numbered("axis"), load)
-        return _on_even_grid(operators, numbered("axis"), group, time + self._start[3], load)
+        nuisance = self._best.nuisance
+        operators = needed(self._chain(group, nuisance, self._best.active), numbered("axis"), load)
+        return _on_even_grid(operators, numbered("axis"), group, time + nuisance[3], load)
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         k = len(self.SD)
