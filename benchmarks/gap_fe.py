@@ -1,4 +1,4 @@
-"""Whether a diagnosis depends on the tissue law: ``python benchmarks/gap_fe.py [--cases 30] [--seed 1]``.
+"""Whether a diagnosis depends on the tissue law: ``python benchmarks/gap_fe.py [--cases 30] [--first 0] [--seed 1]``.
 
 Sessions of the suction instruments are made with one tissue (the reduced law or finite elements) and diagnosed with
 both. Printed for every case: the hidden effect, both verdicts, seconds of processor time; then how often the verdict
@@ -30,6 +30,7 @@ from sim_devices.stages.tissues import for_opening, suction_tissue
 MODEL = "suction_yeoh_qlv"
 NOTHING = 0.25
 """Share of the cases without any effect."""
+NOTHING_CLAIMED = {"none": "nothing", "undetectable": "nothing"}
 PAUSE = 20.0
 """s between recordings."""
 
@@ -170,10 +171,12 @@ def said(d: Diagnosis) -> str:
 
 
 def same_class(a: Diagnosis, b: Diagnosis) -> bool:
-    """Equal verdicts and, where causes are named, classes that share a member."""
-    if a.verdict.verdict != b.verdict.verdict:
+    """The same answer: nothing claimed by either (``none`` or ``undetectable``), both unknown, or causes whose classes
+    share a member."""
+    kinds = [NOTHING_CLAIMED.get(d.verdict.verdict, d.verdict.verdict) for d in (a, b)]
+    if kinds[0] != kinds[1]:
         return False
-    if a.verdict.verdict not in ("effect", "several"):
+    if kinds[0] not in ("effect", "several"):
         return True
     return bool(set(a.verdict.causes[0].names) & set(b.verdict.causes[0].names))
 
@@ -188,10 +191,11 @@ def right(d: Diagnosis, effect: str) -> bool:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", type=int, default=30)
+    parser.add_argument("--first", type=int, default=0, help="number of the first case")
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     rows: list[Row] = []
-    for number in range(options.cases):
+    for number in range(options.first, options.first + options.cases):
         try:
             case = make(number, options.seed)
         except ValueError as error:
@@ -224,7 +228,7 @@ def summarise(rows: Sequence[Row]) -> None:
     ):
         n = len(chosen)
         print(
-            f"{label}: {n} cases, same verdict {sum(r.verdict for r in chosen)}/{n}, same verdict and class "
+            f"{label}: {n} cases, same verdict word {sum(r.verdict for r in chosen)}/{n}, same answer "
             f"{sum(r.same for r in chosen)}/{n}; right: reduced {sum(r.right_reduced for r in chosen)}/{n}, "
             f"finite elements {sum(r.right_fe for r in chosen)}/{n}"
         )

@@ -169,6 +169,10 @@ def _problems(
     if instrument == "microrobot":
         from gap.robot import robot_problems
 
+        if solver:
+            from gap.fe_sheet import fe_force
+
+            return robot_problems(recordings, library(instrument, user_effects), fe_force(solver))
         return robot_problems(recordings, library(instrument, user_effects))
     raise DiagnosisError(f"instrument {instrument!r} has no built-in forward model: give one with --model file.py:Name")
 

@@ -14,14 +14,16 @@ stay those of the reduced tissue. Contact at the rim is frictionless and without
 
 from __future__ import annotations
 
+import abc
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from gap.blocks import Group, GroupedSession
+from gap.blocks import Block, Group, GroupedSession
 from gap.chains import needed
 from gap.fe_solver import Experiment, FeModel, fe_model
 from gap.hypothesis import Active, FloatArray, Problem
@@ -52,6 +54,12 @@ CURVE_POINTS = 25
 TABLE_POINTS = 600
 
 
+def relaxing_shares(start: FloatArray, x: FloatArray) -> FloatArray:
+    """Prony shares (k,), positive and below 1 together, at logs ``x`` (k,) of the relaxing moduli over ``start``."""
+    relaxing = start * np.exp(np.clip(x, -6.0, 6.0))
+    return np.asarray(relaxing / (1.0 + relaxing.sum()))
+
+
 def moduli(x: FloatArray, base: float) -> dict[str, float]:
     """Parameters of the Yeoh law at ``x`` (9,): logs of scale, c20/G, c30/G, relaxing moduli and their times, each
     over its start.
@@ -60,9 +68,8 @@ def moduli(x: FloatArray, base: float) -> dict[str, float]:
     """
     x = np.clip(x, -6.0, 6.0)
     modulus = base * float(np.exp(x[0]))
-    relaxing = np.array(SHARES) * np.exp(x[3:6])
+    shares = relaxing_shares(np.array(SHARES), x[3:6])
     times = np.array(TIMES) * np.exp(x[6:9])
-    shares = relaxing / (1.0 + relaxing.sum())
     out = {
         "G": modulus,
         "c20": BENDS[0] * modulus * float(np.exp(x[1])),
@@ -134,7 +141,45 @@ class Anchor:
     remainders: Mapping[str, tuple[FloatArray, FloatArray, FloatArray]]
 
 
-class FeHeightBlock(HeightBlock):
+class Anchored(Block):
+    """A block whose tissue is linearised about a finite-element solve: the first ``anchored_by`` nuisance parameters
+    are the ones solved for."""
+
+    model: FeModel
+    anchored_by: int
+    _anchor: Any = None  # with ``x``, where it was solved
+    _begin: FloatArray | None = None
+
+    @abc.abstractmethod
+    def _anchored(self, x: FloatArray) -> Any:
+        """The anchor at ``x``. Raises ValueError where the model cannot be solved."""
+
+    def _trusted(self, x: FloatArray) -> FloatArray:
+        """``x`` where the model can be solved."""
+        return x
+
+    def _settle(self) -> None:
+        """Move the anchor to where the fit leads, until it stays near."""
+        for _ in range(ANCHORS):
+            fitted = fit(self)
+            self._begin = fitted.nuisance
+            x = self._trusted(fitted.nuisance[: self.anchored_by])
+            if float(np.max(np.abs(x - self._anchor.x))) < NEAR:
+                return
+            try:
+                self._anchor = self._anchored(x)
+            except ValueError:  # the fit left where the model can be solved: the anchor before is the best there is
+                return
+
+    def start(self) -> FloatArray:
+        return self.prior_mean.copy() if self._begin is None else self._begin.copy()
+
+    @abc.abstractmethod
+    def surrogate_error(self, fitted: Fit) -> float:
+        """rms of surrogate less a full solve in units of the noise, at a fit's parameters and under its effects."""
+
+
+class FeHeightBlock(Anchored, HeightBlock):
     """Recorded pressure -> apex height with a finite-element tissue.
 
     Nuisance: the law's parameters of `moduli` in place of the reduced ones; all else as in `HeightBlock`.
@@ -144,6 +189,8 @@ class FeHeightBlock(HeightBlock):
         "scale", "bend2", "bend3", "relax1", "relax2", "relax3", "time1", "time2", "time3", "residual", "softening",
     )  # fmt: skip
     TISSUE_SD: tuple[float, ...] = (1.0, 0.7, 1.0, 0.7, 0.7, 0.7, 0.7, 0.7, 0.7, 0.1, 0.04)
+
+    anchored_by = len(FREE)
 
     def __init__(
         self,
@@ -159,35 +206,15 @@ class FeHeightBlock(HeightBlock):
                 f"suction models of Yeoh's law with quasi-linear viscoelasticity (suction_yeoh_qlv)"
             )
         self.model = model
-        self._anchor: Anchor | None = None
         self._base = 0.0
-        self._begin: FloatArray | None = None
         super().__init__(session, library, pressure)
         self._settle()
-
-    def _settle(self) -> None:
-        """Move the anchor to where the fit leads, until it stays near."""
-        for _ in range(ANCHORS):
-            fitted = fit(self)
-            self._begin = fitted.nuisance
-            x = fitted.nuisance[: len(FREE)]
-            assert self._anchor is not None
-            if float(np.max(np.abs(x - self._anchor.x))) < NEAR:
-                return
-            try:
-                self._anchor = self._anchored(x)
-            except ValueError:  # the fit left where the model can be solved: the anchor before is the best there is
-                return
 
     def _first_guess(self) -> FloatArray:
         if self._anchor is None:
             self._base = self._scale()
             self._anchor = self._anchored(np.zeros(len(FREE)))
         return np.zeros(len(self.TISSUE) + 1)
-
-    def start(self) -> FloatArray:
-        self._first_guess()
-        return self.prior_mean.copy() if self._begin is None else self._begin.copy()
 
     def tissue(self, nuisance: FloatArray) -> SuctionTissue:
         """What the reduced tissue keeps: slow flow and softening; its own curve and memory are not used."""
@@ -205,7 +232,7 @@ class FeHeightBlock(HeightBlock):
         chain = before(chain, "elastic", lambda s, t: Law("fe_creep", "tissue", s, t, prony, memory))
         at, value, slopes = self._anchor.remainders[group.specimen]
         values = value + slopes @ (x - self._anchor.x)
-        return after(chain, "memory", lambda s, t: Map("fe_remainder", "tissue", s, t, _added, (at, values)))  # type: ignore[arg-type]
+        return after(chain, "memory", lambda s, t: Map("fe_remainder", "tissue", s, t, _added, (at, values)))
 
     def _surrogate(self, x: FloatArray, anchor: Anchor) -> tuple[tuple[FloatArray, FloatArray], tuple[float, ...]]:
         law = moduli(x, self._base)
@@ -333,7 +360,7 @@ def checked(problems: Iterable[Problem], fits: Mapping[str, Fit]) -> tuple[int, 
     """Number of finite-element solves, and in plain words how far the surrogate is off a full solve at ``fits``."""
     solves, remarks = 0, []
     for p in problems:
-        if isinstance(p, FeHeightBlock):
+        if isinstance(p, Anchored):
             try:
                 error = f"the surrogate is {p.surrogate_error(fits[p.name]):.2g} σ (rms) off a full solve"
             except ValueError as failure:
