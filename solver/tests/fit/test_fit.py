@@ -204,3 +204,13 @@ def test_page_is_whole_and_shows_text_as_text(run: Run, record: Record, tmp_path
     assert "<script" not in page
     assert "http" not in page
     assert page.count("data:image/png;base64,") == 3  # correlations, profile, curves; this model has no mesh
+
+
+def test_a_curve_without_weight_has_no_vaf(run: Run, record: Record, tmp_path: Any) -> None:
+    both = [record(TRUTH), record(TRUTH, seed=1, instrument="aspiration")]
+    result = run(both, recordings={"aspiration": {"weight": 0}})
+    assert result.curves[0].vaf > 0.999
+    assert np.isnan(result.curves[1].vaf)
+    assert result.as_dict()["recordings"][1]["channels"]["apex_height"]["vaf"] is None
+    assert values(result) == pytest.approx(values(run(both[:1])), rel=1e-3)
+    result.write_page(tmp_path / "fit.html")

@@ -73,11 +73,15 @@ def curves(result: FitResult, label: str) -> Figure:
     return figure
 
 
+def _fitted(curve: Curve) -> str:
+    return f"fitted, VAF {100 * curve.vaf:.2f} %" if np.isfinite(curve.vaf) else "fitted"
+
+
 def _compare(above: Any, below: Any, curve: Curve, step: int) -> None:
     factor, word = _axis(curve.channel)
     time = curve.time[::step]
     above.plot(time, factor * curve.data[::step], color=DATA, lw=2.6, label="measured")
-    above.plot(time, factor * curve.model[::step], color=MODEL, lw=1.1, label=f"fitted, VAF {100 * curve.vaf:.2f} %")
+    above.plot(time, factor * curve.model[::step], color=MODEL, lw=1.1, label=_fitted(curve))
     above.set_ylabel(word)
     above.legend(fontsize=8, loc="best")
     below.axhspan(-2 * factor * curve.noise, 2 * factor * curve.noise, color=GRID, lw=0)

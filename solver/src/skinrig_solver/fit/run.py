@@ -291,5 +291,8 @@ def _result(
 
 
 def _vaf(residual: Array, data: Array) -> float:
-    """Variance accounted for as paper M counts it: 1 - sum of squared residuals over sum of squared data."""
-    return float(1.0 - residual @ residual / (data @ data))
+    """Variance accounted for as paper M counts it: 1 - sum of squared residuals over sum of squared data.
+
+    nan for a curve that is zero or has no weight."""
+    size = float(data @ data)
+    return 1.0 - float(residual @ residual) / size if size > 0.0 else float("nan")
