@@ -1,7 +1,7 @@
 """What generic effects do to a signal: causal, with a state, on whole series or sample by sample.
 
-Forms: Coulomb/Stribeck after Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30 (1994) 1083; Dahl after P. Dahl,
-AIAA J. 14 (1976) 1675; Bouc-Wen after Y. Wen, J. Eng. Mech. Div. 102 (1976) 249; play (backlash) after
+Forms: Coulomb/Stribeck after Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30 (1994) 1083; Dahl after
+P. Dahl, AIAA J. 14 (1976) 1675; Bouc-Wen after Y. Wen, J. Eng. Mech. Div. 102 (1976) 249; play (backlash) after
 Krasnoselskii and Pokrovskii. All take ``(state, time, values, related, p)`` and return the changed values.
 """
 
