@@ -29,7 +29,10 @@ def diagnosis_picture(d: Diagnosis, path: Path) -> None:
         at = problem.rows.recording == run
         time = problem.rows.time[at] - problem.rows.time[at][0]
         measured, sigma = problem.measured[at], problem.sigma[at]
-        for fit, colour, label in ((d.comparison.null, NOMINAL, "simulated"), (d.best, WITH_EFFECT, "with the effect")):
+        for fit, colour, label in (
+            (d.comparison.null, NOMINAL, "nominal, refitted"),
+            (d.best, WITH_EFFECT, "with the effect"),
+        ):
             residual = fit.fits["pressure"].residual[at]
             top.plot(time, (measured - residual * sigma) / 100, color=colour, lw=1.6, label=label)
             low.plot(time, residual, color=colour, lw=1.2)
