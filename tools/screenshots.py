@@ -84,14 +84,14 @@ class Photographer:
     def run(self, name: str, until: float) -> None:
         """Start the chosen protocol and wait until ``until`` of it is done."""
         window = self.window
-        window.result.result = None
+        window.recordings.result.result = None
         window.controls.start_button.click()
         self.wait(lambda: window.views[name].duration > 0 and window.views[name].state == "running")
         self.wait(lambda: window.views[name].elapsed > until * window.views[name].duration)
 
     def finish(self) -> None:
         """Wait for the result."""
-        self.wait(lambda: self.window.result.result is not None)
+        self.wait(lambda: self.window.recordings.result.result is not None)
 
     def close(self) -> None:
         """Close the window."""
@@ -121,7 +121,7 @@ def light(folder: Path, runs: Path, store: QSettings) -> None:
             at.shoot("measure-cutometer")
         at.finish()
     at.shoot("result")
-    window.result.pages.setCurrentIndex(1)
+    window.recordings.result.pages.setCurrentIndex(1)
     at.shoot("result-compared")
     at.ready("microrobot")
     at.run("microrobot", 0.66)
@@ -137,10 +137,10 @@ def light(folder: Path, runs: Path, store: QSettings) -> None:
     at.shoot("emergency-stop")
     window.alarm.button.click()
     at.wait(lambda: not any(view.state == "tripped" for view in window.views.values()))
-    window.refresh()
-    at.wait(lambda: window.browser.table.rowCount() >= 4)
-    window.tabs.setCurrentWidget(window.browser)
-    window.browser.table.selectRow(window.browser.table.rowCount() - 1)
+    window.recordings.refresh()
+    at.wait(lambda: window.recordings.browser.table.rowCount() >= 4)
+    window.tabs.setCurrentWidget(window.recordings.browser)
+    window.recordings.browser.table.selectRow(window.recordings.browser.table.rowCount() - 1)
     at.shoot("recordings")
     at.close()
 
@@ -155,21 +155,21 @@ def tools(folder: Path, runs: Path, store: QSettings) -> None:
     for _ in range(2):
         at.run("cutometer", 0.9)
         at.finish()
-    window.refresh()
-    at.wait(lambda: window.browser.table.rowCount() == 2 and not window.analyst.busy)
-    window.tabs.setCurrentWidget(window.browser)
-    window.browser.table.selectAll()
-    window.browser.diagnose.click()
-    window.diagnosis.start.click()
-    at.wait(lambda: not window.diagnosis.running, timeout=600)
-    window.diagnosis.next.click()
+    window.recordings.refresh()
+    at.wait(lambda: window.recordings.browser.table.rowCount() == 2 and not window.recordings.analyst.busy)
+    window.tabs.setCurrentWidget(window.recordings.browser)
+    window.recordings.browser.table.selectAll()
+    window.recordings.browser.diagnose.click()
+    window.recordings.diagnosis.start.click()
+    at.wait(lambda: not window.recordings.diagnosis.running, timeout=600)
+    window.recordings.diagnosis.next.click()
     at.shoot("diagnosis")
-    window.tabs.setCurrentWidget(window.browser)
-    window.browser.fit.click()
-    window.fit.field.setText("suction_yeoh_qlv")
-    window.fit.start.click()
-    at.wait(lambda: not window.fit.running, timeout=900)
-    window.fit.next.click()
+    window.tabs.setCurrentWidget(window.recordings.browser)
+    window.recordings.browser.fit.click()
+    window.recordings.fit.field.setText("suction_yeoh_qlv")
+    window.recordings.fit.start.click()
+    at.wait(lambda: not window.recordings.fit.running, timeout=900)
+    window.recordings.fit.next.click()
     at.shoot("fit")
     at.close()
 
@@ -190,8 +190,8 @@ def dark(folder: Path, runs: Path, store: QSettings) -> None:
     old = time.time() - 3600
     os.utime(runs / "left-by-a-crash.journal", (old, old))
     at = Photographer(folder, runs, store)
-    at.wait(lambda: at.window.offer.isVisible())
-    at.window.tabs.setCurrentWidget(at.window.browser)
+    at.wait(lambda: at.window.recordings.offer.isVisible())
+    at.window.tabs.setCurrentWidget(at.window.recordings.browser)
     at.shoot("recovery-dark")
     at.close()
 

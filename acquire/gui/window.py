@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -22,21 +21,18 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from acquire.gui import reading, settings, theme
+from acquire.gui import settings, theme
 from acquire.gui.client import Client
 from acquire.gui.estop import EmergencyStop
-from acquire.gui.jobs import Analyst
 from acquire.gui.messages import LIVE, NEEDS_RESET, BenchSettings, Finished, ProtocolEntry, Ready, Reply, View
-from acquire.gui.panels import tool
 from acquire.gui.panels.banner import Banner
-from acquire.gui.panels.browser import BrowserPanel
 from acquire.gui.panels.controls import ControlBar
 from acquire.gui.panels.health import Health
 from acquire.gui.panels.instruments import InstrumentsPanel
 from acquire.gui.panels.measure import MeasurePanel
 from acquire.gui.panels.prepare import PreparePanel
-from acquire.gui.panels.result import ResultPanel
 from acquire.gui.panels.subject import SubjectPanel
+from acquire.gui.recordings import Recordings
 
 FRAME = 33  # ms between two turns of the one timer
 SIDE = 396  # px, the column of instruments and subject
@@ -56,21 +52,19 @@ class MainWindow(QMainWindow):
         self.bench = bench
         self.latched = False
         self.views: dict[str, View] = {}
-        self._asked_to_run = False
-        self._resetting = False
-        self._abandoned: Sequence[Path] = ()
+        self._asked_to_run: set[str] = set()  # instruments between START and the first view of the run
+        self._resetting: set[str] = set()
         self._entries: tuple[ProtocolEntry, ...] = ()
         self._drawn: dict[str, MeasurePanel] = {}
         self._build()
         self._menu()
-        self.analyst = Analyst()
         app = QApplication.instance()
         assert isinstance(app, QApplication)
         self.estop = EmergencyStop(app, lambda: self.live)
         self.estop.fired.connect(self.emergency_stop)
         self.client: Client
         self._connect_bench()
-        self.refresh()
+        self.recordings.refresh()
         self._timer = QTimer(self)
         self._timer.setTimerType(Qt.TimerType.PreciseTimer)
         self._timer.timeout.connect(self.tick)
@@ -81,27 +75,14 @@ class MainWindow(QMainWindow):
     def _build(self) -> None:
         self.instruments, self.subject = InstrumentsPanel(), SubjectPanel()
         self.controls, self.health = ControlBar(), Health()
-        self.alarm, self.offer = Banner("alarm", "Reset"), Banner("offer", "Recover", "Later")
-        self.prepare, self.result, self.browser = PreparePanel(), ResultPanel(), BrowserPanel()
+        self.alarm, self.prepare = Banner("alarm", "Reset"), PreparePanel()
         self.measure = QStackedWidget()
-        self.diagnosis = tool.ToolPanel(
-            "Why do simulation and measurement differ?",
-            "Diagnoses recordings of one session together: where the gap arises, which effect makes it, how far it "
-            "shrinks. It runs in a process of its own and may take minutes.",
-            "forward model of another rig: file.py:Name",
-            tool.diagnosis,
-        )
-        self.fit = tool.ToolPanel(
-            "Fit a material model",
-            "Identifies a model's parameters from the recordings together, by the solver plugin, with their errors. "
-            "The model is one of 'acquire fit --list'.",
-            "model",
-            tool.fit,
-        )
+        self.recordings = Recordings(self.bench.out, self)
+        kept = self.recordings
         self.tabs = QTabWidget()
         for widget, title in (
-            (self.prepare, "Protocol"), (self.measure, "Measure"), (self.result, "Result"),
-            (self.browser, "Recordings"), (self.diagnosis, "Diagnosis"), (self.fit, "Fit"),
+            (self.prepare, "Protocol"), (self.measure, "Measure"), (kept.result, "Result"),
+            (kept.browser, "Recordings"), (kept.diagnosis, "Diagnosis"), (kept.fit, "Fit"),
         ):  # fmt: skip
             self.tabs.addTab(widget, title)
         side = QWidget()
@@ -123,7 +104,7 @@ class MainWindow(QMainWindow):
         column = QVBoxLayout(central)
         column.addWidget(self.controls)
         column.addWidget(self.alarm)
-        column.addWidget(self.offer)
+        column.addWidget(kept.offer)
         column.addLayout(row, 1)
         self.setCentralWidget(central)
         self.statusBar().addPermanentWidget(self.health, 1)
@@ -145,13 +126,10 @@ class MainWindow(QMainWindow):
         self.controls.halt.connect(lambda: self._ask("abort", self.current))
         self.controls.estop.connect(self.emergency_stop)
         self.alarm.accepted.connect(self.reset)
-        self.offer.accepted.connect(lambda: self.recover(self._abandoned))
-        self.browser.refresh_wanted.connect(self.refresh)
-        self.browser.folder_wanted.connect(self._change_folder)
-        self.browser.open_wanted.connect(self.show_recording)
-        self.browser.recover_wanted.connect(self.recover)
-        self.browser.diagnose_wanted.connect(partial(self._hand_on, self.diagnosis))
-        self.browser.fit_wanted.connect(partial(self._hand_on, self.fit))
+        self.recordings.browser.folder_wanted.connect(self._change_folder)
+        self.recordings.said.connect(self._say)
+        self.recordings.page_wanted.connect(self.tabs.setCurrentWidget)
+        self.recordings.result_ready.connect(lambda page: None if self.live else self.tabs.setCurrentWidget(page))
 
     def _menu(self) -> None:
         view = self.menuBar().addMenu("&View")
@@ -180,7 +158,7 @@ class MainWindow(QMainWindow):
     @property
     def live(self) -> bool:
         """Whether an instrument acts on a person, or may begin to at any moment."""
-        return self._asked_to_run or any(view.state in LIVE for view in self.views.values())
+        return bool(self._asked_to_run) or any(view.state in LIVE for view in self.views.values())
 
     @property
     def ready(self) -> bool:
@@ -191,27 +169,26 @@ class MainWindow(QMainWindow):
     def tick(self) -> None:
         """One turn of the timer: liveness, news, painting."""
         self.client.poll()
-        self.analyst.poll()
-        self.diagnosis.tick()
-        self.fit.tick()
+        self.recordings.tick()
         self.health.count_frame()
 
     def _show_views(self, views: tuple[View, ...]) -> None:
         for view in views:
             self.views[view.name] = view
-            self._asked_to_run = self._asked_to_run and view.state not in LIVE
+            if view.state in LIVE:
+                self._asked_to_run.discard(view.name)
             panel = self._drawn.get(view.name)
             if panel is not None:
                 panel.show_view(view, self.measure.currentWidget() is panel and panel.isVisible())
         self.instruments.show_views(views)
         self._show_controls()
         self.health.show_view(self.views.get(self.current))
-        stopped = [view for view in self.views.values() if view.state in NEEDS_RESET]
-        if stopped and not self.alarm.isVisible() and not self._resetting:
-            self.latched = True
-            self.alarm.say(
-                f"STOPPED – {stopped[0].trip or stopped[0].error or stopped[0].state}. Everything is vented."
-            )
+        for view in views:
+            if view.state in NEEDS_RESET and view.name not in self._resetting and self.alarm.isHidden():
+                self.latched = True
+                self.alarm.say(
+                    f"{view.state.upper()} – {view.trip or view.error or view.name}. Look first, then reset."
+                )
 
     def _show_controls(self) -> None:
         self.controls.show_view(self.views.get(self.current), ready=self.ready)
@@ -267,7 +244,7 @@ class MainWindow(QMainWindow):
         self._connect_bench()
 
     def _lost(self, why: str) -> None:
-        self._asked_to_run = False
+        self._asked_to_run.clear()
         self.latched = True
         self.alarm.say(f"{why[0].upper()}{why[1:]}.", "Start it again")
 
@@ -299,22 +276,23 @@ class MainWindow(QMainWindow):
             return
         panel = self._drawn[self.current]
         panel.expect(self.prepare.preview)
-        self._asked_to_run = True
+        name = self.current
+        self._asked_to_run.add(name)
         self.tabs.setCurrentWidget(self.measure)
         gvt = {"gvt": panel.camera.gvt} if panel.camera is not None else {}
 
         def started(reply: Reply) -> None:
             if reply.error:
-                self._asked_to_run = False  # else until a view says so: no moment without the emergency stop's key
+                self._asked_to_run.discard(name)  # else not before a view: no moment without the emergency stop's key
             self._tell(reply)
 
-        self.client.ask("run", self.current, started, protocol=self.prepare.chosen, **self.subject.who(), **gvt)
+        self.client.ask("run", name, started, protocol=self.prepare.chosen, **self.subject.who(), **gvt)
 
     def emergency_stop(self) -> None:
         """Vent everything, by a pipe that carries nothing else; latched until `reset`."""
         self.client.stop()
         self.latched = True
-        self._resetting = False
+        self._resetting.clear()
         self.alarm.say("EMERGENCY STOP – everything vents. Look first, then reset.")
         self._show_controls()
 
@@ -327,67 +305,33 @@ class MainWindow(QMainWindow):
             self._connect_bench()
             return
         stopped = [name for name, view in self.views.items() if view.state in NEEDS_RESET]
-        self._resetting = bool(stopped)
+        self._resetting = set(stopped)
 
-        def done(reply: Reply) -> None:
-            self._resetting = False
+        def done(name: str, reply: Reply) -> None:
+            self._resetting.discard(name)
             self._tell(reply)
 
         for name in stopped:
-            self.client.ask("reset", name, done)
+            self.client.ask("reset", name, partial(done, name))
 
     def _finished(self, finished: Finished) -> None:
-        self._asked_to_run = False
+        self._asked_to_run.discard(finished.instrument)
         if finished.status == "completed":
             self.subject.count_repeat()
-        self.refresh()
+        self.recordings.refresh()
         if finished.recording is not None:
-            self.result.show_waiting("Reading the recording …")
-            self.show_recording(finished.recording)
+            self.recordings.show_recording(finished.recording)
         else:
-            self.statusBar().showMessage(f"No recording: {finished.reason}", 20000)
+            self._say(f"No recording: {finished.reason}")
 
     def _ask(self, action: str, name: str, **arguments: object) -> None:
         self.client.ask(action, name, self._tell, **arguments)
 
     def _tell(self, reply: Reply) -> None:
         if reply.error:
-            self.statusBar().showMessage(reply.error, 15000)
+            self._say(reply.error)
 
-    # Recordings -------------------------------------------------------------------------------------------------------
-
-    def refresh(self) -> None:
-        """Read the list of recordings anew."""
-        self.analyst.ask(reading.listing, self.bench.out, then=self._show_rows, fault=self._fault)
-
-    def show_recording(self, path: Path) -> None:
-        """Read a recording and show its result."""
-        self.analyst.ask(reading.result, path, then=self._show_result, fault=self._fault)
-
-    def recover(self, journals: Sequence[Path]) -> None:
-        """Make recordings of what a crash left."""
-        self.offer.hide()
-        for journal in journals:
-            self.analyst.ask(reading.recovered, journal, then=lambda path: self.refresh(), fault=self._fault)
-
-    def _show_rows(self, rows: tuple[reading.Row, ...]) -> None:
-        self.browser.show_rows(self.bench.out, rows)
-        abandoned = [row.path for row in rows if row.path.suffix == ".journal"]
-        if abandoned and set(abandoned) != set(self._abandoned):
-            runs = "a run was" if len(abandoned) == 1 else f"{len(abandoned)} runs were"
-            self.offer.say(f"The last time {runs} not finished (a crash, a power cut). The data are there.")
-        self._abandoned = abandoned
-
-    def _show_result(self, result: reading.Result) -> None:
-        self.result.show_result(result)
-        if not self.live:
-            self.tabs.setCurrentWidget(self.result)
-
-    def _hand_on(self, panel: tool.ToolPanel, runs: Sequence[Path]) -> None:
-        panel.choose(runs)
-        self.tabs.setCurrentWidget(panel)
-
-    def _fault(self, text: str) -> None:
+    def _say(self, text: str) -> None:
         self.statusBar().showMessage(text, 20000)
 
     # Dialogs ----------------------------------------------------------------------------------------------------------
@@ -412,7 +356,7 @@ class MainWindow(QMainWindow):
             self.bench = replace(self.bench, out=Path(path))
             self.client.close()
             self._connect_bench()
-            self.refresh()
+            self.recordings.refresh()
 
     def _other_theme(self) -> None:
         self.kept.theme = "light" if theme.current() is theme.DARK else "dark"
@@ -436,9 +380,7 @@ class MainWindow(QMainWindow):
         self._timer.stop()
         self.estop.remove()
         self.client.close()
-        self.diagnosis.close_tool()
-        self.fit.close_tool()
-        self.analyst.close()
+        self.recordings.close()
         self.kept.operator = self.subject.operator.text()
         self.kept.geometry = self.saveGeometry()
         settings.save(self.store, self.kept)

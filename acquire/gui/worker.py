@@ -82,7 +82,9 @@ class Worker:
         guard = threading.Thread(target=self._guard, name="guard", daemon=True)
         publisher = threading.Thread(target=self._publish, name="publisher", daemon=True)
         guard.start()
-        name = self._fault or self.session.station.name or "station"
+        name = self.session.station.name or "station"
+        if self._fault:
+            name = f"{self._fault}\nThe simulated bench is open instead."
         self._outbox.put(Ready(name, answers.instruments(self.session)))
         publisher.start()
         try:

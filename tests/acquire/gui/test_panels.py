@@ -53,22 +53,22 @@ def test_faults_and_recovery_and_a_dead_worker(
     assert [mark.cursor.blockNumber() for mark in window.prepare.text.extraSelections()] == [5]
     assert not window.ready
     # What a crash left is offered, and becomes a recording.
-    qtbot.waitUntil(lambda: window.offer.isVisible(), timeout=PATIENCE)
-    window.offer.button.click()
-    qtbot.waitUntil(lambda: any(row.status == "recovered" for row in window.browser.rows), timeout=PATIENCE)
+    qtbot.waitUntil(lambda: window.recordings.offer.isVisible(), timeout=PATIENCE)
+    window.recordings.offer.button.click()
+    qtbot.waitUntil(lambda: any(row.status == "recovered" for row in window.recordings.browser.rows), timeout=PATIENCE)
     assert not crashed.exists()
     assert open_recording(crashed.with_suffix(".h5")).info.subject == "P9"
-    assert not window.offer.isVisible()
+    assert not window.recordings.offer.isVisible()
     # The browser finds it and hands it on.
-    window.browser.filter.setText("p9 recovered")
-    assert not window.browser.table.isRowHidden(0)
-    window.browser.filter.setText("nobody")
-    assert window.browser.table.isRowHidden(0)
-    window.browser.filter.clear()
-    window.browser.table.selectRow(0)
-    window.browser.diagnose.click()
-    assert window.tabs.currentWidget() is window.diagnosis
-    assert "left" in window.diagnosis.chosen.text()
+    window.recordings.browser.filter.setText("p9 recovered")
+    assert not window.recordings.browser.table.isRowHidden(0)
+    window.recordings.browser.filter.setText("nobody")
+    assert window.recordings.browser.table.isRowHidden(0)
+    window.recordings.browser.filter.clear()
+    window.recordings.browser.table.selectRow(0)
+    window.recordings.browser.diagnose.click()
+    assert window.tabs.currentWidget() is window.recordings.diagnosis
+    assert "left" in window.recordings.diagnosis.chosen.text()
     # A worker that dies is told, and another one started.
     pid = window.client.process.pid
     assert pid is not None

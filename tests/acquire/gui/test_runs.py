@@ -45,8 +45,8 @@ def test_from_click_to_recording(qtbot: QtBot, make_window: MakeWindow, store: Q
     if panel.robot is not None:
         assert "N" in panel.robot.numbers.text()
     assert window.controls.countdown.text()
-    qtbot.waitUntil(lambda: window.result.result is not None, timeout=PATIENCE)
-    result = window.result.result
+    qtbot.waitUntil(lambda: window.recordings.result.result is not None, timeout=PATIENCE)
+    result = window.recordings.result.result
     assert result is not None
     recording = open_recording(result.path)
     assert recording.info.status == "completed"
@@ -54,11 +54,11 @@ def test_from_click_to_recording(qtbot: QtBot, make_window: MakeWindow, store: Q
     assert CHANNELS[name] in recording.streams
     if panel.camera is not None:  # a threshold set by hand is the recording's too
         assert recording.info.calibration["gvt"]["value"] == proposed + 10
-    assert window.result.flags
-    assert window.result.picture.shown
-    assert window.result.table.rowCount() > 0
+    assert window.recordings.result.flags
+    assert window.recordings.result.picture.shown
+    assert window.recordings.result.table.rowCount() > 0
     assert window.subject.repeat.value() == 2
-    qtbot.waitUntil(lambda: window.browser.table.rowCount() == 1, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: window.recordings.browser.table.rowCount() == 1, timeout=PATIENCE)
     window.shut()
     kept = settings.load(store)
     assert kept.instrument == name
@@ -76,7 +76,7 @@ def test_pause_resume_stop(qtbot: QtBot, make_window: MakeWindow) -> None:
     window.controls.pause_button.click()
     qtbot.waitUntil(lambda: state(window, "cutometer") == "running", timeout=PATIENCE)
     window.controls.stop_button.click()
-    qtbot.waitUntil(lambda: window.result.result is not None, timeout=PATIENCE)
-    assert window.result.result is not None
-    assert window.result.result.summary["status"] == "aborted"
+    qtbot.waitUntil(lambda: window.recordings.result.result is not None, timeout=PATIENCE)
+    assert window.recordings.result.result is not None
+    assert window.recordings.result.result.summary["status"] == "aborted"
     assert window.subject.repeat.value() == 1

@@ -59,9 +59,9 @@ def acting(qtbot: QtBot, make_window: MakeWindow, server: Server, station: Path)
 
 
 def ended(qtbot: QtBot, window: MainWindow) -> str:
-    qtbot.waitUntil(lambda: window.result.result is not None, timeout=PATIENCE)
-    assert window.result.result is not None
-    recording = open_recording(window.result.result.path)
+    qtbot.waitUntil(lambda: window.recordings.result.result is not None, timeout=PATIENCE)
+    assert window.recordings.result.result is not None
+    recording = open_recording(window.recordings.result.result.path)
     assert recording.streams["pressure"].value.min() < -20e3
     return recording.info.status
 
@@ -135,8 +135,8 @@ def test_the_worker_s_own_stop_while_the_window_is_frozen(qtbot: QtBot, acting: 
     os.kill(pid, signal.SIGINT)  # Ctrl-C in the terminal
     door.wait_vented(5.0)
     assert ended(qtbot, window) == "tripped"
-    assert window.result.result is not None
-    assert "Ctrl-C" in window.result.result.summary["trip_reason"]
+    assert window.recordings.result.result is not None
+    assert "Ctrl-C" in window.recordings.result.result.summary["trip_reason"]
 
 
 def test_closing_the_window(qtbot: QtBot, acting: tuple[MainWindow, BackDoor], tmp_path: Path) -> None:
