@@ -43,7 +43,7 @@ def session(instrument: str, effect: str = "", seed: int = 11, **values: float) 
     [
         ("cutometer", "regulator_lag", {"tau": 0.3}),
         ("aspiration", "leak", {"shortfall": 0.12}),
-        ("microrobot", "viscous_drag", {"drag": 300.0}),
+        ("microrobot", "latency", {"delay": 0.07}),
     ],
 )
 def test_a_strong_effect_is_named_with_its_stage(instrument: str, effect: str, values: dict[str, float]) -> None:
