@@ -20,7 +20,7 @@ MEMORY = (0.0, 0.05, 0.25, 1.0, 4.0, 16.0, 80.0)
 """Time constants of the fading memory, s (0: instantaneous)."""
 PAST = (0.1, 0.6, 3.0, 15.0, 80.0)
 """Time constants of what the sheet remembers of the displacement itself, s."""
-SETS = (0.15, 0.4, 0.7)
+SETS = (0.06, 0.12, 0.2, 0.3, 0.45, 0.65, 0.85)
 """Half widths of plays, of the largest displacement: what of the past stays."""
 GRID_STEP = 0.04
 """s; the robot's displacement is slow."""
@@ -55,7 +55,9 @@ def sheet_discrepancy(time: FloatArray, displacement: FloatArray, stamps: FloatA
     for width in SETS:
         stay = np.empty_like(u)
         played(u, width, stay)
-        families.append((gradients(stay, 2), 0.5))
+        families.append((gradients(stay, 2), 1.0))
+        families.append((gradients(u - stay, 6), 1.0))
+        families.append((gradients(lagged(grid, stay, 3.0), 2), 0.5))
     columns = np.concatenate([np.stack([[np.interp(stamps, grid, a) for a in f] for f in fs]) for fs, _ in families])
     weights = np.concatenate([np.full(len(fs), w) for fs, w in families])
     return np.moveaxis(columns, 0, -1), weights

@@ -70,38 +70,3 @@ def suction_discrepancy(
             basis[inside] -= at_mark
     size = np.maximum(np.max(np.abs(basis), axis=0), 1e-9)
     return basis / size, np.asarray(weights)
-
-
-SHEET_MEMORY = (0.0, 0.1, 0.7, 4.0, 30.0)
-"""Time constants of the sheet's fading memory, s."""
-
-
-def sheet_discrepancy(time: FloatArray, displacement: FloatArray, stamps: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Forces (3, n, q) at ``stamps`` (n,) s that other conservative sheets with fading memory could make, and weights
-    (q,).
-
-    ``displacement`` (3, m) m at ``time`` (m,) s. Elastic forces are gradients of potentials: monomials of degree 2 to
-    4 in the displacement over its largest value; each is followed by every memory.
-    """
-    grid = np.unique(np.concatenate([stamps, time[:: max(1, len(time) // 15000)]]))
-    u = np.stack([np.interp(grid, time, d) for d in displacement])
-    u = u / (float(np.max(np.abs(u))) or 1.0)
-    powers = [np.stack([np.ones_like(c), c, c**2, c**3, c**4]) for c in u]
-    columns = []
-    for degree in (2, 3, 4):
-        for i in range(degree + 1):
-            for j in range(degree + 1 - i):
-                exponents = (i, j, degree - i - j)
-                gradient = np.zeros_like(u)
-                for axis in range(3):
-                    if exponents[axis]:
-                        lowered = [e - (k == axis) for k, e in enumerate(exponents)]
-                        gradient[axis] = (
-                            exponents[axis] * powers[0][lowered[0]] * powers[1][lowered[1]] * powers[2][lowered[2]]
-                        )
-                for tau in SHEET_MEMORY:
-                    columns.append(
-                        [np.interp(stamps, grid, evaluate(low_pass, grid, g, tau) if tau else g) for g in gradient]
-                    )
-    basis = np.moveaxis(np.asarray(columns), 0, -1)
-    return basis, np.ones(basis.shape[-1])

@@ -1,0 +1,84 @@
+"""The parts under the micro-robot's diagnosis: smoothing, the basis of other sheets, controllers, and the blocks."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gap import own
+from gap.blocks import GroupedSession
+from gap.robot import QUANTITIES, AxesBlock, ForceBlock
+from gap.robot_loop import CONTROLLERS
+from gap.sheet_null import gradients, lagged, played, sheet_discrepancy
+from gap.smoothing import significant
+from gap.solve import fit
+from sim_devices.chain import FloatArray
+from sim_devices.stages import nominal
+from sim_devices.stages.kernels import evaluate, low_pass
+
+
+def test_smoothing_keeps_a_step_and_averages_the_rest() -> None:
+    rng = np.random.default_rng(1)
+    time = np.arange(4000) / 100
+    truth = np.where(time < 20, 0.0, 1.0)
+    smooth = significant(time, truth + rng.normal(0, 0.05, len(time)))
+    away = np.abs(time - 20) > 3
+    assert np.std((smooth - truth)[away]) < 0.05 / 8
+    assert abs(smooth[1990]) < 0.1
+    assert abs(smooth[2010] - 1) < 0.1
+
+
+def test_gradients_are_free_of_curl() -> None:
+    rng = np.random.default_rng(2)
+    point = rng.normal(size=(3, 1))
+    for degree in (2, 3, 4):
+        step = 1e-5
+        moved = [gradients(point + step * np.eye(3)[:, [k]], degree) for k in range(3)]
+        still = gradients(point, degree)
+        slope = np.stack([(m - still)[:, :, 0] / step for m in moved])  # (by which, term, of which)
+        assert np.allclose(slope, np.swapaxes(slope, 0, 2), atol=1e-3)
+
+
+def test_lag_agrees_with_the_kernel_and_play_stays_within_its_width() -> None:
+    time = np.sort(np.random.default_rng(3).uniform(0, 10, 200))
+    u = np.stack([np.sin(time), np.cos(time) - 1, 0 * time]) - np.array([[np.sin(time[0])], [np.cos(time[0]) - 1], [0]])
+    assert np.allclose(lagged(time, u, 0.7)[0], evaluate(low_pass, time, u[0], 0.7), atol=1e-9)
+    stay = np.empty_like(u)
+    played(u, 0.3, stay)
+    assert np.all(np.linalg.norm(u - stay, axis=0) < 0.3 + 1e-9)
+
+
+def test_the_basis_of_other_sheets_holds_a_sheet_with_slow_memory() -> None:
+    time = np.arange(0, 30, 0.01)
+    u = np.stack([1e-3 * np.sin(0.6 * time) ** 2, 0 * time, 0 * time])
+    stamps = np.arange(0.1, 29, 0.1)
+    basis, weights = sheet_discrepancy(time, u, stamps)
+    assert basis.shape == (3, len(stamps), len(weights))
+    force = 500 * (u[0] + 2e5 * u[0] ** 3) - 200 * evaluate(low_pass, time, u[0], 7.0)
+    wanted = np.interp(stamps, time, force)
+    columns = basis[0] * weights
+    left = wanted - columns @ np.linalg.lstsq(columns, wanted, rcond=1e-8)[0]
+    assert np.std(left) < 1e-3 * np.std(wanted)
+
+
+def test_controllers_follow_a_ramp_with_the_lag_of_their_drag() -> None:
+    """At constant speed the integral alone bears the drag, so that the error vanishes slowly."""
+    time = np.arange(0, 20, 0.01)
+    for controller in CONTROLLERS:
+        chain = controller.installed(nominal("microrobot"), np.ones(3))
+        signals: dict[str, FloatArray] = {f"command_{a}": np.zeros(len(time)) for a in "xyz"}
+        signals["command_z"] = 1e-4 * time
+        signals |= {f"load_{k}": np.zeros(len(time)) for k in "123"}
+        made = chain.run(time, signals)
+        lag = made["target_1"] - made["axis_1"]
+        assert abs(lag[-1]) < 1e-8
+
+
+def test_blocks_of_a_sound_own_robot_are_at_the_noise_floor() -> None:
+    legs = [own.direction_cycles(a, 0.0, 1.2e-3, 8.0, 1) for a in (0.0, 0.5 * np.pi)]
+    recordings = own.robot_session(np.random.default_rng(5), [], legs=legs)
+    session = GroupedSession(recordings, QUANTITIES)
+    axes = AxesBlock(session, {})
+    assert axes.controller is CONTROLLERS[0]
+    for block in (axes, ForceBlock(session, {}, axes)):
+        f = fit(block)
+        assert np.sqrt(f.chi2 / len(f.residual)) < 1.1
