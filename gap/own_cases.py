@@ -62,24 +62,35 @@ def make_own(
 
 
 def _make_case(folder: Path, instrument: str, seed: np.random.SeedSequence) -> Truth:
-    choice, noise = seed.spawn(2)
+    choice, *noise = seed.spawn(3)
     rng = np.random.default_rng(choice)
     chosen = [] if rng.random() < NO_EFFECT else [_draw(instrument, rng)]
-    recordings = own.session(instrument, np.random.default_rng(noise), chosen)
+    legs = own.robot_legs(rng) if instrument == "microrobot" else own.suction_legs(instrument, rng)
+    recordings = _session(instrument, noise[0], chosen, legs)
     hidden = []
     for effect, values in chosen:
-        # Equal seeds give equal noise: the difference of the two sessions is the effect alone.
-        sound = own.session(instrument, np.random.default_rng(noise))
+        # Equal seeds give equal noise: the difference of two sessions is the effect and what rounding makes of it.
+        pairs = [(_session(instrument, n, [], legs), _session(instrument, n, chosen, legs)) for n in noise]
         strength = next((values[p.name] for p in effect.strengths), float("nan"))
-        hidden.append(
-            Hidden(effect.name, effect.stage, "library", strength, detectability(sound, recordings), dict(values))
-        )
+        hidden.append(Hidden(effect.name, effect.stage, "library", strength, detectability(*pairs), dict(values)))
     for k, recording in enumerate(recordings):
         anonymous = replace(recording.info, id="", start_time="")
         write_bundle(replace(recording, info=anonymous), folder / f"r{k + 1:02d}")
     reference = any(r.info.specimen != "skin" for r in recordings)
     delta = hidden[0].delta if hidden else 0.0
     return Truth(folder.name, "T0", instrument, hidden, delta, "own", {}, reference)
+
+
+def _session(
+    instrument: str,
+    noise: np.random.SeedSequence,
+    acting: Sequence[tuple[Effect, Mapping[str, float]]],
+    legs: Sequence[own.Leg],
+) -> list[Recording]:
+    rng = np.random.default_rng(noise)
+    if instrument == "microrobot":
+        return own.robot_session(rng, acting, legs=legs)
+    return own.suction_session(instrument, rng, acting, legs=legs)
 
 
 def _draw(instrument: str, rng: np.random.Generator) -> tuple[Effect, Mapping[str, float]]:
@@ -92,15 +103,18 @@ def _draw(instrument: str, rng: np.random.Generator) -> tuple[Effect, Mapping[st
     return effect, {p.name: from_unit(p, float(rng.random())) for p in effect.parameters}
 
 
-def detectability(sound: Sequence[Recording], changed: Sequence[Recording]) -> float:
-    """δ of what differs between two sessions of equal commands and stamps, once the nuisance is refitted (linearly).
+def detectability(*pairs: tuple[Sequence[Recording], Sequence[Recording]]) -> float:
+    """δ of what differs between the sessions of a pair (sound, changed) of equal commands and stamps, once the nuisance
+    is refitted (linearly), by the diagnosis' own noise and nuisance.
 
-    By the diagnosis' own noise and nuisance, which here is also the truth's; rounding makes the δ of very faint effects
-    a little too large.
+    What rounding adds to the difference is of the size of the noise; a second pair of other noise cancels it: δ² is
+    the product of the two differences.
     """
     total = 0.0
-    for before, after in zip(build(sound, {})[0], build(changed, {})[0], strict=True):
+    first, last = (zip(*(build(s, {})[0] for s in pair), strict=True) for pair in (pairs[0], pairs[-1]))
+    for (before, after), (sound, changed) in zip(first, last, strict=True):
         jacobian = before.evaluate(before.start(), {}).jacobian
         change = (after.measured - before.measured) / before.sigma
-        total += Projector(jacobian, before.prior_sd).chi2(change)
+        again = (changed.measured - sound.measured) / before.sigma
+        total += float(change @ Projector(jacobian, before.prior_sd).apply(again))
     return float(np.sqrt(max(total, 0.0)))

@@ -154,7 +154,7 @@ def test_own_cases_are_repeatable_and_their_detectability_counts(tmp_path: Path)
     assert {case["tier"] for case in first} == {"T0"}
     for case in first:
         assert len(case["effects"]) <= 1
-        assert (case["delta"] > 0) == bool(case["effects"])
+        assert case["delta"] == (case["effects"][0]["delta"] if case["effects"] else 0.0)
     with pytest.raises(FileExistsError):
         make_own(1, 8, tmp_path / "a")
     with pytest.raises(ValueError, match="unknown instrument 'scale'"):
@@ -165,7 +165,7 @@ def test_detectability_is_nought_for_equal_sessions_and_free_for_the_nuisance(co
     from dataclasses import replace
 
     recordings = [load(p) for p in sorted(cold_session.iterdir())]
-    assert detectability(recordings, recordings) == 0.0
+    assert detectability((recordings, recordings)) == 0.0
 
     def scaled(recording, channel: str, factor: float):
         series = recording.streams[channel]
@@ -174,8 +174,8 @@ def test_detectability_is_nought_for_equal_sessions_and_free_for_the_nuisance(co
         )
 
     # Height gain is what stiffness can imitate, gauge gain is not.
-    height = detectability(recordings, [scaled(r, "apex_height", 1.02) for r in recordings])
-    gauge = detectability(recordings, [scaled(r, "pressure", 1.02) for r in recordings])
+    height = detectability((recordings, [scaled(r, "apex_height", 1.02) for r in recordings]))
+    gauge = detectability((recordings, [scaled(r, "pressure", 1.02) for r in recordings]))
     assert height < gauge / 5
 
 
