@@ -17,7 +17,7 @@ def gui(
     tissue: Annotated[str, typer.Option(help="Simulated tissue, such as forearm.")] = "forearm",
     dark: Annotated[bool | None, typer.Option("--dark/--light", help="Colours; remembered.")] = None,
 ) -> None:
-    """Open the window. Ctrl-C in this terminal is an emergency stop."""
+    """Open the window. Ctrl-C in this terminal is an emergency stop; at rest it closes the window."""
     try:
         from acquire.gui.app import run
     except ImportError as error:

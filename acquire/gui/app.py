@@ -30,8 +30,8 @@ def run(bench: BenchSettings, *, dark: bool | None = None, store: QSettings | No
         bench = replace(bench, station=Path(kept.station))
     window = MainWindow(bench, store)
     window.show()
-    # Ctrl-C is an emergency stop, made by the worker, which gets it too; here it closes the window.
-    signal.signal(signal.SIGINT, lambda *_: app.quit())
+    # Ctrl-C is an emergency stop, made by the worker, which gets it too; at rest it closes the window.
+    signal.signal(signal.SIGINT, lambda *_: None if window.live else app.quit())
     status = app.exec()
     window.shut()
     return status

@@ -10,6 +10,8 @@ from typing import Any
 
 from PySide6.QtCore import QObject, QProcess, Signal
 
+from acquire.gui import reading
+
 
 class Analyst:
     """One process that reads recordings. The window's timer calls `poll`."""
@@ -23,7 +25,8 @@ class Analyst:
     ) -> None:
         """Have ``function`` called there; ``then`` or ``fault`` is called here by `poll`."""
         if self._pool is None:
-            self._pool = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
+            context = multiprocessing.get_context("spawn")
+            self._pool = ProcessPoolExecutor(1, mp_context=context, initializer=reading.begin)
         self._waiting.append((self._pool.submit(function, *arguments), then, fault))
 
     @property

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import io
+import multiprocessing
+import os
+import signal
+import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,6 +43,19 @@ class Result:
     picture: bytes
     compared: bytes
     others: tuple[str, ...]
+
+
+def begin() -> None:
+    """Prepare the process: it ends with the window, however that ends, and leaves Ctrl-C to the instruments."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    window = multiprocessing.parent_process()
+    assert window is not None
+
+    def follow() -> None:
+        window.join()
+        os._exit(0)
+
+    threading.Thread(target=follow, name="follow-window", daemon=True).start()
 
 
 def listing(folder: Path) -> tuple[Row, ...]:

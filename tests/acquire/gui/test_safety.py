@@ -158,7 +158,7 @@ def test_closing_the_window(qtbot: QtBot, acting: tuple[MainWindow, BackDoor], t
     assert open_recording(path).info.status == "aborted"
 
 
-# A window of its own process, which starts a run by itself and tells its worker's process id.
+# A window of its own process, which starts a run by itself and tells the ids of its worker and its analyst.
 HOST = """
 import json, sys
 from pathlib import Path
@@ -171,7 +171,7 @@ if __name__ == "__main__":
     app = QApplication([])
     store = QSettings(out + ".ini", QSettings.Format.IniFormat)
     window = MainWindow(BenchSettings(station=Path(station), out=Path(out)), store)
-    print(json.dumps(window.client.process.pid), flush=True)
+    print(json.dumps([window.client.process.pid, *window.recordings.analyst._pool._processes]), flush=True)
     started = []
     def go():
         if window.instruments.rows and window.prepare.entries and "cutometer" not in started:
@@ -186,18 +186,21 @@ if __name__ == "__main__":
 """
 
 
+Elsewhere = tuple[subprocess.Popen[str], list[int], Path]
+
+
 @pytest.fixture
-def elsewhere(server: Server, station: Path, tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], int, Path]]:
-    """A window in a process of its own, in the middle of a run; and its worker's process id."""
+def elsewhere(server: Server, station: Path, tmp_path: Path) -> Iterator[Elsewhere]:
+    """A window in a process of its own, in the middle of a run; and the ids of its worker and its analyst."""
     script, out = tmp_path / "host.py", tmp_path / "out"
     script.write_text(HOST)
     command = [sys.executable, str(script), str(station), str(out), PROTOCOL]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as host:
         try:
             assert host.stdout is not None
-            worker = json.loads(host.stdout.readline())
+            processes = json.loads(host.stdout.readline())
             eventually(lambda: sucking(server.back_door))
-            yield host, worker, out
+            yield host, processes, out
         finally:
             host.kill()
 
@@ -209,19 +212,28 @@ def eventually(condition: Callable[[], bool], timeout: float = 60.0) -> None:
         time.sleep(0.01)
 
 
-def test_a_killed_window(elsewhere: tuple[subprocess.Popen[str], int, Path], server: Server) -> None:
-    host, _, out = elsewhere
+def gone(pid: int) -> bool:
+    """Whether a process has ended, be it that nobody has collected it."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+    except FileNotFoundError:
+        return True
+
+
+def test_a_killed_window(elsewhere: Elsewhere, server: Server) -> None:
+    host, processes, out = elsewhere
     host.kill()
     server.back_door.wait_vented()
     eventually(lambda: len(list(out.glob("*.h5"))) == 1)  # the worker ends the recording by itself
     recording = open_recording(next(out.glob("*.h5")))
     assert recording.info.status == "aborted"
     assert recording.streams["pressure"].value.min() < -20e3
+    eventually(lambda: all(gone(pid) for pid in processes))  # nothing is left behind
 
 
-def test_a_killed_window_and_worker(elsewhere: tuple[subprocess.Popen[str], int, Path], server: Server) -> None:
-    host, worker, out = elsewhere
-    os.kill(worker, signal.SIGKILL)
+def test_a_killed_window_and_worker(elsewhere: Elsewhere, server: Server) -> None:
+    host, processes, out = elsewhere
+    os.kill(processes[0], signal.SIGKILL)
     host.kill()
     server.back_door.wait_vented()
     (journal,) = out.glob("*.journal")
