@@ -104,7 +104,7 @@ class AxesBlock(Block):
     name, channels = "axes", AXES
     growth, widest = ROBOT_BINS
     floor = 0.5e-6  # m
-    SD = (0.02, 0.02, 0.1, STAMPS_SD, CLOCK_SD, 4e-3)
+    SD = (0.02, 0.02, 0.04, STAMPS_SD, CLOCK_SD, 3e-3)
     """Of the logarithms of the gains; s by which all is late; 1; s by which the load on the axes is."""
     ZERO_SD = 2e-6  # m
     STEPS = (1e-2, 1e-2, 1e-2, 1e-3, 1e-6, 1e-3)
@@ -151,7 +151,7 @@ class AxesBlock(Block):
         unique, first = np.unique(time, return_index=True)
         operators = needed(_chain(group, sheet_tissue("forearm")), numbered("axis_load"), tuple(signals))
         made = run(operators, unique, {n: v[first] for n, v in signals.items()})
-        return {f"load_{k}": (unique, made[f"axis_load_{k}"]) for k in "123"}
+        return {f"pushed_{k}": (unique, made[f"axis_load_{k}"]) for k in "123"}
 
     def _chain(self, group: Group, nuisance: FloatArray, active: Active) -> Chain:
         chain = self.controller.installed(_chain(group, sheet_tissue("forearm")), np.exp(np.clip(nuisance[:3], -3, 3)))

@@ -25,17 +25,22 @@ class TunedLoop(AxisLoop):
         return rows, parameters
 
 
+PUSHED = numbered("pushed")
+"""What the recorded force puts on each axis, N: the load but for the controller's own share."""
+
+
 @dataclass(frozen=True)
 class Feed(Wired):
-    """Adds ``gain`` (N s/m) times the speed of each target to the load on its axis; sources: targets, then loads."""
+    """Load of each axis (target) from its set-point and what pushes it (sources: set-points, then pushes): ``gain``
+    (N s/m) times the set-point's speed, plus the push, if there is one."""
 
     gain: float = 0.0
 
     def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
         n = len(self.target)
-        for source, load in zip(self.source[:n], self.target, strict=True):
+        for source, push, load in zip(self.source[:n], self.source[n:], self.target, strict=True):
             speed = np.diff(signals[source], prepend=signals[source][0]) / np.diff(time, prepend=time[0] - 1.0)
-            signals[load] = self.gain * speed + signals.get(load, 0.0)
+            signals[load] = self.gain * speed + signals.get(push, 0.0)
 
 
 @dataclass(frozen=True)
@@ -60,10 +65,10 @@ class Controller:
         tuned = TunedLoop(**kept, gains=(p, i, d + self.drag))
         operators = tuple(tuned if op is loop else op for op in chain.operators)
         chain = Chain(chain.instrument, operators)
-        if not self.on_error:
-            return chain
-        targets, loads = numbered("target"), numbered("load")
-        return chain.inserted(Feed("derivative_of_target", "actuator", targets, loads, gain=d), before="axes")
+        feed = Feed(
+            "load_and_feed", "actuator", numbered("target") + PUSHED, numbered("load"), gain=d if self.on_error else 0.0
+        )
+        return chain.inserted(feed, before="axes")
 
 
 CONTROLLERS = (
