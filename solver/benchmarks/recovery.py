@@ -1,8 +1,8 @@
 """Do fits find the truth? Simulated noisy recordings of the three instruments, fitted from wrong starts.
 
 Run with ``python benchmarks/recovery.py [seeds [instrument…]]``: prints, for each instrument, in how many seeds every
-parameter that the report calls identifiable lies within three of its standard errors, and what a fit costs. The recordings
-come from the same forward models, so this is a test of the identification, not of the models.
+parameter that the report calls identifiable lies within three of its standard errors, and what a fit costs. The
+recordings come from the same forward models, so this is a test of the identification, not of the models.
 """
 
 from __future__ import annotations
