@@ -344,7 +344,7 @@ class FeHeightBlock(Anchored, HeightBlock):
     ) -> FloatArray:
         """What the skin meets under the active effects, (n,) Pa."""
         t, p = line
-        if any("pressure" in c.blocks for c in active):
+        if any(c.stage != "tissue" for c in active):
             p = p + self._gauge_error(chain, group, t)
         given = {"line_pressure": (t, p)}
         reduced = replace(chain, operators=needed(chain, ("skin_pressure",), given))

@@ -261,7 +261,7 @@ class HeightBlock(Block):
         out = np.empty(len(self.stamps))
         for (g, at), (t, p) in zip(self.groups, self._line, strict=True):
             chain = self.with_effects(self._law_chain(g, nuisance), active)
-            if any("pressure" in c.blocks for c in active):
+            if any(c.stage != "tissue" for c in active):
                 p = p + self._gauge_error(chain, g, t)
             out[at] = self.simulated(chain, g, at, shift, {"line_pressure": (t, p)})[0]
         return out
