@@ -97,9 +97,7 @@ def cases(material: str, modes: Sequence[str], relative: bool) -> list[Case]:
         )
         size = np.maximum(np.abs(stress), 0.1 * np.abs(stress).max()) if relative else np.abs(stress).max() + 0 * stress
         largest = float(np.abs(stress).max())
-        found.append(
-            Case(mode, experiment, {"stress": stress}, {"stress": largest}, {"stress": largest / size}, one.size)
-        )
+        found.append(Case(mode, experiment, {"stress": stress}, {"stress": largest}, {"stress": largest / size}))
     return found
 
 

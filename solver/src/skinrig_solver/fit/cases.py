@@ -7,7 +7,7 @@ Recordings are duck-typed: ``info`` (id, instrument, protocol), ``streams`` and 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatch
 from typing import Any
 
@@ -40,7 +40,7 @@ class Case:
 
     ``data``, ``scale`` and ``weight`` are keyed by the model's channel: measured values (n,) in SI, what residuals are
     divided by (the largest measured value of each force component, paper M), and the square root of each sample's
-    weight (n,). ``sampled`` says how many samples were recorded, and ``note`` what was done to them.
+    weight (n,). ``note`` says what was done to the recorded samples.
     """
 
     label: str
@@ -48,7 +48,6 @@ class Case:
     data: Mapping[str, Array]
     scale: Mapping[str, float]
     weight: Mapping[str, Array]
-    sampled: int
     note: str = ""
 
     @property
@@ -123,7 +122,7 @@ def _case(recording: Any, label: str, spec: Spec, info: ModelInfo, options: Sequ
         raise RecordingError(f"recording {label}: {' and '.join(data)} are zero throughout")
     scale = {c: max(size, IDLE * max(largest.values())) for c, size in largest.items()}
     weights = {c: np.sqrt(weight * spec.channels.get(c, 1.0) * of_phase) for c in data}
-    return Case(label, experiment, data, scale, weights, sampled, "; ".join(notes))
+    return Case(label, experiment, data, scale, weights, "; ".join(notes))
 
 
 def _stream(recording: Any, label: str, name: str) -> Any:
@@ -232,15 +231,4 @@ def _phase_weights(time: Array, spec: Spec) -> Array:
 
 def _balanced(found: list[Case]) -> list[Case]:
     mean = sum(case.size for case in found) / len(found)
-    return [
-        Case(
-            c.label,
-            c.experiment,
-            c.data,
-            c.scale,
-            {k: w * np.sqrt(mean / c.size) for k, w in c.weight.items()},
-            c.sampled,
-            c.note,
-        )
-        for c in found
-    ]
+    return [replace(c, weight={k: w * np.sqrt(mean / c.size) for k, w in c.weight.items()}) for c in found]

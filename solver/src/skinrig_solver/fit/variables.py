@@ -135,10 +135,6 @@ class Variables:
             matrix[len(self.free) + j] = tie.factor * matrix[self.symbols.index(tie.tied)]
         return matrix
 
-    def at(self, values: Mapping[str, float]) -> Variables:
-        """The same unknowns, starting from other values; coordinates keep their meaning only for log parameters."""
-        return replace(self, free=tuple(replace(f, start=values[f.symbol]) for f in self.free))
-
     def only(self, moving: tuple[str, ...], values: Mapping[str, float]) -> Variables:
         """Those of ``moving`` free, starting from ``values``; the others held there, ties to them included."""
         held = dict(self.held) | {s: values[s] for s in self.wanted}
