@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numba import njit
 from numpy.testing import assert_allclose
@@ -102,10 +102,12 @@ def _call(law, C, p, derivatives, S, D, dS):  # type: ignore[no-untyped-def]
 @given(entries=st.lists(st.floats(-1.0, 1.0), min_size=9, max_size=9))
 def test_stress_is_the_derivative_of_the_papers_energy(law: Law, entries: list[float]) -> None:
     size = 0.008 if law.name == "bischoff" else 0.12  # chains of the Bischoff defaults lock at 3 % stretch
-    F = np.eye(3) + size * np.reshape(entries, (3, 3))
+    F = np.diag([1.0, 1.0 + 0.13 * size, 1.0 - 0.07 * size]) + size * np.reshape(entries, (3, 3))
     p = np.array([q.default for q in law.parameters])
-    expected = nominal_stress(law.name, F, p)
     C = F.T @ F
+    # The reference differentiates eigenvalues, which equal ones do not allow.
+    assume(law.name != "ogden" or np.diff(np.linalg.eigvalsh(C)).min() > 1e-4)
+    expected = nominal_stress(law.name, F, p)
     six = np.array([C[0, 0], C[1, 1], C[2, 2], C[0, 1], C[1, 2], C[0, 2]])
     S = np.empty(6)
     _call(law.point, six, p, False, S, np.empty((6, 6)), np.empty((p.size, 6)))
