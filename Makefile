@@ -47,7 +47,11 @@ benchmark: install
 pictures: demo
 	$(BIN)/python tools/pictures.py out/demo docs/pictures
 
+# A window on an X screen needs more of them than an offscreen one.
+SCREEN_LIBRARIES := libxcb-cursor0 libxcb-icccm4 libxcb-image0 libxcb-keysyms1 libxcb-render-util0 libxcb-shape0 \
+	libxcb-xinerama0 libxkbcommon-x11-0
 gui: install system
+	@sh tools/system_libraries.sh $(SCREEN_LIBRARIES)
 	QT_QPA_PLATFORM= $(BIN)/acquire gui
 
 screenshots: install system
