@@ -80,10 +80,11 @@ class Client(QObject):
                 self._heard = time.monotonic()
                 if isinstance(update, tuple):
                     views += update
-                else:
-                    self._dispatch(update)
-            if views:
-                self.views.emit(tuple(views))
+                    continue
+                # In the order of sending: a view from before a reset, shown after the reset's reply, would latch anew.
+                self._show(views)
+                self._dispatch(update)
+            self._show(views)
         except (EOFError, OSError):
             self._gone()
             return
@@ -108,6 +109,11 @@ class Client(QObject):
             self.process.join()
             self._commands.close()
             self._updates.close()
+
+    def _show(self, views: list[View]) -> None:
+        if views:
+            self.views.emit(tuple(views))
+            views.clear()
 
     def _dispatch(self, update: Ready | Reply | Finished) -> None:
         if isinstance(update, Ready):

@@ -99,6 +99,18 @@ def test_the_key_works_while_a_modal_dialog_is_open(qtbot: QtBot, acting: tuple[
     assert not window.latched
 
 
+def test_one_reset_is_enough_for_a_slow_window(qtbot: QtBot, acting: tuple[MainWindow, BackDoor]) -> None:
+    window, _ = acting
+    qtbot.mousePress(window.controls.estop_button, Qt.MouseButton.LeftButton)
+    assert ended(qtbot, window) == "tripped"
+    assert state(window, "cutometer") == "tripped"
+    qtbot.mouseClick(window.alarm.button, Qt.MouseButton.LeftButton)
+    time.sleep(1.0)  # views from before the reset, its reply and views from after it arrive together
+    qtbot.waitUntil(lambda: state(window, "cutometer") == "ready", timeout=PATIENCE)
+    assert not window.latched
+    assert window.controls.start_button.isEnabled()
+
+
 def test_a_modal_dialog_has_a_button_of_its_own(qtbot: QtBot, acting: tuple[MainWindow, BackDoor]) -> None:
     window, door = acting
     box = QMessageBox(window)
