@@ -25,7 +25,7 @@ def device() -> FakeDevice:
 @pytest.fixture
 def engine(device: FakeDevice) -> Iterator[RunEngine]:
     before = set(threading.enumerate())
-    engine = RunEngine(Rig("fake", device), rules=Rules(stale=0.4), heartbeat=Heart())
+    engine = RunEngine(Rig("fake", device), rules=Rules(stale=2.0), heartbeat=Heart())
     yield engine
     engine.close()
     assert device.vented
