@@ -7,6 +7,8 @@ first, then the loops under that load, corrected for where the axes really went 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from .instants import Knobs, taken
@@ -225,31 +227,48 @@ def _legs(s: Session, f: Array, normal: Array, q: Array, fx: Knobs) -> Array:
 def simulate(
     s: Session, law: str, tissue: Parameters, fx: Knobs, scatter: Array, seed: int, noisy: bool = False
 ) -> Channels:
-    """Recorded channels of devices' section 3, one array a recording; see ``suction.simulate`` for the arguments."""
-    get = fx.get
-    rng = np.random.default_rng(seed)
+    """Recorded channels of devices' section 3, one array a recording; see ``suction.simulate`` for the arguments.
+
+    Axes and transducers are solved once with the skin and, where there is a recording in open air, once more without
+    any: neither a load of the skin nor what loops and transducers remember of it can reach that recording.
+    """
     skin = s.per_recording([float(r.specimen == "skin") for r in s.recordings])[:, None]
     factor = skin * s.per_recording(scatter)[:, None]
     ref = _targets(s, fx)
     base = _platform(ref, fx)
     first = factor * _reaction(s, skin * tip(base), law, tissue, fx, np.random.default_rng(seed))
     j = jacobian_at_centre()
-    tangent = 0.75 * tissue["stiffness"] * j.T @ j
+    q = _axes(s, ref, base, -first @ j, 0.75 * tissue["stiffness"] * j.T @ j, fx)
+    u, normal = tip_and_tilt(np.ascontiguousarray(_platform(q, fx)), PIVOTS, TIP)
+    resisted = factor * _reaction(s, skin * u, law, tissue, fx, np.random.default_rng(seed))
+    traces = {"skin": (q, _tared(_legs(s, -resisted, normal, q, fx)))}
+    free = np.zeros_like(ref)
+    for on in {r.specimen for r in s.recordings} - {"skin"}:
+        q = _axes(s, ref, base, free, np.zeros((3, 3)), fx)
+        _, normal = tip_and_tilt(np.ascontiguousarray(_platform(q, fx)), PIVOTS, TIP)
+        traces[on] = (q, _tared(_legs(s, free, normal, q, fx)))
+    if delay := fx.get("tare_late", 0.0):  # one tare for the session: it is in every recording
+        r = next(r for r in s.recordings if r.specimen == "skin")
+        tare = _at(s, r.start + r.onset + delay, traces["skin"][1])
+        traces = {on: (q, legs - tare) for on, (q, legs) in traces.items()}
+    return _record(s, traces, fx, seed, noisy)
+
+
+def _axes(s: Session, ref: Array, base: Array, load: Array, tangent: Array, fx: Knobs) -> Array:
+    """Actuator stage: axis positions (N, 3) [m] under a load (N, 3) [N]; see ``robot_axes.loops``."""
+    get = fx.get
     dry = np.full(3, get("dry", 0.0) + get("dry_share", 0.0) * get("stribeck", 0.0))
     dry[int(get("axis", 0))] += get("dry_one", 0.0)
     stiff = 1 + get("servo_tolerance", 0.0)
     sound = {"mass": MASS, "kp": KP * stiff, "ki": KI * stiff, "kd": KD}
     effects = {name: float(get(name, _UNUSED.get(name, 0.0))) for name in Loop._fields[4:]}
     effects["drag"] += DRAG
-    q = loops(ref, -first @ j, base, tangent, float(s.dt[1]) / SUBSTEPS, Loop(**sound, **effects), dry)
-    u, normal = tip_and_tilt(np.ascontiguousarray(_platform(q, fx)), PIVOTS, TIP)
-    resisted = factor * _reaction(s, skin * u, law, tissue, fx, rng)
-    legs = _legs(s, -resisted, normal, q, fx)
-    legs = legs - legs[0]
-    if delay := get("tare_late", 0.0):
-        r = next(r for r in s.recordings if r.specimen == "skin")
-        legs = legs - _at(s, r.start + r.onset + delay, legs)
-    return _record(s, q, legs, fx, seed, noisy)
+    q: Array = loops(ref, load, base, tangent, float(s.dt[1]) / SUBSTEPS, Loop(**sound, **effects), dry)
+    return q
+
+
+def _tared(legs: Array) -> Array:
+    return legs - legs[0]
 
 
 def _at(s: Session, moment: float, x: Array) -> Array:
@@ -257,8 +276,8 @@ def _at(s: Session, moment: float, x: Array) -> Array:
     return np.array([np.interp(moment, s.t, x[:, i]) for i in range(3)])
 
 
-def _record(s: Session, q: Array, legs: Array, fx: Knobs, seed: int, noisy: bool) -> Channels:
-    """Sampling, resolution and processing of every recording."""
+def _record(s: Session, traces: Mapping[str, tuple[Array, Array]], fx: Knobs, seed: int, noisy: bool) -> Channels:
+    """Sampling, resolution and processing of every recording, from its specimen's axis positions and transducers."""
     out: Channels = {name: [] for name in AXES + LEGS + PROBE + FORCE}
     get = fx.get
     matrix = force_matrix()
@@ -268,6 +287,7 @@ def _record(s: Session, q: Array, legs: Array, fx: Knobs, seed: int, noisy: bool
         matrix[int(get("row", 0))] *= -1
     timing = {k: v for k, v in fx.items() if k not in _SUCTION_ONLY}
     for k, r in enumerate(s.recordings):
+        q, legs = traces[r.specimen]
         rows = np.random.default_rng((seed, k))
         stamps = r.stamps(s.rate)
         when = taken(stamps, 1 / s.rate, timing, rows)

@@ -7,6 +7,7 @@ of README.md. ``fx`` holds the knobs of the effects that are switched on; each s
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import deepcopy
 
 import numpy as np
 from numba import njit
@@ -154,7 +155,10 @@ def skin_suction(s: Session, p: Array, fx: Knobs) -> Array:
 
 
 def skin_height(s: Session, p: Array, law: str, tissue: Parameters, fx: Knobs, rng: np.random.Generator) -> Array:
-    """Tissue stage with its effects: apex height (N,) [m] for felt suction ``p``."""
+    """Tissue stage with its effects: apex height (N,) [m] of the skin for felt suction ``p``.
+
+    While a block stands under the probe the skin is unloaded, yet it still remembers: its height is then nobody's.
+    """
     get = fx.get
     skin = s.per_recording([float(r.specimen == "skin") for r in s.recordings])
     p = p * skin
@@ -290,14 +294,19 @@ def simulate(
 
     ``scatter`` (R,) multiplies the skin's compliance in each recording. ``seed`` fixes every random part of the
     effects and the noise. Without ``noisy`` neither noise nor nominal quantisation is added.
+
+    Each specimen has its own height signal over the whole session, and a recording is read from its specimen's: so
+    neither the memory of the skin nor that of a sensor which has seen it can reach a rigid block.
     """
     rng = np.random.default_rng(seed)
     p = chamber_suction(s, fx, rng)
     felt = skin_suction(s, p, fx)
-    h = skin_height(s, felt, law, tissue, fx, rng) * s.per_recording(scatter)
-    h = read_height(s, p, probe_height(s, p, h, fx), fx, rng)
+    skin = skin_height(s, felt, law, tissue, fx, rng) * s.per_recording(scatter)
+    apex = {r.specimen: skin if r.specimen == "skin" else np.zeros_like(skin) for r in s.recordings}
+    heights = {on: read_height(s, p, probe_height(s, p, h, fx), fx, deepcopy(rng)) for on, h in apex.items()}
     out: Channels = {"pressure": [], "apex_height": []}
     for k, r in enumerate(s.recordings):
+        h = heights[r.specimen]
         rows = np.random.default_rng((seed, k))
         when = taken(r.stamps(s.rate), 1 / s.rate, fx, rows)
         pressure = _gauge(np.interp(when.main, s.t, p), r.stamps(s.rate), k, fx)
