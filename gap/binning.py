@@ -23,11 +23,13 @@ WIDEST = 0.25
 
 @dataclass(frozen=True)
 class Bins:
-    """Means over bins: ``time``, ``value`` (m,) and ``count`` (m,) of samples in each."""
+    """Means over bins: ``time``, ``value`` (m,), ``count`` (m,) of samples in each, ``spread`` (m,) of their times
+    (standard deviation, s)."""
 
     time: FloatArray
     value: FloatArray
     count: NDArray[np.int64]
+    spread: FloatArray
 
 
 def bin_edges(
@@ -59,4 +61,6 @@ def bin_means(time: FloatArray, value: FloatArray, edges: FloatArray) -> Bins:
     n = count[used]
     mean_t = np.bincount(where, t, minlength=len(edges) - 1)[used] / n
     mean_v = np.bincount(where, v, minlength=len(edges) - 1)[used] / n
-    return Bins(mean_t, mean_v, n.astype(np.int64))
+    offset = t - (np.bincount(where, t, minlength=len(edges) - 1) / np.maximum(count, 1))[where]
+    spread = np.sqrt(np.bincount(where, offset**2, minlength=len(edges) - 1)[used] / n)
+    return Bins(mean_t, mean_v, n.astype(np.int64), spread)

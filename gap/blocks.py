@@ -23,13 +23,15 @@ from sim_devices.chain import Chain, Effect
 from sim_devices.stages.operators import Delay
 from sim_devices.stages.sampling import COMMANDS, simulate, time_grid
 
-CLOCK_SD = 3e-5
+CLOCK_SD = 2e-5
 """How fast the recording's clock may soundly run against the command's: an ordinary crystal (assumed)."""
-QUICK = 0.5
-"""s after a kink of the command in which signals are quick."""
-NEAR = (-5e-3, -2e-3, -1e-3, 1e-3, 2e-3, 5e-3)
-"""s about a stamp at which the simulation has nodes there."""
-STAMP_SD = 1e-3
+SHIFT_SD = 0.25
+"""Of a sampling interval: how late a sound channel may be, which integrates, holds or stamps as it likes (assumed)."""
+AFTER_KINK = np.concatenate(
+    [np.arange(1, 120) * 1e-3, np.arange(120, 300, 2) * 1e-3, np.arange(300, 600, 5) * 1e-3, np.arange(60, 101) * 1e-2]
+)
+"""s after a kink of the command: nodes so dense that straight lines between them are as good as the signal."""
+STAMP_SD = 4e-4
 """s: how well a single stamp or the moment of a step is known (assumed). An integrator's step is as good as that,
 too."""
 Table = tuple[FloatArray, FloatArray]
@@ -97,9 +99,8 @@ class Block(abc.ABC):
                     continue
                 bins = [session.binned(c, k, session.kinks, self.growth, self.widest) for c in self.channels]
                 n = min(len(b.time) for b in bins)  # equal unless a channel lost samples at its end
-                parts.append(
-                    (bins[0].time[:n], np.stack([b.value[:n] for b in bins]), np.stack([b.count[:n] for b in bins]))
-                )
+                values = np.stack([b.value[:n] for b in bins])
+                parts.append((bins[0].time[:n], values, np.stack([b.count[:n] for b in bins]), bins[0].spread[:n]))
                 runs += [k] * n
                 at += n
             if at > begin:
@@ -107,6 +108,7 @@ class Block(abc.ABC):
         if not at:
             raise ValueError(f"no recording has all channels {', '.join(self.channels)}")
         self.stamps = np.concatenate([p[0] for p in parts])
+        self._ends = self.stamps + np.concatenate([p[3] for p in parts]) * np.array([[-1.0], [1.0]])
         self.run = np.asarray(runs, dtype=np.int64)
         self.runs = sorted(set(runs))
         values = np.hstack([p[1] for p in parts])
@@ -156,39 +158,41 @@ class Block(abc.ABC):
     ) -> FloatArray:
         """The block's channels as ``chain`` makes them at the group's time stamps + ``shift`` s, (channels, n).
 
-        The grid is made once for a group; dead times in the chain need one of their own, which `sampling.simulate`
-        makes.
+        A bin's mean is taken from two nodes, a standard deviation of its times on either side. The grid is made
+        once for a group; dead times in the chain need one of their own, which `sampling.simulate` makes.
         """
         given = given or {}
         tables = group.tables()
-        stamps = self.stamps[at]
+        ends = self._ends[:, at] + shift
         operators = needed(chain, self.channels, given)
         if any(isinstance(op, Delay) and (op.delay or op.skew) for op in operators):
             partial = replace(chain, operators=operators)
-            made = simulate(partial, tables, dict.fromkeys(self.channels, stamps + shift), given)
-            return np.stack([made[c] for c in self.channels])
+            wanted = np.unique(np.concatenate([ends.ravel(), self._grid(group, at)[0]]))
+            made = simulate(partial, tables, dict.fromkeys(self.channels, wanted), given)
+            return np.stack([np.interp(ends, wanted, made[c]).mean(axis=0) for c in self.channels])
         grid, commands = self._grid(group, at)
         made = run(operators, grid, commands | {name: np.interp(grid, *table) for name, table in given.items()})
-        return np.stack([np.interp(stamps + shift, grid, made[c]) for c in self.channels])
+        return np.stack([np.interp(ends, grid, made[c]).mean(axis=0) for c in self.channels])
 
     def _grid(self, group: Group, at: slice) -> tuple[FloatArray, dict[str, FloatArray]]:
         """Nodes and commands on them, one grid whatever the shift.
 
-        A grid that moved with it would make the fit's landscape rough. Where the signal is quick, nodes about each
-        stamp keep the interpolation from mimicking a lag.
+        A grid that moved with it would make the fit's landscape rough.
         """
         if at.start not in self._grids:
             tables = group.tables()
             kinks = np.unique(np.concatenate([t for t, _ in tables.values()]))
-            stamps = self.stamps[at]
-            since = stamps - kinks[np.clip(np.searchsorted(kinks, stamps, side="right") - 1, 0, len(kinks) - 1)]
-            quick = stamps[(since >= 0) & (since < QUICK)]
-            grid = time_grid(kinks, [stamps, *(quick + d for d in NEAR)])
+            after = np.unique((kinks[:, None] + AFTER_KINK).ravel())
+            begin, end = self.stamps[at][[0, -1]]
+            grid = time_grid(kinks, [np.unique(self._ends[:, at]), after[(after > begin) & (after < end)]])
             self._grids[at.start] = grid, {COMMANDS[q]: np.interp(grid, *table) for q, table in tables.items()}
         return self._grids[at.start]
 
     def start(self) -> FloatArray:
         return self.prior_mean.copy()
+
+    def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        return None
 
     @abc.abstractmethod
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:

@@ -8,7 +8,7 @@ others is shared.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 
@@ -16,15 +16,21 @@ import numpy as np
 
 from gap.hypothesis import Candidate, FloatArray, Problem, to_unit
 from gap.noise import correlation_time
-from gap.solve import Fit, Projector, fit
+from gap.solve import Fit, Projector, fit, under
 
-STRENGTHS = (0.25, 0.7)
-SIGNED = (-0.2, -0.04, 0.04, 0.2)
-"""Of the prior's range, about the value that does nothing, where that lies inside: half the range is mostly absurd."""
-SHAPES = (0.25, 0.75)
-MAX_GRID = 8
+STRENGTHS = (0.06, 0.3, 0.7)
+SIGNED = (-0.2, -0.04, -0.006, 0.006, 0.04, 0.2)
+"""Quantiles of the prior from the value that does nothing, where that lies inside: half the range is mostly absurd."""
+SHAPES = (0.2, 0.5, 0.8)
+MAX_GRID = 9
+QUICK_FITS = 24
+"""Screened effects that get a few steps of a fit, where straight lines may mislead."""
+STEEP = 10.0
+"""Detectability at the weakest strength simulated above which the linear screening says nothing."""
 HOPELESS = 4.0
 """Fall of χ² in the screening below which an effect is not refitted."""
+LINES = 2
+"""Frequencies at which a rhythm is looked for."""
 STARTS = 2
 """Screening points from which a refit starts."""
 AMPLITUDES = (0.25, 2.0)
@@ -39,8 +45,8 @@ class Hypothesis:
     fits: dict[str, Fit]
 
     @property
-    def objective(self) -> float:
-        return sum(f.objective for f in self.fits.values())
+    def chi2(self) -> float:
+        return sum(f.chi2 for f in self.fits.values())
 
     @property
     def name(self) -> str:
@@ -49,19 +55,20 @@ class Hypothesis:
 
 @dataclass
 class Screened:
-    """One effect after the screening: where in its prior it does best, and by how much χ² falls with the nuisance
-    refitted.
+    """One effect after the screening: ``gain``, twice the nats it earns with the nuisance refitted; and for each block
+    the points of its prior, (k,) each, and the width of the nuisance's prior where a fit should start.
 
-    ``detectability`` lists, for every simulated point, how far it stands out (‖P Δ‖, untempered); ``traces`` what it
-    changes in each block's whitened residual.
+    ``detectability`` lists, for every simulated point, how far it stands out (‖P Δ‖, untempered); ``traces`` are what
+    the points change in each block's whitened residual, (n, points).
     """
 
     candidate: Candidate
-    unit: FloatArray
+    units: tuple[FloatArray, ...]
     gain: float
-    others: tuple[FloatArray, ...] = ()  # further points of the prior worth starting from
+    starts: dict[str, tuple[FloatArray, ...]]
+    widths: dict[str, FloatArray]
     detectability: list[tuple[FloatArray, float]] = field(default_factory=list)
-    traces: list[dict[str, FloatArray]] = field(default_factory=list)
+    traces: dict[str, FloatArray] = field(default_factory=dict)
 
 
 @dataclass
@@ -74,6 +81,13 @@ class Comparison:
     screened: list[Screened] = field(default_factory=list)
     simulations: int = 0
 
+    def evidence(self, h: Hypothesis, temper: Mapping[str, float]) -> float:
+        """log evidence of a hypothesis over all blocks, each as far as it is trusted."""
+        return sum(
+            problem.trust * h.fits[block].log_evidence(temper[block], problem.alternatives)
+            for block, problem in self.problems.items()
+        )
+
     def temper(self) -> dict[str, float]:
         """Per block: how much of χ² to believe, from the best hypothesis' own misfit and its correlation in time.
 
@@ -82,7 +96,7 @@ class Comparison:
         """
         out = {}
         for name in self.problems:
-            best = min((h.fits[name] for h in (self.null, *self.hypotheses)), key=lambda f: f.objective)
+            best = min((h.fits[name] for h in (self.null, *self.hypotheses)), key=lambda f: f.chi2)
             misfit = max(1.0, best.chi2 / max(len(best.residual) - len(best.nuisance), 1))
             out[name] = misfit * _mean_correlation(best.residual, self.problems[name].rows.recording)
         return out
@@ -99,7 +113,7 @@ def grid(candidate: Candidate) -> list[FloatArray]:
     size = 1
     for p in candidate.parameters:
         values: tuple[float, ...] = STRENGTHS if p.null is not None else SHAPES
-        if p.null is not None and p.scale == "linear" and p.low < p.null < p.high:
+        if p.null is not None and p.low < p.null < p.high:
             middle = to_unit(p, p.null)
             values = tuple(float(np.clip(middle + d, 0, 1)) for d in SIGNED)
         if size * len(values) > MAX_GRID:
@@ -109,6 +123,79 @@ def grid(candidate: Candidate) -> list[FloatArray]:
         size *= len(values)
         axes.append(values)
     return [np.array(point) for point in product(*axes)]
+
+
+@dataclass(frozen=True)
+class _Lens:
+    """A block's residual under one prior width ``sd`` (p,) of its nuisance: what an effect must explain.
+
+    ``aim`` (n,) is the residual after the linear nuisance refit, ``evidence`` the base's log evidence.
+    """
+
+    sd: FloatArray
+    projector: Projector
+    aim: FloatArray
+    evidence: float
+
+    @classmethod
+    def of(cls, f: Fit, sd: FloatArray) -> _Lens:
+        # The base's own effect parameters are refitted too: they join the nuisance.
+        jacobian = np.hstack([f.jacobian, f.effect_jacobian])
+        projector = Projector(jacobian, np.concatenate([sd, np.ones(f.effect_jacobian.shape[1])]))
+        at_mean = f.residual + f.jacobian @ (f.nuisance - f.prior_mean)
+        return cls(sd, projector, projector.apply(at_mean), f.log_evidence(1.0, (sd,)))
+
+
+def _seen_through(lenses: Sequence[_Lens], changes: FloatArray) -> tuple[FloatArray, _Lens]:
+    """Twice the nats that each of the ``changes`` (n, k) earns, its size adjusted; and the lens that shows the best."""
+    scores = []
+    for lens in lenses:
+        along = np.maximum(np.sum(changes * lens.projector.apply(changes), axis=0), 1e-9)
+        cross = lens.aim @ changes
+        size = np.clip(cross / along, *AMPLITUDES)
+        scores.append(lens.evidence + 0.5 * np.maximum(2 * cross - along, size * (2 * cross - size * along)))
+    base = np.logaddexp.reduce([lens.evidence for lens in lenses])
+    best = int(np.argmax(np.max(scores, axis=1)))
+    return 2.0 * (np.logaddexp.reduce(scores, axis=0) - base), lenses[best]
+
+
+def _points(candidate: Candidate, problems: dict[str, Problem], base: Hypothesis) -> list[FloatArray]:
+    """The screening grid; of a rhythm, at the frequencies and phases that the residual itself shows, as a fit finds a
+    narrow line only from close by."""
+    points = grid(candidate)
+    names = [p.name for p in candidate.parameters]
+    if "frequency" not in names or "phase" not in names:
+        return points
+    at, turn = names.index("frequency"), names.index("phase")
+    known = candidate.parameters[at]
+    out = []
+    for b in candidate.blocks:
+        time, residual = problems[b].rows.time, base.fits[b].residual
+        for line in _lines(time, residual, known.low, known.high):
+            wave = 2 * np.pi * line * time
+            phase = float(np.arctan2(residual @ np.cos(wave), residual @ np.sin(wave))) % (2 * np.pi)
+            for unit in points[:: max(len(points) // len(STRENGTHS), 1)]:
+                point = unit.copy()
+                point[at], point[turn] = to_unit(known, line), phase / (2 * np.pi)
+                out.append(point)
+    return out
+
+
+def _lines(time: FloatArray, residual: FloatArray, low: float, high: float) -> list[float]:
+    """The strongest frequencies, Hz, between ``low`` and ``high`` in a residual (n,) at uneven ``time`` (n,) s."""
+    step = 0.2 / high
+    index = ((time - time.min()) / step).astype(np.int64)
+    even = np.bincount(index, residual - residual.mean())
+    power = np.abs(np.fft.rfft(even, 4 * len(even)))
+    frequency = np.fft.rfftfreq(4 * len(even), step)
+    power[(frequency < low) | (frequency > high)] = 0.0
+    out: list[int] = []
+    for k in np.argsort(-power):
+        if all(abs(k - other) > 8 for other in out):
+            out.append(int(k))
+        if len(out) == LINES:
+            break
+    return [float(frequency[k]) for k in out]
 
 
 def screen(
@@ -122,41 +209,53 @@ def screen(
     The traces of candidates that are ``known`` from another base are used again: a second effect adds nearly what it
     changes alone, and whatever looks worth it is refitted.
     """
-    traces_of = {s.candidate: s.traces for s in known}
-    projectors = {}
-    for name, f in base.fits.items():
-        # The base's own effect parameters are refitted too: they join the nuisance.
-        jacobian = np.hstack([f.jacobian, f.effect_jacobian])
-        sd = np.concatenate([problems[name].prior_sd, np.ones(f.effect_jacobian.shape[1])])
-        projectors[name] = Projector(jacobian, sd)
-    projected = {name: projectors[name].apply(f.residual) for name, f in base.fits.items()}
+    before = {s.candidate: s for s in known}
+    lenses = {b: [_Lens.of(f, sd) for sd in problems[b].alternatives] for b, f in base.fits.items()}
+    own = {b: Projector(f.jacobian, f.prior_sd) for b, f in base.fits.items()}
     out, simulations = [], 0
     for candidate in candidates:
-        points: list[tuple[float, FloatArray]] = []
-        seen = []
-        traces = traces_of.get(candidate, [])
-        if not traces:
-            for unit in grid(candidate):
-                traces.append({b: _trace(problems[b], base.fits[b], candidate, unit) for b in candidate.blocks})
-                simulations += len(candidate.blocks)
-        for unit, trace in zip(grid(candidate), traces, strict=True):
-            along = sum(float(change @ projectors[block].apply(change)) for block, change in trace.items())
-            cross = sum(float(projected[block] @ change) for block, change in trace.items())
-            seen.append((unit, float(np.sqrt(max(along, 0.0)))))
-            scale = np.clip(cross / along, *AMPLITUDES) if along > 1e-9 else 1.0
-            points.append((max(2 * cross - along, float(scale * (2 * cross - scale * along))), unit))
-        points.sort(key=lambda p: -p[0])
-        out.append(
-            Screened(
-                candidate,
-                points[0][1],
-                points[0][0],
-                tuple(u for g, u in points[1:STARTS] if g > 0.6 * points[0][0]),
-                seen,
-                traces,
-            )
-        )
+        if candidate in before:
+            units, traces = before[candidate].units, before[candidate].traces
+        else:
+            units, traces = tuple(_points(candidate, problems, base)), {}
+            for b in candidate.blocks:
+                traces[b] = np.column_stack([_trace(problems[b], base.fits[b], candidate, unit) for unit in units])
+            simulations += len(candidate.blocks) * len(units)
+        gain, along = 0.0, np.zeros(len(units))
+        starts, widths = {}, {}
+        for b, changes in traces.items():
+            along += np.sum(changes * own[b].apply(changes), axis=0)
+            gains, lens = _seen_through(lenses[b], changes)
+            best = float(gains.max())
+            order = np.argsort(-gains)[:STARTS]
+            starts[b] = tuple(units[k] for k in order if k == order[0] or gains[k] > 0.6 * best)
+            widths[b] = lens.sd
+            gain += best
+        seen = list(zip(units, np.sqrt(np.maximum(along, 0.0)).tolist(), strict=True))
+        out.append(Screened(candidate, units, gain, starts, widths, seen, traces))
+    out.sort(key=lambda s: -s.gain)
+    for k, s in enumerate(out):
+        if not known and (k < QUICK_FITS or min(d for _, d in s.detectability) > STEEP):
+            simulations += _quick_fit(problems, base, s)
     return sorted(out, key=lambda s: -s.gain), simulations
+
+
+def _quick_fit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) -> int:
+    """A few steps of a fit from where the linear screening sees most: its gain, and where it came to. Returns the
+    number of simulations."""
+    gain, simulations = 0.0, 0
+    starts = {}
+    for block, (unit, *others) in screened.starts.items():
+        before, problem = base.fits[block], problems[block]
+        here = under(problem, before.prior_mean, screened.widths[block])
+        hypothesis, start = (*before.hypothesis, screened.candidate), np.concatenate([before.unit, unit])
+        quick = fit(here, hypothesis, start, before.nuisance, iterations=3, jacobian=before.jacobian)
+        gain += 2 * (quick.log_evidence(1.0, problem.alternatives) - before.log_evidence(1.0, problem.alternatives))
+        simulations += quick.simulations
+        starts[block] = (quick.unit[len(before.unit) :], *others)
+    if gain > screened.gain:
+        screened.gain, screened.starts = gain, starts
+    return simulations
 
 
 def _trace(problem: Problem, f: Fit, candidate: Candidate, unit: FloatArray) -> FloatArray:
@@ -168,20 +267,28 @@ def _trace(problem: Problem, f: Fit, candidate: Candidate, unit: FloatArray) -> 
 def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) -> tuple[Hypothesis, int]:
     """``base`` and one effect more, everything refitted jointly in the blocks that any of them touches.
 
-    From the best screening points: a few steps each, then the best to convergence.
+    A few steps from each of the best screening points, and from where the tissue alone would go with the effect; then
+    the best to convergence, under the most probable width of the prior.
     """
     candidate = screened.candidate
     effects = (*base.effects, candidate)
     fits = dict(base.fits)
     simulations = 0
     for block in candidate.blocks:
-        before = base.fits[block]
+        problem, before = problems[block], base.fits[block]
+        hypothesis = (*before.hypothesis, candidate)
         tries = []
-        for unit in (screened.unit, *screened.others):
+        for unit in screened.starts[block]:
             start = np.concatenate([before.unit, unit])
-            tries.append(fit(problems[block], (*before.hypothesis, candidate), start, before.nuisance, iterations=5))
-        best = min(tries, key=lambda f: f.objective)
-        fits[block] = fit(problems[block], best.hypothesis, best.unit, best.nuisance)
+            here = under(problem, before.prior_mean, screened.widths[block])
+            tries.append(fit(here, hypothesis, start, before.nuisance, iterations=5, jacobian=before.jacobian))
+            if len(tries) == 1 and (moved := problem.anchored(hypothesis, start)) is not None:
+                mean, start = moved
+                there = under(problem, mean, screened.widths[block])
+                tries.append(fit(there, hypothesis, start, np.where(problem.local, 0.0, mean), iterations=5))
+        best = max(tries, key=lambda f: f.log_evidence(1.0, problem.alternatives))
+        final = under(problem, best.prior_mean, best.best_prior(problem.alternatives))
+        fits[block] = fit(final, hypothesis, best.unit, best.nuisance)
         simulations += sum(f.simulations for f in tries) + fits[block].simulations
     return Hypothesis(effects, fits), simulations
 
@@ -225,7 +332,7 @@ def _finish_null(comparison: Comparison) -> None:
     """Fit the null again from where the effects' fits ended: one that stopped early would give them nats they have
     not earned."""
     for block, problem in comparison.problems.items():
-        best = min((h.fits[block] for h in comparison.hypotheses), key=lambda f: f.objective, default=None)
+        best = min((h.fits[block] for h in comparison.hypotheses), key=lambda f: f.chi2, default=None)
         for start in (comparison.null.fits[block], best):
             if start is None:
                 continue
@@ -256,8 +363,8 @@ def _shortlist(screened: Sequence[Screened], size: int) -> list[Screened]:
 
 
 def _pairs(comparison: Comparison, candidates: Sequence[Candidate], effort: Effort) -> None:
-    singles = sorted(comparison.hypotheses, key=lambda h: h.objective)[: effort.pair_bases]
     temper = comparison.temper()
+    singles = sorted(comparison.hypotheses, key=lambda h: -comparison.evidence(h, temper))[: effort.pair_bases]
     tried: set[frozenset[str]] = set()
     for base in singles:
         others = [c for c in candidates if c.name != base.effects[0].name]

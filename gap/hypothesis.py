@@ -107,3 +107,8 @@ class Problem(Protocol):
     def start(self) -> FloatArray:
         """A sensible nuisance vector (p,) to begin from."""
         ...
+
+    def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """The prior's mean (p,) as effects about ``unit`` (k,) would have it, and what these then are (k,); None where
+        the mean is known."""
+        ...

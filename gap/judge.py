@@ -29,7 +29,7 @@ class Judgement:
     quiet_gap: float = 1.1
     unusual_gap: float = 1.3  # gap above which finding nothing means that the cause is unknown, not that there is none
     separable: float = 3.0  # distance (in tempered σ) below which two fitted explanations are one class
-    evidence_tie: float = 3.0  # nats within which indistinguishable explanations count as equally good
+    evidence_tie: float = 8.0  # nats within which indistinguishable explanations count as equally good
     detect: float = 0.5  # probability of "some effect" above which one is claimed
     second_share: float = 0.3  # of what the best single effect leaves above the noise, that a second must explain
     unexplained: float = 0.35  # share of the excess χ² that the best leaves, above which the cause is unknown
@@ -71,14 +71,6 @@ def concept(h: Hypothesis) -> str:
     return " + ".join(sorted(e.name for e in h.effects))
 
 
-def _evidence(h: Hypothesis, comparison: Comparison, temper: Mapping[str, float]) -> float:
-    total = 0.0
-    for block, f in h.fits.items():
-        problem = comparison.problems[block]
-        total += problem.trust * f.log_evidence(temper[block], problem.prior_mean, problem.alternatives)
-    return total
-
-
 def _distance(a: Hypothesis, b: Hypothesis, comparison: Comparison, temper: Mapping[str, float]) -> float:
     """How far apart two fitted explanations predict, in tempered σ, each block as far as it is trusted."""
     square = 0.0
@@ -101,8 +93,8 @@ def _earned(h: Hypothesis, comparison: Comparison, rules: Judgement) -> bool:
         return True
     singles = [s for s in comparison.hypotheses if len(s.effects) == 1 and s.effects[0] in h.effects]
     n = sum(len(f.residual) for f in h.fits.values())
-    left = min(s.objective for s in singles)
-    return left - h.objective > rules.second_share * max(left - n, 0.0)
+    left = min(s.chi2 for s in singles)
+    return left - h.chi2 > rules.second_share * max(left - n, 0.0)
 
 
 def gap_of(h: Hypothesis) -> float:
@@ -136,7 +128,7 @@ def judge(
         return sum(s.nats for s in signatures if any(made_by(s, e) for e in h.effects))
 
     everything = [comparison.null, *(h for h in comparison.hypotheses if _earned(h, comparison, rules))]
-    score = np.array([log_prior(h) + _evidence(h, comparison, temper) + marks(h) for h in everything])
+    score = np.array([log_prior(h) + comparison.evidence(h, temper) + marks(h) for h in everything])
     weight = np.exp(score - score.max())
     weight /= weight.sum()
     none = float(weight[0])
@@ -187,9 +179,7 @@ def _classes(
         same = [k for k in order if concept(hypotheses[k]) == concept(hypotheses[simplest])]
         order = [k for k in order if k not in same]
         names = list(dict.fromkeys([concept(hypotheses[simplest]), *(concept(hypotheses[k]) for k in members)]))
-        gain = sum(
-            (comparison.null.fits[b].objective - f.objective) / temper[b] for b, f in hypotheses[simplest].fits.items()
-        )
+        gain = 2 * (comparison.evidence(hypotheses[simplest], temper) - comparison.evidence(comparison.null, temper))
         probability = float(sum(weight[k] for k in (*members, *same)))
         causes.append(
             Cause(

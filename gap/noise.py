@@ -11,16 +11,42 @@ from gap.hypothesis import FloatArray
 def high_band_sigma(value: FloatArray) -> float:
     """Standard deviation of a sample's noise from the high band: third differences, robustly.
 
-    Third differences of white noise have variance 20 σ². The median is taken over non-zero differences where a coarse
-    grid makes most of them vanish, and the grid's own σ = step/√12 is the least.
+    Third differences of white noise have variance 20 σ². On a grid they come in steps: their median is taken as if each
+    were spread over its step, and the grid's own σ = step/√12 is the least.
     """
     v = value[np.isfinite(value)]
     if len(v) < 8:
         return (float(np.std(v)) if len(v) else 0.0) or 1.0
     scale = float(np.ptp(v)) or max(abs(float(v[0])), 1.0)
+    step = grid_step(v)
     differences = np.abs(np.diff(v, 3))
-    sigma = float(np.median(differences)) / 0.6745 / np.sqrt(20.0)
-    return max(sigma, grid_step(v) / np.sqrt(12.0), 1e-7 * scale)
+    median = step * _grouped_median(differences / step) if step else float(np.median(differences))
+    if not median and np.any(differences):  # coarse levels, but on no even grid
+        changes = np.abs(np.diff(v))
+        step = float(np.median(changes[changes > 0]))
+    return max(median / 0.6745 / np.sqrt(20.0), step / np.sqrt(12.0), 1e-7 * scale)
+
+
+def _grouped_median(values: FloatArray) -> float:
+    """Median of non-negative values on the grid 0, 1, 2 …, each spread evenly over ± ½ (0 over 0 … ½)."""
+    share = np.cumsum(np.bincount(np.rint(values).astype(np.int64))) / len(values)
+    k = int(np.searchsorted(share, 0.5))
+    below = float(share[k - 1]) if k else 0.0
+    low, high = max(k - 0.5, 0.0), k + 0.5
+    return low + (high - low) * (0.5 - below) / (float(share[k]) - below)
+
+
+def rounding_floor(sigma: float, step: float) -> float:
+    """What averaging does not lower of the error that a grid of ``step`` makes, rms, for samples of noise ``sigma``
+    (rounding included).
+
+    Noise dithers: the mean of rounded samples is off by at most (step/π) exp(−2π² r²), r = noise/step, the first
+    term of the rounding error's Fourier series (Widrow and Kollár, "Quantization Noise", ch. 5).
+    """
+    if step <= 0:
+        return 0.0
+    r2 = max(sigma**2 / step**2 - 1.0 / 12.0, 0.0)
+    return float(step / (np.pi * np.sqrt(2.0)) * np.exp(-2.0 * np.pi**2 * r2))
 
 
 def grid_step(value: FloatArray) -> float:

@@ -78,7 +78,7 @@ def build(
 
 def traces(problems: Mapping[str, Problem], null: Hypothesis, candidates: Sequence[Candidate]) -> list[Trace]:
     """Traces of candidates about a fitted null."""
-    projectors = {b: Projector(f.jacobian, problems[b].prior_sd) for b, f in null.fits.items()}
+    projectors = {b: Projector(f.jacobian, f.prior_sd) for b, f in null.fits.items()}
     out = []
     for candidate in candidates:
         defaults = {p.name: p.default for p in candidate.parameters}

@@ -260,6 +260,9 @@ class RigProblem:
     def start(self) -> FloatArray:
         return np.zeros(len(self.model.parameters))
 
+    def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> None:
+        return None
+
     def parameters(self, nuisance: FloatArray) -> dict[str, float]:
         """The model's parameters at a nuisance vector."""
         out = {}

@@ -11,7 +11,7 @@ import numpy as np
 from acquire.recording.model import Recording, Series
 from gap.binning import GROWTH, WIDEST, Bins, bin_edges, bin_means
 from gap.hypothesis import FloatArray
-from gap.noise import grid_step, high_band_sigma
+from gap.noise import grid_step, high_band_sigma, rounding_floor
 
 REST = 45.0
 """s between recordings whose clocks all begin anew (assumed; then the report says so)."""
@@ -72,7 +72,7 @@ class Session:
         runs = [np.asarray(self.recordings[k].streams[channel].value, dtype=float) for k in members]
         white = float(np.median([high_band_sigma(v) for v in runs]))
         step = max(grid_step(v) for v in runs)
-        return white, 0.2 * step if white < 0.4 * step else 0.0
+        return white, rounding_floor(white, step)
 
 
 def _shifts(recordings: Sequence[Recording]) -> tuple[FloatArray, bool]:

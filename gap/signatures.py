@@ -11,11 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from acquire.plugins import instrument
 from acquire.recording.model import Recording, Series
 from gap.noise import grid_step, high_band_sigma
 
 CERTAIN = 30.0
 """Nats of a signature that admits no other reading."""
+COARSER = 1.3
+"""Steps against the nominal resolution above which a channel counts as coarse."""
 
 
 @dataclass(frozen=True)
@@ -31,13 +34,23 @@ class Signature:
 def find(recordings: Sequence[Recording]) -> list[Signature]:
     """All signatures in the measured channels."""
     out: list[Signature] = []
+    nominal = _resolutions(recordings[0].info.instrument)
     computed = ("probe_", "force_") if any("transducer_force_a" in r.streams for r in recordings) else ()
     for name in dict.fromkeys(n for r in recordings for n in r.streams if not n.startswith(computed or "\0")):
         series = [r.streams[name] for r in recordings if name in r.streams and len(r.streams[name].value) > 30]
         if not series:
             continue
         out += _clipping(name, series) + _repeats(name, series) + _lost(name, series)
+        out += _coarse(name, series, nominal.get(name, np.inf))
     return out
+
+
+def _resolutions(kind: str) -> dict[str, float]:
+    """Nominal resolution of an instrument's channels, SI; nothing of a rig that is not ours."""
+    try:
+        return {c.name: c.resolution for c in instrument(kind).channels}
+    except ValueError:
+        return {}
 
 
 def _clipping(name: str, series: Sequence[Series]) -> list[Signature]:
@@ -111,6 +124,19 @@ def _lost(name: str, series: Sequence[Series]) -> list[Signature]:
             lost += int(np.sum((steps > 1.5 * usual) & (steps < 20 * usual)))
     if lost:
         return [Signature("dropped_samples", name, CERTAIN, f"{name} has {lost} gaps in its samples")]
+    return []
+
+
+def _coarse(name: str, series: Sequence[Series], nominal: float) -> list[Signature]:
+    """Levels that lie farther apart than the channel's ``nominal`` resolution, SI."""
+    value = np.concatenate([s.value[np.isfinite(s.value)] for s in series])
+    levels = np.unique(value)
+    if len(levels) < 3 or len(levels) > 0.2 * len(value):
+        return []
+    step = float(np.median(np.diff(levels)))
+    if step > COARSER * nominal:
+        text = f"{name} comes in steps of {step:.3g}, {step / nominal:.1f} times its resolution"
+        return [Signature("sensor_quantisation", name, CERTAIN, text)]
     return []
 
 

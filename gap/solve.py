@@ -7,6 +7,7 @@ rᵀ P r. Laplace evidence after MacKay, "Information Theory, Inference and Lear
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -18,6 +19,8 @@ from gap.hypothesis import Candidate, FloatArray, Problem
 
 MAX_ITERATIONS = 30
 DIFFERENCE_STEP = 1e-3  # of a unit prior range
+UNIFORM_PRECISION = 12.0
+"""1/variance of a uniform prior of width 1."""
 
 
 class Projector:
@@ -57,8 +60,9 @@ def _factorise(normal: FloatArray) -> tuple[FloatArray, bool]:
 class Fit:
     """A fitted hypothesis.
 
-    ``chi2`` is of the data alone, ``penalty`` the prior's share; ``unit`` (k,) are the
-    effect parameters in prior quantiles, in the order of the hypothesis, ``covariance`` (k, k) theirs.
+    ``chi2`` is of the data alone, ``penalty`` the prior's share; ``unit`` (k,) are the effect parameters in prior
+    quantiles, in the order of the hypothesis, ``covariance`` (k, k) theirs. ``prior_mean``, ``prior_sd`` (p,) are the
+    nuisance's prior that was used: an effect may move where the tissue's parameters are anchored.
     """
 
     hypothesis: tuple[Candidate, ...]
@@ -71,42 +75,54 @@ class Fit:
     simulations: int
     jacobian: FloatArray = field(repr=False)
     effect_jacobian: FloatArray = field(repr=False)
+    prior_mean: FloatArray = field(repr=False)
+    prior_sd: FloatArray = field(repr=False)
 
     @property
     def objective(self) -> float:
         return self.chi2 + self.penalty
 
-    def log_evidence(self, temper: float, prior_mean: FloatArray, priors: Sequence[FloatArray]) -> float:
+    def log_evidence(self, temper: float, priors: Sequence[FloatArray]) -> float:
         """log marginal likelihood up to the constant that all hypotheses share, with χ² divided by ``temper``.
 
         The mean over the prior widths ``priors`` (each (p,)): how far tissue laws may differ from the nominal one is
         not known.
         """
-        terms = [self._nuisance_evidence(temper, prior_mean, sd) for sd in priors]
-        occam = 0.0
-        if len(self.unit):
-            # The prior of a unit parameter has width 1: its posterior cannot count as wider than that.
-            spread = np.sqrt(np.clip(np.diag(self.covariance) * temper, 0, None) * 2 * np.pi)
-            occam = float(np.sum(np.log(np.clip(spread, 1e-6, 1.0))))
-        return float(np.logaddexp.reduce(terms) - np.log(len(terms))) + occam
+        terms = [self._evidence(temper, sd) for sd in priors]
+        return float(np.logaddexp.reduce(terms) - np.log(len(terms)))
 
-    def _nuisance_evidence(self, temper: float, mean: FloatArray, sd: FloatArray) -> float:
-        """log evidence of the nuisance model linearised about the fit, under another prior width."""
-        if not len(sd):
+    def best_prior(self, priors: Sequence[FloatArray]) -> FloatArray:
+        """The most probable of the prior widths ``priors``, (p,)."""
+        return max(priors, key=lambda sd: self._evidence(1.0, sd))
+
+    def _evidence(self, temper: float, sd: FloatArray) -> float:
+        """log evidence of the model linearised about the fit, under another prior width of the nuisance.
+
+        An effect's parameters are marginalised with it, under a normal prior about the fit that is as wide (variance
+        1/12) as the uniform one.
+        """
+        k = len(self.unit)
+        precision = np.concatenate(
+            [np.where(np.isfinite(sd), 1.0 / np.square(sd), 1e-12), np.full(k, UNIFORM_PRECISION)]
+        )
+        if not len(precision):
             return -0.5 * self.chi2 / temper
-        precision = np.where(np.isfinite(sd), 1.0 / np.square(sd), 1e-12)
-        at_mean = self.residual + self.jacobian @ (self.nuisance - mean)
+        at_mean = self.residual + self.jacobian @ (self.nuisance - self.prior_mean)
         normal = self._normal / temper
         normal[np.diag_indices_from(normal)] += precision
         factor = _factorise(normal)
-        b = self.jacobian.T @ at_mean / temper
+        b = self._jacobians.T @ at_mean / temper
         least = float(at_mean @ at_mean) / temper - float(b @ sla.cho_solve(factor, b))
         logdet = 2.0 * float(np.sum(np.log(np.diag(factor[0])))) - float(np.sum(np.log(precision)))
         return -0.5 * (least + logdet)
 
     @cached_property
+    def _jacobians(self) -> FloatArray:
+        return np.hstack([self.jacobian, self.effect_jacobian])
+
+    @cached_property
     def _normal(self) -> FloatArray:
-        normal: FloatArray = self.jacobian.T @ self.jacobian
+        normal: FloatArray = self._jacobians.T @ self._jacobians
         return normal
 
     @property
@@ -131,11 +147,13 @@ def fit(
     nuisance: FloatArray | None = None,
     iterations: int = MAX_ITERATIONS,
     tolerance: float = 1e-3,
+    jacobian: FloatArray | None = None,
 ) -> Fit:
     """Nuisance and effect parameters that minimise χ² + prior, from ``nuisance`` (p,) and ``unit`` (k,).
 
-    Levenberg-Marquardt; effect derivatives by differences, nuisance derivatives from the problem. ``tolerance`` is
-    the relative gain below which it stops.
+    Levenberg-Marquardt; effect derivatives by differences, nuisance derivatives from the problem, or a ``jacobian``
+    (n, p) from near the start, good for as long as it foretells what happens. ``tolerance`` is the relative gain below
+    which it stops.
     """
     hypothesis = tuple(hypothesis)
     c = problem.start() if nuisance is None else nuisance.copy()
@@ -163,7 +181,7 @@ def fit(
         simulations += 1 + len(u)
         return here.residual, here.jacobian if kept is None else kept, effect
 
-    residual, jac, effect = linearise(c, u)
+    residual, jac, effect = linearise(c, u, jacobian)
     best = cost(residual, c)
     damping = 1e-3
     for _ in range(iterations):
@@ -202,7 +220,7 @@ def fit(
         residual, jac, effect = linearise(c, u, None if stale else jac)
         if gain < tolerance * max(best, 1.0) * 0.1 + 0.02:
             break
-    return _finish(hypothesis, c, u, residual, jac, effect, precision, mean, simulations)
+    return _finish(hypothesis, c, u, residual, jac, effect, mean, sd, simulations)
 
 
 def _finish(
@@ -212,11 +230,12 @@ def _finish(
     residual: FloatArray,
     jac: FloatArray,
     effect: FloatArray,
-    precision: FloatArray,
     mean: FloatArray,
+    sd: FloatArray,
     simulations: int,
 ) -> Fit:
     """Curvature, evidence terms and covariance at the optimum."""
+    precision = np.where(np.isfinite(sd), 1.0 / np.square(sd), 0.0)
     normal = jac.T @ jac
     normal[np.diag_indices_from(normal)] += precision
     penalty = float(np.sum(precision * np.square(c - mean)))
@@ -227,7 +246,7 @@ def _finish(
     else:
         schur = effect.T @ effect
     if len(u):
-        covariance = np.linalg.inv(schur + np.eye(len(u)) * 12.0)  # 12: precision of a uniform prior of width 1
+        covariance = np.linalg.inv(schur + np.eye(len(u)) * UNIFORM_PRECISION)
     return Fit(
         hypothesis=hypothesis,
         nuisance=c,
@@ -239,4 +258,13 @@ def _finish(
         simulations=simulations,
         jacobian=jac,
         effect_jacobian=effect,
+        prior_mean=mean.copy(),
+        prior_sd=sd.copy(),
     )
+
+
+def under(problem: Problem, mean: FloatArray, sd: FloatArray) -> Problem:
+    """``problem`` with another prior of its nuisance, (p,) each."""
+    out = copy.copy(problem)
+    out.prior_mean, out.prior_sd = mean, sd
+    return out

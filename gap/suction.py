@@ -8,20 +8,19 @@ called a device effect.
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 
 from acquire.recording.model import Recording
-from gap.blocks import CLOCK_SD, Block, Group, GroupedSession, candidates_for, compressed
+from gap.blocks import CLOCK_SD, SHIFT_SD, Block, Group, GroupedSession, Table, candidates_for, compressed
 from gap.chains import needed
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Problem
 from gap.noise import denoised
-from gap.solve import fit
+from gap.solve import fit, under
 from gap.tissue_null import suction_discrepancy
 from sim_devices.chain import Chain, Effect
 from sim_devices.stages import nominal
@@ -30,8 +29,6 @@ from sim_devices.stages.sampling import REFINEMENT, simulate
 from sim_devices.stages.suction import REGULATOR_TAU, with_tissue
 from sim_devices.stages.tissues import SuctionTissue, suction_tissue
 
-HEIGHT_RESOLUTION = 10e-6
-"""Nominal resolution of the apex height, m (assumed)."""
 NO_TISSUE = SuctionTissue(0.0, creep=(), times=(), residual=0.0, softening=0.0)
 
 
@@ -53,6 +50,16 @@ def _specimen(name: str) -> SuctionTissue:
         return suction_tissue("silicone")
 
 
+def _commanded_line(chain: Chain, group: Group, time: FloatArray, shift: float) -> Table:
+    """True pressure that ``chain`` makes of a group's command: times finer than ``time`` (n,) s, within its span, and
+    Pa; the record is ``shift`` s late."""
+    kinks = group.commands["pressure"].time
+    fine = np.unique(np.concatenate([time, (kinks[:, None] + REFINEMENT).ravel(), kinks]))
+    fine = fine[(fine >= time[0]) & (fine <= time[-1])]
+    partial = replace(chain, operators=needed(chain, ("line_pressure",)))
+    return fine, simulate(partial, group.tables(), {"line_pressure": fine + shift})["line_pressure"]
+
+
 class PressureBlock(Block):
     """Command -> recorded pressure.
 
@@ -61,21 +68,42 @@ class PressureBlock(Block):
     """
 
     name, channels = "pressure", ("pressure",)
-    floor = 10.0  # Pa: a tenth of the command's resolution
+    floor = 5.0  # Pa: a twentieth of the command's resolution
     LAGS = (0.015, 0.04, 0.1)
     GAUGE_GAIN, GAUGE_ZERO = 1e-3, 15.0  # tolerances of a sound gauge: relative, Pa (assumed)
 
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect]) -> None:
         # An open probe holds no pressure: its record says nothing of the regulator.
         super().__init__(session, library, without=("open air",))
-        self.prior_sd = np.array(
-            [0.15, 0.15, 0.6 * self.dt, CLOCK_SD, *[0.08] * len(self.LAGS), self.GAUGE_GAIN, self.GAUGE_ZERO]
-        )
+        self.prior_sd = self._prior(0.05, 0.08, 0.03)
         self.prior_mean = np.zeros(len(self.prior_sd))
         self.local = np.zeros(len(self.prior_sd), bool)
-        self.alternatives = (self.prior_sd,)
+        self.alternatives = (self._prior(0.02, 0.03, 0.006), self.prior_sd, self._prior(0.15, 0.15, 0.08))
         self._linear = np.column_stack([self._lag_columns(), self.measured, np.ones(len(self.stamps))])
         self.blur_steep_parts(self._slope())
+
+    def _prior(self, tau: float, zeta: float, lag: float) -> FloatArray:
+        lags = [lag] * len(self.LAGS)
+        return np.array([tau, zeta, SHIFT_SD * self.dt, CLOCK_SD, *lags, self.GAUGE_GAIN, self.GAUGE_ZERO])
+
+    def line(self, group: Group, time: FloatArray) -> Table:
+        """What the regulator, as fitted to the recorded pressure, made of the command: times finer than ``time`` (n,)
+        s, and Pa."""
+        c = self._fitted
+        chain = _chain(self.session, group, NO_TISSUE, command_step=0.0)
+        chain = chain.tuned("regulator", tau=REGULATOR_TAU * float(np.exp(c[0])), zeta=float(np.exp(c[1])))
+        fine, value = _commanded_line(chain, group, time, c[2])
+        further = zip(c[4 : 4 + len(self.LAGS)], self.LAGS, strict=True)
+        return fine, value + sum(k * (evaluate(low_pass, fine, value, tau) - value) for k, tau in further)
+
+    def true(self, recorded: FloatArray) -> FloatArray:
+        """Recorded pressures (n,) Pa without the gauge's error, as far as a sound one's goes."""
+        gain, zero = self._fitted[-2:]
+        return recorded * (1.0 - gain) - zero
+
+    @cached_property
+    def _fitted(self) -> FloatArray:
+        return fit(self).nuisance
 
     def _slope(self) -> FloatArray:
         later, earlier = self.prior_mean.copy(), self.prior_mean.copy()
@@ -123,8 +151,8 @@ class PressureBlock(Block):
 class HeightBlock(Block):
     """Recorded pressure -> apex height.
 
-    Nuisance: the reduced tissue's parameters; per recording a gain (the skin's scatter from run to run) and a zero;
-    the sampling convention; the discrepancy of tissue laws.
+    Nuisance: the reduced tissue's parameters; per recording a gain (the skin's scatter from run to run), a zero and
+    another before suction begins; the sampling convention; the discrepancy of tissue laws.
     """
 
     name, channels = "height", ("apex_height",)
@@ -135,9 +163,10 @@ class HeightBlock(Block):
     TISSUE_SD: tuple[float, ...] = (1.5, 1.0, 0.4, 0.15, 0.15, 0.15, 0.15, 0.1, 0.04)
     ANCHORED_SD: tuple[float, ...] = (0.5, 0.15, 0.08, 0.08, 0.08, 0.08, 0.08, 0.06, 0.03)
     GAIN_SD = 0.05
-    DISCREPANCY_SD = 0.01  # of the height, per basis function
-    DISCREPANCY_SCALES = (0.2, 1.0, 4.0)
-    DISCREPANCY_SIZE = 48
+    ZERO_SD = 0.01  # of the largest height: skin still recovers while the instrument takes its zero
+    DISCREPANCY_SD = 0.02  # of the height, per basis function of weight 1
+    DISCREPANCY_SCALES = (0.03, 0.1, 0.3, 1.0, 3.0)
+    DISCREPANCY_SIZE = 100
 
     def __init__(
         self, session: GroupedSession, library: Mapping[str, Effect], pressure: PressureBlock | None = None
@@ -146,28 +175,45 @@ class HeightBlock(Block):
         self._tissue = suction_tissue("forearm")
         self._line = [self._smoothed(g, pressure) for g, _ in self.groups]
         self._runs = self.member
+        onsets = {k: self._onset(g, k) for g, _ in self.groups for k in g.members}
+        self._onsets = np.array([onsets[k] for k in self.runs])
+        # Whether a reading is zeroed when it begins, at the first suction or at both, instruments do not agree.
+        self._zeros = np.hstack([self._runs, self._runs * (self.stamps[:, None] < self._onsets)])
         self._start: FloatArray | None = None
         self._size = 1.0
         size = max(float(np.ptp(self.measured)), 10 * float(np.median(self.sigma)))
         columns, weights = compressed(*self._discrepancy_columns(), self.DISCREPANCY_SIZE)
         self._basis = columns * size
-        zero = max(0.3 * float(self.noise[0]), 0.5 * HEIGHT_RESOLUTION)
-        n, r = len(self.TISSUE) + 1, self._runs.shape[1]
+        zero = float(np.hypot(self.noise[0], self.ZERO_SD * size))
+        n, r, z = len(self.TISSUE) + 1, self._runs.shape[1], self._zeros.shape[1]
         self.prior_sd = np.concatenate(
-            [self.TISSUE_SD, [0.6 * self.dt], np.full(r, self.GAIN_SD), np.full(r, zero), self.DISCREPANCY_SD * weights]
+            [
+                self.TISSUE_SD,
+                [SHIFT_SD * self.dt],
+                np.full(r, self.GAIN_SD),
+                np.full(z, zero),
+                self.DISCREPANCY_SD * weights,
+            ]
         )
         self.prior_mean = np.zeros(len(self.prior_sd))
         self.local = np.zeros(len(self.prior_sd), bool)
-        self.local[n : n + 2 * r] = True
+        self.local[n : n + r + z] = True
         later = self.prior_mean.copy()
         later[: len(self.TISSUE)] = self._first_guess()[:-1]
         earlier = later.copy()
         later[n - 1], earlier[n - 1] = 1e-3, -1e-3
         self.blur_steep_parts((self._chain_height(later, {}) - self._chain_height(earlier, {})) / 2e-3)
         self.alternatives = tuple(
-            np.concatenate([self.prior_sd[: n + 2 * r], self.prior_sd[n + 2 * r :] * s])
+            np.concatenate([self.prior_sd[: n + r + z], self.prior_sd[n + r + z :] * s])
             for s in self.DISCREPANCY_SCALES
         )
+
+    def _onset(self, group: Group, k: int) -> float:
+        """When suction is first commanded in recording ``k``, s; its begin where it never is."""
+        time, value = group.commands["pressure"].time, group.commands["pressure"].value
+        begin, end = self.session.span(k)
+        acting = np.flatnonzero((value != 0) & (time >= begin) & (time <= end))
+        return float(time[max(acting[0] - 1, 0)]) if len(acting) else begin
 
     def _smoothed(self, group: Group, pressure: PressureBlock | None) -> tuple[FloatArray, FloatArray]:
         """Recorded pressure of a group as a table, without its gauge noise; the command where none was recorded."""
@@ -182,32 +228,19 @@ class HeightBlock(Block):
         if not times:
             return group.tables()["pressure"]
         time, value = np.concatenate(times), np.concatenate(values)
-        fine, base = self._actuator(group, time, pressure)
+        if pressure is None:
+            fine, base = _commanded_line(_chain(self.session, group, NO_TISSUE, command_step=0.0), group, time, 0.0)
+        else:
+            (fine, base), value = pressure.line(group, time), pressure.true(value)
         remainder = denoised(time, value - np.interp(time, fine, base))
         return fine, base + np.interp(fine, time, remainder)
-
-    def _actuator(
-        self, group: Group, time: FloatArray, pressure: PressureBlock | None
-    ) -> tuple[FloatArray, FloatArray]:
-        """What the nominal regulator, as fitted to the recorded pressure, made of the command: times, finer than the
-        record's, and Pa."""
-        chain = _chain(self.session, group, NO_TISSUE, command_step=0.0)
-        shift = 0.0
-        if pressure is not None:
-            c = fit(pressure).nuisance
-            chain = chain.tuned("regulator", tau=REGULATOR_TAU * float(np.exp(c[0])), zeta=float(np.exp(c[1])))
-            shift = float(c[2])
-        kinks = group.commands["pressure"].time
-        fine = np.unique(np.concatenate([time, (kinks[:, None] + REFINEMENT).ravel(), kinks]))
-        fine = fine[(fine >= time[0]) & (fine <= time[-1])]
-        partial = replace(chain, operators=needed(chain, ("line_pressure",)))
-        return fine, simulate(partial, group.tables(), {"line_pressure": fine + shift})["line_pressure"]
 
     def _discrepancy_columns(self) -> tuple[FloatArray, FloatArray]:
         parts, weights = [], np.zeros(0)
         guess = self._chain_height(self._first_guess(), {})
+        marks = np.array([self.session.span(k)[0] for k in self.runs])
         for (g, at), (t, p) in zip(self.groups, self._line, strict=True):
-            basis, weights = suction_discrepancy(t, p, guess[at], self.stamps[at], np.asarray(self.session.marks))
+            basis, weights = suction_discrepancy(t, p, guess[at], self.stamps[at], marks, self._onsets)
             parts.append(basis * float(g.skin))
         return np.vstack(parts), weights
 
@@ -232,14 +265,30 @@ class HeightBlock(Block):
         """
         if self._start is None:
             n = len(self.TISSUE)
-            alone = copy.copy(self)
-            alone.prior_sd = np.where(np.arange(len(self.prior_sd)) <= n, self.prior_sd, 1e-6)
-            c = self.prior_mean.copy()
-            self._start = fit(alone, nuisance=c, iterations=15).nuisance
+            self._start = self._alone((), np.zeros(0), self.prior_mean)[0]
             self.prior_mean[:n] = self._start[:n]
             for sd in (self.prior_sd, *self.alternatives):
                 sd[:n] = self.ANCHORED_SD
+            self.prior_sd = fit(self, nuisance=self._start).best_prior(self.alternatives)
         return self._start.copy()
+
+    def _alone(
+        self, hypothesis: Sequence[Candidate], unit: FloatArray, nuisance: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Tissue and effects fitted without the discrepancy from ``nuisance`` (p,) and ``unit`` (k,)."""
+        n = len(self.TISSUE)
+        sd = np.full(len(self.prior_sd), 1e-6)
+        sd[: n + 1] = *self.TISSUE_SD, self.prior_sd[n]
+        alone = under(self, np.zeros(len(sd)), sd)
+        found = fit(alone, hypothesis, unit, nuisance, iterations=15)
+        return found.nuisance, found.unit
+
+    def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> tuple[FloatArray, FloatArray]:
+        n = len(self.TISSUE)
+        found, unit = self._alone(hypothesis, unit, self.start())
+        mean = self.prior_mean.copy()
+        mean[:n] = found[:n]
+        return mean, unit
 
     def _first_guess(self) -> FloatArray:
         """Tissue and shift (t,) at a size of the compliance that gives the largest height measured."""
@@ -275,10 +324,10 @@ class HeightBlock(Block):
         return made["line_pressure"] - made["pressure"]
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
-        n, r = len(self.TISSUE) + 1, self._runs.shape[1]
+        n, r, z = len(self.TISSUE) + 1, self._runs.shape[1], self._zeros.shape[1]
         gain = 1 + self._runs @ nuisance[n : n + r]
         height = self._chain_height(nuisance, active)
-        predicted = height * gain + self._runs @ nuisance[n + r : n + 2 * r] + self._basis @ nuisance[n + 2 * r :]
+        predicted = height * gain + self._zeros @ nuisance[n + r : n + r + z] + self._basis @ nuisance[n + r + z :]
         residual = (self.measured - predicted) / self.sigma
         if not want_jacobian:
             return Evaluation(residual, np.zeros((0, 0)))
@@ -288,7 +337,7 @@ class HeightBlock(Block):
             step = 1e-3 if k < n - 1 else 0.05 * self.dt
             moved[k] += step
             chain_part[:, k] = (self._chain_height(moved, active) - height) / step
-        jacobian = np.hstack([chain_part * gain[:, None], self._runs * height[:, None], self._runs, self._basis])
+        jacobian = np.hstack([chain_part * gain[:, None], self._runs * height[:, None], self._zeros, self._basis])
         return Evaluation(residual, jacobian / self.sigma[:, None])
 
 

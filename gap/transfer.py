@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from acquire.recording.model import Recording
 from gap.compare import Hypothesis
-from gap.hypothesis import Active, Evaluation, FloatArray, Problem
+from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Problem
 from gap.rows import direction, level
-from gap.solve import Projector, fit
+from gap.solve import Projector, fit, under
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,9 @@ class _Masked:
 
     def start(self) -> FloatArray:
         return self.problem.start()
+
+    def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> None:
+        return None
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         full = self.problem.evaluate(nuisance, active, want_jacobian)
@@ -121,6 +124,7 @@ def transferred(problems: dict[str, Problem], null: Hypothesis, best: Hypothesis
 
 def _withheld(problem: Problem, h: Hypothesis, name: str, out: NDArray[np.bool_]) -> float:
     full = h.fits[name]
+    problem = under(problem, full.prior_mean, full.prior_sd)
     trained = fit(_Masked(problem, ~out), full.hypothesis, full.unit, full.nuisance, iterations=5)
     there = problem.evaluate(trained.nuisance, trained.active)
     residual = there.residual[out]

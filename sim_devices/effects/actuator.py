@@ -41,7 +41,13 @@ def _slew_suction(chain: Chain, v: Values) -> Chain:
 def _overshoot(chain: Chain, v: Values) -> Chain:
     op: Any = chain["regulator"]
     log = math.log(max(v["overshoot"], 1e-12))
-    return chain.tuned("regulator", tau=op.tau * v["slowness"], zeta=-log / math.hypot(math.pi, log))
+    zeta, tau = -log / math.hypot(math.pi, log), op.tau * v["slowness"]
+    form = chosen(v, "form")
+    if form == 0:
+        return chain.tuned("regulator", tau=tau, zeta=zeta)
+    if form == 1:
+        return law_after(chain, "regulator", "overshoot", "actuator", kernels.second_order, (tau, zeta))
+    return law_after(chain, "regulator", "overshoot", "actuator", kernels.lead, (2 * v["overshoot"], 2 * tau))
 
 
 def _leak(chain: Chain, v: Values) -> Chain:
@@ -59,10 +65,18 @@ def _dead_band(chain: Chain, v: Values) -> Chain:
     return law_before(chain, "regulator", "dead_band", "actuator", law, (v["band"],))
 
 
-def _gauge(chain: Chain, error: float, amount: float) -> Chain:
-    known: Any = chain["gauge"]
-    parameters = (known.parameters[0] + error, known.parameters[1] + amount)
-    return chain.tuned("gauge", parameters=parameters).tuned("line", parameters=parameters)
+def _gauge(chain: Chain, v: Values, error: float, amount: float) -> Chain:
+    """A gauge that closes the loop moves the true pressure, one that is recorded the reading."""
+    form = chosen(v, "form")
+    if form != 1:
+        chain = map_after(chain, "command_resolution", "misread", "actuator", laws.misread, (error, amount))
+    if form != 2:
+        known: Any = chain["gauge"]
+        chain = chain.tuned("gauge", parameters=(known.parameters[0] + error, known.parameters[1] + amount))
+    return chain
+
+
+GAUGE = choice("form", 0, "in the loop and in the record", "in the record only", "in the loop only")
 
 
 def _slew_robot(chain: Chain, v: Values) -> Chain:
@@ -118,7 +132,8 @@ EFFECTS = (
         "second-order regulation; gap.md",
         (
             strength("overshoot", "1", 5e-3, 0.8, 0.25, "of a step"),
-            shape("slowness", "1", 0.3, 8.0, 1.5, "time constant against the nominal one", log=True),
+            shape("slowness", "1", 0.25, 4.0, 1.0, "time constant against the nominal one", log=True),
+            choice("form", 0, "of the regulator", "a resonance behind it", "a lead behind it"),
         ),
         _overshoot,
     ),
@@ -158,19 +173,19 @@ EFFECTS = (
     ),
     effect(
         "gauge_offset", "actuator", SUCTION,
-        "The gauge that closes the loop and is recorded reads a constant too much.",
+        "A pressure gauge reads a constant too much.",
         "Zero the gauge in open air; compare with a manometer.",
         "null shift of pressure sensors; gap.md",
-        (signed("offset", "Pa", 5e3, 1e3, "reading minus truth"),),
-        lambda chain, v: _gauge(chain, 0.0, v["offset"]),
+        (signed("offset", "Pa", 5e3, 1e3, "reading minus truth"), GAUGE),
+        lambda chain, v: _gauge(chain, v, 0.0, v["offset"]),
     ),
     effect(
         "gauge_gain", "actuator", SUCTION,
-        "The gauge that closes the loop and is recorded has a wrong sensitivity.",
+        "A pressure gauge has a wrong sensitivity.",
         "Calibrate at two pressures with a manometer tap.",
         "span error of pressure sensors; gap.md",
-        (signed("error", "1", 0.4, 0.1, "relative error of the reading"),),
-        lambda chain, v: _gauge(chain, v["error"], 0.0),
+        (signed("error", "1", 0.4, 0.1, "relative error of the reading"), GAUGE),
+        lambda chain, v: _gauge(chain, v, v["error"], 0.0),
     ),
     effect(
         "slew_limit", "actuator", ROBOT,

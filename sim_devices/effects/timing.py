@@ -20,9 +20,11 @@ from sim_devices.effects.build import (
     strength,
 )
 from sim_devices.stages import RATES, kernels
-from sim_devices.stages.operators import Law
+from sim_devices.stages.operators import Delay, Law, after
 from sim_devices.stages.robot import TRANSDUCERS, numbered
 
+GROWING = 100.0
+"""s after which a growing desynchronisation is quoted."""
 _SEED = shape("seed", "choice", 0, 9, 1, "which samples are hit: another number, other samples")
 _RATE = shape("rate", "Hz", 0, 2000, 0, "sampling rate; 0: the instrument's own")
 
@@ -68,8 +70,15 @@ def _faulty(name: str, lost: float) -> Any:
 
 
 def _desynchronised(chain: Chain, v: Values) -> Chain:
-    anchor = "optics" if v["shift"] > 0 else "gauge"
-    return delayed(chain, "desynchronisation", "timing", abs(v["shift"]), anchor)
+    form, shift = chosen(v, "form"), v["shift"]
+    if form == 0 and shift < 0:
+        return delayed(chain, "desynchronisation", "timing", -shift, "gauge")
+    if form < 2:
+        return delayed(chain, "desynchronisation", "timing", shift, "optics")
+    op: Any = chain["latency"]
+    marks = op.marks if form == 3 else ()
+    growth = shift / GROWING
+    return after(chain, "optics", lambda s, t: Delay("desynchronisation", "timing", s, t, skew=growth, marks=marks))
 
 
 def _jitter(chain: Chain, v: Values) -> Chain:
@@ -120,7 +129,11 @@ EFFECTS = (
         "Height (image or optics) lags or leads the pressure channel.",
         "Trigger camera and gauge together, or align them on a step of suction.",
         "separate camera and pressure streams; gap.md",
-        (signed("shift", "s", 0.4, 0.08, "positive: height is late; negative: pressure is"),),
+        (
+            signed("shift", "s", 0.4, 0.08, "positive: height is late"),
+            choice("form", 0, "negative: pressure is late", "negative: height is stamped early",
+                   "reached after 100 s of session", "reached after 100 s of recording"),
+        ),
         _desynchronised,
     ),
     effect(

@@ -113,6 +113,14 @@ def second_order(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: 
 
 
 @njit(cache=True)
+def lead(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """What moves is exaggerated: y = u + a (u - lag of u). ``p`` = (a, tau s)."""
+    low_pass(s, t, u, p[1:2], y)
+    for i in range(t.size):
+        y[i] = u[i] + p[0] * (u[i] - y[i])
+
+
+@njit(cache=True)
 def prony(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Linear memory, y = g0 u + sum g_i lag(u, tau_i).
 

@@ -25,9 +25,10 @@ def affine(time: FloatArray, u: FloatArray, error: float, amount: float) -> Floa
     return u * (1.0 + error) + amount if error or amount else u
 
 
-def affine_inverse(time: FloatArray, reading: FloatArray, error: float, amount: float) -> FloatArray:
-    """The true value at which that gauge shows ``reading``."""
-    return (reading - amount) / (1.0 + error) if error or amount else reading
+def misread(time: FloatArray, command: FloatArray, error: float, amount: float) -> FloatArray:
+    """What a loop closed by such a gauge makes of a commanded suction (negative): the true pressure at which the gauge
+    shows it. Vented, it holds nothing."""
+    return np.where(command < 0.0, np.minimum((command - amount) / (1.0 + error), 0.0), command)
 
 
 def quadratic(time: FloatArray, u: FloatArray, error: float, reference: float) -> FloatArray:

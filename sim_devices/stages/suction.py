@@ -1,8 +1,7 @@
 """The nominal chains of the two suction instruments, from pressure set-point to apex height.
 
-command_pressure -> due_pressure -> setpoint_pressure -> regulated_pressure (what the loop's gauge reads) ->
-line_pressure (true)
--> skin_pressure -> elastic_height -> viscous_height -> bulge (true) -> raw_height; measured: pressure, apex_height.
+command_pressure -> due_pressure -> setpoint_pressure -> line_pressure (true) -> skin_pressure -> elastic_height ->
+viscous_height -> bulge (true) -> raw_height; measured: pressure, apex_height.
 """
 
 from __future__ import annotations
@@ -150,10 +149,7 @@ def nominal_suction(
                 laws.quantisation,
                 (command_step,),
             ),
-            Regulator(
-                "regulator", "actuator", ("setpoint_pressure",), ("regulated_pressure",), tau, zeta, lowest=lowest
-            ),
-            Map("line", "actuator", ("regulated_pressure",), ("line_pressure",), laws.affine_inverse, (0.0, 0.0)),
+            Regulator("regulator", "actuator", ("setpoint_pressure",), ("line_pressure",), tau, zeta, lowest=lowest),
             Pass("probe", "interface", ("line_pressure",), ("skin_pressure",)),
             *tissue_operators(skin),
             Map("gauge", "sensor", ("line_pressure",), analog("pressure"), laws.affine, (0.0, 0.0)),

@@ -122,7 +122,9 @@ def test_random_faults_hit_the_asked_share_whatever_the_grid() -> None:
 
 def test_laws() -> None:
     u, t = np.linspace(-2, 2, 9), np.linspace(0, 1, 9)
-    np.testing.assert_allclose(laws.affine_inverse(t, laws.affine(t, u, 0.2, 0.5), 0.2, 0.5), u)
+    held = laws.misread(t, u, 0.2, 0.1)
+    np.testing.assert_allclose(laws.affine(t, held, 0.2, 0.1)[u < 0], u[u < 0])  # the gauge shows what was commanded
+    np.testing.assert_allclose(held[u >= 0], u[u >= 0])  # vented, nothing is held
     np.testing.assert_allclose(laws.saturation(t, u, 1.0), np.clip(u, -1, 1))
     assert np.abs(laws.saturation(t, 100 * u, 1.0, 1.0)).max() <= 1.0
     np.testing.assert_allclose(laws.dead_zone(t, u, 0.5), [-1.5, -1, -0.5, 0, 0, 0, 0.5, 1, 1.5])
