@@ -27,8 +27,8 @@ CLOCK_SD = 2e-5
 """How fast the recording's clock may soundly run against the command's: an ordinary crystal (assumed)."""
 SHIFT_SD = 0.25
 """Of a sampling interval: how late a sound channel may be, which integrates, holds or stamps as it likes (assumed)."""
-AFTER_KINK = np.concatenate(
-    [np.arange(1, 120) * 1e-3, np.arange(120, 300, 2) * 1e-3, np.arange(300, 600, 5) * 1e-3, np.arange(60, 101) * 1e-2]
+AFTER_KINK = 1e-3 * np.concatenate(
+    [np.arange(1, 40), np.arange(40, 120, 2), np.arange(120, 300, 4), np.arange(300, 1000, 10)]
 )
 """s after a kink of the command: nodes so dense that straight lines between them are as good as the signal."""
 STAMP_SD = 4e-4
@@ -76,7 +76,7 @@ class Block(abc.ABC):
     name: str
     channels: tuple[str, ...]
     growth, widest = GROWTH, WIDEST  # of the bins
-    trust = 0.5
+    trust = 0.9
     floor: float = 0.0  # SI: noise that averaging does not lower, because the nominal chain is not known better
 
     prior_mean: FloatArray
@@ -191,7 +191,9 @@ class Block(abc.ABC):
     def start(self) -> FloatArray:
         return self.prior_mean.copy()
 
-    def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    def anchored(
+        self, hypothesis: Sequence[Candidate], unit: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
         return None
 
     @abc.abstractmethod

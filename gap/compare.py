@@ -23,8 +23,6 @@ SIGNED = (-0.2, -0.04, -0.006, 0.006, 0.04, 0.2)
 """Quantiles of the prior from the value that does nothing, where that lies inside: half the range is mostly absurd."""
 SHAPES = (0.2, 0.5, 0.8)
 MAX_GRID = 9
-QUICK_FITS = 24
-"""Screened effects that get a few steps of a fit, where straight lines may mislead."""
 STEEP = 10.0
 """Detectability at the weakest strength simulated above which the linear screening says nothing."""
 HOPELESS = 4.0
@@ -203,11 +201,13 @@ def screen(
     base: Hypothesis,
     candidates: Sequence[Candidate],
     known: Sequence[Screened] = (),
+    quick_fits: int = 0,
 ) -> tuple[list[Screened], int]:
     """Every candidate on top of ``base``, by the linear nuisance refit; best first. Also the number of simulations.
 
     The traces of candidates that are ``known`` from another base are used again: a second effect adds nearly what it
-    changes alone, and whatever looks worth it is refitted.
+    changes alone, and whatever looks worth it is refitted. The best ``quick_fits``, and those whose weakest strength is
+    still far from linear, are fitted a little.
     """
     before = {s.candidate: s for s in known}
     lenses = {b: [_Lens.of(f, sd) for sd in problems[b].alternatives] for b, f in base.fits.items()}
@@ -235,7 +235,7 @@ def screen(
         out.append(Screened(candidate, units, gain, starts, widths, seen, traces))
     out.sort(key=lambda s: -s.gain)
     for k, s in enumerate(out):
-        if not known and (k < QUICK_FITS or min(d for _, d in s.detectability) > STEEP):
+        if k < quick_fits or (quick_fits and min(d for _, d in s.detectability) > STEEP):
             simulations += _quick_fit(problems, base, s)
     return sorted(out, key=lambda s: -s.gain), simulations
 
@@ -283,9 +283,9 @@ def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) ->
             here = under(problem, before.prior_mean, screened.widths[block])
             tries.append(fit(here, hypothesis, start, before.nuisance, iterations=5, jacobian=before.jacobian))
             if len(tries) == 1 and (moved := problem.anchored(hypothesis, start)) is not None:
-                mean, start = moved
+                mean, nuisance, start = moved
                 there = under(problem, mean, screened.widths[block])
-                tries.append(fit(there, hypothesis, start, np.where(problem.local, 0.0, mean), iterations=5))
+                tries.append(fit(there, hypothesis, start, nuisance, iterations=5))
         best = max(tries, key=lambda f: f.log_evidence(1.0, problem.alternatives))
         final = under(problem, best.prior_mean, best.best_prior(problem.alternatives))
         fits[block] = fit(final, hypothesis, best.unit, best.nuisance)
@@ -297,6 +297,7 @@ def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) ->
 class Effort:
     """How wide the search is."""
 
+    quick_fits: int = 16  # screened effects that get a few steps of a fit, where straight lines may mislead
     refit_singles: int = 9
     pair_bases: int = 2
     refit_pairs: int = 2
@@ -315,7 +316,7 @@ def compare(
     fits = {name: fit(p, iterations=60, tolerance=1e-5) for name, p in blocks.items()}
     comparison = Comparison(blocks, Hypothesis((), fits), simulations=sum(f.simulations for f in fits.values()))
     usable = [c for c in candidates if set(c.blocks) <= set(blocks)]
-    comparison.screened, n = screen(blocks, comparison.null, usable)
+    comparison.screened, n = screen(blocks, comparison.null, usable, quick_fits=effort.quick_fits)
     comparison.simulations += n
     chosen = _shortlist(comparison.screened, effort.refit_singles)
     chosen += [s for s in comparison.screened if s.candidate in suspects and s not in chosen]

@@ -23,6 +23,10 @@ INSTRUMENTS = ("cutometer", "aspiration", "microrobot")
 """Those with a built-in forward model."""
 
 
+EFFORTS = {"microrobot": Effort(quick_fits=5, refit_singles=7, pair_bases=1)}
+"""How wide to search where simulations are slow."""
+
+
 class DiagnosisError(ValueError):
     """The recordings cannot be diagnosed at all: the message names the recording and the channel."""
 
@@ -54,7 +58,7 @@ class Diagnosis:
 def diagnose(
     recordings: Sequence[Recording],
     model: ForwardModel | None = None,
-    effort: Effort = Effort(),
+    effort: Effort | None = None,
     rules: Judgement = Judgement(),
     user_effects: Sequence[Path] = (),
     solver: str = "",
@@ -73,6 +77,7 @@ def diagnose(
     problems, candidates = _problems(recordings, model, user_effects, solver)
     marks = tuple(signatures.find(recordings))
     suspects = [c for c in candidates if any(made_by(s, c) for s in marks)]
+    effort = effort or EFFORTS.get(recordings[0].info.instrument, Effort())
     comparison = compare(problems, candidates, effort, suspects)
     verdict = judge(comparison, candidates, rules, marks)
     blocks = {p.name: p for p in problems}

@@ -108,7 +108,9 @@ class Problem(Protocol):
         """A sensible nuisance vector (p,) to begin from."""
         ...
 
-    def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """The prior's mean (p,) as effects about ``unit`` (k,) would have it, and what these then are (k,); None where
-        the mean is known."""
+    def anchored(
+        self, hypothesis: Sequence[Candidate], unit: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+        """The prior's mean (p,) as effects about ``unit`` (k,) would have it; the nuisance (p,) and the effects (k,)
+        to begin with there. None where the mean is known."""
         ...

@@ -32,8 +32,8 @@ class Judgement:
     evidence_tie: float = 8.0  # nats within which indistinguishable explanations count as equally good
     detect: float = 0.5  # probability of "some effect" above which one is claimed
     second_share: float = 0.3  # of what the best single effect leaves above the noise, that a second must explain
-    unexplained: float = 0.35  # share of the excess χ² that the best leaves, above which the cause is unknown
-    unexplained_gap: float = 1.3  # and the gap that must be left for it
+    second_excess: float = 0.01  # and of what the null leaves: form errors grow with the effect
+    unknown: float = 0.5  # probability that the cause is none of the library's above which that is the verdict
 
 
 @dataclass(frozen=True)
@@ -94,13 +94,21 @@ def _earned(h: Hypothesis, comparison: Comparison, rules: Judgement) -> bool:
     singles = [s for s in comparison.hypotheses if len(s.effects) == 1 and s.effects[0] in h.effects]
     n = sum(len(f.residual) for f in h.fits.values())
     left = min(s.chi2 for s in singles)
-    return left - h.chi2 > rules.second_share * max(left - n, 0.0)
+    needed = max(rules.second_share * (left - n), rules.second_excess * (comparison.null.chi2 - n), 0.0)
+    return left - h.chi2 > needed
 
 
 def gap_of(h: Hypothesis) -> float:
     """rms of the whitened residual over all blocks: 1 at the noise floor."""
     n = sum(len(f.residual) for f in h.fits.values())
     return float(np.sqrt(sum(f.chi2 for f in h.fits.values()) / n))
+
+
+def unknown(unexplained: float, gap: float) -> float:
+    """How surely the cause is none of the library's: from the share of the excess χ² that the best explanation leaves,
+    and from how far above the noise the ``gap`` is that it leaves."""
+    excess = max(gap - 1.0, 0.0)
+    return float(1.0 - np.exp(-2.2 * unexplained * excess / (excess + 0.3)))
 
 
 def judge(
@@ -144,7 +152,7 @@ def judge(
     if not causes or 1 - none < rules.detect:
         quiet = before <= rules.quiet_gap and none >= rules.sure_none
         verdict = "unknown" if before > rules.unusual_gap else "none" if quiet else "undetectable"
-    elif left > rules.unexplained and after > rules.unexplained_gap and not marks(causes[0].hypothesis):
+    elif unknown(min(left, 1.0), after) > rules.unknown and not marks(causes[0].hypothesis):
         verdict = "unknown"
     else:
         verdict = "several" if len(causes[0].effects) > 1 else "effect"

@@ -8,7 +8,7 @@ import numpy as np
 
 from gap.diagnose import Diagnosis
 from gap.hypothesis import Candidate, from_unit
-from gap.judge import Cause
+from gap.judge import Cause, unknown
 from gap.rows import LABELS
 from gap.transfer import shrink
 
@@ -32,7 +32,7 @@ def as_json(d: Diagnosis) -> dict[str, Any]:
         "where": [{"stage": s, "probability": _round(p)} for s, p in v.stages.items()],
         "causes": [_cause(d, c, k) for k, c in enumerate(v.causes[:6])],
         "none_probability": _round(v.probability_none),
-        "unknown_probability": _round(unknown_probability(d)),
+        "unknown_probability": _round(unknown(d.verdict.unexplained, d.verdict.gap_after)),
         "unexplained": _round(v.unexplained),
         "indistinguishable": [list(g) for g in d.confusable],
         "undetectable_below": {k: _round(b) for k, b in d.bounds.items() if np.isfinite(b)},
@@ -46,13 +46,6 @@ def as_json(d: Diagnosis) -> dict[str, Any]:
 
 def _round(x: float) -> float:
     return float(f"{x:.5g}")
-
-
-def unknown_probability(d: Diagnosis) -> float:
-    """How surely the cause is none of the library's: from the share of the gap that the best explanation leaves, and
-    how far that is above the noise."""
-    excess = max(d.verdict.gap_after - 1.0, 0.0)
-    return float(d.verdict.unexplained * excess / (excess + 0.3))
 
 
 def breakdown(d: Diagnosis) -> dict[str, dict[str, dict[str, float]]]:

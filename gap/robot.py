@@ -102,6 +102,7 @@ class AxesBlock(Block):
     """
 
     name, channels = "axes", AXES
+    trust = 0.4  # the skin's force loads the axes, as far as the recorded force tells
     growth, widest = ROBOT_BINS
     floor = 0.5e-6  # m
     SD = (0.02, 0.02, 0.04, STAMPS_SD, CLOCK_SD, 3e-3)
@@ -257,7 +258,7 @@ class ForceBlock(Block):
     CALIBRATION_SD = 2e-3  # of each transducer
     ZERO_SD = 3e-3  # N
     DISCREPANCY_SD = 0.02  # of the force, per basis function
-    DISCREPANCY_SCALES = (0.15, 0.5, 2.5)
+    DISCREPANCY_SCALES = (0.15, 0.5, 2.0, 8.0)
     DISCREPANCY_SIZE = 180
 
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect], axes: AxesBlock) -> None:
@@ -295,6 +296,14 @@ class ForceBlock(Block):
             widths.append(self.prior_sd.copy())
             widths[-1][self._parts["discrepancy"]] *= scale
         self.alternatives = tuple(widths)
+        self._start: FloatArray | None = None
+
+    def start(self) -> FloatArray:
+        """The null's fit, which also tells how far other sheets are from the reduced one."""
+        if self._start is None:
+            null = fit(self, nuisance=self.prior_mean)
+            self._start, self.prior_sd = null.nuisance, null.best_prior(self.alternatives)
+        return self._start.copy()
 
     def _grid_of(self, group: Group, at: slice, axes: Mapping[str, Table]) -> tuple[FloatArray, dict[str, FloatArray]]:
         """Nodes for a group, fine enough for a sheet between them, and the axes there."""

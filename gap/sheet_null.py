@@ -22,6 +22,8 @@ PAST = (0.1, 0.6, 3.0, 15.0, 80.0)
 """Time constants of what the sheet remembers of the displacement itself, s."""
 SETS = (0.06, 0.12, 0.2, 0.3, 0.45, 0.65, 0.85)
 """Half widths of plays, of the largest displacement: what of the past stays."""
+FLOWS = ((1.0, 10.0), (10.0, 100.0), (100.0, 1e4), (1.0, 1e4), (0.3, 0.03), (10.0, 1.0))
+"""Time constants of flow away from rest and of its return, s."""
 GRID_STEP = 0.04
 """s; the robot's displacement is slow."""
 
@@ -40,24 +42,29 @@ def sheet_discrepancy(time: FloatArray, displacement: FloatArray, stamps: FloatA
     elastic = np.concatenate([gradients(u, degree) for degree in (2, 3, 4, 6)])
     for tau in MEMORY:
         families.append((lagged(grid, elastic, tau), 3.0 if tau == 0 else 1.0))
-    amount = np.linalg.norm(u, axis=0)
+    amount, linear = np.linalg.norm(u, axis=0), gradients(u, 2)
     for tau in PAST:
         past = lagged(grid, u, tau)
         families.append((gradients(past, 3), 0.5))
         families.append((gradients(past, 4), 0.5))
         before = lagged(grid, amount, tau)
-        linear = gradients(u, 2)
         families.append((linear * before, 1.0))
         families.append((linear * before**2, 0.5))
         families.append((np.stack([past * amount**2, past * amount]), 1.0))
     worst = np.maximum.accumulate(amount)
-    families.append((gradients(u, 2) * worst, 1.0))
+    families.append((linear * worst, 1.0))
     for width in SETS:
         stay = np.empty_like(u)
         played(u, width, stay)
         families.append((gradients(stay, 2), 1.0))
         families.append((gradients(u - stay, 6), 1.0))
         families.append((gradients(lagged(grid, stay, 3.0), 2), 0.5))
+    for away, back in FLOWS:
+        flown = np.empty_like(u)
+        flowing(grid, u, away, back, flown)
+        families.append((gradients(flown, 2), 1.0))
+        families.append((gradients(flown, 4), 0.5))
+        families.append((linear * np.linalg.norm(flown, axis=0), 0.5))
     columns = np.concatenate([np.stack([[np.interp(stamps, grid, a) for a in f] for f in fs]) for fs, _ in families])
     weights = np.concatenate([np.full(len(fs), w) for fs, w in families])
     return np.moveaxis(columns, 0, -1), weights
@@ -98,6 +105,17 @@ def _lag(time: FloatArray, values: FloatArray, tau: float, out: FloatArray) -> N
         for k in range(len(values)):
             state[k] = e * state[k] + a * values[k, i - 1] + b * values[k, i]
             out[k, i] = state[k]
+
+
+@njit(cache=True)
+def flowing(time: FloatArray, u: FloatArray, away: float, back: float, out: FloatArray) -> None:
+    """A point drawn towards u (3, m) within ``away`` s while that is farther from rest than it, else ``back`` s."""
+    s = np.zeros(3)
+    out[:, 0] = 0.0
+    for i in range(1, time.size):
+        far = np.sum(u[:, i] * u[:, i]) > np.sum(s * s)
+        s = u[:, i] + (s - u[:, i]) * np.exp(-(time[i] - time[i - 1]) / (away if far else back))
+        out[:, i] = s
 
 
 @njit(cache=True)

@@ -133,7 +133,7 @@ def _coarse(name: str, series: Sequence[Series], nominal: float) -> list[Signatu
     levels = np.unique(value)
     if len(levels) < 3 or len(levels) > 0.2 * len(value):
         return []
-    step = float(np.median(np.diff(levels)))
+    step = float(np.quantile(np.diff(levels), 0.1))  # sparse levels skip steps
     if step > COARSER * nominal:
         text = f"{name} comes in steps of {step:.3g}, {step / nominal:.1f} times its resolution"
         return [Signature("sensor_quantisation", name, CERTAIN, text)]

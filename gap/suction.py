@@ -21,7 +21,7 @@ from gap.chains import needed
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Problem
 from gap.noise import denoised
 from gap.solve import fit, under
-from gap.tissue_null import suction_discrepancy
+from gap.tissue_null import USUAL_MEMORY, Suction, elastic_freedom, suction_discrepancy
 from sim_devices.chain import Chain, Effect
 from sim_devices.stages import nominal
 from sim_devices.stages.kernels import evaluate, low_pass
@@ -68,7 +68,7 @@ class PressureBlock(Block):
     """
 
     name, channels = "pressure", ("pressure",)
-    floor = 5.0  # Pa: a twentieth of the command's resolution
+    floor = 10.0  # Pa: a tenth of the command's resolution
     LAGS = (0.015, 0.04, 0.1)
     GAUGE_GAIN, GAUGE_ZERO = 1e-3, 15.0  # tolerances of a sound gauge: relative, Pa (assumed)
 
@@ -156,7 +156,7 @@ class HeightBlock(Block):
     """
 
     name, channels = "height", ("apex_height",)
-    trust = 0.06  # other tissue laws than ours leave up to δ = 15 that some device effect can repair
+    trust = 0.12  # other tissue laws than ours leave some δ = 10 that some device effect can repair
     TISSUE: tuple[str, ...] = (
         "compliance", "knee", "exponent", "creep1", "creep2", "creep3", "creep4", "residual", "softening",
     )  # fmt: skip
@@ -164,6 +164,7 @@ class HeightBlock(Block):
     ANCHORED_SD: tuple[float, ...] = (0.5, 0.15, 0.08, 0.08, 0.08, 0.08, 0.08, 0.06, 0.03)
     GAIN_SD = 0.05
     ZERO_SD = 0.01  # of the largest height: skin still recovers while the instrument takes its zero
+    CURVE_SD = 0.1  # of the largest height, per elastic curve
     DISCREPANCY_SD = 0.02  # of the height, per basis function of weight 1
     DISCREPANCY_SCALES = (0.03, 0.1, 0.3, 1.0, 3.0)
     DISCREPANCY_SIZE = 100
@@ -177,24 +178,19 @@ class HeightBlock(Block):
         self._runs = self.member
         onsets = {k: self._onset(g, k) for g, _ in self.groups for k in g.members}
         self._onsets = np.array([onsets[k] for k in self.runs])
-        # Whether a reading is zeroed when it begins, at the first suction or at both, instruments do not agree.
-        self._zeros = np.hstack([self._runs, self._runs * (self.stamps[:, None] < self._onsets)])
         self._start: FloatArray | None = None
         self._size = 1.0
         size = max(float(np.ptp(self.measured)), 10 * float(np.median(self.sigma)))
-        columns, weights = compressed(*self._discrepancy_columns(), self.DISCREPANCY_SIZE)
-        self._basis = columns * size
+        # Whether a reading is zeroed when it begins, at the first suction or at both, instruments do not agree.
+        zeros = np.hstack([self._runs, self._runs * (self.stamps[:, None] < self._onsets)])
+        curves = self._by_group(elastic_freedom, USUAL_MEMORY)[0]
+        columns, weights = compressed(*self._by_group(suction_discrepancy), self.DISCREPANCY_SIZE)
+        self._added = np.hstack([zeros, curves * size, columns * size])
+        n, r, z, q = len(self.TISSUE) + 1, self._runs.shape[1], zeros.shape[1], columns.shape[1]
+        self._curve_part = slice(n + r + z, n + r + z + curves.shape[1])
         zero = float(np.hypot(self.noise[0], self.ZERO_SD * size))
-        n, r, z = len(self.TISSUE) + 1, self._runs.shape[1], self._zeros.shape[1]
-        self.prior_sd = np.concatenate(
-            [
-                self.TISSUE_SD,
-                [SHIFT_SD * self.dt],
-                np.full(r, self.GAIN_SD),
-                np.full(z, zero),
-                self.DISCREPANCY_SD * weights,
-            ]
-        )
+        own = [SHIFT_SD * self.dt, *[self.GAIN_SD] * r, *[zero] * z, *[self.CURVE_SD] * curves.shape[1]]
+        self.prior_sd = np.concatenate([self.TISSUE_SD, own, self.DISCREPANCY_SD * weights])
         self.prior_mean = np.zeros(len(self.prior_sd))
         self.local = np.zeros(len(self.prior_sd), bool)
         self.local[n : n + r + z] = True
@@ -204,8 +200,7 @@ class HeightBlock(Block):
         later[n - 1], earlier[n - 1] = 1e-3, -1e-3
         self.blur_steep_parts((self._chain_height(later, {}) - self._chain_height(earlier, {})) / 2e-3)
         self.alternatives = tuple(
-            np.concatenate([self.prior_sd[: n + r + z], self.prior_sd[n + r + z :] * s])
-            for s in self.DISCREPANCY_SCALES
+            np.concatenate([self.prior_sd[:-q], self.prior_sd[-q:] * s]) for s in self.DISCREPANCY_SCALES
         )
 
     def _onset(self, group: Group, k: int) -> float:
@@ -235,13 +230,16 @@ class HeightBlock(Block):
         remainder = denoised(time, value - np.interp(time, fine, base))
         return fine, base + np.interp(fine, time, remainder)
 
-    def _discrepancy_columns(self) -> tuple[FloatArray, FloatArray]:
+    def _by_group(
+        self, basis: Callable[..., tuple[FloatArray, FloatArray]], *more: Any
+    ) -> tuple[FloatArray, FloatArray]:
+        """A basis (n, q) over all groups, nought where there is no skin, and its weights (q,)."""
         parts, weights = [], np.zeros(0)
         guess = self._chain_height(self._first_guess(), {})
         marks = np.array([self.session.span(k)[0] for k in self.runs])
         for (g, at), (t, p) in zip(self.groups, self._line, strict=True):
-            basis, weights = suction_discrepancy(t, p, guess[at], self.stamps[at], marks, self._onsets)
-            parts.append(basis * float(g.skin))
+            columns, weights = basis(Suction(t, p, guess[at], self.stamps[at], marks, self._onsets), *more)
+            parts.append(columns * float(g.skin))
         return np.vstack(parts), weights
 
     def tissue(self, nuisance: FloatArray) -> SuctionTissue:
@@ -259,36 +257,50 @@ class HeightBlock(Block):
         )
 
     def start(self) -> FloatArray:
-        """The tissue's parameters fitted alone, which then are the prior's mean.
+        """Tissue and elastic curve fitted alone; the tissue's parameters are then the prior's mean.
 
         Beside a free discrepancy, which can do all that they do and linearly, they would run away.
         """
         if self._start is None:
             n = len(self.TISSUE)
-            self._start = self._alone((), np.zeros(0), self.prior_mean)[0]
+            found = self._alone((), np.zeros(0), self.prior_mean)[0]
+            tissue = self.tissue(found)
+            memory = [v for pair in zip(tissue.creep, tissue.times, strict=True) for v in pair]
+            curves = self._by_group(elastic_freedom, memory)[0]
+            at = slice(self._curve_part.start - self._offset, self._curve_part.stop - self._offset)
+            self._added[:, at] = curves * float(np.max(np.abs(self._added[:, at])))
+            self._start = self._alone((), np.zeros(0), found)[0]
             self.prior_mean[:n] = self._start[:n]
             for sd in (self.prior_sd, *self.alternatives):
                 sd[:n] = self.ANCHORED_SD
             self.prior_sd = fit(self, nuisance=self._start).best_prior(self.alternatives)
         return self._start.copy()
 
+    @property
+    def _offset(self) -> int:
+        """Where the nuisance of what is simply added begins: behind the tissue, the shift and the gains."""
+        return len(self.TISSUE) + 1 + self._runs.shape[1]
+
     def _alone(
         self, hypothesis: Sequence[Candidate], unit: FloatArray, nuisance: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Tissue and effects fitted without the discrepancy from ``nuisance`` (p,) and ``unit`` (k,)."""
+        """Tissue, elastic curve and effects fitted without the discrepancy from ``nuisance`` (p,), ``unit`` (k,)."""
         n = len(self.TISSUE)
         sd = np.full(len(self.prior_sd), 1e-6)
         sd[: n + 1] = *self.TISSUE_SD, self.prior_sd[n]
+        sd[self._curve_part] = self.CURVE_SD
         alone = under(self, np.zeros(len(sd)), sd)
-        found = fit(alone, hypothesis, unit, nuisance, iterations=15)
+        found = fit(alone, hypothesis, unit, nuisance, iterations=10)
         return found.nuisance, found.unit
 
-    def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def anchored(
+        self, hypothesis: Sequence[Candidate], unit: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
         n = len(self.TISSUE)
         found, unit = self._alone(hypothesis, unit, self.start())
         mean = self.prior_mean.copy()
         mean[:n] = found[:n]
-        return mean, unit
+        return mean, found, unit
 
     def _first_guess(self) -> FloatArray:
         """Tissue and shift (t,) at a size of the compliance that gives the largest height measured."""
@@ -324,10 +336,10 @@ class HeightBlock(Block):
         return made["line_pressure"] - made["pressure"]
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
-        n, r, z = len(self.TISSUE) + 1, self._runs.shape[1], self._zeros.shape[1]
+        n, r = len(self.TISSUE) + 1, self._runs.shape[1]
         gain = 1 + self._runs @ nuisance[n : n + r]
         height = self._chain_height(nuisance, active)
-        predicted = height * gain + self._zeros @ nuisance[n + r : n + r + z] + self._basis @ nuisance[n + r + z :]
+        predicted = height * gain + self._added @ nuisance[n + r :]
         residual = (self.measured - predicted) / self.sigma
         if not want_jacobian:
             return Evaluation(residual, np.zeros((0, 0)))
@@ -337,7 +349,7 @@ class HeightBlock(Block):
             step = 1e-3 if k < n - 1 else 0.05 * self.dt
             moved[k] += step
             chain_part[:, k] = (self._chain_height(moved, active) - height) / step
-        jacobian = np.hstack([chain_part * gain[:, None], self._runs * height[:, None], self._zeros, self._basis])
+        jacobian = np.hstack([chain_part * gain[:, None], self._runs * height[:, None], self._added])
         return Evaluation(residual, jacobian / self.sigma[:, None])
 
 

@@ -9,6 +9,9 @@ between loading and unloading at equal history, or only at the instrument's end,
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numba import njit
@@ -42,24 +45,58 @@ def uneven_low_pass(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, 
         y[i] = s[3]
 
 
-def suction_discrepancy(
-    time: FloatArray,
-    pressure: FloatArray,
-    height: FloatArray,
-    stamps: FloatArray,
-    marks: FloatArray,
-    onsets: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Basis (n, q), each column of unit size, at ``stamps`` (n,) s, and prior weights (q,).
+@dataclass(frozen=True)
+class Suction:
+    """What skin met: ``time``, ``pressure`` (m,) s, Pa, and ``height`` (n,) m, a first guess of what it did, at
+    ``stamps`` (n,) s. In each recording, from its mark (s) to the next, columns of a basis are zero at its onset (s),
+    when suction begins and the instrument zeroes."""
 
-    ``time``, ``pressure`` (m,) s, Pa is the suction on the skin, ``height`` (n,) m a first guess of what it does
-    (memory -> curve). In each recording, from its mark (s) to the next, columns are zero at its onset (s), when suction
-    begins and the instrument zeroes.
+    time: FloatArray
+    pressure: FloatArray
+    height: FloatArray
+    stamps: FloatArray
+    marks: FloatArray
+    onsets: FloatArray
+
+    @cached_property
+    def grid(self) -> FloatArray:
+        """Times (k,) s on which columns are made."""
+        sparse = self.time[:: max(1, len(self.time) // 20000)]
+        return np.unique(np.concatenate([self.stamps, sparse, self.time[[0, -1]]]))
+
+    @cached_property
+    def load(self) -> FloatArray:
+        """Suction on the grid (k,), 1 at its largest."""
+        u = np.maximum(-np.interp(self.grid, self.time, self.pressure), 0.0)
+        return u / (float(u.max()) or 1.0)
+
+    def basis(self, columns: Sequence[FloatArray]) -> FloatArray:
+        """Columns on the grid, each (k,), at the stamps: (n, q), zeroed, of unit size."""
+        basis = np.column_stack([np.interp(self.stamps, self.grid, c) for c in columns])
+        zeros = np.column_stack([np.interp(self.onsets, self.grid, c) for c in columns])
+        for begin, end, zero in zip(self.marks, np.r_[self.marks[1:], np.inf], zeros, strict=True):
+            basis[(self.stamps >= begin) & (self.stamps < end)] -= zero
+        return basis / np.maximum(np.max(np.abs(basis), axis=0), 1e-9)
+
+
+def _curves(u: FloatArray) -> list[FloatArray]:
+    return [u, u**2, u**3, *[np.minimum(u, k) / k for k in KNEES]]
+
+
+def elastic_freedom(suction: Suction, memory: Sequence[float]) -> tuple[FloatArray, FloatArray]:
+    """Other elastic curves under a given ``memory`` (Prony shares and times in turn): basis (n, q), weights (q,).
+
+    Nobody knows a person's elastic curve.
     """
-    grid = np.unique(np.concatenate([stamps, time[:: max(1, len(time) // 20000)], time[:1], time[-1:]]))
-    u = np.maximum(-np.interp(grid, time, pressure), 0.0)
-    u = u / (float(u.max()) or 1.0)
-    h = np.interp(grid, stamps, np.maximum(height, 0.0)) / (float(np.max(height, initial=0.0)) or 1.0)
+    columns = [evaluate(prony, suction.grid, curve, 1.0, *memory) for curve in _curves(suction.load)]
+    return suction.basis(columns), np.ones(len(columns))
+
+
+def suction_discrepancy(suction: Suction) -> tuple[FloatArray, FloatArray]:
+    """What other laws could do: basis (n, q) and prior weights (q,)."""
+    grid, u = suction.grid, suction.load
+    h = np.interp(grid, suction.stamps, np.maximum(suction.height, 0.0))
+    h = h / (float(h.max()) or 1.0)
     columns: list[FloatArray] = []
     weights: list[float] = []
 
@@ -67,21 +104,19 @@ def suction_discrepancy(
         return evaluate(low_pass, grid, x, tau) if tau else x
 
     def add(x: FloatArray, weight: float) -> None:
-        columns.append(np.interp(stamps, grid, x))
+        columns.append(x)
         weights.append(weight)
 
-    for curve in (u, u**2, u**3, *[np.minimum(u, k) / k for k in KNEES]):
+    for curve in _curves(u):
         for tau in MEMORY:
             add(lag(curve, tau), 1.5)
-        # Nobody knows a person's elastic curve: another one, under the usual memory.
-        add(evaluate(prony, grid, curve, 1.0, *USUAL_MEMORY), 15.0)
     for tau in BEFORE:
         m = lag(u, tau)
         for curve in (m * u, u * u * m, m**2, m**3, np.sqrt(m), *(np.minimum(m, k) / k for k in HIGH_KNEES)):
             add(curve, 0.7)
-    for curve in (h**2, h**3, np.sqrt(h), *(np.minimum(h, k) / k for k in HIGH_KNEES)):
+    for curve in (h, h**2, h**3, np.sqrt(h), *(np.minimum(h, k) / k for k in HIGH_KNEES)):
         add(curve, 2.0)
-        for tau in (0.3, 3.0, 30.0):
+        for tau in (0.03, 0.1, 0.3, 3.0, 30.0):
             add(lag(curve, tau), 0.7)
     for flow in FLOWS:
         for curve in (u, u**2, np.maximum(u - 0.4, 0.0), h):
@@ -91,9 +126,4 @@ def suction_discrepancy(
     for past in (worst, lag(worst, 20.0), lag(worst, 1.0), *kept):
         add(past * u, 0.5)
         add(past * h, 0.5)
-    basis = np.column_stack(columns)
-    zeros = np.column_stack([np.interp(onsets, stamps, c) for c in columns])
-    for begin, end, zero in zip(marks, np.r_[marks[1:], np.inf], zeros, strict=True):
-        basis[(stamps >= begin) & (stamps < end)] -= zero
-    size = np.maximum(np.max(np.abs(basis), axis=0), 1e-9)
-    return basis / size, np.asarray(weights)
+    return suction.basis(columns), np.asarray(weights)

@@ -42,6 +42,9 @@ class LinearProblem:
     def start(self) -> FloatArray:
         return np.zeros(self.design.shape[1])
 
+    def anchored(self, hypothesis: object, unit: FloatArray) -> None:
+        return None
+
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         predicted = self.design @ nuisance
         for candidate, values in active.items():

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gap.binning import GROWTH, bin_edges, bin_means
-from gap.noise import correlation_time, denoised, grid_step, high_band_sigma
+from gap.noise import correlation_time, denoised, grid_step, high_band_sigma, rounding_floor
 
 TIME = np.arange(0.0, 20.0, 0.01)
 SLOW = 3e4 * (1 - np.exp(-TIME / 3.0))
@@ -27,6 +27,27 @@ def test_steps_of_the_signal_do_not_count_as_noise() -> None:
 
 def test_noise_is_never_below_that_of_the_grid() -> None:
     assert high_band_sigma(np.round(SLOW / 500) * 500) >= 500 / np.sqrt(12)
+
+
+@pytest.mark.parametrize("noise", [0.5, 1.0, 3.0])
+def test_noise_is_read_on_a_coarse_grid(noise: float) -> None:
+    samples = np.round(SLOW / 1e3 + noise * np.random.default_rng(3).normal(size=len(TIME)))
+    assert high_band_sigma(samples) == pytest.approx(np.hypot(noise, 1 / np.sqrt(12)), rel=0.12)
+
+
+def test_levels_on_no_even_grid_still_make_noise() -> None:
+    coarse = np.sqrt(np.round((SLOW / 1e3) ** 2 / 60))
+    assert high_band_sigma(coarse) > 1e-3 * np.ptp(coarse)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.2, 0.35])
+def test_what_averaging_leaves_of_a_grid_is_bounded(noise: float) -> None:
+    rng = np.random.default_rng(0)
+    offsets = np.linspace(0, 1, 50)
+    errors = [np.mean(np.round(x + noise * rng.normal(size=20000))) - x for x in offsets]
+    assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(
+        rounding_floor(float(np.hypot(noise, 1 / np.sqrt(12))), 1.0), rel=0.35, abs=5e-3
+    )
 
 
 def test_nothing_but_nan_or_a_constant_has_a_positive_sigma() -> None:

@@ -87,7 +87,9 @@ def test_a_clipped_channel_is_told(recording, sign: int, effect: str) -> None:
 
 def test_a_slow_signal_on_a_coarse_grid_is_not_clipped(recording) -> None:
     slow = 1e-3 * (1 - np.exp(-TIME / 3))
-    assert find([made(recording, np.round(slow / 2e-5) * 2e-5)]) == []
+    found = find([made(recording, np.round(slow / 2e-5) * 2e-5)])
+    assert [s.effect for s in found] == ["sensor_quantisation"]  # but it is twice as coarse as the instrument
+    assert find([made(recording, np.round(slow / 1e-5) * 1e-5)]) == []
 
 
 def test_repeated_samples_are_told(recording) -> None:

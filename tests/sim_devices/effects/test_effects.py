@@ -133,7 +133,7 @@ def test_effects_combine_in_any_order(instrument: str) -> None:
 @pytest.mark.parametrize(
     ("name", "channels"),
     [
-        ("gauge_offset", ["apex_height"]),
+        ("gauge_offset", ["pressure", "apex_height"]),  # vented, it shows
         ("rim_leak", ["apex_height"]),
         ("leak", ["pressure", "apex_height"]),
         ("sensor_gain", ["apex_height"]),
