@@ -14,7 +14,8 @@ import numpy as np
 from acquire.recording import load
 from gap.batch import session_paths
 from gap.blocks import GroupedSession
-from gap.robot import QUANTITIES, AxesBlock, ForceBlock
+from gap.robot_axes import QUANTITIES, AxesBlock
+from gap.robot_force import ForceBlock
 from gap.robot_loop import CONTROLLERS
 from gap.solve import fit
 

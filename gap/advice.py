@@ -15,10 +15,9 @@ import numpy as np
 
 from acquire.recording.model import Recording
 from gap import own
-from gap.compare import Hypothesis
 from gap.hypothesis import Active, Candidate, Problem
 from gap.plan import build
-from gap.solve import fit
+from gap.solve import Hypothesis, fit
 from sim_devices.chain import Effect
 
 ENOUGH = 9.0

@@ -11,12 +11,13 @@ import numpy as np
 
 from acquire.recording.model import Recording
 from gap import signatures
-from gap.compare import Comparison, Effort, Hypothesis, compare
+from gap.compare import Comparison, Effort, compare
 from gap.effects import library
 from gap.hypothesis import Candidate, Problem
 from gap.judge import Judgement, Verdict, concept, judge, made_by
 from gap.rig import ForwardModel, RigProblem
 from gap.session import REST, Session
+from gap.solve import Hypothesis
 from gap.transfer import Shrink, shrink, splits, transferred
 
 INSTRUMENTS = ("cutometer", "aspiration", "microrobot")

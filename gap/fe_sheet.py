@@ -20,7 +20,8 @@ from gap.chains import needed, run
 from gap.fe_solver import Experiment, FeModel, fe_model
 from gap.fe_tissue import Anchored, relaxing_shares
 from gap.hypothesis import FloatArray
-from gap.robot import AxesBlock, ForceBlock, _chain
+from gap.robot_axes import AxesBlock, specimen_chain
+from gap.robot_force import ForceBlock
 from gap.solve import Fit
 from sim_devices.chain import Chain, Effect, Signals
 from sim_devices.effects.tissue import Softening
@@ -170,7 +171,7 @@ class FeForceBlock(Anchored, ForceBlock):
         """The greatest displacement of the skin in the session, m."""
         far = 0.0
         for (g, _), (grid, axes) in zip(self.groups, self._grids_of, strict=True):
-            made = run(needed(_chain(g, self._tissue), xyz("skin"), axes), grid, axes)
+            made = run(needed(specimen_chain(g, self._tissue), xyz("skin"), axes), grid, axes)
             far = max(far, float(np.max(np.linalg.norm([made[s] for s in xyz("skin")], axis=0))))
         return far
 
@@ -207,7 +208,7 @@ class FeForceBlock(Anchored, ForceBlock):
         return SheetAnchor(x.copy(), solved @ (force * weight).ravel(), solved @ slopes)
 
     def _law_chain(self, group: Group, nuisance: FloatArray) -> Chain:
-        chain = _chain(group, self._tissue)
+        chain = specimen_chain(group, self._tissue)
         if not group.skin or self._anchor is None:
             return chain
         c = dict(zip(self.TISSUE, nuisance, strict=False))

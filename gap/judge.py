@@ -12,9 +12,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gap.compare import Comparison, Hypothesis
+from gap.compare import Comparison
 from gap.hypothesis import Candidate
 from gap.signatures import Signature
+from gap.solve import Hypothesis
 
 VERDICTS = ("effect", "several", "none", "unknown", "undetectable")
 

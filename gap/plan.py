@@ -16,11 +16,11 @@ import numpy as np
 
 from acquire.recording.model import Recording
 from gap import own
-from gap.compare import Hypothesis, grid
 from gap.effects import library
 from gap.hypothesis import Candidate, FloatArray, Problem
 from gap.robot import robot_problems
-from gap.solve import Projector, fit
+from gap.screening import grid
+from gap.solve import Hypothesis, Projector, fit
 from gap.suction import suction_problems
 
 STRONG = 15.0

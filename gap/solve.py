@@ -130,6 +130,22 @@ class Fit:
         return split(self.hypothesis, self.unit)
 
 
+@dataclass(frozen=True)
+class Hypothesis:
+    """Effects and their fits, one per block; blocks they do not touch carry the null's fit."""
+
+    effects: tuple[Candidate, ...]
+    fits: dict[str, Fit]
+
+    @property
+    def chi2(self) -> float:
+        return sum(f.chi2 for f in self.fits.values())
+
+    @property
+    def name(self) -> str:
+        return " + ".join(e.key for e in self.effects) or "none"
+
+
 def split(hypothesis: Sequence[Candidate], unit: FloatArray) -> dict[Candidate, dict[str, float]]:
     """Parameter values of each effect from one vector of prior quantiles."""
     out, at = {}, 0

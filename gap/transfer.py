@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquire.recording.model import Recording
-from gap.compare import Hypothesis
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Problem
 from gap.rows import direction, level
-from gap.solve import Projector, fit, under
+from gap.solve import Hypothesis, Projector, fit, under
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,10 @@ import numpy as np
 
 from gap import own
 from gap.advice import actions, next_experiment
-from gap.compare import Hypothesis, compare
+from gap.compare import compare
 from gap.effects import library
 from gap.plan import build
+from gap.solve import Hypothesis
 
 LEGS = [own.step_hold(-30e3, 5.0, 3.0), replace(own.step_hold(-30e3, 5.0, 3.0), repeat=2)]
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gap.compare import Hypothesis
 from gap.plan import Trace, likeness, summarise, traces
-from gap.solve import fit
+from gap.solve import Hypothesis, fit
 from sim_devices.chain import Parameter
 
 T = np.linspace(0.0, 1.0, 200)

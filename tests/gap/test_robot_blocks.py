@@ -6,7 +6,8 @@ import numpy as np
 
 from gap import own
 from gap.blocks import GroupedSession
-from gap.robot import QUANTITIES, AxesBlock, ForceBlock
+from gap.robot_axes import QUANTITIES, AxesBlock
+from gap.robot_force import ForceBlock
 from gap.robot_loop import CONTROLLERS
 from gap.sheet_null import gradients, lagged, played, sheet_discrepancy
 from gap.smoothing import significant

@@ -1,0 +1,231 @@
+"""The micro-robot's blocks without skin: set-point -> axes, under the load that the recorded force is; and what is only
+arithmetic, recomputed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from gap.blocks import CLOCK_SD, Block, Group, GroupedSession, Table
+from gap.chains import needed, run
+from gap.hypothesis import Active, Candidate, Evaluation, FloatArray
+from gap.robot_loop import CONTROLLERS, Controller
+from gap.smoothing import significant
+from gap.solve import Fit, fit
+from sim_devices.chain import Chain, Effect, Operator
+from sim_devices.stages import nominal
+from sim_devices.stages.robot import numbered, xyz
+from sim_devices.stages.tissues import SheetTissue, sheet_tissue
+
+QUANTITIES = ("probe_x", "probe_y", "probe_z")
+AXES = numbered("axis_position")
+ROBOT_BINS = 0.15, 0.4
+"""Growth and largest width (s) of the bins: the motion is slow."""
+STAMPS_SD = 1e-3
+"""s: how late or early all stamps, or all commands, may soundly be (assumed)."""
+STRAINED = 60.0
+"""Penalty of the loop's tolerances above which the quick fit asks for drag."""
+KINK = 1e-6
+"""s, within which a speed changes."""
+LOOP_STEP = 0.02
+"""s; the loop is exact between kinks, so this only has to resolve what is not linear in it."""
+
+
+def specimen_chain(group: Group, tissue: SheetTissue) -> Chain:
+    """The nominal chain for a group: ``tissue`` if it is skin, else what its specimen is."""
+    law = tissue if group.skin else _specimen(group.specimen)
+    return nominal("microrobot", tissue=law)
+
+
+def _specimen(name: str) -> SheetTissue:
+    try:
+        return sheet_tissue(name)
+    except ValueError:
+        return sheet_tissue("silicone")
+
+
+def recorded(
+    block: Block, group: Group, names: Sequence[str], targets: Sequence[str], smooth: bool
+) -> dict[str, Table]:
+    """Recorded channels of a group as tables for signals of the chain, without their noise if ``smooth``."""
+    out = {}
+    for name, target in zip(names, targets, strict=True):
+        times, values = [], []
+        for k in group.members:
+            series = block.session.recordings[k].streams.get(name)
+            if series is None:
+                continue
+            value = np.asarray(series.value, dtype=float)
+            good = np.isfinite(value)
+            time = block.session.time(k, series)[good]
+            times.append(time)
+            values.append(significant(time, value[good]) if smooth else value[good])
+        if times:
+            out[target] = (np.concatenate(times), np.concatenate(values))
+    return out
+
+
+def _on_even_grid(
+    operators: Sequence[Operator], wanted: Sequence[str], group: Group, stamps: FloatArray, given: Mapping[str, Table]
+) -> FloatArray:
+    """The wanted signals at ``stamps`` (n,) s, (signals, n), by way of even steps: the loop's exact step is then
+    computed once and not for every sample."""
+    tables = group.tables()
+    kinks = tables["probe_x"][0]
+    begin = min(stamps[0], kinks[0])
+    kinks = kinks[kinks <= stamps[-1]]
+    grid = np.unique(np.concatenate([np.arange(begin, stamps[-1] + LOOP_STEP, LOOP_STEP), kinks, kinks + KINK]))
+    grid = grid[np.diff(grid, prepend=-np.inf) > 0.5 * KINK]
+    inputs = {f"command_{a}": np.interp(grid, *tables[f"probe_{a}"]) for a in "xyz"}
+    inputs |= {name: np.interp(grid, *table) for name, table in given.items()}
+    made = run(operators, grid, inputs)
+    return np.stack([np.interp(stamps, grid, made[name]) for name in wanted])
+
+
+class AxesBlock(Block):
+    """Tip set-point -> axis positions, under the load that the recorded force is.
+
+    Nuisance: the loop's gains and the sampling convention within their tolerances, and a zero of each sensor in each
+    recording. Which of the known controllers it is, the recording tells.
+    """
+
+    name, channels = "axes", AXES
+    trust = 0.4  # the skin's force loads the axes, as far as the recorded force tells
+    growth, widest = ROBOT_BINS
+    floor = 0.5e-6  # m
+    SD = (0.02, 0.02, 0.04, STAMPS_SD, CLOCK_SD, 3e-3)
+    """Of the logarithms of the gains; s by which all is late; 1; s by which the load on the axes is."""
+    ZERO_SD = 2e-6  # m
+    STEPS = (1e-2, 1e-2, 1e-2, 1e-3, 1e-6, 1e-3)
+
+    def __init__(self, session: GroupedSession, library: Mapping[str, Effect]) -> None:
+        super().__init__(session, library)
+        self._loads = [self._load(g) for g, _ in self.groups]
+        self._made: dict[tuple[object, ...], FloatArray] = {}  # most effects leave the axes alone
+        self._runs = np.kron(np.eye(3), self.member)
+        k = len(self.SD)
+        self.prior_sd = np.concatenate([self.SD, np.full(self._runs.shape[1], self.ZERO_SD)])
+        self.prior_mean = np.zeros(len(self.prior_sd))
+        self.local = np.zeros(len(self.prior_sd), bool)
+        self.local[k:] = True
+        self.alternatives = (self.prior_sd,)
+        self.controller = CONTROLLERS[0]
+        fits = [pair for controller in CONTROLLERS for pair in self._tried(controller)]
+        self._best, self.controller = min(fits, key=lambda pair: pair[0].objective)
+        alone = [f for f, controller in fits if controller is self.controller and not f.hypothesis]
+        self._start = alone[0].nuisance
+
+    def _tried(self, controller: Controller) -> list[tuple[Fit, Controller]]:
+        """Quick fits with a controller; also with drag where its gains are strained without, because much drag looks
+        like the other controller."""
+        self.controller = controller
+        fits = [fit(self, nuisance=self.prior_mean, iterations=3)]
+        drag = self.library.get("viscous_drag")
+        if fits[0].penalty > STRAINED and drag is not None:
+            extra = Candidate("viscous_drag", drag.name, drag.stage, drag.parameters, (self.name,))
+            fits.append(fit(self, (extra,), np.array([0.6]), self.prior_mean, iterations=6))
+        return [(f, controller) for f in fits]
+
+    def start(self) -> FloatArray:
+        return self._start.copy()
+
+    def _load(self, group: Group) -> dict[str, Table]:
+        """The recorded force as load on the axes, N."""
+        given = recorded(self, group, xyz("force"), xyz("reaction"), smooth=True)
+        given |= recorded(self, group, AXES, numbered("axis"), smooth=True)
+        if len(given) < 6:
+            return {}
+        time = given["axis_1"][0]
+        signals = {name: np.interp(time, *table) for name, table in given.items()}
+        unique, first = np.unique(time, return_index=True)
+        operators = needed(specimen_chain(group, sheet_tissue("forearm")), numbered("axis_load"), tuple(signals))
+        made = run(operators, unique, {n: v[first] for n, v in signals.items()})
+        return {f"pushed_{k}": (unique, made[f"axis_load_{k}"]) for k in "123"}
+
+    def _loop(self, group: Group, nuisance: FloatArray, active: Active) -> Chain:
+        chain = self.controller.installed(
+            specimen_chain(group, sheet_tissue("forearm")), np.exp(np.clip(nuisance[:3], -3, 3))
+        )
+        return self.with_effects(chain, active)
+
+    def _predict(self, nuisance: FloatArray, active: Active) -> FloatArray:
+        out = np.empty((3, len(self.stamps)))
+        for i, ((g, at), load) in enumerate(zip(self.groups, self._loads, strict=True)):
+            operators = needed(self._loop(g, nuisance, active), AXES, load)
+            key = (i, operators, *nuisance[3:6].tolist())
+            if key not in self._made:
+                if len(self._made) > 20:
+                    self._made.clear()
+                shift = nuisance[3] + nuisance[4] * (self.stamps[at] - self.stamps[0])
+                late = {name: (time + nuisance[5], value) for name, (time, value) in load.items()}
+                self._made[key] = _on_even_grid(operators, AXES, g, self.stamps[at] + shift, late)
+            out[:, at] = self._made[key]
+        return out.ravel()
+
+    def true_axes(self, group: Group, time: FloatArray) -> FloatArray:
+        """Where the axes were at ``time`` (n,) s, (3, n) m, as far as the quick fits know."""
+        load = self._loads[[g for g, _ in self.groups].index(group)]
+        nuisance = self._best.nuisance
+        operators = needed(self._loop(group, nuisance, self._best.active), numbered("axis"), load)
+        return _on_even_grid(operators, numbered("axis"), group, time + nuisance[3], load)
+
+    def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
+        k = len(self.SD)
+        moved_axes = self._predict(nuisance, active)
+        residual = (self.measured - moved_axes - self._runs @ nuisance[k:]) / self.sigma
+        if not want_jacobian:
+            return Evaluation(residual, np.zeros((0, 0)))
+        chain_part = np.empty((len(residual), k))
+        for j, step in enumerate(self.STEPS):
+            moved = nuisance.copy()
+            moved[j] += step
+            chain_part[:, j] = (self._predict(moved, active) - moved_axes) / step
+        return Evaluation(residual, np.hstack([chain_part, self._runs]) / self.sigma[:, None])
+
+
+class ArithmeticBlock(Block):
+    """Recomputed channels: axis positions -> probe, transducers -> force. No freedom but a zero in each recording."""
+
+    growth, widest = 0.4, 0.8  # nothing is quick in a formula, and noise there is none
+
+    def __init__(
+        self,
+        session: GroupedSession,
+        library: Mapping[str, Effect],
+        name: str,
+        source: Sequence[str],
+        target: Sequence[str],
+        floor: float,
+    ) -> None:
+        self.name, self.channels, self._source, self.floor = name, tuple(target), tuple(source), floor
+        super().__init__(session, library)
+        # What is recomputed carries the noise of what it is computed from: both are the recording's own.
+        self.sigma = np.full(len(self.measured), floor)
+        self._runs = np.kron(np.eye(3), self.member)
+        self.prior_sd = np.full(self._runs.shape[1], 5 * floor)
+        self.prior_mean = np.zeros(len(self.prior_sd))
+        self.local = np.ones(len(self.prior_sd), bool)
+        self.alternatives = (self.prior_sd,)
+        self._given = [self._binned_source(g, at) for g, at in self.groups]
+
+    def _binned_source(self, group: Group, at: slice) -> dict[str, Table]:
+        out = {}
+        for name in self._source:
+            parts = []
+            for k in dict.fromkeys(self.run[at].tolist()):
+                bins = self.session.binned(name, k, self.session.kinks, self.growth, self.widest)
+                parts.append(bins.value[: int(np.sum(self.run[at] == k))])
+            values = np.concatenate(parts)
+            out[name] = (self.stamps[at], values)
+        return out
+
+    def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
+        out = np.empty((3, len(self.stamps)))
+        for (g, at), given in zip(self.groups, self._given, strict=True):
+            chain = self.with_effects(specimen_chain(g, sheet_tissue("forearm")), active)
+            signals = {n: v for n, (_, v) in given.items()}
+            made = run(needed(chain, self.channels, signals), self.stamps[at], signals)
+            out[:, at] = np.stack([made[c] for c in self.channels])
+        residual = (self.measured - out.ravel() - self._runs @ nuisance) / self.sigma
+        return Evaluation(residual, self._runs / self.sigma[:, None] if want_jacobian else np.zeros((0, 0)))
