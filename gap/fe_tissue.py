@@ -189,6 +189,7 @@ class FeHeightBlock(Anchored, HeightBlock):
         "scale", "bend2", "bend3", "relax1", "relax2", "relax3", "time1", "time2", "time3", "residual", "softening",
     )  # fmt: skip
     TISSUE_SD: tuple[float, ...] = (1.0, 0.7, 1.0, 0.7, 0.7, 0.7, 0.7, 0.7, 0.7, 0.1, 0.04)
+    ANCHORED_SD: tuple[float, ...] = (0.3, 0.15, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.06, 0.03)
 
     anchored_by = len(FREE)
 
@@ -209,6 +210,11 @@ class FeHeightBlock(Anchored, HeightBlock):
         self._base = 0.0
         super().__init__(session, library, pressure)
         self._settle()
+        n = len(self.TISSUE)
+        self.prior_mean[:n] = self.start()[:n]
+        for sd in (self.prior_sd, *self.alternatives):
+            sd[:n] = self.ANCHORED_SD
+        self.prior_sd = fit(self).best_prior(self.alternatives)
 
     def _first_guess(self) -> FloatArray:
         if self._anchor is None:

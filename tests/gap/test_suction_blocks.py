@@ -1,0 +1,76 @@
+"""The suction blocks: what is taken out of the gauge, and what skin may do without being called a device."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pytest
+
+from acquire.recording.model import Recording
+from gap import own
+from gap.blocks import GroupedSession, candidates_for
+from gap.effects import library
+from gap.solve import fit
+from gap.suction import HeightBlock, PressureBlock
+from sim_devices.chain import Effect
+from sim_devices.stages.tissues import SuctionTissue
+
+LOW_PASS = "sensor_low_pass[channel=0,order=0]"
+LEGS = [own.step_hold(-20e3, 10.0, 5.0), own.step_hold(-10e3, 10.0, 5.0), own.triangle(-20e3, 6.0, 1, 5.0)]
+OTHER_SKIN = SuctionTissue(
+    compliance=9e-9, knee=4e3, exponent=0.15, creep=(0.3, 0.1, 0.4, 0.1), times=(0.05, 0.6, 4.0, 90.0), residual=0.2
+)
+"""Another curve, another spectrum, more flow than the reduced tissue begins with."""
+
+
+def session(
+    effects: Sequence[tuple[Effect, Mapping[str, float]]] = (), tissue: SuctionTissue | None = None
+) -> list[Recording]:
+    return own.suction_session("aspiration", np.random.default_rng(5), effects, tissue, legs=LEGS)
+
+
+def blocks(recordings: Sequence[Recording]) -> tuple[PressureBlock, HeightBlock]:
+    grouped = GroupedSession(recordings, ("pressure",))
+    pressure = PressureBlock(grouped, library("aspiration"))
+    return pressure, HeightBlock(grouped, library("aspiration"), pressure)
+
+
+@pytest.mark.parametrize("tissue", [None, OTHER_SKIN])
+def test_skin_of_any_kind_is_at_the_noise(tissue: SuctionTissue | None) -> None:
+    for block in blocks(session(tissue=tissue)):
+        null = fit(block, iterations=40)
+        assert null.chi2 / len(null.residual) < 1.25
+
+
+def test_skin_is_fed_what_the_regulator_made_and_not_what_the_gauge_adds() -> None:
+    effects = library("aspiration")
+    wrong = effects["gauge_offset[form=1]"]  # in the record only
+    _, sound = blocks(session())
+    _, fooled = blocks(session([(wrong, {"offset": 25.0})]))
+    for (time, pressure), (_, other) in zip(sound._line, fooled._line, strict=True):
+        quiet = time < 0.8  # vented
+        assert np.abs(pressure[quiet]).max() < 20.0  # half the noise of one sample
+        assert abs(np.mean((other - pressure)[quiet])) < 8.0  # of 25
+
+
+def test_a_zero_taken_late_is_a_nuisance() -> None:
+    recordings = session()
+    _, plain = blocks(recordings)
+    before = fit(plain).chi2
+    for r in recordings:
+        height = r.streams["apex_height"]
+        height.value[height.time < height.time[0] + 0.9] += 15e-6  # zeroed anew when suction begins
+    _, late = blocks(recordings)
+    assert fit(late).chi2 < before + 60  # (15 µm against 4 µm of noise, 67 samples)
+
+
+def test_the_prior_moves_with_a_strong_effect() -> None:
+    low_pass = library("aspiration")[LOW_PASS]
+    _, height = blocks(session([(low_pass, {"tau": 0.4})]))
+    null = fit(height)
+    candidate = next(c for c in candidates_for(library("aspiration"), [height]) if c.key == LOW_PASS)
+    mean, nuisance, unit = height.anchored((candidate,), np.array([0.5])) or (null.nuisance,) * 3
+    assert 0.2 < candidate.values(unit)["tau"] < 0.8  # near enough to begin from
+    assert not np.allclose(mean, null.prior_mean)
+    assert len(nuisance) == len(mean)
