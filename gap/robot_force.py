@@ -43,7 +43,7 @@ class ForceBlock(Block):
     ZERO_SD = 3e-3  # N
     DISCREPANCY_SD = 0.02  # of the force, per basis function
     DISCREPANCY_SCALES = (0.15, 0.5, 2.0, 8.0)
-    DISCREPANCY_SIZE = 180
+    DISCREPANCY_SIZE = 400
 
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect], axes: AxesBlock) -> None:
         super().__init__(session, library)
