@@ -191,6 +191,11 @@ class Block(abc.ABC):
     def start(self) -> FloatArray:
         return self.prior_mean.copy()
 
+    @property
+    def plain_sd(self) -> FloatArray:
+        """Prior widths (p,) of the simulation by itself."""
+        return self.prior_sd
+
     def anchored(
         self, hypothesis: Sequence[Candidate], unit: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray] | None:

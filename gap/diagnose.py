@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,16 +14,18 @@ from gap import signatures
 from gap.compare import Comparison, Effort, compare
 from gap.effects import library
 from gap.hypothesis import Candidate, Problem
-from gap.judge import Judgement, Verdict, concept, judge, made_by
+from gap.judge import Judgement, Verdict, borne_out, concept, judge, made_by
 from gap.rig import ForwardModel, RigProblem
 from gap.session import REST, Session
 from gap.solve import Hypothesis
-from gap.transfer import Shrink, shrink, splits, transferred
+from gap.transfer import Shrink, plain, plain_gap, shrink, splits, transferred
 
 INSTRUMENTS = ("cutometer", "aspiration", "microrobot")
 """Those with a built-in forward model."""
 
 
+SHRUNK, TRANSFERRED = 3, 2
+"""How many causes are tried as a simulation by themselves, and how many on what they were not fitted to."""
 EFFORTS = {"microrobot": Effort(quick_fits=5, refit_singles=7, pair_bases=1)}
 """How wide to search where simulations are slow."""
 
@@ -48,12 +50,19 @@ class Diagnosis:
     remarks: tuple[str, ...]
     next_experiment: Mapping[str, object]
     seconds: float
+    null: Hypothesis  # the simulation by itself, without an effect and
+    best: Hypothesis  # with the first cause, if there is one
     fe_solves: int = 0
-    best: Hypothesis = field(init=False)
 
-    def __post_init__(self) -> None:
-        causes = self.verdict.causes
-        object.__setattr__(self, "best", causes[0].hypothesis if causes else self.comparison.null)
+    @property
+    def gap_before(self) -> float:
+        """rms of the simulation's residual, in σ, skin of another law not allowed for."""
+        return plain_gap(self.null)
+
+    @property
+    def gap_after(self) -> float:
+        """The same with the first cause."""
+        return plain_gap(self.best)
 
 
 def diagnose(
@@ -90,10 +99,15 @@ def diagnose(
         solves, words = checked(problems, answer.fits)
         remarks += words
     withheld = splits(recordings)
+    null = plain(blocks, comparison.null)
+    answers = [plain(blocks, cause.hypothesis, null) for cause in verdict.causes[:SHRUNK]]
     shrinks = []
-    for cause in verdict.causes[:2]:
-        by = {k: transferred(blocks, comparison.null, cause.hypothesis, out) for k, out in withheld.items()}
-        shrinks.append({"fitted": Shrink(verdict.gap_before, _gap(cause.hypothesis)), **by})
+    for k, answer in enumerate(answers):
+        by = {s: transferred(blocks, null, answer, out) for s, out in withheld.items()} if k < TRANSFERRED else {}
+        shrinks.append({"fitted": Shrink(plain_gap(null), plain_gap(answer)), **by})
+    if answers:
+        carried = shrinks[0].get("waveform")
+        verdict = borne_out(verdict, comparison, plain_gap(null), carried.value if carried else None, rules)
     return Diagnosis(
         recordings=tuple(recordings),
         problems=blocks,
@@ -106,13 +120,10 @@ def diagnose(
         remarks=tuple(remarks),
         next_experiment=_advice(recordings, comparison.null, verdict, model, user_effects) if advise else {},
         seconds=clock.perf_counter() - begin,
+        null=null,
+        best=answers[0] if answers else null,
         fe_solves=solves,
     )
-
-
-def _gap(h: Hypothesis) -> float:
-    n = sum(len(f.residual) for f in h.fits.values())
-    return float(np.sqrt(sum(f.chi2 for f in h.fits.values()) / n))
 
 
 def _in_order(recordings: Sequence[Recording]) -> list[Recording]:

@@ -87,7 +87,7 @@ class Problem(Protocol):
     measured − residual·sigma. ``local`` (p,) is true for nuisance parameters that belong to single recordings (a gain,
     a zero). ``trust`` is the exponent on the block's evidence, for model error that tempering does not see: low where a
     person's tissue is in the loop. ``alternatives`` are prior widths (p,) over which the evidence is averaged;
-    ``prior_sd`` is the one used while fitting.
+    ``prior_sd`` is the one used while fitting, ``plain_sd`` that of the simulation by itself, without a discrepancy.
     """
 
     name: str
@@ -99,6 +99,9 @@ class Problem(Protocol):
     local: NDArray[np.bool_]
     alternatives: Sequence[FloatArray]
     trust: float
+
+    @property
+    def plain_sd(self) -> FloatArray: ...
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         """Residual and Jacobian at nuisance parameters (p,) with the effects of ``active`` switched on."""

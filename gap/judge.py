@@ -8,7 +8,7 @@ Both were set on development seeds of the blind generator, not on those that sco
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -34,6 +34,10 @@ class Judgement:
     detect: float = 0.5  # probability of "some effect" above which one is claimed
     second_share: float = 0.3  # of what the best single effect leaves above the noise, that a second must explain
     second_excess: float = 0.01  # and of what the null leaves: form errors grow with the effect
+    borne_out: float = 0.2  # share of the plain gap on another waveform that a device effect must take away,
+    plain: float = 1.1  # where that gap is larger than this,
+    sure: float = 5.0  # unless blocks without skin give so many nats
+    overwhelming: float = 8.0  # or it stands out by so many σ
     unknown: float = 0.5  # probability that the cause is none of the library's above which that is the verdict
 
 
@@ -158,6 +162,30 @@ def judge(
     else:
         verdict = "several" if len(causes[0].effects) > 1 else "effect"
     return Verdict(verdict, tuple(causes), stages, none, min(left, 1.0), before, after, temper)
+
+
+def borne_out(
+    verdict: Verdict, comparison: Comparison, gap: float, transfer: float | None, rules: Judgement = Judgement()
+) -> Verdict:
+    """The verdict once its first cause was tried on what it was not fitted to, as a simulation by itself.
+
+    A device effect that only repairs what skin of another law leaves does not carry over to another waveform.
+    ``gap`` is the plain simulation's, ``transfer`` the share of it that the cause takes away there (None: not known).
+    """
+    if verdict.verdict not in ("effect", "several") or transfer is None or gap < rules.plain:
+        return verdict
+    first = verdict.causes[0]
+    if first.detectability > rules.overwhelming or any(e.stage == "tissue" for h in first.members for e in h.effects):
+        return verdict
+    cause, bare = first.hypothesis, 0.0
+    for block, problem in comparison.problems.items():
+        if np.array_equal(problem.plain_sd, problem.prior_sd):
+            fits = cause.fits[block], comparison.null.fits[block]
+            one, other = (f.log_evidence(verdict.temper[block], problem.alternatives) for f in fits)
+            bare += problem.trust * (one - other)
+    if bare > rules.sure or transfer > rules.borne_out:
+        return verdict
+    return replace(verdict, verdict="unknown")
 
 
 def _classes(

@@ -125,7 +125,7 @@ def _panels(d: Diagnosis, name: str) -> list[tuple[int, int]]:
     """(recording, channel code) panels of a block that show most: those with the largest gap before."""
     problem = d.problems[name]
     codes, _ = problem.rows.labels["channel"]
-    before = d.comparison.null.fits[name].residual
+    before = d.null.fits[name].residual
     keys = sorted({(int(r), int(c)) for r, c in zip(problem.rows.recording, codes, strict=True)})
     size = {k: float(np.sum(before[(problem.rows.recording == k[0]) & (codes == k[1])] ** 2)) for k in keys}
     chosen = sorted(keys, key=lambda k: -size[k])[:MAX_PANELS]
@@ -140,7 +140,7 @@ def _curves(d: Diagnosis, name: str, label: str) -> str:
     columns = 2 if len(panels) in (2, 4) else min(3, len(panels))
     rows = -(-len(panels) // columns)
     figure, axes = _figure(2 * rows, columns, 9.4, 3.6 * rows + 0.3)
-    before, after = d.comparison.null.fits[name].residual, d.best.fits[name].residual
+    before, after = d.null.fits[name].residual, d.best.fits[name].residual
     for ax in axes.ravel():
         ax.set_visible(False)
     for k, (run, code) in enumerate(panels):

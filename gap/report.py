@@ -24,13 +24,13 @@ def as_json(d: Diagnosis) -> dict[str, Any]:
         "verdict": v.verdict,
         "sentences": sentences(d),
         "gap": {
-            "before": _round(v.gap_before),
-            "after": _round(v.gap_after),
+            "before": _round(d.gap_before),
+            "after": _round(d.gap_after),
             "noise_floor": 1.0,
             "by": breakdown(d),
         },
         "where": [{"stage": s, "probability": _round(p)} for s, p in v.stages.items()],
-        "causes": [_cause(d, c, k) for k, c in enumerate(v.causes[:6])],
+        "causes": [_cause(d, c, k) for k, c in enumerate(v.causes[: len(d.shrinks)])],
         "none_probability": _round(v.probability_none),
         "unknown_probability": _round(unknown(d.verdict.unexplained, d.verdict.gap_after)),
         "unexplained": _round(v.unexplained),
@@ -55,7 +55,7 @@ def breakdown(d: Diagnosis) -> dict[str, dict[str, dict[str, float]]]:
         sums: dict[str, np.ndarray] = {}
         for name, problem in d.problems.items():
             codes, names = problem.rows.labels[label]
-            before = d.comparison.null.fits[name].residual ** 2
+            before = d.null.fits[name].residual ** 2
             after = d.best.fits[name].residual ** 2
             for k, value in enumerate(names):
                 at = codes == k
@@ -97,8 +97,6 @@ def _fit_of(cause: Cause, effect: Candidate) -> tuple[Any, int]:
 
 
 def _cause(d: Diagnosis, cause: Cause, rank: int) -> dict[str, Any]:
-    fitted = {"fitted": _round(shrink(d.verdict.gap_before, _gap_after(cause)))}
-    by = {k: _round(s.value) for k, s in d.shrinks[rank].items()} if rank < len(d.shrinks) else fitted
     return {
         "effects": [e.name for e in cause.effects],
         "class": [n for n in cause.names],
@@ -109,13 +107,8 @@ def _cause(d: Diagnosis, cause: Cause, rank: int) -> dict[str, Any]:
         "detectability": _round(cause.detectability),
         "meaning": [e.meaning for e in cause.effects],
         "remedy": [e.remedy for e in cause.effects],
-        "shrink": by,
+        "shrink": {k: _round(s.value) for k, s in d.shrinks[rank].items()},
     }
-
-
-def _gap_after(cause: Cause) -> float:
-    n = sum(len(f.residual) for f in cause.hypothesis.fits.values())
-    return float(np.sqrt(sum(f.chi2 for f in cause.hypothesis.fits.values()) / n))
 
 
 def words(name: str) -> str:
@@ -144,12 +137,14 @@ def sentences(d: Diagnosis) -> list[str]:
     by_phase = breakdown(d)["phase"]
     worst = max(by_phase, key=lambda k: by_phase[k]["before"]) if len(by_phase) > 1 else ""
     phase = {"load": "loading", "unload": "unloading", "hold": "holding", "rest": "resting"}.get(worst, worst)
-    mostly = f", mostly while {phase}" if worst and by_phase[worst]["before"] > 1.2 * v.gap_before else ""
-    first = f"The simulation is {v.gap_before:.3g} times the noise off{mostly}."
-    if v.gap_before < 1.1:
-        first = f"Simulation and measurement agree to within the noise (gap {v.gap_before:.2f}, noise 1)."
+    mostly = f", mostly while {phase}" if worst and by_phase[worst]["before"] > 1.2 * d.gap_before else ""
+    first = f"The simulation is {d.gap_before:.3g} times the noise off{mostly}."
+    if d.gap_before < 1.1:
+        first = f"Simulation and measurement agree to within the noise (gap {d.gap_before:.2f}, noise 1)."
     if v.verdict in ("none", "undetectable"):
-        if v.verdict == "none":
+        if d.gap_before >= 1.1:
+            second = "Skin of another law could do that as well: no effect stands out beyond it."
+        elif v.verdict == "none":
             second = "No effect of the library is needed to explain these recordings."
         else:
             second = "No effect stands out: if one acts, it is weaker than what these recordings can show."
@@ -159,7 +154,7 @@ def sentences(d: Diagnosis) -> list[str]:
         return [first, "Nothing in the library explains it.", UNKNOWN_NEXT]
     cause = v.causes[0]
     what = " and ".join(words(e.name) for e in cause.effects)
-    share = 100 * min(max(shrink(v.gap_before, v.gap_after), 0.0), 1.0)  # below the noise floor: all of it, not more
+    share = 100 * min(max(shrink(d.gap_before, d.gap_after), 0.0), 1.0)  # below the noise floor: all of it, not more
     if v.verdict == "unknown":
         second = f"Nothing in the library explains it: the best candidate, {what}, takes away only {share:.0f} % of it."
         return [first, second, UNKNOWN_NEXT]
@@ -168,14 +163,14 @@ def sentences(d: Diagnosis) -> list[str]:
     verb = "explain" if len(cause.effects) > 1 else "explains"
     named = f"{what.capitalize()} ({'; '.join([stage, *numbers(d, cause)])})"
     second = f"{named} {verb} {share:.0f} % of it {how_sure}."
-    if v.gap_before < 1.1:
+    if d.gap_before < 1.1:
         stands = "stand" if len(cause.effects) > 1 else "stands"
         second = f"{named} {stands} out all the same, by {cause.detectability:.0f} σ {how_sure}."
     others = [words(n) for n in cause.names[1:]]
     split = next((k for k in ("waveform", "level", "direction", "repeat") if d.shrinks and k in d.shrinks[0]), "")
     if others:
         third = f"These data cannot tell it from {' or '.join(others)}."
-    elif v.gap_before < 1.1:
+    elif d.gap_before < 1.1:
         third = f"That nothing acts has probability {v.probability_none:.2f}."
     elif split:
         held = {"waveform": "another waveform", "level": "another level", "direction": "another direction"}

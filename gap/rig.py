@@ -208,6 +208,7 @@ class RigProblem:
         self.local = np.zeros(len(model.parameters), bool)
         self.trust = 0.6
         self.alternatives: Sequence[FloatArray] = (self.prior_sd,)
+        self.plain_sd = self.prior_sd
         self.rows = label_rows(
             [(r, c, run[0][k]) for r, run, ks in zip(recordings, self._runs, keep, strict=True)
              for c, k in zip(model.channels, ks, strict=True)]

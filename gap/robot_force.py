@@ -82,6 +82,12 @@ class ForceBlock(Block):
         self.alternatives = tuple(widths)
         self._start: FloatArray | None = None
 
+    @property
+    def plain_sd(self) -> FloatArray:
+        sd = self.alternatives[0].copy()
+        sd[self._parts["discrepancy"]] = 1e-6
+        return sd
+
     def start(self) -> FloatArray:
         """The null's fit, which also tells how far other sheets are from the reduced one."""
         if self._start is None:

@@ -281,6 +281,12 @@ class HeightBlock(Block):
         """Where the nuisance of what is simply added begins: behind the tissue, the shift and the gains."""
         return len(self.TISSUE) + 1 + self._runs.shape[1]
 
+    @property
+    def plain_sd(self) -> FloatArray:
+        sd = self.alternatives[0].copy()
+        sd[self._curve_part.stop :] = 1e-6
+        return sd
+
     def _alone(
         self, hypothesis: Sequence[Candidate], unit: FloatArray, nuisance: FloatArray
     ) -> tuple[FloatArray, FloatArray]:

@@ -7,7 +7,7 @@ waveform it cannot.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,6 +44,7 @@ class _Masked:
         self.name, self.rows, self.local = problem.name, problem.rows, problem.local
         self.measured, self.sigma, self.trust = problem.measured, problem.sigma, problem.trust
         self.prior_mean, self.prior_sd, self.alternatives = problem.prior_mean, problem.prior_sd, problem.alternatives
+        self.plain_sd = problem.plain_sd
 
     def start(self) -> FloatArray:
         return self.problem.start()
@@ -103,7 +104,34 @@ def _leading_number(item: tuple[str, set[int]]) -> float:
         return 0.0
 
 
-def transferred(problems: dict[str, Problem], null: Hypothesis, best: Hypothesis, withheld: set[int]) -> Shrink:
+def plain(problems: Mapping[str, Problem], h: Hypothesis, null: Hypothesis | None = None) -> Hypothesis:
+    """A hypothesis as a simulation by itself: refitted without the discrepancy that skin of another law may have.
+
+    That is the simulation people have, and its gap the one they see. ``null`` is the plain null, whose fits serve for
+    blocks that the effects do not touch.
+    """
+    touched = {b for e in h.effects for b in e.blocks}
+    fits = {}
+    for block, f in h.fits.items():
+        problem = problems[block]
+        if null is not None and block not in touched:
+            fits[block] = null.fits[block]
+        elif np.array_equal(problem.plain_sd, f.prior_sd):
+            fits[block] = f
+        else:
+            nuisance = np.where(problem.plain_sd < f.prior_sd, f.prior_mean, f.nuisance)
+            here = under(problem, f.prior_mean, problem.plain_sd)
+            fits[block] = fit(here, f.hypothesis, f.unit, nuisance, iterations=15)
+    return Hypothesis(h.effects, fits)
+
+
+def plain_gap(h: Hypothesis) -> float:
+    """rms in σ of a plain hypothesis' residual, tolerances that are strained included: 1 at the noise floor."""
+    n = sum(len(f.residual) for f in h.fits.values())
+    return float(np.sqrt(sum(f.objective for f in h.fits.values()) / n))
+
+
+def transferred(problems: Mapping[str, Problem], null: Hypothesis, best: Hypothesis, withheld: set[int]) -> Shrink:
     """Fit both without the withheld recordings, then predict these with the effect's parameters fixed.
 
     Only nuisance parameters that belong to single recordings are refitted there (linearly, within their prior).

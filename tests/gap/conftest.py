@@ -33,6 +33,7 @@ class LinearProblem:
         self.prior_sd = np.full(p, np.inf) if self.sd is None else self.sd
         self.prior_mean = np.zeros(p)
         self.alternatives: Sequence[FloatArray] = (self.prior_sd,)
+        self.plain_sd = self.prior_sd
         self.local = np.zeros(p, bool)
         self.sigma = np.ones(n)
         labels = {k: (np.zeros(n, np.int64), ("-",)) for k in ("channel", "phase", "level", "direction", "repeat")}

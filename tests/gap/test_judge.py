@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gap.compare import compare
-from gap.judge import Judgement, Verdict, judge, made_by
+from gap.judge import Judgement, Verdict, borne_out, judge, made_by
 from gap.signatures import Signature
 from sim_devices.chain import Parameter
 
@@ -84,6 +84,31 @@ def test_what_the_library_lacks_is_unknown_and_not_the_nearest_name(verdict_on) 
     v = verdict_on(("bump", "late", "wave"), {}, extra=strange)
     assert v.verdict in ("unknown", "undetectable", "none")
     assert v.unexplained > 0.5
+
+
+@pytest.mark.parametrize(
+    ("strength", "gap", "transfer", "said"),
+    [
+        (2.5, 2.0, 0.9, "effect"),
+        (2.5, 2.0, 0.05, "unknown"),  # repairs what it was fitted to, and no more
+        (2.5, 1.0, 0.05, "effect"),  # nothing is left to take away
+        (2.5, 2.0, None, "effect"),  # one waveform only
+        (30.0, 2.0, 0.05, "effect"),  # beyond what skin could leave
+    ],
+)
+def test_a_device_effect_must_carry_over_where_skin_is_in_play(
+    linear, candidate, strength: float, gap: float, transfer: float | None, said: str
+) -> None:
+    noise = np.random.default_rng(0).normal(size=len(T))
+    y = DESIGN @ [2.0, 1.0] + strength * SHAPES["wave"] / 5 + noise
+    problem = linear(y, DESIGN, {"wave": lambda v: v["a"] * SHAPES["wave"]}, np.full(2, 100.0))
+    known = [candidate("wave", Parameter("a", "1", -60.0, 60.0))]
+    comparison = compare([problem], known)
+    verdict = judge(comparison, known)
+    assert verdict.verdict == "effect"
+    assert borne_out(verdict, comparison, gap, transfer).verdict == "effect"  # no skin in this block
+    problem.plain_sd = np.full(2, 1.0)
+    assert borne_out(verdict, comparison, gap, transfer).verdict == said
 
 
 def test_a_signature_decides_between_equals(verdict_on) -> None:
