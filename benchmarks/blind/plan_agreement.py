@@ -2,10 +2,10 @@
 
     python benchmarks/blind/plan_agreement.py out/blind --tiers T2 T3
 
-For every diagnosed case with one hidden effect of δ ≥ 5: the case's own set-points are simulated on the nominal
-instrument, before any look at its data, and every other effect is ranked by how well it could imitate the hidden one
-(`gap.plan.likeness`). Printed is where the effects stand that the diagnosis then named in place of the hidden one, or
-beside it in one class, against where they would stand by chance.
+For every case with one hidden effect of δ ≥ 5 in which an effect is claimed: the case's own set-points are simulated on
+the nominal instrument, before any look at its data, and every other effect is ranked by how well it could imitate the
+hidden one (`gap.plan.likeness`). Printed is where the effects stand that the diagnosis then named in place of the
+hidden one, or beside it in one class, against where they would stand by chance.
 """
 
 from __future__ import annotations
@@ -61,10 +61,11 @@ def foretold(folder: Path, hidden: str) -> dict[str, float]:
 
 
 def confused(case: Case) -> set[str]:
-    """Effects named with the hidden one in one class, or first in its place."""
-    if case.report is None or not case.report.causes:
+    """Effects claimed with the hidden one in one class, or in its place; nothing where nothing is claimed."""
+    if case.report is None or case.verdict not in ("effect", "several"):
         return set()
-    return set(case.report.ranked[0].names) - set(case.effects)
+    named = case.report.ranked[0].names
+    return {part for name in named for part in name.split(" + ")} - set(case.effects)
 
 
 def main() -> None:
