@@ -101,7 +101,9 @@ class Problem(Protocol):
     trust: float
 
     @property
-    def plain_sd(self) -> FloatArray: ...
+    def plain_sd(self) -> FloatArray:
+        """Prior widths (p,) of the simulation by itself."""
+        ...
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         """Residual and Jacobian at nuisance parameters (p,) with the effects of ``active`` switched on."""

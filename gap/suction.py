@@ -152,7 +152,7 @@ class HeightBlock(Block):
     """Recorded pressure -> apex height.
 
     Nuisance: the reduced tissue's parameters; per recording a gain (the skin's scatter from run to run), a zero and
-    another before suction begins; the sampling convention; the discrepancy of tissue laws.
+    another before suction begins; the sampling convention; the elastic curve; the discrepancy of tissue laws.
     """
 
     name, channels = "height", ("apex_height",)
@@ -180,13 +180,13 @@ class HeightBlock(Block):
         self._onsets = np.array([onsets[k] for k in self.runs])
         self._start: FloatArray | None = None
         self._size = 1.0
-        size = max(float(np.ptp(self.measured)), 10 * float(np.median(self.sigma)))
+        self._span = size = max(float(np.ptp(self.measured)), 10 * float(np.median(self.sigma)))
         # Whether a reading is zeroed when it begins, at the first suction or at both, instruments do not agree.
         zeros = np.hstack([self._runs, self._runs * (self.stamps[:, None] < self._onsets)])
         curves = self._by_group(elastic_freedom, USUAL_MEMORY)[0]
         columns, weights = compressed(*self._by_group(suction_discrepancy), self.DISCREPANCY_SIZE)
         self._added = np.hstack([zeros, curves * size, columns * size])
-        n, r, z, q = len(self.TISSUE) + 1, self._runs.shape[1], zeros.shape[1], columns.shape[1]
+        n, r, z = len(self.TISSUE) + 1, self._runs.shape[1], zeros.shape[1]
         self._curve_part = slice(n + r + z, n + r + z + curves.shape[1])
         zero = float(np.hypot(self.noise[0], self.ZERO_SD * size))
         own = [SHIFT_SD * self.dt, *[self.GAIN_SD] * r, *[zero] * z, *[self.CURVE_SD] * curves.shape[1]]
@@ -199,8 +199,9 @@ class HeightBlock(Block):
         earlier = later.copy()
         later[n - 1], earlier[n - 1] = 1e-3, -1e-3
         self.blur_steep_parts((self._chain_height(later, {}) - self._chain_height(earlier, {})) / 2e-3)
+        end = self._curve_part.stop  # where the discrepancy begins; without skin it is empty
         self.alternatives = tuple(
-            np.concatenate([self.prior_sd[:-q], self.prior_sd[-q:] * s]) for s in self.DISCREPANCY_SCALES
+            np.concatenate([self.prior_sd[:end], self.prior_sd[end:] * s]) for s in self.DISCREPANCY_SCALES
         )
 
     def _onset(self, group: Group, k: int) -> float:
@@ -268,7 +269,7 @@ class HeightBlock(Block):
             memory = [v for pair in zip(tissue.creep, tissue.times, strict=True) for v in pair]
             curves = self._by_group(elastic_freedom, memory)[0]
             at = slice(self._curve_part.start - self._offset, self._curve_part.stop - self._offset)
-            self._added[:, at] = curves * float(np.max(np.abs(self._added[:, at])))
+            self._added[:, at] = curves * self._span
             self._start = self._alone((), np.zeros(0), found)[0]
             self.prior_mean[:n] = self._start[:n]
             for sd in (self.prior_sd, *self.alternatives):

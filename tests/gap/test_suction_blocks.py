@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -70,7 +71,20 @@ def test_the_prior_moves_with_a_strong_effect() -> None:
     _, height = blocks(session([(low_pass, {"tau": 0.4})]))
     null = fit(height)
     candidate = next(c for c in candidates_for(library("aspiration"), [height]) if c.key == LOW_PASS)
-    mean, nuisance, unit = height.anchored((candidate,), np.array([0.5])) or (null.nuisance,) * 3
+    moved = height.anchored((candidate,), np.array([0.5]))
+    assert moved is not None
+    mean, nuisance, unit = moved
     assert 0.2 < candidate.values(unit)["tau"] < 0.8  # near enough to begin from
     assert not np.allclose(mean, null.prior_mean)
     assert len(nuisance) == len(mean)
+
+
+def test_a_session_without_skin_has_no_discrepancy_and_still_a_null() -> None:
+    legs = [replace(leg, specimen="rigid block") for leg in LEGS]
+    recordings = own.suction_session("aspiration", np.random.default_rng(5), legs=legs)
+    pressure, height = blocks(recordings)
+    for block in (pressure, height):
+        null = fit(block)
+        assert null.chi2 / len(null.residual) < 1.25
+    for sd in height.alternatives:  # sizes of the discrepancy: they leave the rest alone
+        np.testing.assert_array_equal(sd, height.alternatives[0])
