@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from acquire.recording.model import Recording
 from gap import signatures
@@ -65,6 +66,8 @@ class Diagnosis:
         return plain_gap(self.best)
 
 
+# Systems this small take twenty times as long on several threads when the cores are busy.
+@threadpool_limits.wrap(limits=1)
 def diagnose(
     recordings: Sequence[Recording],
     model: ForwardModel | None = None,
