@@ -162,7 +162,7 @@ class Block(abc.ABC):
         once for a group; dead times in the chain need one of their own, which `sampling.simulate` makes.
         """
         given = given or {}
-        tables = group.tables()
+        tables = self.tables(group)
         ends = self._ends[:, at] + shift
         operators = needed(chain, self.channels, given)
         if any(isinstance(op, Delay) and (op.delay or op.skew) for op in operators):
@@ -174,13 +174,17 @@ class Block(abc.ABC):
         made = run(operators, grid, commands | {name: np.interp(grid, *table) for name, table in given.items()})
         return np.stack([np.interp(ends, grid, made[c]).mean(axis=0) for c in self.channels])
 
+    def tables(self, group: Group) -> dict[str, Table]:
+        """The commands of a group."""
+        return group.tables()
+
     def _grid(self, group: Group, at: slice) -> tuple[FloatArray, dict[str, FloatArray]]:
         """Nodes and commands on them, one grid whatever the shift.
 
         A grid that moved with it would make the fit's landscape rough.
         """
         if at.start not in self._grids:
-            tables = group.tables()
+            tables = self.tables(group)
             kinks = np.unique(np.concatenate([t for t, _ in tables.values()]))
             after = np.unique((kinks[:, None] + AFTER_KINK).ravel())
             begin, end = self.stamps[at][[0, -1]]
@@ -190,6 +194,11 @@ class Block(abc.ABC):
 
     def start(self) -> FloatArray:
         return self.prior_mean.copy()
+
+    @property
+    def trusts(self) -> Sequence[float]:
+        """How far the evidence is trusted under each of the prior's widths."""
+        return (self.trust,) * len(self.alternatives)
 
     @property
     def plain_sd(self) -> FloatArray:

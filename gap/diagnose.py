@@ -88,7 +88,7 @@ def diagnose(
     recordings = _in_order(recordings)
     remarks = _remarks(recordings)
     problems, candidates = _problems(recordings, model, user_effects, solver)
-    marks = tuple(signatures.find(recordings))
+    marks = tuple(signatures.find(recordings, model.channels if model else None))
     suspects = [c for c in candidates if any(made_by(s, c) for s in marks)]
     effort = effort or EFFORTS.get(recordings[0].info.instrument, Effort())
     comparison = compare(problems, candidates, effort, suspects)
@@ -110,7 +110,8 @@ def diagnose(
         shrinks.append({"fitted": Shrink(plain_gap(null), plain_gap(answer)), **by})
     if answers:
         carried = shrinks[0].get("waveform")
-        verdict = borne_out(verdict, comparison, plain_gap(null), carried.value if carried else None, rules)
+        there = carried.value if carried else None
+        verdict = borne_out(verdict, comparison, plain_gap(null), plain_gap(answers[0]), there, rules)
     return Diagnosis(
         recordings=tuple(recordings),
         problems=blocks,

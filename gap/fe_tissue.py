@@ -222,6 +222,12 @@ class FeHeightBlock(Anchored, HeightBlock):
             self._anchor = self._anchored(np.zeros(len(FREE)))
         return np.zeros(len(self.TISSUE) + 1)
 
+    def _guesses(self) -> list[FloatArray]:
+        """Near the anchor, where the surrogate is good."""
+        begin = self.start()
+        begin[self._curve_part.stop :] = 0.0
+        return [begin]
+
     def tissue(self, nuisance: FloatArray) -> SuctionTissue:
         """What the reduced tissue keeps: slow flow and softening; its own curve and memory are not used."""
         c = dict(zip(self.TISSUE, nuisance, strict=False))

@@ -15,13 +15,14 @@ import numpy as np
 from gap import generic_laws as laws
 from gap.generic_laws import State
 from gap.hypothesis import FloatArray
+from gap.noise import Counts
 from sim_devices.chain import Parameter
 
 
 @dataclass(frozen=True)
 class GenericEffect:
     """``act(state, time, values, related, p)`` returns the changed values; ``needs`` names the related signal it acts
-    with.
+    with. What ``resists`` motion adds to a tapped resistance and is taken from a tapped net force.
 
     Parameters of unit ``signal`` have priors relative to the range of the signal, ``velocity`` and ``position``
     relative to those of the related one; they are scaled when the effect meets its rig.
@@ -31,12 +32,25 @@ class GenericEffect:
     meaning: str
     remedy: str
     parameters: tuple[Parameter, ...]
-    act: Callable[[State, FloatArray, FloatArray, Mapping[str, FloatArray], Mapping[str, float]], FloatArray]
+    act: Callable[
+        [State, FloatArray, FloatArray, Mapping[str, FloatArray], Mapping[str, float]],
+        FloatArray,
+    ]
     needs: str = ""
+    resists: bool = False
 
 
 def _rel(name: str, low: float, high: float, unit: str = "signal", meaning: str = "") -> Parameter:
-    return Parameter(name, unit, low, high, null=0.0, default=np.sqrt(low * high), scale="log", meaning=meaning)
+    return Parameter(
+        name,
+        unit,
+        low,
+        high,
+        null=0.0,
+        default=np.sqrt(low * high),
+        scale="log",
+        meaning=meaning,
+    )
 
 
 def _signed(name: str, size: float, unit: str = "signal", meaning: str = "") -> Parameter:
@@ -44,25 +58,56 @@ def _signed(name: str, size: float, unit: str = "signal", meaning: str = "") -> 
 
 
 def _shape(name: str, low: float, high: float, unit: str, meaning: str = "") -> Parameter:
-    return Parameter(name, unit, low, high, null=None, default=np.sqrt(low * high), scale="log", meaning=meaning)
+    return Parameter(
+        name,
+        unit,
+        low,
+        high,
+        null=None,
+        default=np.sqrt(low * high),
+        scale="log",
+        meaning=meaning,
+    )
 
 
+def _between(name: str, low: float, high: float, meaning: str = "") -> Parameter:
+    return Parameter(name, "1", low, high, null=None, default=0.5 * (low + high), meaning=meaning)
+
+
+ASYMMETRY = _between("asymmetry", -0.5, 0.5, "how much stronger it is forwards")
 GENERIC: tuple[GenericEffect, ...] = (
     GenericEffect(
         "coulomb_friction",
         "dry friction: a constant force against the motion",
         "lubricate, or compensate in the controller",
-        (_rel("level", 1e-3, 1.0), _shape("sharpness", 1e-3, 0.1, "velocity", "speed over which the sign is smoothed")),
+        (
+            _rel("level", 1e-3, 1.0),
+            _shape(
+                "sharpness",
+                1e-3,
+                0.1,
+                "velocity",
+                "speed over which the sign is smoothed",
+            ),
+            ASYMMETRY,
+        ),
         laws.coulomb,
         needs="velocity",
+        resists=True,
     ),
     GenericEffect(
         "stribeck_friction",
         "dry friction that is higher near standstill",
         "stiffer drive, dither",
-        (_rel("level", 1e-3, 1.0), _shape("excess", 0.1, 3.0, "1"), _shape("stribeck_velocity", 1e-2, 0.5, "velocity")),
+        (
+            _rel("level", 1e-3, 1.0),
+            _shape("excess", 0.1, 3.0, "1"),
+            _shape("stribeck_velocity", 1e-2, 0.5, "velocity"),
+            ASYMMETRY,
+        ),
         laws.stribeck,
         needs="velocity",
+        resists=True,
     ),
     GenericEffect(
         "viscous_drag",
@@ -71,6 +116,7 @@ GENERIC: tuple[GenericEffect, ...] = (
         (_signed("coefficient", 1.0, "signal/velocity"),),
         laws.viscous,
         needs="velocity",
+        resists=True,
     ),
     GenericEffect(
         "quadratic_drag",
@@ -79,6 +125,7 @@ GENERIC: tuple[GenericEffect, ...] = (
         (_signed("coefficient", 1.0, "signal/velocity²"),),
         laws.quadratic_drag,
         needs="velocity",
+        resists=True,
     ),
     GenericEffect(
         "cubic_stiffness",
@@ -87,6 +134,7 @@ GENERIC: tuple[GenericEffect, ...] = (
         (_signed("coefficient", 2.0, "signal/position³"),),
         laws.cubic,
         needs="position",
+        resists=True,
     ),
     GenericEffect(
         "position_dependent_gain",
@@ -100,15 +148,31 @@ GENERIC: tuple[GenericEffect, ...] = (
         "dahl_friction",
         "friction with elastic presliding",
         "preload or exchange the bearing",
-        (_rel("level", 1e-3, 1.0), _shape("presliding", 1e-3, 0.3, "position")),
+        (
+            _rel("level", 1e-3, 1.0),
+            _shape("presliding", 1e-3, 2.0, "position"),
+            ASYMMETRY,
+        ),
         laws.dahl,
         needs="position",
+        resists=True,
     ),
     GenericEffect(
         "hysteresis",
         "a rate-independent loop of the signal with itself",
         "close the loop on the output, or drive with charge",
-        (_signed("level", 0.5), _shape("width", 0.02, 1.0, "signal")),
+        (
+            _signed("level", 0.5),
+            _shape("width", 0.03, 1.0, "signal", "half the travel of a loop of full height"),
+            _between("exponent", 0.0, 3.0, "how much less small loops have"),
+            _between(
+                "history",
+                0.0,
+                1.0,
+                "how far it had come straight to its first value, as a share of that",
+            ),
+            _shape("bend", 0.1, 30.0, "signal", "about where it saturates"),
+        ),
         laws.own_hysteresis,
     ),
     GenericEffect(
@@ -129,24 +193,43 @@ GENERIC: tuple[GenericEffect, ...] = (
         "delay",
         "the signal is late by a constant time",
         "stamp at the source",
-        (_rel("time", 0.2, 200.0, "dt"),),
+        (_rel("time", 0.01, 200.0, "dt"),),
         laws.delay,
     ),
     GenericEffect(
-        "low_pass", "a first-order lag", "a faster sensor or filter", (_rel("tau", 0.5, 500.0, "dt"),), laws.low_pass
+        "low_pass",
+        "a first-order lag",
+        "a faster sensor or filter",
+        (_rel("tau", 0.02, 500.0, "dt"),),
+        laws.low_pass,
     ),
     GenericEffect(
         "leak",
         "what is held bleeds away",
         "find and seal the leak",
-        (_rel("share", 5e-3, 1.0, "1"), _shape("tau", 0.01, 3.0, "duration")),
+        (
+            _rel("share", 1e-3, 1.0, "1"),
+            _shape("tau", 0.01, 3.0, "duration"),
+            _shape(
+                "refill",
+                3e-3,
+                10.0,
+                "signal",
+                "how far the signal moves until what leaked is made good",
+            ),
+        ),
         laws.leak,
     ),
     GenericEffect(
         "creep",
         "a slow delayed response",
         "wait longer, or model the slow mode",
-        (_rel("share", 5e-3, 1.0, "1"), _shape("tau", 3e-3, 0.5, "duration")),
+        (
+            _rel("share", 1e-3, 1.0, "1"),
+            _shape("tau", 3e-3, 10.0, "duration", "the longest of its times"),
+            _between("exponent", 0.0, 1.2, "power of time; 0 is the logarithm"),
+            _between("settled", 0.0, 1.0, "how far it had settled at the beginning"),
+        ),
         laws.creep,
     ),
     GenericEffect(
@@ -174,13 +257,32 @@ GENERIC: tuple[GenericEffect, ...] = (
         "quadratic_error",
         "a bent characteristic",
         "calibrate at more than two points",
-        (_signed("coefficient", 0.5, "1/signal"), Parameter("odd", "1", 0.0, 1.0, null=None, default=0.0)),
+        (
+            _signed("coefficient", 0.5, "1/signal"),
+            Parameter("odd", "1", 0.0, 1.0, null=None, default=0.0),
+        ),
         laws.quadratic_error,
     ),
-    GenericEffect("gain", "wrong sensitivity", "calibrate", (_signed("error", 0.5, "1"),), laws.gain),
-    GenericEffect("offset", "a constant error", "zero the sensor", (_signed("value", 0.5),), laws.offset),
     GenericEffect(
-        "quantisation", "coarse steps", "a finer converter or range", (_rel("step", 2e-3, 0.1),), laws.quantisation
+        "gain",
+        "wrong sensitivity",
+        "calibrate",
+        (_signed("error", 0.5, "1"),),
+        laws.gain,
+    ),
+    GenericEffect(
+        "offset",
+        "a constant error",
+        "zero the sensor",
+        (_signed("value", 0.5),),
+        laws.offset,
+    ),
+    GenericEffect(
+        "quantisation",
+        "coarse steps",
+        "a finer converter or range",
+        (_rel("step", 2e-3, 0.1),),
+        laws.quantisation,
     ),
     GenericEffect(
         "slew_limit",
@@ -205,3 +307,21 @@ GENERIC: tuple[GenericEffect, ...] = (
         needs="other",
     ),
 )
+
+
+def counted(counts: Counts, unit: str) -> GenericEffect:
+    """Coarse steps of a channel whose counts can be read from it: up to the ``step`` seen, the nearest count."""
+    thresholds = 0.5 * (counts.levels[1:] + counts.levels[:-1])
+
+    def nearest(
+        state: State,
+        time: FloatArray,
+        y: FloatArray,
+        related: Mapping[str, FloatArray],
+        p: Mapping[str, float],
+    ) -> FloatArray:
+        share = p["step"] / counts.step
+        return np.asarray((1 - share) * y + share * counts.levels[np.searchsorted(thresholds, y)])
+
+    step = Parameter("step", unit, 0.0, 1.2 * counts.step, null=0.0, default=counts.step)
+    return GenericEffect("quantisation", "coarse steps", "a finer converter or range", (step,), nearest)

@@ -1,70 +1,121 @@
 """What generic effects do to a signal: causal, with a state, on whole series or sample by sample.
 
 Forms: Coulomb/Stribeck after Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30 (1994) 1083; Dahl after
-P. Dahl, AIAA J. 14 (1976) 1675; Bouc-Wen after Y. Wen, J. Eng. Mech. Div. 102 (1976) 249; play (backlash) after
-Krasnoselskii and Pokrovskii. All take ``(state, time, values, related, p)`` and return the changed values.
+P. Dahl, AIAA J. 14 (1976) 1675; play (backlash) after Krasnoselskii and Pokrovskii; a signal's own hysteresis by many
+plays, after Prandtl and Ishlinskii; creep by many lags, after Findley, Lai and Onaran, "Creep and Relaxation of
+Nonlinear Viscoelastic Materials". All take ``(state, time, values, related, p)`` and return the changed values; time,
+values and related signals are arrays (n,), or floats where a model calls its tap for a single sample.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from bisect import bisect
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numba
 import numpy as np
 
 from gap.hypothesis import FloatArray
 
-State = dict[str, float]
+Signal = Any
+"""An array (n,), or a float: one sample."""
+State = dict[str, Any]
+STOPS, STOPS_PER_DECADE = 11, 6
+LAGS, LAGS_PER_DECADE = 11, 2
 
 
-def _join(state: State, key: str, values: FloatArray) -> float:
-    """The value before this chunk: kept from the last one, else the first of this."""
-    return state.get(key, float(values[0]))
+def _remembering(
+    kernel: Callable[..., FloatArray],
+    state: State,
+    size: int,
+    time: Signal,
+    y: Signal,
+    *constants: Any,
+) -> Signal:
+    """A kernel over the values ``y``, with a memory of ``size`` numbers that lasts; they are NaN before the first."""
+    if "memory" not in state:
+        state["memory"] = np.full(size, np.nan)
+    if isinstance(y, float):
+        return float(kernel(np.array([time]), np.array([y]), state["memory"], *constants)[0])
+    return kernel(time, np.ascontiguousarray(y, dtype=float), state["memory"], *constants)
+
+
+def _lopsided(direction: Signal, p: Mapping[str, float]) -> Signal:
+    """A direction of motion, -1 … 1, that counts by ``asymmetry`` more forwards and less backwards."""
+    return direction * (1 + p["asymmetry"] * direction)
 
 
 def coulomb(
-    state: State, time: FloatArray, y: FloatArray, related: Mapping[str, FloatArray], p: Mapping[str, float]
-) -> FloatArray:
-    return y + p["level"] * np.tanh(related["velocity"] / p["sharpness"])
+    state: State,
+    time: Signal,
+    y: Signal,
+    related: Mapping[str, Signal],
+    p: Mapping[str, float],
+) -> Signal:
+    return y + p["level"] * _lopsided(np.tanh(related["velocity"] / p["sharpness"]), p)
 
 
 def stribeck(
-    state: State, time: FloatArray, y: FloatArray, related: Mapping[str, FloatArray], p: Mapping[str, float]
-) -> FloatArray:
+    state: State,
+    time: Signal,
+    y: Signal,
+    related: Mapping[str, Signal],
+    p: Mapping[str, float],
+) -> Signal:
     v = related["velocity"]
     excess = p["excess"] * np.exp(-np.square(v / p["stribeck_velocity"]))
-    return y + p["level"] * (1 + excess) * np.tanh(v / (0.1 * p["stribeck_velocity"]))
+    return y + p["level"] * (1 + excess) * _lopsided(np.tanh(v / (0.1 * p["stribeck_velocity"])), p)
 
 
 def viscous(
-    state: State, time: FloatArray, y: FloatArray, related: Mapping[str, FloatArray], p: Mapping[str, float]
-) -> FloatArray:
+    state: State,
+    time: Signal,
+    y: Signal,
+    related: Mapping[str, Signal],
+    p: Mapping[str, float],
+) -> Signal:
     return y + p["coefficient"] * related["velocity"]
 
 
 def quadratic_drag(
-    state: State, time: FloatArray, y: FloatArray, related: Mapping[str, FloatArray], p: Mapping[str, float]
-) -> FloatArray:
+    state: State,
+    time: Signal,
+    y: Signal,
+    related: Mapping[str, Signal],
+    p: Mapping[str, float],
+) -> Signal:
     return y + p["coefficient"] * related["velocity"] * np.abs(related["velocity"])
 
 
 def cubic(
-    state: State, time: FloatArray, y: FloatArray, related: Mapping[str, FloatArray], p: Mapping[str, float]
-) -> FloatArray:
-    return y + p["coefficient"] * related["position"] ** 3
+    state: State,
+    time: Signal,
+    y: Signal,
+    related: Mapping[str, Signal],
+    p: Mapping[str, float],
+) -> Signal:
+    x = related["position"]
+    return y + p["coefficient"] * x * x * x
 
 
 def position_gain(
-    state: State, time: FloatArray, y: FloatArray, related: Mapping[str, FloatArray], p: Mapping[str, float]
-) -> FloatArray:
+    state: State,
+    time: Signal,
+    y: Signal,
+    related: Mapping[str, Signal],
+    p: Mapping[str, float],
+) -> Signal:
     return y * (1 + p["slope"] * related["position"])
 
 
 @numba.njit(cache=True)
-def _dahl_kernel(x: FloatArray, x_before: float, z: float, presliding: float) -> tuple[FloatArray, float]:
+def _dahl_kernel(time: FloatArray, x: FloatArray, memory: FloatArray, presliding: float) -> FloatArray:
     """Dahl's first-order presliding law in displacement: dz/dx = (1 − z sgn dx)/presliding, exact per step."""
     out = np.empty_like(x)
-    last = x_before
+    if np.isnan(memory[0]):
+        memory[0], memory[1] = x[0], 0.0
+    last, z = memory[0], memory[1]
     for i in range(x.size):
         step = x[i] - last
         if step > 0:
@@ -73,180 +124,340 @@ def _dahl_kernel(x: FloatArray, x_before: float, z: float, presliding: float) ->
             z = -1.0 + (1.0 + z) * np.exp(step / presliding)
         out[i] = z
         last = x[i]
-    return out, z
+    memory[0], memory[1] = last, z
+    return out
 
 
 def dahl(
-    state: State, time: FloatArray, y: FloatArray, related: Mapping[str, FloatArray], p: Mapping[str, float]
-) -> FloatArray:
-    x = np.ascontiguousarray(related["position"], dtype=float)
-    z, state["z"] = _dahl_kernel(x, _join(state, "x", x), state.get("z", 0.0), p["presliding"])
-    state["x"] = float(x[-1])
-    return y + p["level"] * z
-
-
-def own_hysteresis(
-    state: State, time: FloatArray, y: FloatArray, related: Mapping[str, FloatArray], p: Mapping[str, float]
-) -> FloatArray:
-    """Bouc-Wen with the signal as its own displacement: the rate-independent loop of piezos, valves and gauges."""
-    y = np.ascontiguousarray(y, dtype=float)
-    z, state["z"] = _dahl_kernel(y, _join(state, "y", y), state.get("z", 0.0), p["width"])
-    state["y"] = float(y[-1])
-    return y - p["level"] * z
+    state: State,
+    time: Signal,
+    y: Signal,
+    related: Mapping[str, Signal],
+    p: Mapping[str, float],
+) -> Signal:
+    z = _remembering(_dahl_kernel, state, 2, time, related["position"], p["presliding"])
+    return y + p["level"] * _lopsided(z, p)
 
 
 @numba.njit(cache=True)
-def _play_kernel(x: FloatArray, half: float, y: float) -> FloatArray:
+def _stops_kernel(
+    time: FloatArray,
+    y: FloatArray,
+    memory: FloatArray,
+    bounds: FloatArray,
+    weights: FloatArray,
+    history: float,
+) -> FloatArray:
+    """Weighted sum of stops (signal − play), each within its bound; they begin as after a move to here of ``history``
+    times the first value."""
+    out = np.empty_like(y)
+    if np.isnan(memory[0]):
+        memory[0] = y[0]
+        memory[1:] = np.minimum(np.maximum(history * y[0], -bounds), bounds)
+    last = memory[0]
+    for i in range(y.size):
+        total = 0.0
+        for k in range(bounds.size):
+            memory[k + 1] = min(max(memory[k + 1] + y[i] - last, -bounds[k]), bounds[k])
+            total += weights[k] * memory[k + 1]
+        out[i] = total
+        last = y[i]
+    memory[0] = last
+    return out
+
+
+def own_hysteresis(
+    state: State,
+    time: Signal,
+    y: Signal,
+    related: Mapping[str, Signal],
+    p: Mapping[str, float],
+) -> Signal:
+    """The rate-independent loop of piezos, magnets and gauges: many plays of a signal that saturates about ``bend``.
+
+    They are up to a half ``width``, of shares ∝ that to the ``exponent``: the less, the fuller are small loops. Every
+    loop inside another closes; those over twice ``width`` have the full height, twice ``level``. What is proportional
+    to the signal is left out: the generalised form of Al Janaideh, Rakheja and Su, IEEE/ASME Trans. Mechatronics 16
+    (2011) 734, less a gain.
+    """
+    if "bank" not in state:
+        bounds = p["width"] * 10.0 ** (-np.arange(STOPS) / STOPS_PER_DECADE)
+        weights = bounds ** (p["exponent"] - 1.0)
+        weights /= np.sum(weights * bounds)
+        state["bank"], state["total"] = (bounds, weights, p["history"]), float(weights.sum())
+    bent = p["bend"] * np.tanh(y / p["bend"])
+    loop = _remembering(_stops_kernel, state, STOPS + 1, time, bent, *state["bank"])
+    return y + p["level"] * (state["total"] * (bent - y) - loop)
+
+
+@numba.njit(cache=True)
+def _play_kernel(time: FloatArray, x: FloatArray, memory: FloatArray, half: float) -> FloatArray:
     out = np.empty_like(x)
+    y = x[0] if np.isnan(memory[0]) else memory[0]
     for i in range(x.size):
         y = min(max(y, x[i] - half), x[i] + half)
         out[i] = y
+    memory[0] = y
     return out
 
 
 def backlash(
-    state: State, time: FloatArray, y: FloatArray, related: Mapping[str, FloatArray], p: Mapping[str, float]
-) -> FloatArray:
-    y = np.ascontiguousarray(y, dtype=float)
-    out = _play_kernel(y, 0.5 * p["gap"], _join(state, "out", y))
-    state["out"] = float(out[-1])
-    return out
+    state: State,
+    time: Signal,
+    y: Signal,
+    related: Mapping[str, Signal],
+    p: Mapping[str, float],
+) -> Signal:
+    return _remembering(_play_kernel, state, 1, time, y, 0.5 * p["gap"])
 
 
 def dead_zone(
-    state: State, time: FloatArray, y: FloatArray, related: Mapping[str, FloatArray], p: Mapping[str, float]
-) -> FloatArray:
+    state: State,
+    time: Signal,
+    y: Signal,
+    related: Mapping[str, Signal],
+    p: Mapping[str, float],
+) -> Signal:
     x = y - p["centre"]
     return p["centre"] + np.sign(x) * np.maximum(np.abs(x) - p["half_width"], 0.0)
 
 
 def delay(
-    state: State, time: FloatArray, y: FloatArray, related: Mapping[str, FloatArray], p: Mapping[str, float]
-) -> FloatArray:
-    return np.interp(time - p["time"], time, y)
+    state: State,
+    time: Signal,
+    y: Signal,
+    related: Mapping[str, Signal],
+    p: Mapping[str, float],
+) -> Signal:
+    """Straight lines between samples; before the first of them its value."""
+    times, values = state.setdefault("past", ([], []))
+    if not isinstance(y, float):
+        times.extend(time.tolist())
+        values.extend(y.tolist())
+        return np.interp(time - p["time"], times, values)
+    times.append(time)
+    values.append(y)
+    then = time - p["time"]
+    k = bisect(times, then)
+    if k in (0, len(times)):
+        return values[min(k, len(times) - 1)]
+    share = (then - times[k - 1]) / (times[k] - times[k - 1])
+    return values[k - 1] + share * (values[k] - values[k - 1])
 
 
 @numba.njit(cache=True)
-def _relax_kernel(time: FloatArray, y: FloatArray, tau: float, t0: float, y0: float, z: float) -> FloatArray:
-    """First-order lag, exact for piecewise linear input on any time grid."""
+def _lags_kernel(
+    time: FloatArray,
+    y: FloatArray,
+    memory: FloatArray,
+    taus: FloatArray,
+    weights: FloatArray,
+    settled: float,
+) -> FloatArray:
+    """Weighted sum of first-order lags, exact for piecewise linear input on any time grid; they begin at ``settled``
+    times the first value."""
     out = np.empty_like(y)
-    last_t, last_y = t0, y0
+    if np.isnan(memory[0]):
+        memory[0], memory[1], memory[2:] = time[0], y[0], settled * y[0]
+    last_t, last_y = memory[0], memory[1]
     for i in range(y.size):
         dt = time[i] - last_t
-        if dt > 0:
-            e = np.exp(-dt / tau)
-            slope = (y[i] - last_y) / dt
-            z = y[i] - slope * tau + (z - last_y + slope * tau) * e
-        out[i] = z
+        total = 0.0
+        for k in range(taus.size):
+            z = memory[k + 2]
+            if dt > 0:
+                e = np.exp(-dt / taus[k])
+                slope = (y[i] - last_y) / dt
+                z = y[i] - slope * taus[k] + (z - last_y + slope * taus[k]) * e
+                memory[k + 2] = z
+            total += weights[k] * z
+        out[i] = total
         last_t, last_y = time[i], y[i]
-    return out
-
-
-def _lagged(state: State, time: FloatArray, y: FloatArray, tau: float, rest: float | None = None) -> FloatArray:
-    y = np.ascontiguousarray(y, dtype=float)
-    first = float(y[0]) if rest is None else rest
-    out = _relax_kernel(time, y, tau, state.get("t", float(time[0])), state.get("y", first), state.get("z", first))
-    state.update(t=float(time[-1]), y=float(y[-1]), z=float(out[-1]))
+    memory[0], memory[1] = last_t, last_y
     return out
 
 
 def low_pass(
-    state: State, time: FloatArray, y: FloatArray, related: Mapping[str, FloatArray], p: Mapping[str, float]
-) -> FloatArray:
-    return _lagged(state, time, y, p["tau"])
-
-
-def leak(
-    state: State, time: FloatArray, y: FloatArray, related: Mapping[str, FloatArray], p: Mapping[str, float]
-) -> FloatArray:
-    """What is held bleeds away: a share of the signal's change is lost with a time constant."""
-    rest = state.setdefault("rest", float(y[0]))
-    return y - p["share"] * (_lagged(state, time, y, p["tau"], rest) - rest)
+    state: State,
+    time: Signal,
+    y: Signal,
+    related: Mapping[str, Signal],
+    p: Mapping[str, float],
+) -> Signal:
+    if "bank" not in state:
+        state["bank"] = np.array([p["tau"]]), np.ones(1), 1.0
+    return _remembering(_lags_kernel, state, 3, time, y, *state["bank"])
 
 
 def creep(
-    state: State, time: FloatArray, y: FloatArray, related: Mapping[str, FloatArray], p: Mapping[str, float]
+    state: State,
+    time: Signal,
+    y: Signal,
+    related: Mapping[str, Signal],
+    p: Mapping[str, float],
+) -> Signal:
+    """Delayed response by lags from ``tau`` down five decades, of shares ∝ their time to the ``exponent``: 0 creeps
+    with the logarithm of time, 0.1 to 0.5 with that power of it, 1 and more nearly as a single exponential. It begins
+    ``settled`` so far under the first value: 0 where that was put on then."""
+    if "bank" not in state:
+        shorter = 10.0 ** (-np.arange(LAGS) / LAGS_PER_DECADE)
+        weights = shorter ** p["exponent"]
+        state["bank"] = p["tau"] * shorter, weights / weights.sum(), p["settled"]
+    return y + p["share"] * _remembering(_lags_kernel, state, LAGS + 2, time, y, *state["bank"])
+
+
+@numba.njit(cache=True)
+def _leak_kernel(
+    time: FloatArray,
+    y: FloatArray,
+    memory: FloatArray,
+    share: float,
+    tau: float,
+    refill: float,
 ) -> FloatArray:
-    """Delayed response: logarithmic in time, as a bank of three lags per two decades about ``tau``."""
-    total = np.zeros_like(y)
-    for k, factor in enumerate((0.15, 1.0, 7.0)):
-        inner: State = {n: state[f"{n}{k}"] for n in ("t", "y", "z") if f"{n}{k}" in state}
-        total += _lagged(inner, time, y, p["tau"] * factor) / 3.0
-        state.update({f"{n}{k}": v for n, v in inner.items()})
-    return y + p["share"] * total
+    """What has leaked, z: dz/dt = (share y − z)/tau − |dy/dt| z/refill, exact for the mean y of a step."""
+    out = np.empty_like(y)
+    if np.isnan(memory[0]):
+        memory[0], memory[1], memory[2] = time[0], y[0], 0.0
+    last_t, last_y, z = memory[0], memory[1], memory[2]
+    for i in range(y.size):
+        bled = 1.0 - np.exp(-(time[i] - last_t) / tau)
+        z = (z + (0.5 * share * (y[i] + last_y) - z) * bled) * np.exp(-np.abs(y[i] - last_y) / refill)
+        out[i] = z
+        last_t, last_y = time[i], y[i]
+    memory[0], memory[1], memory[2] = last_t, last_y, z
+    return out
+
+
+def leak(
+    state: State,
+    time: Signal,
+    y: Signal,
+    related: Mapping[str, Signal],
+    p: Mapping[str, float],
+) -> Signal:
+    """What is held bleeds away, the faster the more there is, until a move of ``refill`` makes good for it."""
+    return y - _remembering(_leak_kernel, state, 3, time, y, p["share"], p["tau"], p["refill"])
 
 
 def saturation(
-    state: State, time: FloatArray, y: FloatArray, related: Mapping[str, FloatArray], p: Mapping[str, float]
-) -> FloatArray:
+    state: State,
+    time: Signal,
+    y: Signal,
+    related: Mapping[str, Signal],
+    p: Mapping[str, float],
+) -> Signal:
     return np.minimum(y, p["limit"])
 
 
 def lower_saturation(
-    state: State, time: FloatArray, y: FloatArray, related: Mapping[str, FloatArray], p: Mapping[str, float]
-) -> FloatArray:
+    state: State,
+    time: Signal,
+    y: Signal,
+    related: Mapping[str, Signal],
+    p: Mapping[str, float],
+) -> Signal:
     return np.maximum(y, p["limit"])
 
 
+def _since_begin(state: State, time: Signal) -> Signal:
+    """Time since the recording's first sample, s."""
+    if "t0" not in state:
+        state["t0"] = time if isinstance(time, float) else float(time[0])
+    return time - state["t0"]
+
+
 def drift(
-    state: State, time: FloatArray, y: FloatArray, related: Mapping[str, FloatArray], p: Mapping[str, float]
-) -> FloatArray:
-    return y + p["rate"] * (time - state.setdefault("t0", float(time[0])))
+    state: State,
+    time: Signal,
+    y: Signal,
+    related: Mapping[str, Signal],
+    p: Mapping[str, float],
+) -> Signal:
+    return y + p["rate"] * _since_begin(state, time)
 
 
 def quadratic_error(
-    state: State, time: FloatArray, y: FloatArray, related: Mapping[str, FloatArray], p: Mapping[str, float]
-) -> FloatArray:
+    state: State,
+    time: Signal,
+    y: Signal,
+    related: Mapping[str, Signal],
+    p: Mapping[str, float],
+) -> Signal:
     return y + p["coefficient"] * y * np.abs(y) if p["odd"] > 0.5 else y + p["coefficient"] * y * y
 
 
 def gain(
-    state: State, time: FloatArray, y: FloatArray, related: Mapping[str, FloatArray], p: Mapping[str, float]
-) -> FloatArray:
+    state: State,
+    time: Signal,
+    y: Signal,
+    related: Mapping[str, Signal],
+    p: Mapping[str, float],
+) -> Signal:
     return y * (1 + p["error"])
 
 
 def offset(
-    state: State, time: FloatArray, y: FloatArray, related: Mapping[str, FloatArray], p: Mapping[str, float]
-) -> FloatArray:
+    state: State,
+    time: Signal,
+    y: Signal,
+    related: Mapping[str, Signal],
+    p: Mapping[str, float],
+) -> Signal:
     return y + p["value"]
 
 
 def quantisation(
-    state: State, time: FloatArray, y: FloatArray, related: Mapping[str, FloatArray], p: Mapping[str, float]
-) -> FloatArray:
+    state: State,
+    time: Signal,
+    y: Signal,
+    related: Mapping[str, Signal],
+    p: Mapping[str, float],
+) -> Signal:
     return p["step"] * np.round(y / p["step"])
 
 
 @numba.njit(cache=True)
-def _slew_kernel(time: FloatArray, x: FloatArray, rate: float, t0: float, y: float) -> FloatArray:
+def _slew_kernel(time: FloatArray, x: FloatArray, memory: FloatArray, rate: float) -> FloatArray:
     out = np.empty_like(x)
-    last = t0
+    if np.isnan(memory[0]):
+        memory[0], memory[1] = time[0], x[0]
+    last, y = memory[0], memory[1]
     for i in range(x.size):
         reach = rate * (time[i] - last)
         y = y + min(max(x[i] - y, -reach), reach)
         out[i] = y
         last = time[i]
+    memory[0], memory[1] = last, y
     return out
 
 
 def slew(
-    state: State, time: FloatArray, y: FloatArray, related: Mapping[str, FloatArray], p: Mapping[str, float]
-) -> FloatArray:
-    y = np.ascontiguousarray(y, dtype=float)
-    out = _slew_kernel(time, y, p["rate"], state.get("t", float(time[0])), _join(state, "out", y))
-    state.update(t=float(time[-1]), out=float(out[-1]))
-    return out
+    state: State,
+    time: Signal,
+    y: Signal,
+    related: Mapping[str, Signal],
+    p: Mapping[str, float],
+) -> Signal:
+    return _remembering(_slew_kernel, state, 2, time, y, p["rate"])
 
 
 def preconditioning(
-    state: State, time: FloatArray, y: FloatArray, related: Mapping[str, FloatArray], p: Mapping[str, float]
-) -> FloatArray:
+    state: State,
+    time: Signal,
+    y: Signal,
+    related: Mapping[str, Signal],
+    p: Mapping[str, float],
+) -> Signal:
     """The response of the first loadings differs and settles with time under test."""
-    return y * (1 + p["change"] * np.exp(-(time - state.setdefault("t0", float(time[0]))) / p["settling"]))
+    return y * (1 + p["change"] * np.exp(-_since_begin(state, time) / p["settling"]))
 
 
 def crosstalk(
-    state: State, time: FloatArray, y: FloatArray, related: Mapping[str, FloatArray], p: Mapping[str, float]
-) -> FloatArray:
+    state: State,
+    time: Signal,
+    y: Signal,
+    related: Mapping[str, Signal],
+    p: Mapping[str, float],
+) -> Signal:
     return y + p["share"] * related["other"]

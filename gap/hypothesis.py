@@ -85,9 +85,10 @@ class Problem(Protocol):
 
     ``measured`` (n,) and ``sigma`` (n,) are the data behind the rows in SI and their noise, so that the prediction is
     measured − residual·sigma. ``local`` (p,) is true for nuisance parameters that belong to single recordings (a gain,
-    a zero). ``trust`` is the exponent on the block's evidence, for model error that tempering does not see: low where a
-    person's tissue is in the loop. ``alternatives`` are prior widths (p,) over which the evidence is averaged;
-    ``prior_sd`` is the one used while fitting, ``plain_sd`` that of the simulation by itself, without a discrepancy.
+    a zero). ``alternatives`` are prior widths (p,) over which the evidence is averaged, narrow ones first; ``prior_sd``
+    is the one used while fitting, ``plain_sd`` that of the simulation by itself, without a discrepancy. ``trusts``, one
+    for each width, are exponents on the evidence, for model error that tempering does not see: low where a person's
+    tissue may do what it likes. The first also weighs the widths against each other.
     """
 
     name: str
@@ -98,7 +99,11 @@ class Problem(Protocol):
     prior_sd: FloatArray
     local: NDArray[np.bool_]
     alternatives: Sequence[FloatArray]
-    trust: float
+
+    @property
+    def trusts(self) -> Sequence[float]:
+        """How far the evidence is trusted under each of the prior's widths."""
+        ...
 
     @property
     def plain_sd(self) -> FloatArray:

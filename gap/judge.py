@@ -1,7 +1,7 @@
 """From compared hypotheses to a verdict: classes that the data cannot split, probabilities, and when to say nothing.
 
-Probabilities are tempered Laplace evidences with a prior over *numbers of effects*, raised to each block's `trust`.
-Both were set on development seeds of the blind generator, not on those that score them
+Probabilities are tempered Laplace evidences with a prior over *numbers of effects*, raised to each block's
+`trusts`. Both were set on development seeds of the blind generator, not on those that score them
 (docs/decisions/gap-method.md).
 """
 
@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gap.compare import Comparison
+from gap.compare import Comparison, Weight
 from gap.hypothesis import Candidate
 from gap.signatures import Signature
 from gap.solve import Hypothesis
@@ -50,6 +50,7 @@ class Cause:
     probability: float
     detectability: float
     members: tuple[Hypothesis, ...] = ()
+    marked: bool = False  # whether a channel's own marks speak for it
 
     @property
     def effects(self) -> tuple[Candidate, ...]:
@@ -76,11 +77,11 @@ def concept(h: Hypothesis) -> str:
     return " + ".join(sorted(e.name for e in h.effects))
 
 
-def _distance(a: Hypothesis, b: Hypothesis, comparison: Comparison, temper: Mapping[str, float]) -> float:
+def _distance(a: Hypothesis, b: Hypothesis, trust: Mapping[str, float], temper: Mapping[str, float]) -> float:
     """How far apart two fitted explanations predict, in tempered σ, each block as far as it is trusted."""
     square = 0.0
-    for k, problem in comparison.problems.items():
-        square += problem.trust / temper[k] * float(np.sum(np.square(a.fits[k].residual - b.fits[k].residual)))
+    for k, share in trust.items():
+        square += share / temper[k] * float(np.sum(np.square(a.fits[k].residual - b.fits[k].residual)))
     return float(np.sqrt(square))
 
 
@@ -141,11 +142,13 @@ def judge(
         return sum(s.nats for s in signatures if any(made_by(s, e) for e in h.effects))
 
     everything = [comparison.null, *(h for h in comparison.hypotheses if _earned(h, comparison, rules))]
-    score = np.array([log_prior(h) + comparison.evidence(h, temper) + marks(h) for h in everything])
+    weighed = comparison.weighed(temper)
+    score = np.array([log_prior(h) + weighed[id(h)].evidence + marks(h) for h in everything])
     weight = np.exp(score - score.max())
     weight /= weight.sum()
     none = float(weight[0])
-    causes = _classes(everything[1:], score[1:], weight[1:], comparison, temper, rules)
+    causes = _classes(everything, score, weight, weighed, temper, rules)
+    causes = [replace(c, marked=marks(c.hypothesis) > 0) for c in causes]
     stages: dict[str, float] = {}
     for h, w in zip(everything[1:], weight[1:], strict=True):
         for e in h.effects:
@@ -157,7 +160,7 @@ def judge(
     if not causes or 1 - none < rules.detect:
         quiet = before <= rules.quiet_gap and none >= rules.sure_none
         verdict = "unknown" if before > rules.unusual_gap else "none" if quiet else "undetectable"
-    elif unknown(min(left, 1.0), after) > rules.unknown and not marks(causes[0].hypothesis):
+    elif unknown(min(left, 1.0), after) > rules.unknown and not causes[0].marked:
         verdict = "unknown"
     else:
         verdict = "several" if len(causes[0].effects) > 1 else "effect"
@@ -165,16 +168,27 @@ def judge(
 
 
 def borne_out(
-    verdict: Verdict, comparison: Comparison, gap: float, transfer: float | None, rules: Judgement = Judgement()
+    verdict: Verdict,
+    comparison: Comparison,
+    gap: float,
+    after: float,
+    transfer: float | None,
+    rules: Judgement = Judgement(),
 ) -> Verdict:
-    """The verdict once its first cause was tried on what it was not fitted to, as a simulation by itself.
+    """The verdict once its first cause was tried as a simulation by itself, also on what it was not fitted to.
 
-    A device effect that only repairs what skin of another law leaves does not carry over to another waveform.
-    ``gap`` is the plain simulation's, ``transfer`` the share of it that the cause takes away there (None: not known).
+    What takes nothing away there explains nothing, be its evidence what it may; and a device effect that only repairs
+    what skin of another law leaves does not carry over to another waveform. ``gap`` is the plain simulation's,
+    ``after`` what the cause leaves of it, and ``transfer`` the share that it takes away on another waveform (None: not
+    known).
     """
-    if verdict.verdict not in ("effect", "several") or transfer is None or gap < rules.plain:
+    if verdict.verdict not in ("effect", "several"):
         return verdict
     first = verdict.causes[0]
+    if after >= gap and not first.marked:
+        return replace(verdict, verdict="unknown" if gap > rules.unusual_gap else "undetectable")
+    if transfer is None or gap < rules.plain:
+        return verdict
     if first.detectability > rules.overwhelming or any(e.stage == "tissue" for h in first.members for e in h.effects):
         return verdict
     cause, bare = first.hypothesis, 0.0
@@ -182,7 +196,7 @@ def borne_out(
         if np.array_equal(problem.plain_sd, problem.prior_sd):
             fits = cause.fits[block], comparison.null.fits[block]
             one, other = (f.log_evidence(verdict.temper[block], problem.alternatives) for f in fits)
-            bare += problem.trust * (one - other)
+            bare += problem.trusts[0] * (one - other)
     if bare > rules.sure or transfer > rules.borne_out:
         return verdict
     return replace(verdict, verdict="unknown")
@@ -192,12 +206,13 @@ def _classes(
     hypotheses: Sequence[Hypothesis],
     score: np.ndarray,
     weight: np.ndarray,
-    comparison: Comparison,
+    weighed: Mapping[int, Weight],
     temper: Mapping[str, float],
     rules: Judgement,
 ) -> list[Cause]:
-    """Group explanations that these data cannot split; within a class the one with fewest parameters leads."""
-    order = list(np.argsort(-score))
+    """Group explanations that these data cannot split, all but the first of ``hypotheses``, which is none; within a
+    class the one with fewest parameters leads."""
+    order = [k for k in np.argsort(-score) if k]
     causes = []
     while order:
         lead = order[0]
@@ -208,7 +223,8 @@ def _classes(
             or (
                 score[lead] - score[k] < rules.evidence_tie
                 and len(hypotheses[k].effects) == len(hypotheses[lead].effects)
-                and _distance(hypotheses[lead], hypotheses[k], comparison, temper) < rules.separable
+                and _distance(hypotheses[lead], hypotheses[k], weighed[id(hypotheses[lead])].trust, temper)
+                < rules.separable
             )
         ]
         simplest = min(members, key=lambda k: (sum(len(e.parameters) for e in hypotheses[k].effects), -score[k]))
@@ -216,7 +232,7 @@ def _classes(
         same = [k for k in order if concept(hypotheses[k]) == concept(hypotheses[simplest])]
         order = [k for k in order if k not in same]
         names = list(dict.fromkeys([concept(hypotheses[simplest]), *(concept(hypotheses[k]) for k in members)]))
-        gain = 2 * (comparison.evidence(hypotheses[simplest], temper) - comparison.evidence(comparison.null, temper))
+        gain = 2 * (weighed[id(hypotheses[simplest])].evidence - weighed[id(hypotheses[0])].evidence)
         probability = float(sum(weight[k] for k in (*members, *same)))
         causes.append(
             Cause(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
@@ -63,6 +65,46 @@ def grid_step(value: FloatArray) -> float:
         return 0.0
     multiples = gaps / step
     return step if np.mean(np.abs(multiples - np.round(multiples)) < 0.05) > 0.95 else 0.0
+
+
+@dataclass(frozen=True)
+class Counts:
+    """The ``levels`` (k,) that a coarse channel comes in, ``step`` apart, and the noise on top of them."""
+
+    levels: FloatArray
+    step: float
+    sigma: float
+
+
+def coarse_counts(value: FloatArray) -> Counts | None:
+    """The counts of a channel (n,) that stands on each for several samples, steps to the next and rarely goes back;
+    None of an ordinary one.
+
+    A sound converter is fine, or its signal's noise dithers it. Ten to 500 steps to the range: fewer may be a staircase
+    that was commanded, more leave nothing to be seen.
+    """
+    v = value[np.isfinite(value)]
+    if len(v) < 100 or np.ptp(v) == 0:
+        return None
+    gaps = np.diff(np.sort(v))
+    falling = np.sort(gaps)[::-1][: len(v) // 5]
+    fall = falling[9:-1] / np.maximum(falling[10:], 1e-9 * np.ptp(v))
+    at = 9 + int(np.argmax(fall))
+    if fall[at - 9] < 4.0:
+        return None  # no line between what is noise about a level and what is a step
+    edges = np.flatnonzero(gaps > np.sqrt(falling[at] * max(falling[at + 1], 1e-9 * np.ptp(v)))) + 1
+    groups = np.split(np.sort(v), edges)
+    levels = np.array([np.mean(g) for g in groups])
+    step = float(np.median(np.diff(levels)))
+    scatter = np.concatenate([g - np.mean(g) for g in groups if len(g) > 2] or [np.zeros(1)])
+    sigma = float(np.sqrt(np.mean(np.square(scatter))))
+    counts = np.searchsorted(0.5 * (levels[1:] + levels[:-1]), v)
+    moves = np.sign(np.diff(counts))
+    moves, still = moves[moves != 0], float(np.mean(moves == 0))
+    back = float(np.mean(moves[1:] != moves[:-1])) if len(moves) > 1 else 1.0
+    coarse = 2e-3 < step / np.ptp(v) < 0.1 and sigma < 0.2 * step and still > 0.6 and back < 0.3
+    # Of exact counts, less noise than a tenth of a step cannot be told.
+    return Counts(levels, step, sigma if sigma > 1e-6 * step else 0.1 * step) if coarse else None
 
 
 def correlation_time(residual: FloatArray, limit: int = 2000) -> float:

@@ -29,16 +29,26 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+from scipy.stats import qmc
 
-from acquire.recording.model import Recording
-from gap.generic import GENERIC, GenericEffect
+from acquire.recording.model import Recording, Series
+from gap.generic import GENERIC, GenericEffect, counted
+from gap.generic_laws import State
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray
-from gap.noise import high_band_sigma
+from gap.noise import coarse_counts, high_band_sigma
 from gap.rows import label_rows
+from gap.solve import fit
 from sim_devices.chain import Parameter
 
 MAX_ROWS = 40_000
 """Rows of one problem above which samples are thinned (after simulation) to keep a diagnosis within seconds."""
+DIVERGED = 1e6
+"""σ beyond which a residual says no more than that the model diverged; squares of more would overflow."""
+PLACES, CLOSEST = 24, 2
+"""Places in the ranges of a model's parameters that are tried, and from how many of them, besides the defaults, a fit
+begins."""
+PROBE = 1e-3
+"""Drag, in signal over velocity, that shows what a tap's sign means."""
 
 
 class ModelError(ValueError):
@@ -90,12 +100,16 @@ def load_model(where: str) -> ForwardModel:
 
 @dataclass
 class _Seen:
-    """What a nominal run shows of a tap: the scale of its signal and of the related ones."""
+    """What a nominal run shows of a tap: the scale of its signal and of the related ones, and how many values of it
+    there are to a sample. ``opposes`` says that motion is resisted by what is added, not by what is taken away."""
 
     low: float = np.inf
     high: float = -np.inf
     rate: float = 0.0
     related: dict[str, float] = field(default_factory=dict)
+    values: int = 0
+    calls: int = 1
+    opposes: bool = True
 
 
 class _Survey:
@@ -105,9 +119,17 @@ class _Survey:
         self.seen: dict[str, _Seen] = {}
         self.time: FloatArray = np.zeros(0)
 
+    def begin(self, time: FloatArray) -> None:
+        """Another run, on ``time`` (n,) s."""
+        for seen in self.seen.values():
+            seen.values = 0
+        self.time = time
+
     def __call__(self, name: str, values: Any, **related: Any) -> Any:
         seen = self.seen.setdefault(name, _Seen())
         y = np.atleast_1d(np.asarray(values, dtype=float))
+        seen.values += y.size
+        seen.calls = max(seen.calls, round(seen.values / max(self.time.size, 1)))
         seen.low, seen.high = min(seen.low, float(np.nanmin(y))), max(seen.high, float(np.nanmax(y)))
         if y.size == self.time.size and y.size > 1:
             seen.rate = max(seen.rate, float(np.nanquantile(np.abs(np.diff(y) / np.diff(self.time)), 0.99)))
@@ -116,27 +138,61 @@ class _Survey:
         return values
 
 
+class _Drag:
+    """The tap of a run with a little drag at ``name``: notes how much motion there is."""
+
+    def __init__(self, name: str, coefficient: float) -> None:
+        self.motion, self._name, self._coefficient = 0.0, name, coefficient
+
+    def __call__(self, name: str, values: Any, **related: Any) -> Any:
+        if name != self._name:
+            return values
+        velocity = related.get("velocity", 0.0)
+        self.motion += float(np.sum(np.square(velocity)))
+        return values + self._coefficient * velocity
+
+
 class _Acting:
     """The tap of a run with effects; keeps their states through one recording."""
 
-    def __init__(self, at: Mapping[str, list[tuple[GenericEffect, Mapping[str, float]]]], time: FloatArray) -> None:
-        self._at: dict[str, list[tuple[GenericEffect, Mapping[str, float], dict[str, float]]]] = {
-            name: [(e, p, {}) for e, p in effects] for name, effects in at.items()
+    def __init__(
+        self,
+        at: Mapping[str, Sequence[tuple[GenericEffect, Mapping[str, float]]]],
+        time: FloatArray,
+        seen: Mapping[str, _Seen],
+    ) -> None:
+        self._at: dict[str, list[tuple[GenericEffect, Mapping[str, float], State, bool]]] = {
+            name: [(e, p, {}, e.resists and not seen[name].opposes) for e, p in effects] for name, effects in at.items()
         }
-        self._time = time
-        self._used: dict[str, int] = {}
+        self._time, self._stamps = time, time.tolist()
+        self._calls = {name: seen[name].calls for name in at}
+        self._used = dict.fromkeys(at, 0)
+        self._single = {name: all(e in GENERIC for e, _ in effects) for name, effects in at.items()}
 
     def __call__(self, name: str, values: Any, **related: Any) -> Any:
         if name not in self._at:
             return values
-        y = np.atleast_1d(np.asarray(values, dtype=float))
-        begin = self._used.get(name, 0)
-        time = self._time[begin : begin + y.size]
-        self._used[name] = begin + y.size
-        about = {k: np.atleast_1d(np.asarray(v, dtype=float)) for k, v in related.items()}
-        for effect, p, state in self._at[name]:
-            y = effect.act(state, time, y, about, p)
-        return y if np.ndim(values) else float(y[0])
+        used = self._used[name]
+        if isinstance(values, float) or np.ndim(values) == 0:
+            self._used[name] = used + 1
+            now = self._stamps[min(used // self._calls[name], len(self._stamps) - 1)]
+            about = {k: float(v) for k, v in related.items()}
+            if self._single[name]:  # floats are many times faster here than arrays of one
+                return float(self._changed(name, now, float(values), about))
+            return float(self._changed(name, np.array([now]), np.array([float(values)]), _arrays(about))[0])
+        y = np.asarray(values, dtype=float)
+        self._used[name] = used + y.size
+        places = np.minimum((used + np.arange(y.size)) // self._calls[name], self._time.size - 1)
+        return self._changed(name, self._time[places], y, _arrays(related))
+
+    def _changed(self, name: str, time: Any, y: Any, about: Mapping[str, Any]) -> Any:
+        for effect, p, state, from_net in self._at[name]:
+            y = -effect.act(state, time, -y, about, p) if from_net else effect.act(state, time, y, about, p)
+        return y
+
+
+def _arrays(related: Mapping[str, Any]) -> dict[str, FloatArray]:
+    return {k: np.atleast_1d(np.asarray(v, dtype=float)) for k, v in related.items()}
 
 
 def _scaled(
@@ -184,12 +240,15 @@ class RigProblem:
         )
         self.prior_mean = np.zeros(len(model.parameters))
         self.prior_sd = np.full(len(model.parameters), 5.0)
-        nominal, seen = self._survey()
+        nominal, self._seen = self._survey()
         observe = getattr(model, "observe", lambda time, data: data)
         observed = [observe(time, data) for time, data in self._runs]
         measured = [[np.asarray(o[c], dtype=float) for c in model.channels] for o in observed]
         # Of the channel as recorded: what `observe` filters out is noise too.
-        self._sigma = {c: float(np.median([high_band_sigma(run[1][c]) for run in self._runs])) for c in model.channels}
+        recorded = {c: [run[1][c] for run in self._runs] for c in model.channels}
+        self._counts = {c: counts for c, v in recorded.items() if (counts := coarse_counts(np.concatenate(v)))}
+        self._sigma = {c: float(np.median([high_band_sigma(v) for v in values])) for c, values in recorded.items()}
+        self._sigma |= {c: counts.sigma for c, counts in self._counts.items()}
         total = sum(len(run[0]) for run in self._runs) * len(model.channels)
         self._stride = max(1, int(np.ceil(total / MAX_ROWS)))
         keep = [
@@ -206,23 +265,26 @@ class RigProblem:
             [np.full(len(k), self._sigma[c]) for ks in keep for c, k in zip(model.channels, ks, strict=True)]
         )
         self.local = np.zeros(len(model.parameters), bool)
-        self.trust = 0.6
+        self._start: FloatArray | None = None
+        self.trusts = (0.6,)
         self.alternatives: Sequence[FloatArray] = (self.prior_sd,)
         self.plain_sd = self.prior_sd
         self.rows = label_rows(
             [(r, c, run[0][k]) for r, run, ks in zip(recordings, self._runs, keep, strict=True)
              for c, k in zip(model.channels, ks, strict=True)]
         )  # fmt: skip
-        self.candidates = self._candidates(seen)
-        self._by_key = {c.key: e for c, e in self._library(seen)}
+        library = self._library()
+        self.candidates = tuple(c for c, _ in library)
+        self._by_key = {c.key: e for c, e in library}
 
     def _survey(self) -> tuple[list[list[FloatArray]], dict[str, _Seen]]:
         """Nominal prediction of every run at default parameters, and what the taps saw."""
         survey, out = _Survey(), []
         defaults = {p.name: p.default for p in self.model.parameters}
         for time, data in self._runs:
-            survey.time = time
-            made = self.model.simulate(time, data, defaults, survey)
+            survey.begin(time)
+            with np.errstate(all="ignore"):
+                made = self.model.simulate(time, data, defaults, survey)
             missing = [c for c in self.model.channels if c not in made]
             if missing:
                 raise ModelError(f"model {self.model.name}: simulate returned no {', '.join(missing)}")
@@ -230,9 +292,37 @@ class RigProblem:
         undeclared = sorted(set(survey.seen) - set(self.model.stages))
         if undeclared:
             raise ModelError(f"model {self.model.name}: taps {', '.join(undeclared)} have no stage in `stages`")
+        for name, seen in survey.seen.items():
+            seen.opposes = "velocity" not in seen.related or self._opposed(name, seen, defaults)
         return out, survey.seen
 
-    def _library(self, seen: Mapping[str, _Seen]) -> list[tuple[Candidate, GenericEffect]]:
+    def _opposed(self, tap: str, seen: _Seen, parameters: Mapping[str, float]) -> bool:
+        """Whether a drag that adds to the tap's signal makes the motion there no faster.
+
+        It does where a model taps the net force; where motion is an input, nothing changes it.
+        """
+        time, data = self._runs[0]
+        size = max(abs(seen.low), abs(seen.high)) or 1.0
+        motion = []
+        for sign in (0.0, 1.0):
+            drag = _Drag(tap, sign * PROBE * size / (seen.related["velocity"] or 1.0))
+            self._simulated(time, data, parameters, drag)
+            motion.append(drag.motion)
+        return not motion[1] > motion[0] * (1 + 1e-12)
+
+    def _simulated(
+        self, time: FloatArray, data: Mapping[str, FloatArray], parameters: Mapping[str, float], tap: Callable[..., Any]
+    ) -> list[FloatArray]:
+        """The predicted channels; a parameter set at which the model diverges makes them NaN and no noise."""
+        try:
+            with np.errstate(all="ignore"):
+                made = self.model.simulate(time, data, parameters, tap)
+        except (ArithmeticError, np.linalg.LinAlgError):
+            return [np.full(time.size, np.nan)] * len(self.model.channels)
+        return [np.asarray(made[c], dtype=float) for c in self.model.channels]
+
+    def _library(self) -> list[tuple[Candidate, GenericEffect]]:
+        seen = self._seen
         time = self._runs[0][0]
         dt, duration = float(np.median(np.diff(time))), float(time[-1] - time[0])
         measured = float(max(np.ptp(m[np.isfinite(m)]) for ms in self._measured for m in ms))
@@ -247,6 +337,8 @@ class RigProblem:
                 if flat and not effect.needs:
                     continue  # a tap that carries nothing nominally can only gain something from a related signal
                 unit = getattr(self.model, "units", {}).get(tap) or self._unit
+                if effect.name == "quantisation" and tap in self._counts:
+                    effect = counted(self._counts[tap], unit)
                 parameters = tuple(_scaled(p, seen[tap], measured, dt, duration, unit) for p in effect.parameters)
                 key = f"{effect.name}@{tap}"
                 candidate = Candidate(
@@ -255,11 +347,19 @@ class RigProblem:
                 out.append((candidate, effect))
         return out
 
-    def _candidates(self, seen: Mapping[str, _Seen]) -> tuple[Candidate, ...]:
-        return tuple(c for c, _ in self._library(seen))
-
     def start(self) -> FloatArray:
-        return np.zeros(len(self.model.parameters))
+        """Where a fit of the model by itself begins: of several places in its parameters' ranges, the one from where
+        it comes farthest in a few steps. From the defaults alone, a resonance may never find its frequency."""
+        if self._start is None:
+            size = len(self.model.parameters)
+            places = [np.zeros(size)]
+            if size:
+                places += list(2.0 * qmc.Halton(size, seed=0).random(PLACES) - 1.0)
+            costs = [float(np.sum(np.square(self._residual(place, {})))) for place in places]
+            nearest = [places[k] for k in np.argsort(costs) if k][:CLOSEST]
+            fits = [fit(self, nuisance=place, iterations=12) for place in (places[0], *nearest)]
+            self._start = min(fits, key=lambda f: f.objective).nuisance
+        return self._start.copy()
 
     def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> None:
         return None
@@ -268,7 +368,9 @@ class RigProblem:
         """The model's parameters at a nuisance vector."""
         out = {}
         for p, c, s in zip(self.model.parameters, nuisance, self._scale, strict=True):
-            out[p.name] = float(p.default * np.exp(c * s)) if p.scale == "log" else float(p.default + c * s)
+            out[p.name] = (
+                float(p.default * np.exp(np.clip(c * s, -300, 300))) if p.scale == "log" else float(p.default + c * s)
+            )
         return out
 
     def _residual(self, nuisance: FloatArray, active: Active) -> FloatArray:
@@ -279,12 +381,12 @@ class RigProblem:
         p = self.parameters(nuisance)
         parts = []
         for (time, data), keeps, measured in zip(self._runs, self._keep, self._measured, strict=True):
-            made = self.model.simulate(time, data, p, _Acting(at, time))
-            for channel, keep, m in zip(self.model.channels, keeps, measured, strict=True):
-                parts.append((m[keep] - np.asarray(made[channel], dtype=float)[keep]) / self._sigma[channel])
-        residual = np.concatenate(parts)
+            made = self._simulated(time, data, p, _Acting(at, time, self._seen))
+            for channel, keep, m, predicted in zip(self.model.channels, keeps, measured, made, strict=True):
+                with np.errstate(over="ignore"):
+                    parts.append((m[keep] - predicted[keep]) / self._sigma[channel])
         # A parameter set at which the model diverges is a very bad one, not an error.
-        return np.nan_to_num(residual, nan=1e6, posinf=1e6, neginf=-1e6)
+        return np.clip(np.nan_to_num(np.concatenate(parts), nan=DIVERGED), -DIVERGED, DIVERGED)
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         residual = self._residual(nuisance, active)
@@ -305,13 +407,16 @@ def _on_one_time_base(recording: Recording, model: ForwardModel) -> tuple[FloatA
     time = base.time[finite]
     if len(time) < 20:
         raise ModelError(f"recording {recording.info.id}: channel {model.channels[0]} has {len(time)} samples, too few")
-    data: dict[str, FloatArray] = {}
-    for name, series in {**recording.setpoints, **recording.streams}.items():
+
+    def on_base(series: Series) -> FloatArray:
         value = np.asarray(series.value, dtype=float)
         if len(series.time) == len(base.time) and np.array_equal(series.time, base.time):
-            data[name] = value[finite]
-        else:
-            data[name] = np.interp(time, series.time, value)
-        if name in recording.setpoints:
-            data[f"setpoint_{name}"] = data[name]
+            return value[finite]
+        return np.interp(time, series.time, value)
+
+    data = {name: on_base(series) for name, series in recording.streams.items()}
+    for name, series in recording.setpoints.items():
+        # Of a set-point and a channel of one name, that name alone means the channel.
+        data[f"setpoint_{name}"] = on_base(series)
+        data.setdefault(name, data[f"setpoint_{name}"])
     return time, data

@@ -15,12 +15,12 @@ from gap.smoothing import significant
 from gap.solve import Fit, fit
 from sim_devices.chain import Chain, Effect, Operator
 from sim_devices.stages import nominal
-from sim_devices.stages.robot import numbered, xyz
+from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
 from sim_devices.stages.tissues import SheetTissue, sheet_tissue
 
 QUANTITIES = ("probe_x", "probe_y", "probe_z")
 AXES = numbered("axis_position")
-ROBOT_BINS = 0.15, 0.4
+ROBOT_BINS = 0.3, 0.4
 """Growth and largest width (s) of the bins: the motion is slow."""
 STAMPS_SD = 1e-3
 """s: how late or early all stamps, or all commands, may soundly be (assumed)."""
@@ -28,14 +28,19 @@ STRAINED = 60.0
 """Penalty of the loop's tolerances above which the quick fit asks for drag."""
 KINK = 1e-6
 """s, within which a speed changes."""
-LOOP_STEP = 0.02
+LOOP_STEP = 0.04
 """s; the loop is exact between kinks, so this only has to resolve what is not linear in it."""
+AFTER_KINK = np.concatenate([np.arange(0.004, 0.1, 0.004), np.arange(0.1, 0.3, 0.01)])
+"""s after a kink: nodes for the loop's answer, which straight lines over `LOOP_STEP` would miss by several µm."""
 
 
-def specimen_chain(group: Group, tissue: SheetTissue) -> Chain:
-    """The nominal chain for a group: ``tissue`` if it is skin, else what its specimen is."""
+def specimen_chain(group: Group, tissue: SheetTissue, marks: tuple[float, ...] = ()) -> Chain:
+    """The nominal chain for a group: ``tissue`` if it is skin, else what its specimen is.
+
+    ``marks`` (s): when recordings start, for effects that begin anew with each.
+    """
     law = tissue if group.skin else _specimen(group.specimen)
-    return nominal("microrobot", tissue=law)
+    return nominal("microrobot", tissue=law, marks=marks)
 
 
 def _specimen(name: str) -> SheetTissue:
@@ -67,16 +72,22 @@ def recorded(
 
 
 def _on_even_grid(
-    operators: Sequence[Operator], wanted: Sequence[str], group: Group, stamps: FloatArray, given: Mapping[str, Table]
+    operators: Sequence[Operator],
+    wanted: Sequence[str],
+    group: Group,
+    kinks: FloatArray,
+    stamps: FloatArray,
+    given: Mapping[str, Table],
 ) -> FloatArray:
-    """The wanted signals at ``stamps`` (n,) s, (signals, n), by way of even steps: the loop's exact step is then
-    computed once and not for every sample."""
+    """The wanted signals at ``stamps`` (n,) s, (signals, n), by way of even steps, finer after ``kinks`` (k,) s: the
+    loop's exact step is then computed for few lengths and not for every sample."""
     tables = group.tables()
-    kinks = tables["probe_x"][0]
-    begin = min(stamps[0], kinks[0])
-    kinks = kinks[kinks <= stamps[-1]]
-    grid = np.unique(np.concatenate([np.arange(begin, stamps[-1] + LOOP_STEP, LOOP_STEP), kinks, kinks + KINK]))
-    grid = grid[np.diff(grid, prepend=-np.inf) > 0.5 * KINK]
+    corners = tables["probe_x"][0]
+    begin, end = min(stamps.min(), corners[0]), stamps.max()
+    after = (kinks[:, None] + AFTER_KINK).ravel()
+    parts = [np.arange(begin, end + LOOP_STEP, LOOP_STEP), corners, corners + KINK, after]
+    grid = np.unique(np.concatenate(parts))
+    grid = grid[(grid >= begin) & (grid < end + LOOP_STEP) & (np.diff(grid, prepend=-np.inf) > 0.5 * KINK)]
     inputs = {f"command_{a}": np.interp(grid, *tables[f"probe_{a}"]) for a in "xyz"}
     inputs |= {name: np.interp(grid, *table) for name, table in given.items()}
     made = run(operators, grid, inputs)
@@ -94,15 +105,16 @@ class AxesBlock(Block):
     trust = 0.4  # the skin's force loads the axes, as far as the recorded force tells
     growth, widest = ROBOT_BINS
     floor = 0.5e-6  # m
-    SD = (0.02, 0.02, 0.04, STAMPS_SD, CLOCK_SD, 3e-3)
+    SD = (0.1, 0.02, 0.1, STAMPS_SD, CLOCK_SD, 5e-3)
     """Of the logarithms of the gains; s by which all is late; 1; s by which the load on the axes is."""
     ZERO_SD = 2e-6  # m
     STEPS = (1e-2, 1e-2, 1e-2, 1e-3, 1e-6, 1e-3)
 
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect]) -> None:
         super().__init__(session, library)
-        self._loads = [self._load(g) for g, _ in self.groups]
+        self._loads = [self._load(g, recorded(self, g, TRANSDUCERS, TRANSDUCERS, smooth=True)) for g, _ in self.groups]
         self._made: dict[tuple[object, ...], FloatArray] = {}  # most effects leave the axes alone
+        self._kept: dict[str, FloatArray] = {}
         self._runs = np.kron(np.eye(3), self.member)
         k = len(self.SD)
         self.prior_sd = np.concatenate([self.SD, np.full(self._runs.shape[1], self.ZERO_SD)])
@@ -115,11 +127,30 @@ class AxesBlock(Block):
         self._best, self.controller = min(fits, key=lambda pair: pair[0].objective)
         alone = [f for f, controller in fits if controller is self.controller and not f.hypothesis]
         self._start = alone[0].nuisance
+        self._forget()
+
+    def reload(self, forces: Sequence[dict[str, Table]]) -> None:
+        """Take the load from transducer forces, a table each for every group, instead of the smoothed record.
+
+        Smoothing rounds what the force does where motion turns, and the loop answers to that for a tenth of a second.
+        """
+        self._loads = [self._load(g, given) for (g, _), given in zip(self.groups, forces, strict=True)]
+        self._forget()
+        best = self._best
+        self._best = fit(self, best.hypothesis, best.unit, best.nuisance, iterations=3)
+        alone = self._best if not best.hypothesis else fit(self, nuisance=self._start, iterations=3)
+        self._start = alone.nuisance
+
+    def _forget(self) -> None:
+        """What was made for another load or controller."""
+        self._made.clear()
+        self._kept.clear()
 
     def _tried(self, controller: Controller) -> list[tuple[Fit, Controller]]:
         """Quick fits with a controller; also with drag where its gains are strained without, because much drag looks
         like the other controller."""
         self.controller = controller
+        self._forget()
         fits = [fit(self, nuisance=self.prior_mean, iterations=3)]
         drag = self.library.get("viscous_drag")
         if fits[0].penalty > STRAINED and drag is not None:
@@ -130,22 +161,28 @@ class AxesBlock(Block):
     def start(self) -> FloatArray:
         return self._start.copy()
 
-    def _load(self, group: Group) -> dict[str, Table]:
-        """The recorded force as load on the axes, N."""
-        given = recorded(self, group, xyz("force"), xyz("reaction"), smooth=True)
-        given |= recorded(self, group, AXES, numbered("axis"), smooth=True)
-        if len(given) < 6:
+    def _load(self, group: Group, forces: Mapping[str, Table]) -> dict[str, Table]:
+        """Transducer forces as load on the axes, N. The recorded tip force is not asked: its matrix may be wrong."""
+        if len(forces) < 3:
             return {}
+        given = {**forces, **recorded(self, group, AXES, numbered("axis"), smooth=True)}
         time = given["axis_1"][0]
         signals = {name: np.interp(time, *table) for name, table in given.items()}
         unique, first = np.unique(time, return_index=True)
-        operators = needed(specimen_chain(group, sheet_tissue("forearm")), numbered("axis_load"), tuple(signals))
-        made = run(operators, unique, {n: v[first] for n, v in signals.items()})
+        chain = specimen_chain(group, sheet_tissue("forearm"))
+        signals = {n: v[first] for n, v in signals.items()}
+        made = run(needed(chain, xyz("force"), TRANSDUCERS), unique, {n: signals[n] for n in TRANSDUCERS})
+        signals |= {f"reaction_{a}": made[f"force_{a}"] for a in "xyz"}
+        made = run(needed(chain, numbered("axis_load"), tuple(signals)), unique, signals)
         return {f"pushed_{k}": (unique, made[f"axis_load_{k}"]) for k in "123"}
+
+    def greatest(self) -> float:
+        """The greatest force that a coil has to hold in the session, N; 0 where that is not known."""
+        return max((float(np.max(np.abs(v))) for load in self._loads for _, v in load.values()), default=0.0)
 
     def _loop(self, group: Group, nuisance: FloatArray, active: Active) -> Chain:
         chain = self.controller.installed(
-            specimen_chain(group, sheet_tissue("forearm")), np.exp(np.clip(nuisance[:3], -3, 3))
+            specimen_chain(group, sheet_tissue("forearm"), self.session.marks), np.exp(np.clip(nuisance[:3], -3, 3))
         )
         return self.with_effects(chain, active)
 
@@ -159,7 +196,9 @@ class AxesBlock(Block):
                     self._made.clear()
                 shift = nuisance[3] + nuisance[4] * (self.stamps[at] - self.stamps[0])
                 late = {name: (time + nuisance[5], value) for name, (time, value) in load.items()}
-                self._made[key] = _on_even_grid(operators, AXES, g, self.stamps[at] + shift, late)
+                ends = self._ends[:, at] + shift  # a bin's mean is that of two nodes
+                made = _on_even_grid(operators, AXES, g, self.session.kinks, ends.ravel(), late)
+                self._made[key] = made.reshape(3, *ends.shape).mean(axis=1)
             out[:, at] = self._made[key]
         return out.ravel()
 
@@ -168,20 +207,25 @@ class AxesBlock(Block):
         load = self._loads[[g for g, _ in self.groups].index(group)]
         nuisance = self._best.nuisance
         operators = needed(self._loop(group, nuisance, self._best.active), numbered("axis"), load)
-        return _on_even_grid(operators, numbered("axis"), group, time + nuisance[3], load)
+        return _on_even_grid(operators, numbered("axis"), group, self.session.kinks, time + nuisance[3], load)
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         k = len(self.SD)
-        moved_axes = self._predict(nuisance, active)
-        residual = (self.measured - moved_axes - self._runs @ nuisance[k:]) / self.sigma
-        if not want_jacobian:
-            return Evaluation(residual, np.zeros((0, 0)))
-        chain_part = np.empty((len(residual), k))
-        for j, step in enumerate(self.STEPS):
-            moved = nuisance.copy()
-            moved[j] += step
-            chain_part[:, j] = (self._predict(moved, active) - moved_axes) / step
-        return Evaluation(residual, np.hstack([chain_part, self._runs]) / self.sigma[:, None])
+        residual = (self.measured - self._predict(nuisance, active) - self._runs @ nuisance[k:]) / self.sigma
+        return Evaluation(residual, self._tolerances(nuisance) if want_jacobian else np.zeros((0, 0)))
+
+    def _tolerances(self, nuisance: FloatArray) -> FloatArray:
+        """Whitened Jacobian (n, p) of the nuisance without any effect, from the first fit on: tolerances are narrow,
+        so that a costly effect changes little in what they do."""
+        if "jacobian" not in self._kept:
+            nominal = self._predict(nuisance, {})
+            chain_part = np.empty((len(nominal), len(self.SD)))
+            for j, step in enumerate(self.STEPS):
+                moved = nuisance.copy()
+                moved[j] += step
+                chain_part[:, j] = (self._predict(moved, {}) - nominal) / step
+            self._kept["jacobian"] = np.hstack([chain_part, self._runs]) / self.sigma[:, None]
+        return self._kept["jacobian"]
 
 
 class ArithmeticBlock(Block):
@@ -223,7 +267,7 @@ class ArithmeticBlock(Block):
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         out = np.empty((3, len(self.stamps)))
         for (g, at), given in zip(self.groups, self._given, strict=True):
-            chain = self.with_effects(specimen_chain(g, sheet_tissue("forearm")), active)
+            chain = self.with_effects(specimen_chain(g, sheet_tissue("forearm"), self.session.marks), active)
             signals = {n: v for n, (_, v) in given.items()}
             made = run(needed(chain, self.channels, signals), self.stamps[at], signals)
             out[:, at] = np.stack([made[c] for c in self.channels])

@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from gap.blocks import Block, Group, GroupedSession, Table, compressed
+from gap.blocks import SHIFT_SD, Block, Group, GroupedSession, Table, compressed
 from gap.chains import needed, run
 from gap.hypothesis import Active, Evaluation, FloatArray
 from gap.robot_axes import AXES, ROBOT_BINS, STAMPS_SD, AxesBlock, recorded, specimen_chain
 from gap.sheet_null import sheet_discrepancy
 from gap.smoothing import significant
 from gap.solve import fit
-from sim_devices.chain import Chain, Effect
+from sim_devices.chain import Chain, Effect, Operator
 from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
 from sim_devices.stages.tissues import SheetTissue, sheet_tissue
 
-RELAXATION_TIMES = (0.06, 0.2, 0.6, 1.8, 5.0, 15.0, 50.0)
-"""s: dense enough for any relaxation spectrum."""
-SHEET_STEP = 0.05
+RELAXATION_TIMES = tuple(0.025 * 2.0**k for k in range(15))
+"""s, up to 400: dense enough for any relaxation spectrum. Three to a decade are not: a slow mode in between then earns
+up to 80 nats on sound skin."""
+SHEET_STEP = 0.1
 """s between nodes of the sheet, stamps apart."""
 
 
@@ -32,17 +33,19 @@ class ForceBlock(Block):
     """
 
     name, channels = "force", TRANSDUCERS
-    trust = 0.08
+    TRUSTS = (0.25, 0.15, 0.1, 0.08, 0.06)
+    """In the evidence, for each of `DISCREPANCY_SCALES`: the farther the sheet is from the reduced one, the more of
+    what is left may be the sheet's and look like a device's."""
     growth, widest = ROBOT_BINS
     floor = 0.3e-3  # N
-    TISSUE: tuple[str, ...] = ("stiffness1", "stiffness2", "stiffness3", "angle", "length", "exponent",
+    TISSUE: tuple[str, ...] = ("stiffness1", "stiffness2", "stiffness3", "angle", "length", "stiffening", "isotropy",
               *(f"relaxation{k + 1}" for k in range(len(RELAXATION_TIMES))), "softening")  # fmt: skip
-    TISSUE_SD: tuple[float, ...] = (1.0, 1.0, 1.0, 1.5, 0.7, 0.3, *[0.1] * len(RELAXATION_TIMES), 0.04)
+    TISSUE_SD: tuple[float, ...] = (1.0, 1.0, 1.0, 1.5, 0.7, 0.3, 0.5, *[0.1] * len(RELAXATION_TIMES), 0.04)
     GAIN_SD = 0.04  # of the tissue's stiffness between recordings
     CALIBRATION_SD = 2e-3  # of each transducer
-    ZERO_SD = 3e-3  # N
+    ZERO_SD = 1.5e-3  # N: those of sound recordings scatter by 0.6 to 1.5 mN
     DISCREPANCY_SD = 0.02  # of the force, per basis function
-    DISCREPANCY_SCALES = (0.15, 0.5, 2.0, 8.0)
+    DISCREPANCY_SCALES = (0.03, 0.15, 0.5, 2.0, 8.0)
     DISCREPANCY_SIZE = 400
 
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect], axes: AxesBlock) -> None:
@@ -52,18 +55,23 @@ class ForceBlock(Block):
             relaxation=(0.5 / len(RELAXATION_TIMES),) * len(RELAXATION_TIMES),
             times=RELAXATION_TIMES,
         )
+        self._nominal = {g.specimen: specimen_chain(g, self._tissue, session.marks) for g, _ in self.groups}
+        self._ahead_of = {name: needed(c, xyz("skin"), numbered("axis")) for name, c in self._nominal.items()}
         self._axes = [self._smoothed(g, axes) for g, _ in self.groups]
         self._grids_of = [self._grid_of(g, at, axes) for (g, at), axes in zip(self.groups, self._axes, strict=True)]
         self._zeros = np.kron(np.eye(3), self.member)
         self._gains = np.tile(self.member, (3, 1))
         self._legs = np.kron(np.eye(3), np.ones((len(self.stamps), 1)))
+        self._skin = [self._skin_path(g, axes) for (g, _), axes in zip(self.groups, self._axes, strict=True)]
+        square = np.concatenate([np.sum(path**2, axis=0) for path in self._skin])
+        self._typical = float(np.sqrt(np.sum(square**2) / max(np.sum(square), 1e-30))) or self._tissue.length
         size = max(float(np.ptp(self.measured)), 10 * float(np.median(self.sigma)))
         columns, weights = compressed(*self._discrepancy_columns(), self.DISCREPANCY_SIZE)
         self._basis = columns * size
         runs = self.member.shape[1]
         sd = {
             "tissue": np.asarray(self.TISSUE_SD),
-            "shift": np.array([STAMPS_SD]),
+            "shift": np.array([max(STAMPS_SD, SHIFT_SD * self.dt)]),
             "calibration": np.full(3, self.CALIBRATION_SD),
             "gain": np.full(runs, self.GAIN_SD),
             "zero": np.full(3 * runs, self.ZERO_SD),
@@ -81,6 +89,11 @@ class ForceBlock(Block):
             widths[-1][self._parts["discrepancy"]] *= scale
         self.alternatives = tuple(widths)
         self._start: FloatArray | None = None
+        self._skin_at_nodes: dict[str, Mapping[str, FloatArray]] = {}
+
+    @property
+    def trusts(self) -> Sequence[float]:
+        return self.TRUSTS
 
     @property
     def plain_sd(self) -> FloatArray:
@@ -95,15 +108,18 @@ class ForceBlock(Block):
             self._start, self.prior_sd = null.nuisance, null.best_prior(self.alternatives)
         return self._start.copy()
 
+    def greatest(self) -> float:
+        """The greatest force of a transducer in the session, N."""
+        return float(np.max(np.abs(self.measured)))
+
     def _grid_of(self, group: Group, at: slice, axes: Mapping[str, Table]) -> tuple[FloatArray, dict[str, FloatArray]]:
         """Nodes for a group, fine enough for a sheet between them, and the axes there."""
-        begin, end = self.stamps[at][0], self.stamps[at][-1]
-        kinks = group.tables()["probe_x"][0]
+        ends = self._ends[:, at].ravel()
         time = axes["axis_1"][0]
-        even = np.arange(min(begin, time[0]), end, SHEET_STEP)
-        grid = np.unique(
-            np.concatenate([even, self.stamps[at], kinks[(kinks > even[0]) & (kinks < end)], [end + 0.05]])
-        )
+        begin, end = min(ends.min(), time[0]), ends.max() + 0.05
+        kinks = self.session.kinks
+        even = np.arange(begin, end, SHEET_STEP)
+        grid = np.unique(np.concatenate([even, ends, kinks[(kinks > begin) & (kinks < end)], [end]]))
         return grid, {name: np.interp(grid, *table) for name, table in axes.items()}
 
     def _smoothed(self, group: Group, axes: AxesBlock) -> dict[str, Table]:
@@ -117,46 +133,92 @@ class ForceBlock(Block):
             for (name, (_, value)), base in zip(raw.items(), fitted, strict=True)
         }
 
+    def _skin_path(self, group: Group, axes: Mapping[str, Table]) -> FloatArray:
+        """Displacement of the skin (3, m) m at the axes' time stamps."""
+        operators = needed(specimen_chain(group, self._tissue), xyz("skin"), numbered("axis"))
+        made = run(operators, axes["axis_1"][0], {name: value for name, (_, value) in axes.items()})
+        return np.stack([made[s] for s in xyz("skin")])
+
     def _discrepancy_columns(self) -> tuple[FloatArray, FloatArray]:
         parts, weights = [], np.zeros(0)
-        for (g, at), axes in zip(self.groups, self._axes, strict=True):
-            chain = specimen_chain(g, self._tissue)
-            time = axes["axis_1"][0]
-            made = run(needed(chain, xyz("skin"), numbered("axis")), time, {n: t[1] for n, t in axes.items()})
-            inverse = np.asarray(chain["transducers"].matrix).reshape(3, 3)  # type: ignore[attr-defined]
-            basis, weights = sheet_discrepancy(time, np.stack([made[s] for s in xyz("skin")]), self.stamps[at])
-            legs = np.einsum("ij,jnq->inq", inverse, basis) * float(g.skin)
-            parts.append(legs)
+        for (g, at), axes, path in zip(self.groups, self._axes, self._skin, strict=True):
+            inverse = np.asarray(specimen_chain(g, self._tissue)["transducers"].matrix).reshape(3, 3)  # type: ignore[attr-defined]
+            ends = self._ends[:, at]
+            basis, weights = sheet_discrepancy(axes["axis_1"][0], path, ends.ravel())
+            means = basis.reshape(3, *ends.shape, -1).mean(axis=1)
+            parts.append(np.einsum("ij,jnq->inq", inverse, means) * float(g.skin))
         columns = np.concatenate(parts, axis=1).reshape(3 * len(self.stamps), -1)
         return columns / max(float(np.max(np.abs(columns))), 1e-12), weights
 
     def tissue(self, nuisance: FloatArray) -> SheetTissue:
-        """The reduced sheet at a nuisance vector."""
+        """The reduced sheet at a nuisance vector.
+
+        Its stiffness is the secant one at a typical displacement, ``stiffening`` the logarithm of what that is above
+        the one at rest; the length is then only the curve's shape. Slope and exponent at rest instead would make a
+        valley so bent that fits take hundreds of steps and stop early.
+        """
         c = dict(zip(self.TISSUE, nuisance, strict=False))
         base = self._tissue
-        k1, k2, k3 = (k * float(np.exp(np.clip(c[f"stiffness{i + 1}"], -8, 5))) for i, k in enumerate(base.stiffness))
+        length = base.length * float(np.exp(np.clip(c["length"], -3, 3)))
+        nominal, here = (float(np.log1p((self._typical / x) ** 2)) for x in (base.length, length))
+        exponent = float(np.clip((base.exponent * nominal + c["stiffening"]) / here, -0.3, 30.0))
+        at_rest = base.exponent * nominal - exponent * here
+        k1, k2, k3 = (
+            k * float(np.exp(np.clip(c[f"stiffness{i + 1}"] + at_rest, -8, 5))) for i, k in enumerate(base.stiffness)
+        )
         return replace(
             base,
             stiffness=(k1, k2, k3),
             angle=base.angle + c["angle"],
-            length=base.length * float(np.exp(np.clip(c["length"], -3, 3))),
-            exponent=float(np.clip(base.exponent + c["exponent"], -0.3, 3.0)),
+            length=length,
+            exponent=exponent,
+            isotropy=0.5 + c["isotropy"],
             relaxation=tuple(g + c[f"relaxation{i + 1}"] for i, g in enumerate(base.relaxation)),
             softening=base.softening + c["softening"],
         )
 
     def _law_chain(self, group: Group, nuisance: FloatArray) -> Chain:
         """The nominal chain of a group with the tissue at a nuisance vector."""
-        return specimen_chain(group, self.tissue(nuisance))
+        chain = self._nominal[group.specimen]
+        return chain.tuned("tissue", tissue=self.tissue(nuisance)) if group.skin else chain
+
+    def _moved(
+        self, group: Group, operators: Sequence[Operator], grid: FloatArray, axes: Mapping[str, FloatArray]
+    ) -> Mapping[str, FloatArray]:
+        """All signals up to the skin of a group's nominal chain at its nodes, made once."""
+        if group.specimen not in self._skin_at_nodes:
+            self._skin_at_nodes[group.specimen] = run(operators, grid, axes)
+        return self._skin_at_nodes[group.specimen]
 
     def _chain_forces(self, nuisance: FloatArray, active: Active) -> FloatArray:
         shift = nuisance[self._parts["shift"]][0]
         out = np.empty((3, len(self.stamps)))
         for (g, at), (grid, axes) in zip(self.groups, self._grids_of, strict=True):
             operators = needed(self.with_effects(self._law_chain(g, nuisance), active), TRANSDUCERS, axes)
-            made = run(operators, grid, axes)
-            out[:, at] = np.stack([np.interp(self.stamps[at] + shift, grid, made[c]) for c in TRANSDUCERS])
+            ahead = self._ahead_of[g.specimen]
+            given: Mapping[str, FloatArray] = axes
+            if operators[: len(ahead)] == ahead:  # what moves the skin is the same every time
+                operators, given = operators[len(ahead) :], self._moved(g, ahead, grid, axes)
+            made = run(operators, grid, given)
+            ends = self._ends[:, at] + shift
+            out[:, at] = np.stack([np.interp(ends, grid, made[c]).mean(axis=0) for c in TRANSDUCERS])
         return out.ravel()
+
+    def denoised(self) -> list[dict[str, Table]]:
+        """Transducer forces of each group, as fitted, and the significant part of what the record shows beyond them."""
+        null = fit(self, nuisance=self.prior_mean, iterations=6)
+        beyond = (self._basis @ null.nuisance[self._parts["discrepancy"]]).reshape(3, -1)
+        out = []
+        for (g, at), (grid, axes) in zip(self.groups, self._grids_of, strict=True):
+            made = run(needed(self._law_chain(g, null.nuisance), TRANSDUCERS, axes), grid, axes)
+            tables = {}
+            for (name, (time, value)), more in zip(
+                recorded(self, g, TRANSDUCERS, TRANSDUCERS, smooth=False).items(), beyond, strict=True
+            ):
+                base = np.interp(time, grid, made[name]) + np.interp(time, self.stamps[at], more[at])
+                tables[name] = (time, base + significant(time, value - base))
+            out.append(tables)
+        return out
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         part = {name: nuisance[where] for name, where in self._parts.items()}
@@ -175,3 +237,9 @@ class ForceBlock(Block):
             chain_part[:, k] = (self._chain_forces(moved, active) - forces) / step * gain
         scaled = np.hstack([self._legs, self._gains]) * forces[:, None]
         return Evaluation(residual, np.hstack([chain_part, scaled, self._zeros, self._basis]) / self.sigma[:, None])
+
+
+class RoughForceBlock(ForceBlock):
+    """The same with few other sheets: good enough to take the noise out of the forces that load the axes."""
+
+    DISCREPANCY_SIZE = 60

@@ -12,6 +12,9 @@ from sim_devices.stages.axes import LOOP_RATE, MASS, AxisLoop
 from sim_devices.stages.operators import Wired
 from sim_devices.stages.robot import numbered
 
+COARSER = 2.0
+"""Substeps of a loop with friction or limits against those of the simulated instrument: half as many to compute."""
+
 
 @dataclass(frozen=True)
 class TunedLoop(AxisLoop):
@@ -22,6 +25,7 @@ class TunedLoop(AxisLoop):
     def fresh(self) -> Any:
         rows, parameters = super().fresh()
         parameters[1:4] = self.gains
+        parameters[14] *= COARSER
         return rows, parameters
 
 

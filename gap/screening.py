@@ -79,7 +79,7 @@ class _Lens:
     def of(cls, f: Fit, sd: FloatArray) -> _Lens:
         # The base's own effect parameters are refitted too: they join the nuisance.
         jacobian = np.hstack([f.jacobian, f.effect_jacobian])
-        projector = Projector(jacobian, np.concatenate([sd, np.ones(f.effect_jacobian.shape[1])]))
+        projector = Projector(jacobian, np.concatenate([sd, np.ones(f.effect_jacobian.shape[1])]), f.normal)
         at_mean = f.residual + f.jacobian @ (f.nuisance - f.prior_mean)
         return cls(sd, projector, projector.apply(at_mean), f.log_evidence(1.0, (sd,)))
 
@@ -87,8 +87,9 @@ class _Lens:
 def _seen_through(lenses: Sequence[_Lens], changes: FloatArray) -> tuple[FloatArray, _Lens]:
     """Twice the nats that each of the ``changes`` (n, k) earns, its size adjusted; and the lens that shows the best."""
     scores = []
+    seen = lenses[0].projector.jacobian.T @ changes
     for lens in lenses:
-        along = np.maximum(np.sum(changes * lens.projector.apply(changes), axis=0), 1e-9)
+        along = np.maximum(lens.projector.squares(changes, seen), 1e-9)
         cross = lens.aim @ changes
         size = np.clip(cross / along, *AMPLITUDES)
         scores.append(lens.evidence + 0.5 * np.maximum(2 * cross - along, size * (2 * cross - size * along)))
@@ -164,7 +165,7 @@ def screen(
         gain, along = 0.0, np.zeros(len(units))
         starts, widths = {}, {}
         for b, changes in traces.items():
-            along += np.sum(changes * own[b].apply(changes), axis=0)
+            along += own[b].squares(changes, own[b].jacobian.T @ changes)
             gains, lens = _seen_through(lenses[b], changes)
             best = float(gains.max())
             order = np.argsort(-gains)[:STARTS]
@@ -189,7 +190,7 @@ def _quick_fit(problems: dict[str, Problem], base: Hypothesis, screened: Screene
         before, problem = base.fits[block], problems[block]
         here = under(problem, before.prior_mean, screened.widths[block])
         hypothesis, start = (*before.hypothesis, screened.candidate), np.concatenate([before.unit, unit])
-        quick = fit(here, hypothesis, start, before.nuisance, iterations=3, jacobian=before.jacobian)
+        quick = fit(here, hypothesis, start, before.nuisance, iterations=3, jacobian=before.jacobian, gram=before.gram)
         gain += 2 * (quick.log_evidence(1.0, problem.alternatives) - before.log_evidence(1.0, problem.alternatives))
         simulations += quick.simulations
         starts[block] = (quick.unit[len(before.unit) :], *others)

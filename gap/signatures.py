@@ -31,14 +31,15 @@ class Signature:
     text: str
 
 
-def find(recordings: Sequence[Recording]) -> list[Signature]:
-    """All signatures in the measured channels."""
+def find(recordings: Sequence[Recording], channels: Sequence[str] | None = None) -> list[Signature]:
+    """All signatures in the measured channels, or in those named ``channels``: what a model takes as given, such as a
+    command that stands at its end, is what it is."""
     out: list[Signature] = []
     nominal = _resolutions(recordings[0].info.instrument)
     computed = ("probe_", "force_") if any("transducer_force_a" in r.streams for r in recordings) else ()
     for name in dict.fromkeys(n for r in recordings for n in r.streams if not n.startswith(computed or "\0")):
         series = [r.streams[name] for r in recordings if name in r.streams and len(r.streams[name].value) > 30]
-        if not series:
+        if not series or (channels is not None and name not in channels):
             continue
         out += _clipping(name, series) + _repeats(name, series) + _lost(name, series)
         out += _coarse(name, series, nominal.get(name, np.inf))

@@ -26,9 +26,9 @@ UNIFORM_PRECISION = 12.0
 class Projector:
     """The linear nuisance refit about one point, factorised once and used for every effect."""
 
-    def __init__(self, jacobian: FloatArray, prior_sd: FloatArray) -> None:
+    def __init__(self, jacobian: FloatArray, prior_sd: FloatArray, gram: FloatArray | None = None) -> None:
         self.jacobian = jacobian
-        normal = jacobian.T @ jacobian
+        normal = jacobian.T @ jacobian if gram is None else gram.copy()
         self.precision = np.where(np.isfinite(prior_sd), 1.0 / np.square(prior_sd), 0.0)
         normal[np.diag_indices_from(normal)] += self.precision
         self._factor = _factorise(normal)
@@ -38,6 +38,13 @@ class Projector:
         if not self.jacobian.shape[1]:
             return vectors
         return vectors - self.jacobian @ sla.cho_solve(self._factor, self.jacobian.T @ vectors)
+
+    def squares(self, vectors: FloatArray, seen: FloatArray) -> FloatArray:
+        """vᵀ P v for each column of v (n, k), (k,), given ``seen``, Jᵀ v."""
+        whole = np.einsum("ij,ij->j", vectors, vectors)
+        return np.asarray(
+            whole - np.einsum("ij,ij->j", seen, sla.cho_solve(self._factor, seen)) if len(seen) else whole
+        )
 
     def chi2(self, residual: FloatArray) -> float:
         """rᵀ P r: χ² of a residual (n,) after the linear refit, prior included."""
@@ -54,6 +61,36 @@ def _factorise(normal: FloatArray) -> tuple[FloatArray, bool]:
             continue
         return factor
     raise np.linalg.LinAlgError("normal matrix is not positive definite")
+
+
+@dataclass(frozen=True)
+class Belief:
+    """What other data say of effect parameters: normal, about ``mean`` (k,) in prior quantiles, with ``precision``
+    (k, k), nought where they say nothing."""
+
+    mean: FloatArray
+    precision: FloatArray
+
+    @classmethod
+    def none(cls, size: int) -> Belief:
+        return cls(np.full(size, 0.5), np.zeros((size, size)))
+
+    def joined(self, size: int, fitted: Fit | None = None) -> Belief:
+        """With one effect more, of ``size`` parameters, of which a fit of another block may know as its last.
+
+        Four times as uncertain as that fit: the effect's form is not exact, and shows otherwise here.
+        """
+        k = len(self.mean)
+        mean, precision = np.full(k + size, 0.5), np.zeros((k + size, k + size))
+        mean[:k], precision[:k, :k] = self.mean, self.precision
+        if fitted is not None and size:
+            mean[k:] = fitted.unit[-size:]
+            precision[k:, k:] = np.linalg.inv(4.0 * fitted.covariance[-size:, -size:] + 1e-6 * np.eye(size))
+        return Belief(mean, precision)
+
+    def cost(self, unit: FloatArray) -> float:
+        away = unit - self.mean
+        return float(away @ self.precision @ away)
 
 
 @dataclass
@@ -74,9 +111,11 @@ class Fit:
     covariance: FloatArray
     simulations: int
     jacobian: FloatArray = field(repr=False)
+    gram: FloatArray = field(repr=False)
     effect_jacobian: FloatArray = field(repr=False)
     prior_mean: FloatArray = field(repr=False)
     prior_sd: FloatArray = field(repr=False)
+    belief: Belief = field(repr=False)
 
     @property
     def objective(self) -> float:
@@ -88,8 +127,11 @@ class Fit:
         The mean over the prior widths ``priors`` (each (p,)): how far tissue laws may differ from the nominal one is
         not known.
         """
-        terms = [self._evidence(temper, sd) for sd in priors]
-        return float(np.logaddexp.reduce(terms) - np.log(len(terms)))
+        return float(np.logaddexp.reduce(self.evidences(temper, priors)) - np.log(len(priors)))
+
+    def evidences(self, temper: float, priors: Sequence[FloatArray]) -> FloatArray:
+        """The same for each of the prior widths, (widths,)."""
+        return np.array([self._evidence(temper, sd) for sd in priors])
 
     def best_prior(self, priors: Sequence[FloatArray]) -> FloatArray:
         """The most probable of the prior widths ``priors``, (p,)."""
@@ -99,31 +141,34 @@ class Fit:
         """log evidence of the model linearised about the fit, under another prior width of the nuisance.
 
         An effect's parameters are marginalised with it, under a normal prior about the fit that is as wide (variance
-        1/12) as the uniform one.
+        1/12) as the uniform one; but they stay where they were fitted: a straight line would lead them out of their
+        range, to gains that do not exist.
         """
-        k = len(self.unit)
-        precision = np.concatenate(
-            [np.where(np.isfinite(sd), 1.0 / np.square(sd), 1e-12), np.full(k, UNIFORM_PRECISION)]
-        )
-        if not len(precision):
+        k, p = len(self.unit), len(self.nuisance)
+        if not k + p:
             return -0.5 * self.chi2 / temper
+        precision = np.where(np.isfinite(sd), 1.0 / np.square(sd), 1e-12)
+        known = self.belief.precision
+        known = known + np.diag(np.where(np.diag(known) > 0, 0.0, UNIFORM_PRECISION))
         at_mean = self.residual + self.jacobian @ (self.nuisance - self.prior_mean)
-        normal = self._normal / temper
-        normal[np.diag_indices_from(normal)] += precision
-        factor = _factorise(normal)
-        b = self._jacobians.T @ at_mean / temper
-        least = float(at_mean @ at_mean) / temper - float(b @ sla.cho_solve(factor, b))
-        logdet = 2.0 * float(np.sum(np.log(np.diag(factor[0])))) - float(np.sum(np.log(precision)))
-        return -0.5 * (least + logdet)
+        normal = self.normal / temper
+        normal[np.arange(p), np.arange(p)] += precision
+        normal[p:, p:] += known
+        factor, lower = _factorise(normal)
+        b = self.jacobian.T @ at_mean / temper
+        # The factor's leading part is the factor of the nuisance's own normal matrix.
+        gain = float(b @ sla.cho_solve((factor[:p, :p], lower), b)) if p else 0.0
+        logdet = 2.0 * float(np.sum(np.log(np.diag(factor)))) - float(np.sum(np.log(precision)))
+        logdet -= float(np.linalg.slogdet(known)[1])
+        return -0.5 * (float(at_mean @ at_mean) / temper - gain + logdet + self.belief.cost(self.unit))
 
     @cached_property
     def _jacobians(self) -> FloatArray:
         return np.hstack([self.jacobian, self.effect_jacobian])
 
     @cached_property
-    def _normal(self) -> FloatArray:
-        normal: FloatArray = self._jacobians.T @ self._jacobians
-        return normal
+    def normal(self) -> FloatArray:
+        return _bordered(self.gram, self.jacobian, self._jacobians[:, len(self.nuisance) :])
 
     @property
     def active(self) -> dict[Candidate, dict[str, float]]:
@@ -164,22 +209,25 @@ def fit(
     iterations: int = MAX_ITERATIONS,
     tolerance: float = 1e-3,
     jacobian: FloatArray | None = None,
+    gram: FloatArray | None = None,
+    belief: Belief | None = None,
 ) -> Fit:
     """Nuisance and effect parameters that minimise χ² + prior, from ``nuisance`` (p,) and ``unit`` (k,).
 
     Levenberg-Marquardt; effect derivatives by differences, nuisance derivatives from the problem, or a ``jacobian``
-    (n, p) from near the start, good for as long as it foretells what happens. ``tolerance`` is the relative gain below
-    which it stops.
+    (n, p) from near the start, with its ``gram`` JᵀJ, good for as long as it foretells what happens. ``tolerance`` is
+    the relative gain below which it stops. ``belief`` is what other data say of the effects.
     """
     hypothesis = tuple(hypothesis)
     c = problem.start() if nuisance is None else nuisance.copy()
     u = np.full(sum(len(h.parameters) for h in hypothesis), 0.5) if unit is None else unit.astype(float).copy()
     mean, sd = problem.prior_mean, problem.prior_sd
     precision = np.where(np.isfinite(sd), 1.0 / np.square(sd), 0.0)
+    believed = Belief.none(len(u)) if belief is None else belief
     simulations = 0
 
-    def cost(residual: FloatArray, c: FloatArray) -> float:
-        return float(residual @ residual + np.sum(precision * np.square(c - mean)))
+    def cost(residual: FloatArray, c: FloatArray, u: FloatArray) -> float:
+        return float(residual @ residual + np.sum(precision * np.square(c - mean))) + believed.cost(u)
 
     def linearise(
         c: FloatArray, u: FloatArray, kept: FloatArray | None = None
@@ -198,15 +246,18 @@ def fit(
         return here.residual, here.jacobian if kept is None else kept, effect
 
     residual, jac, effect = linearise(c, u, jacobian)
-    best = cost(residual, c)
+    fresh = jacobian is None
+    gram = jac.T @ jac if gram is None or fresh else gram
+    best = cost(residual, c, u)
     damping = 1e-3
     for _ in range(iterations):
-        full = np.hstack([jac, effect])
-        normal = full.T @ full
+        normal = _bordered(gram, jac, effect)
         p = len(c)
         normal[np.arange(p), np.arange(p)] += precision
-        gradient = full.T @ residual
+        normal[p:, p:] += believed.precision
+        gradient = np.concatenate([jac.T @ residual, effect.T @ residual])
         gradient[:p] -= precision * (c - mean)
+        gradient[p:] -= believed.precision @ (u - believed.mean)
         # Parameters at a bound that the step would leave stay there.
         fixed = np.zeros(len(gradient), bool)
         fixed[p:] = ((u <= 0) & (gradient[p:] < 0)) | ((u >= 1) & (gradient[p:] > 0))
@@ -220,13 +271,17 @@ def fit(
             c_new, u_new = c + step[:p], np.clip(u + np.clip(step[p:], -0.3, 0.3), 0.0, 1.0)
             trial = problem.evaluate(c_new, split(hypothesis, u_new), want_jacobian=False)
             simulations += 1
-            value = cost(trial.residual, c_new)
+            value = cost(trial.residual, c_new, u_new)
             if np.isfinite(value) and value < best:
                 improved = True
                 break
             damping = max(damping * 8.0, 1e-4)
-        if not improved:
+        if not improved and fresh:
             break
+        if not improved:  # an old Jacobian may be to blame
+            residual, jac, effect = linearise(c, u)
+            gram, fresh, damping = jac.T @ jac, True, 1e-3
+            continue
         gain = best - value
         # While the linear model foretells the gain, its costly nuisance part is good enough for another step.
         foretold = float(2 * gradient @ step - step @ normal @ step)
@@ -234,9 +289,17 @@ def fit(
         c, u, best = c_new, u_new, value
         damping *= 0.2
         residual, jac, effect = linearise(c, u, None if stale else jac)
+        fresh = stale
+        gram = jac.T @ jac if stale else gram
         if gain < tolerance * max(best, 1.0) * 0.1 + 0.02:
             break
-    return _finish(hypothesis, c, u, residual, jac, effect, mean, sd, simulations)
+    return _finish(hypothesis, c, u, residual, jac, gram, effect, mean, sd, believed, simulations)
+
+
+def _bordered(gram: FloatArray, jacobian: FloatArray, more: FloatArray) -> FloatArray:
+    """The normal matrix of a Jacobian whose own is ``gram`` and of ``more`` columns."""
+    cross = jacobian.T @ more
+    return np.block([[gram, cross], [cross.T, more.T @ more]])
 
 
 def _finish(
@@ -245,16 +308,18 @@ def _finish(
     u: FloatArray,
     residual: FloatArray,
     jac: FloatArray,
+    gram: FloatArray,
     effect: FloatArray,
     mean: FloatArray,
     sd: FloatArray,
+    belief: Belief,
     simulations: int,
 ) -> Fit:
     """Curvature, evidence terms and covariance at the optimum."""
     precision = np.where(np.isfinite(sd), 1.0 / np.square(sd), 0.0)
-    normal = jac.T @ jac
+    normal = gram.copy()
     normal[np.diag_indices_from(normal)] += precision
-    penalty = float(np.sum(precision * np.square(c - mean)))
+    penalty = float(np.sum(precision * np.square(c - mean))) + belief.cost(u)
     covariance = np.zeros((len(u), len(u)))
     if len(c):
         factor = _factorise(normal)
@@ -262,7 +327,7 @@ def _finish(
     else:
         schur = effect.T @ effect
     if len(u):
-        covariance = np.linalg.inv(schur + np.eye(len(u)) * UNIFORM_PRECISION)
+        covariance = np.linalg.inv(schur + belief.precision + np.eye(len(u)) * UNIFORM_PRECISION)
     return Fit(
         hypothesis=hypothesis,
         nuisance=c,
@@ -273,9 +338,11 @@ def _finish(
         covariance=covariance,
         simulations=simulations,
         jacobian=jac,
+        gram=gram,
         effect_jacobian=effect,
         prior_mean=mean.copy(),
         prior_sd=sd.copy(),
+        belief=belief,
     )
 
 

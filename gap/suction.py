@@ -20,7 +20,7 @@ from gap.blocks import CLOCK_SD, SHIFT_SD, Block, Group, GroupedSession, Table, 
 from gap.chains import needed
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Problem
 from gap.noise import denoised
-from gap.solve import fit, under
+from gap.solve import Fit, fit, under
 from gap.tissue_null import USUAL_MEMORY, Suction, elastic_freedom, suction_discrepancy
 from sim_devices.chain import Chain, Effect
 from sim_devices.stages import nominal
@@ -50,14 +50,15 @@ def _specimen(name: str) -> SuctionTissue:
         return suction_tissue("silicone")
 
 
-def _commanded_line(chain: Chain, group: Group, time: FloatArray, shift: float) -> Table:
+def _commanded_line(chain: Chain, group: Group, time: FloatArray, early: Callable[[FloatArray], FloatArray]) -> Table:
     """True pressure that ``chain`` makes of a group's command: times finer than ``time`` (n,) s, within its span, and
-    Pa; the record is ``shift`` s late."""
+    Pa; the record's stamps are ``early`` s (a function of them) before the command's clock."""
     kinks = group.commands["pressure"].time
-    fine = np.unique(np.concatenate([time, (kinks[:, None] + REFINEMENT).ravel(), kinks]))
+    nodes = np.concatenate([(kinks[:, None] + REFINEMENT).ravel(), kinks])
+    fine = np.unique(np.concatenate([time, nodes - early(nodes)]))
     fine = fine[(fine >= time[0]) & (fine <= time[-1])]
     partial = replace(chain, operators=needed(chain, ("line_pressure",)))
-    return fine, simulate(partial, group.tables(), {"line_pressure": fine + shift})["line_pressure"]
+    return fine, simulate(partial, group.tables(), {"line_pressure": fine + early(fine)})["line_pressure"]
 
 
 class PressureBlock(Block):
@@ -75,10 +76,10 @@ class PressureBlock(Block):
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect]) -> None:
         # An open probe holds no pressure: its record says nothing of the regulator.
         super().__init__(session, library, without=("open air",))
-        self.prior_sd = self._prior(0.05, 0.08, 0.03)
+        self.prior_sd = self._prior(0.05, 0.08, 0.003)
         self.prior_mean = np.zeros(len(self.prior_sd))
         self.local = np.zeros(len(self.prior_sd), bool)
-        self.alternatives = (self._prior(0.02, 0.03, 0.006), self.prior_sd, self._prior(0.15, 0.15, 0.08))
+        self.alternatives = (self._prior(0.02, 0.03, 0.001), self.prior_sd, self._prior(0.15, 0.15, 0.01))
         self._linear = np.column_stack([self._lag_columns(), self.measured, np.ones(len(self.stamps))])
         self.blur_steep_parts(self._slope())
 
@@ -92,9 +93,14 @@ class PressureBlock(Block):
         c = self._fitted
         chain = _chain(self.session, group, NO_TISSUE, command_step=0.0)
         chain = chain.tuned("regulator", tau=REGULATOR_TAU * float(np.exp(c[0])), zeta=float(np.exp(c[1])))
-        fine, value = _commanded_line(chain, group, time, c[2])
+        fine, value = _commanded_line(chain, group, time, self.early)
         further = zip(c[4 : 4 + len(self.LAGS)], self.LAGS, strict=True)
         return fine, value + sum(k * (evaluate(low_pass, fine, value, tau) - value) for k, tau in further)
+
+    def early(self, time: FloatArray) -> FloatArray:
+        """How far the record's stamps ``time`` (n,) are before the command's clock, s."""
+        c = self._fitted
+        return np.asarray(c[2] + c[3] * (time - self.stamps[0]))
 
     def true(self, recorded: FloatArray) -> FloatArray:
         """Recorded pressures (n,) Pa without the gauge's error, as far as a sound one's goes."""
@@ -156,17 +162,18 @@ class HeightBlock(Block):
     """
 
     name, channels = "height", ("apex_height",)
-    trust = 0.12  # other tissue laws than ours leave some δ = 10 that some device effect can repair
     TISSUE: tuple[str, ...] = (
-        "compliance", "knee", "exponent", "creep1", "creep2", "creep3", "creep4", "residual", "softening",
+        "compliance", "knee", "exponent", "creep1", "creep2", "creep3", "creep4",
+        "time1", "time2", "time3", "time4", "residual", "softening",
     )  # fmt: skip
-    TISSUE_SD: tuple[float, ...] = (1.5, 1.0, 0.4, 0.15, 0.15, 0.15, 0.15, 0.1, 0.04)
-    ANCHORED_SD: tuple[float, ...] = (0.5, 0.15, 0.08, 0.08, 0.08, 0.08, 0.08, 0.06, 0.03)
+    TISSUE_SD: tuple[float, ...] = (1.5, 1.0, 0.4, *[0.15] * 4, *[0.7] * 4, 0.1, 0.04)
+    ANCHORED_SD: tuple[float, ...] = (0.5, 0.15, 0.08, *[0.08] * 4, *[0.3] * 4, 0.06, 0.03)
     GAIN_SD = 0.05
     ZERO_SD = 0.01  # of the largest height: skin still recovers while the instrument takes its zero
     CURVE_SD = 0.1  # of the largest height, per elastic curve
     DISCREPANCY_SD = 0.02  # of the height, per basis function of weight 1
-    DISCREPANCY_SCALES = (0.03, 0.1, 0.3, 1.0, 3.0)
+    DISCREPANCY_SCALES = (0.001, 0.03, 0.1, 0.3, 1.0, 3.0)  # the first: a law that is known but for its parameters
+    TRUSTS = (0.4, 0.25, 0.12, 0.12, 0.12, 0.12)  # other laws leave some δ = 10 that some device effect can repair
     DISCREPANCY_SIZE = 100
 
     def __init__(
@@ -174,6 +181,7 @@ class HeightBlock(Block):
     ) -> None:
         super().__init__(session, library)
         self._tissue = suction_tissue("forearm")
+        self._pressure = pressure
         self._line = [self._smoothed(g, pressure) for g, _ in self.groups]
         self._runs = self.member
         onsets = {k: self._onset(g, k) for g, _ in self.groups for k in g.members}
@@ -211,6 +219,12 @@ class HeightBlock(Block):
         acting = np.flatnonzero((value != 0) & (time >= begin) & (time <= end))
         return float(time[max(acting[0] - 1, 0)]) if len(acting) else begin
 
+    def tables(self, group: Group) -> dict[str, Table]:
+        """The commands by the record's clock: a zero that is taken milliseconds off is off by as many micrometres."""
+        if self._pressure is None:
+            return group.tables()
+        return {q: (t - self._pressure.early(t), value) for q, (t, value) in group.tables().items()}
+
     def _smoothed(self, group: Group, pressure: PressureBlock | None) -> tuple[FloatArray, FloatArray]:
         """Recorded pressure of a group as a table, without its gauge noise; the command where none was recorded."""
         times, values = [], []
@@ -225,7 +239,9 @@ class HeightBlock(Block):
             return group.tables()["pressure"]
         time, value = np.concatenate(times), np.concatenate(values)
         if pressure is None:
-            fine, base = _commanded_line(_chain(self.session, group, NO_TISSUE, command_step=0.0), group, time, 0.0)
+            fine, base = _commanded_line(
+                _chain(self.session, group, NO_TISSUE, command_step=0.0), group, time, np.zeros_like
+            )
         else:
             (fine, base), value = pressure.line(group, time), pressure.true(value)
         remainder = denoised(time, value - np.interp(time, fine, base))
@@ -253,34 +269,45 @@ class HeightBlock(Block):
             knee=base.knee * float(np.exp(c["knee"])),
             exponent=float(np.clip(base.exponent + c["exponent"], 0.02, 3.0)),
             creep=tuple(g + c[f"creep{i + 1}"] for i, g in enumerate(base.creep)),
+            times=tuple(tau * float(np.exp(c[f"time{i + 1}"])) for i, tau in enumerate(base.times)),
             residual=base.residual + c["residual"],
             softening=base.softening + c["softening"],
         )
 
     def start(self) -> FloatArray:
-        """Tissue and elastic curve fitted alone; the tissue's parameters are then the prior's mean.
+        """The simulation by itself, fitted alone; the tissue's parameters are then the prior's mean.
 
-        Beside a free discrepancy, which can do all that they do and linearly, they would run away.
+        Beside a free discrepancy, which can do all that they do and linearly, they would run away. The fit begins from
+        slower and quicker skin too: creep times have local optima.
         """
         if self._start is None:
             n = len(self.TISSUE)
-            found = self._alone((), np.zeros(0), self.prior_mean)[0]
-            tissue = self.tissue(found)
+            found = min((self._alone((), np.zeros(0), c) for c in self._guesses()), key=lambda f: f.objective)
+            tissue = self.tissue(found.nuisance)
             memory = [v for pair in zip(tissue.creep, tissue.times, strict=True) for v in pair]
             curves = self._by_group(elastic_freedom, memory)[0]
             at = slice(self._curve_part.start - self._offset, self._curve_part.stop - self._offset)
             self._added[:, at] = curves * self._span
-            self._start = self._alone((), np.zeros(0), found)[0]
+            self._start = self._alone((), np.zeros(0), found.nuisance, 30).nuisance
             self.prior_mean[:n] = self._start[:n]
             for sd in (self.prior_sd, *self.alternatives):
                 sd[:n] = self.ANCHORED_SD
             self.prior_sd = fit(self, nuisance=self._start).best_prior(self.alternatives)
         return self._start.copy()
 
+    def _guesses(self) -> list[FloatArray]:
+        """Nuisance vectors (p,) to begin from."""
+        times = np.array([name.startswith("time") for name in self.TISSUE])
+        return [np.concatenate([at * times, np.zeros(len(self.prior_mean) - len(times))]) for at in (0.0, -0.8, 0.8)]
+
     @property
     def _offset(self) -> int:
         """Where the nuisance of what is simply added begins: behind the tissue, the shift and the gains."""
         return len(self.TISSUE) + 1 + self._runs.shape[1]
+
+    @property
+    def trusts(self) -> Sequence[float]:
+        return self.TRUSTS
 
     @property
     def plain_sd(self) -> FloatArray:
@@ -289,25 +316,24 @@ class HeightBlock(Block):
         return sd
 
     def _alone(
-        self, hypothesis: Sequence[Candidate], unit: FloatArray, nuisance: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Tissue, elastic curve and effects fitted without the discrepancy from ``nuisance`` (p,), ``unit`` (k,)."""
-        n = len(self.TISSUE)
-        sd = np.full(len(self.prior_sd), 1e-6)
-        sd[: n + 1] = *self.TISSUE_SD, self.prior_sd[n]
-        sd[self._curve_part] = self.CURVE_SD
+        self, hypothesis: Sequence[Candidate], unit: FloatArray, nuisance: FloatArray, iterations: int = 15
+    ) -> Fit:
+        """The simulation by itself fitted from ``nuisance`` (p,), ``unit`` (k,), the person's tissue not yet known."""
+        sd = self.plain_sd
+        sd[: len(self.TISSUE)] = self.TISSUE_SD
         alone = under(self, np.zeros(len(sd)), sd)
-        found = fit(alone, hypothesis, unit, nuisance, iterations=10)
-        return found.nuisance, found.unit
+        return fit(alone, hypothesis, unit, nuisance, iterations)
 
     def anchored(
         self, hypothesis: Sequence[Candidate], unit: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+        # Not from the null's tissue, which has taken on what it could of the effect.
         n = len(self.TISSUE)
-        found, unit = self._alone(hypothesis, unit, self.start())
+        self.start()
+        found = self._alone(hypothesis, unit, self._guesses()[0])
         mean = self.prior_mean.copy()
-        mean[:n] = found[:n]
-        return mean, found, unit
+        mean[:n] = found.nuisance[:n]
+        return mean, found.nuisance, found.unit
 
     def _first_guess(self) -> FloatArray:
         """Tissue and shift (t,) at a size of the compliance that gives the largest height measured."""
@@ -334,10 +360,13 @@ class HeightBlock(Block):
             out[at] = self.simulated(chain, g, at, shift, {"line_pressure": (t, p)})[0]
         return out
 
-    def _gauge_error(self, chain: Chain, group: Group, time: FloatArray) -> FloatArray:
+    def _gauge_error(self, chain: Chain, group: Group, time: FloatArray) -> FloatArray | float:
         """What to add to the recorded pressure for the true one, (n,) Pa: nothing for an actuator's effect, the
         gauge's error for its own."""
         wanted = ("line_pressure", "pressure")
+        sound = _nominal(self.session.instrument, self.session.marks)
+        if needed(chain, wanted[1:], wanted[:1]) == needed(sound, wanted[1:], wanted[:1]):
+            return 0.0
         partial = replace(chain, operators=needed(chain, wanted))
         made = simulate(partial, group.tables(), dict.fromkeys(wanted, time))
         return made["line_pressure"] - made["pressure"]

@@ -80,7 +80,8 @@ class Suction:
 
 
 def _curves(u: FloatArray) -> list[FloatArray]:
-    return [u, u**2, u**3, *[np.minimum(u, k) / k for k in KNEES]]
+    """Elastic curves of suction ``u`` (k,); the roots are those of a slack membrane, which rises with the cube root."""
+    return [u, u**2, u**3, np.cbrt(u), np.sqrt(u), *[np.minimum(u, k) / k for k in KNEES]]
 
 
 def elastic_freedom(suction: Suction, memory: Sequence[float]) -> tuple[FloatArray, FloatArray]:

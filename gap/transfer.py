@@ -42,7 +42,7 @@ class _Masked:
     def __init__(self, problem: Problem, keep: NDArray[np.bool_]) -> None:
         self.problem, self.keep = problem, keep
         self.name, self.rows, self.local = problem.name, problem.rows, problem.local
-        self.measured, self.sigma, self.trust = problem.measured, problem.sigma, problem.trust
+        self.measured, self.sigma, self.trusts = problem.measured, problem.sigma, problem.trusts
         self.prior_mean, self.prior_sd, self.alternatives = problem.prior_mean, problem.prior_sd, problem.alternatives
         self.plain_sd = problem.plain_sd
 
@@ -121,7 +121,7 @@ def plain(problems: Mapping[str, Problem], h: Hypothesis, null: Hypothesis | Non
         else:
             nuisance = np.where(problem.plain_sd < f.prior_sd, f.prior_mean, f.nuisance)
             here = under(problem, f.prior_mean, problem.plain_sd)
-            fits[block] = fit(here, f.hypothesis, f.unit, nuisance, iterations=15)
+            fits[block] = fit(here, f.hypothesis, f.unit, nuisance, iterations=15, belief=f.belief)
     return Hypothesis(h.effects, fits)
 
 
@@ -152,7 +152,8 @@ def transferred(problems: Mapping[str, Problem], null: Hypothesis, best: Hypothe
 def _withheld(problem: Problem, h: Hypothesis, name: str, out: NDArray[np.bool_]) -> float:
     full = h.fits[name]
     problem = under(problem, full.prior_mean, full.prior_sd)
-    trained = fit(_Masked(problem, ~out), full.hypothesis, full.unit, full.nuisance, iterations=5)
+    masked = _Masked(problem, ~out)
+    trained = fit(masked, full.hypothesis, full.unit, full.nuisance, iterations=5, belief=full.belief)
     there = problem.evaluate(trained.nuisance, trained.active)
     residual = there.residual[out]
     local = there.jacobian[out][:, problem.local]

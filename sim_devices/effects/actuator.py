@@ -24,11 +24,17 @@ from sim_devices.effects.build import (
 from sim_devices.stages import kernels, laws
 from sim_devices.stages.axes import FORCE_LIMIT
 
+SLOW_PATH = 1 / 3
+"""Share of the flow that lags behind a regulator of two paths."""
+
 
 def _regulator_lag(chain: Chain, v: Values) -> Chain:
     if chosen(v, "form") == 1:
         op: Any = chain["regulator"]
         return chain.tuned("regulator", tau=math.hypot(op.tau, v["tau"] / 2))
+    if chosen(v, "form") == 2:
+        slow = (1.0 - SLOW_PATH, SLOW_PATH, v["tau"])
+        return law_after(chain, "regulator", "regulator_lag", "actuator", kernels.prony, slow)
     return law_after(chain, "regulator", "regulator_lag", "actuator", kernels.low_pass, (v["tau"],))
 
 
@@ -65,6 +71,12 @@ def _dead_band(chain: Chain, v: Values) -> Chain:
     return law_before(chain, "regulator", "dead_band", "actuator", law, (v["band"],))
 
 
+def _gauge_gain(chain: Chain, v: Values) -> Chain:
+    if chosen(v, "form") < 3:
+        return _gauge(chain, v, v["error"], 0.0)
+    return map_after(chain, "gauge", "gauge_bend", "actuator", laws.bent, (v["error"], BEND))
+
+
 def _gauge(chain: Chain, v: Values, error: float, amount: float) -> Chain:
     """A gauge that closes the loop moves the true pressure, one that is recorded the reading."""
     form = chosen(v, "form")
@@ -76,7 +88,10 @@ def _gauge(chain: Chain, v: Values, error: float, amount: float) -> Chain:
     return chain
 
 
-GAUGE = choice("form", 0, "in the loop and in the record", "in the record only", "in the loop only")
+WHERE = ("in the loop and in the record", "in the record only", "in the loop only")
+GAUGE = choice("form", 0, *WHERE)
+BEND = 15e3
+"""Pa above which a gauge of two slopes is wrong."""
 
 
 def _slew_robot(chain: Chain, v: Values) -> Chain:
@@ -109,8 +124,9 @@ EFFECTS = (
         "Shorter hoses, a faster valve or more integral gain; record the pressure at the probe.",
         "hoses and valves; W and F assume rise times without measuring them",
         (
-            strength("tau", "s", 5e-3, 3.0, 0.3, "time constant beyond the nominal regulator's"),
-            choice("form", 0, "a first-order lag behind the regulator", "a slower second-order regulator"),
+            strength("tau", "s", 1e-3, 3.0, 0.3, "time constant beyond the nominal regulator's"),
+            choice("form", 0, "a first-order lag behind the regulator", "a slower second-order regulator",
+                   "a third of the flow lags"),
         ),
         _regulator_lag,
     ),
@@ -120,7 +136,7 @@ EFFECTS = (
         "A stronger pump, a wider valve; or command ramps that the pump can follow.",
         "F assumed 1e5 mbar/s; pumps reach far less",
         (
-            strength("span_time", "s", 0.01, 10.0, 1.0, "time for 300 mbar of suction"),
+            strength("span_time", "s", 2e-3, 10.0, 1.0, "time for 300 mbar of suction"),
             shape("release", "1", 0.3, 10.0, 1.0, "how much faster pressure comes back", log=True),
         ),
         _slew_suction,
@@ -143,7 +159,7 @@ EFFECTS = (
         "Tighten the line; hold a pressure with the pump off and watch it fall.",
         "orifice and laminar leak laws; gap.md",
         (
-            strength("shortfall", "1", 2e-3, 0.6, 0.1, "of 300 mbar at 300 mbar"),
+            strength("shortfall", "1", 3e-4, 0.6, 0.1, "of 300 mbar at 300 mbar"),
             shape("exponent", "1", -0.5, 1.5, 0.7, "-0.5 orifice, 0 laminar, above: a leak that opens"),
         ),
         _leak,
@@ -154,7 +170,7 @@ EFFECTS = (
         "A larger reservoir, a pump that runs, pauses to refill.",
         "the aspiration device's air reservoir (W)",
         (
-            strength("sag", "1", 2e-3, 0.6, 0.1, "of the pressure, at 300 mbar held for long"),
+            strength("sag", "1", 3e-4, 0.6, 0.1, "of the pressure, at 300 mbar held for long"),
             shape("tau", "s", 2.0, 300.0, 30.0, "time to empty", log=True),
             shape("refill", "1", 0.05, 5.0, 0.5, "time to refill against time to empty", log=True),
         ),
@@ -166,7 +182,7 @@ EFFECTS = (
         "A finer valve, or integral action.",
         "on-off and proportional valves; gap.md",
         (
-            strength("band", "Pa", 50.0, 8e3, 1e3, "half width of the ignored error"),
+            strength("band", "Pa", 5.0, 8e3, 1e3, "half width of the ignored error"),
             choice("form", 0, "corrects down to the band", "rests within the band, then corrects wholly"),
         ),
         _dead_band,
@@ -184,8 +200,11 @@ EFFECTS = (
         "A pressure gauge has a wrong sensitivity.",
         "Calibrate at two pressures with a manometer tap.",
         "span error of pressure sensors; gap.md",
-        (signed("error", "1", 0.4, 0.1, "relative error of the reading"), GAUGE),
-        lambda chain, v: _gauge(chain, v, v["error"], 0.0),
+        (
+            signed("error", "1", 0.4, 0.1, "relative error of the reading"),
+            choice("form", 0, *WHERE, "in the record, from half of 300 mbar on"),
+        ),
+        _gauge_gain,
     ),
     effect(
         "slew_limit", "actuator", ROBOT,
@@ -200,8 +219,11 @@ EFFECTS = (
         "Voice-coil force (current) is limited.",
         "A stronger coil or supply; slower starts.",
         "amplifier current limits; gap.md",
-        (strength("limit", "N", 0.02, FORCE_LIMIT, 0.25, "of one axis", null=FORCE_LIMIT),),
-        lambda chain, v: chain.tuned("axes", force_limit=v["limit"]),
+        (
+            strength("limit", "N", 0.02, FORCE_LIMIT, 0.25, "of one axis", null=FORCE_LIMIT),
+            choice("form", 0, "clipped", "approached gradually"),
+        ),
+        lambda chain, v: chain.tuned("axes", force_limit=v["limit"], soft=float(chosen(v, "form"))),
     ),
     effect(
         "viscous_drag", "actuator", ROBOT,

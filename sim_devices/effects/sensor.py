@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from drivers.microrobot import forces
 from drivers.microrobot.kinematics import GEOMETRY
-from sim_devices.chain import Chain, Effect, FloatArray
+from sim_devices.chain import Chain, Effect, FloatArray, Signals
 from sim_devices.effects.build import (
     ASPIRATION,
     CUTOMETER,
@@ -31,7 +32,7 @@ from sim_devices.effects.build import (
 )
 from sim_devices.stages import kernels, laws
 from sim_devices.stages.kernels import Kernel
-from sim_devices.stages.operators import Map, Wired, before
+from sim_devices.stages.operators import Map, Wired, after, before
 from sim_devices.stages.robot import TRANSDUCERS, Linear, numbered
 
 Law = Callable[..., Any]
@@ -110,8 +111,30 @@ def mixed(time: FloatArray, u: FloatArray, other: FloatArray, share: float) -> F
     return u + share * other
 
 
+FLOW_TIME = 0.1
+"""s over which a change of suction counts as flow."""
+
+
+@dataclass(frozen=True)
+class Flow(Wired):
+    """Height (first source) plus ``gain`` (m/Pa) times what pressure (second source) has changed in `FLOW_TIME`."""
+
+    gain: float
+
+    def fresh(self) -> Any:
+        return np.zeros(kernels.STATE), np.array([FLOW_TIME])
+
+    def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
+        height, pressure = (signals[s] for s in self.source)
+        before = np.empty(len(time))
+        kernels.low_pass(state[0], time, pressure, state[1], before)
+        signals[self.target[0]] = height + self.gain * (pressure - before)
+
+
 def _crosstalk_suction(chain: Chain, v: Values) -> Chain:
     parameters = (-v["amount"] / PRESSURE,)
+    if chosen(v, "form") == 1:
+        return after(chain, _HEIGHT, lambda s, t: Flow("crosstalk", "sensor", (*s, "line_pressure"), t, *parameters))
     return map_after(chain, _HEIGHT, "crosstalk", "sensor", mixed, parameters, reading=("line_pressure",))
 
 
@@ -119,7 +142,13 @@ _ORDERED = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
 
 
 def _crosstalk_robot(chain: Chain, v: Values) -> Chain:
-    into, source = _ORDERED[chosen(v, "pair")]
+    pair = chosen(v, "pair")
+    if pair >= len(_ORDERED):
+        into, source = divmod(pair - len(_ORDERED), 3)
+        parameters = (v["share"] * 1e3,)  # N/mm
+        axis = numbered("axis")[source]
+        return map_after(chain, _FORCE, "crosstalk", "sensor", mixed, parameters, TRANSDUCERS[into], reading=(axis,))
+    into, source = _ORDERED[pair]
     other = chain["transducers"].writes[source]  # by its working name: what the transducer gives before other effects
     return map_after(chain, _FORCE, "crosstalk", "sensor", mixed, (v["share"],), TRANSDUCERS[into], reading=(other,))
 
@@ -273,7 +302,8 @@ def _quantised(robot: bool) -> Any:
 
 _GAIN_MEANING, _GAIN_REMEDY = "Wrong sensitivity", "Calibrate with a known height or weight."
 _LAG = ("sensor_low_pass", "sensor")
-_TAU = strength("tau", "s", 2e-3, 3.0, 0.2)
+_INTO = choice("form", 0, "as suction stands", "while suction changes")
+_TAU = strength("tau", "s", 3e-4, 3.0, 0.2)
 _ORDER = choice("order", 0, "first order", "second order")
 
 EFFECTS = (
@@ -302,19 +332,22 @@ EFFECTS = (
     effect(
         "crosstalk", "sensor", CUTOMETER, "Pressure leaks into the height reading.",
         "Record height under suction on a rigid block.", "windows and housings bend under suction",
-        (signed("amount", "m", 2e-4, 3e-5, "at 300 mbar"),), _crosstalk_suction,
+        (signed("amount", "m", 2e-4, 3e-5, "at 300 mbar"), _INTO), _crosstalk_suction,
     ),
     effect(
         "crosstalk", "sensor", ASPIRATION, "Pressure leaks into the height reading.",
         "Record height under suction on a rigid block.", "the camera or mirror moves under suction",
-        (signed("amount", "m", 1e-3, 2e-4, "at 300 mbar"),), _crosstalk_suction,
+        (signed("amount", "m", 1e-3, 2e-4, "at 300 mbar"), _INTO), _crosstalk_suction,
     ),
     effect(
         "crosstalk", "sensor", ROBOT, "One transducer leaks into another.",
         "Load one transducer at a time and fill in the matrix.", "frame stiffness; gap.md",
         (
-            signed("share", "1", 0.5, 0.15),
-            choice("pair", 0, "b into a", "c into a", "a into b", "c into b", "a into c", "b into c"),
+            signed("share", "1", 0.5, 0.15, "of a position: N/mm"),
+            choice(
+                "pair", 0, "b into a", "c into a", "a into b", "c into b", "a into c", "b into c",
+                *(f"position {k} into {leg}" for leg in "abc" for k in "123"),
+            ),
         ),
         _crosstalk_robot,
     ),

@@ -94,7 +94,7 @@ EFFECTS = (
         "Commands take effect late by a constant dead time.",
         "Time-stamp commands where they act, or measure the delay with a trigger and subtract it.",
         "buffered serial and USB links; gap.md",
-        (strength("delay", "s", 1e-3, 0.5, 0.08, "dead time"),),
+        (strength("delay", "s", 2e-4, 0.5, 0.08, "dead time"),),
         _latency,
     ),
     effect(

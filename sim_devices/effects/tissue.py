@@ -144,6 +144,17 @@ def tension_force(
     return fx - stiffness * (c * x + s * y), fy - stiffness * (s * x - c * y), fz
 
 
+def fibre_force(
+    time: FloatArray, fx: FloatArray, fy: FloatArray, fz: FloatArray, x: FloatArray, y: FloatArray, z: FloatArray,
+    stiffness: float, angle: float, slack: float,
+) -> Forces:  # fmt: skip
+    """Fibres along ``angle`` that pull back, either way, once the skin has moved by more than their ``slack``."""
+    c, s = math.cos(angle), math.sin(angle)
+    along = c * x + s * y
+    pull = stiffness * np.copysign(laws.ramp(np.abs(along), slack, 0.05e-3), along)
+    return fx - pull * c, fy - pull * s, fz
+
+
 def tether_force(
     time: FloatArray, fx: FloatArray, fy: FloatArray, fz: FloatArray, x: FloatArray, y: FloatArray, z: FloatArray,
     stiffness: float, angle: float, slack: float,
@@ -161,6 +172,12 @@ def _deep_layer(chain: Chain, v: Values) -> Chain:
     start = v["start"] * height_scale(chain)
     parameters = (v["stiffness"], start, 0.15 * start)
     return map_after(chain, "residual", "missing_deep_layer", "tissue", laws.layered, parameters)
+
+
+def _prestress(chain: Chain, v: Values) -> Chain:
+    if chosen(v, "form") == 0:
+        return _with_skin(chain, "prestress_anisotropy", tension_force, (v["stiffness"], v["angle"]))
+    return _with_skin(chain, "prestress_anisotropy", fibre_force, (v["stiffness"], v["angle"], v["slack"]))
 
 
 def _stiffening(chain: Chain, v: Values) -> Chain:
@@ -273,8 +290,10 @@ EFFECTS = (
         (
             strength("stiffness", "N/m", 5.0, 1500.0, 150.0, "more along, less across"),
             shape("angle", "rad", 0.0, math.pi, 1.2, "direction of the greater tension"),
+            shape("slack", "m", 0.0, 1e-3, 0.3e-3, "of form 1: displacement at which they engage"),
+            choice("form", 0, "tension, more along and less across", "fibres that engage late"),
         ),
-        lambda chain, v: _with_skin(chain, "prestress_anisotropy", tension_force, (v["stiffness"], v["angle"])),
+        _prestress,
     ),
     effect(
         "sub_dermal_tether", "tissue", ROBOT,

@@ -37,9 +37,10 @@ class AxisLoop(Wired):
 
     ``rate`` (1/s) sets the gains. The rest are imperfections, zero when there are none: ``drag`` N s/m; ``coulomb`` N,
     ``stiction`` N above it near standstill with Stribeck speed ``stribeck_speed`` m/s, ``presliding`` m (0: none);
-    ``force_limit`` N; ``windup`` 0 (integrator frozen while the force is limited) to 1 (runs on); relative change of
-    the force constant ``slope`` 1/m and ``curvature`` 1/m². ``spring`` N/m holds each axis towards zero: what loops
-    through a tissue take for its stiffness (``robot.closed_loop``), so that only the difference is iterated.
+    ``force_limit`` N, met abruptly, or approached as by tanh if ``soft`` is 1; ``windup`` 0 (integrator frozen while
+    the force is limited) to 1 (runs on); relative change of the force constant ``slope`` 1/m and ``curvature`` 1/m².
+    ``spring`` N/m holds each axis towards zero: what loops through a tissue take for its stiffness
+    (``robot.closed_loop``), so that only the difference is iterated.
     """
 
     rate: float = LOOP_RATE
@@ -50,6 +51,7 @@ class AxisLoop(Wired):
     stribeck_speed: float = 1e-3
     presliding: float = 0.0
     force_limit: float = FORCE_LIMIT
+    soft: float = 0.0
     windup: float = 0.0
     slope: float = 0.0
     curvature: float = 0.0
@@ -57,11 +59,11 @@ class AxisLoop(Wired):
 
     def fresh(self) -> Any:
         p, m = self.rate, self.mass
-        linear = not (self.coulomb or self.stiction or self.slope or self.curvature)
+        linear = not (self.coulomb or self.stiction or self.slope or self.curvature or self.soft)
         values = (
             m, 3 * m * p**2, m * p**3, 3 * m * p, self.drag, self.coulomb, self.stiction, self.stribeck_speed,
             self.presliding, self.force_limit, self.windup, self.slope, self.curvature, self.spring,
-            math.inf if linear else (0.25 * SUBSTEP if self.presliding else SUBSTEP),
+            math.inf if linear else (0.25 * SUBSTEP if self.presliding else SUBSTEP), self.soft,
         )  # fmt: skip
         return np.zeros((len(self.target), _STATE)), np.array(values)
 
@@ -152,7 +154,7 @@ def _run(
     ``linear``: nothing but the linear loop.
     """
     kp, ki, kd, drag, coulomb, stiction, v_s, presliding = p[1], p[2], p[3], p[4], p[5], p[6], p[7], p[8]
-    limit, windup, slope, curvature, spring = p[9], p[10], p[11], p[12], p[13]
+    limit, windup, slope, curvature, spring, soft = p[9], p[10], p[11], p[12], p[13], p[15]
     rho = (target - s[2]) / (h * steps)
     lam = (load - s[3]) / (h * steps) - spring * rho
     for k in range(steps):
@@ -162,8 +164,8 @@ def _run(
             error = r0 - s[5] + 0.5 * h * (rho - s[6])  # at the middle of the step, about its mean
             force = kp * error + ki * (s[4] + 0.5 * h * error) - kd * s[6]
             real = force * max(1.0 + slope * s[5] + curvature * s[5] * s[5], 0.05)
-            limited = abs(real) >= limit
-            extra = min(max(real, -limit), limit) - force
+            limited = abs(real) >= limit and soft == 0.0
+            extra = (limit * math.tanh(real / limit) if soft > 0.0 else min(max(real, -limit), limit)) - force
         load0 = s[3] + (load - s[3]) / steps * k - spring * (r0 + lam / ki)
         ip0 = ((kd + drag) * rho - load0 - extra + kp * lam / ki) / ki
         d0, d1, d2 = w * (s[4] - ip0), s[5] - (r0 + lam / ki), (s[6] - rho) / w

@@ -31,6 +31,11 @@ def misread(time: FloatArray, command: FloatArray, error: float, amount: float) 
     return np.where(command < 0.0, np.minimum((command - amount) / (1.0 + error), 0.0), command)
 
 
+def bent(time: FloatArray, u: FloatArray, error: float, knee: float) -> FloatArray:
+    """u of two slopes: 1 within ±``knee``, 1 + error beyond."""
+    return u + error * dead_zone(time, u, knee)
+
+
 def quadratic(time: FloatArray, u: FloatArray, error: float, reference: float) -> FloatArray:
     """u (1 + error u / reference)."""
     return u * (1.0 + error * u / reference)

@@ -35,7 +35,7 @@ class Sheet(Wired):
         t = self.tissue
         shape = (max(sum(t.stiffness) / 3, 1e-12) * t.length**2, t.exponent)
         soft = (t.softening, t.softening_force, t.softening_rise, t.softening_fall)
-        parameters = np.array([*stiffness, *shape, *soft, *self.glue])
+        parameters = np.array([*stiffness, *shape, *soft, *self.glue, t.isotropy, sum(t.stiffness) / 3])
         state = np.zeros(_HEAD + 3 * len(t.times))
         return state, parameters, np.array(t.relaxation, dtype=float), np.array(t.times, dtype=float)
 
@@ -48,9 +48,10 @@ class Sheet(Wired):
 
 @njit(cache=True)
 def _elastic(ux: float, uy: float, uz: float, p: FloatArray) -> tuple[float, float, float]:
-    """Force of the tissue on the probe without memory: minus the gradient of a potential."""
+    """Force of the tissue on the probe without memory: minus the gradient of a potential, if nothing is isotropic."""
     fx, fy, fz = p[0] * ux + p[1] * uy, p[1] * ux + p[2] * uy, p[3] * uz
-    stretch = 1.0 + (fx * ux + fy * uy + fz * uz) / p[4]
+    energy, square = fx * ux + fy * uy + fz * uz, p[13] * (ux * ux + uy * uy + uz * uz)
+    stretch = 1.0 + (energy + p[12] * (square - energy)) / p[4]
     factor = -(stretch ** p[5]) if p[5] != 0.0 else -1.0
     return factor * fx, factor * fy, factor * fz
 

@@ -45,13 +45,15 @@ class SheetTissue:
     """Skin moved by a glued probe in three directions.
 
     Elastic force f = K u (1 + u.K u / (k l²))^p with K from ``stiffness`` along axes turned by ``angle`` about z and k
-    their mean: it has a potential. Memory f - sum g_i lag(f, tau_i); softening by loading 1 - a w.
+    their mean: it has a potential. With ``isotropy`` 1 u.u stands for u.K u / k: stiffening by distance, not by energy.
+    Memory f - sum g_i lag(f, tau_i); softening by loading 1 - a w.
     """
 
     stiffness: tuple[float, float, float]  # N/m: along, across, normal
     angle: float = 0.3  # rad, of the stiffest in-plane direction (across Langer's lines)
     length: float = 1.2e-3  # l, m
     exponent: float = 0.35  # p; above 0: stiffening
+    isotropy: float = 0.0
     relaxation: tuple[float, ...] = (0.10, 0.15, 0.15, 0.08)  # g_i
     times: tuple[float, ...] = (0.08, 0.6, 4.0, 30.0)  # tau_i, s
     softening: float = 0.05  # a

@@ -26,7 +26,7 @@ class LinearProblem:
     sd: FloatArray | None = None
     name: str = "linear"
     runs: int = 1
-    trust: float = 1.0
+    trusts: Sequence[float] = (1.0,)
 
     def __post_init__(self) -> None:
         n, p = self.design.shape

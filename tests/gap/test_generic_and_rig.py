@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import ClassVar
 
@@ -35,21 +36,28 @@ def test_an_effect_without_strength_does_nothing(effect: GenericEffect) -> None:
     assert acted(effect, values) == pytest.approx(SIGNAL, abs=1e-6)
 
 
-# A delay and a numbered sample need what lies before the chunk: they act on whole series only.
-@pytest.mark.parametrize("effect", [e for e in GENERIC if e.name != "delay"], ids=lambda e: e.name)
-def test_chunks_join_without_a_seam(effect: GenericEffect) -> None:
+@pytest.mark.parametrize("effect", GENERIC, ids=lambda e: e.name)
+def test_chunks_and_single_samples_join_without_a_seam(effect: GenericEffect) -> None:
     values = {p.name: p.default for p in effect.parameters}
     if effect.name == "slew_limit":
         values["rate"] = 1.0
+    if effect.name == "delay":
+        values["time"] = 0.0123  # 2.46 samples
     whole = acted(effect, values)
     assert acted(effect, values, chunks=7) == pytest.approx(whole, rel=1e-9, abs=1e-9)
+    state: dict = {}
+    single = [
+        effect.act(state, float(TIME[k]), float(SIGNAL[k]), {n: float(v[k]) for n, v in RELATED.items()}, values)
+        for k in range(len(TIME))
+    ]
+    assert single == pytest.approx(whole, rel=1e-9, abs=1e-9)
     assert np.ptp(whole - SIGNAL) > 0 or effect.name in ("offset", "saturation", "lower_saturation")
 
 
 def test_known_forms() -> None:
     named = {e.name: e for e in GENERIC}
     v = RELATED["velocity"]
-    friction = acted(named["coulomb_friction"], {"level": 3.0, "sharpness": 1e-9}) - SIGNAL
+    friction = acted(named["coulomb_friction"], {"level": 3.0, "sharpness": 1e-9, "asymmetry": 0.0}) - SIGNAL
     assert friction == pytest.approx(3.0 * np.sign(v))
     play = acted(named["backlash"], {"gap": 0.4})
     assert np.abs(play - SIGNAL).max() == pytest.approx(0.2)
@@ -59,6 +67,52 @@ def test_known_forms() -> None:
     lag = acted(named["low_pass"], {"tau": 0.2})
     rate = np.gradient(lag, TIME)
     assert 0.2 * rate[5:-5] + lag[5:-5] == pytest.approx(SIGNAL[5:-5], abs=2e-3)
+
+
+def made(effect: str, values: dict[str, float], time: np.ndarray, signal: np.ndarray) -> np.ndarray:
+    act = next(e for e in GENERIC if e.name == effect).act
+    return act({}, time, signal, {}, values)
+
+
+@pytest.mark.parametrize("duration", [10.0, 1e4])
+@pytest.mark.parametrize("power", [0.0, 0.15, 0.4])
+def test_creep_follows_the_logarithm_and_powers_of_time(power: float, duration: float) -> None:
+    time = np.linspace(0.0, duration, 3001)
+    slow = np.log1p(time / (1e-3 * duration)) if power == 0 else time**power
+    after = time > 0.003 * duration
+    left = []
+    for tau in duration * np.array([0.5, 1.0, 3.0, 9.0]):
+        for exponent in np.arange(0.0, 0.7, 0.1):
+            values = {"share": 1.0, "tau": tau, "exponent": exponent, "settled": 0.0}
+            crept = made("creep", values, time, np.ones_like(time))[after]
+            basis = np.column_stack([np.ones_like(crept), crept])
+            left.append(np.std(slow[after] - basis @ np.linalg.lstsq(basis, slow[after], rcond=None)[0]))
+    assert min(left) < 0.02 * np.std(slow[after])
+
+
+def test_creep_under_a_load_that_it_had_settled_under_is_nothing_new() -> None:
+    values = {"share": 0.1, "tau": 1.0, "exponent": 0.5, "settled": 1.0}
+    assert made("creep", values, TIME, np.full_like(TIME, 3.0)) == pytest.approx(3.3)
+
+
+def test_a_leak_bleeds_what_is_held_until_a_move_makes_good_for_it() -> None:
+    held = np.where(TIME < 2.0, 2.0, 4.0)
+    lost = held - made("leak", {"share": 1.0, "tau": 50.0, "refill": 0.1}, TIME, held)
+    before, after = np.searchsorted(TIME, [1.99, 2.01])
+    assert lost[before] == pytest.approx(2.0 * 1.99 / 50, rel=0.05)
+    assert lost[after] < 0.05 * lost[before]
+    assert lost[-1] == pytest.approx(2 * lost[before], rel=0.05)  # in proportion to what is held
+
+
+def test_hysteresis_loops_inside_others_close() -> None:
+    corners = np.array([0.0, 1.0, 0.4, 0.8, 0.4, 0.8, -2.0, 2.0])
+    signal = np.interp(np.linspace(0, 7, 701), np.arange(8), corners)
+    values = {"level": 0.1, "width": 0.5, "exponent": 1.0, "history": 0.0, "bend": 100.0}
+    out = made("hysteresis", values, np.arange(701.0), signal)
+    assert out[300] == pytest.approx(out[500], abs=1e-9)  # 0.8, twice
+    assert out[200] == pytest.approx(out[400], abs=1e-9)
+    down, up = np.interp(0.5, -signal[500:600], out[500:600]), np.interp(-0.5, signal[600:], out[600:])
+    assert down - up == pytest.approx(0.2, abs=1e-3)
 
 
 class Spring:
@@ -110,6 +164,113 @@ def test_priors_are_scaled_to_the_rig(stretched) -> None:
     level = next(c for c in problem.candidates if c.key == "coulomb_friction@spring_force").parameters[0]
     span = np.ptp(30.0 * stretched().streams["extension"].value)
     assert (level.low, level.high, level.unit) == (pytest.approx(1e-3 * span), pytest.approx(span), "N")
+
+
+def test_a_delay_or_lag_far_below_a_sample_is_in_the_prior(stretched) -> None:
+    dt = TIME[1] - TIME[0]
+    first = {c.key: c.parameters[0] for c in RigProblem([stretched()], Spring()).candidates}
+    assert first["delay@force"].low <= 0.02 * dt
+    assert first["low_pass@force"].low <= 0.05 * dt
+
+
+class Follower:
+    """Reads its set-point, whose name is that of the channel."""
+
+    name, channels, stages, parameters = "follower", ("pressure",), {}, ()
+
+    def simulate(self, time, data, parameters, tap):
+        return {"pressure": data["setpoint_pressure"]}
+
+
+def test_a_resonance_is_found_far_from_the_default(recording) -> None:
+    class Ringing:
+        name, channels, stages = "ringing", ("x",), {}
+        parameters = (Parameter("rate", "rad/s", 10.0, 90.0, None, 30.0, "log"),)
+
+        def simulate(self, time, data, parameters, tap):
+            return {"x": np.sin(parameters["rate"] * time)}
+
+    noise = 0.05 * np.random.default_rng(2).normal(size=len(TIME))
+    problem = RigProblem([recording({"x": np.sin(74.0 * TIME) + noise}, TIME, instrument="ringing")], Ringing())
+    assert problem.parameters(problem.start())["rate"] == pytest.approx(74.0, rel=1e-3)
+
+
+def test_a_set_point_is_not_the_channel_of_its_name(recording) -> None:
+    run = recording({"pressure": np.zeros_like(TIME)}, TIME, {"pressure": ([0.0, 4.0], [1.0, 1.0])}, instrument="x")
+    problem = RigProblem([run], Follower())
+    assert np.all(problem.measured == 0.0)
+    assert np.all(problem._runs[0][1]["setpoint_pressure"] == 1.0)
+    assert np.all(problem.evaluate(np.zeros(0), {}, want_jacobian=False).residual < 0)
+
+
+class Cart:
+    """A mass under a force that swings, its resistance or the net force tapped sample by sample."""
+
+    name, channels = "cart", ("speed",)
+    parameters = (Parameter("drag", "N s/m", 0.5, 2.0, None, 1.0, "log"),)
+
+    def __init__(self, tapped: str) -> None:
+        self.stages = {tapped: "actuator"}
+
+    def simulate(self, time, data, parameters, tap):
+        v, dt, out = 0.0, time[1] - time[0], np.empty_like(time)
+        for i, push in enumerate(data["push"].tolist()):
+            out[i] = v
+            resistance = parameters["drag"] * v
+            if "resistance" in self.stages:
+                net = push - tap("resistance", resistance, velocity=v)
+            else:
+                net = tap("net", push - resistance, velocity=v)
+            v += dt * net
+        return {"speed": out}
+
+
+@pytest.mark.parametrize("tapped", ["resistance", "net"])
+def test_friction_resists_whether_resistance_or_net_force_is_tapped(recording, tapped: str) -> None:
+    push = 5 * np.sin(3 * TIME)
+    friction = {"level": 1.5, "sharpness": 0.05, "asymmetry": 0.1}
+
+    def tap(name, values, velocity=0.0):
+        there = np.tanh(velocity / friction["sharpness"])
+        return values + friction["level"] * there * (1 + friction["asymmetry"] * there)
+
+    speed = Cart("resistance").simulate(TIME, {"push": push}, {"drag": 1.0}, tap)["speed"]
+    noise = 2e-3 * np.random.default_rng(0).normal(size=len(TIME))
+    problem = RigProblem([recording({"speed": speed + noise, "push": push}, TIME, instrument="cart")], Cart(tapped))
+    candidate = next(c for c in problem.candidates if c.key == f"coulomb_friction@{tapped}")
+    assert np.mean(problem.evaluate(np.zeros(1), {}).residual ** 2) > 100
+    assert np.mean(problem.evaluate(np.zeros(1), {candidate: friction}).residual ** 2) == pytest.approx(1.0, rel=0.2)
+
+
+def test_time_stands_still_at_a_tap_that_is_called_several_times_a_sample(recording) -> None:
+    class Twice(Cart):
+        def simulate(self, time, data, parameters, tap):
+            return {"speed": np.array([(tap("net", s), tap("net", s))[1] for s in data["push"].tolist()])}
+
+    run = recording(
+        {"speed": np.random.default_rng(1).normal(size=len(TIME)), "push": np.sin(TIME)}, TIME, instrument="cart"
+    )
+    problem = RigProblem([run], Twice("net"))
+    drift = next(c for c in problem.candidates if c.key == "drift@net")
+    moved = problem.evaluate(np.zeros(1), {}).residual - problem.evaluate(np.zeros(1), {drift: {"rate": 1e-6}}).residual
+    assert moved * problem.sigma == pytest.approx(1e-6 * TIME, abs=1e-12)
+
+
+def test_coarse_counts_are_the_gap_and_not_its_noise(stretched) -> None:
+    rng = np.random.default_rng(3)
+    smooth = stretched(lambda force, x, v: 0 * force)  # noise of 5e-3 only
+    coarse = stretched(lambda force, x, v: 0.12 * np.round(force / 0.12) + 1e-3 * rng.normal(size=len(x)))
+    fine = smooth.streams["force"].value
+    coarse.streams["force"].value[:] -= fine  # what is left has the noise on its counts alone
+    problem = RigProblem([coarse], Spring())
+    assert problem.sigma[0] == pytest.approx(1e-3, rel=0.1)
+    right = np.array([np.log(20.0 / 30.0) / problem._scale[0]])
+    step = next(c for c in problem.candidates if c.key == "quantisation@force")
+    assert step.parameters[0].default == pytest.approx(0.12, rel=0.02)
+    before = problem.evaluate(right, {}).residual
+    after = problem.evaluate(right, {step: {"step": step.parameters[0].default}}).residual
+    assert np.std(before) > 25
+    assert np.mean(np.abs(after) < 3) > 0.97  # all but the samples next to an edge
 
 
 def write(folder: Path, text: str) -> Path:
@@ -170,3 +331,25 @@ def test_a_model_that_diverges_is_a_bad_fit_and_no_crash(stretched) -> None:
 
     problem = RigProblem([stretched()], Explosive())
     assert np.all(np.isfinite(problem.evaluate(np.array([5.0]), {}).residual))
+
+
+def test_what_diverges_to_huge_numbers_stays_finite_and_silent(stretched) -> None:
+    class Explosive(Spring):
+        def simulate(self, time, data, parameters, tap):
+            force = parameters["stiffness"] * data["extension"]
+            return {"force": force * (1e250 if parameters["stiffness"] > 40 else 1.0) * np.exp(0 * force)}
+
+    class Overflowing(Spring):
+        def simulate(self, time, data, parameters, tap):
+            grown = 10.0 ** (400 if parameters["stiffness"] > 40 else 1)
+            return {"force": grown * data["extension"]}
+
+    for model in (Explosive(), Overflowing()):
+        problem = RigProblem([stretched()], model)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            evaluation = problem.evaluate(np.array([5.0]), {})
+            beyond = problem.evaluate(np.array([1e6]), {})
+        assert np.isfinite(float(evaluation.residual @ evaluation.residual))
+        assert np.all(np.isfinite(evaluation.jacobian.T @ evaluation.jacobian))
+        assert np.all(np.isfinite(beyond.residual))

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gap.binning import GROWTH, bin_edges, bin_means
-from gap.noise import correlation_time, denoised, grid_step, high_band_sigma, rounding_floor
+from gap.noise import coarse_counts, correlation_time, denoised, grid_step, high_band_sigma, rounding_floor
 
 TIME = np.arange(0.0, 20.0, 0.01)
 SLOW = 3e4 * (1 - np.exp(-TIME / 3.0))
@@ -59,6 +59,28 @@ def test_a_grid_is_found_and_none_invented() -> None:
     assert grid_step(np.round(SLOW / 100) * 100) == pytest.approx(100)
     assert grid_step(SLOW + np.random.default_rng(0).normal(size=len(TIME))) == 0.0
     assert grid_step(np.array([1.0, 1.0, 2.0])) == 0.0
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01, 0.05])
+def test_coarse_counts_are_read_with_the_noise_on_top(noise: float) -> None:
+    rng = np.random.default_rng(5)
+    slow = 20 * np.sin(0.7 * TIME) + 0.2
+    found = coarse_counts(np.round(slow) + noise * rng.normal(size=len(TIME)))
+    assert found is not None
+    assert found.step == pytest.approx(1.0, rel=0.02)
+    assert found.sigma == pytest.approx(noise or 0.1, rel=0.15)
+    assert found.levels == pytest.approx(np.arange(-20, 21), abs=0.3)
+
+
+def test_ordinary_converters_and_staircases_are_not_coarse() -> None:
+    rng = np.random.default_rng(6)
+    slow = 40 * np.sin(0.7 * TIME)
+    assert coarse_counts(np.round(slow + 0.6 * rng.normal(size=len(TIME)))) is None  # dithered
+    assert coarse_counts(np.round(50 * slow) / 50) is None  # 4000 steps to the range
+    assert coarse_counts(slow + 0.1 * rng.normal(size=len(TIME))) is None  # no steps
+    assert coarse_counts(np.floor(TIME / 4) + 1e-3 * rng.normal(size=len(TIME))) is None  # five levels
+    assert coarse_counts(np.full(1000, 3.0)) is None
+    assert coarse_counts(np.arange(50.0)) is None
 
 
 def test_correlation_time_of_white_and_lagged_noise() -> None:

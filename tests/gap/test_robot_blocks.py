@@ -6,8 +6,10 @@ import numpy as np
 
 from gap import own
 from gap.blocks import GroupedSession
+from gap.effects import library
+from gap.robot import BEND, robot_problems, robot_session
 from gap.robot_axes import QUANTITIES, AxesBlock
-from gap.robot_force import ForceBlock
+from gap.robot_force import ForceBlock, RoughForceBlock
 from gap.robot_loop import CONTROLLERS
 from gap.sheet_null import gradients, lagged, played, sheet_discrepancy
 from gap.smoothing import significant
@@ -83,3 +85,40 @@ def test_blocks_of_a_sound_own_robot_are_at_the_noise_floor() -> None:
     for block in (axes, ForceBlock(session, {}, axes)):
         f = fit(block)
         assert np.sqrt(f.chi2 / len(f.residual)) < 1.1
+
+
+def test_bins_begin_at_turns_and_not_at_every_piece_of_a_curve() -> None:
+    recordings = own.robot_session(np.random.default_rng(5), [], legs=[own.direction_cycles(0.3, 0.0, 1.2e-3, 8.0, 1)])
+    many, few = GroupedSession(recordings, QUANTITIES).kinks, robot_session(recordings).kinks
+    assert 2 <= len(few) <= len(many)
+    assert set(few) <= set(many)
+    assert 0 < BEND < 1
+
+
+def test_secant_stiffness_of_the_sheet_does_not_depend_on_its_stiffening() -> None:
+    """Else exponent, length and stiffness make a bent valley in which fits stop early."""
+    recordings = own.robot_session(np.random.default_rng(5), [], legs=[own.direction_cycles(0.0, 0.0, 1.2e-3, 8.0, 1)])
+    session = robot_session(recordings)
+    block = RoughForceBlock(session, {}, AxesBlock(session, {}))
+    at = dict(zip(block.TISSUE, range(len(block.TISSUE)), strict=True))
+    secants = []
+    for length, stiffening in ((0.0, 0.0), (0.5, 0.2), (-0.4, 0.1)):
+        nuisance = block.prior_mean.copy()
+        nuisance[[at["length"], at["stiffening"]]] = length, stiffening
+        law = block.tissue(nuisance)
+        stretch = 1 + (block._typical / law.length) ** 2
+        secants.append(np.array(law.stiffness) * stretch**law.exponent)
+    assert np.allclose(secants[1], secants[0], rtol=1e-9)
+    assert np.allclose(secants[2], secants[0], rtol=1e-9)
+
+
+def test_limits_are_looked_for_where_the_session_meets_them() -> None:
+    recordings = own.robot_session(np.random.default_rng(5), [], legs=[own.direction_cycles(0.0, 0.0, 1.2e-3, 8.0, 1)])
+    effects = {k: e for k, e in library("microrobot").items() if e.name in ("force_saturation", "sensor_saturation")}
+    blocks, candidates = robot_problems(recordings, effects)
+    force = next(b for b in blocks if b.name == "force")
+    greatest = float(np.max(np.abs(force.measured)))
+    limits = [c.parameters[0] for c in candidates if c.name == "sensor_saturation"]
+    assert limits
+    assert all(p.low < greatest < p.high for p in limits)
+    assert any(c.key == "force_saturation[form=1]" for c in candidates)

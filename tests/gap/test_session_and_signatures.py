@@ -92,6 +92,14 @@ def test_a_slow_signal_on_a_coarse_grid_is_not_clipped(recording) -> None:
     assert find([made(recording, np.round(slow / 1e-5) * 1e-5)]) == []
 
 
+def test_marks_count_only_on_the_channels_asked_for(recording) -> None:
+    stepped = np.where(TIME % 2 < 1, 0.0, 1.0) + np.where(TIME % 3 < 1, 0.5, 0.0)
+    r = recording({"apex_height": np.minimum(wave(), 0.7e-3), "voltage": np.minimum(wave(), 0.5e-3)}, TIME)
+    r = replace(r, streams={**r.streams, "command": replace(r.streams["voltage"], value=stepped)})
+    assert {s.channel for s in find([r])} >= {"apex_height", "voltage"}
+    assert [(s.effect, s.channel) for s in find([r], ("apex_height",))] == [("saturation", "apex_height")]
+
+
 def test_repeated_samples_are_told(recording) -> None:
     value = wave()
     again = np.random.default_rng(1).choice(np.arange(1, len(value)), 60, replace=False)

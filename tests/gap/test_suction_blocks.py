@@ -71,7 +71,7 @@ def test_the_prior_moves_with_a_strong_effect() -> None:
     _, height = blocks(session([(low_pass, {"tau": 0.4})]))
     null = fit(height)
     candidate = next(c for c in candidates_for(library("aspiration"), [height]) if c.key == LOW_PASS)
-    moved = height.anchored((candidate,), np.array([0.5]))
+    moved = height.anchored((candidate,), np.array([0.7]))
     assert moved is not None
     mean, nuisance, unit = moved
     assert 0.2 < candidate.values(unit)["tau"] < 0.8  # near enough to begin from

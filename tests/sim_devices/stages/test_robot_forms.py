@@ -1,0 +1,64 @@
+"""Forms of the robot's effects that its stages know: soft limits, stiffening by distance, late fibres, leaking
+positions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sim_devices.effects import parse_effect
+from sim_devices.effects.tissue import fibre_force
+from sim_devices.stages import nominal
+from sim_devices.stages.axes import AxisLoop
+from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
+from sim_devices.stages.sheet import Sheet
+from sim_devices.stages.tissues import SheetTissue
+
+
+def _held(limit: float, soft: float, load: float) -> float:
+    """Position of an axis, m, that shall stay at zero under ``load`` N."""
+    loop = AxisLoop("axes", "actuator", ("target", "load"), ("axis",), force_limit=limit, soft=soft)
+    time = np.arange(0, 4, 0.002)
+    signals = {"target": np.zeros(len(time)), "load": load * np.minimum(time / 2, 1.0)}
+    loop.advance(loop.fresh(), time, signals)
+    return float(signals["axis"][-1])
+
+
+def test_a_soft_limit_still_holds_what_a_hard_one_of_the_same_force_holds_easily() -> None:
+    assert abs(_held(1.0, 1.0, 0.5)) < 1e-6
+    assert abs(_held(1.0, 0.0, 0.5)) < 1e-6
+    assert abs(_held(1.0, 1.0, 1.5)) > 1e-3  # neither holds more than the limit
+
+
+def test_isotropic_stiffening_is_the_same_in_every_direction() -> None:
+    law = SheetTissue((800.0, 600.0, 400.0), angle=0.0, relaxation=(), times=(), softening=0.0, isotropy=1.0)
+    time = np.linspace(0, 1, 20)
+    ratios = []
+    for axis in range(3):
+        path = {s: np.zeros(20) for s in xyz("skin")}
+        path[xyz("skin")[axis]] = 1e-3 * time
+        sheet = Sheet("tissue", "tissue", xyz("skin"), xyz("reaction"), law)
+        sheet.advance(sheet.fresh(), time, path)
+        ratios.append(path[xyz("reaction")[axis]][-1] / (-law.stiffness[axis] * 1e-3))
+    assert ratios == pytest.approx([(1 + (1e-3 / law.length) ** 2) ** law.exponent] * 3)
+
+
+def test_late_fibres_do_nothing_within_their_slack_and_pull_back_both_ways() -> None:
+    x = np.array([-0.9e-3, 0.05e-3, 0.9e-3])
+    zero = np.zeros(3)
+    fx, fy, fz = fibre_force(zero, zero, zero, zero, x, zero, zero, 500.0, 0.0, 0.4e-3)
+    assert fx[0] == pytest.approx(0.25, rel=0.05)
+    assert fx[2] == pytest.approx(-0.25, rel=0.05)
+    assert abs(fx[1]) < 1e-4  # the knee is a little round
+    assert not fy.any()
+    assert not fz.any()
+
+
+def test_a_position_leaks_into_the_transducer_that_is_named() -> None:
+    effect, values = parse_effect("crosstalk:share=0.1,pair=7", "microrobot")
+    chain = effect.apply(nominal("microrobot", tissue="open air"), values)
+    time = np.arange(0, 1, 0.01)
+    given = {name: np.full(len(time), 1e-3 * (k == 1)) for k, name in enumerate(numbered("axis"))}
+    made = chain.run(time, {**dict.fromkeys(xyz("command"), np.zeros(len(time))), **given})
+    means = [float(np.mean(made[t])) for t in TRANSDUCERS]
+    assert means == pytest.approx([0.1, 0.0, 0.0], abs=5e-3)
