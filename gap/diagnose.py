@@ -111,7 +111,10 @@ def diagnose(
     if answers:
         carried = shrinks[0].get("waveform")
         there = carried.value if carried else None
-        verdict = borne_out(verdict, comparison, plain_gap(null), plain_gap(answers[0]), there, rules)
+        others = [s.value for split, s in shrinks[0].items() if split not in ("fitted", "waveform")]
+        elsewhere = max(others, default=None)
+        after = plain_gap(answers[0])
+        verdict = borne_out(verdict, comparison, plain_gap(null), after, there, elsewhere, rules)
     return Diagnosis(
         recordings=tuple(recordings),
         problems=blocks,

@@ -167,25 +167,37 @@ def judge(
     return Verdict(verdict, tuple(causes), stages, none, min(left, 1.0), before, after, temper)
 
 
+def weakest(h: Hypothesis, within: float = 0.02) -> bool:
+    """Whether a single effect is as weak as its prior allows: ``within`` that share of its range in logarithms."""
+    if len(h.effects) != 1:
+        return False
+    parameters = h.effects[0].parameters
+    strength = [k for k, p in enumerate(parameters) if p.null is not None and p.scale == "log" and p.null < p.low]
+    fitted = [f for f in h.fits.values() if f.hypothesis]
+    return bool(strength) and all(f.unit[strength[0]] < within for f in fitted)
+
+
 def borne_out(
     verdict: Verdict,
     comparison: Comparison,
     gap: float,
     after: float,
     transfer: float | None,
+    elsewhere: float | None = None,
     rules: Judgement = Judgement(),
 ) -> Verdict:
     """The verdict once its first cause was tried as a simulation by itself, also on what it was not fitted to.
 
-    What takes nothing away there explains nothing, be its evidence what it may; and a device effect that only repairs
-    what skin of another law leaves does not carry over to another waveform. ``gap`` is the plain simulation's,
-    ``after`` what the cause leaves of it, and ``transfer`` the share that it takes away on another waveform (None: not
-    known).
+    What takes nothing away there explains nothing, be its evidence what it may, nor does what is as weak as its prior
+    allows and helps nowhere else; and a device effect that only repairs what skin of another law leaves does not carry
+    over to another waveform. ``gap`` is the plain simulation's, ``after`` what the cause leaves of it, ``transfer`` the
+    share that it takes away on another waveform, and ``elsewhere`` on whatever else was withheld (None: not known).
     """
     if verdict.verdict not in ("effect", "several"):
         return verdict
     first = verdict.causes[0]
-    if after >= gap and not first.marked:
+    helps = transfer if transfer is not None else elsewhere
+    if not first.marked and (after >= gap or (weakest(first.hypothesis) and (helps is None or helps <= 0))):
         return replace(verdict, verdict="unknown" if gap > rules.unusual_gap else "undetectable")
     if transfer is None or gap < rules.plain:
         return verdict

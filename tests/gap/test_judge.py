@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gap.compare import compare
-from gap.judge import Judgement, Verdict, borne_out, judge, made_by
+from gap.judge import Judgement, Verdict, borne_out, judge, made_by, weakest
 from gap.signatures import Signature
 from sim_devices.chain import Parameter
 
@@ -129,3 +129,18 @@ def test_whose_mark_a_signature_is(candidate) -> None:
     assert made_by(mark, candidate("sensor_saturation"))
     assert made_by(mark, candidate("saturation"))
     assert not made_by(mark, candidate("drift"))
+
+
+def test_what_is_as_weak_as_may_be_must_help_somewhere(linear, candidate) -> None:
+    noise = np.random.default_rng(0).normal(size=len(T))
+    y = DESIGN @ [2.0, 1.0] + 1.01 * SHAPES["wave"] + noise
+    weak = Parameter("a", "1", 1.0, 100.0, null=0.0, default=10.0, scale="log")
+    problem = linear(y, DESIGN, {"wave": lambda v: v["a"] * SHAPES["wave"]}, np.full(2, 100.0))
+    known = [candidate("wave", weak)]
+    comparison = compare([problem], known)
+    verdict = judge(comparison, known)
+    assert verdict.verdict == "effect"
+    assert weakest(verdict.causes[0].hypothesis)
+    assert borne_out(verdict, comparison, 1.05, 1.0, None, 0.4).verdict == "effect"
+    assert borne_out(verdict, comparison, 1.05, 1.0, None, -3.0).verdict == "undetectable"
+    assert borne_out(verdict, comparison, 1.05, 1.0, None, None).verdict == "undetectable"

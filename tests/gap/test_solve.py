@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gap.solve import Projector, fit
+from gap.solve import Belief, Projector, fit
 from sim_devices.chain import Parameter
 
 
@@ -113,3 +113,42 @@ def test_a_problem_without_nuisance_works(linear, candidate) -> None:
     found = fit(problem, (candidate("slope"),))
     assert next(iter(found.active.values()))["a"] == pytest.approx(2.0, abs=1e-2)
     assert Projector(np.zeros((30, 0)), np.zeros(0)).apply(t) is t
+
+
+def test_a_belief_holds_an_effect_to_what_other_data_say(linear, candidate, data) -> None:
+    design, y, sd = data
+    shape = np.sin(np.arange(len(y)))
+    effect = candidate("wave", Parameter("a", "1", 0.0, 10.0, null=0.0, default=1.0))
+    problem = linear(y + 8 * shape, design, {"wave": lambda v: v["a"] * shape}, sd)
+    free = fit(problem, (effect,))
+    loose = fit(problem, (effect,), belief=Belief(np.array([0.2]), np.array([[1e-6]])))
+    sure = fit(problem, (effect,), belief=Belief(np.array([0.2]), np.array([[1e8]])))
+    assert effect.values(free.unit)["a"] == pytest.approx(8, abs=1)
+    assert loose.unit == pytest.approx(free.unit, abs=1e-3)
+    assert sure.unit == pytest.approx([0.2], abs=1e-3)
+    priors = (problem.prior_sd,)
+    assert sure.log_evidence(1.0, priors) < free.log_evidence(1.0, priors) - 50
+
+
+def test_a_belief_grows_by_what_a_fit_found(linear, candidate, data) -> None:
+    design, y, sd = data
+    shape = np.sin(np.arange(len(y)))
+    effect = candidate("wave", Parameter("a", "1", 0.0, 10.0, null=0.0, default=1.0))
+    found = fit(linear(y + 8 * shape, design, {"wave": lambda v: v["a"] * shape}, sd), (effect,))
+    belief = Belief.none(2).joined(1, found)
+    assert belief.mean[2] == pytest.approx(found.unit[0])
+    assert np.count_nonzero(belief.precision) == 1
+    assert belief.precision[2, 2] == pytest.approx(1 / (4 * found.covariance[0, 0] + 1e-6))
+    assert np.count_nonzero(Belief.none(2).joined(1).precision) == 0
+
+
+def test_evidence_does_not_lead_an_effect_out_of_its_range(linear, candidate, data) -> None:
+    """At a bound the residual still slopes along the effect; a straight line would earn what no value of it can."""
+    design, y, _ = data
+    shape = np.sin(np.arange(len(y)))
+    narrow = candidate("wave", Parameter("a", "1", 0.0, 0.1, null=0.0, default=0.05))
+    problem = linear(y + 8 * shape, design, {"wave": lambda v: v["a"] * shape}, np.full(3, 10.0))
+    bound = fit(problem, (narrow,))
+    earned = bound.log_evidence(1.0, problem.alternatives) - fit(problem).log_evidence(1.0, problem.alternatives)
+    assert bound.unit == pytest.approx([1.0])
+    assert earned < 0.5 * (fit(problem).chi2 - bound.chi2) + 1
