@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
+import subprocess
+import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -49,3 +51,16 @@ def test_folders_without_cases_are_refused(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match="no case folder"):
         diagnose_cases(tmp_path, tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_the_benchmark_of_other_rigs_runs_and_counts(tmp_path: Path) -> None:
+    def run(*arguments: str) -> str:
+        command = [sys.executable, *arguments]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True, timeout=240)
+        return done.stdout
+
+    run("benchmarks/rigs/make.py", "-o", str(tmp_path), "--only", "two_axis", "--seeds", "1")
+    text = run("benchmarks/rigs/run.py", str(tmp_path))
+    assert "1 cases with an effect, 0 without" in text
+    assert "exact 1/1" in text
+    assert "crashes: none" in text
