@@ -24,6 +24,8 @@ from sim_devices.effects.build import (
 from sim_devices.stages import kernels, laws
 from sim_devices.stages.axes import FORCE_LIMIT
 
+BEND = PRESSURE / 2
+"""Pa above which a gauge of two slopes is wrong, or a valve lifts."""
 SLOW_PATH = 1 / 3
 """Share of the flow that lags behind a regulator of two paths."""
 
@@ -57,6 +59,9 @@ def _overshoot(chain: Chain, v: Values) -> Chain:
 
 
 def _leak(chain: Chain, v: Values) -> Chain:
+    if chosen(v, "form") == 1:
+        slope = -v["shortfall"] * PRESSURE / (PRESSURE - BEND)
+        return map_after(chain, "regulator", "leak", "actuator", laws.bent, (slope, BEND))
     parameters = (v["shortfall"], v["exponent"], PRESSURE)
     return map_after(chain, "regulator", "leak", "actuator", laws.leak, parameters)
 
@@ -90,8 +95,6 @@ def _gauge(chain: Chain, v: Values, error: float, amount: float) -> Chain:
 
 WHERE = ("in the loop and in the record", "in the record only", "in the loop only")
 GAUGE = choice("form", 0, *WHERE)
-BEND = 15e3
-"""Pa above which a gauge of two slopes is wrong."""
 
 
 def _slew_robot(chain: Chain, v: Values) -> Chain:
@@ -160,7 +163,8 @@ EFFECTS = (
         "orifice and laminar leak laws; gap.md",
         (
             strength("shortfall", "1", 3e-4, 0.6, 0.1, "of 300 mbar at 300 mbar"),
-            shape("exponent", "1", -0.5, 1.5, 0.7, "-0.5 orifice, 0 laminar, above: a leak that opens"),
+            shape("exponent", "1", -0.5, 1.5, 0.7, "-0.5 orifice, 0 laminar, above: a leak that opens (form 0)"),
+            choice("form", 0, "a power of suction", "a valve that lifts at half of 300 mbar"),
         ),
         _leak,
     ),
