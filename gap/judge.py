@@ -31,7 +31,8 @@ class Judgement:
     unusual_gap: float = 1.3  # gap above which finding nothing means that the cause is unknown, not that there is none
     separable: float = 3.0  # distance (in tempered σ) below which two fitted explanations are one class
     evidence_tie: float = 8.0  # nats within which indistinguishable explanations count as equally good
-    detect: float = 0.5  # probability of "some effect" above which one is claimed
+    detect: float = 0.5  # probability of "some effect" above which one is claimed,
+    seen: float = 4.0  # if it stands out by so many tempered σ: among sixty effects some always do by three
     second_share: float = 0.3  # of what the best single effect leaves above the noise, that a second must explain
     second_excess: float = 0.01  # and of what the null leaves: form errors grow with the effect
     borne_out: float = 0.2  # share of the plain gap on another waveform that a device effect must take away,
@@ -157,7 +158,8 @@ def judge(
     before = gap_of(comparison.null)
     after = gap_of(causes[0].hypothesis) if causes else before
     left = max(after**2 - 1, 0.0) / max(before**2 - 1, 1e-9)
-    if not causes or 1 - none < rules.detect:
+    seen = bool(causes) and (causes[0].marked or causes[0].detectability >= rules.seen)
+    if not seen or 1 - none < rules.detect:
         quiet = before <= rules.quiet_gap and none >= rules.sure_none
         verdict = "unknown" if before > rules.unusual_gap else "none" if quiet else "undetectable"
     elif unknown(min(left, 1.0), after) > rules.unknown and not causes[0].marked:

@@ -162,6 +162,7 @@ class HeightBlock(Block):
     """
 
     name, channels = "height", ("apex_height",)
+    trust = 0.12  # other tissue laws than ours leave some δ = 10 that some device effect can repair
     TISSUE: tuple[str, ...] = (
         "compliance", "knee", "exponent", "creep1", "creep2", "creep3", "creep4",
         "time1", "time2", "time3", "time4", "residual", "softening",
@@ -173,7 +174,6 @@ class HeightBlock(Block):
     CURVE_SD = 0.1  # of the largest height, per elastic curve
     DISCREPANCY_SD = 0.02  # of the height, per basis function of weight 1
     DISCREPANCY_SCALES = (0.001, 0.03, 0.1, 0.3, 1.0, 3.0)  # the first: a law that is known but for its parameters
-    TRUSTS = (0.4, 0.25, 0.12, 0.12, 0.12, 0.12)  # other laws leave some δ = 10 that some device effect can repair
     DISCREPANCY_SIZE = 100
 
     def __init__(
@@ -304,10 +304,6 @@ class HeightBlock(Block):
     def _offset(self) -> int:
         """Where the nuisance of what is simply added begins: behind the tissue, the shift and the gains."""
         return len(self.TISSUE) + 1 + self._runs.shape[1]
-
-    @property
-    def trusts(self) -> Sequence[float]:
-        return self.TRUSTS
 
     @property
     def plain_sd(self) -> FloatArray:
