@@ -155,7 +155,8 @@ def test_bad_requests_are_refused(tmp_path: Path):
 def test_key_round_trip(data: bytes, passphrase: str):
     blob = seal(data, passphrase)
     assert unseal(blob, passphrase) == data
-    assert len(data) < 8 or data not in blob
+    sealed = blob.partition(b"\n")[2]  # behind the line that says what it is
+    assert len(data) < 8 or data not in sealed
     with pytest.raises(ValueError, match="wrong passphrase"):
         unseal(blob, passphrase + "x")
     with pytest.raises(ValueError, match="damaged"):
