@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -43,8 +44,8 @@ class Comparison:
     def weighed(self, temper: Mapping[str, float]) -> dict[int, Weight]:
         """The weight of every hypothesis by its `id`, each block and each width of its prior as far as trusted.
 
-        How an effect compares with none beside a free discrepancy says little (0.12 of its nats, for skin); that it
-        makes the discrepancy needless says more, whatever the skin.
+        Under one width hypotheses are compared as far as that width is trusted; the widths among each other as far as
+        the narrowest is.
         """
         every = (self.null, *self.hypotheses)
         evidence = np.zeros(len(every))
@@ -96,27 +97,17 @@ def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) ->
         # An effect is the same in every block: what one says of it goes to the next.
         belief = before.belief.joined(len(candidate.parameters), known)
         starts = screened.starts[block] if known is None else (belief.mean[len(before.unit) :],)
+        from_base = partial(fit, jacobian=before.jacobian, gram=before.gram, belief=belief)
         tries = []
         for unit in starts:
             start = np.concatenate([before.unit, unit])
             here = under(problem, before.prior_mean, screened.widths[block])
-            tries.append(
-                fit(
-                    here,
-                    hypothesis,
-                    start,
-                    before.nuisance,
-                    5,
-                    jacobian=before.jacobian,
-                    gram=before.gram,
-                    belief=belief,
-                )
-            )
+            tries.append(from_base(here, hypothesis, start, before.nuisance, 5))
             if len(tries) == 1 and (moved := problem.anchored(hypothesis, start)) is not None:
                 mean, nuisance, start = moved
                 for sd in (screened.widths[block], problem.alternatives[0]):
                     there = under(problem, mean, sd)
-                    tries.append(fit(there, hypothesis, start, nuisance, iterations=5, belief=belief))
+                    tries.append(fit(there, hypothesis, start, nuisance, 5, belief=belief))
         best = max(tries, key=lambda f: f.log_evidence(1.0, problem.alternatives))
         final = under(problem, best.prior_mean, best.best_prior(problem.alternatives))
         known = fits[block] = fit(final, hypothesis, best.unit, best.nuisance, belief=belief)

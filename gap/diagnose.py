@@ -66,7 +66,7 @@ class Diagnosis:
         return plain_gap(self.best)
 
 
-# Systems this small take twenty times as long on several threads when the cores are busy.
+# Systems this small take many times as long on several threads when the cores are busy.
 @threadpool_limits.wrap(limits=1)
 def diagnose(
     recordings: Sequence[Recording],

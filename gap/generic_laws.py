@@ -21,6 +21,8 @@ from gap.hypothesis import FloatArray
 Signal = Any
 """An array (n,), or a float: one sample."""
 State = dict[str, Any]
+Related = Mapping[str, Signal]
+Values = Mapping[str, float]
 STOPS, STOPS_PER_DECADE = 11, 6
 LAGS, LAGS_PER_DECADE = 11, 2
 
@@ -46,66 +48,30 @@ def _lopsided(direction: Signal, p: Mapping[str, float]) -> Signal:
     return direction * (1 + p["asymmetry"] * direction)
 
 
-def coulomb(
-    state: State,
-    time: Signal,
-    y: Signal,
-    related: Mapping[str, Signal],
-    p: Mapping[str, float],
-) -> Signal:
+def coulomb(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     return y + p["level"] * _lopsided(np.tanh(related["velocity"] / p["sharpness"]), p)
 
 
-def stribeck(
-    state: State,
-    time: Signal,
-    y: Signal,
-    related: Mapping[str, Signal],
-    p: Mapping[str, float],
-) -> Signal:
+def stribeck(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     v = related["velocity"]
     excess = p["excess"] * np.exp(-np.square(v / p["stribeck_velocity"]))
     return y + p["level"] * (1 + excess) * _lopsided(np.tanh(v / (0.1 * p["stribeck_velocity"])), p)
 
 
-def viscous(
-    state: State,
-    time: Signal,
-    y: Signal,
-    related: Mapping[str, Signal],
-    p: Mapping[str, float],
-) -> Signal:
+def viscous(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     return y + p["coefficient"] * related["velocity"]
 
 
-def quadratic_drag(
-    state: State,
-    time: Signal,
-    y: Signal,
-    related: Mapping[str, Signal],
-    p: Mapping[str, float],
-) -> Signal:
+def quadratic_drag(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     return y + p["coefficient"] * related["velocity"] * np.abs(related["velocity"])
 
 
-def cubic(
-    state: State,
-    time: Signal,
-    y: Signal,
-    related: Mapping[str, Signal],
-    p: Mapping[str, float],
-) -> Signal:
+def cubic(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     x = related["position"]
     return y + p["coefficient"] * x * x * x
 
 
-def position_gain(
-    state: State,
-    time: Signal,
-    y: Signal,
-    related: Mapping[str, Signal],
-    p: Mapping[str, float],
-) -> Signal:
+def position_gain(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     return y * (1 + p["slope"] * related["position"])
 
 
@@ -128,13 +94,7 @@ def _dahl_kernel(time: FloatArray, x: FloatArray, memory: FloatArray, presliding
     return out
 
 
-def dahl(
-    state: State,
-    time: Signal,
-    y: Signal,
-    related: Mapping[str, Signal],
-    p: Mapping[str, float],
-) -> Signal:
+def dahl(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     z = _remembering(_dahl_kernel, state, 2, time, related["position"], p["presliding"])
     return y + p["level"] * _lopsided(z, p)
 
@@ -166,13 +126,7 @@ def _stops_kernel(
     return out
 
 
-def own_hysteresis(
-    state: State,
-    time: Signal,
-    y: Signal,
-    related: Mapping[str, Signal],
-    p: Mapping[str, float],
-) -> Signal:
+def own_hysteresis(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     """The rate-independent loop of piezos, magnets and gauges: many plays of a signal that saturates about ``bend``.
 
     They are up to a half ``width``, of shares ∝ that to the ``exponent``: the less, the fuller are small loops. Every
@@ -201,34 +155,16 @@ def _play_kernel(time: FloatArray, x: FloatArray, memory: FloatArray, half: floa
     return out
 
 
-def backlash(
-    state: State,
-    time: Signal,
-    y: Signal,
-    related: Mapping[str, Signal],
-    p: Mapping[str, float],
-) -> Signal:
+def backlash(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     return _remembering(_play_kernel, state, 1, time, y, 0.5 * p["gap"])
 
 
-def dead_zone(
-    state: State,
-    time: Signal,
-    y: Signal,
-    related: Mapping[str, Signal],
-    p: Mapping[str, float],
-) -> Signal:
+def dead_zone(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     x = y - p["centre"]
     return p["centre"] + np.sign(x) * np.maximum(np.abs(x) - p["half_width"], 0.0)
 
 
-def delay(
-    state: State,
-    time: Signal,
-    y: Signal,
-    related: Mapping[str, Signal],
-    p: Mapping[str, float],
-) -> Signal:
+def delay(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     """Straight lines between samples; before the first of them its value."""
     times, values = state.setdefault("past", ([], []))
     if not isinstance(y, float):
@@ -277,25 +213,13 @@ def _lags_kernel(
     return out
 
 
-def low_pass(
-    state: State,
-    time: Signal,
-    y: Signal,
-    related: Mapping[str, Signal],
-    p: Mapping[str, float],
-) -> Signal:
+def low_pass(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     if "bank" not in state:
         state["bank"] = np.array([p["tau"]]), np.ones(1), 1.0
     return _remembering(_lags_kernel, state, 3, time, y, *state["bank"])
 
 
-def creep(
-    state: State,
-    time: Signal,
-    y: Signal,
-    related: Mapping[str, Signal],
-    p: Mapping[str, float],
-) -> Signal:
+def creep(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     """Delayed response by lags from ``tau`` down five decades, of shares ∝ their time to the ``exponent``: 0 creeps
     with the logarithm of time, 0.1 to 0.5 with that power of it, 1 and more nearly as a single exponential. It begins
     ``settled`` so far under the first value: 0 where that was put on then."""
@@ -329,34 +253,16 @@ def _leak_kernel(
     return out
 
 
-def leak(
-    state: State,
-    time: Signal,
-    y: Signal,
-    related: Mapping[str, Signal],
-    p: Mapping[str, float],
-) -> Signal:
+def leak(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     """What is held bleeds away, the faster the more there is, until a move of ``refill`` makes good for it."""
     return y - _remembering(_leak_kernel, state, 3, time, y, p["share"], p["tau"], p["refill"])
 
 
-def saturation(
-    state: State,
-    time: Signal,
-    y: Signal,
-    related: Mapping[str, Signal],
-    p: Mapping[str, float],
-) -> Signal:
+def saturation(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     return np.minimum(y, p["limit"])
 
 
-def lower_saturation(
-    state: State,
-    time: Signal,
-    y: Signal,
-    related: Mapping[str, Signal],
-    p: Mapping[str, float],
-) -> Signal:
+def lower_saturation(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     return np.maximum(y, p["limit"])
 
 
@@ -367,53 +273,23 @@ def _since_begin(state: State, time: Signal) -> Signal:
     return time - state["t0"]
 
 
-def drift(
-    state: State,
-    time: Signal,
-    y: Signal,
-    related: Mapping[str, Signal],
-    p: Mapping[str, float],
-) -> Signal:
+def drift(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     return y + p["rate"] * _since_begin(state, time)
 
 
-def quadratic_error(
-    state: State,
-    time: Signal,
-    y: Signal,
-    related: Mapping[str, Signal],
-    p: Mapping[str, float],
-) -> Signal:
+def quadratic_error(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     return y + p["coefficient"] * y * np.abs(y) if p["odd"] > 0.5 else y + p["coefficient"] * y * y
 
 
-def gain(
-    state: State,
-    time: Signal,
-    y: Signal,
-    related: Mapping[str, Signal],
-    p: Mapping[str, float],
-) -> Signal:
+def gain(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     return y * (1 + p["error"])
 
 
-def offset(
-    state: State,
-    time: Signal,
-    y: Signal,
-    related: Mapping[str, Signal],
-    p: Mapping[str, float],
-) -> Signal:
+def offset(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     return y + p["value"]
 
 
-def quantisation(
-    state: State,
-    time: Signal,
-    y: Signal,
-    related: Mapping[str, Signal],
-    p: Mapping[str, float],
-) -> Signal:
+def quantisation(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     return p["step"] * np.round(y / p["step"])
 
 
@@ -432,32 +308,14 @@ def _slew_kernel(time: FloatArray, x: FloatArray, memory: FloatArray, rate: floa
     return out
 
 
-def slew(
-    state: State,
-    time: Signal,
-    y: Signal,
-    related: Mapping[str, Signal],
-    p: Mapping[str, float],
-) -> Signal:
+def slew(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     return _remembering(_slew_kernel, state, 2, time, y, p["rate"])
 
 
-def preconditioning(
-    state: State,
-    time: Signal,
-    y: Signal,
-    related: Mapping[str, Signal],
-    p: Mapping[str, float],
-) -> Signal:
+def preconditioning(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     """The response of the first loadings differs and settles with time under test."""
     return y * (1 + p["change"] * np.exp(-_since_begin(state, time) / p["settling"]))
 
 
-def crosstalk(
-    state: State,
-    time: Signal,
-    y: Signal,
-    related: Mapping[str, Signal],
-    p: Mapping[str, float],
-) -> Signal:
+def crosstalk(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     return y + p["share"] * related["other"]

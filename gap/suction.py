@@ -182,7 +182,7 @@ class HeightBlock(Block):
         super().__init__(session, library)
         self._tissue = suction_tissue("forearm")
         self._pressure = pressure
-        self._line = [self._smoothed(g, pressure) for g, _ in self.groups]
+        self._line = [self._smoothed(g) for g, _ in self.groups]
         self._runs = self.member
         onsets = {k: self._onset(g, k) for g, _ in self.groups for k in g.members}
         self._onsets = np.array([onsets[k] for k in self.runs])
@@ -225,7 +225,7 @@ class HeightBlock(Block):
             return group.tables()
         return {q: (t - self._pressure.early(t), value) for q, (t, value) in group.tables().items()}
 
-    def _smoothed(self, group: Group, pressure: PressureBlock | None) -> tuple[FloatArray, FloatArray]:
+    def _smoothed(self, group: Group) -> Table:
         """Recorded pressure of a group as a table, without its gauge noise; the command where none was recorded."""
         times, values = [], []
         for k in group.members:
@@ -238,12 +238,12 @@ class HeightBlock(Block):
         if not times:
             return group.tables()["pressure"]
         time, value = np.concatenate(times), np.concatenate(values)
-        if pressure is None:
+        if self._pressure is None:
             fine, base = _commanded_line(
                 _chain(self.session, group, NO_TISSUE, command_step=0.0), group, time, np.zeros_like
             )
         else:
-            (fine, base), value = pressure.line(group, time), pressure.true(value)
+            (fine, base), value = self._pressure.line(group, time), self._pressure.true(value)
         remainder = denoised(time, value - np.interp(time, fine, base))
         return fine, base + np.interp(fine, time, remainder)
 

@@ -25,8 +25,9 @@ from scipy.optimize import least_squares
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from acquire.recording import Recording, RunInfo, Series, write_bundle
-from benchmarks.rigs import models, worlds
-from benchmarks.rigs.worlds import Run, Step, World, spread
+from benchmarks.rigs import models
+from benchmarks.rigs.worlds import drives, loops, series, static
+from benchmarks.rigs.worlds.tools import Run, Step, World, passed, spread
 
 FRICTION = ("coulomb_friction", "stribeck_friction", "dahl_friction")
 LOOP = ("hysteresis", "dahl_friction", "backlash")
@@ -53,53 +54,53 @@ class Case:
 CASES = {
     c.name: c
     for c in (
-        Case("servo", worlds.servo, "Servo", FRICTION[:2], FRICTION, ("actuator",), (0.01, 1)),
-        Case("joint", worlds.joint, "Joint", FRICTION[:2], FRICTION, ("actuator",), (0.004, 0.6)),
-        Case("cylinder", worlds.cylinder, "Cylinder", FRICTION[1:], FRICTION, ("actuator",), (0.02, 1)),
-        Case("cart", worlds.cart, "Cart", FRICTION[:1], FRICTION, ("actuator",), (0.015, 0.6)),
-        Case("cart_net", worlds.cart_net, "CartNet", FRICTION[:1], FRICTION, ("actuator",), (0.015, 0.6)),
-        Case("piezo", worlds.piezo, "Piezo", ("hysteresis",), LOOP, ("actuator", "sensor"), (0.01, 0.3)),
-        Case("magnet", worlds.magnet, "Magnet", ("hysteresis",), LOOP, ("actuator", "sensor"), (0.004, 0.5)),
-        Case("bearing", worlds.bearing, "Bearing", LOOP[:2], LOOP, ("tissue",), (0.02, 1)),
-        Case("bouc_wen", worlds.bouc_wen, "Oscillator", LOOP[:2], LOOP, ("tissue",), (0.05, 1)),
-        Case("dead_valve", worlds.dead_valve, "Valve", ("dead_zone",), (), ("actuator",), (0.02, 0.6)),
-        Case("dead_motor", worlds.dead_motor, "Motor", ("dead_zone",), FRICTION[:2], ("actuator",), (0.02, 0.6)),
-        Case("gear", worlds.gear, "Gear", ("backlash",), LOOP, ("interface", "sensor"), (0.003, 0.4)),
-        Case("dryer", worlds.dryer, "Dryer", ("delay",), ("low_pass",), ("actuator", "sensor"), (0.008, 1.5)),
-        Case("network", worlds.network, "Actuator", ("delay",), ("low_pass",), ("timing", "sensor"), (0.1, 15)),
-        Case("clamp", worlds.clamp, "Regulator", ("leak",), (), ("actuator", "sensor"), (0.005, 0.2)),
-        Case("two_axis", worlds.two_axis, "TwoAxis", ("crosstalk",), (), ("sensor",), (0.005, 0.3)),
-        Case("load_cell", worlds.load_cell, "LoadCell", ("creep",), (), ("interface", "sensor"), (0.002, 0.2)),
-        Case("polymer", worlds.polymer, "Polymer", ("creep",), ("low_pass",), ("tissue", "sensor"), (0.002, 0.4)),
-        Case("rubber", worlds.rubber, "Rubber", ("preconditioning",), (), ("tissue", "sensor"), (0.02, 0.4)),
-        Case("tissue", worlds.tissue, "Tissue", ("preconditioning",), (), ("tissue", "sensor"), (0.02, 0.5)),
-        Case("tank", worlds.tank, "Tank", CUT[:1], CUT, ("tissue", "sensor"), (0.03, 0.8)),
-        Case("shaker", worlds.shaker, "Shaker", CUT[:1], (*CUT, "quadratic_error"), ("actuator",), (0.02, 0.6)),
-        Case("drift", worlds.load_cell_drift, "LoadCell", ("drift",), (), ("interface", "sensor"), (0.001, 0.1)),
-        Case("thermocouple", worlds.thermocouple, "Thermocouple", ("low_pass",), ("delay",),
+        Case("servo", drives.servo, "Servo", FRICTION[:2], FRICTION, ("actuator",), (0.01, 1)),
+        Case("joint", drives.joint, "Joint", FRICTION[:2], FRICTION, ("actuator",), (0.004, 0.6)),
+        Case("cylinder", drives.cylinder, "Cylinder", FRICTION[1:], FRICTION, ("actuator",), (0.02, 1)),
+        Case("cart", loops.cart, "Cart", FRICTION[:1], FRICTION, ("actuator",), (0.015, 0.6)),
+        Case("cart_net", loops.cart_net, "CartNet", FRICTION[:1], FRICTION, ("actuator",), (0.015, 0.6)),
+        Case("piezo", static.piezo, "Piezo", ("hysteresis",), LOOP, ("actuator", "sensor"), (0.01, 0.3)),
+        Case("magnet", static.magnet, "Magnet", ("hysteresis",), LOOP, ("actuator", "sensor"), (0.004, 0.5)),
+        Case("bearing", static.bearing, "Bearing", LOOP[:2], LOOP, ("tissue",), (0.02, 1)),
+        Case("bouc_wen", loops.bouc_wen, "Oscillator", LOOP[:2], LOOP, ("tissue",), (0.05, 1)),
+        Case("dead_valve", series.dead_valve, "Valve", ("dead_zone",), (), ("actuator",), (0.02, 0.6)),
+        Case("dead_motor", series.dead_motor, "Motor", ("dead_zone",), FRICTION[:2], ("actuator",), (0.02, 0.6)),
+        Case("gear", series.gear, "Gear", ("backlash",), LOOP, ("interface", "sensor"), (0.003, 0.4)),
+        Case("dryer", series.dryer, "Dryer", ("delay",), ("low_pass",), ("actuator", "sensor"), (0.008, 1.5)),
+        Case("network", series.network, "Actuator", ("delay",), ("low_pass",), ("timing", "sensor"), (0.1, 15)),
+        Case("clamp", series.clamp, "Regulator", ("leak",), (), ("actuator", "sensor"), (0.005, 0.2)),
+        Case("two_axis", static.two_axis, "TwoAxis", ("crosstalk",), (), ("sensor",), (0.005, 0.3)),
+        Case("load_cell", static.load_cell, "LoadCell", ("creep",), (), ("interface", "sensor"), (0.002, 0.2)),
+        Case("polymer", static.polymer, "Polymer", ("creep",), ("low_pass",), ("tissue", "sensor"), (0.002, 0.4)),
+        Case("rubber", static.rubber, "Rubber", ("preconditioning",), (), ("tissue", "sensor"), (0.02, 0.4)),
+        Case("tissue", static.tissue, "Tissue", ("preconditioning",), (), ("tissue", "sensor"), (0.02, 0.5)),
+        Case("tank", loops.tank, "Tank", CUT[:1], CUT, ("tissue", "sensor"), (0.03, 0.8)),
+        Case("shaker", series.shaker, "Shaker", CUT[:1], (*CUT, "quadratic_error"), ("actuator",), (0.02, 0.6)),
+        Case("drift", static.load_cell_drift, "LoadCell", ("drift",), (), ("interface", "sensor"), (0.001, 0.1)),
+        Case("thermocouple", static.thermocouple, "Thermocouple", ("low_pass",), ("delay",),
              ("sensor", "processing"), (0.05, 30)),
-        Case("slew_valve", worlds.slew_valve, "Follower", ("slew_limit",), ("low_pass",),
+        Case("slew_valve", series.slew_valve, "Follower", ("slew_limit",), ("low_pass",),
              ("actuator", "sensor"), (0.4, 6)),
-        Case("encoder", worlds.encoder, "Encoder", ("quantisation",), (), ("interface", "sensor"), (0.004, 1)),
-        Case("silverbox", worlds.silverbox, "Silverbox", ("cubic_stiffness",), BENT, ("tissue",), (0.003, 1)),
-        Case("pendulum", worlds.pendulum, "Pendulum", ("cubic_stiffness",), BENT, ("actuator",), (0.15, 1.2)),
-        Case("voice_coil", worlds.voice_coil, "VoiceCoil", ("position_dependent_gain",), (),
+        Case("encoder", static.encoder, "Encoder", ("quantisation",), (), ("interface", "sensor"), (0.004, 1)),
+        Case("silverbox", loops.silverbox, "Silverbox", ("cubic_stiffness",), BENT, ("tissue",), (0.003, 1)),
+        Case("pendulum", drives.pendulum, "Pendulum", ("cubic_stiffness",), BENT, ("actuator",), (0.15, 1.2)),
+        Case("voice_coil", drives.voice_coil, "VoiceCoil", ("position_dependent_gain",), (),
              ("actuator",), (0.003, 0.8)),
-        Case("tow", worlds.tow, "Tow", ("quadratic_drag",), (), ("actuator",), (0.02, 1)),
-        Case("stage", worlds.stage_damped, "Stage", ("viscous_drag",), (), ("actuator",), (0.004, 1)),
-        Case("balance", worlds.balance, "Balance", ("gain",), (), ("sensor",), (0.005, 0.2)),
-        Case("servo_null", worlds.servo_coasting, "Servo"),
-        Case("joint_null", worlds.joint_rubbing, "JointWithFriction", near=FRICTION),
-        Case("cylinder_null", worlds.cylinder_greased, "Cylinder"),
-        Case("oscillator_null", worlds.oscillator, "Oscillator"),
-        Case("valve_null", worlds.valve_null, "Valve", near=LAG),
-        Case("motor_null", worlds.motor_null, "Motor", near=LAG),
-        Case("dryer_null", lambda rng, size: worlds.dryer(rng, spread(rng, 0.2, 1.0)), "DryerWithDelay", near=LAG),
-        Case("tanks_null", worlds.two_tanks, "Cascade"),
-        Case("circuit_null", worlds.circuit, "Circuit", near=LAG),
-        Case("piezo_null", worlds.piezo_null, "Piezo"),
-        Case("load_cell_null", worlds.load_cell_null, "LoadCell"),
-        Case("two_axis_null", worlds.two_axis_null, "TwoAxis"),
+        Case("tow", drives.tow, "Tow", ("quadratic_drag",), (), ("actuator",), (0.02, 1)),
+        Case("stage", drives.stage_damped, "Stage", ("viscous_drag",), (), ("actuator",), (0.004, 1)),
+        Case("balance", static.balance, "Balance", ("gain",), (), ("sensor",), (0.005, 0.2)),
+        Case("servo_null", drives.servo_coasting, "Servo"),
+        Case("joint_null", drives.joint_rubbing, "JointWithFriction", near=FRICTION),
+        Case("cylinder_null", drives.cylinder_greased, "Cylinder"),
+        Case("oscillator_null", loops.oscillator, "Oscillator"),
+        Case("valve_null", series.valve_null, "Valve", near=LAG),
+        Case("motor_null", series.motor_null, "Motor", near=LAG),
+        Case("dryer_null", lambda rng, size: series.dryer(rng, spread(rng, 0.2, 1.0)), "DryerWithDelay", near=LAG),
+        Case("tanks_null", series.two_tanks, "Cascade"),
+        Case("circuit_null", series.circuit, "Circuit", near=LAG),
+        Case("piezo_null", static.piezo_null, "Piezo"),
+        Case("load_cell_null", static.load_cell_null, "LoadCell"),
+        Case("two_axis_null", static.two_axis_null, "TwoAxis"),
     )
 }  # fmt: skip
 
@@ -135,7 +136,7 @@ class TrueTap:
         if name not in self.steps:
             return values
         if np.ndim(values):
-            return worlds.passed(self.steps[name], np.asarray(values), **about)
+            return passed(self.steps[name], np.asarray(values), **about)
         return self.steps[name](values, **about)
 
 
