@@ -17,10 +17,12 @@ from acquire.recording.model import Recording
 from gap.binning import GROWTH, WIDEST
 from gap.chains import needed, run
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Rows
+from gap.rhythms import Lateness
 from gap.rows import label_rows
 from gap.session import SKIN, Command, Session
+from gap.solve import Fit
 from sim_devices.chain import Chain, Effect
-from sim_devices.stages.operators import Delay
+from sim_devices.stages.operators import Retimed
 from sim_devices.stages.sampling import COMMANDS, simulate, time_grid
 
 CLOCK_SD = 2e-5
@@ -77,6 +79,7 @@ class Block(abc.ABC):
     channels: tuple[str, ...]
     growth, widest = GROWTH, WIDEST  # of the bins
     trust = 0.9
+    steep: FloatArray | None = None  # how steep the signal is, (channels · n,) per s, where that is known
     floor: float = 0.0  # SI: noise that averaging does not lower, because the nominal chain is not known better
 
     prior_mean: FloatArray
@@ -116,7 +119,7 @@ class Block(abc.ABC):
         noise = [session.sigma(c, self.runs) for c in self.channels]
         self.noise = np.array([white for white, _ in noise])
         hard = np.hypot(np.array([grid for _, grid in noise]), self.floor)
-        self.measured = values.ravel()
+        self.measured, self.counts = values.ravel(), counts.ravel()
         self.sigma = np.sqrt(self.noise[:, None] ** 2 / counts + hard[:, None] ** 2).ravel()
         self.dt = float(
             np.median([np.median(np.diff(session.recordings[k].streams[self.channels[0]].time)) for k in self.runs])
@@ -135,7 +138,31 @@ class Block(abc.ABC):
 
     def blur_steep_parts(self, slope: FloatArray) -> None:
         """Add what uncertain stamps do to the noise where the signal, of ``slope`` (channels · n,) per s, is steep."""
-        self.sigma = np.hypot(self.sigma, np.abs(slope) * STAMP_SD)
+        self.steep = np.abs(slope)
+        self.sigma = np.hypot(self.sigma, self.steep * STAMP_SD)
+
+    def by_chance(self, key: str) -> bool:
+        """Whether an effect counts as noise on steep parts, not as what it does in one draw."""
+        return self.steep is not None and self.library[key].scatter is not None
+
+    def widening(self, active: Active) -> FloatArray | None:
+        """What scattered instants add to the noise, averaged over each bin's samples."""
+        variance: FloatArray | None = None
+        for candidate, values in active.items():
+            scatter = self.library[candidate.key].scatter
+            if self.steep is None or scatter is None:
+                continue
+            defaults = {p.name: p.default for p in self.library[candidate.key].parameters}
+            rms = scatter(self.session.instrument, {**defaults, **values})
+            each = np.repeat([rms.get(c, 0.0) for c in self.channels], len(self.stamps))
+            variance = np.square(self.steep * each) / self.counts + (0.0 if variance is None else variance)
+        return None if variance is None else np.sqrt(1.0 + variance / np.square(self.sigma))
+
+    def whitened(self, difference: FloatArray, active: Active) -> FloatArray:
+        """``difference`` (n,) or (n, p) in σ, wider where an effect of chance makes it so."""
+        wider = self.widening(active)
+        sigma = self.sigma if wider is None else self.sigma * wider
+        return difference / (sigma if difference.ndim == 1 else sigma[:, None])
 
     @property
     def member(self) -> FloatArray:
@@ -145,7 +172,8 @@ class Block(abc.ABC):
     def with_effects(self, chain: Chain, active: Active) -> Chain:
         """The chain with the active effects."""
         for candidate, values in active.items():
-            chain = self.library[candidate.key].apply(chain, values)
+            if not self.by_chance(candidate.key):
+                chain = self.library[candidate.key].apply(chain, values)
         return chain
 
     def simulated(
@@ -165,7 +193,7 @@ class Block(abc.ABC):
         tables = self.tables(group)
         ends = self._ends[:, at] + shift
         operators = needed(chain, self.channels, given)
-        if any(isinstance(op, Delay) and (op.delay or op.skew) for op in operators):
+        if any(isinstance(op, Retimed) and op.moves for op in operators):
             partial = replace(chain, operators=operators)
             wanted = np.unique(np.concatenate([ends.ravel(), self._grid(group, at)[0]]))
             made = simulate(partial, tables, dict.fromkeys(self.channels, wanted), given)
@@ -210,6 +238,9 @@ class Block(abc.ABC):
     ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
         return None
 
+    def lateness(self, fitted: Fit) -> Lateness | None:
+        return None
+
     @abc.abstractmethod
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         """Whitened residual and nuisance Jacobian."""
@@ -237,8 +268,10 @@ def candidates_for(
     at_rest = {b.name: (b.start(), b.evaluate(b.start(), {}, want_jacobian=False).residual) for b in blocks}
     out = []
     for key, effect in effects.items():
-        trial = Candidate(key, effect.name, effect.stage, effect.parameters, (), effect.meaning, effect.remedy)
-        values = {p.name: p.default for p in effect.parameters}
+        # Which draw it was, nobody knows: only how strong.
+        parameters = effect.strengths if all(b.by_chance(key) for b in blocks) else effect.parameters
+        trial = Candidate(key, effect.name, effect.stage, parameters, (), effect.meaning, effect.remedy)
+        values = {p.name: p.default for p in parameters}
         touched = []
         for block in blocks:
             start, nominal = at_rest[block.name]
@@ -247,5 +280,5 @@ def candidates_for(
                 touched.append(block.name)
         if touched:
             meaning, remedy = effect.meaning, effect.remedy
-            out.append(Candidate(key, effect.name, effect.stage, effect.parameters, tuple(touched), meaning, remedy))
+            out.append(Candidate(key, effect.name, effect.stage, parameters, tuple(touched), meaning, remedy))
     return tuple(out)

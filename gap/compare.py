@@ -141,7 +141,7 @@ def compare(
     comparison.screened, n = screen(blocks, comparison.null, usable, quick_fits=effort.quick_fits)
     comparison.simulations += n
     chosen = _shortlist(comparison.screened, effort.refit_singles)
-    chosen += [s for s in comparison.screened if s.candidate in suspects and s not in chosen]
+    chosen += [s for s in comparison.screened if (s.sure or s.candidate in suspects) and s not in chosen]
     for s in chosen:
         hypothesis, n = refit(blocks, comparison.null, s)
         comparison.hypotheses.append(hypothesis)

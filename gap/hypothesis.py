@@ -8,12 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim_devices.chain import Parameter
+
+if TYPE_CHECKING:
+    from gap.rhythms import Lateness
+    from gap.solve import Fit
 
 FloatArray = NDArray[np.float64]
 
@@ -123,4 +127,13 @@ class Problem(Protocol):
     ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
         """The prior's mean (p,) as effects about ``unit`` (k,) would have it; the nuisance (p,) and the effects (k,)
         to begin with there. None where the mean is known."""
+        ...
+
+    def lateness(self, fitted: Fit) -> Lateness | None:
+        """How much later than ``fitted`` each of the command's kinks shows; None where that is not known, or they all
+        are in time."""
+        ...
+
+    def widening(self, active: Active) -> FloatArray | None:
+        """How many times wider (n,) the noise is under effects that happen by chance; None without such effects."""
         ...

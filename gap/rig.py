@@ -37,7 +37,7 @@ from gap.generic_laws import State
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray
 from gap.noise import coarse_counts, high_band_sigma
 from gap.rows import label_rows
-from gap.solve import fit
+from gap.solve import Fit, fit
 from sim_devices.chain import Parameter
 
 MAX_ROWS = 40_000
@@ -362,6 +362,12 @@ class RigProblem:
         return self._start.copy()
 
     def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> None:
+        return None
+
+    def lateness(self, fitted: Fit) -> None:
+        return None
+
+    def widening(self, active: Active) -> None:
         return None
 
     def parameters(self, nuisance: FloatArray) -> dict[str, float]:

@@ -10,6 +10,7 @@ from itertools import product
 import numpy as np
 
 from gap.hypothesis import Candidate, FloatArray, Problem, to_unit
+from gap.rhythms import Lateness, jumps, lines, looks, wanderings
 from gap.solve import Fit, Hypothesis, Projector, fit, under
 
 STRENGTHS = (0.06, 0.3, 0.7)
@@ -19,8 +20,12 @@ SHAPES = (0.2, 0.5, 0.8)
 MAX_GRID = 9
 STEEP = 10.0
 """Detectability at the weakest strength simulated above which the linear screening says nothing."""
-LINES = 2
-"""Frequencies at which a rhythm is looked for."""
+AGREED = 0.85
+"""How well the moments of commands must agree on looks at equal intervals for these to be refitted anyway."""
+SMALL = (3.0, 60.0)
+"""σ by which a point should change the data for straight lines to say something."""
+BISECTIONS = 5
+"""Simulations at most to find one."""
 STARTS = 2
 """Screening points from which a refit starts."""
 AMPLITUDES = (0.25, 2.0)
@@ -43,6 +48,7 @@ class Screened:
     widths: dict[str, FloatArray]
     detectability: list[tuple[FloatArray, float]] = field(default_factory=list)
     traces: dict[str, FloatArray] = field(default_factory=dict)
+    sure: bool = False  # whether it is refitted wherever it ranks
 
 
 def grid(candidate: Candidate) -> list[FloatArray]:
@@ -98,43 +104,90 @@ def _seen_through(lenses: Sequence[_Lens], changes: FloatArray) -> tuple[FloatAr
     return 2.0 * (np.logaddexp.reduce(scores, axis=0) - base), lenses[best]
 
 
-def _points(candidate: Candidate, problems: dict[str, Problem], base: Hypothesis) -> list[FloatArray]:
-    """The screening grid; of a rhythm, at the frequencies and phases that the residual itself shows, as a fit finds a
-    narrow line only from close by."""
+def _points(candidate: Candidate, problems: dict[str, Problem], base: Hypothesis) -> tuple[list[FloatArray], bool]:
+    """The screening grid; of what is narrow, where the residual itself shows it, as a fit finds it only from close by.
+    Also whether it stands out there."""
     points = grid(candidate)
     names = [p.name for p in candidate.parameters]
-    if "frequency" not in names or "phase" not in names:
-        return points
+    if "phase" in names:
+        found = [points_of(candidate, problems[b], base.fits[b]) for b in candidate.blocks for points_of in _RHYTHMS]
+        return [p for points, _ in found for p in points] or points, any(sure for _, sure in found)
+    if "moment" in names:
+        at = names.index("moment")
+        out = []
+        for b in candidate.blocks:
+            rows = problems[b].rows
+            for moment in jumps(rows.time, base.fits[b].residual, rows.recording):
+                for point in points[:: len(SHAPES)]:
+                    point = point.copy()
+                    point[at] = to_unit(candidate.parameters[at], moment)
+                    out.append(point)
+        return out or points, False
+    return points, False
+
+
+Found = tuple[list[FloatArray], bool]
+
+
+def _lines(candidate: Candidate, problem: Problem, base: Fit) -> Found:
+    """Points of a rhythm of some ``frequency``."""
+    names = [p.name for p in candidate.parameters]
+    if "frequency" not in names:
+        return [], False
     at, turn = names.index("frequency"), names.index("phase")
-    known = candidate.parameters[at]
+    known, points = candidate.parameters[at], grid(candidate)
     out = []
-    for b in candidate.blocks:
-        time, residual = problems[b].rows.time, base.fits[b].residual
-        for line in _lines(time, residual, known.low, known.high):
-            wave = 2 * np.pi * line * time
-            phase = float(np.arctan2(residual @ np.cos(wave), residual @ np.sin(wave))) % (2 * np.pi)
-            for unit in points[:: max(len(points) // len(STRENGTHS), 1)]:
-                point = unit.copy()
-                point[at], point[turn] = to_unit(known, line), phase / (2 * np.pi)
-                out.append(point)
-    return out
+    time, residual = problem.rows.time, base.residual
+    for line in lines(time, residual, known.low, known.high):
+        wave = 2 * np.pi * line * time
+        phase = float(np.arctan2(residual @ np.cos(wave), residual @ np.sin(wave))) % (2 * np.pi)
+        for unit in points[:: max(len(points) // len(STRENGTHS), 1)]:
+            point = unit.copy()
+            point[at], point[turn] = to_unit(known, line), phase / (2 * np.pi)
+            out.append(point)
+    return out, False
 
 
-def _lines(time: FloatArray, residual: FloatArray, low: float, high: float) -> list[float]:
-    """The strongest frequencies, Hz, between ``low`` and ``high`` in a residual (n,) at uneven ``time`` (n,) s."""
-    step = 0.2 / high
-    index = ((time - time.min()) / step).astype(np.int64)
-    even = np.bincount(index, residual - residual.mean())
-    power = np.abs(np.fft.rfft(even, 4 * len(even)))
-    frequency = np.fft.rfftfreq(4 * len(even), step)
-    power[(frequency < low) | (frequency > high)] = 0.0
-    out: list[int] = []
-    for k in np.argsort(-power):
-        if all(abs(k - other) > 8 for other in out):
-            out.append(int(k))
-        if len(out) == LINES:
-            break
-    return [float(frequency[k]) for k in out]
+def _timings(candidate: Candidate, problem: Problem, base: Fit) -> Found:
+    """Points of commands that wait for a look, or of a clock that wanders."""
+    parameters = {p.name: p for p in candidate.parameters}
+    looking, wandering = set(parameters) == {"interval", "phase"}, set(parameters) == {"rate", "period", "phase"}
+    late = problem.lateness(base) if looking or wandering else None
+    if late is None:
+        return [], False
+    values, sure = [], False
+    if looking:
+        for interval, phase, agreement in looks(late):
+            values.append({"interval": interval, "phase": phase})
+            sure |= agreement > AGREED
+    else:
+        period = parameters["period"]
+        for length, phase, amplitude in wanderings(late, period.low, period.high):
+            values.append({"rate": 2 * np.pi * amplitude / length, "period": length, "phase": phase})
+    return [np.array([to_unit(p, v[p.name]) for p in candidate.parameters]) for v in values], sure
+
+
+def _swings(candidate: Candidate, problem: Problem, base: Fit) -> Found:
+    """Points of what goes slowly to and fro with period ``tau``."""
+    names = [p.name for p in candidate.parameters]
+    if "tau" not in names:
+        return [], False
+    at, turn = names.index("tau"), names.index("phase")
+    known = candidate.parameters[at]
+    seen = Lateness(problem.rows.time, base.residual, np.ones(len(base.residual)))
+    strengths = {
+        tuple(p): p for p in (np.where(np.isin(np.arange(len(names)), (at, turn)), 0.5, p) for p in grid(candidate))
+    }
+    out = []
+    for period, phase, _ in wanderings(seen, known.low, known.high):
+        for unit in strengths.values():
+            point = unit.copy()
+            point[at], point[turn] = to_unit(known, period), phase
+            out.append(point)
+    return out, False
+
+
+_RHYTHMS = (_lines, _timings, _swings)
 
 
 def screen(
@@ -156,29 +209,67 @@ def screen(
     out, simulations = [], 0
     for candidate in candidates:
         if candidate in before:
-            units, traces = before[candidate].units, before[candidate].traces
+            units, traces, sure = before[candidate].units, before[candidate].traces, False
         else:
-            units, traces = tuple(_points(candidate, problems, base)), {}
-            for b in candidate.blocks:
-                traces[b] = np.column_stack([_trace(problems[b], base.fits[b], candidate, unit) for unit in units])
+            points, sure = _points(candidate, problems, base)
+            units, traces = _traced(candidate, problems, base, points)
             simulations += len(candidate.blocks) * len(units)
         gain, along = 0.0, np.zeros(len(units))
         starts, widths = {}, {}
         for b, changes in traces.items():
             along += own[b].squares(changes, own[b].jacobian.T @ changes)
             gains, lens = _seen_through(lenses[b], changes)
+            times = [problems[b].widening({candidate: candidate.values(unit)}) for unit in units]
+            if times[0] is not None:  # the residual does not move, it counts for less
+                gains = np.array([_widened(base.fits[b].residual, t) for t in times if t is not None])
             best = float(gains.max())
             order = np.argsort(-gains)[:STARTS]
             starts[b] = tuple(units[k] for k in order if k == order[0] or gains[k] > 0.6 * best)
             widths[b] = lens.sd
             gain += best
         seen = list(zip(units, np.sqrt(np.maximum(along, 0.0)).tolist(), strict=True))
-        out.append(Screened(candidate, units, gain, starts, widths, seen, traces))
+        out.append(Screened(candidate, units, gain, starts, widths, seen, traces, sure))
     out.sort(key=lambda s: -s.gain)
     for k, s in enumerate(out):
         if k < quick_fits or (quick_fits and min(d for _, d in s.detectability) > STEEP):
             simulations += _quick_fit(problems, base, s)
     return sorted(out, key=lambda s: -s.gain), simulations
+
+
+def _widened(residual: FloatArray, times: FloatArray) -> float:
+    """Twice the nats that noise wider by ``times`` (n,) earns on a residual (n,)."""
+    return float(np.sum(np.square(residual) * (1.0 - 1.0 / np.square(times)) - 2.0 * np.log(times)))
+
+
+def _traced(
+    candidate: Candidate, problems: dict[str, Problem], base: Hypothesis, points: list[FloatArray]
+) -> tuple[tuple[FloatArray, ...], dict[str, FloatArray]]:
+    """The points and, for each block, what they change, (n, points); with points where the effect begins to show, if
+    none of them has it small: a threshold leaves nothing to linearise below it, and too much far above."""
+    units = list(points)
+    columns = {b: [_trace(problems[b], base.fits[b], candidate, unit) for unit in units] for b in candidate.blocks}
+    strengths = [k for k, p in enumerate(candidate.parameters) if p.null is not None and p.scale == "log"]
+
+    def shown(k: int) -> float:
+        return float(np.sqrt(sum(np.sum(np.square(c[k])) for c in columns.values())))
+
+    if len(strengths) == 1:
+        at = strengths[0]
+        middle = [k for k, u in enumerate(units) if all(u[j] == 0.5 for j in range(len(u)) if j != at)] or [0]
+        below = max((units[k][at] for k in middle if shown(k) < SMALL[0]), default=None)
+        above = min((units[k][at] for k in middle if shown(k) > SMALL[1]), default=None)
+        if below is not None and above is not None and not any(SMALL[0] <= shown(k) <= SMALL[1] for k in middle):
+            for _ in range(BISECTIONS):
+                unit = units[middle[0]].copy()
+                unit[at] = 0.5 * (below + above)
+                units.append(unit)
+                for b, column in columns.items():
+                    column.append(_trace(problems[b], base.fits[b], candidate, unit))
+                size = shown(len(units) - 1)
+                if SMALL[0] <= size <= SMALL[1]:
+                    break
+                below, above = (unit[at], above) if size < SMALL[0] else (below, unit[at])
+    return tuple(units), {b: np.column_stack(c) for b, c in columns.items()}
 
 
 def _quick_fit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) -> int:

@@ -18,7 +18,6 @@ import scipy.linalg as sla
 from gap.hypothesis import Candidate, FloatArray, Problem
 
 MAX_ITERATIONS = 30
-DIFFERENCE_STEP = 1e-3  # of a unit prior range
 UNIFORM_PRECISION = 12.0
 """1/variance of a uniform prior of width 1."""
 
@@ -97,8 +96,9 @@ class Belief:
 class Fit:
     """A fitted hypothesis.
 
-    ``chi2`` is of the data alone, ``penalty`` the prior's share; ``unit`` (k,) are the effect parameters in prior
-    quantiles, in the order of the hypothesis, ``covariance`` (k, k) theirs. ``prior_mean``, ``prior_sd`` (p,) are the
+    ``chi2`` is of the data alone, ``penalty`` the prior's share, ``wider`` twice the logarithm by which effects of
+    chance widen the noise; ``unit`` (k,) are the effect parameters in prior quantiles, in the order of the hypothesis,
+    ``covariance`` (k, k) theirs. ``prior_mean``, ``prior_sd`` (p,) are the
     nuisance's prior that was used: an effect may move where the tissue's parameters are anchored.
     """
 
@@ -116,10 +116,11 @@ class Fit:
     prior_mean: FloatArray = field(repr=False)
     prior_sd: FloatArray = field(repr=False)
     belief: Belief = field(repr=False)
+    wider: float = 0.0
 
     @property
     def objective(self) -> float:
-        return self.chi2 + self.penalty
+        return self.chi2 + self.penalty + self.wider
 
     def log_evidence(self, temper: float, priors: Sequence[FloatArray]) -> float:
         """log marginal likelihood up to the constant that all hypotheses share, with χ² divided by ``temper``.
@@ -146,7 +147,7 @@ class Fit:
         """
         k, p = len(self.unit), len(self.nuisance)
         if not k + p:
-            return -0.5 * self.chi2 / temper
+            return -0.5 * (self.chi2 / temper + self.wider)
         precision = np.where(np.isfinite(sd), 1.0 / np.square(sd), 1e-12)
         known = self.belief.precision
         known = known + np.diag(np.where(np.diag(known) > 0, 0.0, UNIFORM_PRECISION))
@@ -160,7 +161,7 @@ class Fit:
         gain = float(b @ sla.cho_solve((factor[:p, :p], lower), b)) if p else 0.0
         logdet = 2.0 * float(np.sum(np.log(np.diag(factor)))) - float(np.sum(np.log(precision)))
         logdet -= float(np.linalg.slogdet(known)[1])
-        return -0.5 * (float(at_mean @ at_mean) / temper - gain + logdet + self.belief.cost(self.unit))
+        return -0.5 * (float(at_mean @ at_mean) / temper - gain + logdet + self.belief.cost(self.unit) + self.wider)
 
     @cached_property
     def _jacobians(self) -> FloatArray:
@@ -224,10 +225,15 @@ def fit(
     mean, sd = problem.prior_mean, problem.prior_sd
     precision = np.where(np.isfinite(sd), 1.0 / np.square(sd), 0.0)
     believed = Belief.none(len(u)) if belief is None else belief
+    fine = [p.fine for h in hypothesis for p in h.parameters]
     simulations = 0
 
+    def wider(u: FloatArray) -> float:
+        times = problem.widening(split(hypothesis, u))
+        return 0.0 if times is None else 2.0 * float(np.sum(np.log(times)))
+
     def cost(residual: FloatArray, c: FloatArray, u: FloatArray) -> float:
-        return float(residual @ residual + np.sum(precision * np.square(c - mean))) + believed.cost(u)
+        return float(residual @ residual + np.sum(precision * np.square(c - mean))) + believed.cost(u) + wider(u)
 
     def linearise(
         c: FloatArray, u: FloatArray, kept: FloatArray | None = None
@@ -237,7 +243,7 @@ def fit(
         here = problem.evaluate(c, split(hypothesis, u), want_jacobian=kept is None)
         effect = np.empty((len(here.residual), len(u)))
         for k in range(len(u)):
-            step = DIFFERENCE_STEP if u[k] < 0.5 else -DIFFERENCE_STEP
+            step = fine[k] if u[k] < 0.5 else -fine[k]
             moved = u.copy()
             moved[k] += step
             there = problem.evaluate(c, split(hypothesis, moved), want_jacobian=False)
@@ -258,6 +264,11 @@ def fit(
         gradient = np.concatenate([jac.T @ residual, effect.T @ residual])
         gradient[:p] -= precision * (c - mean)
         gradient[p:] -= believed.precision @ (u - believed.mean)
+        if noise := wider(u):
+            for k, share in enumerate(fine):
+                moved = u.copy()
+                moved[k] += share
+                gradient[p + k] -= 0.5 * (wider(moved) - noise) / share
         # Parameters at a bound that the step would leave stay there.
         fixed = np.zeros(len(gradient), bool)
         fixed[p:] = ((u <= 0) & (gradient[p:] < 0)) | ((u >= 1) & (gradient[p:] > 0))
@@ -293,7 +304,7 @@ def fit(
         gram = jac.T @ jac if stale else gram
         if gain < tolerance * max(best, 1.0) * 0.1 + 0.02:
             break
-    return _finish(hypothesis, c, u, residual, jac, gram, effect, mean, sd, believed, simulations)
+    return _finish(hypothesis, c, u, residual, jac, gram, effect, mean, sd, believed, simulations, wider(u))
 
 
 def _bordered(gram: FloatArray, jacobian: FloatArray, more: FloatArray) -> FloatArray:
@@ -314,6 +325,7 @@ def _finish(
     sd: FloatArray,
     belief: Belief,
     simulations: int,
+    wider: float,
 ) -> Fit:
     """Curvature, evidence terms and covariance at the optimum."""
     precision = np.where(np.isfinite(sd), 1.0 / np.square(sd), 0.0)
@@ -343,6 +355,7 @@ def _finish(
         prior_mean=mean.copy(),
         prior_sd=sd.copy(),
         belief=belief,
+        wider=wider,
     )
 
 

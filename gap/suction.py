@@ -20,6 +20,7 @@ from gap.blocks import CLOCK_SD, SHIFT_SD, Block, Group, GroupedSession, Table, 
 from gap.chains import needed
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Problem
 from gap.noise import denoised
+from gap.rhythms import Lateness
 from gap.solve import Fit, fit, under
 from gap.tissue_null import USUAL_MEMORY, Suction, elastic_freedom, suction_discrepancy
 from sim_devices.chain import Chain, Effect
@@ -29,6 +30,12 @@ from sim_devices.stages.sampling import REFINEMENT, simulate
 from sim_devices.stages.suction import REGULATOR_TAU, with_tissue
 from sim_devices.stages.tissues import SuctionTissue, suction_tissue
 
+TOGETHER, RESPONSE = 5e-3, 0.8
+"""s: kinks nearer to each other are one; how long after one its response is looked at."""
+LATE = 5.0
+"""σ by which some kink must be late for lateness to be looked into."""
+MOVES = 1e-3 * np.array([0.5, 1, 2, 3, 5, 8, 12, 18, 26, 36, 50, 70, 95, 130, 180, 250, 350])
+"""s by which the response to a kink is moved to see where it fits."""
 NO_TISSUE = SuctionTissue(0.0, creep=(), times=(), residual=0.0, softening=0.0)
 
 
@@ -76,10 +83,11 @@ class PressureBlock(Block):
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect]) -> None:
         # An open probe holds no pressure: its record says nothing of the regulator.
         super().__init__(session, library, without=("open air",))
-        self.prior_sd = self._prior(0.05, 0.08, 0.003)
+        self.prior_sd = self._prior(0.02, 0.03, 0.001)
         self.prior_mean = np.zeros(len(self.prior_sd))
         self.local = np.zeros(len(self.prior_sd), bool)
-        self.alternatives = (self._prior(0.02, 0.03, 0.001), self.prior_sd, self._prior(0.15, 0.15, 0.01))
+        # As a sound instrument of the nominal kind, or a regulator of another time and damping.
+        self.alternatives = (self.prior_sd, self._prior(0.15, 0.3, 0.001))
         self._linear = np.column_stack([self._lag_columns(), self.measured, np.ones(len(self.stamps))])
         self.blur_steep_parts(self._slope())
 
@@ -140,18 +148,59 @@ class PressureBlock(Block):
             out[at] = self.simulated(self.with_effects(chain, active), g, at, shift)[0]
         return out + self._linear @ nuisance[4:]
 
+    def anchored(
+        self, hypothesis: Sequence[Candidate], unit: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+        # Not from the null's shift, which has taken on what it could of a delay.
+        return self.prior_mean, self.prior_mean, unit
+
+    def lateness(self, fitted: Fit) -> Lateness | None:
+        """Each kink's response, until the next, moved to and fro as a whole."""
+        kinks = self.session.kinks[np.diff(self.session.kinks, prepend=-np.inf) > TOGETHER]
+        number = np.searchsorted(kinks, self.stamps, side="right") - 1
+        number[(number < 0) | (self.stamps - kinks[number] > RESPONSE)] = len(kinks)
+        slope = fitted.jacobian[:, 2]
+
+        def over(values: FloatArray) -> FloatArray:
+            return np.bincount(number, values, len(kinks) + 1)[:-1].astype(float)
+
+        known = over(slope**2)
+        if not np.any(over(slope * fitted.residual) ** 2 > LATE**2 * known):
+            return None
+        moved = np.concatenate([-MOVES[::-1], [0.0], MOVES])
+        rows = []
+        for move in moved:
+            nuisance = fitted.nuisance.copy()
+            nuisance[2] -= move
+            rows.append(self.evaluate(nuisance, fitted.active, want_jacobian=False).residual)
+        chi2 = np.array([over(r**2) for r in rows])
+        best = np.clip(np.argmin(chi2, axis=0), 1, len(moved) - 2)
+        late, sd = np.zeros(len(kinks)), np.full(len(kinks), np.inf)
+        for k in np.flatnonzero(known > 0):
+            at, j = number == k, best[k]
+            change = (rows[j + 1][at] - rows[j - 1][at]) / (moved[j + 1] - moved[j - 1])
+            square = float(change @ change)
+            if square > 0:
+                step = -float(change @ rows[j][at]) / square
+                late[k] = moved[j] + np.clip(step, moved[j - 1] - moved[j], moved[j + 1] - moved[j])
+                sd[k] = np.sqrt(1.0 / square) * max(1.0, np.sqrt(chi2[j, k] / at.sum()))
+        good = np.isfinite(sd)
+        # Against a simulation whose clock is right: the fit has taken what it could into shift and skew.
+        taken = fitted.nuisance[2] + fitted.nuisance[3] * (kinks - self.stamps[0])
+        return Lateness(kinks[good], (late - taken)[good], sd[good])
+
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         predicted = self._predict(nuisance, active)
-        residual = (self.measured - predicted) / self.sigma
+        residual = self.whitened(self.measured - predicted, active)
         if not want_jacobian:
             return Evaluation(residual, np.zeros((0, 0)))
         jacobian = np.empty((len(residual), len(nuisance)))
         for k, step in enumerate((1e-3, 1e-3, 0.05 * self.dt, 1e-6)):
             moved = nuisance.copy()
             moved[k] += step
-            jacobian[:, k] = (self._predict(moved, active) - predicted) / step / self.sigma
-        jacobian[:, 4:] = self._linear / self.sigma[:, None]
-        return Evaluation(residual, jacobian)
+            jacobian[:, k] = (self._predict(moved, active) - predicted) / step
+        jacobian[:, 4:] = self._linear
+        return Evaluation(residual, self.whitened(jacobian, active))
 
 
 class HeightBlock(Block):
@@ -372,7 +421,7 @@ class HeightBlock(Block):
         gain = 1 + self._runs @ nuisance[n : n + r]
         height = self._chain_height(nuisance, active)
         predicted = height * gain + self._added @ nuisance[n + r :]
-        residual = (self.measured - predicted) / self.sigma
+        residual = self.whitened(self.measured - predicted, active)
         if not want_jacobian:
             return Evaluation(residual, np.zeros((0, 0)))
         chain_part = np.empty((len(residual), n))
@@ -382,7 +431,7 @@ class HeightBlock(Block):
             moved[k] += step
             chain_part[:, k] = (self._chain_height(moved, active) - height) / step
         jacobian = np.hstack([chain_part * gain[:, None], self._runs * height[:, None], self._added])
-        return Evaluation(residual, jacobian / self.sigma[:, None])
+        return Evaluation(residual, self.whitened(jacobian, active))
 
 
 def suction_problems(

@@ -8,16 +8,14 @@ between loading and unloading at equal history, or only at the instrument's end,
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 
 from gap.hypothesis import FloatArray
-from sim_devices.stages.kernels import evaluate, low_pass, prony
+from sim_devices.stages.kernels import evaluate, low_pass, prony, uneven_low_pass
 
 MEMORY = (0.0, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
 """Time constants of the fading memory, s (0: instantaneous)."""
@@ -30,19 +28,6 @@ KNEES = (0.002, 0.005, 0.01, 0.03, 0.07, 0.15, 0.3, 0.6)
 HIGH_KNEES = KNEES[4:]
 FLOWS = ((1.0, 10.0), (10.0, 100.0), (100.0, 1e4), (0.1, 1.0), (1.0, 0.1), (10.0, 1.0), (100.0, 10.0), (1.0, 1e4))
 """Time constants of flow under load and of its recovery, s."""
-
-
-@njit(cache=True)
-def uneven_low_pass(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
-    """First-order lag that rises within one time and falls within another. ``p`` = (tau up, tau down), s."""
-    if s[0] == 0.0 and t.size:
-        s[0], s[1], s[2] = 1.0, t[0], u[0]
-    for i in range(t.size):
-        mean = 0.5 * (s[2] + u[i])
-        tau = p[0] if mean > s[3] else p[1]
-        s[3] = mean + (s[3] - mean) * math.exp(-(t[i] - s[1]) / tau)
-        s[1], s[2] = t[i], u[i]
-        y[i] = s[3]
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from acquire.recording.model import Recording
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Problem
 from gap.rows import direction, level
-from gap.solve import Hypothesis, Projector, fit, under
+from gap.solve import Fit, Hypothesis, Projector, fit, under
 
 
 @dataclass(frozen=True)
@@ -51,6 +51,13 @@ class _Masked:
 
     def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> None:
         return None
+
+    def lateness(self, fitted: Fit) -> None:
+        return None
+
+    def widening(self, active: Active) -> FloatArray | None:
+        wider = self.problem.widening(active)
+        return None if wider is None else np.where(self.keep, wider, 1.0)
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         full = self.problem.evaluate(nuisance, active, want_jacobian)

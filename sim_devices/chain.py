@@ -135,7 +135,9 @@ class Parameter:
     """A number that an effect (or a tissue) has: unit, prior range and the value at which it does nothing.
 
     ``null`` is None for shape parameters, which change the form of an effect and not its strength.
-    ``scale`` says how the prior is uniform: ``linear`` or ``log`` (then ``low`` > 0; ``null`` may be 0).
+    ``scale`` says how the prior is uniform: ``linear`` or ``log`` (then ``low`` > 0; ``null`` may be 0). ``only`` lists
+    the numbers of the choice ``form`` in which the parameter means something; empty: in all. ``fine`` is the share of
+    the prior's range over which what it does is nearly linear.
     """
 
     name: str
@@ -146,6 +148,8 @@ class Parameter:
     default: float = 0.0
     scale: str = "linear"
     meaning: str = ""
+    only: tuple[int, ...] = ()
+    fine: float = 1e-3
 
 
 @dataclass(frozen=True)
@@ -153,7 +157,9 @@ class Effect:
     """Something a real instrument or tissue does and the nominal chain does not.
 
     ``install(chain, values)`` returns the chain with the effect; ``values`` has every parameter. ``remedy`` says what
-    would remove it in reality, ``source`` where it is known from. ``instruments`` are the chains it fits.
+    would remove it in reality, ``source`` where it is known from. ``instruments`` are the chains it fits. What happens
+    to a sample by chance has a ``scatter``: the rms (s) by which a channel's true instants are off their stamps, given
+    the instrument and the values; a diagnosis then looks for the noise that it makes and not for the very draw.
     """
 
     name: str
@@ -164,6 +170,7 @@ class Effect:
     source: str
     parameters: tuple[Parameter, ...]
     install: Callable[[Chain, Mapping[str, float]], Chain] = field(repr=False)
+    scatter: Callable[[str, Mapping[str, float]], Mapping[str, float]] | None = field(default=None, repr=False)
 
     @property
     def strengths(self) -> tuple[Parameter, ...]:

@@ -12,6 +12,7 @@ from dataclasses import replace
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from itertools import product
+from typing import Any
 
 from sim_devices.chain import Chain, Effect, Parameter
 from sim_devices.effects import actuator, interface, processing, sensor, timing, tissue
@@ -42,7 +43,10 @@ def broken() -> dict[str, str]:
 
 
 def variants(effect: Effect) -> dict[str, Effect]:
-    """One effect for each combination of its choices, these fixed: ``backlash[form=1]``; itself if it has none."""
+    """One effect for each combination of its choices, these fixed: ``backlash[form=1]``; itself if it has none.
+
+    Parameters that mean nothing in a form are fixed as well.
+    """
     choices = [p for p in effect.parameters if p.unit == CHOICE and p.name != "seed"]
     if not choices:
         return {effect.name: effect}
@@ -50,8 +54,10 @@ def variants(effect: Effect) -> dict[str, Effect]:
     for numbers in product(*(range(int(p.low), int(p.high) + 1) for p in choices)):
         fixed = {p.name: float(n) for p, n in zip(choices, numbers, strict=True)}
         key = f"{effect.name}[{','.join(f'{k}={v:g}' for k, v in fixed.items())}]"
-        free = tuple(p for p in effect.parameters if p.name not in fixed)
-        found[key] = replace(effect, parameters=free, install=_with(effect, fixed))
+        idle = [p for p in effect.parameters if p.only and round(fixed.get("form", 0)) not in p.only]
+        unused = {p.name: p.default if p.null is None else p.null for p in idle}
+        free = tuple(p for p in effect.parameters if p.name not in fixed and p.name not in unused)
+        found[key] = replace(effect, parameters=free, **_with(effect, fixed | unused))
     return found
 
 
@@ -97,11 +103,17 @@ def _number(effect: str, parameter: Parameter, text: str) -> float:
         raise ValueError(f"{where}: a number in {parameter.unit} is needed: {error}") from None
 
 
-def _with(effect: Effect, fixed: Mapping[str, float]):  # type: ignore[no-untyped-def]
+def _with(effect: Effect, fixed: Mapping[str, float]) -> dict[str, Any]:
+    """What an effect does with some of its parameters ``fixed``."""
+
     def install(chain: Chain, values: Mapping[str, float]) -> Chain:
         return effect.install(chain, {**values, **fixed})
 
-    return install
+    def scatter(instrument: str, values: Mapping[str, float]) -> Mapping[str, float]:
+        assert effect.scatter is not None
+        return effect.scatter(instrument, {**values, **fixed})
+
+    return {"install": install, "scatter": effect.scatter and scatter}
 
 
 @cache

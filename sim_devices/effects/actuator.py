@@ -37,12 +37,19 @@ def _regulator_lag(chain: Chain, v: Values) -> Chain:
     if chosen(v, "form") == 2:
         slow = (1.0 - SLOW_PATH, SLOW_PATH, v["tau"])
         return law_after(chain, "regulator", "regulator_lag", "actuator", kernels.prony, slow)
+    if chosen(v, "form") > 2:
+        times = (
+            (0.0, v["tau"]) if chosen(v, "form") == 3 else (v["tau"], 0.0)
+        )  # suction is negative: it grows downwards
+        return law_after(chain, "regulator", "regulator_lag", "actuator", kernels.uneven_low_pass, times)
     return law_after(chain, "regulator", "regulator_lag", "actuator", kernels.low_pass, (v["tau"],))
 
 
 def _slew_suction(chain: Chain, v: Values) -> Chain:
     rate = PRESSURE / v["span_time"]
     rates = (rate * v["release"], rate)  # suction is negative: rising pressure is release
+    if chosen(v, "form") == 1:
+        return chain.tuned("regulator", rates=rates)
     return law_before(chain, "regulator", "slew_limit", "actuator", kernels.rate_limit, rates)
 
 
@@ -67,6 +74,9 @@ def _leak(chain: Chain, v: Values) -> Chain:
 
 
 def _depletion(chain: Chain, v: Values) -> Chain:
+    if chosen(v, "form") == 1:
+        store = (v["sag"], PRESSURE, v["pump"] * PRESSURE, v["reserve"], v["reserve"] * v["refill"])
+        return law_after(chain, "regulator", "reservoir_depletion", "actuator", kernels.emptying_store, store)
     parameters = (-v["sag"], PRESSURE, v["tau"], v["tau"] * v["refill"])
     return law_after(chain, "regulator", "reservoir_depletion", "actuator", kernels.exposure_gain, parameters)
 
@@ -129,7 +139,8 @@ EFFECTS = (
         (
             strength("tau", "s", 1e-3, 3.0, 0.3, "time constant beyond the nominal regulator's"),
             choice("form", 0, "a first-order lag behind the regulator", "a slower second-order regulator",
-                   "a third of the flow lags"),
+                   "a third of the flow lags", "while suction grows only", "while suction falls only",
+                   "a second-order lag behind it"),
         ),
         _regulator_lag,
     ),
@@ -140,7 +151,8 @@ EFFECTS = (
         "F assumed 1e5 mbar/s; pumps reach far less",
         (
             strength("span_time", "s", 2e-3, 10.0, 1.0, "time for 300 mbar of suction"),
-            shape("release", "1", 0.3, 10.0, 1.0, "how much faster pressure comes back", log=True),
+            shape("release", "1", 0.1, 10.0, 1.0, "how much faster pressure comes back", log=True),
+            choice("form", 0, "of what the regulator is asked for", "of the pressure itself"),
         ),
         _slew_suction,
     ),
@@ -163,7 +175,7 @@ EFFECTS = (
         "orifice and laminar leak laws; gap.md",
         (
             strength("shortfall", "1", 3e-4, 0.6, 0.1, "of 300 mbar at 300 mbar"),
-            shape("exponent", "1", -0.5, 1.5, 0.7, "-0.5 orifice, 0 laminar, above: a leak that opens (form 0)"),
+            shape("exponent", "1", -0.5, 1.5, 0.7, "-0.5 orifice, 0 laminar, above: a leak that opens", only=(0,)),
             choice("form", 0, "a power of suction", "a valve that lifts at half of 300 mbar"),
         ),
         _leak,
@@ -174,8 +186,11 @@ EFFECTS = (
         "A larger reservoir, a pump that runs, pauses to refill.",
         "the aspiration device's air reservoir (W)",
         (
-            strength("sag", "1", 3e-4, 0.6, 0.1, "of the pressure, at 300 mbar held for long"),
-            shape("tau", "s", 2.0, 300.0, 30.0, "time to empty", log=True),
+            strength("sag", "1", 3e-4, 0.6, 0.1, "of the pressure, at 300 mbar held for long (form 1: as long again)"),
+            choice("form", 0, "all along", "once the store is empty, which a pump keeps from it up to some suction"),
+            shape("reserve", "s", 0.5, 100.0, 4.0, "how long the store keeps 300 mbar", log=True, only=(1,)),
+            shape("pump", "1", 0.0, 1.2, 0.3, "of 300 mbar, what the pump keeps alone", only=(1,)),
+            shape("tau", "s", 2.0, 300.0, 30.0, "time to empty", log=True, only=(0,)),
             shape("refill", "1", 0.05, 5.0, 0.5, "time to refill against time to empty", log=True),
         ),
         _depletion,

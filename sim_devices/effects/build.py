@@ -11,6 +11,7 @@ from sim_devices.stages.operators import Delay, Law, Map, Names, Wired, after, b
 
 Values = Mapping[str, float]
 Install = Callable[[Chain, Values], Chain]
+Scatter = Callable[[str, Values], Mapping[str, float]]
 
 SUCTION = ("cutometer", "aspiration")
 CUTOMETER, ASPIRATION, ROBOT = ("cutometer",), ("aspiration",), ("microrobot",)
@@ -22,10 +23,19 @@ CHOICE = "choice"
 
 
 def strength(
-    name: str, unit: str, low: float, high: float, default: float, meaning: str = "", null: float = 0.0
+    name: str,
+    unit: str,
+    low: float,
+    high: float,
+    default: float,
+    meaning: str = "",
+    null: float = 0.0,
+    *,
+    only: tuple[int, ...] = (),
+    fine: float = 1e-3,
 ) -> Parameter:
     """A positive strength, log-uniform a priori; 0 (or ``null``) switches the effect off."""
-    return Parameter(name, unit, low, high, null, default, "log", meaning)
+    return Parameter(name, unit, low, high, null, default, "log", meaning, only, fine)
 
 
 def signed(name: str, unit: str, size: float, default: float, meaning: str = "") -> Parameter:
@@ -34,10 +44,23 @@ def signed(name: str, unit: str, size: float, default: float, meaning: str = "")
 
 
 def shape(
-    name: str, unit: str, low: float, high: float, default: float, meaning: str = "", *, log: bool = False
+    name: str,
+    unit: str,
+    low: float,
+    high: float,
+    default: float,
+    meaning: str = "",
+    *,
+    log: bool = False,
+    only: tuple[int, ...] = (),
+    fine: float = 1e-3,
 ) -> Parameter:
-    """A parameter of form: no value of it switches the effect off."""
-    return Parameter(name, unit, low, high, None, default, "log" if log else "linear", meaning)
+    """A parameter of form: no value of it switches the effect off. Of some forms ``only``, if these are listed."""
+    return Parameter(name, unit, low, high, None, default, "log" if log else "linear", meaning, only, fine)
+
+
+PHASE = Parameter("phase", "1", 0.0, 1.0, None, 0.0, "linear", "of going to and fro", (2,))
+"""When a swing of form 2 begins."""
 
 
 def choice(name: str, default: int, *forms: str) -> Parameter:
@@ -60,6 +83,7 @@ def effect(
     source: str,
     parameters: tuple[Parameter, ...],
     install: Install,
+    scatter: Scatter | None = None,
 ) -> Effect:
     """An effect that leaves the chain alone where all its strengths are at their null values."""
     strengths = [p for p in parameters if p.null is not None]
@@ -67,7 +91,7 @@ def effect(
     def guarded(chain: Chain, values: Values) -> Chain:
         return chain if all(values[p.name] == p.null for p in strengths) else install(chain, values)
 
-    return Effect(name, stage, instruments, meaning, remedy, source, parameters, guarded)
+    return Effect(name, stage, instruments, meaning, remedy, source, parameters, guarded, scatter)
 
 
 def law_after(

@@ -94,6 +94,10 @@ def tilted_pressure(time: FloatArray, pressure: FloatArray, seal: float) -> Floa
 def _preload(chain: Chain, v: Values) -> Chain:
     if chosen(v, "form") == 0:
         return map_after(chain, "probe", "spring_preload", "interface", laws.offset, (-v["pressure"],))
+    if chosen(v, "form") == 2:
+        op: Any = chain["latency"]
+        parameters = (-v["pressure"], v["tau"], *op.marks)
+        return map_after(chain, "probe", "spring_preload", "interface", laws.fading_offset, parameters)
     elastic: Any = chain["elastic"]
     lost = float(elastic.function(np.zeros(1), np.array([-v["pressure"]]), *elastic.parameters)[0])
     return map_after(chain, "optics", "spring_preload", "interface", lost_height, (lost,))
@@ -147,7 +151,9 @@ EFFECTS = (
         "F: ZeroDisp 0.05 to 0.09 mm on biomimetics",
         (
             strength("pressure", "Pa", 200.0, 15e3, 4e3, "suction that would bulge the skin as much as the spring"),
-            choice("form", 0, "a preload of the tissue", "a dead height before the reading rises"),
+            choice("form", 0, "a preload of the tissue", "a dead height before the reading rises",
+                   "a preload that relaxes in every recording"),
+            shape("tau", "s", 1.0, 300.0, 10.0, "within which it relaxes", log=True, only=(2,)),
         ),
         _preload,
     ),

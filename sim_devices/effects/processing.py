@@ -24,7 +24,7 @@ from sim_devices.effects.build import (
 from sim_devices.stages import laws
 from sim_devices.stages.operators import Map, Wired, after
 from sim_devices.stages.robot import TRANSDUCERS, numbered
-from sim_devices.stages.suction import zeroed
+from sim_devices.stages.suction import ZERO_STATE, zeroed
 
 
 @dataclass(frozen=True)
@@ -36,20 +36,21 @@ class Retare(Wired):
     marks: tuple[float, ...]
 
     def fresh(self) -> Any:
-        return np.zeros((len(self.source), 6)), np.array([*sorted(self.marks), np.inf])
+        return np.zeros((len(self.source), ZERO_STATE)), np.array([*sorted(self.marks), np.inf])
 
     def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
         started = np.full(len(time), -2.0)  # always "sucking": the zero is due at once, then late by the delay
         for row, source, target in zip(state[0], self.source, self.target, strict=True):
             u, out = np.ascontiguousarray(signals[source]), np.empty(len(time))
-            zeroed(row, time, u, started, state[1], self.delay, 0.0, False, out)
+            zeroed(row, time, u, started, state[1], self.delay, 0.0, False, False, out)
             signals[target] = u + self.share * (out - u)
 
 
 def _zeroing(chain: Chain, v: Values) -> Chain:
-    if chosen(v, "form") == 0:
-        return chain.tuned("zeroing", delay=v["delay"])
-    return chain.tuned("zeroing", anew=v["delay"])
+    form = chosen(v, "form")
+    if form == 1:
+        return chain.tuned("zeroing", anew=v["delay"])
+    return chain.tuned("zeroing", delay=v["delay"], averaged=form == 2)
 
 
 def _tare(chain: Chain, v: Values) -> Chain:
@@ -130,7 +131,7 @@ EFFECTS = (
         "the Cutometer resets to 0 when suction starts (paper)",
         (
             strength("delay", "s", 5e-3, 10.0, 0.3, "after the start of suction; form 1: rest that is needed"),
-            choice("form", 0, "late", "at every suction after a rest"),
+            choice("form", 0, "late", "at every suction after a rest", "a mean that takes so long"),
         ),
         _zeroing,
     ),

@@ -15,6 +15,7 @@ from sim_devices.chain import Chain, Effect, FloatArray, Signals
 from sim_devices.effects.build import (
     ASPIRATION,
     CUTOMETER,
+    PHASE,
     PRESSURE,
     ROBOT,
     SUCTION,
@@ -72,6 +73,8 @@ def _remembered(
 
 def _offset_height(chain: Chain, v: Values) -> Chain:
     # Behind the zeroing: in front of it a constant would vanish.
+    if chosen(v, "form") == 1:
+        return map_after(chain, "zeroing", "sensor_offset", "sensor", laws.jump, (v["offset"], v["moment"]))
     return map_after(chain, "zeroing", "sensor_offset", "sensor", laws.offset, (v["offset"],))
 
 
@@ -204,14 +207,16 @@ def proportional_or_saturating(time: FloatArray, u: FloatArray, bias: float, rea
     return laws.through_zero(time, u, bias, reach) if form < 0.5 else u * (1.0 + bias / reach)
 
 
-def fading(time: FloatArray, u: FloatArray, change: float, tau: float, form: float, added: float) -> FloatArray:
+def fading(
+    time: FloatArray, u: FloatArray, change: float, tau: float, form: float, phase: float, added: float
+) -> FloatArray:
     """Height from light that changes: scaled by it, and shifted by ``added`` m times the change."""
-    share = change * laws.course(time, tau, form)
+    share = change * laws.course(time, tau, form, phase)
     return u * (1.0 + share) + added * share
 
 
 def _illumination(chain: Chain, v: Values) -> Chain:
-    parameters = (v["change"], v["tau"], v["form"], v["shift"] * height_scale(chain))
+    parameters = (v["change"], v["tau"], v["form"], v["phase"], v["shift"] * height_scale(chain))
     return map_after(chain, _HEIGHT, "illumination_drift", "sensor", fading, parameters)
 
 
@@ -229,7 +234,9 @@ def _on_both(instruments: tuple[str, ...], scale: float, unit: str) -> list[Effe
             (
                 signed("offset", unit, 0.5 * scale, 0.1 * scale),
                 *((signed("position", "m", 3e-4, 0.0, "of the position sensor of the same number"), _CHANNEL)
-                  if robot else ()),
+                  if robot else
+                  (choice("form", 0, "always", "from one moment on"),
+                   shape("moment", "s", 1.0, 3000.0, 3.0, "when it jumps", log=True, only=(1,)))),
             ),
             _offset_force if robot else _offset_height,
         ),
@@ -243,8 +250,9 @@ def _on_both(instruments: tuple[str, ...], scale: float, unit: str) -> list[Effe
                 shape("tau", "s", 20.0, 3000.0, 200.0, log=True),
                 *which,
                 _COURSE,
+                PHASE,
             ),
-            _mapped("sensor_drift", laws.drift, lambda c, v: (v["amount"], v["tau"], v["form"]), robot),
+            _mapped("sensor_drift", laws.drift, lambda c, v: (v["amount"], v["tau"], v["form"], v["phase"]), robot),
         ),
         effect(
             "quadratic_error", "sensor", instruments,
@@ -409,6 +417,7 @@ EFFECTS = (
             shape("tau", "s", 20.0, 3000.0, 200.0, log=True),
             shape("shift", "1", 0.0, 1.0, 0.2, "typical heights by which the reading shifts besides"),
             _COURSE,
+            PHASE,
         ),
         _illumination,
     ),

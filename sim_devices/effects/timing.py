@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from sim_devices.chain import Chain
 from sim_devices.effects.build import (
     ALL,
+    PHASE,
     SUCTION,
     Values,
     choice,
@@ -20,7 +22,7 @@ from sim_devices.effects.build import (
     strength,
 )
 from sim_devices.stages import RATES, kernels
-from sim_devices.stages.operators import Delay, Law, after
+from sim_devices.stages.operators import Delay, Law, Polled, Wandering, after
 from sim_devices.stages.robot import TRANSDUCERS, numbered
 
 GROWING = 100.0
@@ -29,9 +31,9 @@ _SEED = shape("seed", "choice", 0, 9, 1, "which samples are hit: another number,
 _RATE = shape("rate", "Hz", 0, 2000, 0, "sampling rate; 0: the instrument's own")
 
 
-def _sensors(chain: Chain, channel: int) -> tuple[tuple[str, str], ...]:
+def _sensors(instrument: str, channel: int) -> tuple[tuple[str, str], ...]:
     """(operator, recorded signal) of the sensors that a choice names."""
-    if chain.instrument == "microrobot":
+    if instrument == "microrobot":
         position = tuple(("position_sensors", s) for s in numbered("axis_position"))
         force = tuple(("transducers", s) for s in TRANSDUCERS)
         return (*position, *force) if channel == 0 else (position if channel == 1 else force)
@@ -42,25 +44,38 @@ def _sensors(chain: Chain, channel: int) -> tuple[tuple[str, str], ...]:
 _CHANNEL = choice("channel", 0, "all", "pressure, or position", "height, or force")
 
 
-def _period(chain: Chain, values: Values) -> float:
-    return 1.0 / (values["rate"] or RATES[chain.instrument])
+def _period(instrument: str, values: Values) -> float:
+    return 1.0 / (values["rate"] or RATES[instrument])
+
+
+def _scattered(instrument: str, v: Values) -> dict[str, float]:
+    """rms of the instants' error of jitter, or of samples of which a fraction is one period old."""
+    share = v.get("fraction", 0.0)
+    rms = v["sigma"] if "sigma" in v else _period(instrument, v) * math.sqrt(share * (1.0 - share))
+    return {signal: rms for _, signal in _sensors(instrument, chosen(v, "channel"))}
 
 
 def _latency(chain: Chain, v: Values) -> Chain:
+    if chosen(v, "form") == 1:
+        return after(chain, "latency", lambda s, t: Polled("polled", "timing", s, t, v["interval"], v["phase"]))
     op: Any = chain["latency"]
     return chain.tuned("latency", delay=op.delay + v["delay"])
 
 
 def _skew(chain: Chain, v: Values) -> Chain:
+    if chosen(v, "form") == 2:
+        amplitude = v["rate"] * v["period"] / (2 * math.pi)
+        wandering = (amplitude, v["period"], v["phase"])
+        return after(chain, "latency", lambda s, t: Wandering("wandering", "timing", s, t, *wandering))
     op: Any = chain["latency"]
-    marks = op.marks if chosen(v, "aligned") == 0 else ()
+    marks = op.marks if chosen(v, "form") == 0 else ()
     return chain.tuned("latency", skew=op.skew + v["rate"], marks=marks)
 
 
 def _faulty(name: str, lost: float) -> Any:
     def install(chain: Chain, v: Values) -> Chain:
-        parameters = (_period(chain, v), v["fraction"], v["seed"], lost)
-        for _, signal in _sensors(chain, chosen(v, "channel")):
+        parameters = (_period(chain.instrument, v), v["fraction"], v["seed"], lost)
+        for _, signal in _sensors(chain.instrument, chosen(v, "channel")):
             chain = on_recorded(
                 chain, signal, lambda s, t: Law(name, "timing", s, t, kernels.faulty_samples, parameters)
             )
@@ -82,8 +97,8 @@ def _desynchronised(chain: Chain, v: Values) -> Chain:
 
 
 def _jitter(chain: Chain, v: Values) -> Chain:
-    parameters = (_period(chain, v), v["sigma"], v["seed"])
-    for anchor in dict.fromkeys(a for a, _ in _sensors(chain, chosen(v, "channel"))):
+    parameters = (_period(chain.instrument, v), v["sigma"], v["seed"])
+    for anchor in dict.fromkeys(a for a, _ in _sensors(chain.instrument, chosen(v, "channel"))):
         chain = law_after(chain, anchor, "jitter", "timing", kernels.jittered, parameters)
     return chain
 
@@ -91,10 +106,15 @@ def _jitter(chain: Chain, v: Values) -> Chain:
 EFFECTS = (
     effect(
         "latency", "timing", ALL,
-        "Commands take effect late by a constant dead time.",
+        "Commands take effect late, by a dead time or until the device next looks at them.",
         "Time-stamp commands where they act, or measure the delay with a trigger and subtract it.",
         "buffered serial and USB links; gap.md",
-        (strength("delay", "s", 2e-4, 0.5, 0.08, "dead time"),),
+        (
+            strength("delay", "s", 2e-4, 0.5, 0.08, "dead time, or its mean", only=(0,)),
+            strength("interval", "s", 2e-3, 1.0, 0.1, "between looks at the command", only=(1,), fine=1e-8),
+            choice("form", 0, "constant", "until the device looks next, which it does at equal intervals"),
+            shape("phase", "1", 0.0, 1.0, 0.0, "when it looks, in intervals", only=(1,)),
+        ),
         _latency,
     ),
     effect(
@@ -104,7 +124,10 @@ EFFECTS = (
         "crystal tolerance is 20 to 100 ppm; software timers are far worse",
         (
             signed("rate", "s/s", 0.01, 3e-3, "relative rate, positive: the recording's clock runs fast"),
-            choice("aligned", 0, "at the start of each recording", "once, at the start of the session"),
+            choice("form", 0, "aligned at the start of each recording", "aligned once, at the start of the session",
+                   "to and fro; the rate is the greatest"),
+            shape("period", "s", 15.0, 1500.0, 150.0, "of going to and fro", log=True, only=(2,), fine=1e-4),
+            PHASE,
         ),
         _skew,
     ),
@@ -114,7 +137,7 @@ EFFECTS = (
         "Stamp samples in the device, not on arrival.",
         "operating system scheduling; gap.md",
         (strength("fraction", "1", 1e-3, 0.5, 0.1, "of the samples"), _CHANNEL, _SEED, _RATE),
-        _faulty("late_samples", 0.0),
+        _faulty("late_samples", 0.0), _scattered,
     ),
     effect(
         "dropped_samples", "timing", ALL,
@@ -122,7 +145,7 @@ EFFECTS = (
         "Number the samples and store the gaps; give the link more buffer.",
         "overrun serial buffers; gap.md",
         (strength("fraction", "1", 1e-3, 0.5, 0.1, "of the samples"), _CHANNEL, _SEED, _RATE),
-        _faulty("dropped_samples", 1.0),
+        _faulty("dropped_samples", 1.0), _scattered,
     ),
     effect(
         "desynchronisation", "timing", SUCTION,
@@ -142,6 +165,6 @@ EFFECTS = (
         "Sample by hardware timer.",
         "software-timed sampling; gap.md",
         (strength("sigma", "s", 1e-4, 0.03, 5e-3, "rms scatter, uniformly distributed"), _CHANNEL, _SEED, _RATE),
-        _jitter,
+        _jitter, _scattered,
     ),
 )  # fmt: skip

@@ -12,6 +12,7 @@ import numpy as np
 from sim_devices.chain import Chain, FloatArray, Signals
 from sim_devices.effects.build import (
     ALL,
+    PHASE,
     ROBOT,
     SUCTION,
     Values,
@@ -200,7 +201,7 @@ def _pulse_robot(chain: Chain, v: Values) -> Chain:
 
 
 def _tone(chain: Chain, v: Values) -> Chain:
-    parameters = (v["change"], v["tau"], v["form"])
+    parameters = (v["change"], v["tau"], v["form"], v["phase"])
     if _is_robot(chain):
         return map_after(chain, "tissue", "muscle_tone_change", "tissue", laws.gain_drift, parameters)
     return map_after(chain, "softening", "muscle_tone_change", "tissue", laws.stiffness_drift, parameters)
@@ -214,7 +215,7 @@ def _pulse(instruments: tuple[str, ...], unit: str, low: float, high: float, def
         "0.15 to 0.4 Hz breath, 0.8 to 2 Hz pulse",
         (
             strength("amplitude", unit, low, high, default),
-            shape("frequency", "Hz", 0.15, 2.0, 1.1, log=True),
+            shape("frequency", "Hz", 0.15, 2.0, 1.1, log=True, fine=1e-5),
             shape("phase", "rad", 0.0, 2 * math.pi, 0.0),
         ),
         install,
@@ -265,7 +266,7 @@ EFFECTS = (
         "first curve of a series differs (reported; Mullins 1969 for the form by maximum)",
         (
             strength("amount", "1", 0.01, 1.0, 0.2, "softening in the end"),
-            shape("rise", "s", 0.5, 120.0, 8.0, "time under load that it takes (form 0)", log=True),
+            shape("rise", "s", 0.5, 120.0, 8.0, "time under load that it takes", log=True, only=(0,)),
             shape("forgetting", "s", 100.0, 1e5, 2000.0, "time of rest that undoes it", log=True),
             choice("form", 0, "by exposure", "by the greatest load so far"),
         ),
@@ -290,7 +291,7 @@ EFFECTS = (
         (
             strength("stiffness", "N/m", 5.0, 1500.0, 150.0, "more along, less across"),
             shape("angle", "rad", 0.0, math.pi, 1.2, "direction of the greater tension"),
-            shape("slack", "m", 0.0, 1e-3, 0.3e-3, "of form 1: displacement at which they engage"),
+            shape("slack", "m", 0.0, 1e-3, 0.3e-3, "displacement at which they engage", only=(1,)),
             choice("form", 0, "tension, more along and less across", "fibres that engage late"),
         ),
         _prestress,
@@ -331,6 +332,7 @@ EFFECTS = (
             signed("change", "1", 0.6, 0.3, "relative stiffness in the end (form 2: amplitude)"),
             shape("tau", "s", 10.0, 2000.0, 150.0, "time it takes (form 2: period)", log=True),
             choice("form", 1, "linear in time", "towards a new level", "to and fro"),
+            PHASE,
         ),
         _tone,
     ),

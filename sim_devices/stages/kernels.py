@@ -78,34 +78,86 @@ def low_pass(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Floa
 
 
 @njit(cache=True)
+def uneven_low_pass(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """First-order lag that rises within one time and falls within another. ``p`` = (tau up, tau down), s; from 0."""
+    if s[0] == 0.0 and t.size:
+        s[0], s[1], s[2] = 1.0, t[0], u[0]
+    for i in range(t.size):
+        e, a, b = hold_weights(t[i] - s[1], p[0] if 0.5 * (s[2] + u[i]) > s[3] else p[1])
+        s[3] = e * s[3] + a * s[2] + b * u[i]
+        s[1], s[2] = t[i], u[i]
+        y[i] = s[3]
+
+
+@njit(cache=True)
+def oscillation(dt: float, w: float, z: float) -> tuple[float, float, float, float]:
+    """Matrix (by rows) that takes (y, y') of y'' + 2 z w y' + w² y = 0 over ``dt`` s."""
+    d2 = w * w * (z * z - 1.0)
+    d = math.sqrt(abs(d2))
+    if d * dt < 1e-6:
+        c = math.exp(-z * w * dt)
+        q = dt * c
+    elif d2 > 0.0:
+        slow, fast = math.exp((d - z * w) * dt), math.exp(-(d + z * w) * dt)
+        c, q = 0.5 * (slow + fast), 0.5 * (slow - fast) / d
+    else:
+        decay = math.exp(-z * w * dt)
+        c, q = decay * math.cos(d * dt), decay * math.sin(d * dt) / d
+    return c + z * w * q, q, -w * w * q, c - z * w * q
+
+
+@njit(cache=True)
 def second_order(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Second-order lag, tau² y'' + 2 zeta tau y' + y = u. ``p`` = (tau s, zeta)."""
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2] = 1.0, t[0], u[0]
     w, z = 1.0 / max(p[0], 1e-9), p[1]
-    d2 = w * w * (z * z - 1.0)
-    last, e11, e12, e21, e22 = -1.0, 1.0, 0.0, 0.0, 1.0
+    last, e = -1.0, (1.0, 0.0, 0.0, 1.0)
     for i in range(t.size):
         dt = t[i] - s[1]
         if dt * w > 1e-7:
             if abs(dt - last) > 1e-9 * last:
-                d = math.sqrt(abs(d2))
-                if d * dt < 1e-6:
-                    c = math.exp(-z * w * dt)
-                    q = dt * c
-                elif d2 > 0.0:
-                    slow, fast = math.exp((d - z * w) * dt), math.exp(-(d + z * w) * dt)
-                    c, q = 0.5 * (slow + fast), 0.5 * (slow - fast) / d
-                else:
-                    decay = math.exp(-z * w * dt)
-                    c, q = decay * math.cos(d * dt), decay * math.sin(d * dt) / d
-                e11, e12, e21, e22 = c + z * w * q, q, -w * w * q, c - z * w * q
-                last = dt
+                last, e = dt, oscillation(dt, w, z)
             rate = (u[i] - s[2]) / dt
             lag = rate * 2.0 * z / w  # a ramp is followed this far behind
             x, v = s[3] - (s[2] - lag), s[4] - rate
-            s[3] = u[i] - lag + e11 * x + e12 * v
-            s[4] = rate + e21 * x + e22 * v
+            s[3] = u[i] - lag + e[0] * x + e[1] * v
+            s[4] = rate + e[2] * x + e[3] * v
+        else:
+            s[3] += s[4] * dt
+        s[1], s[2] = t[i], u[i]
+        y[i] = s[3]
+
+
+@njit(cache=True)
+def hurried(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """Second-order lag whose own rate is limited: tau² y'' + 2 zeta tau y' + y = u, -down <= y' <= up.
+
+    ``p`` = (tau s, zeta, up 1/s, down 1/s). Exact while it is free; the limit acts at the ends of eighths of tau.
+    """
+    if s[0] == 0.0 and t.size:
+        s[0], s[1], s[2] = 1.0, t[0], u[0]
+    w, z = 1.0 / max(p[0], 1e-9), p[1]
+    last, e = -1.0, (1.0, 0.0, 0.0, 1.0)
+    for i in range(t.size):
+        dt = t[i] - s[1]
+        parts = min(max(math.ceil(8.0 * dt * w), 1), 256)
+        h = dt / parts
+        if h * w > 1e-7:
+            if abs(h - last) > 1e-9 * last:
+                last, e = h, oscillation(h, w, z)
+            rate = (u[i] - s[2]) / dt
+            lag = rate * 2.0 * z / w
+            for k in range(parts):
+                before = s[2] + k / parts * (u[i] - s[2])
+                x, v = s[3] - (before - lag), s[4] - rate
+                free = rate + e[2] * x + e[3] * v
+                held = min(max(free, -p[3]), p[2])
+                if free == held:
+                    s[3] = before + rate * h - lag + e[0] * x + e[1] * v
+                else:
+                    s[3] += 0.5 * (s[4] + held) * h
+                s[4] = held
         else:
             s[3] += s[4] * dt
         s[1], s[2] = t[i], u[i]
@@ -297,6 +349,23 @@ def exposure_gain(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y:
             s[3] = mean + (s[3] - mean) * (up if mean > s[3] else down)
         s[1], s[2] = t[i], now
         y[i] = u[i] * (1.0 + p[0] * s[3])
+
+
+@njit(cache=True)
+def emptying_store(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """A store that runs empty: y = u (1 - a (E - 1)+), where E' = (|u| - kept) / (ref tau) while a pump, which alone
+    keeps ``kept``, cannot follow, and E falls back to 0 within tau_back while it can.
+
+    ``p`` = (a, ref, kept, tau s, tau_back s).
+    """
+    if s[0] == 0.0 and t.size:
+        s[0], s[1], s[2] = 1.0, t[0], abs(u[0])
+    for i in range(t.size):
+        now, dt = abs(u[i]), t[i] - s[1]
+        missing = 0.5 * (s[2] + now) - p[2]
+        s[3] = s[3] + missing * dt / (p[1] * p[3]) if missing > 0.0 else s[3] * math.exp(-dt / p[4])
+        s[1], s[2] = t[i], now
+        y[i] = u[i] * (1.0 - min(p[0] * max(s[3] - 1.0, 0.0), 1.0))
 
 
 @njit(cache=True)

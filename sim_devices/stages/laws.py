@@ -20,6 +20,18 @@ def offset(time: FloatArray, u: FloatArray, amount: float) -> FloatArray:
     return u + amount
 
 
+def jump(time: FloatArray, u: FloatArray, amount: float, moment: float) -> FloatArray:
+    """u + amount from ``moment`` on."""
+    return u + amount * (time >= moment)
+
+
+def fading_offset(time: FloatArray, u: FloatArray, amount: float, tau: float, *marks: float) -> FloatArray:
+    """u + amount exp(-(t - t0)/tau), t0 the latest of ``marks``, or 0."""
+    since = np.array([0.0, *sorted(marks)])
+    age = time - since[np.maximum(np.searchsorted(since, time, side="right") - 1, 0)]
+    return np.asarray(u + amount * np.exp(-np.maximum(age, 0.0) / tau))
+
+
 def affine(time: FloatArray, u: FloatArray, error: float, amount: float) -> FloatArray:
     """u (1 + error) + amount: what a gauge of relative gain error and offset shows."""
     return u * (1.0 + error) + amount if error or amount else u
@@ -81,26 +93,31 @@ def stribeck(
     return level * coulomb(time, speed, 1.0, smoothing)
 
 
-def course(time: FloatArray, tau: float, form: float) -> FloatArray:
-    """How something slow runs with the clock: 0 linear t/tau, 1 saturating 1 - exp(-t/tau), 2 swinging sin(2πt/tau)."""
+def course(time: FloatArray, tau: float, form: float, phase: float = 0.0) -> FloatArray:
+    """How something slow runs with the clock: 0 linear t/tau, 1 saturating 1 - exp(-t/tau), 2 swinging
+    sin(2π(t/tau - phase))."""
     if form < 0.5:
         return time / tau
-    return -np.expm1(-np.maximum(time, 0.0) / tau) if form < 1.5 else np.sin(2 * np.pi * time / tau)
+    return -np.expm1(-np.maximum(time, 0.0) / tau) if form < 1.5 else np.sin(2 * np.pi * (time / tau - phase))
 
 
-def drift(time: FloatArray, u: FloatArray, amount: float, tau: float, form: float) -> FloatArray:
+def drift(time: FloatArray, u: FloatArray, amount: float, tau: float, form: float, phase: float = 0.0) -> FloatArray:
     """u + amount · ``course``."""
-    return u + amount * course(time, tau, form)
+    return u + amount * course(time, tau, form, phase)
 
 
-def gain_drift(time: FloatArray, u: FloatArray, amount: float, tau: float, form: float) -> FloatArray:
+def gain_drift(
+    time: FloatArray, u: FloatArray, amount: float, tau: float, form: float, phase: float = 0.0
+) -> FloatArray:
     """u (1 + amount · ``course``)."""
-    return u * (1.0 + amount * course(time, tau, form))
+    return u * (1.0 + amount * course(time, tau, form, phase))
 
 
-def stiffness_drift(time: FloatArray, u: FloatArray, amount: float, tau: float, form: float) -> FloatArray:
+def stiffness_drift(
+    time: FloatArray, u: FloatArray, amount: float, tau: float, form: float, phase: float = 0.0
+) -> FloatArray:
     """u / (1 + amount · ``course``), where the denominator stays above 0.05."""
-    return u / np.maximum(1.0 + amount * course(time, tau, form), 0.05)
+    return u / np.maximum(1.0 + amount * course(time, tau, form, phase), 0.05)
 
 
 def stiffening(time: FloatArray, u: FloatArray, strength: float, exponent: float, reference: float) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import abc
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -81,29 +82,36 @@ class Law(Wired):
 
 
 @dataclass(frozen=True)
-class Delay(Wired):
-    """Dead time: each target at t is its source at t - delay - skew (t - t0), zero before the first sample.
+class Retimed(Wired):
+    """Each target at t is its source at another moment, ``seen(t)``; zero before the first sample.
 
-    ``delay`` s; ``skew`` is the relative rate by which the reading clock runs fast against the writing one since they
-    were aligned last, at the latest of ``marks`` (s; the start of time, if there is none). With a negative total delay
-    it reads ahead, as far as the samples of one call reach: a running instrument cannot, a simulation of a whole
-    session can.
+    Where that is ahead it reads as far as the samples of one call reach: a running instrument cannot, a simulation of
+    a whole session can.
     """
 
-    delay: float = 0.0
-    skew: float = 0.0
-    marks: tuple[float, ...] = ()
+    @property
+    @abc.abstractmethod
+    def moves(self) -> bool:
+        """Whether anything is moved at all."""
+
+    @abc.abstractmethod
+    def seen(self, time: FloatArray) -> FloatArray:
+        """The moments (n,) s of the source that the target shows at ``time`` (n,) s."""
+
+    @abc.abstractmethod
+    def shows(self, moments: FloatArray) -> FloatArray:
+        """When the source's ``moments`` (n,) s appear in the target."""
 
     def fresh(self) -> Any:
         return {"time": np.empty(0), **{source: np.empty(0) for source in self.source}}
 
     def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
-        if self.delay == 0.0 and self.skew == 0.0:
+        if not self.moves:
             for source, target in zip(self.source, self.target, strict=True):
                 signals[target] = signals[source]
             return
         past = np.concatenate([state["time"], time])
-        at = time - self.delay - self.skew * (time - self._aligned(time))
+        at = self.seen(time)
         start = max(np.searchsorted(past, at[-1]) - 1, 0)  # later calls never need anything older
         for source, target in zip(self.source, self.target, strict=True):
             values = np.concatenate([state[source], signals[source]])
@@ -111,13 +119,73 @@ class Delay(Wired):
             state[source] = values[start:]
         state["time"] = past[start:]
 
+
+@dataclass(frozen=True)
+class Delay(Retimed):
+    """Dead time: each target at t is its source at t - delay - skew (t - t0).
+
+    ``delay`` s; ``skew`` is the relative rate by which the reading clock runs fast against the writing one since they
+    were aligned last, at the latest of ``marks`` (s; the start of time, if there is none).
+    """
+
+    delay: float = 0.0
+    skew: float = 0.0
+    marks: tuple[float, ...] = ()
+
+    @property
+    def moves(self) -> bool:
+        return self.delay != 0.0 or self.skew != 0.0
+
+    def seen(self, time: FloatArray) -> FloatArray:
+        return time - self.delay - self.skew * (time - self._aligned(time))
+
     def shows(self, moments: FloatArray) -> FloatArray:
-        """When the source's ``moments`` (s) appear in the target."""
         return moments + (self.delay + self.skew * (moments - self._aligned(moments))) / (1.0 - self.skew)
 
     def _aligned(self, time: FloatArray) -> FloatArray:
         marks = np.array([0.0, *sorted(self.marks)])
         return marks[np.maximum(np.searchsorted(marks, time, side="right") - 1, 0)]
+
+
+@dataclass(frozen=True)
+class Polled(Retimed):
+    """The source is looked at every ``period`` s only, at ``phase`` (0 to 1 of it), and held in between."""
+
+    period: float = 0.0
+    phase: float = 0.0
+
+    @property
+    def moves(self) -> bool:
+        return self.period > 0.0
+
+    def seen(self, time: FloatArray) -> FloatArray:
+        # A moment that rounding put just before a look counts as the look.
+        return self.period * (np.floor((time + 1e-9) / self.period - self.phase) + self.phase)
+
+    def shows(self, moments: FloatArray) -> FloatArray:
+        return self.period * (np.ceil((moments - 1e-9) / self.period - self.phase) + self.phase)
+
+
+@dataclass(frozen=True)
+class Wandering(Retimed):
+    """A clock that goes to and fro: the source ``amplitude`` sin(2 π (t / period - phase)) s ago."""
+
+    amplitude: float = 0.0
+    period: float = 1.0
+    phase: float = 0.0
+
+    @property
+    def moves(self) -> bool:
+        return self.amplitude != 0.0
+
+    def _off(self, time: FloatArray) -> FloatArray:
+        return np.asarray(self.amplitude * np.sin(2 * np.pi * (time / self.period - self.phase)))
+
+    def seen(self, time: FloatArray) -> FloatArray:
+        return time - self._off(time)
+
+    def shows(self, moments: FloatArray) -> FloatArray:
+        return moments + self._off(moments + self._off(moments))  # slow: one step of iteration is exact enough
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from sim_devices.chain import Chain, FloatArray, Signals
-from sim_devices.stages.operators import Delay
+from sim_devices.stages.operators import Retimed
 from sim_devices.stages.robot import closed_loop
 
 JUMP = 1e-9
@@ -22,12 +22,15 @@ REFINEMENT = np.array([2, 5, 10, 16, 24, 34, 46, 60, 80, 105, 140, 180, 240, 320
 COMMANDS = {"pressure": "command_pressure", "probe_x": "command_x", "probe_y": "command_y", "probe_z": "command_z"}
 """Input signal of the chain for each commanded quantity."""
 
+RETIMED = ("latency", "polled", "wandering")
+"""Operators that move the command's kinks."""
+
 Table = tuple[FloatArray, FloatArray]
 """Times (m,) s and values (m,); two points at one time are a step."""
 
 
 def time_grid(
-    kinks: FloatArray, stamps: Iterable[FloatArray], *, delays: Sequence[Delay] = (), step: float = 0.0
+    kinks: FloatArray, stamps: Iterable[FloatArray], *, delays: Sequence[Retimed] = (), step: float = 0.0
 ) -> FloatArray:
     """Nodes, strictly increasing, over the stamps: these, kinks (s) with twins, also as ``delays`` show them, and more.
 
@@ -105,7 +108,7 @@ def simulate(
     ``commands`` maps a commanded quantity (``pressure``, ``probe_x|y|z``) to its table, ``given`` a signal of the chain
     to a recorded one that takes its place, ``stamps`` each wanted signal to its time stamps (s, increasing).
     """
-    delays = [op for op in chain.operators if isinstance(op, Delay) and op.name == "latency" and (op.delay or op.skew)]
+    delays = [op for op in chain.operators if isinstance(op, Retimed) and op.name in RETIMED and op.moves]
     kinks = np.concatenate([t for t, _ in commands.values()])
     grid = time_grid(kinks, stamps.values(), delays=delays, step=step)
     inputs = {COMMANDS.get(q, q): command_at(table, grid) for q, table in commands.items()}

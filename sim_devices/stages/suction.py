@@ -29,19 +29,24 @@ REGULATOR_TAU = 0.040
 
 @dataclass(frozen=True)
 class Regulator(Wired):
-    """Second-order pressure regulation, tau² p'' + 2 zeta tau p' + p = set-point, within what the pump can do."""
+    """Second-order pressure regulation, tau² p'' + 2 zeta tau p' + p = set-point, within what the pump can do.
+
+    ``rates`` (Pa/s) limit how fast pressure rises and falls.
+    """
 
     tau: float = REGULATOR_TAU
     zeta: float = 1.0
     lowest: float = -50e3
     highest: float = 0.0
+    rates: tuple[float, float] = (np.inf, np.inf)
 
     def fresh(self) -> Any:
-        return np.zeros(kernels.STATE), np.array([self.tau, self.zeta])
+        return np.zeros(kernels.STATE), np.array([self.tau, self.zeta, *self.rates])
 
     def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
         out = np.empty(len(time))
-        kernels.second_order(state[0], time, signals[self.source[0]], state[1], out)
+        law = kernels.second_order if np.isinf(self.rates).all() else kernels.hurried
+        law(state[0], time, signals[self.source[0]], state[1], out)
         signals[self.target[0]] = np.clip(out, self.lowest, self.highest, out=out)
 
 
@@ -51,21 +56,27 @@ class Zeroing(Wired):
 
     Sources are height and due pressure. ``marks`` (s) are the moments at which the instrument is armed anew, one for
     each recording of a session: the reading is zeroed there and at the first suction after it, ``delay`` s late. With
-    ``anew`` > 0 every suction that follows ``anew`` s or more of rest is zeroed too.
+    ``anew`` > 0 every suction that follows ``anew`` s or more of rest is zeroed too. If it is ``averaged``, the zero is
+    the mean over the delay.
     """
 
     marks: tuple[float, ...] = ()
     delay: float = 0.0
     anew: float = 0.0
+    averaged: bool = False
 
     def fresh(self) -> Any:
-        return np.zeros(6), np.array([*sorted(self.marks), np.inf])
+        return np.zeros(ZERO_STATE), np.array([*sorted(self.marks), np.inf])
 
     def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
         height, pressure = (signals[s] for s in self.source)
         out = np.empty(len(time))
-        zeroed(state[0], time, height, pressure, state[1], self.delay, self.anew, True, out)
+        zeroed(state[0], time, height, pressure, state[1], self.delay, self.anew, self.averaged, True, out)
         signals[self.target[0]] = out
+
+
+ZERO_STATE = 8
+"""Length of the state of `zeroed`."""
 
 
 @njit(cache=True)
@@ -77,12 +88,14 @@ def zeroed(
     marks: FloatArray,
     delay: float,
     anew: float,
+    averaged: bool,
     at_marks: bool,
     y: FloatArray,
 ) -> None:
     """Height less its zero, taken when suction starts after a mark, and at the mark itself with ``at_marks``."""
     # s: [0] zero, [1] 0 = unstarted, 1 = armed, 2 = waiting out the delay, 3 = zeroed;
-    # [2] when the delay ends, [3] index of the next mark, [4] at rest since
+    # [2] when the delay ends, [3] index of the next mark, [4] at rest since, [5] last time, [6] last height,
+    # [7] integral of height since suction started
     for i in range(t.size):
         if s[1] == 0.0 or t[i] >= marks[int(s[3])]:
             while t[i] >= marks[int(s[3])]:
@@ -93,10 +106,17 @@ def zeroed(
         sucking = p[i] < -1.0
         if sucking:
             if s[1] == 1.0 or (s[1] == 3.0 and anew > 0.0 and t[i] - s[4] >= anew):
-                s[1], s[2] = 2.0, t[i] + delay
+                s[1], s[2], s[5], s[6], s[7] = 2.0, t[i] + delay, t[i], h[i], 0.0
             s[4] = t[i]
-        if s[1] == 2.0 and t[i] >= s[2] - 1e-9:
-            s[0], s[1] = h[i], 3.0
+        if s[1] == 2.0:
+            # The delay ends between two samples.
+            end = min(t[i], s[2])
+            part = (end - s[5]) / (t[i] - s[5]) if t[i] > s[5] else 1.0
+            there = s[6] + part * (h[i] - s[6])
+            s[7] += 0.5 * (s[6] + there) * (end - s[5])
+            s[5], s[6] = end, there
+            if t[i] >= s[2] - 1e-9:
+                s[0], s[1] = s[7] / delay if averaged and delay > 0.0 else there, 3.0
         y[i] = h[i] - s[0]
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gap.screening import _lines, grid, screen
+from gap.rhythms import lines
+from gap.screening import grid, screen
 from gap.solve import Hypothesis, fit
 from sim_devices.chain import Parameter
 
@@ -23,7 +24,7 @@ def test_lines_of_a_residual_are_found() -> None:
     rng = np.random.default_rng(0)
     time = np.sort(rng.uniform(0, 200, 1500))
     residual = np.sin(2 * np.pi * 1.13 * time) + rng.normal(size=len(time))
-    assert _lines(time, residual, 0.15, 2.0)[0] == pytest.approx(1.13, abs=0.01)
+    assert lines(time, residual, 0.15, 2.0)[0] == pytest.approx(1.13, abs=0.01)
 
 
 def test_what_a_wide_prior_swallows_is_seen_through_a_narrow_one(linear, candidate) -> None:
