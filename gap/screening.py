@@ -24,7 +24,7 @@ AGREED = 0.85
 """How well the moments of commands must agree on looks at equal intervals for these to be refitted anyway."""
 SMALL = (3.0, 60.0)
 """σ by which a point should change the data for straight lines to say something."""
-BISECTIONS = 5
+BISECTIONS = 7
 """Simulations at most to find one."""
 STARTS = 2
 """Screening points from which a refit starts."""
@@ -113,17 +113,25 @@ def _points(candidate: Candidate, problems: dict[str, Problem], base: Hypothesis
         found = [points_of(candidate, problems[b], base.fits[b]) for b in candidate.blocks for points_of in _RHYTHMS]
         return [p for points, _ in found for p in points] or points, any(sure for _, sure in found)
     if "moment" in names:
-        at = names.index("moment")
-        out = []
-        for b in candidate.blocks:
-            rows = problems[b].rows
-            for moment in jumps(rows.time, base.fits[b].residual, rows.recording):
-                for point in points[:: len(SHAPES)]:
-                    point = point.copy()
-                    point[at] = to_unit(candidate.parameters[at], moment)
-                    out.append(point)
-        return out or points, False
+        found = [jumps(p.rows.time, base.fits[b].residual, p.rows.recording) for b, p in problems.items()]
+        moments = [m for b, m in zip(problems, found, strict=True) if b in candidate.blocks]
+        return _at(candidate, points, "moment", np.concatenate(moments)), False
+    if "within" in names:
+        rows = problems[candidate.blocks[0]].rows
+        middles = [float(np.median(rows.time[rows.recording == k])) for k in np.unique(rows.recording)]
+        return _at(candidate, points, "within", np.array(middles)), False
     return points, False
+
+
+def _at(candidate: Candidate, points: list[FloatArray], name: str, moments: FloatArray) -> list[FloatArray]:
+    """``points`` with one parameter at each of ``moments`` (m,) s."""
+    k = [p.name for p in candidate.parameters].index(name)
+    out = []
+    for moment in moments:
+        moved = np.array(points)
+        moved[:, k] = to_unit(candidate.parameters[k], float(moment))
+        out += list(np.unique(moved, axis=0))
+    return out or points
 
 
 Found = tuple[list[FloatArray], bool]

@@ -169,9 +169,10 @@ class PressureBlock(Block):
             return None
         moved = np.concatenate([-MOVES[::-1], [0.0], MOVES])
         rows = []
+        # The nominal regulator and clock: the fitted ones have taken on what they could.
+        nuisance = np.concatenate([np.zeros(len(fitted.nuisance) - 2), fitted.nuisance[-2:]])
         for move in moved:
-            nuisance = fitted.nuisance.copy()
-            nuisance[2] -= move
+            nuisance[2] = -move
             rows.append(self.evaluate(nuisance, fitted.active, want_jacobian=False).residual)
         chi2 = np.array([over(r**2) for r in rows])
         best = np.clip(np.argmin(chi2, axis=0), 1, len(moved) - 2)
@@ -185,9 +186,7 @@ class PressureBlock(Block):
                 late[k] = moved[j] + np.clip(step, moved[j - 1] - moved[j], moved[j + 1] - moved[j])
                 sd[k] = np.sqrt(1.0 / square) * max(1.0, np.sqrt(chi2[j, k] / at.sum()))
         good = np.isfinite(sd)
-        # Against a simulation whose clock is right: the fit has taken what it could into shift and skew.
-        taken = fitted.nuisance[2] + fitted.nuisance[3] * (kinks - self.stamps[0])
-        return Lateness(kinks[good], (late - taken)[good], sd[good])
+        return Lateness(kinks[good], late[good], sd[good])
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         predicted = self._predict(nuisance, active)

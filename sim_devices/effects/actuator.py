@@ -188,8 +188,8 @@ EFFECTS = (
         (
             strength("sag", "1", 3e-4, 0.6, 0.1, "of the pressure, at 300 mbar held for long (form 1: as long again)"),
             choice("form", 0, "all along", "once the store is empty, which a pump keeps from it up to some suction"),
-            shape("reserve", "s", 0.5, 100.0, 4.0, "how long the store keeps 300 mbar", log=True, only=(1,)),
-            shape("pump", "1", 0.0, 1.2, 0.3, "of 300 mbar, what the pump keeps alone", only=(1,)),
+            shape("reserve", "s", 0.1, 20.0, 2.0, "how long the store keeps 300 mbar", log=True, only=(1,)),
+            shape("pump", "1", 0.02, 1.2, 0.2, "of 300 mbar, what the pump keeps alone", log=True, only=(1,)),
             shape("tau", "s", 2.0, 300.0, 30.0, "time to empty", log=True, only=(0,)),
             shape("refill", "1", 0.05, 5.0, 0.5, "time to refill against time to empty", log=True),
         ),

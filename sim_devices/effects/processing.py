@@ -89,15 +89,25 @@ def _swap(chain: Chain, v: Values) -> Chain:
     return after(chain, anchor, make, names[i], names[j])
 
 
+def one_gain(time: FloatArray, u: FloatArray, error: float, within: float, *marks: float) -> FloatArray:
+    """u (1 + error) in the recording that runs at ``within`` s, from one of ``marks`` to the next."""
+    edges = np.array([-np.inf, *sorted(marks), np.inf])
+    k = min(int(np.searchsorted(edges, within, side="right")), len(edges) - 1)
+    return np.where((time >= edges[k - 1]) & (time < edges[k]), u * (1.0 + error), u)
+
+
 def _unit(chain: Chain, v: Values) -> Chain:
     first = chosen(v, "channel") == 0
+    op: Any = chain["latency"]
+    error = v["factor"] - 1.0
+    law: tuple[Any, tuple[float, ...]] = (laws.gain, (error,))
+    if chosen(v, "form") == 1:
+        law = (one_gain, (error, v["within"], *op.marks))
     if chain.instrument == "microrobot":
         anchor = "transducers" if first else "position_sensors"
-        return map_after(chain, anchor, "wrong_unit", "processing", laws.gain, (v["factor"] - 1.0,))
+        return map_after(chain, anchor, "wrong_unit", "processing", *law)
     signal = "pressure" if first else "apex_height"
-    return on_recorded(
-        chain, signal, lambda s, t: Map("wrong_unit", "processing", s, t, laws.gain, (v["factor"] - 1.0,))
-    )
+    return on_recorded(chain, signal, lambda s, t: Map("wrong_unit", "processing", s, t, *law))
 
 
 EFFECTS = (
@@ -155,6 +165,8 @@ EFFECTS = (
         (
             strength("factor", "1", 0.1, 10.0, 1.333, "stored against true", null=1.0),
             choice("channel", 0, "pressure, or force", "height, or position"),
+            choice("form", 0, "throughout", "in one recording"),
+            shape("within", "s", 0.0, 5000.0, 0.0, "a moment of that recording", only=(1,)),
         ),
         _unit,
     ),

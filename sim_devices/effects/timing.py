@@ -111,9 +111,9 @@ EFFECTS = (
         "buffered serial and USB links; gap.md",
         (
             strength("delay", "s", 2e-4, 0.5, 0.08, "dead time, or its mean", only=(0,)),
-            strength("interval", "s", 2e-3, 1.0, 0.1, "between looks at the command", only=(1,), fine=1e-8),
+            strength("interval", "s", 2e-3, 1.0, 0.087, "between looks at the command", only=(1,), fine=1e-8),
             choice("form", 0, "constant", "until the device looks next, which it does at equal intervals"),
-            shape("phase", "1", 0.0, 1.0, 0.0, "when it looks, in intervals", only=(1,)),
+            shape("phase", "1", 0.0, 1.0, 0.37, "when it looks, in intervals", only=(1,)),
         ),
         _latency,
     ),

@@ -13,6 +13,8 @@ from sim_devices.chain import Chain, FloatArray, Operator, Signals
 from sim_devices.stages.kernels import STATE, Kernel
 
 Names = tuple[str, ...]
+ROUNDING = 2e-10
+"""s by which rounding may put a moment beside the one it is: less than a step of the command takes."""
 
 
 @dataclass(frozen=True)
@@ -159,11 +161,10 @@ class Polled(Retimed):
         return self.period > 0.0
 
     def seen(self, time: FloatArray) -> FloatArray:
-        # A moment that rounding put just before a look counts as the look.
-        return self.period * (np.floor((time + 1e-9) / self.period - self.phase) + self.phase)
+        return self.period * (np.floor((time + ROUNDING) / self.period - self.phase) + self.phase)
 
     def shows(self, moments: FloatArray) -> FloatArray:
-        return self.period * (np.ceil((moments - 1e-9) / self.period - self.phase) + self.phase)
+        return self.period * (np.ceil((moments - ROUNDING) / self.period - self.phase) + self.phase)
 
 
 @dataclass(frozen=True)
@@ -185,7 +186,10 @@ class Wandering(Retimed):
         return time - self._off(time)
 
     def shows(self, moments: FloatArray) -> FloatArray:
-        return moments + self._off(moments + self._off(moments))  # slow: one step of iteration is exact enough
+        shown = moments
+        for _ in range(8):  # to far within a `JUMP`: each step gains a factor of the greatest rate, which is small
+            shown = moments + self._off(shown)
+        return shown
 
 
 @dataclass(frozen=True)

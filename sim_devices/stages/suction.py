@@ -57,7 +57,8 @@ class Zeroing(Wired):
     Sources are height and due pressure. ``marks`` (s) are the moments at which the instrument is armed anew, one for
     each recording of a session: the reading is zeroed there and at the first suction after it, ``delay`` s late. With
     ``anew`` > 0 every suction that follows ``anew`` s or more of rest is zeroed too. If it is ``averaged``, the zero is
-    the mean over the delay.
+    the mean over the delay and is taken off from its beginning, as in processing afterwards: as far back as the samples
+    of one call reach.
     """
 
     marks: tuple[float, ...] = ()
@@ -116,7 +117,13 @@ def zeroed(
             s[7] += 0.5 * (s[6] + there) * (end - s[5])
             s[5], s[6] = end, there
             if t[i] >= s[2] - 1e-9:
-                s[0], s[1] = s[7] / delay if averaged and delay > 0.0 else there, 3.0
+                s[0], s[1] = there, 3.0
+                if averaged and delay > 0.0:
+                    s[0] = s[7] / delay
+                    j = i - 1
+                    while j >= 0 and t[j] >= s[2] - delay:
+                        y[j] = h[j] - s[0]
+                        j -= 1
         y[i] = h[i] - s[0]
 
 

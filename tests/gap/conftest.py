@@ -46,6 +46,12 @@ class LinearProblem:
     def anchored(self, hypothesis: object, unit: FloatArray) -> None:
         return None
 
+    def lateness(self, fitted: object) -> None:
+        return None
+
+    def widening(self, active: Active) -> FloatArray | None:
+        return None
+
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         predicted = self.design @ nuisance
         for candidate, values in active.items():

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gap.rhythms import lines
 from gap.screening import grid, screen
 from gap.solve import Hypothesis, fit
 from sim_devices.chain import Parameter
@@ -18,13 +17,6 @@ def test_the_grid_surrounds_a_value_that_does_nothing(candidate) -> None:
     values = [signed.values(u)["a"] for u in grid(signed)]
     assert min(values) < 0 < max(values)
     assert min(abs(v) for v in values) < 0.05
-
-
-def test_lines_of_a_residual_are_found() -> None:
-    rng = np.random.default_rng(0)
-    time = np.sort(rng.uniform(0, 200, 1500))
-    residual = np.sin(2 * np.pi * 1.13 * time) + rng.normal(size=len(time))
-    assert lines(time, residual, 0.15, 2.0)[0] == pytest.approx(1.13, abs=0.01)
 
 
 def test_what_a_wide_prior_swallows_is_seen_through_a_narrow_one(linear, candidate) -> None:
@@ -41,3 +33,27 @@ def test_what_a_wide_prior_swallows_is_seen_through_a_narrow_one(linear, candida
     assert first.candidate.name == "wave"
     assert first.gain > 1.0
     assert first.widths["linear"] is narrow
+
+
+def test_a_threshold_is_looked_for_where_it_begins_to_show(linear, candidate) -> None:
+    """Below 0.3 it does nothing, at 0.8 it is a hundred and fifty σ in each: straight lines are good for neither."""
+    late = T > 0.9
+
+    def beyond(v: dict[str, float]) -> np.ndarray:
+        return 300.0 * np.maximum(v["a"] - 0.3, 0.0) * late
+
+    problem = linear(4.0 * late + np.random.default_rng(2).normal(size=len(T)), np.ones((len(T), 1)), {"limit": beyond})
+    limit = candidate("limit", Parameter("a", "1", 1e-3, 10.0, 0.0, 0.1, "log"))
+    base = Hypothesis((), {"linear": fit(problem)})
+    found, _ = screen({"linear": problem}, base, [limit])
+    assert found[0].gain > 100
+
+
+def test_a_jump_and_one_recording_are_tried_where_they_can_be(linear, candidate) -> None:
+    y = 3.0 * (np.arange(len(T)) >= 260) + np.random.default_rng(3).normal(size=len(T))
+    problem = linear(y, np.ones((len(T), 1)), {"jump": lambda v: v["a"] * (np.arange(len(T)) >= v["moment"])}, runs=2)
+    moment = Parameter("moment", "s", 1.0, 400.0, None, 1.0, "log")
+    base = Hypothesis((), {"linear": fit(problem)})
+    found, _ = screen({"linear": problem}, base, [candidate("jump", Parameter("a", "1", -9.0, 9.0), moment)])
+    jump = found[0]
+    assert jump.candidate.values(jump.starts["linear"][0])["moment"] == pytest.approx(260, abs=2)

@@ -11,6 +11,7 @@ import pytest
 from acquire.recording.model import Recording
 from gap import own
 from gap.blocks import GroupedSession, candidates_for
+from gap.compare import compare
 from gap.effects import library
 from gap.solve import fit, under
 from gap.suction import HeightBlock, PressureBlock
@@ -103,9 +104,70 @@ def test_the_simulation_by_itself_fits_skin_that_creeps_at_other_times() -> None
 
 def test_a_zero_is_taken_by_the_records_clock() -> None:
     """Whose skew the pressure tells: a zero of a step that is 50 ms off is off by a hundred micrometres."""
-    skew = library("aspiration")["clock_skew[aligned=1]"]
+    skew = library("aspiration")["clock_skew[form=1]"]
     _, height = blocks(session([(skew, {"rate": -1e-3})]))
     null = fit(height, iterations=40)
     n, r = len(height.TISSUE), height.member.shape[1]
     zeros = slice(n + 1 + r, n + 1 + 3 * r)
     assert np.sum(np.square(null.nuisance[zeros] / null.prior_sd[zeros])) < 10
+
+
+CYCLES = [own.step_hold(-level, 2.0, 1.7) for level in (20e3, 12e3, 16e3, 9e3, 20e3)]
+
+
+@pytest.mark.parametrize(
+    ("key", "values"),
+    [
+        ("latency[form=1]", {"interval": 0.037, "phase": 0.3}),
+        ("clock_skew[form=2]", {"rate": 2e-3, "period": 40.0, "phase": 0.2}),
+        ("slew_limit[form=1]", {"span_time": 0.25}),
+        ("regulator_lag[form=3]", {"tau": 0.006}),
+        ("reservoir_depletion[form=1]", {"sag": 0.1, "reserve": 0.4, "pump": 0.1}),
+        ("wrong_unit[channel=0,form=1]", {"factor": 1.02, "within": 5.0}),
+        ("jitter[channel=1]", {"sigma": 4e-3}),
+    ],
+)
+def test_what_is_narrow_or_begins_at_a_threshold_is_found_in_the_pressure(key: str, values: dict[str, float]) -> None:
+    """Each from the screening's own starts: looks at the command, wandering clocks, limits, chance."""
+    effect = library("aspiration")[key]
+    recordings = own.suction_session("aspiration", np.random.default_rng(7), [(effect, values)], legs=CYCLES)
+    pressure = PressureBlock(GroupedSession(recordings, ("pressure",)), library("aspiration"))
+    comparison = compare([pressure], candidates_for(library("aspiration"), [pressure]))
+    weight = comparison.weighed(comparison.temper())
+    singles = [h for h in comparison.hypotheses if len(h.effects) == 1]
+    best = max(singles, key=lambda h: weight[id(h)].evidence)
+    # Late and lost samples scatter as jitter does: they are one class.
+    same = {"jitter", "late_samples", "dropped_samples"}
+    assert best.effects[0].name == effect.name or {best.effects[0].name, effect.name} <= same
+    fitted = best.fits["pressure"]
+    assert fitted.chi2 / len(fitted.residual) < 1.2
+    assert weight[id(best)].evidence > weight[id(comparison.null)].evidence + 10
+
+
+def test_effects_of_chance_widen_the_noise_where_the_signal_is_steep() -> None:
+    pressure, _ = blocks(session())
+    candidate = next(c for c in candidates_for(library("aspiration"), [pressure]) if c.name == "jitter")
+    assert [p.name for p in candidate.parameters] == ["sigma"]  # which draw it was does not matter
+    wider = pressure.widening({candidate: {"sigma": 5e-3}})
+    assert wider is not None
+    assert pressure.steep is not None
+    assert wider[pressure.steep == pressure.steep.max()] > 3.0
+    assert np.median(wider) < 1.01
+    active = {candidate: {"sigma": 5e-3}}
+    plain, scaled = (pressure.evaluate(pressure.start(), a).residual for a in ({}, active))
+    np.testing.assert_allclose(scaled * wider, plain)
+    assert pressure.widening({}) is None
+
+
+def test_lateness_of_each_command_is_measured() -> None:
+    latency = library("aspiration")["latency[form=0]"]
+    recordings = own.suction_session("aspiration", np.random.default_rng(7), [(latency, {"delay": 0.03})], legs=CYCLES)
+    pressure = PressureBlock(GroupedSession(recordings, ("pressure",)), library("aspiration"))
+    tight = under(pressure, pressure.prior_mean, np.full(len(pressure.prior_mean), 1e-9))
+    late = pressure.lateness(fit(tight))
+    assert late is not None
+    sharp = late.sd < 2e-3
+    assert sharp.sum() >= 8
+    np.testing.assert_allclose(late.late[sharp], 0.03, atol=3e-3)
+    sound, _ = blocks(session())
+    assert sound.lateness(fit(sound)) is None

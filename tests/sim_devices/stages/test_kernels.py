@@ -71,6 +71,42 @@ def test_second_order_is_exact_for_linear_pieces(zeta: float) -> None:
     np.testing.assert_allclose(evaluate(kernels.second_order, time, wave, 0.3, zeta), expected, atol=1e-8)
 
 
+@pytest.mark.parametrize("zeta", [0.3, 1.0, 2.0])
+def test_a_limit_on_the_rate_out_of_reach_changes_nothing(zeta: float) -> None:
+    time, wave = uniform()
+    free = evaluate(kernels.second_order, time, wave, 0.3, zeta)
+    np.testing.assert_allclose(evaluate(kernels.hurried, time, wave, 0.3, zeta, 99.0, 99.0), free, atol=1e-9)
+
+
+def test_a_limited_rate_is_kept_and_then_caught_up() -> None:
+    time = np.arange(0.0, 4.0, 0.002)
+    out = evaluate(kernels.hurried, time, (time > 0.1).astype(float), 0.04, 1.0, 0.8, 0.8)
+    assert np.max(np.diff(out)) <= 0.8 * 0.002 + 1e-12
+    rising = (time > 0.3) & (time < 1.0)
+    np.testing.assert_allclose(np.diff(out)[rising[1:]], 0.8 * 0.002, rtol=1e-6)
+    assert out[-1] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_an_uneven_lag_is_each_of_its_lags_one_way() -> None:
+    time = np.arange(0.0, 3.0, 0.01)
+    step = (time >= 0.5).astype(float)
+    up = evaluate(kernels.uneven_low_pass, time, step, 0.3, 0.05)
+    np.testing.assert_allclose(up, evaluate(kernels.low_pass, time, step, 0.3), atol=1e-12)
+    down = evaluate(kernels.uneven_low_pass, time, -step, 0.3, 0.05)
+    np.testing.assert_allclose(down, -evaluate(kernels.low_pass, time, step, 0.05), atol=1e-12)
+
+
+def test_a_store_gives_all_it_has_and_then_sags() -> None:
+    time = np.arange(0.0, 20.0, 0.01)
+    load = np.where(time < 12, -2.0, -0.2)
+    out = evaluate(kernels.emptying_store, time, load, 0.1, 1.0, 0.5, 3.0, 0.1)
+    whole = time < 2.0  # 1.5 of 1.0 · 3 s are missing each second
+    np.testing.assert_allclose(out[whole], load[whole])
+    late = (time > 2.1) & (time < 12)
+    np.testing.assert_allclose(out[late] / load[late], 1 - 0.1 * (time[late] * 0.5 - 1.0), atol=2e-3)
+    np.testing.assert_allclose(out[time > 14], -0.2, atol=1e-6)
+
+
 def test_gaps_and_jumps_are_harmless() -> None:
     time = np.array([0.0, 1.0, 1.0 + 1e-9, 1.3, 4000.0, 4000.1])
     wave = np.array([0.0, 0.0, 1.0, 1.0, 1.0, 1.0])

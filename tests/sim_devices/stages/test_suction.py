@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from sim_devices.chain import Runner
+from sim_devices.effects import effects
 from sim_devices.stages import noisy, nominal
 from sim_devices.stages.operators import Delay
 from sim_devices.stages.sampling import Table, mean_before, sampled, simulate, time_grid
@@ -110,6 +111,32 @@ def test_height_is_zeroed_when_each_recording_starts() -> None:
     np.testing.assert_allclose(twice[:1200], once[:1200])
     assert once[1300] > 1e-6
     assert twice[1300] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_command_that_is_looked_at_seldom_acts_at_the_next_look() -> None:
+    effect = effects("cutometer")["latency"]
+    chain = effect.apply(nominal("cutometer"), {"form": 1, "interval": 0.5, "phase": 0.2})
+    grid = np.arange(0.0, 6.0, 0.01)
+    due = chain.run(grid, {"command_pressure": np.where(grid >= 1.0, -10e3, 0.0)})["line_pressure"]
+    began = grid[np.flatnonzero(due < -1.0)[0]]
+    assert 1.1 <= began < 1.13
+
+
+def test_a_zero_may_be_late_between_samples_or_a_mean_that_is_taken_off_at_once() -> None:
+    stamps = {"apex_height": STAMPS}
+    table = {"pressure": steps(40e3)}
+    plain = simulate(nominal("cutometer"), table, stamps)["apex_height"]
+    zeroing = effects("cutometer")["wrong_zeroing"]
+    zeros = []
+    for delay in (0.0503, 0.0505, 0.0507):  # s; nodes are a millisecond apart
+        late = simulate(zeroing.apply(nominal("cutometer"), {"delay": delay}), table, stamps)["apex_height"]
+        zeros.append(plain[300] - late[300])
+    assert zeros[0] < zeros[1] < zeros[2]
+    mean = simulate(zeroing.apply(nominal("cutometer"), {"delay": 0.05, "form": 2}), table, stamps)["apex_height"]
+    off = plain - mean
+    first = int(np.flatnonzero(off > 1e-9)[0])
+    np.testing.assert_allclose(off[first : first + 1000], off[first], atol=1e-12)  # at once, and for the whole suction
+    assert 0 < off[first] < zeros[0]
 
 
 def test_averaged_samples_are_means_of_the_window_before() -> None:
