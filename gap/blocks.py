@@ -36,6 +36,8 @@ AFTER_KINK = 1e-3 * np.concatenate(
 STAMP_SD = 4e-4
 """s: how well a single stamp or the moment of a step is known (assumed). An integrator's step is as good as that,
 too."""
+ELSEWHERE = (0.1, 0.9)
+"""Quantiles of its prior at which an effect is tried whose default does nothing."""
 Table = tuple[FloatArray, FloatArray]
 """Times (m,) s and values (m,)."""
 
@@ -264,21 +266,22 @@ def compressed(columns: FloatArray, weights: FloatArray, size: int) -> tuple[Flo
 def candidates_for(
     effects: Mapping[str, Effect], blocks: Sequence[Block], threshold: float = 0.05
 ) -> tuple[Candidate, ...]:
-    """One candidate per effect; which blocks it changes is found by switching it on at its default strength."""
-    at_rest = {b.name: (b.start(), b.evaluate(b.start(), {}, want_jacobian=False).residual) for b in blocks}
+    """One candidate per effect; which blocks it changes is found by switching it on at its default strength, or
+    elsewhere in its prior where that does nothing in these recordings."""
+    at_rest = {b.name: b.evaluate(b.start(), {}, want_jacobian=False).residual for b in blocks}
     out = []
     for key, effect in effects.items():
         # Which draw it was, nobody knows: only how strong.
         parameters = effect.strengths if all(b.by_chance(key) for b in blocks) else effect.parameters
         trial = Candidate(key, effect.name, effect.stage, parameters, (), effect.meaning, effect.remedy)
-        values = {p.name: p.default for p in parameters}
-        touched = []
-        for block in blocks:
-            start, nominal = at_rest[block.name]
-            changed = block.evaluate(start, {trial: values}, want_jacobian=False).residual
-            if float(np.max(np.abs(changed - nominal))) > threshold:
-                touched.append(block.name)
-        if touched:
-            meaning, remedy = effect.meaning, effect.remedy
-            out.append(Candidate(key, effect.name, effect.stage, parameters, tuple(touched), meaning, remedy))
+        elsewhere = (trial.values(np.full(len(parameters), u)) for u in ELSEWHERE)
+        for values in ({p.name: p.default for p in parameters}, *elsewhere):
+            touched = []
+            for block in blocks:
+                changed = block.evaluate(block.start(), {trial: values}, want_jacobian=False).residual
+                if float(np.max(np.abs(changed - at_rest[block.name]))) > threshold:
+                    touched.append(block.name)
+            if touched:
+                out.append(replace(trial, blocks=tuple(touched)))
+                break
     return tuple(out)
