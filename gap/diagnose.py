@@ -114,7 +114,9 @@ def diagnose(
         others = [s.value for split, s in shrinks[0].items() if split not in ("fitted", "waveform")]
         elsewhere = max(others, default=None)
         after = plain_gap(answers[0])
-        verdict = borne_out(verdict, comparison, plain_gap(null), after, there, elsewhere, rules)
+        again = shrinks[0].get("repeat")
+        repeats = again.value if again else None
+        verdict = borne_out(verdict, comparison, plain_gap(null), after, there, elsewhere, repeats, rules)
     return Diagnosis(
         recordings=tuple(recordings),
         problems=blocks,

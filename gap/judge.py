@@ -26,6 +26,7 @@ class Judgement:
 
     prior_effect: float = 0.45  # that one effect acts
     prior_pair: float = 0.05  # that two act
+    outside: float = 0.07  # that what is named is imitated by an effect that the library lacks
     sure_none: float = 0.93  # probability of no effect above which, at a gap below `quiet_gap`, the verdict is `none`
     quiet_gap: float = 1.1
     unusual_gap: float = 1.3  # gap above which finding nothing means that the cause is unknown, not that there is none
@@ -60,7 +61,7 @@ class Cause:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the comparison says. ``stages`` sums to the probability that any effect acts."""
+    """What the comparison says. ``stages`` sums to the probability that an effect of the library acts."""
 
     verdict: str
     causes: tuple[Cause, ...]
@@ -148,6 +149,7 @@ def judge(
     weight = np.exp(score - score.max())
     weight /= weight.sum()
     none = float(weight[0])
+    weight[1:] *= 1.0 - rules.outside
     causes = _classes(everything, score, weight, weighed, temper, rules)
     causes = [replace(c, marked=marks(c.hypothesis) > 0) for c in causes]
     stages: dict[str, float] = {}
@@ -186,6 +188,7 @@ def borne_out(
     after: float,
     transfer: float | None,
     elsewhere: float | None = None,
+    repeats: float | None = None,
     rules: Judgement = Judgement(),
 ) -> Verdict:
     """The verdict once its first cause was tried as a simulation by itself, also on what it was not fitted to.
@@ -193,7 +196,8 @@ def borne_out(
     What takes nothing away there explains nothing, be its evidence what it may, nor does what is as weak as its prior
     allows and helps nowhere else; and a device effect that only repairs what skin of another law leaves does not carry
     over to another waveform. ``gap`` is the plain simulation's, ``after`` what the cause leaves of it, ``transfer`` the
-    share that it takes away on another waveform, and ``elsewhere`` on whatever else was withheld (None: not known).
+    share that it takes away on another waveform, ``elsewhere`` on whatever else was withheld, ``repeats`` on repeats of
+    what it was fitted to (None: not known). What makes those worse is wrong.
     """
     if verdict.verdict not in ("effect", "several"):
         return verdict
@@ -201,6 +205,8 @@ def borne_out(
     helps = transfer if transfer is not None else elsewhere
     if not first.marked and (after >= gap or (weakest(first.hypothesis) and (helps is None or helps <= 0))):
         return replace(verdict, verdict="unknown" if gap > rules.unusual_gap else "undetectable")
+    if not first.marked and gap >= rules.plain and repeats is not None and repeats < -rules.borne_out:
+        return replace(verdict, verdict="unknown")
     if transfer is None or gap < rules.plain:
         return verdict
     if first.detectability > rules.overwhelming or any(e.stage == "tissue" for h in first.members for e in h.effects):

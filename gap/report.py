@@ -8,7 +8,7 @@ import numpy as np
 
 from gap.diagnose import Diagnosis
 from gap.hypothesis import Candidate, from_unit
-from gap.judge import Cause, unknown
+from gap.judge import Cause, Verdict, unknown
 from gap.rows import LABELS
 from gap.transfer import shrink
 
@@ -32,7 +32,7 @@ def as_json(d: Diagnosis) -> dict[str, Any]:
         "where": [{"stage": s, "probability": _round(p)} for s, p in v.stages.items()],
         "causes": [_cause(d, c, k) for k, c in enumerate(v.causes[: len(d.shrinks)])],
         "none_probability": _round(v.probability_none),
-        "unknown_probability": _round(unknown(d.verdict.unexplained, d.verdict.gap_after)),
+        "unknown_probability": _round(unknown_probability(v)),
         "unexplained": _round(v.unexplained),
         "indistinguishable": [list(g) for g in d.confusable],
         "undetectable_below": {k: _round(b) for k, b in d.bounds.items() if np.isfinite(b)},
@@ -42,6 +42,12 @@ def as_json(d: Diagnosis) -> dict[str, Any]:
         "recordings": [r.info.id for r in d.recordings],
         "cost": {"seconds": _round(d.seconds), "simulations": d.comparison.simulations, "fe_solves": d.fe_solves},
     }
+
+
+def unknown_probability(v: Verdict) -> float:
+    """How surely the cause is outside the library: above a half just where that is the verdict."""
+    p = unknown(v.unexplained, v.gap_after)
+    return 0.5 + 0.5 * p if v.verdict == "unknown" else min(p, 0.5)
 
 
 def _round(x: float) -> float:

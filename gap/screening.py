@@ -113,23 +113,25 @@ def _points(candidate: Candidate, problems: dict[str, Problem], base: Hypothesis
         found = [points_of(candidate, problems[b], base.fits[b]) for b in candidate.blocks for points_of in _RHYTHMS]
         return [p for points, _ in found for p in points] or points, any(sure for _, sure in found)
     if "moment" in names:
-        found = [jumps(p.rows.time, base.fits[b].residual, p.rows.recording) for b, p in problems.items()]
-        moments = [m for b, m in zip(problems, found, strict=True) if b in candidate.blocks]
-        return _at(candidate, points, "moment", np.concatenate(moments)), False
+        moments = []
+        for b in candidate.blocks:
+            rows = problems[b].rows
+            moments += jumps(rows.time, base.fits[b].residual, rows.recording)
+        return _at(candidate, points, "moment", moments), False
     if "within" in names:
         rows = problems[candidate.blocks[0]].rows
         middles = [float(np.median(rows.time[rows.recording == k])) for k in np.unique(rows.recording)]
-        return _at(candidate, points, "within", np.array(middles)), False
+        return _at(candidate, points, "within", middles), False
     return points, False
 
 
-def _at(candidate: Candidate, points: list[FloatArray], name: str, moments: FloatArray) -> list[FloatArray]:
-    """``points`` with one parameter at each of ``moments`` (m,) s."""
+def _at(candidate: Candidate, points: list[FloatArray], name: str, moments: Sequence[float]) -> list[FloatArray]:
+    """``points`` with one parameter at each of ``moments``, s."""
     k = [p.name for p in candidate.parameters].index(name)
     out = []
     for moment in moments:
         moved = np.array(points)
-        moved[:, k] = to_unit(candidate.parameters[k], float(moment))
+        moved[:, k] = to_unit(candidate.parameters[k], moment)
         out += list(np.unique(moved, axis=0))
     return out or points
 
@@ -159,7 +161,7 @@ def _lines(candidate: Candidate, problem: Problem, base: Fit) -> Found:
 def _timings(candidate: Candidate, problem: Problem, base: Fit) -> Found:
     """Points of commands that wait for a look, or of a clock that wanders."""
     parameters = {p.name: p for p in candidate.parameters}
-    looking, wandering = set(parameters) == {"interval", "phase"}, set(parameters) == {"rate", "period", "phase"}
+    looking, wandering = set(parameters) == {"interval", "phase"}, set(parameters) == {"swing", "period", "phase"}
     late = problem.lateness(base) if looking or wandering else None
     if late is None:
         return [], False
@@ -171,7 +173,7 @@ def _timings(candidate: Candidate, problem: Problem, base: Fit) -> Found:
     else:
         period = parameters["period"]
         for length, phase, amplitude in wanderings(late, period.low, period.high):
-            values.append({"rate": 2 * np.pi * amplitude / length, "period": length, "phase": phase})
+            values.append({"swing": amplitude, "period": length, "phase": phase})
     return [np.array([to_unit(p, v[p.name]) for p in candidate.parameters]) for v in values], sure
 
 

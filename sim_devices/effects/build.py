@@ -38,9 +38,11 @@ def strength(
     return Parameter(name, unit, low, high, null, default, "log", meaning, only, fine)
 
 
-def signed(name: str, unit: str, size: float, default: float, meaning: str = "") -> Parameter:
+def signed(
+    name: str, unit: str, size: float, default: float, meaning: str = "", *, only: tuple[int, ...] = ()
+) -> Parameter:
     """A strength of either sign within ±size."""
-    return Parameter(name, unit, -size, size, 0.0, default, "linear", meaning)
+    return Parameter(name, unit, -size, size, 0.0, default, "linear", meaning, only)
 
 
 def shape(

@@ -64,8 +64,7 @@ def _latency(chain: Chain, v: Values) -> Chain:
 
 def _skew(chain: Chain, v: Values) -> Chain:
     if chosen(v, "form") == 2:
-        amplitude = v["rate"] * v["period"] / (2 * math.pi)
-        wandering = (amplitude, v["period"], v["phase"])
+        wandering = (v["swing"], v["period"], v["phase"])
         return after(chain, "latency", lambda s, t: Wandering("wandering", "timing", s, t, *wandering))
     op: Any = chain["latency"]
     marks = op.marks if chosen(v, "form") == 0 else ()
@@ -123,9 +122,10 @@ EFFECTS = (
         "Take both from one clock, or exchange time stamps at both ends of a recording.",
         "crystal tolerance is 20 to 100 ppm; software timers are far worse",
         (
-            signed("rate", "s/s", 0.01, 3e-3, "relative rate, positive: the recording's clock runs fast"),
+            signed("rate", "s/s", 0.01, 3e-3, "positive: the recording's clock runs fast", only=(0, 1)),
+            strength("swing", "s", 1e-4, 0.03, 5e-3, "by how much it is off at most", only=(2,)),
             choice("form", 0, "aligned at the start of each recording", "aligned once, at the start of the session",
-                   "to and fro; the rate is the greatest"),
+                   "to and fro"),
             shape("period", "s", 15.0, 1500.0, 150.0, "of going to and fro", log=True, only=(2,), fine=1e-4),
             PHASE,
         ),

@@ -43,7 +43,7 @@ def test_the_effect_that_acts_is_named(verdict_on) -> None:
     assert v.gap_before > v.gap_after
     assert v.gap_after == pytest.approx(1.0, abs=0.1)
     assert next(iter(v.stages)) == "actuator"
-    assert sum(v.stages.values()) == pytest.approx(1 - v.probability_none)
+    assert sum(v.stages.values()) == pytest.approx((1 - Judgement().outside) * (1 - v.probability_none))
 
 
 def test_nothing_is_found_where_nothing_is(verdict_on) -> None:

@@ -119,7 +119,7 @@ CYCLES = [own.step_hold(-level, 2.0, 1.7) for level in (20e3, 12e3, 16e3, 9e3, 2
     ("key", "values"),
     [
         ("latency[form=1]", {"interval": 0.037, "phase": 0.3}),
-        ("clock_skew[form=2]", {"rate": 2e-3, "period": 40.0, "phase": 0.2}),
+        ("clock_skew[form=2]", {"swing": 8e-3, "period": 40.0, "phase": 0.2}),
         ("slew_limit[form=1]", {"span_time": 0.25}),
         ("regulator_lag[form=3]", {"tau": 0.006}),
         ("reservoir_depletion[form=1]", {"sag": 0.1, "reserve": 0.4, "pump": 0.1}),
