@@ -17,6 +17,8 @@ from .vocabulary import CONCEPTS
 
 BINS = ((0.5, 3.0), (3.0, 5.0), (5.0, 10.0), (10.0, 30.0), (30.0, 100.0), (100.0, np.inf))
 _RESAMPLES = 400
+TOSS = 0.2
+"""Probability from which a second cause counts as named."""
 
 
 class Cause(BaseModel):
@@ -50,6 +52,7 @@ class Report(BaseModel):
     where: list[Place] = Field(default_factory=list)
     causes: list[Cause] = Field(default_factory=list)
     unknown_probability: float | None = None
+    indistinguishable: list[list[str]] = Field(default_factory=list)
     cost: dict[str, Any] = Field(default_factory=dict)
 
     @property
@@ -90,6 +93,17 @@ class Case:
         if self.verdict in ("none", "unknown", "undetectable"):
             return False
         return any(c.probability > 0.5 and _device(c) for c in self.report.causes)
+
+    @property
+    def coin_toss(self) -> bool:
+        """Whether two causes that the report itself calls indistinguishable stand apart in it, each with a probability
+        worth naming."""
+        if self.report is None:
+            return False
+        named = [c for c in self.report.ranked if c.probability > TOSS]
+        pairs = [(a, b) for k, a in enumerate(named) for b in named[:k]]
+        groups = [set(g) for g in self.report.indistinguishable]
+        return any(a.names & g and b.names & g and not a.names & b.names for a, b in pairs for g in groups)
 
     @property
     def unknown_score(self) -> float:
@@ -306,6 +320,7 @@ def evaluate(cases: Sequence[Case]) -> Scorecard:
             ">= 0.85",
         ),
         _figure("both of a pair in the top three", pairs, third, ">= 0.80"),
+        _figure("coin tosses between equivalent effects", seen, _share(lambda c: c.coin_toss), "<= 0"),
         _figure("power at delta = 6", [c for c in asked if 4.5 < c.delta < 8], effect, ">= 0.80"),
         _figure("delta < 3 called undetectable", faint, _share(lambda c: c.verdict == "undetectable")),
         _figure(

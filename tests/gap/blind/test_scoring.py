@@ -106,6 +106,16 @@ def test_pairs_need_both_effects_among_three_causes(tmp_path: Path):
     assert figure.n == 3
 
 
+def test_equivalent_effects_that_stand_apart_are_a_coin_toss(tmp_path: Path):
+    name, same = "coin tosses between equivalent effects", [["leak", "gauge_gain"]]
+    apart = report("effect", cause("leak", p=0.5), cause("gauge_gain", p=0.4), indistinguishable=same)
+    hardly = report("effect", cause("leak", p=0.9), cause("gauge_gain", p=0.05), indistinguishable=same)
+    together = report("effect", cause("leak", members=("leak", "gauge_gain")), indistinguishable=same)
+    other = report("effect", cause("leak", p=0.5), cause("latency", p=0.4), indistinguishable=same)
+    cases = [(truth(k, "T2", ("leak", 20.0)), r) for k, r in zip("abcd", (apart, hardly, together, other), strict=True)]
+    assert scored(tmp_path, cases)[name].value == 0.25
+
+
 def test_unknown_recall_at_five_percent_false(tmp_path: Path):
     known = [(truth(f"k{i}", "T2", ("leak", 20.0)), report("effect", unknown_probability=i / 40)) for i in range(40)]
     hidden = [
