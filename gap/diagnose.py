@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -94,12 +94,12 @@ def diagnose(
     comparison = compare(problems, candidates, effort, suspects)
     verdict = judge(comparison, candidates, rules, marks)
     blocks = {p.name: p for p in problems}
-    solves = 0
+    solves, off = 0, 0.0
     if solver:
         from gap.fe_tissue import checked
 
         answer = verdict.causes[0].hypothesis if verdict.causes else comparison.null
-        solves, words = checked(problems, answer.fits)
+        solves, off, words = checked(problems, answer.fits)
         remarks += words
     withheld = splits(recordings)
     null = plain(blocks, comparison.null)
@@ -115,8 +115,10 @@ def diagnose(
         elsewhere = max(others, default=None)
         after = plain_gap(answers[0])
         again = shrinks[0].get("repeat")
-        repeats = again.value if again else None
-        verdict = borne_out(verdict, comparison, plain_gap(null), after, there, elsewhere, repeats, rules)
+        worse = again.after / again.before if again else None
+        verdict = borne_out(verdict, comparison, plain_gap(null), after, there, elsewhere, worse, rules)
+    if verdict.verdict == "unknown" and off > rules.surrogate:
+        verdict = replace(verdict, verdict="undetectable")
     return Diagnosis(
         recordings=tuple(recordings),
         problems=blocks,

@@ -368,20 +368,23 @@ def fe_height(name: str) -> Callable[[GroupedSession, Mapping[str, Effect], Pres
     return partial(FeHeightBlock, model=fe_model(name))
 
 
-def checked(problems: Iterable[Problem], fits: Mapping[str, Fit]) -> tuple[int, list[str]]:
-    """Number of finite-element solves, and in plain words how far the surrogate is off a full solve at ``fits``."""
-    solves, remarks = 0, []
+def checked(problems: Iterable[Problem], fits: Mapping[str, Fit]) -> tuple[int, float, list[str]]:
+    """Number of finite-element solves, and how far the surrogate is off a full solve at ``fits``: σ (rms), inf where
+    there is none, and in plain words."""
+    solves, worst, remarks = 0, 0.0, []
     for p in problems:
         if isinstance(p, Anchored):
             try:
-                error = f"the surrogate is {p.surrogate_error(fits[p.name]):.2g} σ (rms) off a full solve"
+                off = p.surrogate_error(fits[p.name])
+                error = f"the surrogate is {off:.2g} σ (rms) off a full solve"
             except ValueError as failure:
-                error = f"no full solve could check the surrogate: {failure}"
+                off, error = np.inf, f"no full solve could check the surrogate: {failure}"
+            worst = max(worst, off)
             solves += p.model.solves
             remarks.append(
                 f"tissue by finite elements ({p.model.name}, {p.model.solves} solves); at the answer {error}"
             )
-    return solves, remarks
+    return solves, worst, remarks
 
 
 def _differences(function: Callable[[FloatArray], FloatArray], x: FloatArray, step: float = 1e-4) -> FloatArray:

@@ -36,10 +36,13 @@ class Judgement:
     seen: float = 4.0  # if it stands out by so many tempered σ: among sixty effects some always do by three
     second_share: float = 0.3  # of what the best single effect leaves above the noise, that a second must explain
     second_excess: float = 0.01  # and of what the null leaves: form errors grow with the effect
+    second_least: float = 30.0  # χ² (tempered) that it must explain at least: of so many pairs some always do by less
     borne_out: float = 0.2  # share of the plain gap on another waveform that a device effect must take away,
+    worse: float = 1.3  # times larger that it may make the gap on repeats
     plain: float = 1.1  # where that gap is larger than this,
     sure: float = 5.0  # unless blocks without skin give so many nats
     overwhelming: float = 8.0  # or it stands out by so many σ
+    surrogate: float = 10.0  # σ (rms) by which finite elements' surrogate may be off before what is left is its own
     unknown: float = 0.5  # probability that the cause is none of the library's above which that is the verdict
 
 
@@ -94,7 +97,7 @@ def made_by(signature: Signature, effect: Candidate) -> bool:
     return same and where in ("", signature.channel)
 
 
-def _earned(h: Hypothesis, comparison: Comparison, rules: Judgement) -> bool:
+def _earned(h: Hypothesis, comparison: Comparison, rules: Judgement, temper: Mapping[str, float]) -> bool:
     """Whether each further effect of a hypothesis explains enough of what fewer leave; form errors are always worth
     some χ²."""
     if len(h.effects) < 2:
@@ -102,7 +105,8 @@ def _earned(h: Hypothesis, comparison: Comparison, rules: Judgement) -> bool:
     singles = [s for s in comparison.hypotheses if len(s.effects) == 1 and s.effects[0] in h.effects]
     n = sum(len(f.residual) for f in h.fits.values())
     left = min(s.chi2 for s in singles)
-    needed = max(rules.second_share * (left - n), rules.second_excess * (comparison.null.chi2 - n), 0.0)
+    least = rules.second_least * min(temper.values())
+    needed = max(rules.second_share * (left - n), rules.second_excess * (comparison.null.chi2 - n), least)
     return left - h.chi2 > needed
 
 
@@ -143,7 +147,7 @@ def judge(
     def marks(h: Hypothesis) -> float:
         return sum(s.nats for s in signatures if any(made_by(s, e) for e in h.effects))
 
-    everything = [comparison.null, *(h for h in comparison.hypotheses if _earned(h, comparison, rules))]
+    everything = [comparison.null, *(h for h in comparison.hypotheses if _earned(h, comparison, rules, temper))]
     weighed = comparison.weighed(temper)
     score = np.array([log_prior(h) + weighed[id(h)].evidence + marks(h) for h in everything])
     weight = np.exp(score - score.max())
@@ -188,7 +192,7 @@ def borne_out(
     after: float,
     transfer: float | None,
     elsewhere: float | None = None,
-    repeats: float | None = None,
+    worse: float | None = None,
     rules: Judgement = Judgement(),
 ) -> Verdict:
     """The verdict once its first cause was tried as a simulation by itself, also on what it was not fitted to.
@@ -196,8 +200,8 @@ def borne_out(
     What takes nothing away there explains nothing, be its evidence what it may, nor does what is as weak as its prior
     allows and helps nowhere else; and a device effect that only repairs what skin of another law leaves does not carry
     over to another waveform. ``gap`` is the plain simulation's, ``after`` what the cause leaves of it, ``transfer`` the
-    share that it takes away on another waveform, ``elsewhere`` on whatever else was withheld, ``repeats`` on repeats of
-    what it was fitted to (None: not known). What makes those worse is wrong.
+    share that it takes away on another waveform, ``elsewhere`` on whatever else was withheld; ``worse`` is how
+    many times larger it makes the gap on repeats of what it was fitted to (None: not known). What does that is wrong.
     """
     if verdict.verdict not in ("effect", "several"):
         return verdict
@@ -205,7 +209,7 @@ def borne_out(
     helps = transfer if transfer is not None else elsewhere
     if not first.marked and (after >= gap or (weakest(first.hypothesis) and (helps is None or helps <= 0))):
         return replace(verdict, verdict="unknown" if gap > rules.unusual_gap else "undetectable")
-    if not first.marked and gap >= rules.plain and repeats is not None and repeats < -rules.borne_out:
+    if not first.marked and worse is not None and worse > rules.worse:
         return replace(verdict, verdict="unknown")
     if transfer is None or gap < rules.plain:
         return verdict
