@@ -104,10 +104,10 @@ def _earned(h: Hypothesis, comparison: Comparison, rules: Judgement, temper: Map
         return True
     singles = [s for s in comparison.hypotheses if len(s.effects) == 1 and s.effects[0] in h.effects]
     n = sum(len(f.residual) for f in h.fits.values())
-    left = min(s.chi2 for s in singles)
+    left = min(s.deviance for s in singles)
     least = rules.second_least * min(temper.values())
     needed = max(rules.second_share * (left - n), rules.second_excess * (comparison.null.chi2 - n), least)
-    return left - h.chi2 > needed
+    return left - h.deviance > needed
 
 
 def gap_of(h: Hypothesis) -> float:

@@ -19,8 +19,8 @@ from gap import own
 from gap.effects import library
 from gap.hypothesis import Candidate, FloatArray, Problem
 from gap.robot import robot_problems
-from gap.screening import grid
 from gap.solve import Hypothesis, Projector, fit
+from gap.starts import grid
 from gap.suction import suction_problems
 
 STRONG = 15.0

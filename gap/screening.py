@@ -5,23 +5,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from itertools import product
 
 import numpy as np
 
-from gap.hypothesis import Candidate, FloatArray, Problem, to_unit
-from gap.rhythms import Lateness, jumps, lines, looks, wanderings
+from gap.hypothesis import Candidate, FloatArray, Problem
 from gap.solve import Fit, Hypothesis, Projector, fit, under
+from gap.starts import starting_points
 
-STRENGTHS = (0.06, 0.3, 0.7)
-SIGNED = (-0.2, -0.04, -0.006, 0.006, 0.04, 0.2)
-"""Quantiles of the prior from the value that does nothing, where that lies inside: half the range is mostly absurd."""
-SHAPES = (0.2, 0.5, 0.8)
-MAX_GRID = 9
 STEEP = 10.0
 """Detectability at the weakest strength simulated above which the linear screening says nothing."""
-AGREED = 0.85
-"""How well the moments of commands must agree on looks at equal intervals for these to be refitted anyway."""
 SMALL = (3.0, 60.0)
 """σ by which a point should change the data for straight lines to say something."""
 BISECTIONS = 7
@@ -49,24 +41,6 @@ class Screened:
     detectability: list[tuple[FloatArray, float]] = field(default_factory=list)
     traces: dict[str, FloatArray] = field(default_factory=dict)
     sure: bool = False  # whether it is refitted wherever it ranks
-
-
-def grid(candidate: Candidate) -> list[FloatArray]:
-    """Screening points (k,) in prior quantiles: strengths first, shapes as far as `MAX_GRID` allows."""
-    axes = []
-    size = 1
-    for p in candidate.parameters:
-        values: tuple[float, ...] = STRENGTHS if p.null is not None else SHAPES
-        if p.null is not None and p.low < p.null < p.high:
-            middle = to_unit(p, p.null)
-            values = tuple(float(np.clip(middle + d, 0, 1)) for d in SIGNED)
-        if size * len(values) > MAX_GRID:
-            values = (0.5,) if p.null is None else (values[len(values) // 2 - 1], values[len(values) // 2])
-            if size * len(values) > MAX_GRID:
-                values = (0.5,)
-        size *= len(values)
-        axes.append(values)
-    return [np.array(point) for point in product(*axes)]
 
 
 @dataclass(frozen=True)
@@ -104,102 +78,6 @@ def _seen_through(lenses: Sequence[_Lens], changes: FloatArray) -> tuple[FloatAr
     return 2.0 * (np.logaddexp.reduce(scores, axis=0) - base), lenses[best]
 
 
-def _points(candidate: Candidate, problems: dict[str, Problem], base: Hypothesis) -> tuple[list[FloatArray], bool]:
-    """The screening grid; of what is narrow, where the residual itself shows it, as a fit finds it only from close by.
-    Also whether it stands out there."""
-    points = grid(candidate)
-    names = [p.name for p in candidate.parameters]
-    if "phase" in names:
-        found = [points_of(candidate, problems[b], base.fits[b]) for b in candidate.blocks for points_of in _RHYTHMS]
-        return [p for points, _ in found for p in points] or points, any(sure for _, sure in found)
-    if "moment" in names:
-        moments = []
-        for b in candidate.blocks:
-            rows = problems[b].rows
-            moments += jumps(rows.time, base.fits[b].residual, rows.recording)
-        return _at(candidate, points, "moment", moments), False
-    if "within" in names:
-        rows = problems[candidate.blocks[0]].rows
-        middles = [float(np.median(rows.time[rows.recording == k])) for k in np.unique(rows.recording)]
-        return _at(candidate, points, "within", middles), False
-    return points, False
-
-
-def _at(candidate: Candidate, points: list[FloatArray], name: str, moments: Sequence[float]) -> list[FloatArray]:
-    """``points`` with one parameter at each of ``moments``, s."""
-    k = [p.name for p in candidate.parameters].index(name)
-    out = []
-    for moment in moments:
-        moved = np.array(points)
-        moved[:, k] = to_unit(candidate.parameters[k], moment)
-        out += list(np.unique(moved, axis=0))
-    return out or points
-
-
-Found = tuple[list[FloatArray], bool]
-
-
-def _lines(candidate: Candidate, problem: Problem, base: Fit) -> Found:
-    """Points of a rhythm of some ``frequency``."""
-    names = [p.name for p in candidate.parameters]
-    if "frequency" not in names:
-        return [], False
-    at, turn = names.index("frequency"), names.index("phase")
-    known, points = candidate.parameters[at], grid(candidate)
-    out = []
-    time, residual = problem.rows.time, base.residual
-    for line in lines(time, residual, known.low, known.high):
-        wave = 2 * np.pi * line * time
-        phase = float(np.arctan2(residual @ np.cos(wave), residual @ np.sin(wave))) % (2 * np.pi)
-        for unit in points[:: max(len(points) // len(STRENGTHS), 1)]:
-            point = unit.copy()
-            point[at], point[turn] = to_unit(known, line), phase / (2 * np.pi)
-            out.append(point)
-    return out, False
-
-
-def _timings(candidate: Candidate, problem: Problem, base: Fit) -> Found:
-    """Points of commands that wait for a look, or of a clock that wanders."""
-    parameters = {p.name: p for p in candidate.parameters}
-    looking, wandering = set(parameters) == {"interval", "phase"}, set(parameters) == {"swing", "period", "phase"}
-    late = problem.lateness(base) if looking or wandering else None
-    if late is None:
-        return [], False
-    values, sure = [], False
-    if looking:
-        for interval, phase, agreement in looks(late):
-            values.append({"interval": interval, "phase": phase})
-            sure |= agreement > AGREED
-    else:
-        period = parameters["period"]
-        for length, phase, amplitude in wanderings(late, period.low, period.high):
-            values.append({"swing": amplitude, "period": length, "phase": phase})
-    return [np.array([to_unit(p, v[p.name]) for p in candidate.parameters]) for v in values], sure
-
-
-def _swings(candidate: Candidate, problem: Problem, base: Fit) -> Found:
-    """Points of what goes slowly to and fro with period ``tau``."""
-    names = [p.name for p in candidate.parameters]
-    if "tau" not in names:
-        return [], False
-    at, turn = names.index("tau"), names.index("phase")
-    known = candidate.parameters[at]
-    seen = Lateness(problem.rows.time, base.residual, np.ones(len(base.residual)))
-    strengths = {
-        tuple(p): p for p in (np.where(np.isin(np.arange(len(names)), (at, turn)), 0.5, p) for p in grid(candidate))
-    }
-    out = []
-    for period, phase, _ in wanderings(seen, known.low, known.high):
-        for unit in strengths.values():
-            point = unit.copy()
-            point[at], point[turn] = to_unit(known, period), phase
-            out.append(point)
-    return out, False
-
-
-_RHYTHMS = (_lines, _timings, _swings)
-
-
 def screen(
     problems: dict[str, Problem],
     base: Hypothesis,
@@ -221,7 +99,7 @@ def screen(
         if candidate in before:
             units, traces, sure = before[candidate].units, before[candidate].traces, False
         else:
-            points, sure = _points(candidate, problems, base)
+            points, sure = starting_points(candidate, problems, base)
             units, traces = _traced(candidate, problems, base, points)
             simulations += len(candidate.blocks) * len(units)
         gain, along = 0.0, np.zeros(len(units))

@@ -119,8 +119,13 @@ class Fit:
     wider: float = 0.0
 
     @property
+    def deviance(self) -> float:
+        """χ², and what wider noise costs: comparable with and without effects of chance."""
+        return self.chi2 + self.wider
+
+    @property
     def objective(self) -> float:
-        return self.chi2 + self.penalty + self.wider
+        return self.deviance + self.penalty
 
     def log_evidence(self, temper: float, priors: Sequence[FloatArray]) -> float:
         """log marginal likelihood up to the constant that all hypotheses share, with χ² divided by ``temper``.
@@ -186,6 +191,10 @@ class Hypothesis:
     @property
     def chi2(self) -> float:
         return sum(f.chi2 for f in self.fits.values())
+
+    @property
+    def deviance(self) -> float:
+        return sum(f.deviance for f in self.fits.values())
 
     @property
     def name(self) -> str:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gap.screening import grid, screen
+from gap.screening import screen
 from gap.solve import Hypothesis, fit
+from gap.starts import grid
 from sim_devices.chain import Parameter
 
 T = np.linspace(0.0, 1.0, 400)
