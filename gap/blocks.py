@@ -145,17 +145,21 @@ class Block(abc.ABC):
 
     def by_chance(self, key: str) -> bool:
         """Whether an effect counts as noise on steep parts, not as what it does in one draw."""
-        return self.steep is not None and self.library[key].scatter is not None
+        return self.steep is not None and bool(self._scatter(key, {}))
+
+    def _scatter(self, key: str, values: Mapping[str, float]) -> Mapping[str, float]:
+        """By channel, the rms (s) by which an effect scatters its instants; nothing of one that is not by chance."""
+        effect = self.library[key]
+        defaults = {p.name: p.default for p in effect.parameters}
+        return effect.scatter(self.session.instrument, defaults | dict(values)) if effect.scatter else {}
 
     def widening(self, active: Active) -> FloatArray | None:
         """What scattered instants add to the noise, averaged over each bin's samples."""
         variance: FloatArray | None = None
         for candidate, values in active.items():
-            scatter = self.library[candidate.key].scatter
-            if self.steep is None or scatter is None:
+            rms = self._scatter(candidate.key, values)
+            if self.steep is None or not rms:
                 continue
-            defaults = {p.name: p.default for p in self.library[candidate.key].parameters}
-            rms = scatter(self.session.instrument, {**defaults, **values})
             each = np.repeat([rms.get(c, 0.0) for c in self.channels], len(self.stamps))
             variance = np.square(self.steep * each) / self.counts + (0.0 if variance is None else variance)
         return None if variance is None else np.sqrt(1.0 + variance / np.square(self.sigma))

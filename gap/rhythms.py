@@ -21,7 +21,10 @@ SLOWEST_LOOK, QUICKEST_LOOK = 1.0, 2e-3
 BLUR = 5e-4
 """s: what lateness is not known better than, whatever its noise."""
 TRIED = 8
-"""How many intervals are looked at."""
+"""How many intervals are looked at for each skew."""
+SKEW_SD = 2e-5
+SKEWS = SKEW_SD * np.linspace(-2.0, 2.0, 9)
+"""How fast sound clocks may run against each other."""
 SPARSE = 2.0
 """How many times the range of lateness an interval may be."""
 
@@ -48,36 +51,50 @@ def lines(time: FloatArray, residual: FloatArray, low: float, high: float) -> li
 
 def looks(lateness: Lateness) -> list[tuple[float, float, float]]:
     """Intervals (s) at which a device could look at its command, the phase (0 to 1) of it, and the share of lateness
-    (0 to 1) that waiting for the next look explains, beside a constant. The best first."""
+    (0 to 1) that waiting for the next look explains, beside a constant and a sound clock's skew. The best first."""
     sharp = lateness.sd < SHARP
     time, late = lateness.time[sharp], lateness.late[sharp]
     sd = np.hypot(lateness.sd[sharp], BLUR)
     if len(time) < 5:
         return []
+    sound = _Sound(time, sd)
+    spread = float(np.ptp(late - sound.part(late)))
     # Lateness fills the interval: one much longer than its range would agree with any.
-    least, most = max(float(np.ptp(late)) / 1.2, QUICKEST_LOOK), min(SPARSE * float(np.ptp(late)), SLOWEST_LOOK)
+    least, most = max(spread / 1.2, QUICKEST_LOOK), min(SPARSE * spread, SLOWEST_LOOK)
     if least >= most:
         return []
     step = 0.1 / float(np.ptp(time))
     frequency = np.arange(1.0 / most, 1.0 / least, step)
-    agreement = np.abs(_turns(frequency, time + late))
     found = []
-    for k in _peaks(agreement, 10, TRIED):
-        near = frequency[k] + step * np.linspace(-1.0, 1.0, 41)
-        interval = 1.0 / float(near[np.argmax(np.abs(_turns(near, time + late)))])
-        phases = np.linspace(0.0, 1.0, 400, endpoint=False)
-        wait = interval * np.mod(phases[:, None] - time / interval, 1.0)
-        left = _spread(late - wait, sd)
-        best = int(np.argmin(left))
-        found.append((interval, float(phases[best]), 1.0 - float(left[best] / _spread(late[None], sd)[0])))
+    for skew in SKEWS:
+        shown = time + late - skew * time
+        for k in _peaks(np.abs(_turns(frequency, shown)), 10, TRIED):
+            near = frequency[k] + step * np.linspace(-1.0, 1.0, 41)
+            interval = 1.0 / float(near[np.argmax(np.abs(_turns(near, shown)))])
+            phases = np.linspace(0.0, 1.0, 400, endpoint=False)
+            wait = interval * np.mod(phases[:, None] - time / interval, 1.0)
+            left = sound.misfit(late - wait)
+            best = int(np.argmin(left))
+            found.append((interval, float(phases[best]), 1.0 - float(left[best] / sound.misfit(late[None])[0])))
     return sorted(found, key=lambda f: -f[2])[:LINES]
 
 
-def _spread(values: FloatArray, sd: FloatArray) -> FloatArray:
-    """χ² (k,) of rows of values (k, m) about their weighted means."""
-    weight = 1.0 / np.square(sd)
-    mean = values @ weight / weight.sum()
-    return np.asarray(np.square(values - mean[:, None]) @ weight)
+class _Sound:
+    """Lateness of a sound instrument: a constant, and a skew of an ordinary clock."""
+
+    def __init__(self, time: FloatArray, sd: FloatArray) -> None:
+        self.weight = 1.0 / sd
+        self.design = np.column_stack([np.ones_like(time), (time - time.mean()) * SKEW_SD])
+        rows = self.design * self.weight[:, None]
+        self.solve = np.linalg.solve(rows.T @ rows + np.diag([0.0, 1.0]), rows.T)
+
+    def part(self, late: FloatArray) -> FloatArray:
+        """What of lateness, rows (k, m) or (m,), a sound instrument has."""
+        return np.asarray((late * self.weight) @ self.solve.T @ self.design.T)
+
+    def misfit(self, late: FloatArray) -> FloatArray:
+        """χ² (k,) of what is left of each row of lateness (k, m)."""
+        return np.asarray(np.sum(np.square((late - self.part(late)) * self.weight), axis=-1))
 
 
 def _turns(frequency: FloatArray, moments: FloatArray) -> NDArray[np.complex128]:

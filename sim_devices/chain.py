@@ -159,7 +159,8 @@ class Effect:
     ``install(chain, values)`` returns the chain with the effect; ``values`` has every parameter. ``remedy`` says what
     would remove it in reality, ``source`` where it is known from. ``instruments`` are the chains it fits. What happens
     to a sample by chance has a ``scatter``: the rms (s) by which a channel's true instants are off their stamps, given
-    the instrument and the values; a diagnosis then looks for the noise that it makes and not for the very draw.
+    the instrument and the values (none: not by chance); a diagnosis then looks for the noise that it makes and not for
+    the very draw.
     """
 
     name: str

@@ -53,6 +53,8 @@ def variants(effect: Effect) -> dict[str, Effect]:
     found = {}
     for numbers in product(*(range(int(p.low), int(p.high) + 1) for p in choices)):
         fixed = {p.name: float(n) for p, n in zip(choices, numbers, strict=True)}
+        if any(p.only and fixed.get("form") not in p.only and fixed[p.name] != p.default for p in choices):
+            continue  # a choice that means nothing in this form
         key = f"{effect.name}[{','.join(f'{k}={v:g}' for k, v in fixed.items())}]"
         idle = [p for p in effect.parameters if p.only and round(fixed.get("form", 0)) not in p.only]
         unused = {p.name: p.default if p.null is None else p.null for p in idle}

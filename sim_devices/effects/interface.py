@@ -118,6 +118,8 @@ def _rim_friction(chain: Chain, v: Values) -> Chain:
 
 
 def _rim_leak(chain: Chain, v: Values) -> Chain:
+    if chosen(v, "form") == 1:
+        return map_after(chain, "probe", "rim_leak", "interface", tilted_pressure, (v["share"] * PRESSURE,))
     return map_after(chain, "probe", "rim_leak", "interface", laws.leak, (v["share"], v["exponent"], PRESSURE))
 
 
@@ -175,8 +177,9 @@ EFFECTS = (
         "Press more evenly, grease the rim, shave the site.",
         "contact on hairy or curved sites; gap.md",
         (
-            strength("share", "1", 2e-3, 0.6, 0.12, "of the suction at 300 mbar"),
-            shape("exponent", "1", -0.5, 1.5, 0.5, "-0.5 orifice, 0 laminar, above: a leak that opens"),
+            strength("share", "1", 2e-3, 0.6, 0.12, "of the suction at 300 mbar (form 1: of 300 mbar in the end)"),
+            choice("form", 0, "a power of suction", "until suction has sealed the rim"),
+            shape("exponent", "1", -0.5, 1.5, 0.5, "-0.5 orifice, 0 laminar, above: a leak that opens", only=(0,)),
         ),
         _rim_leak,
     ),

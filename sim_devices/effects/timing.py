@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 from sim_devices.chain import Chain
@@ -50,6 +51,8 @@ def _period(instrument: str, values: Values) -> float:
 
 def _scattered(instrument: str, v: Values) -> dict[str, float]:
     """rms of the instants' error of jitter, or of samples of which a fraction is one period old."""
+    if v.get("form", 0.0) > 0.5:
+        return {}
     share = v.get("fraction", 0.0)
     rms = v["sigma"] if "sigma" in v else _period(instrument, v) * math.sqrt(share * (1.0 - share))
     return {signal: rms for _, signal in _sensors(instrument, chosen(v, "channel"))}
@@ -83,6 +86,9 @@ def _faulty(name: str, lost: float) -> Any:
     return install
 
 
+repeated = _faulty("dropped_samples", 1.0)
+
+
 def _desynchronised(chain: Chain, v: Values) -> Chain:
     form, shift = chosen(v, "form"), v["shift"]
     if form == 0 and shift < 0:
@@ -93,6 +99,14 @@ def _desynchronised(chain: Chain, v: Values) -> Chain:
     marks = op.marks if form == 3 else ()
     growth = shift / GROWING
     return after(chain, "optics", lambda s, t: Delay("desynchronisation", "timing", s, t, skew=growth, marks=marks))
+
+
+def _dropped(chain: Chain, v: Values) -> Chain:
+    if chosen(v, "form") == 0:
+        return repeated(chain, v)
+    # Stamped as if none were missing: the record's clock loses what each lost sample took.
+    op: Any = chain["latency"]
+    return chain.tuned("latency", skew=op.skew - v["fraction"])
 
 
 def _jitter(chain: Chain, v: Values) -> Chain:
@@ -141,11 +155,15 @@ EFFECTS = (
     ),
     effect(
         "dropped_samples", "timing", ALL,
-        "Samples are lost and the last value is repeated.",
+        "Samples are lost: the last value is repeated, or the time axis closes up.",
         "Number the samples and store the gaps; give the link more buffer.",
         "overrun serial buffers; gap.md",
-        (strength("fraction", "1", 1e-3, 0.5, 0.1, "of the samples"), _CHANNEL, _SEED, _RATE),
-        _faulty("dropped_samples", 1.0), _scattered,
+        (
+            strength("fraction", "1", 1e-5, 0.5, 0.1, "of the samples"),
+            choice("form", 0, "the last value is repeated", "the samples after it move up, in all channels"),
+            *(replace(p, only=(0,)) for p in (_CHANNEL, _SEED, _RATE)),
+        ),
+        _dropped, _scattered,
     ),
     effect(
         "desynchronisation", "timing", SUCTION,

@@ -57,7 +57,7 @@ class Zeroing(Wired):
     Sources are height and due pressure. ``marks`` (s) are the moments at which the instrument is armed anew, one for
     each recording of a session: the reading is zeroed there and at the first suction after it, ``delay`` s late. With
     ``anew`` > 0 every suction that follows ``anew`` s or more of rest is zeroed too. If it is ``averaged``, the zero is
-    the mean over the delay and is taken off from its beginning, as in processing afterwards: as far back as the samples
+    the mean over the delay and is taken off from the mark on, as in processing afterwards: as far back as the samples
     of one call reach.
     """
 
@@ -121,7 +121,8 @@ def zeroed(
                 if averaged and delay > 0.0:
                     s[0] = s[7] / delay
                     j = i - 1
-                    while j >= 0 and t[j] >= s[2] - delay:
+                    begin = marks[int(s[3]) - 1] if s[3] > 0.0 else -np.inf
+                    while j >= 0 and t[j] >= begin:
                         y[j] = h[j] - s[0]
                         j -= 1
         y[i] = h[i] - s[0]
