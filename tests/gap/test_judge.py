@@ -108,6 +108,8 @@ def test_a_device_effect_must_carry_over_where_skin_is_in_play(
     assert verdict.verdict == "effect"
     assert borne_out(verdict, comparison, gap, 0.9 * gap, transfer).verdict == "effect"  # no skin in this block
     assert borne_out(verdict, comparison, gap, gap + 0.01, transfer).verdict in ("unknown", "undetectable")
+    better, worse = (borne_out(verdict, comparison, gap, 0.9 * gap, transfer, worse=w).verdict for w in (1.2, 1.5))
+    assert (better, worse) == ("effect", "unknown")  # on repeats of what it was fitted to
     problem.plain_sd = np.full(2, 1.0)
     assert borne_out(verdict, comparison, gap, 0.9 * gap, transfer).verdict == said
 
@@ -144,3 +146,16 @@ def test_what_is_as_weak_as_may_be_must_help_somewhere(linear, candidate) -> Non
     assert borne_out(verdict, comparison, 1.05, 1.0, None, 0.4).verdict == "effect"
     assert borne_out(verdict, comparison, 1.05, 1.0, None, -3.0).verdict == "undetectable"
     assert borne_out(verdict, comparison, 1.05, 1.0, None, None).verdict == "undetectable"
+
+
+def test_a_second_effect_must_explain_more_than_some_pair_always_does(linear, candidate) -> None:
+    noise = np.random.default_rng(0).normal(size=len(T))
+    y = DESIGN @ [2.0, 1.0] + 3.0 * SHAPES["bump"] + 0.6 * SHAPES["wave"] + noise
+    effects = {n: (lambda v, n=n: v["a"] * SHAPES[n]) for n in ("bump", "wave")}
+    problem = linear(y, DESIGN, effects, np.full(2, 100.0))
+    known = [candidate(n, Parameter("a", "1", -9.0, 9.0)) for n in effects]
+    comparison = compare([problem], known)
+    assert any(len(h.effects) == 2 for h in comparison.hypotheses)
+    likely = Judgement(prior_pair=0.5, second_least=0.0)
+    assert judge(comparison, known, likely).verdict == "several"
+    assert judge(comparison, known, Judgement(prior_pair=0.5, second_least=1e4)).verdict == "effect"
