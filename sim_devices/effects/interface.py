@@ -66,6 +66,31 @@ class Recoil(Wired):
 
 
 @dataclass(frozen=True)
+class Seating(Wired):
+    """Height (first source) plus what a leaning probe tips flat under its greatest suction (second source) since the
+    latest of ``marks`` (s), when it was put on: ``depth`` m in the end, within ``seat`` Pa. It stays flat when vented.
+    """
+
+    depth: float
+    seat: float
+    marks: tuple[float, ...]
+
+    def fresh(self) -> Any:
+        return {"greatest": 0.0, "part": -1}
+
+    def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
+        height, pressure = (signals[s] for s in self.source)
+        part = np.searchsorted(sorted(self.marks), time, side="right")
+        greatest = np.empty(len(time))
+        for k in np.unique(part):
+            at = part == k
+            before = state["greatest"] if k == state["part"] else 0.0
+            greatest[at] = np.maximum.accumulate(np.maximum(-pressure[at], before))
+            state["greatest"], state["part"] = float(greatest[at][-1]), int(k)
+        signals[self.target[0]] = height - self.depth * np.expm1(-greatest / self.seat)
+
+
+@dataclass(frozen=True)
 class Slip(Wired):
     """Displacement of the skin (x, y, z) less what slips under the support once it is ``reach`` m from where it sits.
 
@@ -83,6 +108,10 @@ class Slip(Wired):
         out = np.empty((2, len(time)))
         kernels.slipping(state, x, y, self.reach, self.share, out)
         signals.update(zip(self.target, (out[0], out[1], z), strict=True))
+
+
+LEVER = 5e-3
+"""m from the point about which a leaning probe tips to where the height is read (assumed)."""
 
 
 def tilted_pressure(time: FloatArray, pressure: FloatArray, seal: float) -> FloatArray:
@@ -124,6 +153,14 @@ def _rim_leak(chain: Chain, v: Values) -> Chain:
 
 
 def _tilt(chain: Chain, v: Values) -> Chain:
+    if chosen(v, "form") == 1:
+        op: Any = chain["latency"]
+        seating = (v["angle"] * LEVER, v["seat"], op.marks)
+        return after(
+            chain,
+            "optics",
+            lambda s, t: Seating("probe_tilt", "interface", (*s, "line_pressure"), t, *seating),
+        )
     chain = map_after(chain, "optics", "probe_tilt", "interface", laws.gain, (math.cos(2 * v["angle"]) - 1.0,))
     seal = v["seal"] * v["angle"]
     return map_after(chain, "probe", "probe_tilt_seal", "interface", tilted_pressure, (seal,)) if seal > 0.01 else chain
@@ -185,12 +222,14 @@ EFFECTS = (
     ),
     effect(
         "probe_tilt", "interface", SUCTION,
-        "The probe stands askew: the dome rises out of the beam's axis and the rim seals late.",
+        "The probe stands askew: its dome rises out of the beam's axis, its rim seals late, or suction tips it flat.",
         "A holder that squares the probe to the skin.",
         "contact is the main scatter of hand-held probes (reported)",
         (
-            strength("angle", "rad", 0.01, 0.5, 0.15, "between probe axis and skin normal"),
-            shape("seal", "Pa", 0.0, 60e3, 20e3, "suction per radian that closes the gap under the rim"),
+            strength("angle", "rad", 5e-4, 0.5, 0.15, "between probe axis and skin normal"),
+            choice("form", 0, "it stays askew", "its first suction tips it flat"),
+            shape("seal", "Pa", 0.0, 60e3, 20e3, "suction per radian that closes the gap under the rim", only=(0,)),
+            shape("seat", "Pa", 300.0, 30e3, 3e3, "suction that tips it", log=True, only=(1,)),
         ),
         _tilt,
     ),

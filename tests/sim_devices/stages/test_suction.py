@@ -139,6 +139,20 @@ def test_a_zero_may_be_late_between_samples_or_a_mean_that_is_taken_off_at_once(
     assert 0 < off[first] < zeros[0]
 
 
+def test_a_probe_that_is_tipped_flat_stays_so_until_it_is_put_on_again() -> None:
+    tilt = effects("cutometer")["probe_tilt"]
+    block = tilt.apply(
+        nominal("cutometer", tissue="rigid block", marks=(12.0,)), {"form": 1, "angle": 0.01, "seat": 2e3}
+    )
+    time, value = steps(20e3)
+    again = np.concatenate([time, time + 12.0]), np.concatenate([value, value])
+    height = simulate(block, {"pressure": again}, {"apex_height": np.arange(0, 24, 0.01)})["apex_height"]
+    vented = height[1150]
+    assert vented == pytest.approx(50e-6, rel=0.01)  # 0.01 rad at 5 mm, flat by ten times the suction it takes
+    assert abs(height[1205]) < 1e-9
+    assert height[2350] == pytest.approx(vented, rel=1e-3)
+
+
 def test_averaged_samples_are_means_of_the_window_before() -> None:
     time = np.sort(np.random.default_rng(2).uniform(0, 3, 400))
     signal = np.sin(5 * time)
