@@ -129,20 +129,31 @@ def wanderings(lateness: Lateness, low: float, high: float) -> list[tuple[float,
 
 
 def jumps(time: FloatArray, residual: FloatArray, recording: NDArray[np.int64]) -> list[float]:
-    """The moments, s, within a recording from which on a residual (n,) is most different from what it was before."""
+    """The moments, s, from which on a residual (n,) is most different from what it was before: within a recording, and
+    the one between two of them."""
+    order = np.argsort(time, kind="stable")
+    time, residual, recording = time[order], residual[order], recording[order]
     moments, worth = [], []
     for k in np.unique(recording):
         at = recording == k
-        r, n = residual[at] - residual[at].mean(), int(at.sum())
-        before = np.arange(1, n)
-        gain = np.cumsum(r)[:-1] ** 2 * n / (before * (n - before))
-        inside = slice(3, n - 4)
-        if n > 12:
-            best = 3 + int(np.argmax(gain[inside]))
-            stamps = time[at]
+        stamps, gain = time[at], _step_gain(residual[at])
+        if len(stamps) > 12:
+            best = 3 + int(np.argmax(gain[3:-4]))
             moments.append(float(0.5 * (stamps[best] + stamps[best + 1])))
             worth.append(float(gain[best]))
-    return [moments[k] for k in np.argsort(worth)[::-1][:LINES]]
+    out = [moments[k] for k in np.argsort(worth)[::-1][:LINES]]
+    borders = np.flatnonzero(np.diff(recording))
+    if len(borders):
+        best = int(borders[np.argmax(_step_gain(residual)[borders])])
+        out.append(float(0.5 * (time[best] + time[best + 1])))
+    return out
+
+
+def _step_gain(residual: FloatArray) -> FloatArray:
+    """χ² (n - 1,) that a step after each sample takes off a residual (n,) whose mean is free."""
+    before = np.arange(1, len(residual))
+    left = np.cumsum(residual - residual.mean())[:-1]
+    return np.asarray(left**2 * len(residual) / (before * (len(residual) - before)))
 
 
 def _peaks(power: FloatArray, apart: int, most: int = LINES) -> list[int]:

@@ -92,6 +92,12 @@ def _gauge_gain(chain: Chain, v: Values) -> Chain:
     return map_after(chain, "gauge", "gauge_bend", "actuator", laws.bent, (v["error"], BEND))
 
 
+def _gauge_offset(chain: Chain, v: Values) -> Chain:
+    if chosen(v, "form") < 3:
+        return _gauge(chain, v, 0.0, v["offset"])
+    return map_after(chain, "gauge", "gauge_shift", "actuator", laws.jump, (v["offset"], v["moment"]))
+
+
 def _gauge(chain: Chain, v: Values, error: float, amount: float) -> Chain:
     """A gauge that closes the loop moves the true pressure, one that is recorded the reading."""
     form = chosen(v, "form")
@@ -163,7 +169,7 @@ EFFECTS = (
         "second-order regulation; gap.md",
         (
             strength("overshoot", "1", 5e-3, 0.8, 0.25, "of a step"),
-            shape("slowness", "1", 0.25, 4.0, 1.0, "time constant against the nominal one", log=True),
+            shape("slowness", "1", 0.05, 4.0, 1.0, "time constant against the nominal one", log=True),
             choice("form", 0, "of the regulator", "a resonance behind it", "a lead behind it"),
         ),
         _overshoot,
@@ -211,8 +217,12 @@ EFFECTS = (
         "A pressure gauge reads a constant too much.",
         "Zero the gauge in open air; compare with a manometer.",
         "null shift of pressure sensors; gap.md",
-        (signed("offset", "Pa", 5e3, 1e3, "reading minus truth"), GAUGE),
-        lambda chain, v: _gauge(chain, v, 0.0, v["offset"]),
+        (
+            signed("offset", "Pa", 5e3, 1e3, "reading minus truth"),
+            choice("form", 0, *WHERE, "in the record only, from one moment on"),
+            shape("moment", "s", 1.0, 3000.0, 3.0, "when it shifts", log=True, only=(3,)),
+        ),
+        _gauge_offset,
     ),
     effect(
         "gauge_gain", "actuator", SUCTION,

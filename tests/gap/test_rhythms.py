@@ -58,10 +58,12 @@ def test_a_wandering_clock_is_found() -> None:
     assert phase == pytest.approx(0.2, abs=0.1)
 
 
-def test_a_jump_within_a_recording_is_found_and_one_between_them_is_not() -> None:
+def test_jumps_within_a_recording_and_between_two_are_found() -> None:
     time = np.arange(300.0)
     recording = np.repeat([0, 1, 2], 100)
     residual = (
         np.random.default_rng(2).normal(size=300) + 5.0 * (time > 149.5) * (recording == 1) + 9.0 * (recording == 2)
     )
-    assert jumps(time, residual, recording)[0] == pytest.approx(149.5, abs=1.0)
+    inside, _, between = jumps(time, residual, recording)
+    assert inside == pytest.approx(149.5, abs=1.0)
+    assert between == pytest.approx(199.5)
