@@ -14,6 +14,7 @@ from acquire.recording.model import Recording
 from gap.diagnose import Diagnosis
 from gap.report import as_json, quantity, words
 from gap.rows import direction, level
+from gap.solve import predicted
 from gap.transfer import waveform
 
 MEASURED, NOMINAL, WITH_EFFECT = "#1d2733", "#d0781c", "#0b6e99"
@@ -140,7 +141,8 @@ def _curves(d: Diagnosis, name: str, label: str) -> str:
     columns = 2 if len(panels) in (2, 4) else min(3, len(panels))
     rows = -(-len(panels) // columns)
     figure, axes = _figure(2 * rows, columns, 9.4, 3.6 * rows + 0.3)
-    before, after = d.null.fits[name].residual, d.best.fits[name].residual
+    fits = (d.null.fits[name], NOMINAL, "nominal"), (d.best.fits[name], WITH_EFFECT, label)
+    curves = [(f.residual, predicted(problem, f), colour, said) for f, colour, said in fits if said]
     for ax in axes.ravel():
         ax.set_visible(False)
     for k, (run, code) in enumerate(panels):
@@ -151,11 +153,9 @@ def _curves(d: Diagnosis, name: str, label: str) -> str:
         time = problem.rows.time[at] - problem.rows.time[at][0]
         top.set_visible(True)
         low.set_visible(True)
-        for residual, colour, said in ((before, NOMINAL, "nominal"), (after, WITH_EFFECT, label)):
-            if said:
-                simulated = (problem.measured[at] - residual[at] * problem.sigma[at]) * scale
-                top.plot(time, simulated, color=colour, lw=1.1, label=said)
-                low.plot(time, residual[at], color=colour, lw=0.8)
+        for residual, simulated, colour, said in curves:
+            top.plot(time, simulated[at] * scale, color=colour, lw=1.1, label=said)
+            low.plot(time, residual[at], color=colour, lw=0.8)
         top.plot(time, problem.measured[at] * scale, ".", color=MEASURED, ms=1.6, label="measured")
         top.set_title(f"{words(channels[code])}: {titles[run]}"[:52], fontsize=8.5, loc="left")
         top.set_ylabel(unit)

@@ -368,6 +368,13 @@ def _finish(
     )
 
 
+def predicted(problem: Problem, f: Fit) -> FloatArray:
+    """What a fit of ``problem`` says should have been measured, (n,) SI."""
+    wider = problem.widening(f.active)
+    sigma = problem.sigma if wider is None else problem.sigma * wider
+    return np.asarray(problem.measured - f.residual * sigma)
+
+
 def under(problem: Problem, mean: FloatArray, sd: FloatArray) -> Problem:
     """``problem`` with another prior of its nuisance, (p,) each."""
     out = copy.copy(problem)

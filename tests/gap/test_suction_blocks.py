@@ -13,7 +13,7 @@ from gap import own
 from gap.blocks import GroupedSession, candidates_for
 from gap.compare import compare
 from gap.effects import library
-from gap.solve import fit, under
+from gap.solve import fit, predicted, under
 from gap.suction import HeightBlock, PressureBlock
 from sim_devices.chain import Effect
 from sim_devices.stages.tissues import SuctionTissue
@@ -157,6 +157,12 @@ def test_effects_of_chance_widen_the_noise_where_the_signal_is_steep() -> None:
     active = {candidate: {"sigma": 5e-3}}
     plain, scaled = (pressure.evaluate(pressure.start(), a).residual for a in ({}, active))
     np.testing.assert_allclose(scaled * wider, plain)
+    late = fit(pressure, (candidate,), np.array([0.7]), iterations=2)
+    quiet = predicted(pressure, replace(late, residual=np.zeros_like(late.residual)))
+    np.testing.assert_array_equal(quiet, pressure.measured)
+    widths = pressure.widening(late.active)
+    assert widths is not None
+    np.testing.assert_allclose(pressure.measured - predicted(pressure, late), late.residual * pressure.sigma * widths)
     assert pressure.widening({}) is None
 
 
