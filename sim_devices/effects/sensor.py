@@ -71,18 +71,21 @@ def _remembered(
     return install
 
 
+def _offset(v: Values, amount: float) -> tuple[Law, tuple[float, ...]]:
+    """What adds ``amount``, always or from one moment on."""
+    return (laws.jump, (amount, v["moment"])) if chosen(v, "form") == 1 else (laws.offset, (amount,))
+
+
 def _offset_height(chain: Chain, v: Values) -> Chain:
     # Behind the zeroing: in front of it a constant would vanish.
-    if chosen(v, "form") == 1:
-        return map_after(chain, "zeroing", "sensor_offset", "sensor", laws.jump, (v["offset"], v["moment"]))
-    return map_after(chain, "zeroing", "sensor_offset", "sensor", laws.offset, (v["offset"],))
+    return map_after(chain, "zeroing", "sensor_offset", "sensor", *_offset(v, v["offset"]))
 
 
 def _offset_force(chain: Chain, v: Values) -> Chain:
-    chain = map_after(chain, _FORCE, "sensor_offset", "sensor", laws.offset, (v["offset"],), *_transducers(v))
+    chain = map_after(chain, _FORCE, "sensor_offset", "sensor", *_offset(v, v["offset"]), *_transducers(v))
     k = chosen(v, "channel")
     names = numbered("axis_position") if k == 3 else numbered("axis_position")[k : k + 1]
-    return map_after(chain, "position_sensors", "position_offset", "sensor", laws.offset, (v["position"],), *names)
+    return map_after(chain, "position_sensors", "position_offset", "sensor", *_offset(v, v["position"]), *names)
 
 
 def _hysteresis(robot: bool) -> Any:
@@ -234,9 +237,9 @@ def _on_both(instruments: tuple[str, ...], scale: float, unit: str) -> list[Effe
             (
                 signed("offset", unit, 0.5 * scale, 0.1 * scale),
                 *((signed("position", "m", 3e-4, 0.0, "of the position sensor of the same number"), _CHANNEL)
-                  if robot else
-                  (choice("form", 0, "always", "from one moment on"),
-                   shape("moment", "s", 1.0, 3000.0, 3.0, "when it jumps", log=True, only=(1,)))),
+                  if robot else ()),
+                choice("form", 0, "always", "from one moment on"),
+                shape("moment", "s", 1.0, 3000.0, 3.0, "when it jumps", log=True, only=(1,)),
             ),
             _offset_force if robot else _offset_height,
         ),
