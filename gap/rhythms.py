@@ -20,6 +20,8 @@ SLOWEST_LOOK, QUICKEST_LOOK = 1.0, 2e-3
 """s between looks at the command."""
 BLUR = 5e-4
 """s: what lateness is not known better than, whatever its noise."""
+MANY = 300_000
+"""Frequencies at most: shorter intervals in longer sessions would take minutes, and any of them would do."""
 TRIED = 8
 """How many intervals are looked at for each skew."""
 SKEW_SD = 2e-5
@@ -64,7 +66,7 @@ def looks(lateness: Lateness) -> list[tuple[float, float, float]]:
     if least >= most:
         return []
     step = 0.1 / float(np.ptp(time))
-    frequency = np.arange(1.0 / most, 1.0 / least, step)
+    frequency = np.arange(1.0 / most, min(1.0 / least, 1.0 / most + MANY * step), step)
     found = []
     for skew in SKEWS:
         shown = time + late - skew * time
