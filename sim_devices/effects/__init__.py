@@ -12,7 +12,6 @@ from dataclasses import replace
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from itertools import product
-from typing import Any
 
 from sim_devices.chain import Chain, Effect, Parameter
 from sim_devices.effects import actuator, interface, processing, sensor, timing, tissue
@@ -53,13 +52,12 @@ def variants(effect: Effect) -> dict[str, Effect]:
     found = {}
     for numbers in product(*(range(int(p.low), int(p.high) + 1) for p in choices)):
         fixed = {p.name: float(n) for p, n in zip(choices, numbers, strict=True)}
-        if any(p.only and fixed.get("form") not in p.only and fixed[p.name] != p.default for p in choices):
+        idle = [p for p in effect.parameters if p.only and fixed.get("form") not in p.only]
+        if any(fixed.get(p.name, p.default) != p.default for p in idle):
             continue  # a choice that means nothing in this form
         key = f"{effect.name}[{','.join(f'{k}={v:g}' for k, v in fixed.items())}]"
-        idle = [p for p in effect.parameters if p.only and round(fixed.get("form", 0)) not in p.only]
         unused = {p.name: p.default if p.null is None else p.null for p in idle}
-        free = tuple(p for p in effect.parameters if p.name not in fixed and p.name not in unused)
-        found[key] = replace(effect, parameters=free, **_with(effect, fixed | unused))
+        found[key] = _fixed(effect, fixed | unused)
     return found
 
 
@@ -105,17 +103,17 @@ def _number(effect: str, parameter: Parameter, text: str) -> float:
         raise ValueError(f"{where}: a number in {parameter.unit} is needed: {error}") from None
 
 
-def _with(effect: Effect, fixed: Mapping[str, float]) -> dict[str, Any]:
-    """What an effect does with some of its parameters ``fixed``."""
+def _fixed(effect: Effect, fixed: Mapping[str, float]) -> Effect:
+    """``effect`` with some of its parameters at ``fixed`` values."""
 
     def install(chain: Chain, values: Mapping[str, float]) -> Chain:
         return effect.install(chain, {**values, **fixed})
 
     def scatter(instrument: str, values: Mapping[str, float]) -> Mapping[str, float]:
-        assert effect.scatter is not None
-        return effect.scatter(instrument, {**values, **fixed})
+        return effect.scatter(instrument, {**values, **fixed}) if effect.scatter else {}
 
-    return {"install": install, "scatter": effect.scatter and scatter}
+    free = tuple(p for p in effect.parameters if p.name not in fixed)
+    return replace(effect, parameters=free, install=install, scatter=scatter)
 
 
 @cache

@@ -37,10 +37,11 @@ def _regulator_lag(chain: Chain, v: Values) -> Chain:
     if chosen(v, "form") == 2:
         slow = (1.0 - SLOW_PATH, SLOW_PATH, v["tau"])
         return law_after(chain, "regulator", "regulator_lag", "actuator", kernels.prony, slow)
+    if chosen(v, "form") == 5:
+        return law_after(chain, "regulator", "regulator_lag", "actuator", kernels.second_order, (v["tau"] / 2, 1.0))
     if chosen(v, "form") > 2:
-        times = (
-            (0.0, v["tau"]) if chosen(v, "form") == 3 else (v["tau"], 0.0)
-        )  # suction is negative: it grows downwards
+        # Suction is negative: it grows downwards.
+        times = (0.0, v["tau"]) if chosen(v, "form") == 3 else (v["tau"], 0.0)
         return law_after(chain, "regulator", "regulator_lag", "actuator", kernels.uneven_low_pass, times)
     return law_after(chain, "regulator", "regulator_lag", "actuator", kernels.low_pass, (v["tau"],))
 

@@ -86,7 +86,7 @@ def _faulty(name: str, lost: float) -> Any:
     return install
 
 
-repeated = _faulty("dropped_samples", 1.0)
+_repeated = _faulty("dropped_samples", 1.0)
 
 
 def _desynchronised(chain: Chain, v: Values) -> Chain:
@@ -103,7 +103,7 @@ def _desynchronised(chain: Chain, v: Values) -> Chain:
 
 def _dropped(chain: Chain, v: Values) -> Chain:
     if chosen(v, "form") == 0:
-        return repeated(chain, v)
+        return _repeated(chain, v)
     # Stamped as if none were missing: the record's clock loses what each lost sample took.
     op: Any = chain["latency"]
     return chain.tuned("latency", skew=op.skew - v["fraction"])
@@ -123,7 +123,7 @@ EFFECTS = (
         "Time-stamp commands where they act, or measure the delay with a trigger and subtract it.",
         "buffered serial and USB links; gap.md",
         (
-            strength("delay", "s", 2e-4, 0.5, 0.08, "dead time, or its mean", only=(0,)),
+            strength("delay", "s", 2e-4, 0.5, 0.08, "dead time", only=(0,)),
             strength("interval", "s", 2e-3, 1.0, 0.087, "between looks at the command", only=(1,), fine=1e-8),
             choice("form", 0, "constant", "until the device looks next, which it does at equal intervals"),
             shape("phase", "1", 0.0, 1.0, 0.37, "when it looks, in intervals", only=(1,)),

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim_devices.chain import Chain, Effect, FloatArray, Runner, Signals
-from sim_devices.effects import effects
+from sim_devices.chain import Chain, Effect, FloatArray, Parameter, Runner, Signals
+from sim_devices.effects import effects, variants
 from sim_devices.effects.build import CHOICE
 from sim_devices.stages import INSTRUMENTS, noisy, nominal
 from sim_devices.stages.robot import LOAD, TRANSDUCERS, numbered, xyz
@@ -63,6 +63,10 @@ def changed(instrument: str, out: Signals) -> list[str]:
     return [n for n in MEASURED[instrument] if np.abs(out[n] - reference(instrument)[n]).max() > floor(n)]
 
 
+def quantile(p: Parameter, u: float) -> float:
+    return p.low * (p.high / p.low) ** u if p.scale == "log" else p.low + u * (p.high - p.low)
+
+
 def floor(channel: str) -> float:
     return FLOOR.get(channel) or FLOOR[channel.split("_")[0]]
 
@@ -110,7 +114,7 @@ def test_outputs_are_finite_all_over_the_prior(instrument: str, effect: Effect, 
     values = {}
     for p in effect.parameters:
         u = data.draw(st.sampled_from([0, 1000]) | st.integers(0, 1000), label=p.name) / 1000
-        values[p.name] = p.low * (p.high / p.low) ** u if p.scale == "log" else p.low + u * (p.high - p.low)
+        values[p.name] = quantile(p, u)
         if p.unit == CHOICE:
             values[p.name] = float(round(values[p.name]))
     out = effect.apply(chain, values).run(time, inputs)
@@ -170,3 +174,16 @@ def test_dropped_samples_repeat_noise_and_all() -> None:
     pressure = chain.run(stamps, {"command_pressure": np.interp(stamps, time, inputs["command_pressure"])})["pressure"]
     hold = (stamps > 2) & (stamps < 6)
     assert 0.05 < np.mean(np.diff(pressure[hold]) == 0) < 0.3
+
+
+@pytest.mark.parametrize(("instrument", "effect"), [c for c in CASES if len(variants(c.values[1])) > 1])
+def test_no_two_forms_are_the_same(instrument: str, effect: Effect) -> None:
+    """Neither by default nor elsewhere in the prior: each form that is offered does something of its own."""
+    time, inputs, chain = session(instrument)
+    made = {}
+    for key, form in variants(effect).items():
+        places = [{}, *({p.name: quantile(p, u) for p in form.parameters} for u in (0.3, 0.6))]
+        runs = [form.apply(chain, values).run(time, inputs) for values in places]
+        made[key] = np.concatenate([run[n] / floor(n) for run in runs for n in MEASURED[instrument]])
+    for one, other in itertools.combinations(made, 2):
+        assert np.abs(made[one] - made[other]).max() > 1.0, f"{one} and {other}"
