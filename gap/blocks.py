@@ -25,8 +25,6 @@ from sim_devices.chain import Chain, Effect
 from sim_devices.stages.operators import Retimed
 from sim_devices.stages.sampling import COMMANDS, simulate, time_grid
 
-CLOCK_SD = 2e-5
-"""How fast the recording's clock may soundly run against the command's: an ordinary crystal (assumed)."""
 SHIFT_SD = 0.25
 """Of a sampling interval: how late a sound channel may be, which integrates, holds or stamps as it likes (assumed)."""
 AFTER_KINK = 1e-3 * np.concatenate(

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap.hypothesis import FloatArray
+from gap.session import CLOCK_SD
 
 LINES = 2
 """How many of each are tried."""
@@ -24,9 +25,8 @@ MANY = 300_000
 """Frequencies at most: shorter intervals in longer sessions would take minutes, and any of them would do."""
 TRIED = 8
 """How many intervals are looked at for each skew."""
-SKEW_SD = 2e-5
-SKEWS = SKEW_SD * np.linspace(-2.0, 2.0, 9)
-"""How fast sound clocks may run against each other."""
+SKEWS = CLOCK_SD * np.linspace(-2.0, 2.0, 9)
+"""Rates of sound clocks that are tried."""
 SPARSE = 2.0
 """How many times the range of lateness an interval may be."""
 
@@ -86,7 +86,7 @@ class _Sound:
 
     def __init__(self, time: FloatArray, sd: FloatArray) -> None:
         self.weight = 1.0 / sd
-        self.design = np.column_stack([np.ones_like(time), (time - time.mean()) * SKEW_SD])
+        self.design = np.column_stack([np.ones_like(time), (time - time.mean()) * CLOCK_SD])
         rows = self.design * self.weight[:, None]
         self.solve = np.linalg.solve(rows.T @ rows + np.diag([0.0, 1.0]), rows.T)
 

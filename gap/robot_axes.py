@@ -7,10 +7,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from gap.blocks import CLOCK_SD, Block, Group, GroupedSession, Table
+from gap.blocks import Block, Group, GroupedSession, Table
 from gap.chains import needed, run
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray
 from gap.robot_loop import CONTROLLERS, Controller
+from gap.session import CLOCK_SD
 from gap.smoothing import significant
 from gap.solve import Fit, fit
 from sim_devices.chain import Chain, Effect, Operator

@@ -15,6 +15,8 @@ from gap.noise import grid_step, high_band_sigma, rounding_floor
 
 REST = 45.0
 """s between recordings whose clocks all begin anew (assumed; then the report says so)."""
+CLOCK_SD = 2e-5
+"""How fast the recording's clock may soundly run against the command's: an ordinary crystal (assumed)."""
 SKIN = "skin"
 
 

@@ -16,11 +16,12 @@ from typing import Any
 import numpy as np
 
 from acquire.recording.model import Recording
-from gap.blocks import CLOCK_SD, SHIFT_SD, Block, Group, GroupedSession, Table, candidates_for, compressed
+from gap.blocks import SHIFT_SD, Block, Group, GroupedSession, Table, candidates_for, compressed
 from gap.chains import needed
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Problem
 from gap.noise import denoised
 from gap.rhythms import Lateness
+from gap.session import CLOCK_SD
 from gap.solve import Fit, fit, under
 from gap.tissue_null import USUAL_MEMORY, Suction, elastic_freedom, suction_discrepancy
 from sim_devices.chain import Chain, Effect
