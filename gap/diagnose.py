@@ -109,14 +109,7 @@ def diagnose(
         by = {s: transferred(blocks, null, answer, out) for s, out in withheld.items()} if k < TRANSFERRED else {}
         shrinks.append({"fitted": Shrink(plain_gap(null), plain_gap(answer)), **by})
     if answers:
-        carried = shrinks[0].get("waveform")
-        there = carried.value if carried else None
-        others = [s.value for split, s in shrinks[0].items() if split not in ("fitted", "waveform")]
-        elsewhere = max(others, default=None)
-        after = plain_gap(answers[0])
-        again = shrinks[0].get("repeat")
-        worse = again.after / again.before if again else None
-        verdict = borne_out(verdict, comparison, plain_gap(null), after, there, elsewhere, worse, rules)
+        verdict = borne_out(verdict, comparison, shrinks[0], rules)
     if verdict.verdict == "unknown" and off > rules.surrogate:
         verdict = replace(verdict, verdict="undetectable")
     return Diagnosis(

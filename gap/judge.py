@@ -16,6 +16,7 @@ from gap.compare import Comparison, Weight
 from gap.hypothesis import Candidate
 from gap.signatures import Signature
 from gap.solve import Hypothesis
+from gap.transfer import Shrink
 
 VERDICTS = ("effect", "several", "none", "unknown", "undetectable")
 
@@ -186,32 +187,26 @@ def weakest(h: Hypothesis, within: float = 0.02) -> bool:
 
 
 def borne_out(
-    verdict: Verdict,
-    comparison: Comparison,
-    gap: float,
-    after: float,
-    transfer: float | None,
-    elsewhere: float | None = None,
-    worse: float | None = None,
-    rules: Judgement = Judgement(),
+    verdict: Verdict, comparison: Comparison, shrinks: Mapping[str, Shrink], rules: Judgement = Judgement()
 ) -> Verdict:
     """The verdict once its first cause was tried as a simulation by itself, also on what it was not fitted to.
 
     What takes nothing away there explains nothing, be its evidence what it may, nor does what is as weak as its prior
-    allows and helps nowhere else; and a device effect that only repairs what skin of another law leaves does not carry
-    over to another waveform. ``gap`` is the plain simulation's, ``after`` what the cause leaves of it, ``transfer`` the
-    share that it takes away on another waveform, ``elsewhere`` on whatever else was withheld; ``worse`` is how
-    many times larger it makes the gap on repeats of what it was fitted to (None: not known). What does that is wrong.
+    allows and helps nowhere else; what makes repeats of its own data worse is wrong; and a device effect that only
+    repairs what skin of another law leaves does not carry over to another waveform. ``shrinks`` are the first cause's
+    by split: ``fitted``, and whatever was withheld (``waveform``, ``repeat`` …).
     """
     if verdict.verdict not in ("effect", "several"):
         return verdict
     first = verdict.causes[0]
-    helps = transfer if transfer is not None else elsewhere
-    if not first.marked and (after >= gap or (weakest(first.hypothesis) and (helps is None or helps <= 0))):
-        return replace(verdict, verdict="unknown" if gap > rules.unusual_gap else "undetectable")
-    if not first.marked and worse is not None and worse > rules.worse:
+    fitted, carried, repeat = shrinks["fitted"], shrinks.get("waveform"), shrinks.get("repeat")
+    withheld = [carried] if carried else [s for split, s in shrinks.items() if split != "fitted"]
+    helps = any(s.value > 0 for s in withheld)
+    if not first.marked and (fitted.after >= fitted.before or (weakest(first.hypothesis) and not helps)):
+        return replace(verdict, verdict="unknown" if fitted.before > rules.unusual_gap else "undetectable")
+    if not first.marked and repeat and repeat.after > rules.worse * repeat.before:
         return replace(verdict, verdict="unknown")
-    if transfer is None or gap < rules.plain:
+    if carried is None or fitted.before < rules.plain:
         return verdict
     if first.detectability > rules.overwhelming or any(e.stage == "tissue" for h in first.members for e in h.effects):
         return verdict
@@ -221,7 +216,7 @@ def borne_out(
             fits = cause.fits[block], comparison.null.fits[block]
             one, other = (f.log_evidence(verdict.temper[block], problem.alternatives) for f in fits)
             bare += problem.trusts[0] * (one - other)
-    if bare > rules.sure or transfer > rules.borne_out:
+    if bare > rules.sure or carried.value > rules.borne_out:
         return verdict
     return replace(verdict, verdict="unknown")
 

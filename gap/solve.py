@@ -98,8 +98,8 @@ class Fit:
 
     ``chi2`` is of the data alone, ``penalty`` the prior's share, ``wider`` twice the logarithm by which effects of
     chance widen the noise; ``unit`` (k,) are the effect parameters in prior quantiles, in the order of the hypothesis,
-    ``covariance`` (k, k) theirs. ``prior_mean``, ``prior_sd`` (p,) are the
-    nuisance's prior that was used: an effect may move where the tissue's parameters are anchored.
+    ``covariance`` (k, k) theirs. ``prior_mean``, ``prior_sd`` (p,) are the nuisance's prior that was used: an effect
+    may move where the tissue's parameters are anchored.
     """
 
     hypothesis: tuple[Candidate, ...]

@@ -8,6 +8,7 @@ import pytest
 from gap.compare import compare
 from gap.judge import Judgement, Verdict, borne_out, judge, made_by, weakest
 from gap.signatures import Signature
+from gap.transfer import Shrink
 from sim_devices.chain import Parameter
 
 T = np.linspace(0.0, 1.0, 400)
@@ -86,6 +87,11 @@ def test_what_the_library_lacks_is_unknown_and_not_the_nearest_name(verdict_on) 
     assert v.unexplained > 0.5
 
 
+def taking(share: float) -> Shrink:
+    """A gap of 2 of which ``share`` of what lies above the noise goes."""
+    return Shrink(2.0, 2.0 - share)
+
+
 @pytest.mark.parametrize(
     ("strength", "gap", "transfer", "said"),
     [
@@ -106,12 +112,14 @@ def test_a_device_effect_must_carry_over_where_skin_is_in_play(
     comparison = compare([problem], known)
     verdict = judge(comparison, known)
     assert verdict.verdict == "effect"
-    assert borne_out(verdict, comparison, gap, 0.9 * gap, transfer).verdict == "effect"  # no skin in this block
-    assert borne_out(verdict, comparison, gap, gap + 0.01, transfer).verdict in ("unknown", "undetectable")
-    better, worse = (borne_out(verdict, comparison, gap, 0.9 * gap, transfer, worse=w).verdict for w in (1.2, 1.5))
-    assert (better, worse) == ("effect", "unknown")  # on repeats of what it was fitted to
+    shrinks = {"fitted": Shrink(gap, 0.9 * gap), **({} if transfer is None else {"waveform": taking(transfer)})}
+    assert borne_out(verdict, comparison, shrinks).verdict == "effect"  # no skin in this block
+    grown = shrinks | {"fitted": Shrink(gap, gap + 0.01)}
+    assert borne_out(verdict, comparison, grown).verdict in ("unknown", "undetectable")
+    for times, then in ((1.2, "effect"), (1.5, "unknown")):  # on repeats of what it was fitted to
+        assert borne_out(verdict, comparison, shrinks | {"repeat": Shrink(2.0, 2.0 * times)}).verdict == then
     problem.plain_sd = np.full(2, 1.0)
-    assert borne_out(verdict, comparison, gap, 0.9 * gap, transfer).verdict == said
+    assert borne_out(verdict, comparison, shrinks).verdict == said
 
 
 def test_a_signature_decides_between_equals(verdict_on) -> None:
@@ -143,9 +151,10 @@ def test_what_is_as_weak_as_may_be_must_help_somewhere(linear, candidate) -> Non
     verdict = judge(comparison, known)
     assert verdict.verdict == "effect"
     assert weakest(verdict.causes[0].hypothesis)
-    assert borne_out(verdict, comparison, 1.05, 1.0, None, 0.4).verdict == "effect"
-    assert borne_out(verdict, comparison, 1.05, 1.0, None, -3.0).verdict == "undetectable"
-    assert borne_out(verdict, comparison, 1.05, 1.0, None, None).verdict == "undetectable"
+    fitted = {"fitted": Shrink(1.05, 1.0)}
+    assert borne_out(verdict, comparison, fitted | {"level": taking(0.4)}).verdict == "effect"
+    assert borne_out(verdict, comparison, fitted | {"level": taking(-3.0)}).verdict == "undetectable"
+    assert borne_out(verdict, comparison, fitted).verdict == "undetectable"
 
 
 def test_a_second_effect_must_explain_more_than_some_pair_always_does(linear, candidate) -> None:
