@@ -93,8 +93,9 @@ def _hysteresis(robot: bool) -> Any:
         w, form = v["width"], chosen(v, "form")
         names = _transducers(v) if robot else ()
         anchor = _FORCE if robot else _HEIGHT
-        if form == 0:
-            return law_after(chain, anchor, "sensor_hysteresis", "sensor", kernels.play, (w,), *names)
+        if form in (0, 3):
+            law = kernels.play if form == 0 else kernels.soft_play
+            return law_after(chain, anchor, "sensor_hysteresis", "sensor", law, (w,), *names)
         law, parameters = (
             (kernels.prandtl, (w, -w / 3, 2 * w, -w / 3, 4 * w, -w / 3))
             if form == 1
@@ -289,11 +290,11 @@ def _on_both(instruments: tuple[str, ...], scale: float, unit: str) -> list[Effe
             "sensor_hysteresis", "sensor", instruments,
             f"The {what} reading depends on the direction of change.",
             "Approach each value from one side; another sensor.",
-            "Prandtl 1928, Bouc 1967, Wen 1976 for the forms",
+            "Prandtl 1928, Bouc 1967, Dahl 1968, Wen 1976 for the forms",
             (
                 strength("width", unit, 0.002 * scale, 0.4 * scale, 0.05 * scale, "half width"),
                 *which,
-                choice("form", 0, "play", "Prandtl-Ishlinskii", "Bouc-Wen"),
+                choice("form", 0, "play", "Prandtl-Ishlinskii", "Bouc-Wen", "Dahl"),
             ),
             _hysteresis(robot),
         ),
