@@ -16,10 +16,10 @@ from gap.compare import Comparison, Effort, compare
 from gap.effects import library
 from gap.hypothesis import Candidate, Problem
 from gap.judge import Judgement, Verdict, borne_out, concept, judge, made_by
-from gap.rig import ForwardModel, RigProblem
+from gap.rig import ForwardModel, RigProblem, foretold_beyond
 from gap.session import REST, Session
 from gap.solve import Hypothesis
-from gap.transfer import Shrink, plain, plain_gap, shrink, splits, transferred
+from gap.transfer import Shrink, plain, plain_gap, shrink, splits, splits_of_a_rig, transferred
 
 INSTRUMENTS = ("cutometer", "aspiration", "microrobot")
 """Those with a built-in forward model."""
@@ -92,6 +92,10 @@ def diagnose(
     suspects = [c for c in candidates if any(made_by(s, c) for s in marks)]
     effort = effort or EFFORTS.get(recordings[0].info.instrument, Effort())
     comparison = compare(problems, candidates, effort, suspects)
+    for rig in (p for p in problems if isinstance(p, RigProblem)):
+        alone = comparison.null.fits[rig.name]
+        marks = tuple(m for m in marks if foretold_beyond(m, rig, alone))
+        remarks += rig.at_the_end(alone.nuisance)
     verdict = judge(comparison, candidates, rules, marks)
     blocks = {p.name: p for p in problems}
     solves, off = 0, 0.0
@@ -101,7 +105,7 @@ def diagnose(
         answer = verdict.causes[0].hypothesis if verdict.causes else comparison.null
         solves, off, words = checked(problems, answer.fits)
         remarks += words
-    withheld = splits(recordings)
+    withheld = splits(recordings) if model is None else splits_of_a_rig(recordings)
     null = plain(blocks, comparison.null)
     answers = [plain(blocks, cause.hypothesis, null) for cause in verdict.causes[:SHRUNK]]
     shrinks = []

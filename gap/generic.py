@@ -22,7 +22,8 @@ from sim_devices.chain import Parameter
 @dataclass(frozen=True)
 class GenericEffect:
     """``act(state, time, values, related, p)`` returns the changed values; ``needs`` names the related signal it acts
-    with. What ``resists`` motion adds to a tapped resistance and is taken from a tapped net force.
+    with. What ``resists`` motion adds to a tapped resistance and is taken from a tapped net force. A ``form`` tells
+    apart effects that are one concept of one name.
 
     Parameters of unit ``signal`` have priors relative to the range of the signal, ``velocity`` and ``position``
     relative to those of the related one; they are scaled when the effect meets its rig.
@@ -38,6 +39,7 @@ class GenericEffect:
     ]
     needs: str = ""
     resists: bool = False
+    form: str = ""
 
 
 def _rel(name: str, low: float, high: float, unit: str = "signal", meaning: str = "") -> Parameter:
@@ -75,6 +77,11 @@ def _between(name: str, low: float, high: float, meaning: str = "") -> Parameter
 
 
 ASYMMETRY = _between("asymmetry", -0.5, 0.5, "how much stronger it is forwards")
+SLOW = (
+    _shape("tau", 3e-3, 10.0, "duration", "the longest of its times"),
+    _between("exponent", 0.0, 1.2, "power of time; 0 is the logarithm"),
+    _between("settled", 0.0, 1.0, "how far it had settled at the beginning"),
+)
 GENERIC: tuple[GenericEffect, ...] = (
     GenericEffect(
         "coulomb_friction",
@@ -225,12 +232,18 @@ GENERIC: tuple[GenericEffect, ...] = (
         "a slow delayed response",
         "wait longer, or model the slow mode",
         (
-            _rel("share", 1e-3, 1.0, "1"),
-            _shape("tau", 3e-3, 10.0, "duration", "the longest of its times"),
-            _between("exponent", 0.0, 1.2, "power of time; 0 is the logarithm"),
-            _between("settled", 0.0, 1.0, "how far it had settled at the beginning"),
+            _rel("share", 1e-3, 3.0, "1"),
+            *SLOW,
         ),
         laws.creep,
+    ),
+    GenericEffect(
+        "creep",
+        "what is held slackens: relaxation",
+        "wait longer, or model the slow mode",
+        (_rel("share", 1e-3, 0.95, "1"), *SLOW),
+        laws.relaxation,
+        form="relaxation",
     ),
     GenericEffect(
         "saturation",

@@ -219,15 +219,24 @@ def low_pass(state: State, time: Signal, y: Signal, related: Related, p: Values)
     return _remembering(_lags_kernel, state, 3, time, y, *state["bank"])
 
 
-def creep(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
-    """Delayed response by lags from ``tau`` down five decades, of shares ∝ their time to the ``exponent``: 0 creeps
+def _slow(state: State, time: Signal, y: Signal, p: Values) -> Signal:
+    """A signal through lags from ``tau`` down five decades, of shares ∝ their time to the ``exponent``: 0 creeps
     with the logarithm of time, 0.1 to 0.5 with that power of it, 1 and more nearly as a single exponential. It begins
     ``settled`` so far under the first value: 0 where that was put on then."""
     if "bank" not in state:
         shorter = 10.0 ** (-np.arange(LAGS) / LAGS_PER_DECADE)
         weights = shorter ** p["exponent"]
         state["bank"] = p["tau"] * shorter, weights / weights.sum(), p["settled"]
-    return y + p["share"] * _remembering(_lags_kernel, state, LAGS + 2, time, y, *state["bank"])
+    return _remembering(_lags_kernel, state, LAGS + 2, time, y, *state["bank"])
+
+
+def creep(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
+    return y + p["share"] * _slow(state, time, y, p)
+
+
+def relaxation(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
+    """A ``share`` of the response goes again, however often it moves: a generalised Maxwell body."""
+    return y - p["share"] * _slow(state, time, y, p)
 
 
 @numba.njit(cache=True)

@@ -29,16 +29,18 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+from scipy.special import ndtr, ndtri
 from scipy.stats import qmc
 
 from acquire.recording.model import Recording, Series
 from gap.generic import GENERIC, GenericEffect, counted
 from gap.generic_laws import State
-from gap.hypothesis import Active, Candidate, Evaluation, FloatArray
+from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Problem, from_unit, to_unit
 from gap.noise import coarse_counts, high_band_sigma
 from gap.rows import label_rows
+from gap.signatures import Signature
 from gap.solve import Fit, fit
-from sim_devices.chain import Parameter
+from sim_devices.chain import STAGES, Parameter
 
 MAX_ROWS = 40_000
 """Rows of one problem above which samples are thinned (after simulation) to keep a diagnosis within seconds."""
@@ -47,6 +49,15 @@ DIVERGED = 1e6
 PLACES, CLOSEST = 24, 2
 """Places in the ranges of a model's parameters that are tried, and from how many of them, besides the defaults, a fit
 begins."""
+SEARCHED, SEARCH_WORK = 8, 8_000
+"""Places from which a fit with an effect begins at most, and what one simulation at each may cost: a call of a tap
+counts 1, ten samples do."""
+STILL = 20
+"""Equal samples in a row that a channel with noise does not have."""
+END = 3e-3
+"""Share of a parameter's range from its ends at which it is said to be there."""
+EDGE = 1e-3
+"""Share of a parameter's range from its ends at which a fit of it begins at most."""
 PROBE = 1e-3
 """Drag, in signal over velocity, that shows what a tap's sign means."""
 
@@ -118,6 +129,7 @@ class _Survey:
     def __init__(self) -> None:
         self.seen: dict[str, _Seen] = {}
         self.time: FloatArray = np.zeros(0)
+        self.work = 0  # calls of all taps in all runs
 
     def begin(self, time: FloatArray) -> None:
         """Another run, on ``time`` (n,) s."""
@@ -126,6 +138,7 @@ class _Survey:
         self.time = time
 
     def __call__(self, name: str, values: Any, **related: Any) -> Any:
+        self.work += 1
         seen = self.seen.setdefault(name, _Seen())
         y = np.atleast_1d(np.asarray(values, dtype=float))
         seen.values += y.size
@@ -226,28 +239,28 @@ def _scaled(
 class RigProblem:
     """Recordings of one rig against its forward model; nuisance = the model's own parameters.
 
-    Nuisance coordinates are multiples of half the stated range (or of half its logarithm), about the default.
+    Nuisance coordinates are normal quantiles of the stated range (or of its logarithm): a standard normal prior is a
+    uniform one in the range, and nothing leaves it. Outside, a model borrows from its tolerances what an effect does.
     """
 
     name = "rig"
 
     def __init__(self, recordings: Sequence[Recording], model: ForwardModel) -> None:
+        _check(model, recordings)
         self.model = model
         self._unit = recordings[0].stream(model.channels[0]).unit
         self._runs = [_on_one_time_base(r, model) for r in recordings]
-        self._scale = np.array(
-            [0.5 * (np.log(p.high / p.low) if p.scale == "log" else p.high - p.low) for p in model.parameters]
-        )
         self.prior_mean = np.zeros(len(model.parameters))
-        self.prior_sd = np.full(len(model.parameters), 5.0)
-        nominal, self._seen = self._survey()
+        self.prior_sd = np.ones(len(model.parameters))
+        nominal, self._seen, self._work = self._survey()
         observe = getattr(model, "observe", lambda time, data: data)
-        observed = [observe(time, data) for time, data in self._runs]
-        measured = [[np.asarray(o[c], dtype=float) for c in model.channels] for o in observed]
+        measured = [self._series("observe", time, self._asked(observe, time, data)) for time, data in self._runs]
         # Of the channel as recorded: what `observe` filters out is noise too.
         recorded = {c: [run[1][c] for run in self._runs] for c in model.channels}
         self._counts = {c: counts for c, v in recorded.items() if (counts := coarse_counts(np.concatenate(v)))}
-        self._sigma = {c: float(np.median([high_band_sigma(v) for v in values])) for c, values in recorded.items()}
+        self._sigma = {
+            c: float(np.median([high_band_sigma(_moving(v)) for v in values])) for c, values in recorded.items()
+        }
         self._sigma |= {c: counts.sigma for c, counts in self._counts.items()}
         total = sum(len(run[0]) for run in self._runs) * len(model.channels)
         self._stride = max(1, int(np.ceil(total / MAX_ROWS)))
@@ -277,24 +290,46 @@ class RigProblem:
         self.candidates = tuple(c for c, _ in library)
         self._by_key = {c.key: e for c, e in library}
 
-    def _survey(self) -> tuple[list[list[FloatArray]], dict[str, _Seen]]:
-        """Nominal prediction of every run at default parameters, and what the taps saw."""
+    def _survey(self) -> tuple[list[list[FloatArray]], dict[str, _Seen], int]:
+        """Nominal prediction of every run at default parameters, what the taps saw, and what a simulation costs."""
         survey, out = _Survey(), []
         defaults = {p.name: p.default for p in self.model.parameters}
         for time, data in self._runs:
             survey.begin(time)
-            with np.errstate(all="ignore"):
-                made = self.model.simulate(time, data, defaults, survey)
-            missing = [c for c in self.model.channels if c not in made]
-            if missing:
-                raise ModelError(f"model {self.model.name}: simulate returned no {', '.join(missing)}")
-            out.append([np.asarray(made[c], dtype=float) for c in self.model.channels])
+            made = self._asked(self.model.simulate, time, data, defaults, survey)
+            out.append(self._series("simulate", time, made))
         undeclared = sorted(set(survey.seen) - set(self.model.stages))
         if undeclared:
             raise ModelError(f"model {self.model.name}: taps {', '.join(undeclared)} have no stage in `stages`")
         for name, seen in survey.seen.items():
             seen.opposes = "velocity" not in seen.related or self._opposed(name, seen, defaults)
-        return out, survey.seen
+        return out, survey.seen, survey.work + sum(len(time) for time, _ in self._runs) // 10
+
+    def _asked(
+        self, method: Callable[..., Any], time: FloatArray, data: Mapping[str, FloatArray], *arguments: Any
+    ) -> Any:
+        """What a method of the model answers; what it raises is told with what ``data`` holds."""
+        try:
+            with np.errstate(all="ignore"):
+                return method(time, data, *arguments)
+        except Exception as error:
+            raise ModelError(
+                f"model {self.model.name}: {method.__name__} fails: {type(error).__name__}: {error} "
+                f"(data: {', '.join(data)})"
+            ) from error
+
+    def _series(self, method: str, time: FloatArray, made: Any) -> list[FloatArray]:
+        """The predicted channels of what a method returned, each (n,)."""
+        missing = [c for c in self.model.channels if c not in made]
+        if missing:
+            raise ModelError(f"model {self.model.name}: {method} returned no {', '.join(missing)}")
+        out = [np.asarray(made[c], dtype=float) for c in self.model.channels]
+        for channel, values in zip(self.model.channels, out, strict=True):
+            if values.shape != time.shape:
+                raise ModelError(
+                    f"model {self.model.name}: {method} returned {channel} of shape {values.shape}, not {time.shape}"
+                )
+        return out
 
     def _opposed(self, tap: str, seen: _Seen, parameters: Mapping[str, float]) -> bool:
         """Whether a drag that adds to the tap's signal makes the motion there no faster.
@@ -313,11 +348,12 @@ class RigProblem:
     def _simulated(
         self, time: FloatArray, data: Mapping[str, FloatArray], parameters: Mapping[str, float], tap: Callable[..., Any]
     ) -> list[FloatArray]:
-        """The predicted channels; a parameter set at which the model diverges makes them NaN and no noise."""
+        """The predicted channels; a parameter set at which the model diverges makes them NaN and no noise. So does one
+        at which it fails, such as by the root of what became negative: at its defaults it worked."""
         try:
             with np.errstate(all="ignore"):
                 made = self.model.simulate(time, data, parameters, tap)
-        except (ArithmeticError, np.linalg.LinAlgError):
+        except (ArithmeticError, ValueError, TypeError):
             return [np.full(time.size, np.nan)] * len(self.model.channels)
         return [np.asarray(made[c], dtype=float) for c in self.model.channels]
 
@@ -333,14 +369,16 @@ class RigProblem:
             for effect in (*GENERIC, *getattr(self.model, "effects", ())):
                 if effect.needs and effect.needs not in seen[tap].related:
                     continue
-                flat = seen[tap].high - seen[tap].low < 1e-9 * measured
-                if flat and not effect.needs:
+                size = max(abs(seen[tap].low), abs(seen[tap].high))
+                if size < 1e-9 * measured and not effect.needs:
                     continue  # a tap that carries nothing nominally can only gain something from a related signal
+                if seen[tap].high - seen[tap].low < 1e-9 * size and any(p.unit == "level" for p in effect.parameters):
+                    continue  # what stands still ends at no level
                 unit = getattr(self.model, "units", {}).get(tap) or self._unit
                 if effect.name == "quantisation" and tap in self._counts:
                     effect = counted(self._counts[tap], unit)
                 parameters = tuple(_scaled(p, seen[tap], measured, dt, duration, unit) for p in effect.parameters)
-                key = f"{effect.name}@{tap}"
+                key = f"{effect.form or effect.name}@{tap}"
                 candidate = Candidate(
                     key, effect.name, stage, parameters, (self.name,), f"{effect.meaning} (at {tap})", effect.remedy
                 )
@@ -352,17 +390,33 @@ class RigProblem:
         it comes farthest in a few steps. From the defaults alone, a resonance may never find its frequency."""
         if self._start is None:
             size = len(self.model.parameters)
-            places = [np.zeros(size)]
+            places = [self.coordinates({p.name: p.default for p in self.model.parameters})]
             if size:
-                places += list(2.0 * qmc.Halton(size, seed=0).random(PLACES) - 1.0)
+                places += list(ndtri(qmc.Halton(size, seed=0).random(PLACES)))
             costs = [float(np.sum(np.square(self._residual(place, {})))) for place in places]
             nearest = [places[k] for k in np.argsort(costs) if k][:CLOSEST]
             fits = [fit(self, nuisance=place, iterations=12) for place in (places[0], *nearest)]
             self._start = min(fits, key=lambda f: f.objective).nuisance
         return self._start.copy()
 
-    def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> None:
-        return None
+    def anchored(
+        self, hypothesis: Sequence[Candidate], unit: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+        """Where else a fit with the last of some effects might begin: of several places in its prior, with the model's
+        parameters halfway between their fit without it and anywhere in their ranges, the one from where it comes
+        farthest in a few steps. An effect that takes over half of what the model did (a slow mode, a yield) is seldom
+        found downhill from the model's own fit."""
+        many = min(SEARCH_WORK // max(self._work, 1), SEARCHED)
+        if many < 2:
+            return None
+        size, alone = len(hypothesis[-1].parameters), self.start()
+        places = qmc.Halton(size + len(alone), seed=0).random(many)
+        fits = [
+            fit(self, hypothesis, np.r_[unit[:-size], p[:size]], 0.5 * (alone + ndtri(p[size:])), iterations=6)
+            for p in places
+        ]
+        best = min(fits, key=lambda f: f.objective)
+        return self.prior_mean, best.nuisance, best.unit
 
     def lateness(self, fitted: Fit) -> None:
         return None
@@ -372,12 +426,23 @@ class RigProblem:
 
     def parameters(self, nuisance: FloatArray) -> dict[str, float]:
         """The model's parameters at a nuisance vector."""
-        out = {}
-        for p, c, s in zip(self.model.parameters, nuisance, self._scale, strict=True):
-            out[p.name] = (
-                float(p.default * np.exp(np.clip(c * s, -300, 300))) if p.scale == "log" else float(p.default + c * s)
-            )
+        return {p.name: from_unit(p, float(u)) for p, u in zip(self.model.parameters, ndtr(nuisance), strict=True)}
+
+    def at_the_end(self, nuisance: FloatArray) -> list[str]:
+        """What is to be said of parameters that a fit has at an end of their range."""
+        out = []
+        for p, u in zip(self.model.parameters, ndtr(nuisance), strict=True):
+            if not END < u < 1.0 - END:
+                out.append(
+                    f"parameter {p.name} of the model ends at {from_unit(p, float(u)):.4g} {p.unit}, the end of its "
+                    f"range {p.low:g} … {p.high:g}: are the range and its unit right? Recordings are in SI"
+                )
         return out
+
+    def coordinates(self, parameters: Mapping[str, float]) -> FloatArray:
+        """The nuisance vector of the model's parameters; `parameters` inverts it."""
+        units = [to_unit(p, parameters[p.name]) for p in self.model.parameters]
+        return np.asarray(ndtri(np.clip(units, EDGE, 1.0 - EDGE)))
 
     def _residual(self, nuisance: FloatArray, active: Active) -> FloatArray:
         at: dict[str, list[tuple[GenericEffect, Mapping[str, float]]]] = {}
@@ -404,6 +469,48 @@ class RigProblem:
             moved[k] += 1e-4
             jacobian[:, k] = (residual - self._residual(moved, active)) / 1e-4
         return Evaluation(residual, jacobian)
+
+
+def foretold_beyond(mark: Signature, problem: Problem, alone: Fit) -> bool:
+    """Whether a channel that stands at its end does so against the model by itself: most of the values there are
+    foretold beyond. A motor at rest stands at nought, and so it should. True of any other mark."""
+    sign = {"saturation": 1.0, "lower_saturation": -1.0}.get(mark.effect)
+    if sign is None:
+        return True
+    codes, names = problem.rows.labels["channel"]
+    here = codes == names.index(mark.channel)
+    end = float(np.max(sign * problem.measured[here]))
+    at = here & (sign * problem.measured >= end - problem.sigma)
+    return bool(np.median(-sign * alone.residual[at]) > 1.0)
+
+
+def _check(model: ForwardModel, recordings: Sequence[Recording]) -> None:
+    """Raises ModelError for channels, stages or parameters that cannot be what they should."""
+    who = f"model {model.name}"
+    if isinstance(model.channels, str) or not len(model.channels):
+        raise ModelError(f"{who}: channels should be a tuple of names, such as ('force',)")
+    for recording in recordings:
+        lacking = [c for c in model.channels if c not in recording.streams]
+        if lacking:
+            have = ", ".join(recording.streams)
+            raise ModelError(f"{who}: recording {recording.info.id} has no channel {', '.join(lacking)}; it has {have}")
+    for tap, stage in model.stages.items():
+        if stage not in STAGES:
+            raise ModelError(f"{who}: tap {tap} has the stage {stage!r}; there are {', '.join(STAGES)}")
+    for p in model.parameters:
+        if not p.low < p.high or (p.scale == "log" and p.low <= 0) or not p.low <= p.default <= p.high:
+            raise ModelError(
+                f"{who}: parameter {p.name} has the range {p.low:g} … {p.high:g} ({p.scale}) and the default "
+                f"{p.default:g}: low < high, the default within, and low > 0 where it is log"
+            )
+
+
+def _moving(value: FloatArray) -> FloatArray:
+    """A channel (n,) without what stands exactly still for long, as at rest, and shows no noise there."""
+    edges = np.flatnonzero(np.r_[True, np.diff(value) != 0, True])
+    lengths = np.diff(edges)
+    moving = value[np.repeat(lengths < STILL, lengths)]
+    return moving if len(moving) >= STILL else value
 
 
 def _on_one_time_base(recording: Recording, model: ForwardModel) -> tuple[FloatArray, dict[str, FloatArray]]:

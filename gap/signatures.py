@@ -32,8 +32,8 @@ class Signature:
 
 
 def find(recordings: Sequence[Recording], channels: Sequence[str] | None = None) -> list[Signature]:
-    """All signatures in the measured channels, or in those named ``channels``: what a model takes as given, such as a
-    command that stands at its end, is what it is."""
+    """All signatures in the measured channels, or in those of a rig named ``channels``: what a model takes as given,
+    such as a command that stands at its end, is what it is. A rig may stand still, so that repeats say nothing."""
     out: list[Signature] = []
     nominal = _resolutions(recordings[0].info.instrument)
     computed = ("probe_", "force_") if any("transducer_force_a" in r.streams for r in recordings) else ()
@@ -41,7 +41,8 @@ def find(recordings: Sequence[Recording], channels: Sequence[str] | None = None)
         series = [r.streams[name] for r in recordings if name in r.streams and len(r.streams[name].value) > 30]
         if not series or (channels is not None and name not in channels):
             continue
-        out += _clipping(name, series) + _repeats(name, series) + _lost(name, series)
+        out += _clipping(name, series) + _lost(name, series)
+        out += _repeats(name, series) if channels is None else []
         out += _coarse(name, series, nominal.get(name, np.inf))
     return out
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from pathlib import Path
 from typing import ClassVar
@@ -9,12 +10,15 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from gap.diagnose import diagnose
 from gap.generic import GENERIC, GenericEffect
-from gap.rig import ModelError, RigProblem, load_model
+from gap.rig import DIVERGED, ModelError, RigProblem, load_model
+from gap.solve import fit
 from sim_devices.chain import Parameter
 
 TIME = np.linspace(0.0, 4.0, 801)
 SIGNAL = 2.0 * np.sin(3 * TIME) + 0.5 * TIME
+SLOW_MODE = {"tau": 2.0, "exponent": 0.4, "settled": 0.0}
 RELATED = {"velocity": np.gradient(SIGNAL, TIME), "position": SIGNAL, "other": np.cos(TIME)}
 
 
@@ -26,7 +30,7 @@ def acted(effect: GenericEffect, values: dict[str, float], chunks: int = 1) -> n
     )
 
 
-@pytest.mark.parametrize("effect", GENERIC, ids=lambda e: e.name)
+@pytest.mark.parametrize("effect", GENERIC, ids=lambda e: e.form or e.name)
 def test_an_effect_without_strength_does_nothing(effect: GenericEffect) -> None:
     values = {p.name: p.default if p.null is None else p.null for p in effect.parameters}
     if effect.name in ("saturation", "lower_saturation"):
@@ -36,7 +40,7 @@ def test_an_effect_without_strength_does_nothing(effect: GenericEffect) -> None:
     assert acted(effect, values) == pytest.approx(SIGNAL, abs=1e-6)
 
 
-@pytest.mark.parametrize("effect", GENERIC, ids=lambda e: e.name)
+@pytest.mark.parametrize("effect", GENERIC, ids=lambda e: e.form or e.name)
 def test_chunks_and_single_samples_join_without_a_seam(effect: GenericEffect) -> None:
     values = {p.name: p.default for p in effect.parameters}
     if effect.name == "slew_limit":
@@ -153,10 +157,134 @@ def test_a_rig_is_its_model_plus_taps(stretched) -> None:
     keys = {c.key for c in problem.candidates}
     assert {"coulomb_friction@spring_force", "saturation@force", "hum@force"} <= keys
     assert not any(k.startswith("coulomb_friction@force") for k in keys)  # no velocity at that tap
-    right = np.array([np.log(20.0 / 30.0) / problem._scale[0]])
+    right = problem.coordinates({"stiffness": 20.0})
     assert problem.parameters(right)["stiffness"] == pytest.approx(20.0)
     residual = problem.evaluate(right, {}).residual
     assert np.mean(residual**2) == pytest.approx(1.0, rel=0.15)
+
+
+def test_nothing_leaves_its_range_and_what_ends_there_is_told(stretched) -> None:
+    stiff = stretched(lambda force, x, v: 300.0 * force)  # 6000 N/m where the model says 1000 at most
+    problem = RigProblem([stiff], Spring())
+    fitted = fit(problem, iterations=40)
+    assert problem.parameters(fitted.nuisance)["stiffness"] <= 1e3
+    assert all(1.0 <= problem.parameters(np.full(1, z))["stiffness"] <= 1e3 for z in (-40.0, -1.0, 2.0, 40.0))
+    (words,) = problem.at_the_end(fitted.nuisance)
+    assert "parameter stiffness" in words
+    assert "1 … 1000" in words
+    assert problem.at_the_end(problem.coordinates({"stiffness": 20.0})) == []
+
+
+def test_parameters_and_coordinates_are_inverse(stretched) -> None:
+    problem = RigProblem([stretched()], Spring())
+    for value in (1.5, 30.0, 900.0):
+        assert problem.parameters(problem.coordinates({"stiffness": value}))["stiffness"] == pytest.approx(value)
+
+
+def test_a_tap_that_stands_still_can_leak_and_one_that_carries_nothing_cannot(recording) -> None:
+    class Held:
+        name, channels = "held", ("pressure",)
+        stages: ClassVar = {"chamber": "actuator", "idle": "actuator"}
+        parameters = (Parameter("filling", "Pa", 5e5, 1e6, None, 7e5),)
+
+        def simulate(self, time, data, parameters, tap):
+            tap("idle", np.zeros_like(time))
+            return {"pressure": tap("chamber", np.full_like(time, parameters["filling"]))}
+
+    pressure = 7.5e5 * np.exp(-TIME / 400) + 50 * np.random.default_rng(4).normal(size=len(TIME))
+    run = recording({"pressure": pressure}, TIME, instrument="held")
+    keys = {c.key for c in RigProblem([run], Held()).candidates}
+    assert "leak@chamber" in keys
+    assert not any(k.startswith("saturation") for k in keys)
+    assert not any(k.endswith("@idle") for k in keys)
+    verdict = diagnose([run], Held(), advise=False).verdict
+    assert verdict.verdict == "effect"
+    assert verdict.causes[0].names[0] == "leak"
+
+
+def test_a_slow_mode_is_found_though_it_takes_over_half_of_the_model(recording) -> None:
+    time = np.arange(0.0, 1200.0, 4.0)
+    volts = np.select([time < 400, time < 800], [9.0, 4.0], 8.0)
+
+    def lag(u: np.ndarray, tau: float, begin: float) -> np.ndarray:
+        x, out = begin, np.empty_like(u)
+        for k, goal in enumerate(u):
+            out[k] = x
+            x = goal + (x - goal) * np.exp(-4.0 / tau)
+        return out
+
+    class Plate:
+        name, channels = "plate", ("temperature",)
+        stages: ClassVar = {"voltage": "actuator", "temperature": "sensor"}
+        parameters = (
+            Parameter("gain", "K/V", 2.0, 100.0, None, 20.0, "log"),
+            Parameter("tau", "s", 5.0, 500.0, None, 50.0, "log"),
+            Parameter("start", "K", 100.0, 200.0, None, 130.0),
+        )
+
+        def simulate(self, time, data, parameters, tap):
+            u = tap("voltage", data["voltage"])
+            return {
+                "temperature": tap("temperature", lag(parameters["gain"] * u, parameters["tau"], parameters["start"]))
+            }
+
+    made = lag(8.0 * volts, 25.0, 50.0) + lag(12.0 * volts, 180.0, 75.0)
+    made += 0.2 * np.random.default_rng(5).normal(size=len(time))
+    run = recording({"temperature": made}, time, {"voltage": (time, volts)}, instrument="plate")
+    diagnosis = diagnose([run], Plate(), advise=False)
+    assert diagnosis.verdict.verdict == "effect"
+    assert diagnosis.verdict.causes[0].names[0] == "creep"
+    assert diagnosis.gap_after < 0.2 * diagnosis.gap_before
+
+
+def test_what_slackens_is_creep(recording) -> None:
+    stretch = np.minimum(TIME, 1.0)
+    force = 10.0 * stretch - 5.0 * made("creep", {"share": 0.4, **SLOW_MODE}, TIME, stretch)
+    force += 5e-3 * np.random.default_rng(6).normal(size=len(TIME))
+
+    class Tape:
+        name, channels, stages = "tape", ("force",), {"elastic": "tissue"}
+        parameters = (Parameter("stiffness", "N/m", 0.5, 50.0, None, 5.0, "log"),)
+
+        def simulate(self, time, data, parameters, tap):
+            return {"force": tap("elastic", parameters["stiffness"] * data["stretch"])}
+
+    run = recording({"force": force, "stretch": stretch}, TIME, instrument="tape")
+    verdict = diagnose([run], Tape(), advise=False).verdict
+    assert verdict.verdict == "effect"
+    assert "creep" in verdict.causes[0].names
+
+
+def test_a_motor_at_rest_is_not_cut_off(recording) -> None:
+    time = np.arange(0.0, 20.0, 0.02)
+    volts = np.where((time % 10 > 2) & (time % 10 < 7), 6.0, 0.0)
+
+    class Motor:
+        name, channels = "motor", ("speed",)
+        stages: ClassVar = {"voltage": "actuator", "speed": "sensor"}
+        parameters = (
+            Parameter("gain", "rad/(s V)", 0.2, 20.0, None, 2.0, "log"),
+            Parameter("tau", "s", 0.02, 2.0, None, 0.2, "log"),
+        )
+
+        def simulate(self, time, data, parameters, tap):
+            u, x, out = tap("voltage", data["voltage"]), 0.0, np.empty_like(time)
+            for k, goal in enumerate(parameters["gain"] * u):
+                out[k] = x
+                x = goal + (x - goal) * np.exp(-0.02 / parameters["tau"])
+            return {"speed": tap("speed", out)}
+
+    sound = Motor().simulate(time, {"voltage": volts}, {"gain": 2.0, "tau": 0.3}, lambda name, values: values)["speed"]
+    noise = 0.03 * np.random.default_rng(0).normal(size=len(time))
+    speed = np.where(sound > 0.05, sound + noise, 0.0)  # an encoder at rest counts nothing
+    run = recording({"speed": speed}, time, {"voltage": (time, volts)}, instrument="motor")
+    diagnosis = diagnose([run], Motor(), advise=False)
+    assert diagnosis.signatures == ()
+    assert diagnosis.verdict.verdict in ("none", "undetectable")
+    assert next(iter(diagnosis.problems.values())).sigma[0] == pytest.approx(0.03, rel=0.15)
+    clipped = recording({"speed": np.minimum(speed, 11.0)}, time, {"voltage": (time, volts)}, instrument="motor")
+    verdict = diagnose([clipped], Motor(), advise=False).verdict
+    assert verdict.causes[0].names[0] == "saturation"
 
 
 def test_priors_are_scaled_to_the_rig(stretched) -> None:
@@ -264,7 +392,7 @@ def test_coarse_counts_are_the_gap_and_not_its_noise(stretched) -> None:
     coarse.streams["force"].value[:] -= fine  # what is left has the noise on its counts alone
     problem = RigProblem([coarse], Spring())
     assert problem.sigma[0] == pytest.approx(1e-3, rel=0.1)
-    right = np.array([np.log(20.0 / 30.0) / problem._scale[0]])
+    right = problem.coordinates({"stiffness": 20.0})
     step = next(c for c in problem.candidates if c.key == "quantisation@force")
     assert step.parameters[0].default == pytest.approx(0.12, rel=0.02)
     before = problem.evaluate(right, {}).residual
@@ -331,6 +459,43 @@ def test_a_model_that_diverges_is_a_bad_fit_and_no_crash(stretched) -> None:
 
     problem = RigProblem([stretched()], Explosive())
     assert np.all(np.isfinite(problem.evaluate(np.array([5.0]), {}).residual))
+
+
+def test_a_model_that_fails_away_from_its_defaults_is_a_bad_fit_there(stretched) -> None:
+    class Rooted(Spring):
+        def simulate(self, time, data, parameters, tap):
+            return {"force": math.sqrt(40.0 - parameters["stiffness"]) * data["extension"]}
+
+    problem = RigProblem([stretched()], Rooted())
+    assert np.all(problem.evaluate(problem.coordinates({"stiffness": 50.0}), {}).residual == DIVERGED)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{'force': data['velocity']}", r"simulate fails: KeyError: 'velocity' \(data: force, extension\)"),
+        ("{'force': time[:5]}", r"simulate returned force of shape \(5,\), not \(801,\)"),
+    ],
+)
+def test_what_a_simulation_cannot_do_is_told_with_what_there_is(tmp_path: Path, stretched, text, message) -> None:
+    path = write(tmp_path, COMPLETE.replace("{stages}", "{}").replace("{made}", text))
+    with pytest.raises(ModelError, match=message):
+        RigProblem([stretched()], load_model(f"{path}:Rig"))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"channels": "force"}, "channels should be a tuple of names"),
+        ({"channels": ("pressure",)}, "recording s0 has no channel pressure; it has force, extension"),
+        ({"stages": {"spring_force": "motor", "force": "sensor"}}, "stage 'motor'; there are timing, command"),
+        ({"parameters": (Parameter("k", "N/m", 0.0, 9.0, None, 1.0, "log"),)}, "parameter k has the range 0 … 9"),
+        ({"parameters": (Parameter("k", "N/m", 1.0, 9.0, None, 20.0),)}, "the default 20"),
+    ],
+)
+def test_a_model_whose_words_make_no_sense_is_told_so(stretched, change: dict, message: str) -> None:
+    with pytest.raises(ModelError, match=message):
+        RigProblem([stretched()], type("Odd", (Spring,), change)())
 
 
 def test_what_diverges_to_huge_numbers_stays_finite_and_silent(stretched) -> None:

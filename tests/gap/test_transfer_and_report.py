@@ -16,7 +16,7 @@ from acquire.recording.model import Recording
 from gap.diagnose import Diagnosis, diagnose
 from gap.page import page
 from gap.report import as_json
-from gap.transfer import Shrink, shrink, splits, waveform
+from gap.transfer import Shrink, shrink, splits, splits_of_a_rig, waveform
 from sim_devices.chain import Parameter
 
 TIME = np.arange(0.0, 20.0, 0.02)
@@ -45,6 +45,22 @@ def test_waveforms_and_splits(recording) -> None:
     assert waveform(recording({"pressure": 0 * TIME}, TIME)) == "-"
     assert splits(made) == {"level": {2}, "waveform": {3}, "repeat": {1}}
     assert splits(made[:1]) == {}
+
+
+def test_only_the_same_command_makes_a_repeat_of_a_rig(recording) -> None:
+    time = np.linspace(0.0, 10.0, 50)
+
+    def run(command: tuple[list[float], list[float]] | None):
+        return recording({"force": np.zeros(50)}, time, {"stretch": command} if command else {}, instrument="machine")
+
+    slow, again = run(([0.0, 10.0], [0.0, 40.0])), run(([0.0, 10.01], [0.0, 40.0]))
+    held = run(([0.0, 2.0, 10.0], [0.0, 40.0, 40.0]))
+    assert waveform(slow) == waveform(held) == "ramp"
+    assert splits_of_a_rig([slow, again, held]) == {"waveform": {2}, "repeat": {1}}
+    assert splits_of_a_rig([slow, held]) == {"waveform": {1}}
+    assert splits_of_a_rig([slow, run(([0.0, 10.0], [0.0, 20.0]))]) == {"waveform": {1}}
+    assert splits_of_a_rig([run(None), run(None)]) == {"recording": {1}}
+    assert splits_of_a_rig([slow]) == {}
 
 
 class Valve:
