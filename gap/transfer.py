@@ -124,7 +124,8 @@ def splits_of_a_rig(recordings: Sequence[Recording]) -> dict[str, set[int]]:
             kinds.append([k])
         else:
             like.append(k)
-    out = {"waveform": set(min(kinds[::-1], key=len))} if len(kinds) > 1 else {}
+    rare = min(range(len(kinds)), key=lambda k: (len(kinds[k]), -k))
+    out = {"waveform": set(kinds[rare])} if len(kinds) > 1 else {}
     repeats = {kind[-1] for kind in kinds if len(kind) > 1}
     return {**out, "repeat": repeats} if repeats else out
 
