@@ -27,6 +27,9 @@ INSTRUMENTS = ("cutometer", "aspiration", "microrobot")
 
 SHRUNK, TRANSFERRED = 3, 2
 """How many causes are tried as a simulation by themselves, and how many on what they were not fitted to."""
+RIG = Judgement(lead=3.0, second_share=0.6)
+"""How a rig's model is judged, whose own error nobody knows. It tempers all evidence, so that classes are wide, and the
+simplest of one is often far from the best; and of what a first effect leaves, some second one always explains half."""
 EFFORTS = {"microrobot": Effort(quick_fits=5, refit_singles=7, pair_bases=1)}
 """How wide to search where simulations are slow."""
 
@@ -72,7 +75,7 @@ def diagnose(
     recordings: Sequence[Recording],
     model: ForwardModel | None = None,
     effort: Effort | None = None,
-    rules: Judgement = Judgement(),
+    rules: Judgement | None = None,
     user_effects: Sequence[Path] = (),
     solver: str = "",
     advise: bool = True,
@@ -85,6 +88,7 @@ def diagnose(
     Raises DiagnosisError, gap.rig.ModelError.
     """
     begin = clock.perf_counter()
+    rules = rules or (Judgement() if model is None else RIG)
     recordings = _in_order(recordings)
     remarks = _remarks(recordings)
     problems, candidates = _problems(recordings, model, user_effects, solver)

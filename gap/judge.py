@@ -33,6 +33,7 @@ class Judgement:
     unusual_gap: float = 1.3  # gap above which finding nothing means that the cause is unknown, not that there is none
     separable: float = 3.0  # distance (in tempered σ) below which two fitted explanations are one class
     evidence_tie: float = 8.0  # nats within which indistinguishable explanations count as equally good
+    lead: float = np.inf  # nats by which the simplest explanation of a class may be worse and still leads it
     detect: float = 0.5  # probability of "some effect" above which one is claimed,
     seen: float = 4.0  # if it stands out by so many tempered σ: among sixty effects some always do by three
     second_share: float = 0.3  # of what the best single effect leaves above the noise, that a second must explain
@@ -230,7 +231,7 @@ def _classes(
     rules: Judgement,
 ) -> list[Cause]:
     """Group explanations that these data cannot split, all but the first of ``hypotheses``, which is none; within a
-    class the one with fewest parameters leads."""
+    class the one with fewest parameters leads, unless it is worse by more than `Judgement.lead`."""
     order = [k for k in np.argsort(-score) if k]
     causes = []
     while order:
@@ -246,7 +247,8 @@ def _classes(
                 < rules.separable
             )
         ]
-        simplest = min(members, key=lambda k: (sum(len(e.parameters) for e in hypotheses[k].effects), -score[k]))
+        leaders = [k for k in members if score[lead] - score[k] <= rules.lead]
+        simplest = min(leaders, key=lambda k: (sum(len(e.parameters) for e in hypotheses[k].effects), -score[k]))
         order = [k for k in order if k not in members]
         same = [k for k in order if concept(hypotheses[k]) == concept(hypotheses[simplest])]
         order = [k for k in order if k not in same]

@@ -49,7 +49,7 @@ DIVERGED = 1e6
 PLACES, CLOSEST = 24, 2
 """Places in the ranges of a model's parameters that are tried, and from how many of them, besides the defaults, a fit
 begins."""
-SEARCHED, SEARCH_WORK = 8, 8_000
+SEARCHED, SEARCH_WORK = 8, 4_000
 """Places from which a fit with an effect begins at most, and what one simulation at each may cost: a call of a tap
 counts 1, ten samples do."""
 STILL = 20

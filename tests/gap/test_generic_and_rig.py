@@ -12,6 +12,7 @@ import pytest
 
 from gap.diagnose import diagnose
 from gap.generic import GENERIC, GenericEffect
+from gap.judge import Judgement
 from gap.rig import DIVERGED, ModelError, RigProblem, load_model
 from gap.solve import fit
 from sim_devices.chain import Parameter
@@ -253,6 +254,43 @@ def test_what_slackens_is_creep(recording) -> None:
     verdict = diagnose([run], Tape(), advise=False).verdict
     assert verdict.verdict == "effect"
     assert "creep" in verdict.causes[0].names
+
+
+def test_a_second_effect_is_not_made_of_what_the_model_itself_lacks(recording) -> None:
+    """Half of what a lag leaves of a ladder looks like creep, the rest like nothing: real circuits are no simpler."""
+    time = np.arange(0.0, 0.3, 1e-3)
+    volts = np.where((time // 0.05) % 2 == 0, 0.5, -0.5)
+
+    class Ladder:
+        name, channels = "ladder", ("out",)
+        stages: ClassVar = {"dac": "actuator", "out": "sensor"}
+        parameters = (
+            Parameter("tau", "s", 1e-3, 3e-2, None, 5e-3, "log"),
+            Parameter("gain", "1", 0.9, 1.1, None, 1.0),
+        )
+
+        def simulate(self, time, data, parameters, tap):
+            u, x, out = tap("dac", data["dac"]), -0.5, np.empty_like(time)
+            for k, goal in enumerate(u):
+                out[k] = parameters["gain"] * x
+                x = goal + (x - goal) * np.exp(-1e-3 / parameters["tau"])
+            return {"out": tap("out", out)}
+
+    def sound(name: str, values, **related):
+        return values
+
+    def out(tau: float) -> np.ndarray:
+        return Ladder().simulate(time, {"dac": volts}, {"tau": tau, "gain": 1.0}, sound)["out"]
+
+    lagging = made("low_pass", {"tau": 5e-4}, time, out(5e-3))
+    tail = made("creep", {"share": 0.03, "tau": 1.5e-2, "exponent": 1.2, "settled": 1.0}, time, lagging) - lagging
+    rest = np.sin(900 * time) + np.sin(1300 * time + 1) + np.sin(1700 * time + 2)
+    noise = 3e-4 * np.random.default_rng(7).normal(size=len(time))
+    run = recording({"out": lagging + tail + 1.5e-3 * rest + noise}, time, {"dac": (time, volts)}, instrument="ladder")
+    assert diagnose([run], Ladder(), rules=Judgement(), advise=False).verdict.verdict == "several"
+    verdict = diagnose([run], Ladder(), advise=False).verdict
+    assert verdict.verdict == "effect"
+    assert {"delay", "low_pass"} & set(verdict.causes[0].names)
 
 
 def test_a_motor_at_rest_is_not_cut_off(recording) -> None:

@@ -168,3 +168,22 @@ def test_a_second_effect_must_explain_more_than_some_pair_always_does(linear, ca
     likely = Judgement(prior_pair=0.5, second_least=0.0)
     assert judge(comparison, known, likely).verdict == "several"
     assert judge(comparison, known, Judgement(prior_pair=0.5, second_least=1e4)).verdict == "effect"
+
+
+@pytest.mark.parametrize(("rules", "leader"), [(Judgement(), "bump"), (Judgement(lead=1.0), "rich")])
+def test_the_simplest_leads_its_class_unless_it_is_much_worse(linear, candidate, rules, leader: str) -> None:
+    aside = SHAPES["late"] / np.linalg.norm(SHAPES["late"])
+    made = {
+        "bump": lambda v: v["a"] * SHAPES["bump"],
+        "rich": lambda v: v["a"] * SHAPES["bump"] + v["b"] * aside,
+    }
+    noise = np.random.default_rng(3).normal(size=len(T))
+    noise -= (noise @ aside) * aside
+    y = DESIGN @ [2.0, 1.0] + 8.0 * SHAPES["bump"] + 2.9 * aside + noise
+    known = [
+        candidate("bump", Parameter("a", "1", -30.0, 30.0)),
+        candidate("rich", Parameter("a", "1", -30.0, 30.0), Parameter("b", "1", -4.0, 4.0)),
+    ]
+    verdict = judge(compare([linear(y, DESIGN, made, np.full(2, 100.0))], known), known, rules)
+    assert verdict.causes[0].names[0] == leader
+    assert set(verdict.causes[0].names) == {"bump", "rich"}
