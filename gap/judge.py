@@ -32,15 +32,16 @@ class Judgement:
     quiet_gap: float = 1.1
     unusual_gap: float = 1.3  # gap above which finding nothing means that the cause is unknown, not that there is none
     separable: float = 3.0  # distance (in tempered σ) below which two fitted explanations are one class
-    evidence_tie: float = 8.0  # nats within which indistinguishable explanations count as equally good
-    lead: float = np.inf  # nats by which the simplest explanation of a class may be worse and still leads it
+    evidence_tie: float = 5.0  # nats within which indistinguishable explanations count as equally good,
+    lead: float = 1.0  # and those by which the simplest of them may be worse and still leads them
     detect: float = 0.5  # probability of "some effect" above which one is claimed,
     seen: float = 4.0  # if it stands out by so many tempered σ: among sixty effects some always do by three
     second_share: float = 0.3  # of what the best single effect leaves above the noise, that a second must explain
     second_excess: float = 0.01  # and of what the null leaves: form errors grow with the effect
     second_least: float = 30.0  # χ² (tempered) that it must explain at least: of so many pairs some always do by less
     borne_out: float = 0.2  # share of the plain gap on another waveform that a device effect must take away,
-    worse: float = 1.3  # times larger that it may make the gap on repeats
+    worse: float = 1.3  # times larger that it may make the gap on repeats,
+    elsewhere: float = 2.0  # and on another waveform
     plain: float = 1.1  # where that gap is larger than this,
     sure: float = 5.0  # unless blocks without skin give so many nats
     overwhelming: float = 8.0  # or it stands out by so many σ
@@ -193,9 +194,9 @@ def borne_out(
     """The verdict once its first cause was tried as a simulation by itself, also on what it was not fitted to.
 
     What takes nothing away there explains nothing, be its evidence what it may, nor does what is as weak as its prior
-    allows and helps nowhere else; what makes repeats of its own data worse is wrong; and a device effect that only
-    repairs what skin of another law leaves does not carry over to another waveform. ``shrinks`` are the first cause's
-    by split: ``fitted``, and whatever was withheld (``waveform``, ``repeat`` …).
+    allows and helps nowhere else; what makes repeats of its own data worse, or another waveform much worse, is wrong;
+    and a device effect that only repairs what skin of another law leaves does not carry over to another waveform.
+    ``shrinks`` are the first cause's by split: ``fitted``, and whatever was withheld (``waveform``, ``repeat`` …).
     """
     if verdict.verdict not in ("effect", "several"):
         return verdict
@@ -205,7 +206,8 @@ def borne_out(
     helps = any(s.value > 0 for s in withheld)
     if not first.marked and (fitted.after >= fitted.before or (weakest(first.hypothesis) and not helps)):
         return replace(verdict, verdict="unknown" if fitted.before > rules.unusual_gap else "undetectable")
-    if not first.marked and repeat and repeat.after > rules.worse * repeat.before:
+    limits = ((repeat, rules.worse), (carried, rules.elsewhere))
+    if not first.marked and any(s and s.after > limit * s.before for s, limit in limits):
         return replace(verdict, verdict="unknown")
     if carried is None or fitted.before < rules.plain:
         return verdict

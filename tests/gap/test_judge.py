@@ -118,6 +118,8 @@ def test_a_device_effect_must_carry_over_where_skin_is_in_play(
     assert borne_out(verdict, comparison, grown).verdict in ("unknown", "undetectable")
     for times, then in ((1.2, "effect"), (1.5, "unknown")):  # on repeats of what it was fitted to
         assert borne_out(verdict, comparison, shrinks | {"repeat": Shrink(2.0, 2.0 * times)}).verdict == then
+    for times, then in ((1.8, "effect"), (2.2, "unknown")):  # on another waveform
+        assert borne_out(verdict, comparison, shrinks | {"waveform": Shrink(2.0, 2.0 * times)}).verdict == then
     problem.plain_sd = np.full(2, 1.0)
     assert borne_out(verdict, comparison, shrinks).verdict == said
 
@@ -170,7 +172,7 @@ def test_a_second_effect_must_explain_more_than_some_pair_always_does(linear, ca
     assert judge(comparison, known, Judgement(prior_pair=0.5, second_least=1e4)).verdict == "effect"
 
 
-@pytest.mark.parametrize(("rules", "leader"), [(Judgement(), "bump"), (Judgement(lead=1.0), "rich")])
+@pytest.mark.parametrize(("rules", "leader"), [(Judgement(lead=3.0), "bump"), (Judgement(), "rich")])
 def test_the_simplest_leads_its_class_unless_it_is_much_worse(linear, candidate, rules, leader: str) -> None:
     aside = SHAPES["late"] / np.linalg.norm(SHAPES["late"])
     made = {
