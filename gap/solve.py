@@ -14,6 +14,7 @@ from functools import cached_property
 
 import numpy as np
 import scipy.linalg as sla
+from numpy.typing import NDArray
 
 from gap.hypothesis import Candidate, FloatArray, Problem
 
@@ -97,9 +98,9 @@ class Fit:
     """A fitted hypothesis.
 
     ``chi2`` is of the data alone, ``penalty`` the prior's share, ``wider`` twice the logarithm by which effects of
-    chance widen the noise; ``unit`` (k,) are the effect parameters in prior quantiles, in the order of the hypothesis,
-    ``covariance`` (k, k) theirs. ``prior_mean``, ``prior_sd`` (p,) are the nuisance's prior that was used: an effect
-    may move where the tissue's parameters are anchored.
+    chance widen the noise, with what is `unearned`; ``unit`` (k,) are the effect parameters in prior quantiles, in the
+    order of the hypothesis, ``covariance`` (k, k) theirs. ``prior_mean``, ``prior_sd`` (p,) are the nuisance's prior
+    that was used: an effect may move where the tissue's parameters are anchored.
     """
 
     hypothesis: tuple[Candidate, ...]
@@ -313,7 +314,23 @@ def fit(
         gram = jac.T @ jac if stale else gram
         if gain < tolerance * max(best, 1.0) * 0.1 + 0.02:
             break
-    return _finish(hypothesis, c, u, residual, jac, gram, effect, mean, sd, believed, simulations, wider(u))
+    noise = wider(u) + unearned(residual, problem.widening(split(hypothesis, u)), problem.rows.recording)
+    return _finish(hypothesis, c, u, residual, jac, gram, effect, mean, sd, believed, simulations, noise)
+
+
+def unearned(residual: FloatArray, times: FloatArray | None, recording: NDArray[np.int64]) -> float:
+    """Twice the nats that noise wider by ``times`` (n,) seems to earn on a whitened residual (n,) that is no chance.
+
+    Scattered instants are one by one; what neighbours have in common is a wrong response, and counts as few.
+    """
+    if times is None:
+        return 0.0
+    share = 1.0 - 1.0 / np.square(times)  # of what is left, the share that is laid to chance
+    weight = np.sqrt(share[1:] * share[:-1]) * (recording[1:] == recording[:-1])
+    own = 0.5 * float(weight @ (np.square(residual[1:]) + np.square(residual[:-1])))
+    together = max(float(weight @ (residual[1:] * residual[:-1])), 0.0) / max(own, 1e-300)
+    earned = float(np.square(residual) @ (np.square(times) - 1.0) - 2.0 * np.sum(np.log(times)))
+    return max(earned, 0.0) * 2.0 * together / (1.0 + together)
 
 
 def _bordered(gram: FloatArray, jacobian: FloatArray, more: FloatArray) -> FloatArray:

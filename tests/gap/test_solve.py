@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gap.solve import Belief, Projector, fit
+from gap.solve import Belief, Projector, fit, unearned
 from sim_devices.chain import Parameter
 
 
@@ -152,3 +152,15 @@ def test_evidence_does_not_lead_an_effect_out_of_its_range(linear, candidate, da
     earned = bound.log_evidence(1.0, problem.alternatives) - fit(problem).log_evidence(1.0, problem.alternatives)
     assert bound.unit == pytest.approx([1.0])
     assert earned < 0.5 * (fit(problem).chi2 - bound.chi2) + 1
+
+
+def test_noise_that_goes_together_earns_nothing_by_being_wide() -> None:
+    """As one by one it would be jitter; neighbours that are off alike are a wrong response."""
+    rng = np.random.default_rng(2)
+    times, recording = np.full(400, 3.0), np.repeat([0, 1], 200)
+    chance = rng.normal(size=400)
+    wrong = np.repeat(rng.normal(size=40), 10)
+    earned = 400 * (9.0 - 1.0) - 800 * np.log(3.0)
+    assert abs(unearned(chance, times, recording)) < 0.25 * earned
+    assert unearned(wrong, times, recording) > 0.85 * (np.square(wrong) @ (np.square(times) - 1.0) - 800 * np.log(3.0))
+    assert unearned(wrong, None, recording) == 0.0
