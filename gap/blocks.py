@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from acquire.recording.model import Recording
 from gap.binning import GROWTH, WIDEST
 from gap.chains import needed, run
-from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Rows
+from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Rows, Start
 from gap.rhythms import Lateness
 from gap.rows import label_rows
 from gap.session import SKIN, Command, Session
@@ -237,9 +237,7 @@ class Block(abc.ABC):
         """Prior widths (p,) of the simulation by itself."""
         return self.prior_sd
 
-    def anchored(
-        self, hypothesis: Sequence[Candidate], unit: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
         return None
 
     def lateness(self, fitted: Fit) -> Lateness | None:

@@ -104,10 +104,10 @@ def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) ->
             here = under(problem, before.prior_mean, screened.widths[block])
             tries.append(from_base(here, hypothesis, start, before.nuisance, 5))
             if len(tries) == 1 and (moved := problem.anchored(hypothesis, start)) is not None:
-                mean, nuisance, start = moved
-                for sd in (screened.widths[block], problem.alternatives[0]):
-                    there = under(problem, mean, sd)
-                    tries.append(fit(there, hypothesis, start, nuisance, 5, belief=belief))
+                seen = screened.widths[block]
+                for sd in (moved.sd,) if seen is moved.sd else (seen, moved.sd):
+                    there = under(problem, moved.mean, sd)
+                    tries.append(fit(there, hypothesis, moved.unit, moved.nuisance, 5, belief=belief))
         best = max(tries, key=lambda f: f.log_evidence(1.0, problem.alternatives))
         final = under(problem, best.prior_mean, best.best_prior(problem.alternatives))
         known = fits[block] = fit(final, hypothesis, best.unit, best.nuisance, belief=belief)

@@ -18,7 +18,7 @@ import abc
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -28,7 +28,8 @@ from gap.chains import needed
 from gap.fe_solver import Experiment, FeModel, fe_model
 from gap.hypothesis import Active, FloatArray, Problem
 from gap.solve import Fit, fit
-from gap.suction import HeightBlock, PressureBlock
+from gap.suction_height import HeightBlock
+from gap.suction_pressure import PressureBlock
 from sim_devices.chain import Chain, Effect
 from sim_devices.stages.kernels import evaluate, prony
 from sim_devices.stages.operators import Law, Map, after, before
@@ -190,6 +191,9 @@ class FeHeightBlock(Anchored, HeightBlock):
     )  # fmt: skip
     TISSUE_SD: tuple[float, ...] = (1.0, 0.7, 1.0, 0.7, 0.7, 0.7, 0.7, 0.7, 0.7, 0.1, 0.04)
     ANCHORED_SD: tuple[float, ...] = (0.3, 0.15, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.06, 0.03)
+    CREEP: ClassVar[Mapping[str, str]] = {}
+    PLAIN_LAWS: tuple[tuple[str, ...], ...] = ((),)
+    USUAL_LAW: tuple[str, ...] = ()
 
     anchored_by = len(FREE)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,6 +84,16 @@ class Evaluation:
     jacobian: FloatArray
 
 
+class Start(NamedTuple):
+    """Where a fit begins: the prior's mean and width (p,) as the effects would have them, the nuisance (p,), and the
+    effects' parameters in prior quantiles (k,)."""
+
+    mean: FloatArray
+    sd: FloatArray
+    nuisance: FloatArray
+    unit: FloatArray
+
+
 class Problem(Protocol):
     """One block of data with its forward model.
 
@@ -123,11 +133,8 @@ class Problem(Protocol):
         """A sensible nuisance vector (p,) to begin from."""
         ...
 
-    def anchored(
-        self, hypothesis: Sequence[Candidate], unit: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """The prior's mean (p,) as effects about ``unit`` (k,) would have it; the nuisance (p,) and the effects (k,)
-        to begin with there. None where the mean is known."""
+    def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
+        """Where else a fit with effects about ``unit`` (k,) should begin. None where the prior is known."""
         ...
 
     def lateness(self, fitted: Fit) -> Lateness | None:

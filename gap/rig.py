@@ -35,7 +35,7 @@ from scipy.stats import qmc
 from acquire.recording.model import Recording, Series
 from gap.generic import GENERIC, GenericEffect, counted
 from gap.generic_laws import State
-from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Problem, from_unit, to_unit
+from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Problem, Start, from_unit, to_unit
 from gap.noise import coarse_counts, high_band_sigma
 from gap.rows import label_rows
 from gap.signatures import Signature
@@ -399,9 +399,7 @@ class RigProblem:
             self._start = min(fits, key=lambda f: f.objective).nuisance
         return self._start.copy()
 
-    def anchored(
-        self, hypothesis: Sequence[Candidate], unit: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
         """Where else a fit with the last of some effects might begin: of several places in its prior, with the model's
         parameters halfway between their fit without it and anywhere in their ranges, the one from where it comes
         farthest in a few steps. An effect that takes over half of what the model did (a slow mode, a yield) is seldom
@@ -416,7 +414,7 @@ class RigProblem:
             for p in places
         ]
         best = min(fits, key=lambda f: f.objective)
-        return self.prior_mean, best.nuisance, best.unit
+        return Start(self.prior_mean, self.prior_sd, best.nuisance, best.unit)
 
     def lateness(self, fitted: Fit) -> None:
         return None

@@ -78,6 +78,11 @@ def _creep(chain: Chain, v: Values) -> Chain:
     return law_after(chain, anchor, "slow_creep", "tissue", kernels.prony, _memory(pairs, sign))
 
 
+def power_law_creep(amount: float, exponent: float) -> list[tuple[float, float]]:
+    """Pairs (g, tau s) that creep as ``amount`` times (t/s) to the power ``exponent``."""
+    return spectrum(1e4, 1e-2, lambda tau: amount * exponent / math.gamma(1.0 - exponent) * tau**exponent)
+
+
 def _power_law(chain: Chain, v: Values) -> Chain:
     a, n = v["amount"], v["exponent"]
     if _is_robot(chain):
@@ -85,8 +90,7 @@ def _power_law(chain: Chain, v: Values) -> Chain:
         total = sum(g for g, _ in pairs) * (1.0 + a) / a
         pairs = [(g / total, tau) for g, tau in pairs]
         return law_after(chain, "tissue", "power_law_creep", "tissue", kernels.prony, _memory(pairs, -1.0))
-    pairs = spectrum(1e4, 1e-2, lambda tau: a * n / math.gamma(1.0 - n) * tau**n)
-    return law_after(chain, "memory", "power_law_creep", "tissue", kernels.prony, _memory(pairs, 1.0))
+    return law_after(chain, "memory", "power_law_creep", "tissue", kernels.prony, _memory(power_law_creep(a, n), 1.0))
 
 
 def _residual(chain: Chain, v: Values) -> Chain:

@@ -17,7 +17,8 @@ from gap.fe_solver import FeModel, fe_model
 from gap.fe_tissue import FREE, FeHeightBlock, creep, moduli, moduli_slopes
 from gap.own import step_hold, suction_session, triangle
 from gap.solve import fit
-from gap.suction import PressureBlock, suction_problems
+from gap.suction import suction_problems
+from gap.suction_pressure import PressureBlock
 from sim_devices.stages.kernels import evaluate, prony
 
 
