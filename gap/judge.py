@@ -18,6 +18,8 @@ from gap.signatures import Signature
 from gap.solve import Hypothesis
 from gap.transfer import Shrink
 
+EVEN = 0.5
+"""The probability above which a cause is named."""
 VERDICTS = ("effect", "several", "none", "unknown", "undetectable")
 
 
@@ -28,7 +30,7 @@ class Judgement:
     prior_effect: float = 0.45  # that one effect acts
     prior_pair: float = 0.05  # that two act
     outside: float = 0.07  # that what is named is imitated by an effect that the library lacks
-    sure_none: float = 0.93  # probability of no effect above which, at a gap below `quiet_gap`, the verdict is `none`
+    sure_none: float = 0.98  # probability of no effect above which, at a gap below `quiet_gap`, the verdict is `none`
     quiet_gap: float = 1.1
     unusual_gap: float = 1.3  # gap above which finding nothing means that the cause is unknown, not that there is none
     separable: float = 3.0  # distance (in tempered σ) below which two fitted explanations are one class
@@ -175,7 +177,15 @@ def judge(
         verdict = "unknown"
     else:
         verdict = "several" if len(causes[0].effects) > 1 else "effect"
-    return Verdict(verdict, tuple(causes), stages, none, min(left, 1.0), before, after, temper)
+    found = Verdict(verdict, tuple(causes), stages, none, min(left, 1.0), before, after, temper)
+    return found if verdict in ("effect", "several") else _unnamed(found, verdict)
+
+
+def _unnamed(verdict: Verdict, said: str) -> Verdict:
+    """The verdict ``said``, which names no cause: none is then likelier than not (``EVEN``)."""
+    share = min(1.0, EVEN / max((c.probability for c in verdict.causes), default=EVEN))
+    causes = tuple(replace(c, probability=share * c.probability) for c in verdict.causes)
+    return replace(verdict, verdict=said, causes=causes)
 
 
 def weakest(h: Hypothesis, within: float = 0.02) -> bool:
@@ -205,10 +215,10 @@ def borne_out(
     withheld = [carried] if carried else [s for split, s in shrinks.items() if split != "fitted"]
     helps = any(s.value > 0 for s in withheld)
     if not first.marked and (fitted.after >= fitted.before or (weakest(first.hypothesis) and not helps)):
-        return replace(verdict, verdict="unknown" if fitted.before > rules.unusual_gap else "undetectable")
+        return _unnamed(verdict, "unknown" if fitted.before > rules.unusual_gap else "undetectable")
     limits = ((repeat, rules.worse), (carried, rules.elsewhere))
     if not first.marked and any(s and s.after > limit * s.before for s, limit in limits):
-        return replace(verdict, verdict="unknown")
+        return _unnamed(verdict, "unknown")
     if carried is None or fitted.before < rules.plain:
         return verdict
     if first.detectability > rules.overwhelming or any(e.stage == "tissue" for h in first.members for e in h.effects):
@@ -221,7 +231,7 @@ def borne_out(
             bare += problem.trusts[0] * (one - other)
     if bare > rules.sure or carried.value > rules.borne_out:
         return verdict
-    return replace(verdict, verdict="unknown")
+    return _unnamed(verdict, "unknown")
 
 
 def _classes(

@@ -59,7 +59,7 @@ class HeightBlock(Block):
 
     name, channels = "height", ("apex_height",)
     trust = 0.12  # other tissue laws than ours leave some δ = 10 that some device effect can repair
-    trust_plain = 0.25  # of a plain law that the data themselves prefer
+    trust_plain = 0.16  # of a plain law that the data themselves prefer
     TISSUE: tuple[str, ...] = (
         "compliance", "knee", "exponent", "creep1", "creep2", "creep3", "creep4",
         "time1", "time2", "time3", "time4", "residual", "softening", "power", "fraction",

@@ -121,7 +121,9 @@ def test_a_device_effect_must_carry_over_where_skin_is_in_play(
     for times, then in ((1.8, "effect"), (2.2, "unknown")):  # on another waveform
         assert borne_out(verdict, comparison, shrinks | {"waveform": Shrink(2.0, 2.0 * times)}).verdict == then
     problem.plain_sd = np.full(2, 1.0)
-    assert borne_out(verdict, comparison, shrinks).verdict == said
+    final = borne_out(verdict, comparison, shrinks)
+    assert final.verdict == said
+    assert (final.causes[0].probability > 0.5) == (said == "effect")  # what is not named is not likelier than not
 
 
 def test_a_signature_decides_between_equals(verdict_on) -> None:
