@@ -192,7 +192,7 @@ class FeHeightBlock(Anchored, HeightBlock):
     TISSUE_SD: tuple[float, ...] = (1.0, 0.7, 1.0, 0.7, 0.7, 0.7, 0.7, 0.7, 0.7, 0.1, 0.04)
     ANCHORED_SD: tuple[float, ...] = (0.3, 0.15, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.06, 0.03)
     CREEP: ClassVar[Mapping[str, str]] = {}
-    PLAIN_LAWS: tuple[tuple[str, ...], ...] = ((),)
+    SIMPLE_LAWS: tuple[tuple[str, ...], ...] = ((),)
     USUAL_LAW: tuple[str, ...] = ()
 
     anchored_by = len(FREE)

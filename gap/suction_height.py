@@ -1,10 +1,10 @@
 """Recorded pressure -> apex height of a suction instrument.
 
 The block is fed with the *smoothed* recorded pressure (raw gauge noise would imitate friction and preload) and meets
-the tissue. Which law a person's skin has, nobody knows: plain ones are tried first, with an elastic curve of three
+the tissue. Which law a person's skin has, nobody knows: simple ones are tried first, with an elastic curve of three
 parameters and two creep times or a power law of time; then four creep times under any elastic curve; then, beside
 these, a discrepancy that other laws could leave (`gap.tissue_null`), so that only what no tissue could do is called a
-device effect. What is less plain must earn its freedom (`Problem.alternatives`).
+device effect. What is less simple must earn its freedom (`Problem.alternatives`).
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from sim_devices.stages.sampling import simulate
 from sim_devices.stages.suction import elastic_height
 from sim_devices.stages.tissues import SuctionTissue, suction_tissue
 
-PLAIN_SHIFT = 1e-3
+SIMPLE_SHIFT = 1e-3
 """s: how late a channel may be that samples, neither holds nor integrates."""
-FRACTION = 0.25
-"""Exponent of power-law creep from which fits begin, and its amount."""
+POWER = 0.25
+"""Amount and exponent of power-law creep from which fits begin."""
 ENOUGH = 1.05
-"""χ² per sample of a plain law at which nothing less plain is tried."""
+"""χ² per sample of a simple law at which the usual one is not tried."""
 FROZEN = 1e-9
 """Prior width at which a parameter of the tissue does not move, and its derivative is not asked for."""
 Try = tuple[int, FloatArray, int]
@@ -59,7 +59,7 @@ class HeightBlock(Block):
 
     name, channels = "height", ("apex_height",)
     trust = 0.12  # other tissue laws than ours leave some δ = 10 that some device effect can repair
-    trust_plain = 0.16  # of a plain law that the data themselves prefer
+    trust_simple = 0.16  # of a simple law, where the data prefer it
     TISSUE: tuple[str, ...] = (
         "compliance", "knee", "exponent", "creep1", "creep2", "creep3", "creep4",
         "time1", "time2", "time3", "time4", "residual", "softening", "power", "fraction",
@@ -72,9 +72,9 @@ class HeightBlock(Block):
         "creep4": "time4",
         "power": "fraction",
     }  # amounts and what is nothing without them
-    PLAIN_LAWS: tuple[tuple[str, ...], ...] = (("creep2", "creep3"), ("power",))  # the creep that each of them has,
+    SIMPLE_LAWS: tuple[tuple[str, ...], ...] = (("creep2", "creep3"), ("power",))  # the creep that each of them has,
     USUAL_LAW: tuple[str, ...] = ("creep1", "creep2", "creep3", "creep4")  # and that of a person's skin at large
-    PLAIN_CURVE = 1e-3  # of the elastic curve's freedom, under a plain law
+    SIMPLE_CURVE = 1e-3  # of the elastic curve's freedom, under a simple law
     ANCHORED_SD: tuple[float, ...] = (0.5, 0.15, 0.08, *[0.15] * 4, *[0.3] * 4, 0.06, 0.03, 0.3, 0.3)
     GAIN_SD = 0.05
     ZERO_SD = 0.01  # of the largest height: skin still recovers while the instrument takes its zero
@@ -90,9 +90,8 @@ class HeightBlock(Block):
         self._tissue = suction_tissue("forearm")
         self._pressure = pressure
         self._line = [self._smoothed(g) for g, _ in self.groups]
-        self._strongest = max(
-            [1e3, *(-float(p.min()) for (g, _), (_, p) in zip(self.groups, self._line, strict=True) if g.skin)]
-        )
+        strongest = (-float(p.min()) for (g, _), (_, p) in zip(self.groups, self._line, strict=True) if g.skin)
+        self._strongest = max(strongest, default=0.0) or 1e3  # Pa; without skin any will do
         self._runs = self.member
         onsets = {k: self._onset(g, k) for g, _ in self.groups for k in g.members}
         self._onsets = np.array([onsets[k] for k in self.runs])
@@ -122,8 +121,8 @@ class HeightBlock(Block):
         self._amounts = np.array([self.TISSUE.index(name) for name in self.CREEP], dtype=int)
         self.prior_mean[self._amounts] = self._no_creep()
         widths = [np.concatenate([self.prior_sd[:end], self.prior_sd[end:] * s]) for s in self.DISCREPANCY_SCALES]
-        plain = [self._plain(widths[0], law) for law in self.PLAIN_LAWS]
-        self.alternatives = (*plain, *(self._creeping(sd, self.USUAL_LAW) for sd in widths))
+        simple = [self._simple(widths[0], law) for law in self.SIMPLE_LAWS]
+        self.alternatives = (*simple, *(self._creeping(sd, self.USUAL_LAW) for sd in widths))
 
     def _no_creep(self) -> list[float]:
         """The nuisance at which each amount of creep is none."""
@@ -137,11 +136,11 @@ class HeightBlock(Block):
                 out[[self.TISSUE.index(amount), self.TISSUE.index(of)]] = FROZEN
         return out
 
-    def _plain(self, sd: FloatArray, law: Sequence[str]) -> FloatArray:
-        """Those of a plain law: an elastic curve of three parameters, a channel that neither holds nor integrates."""
+    def _simple(self, sd: FloatArray, law: Sequence[str]) -> FloatArray:
+        """Those of a simple law: an elastic curve of three parameters, a channel that neither holds nor integrates."""
         out = self._creeping(sd, law)
-        out[len(self.TISSUE)] = PLAIN_SHIFT
-        out[self._curve_part] *= self.PLAIN_CURVE
+        out[len(self.TISSUE)] = SIMPLE_SHIFT
+        out[self._curve_part] *= self.SIMPLE_CURVE
         return out
 
     def _onset(self, group: Group, k: int) -> float:
@@ -197,7 +196,7 @@ class HeightBlock(Block):
         base = self._tissue
         knee = base.knee * float(np.exp(c["knee"]))
         exponent = float(np.clip(base.exponent + c["exponent"], 0.02, 3.0))
-        fraction = float(np.clip(FRACTION * np.exp(c["fraction"]), 0.03, 0.9))
+        fraction = float(np.clip(POWER * np.exp(c["fraction"]), 0.03, 0.9))
         memory = [
             (g + c[f"creep{i + 1}"], tau * float(np.exp(c[f"time{i + 1}"])))
             for i, (g, tau) in enumerate(zip(base.creep, base.times, strict=True))
@@ -226,13 +225,13 @@ class HeightBlock(Block):
         if self._start is None:
             n = len(self.TISSUE)
             first, *others = self._guesses()
-            full = len(self.PLAIN_LAWS)
+            full = len(self.SIMPLE_LAWS)
             tries = [*((k, first, 40) for k in range(full)), *((0, c, 40) for c in others)]
             alone = self._alone((), np.zeros(0), [*tries, *((full, c, 15) for c in (first, *others))])
             found, law = max(alone, key=_probability)
-            plain, k = max((a for a in alone if a[1] < full), key=_probability)
-            # A plain law cannot take on much of an effect, the usual one can: with an effect it begins anew.
-            self._tries = [(k, plain.nuisance, 25), *([(full, first, 15)] if law == full else [])]
+            simple, k = max((a for a in alone if a[1] < full), key=_probability)
+            # A simple law cannot take on much of an effect, the usual one can: with an effect it begins anew.
+            self._tries = [(k, simple.nuisance, 25), *([(full, first, 15)] if law == full else [])]
             tissue = self.tissue(found.nuisance)
             memory = [v for pair in zip(tissue.creep, tissue.times, strict=True) for v in pair]
             curves = self._by_group(elastic_freedom, memory)[0]
@@ -258,7 +257,7 @@ class HeightBlock(Block):
             guess = np.zeros(len(self.prior_mean))
             guess[: len(times)] = at * times
             if "power" in self.TISSUE:
-                guess[self.TISSUE.index("power")] = 0.25
+                guess[self.TISSUE.index("power")] = POWER
             out.append(guess)
         return out
 
@@ -269,26 +268,26 @@ class HeightBlock(Block):
 
     @property
     def trusts(self) -> Sequence[float]:
-        return (*[self.trust_plain] * len(self.PLAIN_LAWS), *[self.trust] * len(self.DISCREPANCY_SCALES))
+        return (*[self.trust_simple] * len(self.SIMPLE_LAWS), *[self.trust] * len(self.DISCREPANCY_SCALES))
 
     @property
     def plain_sd(self) -> FloatArray:
-        sd = self.alternatives[len(self.PLAIN_LAWS)].copy()
+        sd = self.alternatives[len(self.SIMPLE_LAWS)].copy()
         sd[self._curve_part.stop :] = 1e-6
         return sd
 
     def _alone(self, hypothesis: Sequence[Candidate], unit: FloatArray, tries: Sequence[Try]) -> list[tuple[Fit, int]]:
         """The simulation by itself, the person's tissue not yet known, with effects from ``unit`` (k,) on: a fit for
-        each of the ``tries``, and which of the `alternatives` it is. The usual law is left out where a plain one is at
-        the noise."""
+        each of the ``tries``, and which of the `alternatives` it is. The usual law is left out where a simple one is
+        at the noise."""
         usual = self.plain_sd
         usual[: len(self.TISSUE)] = self.TISSUE_SD
-        laws = [*(self._plain(usual, law) for law in self.PLAIN_LAWS), self._creeping(usual, self.USUAL_LAW)]
+        laws = [*(self._simple(usual, law) for law in self.SIMPLE_LAWS), self._creeping(usual, self.USUAL_LAW)]
         mean = np.zeros(len(usual))
         mean[self._amounts] = self._no_creep()
         found: list[tuple[Fit, int]] = []
         for k, guess, iterations in tries:
-            if k == len(self.PLAIN_LAWS) and any(f.objective < ENOUGH * len(self.measured) for f, _ in found):
+            if k == len(self.SIMPLE_LAWS) and any(f.objective < ENOUGH * len(self.measured) for f, _ in found):
                 continue
             begin = guess.copy()
             begin[self._amounts] = np.where(laws[k][self._amounts] <= FROZEN, self._no_creep(), begin[self._amounts])
@@ -299,8 +298,8 @@ class HeightBlock(Block):
         self.start()
         guess = self._guesses()[0]
         tries = self._tries or [
-            *((k, guess, 25) for k in range(len(self.PLAIN_LAWS))),
-            (len(self.PLAIN_LAWS), guess, 15),
+            *((k, guess, 25) for k in range(len(self.SIMPLE_LAWS))),
+            (len(self.SIMPLE_LAWS), guess, 15),
         ]
         found, law = max(self._alone(hypothesis, unit, tries), key=_probability)
         mean = self.prior_mean.copy()

@@ -44,7 +44,8 @@ def diagnose(
         print(json.dumps(report, indent=1))
     else:
         print(*report["sentences"], sep="\n")
-        print(*(f"note: {remark}" for remark in report["remarks"]), sep="\n", file=sys.stderr)
+        for remark in report["remarks"]:
+            print(f"note: {remark}", file=sys.stderr)
         print(f"\n{folder}/gap.html\n{folder}/gap.json")
 
 

@@ -115,7 +115,7 @@ SHARES, TIMES = zip(*power_law_creep(0.3, 0.2), strict=True)
         (2, replace(CURVE, creep=(0.4, 0.4, 0.4), times=(0.08, 0.9, 9.0))),
     ],
 )
-def test_the_plainest_law_that_fits_is_the_null(law: int, skin: SuctionTissue) -> None:
+def test_the_simplest_law_that_fits_is_the_null(law: int, skin: SuctionTissue) -> None:
     """Two creep times, a power law of time, or more than either has."""
     _, height = blocks(session(tissue=skin))
     null = fit(height, iterations=40)
@@ -123,8 +123,8 @@ def test_the_plainest_law_that_fits_is_the_null(law: int, skin: SuctionTissue) -
     assert null.objective / len(null.residual) < 1.1
 
 
-def test_a_plain_law_leaves_what_a_usual_one_would_swallow() -> None:
-    """A lag of less than a sample is a sampling convention, unless everything else is as plain as can be."""
+def test_a_simple_law_leaves_what_a_usual_one_would_swallow() -> None:
+    """A lag of less than a sample is a sampling convention, unless everything else is as simple as can be."""
     low_pass = library("aspiration")[LOW_PASS]
     _, height = blocks(session([(low_pass, {"tau": 6e-3})], CURVE))
     (candidate,) = candidates_for({LOW_PASS: low_pass}, [height])
