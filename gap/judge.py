@@ -37,7 +37,7 @@ class Judgement:
     evidence_tie: float = 5.0  # nats within which indistinguishable explanations count as equally good,
     lead: float = 1.0  # and those by which the simplest of them may be worse and still leads them
     detect: float = 0.5  # probability of "some effect" above which one is claimed,
-    seen: float = 4.0  # if it stands out by so many tempered σ: among sixty effects some always do by three
+    seen: float = 4.5  # if it stands out by so many tempered σ: among sixty effects some always do by three or four
     second_share: float = 0.3  # of what the best single effect leaves above the noise, that a second must explain
     second_excess: float = 0.01  # and of what the null leaves: form errors grow with the effect
     second_least: float = 30.0  # χ² (tempered) that it must explain at least: of so many pairs some always do by less
