@@ -104,8 +104,8 @@ def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) ->
             here = under(problem, before.prior_mean, screened.widths[block])
             tries.append(from_base(here, hypothesis, start, before.nuisance, 5))
             if len(tries) == 1 and (moved := problem.anchored(hypothesis, start)) is not None:
-                seen = screened.widths[block]
-                for sd in (moved.sd,) if seen is moved.sd else (seen, moved.sd):
+                width = screened.widths[block]
+                for sd in (moved.sd,) if width is moved.sd else (width, moved.sd):
                     there = under(problem, moved.mean, sd)
                     tries.append(fit(there, hypothesis, moved.unit, moved.nuisance, 5, belief=belief))
         best = max(tries, key=lambda f: f.log_evidence(1.0, problem.alternatives))

@@ -15,7 +15,7 @@ from gap import signatures
 from gap.compare import Comparison, Effort, compare
 from gap.effects import library
 from gap.hypothesis import Candidate, Problem
-from gap.judge import Judgement, Verdict, borne_out, concept, judge, made_by
+from gap.judge import RIG, Judgement, Verdict, borne_out, concept, judge, made_by
 from gap.rig import ForwardModel, RigProblem, foretold_beyond
 from gap.session import REST, Session
 from gap.solve import Hypothesis
@@ -27,9 +27,6 @@ INSTRUMENTS = ("cutometer", "aspiration", "microrobot")
 
 SHRUNK, TRANSFERRED = 3, 2
 """How many causes are tried as a simulation by themselves, and how many on what they were not fitted to."""
-RIG = Judgement(sure_none=0.93, seen=4.0, evidence_tie=8.0, lead=3.0, second_share=0.6)
-"""How a rig's model is judged, whose own error nobody knows. It tempers all evidence, so that classes are wide, and the
-simplest of one is often far from the best; and of what a first effect leaves, some second one always explains half."""
 EFFORTS = {"microrobot": Effort(quick_fits=5, refit_singles=7, pair_bases=1)}
 """How wide to search where simulations are slow."""
 

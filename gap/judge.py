@@ -18,8 +18,6 @@ from gap.signatures import Signature
 from gap.solve import Hypothesis
 from gap.transfer import Shrink
 
-EVEN = 0.5
-"""The probability above which a cause is named."""
 VERDICTS = ("effect", "several", "none", "unknown", "undetectable")
 
 
@@ -49,6 +47,12 @@ class Judgement:
     overwhelming: float = 8.0  # or it stands out by so many σ
     surrogate: float = 10.0  # σ (rms) by which finite elements' surrogate may be off before what is left is its own
     unknown: float = 0.5  # probability that the cause is none of the library's above which that is the verdict
+    unnamed: float = 0.5  # probability that no cause exceeds where the verdict names none
+
+
+RIG = Judgement(sure_none=0.93, seen=4.0, evidence_tie=8.0, lead=3.0, second_share=0.6)
+"""How a rig's model is judged, whose own error nobody knows. It tempers all evidence, so that classes are wide, and the
+simplest of one is often far from the best; and of what a first effect leaves, some second one always explains half."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +60,7 @@ class Cause:
     """A class of explanations: the leading hypothesis, the names it cannot be told from, its probability."""
 
     hypothesis: Hypothesis
-    names: tuple[str, ...]  # concepts of the class, the simplest best first (a pair is "a + b")
+    names: tuple[str, ...]  # concepts of the class, the leader first (a pair is "a + b")
     probability: float
     detectability: float
     members: tuple[Hypothesis, ...] = ()
@@ -178,12 +182,13 @@ def judge(
     else:
         verdict = "several" if len(causes[0].effects) > 1 else "effect"
     found = Verdict(verdict, tuple(causes), stages, none, min(left, 1.0), before, after, temper)
-    return found if verdict in ("effect", "several") else _unnamed(found, verdict)
+    return found if verdict in ("effect", "several") else _unnamed(found, verdict, rules)
 
 
-def _unnamed(verdict: Verdict, said: str) -> Verdict:
-    """The verdict ``said``, which names no cause: none is then likelier than not (``EVEN``)."""
-    share = min(1.0, EVEN / max((c.probability for c in verdict.causes), default=EVEN))
+def _unnamed(verdict: Verdict, said: str, rules: Judgement) -> Verdict:
+    """The verdict ``said``, which names no cause: none is then likelier than not."""
+    first = max((c.probability for c in verdict.causes), default=0.0)
+    share = rules.unnamed / max(first, rules.unnamed)
     causes = tuple(replace(c, probability=share * c.probability) for c in verdict.causes)
     return replace(verdict, verdict=said, causes=causes)
 
@@ -215,10 +220,10 @@ def borne_out(
     withheld = [carried] if carried else [s for split, s in shrinks.items() if split != "fitted"]
     helps = any(s.value > 0 for s in withheld)
     if not first.marked and (fitted.after >= fitted.before or (weakest(first.hypothesis) and not helps)):
-        return _unnamed(verdict, "unknown" if fitted.before > rules.unusual_gap else "undetectable")
+        return _unnamed(verdict, "unknown" if fitted.before > rules.unusual_gap else "undetectable", rules)
     limits = ((repeat, rules.worse), (carried, rules.elsewhere))
     if not first.marked and any(s and s.after > limit * s.before for s, limit in limits):
-        return _unnamed(verdict, "unknown")
+        return _unnamed(verdict, "unknown", rules)
     if carried is None or fitted.before < rules.plain:
         return verdict
     if first.detectability > rules.overwhelming or any(e.stage == "tissue" for h in first.members for e in h.effects):
@@ -231,7 +236,7 @@ def borne_out(
             bare += problem.trusts[0] * (one - other)
     if bare > rules.sure or carried.value > rules.borne_out:
         return verdict
-    return _unnamed(verdict, "unknown")
+    return _unnamed(verdict, "unknown", rules)
 
 
 def _classes(

@@ -24,7 +24,6 @@ from __future__ import annotations
 import importlib.util
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -34,12 +33,12 @@ from scipy.stats import qmc
 
 from acquire.recording.model import Recording, Series
 from gap.generic import GENERIC, GenericEffect, counted
-from gap.generic_laws import State
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Problem, Start, from_unit, to_unit
 from gap.noise import coarse_counts, high_band_sigma
 from gap.rows import label_rows
 from gap.signatures import Signature
 from gap.solve import Fit, fit
+from gap.taps import Acting, Drag, Seen, Survey, scaled
 from sim_devices.chain import STAGES, Parameter
 
 MAX_ROWS = 40_000
@@ -109,133 +108,6 @@ def load_model(where: str) -> ForwardModel:
     return model
 
 
-@dataclass
-class _Seen:
-    """What a nominal run shows of a tap: the scale of its signal and of the related ones, and how many values of it
-    there are to a sample. ``opposes`` says that motion is resisted by what is added, not by what is taken away."""
-
-    low: float = np.inf
-    high: float = -np.inf
-    rate: float = 0.0
-    related: dict[str, float] = field(default_factory=dict)
-    values: int = 0
-    calls: int = 1
-    opposes: bool = True
-
-
-class _Survey:
-    """The tap of a nominal run: changes nothing, notes ranges."""
-
-    def __init__(self) -> None:
-        self.seen: dict[str, _Seen] = {}
-        self.time: FloatArray = np.zeros(0)
-        self.work = 0  # calls of all taps in all runs
-
-    def begin(self, time: FloatArray) -> None:
-        """Another run, on ``time`` (n,) s."""
-        for seen in self.seen.values():
-            seen.values = 0
-        self.time = time
-
-    def __call__(self, name: str, values: Any, **related: Any) -> Any:
-        self.work += 1
-        seen = self.seen.setdefault(name, _Seen())
-        y = np.atleast_1d(np.asarray(values, dtype=float))
-        seen.values += y.size
-        seen.calls = max(seen.calls, round(seen.values / max(self.time.size, 1)))
-        seen.low, seen.high = min(seen.low, float(np.nanmin(y))), max(seen.high, float(np.nanmax(y)))
-        if y.size == self.time.size and y.size > 1:
-            seen.rate = max(seen.rate, float(np.nanquantile(np.abs(np.diff(y) / np.diff(self.time)), 0.99)))
-        for key, other in related.items():
-            seen.related[key] = max(seen.related.get(key, 0.0), float(np.nanmax(np.abs(other))))
-        return values
-
-
-class _Drag:
-    """The tap of a run with a little drag at ``name``: notes how much motion there is."""
-
-    def __init__(self, name: str, coefficient: float) -> None:
-        self.motion, self._name, self._coefficient = 0.0, name, coefficient
-
-    def __call__(self, name: str, values: Any, **related: Any) -> Any:
-        if name != self._name:
-            return values
-        velocity = related.get("velocity", 0.0)
-        self.motion += float(np.sum(np.square(velocity)))
-        return values + self._coefficient * velocity
-
-
-class _Acting:
-    """The tap of a run with effects; keeps their states through one recording."""
-
-    def __init__(
-        self,
-        at: Mapping[str, Sequence[tuple[GenericEffect, Mapping[str, float]]]],
-        time: FloatArray,
-        seen: Mapping[str, _Seen],
-    ) -> None:
-        self._at: dict[str, list[tuple[GenericEffect, Mapping[str, float], State, bool]]] = {
-            name: [(e, p, {}, e.resists and not seen[name].opposes) for e, p in effects] for name, effects in at.items()
-        }
-        self._time, self._stamps = time, time.tolist()
-        self._calls = {name: seen[name].calls for name in at}
-        self._used = dict.fromkeys(at, 0)
-        self._single = {name: all(e in GENERIC for e, _ in effects) for name, effects in at.items()}
-
-    def __call__(self, name: str, values: Any, **related: Any) -> Any:
-        if name not in self._at:
-            return values
-        used = self._used[name]
-        if isinstance(values, float) or np.ndim(values) == 0:
-            self._used[name] = used + 1
-            now = self._stamps[min(used // self._calls[name], len(self._stamps) - 1)]
-            about = {k: float(v) for k, v in related.items()}
-            if self._single[name]:  # floats are many times faster here than arrays of one
-                return float(self._changed(name, now, float(values), about))
-            return float(self._changed(name, np.array([now]), np.array([float(values)]), _arrays(about))[0])
-        y = np.asarray(values, dtype=float)
-        self._used[name] = used + y.size
-        places = np.minimum((used + np.arange(y.size)) // self._calls[name], self._time.size - 1)
-        return self._changed(name, self._time[places], y, _arrays(related))
-
-    def _changed(self, name: str, time: Any, y: Any, about: Mapping[str, Any]) -> Any:
-        for effect, p, state, from_net in self._at[name]:
-            y = -effect.act(state, time, -y, about, p) if from_net else effect.act(state, time, y, about, p)
-        return y
-
-
-def _arrays(related: Mapping[str, Any]) -> dict[str, FloatArray]:
-    return {k: np.atleast_1d(np.asarray(v, dtype=float)) for k, v in related.items()}
-
-
-def _scaled(
-    parameter: Parameter, seen: _Seen, measured: float, dt: float, duration: float, signal_unit: str
-) -> Parameter:
-    """The generic prior in the units of this rig; ``signal_unit`` is that of the tap's signal."""
-    span = seen.high - seen.low
-    signal = span if span > 1e-9 * max(measured, 1e-300) else measured
-    velocity = seen.related.get("velocity", 1.0) or 1.0
-    position = seen.related.get("position", 1.0) or 1.0
-    other = seen.related.get("other", 1.0) or 1.0
-    scales = {
-        "signal": signal, "velocity": velocity, "position": position, "dt": dt, "duration": duration,
-        "signal/velocity": signal / velocity, "signal/velocity²": signal / velocity**2,
-        "signal/position³": signal / position**3, "1/position": 1 / position, "1/signal": 1 / signal,
-        "signal/duration": signal / duration, "signal/other": signal / other, "rate": seen.rate or signal / duration,
-    }  # fmt: skip
-    if parameter.unit == "level":
-        return replace(
-            parameter,
-            unit=signal_unit,
-            low=seen.low + parameter.low * span,
-            high=seen.low + parameter.high * span,
-            default=seen.high,
-        )
-    k = scales.get(parameter.unit, 1.0)
-    unit = {"dt": "s", "duration": "s", "signal": signal_unit}.get(parameter.unit, parameter.unit)
-    return replace(parameter, unit=unit, low=parameter.low * k, high=parameter.high * k, default=parameter.default * k)
-
-
 class RigProblem:
     """Recordings of one rig against its forward model; nuisance = the model's own parameters.
 
@@ -290,9 +162,9 @@ class RigProblem:
         self.candidates = tuple(c for c, _ in library)
         self._by_key = {c.key: e for c, e in library}
 
-    def _survey(self) -> tuple[list[list[FloatArray]], dict[str, _Seen], int]:
+    def _survey(self) -> tuple[list[list[FloatArray]], dict[str, Seen], int]:
         """Nominal prediction of every run at default parameters, what the taps saw, and what a simulation costs."""
-        survey, out = _Survey(), []
+        survey, out = Survey(), []
         defaults = {p.name: p.default for p in self.model.parameters}
         for time, data in self._runs:
             survey.begin(time)
@@ -331,7 +203,7 @@ class RigProblem:
                 )
         return out
 
-    def _opposed(self, tap: str, seen: _Seen, parameters: Mapping[str, float]) -> bool:
+    def _opposed(self, tap: str, seen: Seen, parameters: Mapping[str, float]) -> bool:
         """Whether a drag that adds to the tap's signal makes the motion there no faster.
 
         It does where a model taps the net force; where motion is an input, nothing changes it.
@@ -340,7 +212,7 @@ class RigProblem:
         size = max(abs(seen.low), abs(seen.high)) or 1.0
         motion = []
         for sign in (0.0, 1.0):
-            drag = _Drag(tap, sign * PROBE * size / (seen.related["velocity"] or 1.0))
+            drag = Drag(tap, sign * PROBE * size / (seen.related["velocity"] or 1.0))
             self._simulated(time, data, parameters, drag)
             motion.append(drag.motion)
         return not motion[1] > motion[0] * (1 + 1e-12)
@@ -377,7 +249,7 @@ class RigProblem:
                 unit = getattr(self.model, "units", {}).get(tap) or self._unit
                 if effect.name == "quantisation" and tap in self._counts:
                     effect = counted(self._counts[tap], unit)
-                parameters = tuple(_scaled(p, seen[tap], measured, dt, duration, unit) for p in effect.parameters)
+                parameters = tuple(scaled(p, seen[tap], measured, dt, duration, unit) for p in effect.parameters)
                 key = f"{effect.form or effect.name}@{tap}"
                 candidate = Candidate(
                     key, effect.name, stage, parameters, (self.name,), f"{effect.meaning} (at {tap})", effect.remedy
@@ -450,7 +322,7 @@ class RigProblem:
         p = self.parameters(nuisance)
         parts = []
         for (time, data), keeps, measured in zip(self._runs, self._keep, self._measured, strict=True):
-            made = self._simulated(time, data, p, _Acting(at, time, self._seen))
+            made = self._simulated(time, data, p, Acting(at, time, self._seen))
             for channel, keep, m, predicted in zip(self.model.channels, keeps, measured, made, strict=True):
                 with np.errstate(over="ignore"):
                     parts.append((m[keep] - predicted[keep]) / self._sigma[channel])

@@ -1,4 +1,4 @@
-"""Effects that any rig can have, and rigs of a user's own: taps, models, and what is wrong with a model."""
+"""Rigs of a user's own: taps, models, and what is wrong with a model."""
 
 from __future__ import annotations
 
@@ -10,114 +10,25 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from gap import generic_laws as laws
 from gap.diagnose import diagnose
-from gap.generic import GENERIC, GenericEffect
+from gap.generic import GenericEffect
 from gap.judge import Judgement
 from gap.rig import DIVERGED, ModelError, RigProblem, load_model
 from gap.solve import fit
 from sim_devices.chain import Parameter
 
 TIME = np.linspace(0.0, 4.0, 801)
-SIGNAL = 2.0 * np.sin(3 * TIME) + 0.5 * TIME
 SLOW_MODE = {"tau": 2.0, "exponent": 0.4, "settled": 0.0}
-RELATED = {"velocity": np.gradient(SIGNAL, TIME), "position": SIGNAL, "other": np.cos(TIME)}
 
 
-def acted(effect: GenericEffect, values: dict[str, float], chunks: int = 1) -> np.ndarray:
-    state: dict[str, float] = {}
-    parts = np.array_split(np.arange(len(TIME)), chunks)
-    return np.concatenate(
-        [effect.act(state, TIME[k], SIGNAL[k], {n: v[k] for n, v in RELATED.items()}, values) for k in parts]
-    )
-
-
-@pytest.mark.parametrize("effect", GENERIC, ids=lambda e: e.form or e.name)
-def test_an_effect_without_strength_does_nothing(effect: GenericEffect) -> None:
-    values = {p.name: p.default if p.null is None else p.null for p in effect.parameters}
-    if effect.name in ("saturation", "lower_saturation"):
-        values["limit"] = 100.0 if effect.name == "saturation" else -100.0
-    if effect.name in ("low_pass", "quantisation", "slew_limit"):
-        values[effect.parameters[0].name] = 1e-9 if effect.name != "slew_limit" else 1e9  # their limit, not 0
-    assert acted(effect, values) == pytest.approx(SIGNAL, abs=1e-6)
-
-
-@pytest.mark.parametrize("effect", GENERIC, ids=lambda e: e.form or e.name)
-def test_chunks_and_single_samples_join_without_a_seam(effect: GenericEffect) -> None:
-    values = {p.name: p.default for p in effect.parameters}
-    if effect.name == "slew_limit":
-        values["rate"] = 1.0
-    if effect.name == "delay":
-        values["time"] = 0.0123  # 2.46 samples
-    whole = acted(effect, values)
-    assert acted(effect, values, chunks=7) == pytest.approx(whole, rel=1e-9, abs=1e-9)
-    state: dict = {}
-    single = [
-        effect.act(state, float(TIME[k]), float(SIGNAL[k]), {n: float(v[k]) for n, v in RELATED.items()}, values)
-        for k in range(len(TIME))
-    ]
-    assert single == pytest.approx(whole, rel=1e-9, abs=1e-9)
-    assert np.ptp(whole - SIGNAL) > 0 or effect.name in ("offset", "saturation", "lower_saturation")
-
-
-def test_known_forms() -> None:
-    named = {e.name: e for e in GENERIC}
-    v = RELATED["velocity"]
-    friction = acted(named["coulomb_friction"], {"level": 3.0, "sharpness": 1e-9, "asymmetry": 0.0}) - SIGNAL
-    assert friction == pytest.approx(3.0 * np.sign(v))
-    play = acted(named["backlash"], {"gap": 0.4})
-    assert np.abs(play - SIGNAL).max() == pytest.approx(0.2)
-    delayed = acted(named["delay"], {"time": 0.1})
-    assert delayed[100:] == pytest.approx(np.interp(TIME[100:] - 0.1, TIME, SIGNAL))
-    assert acted(named["saturation"], {"limit": 1.0}).max() == 1.0
-    lag = acted(named["low_pass"], {"tau": 0.2})
-    rate = np.gradient(lag, TIME)
-    assert 0.2 * rate[5:-5] + lag[5:-5] == pytest.approx(SIGNAL[5:-5], abs=2e-3)
-
-
-def made(effect: str, values: dict[str, float], time: np.ndarray, signal: np.ndarray) -> np.ndarray:
-    act = next(e for e in GENERIC if e.name == effect).act
-    return act({}, time, signal, {}, values)
-
-
-@pytest.mark.parametrize("duration", [10.0, 1e4])
-@pytest.mark.parametrize("power", [0.0, 0.15, 0.4])
-def test_creep_follows_the_logarithm_and_powers_of_time(power: float, duration: float) -> None:
-    time = np.linspace(0.0, duration, 3001)
-    slow = np.log1p(time / (1e-3 * duration)) if power == 0 else time**power
-    after = time > 0.003 * duration
-    left = []
-    for tau in duration * np.array([0.5, 1.0, 3.0, 9.0]):
-        for exponent in np.arange(0.0, 0.7, 0.1):
-            values = {"share": 1.0, "tau": tau, "exponent": exponent, "settled": 0.0}
-            crept = made("creep", values, time, np.ones_like(time))[after]
-            basis = np.column_stack([np.ones_like(crept), crept])
-            left.append(np.std(slow[after] - basis @ np.linalg.lstsq(basis, slow[after], rcond=None)[0]))
-    assert min(left) < 0.02 * np.std(slow[after])
-
-
-def test_creep_under_a_load_that_it_had_settled_under_is_nothing_new() -> None:
-    values = {"share": 0.1, "tau": 1.0, "exponent": 0.5, "settled": 1.0}
-    assert made("creep", values, TIME, np.full_like(TIME, 3.0)) == pytest.approx(3.3)
-
-
-def test_a_leak_bleeds_what_is_held_until_a_move_makes_good_for_it() -> None:
-    held = np.where(TIME < 2.0, 2.0, 4.0)
-    lost = held - made("leak", {"share": 1.0, "tau": 50.0, "refill": 0.1}, TIME, held)
-    before, after = np.searchsorted(TIME, [1.99, 2.01])
-    assert lost[before] == pytest.approx(2.0 * 1.99 / 50, rel=0.05)
-    assert lost[after] < 0.05 * lost[before]
-    assert lost[-1] == pytest.approx(2 * lost[before], rel=0.05)  # in proportion to what is held
-
-
-def test_hysteresis_loops_inside_others_close() -> None:
-    corners = np.array([0.0, 1.0, 0.4, 0.8, 0.4, 0.8, -2.0, 2.0])
-    signal = np.interp(np.linspace(0, 7, 701), np.arange(8), corners)
-    values = {"level": 0.1, "width": 0.5, "exponent": 1.0, "history": 0.0, "bend": 100.0}
-    out = made("hysteresis", values, np.arange(701.0), signal)
-    assert out[300] == pytest.approx(out[500], abs=1e-9)  # 0.8, twice
-    assert out[200] == pytest.approx(out[400], abs=1e-9)
-    down, up = np.interp(0.5, -signal[500:600], out[500:600]), np.interp(-0.5, signal[600:], out[600:])
-    assert down - up == pytest.approx(0.2, abs=1e-3)
+def lagging(goal: np.ndarray, step: float, tau: float, begin: float) -> np.ndarray:
+    """What follows ``goal`` (n,), at every ``step`` s, within ``tau`` s from ``begin`` on."""
+    x, out = begin, np.empty_like(goal)
+    for k, there in enumerate(goal):
+        out[k] = x
+        x = there + (x - there) * np.exp(-step / tau)
+    return out
 
 
 class Spring:
@@ -207,13 +118,6 @@ def test_a_slow_mode_is_found_though_it_takes_over_half_of_the_model(recording) 
     time = np.arange(0.0, 1200.0, 4.0)
     volts = np.select([time < 400, time < 800], [9.0, 4.0], 8.0)
 
-    def lag(u: np.ndarray, tau: float, begin: float) -> np.ndarray:
-        x, out = begin, np.empty_like(u)
-        for k, goal in enumerate(u):
-            out[k] = x
-            x = goal + (x - goal) * np.exp(-4.0 / tau)
-        return out
-
     class Plate:
         name, channels = "plate", ("temperature",)
         stages: ClassVar = {"voltage": "actuator", "temperature": "sensor"}
@@ -224,12 +128,10 @@ def test_a_slow_mode_is_found_though_it_takes_over_half_of_the_model(recording) 
         )
 
         def simulate(self, time, data, parameters, tap):
-            u = tap("voltage", data["voltage"])
-            return {
-                "temperature": tap("temperature", lag(parameters["gain"] * u, parameters["tau"], parameters["start"]))
-            }
+            heated = parameters["gain"] * tap("voltage", data["voltage"])
+            return {"temperature": tap("temperature", lagging(heated, 4.0, parameters["tau"], parameters["start"]))}
 
-    made = lag(8.0 * volts, 25.0, 50.0) + lag(12.0 * volts, 180.0, 75.0)
+    made = lagging(8.0 * volts, 4.0, 25.0, 50.0) + lagging(12.0 * volts, 4.0, 180.0, 75.0)
     made += 0.2 * np.random.default_rng(5).normal(size=len(time))
     run = recording({"temperature": made}, time, {"voltage": (time, volts)}, instrument="plate")
     diagnosis = diagnose([run], Plate(), advise=False)
@@ -240,7 +142,7 @@ def test_a_slow_mode_is_found_though_it_takes_over_half_of_the_model(recording) 
 
 def test_what_slackens_is_creep(recording) -> None:
     stretch = np.minimum(TIME, 1.0)
-    force = 10.0 * stretch - 5.0 * made("creep", {"share": 0.4, **SLOW_MODE}, TIME, stretch)
+    force = 10.0 * stretch - 5.0 * laws.creep({}, TIME, stretch, {}, {"share": 0.4, **SLOW_MODE})
     force += 5e-3 * np.random.default_rng(6).normal(size=len(TIME))
 
     class Tape:
@@ -270,23 +172,14 @@ def test_a_second_effect_is_not_made_of_what_the_model_itself_lacks(recording) -
         )
 
         def simulate(self, time, data, parameters, tap):
-            u, x, out = tap("dac", data["dac"]), -0.5, np.empty_like(time)
-            for k, goal in enumerate(u):
-                out[k] = parameters["gain"] * x
-                x = goal + (x - goal) * np.exp(-1e-3 / parameters["tau"])
+            out = parameters["gain"] * lagging(tap("dac", data["dac"]), 1e-3, parameters["tau"], -0.5)
             return {"out": tap("out", out)}
 
-    def sound(name: str, values, **related):
-        return values
-
-    def out(tau: float) -> np.ndarray:
-        return Ladder().simulate(time, {"dac": volts}, {"tau": tau, "gain": 1.0}, sound)["out"]
-
-    lagging = made("low_pass", {"tau": 5e-4}, time, out(5e-3))
-    tail = made("creep", {"share": 0.03, "tau": 1.5e-2, "exponent": 1.2, "settled": 1.0}, time, lagging) - lagging
+    lagged = laws.low_pass({}, time, lagging(volts, 1e-3, 5e-3, -0.5), {}, {"tau": 5e-4})
+    tail = laws.creep({}, time, lagged, {}, {"share": 0.03, "tau": 1.5e-2, "exponent": 1.2, "settled": 1.0}) - lagged
     rest = np.sin(900 * time) + np.sin(1300 * time + 1) + np.sin(1700 * time + 2)
     noise = 3e-4 * np.random.default_rng(7).normal(size=len(time))
-    run = recording({"out": lagging + tail + 1.5e-3 * rest + noise}, time, {"dac": (time, volts)}, instrument="ladder")
+    run = recording({"out": lagged + tail + 1.5e-3 * rest + noise}, time, {"dac": (time, volts)}, instrument="ladder")
     assert diagnose([run], Ladder(), rules=Judgement(), advise=False).verdict.verdict == "several"
     verdict = diagnose([run], Ladder(), advise=False).verdict
     assert verdict.verdict == "effect"
@@ -306,13 +199,10 @@ def test_a_motor_at_rest_is_not_cut_off(recording) -> None:
         )
 
         def simulate(self, time, data, parameters, tap):
-            u, x, out = tap("voltage", data["voltage"]), 0.0, np.empty_like(time)
-            for k, goal in enumerate(parameters["gain"] * u):
-                out[k] = x
-                x = goal + (x - goal) * np.exp(-0.02 / parameters["tau"])
-            return {"speed": tap("speed", out)}
+            driven = parameters["gain"] * tap("voltage", data["voltage"])
+            return {"speed": tap("speed", lagging(driven, 0.02, parameters["tau"], 0.0))}
 
-    sound = Motor().simulate(time, {"voltage": volts}, {"gain": 2.0, "tau": 0.3}, lambda name, values: values)["speed"]
+    sound = lagging(2.0 * volts, 0.02, 0.3, 0.0)
     noise = 0.03 * np.random.default_rng(0).normal(size=len(time))
     speed = np.where(sound > 0.05, sound + noise, 0.0)  # an encoder at rest counts nothing
     run = recording({"speed": speed}, time, {"voltage": (time, volts)}, instrument="motor")
