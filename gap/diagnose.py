@@ -5,6 +5,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -125,7 +126,7 @@ def diagnose(
         signatures=marks,
         shrinks=tuple(shrinks),
         bounds=_bounds(comparison, verdict),
-        confusable=_confusable(comparison, verdict),
+        confusable=confusable(comparison, verdict.temper),
         remarks=tuple(remarks),
         next_experiment=_advice(recordings, comparison.null, verdict, model, user_effects) if advise else {},
         seconds=clock.perf_counter() - begin,
@@ -243,29 +244,30 @@ def _bounds(comparison: Comparison, verdict: Verdict, seen_at: float = 3.0) -> d
     return out
 
 
-def _confusable(
-    comparison: Comparison, verdict: Verdict, like: float = 0.985, apart: float = 3.0
+def confusable(
+    comparison: Comparison, temper: Mapping[str, float], like: float = 0.985, apart: float = 3.0
 ) -> tuple[tuple[str, ...], ...]:
-    """Groups of effects whose traces, after the nuisance refit, are the same direction and end less than ``apart`` σ
-    from each other: no fit of these data can split them. (Of a large effect, poor copies too have nearly its
-    direction, but what they leave gives them away.)"""
-    fitted = [h for h in comparison.hypotheses if len(h.effects) == 1]
-    noise = {b: float(np.sqrt(t)) for b, t in verdict.temper.items()}
-    names, traces = [], []
-    for h in fitted:
-        parts = [(comparison.null.fits[b].residual - h.fits[b].residual) / noise[b] for b in comparison.problems]
-        change = np.concatenate(parts)
-        if np.linalg.norm(change) > 0:
-            names.append(h.effects[0].name)
-            traces.append(change)
+    """Groups of effects that no fit of these data can split, in the forms that fit them best.
+
+    Their traces, after the nuisance refit, are the same direction and end less than ``apart`` σ from each other. (Of a
+    large effect, poor copies too have nearly its direction, but what they leave gives them away.)
+    """
+    best: dict[str, Hypothesis] = {}
+    for h in sorted(comparison.hypotheses, key=lambda h: h.deviance):
+        if len(h.effects) == 1:
+            best.setdefault(h.effects[0].name, h)
+    null, traces = comparison.null, {}
+    for name, h in best.items():
+        parts = [(null.fits[b].residual - h.fits[b].residual) / np.sqrt(temper[b]) for b in comparison.problems]
+        if np.any(change := np.concatenate(parts)):
+            traces[name] = change
     groups: list[set[str]] = []
-    for i in range(len(names)):
-        for j in range(i):
-            alike = abs(float(traces[i] @ traces[j])) > like * np.linalg.norm(traces[i]) * np.linalg.norm(traces[j])
-            if names[i] != names[j] and alike and np.linalg.norm(traces[i] - traces[j]) < apart:
-                touching = [g for g in groups if names[i] in g or names[j] in g]
-                merged = {names[i], names[j]}.union(*touching)
-                groups = [g for g in groups if g not in touching] + [merged]
+    for one, other in combinations(traces, 2):
+        a, b = traces[one], traces[other]
+        alike = abs(float(a @ b)) > like * np.linalg.norm(a) * np.linalg.norm(b)
+        if alike and np.linalg.norm(a - b) < apart:
+            touching = [g for g in groups if one in g or other in g]
+            groups = [g for g in groups if g not in touching] + [{one, other}.union(*touching)]
     return tuple(tuple(sorted(g)) for g in groups)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from gap.compare import compare
+from gap.diagnose import confusable
 from gap.judge import Judgement, Verdict, borne_out, judge, made_by, weakest
 from gap.signatures import Signature
 from gap.transfer import Shrink
@@ -191,3 +192,19 @@ def test_the_simplest_leads_its_class_unless_it_is_much_worse(linear, candidate,
     verdict = judge(compare([linear(y, DESIGN, made, np.full(2, 100.0))], known), known, rules)
     assert verdict.causes[0].names[0] == leader
     assert set(verdict.causes[0].names) == {"bump", "rich"}
+
+
+def test_what_cannot_be_told_apart_is_so_in_its_best_form(linear, candidate) -> None:
+    """A leak of one form is a gain, but not the leak that these data show."""
+    made = {
+        "leak[form=0]": lambda v: v["a"] * SHAPES["bump"],
+        "leak[form=1]": lambda v: v["a"] * SHAPES["wave"],
+        "gain": lambda v: 2.0 * v["a"] * SHAPES["wave"],
+        "drag": lambda v: 3.0 * v["a"] * SHAPES["bump"],
+    }
+    known = [candidate(name, Parameter("a", "1", -30.0, 30.0)) for name in made]
+    noise = np.random.default_rng(4).normal(size=len(T))
+    y = DESIGN @ [2.0, 1.0] + 8.0 * SHAPES["bump"] + 0.5 * SHAPES["wave"] + noise
+    comparison = compare([linear(y, DESIGN, made, np.full(2, 100.0))], known, suspects=known)
+    assert {h.name for h in comparison.hypotheses} >= set(made)
+    assert confusable(comparison, comparison.temper()) == (("drag", "leak"),)
