@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from acquire.recording.model import Recording
 from gap.binning import GROWTH, WIDEST
-from gap.chains import needed, run
+from gap.chains import Memo, needed
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Rows, Start
 from gap.rhythms import Lateness
 from gap.rows import label_rows
@@ -125,7 +125,7 @@ class Block(abc.ABC):
             np.median([np.median(np.diff(session.recordings[k].streams[self.channels[0]].time)) for k in self.runs])
         )
         self.rows = self._labelled()
-        self._grids: dict[int, tuple[FloatArray, dict[str, FloatArray]]] = {}
+        self._grids: dict[int, tuple[Memo, dict[str, FloatArray]]] = {}
 
     def _labelled(self) -> Rows:
         parts = []
@@ -199,18 +199,18 @@ class Block(abc.ABC):
         operators = needed(chain, self.channels, given)
         if any(isinstance(op, Retimed) and op.moves for op in operators):
             partial = replace(chain, operators=operators)
-            wanted = np.unique(np.concatenate([ends.ravel(), self._grid(group, at)[0]]))
+            wanted = np.unique(np.concatenate([ends.ravel(), self._grid(group, at)[0].time]))
             made = simulate(partial, tables, dict.fromkeys(self.channels, wanted), given)
             return np.stack([np.interp(ends, wanted, made[c]).mean(axis=0) for c in self.channels])
-        grid, commands = self._grid(group, at)
-        made = run(operators, grid, commands | {name: np.interp(grid, *table) for name, table in given.items()})
-        return np.stack([np.interp(ends, grid, made[c]).mean(axis=0) for c in self.channels])
+        memo, commands = self._grid(group, at)
+        made = memo.run(operators, commands | {name: memo.on_grid(*table) for name, table in given.items()})
+        return np.stack([np.interp(ends, memo.time, made[c]).mean(axis=0) for c in self.channels])
 
     def tables(self, group: Group) -> dict[str, Table]:
         """The commands of a group."""
         return group.tables()
 
-    def _grid(self, group: Group, at: slice) -> tuple[FloatArray, dict[str, FloatArray]]:
+    def _grid(self, group: Group, at: slice) -> tuple[Memo, dict[str, FloatArray]]:
         """Nodes and commands on them, one grid whatever the shift.
 
         A grid that moved with it would make the fit's landscape rough.
@@ -221,7 +221,7 @@ class Block(abc.ABC):
             after = np.unique((kinks[:, None] + AFTER_KINK).ravel())
             begin, end = self.stamps[at][[0, -1]]
             grid = time_grid(kinks, [np.unique(self._ends[:, at]), after[(after > begin) & (after < end)]])
-            self._grids[at.start] = grid, {COMMANDS[q]: np.interp(grid, *table) for q, table in tables.items()}
+            self._grids[at.start] = Memo(grid), {COMMANDS[q]: np.interp(grid, *table) for q, table in tables.items()}
         return self._grids[at.start]
 
     def start(self) -> FloatArray:

@@ -11,12 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
 
 from gap.blocks import SHIFT_SD, Block, Group, GroupedSession, Table, compressed
-from gap.chains import needed
+from gap.chains import Kept, needed
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Start
 from gap.noise import denoised
 from gap.solve import Fit, fit, under
@@ -40,6 +41,7 @@ Try = tuple[int, FloatArray, int]
 """A fit of the simulation by itself: which of the `alternatives`, the nuisance (p,) to begin from, iterations."""
 
 
+@lru_cache(maxsize=64)
 def _reach(suction: float, knee: float, exponent: float) -> float:
     """Elastic height at a ``suction`` (Pa) for a compliance of 1 m/Pa, m."""
     return float(elastic_height(np.zeros(1), np.array([-suction]), 1.0, knee, exponent)[0])
@@ -95,6 +97,7 @@ class HeightBlock(Block):
         self._runs = self.member
         onsets = {k: self._onset(g, k) for g, _ in self.groups for k in g.members}
         self._onsets = np.array([onsets[k] for k in self.runs])
+        self._fed_before = Kept(8)
         self._start: FloatArray | None = None
         self._tries: list[Try] = []
         self._size = 1.0
@@ -324,23 +327,28 @@ class HeightBlock(Block):
         """Apex height of the chain (n,) m, before run scatter and discrepancy."""
         shift = nuisance[len(self.TISSUE)]
         out = np.empty(len(self.stamps))
-        for (g, at), (t, p) in zip(self.groups, self._line, strict=True):
+        for (g, at), line in zip(self.groups, self._line, strict=True):
             chain = self.with_effects(self._law_chain(g, nuisance), active)
-            if any(c.stage != "tissue" for c in active):
-                p = p + self._gauge_error(chain, g, t)
-            out[at] = self.simulated(chain, g, at, shift, {"line_pressure": (t, p)})[0]
+            out[at] = self.simulated(chain, g, at, shift, {"line_pressure": self._fed(chain, g, active, line)})[0]
         return out
 
-    def _gauge_error(self, chain: Chain, group: Group, time: FloatArray) -> FloatArray | float:
-        """What to add to the recorded pressure for the true one, (n,) Pa: nothing for an actuator's effect, the
-        gauge's error for its own."""
+    def _fed(self, chain: Chain, group: Group, active: Active, line: Table) -> Table:
+        """The true pressure, where ``line`` is the recorded one: as it is for an actuator's effect, less the gauge's
+        error for its own."""
         wanted = ("line_pressure", "pressure")
         sound = sound_chain(self.session.instrument, self.session.marks)
+        if all(c.stage == "tissue" for c in active):
+            return line
         if needed(chain, wanted[1:], wanted[:1]) == needed(sound, wanted[1:], wanted[:1]):
-            return 0.0
+            return line
         partial = replace(chain, operators=needed(chain, wanted))
-        made = simulate(partial, group.tables(), dict.fromkeys(wanted, time))
-        return made["line_pressure"] - made["pressure"]
+        time, pressure = line
+
+        def corrected() -> Table:
+            made = simulate(partial, group.tables(), dict.fromkeys(wanted, time))
+            return time, pressure + (made["line_pressure"] - made["pressure"])
+
+        return self._fed_before.get((group.specimen, id(time), partial), corrected)  # type: ignore[no-any-return]
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         n, r = len(self.TISSUE) + 1, self._runs.shape[1]

@@ -6,7 +6,7 @@ viscous_height -> bulge (true) -> raw_height; measured: pressure, apex_height.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -191,6 +191,6 @@ def nominal_suction(
 
 def with_tissue(chain: Chain, tissue: SuctionTissue) -> Chain:
     """The chain with another tissue (as this opening meets it); effects on the tissue's operators keep their place."""
-    for op in tissue_operators(tissue):
-        chain = chain.tuned(op.name, parameters=op.parameters)  # type: ignore[attr-defined]
-    return chain
+    laws = {op.name: op for op in tissue_operators(tissue)}
+    tuned = (replace(op, parameters=laws[op.name].parameters) if op.name in laws else op for op in chain.operators)
+    return replace(chain, operators=tuple(tuned))
