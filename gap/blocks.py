@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from acquire.recording.model import Recording
 from gap.binning import GROWTH, WIDEST
-from gap.chains import Memo, needed
+from gap.chains import Kept, Memo, needed
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Rows, Start
 from gap.rhythms import Lateness
 from gap.rows import label_rows
@@ -23,7 +23,7 @@ from gap.session import SKIN, Command, Session
 from gap.solve import Fit
 from sim_devices.chain import Chain, Effect
 from sim_devices.stages.operators import Retimed
-from sim_devices.stages.sampling import COMMANDS, simulate, time_grid
+from sim_devices.stages.sampling import COMMANDS, command_at, moves_kinks, time_grid
 
 SHIFT_SD = 0.25
 """Of a sampling interval: how late a sound channel may be, which integrates, holds or stamps as it likes (assumed)."""
@@ -125,7 +125,7 @@ class Block(abc.ABC):
             np.median([np.median(np.diff(session.recordings[k].streams[self.channels[0]].time)) for k in self.runs])
         )
         self.rows = self._labelled()
-        self._grids: dict[int, tuple[Memo, dict[str, FloatArray]]] = {}
+        self._grids, self._delayed = Kept(), Kept(2 * len(self.groups))
 
     def _labelled(self) -> Rows:
         parts = []
@@ -190,39 +190,37 @@ class Block(abc.ABC):
     ) -> FloatArray:
         """The block's channels as ``chain`` makes them at the group's time stamps + ``shift`` s, (channels, n).
 
-        A bin's mean is taken from two nodes, a standard deviation of its times on either side. The grid is made
-        once for a group; dead times in the chain need one of their own, which `sampling.simulate` makes.
+        A bin's mean is taken from two nodes, a standard deviation of its times on either side.
         """
         given = given or {}
-        tables = self.tables(group)
-        ends = self._ends[:, at] + shift
         operators = needed(chain, self.channels, given)
-        if any(isinstance(op, Retimed) and op.moves for op in operators):
-            partial = replace(chain, operators=operators)
-            wanted = np.unique(np.concatenate([ends.ravel(), self._grid(group, at)[0].time]))
-            made = simulate(partial, tables, dict.fromkeys(self.channels, wanted), given)
-            return np.stack([np.interp(ends, wanted, made[c]).mean(axis=0) for c in self.channels])
-        memo, commands = self._grid(group, at)
+        memo, commands = self._grid(group, at, tuple(op for op in operators if moves_kinks(op)))
         made = memo.run(operators, commands | {name: memo.on_grid(*table) for name, table in given.items()})
+        ends = self._ends[:, at] + shift
         return np.stack([np.interp(ends, memo.time, made[c]).mean(axis=0) for c in self.channels])
 
     def tables(self, group: Group) -> dict[str, Table]:
         """The commands of a group."""
         return group.tables()
 
-    def _grid(self, group: Group, at: slice) -> tuple[Memo, dict[str, FloatArray]]:
-        """Nodes and commands on them, one grid whatever the shift.
+    def _grid(self, group: Group, at: slice, delays: tuple[Retimed, ...]) -> tuple[Memo, dict[str, FloatArray]]:
+        """Runs on the nodes for a group, and the commands on them; one grid for the same dead times, whatever the
+        shift.
 
         A grid that moved with it would make the fit's landscape rough.
         """
-        if at.start not in self._grids:
+
+        def made() -> tuple[Memo, dict[str, FloatArray]]:
             tables = self.tables(group)
             kinks = np.unique(np.concatenate([t for t, _ in tables.values()]))
             after = np.unique((kinks[:, None] + AFTER_KINK).ravel())
             begin, end = self.stamps[at][[0, -1]]
-            grid = time_grid(kinks, [np.unique(self._ends[:, at]), after[(after > begin) & (after < end)]])
-            self._grids[at.start] = Memo(grid), {COMMANDS[q]: np.interp(grid, *table) for q, table in tables.items()}
-        return self._grids[at.start]
+            nodes = [np.unique(self._ends[:, at]), after[(after > begin) & (after < end)]]
+            grid = time_grid(kinks, nodes, delays=delays)
+            return Memo(grid), {COMMANDS[q]: command_at(table, grid) for q, table in tables.items()}
+
+        grids = self._delayed if delays else self._grids
+        return grids.get((at.start, delays), made)  # type: ignore[no-any-return]
 
     def start(self) -> FloatArray:
         return self.prior_mean.copy()
