@@ -23,7 +23,7 @@ from gap.session import SKIN, Command, Session
 from gap.solve import Fit
 from sim_devices.chain import Chain, Effect
 from sim_devices.stages.operators import Retimed
-from sim_devices.stages.sampling import COMMANDS, command_at, moves_kinks, time_grid
+from sim_devices.stages.sampling import COMMANDS, RETIMED, command_at, time_grid
 
 SHIFT_SD = 0.25
 """Of a sampling interval: how late a sound channel may be, which integrates, holds or stamps as it likes (assumed)."""
@@ -190,37 +190,38 @@ class Block(abc.ABC):
     ) -> FloatArray:
         """The block's channels as ``chain`` makes them at the group's time stamps + ``shift`` s, (channels, n).
 
-        A bin's mean is taken from two nodes, a standard deviation of its times on either side.
+        A bin's mean is taken from two nodes, a standard deviation of its times on either side. The grid is one for a
+        group, whatever the shift: one that moved with it would make the fit's landscape rough. Dead times in the chain
+        need one of their own.
         """
         given = given or {}
         operators = needed(chain, self.channels, given)
-        memo, commands = self._grid(group, at, tuple(op for op in operators if moves_kinks(op)))
-        made = memo.run(operators, commands | {name: memo.on_grid(*table) for name, table in given.items()})
         ends = self._ends[:, at] + shift
+        delays = tuple(op for op in operators if isinstance(op, Retimed) and op.moves)
+        if delays:
+            key = (at.start, delays, ends.tobytes())
+            memo, commands = self._delayed.get(key, lambda: self._on_nodes(group, at, [np.unique(ends)], delays))
+        else:
+            memo, commands = self._grids.get(at.start, lambda: self._on_nodes(group, at))
+        made = memo.run(operators, commands | {name: memo.on_grid(*table) for name, table in given.items()})
         return np.stack([np.interp(ends, memo.time, made[c]).mean(axis=0) for c in self.channels])
 
     def tables(self, group: Group) -> dict[str, Table]:
         """The commands of a group."""
         return group.tables()
 
-    def _grid(self, group: Group, at: slice, delays: tuple[Retimed, ...]) -> tuple[Memo, dict[str, FloatArray]]:
-        """Runs on the nodes for a group, and the commands on them; one grid for the same dead times, whatever the
-        shift.
-
-        A grid that moved with it would make the fit's landscape rough.
-        """
-
-        def made() -> tuple[Memo, dict[str, FloatArray]]:
-            tables = self.tables(group)
-            kinks = np.unique(np.concatenate([t for t, _ in tables.values()]))
-            after = np.unique((kinks[:, None] + AFTER_KINK).ravel())
-            begin, end = self.stamps[at][[0, -1]]
-            nodes = [np.unique(self._ends[:, at]), after[(after > begin) & (after < end)]]
-            grid = time_grid(kinks, nodes, delays=delays)
-            return Memo(grid), {COMMANDS[q]: command_at(table, grid) for q, table in tables.items()}
-
-        grids = self._delayed if delays else self._grids
-        return grids.get((at.start, delays), made)  # type: ignore[no-any-return]
+    def _on_nodes(
+        self, group: Group, at: slice, more: Sequence[FloatArray] = (), delays: Sequence[Retimed] = ()
+    ) -> tuple[Memo, dict[str, FloatArray]]:
+        """What runs operators on the nodes for a group, and the commands on them; ``more`` nodes where dead times are
+        in the chain."""
+        tables = self.tables(group)
+        kinks = np.unique(np.concatenate([t for t, _ in tables.values()]))
+        after = np.unique((kinks[:, None] + AFTER_KINK).ravel())
+        begin, end = self.stamps[at][[0, -1]]
+        nodes = [np.unique(self._ends[:, at]), after[(after > begin) & (after < end)], *more]
+        grid = time_grid(kinks, nodes, delays=[op for op in delays if op.name in RETIMED])
+        return Memo(grid), {COMMANDS[q]: command_at(table, grid) for q, table in tables.items()}
 
     def start(self) -> FloatArray:
         return self.prior_mean.copy()

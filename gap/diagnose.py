@@ -110,10 +110,10 @@ def diagnose(
     withheld = splits(recordings) if model is None else splits_of_a_rig(recordings)
     null = plain(blocks, comparison.null)
     answers = [plain(blocks, cause.hypothesis, null) for cause in verdict.causes[:SHRUNK]]
-    shrinks = []
-    for k, answer in enumerate(answers):
-        by = {s: transferred(blocks, null, answer, out) for s, out in withheld.items()} if k < TRANSFERRED else {}
-        shrinks.append({"fitted": Shrink(plain_gap(null), plain_gap(answer)), **by})
+    shrinks = [{"fitted": Shrink(plain_gap(null), plain_gap(answer))} for answer in answers]
+    for split, out in withheld.items():
+        for shrunk, carried in zip(shrinks, transferred(blocks, null, answers[:TRANSFERRED], out), strict=False):
+            shrunk[split] = carried
     if answers:
         verdict = borne_out(verdict, comparison, shrinks[0], rules)
     if verdict.verdict == "unknown" and off > rules.surrogate:

@@ -180,32 +180,38 @@ def plain_gap(h: Hypothesis) -> float:
     return float(np.sqrt(sum(f.objective for f in h.fits.values()) / n))
 
 
-def transferred(problems: Mapping[str, Problem], null: Hypothesis, best: Hypothesis, withheld: set[int]) -> Shrink:
-    """Fit both without the withheld recordings, then predict these with the effect's parameters fixed.
+def transferred(
+    problems: Mapping[str, Problem], null: Hypothesis, answers: Sequence[Hypothesis], withheld: set[int]
+) -> list[Shrink]:
+    """For each of the ``answers``: fit it and the null without the withheld recordings, then predict these with the
+    effect's parameters fixed.
 
     Only nuisance parameters that belong to single recordings are refitted there (linearly, within their prior).
     """
-    before, after, n = 0.0, 0.0, 0
-    blocks = {b for e in best.effects for b in e.blocks}
-    for name, problem in problems.items():
-        out = np.isin(problem.rows.recording, list(withheld))
-        if not out.any() or out.all():
-            continue
-        n += int(out.sum())
-        square = _withheld(problem, null, name, out)
-        before += square
-        after += _withheld(problem, best, name, out) if name in blocks else square
-    return Shrink(np.sqrt(before / n), np.sqrt(after / n)) if n else Shrink(1.0, 1.0)
+    outs = {name: np.isin(p.rows.recording, list(withheld)) for name, p in problems.items()}
+    outs = {name: out for name, out in outs.items() if out.any() and not out.all()}
+    if not outs:
+        return [Shrink(1.0, 1.0)] * len(answers)
+    n = sum(int(out.sum()) for out in outs.values())
+    before = {name: _withheld(problems[name], null, name, out) for name, out in outs.items()}
+    shrinks = []
+    for answer in answers:
+        touched = {b for e in answer.effects for b in e.blocks} & set(outs)
+        after = before | {name: _withheld(problems[name], answer, name, outs[name]) for name in touched}
+        shrinks.append(Shrink(np.sqrt(sum(before.values()) / n), np.sqrt(sum(after.values()) / n)))
+    return shrinks
 
 
 def _withheld(problem: Problem, h: Hypothesis, name: str, out: NDArray[np.bool_]) -> float:
     full = h.fits[name]
     problem = under(problem, full.prior_mean, full.prior_sd)
     masked = _Masked(problem, ~out)
-    trained = fit(masked, full.hypothesis, full.unit, full.nuisance, iterations=5, belief=full.belief)
-    there = problem.evaluate(trained.nuisance, trained.active)
-    residual = there.residual[out]
-    local = there.jacobian[out][:, problem.local]
+    trained = fit(
+        masked, full.hypothesis, full.unit, full.nuisance, iterations=5, jacobian=full.jacobian * ~out[:, None],
+        belief=full.belief,
+    )  # fmt: skip
+    residual = problem.evaluate(trained.nuisance, trained.active, want_jacobian=False).residual[out]
+    local = full.jacobian[out][:, problem.local]
     if local.shape[1]:
         residual = Projector(local, problem.prior_sd[problem.local]).apply(residual)
     return float(residual @ residual)

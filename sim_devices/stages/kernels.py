@@ -28,8 +28,8 @@ STATE = 64
 """Length of a kernel's state: [0] started, [1] last time, [2] last input, [3:] its own."""
 TERMS = (STATE - 3) // 2
 """How many terms ``prony`` and ``prandtl`` can have at most."""
-STEPS = 509
-"""Lengths of steps of which a kernel keeps the weights; a prime, so that multiples of a millisecond do not collide."""
+STEPS = 512
+"""Lengths of steps of which a kernel keeps the weights."""
 SAME = 1e-9
 """Relative difference below which two steps are of one length."""
 
@@ -57,7 +57,7 @@ def hold_weights(dt: float, tau: float) -> tuple[float, float, float]:
 def place(dt: float) -> int:
     """Where among ``STEPS`` the weights of a step of ``dt`` s are kept: a grid has few lengths of steps, in any order,
     and their exponentials are most of a kernel's work."""
-    return int(dt * 1e6 + 0.5) % STEPS
+    return ((int(dt * 1e6 + 0.5) * 40503) >> 4) & (STEPS - 1)  # whole milliseconds are spread as well
 
 
 @njit(cache=True)

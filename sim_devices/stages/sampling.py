@@ -8,11 +8,10 @@ themselves are nodes, so that no interpolation mimics a lag.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TypeGuard
 
 import numpy as np
 
-from sim_devices.chain import Chain, FloatArray, Operator, Signals
+from sim_devices.chain import Chain, FloatArray, Signals
 from sim_devices.stages.operators import Retimed
 from sim_devices.stages.robot import closed_loop
 
@@ -28,11 +27,6 @@ RETIMED = ("latency", "polled", "wandering")
 
 Table = tuple[FloatArray, FloatArray]
 """Times (m,) s and values (m,); two points at one time are a step."""
-
-
-def moves_kinks(operator: Operator) -> TypeGuard[Retimed]:
-    """Whether an operator shows the command's kinks at other times."""
-    return isinstance(operator, Retimed) and operator.name in RETIMED and operator.moves
 
 
 def time_grid(
@@ -114,7 +108,7 @@ def simulate(
     ``commands`` maps a commanded quantity (``pressure``, ``probe_x|y|z``) to its table, ``given`` a signal of the chain
     to a recorded one that takes its place, ``stamps`` each wanted signal to its time stamps (s, increasing).
     """
-    delays = [op for op in chain.operators if moves_kinks(op)]
+    delays = [op for op in chain.operators if isinstance(op, Retimed) and op.name in RETIMED and op.moves]
     kinks = np.concatenate([t for t, _ in commands.values()])
     grid = time_grid(kinks, stamps.values(), delays=delays, step=step)
     inputs = {COMMANDS.get(q, q): command_at(table, grid) for q, table in commands.items()}
