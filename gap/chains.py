@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterable, Mapping
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -87,7 +87,7 @@ class Memo:
         out: Signals = dict(signals)
         for op in operators:
             read = {s: out[s] for s in op.reads if s in out}
-            made, _ = self._kept.get((op, *map(id, read.values())), lambda op=op, read=read: self._made(op, read))
+            made, _ = self._kept.get((op, *map(id, read.values())), partial(self._made, op, read))
             out.update(made)
         return out
 

@@ -348,7 +348,7 @@ class HeightBlock(Block):
             made = simulate(partial, group.tables(), dict.fromkeys(wanted, time))
             return time, pressure + (made["line_pressure"] - made["pressure"])
 
-        return self._fed_before.get((group.specimen, id(time), partial), corrected)  # type: ignore[no-any-return]
+        return self._fed_before.get((group.specimen, id(time), partial), corrected)
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         n, r = len(self.TISSUE) + 1, self._runs.shape[1]

@@ -17,6 +17,7 @@ from acquire.recording.model import Recording
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Problem
 from gap.rows import direction, level
 from gap.solve import Fit, Hypothesis, Projector, fit, under
+from gap.workers import each
 
 
 @dataclass(frozen=True)
@@ -181,25 +182,35 @@ def plain_gap(h: Hypothesis) -> float:
 
 
 def transferred(
-    problems: Mapping[str, Problem], null: Hypothesis, answers: Sequence[Hypothesis], withheld: set[int]
-) -> list[Shrink]:
-    """For each of the ``answers``: fit it and the null without the withheld recordings, then predict these with the
-    effect's parameters fixed.
+    problems: Mapping[str, Problem],
+    null: Hypothesis,
+    answers: Sequence[Hypothesis],
+    withheld: Mapping[str, set[int]],
+    jobs: int = 1,
+) -> list[dict[str, Shrink]]:
+    """For each of the ``answers`` and each split: fit it and the null without the ``withheld`` recordings, then predict
+    these with the effect's parameters fixed.
 
     Only nuisance parameters that belong to single recordings are refitted there (linearly, within their prior).
     """
-    outs = {name: np.isin(p.rows.recording, list(withheld)) for name, p in problems.items()}
-    outs = {name: out for name, out in outs.items() if out.any() and not out.all()}
-    if not outs:
-        return [Shrink(1.0, 1.0)] * len(answers)
-    n = sum(int(out.sum()) for out in outs.values())
-    before = {name: _withheld(problems[name], null, name, out) for name, out in outs.items()}
-    shrinks = []
-    for answer in answers:
-        touched = {b for e in answer.effects for b in e.blocks} & set(outs)
-        after = before | {name: _withheld(problems[name], answer, name, outs[name]) for name in touched}
-        shrinks.append(Shrink(np.sqrt(sum(before.values()) / n), np.sqrt(sum(after.values()) / n)))
-    return shrinks
+    outs = {(s, b): np.isin(p.rows.recording, list(out)) for s, out in withheld.items() for b, p in problems.items()}
+    outs = {key: out for key, out in outs.items() if out.any() and not out.all()}
+    touched = [{b for e in answer.effects for b in e.blocks} for answer in answers]
+    parts = [(null, *key) for key in outs]
+    parts += [(h, s, b) for h, blocks in zip(answers, touched, strict=True) for s, b in outs if b in blocks]
+    left = each(lambda part: _withheld(problems[part[2]], part[0], part[2], outs[part[1:]]), parts, jobs)
+    square = {(id(h), s, b): x for (h, s, b), x in zip(parts, left, strict=True)}
+
+    def shrunk(answer: Hypothesis, split: str) -> Shrink:
+        keys = [key for key in outs if key[0] == split]
+        n = sum(np.count_nonzero(outs[key]) for key in keys)
+        if not n:
+            return Shrink(1.0, 1.0)
+        before = sum(square[id(null), *key] for key in keys)
+        after = sum(square.get((id(answer), *key), square[id(null), *key]) for key in keys)
+        return Shrink(np.sqrt(before / n), np.sqrt(after / n))
+
+    return [{split: shrunk(answer, split) for split in withheld} for answer in answers]
 
 
 def _withheld(problem: Problem, h: Hypothesis, name: str, out: NDArray[np.bool_]) -> float:
