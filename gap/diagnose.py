@@ -93,7 +93,7 @@ def diagnose(
     rules = rules or (Judgement() if model is None else RIG)
     recordings = _in_order(recordings)
     remarks = _remarks(recordings)
-    problems, candidates = _problems(recordings, model, user_effects, solver)
+    problems, candidates = _problems(recordings, model, user_effects, solver, jobs)
     marks = tuple(signatures.find(recordings, model.channels if model else None))
     suspects = [c for c in candidates if any(made_by(s, c) for s in marks)]
     effort = effort or EFFORTS.get(recordings[0].info.instrument, Effort())
@@ -181,7 +181,7 @@ def _remarks(recordings: Sequence[Recording]) -> list[str]:
 
 
 def _problems(
-    recordings: Sequence[Recording], model: ForwardModel | None, user_effects: Sequence[Path], solver: str
+    recordings: Sequence[Recording], model: ForwardModel | None, user_effects: Sequence[Path], solver: str, jobs: int
 ) -> tuple[Sequence[Problem], tuple[Candidate, ...]]:
     if model is not None:
         if solver:
@@ -196,7 +196,7 @@ def _problems(
             from gap.fe_tissue import fe_height
 
             return suction_problems(recordings, library(instrument, user_effects), fe_height(solver))
-        return suction_problems(recordings, library(instrument, user_effects))
+        return suction_problems(recordings, library(instrument, user_effects), jobs=jobs)
     if instrument == "microrobot":
         from gap.robot import robot_problems
 

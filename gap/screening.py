@@ -60,10 +60,8 @@ class _Lens:
     @classmethod
     def of(cls, f: Fit, sd: FloatArray) -> _Lens:
         # The base's own effect parameters are refitted too: they join the nuisance.
-        jacobian = np.hstack([f.jacobian, f.effect_jacobian])
-        projector = Projector(jacobian, np.concatenate([sd, np.ones(f.effect_jacobian.shape[1])]), f.normal)
-        at_mean = f.residual + f.jacobian @ (f.nuisance - f.prior_mean)
-        return cls(sd, projector, projector.apply(at_mean), f.log_evidence(1.0, (sd,)))
+        projector = Projector(f.jacobians, np.concatenate([sd, np.ones(len(f.unit))]), f.normal)
+        return cls(sd, projector, projector.apply(f.at_mean), f.log_evidence(1.0, (sd,)))
 
 
 def _seen_through(lenses: Sequence[_Lens], changes: FloatArray) -> tuple[FloatArray, _Lens]:

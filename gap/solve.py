@@ -56,7 +56,9 @@ def _factorise(normal: FloatArray) -> tuple[FloatArray, bool]:
     scale = np.maximum(np.diag(normal), 1e-300)
     for ridge in (1e-12, 1e-9, 1e-6, 1e-3):
         try:
-            factor: tuple[FloatArray, bool] = sla.cho_factor(normal + np.diag(ridge * scale), check_finite=False)
+            ridged = normal.copy()
+            ridged[np.diag_indices_from(ridged)] += ridge * scale
+            factor: tuple[FloatArray, bool] = sla.cho_factor(ridged, check_finite=False)
         except np.linalg.LinAlgError:
             continue
         return factor
@@ -157,25 +159,35 @@ class Fit:
         precision = np.where(np.isfinite(sd), 1.0 / np.square(sd), 1e-12)
         known = self.belief.precision
         known = known + np.diag(np.where(np.diag(known) > 0, 0.0, UNIFORM_PRECISION))
-        at_mean = self.residual + self.jacobian @ (self.nuisance - self.prior_mean)
         normal = self.normal / temper
         normal[np.arange(p), np.arange(p)] += precision
         normal[p:, p:] += known
         factor, lower = _factorise(normal)
-        b = self.jacobian.T @ at_mean / temper
+        b = self._pull / temper
         # The factor's leading part is the factor of the nuisance's own normal matrix.
         gain = float(b @ sla.cho_solve((factor[:p, :p], lower), b)) if p else 0.0
         logdet = 2.0 * float(np.sum(np.log(np.diag(factor)))) - float(np.sum(np.log(precision)))
         logdet -= float(np.linalg.slogdet(known)[1])
-        return -0.5 * (float(at_mean @ at_mean) / temper - gain + logdet + self.belief.cost(self.unit) + self.wider)
+        square = float(self.at_mean @ self.at_mean)
+        return -0.5 * (square / temper - gain + logdet + self.belief.cost(self.unit) + self.wider)
 
     @cached_property
-    def _jacobians(self) -> FloatArray:
+    def at_mean(self) -> FloatArray:
+        """The residual (n,) with the nuisance at its prior's mean, by the linear model."""
+        return self.residual + self.jacobian @ (self.nuisance - self.prior_mean)
+
+    @cached_property
+    def _pull(self) -> FloatArray:
+        return self.jacobian.T @ self.at_mean
+
+    @cached_property
+    def jacobians(self) -> FloatArray:
+        """By nuisance and effects, (n, p + k)."""
         return np.hstack([self.jacobian, self.effect_jacobian])
 
     @cached_property
     def normal(self) -> FloatArray:
-        return _bordered(self.gram, self.jacobian, self._jacobians[:, len(self.nuisance) :])
+        return _bordered(self.gram, self.jacobian, self.jacobians[:, len(self.nuisance) :])
 
     @property
     def active(self) -> dict[Candidate, dict[str, float]]:
@@ -286,7 +298,7 @@ def fit(
         free = ~fixed
         improved = False
         for _attempt in range(6):
-            damped = normal[np.ix_(free, free)].copy()
+            damped = normal[np.ix_(free, free)]
             damped[np.diag_indices_from(damped)] *= 1.0 + damping
             step = np.zeros(len(gradient))
             step[free] = sla.cho_solve(_factorise(damped), gradient[free])

@@ -23,6 +23,7 @@ from gap.noise import denoised
 from gap.solve import Fit, fit, under
 from gap.suction_pressure import NO_TISSUE, PressureBlock, chain_of, commanded_line, sound_chain
 from gap.tissue_null import USUAL_MEMORY, Suction, elastic_freedom, suction_discrepancy
+from gap.workers import each
 from sim_devices.chain import Chain, Effect
 from sim_devices.effects.tissue import power_law_creep
 from sim_devices.stages.sampling import simulate
@@ -60,6 +61,7 @@ class HeightBlock(Block):
     """
 
     name, channels = "height", ("apex_height",)
+    jobs = 1  # processes that share the fits of `start`
     trust = 0.12  # other tissue laws than ours leave some δ = 10 that some device effect can repair
     trust_simple = 0.16  # of a simple law, where the data prefer it
     TISSUE: tuple[str, ...] = (
@@ -230,7 +232,7 @@ class HeightBlock(Block):
             first, *others = self._guesses()
             full = len(self.SIMPLE_LAWS)
             tries = [*((k, first, 40) for k in range(full)), *((0, c, 40) for c in others)]
-            alone = self._alone((), np.zeros(0), [*tries, *((full, c, 15) for c in (first, *others))])
+            alone = self._alone((), np.zeros(0), [*tries, *((full, c, 15) for c in (first, *others))], self.jobs)
             found, law = max(alone, key=_probability)
             simple, k = max((a for a in alone if a[1] < full), key=_probability)
             # A simple law cannot take on much of an effect, the usual one can: with an effect it begins anew.
@@ -279,7 +281,9 @@ class HeightBlock(Block):
         sd[self._curve_part.stop :] = 1e-6
         return sd
 
-    def _alone(self, hypothesis: Sequence[Candidate], unit: FloatArray, tries: Sequence[Try]) -> list[tuple[Fit, int]]:
+    def _alone(
+        self, hypothesis: Sequence[Candidate], unit: FloatArray, tries: Sequence[Try], jobs: int = 1
+    ) -> list[tuple[Fit, int]]:
         """The simulation by itself, the person's tissue not yet known, with effects from ``unit`` (k,) on: a fit for
         each of the ``tries``, and which of the `alternatives` it is. The usual law is left out where a simple one is
         at the noise."""
@@ -288,13 +292,18 @@ class HeightBlock(Block):
         laws = [*(self._simple(usual, law) for law in self.SIMPLE_LAWS), self._creeping(usual, self.USUAL_LAW)]
         mean = np.zeros(len(usual))
         mean[self._amounts] = self._no_creep()
-        found: list[tuple[Fit, int]] = []
-        for k, guess, iterations in tries:
-            if k == len(self.SIMPLE_LAWS) and any(f.objective < ENOUGH * len(self.measured) for f, _ in found):
-                continue
+
+        def fitted(one: Try) -> tuple[Fit, int]:
+            k, guess, iterations = one
             begin = guess.copy()
             begin[self._amounts] = np.where(laws[k][self._amounts] <= FROZEN, self._no_creep(), begin[self._amounts])
-            found.append((fit(under(self, mean, laws[k]), hypothesis, unit, begin, iterations), k))
+            return fit(under(self, mean, laws[k]), hypothesis, unit, begin, iterations), k
+
+        full = len(self.SIMPLE_LAWS)
+        found = each(fitted, [one for one in tries if one[0] < full], jobs)
+        for one in tries:
+            if one[0] == full and not any(f.objective < ENOUGH * len(self.measured) for f, _ in found):
+                found.append(fitted(one))
         return found
 
     def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
