@@ -12,7 +12,7 @@ import numpy as np
 from sim_devices.chain import Chain, FloatArray, Operator, Signals
 
 Wiring = tuple[tuple[tuple[str, ...], tuple[str, ...]], ...]
-KEPT = 192
+KEPT = 96
 """Results that are kept: what a Jacobian's columns share, and not more than the cache holds."""
 
 

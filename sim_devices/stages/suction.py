@@ -6,7 +6,7 @@ viscous_height -> bulge (true) -> raw_height; measured: pressure, apex_height.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -136,7 +136,7 @@ def elastic_height(
     return compliance * knee / exponent * np.copysign(np.expm1(exponent * np.log1p(ratio)), -pressure)
 
 
-def tissue_operators(tissue: SuctionTissue) -> tuple[Map | Law, ...]:
+def tissue_operators(tissue: SuctionTissue) -> tuple[Wired, ...]:
     """The tissue's operators, skin_pressure -> bulge."""
     pairs = [x for pair in zip(tissue.creep, tissue.times, strict=True) for x in pair]
     flow = (tissue.residual, 0.0, tissue.residual_rise, tissue.residual_fall)
@@ -191,9 +191,6 @@ def nominal_suction(
 
 def with_tissue(chain: Chain, tissue: SuctionTissue) -> Chain:
     """The chain with another tissue (as this opening meets it); effects on the tissue's operators keep their place."""
-    laws = {op.name: op.parameters for op in tissue_operators(tissue)}
-    tuned = [
-        replace(op, parameters=laws[op.name]) if op.name in laws else op  # type: ignore[call-arg]
-        for op in chain.operators
-    ]
-    return replace(chain, operators=tuple(tuned))
+    for op in tissue_operators(tissue):
+        chain = chain.tuned(op.name, parameters=op.parameters)  # type: ignore[attr-defined]
+    return chain
