@@ -6,9 +6,12 @@ import multiprocessing
 import os
 import threading
 
+import numpy as np
 import pytest
 
+from gap.compare import compare
 from gap.workers import each
+from sim_devices.chain import Parameter
 
 forked = pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 
@@ -44,3 +47,17 @@ def test_beside_another_thread_nothing_is_forked() -> None:
 def test_a_part_that_fails_is_an_error_here() -> None:
     with pytest.raises(ZeroDivisionError):
         each(lambda k: 1 / k, range(3), 2)
+
+
+@forked
+def test_a_comparison_is_the_same_by_one_process_or_two(linear, candidate) -> None:
+    time = np.linspace(0.0, 1.0, 300)
+    shapes = {"wave": np.sin(9 * time), "ramp": time, "arch": time * (1 - time)}
+    made = {name: lambda v, shape=shape: v["a"] * shape for name, shape in shapes.items()}
+    known = [candidate(name, Parameter("a", "1", -30.0, 30.0)) for name in shapes]
+    noise = np.random.default_rng(3).normal(size=len(time))
+    measured = 5 * shapes["wave"] + 2 * shapes["ramp"] + noise
+    alone, shared = (compare([linear(measured, np.ones((len(time), 1)), made)], known, jobs=jobs) for jobs in (1, 2))
+    assert [h.name for h in shared.hypotheses] == [h.name for h in alone.hypotheses]
+    assert [h.chi2 for h in shared.hypotheses] == [h.chi2 for h in alone.hypotheses]
+    assert shared.simulations == alone.simulations
