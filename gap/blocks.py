@@ -197,12 +197,11 @@ class Block(abc.ABC):
         given = given or {}
         operators = needed(chain, self.channels, given)
         ends = self._ends[:, at] + shift
-        delays = tuple(op for op in operators if isinstance(op, Retimed) and op.moves)
-        if delays:
+        memo, commands = self._grids.get(at.start, lambda: self._on_nodes(group, self._nodes(group, at)))
+        if delays := tuple(op for op in operators if isinstance(op, Retimed) and op.moves):
+            nodes = [memo.time, np.sort(ends, axis=None)]
             key = (at.start, delays, ends.tobytes())
-            memo, commands = self._delayed.get(key, lambda: self._on_nodes(group, at, [np.unique(ends)], delays))
-        else:
-            memo, commands = self._grids.get(at.start, lambda: self._on_nodes(group, at))
+            memo, commands = self._delayed.get(key, lambda: self._on_nodes(group, nodes, delays))
         made = memo.run(operators, commands | {name: memo.on_grid(*table) for name, table in given.items()})
         return np.stack([np.interp(ends, memo.time, made[c]).mean(axis=0) for c in self.channels])
 
@@ -210,16 +209,19 @@ class Block(abc.ABC):
         """The commands of a group."""
         return group.tables()
 
-    def _on_nodes(
-        self, group: Group, at: slice, more: Sequence[FloatArray] = (), delays: Sequence[Retimed] = ()
-    ) -> tuple[Memo, dict[str, FloatArray]]:
-        """What runs operators on the nodes for a group, and the commands on them; ``more`` nodes where dead times are
-        in the chain."""
-        tables = self.tables(group)
-        kinks = np.unique(np.concatenate([t for t, _ in tables.values()]))
+    def _nodes(self, group: Group, at: slice) -> list[FloatArray]:
+        """Where a group is simulated: the ends of its bins, and times after kinks."""
+        kinks = np.unique(np.concatenate([t for t, _ in self.tables(group).values()]))
         after = np.unique((kinks[:, None] + AFTER_KINK).ravel())
         begin, end = self.stamps[at][[0, -1]]
-        nodes = [np.unique(self._ends[:, at]), after[(after > begin) & (after < end)], *more]
+        return [np.unique(self._ends[:, at]), after[(after > begin) & (after < end)]]
+
+    def _on_nodes(
+        self, group: Group, nodes: Sequence[FloatArray], delays: Sequence[Retimed] = ()
+    ) -> tuple[Memo, dict[str, FloatArray]]:
+        """What runs operators on ``nodes`` and a group's kinks, and the commands there."""
+        tables = self.tables(group)
+        kinks = np.concatenate([t for t, _ in tables.values()])
         grid = time_grid(kinks, nodes, delays=[op for op in delays if op.name in RETIMED])
         return Memo(grid), {COMMANDS[q]: command_at(table, grid) for q, table in tables.items()}
 
