@@ -18,8 +18,8 @@ from typing import Any, TypeVar
 Part = TypeVar("Part")
 Result = TypeVar("Result")
 
-_work: Callable[[int], Any]
-"""What a worker does with a number; set just before it is forked, as functions and data need not be picklable so."""
+_work: Callable[[int], Any] | None = None
+"""What a worker does with a number; set while it is forked, as functions and data need not be picklable so."""
 
 
 def each(function: Callable[[Part], Result], parts: Sequence[Part], jobs: int) -> list[Result]:
@@ -28,14 +28,22 @@ def each(function: Callable[[Part], Result], parts: Sequence[Part], jobs: int) -
     jobs = min(jobs, len(parts))
     if jobs < 2 or not hasattr(os, "fork") or threading.active_count() > 1:
         return [function(part) for part in parts]
+
+    def work(k: int) -> Result:
+        return function(parts[k])
+
     global _work
-    _work = lambda k: function(parts[k])  # noqa: E731
+    _work = work
     with warnings.catch_warnings():
         # Python warns of any thread; those that are left are of linear algebra, which minds forks itself.
         warnings.filterwarnings("ignore", "This process .* is multi-threaded", DeprecationWarning)
         with ProcessPoolExecutor(jobs, multiprocessing.get_context("fork")) as pool:
-            return list(pool.map(_do, range(len(parts))))
+            try:
+                return list(pool.map(_do, range(len(parts))))
+            finally:
+                _work = None
 
 
 def _do(k: int) -> Any:
+    assert _work is not None
     return _work(k)
