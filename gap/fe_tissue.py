@@ -363,10 +363,7 @@ class FeHeightBlock(Anchored, HeightBlock):
         self, chain: Chain, group: Group, active: Active, time: FloatArray, line: tuple[FloatArray, FloatArray]
     ) -> FloatArray:
         """What the skin meets under the active effects, (n,) Pa."""
-        t, p = line
-        if any(c.stage != "tissue" for c in active):
-            p = p + self._gauge_error(chain, group, t)
-        given = {"line_pressure": (t, p)}
+        given = {"line_pressure": self._fed(chain, group, active, line)}
         reduced = replace(chain, operators=needed(chain, ("skin_pressure",), given))
         return simulate(reduced, group.tables(), {"skin_pressure": time}, given)["skin_pressure"]
 

@@ -11,18 +11,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
 
 from gap.blocks import SHIFT_SD, Block, Group, GroupedSession, Table, compressed
-from gap.chains import needed
+from gap.chains import Kept, needed
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Start
 from gap.noise import denoised
 from gap.skin_laws import BASIC, CREEP, FROZEN, FURTHER, PARTS, USUAL, Part, SkinLaw, rewired
 from gap.solve import Fit, fit, under
 from gap.suction_pressure import NO_TISSUE, PressureBlock, chain_of, commanded_line, sound_chain
 from gap.tissue_null import USUAL_MEMORY, Suction, elastic_freedom, suction_discrepancy
+from gap.workers import each
 from sim_devices.chain import Chain, Effect
 from sim_devices.effects.tissue import power_law_creep
 from sim_devices.stages.sampling import simulate
@@ -47,6 +49,7 @@ Try = tuple[SkinLaw, FloatArray, int]
 """A fit of the simulation by itself: the law, the nuisance (p,) to begin from, iterations."""
 
 
+@lru_cache(maxsize=64)
 def _reach(suction: float, knee: float, exponent: float) -> float:
     """Elastic height at a ``suction`` (Pa) for a compliance of 1 m/Pa, m."""
     return float(elastic_height(np.zeros(1), np.array([-suction]), 1.0, knee, exponent)[0])
@@ -65,6 +68,7 @@ class HeightBlock(Block):
     """
 
     name, channels = "height", ("apex_height",)
+    jobs = 1  # processes that share the fits of `start`
     trust = 0.12  # other tissue laws than ours leave some δ = 10 that some device effect can repair
     trust_simple = 0.16  # of a simple law, where the data prefer it
     PARTS: ClassVar[Mapping[str, Part]] = PARTS
@@ -91,6 +95,7 @@ class HeightBlock(Block):
         self._runs = self.member
         onsets = {k: self._onset(g, k) for g, _ in self.groups for k in g.members}
         self._onsets = np.array([onsets[k] for k in self.runs])
+        self._fed_before = Kept(8)
         self._start: FloatArray | None = None
         self._tries: list[Try] = []
         self._size = 1.0
@@ -287,9 +292,9 @@ class HeightBlock(Block):
 
     def _race(self, entered: Sequence[tuple[SkinLaw, FloatArray]], kept: int = 1) -> list[tuple[Fit, SkinLaw]]:
         """Laws fitted alone, each from a nuisance (p,): all a few steps, the most probable to convergence."""
-        first = self._alone((), np.zeros(0), [(law, begin, QUICK) for law, begin in entered])
+        first = self._alone((), np.zeros(0), [(law, begin, QUICK) for law, begin in entered], self.jobs)
         best = sorted(first, key=_probability, reverse=True)[:kept]
-        return self._alone((), np.zeros(0), [(law, f.nuisance, 40) for f, law in best])
+        return self._alone((), np.zeros(0), [(law, f.nuisance, 40) for f, law in best], self.jobs)
 
     def _enough(self, alone: Sequence[tuple[Fit, SkinLaw]]) -> bool:
         """Whether some law is at the noise, so that nothing less simple is tried."""
@@ -328,18 +333,21 @@ class HeightBlock(Block):
         return sd
 
     def _alone(
-        self, hypothesis: Sequence[Candidate], unit: FloatArray, tries: Sequence[Try]
+        self, hypothesis: Sequence[Candidate], unit: FloatArray, tries: Sequence[Try], jobs: int = 1
     ) -> list[tuple[Fit, SkinLaw]]:
         """The simulation by itself, the person's tissue not yet known, with effects from ``unit`` (k,) on: a fit for
         each of the ``tries``, and its law. The usual one is left out where a simple one is at the noise."""
         wide = self.plain_sd
         wide[: len(self.PARTS)] = [part.sd for part in self.PARTS.values()]
-        found: list[tuple[Fit, SkinLaw]] = []
-        for law, guess, iterations in tries:
-            if not law.simple and self._enough(found):
-                continue
+
+        def fitted(one: Try) -> tuple[Fit, SkinLaw]:
+            law, guess, iterations = one
             problem = under(self, self._mean(law), self._sd(wide, law))
-            found.append((fit(problem, hypothesis, unit, self._switched(guess, law), iterations), law))
+            return fit(problem, hypothesis, unit, self._switched(guess, law), iterations), law
+
+        found = each(fitted, [one for one in tries if one[0].simple], jobs)
+        if not self._enough(found):
+            found += each(fitted, [one for one in tries if not one[0].simple], jobs)
         return found
 
     def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
@@ -380,23 +388,28 @@ class HeightBlock(Block):
         """Apex height of the chain (n,) m, before run scatter and discrepancy."""
         shift = nuisance[len(self.PARTS)]
         out = np.empty(len(self.stamps))
-        for (g, at), (t, p) in zip(self.groups, self._line, strict=True):
+        for (g, at), line in zip(self.groups, self._line, strict=True):
             chain = self.with_effects(self._law_chain(g, nuisance), active)
-            if any(c.stage != "tissue" for c in active):
-                p = p + self._gauge_error(chain, g, t)
-            out[at] = self.simulated(chain, g, at, shift, {"line_pressure": (t, p)})[0]
+            out[at] = self.simulated(chain, g, at, shift, {"line_pressure": self._fed(chain, g, active, line)})[0]
         return out
 
-    def _gauge_error(self, chain: Chain, group: Group, time: FloatArray) -> FloatArray | float:
-        """What to add to the recorded pressure for the true one, (n,) Pa: nothing for an actuator's effect, the
-        gauge's error for its own."""
+    def _fed(self, chain: Chain, group: Group, active: Active, line: Table) -> Table:
+        """The true pressure, where ``line`` is the recorded one: as it is for an actuator's effect, less the gauge's
+        error for its own."""
         wanted = ("line_pressure", "pressure")
         sound = sound_chain(self.session.instrument, self.session.marks)
+        if all(c.stage == "tissue" for c in active):
+            return line
         if needed(chain, wanted[1:], wanted[:1]) == needed(sound, wanted[1:], wanted[:1]):
-            return 0.0
+            return line
         partial = replace(chain, operators=needed(chain, wanted))
-        made = simulate(partial, group.tables(), dict.fromkeys(wanted, time))
-        return made["line_pressure"] - made["pressure"]
+        time, pressure = line
+
+        def corrected() -> Table:
+            made = simulate(partial, group.tables(), dict.fromkeys(wanted, time))
+            return time, pressure + (made["line_pressure"] - made["pressure"])
+
+        return self._fed_before.get((group.specimen, id(time), partial), corrected)
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         n, r = len(self.PARTS) + 1, self._runs.shape[1]
