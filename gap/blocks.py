@@ -31,7 +31,7 @@ AFTER_KINK = 1e-3 * np.concatenate(
     [np.arange(1, 40), np.arange(40, 120, 2), np.arange(120, 300, 4), np.arange(300, 1000, 10)]
 )
 """s after a kink of the command: nodes so dense that straight lines between them are as good as the signal."""
-STAMP_SD = 4e-4
+STAMP_SD = 2.5e-4
 """s: how well a single stamp or the moment of a step is known (assumed). An integrator's step is as good as that,
 too."""
 ELSEWHERE = (0.1, 0.9)

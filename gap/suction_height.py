@@ -243,44 +243,51 @@ class HeightBlock(Block):
     def start(self) -> FloatArray:
         """The simulation by itself, fitted alone; the tissue's parameters are then the prior's mean.
 
-        Beside a free discrepancy, which can do all that they do and linearly, they would run away. The fit begins from
-        slower and quicker skin too: creep times have local optima.
+        Beside a free discrepancy, which can do all that they do and linearly, they would run away.
         """
         if self._start is None:
-            guesses = self._guesses()
-            alone = [
-                found
-                for law in self.SIMPLE_LAWS
-                for found in self._race([(law, g) for g in (guesses if law.timed else guesses[:1])])
-            ]
-            basic, plain = max(alone, key=_probability)
-            if not self._enough(alone):
-                alone += self._race([(law, guesses[0]) for law in self.FURTHER_LAWS], 2)
-            simple, best = max(alone, key=_probability)
-            self._bend(simple.nuisance)
-            usual = self.USUAL_LAW.beside(best.nonlinear)
-            if not self._enough(alone):
-                alone += self._race([(usual, g) for g in (simple.nuisance, *guesses)])
-            found, law = max(alone, key=_probability)
-            # Above the noise the null has taken on what it could of an effect: with one, fits begin anew, too. What is
-            # not linear may be nothing but an effect.
-            self._tries = [(best, simple.nuisance, 25)]
-            if not self._enough([(simple, best)]):
-                self._tries.append((best, guesses[0], 25))
-            if best != plain and _probability((simple, best)) < _probability((basic, plain)) + TAKEN:
-                self._tries.append((plain, guesses[0], 25))
-            if not law.simple:
-                self._tries.append((law, guesses[0], 15))
+            found, law = self._best_alone()
             self._bend(found.nuisance)
             self._start = self._alone((), np.zeros(0), [(law, found.nuisance, 30)])[0][0].nuisance
             self._hold(self.prior_mean, self._start)
-            self.laws = tuple(dict.fromkeys([best, *(law.beside(best.nonlinear) for law in self.SIMPLE_LAWS)]))
-            n = len(self.PARTS)
+            anchored = [part.anchored for part in self.PARTS.values()]
             for sd in (self.prior_sd, *self._widths):
-                sd[:n] = np.minimum(sd[:n], [part.anchored for part in self.PARTS.values()])
+                sd[: len(anchored)] = np.minimum(sd[: len(anchored)], anchored)
             self.alternatives = self._priors()
             self.prior_sd = fit(self, nuisance=self._start).best_prior(self.alternatives)
         return self._start.copy()
+
+    def _best_alone(self) -> tuple[Fit, SkinLaw]:
+        """The most probable of all laws, fitted alone: basic ones, further ones where these are not at the noise, the
+        usual one where none is. From it follow `laws`, and what is tried when effects are fitted.
+
+        Fits begin from slower and quicker skin too: creep times have local optima.
+        """
+        guesses = self._guesses()
+        alone = [
+            found
+            for law in self.SIMPLE_LAWS
+            for found in self._race([(law, g) for g in (guesses if law.timed else guesses[:1])])
+        ]
+        basic, plain = max(alone, key=_probability)
+        if not self._enough(alone):
+            alone += self._race([(law, guesses[0]) for law in self.FURTHER_LAWS], 2)
+        simple, best = max(alone, key=_probability)
+        self.laws = tuple(dict.fromkeys([best, *(law.beside(best.nonlinear) for law in self.SIMPLE_LAWS)]))
+        # Above the noise the null has taken on what it could of an effect: with one, fits begin anew, too. What is not
+        # linear may be nothing but an effect.
+        self._tries = [(best, simple.nuisance, 25)]
+        if not self._enough([(simple, best)]):
+            self._tries.append((best, guesses[0], 25))
+        if best != plain and _probability((simple, best)) < _probability((basic, plain)) + TAKEN:
+            self._tries.append((plain, guesses[0], 25))
+        if not self._enough(alone):
+            self._bend(simple.nuisance)
+            alone += self._race([(self._full, g) for g in (simple.nuisance, *guesses)])
+        found, law = max(alone, key=_probability)
+        if not law.simple:
+            self._tries.append((law, guesses[0], 15))
+        return found, law
 
     def _bend(self, nuisance: FloatArray) -> None:
         """Columns of other elastic curves that go with the memory of ``nuisance`` (p,)."""

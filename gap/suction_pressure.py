@@ -71,9 +71,9 @@ class PressureBlock(Block):
     """
 
     name, channels = "pressure", ("pressure",)
-    floor = 10.0  # Pa: a tenth of the command's resolution
+    floor = 5.0  # Pa: a twentieth of the command's resolution
     LAGS = (0.015, 0.04, 0.1)
-    GAUGE_GAIN, GAUGE_ZERO = 1e-3, 15.0  # tolerances of a sound gauge: relative, Pa (assumed)
+    GAUGE_GAIN, GAUGE_ZERO = 2e-3, 20.0  # tolerances of a sound gauge: relative, Pa (assumed)
 
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect]) -> None:
         # An open probe holds no pressure: its record says nothing of the regulator.
