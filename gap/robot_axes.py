@@ -195,20 +195,25 @@ class AxesBlock(Block):
             if key not in self._made:
                 if len(self._made) > 20:
                     self._made.clear()
-                shift = nuisance[3] + nuisance[4] * (self.stamps[at] - self.stamps[0])
-                late = {name: (time + nuisance[5], value) for name, (time, value) in load.items()}
-                ends = self._ends[:, at] + shift  # a bin's mean is that of two nodes
+                late = {n: (self._commanded(t, nuisance) + nuisance[5], value) for n, (t, value) in load.items()}
+                ends = self._commanded(self._ends[:, at], nuisance)  # a bin's mean is that of two nodes
                 made = _on_even_grid(operators, AXES, g, self.session.kinks, ends.ravel(), late)
                 self._made[key] = made.reshape(3, *ends.shape).mean(axis=1)
             out[:, at] = self._made[key]
         return out.ravel()
 
+    def _commanded(self, time: FloatArray, nuisance: FloatArray) -> FloatArray:
+        """The record's ``time`` s by the command's clock."""
+        return np.asarray(time + nuisance[3] + nuisance[4] * (time - self.stamps[0]))
+
     def true_axes(self, group: Group, time: FloatArray) -> FloatArray:
         """Where the axes were at ``time`` (n,) s, (3, n) m, as far as the quick fits know."""
-        load = self._loads[[g for g, _ in self.groups].index(group)]
         nuisance = self._best.nuisance
+        load = self._loads[[g for g, _ in self.groups].index(group)]
+        late = {n: (self._commanded(t, nuisance) + nuisance[5], value) for n, (t, value) in load.items()}
         operators = needed(self._loop(group, nuisance, self._best.active), numbered("axis"), load)
-        return _on_even_grid(operators, numbered("axis"), group, self.session.kinks, time + nuisance[3], load)
+        at = self._commanded(time, nuisance)
+        return _on_even_grid(operators, numbered("axis"), group, self.session.kinks, at, late)
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         k = len(self.SD)

@@ -9,20 +9,24 @@ import numpy as np
 
 from gap.blocks import SHIFT_SD, Block, Group, GroupedSession, Table, compressed
 from gap.chains import needed, run
-from gap.hypothesis import Active, Evaluation, FloatArray
+from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Start
 from gap.robot_axes import AXES, ROBOT_BINS, STAMPS_SD, AxesBlock, recorded, specimen_chain
+from gap.sheet_law import FROZEN, LAWS, TISSUE, Law, sheet
 from gap.sheet_null import sheet_discrepancy
-from gap.smoothing import significant
-from gap.solve import fit
+from gap.smoothing import deviation, significant
+from gap.solve import Fit, fit, under
 from sim_devices.chain import Chain, Effect, Operator
 from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
 from sim_devices.stages.tissues import SheetTissue, sheet_tissue
 
-RELAXATION_TIMES = tuple(0.025 * 2.0**k for k in range(15))
-"""s, up to 400: dense enough for any relaxation spectrum. Three to a decade are not: a slow mode in between then earns
-up to 80 nats on sound skin."""
 SHEET_STEP = 0.1
 """s between nodes of the sheet, stamps apart."""
+SIMPLE_SHIFT = 1e-3
+"""s: how late a channel may be that samples, neither holds nor integrates."""
+ENOUGH = 1.05
+"""χ² per sample of a simple law at which the usual one is not tried."""
+PLAIN = 1e-6
+"""Prior width of a discrepancy that the simulation by itself does not have."""
 
 
 class ForceBlock(Block):
@@ -38,9 +42,9 @@ class ForceBlock(Block):
     what is left may be the sheet's and look like a device's."""
     growth, widest = ROBOT_BINS
     floor = 0.3e-3  # N
-    TISSUE: tuple[str, ...] = ("stiffness1", "stiffness2", "stiffness3", "angle", "length", "stiffening", "isotropy",
-              *(f"relaxation{k + 1}" for k in range(len(RELAXATION_TIMES))), "softening")  # fmt: skip
-    TISSUE_SD: tuple[float, ...] = (1.0, 1.0, 1.0, 1.5, 0.7, 0.3, 0.5, *[0.1] * len(RELAXATION_TIMES), 0.04)
+    TISSUE: tuple[str, ...] = TISSUE
+    LAWS: tuple[Law, ...] = LAWS  # the simple ones, then the usual one
+    TRUST_SIMPLE = 0.25  # of a simple law, where the data prefer it
     GAIN_SD = 0.04  # of the tissue's stiffness between recordings
     CALIBRATION_SD = 2e-3  # of each transducer
     ZERO_SD = 1.5e-3  # N: those of sound recordings scatter by 0.6 to 1.5 mN
@@ -50,11 +54,7 @@ class ForceBlock(Block):
 
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect], axes: AxesBlock) -> None:
         super().__init__(session, library)
-        self._tissue = replace(
-            sheet_tissue("forearm"),
-            relaxation=(0.5 / len(RELAXATION_TIMES),) * len(RELAXATION_TIMES),
-            times=RELAXATION_TIMES,
-        )
+        self._tissue = sheet_tissue("forearm")
         self._nominal = {g.specimen: specimen_chain(g, self._tissue, session.marks) for g, _ in self.groups}
         self._ahead_of = {name: needed(c, xyz("skin"), numbered("axis")) for name, c in self._nominal.items()}
         self._axes = [self._smoothed(g, axes) for g, _ in self.groups]
@@ -70,7 +70,7 @@ class ForceBlock(Block):
         self._basis = columns * size
         runs = self.member.shape[1]
         sd = {
-            "tissue": np.asarray(self.TISSUE_SD),
+            "tissue": np.asarray(self.LAWS[-1].sd),
             "shift": np.array([max(STAMPS_SD, SHIFT_SD * self.dt)]),
             "calibration": np.full(3, self.CALIBRATION_SD),
             "gain": np.full(runs, self.GAIN_SD),
@@ -83,30 +83,66 @@ class ForceBlock(Block):
         self.prior_mean = np.zeros(len(self.prior_sd))
         self.local = np.zeros(len(self.prior_sd), bool)
         self.local[self._parts["gain"].start : self._parts["zero"].stop] = True
-        widths = []
-        for scale in self.DISCREPANCY_SCALES:
-            widths.append(self.prior_sd.copy())
-            widths[-1][self._parts["discrepancy"]] *= scale
-        self.alternatives = tuple(widths)
+        simple = [self._simple(law) for law in self.LAWS[:-1]]
+        self.alternatives = (*simple, *(self._wide(scale) for scale in self.DISCREPANCY_SCALES))
         self._start: FloatArray | None = None
+        self._alone: Fit | None = None  # the most probable simple law's, where another is more probable
         self._skin_at_nodes: dict[str, Mapping[str, FloatArray]] = {}
 
     @property
     def trusts(self) -> Sequence[float]:
-        return self.TRUSTS
+        return (*[self.TRUST_SIMPLE] * (len(self.LAWS) - 1), *self.TRUSTS)
 
     @property
     def plain_sd(self) -> FloatArray:
-        sd = self.alternatives[0].copy()
-        sd[self._parts["discrepancy"]] = 1e-6
+        sd = self.prior_sd.copy()
+        sd[self._parts["discrepancy"]] = PLAIN
         return sd
 
+    def _simple(self, law: Law) -> FloatArray:
+        """Prior widths (p,) of a simple law, and of channels that are no later than those that sample."""
+        sd = self.prior_sd.copy()
+        sd[self._parts["tissue"]] = law.sd
+        sd[self._parts["shift"]] = SIMPLE_SHIFT
+        sd[self._parts["discrepancy"]] = FROZEN
+        return sd
+
+    def _wide(self, scale: float) -> FloatArray:
+        """Those of the usual law beside a discrepancy of some size."""
+        sd = self.prior_sd.copy()
+        sd[self._parts["discrepancy"]] *= scale
+        return sd
+
+    def _guess(self, law: Law) -> FloatArray:
+        """Nuisance (p,) from which fits under a law begin."""
+        return np.concatenate([law.guess, np.zeros(len(self.prior_mean) - len(law.guess))])
+
     def start(self) -> FloatArray:
-        """The null's fit, which also tells how far other sheets are from the reduced one."""
+        """The null's fit under the most probable law, which also tells how far other sheets are from the reduced one.
+
+        The usual law is left out where a simple one is at the noise.
+        """
         if self._start is None:
-            null = fit(self, nuisance=self.prior_mean)
-            self._start, self.prior_sd = null.nuisance, null.best_prior(self.alternatives)
+            found: list[Fit] = []
+            for sd, law in zip(self.alternatives, self.LAWS[:-1], strict=False):
+                found.append(fit(under(self, self.prior_mean, sd), nuisance=self._guess(law)))
+                if found[-1].objective < ENOUGH * len(self.measured):
+                    break
+            else:
+                found.append(fit(self, nuisance=self._guess(self.LAWS[-1])))
+            best = max(found, key=lambda f: f.log_evidence(1.0, self.alternatives))
+            self._start, self.prior_sd = best.nuisance, best.best_prior(self.alternatives)
+            if best is found[-1] and len(found) == len(self.LAWS) > 1:  # the usual law
+                self._alone = max(found[:-1], key=lambda f: f.log_evidence(1.0, (f.prior_sd,)))
         return self._start.copy()
+
+    def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
+        """Under the simple law, which cannot take on much of an effect, where the null needs more than that."""
+        if self._alone is None:
+            return None
+        simple = under(self, self.prior_mean, self._alone.prior_sd)
+        found = fit(simple, hypothesis, unit, self._alone.nuisance, iterations=10)
+        return Start(self.prior_mean, found.prior_sd, found.nuisance, found.unit)
 
     def greatest(self) -> float:
         """The greatest force of a transducer in the session, N."""
@@ -129,7 +165,7 @@ class ForceBlock(Block):
         time = raw["axis_1"][0]
         fitted = axes.true_axes(group, time)
         return {
-            name: (time, base + significant(time, value - base))
+            name: (time, base + deviation(time, value - base))
             for (name, (_, value)), base in zip(raw.items(), fitted, strict=True)
         }
 
@@ -151,31 +187,8 @@ class ForceBlock(Block):
         return columns / max(float(np.max(np.abs(columns))), 1e-12), weights
 
     def tissue(self, nuisance: FloatArray) -> SheetTissue:
-        """The reduced sheet at a nuisance vector.
-
-        Its stiffness is the secant one at a typical displacement, ``stiffening`` the logarithm of what that is above
-        the one at rest; the length is then only the curve's shape. Slope and exponent at rest instead would make a
-        valley so bent that fits take hundreds of steps and stop early.
-        """
-        c = dict(zip(self.TISSUE, nuisance, strict=False))
-        base = self._tissue
-        length = base.length * float(np.exp(np.clip(c["length"], -3, 3)))
-        nominal, here = (float(np.log1p((self._typical / x) ** 2)) for x in (base.length, length))
-        exponent = float(np.clip((base.exponent * nominal + c["stiffening"]) / here, -0.3, 30.0))
-        at_rest = base.exponent * nominal - exponent * here
-        k1, k2, k3 = (
-            k * float(np.exp(np.clip(c[f"stiffness{i + 1}"] + at_rest, -8, 5))) for i, k in enumerate(base.stiffness)
-        )
-        return replace(
-            base,
-            stiffness=(k1, k2, k3),
-            angle=base.angle + c["angle"],
-            length=length,
-            exponent=exponent,
-            isotropy=0.5 + c["isotropy"],
-            relaxation=tuple(g + c[f"relaxation{i + 1}"] for i, g in enumerate(base.relaxation)),
-            softening=base.softening + c["softening"],
-        )
+        """The reduced sheet at a nuisance vector."""
+        return sheet(nuisance, self._tissue, self._typical)
 
     def _law_chain(self, group: Group, nuisance: FloatArray) -> Chain:
         """The nominal chain of a group with the tissue at a nuisance vector."""
@@ -206,7 +219,7 @@ class ForceBlock(Block):
 
     def denoised(self) -> list[dict[str, Table]]:
         """Transducer forces of each group, as fitted, and the significant part of what the record shows beyond them."""
-        null = fit(self, nuisance=self.prior_mean, iterations=6)
+        null = fit(self, nuisance=self._guess(self.LAWS[-1]), iterations=6)
         beyond = (self._basis @ null.nuisance[self._parts["discrepancy"]]).reshape(3, -1)
         out = []
         for (g, at), (grid, axes) in zip(self.groups, self._grids_of, strict=True):
@@ -231,6 +244,9 @@ class ForceBlock(Block):
         n = self._parts["shift"].stop
         chain_part = np.empty((len(residual), n))
         for k in range(n):
+            if self.prior_sd[k] <= FROZEN:
+                chain_part[:, k] = 0.0
+                continue
             moved = nuisance.copy()
             step = 1e-3 if k < n - 1 else 0.1 * self.dt
             moved[k] += step
@@ -242,4 +258,5 @@ class ForceBlock(Block):
 class RoughForceBlock(ForceBlock):
     """The same with few other sheets: good enough to take the noise out of the forces that load the axes."""
 
+    LAWS = LAWS[-1:]
     DISCREPANCY_SIZE = 60
