@@ -23,8 +23,8 @@ SHEET_STEP = 0.1
 """s between nodes of the sheet, stamps apart."""
 SIMPLE_SHIFT = 1e-3
 """s: how late a channel may be that samples, neither holds nor integrates."""
-ENOUGH = 1.05
-"""χ² per sample of a simple law at which the usual one is not tried."""
+CLEARLY = 5.0
+"""Nats by which a simple law must be more probable than all else to be the only one."""
 PLAIN = 1e-6
 """Prior width of a discrepancy that the simulation by itself does not have."""
 
@@ -85,13 +85,14 @@ class ForceBlock(Block):
         self.local[self._parts["gain"].start : self._parts["zero"].stop] = True
         simple = [self._simple(law) for law in self.LAWS[:-1]]
         self.alternatives = (*simple, *(self._wide(scale) for scale in self.DISCREPANCY_SCALES))
+        self._trusts: Sequence[float] = (*[self.TRUST_SIMPLE] * len(simple), *self.TRUSTS)
         self._start: FloatArray | None = None
         self._alone: Fit | None = None  # the most probable simple law's, where another is more probable
         self._skin_at_nodes: dict[str, Mapping[str, FloatArray]] = {}
 
     @property
     def trusts(self) -> Sequence[float]:
-        return (*[self.TRUST_SIMPLE] * (len(self.LAWS) - 1), *self.TRUSTS)
+        return self._trusts
 
     @property
     def plain_sd(self) -> FloatArray:
@@ -120,21 +121,34 @@ class ForceBlock(Block):
     def start(self) -> FloatArray:
         """The null's fit under the most probable law, which also tells how far other sheets are from the reduced one.
 
-        The usual law is left out where a simple one is at the noise.
+        Where that is a simple law by `CLEARLY`, the session's skin is taken to follow it, and nothing wider is kept.
         """
         if self._start is None:
-            found: list[Fit] = []
-            for sd, law in zip(self.alternatives, self.LAWS[:-1], strict=False):
-                found.append(fit(under(self, self.prior_mean, sd), nuisance=self._guess(law)))
-                if found[-1].objective < ENOUGH * len(self.measured):
-                    break
-            else:
-                found.append(fit(self, nuisance=self._guess(self.LAWS[-1])))
-            best = max(found, key=lambda f: f.log_evidence(1.0, self.alternatives))
-            self._start, self.prior_sd = best.nuisance, best.best_prior(self.alternatives)
-            if best is found[-1] and len(found) == len(self.LAWS) > 1:  # the usual law
-                self._alone = max(found[:-1], key=lambda f: f.log_evidence(1.0, (f.prior_sd,)))
+            known = len(self.LAWS) - 1
+            found = [
+                fit(under(self, self.prior_mean, sd), nuisance=self._guess(law), iterations=40)
+                for sd, law in zip((*self.alternatives[:known], self.prior_sd), self.LAWS, strict=True)
+            ]
+            *simple, usual = (f.log_evidence(1.0, self.alternatives) for f in found)
+            best = int(np.argmax([*simple, usual]))
+            self._start, self.prior_sd = found[best].nuisance, found[best].best_prior(self.alternatives)
+            if simple and max(simple) > usual + CLEARLY:
+                self._keep(self.alternatives[best])
+            elif simple:
+                self._alone = found[int(np.argmax(simple))]
         return self._start.copy()
+
+    def _keep(self, sd: FloatArray) -> None:
+        """Leave out what is frozen under the prior widths ``sd`` (p,) of a simple law: they become the only ones."""
+        shape = self._parts["discrepancy"]
+        assert self._start is not None
+        self._basis = self._basis[:, :0]
+        self._start, self.prior_mean, self.prior_sd = (
+            np.delete(v, shape) for v in (self._start, self.prior_mean, sd)
+        )
+        self.local = np.delete(self.local, shape)
+        self._parts["discrepancy"] = slice(shape.start, shape.start)
+        self.alternatives, self._trusts = (self.prior_sd,), (self.TRUST_SIMPLE,)
 
     def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
         """Under the simple law, which cannot take on much of an effect, where the null needs more than that."""

@@ -297,15 +297,24 @@ def bouc_wen(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Floa
     """
     for i in range(t.size):
         du = (u[i] - s[2]) / max(p[1], 1e-300)
-        steps = int(min(math.ceil(abs(du) * 8.0), 256.0))
-        for _ in range(steps):
-            h = du / steps
-            z = s[3]
-            for stage in range(2):  # midpoint rule
-                back = 1.0 if z * h > 0.0 else 0.0
-                slope = 1.0 - back * abs(z) ** p[2]
-                z = s[3] + slope * h * (0.5 if stage == 0 else 1.0)
-            s[3] = min(max(z, -1.0), 1.0)
+        if p[2] == 2.0:  # back along the initial slope, then a hyperbolic tangent
+            way = 1.0 if du > 0.0 else -1.0
+            z = way * s[3]
+            back = min(max(-z, 0.0), way * du)
+            z += back
+            if way * du > back:
+                z = math.tanh(math.atanh(min(z, 1.0 - 1e-15)) + way * du - back)
+            s[3] = way * z
+        else:
+            steps = int(min(math.ceil(abs(du) * 8.0), 256.0))
+            for _ in range(steps):
+                h = du / steps
+                z = s[3]
+                for stage in range(2):  # midpoint rule
+                    back = 1.0 if z * h > 0.0 else 0.0
+                    slope = 1.0 - back * abs(z) ** p[2]
+                    z = s[3] + slope * h * (0.5 if stage == 0 else 1.0)
+                s[3] = min(max(z, -1.0), 1.0)
         s[2] = u[i]
         y[i] = p[0] * s[3]
 
