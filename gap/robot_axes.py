@@ -25,6 +25,9 @@ ROBOT_BINS = 0.3, 0.4
 """Growth and largest width (s) of the bins: the motion is slow."""
 STAMPS_SD = 1e-3
 """s: how late or early all stamps, or all commands, may soundly be (assumed)."""
+SPRING = 200.0
+"""N/m by which the load gives way where an axis is not where it was recorded: less than skin does, and enough that an
+axis whose coil is at its limit does not run away under the millinewtons that the load is not known better."""
 STRAINED = 60.0
 """Penalty of the loop's tolerances above which the quick fit asks for drag."""
 KINK = 1e-6
@@ -113,7 +116,8 @@ class AxesBlock(Block):
 
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect]) -> None:
         super().__init__(session, library)
-        self._loads = [self._load(g, recorded(self, g, TRANSDUCERS, TRANSDUCERS, smooth=True)) for g, _ in self.groups]
+        self._forces = [recorded(self, g, TRANSDUCERS, TRANSDUCERS, smooth=True) for g, _ in self.groups]
+        self._seen = [recorded(self, g, AXES, numbered("axis"), smooth=True) for g, _ in self.groups]
         self._made: dict[tuple[object, ...], FloatArray] = {}  # most effects leave the axes alone
         self._kept: dict[str, FloatArray] = {}
         self._runs = np.kron(np.eye(3), self.member)
@@ -135,7 +139,7 @@ class AxesBlock(Block):
 
         Smoothing rounds what the force does where motion turns, and the loop answers to that for a tenth of a second.
         """
-        self._loads = [self._load(g, given) for (g, _), given in zip(self.groups, forces, strict=True)]
+        self._forces = list(forces)
         self._forget()
         best = self._best
         self._best = fit(self, best.hypothesis, best.unit, best.nuisance, iterations=3)
@@ -144,6 +148,8 @@ class AxesBlock(Block):
 
     def _forget(self) -> None:
         """What was made for another load or controller."""
+        groups = zip(self.groups, self._forces, self._seen, strict=True)
+        self._loads = [self._load(g, forces, axes) for (g, _), forces, axes in groups]
         self._made.clear()
         self._kept.clear()
 
@@ -162,30 +168,35 @@ class AxesBlock(Block):
     def start(self) -> FloatArray:
         return self._start.copy()
 
-    def _load(self, group: Group, forces: Mapping[str, Table]) -> dict[str, Table]:
-        """Transducer forces as load on the axes, N. The recorded tip force is not asked: its matrix may be wrong."""
+    def _load(self, group: Group, forces: Mapping[str, Table], axes: Mapping[str, Table]) -> dict[str, Table]:
+        """Transducer forces as load on the axes, N, that gives way as `SPRING`. The recorded tip force is not asked:
+        its matrix may be wrong."""
         if len(forces) < 3:
             return {}
-        given = {**forces, **recorded(self, group, AXES, numbered("axis"), smooth=True)}
-        time = given["axis_1"][0]
-        signals = {name: np.interp(time, *table) for name, table in given.items()}
-        unique, first = np.unique(time, return_index=True)
+        time = np.unique(axes["axis_1"][0])
+        signals = {name: np.interp(time, *table) for name, table in (forces | axes).items()}
         chain = specimen_chain(group, sheet_tissue("forearm"))
-        signals = {n: v[first] for n, v in signals.items()}
-        made = run(needed(chain, xyz("force"), TRANSDUCERS), unique, {n: signals[n] for n in TRANSDUCERS})
-        signals |= {f"reaction_{a}": made[f"force_{a}"] for a in "xyz"}
-        made = run(needed(chain, numbered("axis_load"), tuple(signals)), unique, signals)
-        return {f"pushed_{k}": (unique, made[f"axis_load_{k}"]) for k in "123"}
+        made = run(needed(chain, xyz("force"), TRANSDUCERS), time, {n: signals[n] for n in TRANSDUCERS})
+        pushing = {f"reaction_{a}": made[f"force_{a}"] for a in "xyz"}
+        where = {name: 0.0 * signals[name] if self.controller.centred else signals[name] for name in axes}
+        made = run(needed(chain, numbered("axis_load"), (*pushing, *axes)), time, pushing | where)
+        return {f"pushed_{k}": (time, made[f"axis_load_{k}"] + SPRING * signals[f"axis_{k}"]) for k in "123"}
 
     def greatest(self) -> float:
         """The greatest force that a coil has to hold in the session, N; 0 where that is not known."""
-        return max((float(np.max(np.abs(v))) for load in self._loads for _, v in load.values()), default=0.0)
+        forces = [
+            push - SPRING * np.interp(time, *axes[name.replace("pushed", "axis")])
+            for load, axes in zip(self._loads, self._seen, strict=True)
+            for name, (time, push) in load.items()
+        ]
+        return max((float(np.max(np.abs(f))) for f in forces), default=0.0)
 
     def _loop(self, group: Group, nuisance: FloatArray, active: Active) -> Chain:
         chain = self.controller.installed(
             specimen_chain(group, sheet_tissue("forearm"), self.session.marks), np.exp(np.clip(nuisance[:3], -3, 3))
         )
-        return self.with_effects(chain, active)
+        spring = SPRING if self._loads[0] else 0.0
+        return self.with_effects(chain.tuned("axes", spring=spring), active)
 
     def _predict(self, nuisance: FloatArray, active: Active) -> FloatArray:
         out = np.empty((3, len(self.stamps)))
