@@ -109,7 +109,7 @@ class AxesBlock(Block):
     trust = 0.4  # the skin's force loads the axes, as far as the recorded force tells
     growth, widest = ROBOT_BINS
     floor = 0.5e-6  # m
-    SD = (0.1, 0.02, 0.1, STAMPS_SD, CLOCK_SD, 5e-3)
+    SD = (0.1, 0.02, 0.1, STAMPS_SD, CLOCK_SD, 2e-3)
     """Of the logarithms of the gains; s by which all is late; 1; s by which the load on the axes is."""
     ZERO_SD = 2e-6  # m
     STEPS = (1e-2, 1e-2, 1e-2, 1e-3, 1e-6, 1e-3)
@@ -150,6 +150,7 @@ class AxesBlock(Block):
         """What was made for another load or controller."""
         groups = zip(self.groups, self._forces, self._seen, strict=True)
         self._loads = [self._load(g, forces, axes) for (g, _), forces, axes in groups]
+        self._undone: tuple[tuple[object, ...], Sequence[dict[str, Table]]] = (), ()
         self._made.clear()
         self._kept.clear()
 
@@ -168,19 +169,48 @@ class AxesBlock(Block):
     def start(self) -> FloatArray:
         return self._start.copy()
 
-    def _load(self, group: Group, forces: Mapping[str, Table], axes: Mapping[str, Table]) -> dict[str, Table]:
-        """Transducer forces as load on the axes, N, that gives way as `SPRING`. The recorded tip force is not asked:
-        its matrix may be wrong."""
+    def _load(
+        self, group: Group, forces: Mapping[str, Table], axes: Mapping[str, Table], chain: Chain | None = None
+    ) -> dict[str, Table]:
+        """Transducer forces as load on the axes, N, that gives way as `SPRING`; less the errors that the transducers of
+        ``chain`` make, to first order. The recorded tip force is not asked: its matrix may be wrong."""
         if len(forces) < 3:
             return {}
         time = np.unique(axes["axis_1"][0])
         signals = {name: np.interp(time, *table) for name, table in (forces | axes).items()}
-        chain = specimen_chain(group, sheet_tissue("forearm"))
-        made = run(needed(chain, xyz("force"), TRANSDUCERS), time, {n: signals[n] for n in TRANSDUCERS})
-        pushing = {f"reaction_{a}": made[f"force_{a}"] for a in "xyz"}
+        sound = specimen_chain(group, sheet_tissue("forearm"))
+
+        def reaction() -> dict[str, FloatArray]:
+            made = run(needed(sound, xyz("force"), TRANSDUCERS), time, {n: signals[n] for n in TRANSDUCERS})
+            return {f"reaction_{a}": made[f"force_{a}"] for a in "xyz"}
+
+        if chain is not None:
+            given = reaction() | {name: signals[name] for name in axes}
+            made = run(needed(chain, TRANSDUCERS, given), time, given)
+            signals |= {n: 2.0 * signals[n] - made[n] for n in TRANSDUCERS}
         where = {name: 0.0 * signals[name] if self.controller.centred else signals[name] for name in axes}
-        made = run(needed(chain, numbered("axis_load"), (*pushing, *axes)), time, pushing | where)
+        pushing = reaction() | where
+        made = run(needed(sound, numbered("axis_load"), pushing), time, pushing)
         return {f"pushed_{k}": (time, made[f"axis_load_{k}"] + SPRING * signals[f"axis_{k}"]) for k in "123"}
+
+    def _loads_under(self, active: Active) -> tuple[Sequence[dict[str, Table]], tuple[object, ...]]:
+        """The loads of all groups once errors of the transducers among the effects are undone, and what tells them from
+        others."""
+        key = tuple((c.key, *sorted(v.items())) for c, v in active.items() if self._misleads(c, v))
+        if key and key != self._undone[0]:
+            loads = []
+            for (g, _), forces, axes in zip(self.groups, self._forces, self._seen, strict=True):
+                chain = self.with_effects(specimen_chain(g, sheet_tissue("forearm"), self.session.marks), active)
+                loads.append(self._load(g, forces, axes, chain))
+            self._undone = key, loads
+        return (self._undone[1] if key else self._loads), key
+
+    def _misleads(self, candidate: Candidate, values: Mapping[str, float]) -> bool:
+        """Whether an effect falsifies what the transducers say of the load."""
+        given = (*xyz("reaction"), *numbered("axis"))
+        chain = specimen_chain(self.groups[0][0], sheet_tissue("forearm"), self.session.marks)
+        changed = self.with_effects(chain, {candidate: values})
+        return needed(changed, TRANSDUCERS, given) != needed(chain, TRANSDUCERS, given)
 
     def greatest(self) -> float:
         """The greatest force that a coil has to hold in the session, N; 0 where that is not known."""
@@ -200,9 +230,10 @@ class AxesBlock(Block):
 
     def _predict(self, nuisance: FloatArray, active: Active) -> FloatArray:
         out = np.empty((3, len(self.stamps)))
-        for i, ((g, at), load) in enumerate(zip(self.groups, self._loads, strict=True)):
+        loads, undone = self._loads_under(active)
+        for i, ((g, at), load) in enumerate(zip(self.groups, loads, strict=True)):
             operators = needed(self._loop(g, nuisance, active), AXES, load)
-            key = (i, operators, *nuisance[3:6].tolist())
+            key = (i, operators, undone, *nuisance[3:6].tolist())
             if key not in self._made:
                 if len(self._made) > 20:
                     self._made.clear()
