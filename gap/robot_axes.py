@@ -30,6 +30,8 @@ SPRING = 200.0
 axis whose coil is at its limit does not run away under the millinewtons that the load is not known better."""
 STRAINED = 60.0
 """Penalty of the loop's tolerances above which the quick fit asks for drag."""
+EARLY = 0.1
+"""s by which a grid goes beyond the recordings: clocks differ."""
 KINK = 1e-6
 """s, within which a speed changes."""
 LOOP_STEP = 0.04
@@ -75,29 +77,6 @@ def recorded(
     return out
 
 
-def _on_even_grid(
-    operators: Sequence[Operator],
-    wanted: Sequence[str],
-    group: Group,
-    kinks: FloatArray,
-    stamps: FloatArray,
-    given: Mapping[str, Table],
-) -> FloatArray:
-    """The wanted signals at ``stamps`` (n,) s, (signals, n), by way of even steps, finer after ``kinks`` (k,) s: the
-    loop's exact step is then computed for few lengths and not for every sample."""
-    tables = group.tables()
-    corners = tables["probe_x"][0]
-    begin, end = min(stamps.min(), corners[0]), stamps.max()
-    after = (kinks[:, None] + AFTER_KINK).ravel()
-    parts = [np.arange(begin, end + LOOP_STEP, LOOP_STEP), corners, corners + KINK, after]
-    grid = np.unique(np.concatenate(parts))
-    grid = grid[(grid >= begin) & (grid < end + LOOP_STEP) & (np.diff(grid, prepend=-np.inf) > 0.5 * KINK)]
-    inputs = {f"command_{a}": np.interp(grid, *tables[f"probe_{a}"]) for a in "xyz"}
-    inputs |= {name: np.interp(grid, *table) for name, table in given.items()}
-    made = run(operators, grid, inputs)
-    return np.stack([np.interp(stamps, grid, made[name]) for name in wanted])
-
-
 class AxesBlock(Block):
     """Tip set-point -> axis positions, under the load that the recorded force is.
 
@@ -118,6 +97,7 @@ class AxesBlock(Block):
         super().__init__(session, library)
         self._forces = [recorded(self, g, TRANSDUCERS, TRANSDUCERS, smooth=True) for g, _ in self.groups]
         self._seen = [recorded(self, g, AXES, numbered("axis"), smooth=True) for g, _ in self.groups]
+        self._grids_ahead: dict[str, tuple[FloatArray, tuple[Operator, ...], Mapping[str, FloatArray]]] = {}
         self._made: dict[tuple[object, ...], FloatArray] = {}  # most effects leave the axes alone
         self._kept: dict[str, FloatArray] = {}
         self._runs = np.kron(np.eye(3), self.member)
@@ -239,7 +219,7 @@ class AxesBlock(Block):
                     self._made.clear()
                 late = {n: (self._commanded(t, nuisance) + nuisance[5], value) for n, (t, value) in load.items()}
                 ends = self._commanded(self._ends[:, at], nuisance)  # a bin's mean is that of two nodes
-                made = _on_even_grid(operators, AXES, g, self.session.kinks, ends.ravel(), late)
+                made = self._at(ends.ravel(), AXES, g, operators, late)
                 self._made[key] = made.reshape(3, *ends.shape).mean(axis=1)
             out[:, at] = self._made[key]
         return out.ravel()
@@ -255,7 +235,39 @@ class AxesBlock(Block):
         late = {n: (self._commanded(t, nuisance) + nuisance[5], value) for n, (t, value) in load.items()}
         operators = needed(self._loop(group, nuisance, self._best.active), numbered("axis"), load)
         at = self._commanded(time, nuisance)
-        return _on_even_grid(operators, numbered("axis"), group, self.session.kinks, at, late)
+        return self._at(at, numbered("axis"), group, operators, late)
+
+    def _at(
+        self,
+        stamps: FloatArray,
+        wanted: Sequence[str],
+        group: Group,
+        operators: Sequence[Operator],
+        given: Mapping[str, Table],
+    ) -> FloatArray:
+        """The wanted signals at ``stamps`` (n,) s, (signals, n), by way of a group's own grid: the loop's exact step is
+        then computed for few lengths and not for every sample, and what is ahead of it but once."""
+        grid, ahead, signals = self._grid_ahead(group)
+        if operators[: len(ahead)] == ahead:
+            operators = operators[len(ahead) :]
+        made = run(operators, grid, signals | {name: np.interp(grid, *table) for name, table in given.items()})
+        return np.stack([np.interp(stamps, grid, made[name]) for name in wanted])
+
+    def _grid_ahead(self, group: Group) -> tuple[FloatArray, tuple[Operator, ...], Mapping[str, FloatArray]]:
+        """Even steps, finer after kinks; the nominal operators ahead of the axes, and all signals up to there."""
+        if group.specimen not in self._grids_ahead:
+            tables = group.tables()
+            corners = tables["probe_x"][0]
+            spans = [self.session.span(k) for k in group.members]
+            begin, end = min(spans[0][0], corners[0]) - EARLY, spans[-1][1] + EARLY
+            after = (self.session.kinks[:, None] + AFTER_KINK).ravel()
+            grid = np.unique(np.concatenate([np.arange(begin, end, LOOP_STEP), corners, corners + KINK, after]))
+            grid = grid[(grid >= begin) & (grid <= end) & (np.diff(grid, prepend=-np.inf) > 0.5 * KINK)]
+            commands = {f"command_{a}": np.interp(grid, *tables[f"probe_{a}"]) for a in "xyz"}
+            chain = specimen_chain(group, sheet_tissue("forearm"), self.session.marks)
+            ahead = needed(chain, numbered("target"), commands)
+            self._grids_ahead[group.specimen] = grid, ahead, run(ahead, grid, commands)
+        return self._grids_ahead[group.specimen]
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         k = len(self.SD)
