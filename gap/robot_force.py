@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -143,9 +142,7 @@ class ForceBlock(Block):
         shape = self._parts["discrepancy"]
         assert self._start is not None
         self._basis = self._basis[:, :0]
-        self._start, self.prior_mean, self.prior_sd = (
-            np.delete(v, shape) for v in (self._start, self.prior_mean, sd)
-        )
+        self._start, self.prior_mean, self.prior_sd = (np.delete(v, shape) for v in (self._start, self.prior_mean, sd))
         self.local = np.delete(self.local, shape)
         self._parts["discrepancy"] = slice(shape.start, shape.start)
         self.alternatives, self._trusts = (self.prior_sd,), (self.TRUST_SIMPLE,)

@@ -252,18 +252,20 @@ def play_within(s: FloatArray, u: FloatArray, width: FloatArray, soft: float, y:
 
 
 @njit(cache=True)
-def slipping(s: FloatArray, x: FloatArray, y: FloatArray, reach: float, share: float, out: FloatArray) -> None:
-    """Play in a plane: point s (2,) is carried along at a distance ``reach`` of (x, y); out (2, n) = (x, y) - share s.
+def slipping(s: FloatArray, u: FloatArray, reach: float, share: float, out: FloatArray) -> None:
+    """Play in a plane or in space: point s (k,) is carried along at a distance ``reach`` of u (k, n); out = u - share s.
 
     As friction with kinematic hardening: ``share`` of the displacement beyond ``reach`` is slip.
     """
-    for i in range(x.size):
-        dx, dy = x[i] - s[0], y[i] - s[1]
-        far = math.sqrt(dx * dx + dy * dy)
-        if far > reach:
-            s[0] += (far - reach) / far * dx
-            s[1] += (far - reach) / far * dy
-        out[0, i], out[1, i] = x[i] - share * s[0], y[i] - share * s[1]
+    for i in range(u.shape[1]):
+        far = 0.0
+        for k in range(s.size):
+            far += (u[k, i] - s[k]) ** 2
+        far = math.sqrt(far)
+        for k in range(s.size):
+            if far > reach:
+                s[k] += (far - reach) / far * (u[k, i] - s[k])
+            out[k, i] = u[k, i] - share * s[k]
 
 
 @njit(cache=True)
