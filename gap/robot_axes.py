@@ -28,6 +28,8 @@ STAMPS_SD = 1e-3
 SPRING = 200.0
 """N/m by which the load gives way where an axis is not where it was recorded: less than skin does, and enough that an
 axis whose coil is at its limit does not run away under the millinewtons that the load is not known better."""
+UNDOINGS = 2
+"""Steps in which the error of the transducers is undone: what is left of a relative error of 0.3 is its third power."""
 STRAINED = 60.0
 """Penalty of the loop's tolerances above which the quick fit asks for drag."""
 EARLY = 0.1
@@ -97,7 +99,7 @@ class AxesBlock(Block):
         super().__init__(session, library)
         self._forces = [recorded(self, g, TRANSDUCERS, TRANSDUCERS, smooth=True) for g, _ in self.groups]
         self._seen = [recorded(self, g, AXES, numbered("axis"), smooth=True) for g, _ in self.groups]
-        self._grids_ahead: dict[str, tuple[FloatArray, tuple[Operator, ...], Mapping[str, FloatArray]]] = {}
+        self._grids_ahead: dict[str, tuple[FloatArray, tuple[Operator, ...], dict[str, FloatArray]]] = {}
         self._made: dict[tuple[object, ...], FloatArray] = {}  # most effects leave the axes alone
         self._kept: dict[str, FloatArray] = {}
         self._runs = np.kron(np.eye(3), self.member)
@@ -153,21 +155,23 @@ class AxesBlock(Block):
         self, group: Group, forces: Mapping[str, Table], axes: Mapping[str, Table], chain: Chain | None = None
     ) -> dict[str, Table]:
         """Transducer forces as load on the axes, N, that gives way as `SPRING`; less the errors that the transducers of
-        ``chain`` make, to first order. The recorded tip force is not asked: its matrix may be wrong."""
+        ``chain`` make. The recorded tip force is not asked: its matrix may be wrong."""
         if len(forces) < 3:
             return {}
         time = np.unique(axes["axis_1"][0])
-        signals = {name: np.interp(time, *table) for name, table in (forces | axes).items()}
+        signals = {name: np.interp(time, *table) for name, table in {**forces, **axes}.items()}
         sound = specimen_chain(group, sheet_tissue("forearm"))
 
         def reaction() -> dict[str, FloatArray]:
             made = run(needed(sound, xyz("force"), TRANSDUCERS), time, {n: signals[n] for n in TRANSDUCERS})
             return {f"reaction_{a}": made[f"force_{a}"] for a in "xyz"}
 
-        if chain is not None:
+        read = {n: signals[n] for n in TRANSDUCERS}
+        erring = () if chain is None else needed(chain, TRANSDUCERS, (*xyz("reaction"), *axes))
+        for _ in range(UNDOINGS if erring else 0):
             given = reaction() | {name: signals[name] for name in axes}
-            made = run(needed(chain, TRANSDUCERS, given), time, given)
-            signals |= {n: 2.0 * signals[n] - made[n] for n in TRANSDUCERS}
+            made = run(erring, time, given)
+            signals |= {n: signals[n] + read[n] - made[n] for n in TRANSDUCERS}
         where = {name: 0.0 * signals[name] if self.controller.centred else signals[name] for name in axes}
         pushing = reaction() | where
         made = run(needed(sound, numbered("axis_load"), pushing), time, pushing)
@@ -253,7 +257,7 @@ class AxesBlock(Block):
         made = run(operators, grid, signals | {name: np.interp(grid, *table) for name, table in given.items()})
         return np.stack([np.interp(stamps, grid, made[name]) for name in wanted])
 
-    def _grid_ahead(self, group: Group) -> tuple[FloatArray, tuple[Operator, ...], Mapping[str, FloatArray]]:
+    def _grid_ahead(self, group: Group) -> tuple[FloatArray, tuple[Operator, ...], dict[str, FloatArray]]:
         """Even steps, finer after kinks; the nominal operators ahead of the axes, and all signals up to there."""
         if group.specimen not in self._grids_ahead:
             tables = group.tables()

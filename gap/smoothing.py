@@ -47,7 +47,7 @@ def _smoothed(time: FloatArray, value: FloatArray) -> tuple[FloatArray, FloatArr
         samples = width / dt
         if samples < 0.7:
             continue
-        smooth = gaussian_filter1d(value, samples, mode="nearest")
+        smooth = gaussian_filter1d(value, samples, mode="reflect")  # the last sample alone is noise
         standard = sigma / np.sqrt(2 * np.sqrt(np.pi) * samples)
         low = np.maximum(low, smooth - CONFIDENCE * standard)
         high = np.minimum(high, smooth + CONFIDENCE * standard)

@@ -253,9 +253,9 @@ def play_within(s: FloatArray, u: FloatArray, width: FloatArray, soft: float, y:
 
 @njit(cache=True)
 def slipping(s: FloatArray, u: FloatArray, reach: float, share: float, out: FloatArray) -> None:
-    """Play in a plane or in space: point s (k,) is carried along at a distance ``reach`` of u (k, n); out = u - share s.
+    """Play in k directions at once: point s (k,) is carried along at a distance ``reach`` of u (k, n).
 
-    As friction with kinematic hardening: ``share`` of the displacement beyond ``reach`` is slip.
+    ``out`` = u - share s. As friction with kinematic hardening: ``share`` of the displacement beyond ``reach`` is slip.
     """
     for i in range(u.shape[1]):
         far = 0.0
