@@ -28,6 +28,8 @@ STAMPS_SD = 1e-3
 SPRING = 200.0
 """N/m by which the load gives way where an axis is not where it was recorded: less than skin does, and enough that an
 axis whose coil is at its limit does not run away under the millinewtons that the load is not known better."""
+THIN = 2
+"""Of the record's samples, each how many-th the load is taken at: the loop evens out what is between."""
 UNDOINGS = 2
 """Steps in which the error of the transducers is undone: what is left of a relative error of 0.3 is its third power."""
 STRAINED = 60.0
@@ -79,6 +81,17 @@ def recorded(
     return out
 
 
+def steepness(block: Block, tables: Sequence[Mapping[str, Table]], names: Sequence[str]) -> FloatArray:
+    """How steep a block's channels are at its stamps, (channels · n,) per s, by ``tables`` of them for each group."""
+    out = np.zeros((len(names), len(block.stamps)))
+    for (_, at), given in zip(block.groups, tables, strict=True):
+        for row, name in zip(out, names, strict=True):
+            if name in given:
+                time, first = np.unique(given[name][0], return_index=True)
+                row[at] = np.interp(block.stamps[at], time, np.gradient(given[name][1][first], time))
+    return out.ravel()
+
+
 class AxesBlock(Block):
     """Tip set-point -> axis positions, under the load that the recorded force is.
 
@@ -99,6 +112,7 @@ class AxesBlock(Block):
         super().__init__(session, library)
         self._forces = [recorded(self, g, TRANSDUCERS, TRANSDUCERS, smooth=True) for g, _ in self.groups]
         self._seen = [recorded(self, g, AXES, numbered("axis"), smooth=True) for g, _ in self.groups]
+        self.blur_steep_parts(steepness(self, self._seen, numbered("axis")))
         self._grids_ahead: dict[str, tuple[FloatArray, tuple[Operator, ...], dict[str, FloatArray]]] = {}
         self._made: dict[tuple[object, ...], FloatArray] = {}  # most effects leave the axes alone
         self._kept: dict[str, FloatArray] = {}
@@ -158,7 +172,7 @@ class AxesBlock(Block):
         ``chain`` make. The recorded tip force is not asked: its matrix may be wrong."""
         if len(forces) < 3:
             return {}
-        time = np.unique(axes["axis_1"][0])
+        time = np.unique(axes["axis_1"][0])[::THIN]
         signals = {name: np.interp(time, *table) for name, table in {**forces, **axes}.items()}
         sound = specimen_chain(group, sheet_tissue("forearm"))
 
@@ -275,12 +289,13 @@ class AxesBlock(Block):
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         k = len(self.SD)
-        residual = (self.measured - self._predict(nuisance, active) - self._runs @ nuisance[k:]) / self.sigma
-        return Evaluation(residual, self._tolerances(nuisance) if want_jacobian else np.zeros((0, 0)))
+        difference = self.measured - self._predict(nuisance, active) - self._runs @ nuisance[k:]
+        residual = self.whitened(difference, active)
+        return Evaluation(residual, self._tolerances(nuisance, active) if want_jacobian else np.zeros((0, 0)))
 
-    def _tolerances(self, nuisance: FloatArray) -> FloatArray:
-        """Whitened Jacobian (n, p) of the nuisance without any effect, from the first fit on: tolerances are narrow,
-        so that a costly effect changes little in what they do."""
+    def _tolerances(self, nuisance: FloatArray, active: Active) -> FloatArray:
+        """Whitened Jacobian (n, p) of the nuisance, of the prediction without any effect, from the first fit on:
+        tolerances are narrow, so that a costly effect changes little in what they do."""
         if "jacobian" not in self._kept:
             nominal = self._predict(nuisance, {})
             chain_part = np.empty((len(nominal), len(self.SD)))
@@ -288,8 +303,8 @@ class AxesBlock(Block):
                 moved = nuisance.copy()
                 moved[j] += step
                 chain_part[:, j] = (self._predict(moved, {}) - nominal) / step
-            self._kept["jacobian"] = np.hstack([chain_part, self._runs]) / self.sigma[:, None]
-        return self._kept["jacobian"]
+            self._kept["jacobian"] = np.hstack([chain_part, self._runs])
+        return self.whitened(self._kept["jacobian"], active)
 
 
 class ArithmeticBlock(Block):
@@ -310,6 +325,7 @@ class ArithmeticBlock(Block):
         super().__init__(session, library)
         # What is recomputed carries the noise of what it is computed from: both are the recording's own.
         self.sigma = np.full(len(self.measured), floor)
+        self.steep = np.zeros(len(self.measured))  # nor does it matter when they were taken
         self._runs = np.kron(np.eye(3), self.member)
         self.prior_sd = np.full(self._runs.shape[1], 5 * floor)
         self.prior_mean = np.zeros(len(self.prior_sd))

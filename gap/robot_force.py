@@ -9,7 +9,7 @@ import numpy as np
 from gap.blocks import SHIFT_SD, Block, Group, GroupedSession, Table, compressed
 from gap.chains import needed, run
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Start
-from gap.robot_axes import AXES, ROBOT_BINS, STAMPS_SD, AxesBlock, recorded, specimen_chain
+from gap.robot_axes import AXES, ROBOT_BINS, STAMPS_SD, AxesBlock, recorded, specimen_chain, steepness
 from gap.sheet_law import FROZEN, LAWS, TISSUE, Law, sheet
 from gap.sheet_null import sheet_discrepancy
 from gap.smoothing import deviation, significant
@@ -53,6 +53,8 @@ class ForceBlock(Block):
 
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect], axes: AxesBlock) -> None:
         super().__init__(session, library)
+        smooth = [recorded(self, g, TRANSDUCERS, TRANSDUCERS, smooth=True) for g, _ in self.groups]
+        self.blur_steep_parts(steepness(self, smooth, TRANSDUCERS))
         self._tissue = sheet_tissue("forearm")
         self._nominal = {g.specimen: specimen_chain(g, self._tissue, session.marks) for g, _ in self.groups}
         self._ahead_of = {name: needed(c, xyz("skin"), numbered("axis")) for name, c in self._nominal.items()}
@@ -249,7 +251,7 @@ class ForceBlock(Block):
         gain = 1 + self._gains @ part["gain"] + self._legs @ part["calibration"]
         forces = self._chain_forces(nuisance, active)
         predicted = forces * gain + self._zeros @ part["zero"] + self._basis @ part["discrepancy"]
-        residual = (self.measured - predicted) / self.sigma
+        residual = self.whitened(self.measured - predicted, active)
         if not want_jacobian:
             return Evaluation(residual, np.zeros((0, 0)))
         n = self._parts["shift"].stop
@@ -263,7 +265,8 @@ class ForceBlock(Block):
             moved[k] += step
             chain_part[:, k] = (self._chain_forces(moved, active) - forces) / step * gain
         scaled = np.hstack([self._legs, self._gains]) * forces[:, None]
-        return Evaluation(residual, np.hstack([chain_part, scaled, self._zeros, self._basis]) / self.sigma[:, None])
+        jacobian = np.hstack([chain_part, scaled, self._zeros, self._basis])
+        return Evaluation(residual, self.whitened(jacobian, active))
 
 
 class RoughForceBlock(ForceBlock):
