@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from acquire.recording.model import Recording
 from gap.binning import GROWTH, WIDEST
-from gap.chains import needed, run
+from gap.chains import Kept, Memo, needed
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Rows, Start
 from gap.rhythms import Lateness
 from gap.rows import label_rows
@@ -23,7 +23,7 @@ from gap.session import SKIN, Command, Session
 from gap.solve import Fit
 from sim_devices.chain import Chain, Effect
 from sim_devices.stages.operators import Retimed
-from sim_devices.stages.sampling import COMMANDS, simulate, time_grid
+from sim_devices.stages.sampling import COMMANDS, RETIMED, command_at, time_grid
 
 SHIFT_SD = 0.25
 """Of a sampling interval: how late a sound channel may be, which integrates, holds or stamps as it likes (assumed)."""
@@ -125,7 +125,7 @@ class Block(abc.ABC):
             np.median([np.median(np.diff(session.recordings[k].streams[self.channels[0]].time)) for k in self.runs])
         )
         self.rows = self._labelled()
-        self._grids: dict[int, tuple[FloatArray, dict[str, FloatArray]]] = {}
+        self._grids, self._delayed = Kept(), Kept(2 * len(self.groups))
 
     def _labelled(self) -> Rows:
         parts = []
@@ -190,39 +190,40 @@ class Block(abc.ABC):
     ) -> FloatArray:
         """The block's channels as ``chain`` makes them at the group's time stamps + ``shift`` s, (channels, n).
 
-        A bin's mean is taken from two nodes, a standard deviation of its times on either side. The grid is made
-        once for a group; dead times in the chain need one of their own, which `sampling.simulate` makes.
+        A bin's mean is taken from two nodes, a standard deviation of its times on either side. The grid is one for a
+        group, whatever the shift: one that moved with it would make the fit's landscape rough. Dead times in the chain
+        need one of their own.
         """
         given = given or {}
-        tables = self.tables(group)
-        ends = self._ends[:, at] + shift
         operators = needed(chain, self.channels, given)
-        if any(isinstance(op, Retimed) and op.moves for op in operators):
-            partial = replace(chain, operators=operators)
-            wanted = np.unique(np.concatenate([ends.ravel(), self._grid(group, at)[0]]))
-            made = simulate(partial, tables, dict.fromkeys(self.channels, wanted), given)
-            return np.stack([np.interp(ends, wanted, made[c]).mean(axis=0) for c in self.channels])
-        grid, commands = self._grid(group, at)
-        made = run(operators, grid, commands | {name: np.interp(grid, *table) for name, table in given.items()})
-        return np.stack([np.interp(ends, grid, made[c]).mean(axis=0) for c in self.channels])
+        ends = self._ends[:, at] + shift
+        memo, commands = self._grids.get(at.start, lambda: self._on_nodes(group, self._nodes(group, at)))
+        if delays := tuple(op for op in operators if isinstance(op, Retimed) and op.moves):
+            nodes = [memo.time, np.sort(ends, axis=None)]
+            key = (at.start, delays, ends.tobytes())
+            memo, commands = self._delayed.get(key, lambda: self._on_nodes(group, nodes, delays))
+        made = memo.run(operators, commands | {name: memo.on_grid(*table) for name, table in given.items()})
+        return np.stack([np.interp(ends, memo.time, made[c]).mean(axis=0) for c in self.channels])
 
     def tables(self, group: Group) -> dict[str, Table]:
         """The commands of a group."""
         return group.tables()
 
-    def _grid(self, group: Group, at: slice) -> tuple[FloatArray, dict[str, FloatArray]]:
-        """Nodes and commands on them, one grid whatever the shift.
+    def _nodes(self, group: Group, at: slice) -> list[FloatArray]:
+        """Where a group is simulated: the ends of its bins, and times after kinks."""
+        kinks = np.unique(np.concatenate([t for t, _ in self.tables(group).values()]))
+        after = np.unique((kinks[:, None] + AFTER_KINK).ravel())
+        begin, end = self.stamps[at][[0, -1]]
+        return [np.unique(self._ends[:, at]), after[(after > begin) & (after < end)]]
 
-        A grid that moved with it would make the fit's landscape rough.
-        """
-        if at.start not in self._grids:
-            tables = self.tables(group)
-            kinks = np.unique(np.concatenate([t for t, _ in tables.values()]))
-            after = np.unique((kinks[:, None] + AFTER_KINK).ravel())
-            begin, end = self.stamps[at][[0, -1]]
-            grid = time_grid(kinks, [np.unique(self._ends[:, at]), after[(after > begin) & (after < end)]])
-            self._grids[at.start] = grid, {COMMANDS[q]: np.interp(grid, *table) for q, table in tables.items()}
-        return self._grids[at.start]
+    def _on_nodes(
+        self, group: Group, nodes: Sequence[FloatArray], delays: Sequence[Retimed] = ()
+    ) -> tuple[Memo, dict[str, FloatArray]]:
+        """What runs operators on ``nodes`` and a group's kinks, and the commands there."""
+        tables = self.tables(group)
+        kinks = np.concatenate([t for t, _ in tables.values()])
+        grid = time_grid(kinks, nodes, delays=[op for op in delays if op.name in RETIMED])
+        return Memo(grid), {COMMANDS[q]: command_at(table, grid) for q, table in tables.items()}
 
     def start(self) -> FloatArray:
         return self.prior_mean.copy()

@@ -18,6 +18,7 @@ from gap.hypothesis import Candidate, FloatArray, Problem
 from gap.noise import correlation_time
 from gap.screening import Screened, screen
 from gap.solve import Fit, Hypothesis, fit, under
+from gap.workers import each
 
 HOPELESS = 4.0
 """Fall of χ² in the screening below which an effect is not refitted."""
@@ -80,15 +81,15 @@ def _mean_correlation(residual: FloatArray, recording: np.ndarray) -> float:
     return float(np.mean(times)) if times else 1.0
 
 
-def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) -> tuple[Hypothesis, int]:
-    """``base`` and one effect more, everything refitted jointly in the blocks that any of them touches.
+def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) -> tuple[dict[str, Fit], int]:
+    """Fits of ``base`` and one effect more, everything refitted jointly, in the blocks that the effect touches; and the
+    number of simulations.
 
     A few steps from each of the best screening points, and from where the tissue alone would go with the effect, also
     as if its law were known; then the best to convergence, under the most probable width of the prior.
     """
     candidate = screened.candidate
-    effects = (*base.effects, candidate)
-    fits = dict(base.fits)
+    fits: dict[str, Fit] = {}
     simulations = 0
     known: Fit | None = None
     for block in candidate.blocks:
@@ -112,7 +113,15 @@ def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) ->
         final = under(problem, best.prior_mean, best.best_prior(problem.alternatives))
         known = fits[block] = fit(final, hypothesis, best.unit, best.nuisance, belief=belief)
         simulations += sum(f.simulations for f in tries) + known.simulations
-    return Hypothesis(effects, fits), simulations
+    return fits, simulations
+
+
+def _refit_all(comparison: Comparison, parts: Sequence[tuple[Hypothesis, Screened]], jobs: int) -> None:
+    """Add to the comparison each base with one effect more."""
+    fitted = each(lambda part: refit(comparison.problems, *part), parts, jobs)
+    for (base, screened), (fits, n) in zip(parts, fitted, strict=True):
+        comparison.hypotheses.append(Hypothesis((*base.effects, screened.candidate), base.fits | fits))
+        comparison.simulations += n
 
 
 @dataclass(frozen=True)
@@ -132,23 +141,21 @@ def compare(
     candidates: Sequence[Candidate],
     effort: Effort = Effort(),
     suspects: Sequence[Candidate] = (),
+    jobs: int = 1,
 ) -> Comparison:
-    """Null, best singles and best pairs of ``candidates`` on ``problems``; ``suspects`` are refitted wherever they
-    rank."""
+    """Null, best singles and best pairs of ``candidates`` on ``problems``, by ``jobs`` processes; ``suspects`` are
+    refitted wherever they rank."""
     blocks = {p.name: p for p in problems}
     fits = {name: fit(p, iterations=60, tolerance=1e-5) for name, p in blocks.items()}
     comparison = Comparison(blocks, Hypothesis((), fits), simulations=sum(f.simulations for f in fits.values()))
     usable = [c for c in candidates if set(c.blocks) <= set(blocks)]
-    comparison.screened, n = screen(blocks, comparison.null, usable, (), effort.quick_fits, effort.least_hope)
+    comparison.screened, n = screen(blocks, comparison.null, usable, (), effort.quick_fits, jobs, effort.least_hope)
     comparison.simulations += n
     chosen = _shortlist(comparison.screened, effort.refit_singles)
     chosen += [s for s in comparison.screened if (s.sure or s.candidate in suspects) and s not in chosen]
-    for s in chosen:
-        hypothesis, n = refit(blocks, comparison.null, s)
-        comparison.hypotheses.append(hypothesis)
-        comparison.simulations += n
+    _refit_all(comparison, [(comparison.null, s) for s in chosen], jobs)
     _finish_null(comparison)
-    _pairs(comparison, usable, effort)
+    _pairs(comparison, usable, effort, jobs)
     return comparison
 
 
@@ -186,11 +193,12 @@ def _shortlist(screened: Sequence[Screened], size: int) -> list[Screened]:
     return out
 
 
-def _pairs(comparison: Comparison, candidates: Sequence[Candidate], effort: Effort) -> None:
+def _pairs(comparison: Comparison, candidates: Sequence[Candidate], effort: Effort, jobs: int) -> None:
     temper = comparison.temper()
     weight = comparison.weighed(temper)
     singles = sorted(comparison.hypotheses, key=lambda h: -weight[id(h)].evidence)[: effort.pair_bases]
     tried: set[frozenset[str]] = set()
+    parts = []
     for base in singles:
         others = [c for c in candidates if c.name != base.effects[0].name]
         screened, n = screen(comparison.problems, base, others, comparison.screened)
@@ -201,6 +209,5 @@ def _pairs(comparison: Comparison, candidates: Sequence[Candidate], effort: Effo
             if together in tried or worth < effort.pair_gain:
                 continue
             tried.add(together)
-            hypothesis, n = refit(comparison.problems, base, s)
-            comparison.hypotheses.append(hypothesis)
-            comparison.simulations += n
+            parts.append((base, s))
+    _refit_all(comparison, parts, jobs)

@@ -21,6 +21,7 @@ from gap.rig import ForwardModel, RigProblem, foretold_beyond
 from gap.session import REST, Session
 from gap.solve import Hypothesis
 from gap.transfer import Shrink, plain, plain_gap, shrink, splits, splits_of_a_rig, transferred
+from gap.workers import each
 
 INSTRUMENTS = ("cutometer", "aspiration", "microrobot")
 """Those with a built-in forward model."""
@@ -77,23 +78,26 @@ def diagnose(
     user_effects: Sequence[Path] = (),
     solver: str = "",
     advise: bool = True,
+    jobs: int = 1,
 ) -> Diagnosis:
     """Diagnose recordings of one session together; ``model`` is needed for an instrument that is not ours.
 
     ``user_effects`` are files with further effects, ``solver`` a finite-element model to take the tissue from;
-    ``advise`` also looks for the experiment that would split what remains.
+    ``advise`` also looks for the experiment that would split what remains. ``jobs`` processes share the fits, but for a
+    solver's, which is a process by itself; the diagnosis is the same.
 
     Raises DiagnosisError, gap.rig.ModelError.
     """
     begin = clock.perf_counter()
+    jobs = 1 if solver else jobs
     rules = rules or (Judgement() if model is None else RIG)
     recordings = _in_order(recordings)
     remarks = _remarks(recordings)
-    problems, candidates = _problems(recordings, model, user_effects, solver)
+    problems, candidates = _problems(recordings, model, user_effects, solver, jobs)
     marks = tuple(signatures.find(recordings, model.channels if model else None))
     suspects = [c for c in candidates if any(made_by(s, c) for s in marks)]
     effort = effort or EFFORTS.get(recordings[0].info.instrument, Effort())
-    comparison = compare(problems, candidates, effort, suspects)
+    comparison = compare(problems, candidates, effort, suspects, jobs)
     for rig in (p for p in problems if isinstance(p, RigProblem)):
         alone = comparison.null.fits[rig.name]
         marks = tuple(m for m in marks if foretold_beyond(m, rig, alone))
@@ -109,11 +113,11 @@ def diagnose(
         remarks += words
     withheld = splits(recordings) if model is None else splits_of_a_rig(recordings)
     null = plain(blocks, comparison.null)
-    answers = [plain(blocks, cause.hypothesis, null) for cause in verdict.causes[:SHRUNK]]
-    shrinks = []
-    for k, answer in enumerate(answers):
-        by = {s: transferred(blocks, null, answer, out) for s, out in withheld.items()} if k < TRANSFERRED else {}
-        shrinks.append({"fitted": Shrink(plain_gap(null), plain_gap(answer)), **by})
+    answers = each(lambda cause: plain(blocks, cause.hypothesis, null), verdict.causes[:SHRUNK], jobs)
+    shrinks = [{"fitted": Shrink(plain_gap(null), plain_gap(answer))} for answer in answers]
+    carried = transferred(blocks, null, answers[:TRANSFERRED], withheld, jobs)
+    for shrunk, by in zip(shrinks, carried, strict=False):
+        shrunk |= by
     if answers:
         verdict = borne_out(verdict, comparison, shrinks[0], rules)
     if verdict.verdict == "unknown" and off > rules.surrogate:
@@ -177,7 +181,7 @@ def _remarks(recordings: Sequence[Recording]) -> list[str]:
 
 
 def _problems(
-    recordings: Sequence[Recording], model: ForwardModel | None, user_effects: Sequence[Path], solver: str
+    recordings: Sequence[Recording], model: ForwardModel | None, user_effects: Sequence[Path], solver: str, jobs: int
 ) -> tuple[Sequence[Problem], tuple[Candidate, ...]]:
     if model is not None:
         if solver:
@@ -192,7 +196,7 @@ def _problems(
             from gap.fe_tissue import fe_height
 
             return suction_problems(recordings, library(instrument, user_effects), fe_height(solver))
-        return suction_problems(recordings, library(instrument, user_effects))
+        return suction_problems(recordings, library(instrument, user_effects), jobs=jobs)
     if instrument == "microrobot":
         from gap.robot import robot_problems
 

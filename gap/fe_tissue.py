@@ -15,7 +15,7 @@ stay those of the reduced tissue. Contact at the rim is frictionless and without
 from __future__ import annotations
 
 import abc
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar
@@ -27,9 +27,10 @@ from gap.blocks import Block, Group, GroupedSession
 from gap.chains import needed
 from gap.fe_solver import Experiment, FeModel, fe_model
 from gap.hypothesis import Active, FloatArray, Problem
+from gap.skin_laws import Part, SkinLaw
 from gap.solve import Fit, fit
 from gap.suction_height import HeightBlock
-from gap.suction_pressure import PressureBlock
+from gap.suction_pressure import PressureBlock, chain_of
 from sim_devices.chain import Chain, Effect
 from sim_devices.stages.kernels import evaluate, prony
 from sim_devices.stages.operators import Law, Map, after, before
@@ -186,14 +187,17 @@ class FeHeightBlock(Anchored, HeightBlock):
     Nuisance: the law's parameters of `moduli` in place of the reduced ones; all else as in `HeightBlock`.
     """
 
-    TISSUE: tuple[str, ...] = (
-        "scale", "bend2", "bend3", "relax1", "relax2", "relax3", "time1", "time2", "time3", "residual", "softening",
-    )  # fmt: skip
-    TISSUE_SD: tuple[float, ...] = (1.0, 0.7, 1.0, 0.7, 0.7, 0.7, 0.7, 0.7, 0.7, 0.1, 0.04)
-    ANCHORED_SD: tuple[float, ...] = (0.3, 0.15, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.06, 0.03)
-    CREEP: ClassVar[Mapping[str, str]] = {}
-    SIMPLE_LAWS: tuple[tuple[str, ...], ...] = ((),)
-    USUAL_LAW: tuple[str, ...] = ()
+    PARTS: ClassVar[Mapping[str, Part]] = {
+        "scale": Part(1.0, 0.3),
+        "bend2": Part(0.7, 0.15),
+        "bend3": Part(1.0, 0.2),
+        **{name: Part(0.7, 0.2) for name in ("relax1", "relax2", "relax3", "time1", "time2", "time3")},
+        "residual": Part(0.1, 0.06),
+        "softening": Part(0.04, 0.03),
+    }
+    SIMPLE_LAWS: ClassVar[Sequence[SkinLaw]] = (SkinLaw(()),)
+    FURTHER_LAWS: ClassVar[Sequence[SkinLaw]] = ()
+    USUAL_LAW: ClassVar[SkinLaw] = SkinLaw((), simple=False)
 
     anchored_by = len(FREE)
 
@@ -214,17 +218,17 @@ class FeHeightBlock(Anchored, HeightBlock):
         self._base = 0.0
         super().__init__(session, library, pressure)
         self._settle()
-        n = len(self.TISSUE)
+        n = len(self.PARTS)
         self.prior_mean[:n] = self.start()[:n]
         for sd in (self.prior_sd, *self.alternatives):
-            sd[:n] = self.ANCHORED_SD
+            sd[:n] = [part.anchored for part in self.PARTS.values()]
         self.prior_sd = fit(self).best_prior(self.alternatives)
 
     def _first_guess(self) -> FloatArray:
         if self._anchor is None:
             self._base = self._scale()
             self._anchor = self._anchored(np.zeros(len(FREE)))
-        return np.zeros(len(self.TISSUE) + 1)
+        return np.zeros(len(self.PARTS) + 1)
 
     def _guesses(self) -> list[FloatArray]:
         """Near the anchor, where the surrogate is good."""
@@ -234,12 +238,12 @@ class FeHeightBlock(Anchored, HeightBlock):
 
     def tissue(self, nuisance: FloatArray) -> SuctionTissue:
         """What the reduced tissue keeps: slow flow and softening; its own curve and memory are not used."""
-        c = dict(zip(self.TISSUE, nuisance, strict=False))
+        c = dict(zip(self.PARTS, nuisance, strict=False))
         flow, soft = self._tissue.residual + c["residual"], self._tissue.softening + c["softening"]
         return replace(self._tissue, creep=(), times=(), residual=flow, softening=soft)
 
     def _law_chain(self, group: Group, nuisance: FloatArray) -> Chain:
-        chain = super()._law_chain(group, nuisance)
+        chain = chain_of(self.session, group, self.tissue(nuisance))
         if not group.skin or self._anchor is None:
             return chain
         x = nuisance[: len(FREE)]
@@ -359,10 +363,7 @@ class FeHeightBlock(Anchored, HeightBlock):
         self, chain: Chain, group: Group, active: Active, time: FloatArray, line: tuple[FloatArray, FloatArray]
     ) -> FloatArray:
         """What the skin meets under the active effects, (n,) Pa."""
-        t, p = line
-        if any(c.stage != "tissue" for c in active):
-            p = p + self._gauge_error(chain, group, t)
-        given = {"line_pressure": (t, p)}
+        given = {"line_pressure": self._fed(chain, group, active, line)}
         reduced = replace(chain, operators=needed(chain, ("skin_pressure",), given))
         return simulate(reduced, group.tables(), {"skin_pressure": time}, given)["skin_pressure"]
 

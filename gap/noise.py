@@ -9,33 +9,42 @@ from scipy.ndimage import gaussian_filter1d
 
 from gap.hypothesis import FloatArray
 
+STILL = 40
+"""Samples over which a channel on a grid must hardly move for its noise to be read there."""
+
 
 def high_band_sigma(value: FloatArray) -> float:
     """Standard deviation of a sample's noise from the high band: third differences, robustly.
 
-    Third differences of white noise have variance 20 σ². On a grid they come in steps: their median is taken as if each
-    were spread over its step, and the grid's own σ = step/√12 is the least.
+    Third differences of white noise have variance 20 σ². On a grid it is `dithered_sigma` and the grid's own, step/√12.
     """
     v = value[np.isfinite(value)]
     if len(v) < 8:
         return (float(np.std(v)) if len(v) else 0.0) or 1.0
     scale = float(np.ptp(v)) or max(abs(float(v[0])), 1.0)
     step = grid_step(v)
+    if step and (noise := dithered_sigma(v, step)) is not None:
+        return max(float(np.hypot(noise, step / np.sqrt(12.0))), 1e-7 * scale)
     differences = np.abs(np.diff(v, 3))
-    median = step * _grouped_median(differences / step) if step else float(np.median(differences))
+    median = float(np.median(differences))
     if not median and np.any(differences):  # coarse levels, but on no even grid
         changes = np.abs(np.diff(v))
         step = float(np.median(changes[changes > 0]))
     return max(median / 0.6745 / np.sqrt(20.0), step / np.sqrt(12.0), 1e-7 * scale)
 
 
-def _grouped_median(values: FloatArray) -> float:
-    """Median of non-negative values on the grid 0, 1, 2 …, each spread evenly over ± ½ (0 over 0 … ½)."""
-    share = np.cumsum(np.bincount(np.rint(values).astype(np.int64))) / len(values)
-    k = int(np.searchsorted(share, 0.5))
-    below = float(share[k - 1]) if k else 0.0
-    low, high = max(k - 0.5, 0.0), k + 0.5
-    return low + (high - low) * (0.5 - below) / (float(share[k]) - below)
+def dithered_sigma(value: FloatArray, step: float) -> float | None:
+    """Standard deviation of the noise that samples (n,) had before they were rounded to a grid of ``step``; None where
+    the signal is seldom still.
+
+    Rounding keeps the mean absolute difference of two samples, if every place between two levels is as likely: of
+    white noise it is 2 σ/√π. It is taken where the signal hardly moves for `STILL` samples.
+    """
+    windows = (len(value) - 1) // STILL
+    corners = value[: windows * STILL + 1 : STILL]
+    apart = np.abs(np.diff(value[: windows * STILL + 1])).reshape(windows, STILL).mean(axis=1)
+    still = np.abs(np.diff(corners)) <= np.maximum(1.5 * step, 0.15 * STILL * apart)
+    return float(np.sqrt(np.pi) / 2.0 * np.mean(apart[still])) if np.sum(still) > 3 else None
 
 
 def rounding_floor(sigma: float, step: float) -> float:

@@ -5,12 +5,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
 from gap.hypothesis import Candidate, FloatArray, Problem
 from gap.solve import Fit, Hypothesis, Projector, fit, under
 from gap.starts import starting_points
+from gap.workers import each
 
 STEEP = 10.0
 """Detectability at the weakest strength simulated above which the linear screening says nothing."""
@@ -59,10 +61,8 @@ class _Lens:
     @classmethod
     def of(cls, f: Fit, sd: FloatArray) -> _Lens:
         # The base's own effect parameters are refitted too: they join the nuisance.
-        jacobian = np.hstack([f.jacobian, f.effect_jacobian])
-        projector = Projector(jacobian, np.concatenate([sd, np.ones(f.effect_jacobian.shape[1])]), f.normal)
-        at_mean = f.residual + f.jacobian @ (f.nuisance - f.prior_mean)
-        return cls(sd, projector, projector.apply(at_mean), f.log_evidence(1.0, (sd,)))
+        projector = Projector(f.jacobians, np.concatenate([sd, np.ones(len(f.unit))]), f.normal)
+        return cls(sd, projector, projector.apply(f.at_mean), f.log_evidence(1.0, (sd,)))
 
 
 def _seen_through(lenses: Sequence[_Lens], changes: FloatArray) -> tuple[FloatArray, _Lens, float]:
@@ -87,24 +87,27 @@ def screen(
     candidates: Sequence[Candidate],
     known: Sequence[Screened] = (),
     quick_fits: int = 0,
+    jobs: int = 1,
     least_hope: float = 0.0,
 ) -> tuple[list[Screened], int]:
     """Every candidate on top of ``base``, by the linear nuisance refit; best first. Also the number of simulations.
 
     The traces of candidates that are ``known`` from another base are used again: a second effect adds nearly what it
     changes alone, and whatever looks worth it is refitted. The best ``quick_fits``, and those whose weakest strength is
-    still far from linear and whose traces would bring ``least_hope`` at any size, are fitted a little.
+    still far from linear and whose traces would bring ``least_hope`` at any size, are fitted a little. Candidates are
+    simulated and fitted by ``jobs`` processes.
     """
     before = {s.candidate: s for s in known}
     lenses = {b: [_Lens.of(f, sd) for sd in problems[b].alternatives] for b, f in base.fits.items()}
     own = {b: Projector(f.jacobian, f.prior_sd) for b, f in base.fits.items()}
     out, simulations = [], 0
+    new = [c for c in candidates if c not in before]
+    looked = dict(zip(new, each(partial(_looked_at, problems, base), new, jobs), strict=True))
     for candidate in candidates:
         if candidate in before:
             units, traces, sure = before[candidate].units, before[candidate].traces, False
         else:
-            points, sure = starting_points(candidate, problems, base)
-            units, traces = _traced(candidate, problems, base, points)
+            units, traces, sure = looked[candidate]
             simulations += len(candidate.blocks) * len(units)
         gain, hope, along = 0.0, 0.0, np.zeros(len(units))
         starts, widths = {}, {}
@@ -123,16 +126,26 @@ def screen(
         seen = list(zip(units, np.sqrt(np.maximum(along, 0.0)).tolist(), strict=True))
         out.append(Screened(candidate, units, gain, starts, widths, seen, traces, sure, hope))
     out.sort(key=lambda s: -s.gain)
-    for k, s in enumerate(out):
-        steep = s.hope >= least_hope and min(d for _, d in s.detectability) > STEEP
-        if k < quick_fits or (quick_fits and steep):
-            simulations += _quick_fit(problems, base, s)
+    hopeful = [s.hope >= least_hope and min(d for _, d in s.detectability) > STEEP for s in out]
+    unsure = [s for k, s in enumerate(out) if k < quick_fits or (quick_fits and hopeful[k])]
+    for s, (gain, starts, n) in zip(unsure, each(partial(_quick_fit, problems, base), unsure, jobs), strict=True):
+        simulations += n
+        if gain > s.gain:
+            s.gain, s.starts = gain, starts
     return sorted(out, key=lambda s: -s.gain), simulations
 
 
 def _widened(residual: FloatArray, times: FloatArray) -> float:
     """Twice the nats that noise wider by ``times`` (n,) earns on a residual (n,)."""
     return float(np.sum(np.square(residual) * (1.0 - 1.0 / np.square(times)) - 2.0 * np.log(times)))
+
+
+def _looked_at(
+    problems: dict[str, Problem], base: Hypothesis, candidate: Candidate
+) -> tuple[tuple[FloatArray, ...], dict[str, FloatArray], bool]:
+    """Where ``candidate`` is looked at, its traces there, and whether it must be refitted."""
+    points, sure = starting_points(candidate, problems, base)
+    return *_traced(candidate, problems, base, points), sure
 
 
 def _traced(
@@ -166,9 +179,11 @@ def _traced(
     return tuple(units), {b: np.column_stack(c) for b, c in columns.items()}
 
 
-def _quick_fit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) -> int:
-    """A few steps of a fit from where the linear screening sees most: its gain, and where it came to. Returns the
-    number of simulations."""
+def _quick_fit(
+    problems: dict[str, Problem], base: Hypothesis, screened: Screened
+) -> tuple[float, dict[str, tuple[FloatArray, ...]], int]:
+    """A few steps of a fit from where the linear screening sees most: its gain, where it came to, and the number of
+    simulations."""
     gain, simulations = 0.0, 0
     starts = {}
     for block, (unit, *others) in screened.starts.items():
@@ -179,9 +194,7 @@ def _quick_fit(problems: dict[str, Problem], base: Hypothesis, screened: Screene
         gain += 2 * (quick.log_evidence(1.0, problem.alternatives) - before.log_evidence(1.0, problem.alternatives))
         simulations += quick.simulations
         starts[block] = (quick.unit[len(before.unit) :], *others)
-    if gain > screened.gain:
-        screened.gain, screened.starts = gain, starts
-    return simulations
+    return gain, starts, simulations
 
 
 def _trace(problem: Problem, f: Fit, candidate: Candidate, unit: FloatArray) -> FloatArray:

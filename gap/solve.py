@@ -16,7 +16,7 @@ import numpy as np
 import scipy.linalg as sla
 from numpy.typing import NDArray
 
-from gap.hypothesis import Candidate, FloatArray, Problem
+from gap.hypothesis import Candidate, Evaluation, FloatArray, Problem
 
 MAX_ITERATIONS = 30
 UNIFORM_PRECISION = 12.0
@@ -56,7 +56,9 @@ def _factorise(normal: FloatArray) -> tuple[FloatArray, bool]:
     scale = np.maximum(np.diag(normal), 1e-300)
     for ridge in (1e-12, 1e-9, 1e-6, 1e-3):
         try:
-            factor: tuple[FloatArray, bool] = sla.cho_factor(normal + np.diag(ridge * scale), check_finite=False)
+            ridged = normal.copy()
+            ridged[np.diag_indices_from(ridged)] += ridge * scale
+            factor: tuple[FloatArray, bool] = sla.cho_factor(ridged, check_finite=False)
         except np.linalg.LinAlgError:
             continue
         return factor
@@ -157,25 +159,35 @@ class Fit:
         precision = np.where(np.isfinite(sd), 1.0 / np.square(sd), 1e-12)
         known = self.belief.precision
         known = known + np.diag(np.where(np.diag(known) > 0, 0.0, UNIFORM_PRECISION))
-        at_mean = self.residual + self.jacobian @ (self.nuisance - self.prior_mean)
         normal = self.normal / temper
         normal[np.arange(p), np.arange(p)] += precision
         normal[p:, p:] += known
         factor, lower = _factorise(normal)
-        b = self.jacobian.T @ at_mean / temper
+        b = self._pull / temper
         # The factor's leading part is the factor of the nuisance's own normal matrix.
         gain = float(b @ sla.cho_solve((factor[:p, :p], lower), b)) if p else 0.0
         logdet = 2.0 * float(np.sum(np.log(np.diag(factor)))) - float(np.sum(np.log(precision)))
         logdet -= float(np.linalg.slogdet(known)[1])
-        return -0.5 * (float(at_mean @ at_mean) / temper - gain + logdet + self.belief.cost(self.unit) + self.wider)
+        square = float(self.at_mean @ self.at_mean)
+        return -0.5 * (square / temper - gain + logdet + self.belief.cost(self.unit) + self.wider)
 
     @cached_property
-    def _jacobians(self) -> FloatArray:
+    def at_mean(self) -> FloatArray:
+        """The residual (n,) with the nuisance at its prior's mean, by the linear model."""
+        return self.residual + self.jacobian @ (self.nuisance - self.prior_mean)
+
+    @cached_property
+    def _pull(self) -> FloatArray:
+        return self.jacobian.T @ self.at_mean
+
+    @cached_property
+    def jacobians(self) -> FloatArray:
+        """By nuisance and effects, (n, p + k)."""
         return np.hstack([self.jacobian, self.effect_jacobian])
 
     @cached_property
     def normal(self) -> FloatArray:
-        return _bordered(self.gram, self.jacobian, self._jacobians[:, len(self.nuisance) :])
+        return _bordered(self.gram, self.jacobian, self.jacobians[:, len(self.nuisance) :])
 
     @property
     def active(self) -> dict[Candidate, dict[str, float]]:
@@ -245,25 +257,26 @@ def fit(
     def cost(residual: FloatArray, c: FloatArray, u: FloatArray) -> float:
         return float(residual @ residual + np.sum(precision * np.square(c - mean))) + believed.cost(u) + wider(u)
 
-    def linearise(
-        c: FloatArray, u: FloatArray, kept: FloatArray | None = None
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Residual and Jacobians; the nuisance's is ``kept`` where one is given."""
+    def simulated(c: FloatArray, u: FloatArray, want_jacobian: bool = False) -> Evaluation:
         nonlocal simulations
-        here = problem.evaluate(c, split(hypothesis, u), want_jacobian=kept is None)
-        effect = np.empty((len(here.residual), len(u)))
+        simulations += 1
+        return problem.evaluate(c, split(hypothesis, u), want_jacobian)
+
+    def by_effect(residual: FloatArray, c: FloatArray, u: FloatArray) -> FloatArray:
+        """The Jacobian of the effects' parameters, where the residual is known."""
+        columns = np.empty((len(residual), len(u)))
         for k in range(len(u)):
             step = fine[k] if u[k] < 0.5 else -fine[k]
             moved = u.copy()
             moved[k] += step
-            there = problem.evaluate(c, split(hypothesis, moved), want_jacobian=False)
-            effect[:, k] = (here.residual - there.residual) / step
-        simulations += 1 + len(u)
-        return here.residual, here.jacobian if kept is None else kept, effect
+            columns[:, k] = (residual - simulated(c, moved).residual) / step
+        return columns
 
-    residual, jac, effect = linearise(c, u, jacobian)
-    fresh = jacobian is None
+    here = simulated(c, u, want_jacobian=jacobian is None)
+    residual, fresh = here.residual, jacobian is None
+    jac = here.jacobian if jacobian is None else jacobian
     gram = jac.T @ jac if gram is None or fresh else gram
+    effect = by_effect(residual, c, u)
     best = cost(residual, c, u)
     damping = 1e-3
     for _ in range(iterations):
@@ -285,13 +298,12 @@ def fit(
         free = ~fixed
         improved = False
         for _attempt in range(6):
-            damped = normal[np.ix_(free, free)].copy()
+            damped = normal[np.ix_(free, free)]
             damped[np.diag_indices_from(damped)] *= 1.0 + damping
             step = np.zeros(len(gradient))
             step[free] = sla.cho_solve(_factorise(damped), gradient[free])
             c_new, u_new = c + step[:p], np.clip(u + np.clip(step[p:], -0.3, 0.3), 0.0, 1.0)
-            trial = problem.evaluate(c_new, split(hypothesis, u_new), want_jacobian=False)
-            simulations += 1
+            trial = simulated(c_new, u_new)
             value = cost(trial.residual, c_new, u_new)
             if np.isfinite(value) and value < best:
                 improved = True
@@ -300,18 +312,19 @@ def fit(
         if not improved and fresh:
             break
         if not improved:  # an old Jacobian may be to blame
-            residual, jac, effect = linearise(c, u)
+            jac = simulated(c, u, want_jacobian=True).jacobian
             gram, fresh, damping = jac.T @ jac, True, 1e-3
             continue
         gain = best - value
         # While the linear model foretells the gain, its costly nuisance part is good enough for another step.
         foretold = float(2 * gradient @ step - step @ normal @ step)
         stale = not 0.75 < gain / max(foretold, 1e-12) < 1.3
-        c, u, best = c_new, u_new, value
+        c, u, best, residual = c_new, u_new, value, trial.residual
         damping *= 0.2
-        residual, jac, effect = linearise(c, u, None if stale else jac)
-        fresh = stale
-        gram = jac.T @ jac if stale else gram
+        effect, fresh = by_effect(residual, c, u), stale
+        if stale:
+            jac = simulated(c, u, want_jacobian=True).jacobian
+            gram = jac.T @ jac
         if gain < tolerance * max(best, 1.0) * 0.1 + 0.02:
             break
     noise = wider(u) + unearned(residual, problem.widening(split(hypothesis, u)), problem.rows.recording)

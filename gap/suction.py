@@ -16,10 +16,12 @@ def suction_problems(
     recordings: Sequence[Recording],
     effects: Mapping[str, Effect],
     height: Callable[[GroupedSession, Mapping[str, Effect], PressureBlock | None], HeightBlock] = HeightBlock,
+    jobs: int = 1,
 ) -> tuple[Sequence[Problem], tuple[Candidate, ...]]:
     """The blocks that a session's channels allow, and the effects that show in them.
 
-    ``height`` makes the block of the apex height: with the reduced tissue, or another one.
+    ``height`` makes the block of the apex height: with the reduced tissue, or another one. Its first fits are shared by
+    ``jobs`` processes.
 
     Raises ValueError when what was commanded, or what was measured, is missing.
     """
@@ -33,7 +35,9 @@ def suction_problems(
         pressure = PressureBlock(session, effects)
         blocks.append(pressure)
     if any("apex_height" in r.streams for r in recordings):
-        blocks.append(height(session, effects, pressure))
+        skin = height(session, effects, pressure)
+        skin.jobs = jobs
+        blocks.append(skin)
     if not blocks:
         raise ValueError(f"recording {recordings[0].info.id} has neither channel pressure nor apex_height")
     return blocks, candidates_for(effects, blocks)

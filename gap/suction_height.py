@@ -2,26 +2,29 @@
 
 The block is fed with the *smoothed* recorded pressure (raw gauge noise would imitate friction and preload) and meets
 the tissue. Which law a person's skin has, nobody knows: simple ones are tried first, with an elastic curve of three
-parameters and two creep times or a power law of time; then four creep times under any elastic curve; then, beside
-these, a discrepancy that other laws could leave (`gap.tissue_null`), so that only what no tissue could do is called a
-device effect. What is less simple must earn its freedom (`Problem.alternatives`).
+parameters and two creep times or a power law of time, or what is not linear (`gap.skin_laws`); then four creep times
+under any elastic curve; then, beside these, a discrepancy that other laws could leave (`gap.tissue_null`), so that only
+what no tissue could do is called a device effect. What is less simple must earn its freedom (`Problem.alternatives`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
 
 from gap.blocks import SHIFT_SD, Block, Group, GroupedSession, Table, compressed
-from gap.chains import needed
+from gap.chains import Kept, needed
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Start
 from gap.noise import denoised
+from gap.skin_laws import BASIC, CREEP, FROZEN, FURTHER, PARTS, USUAL, Part, SkinLaw, rewired
 from gap.solve import Fit, fit, under
 from gap.suction_pressure import NO_TISSUE, PressureBlock, chain_of, commanded_line, sound_chain
 from gap.tissue_null import USUAL_MEMORY, Suction, elastic_freedom, suction_discrepancy
+from gap.workers import each
 from sim_devices.chain import Chain, Effect
 from sim_devices.effects.tissue import power_law_creep
 from sim_devices.stages.sampling import simulate
@@ -30,22 +33,29 @@ from sim_devices.stages.tissues import SuctionTissue, suction_tissue
 
 SIMPLE_SHIFT = 1e-3
 """s: how late a channel may be that samples, neither holds nor integrates."""
-POWER = 0.25
-"""Amount and exponent of power-law creep from which fits begin."""
+LOGARITHM = 1e-4
+"""Exponent of an elastic curve that is as good as a logarithm; below nought curves have an end."""
+FRACTION = 0.25
+"""Exponent of power-law creep from which fits begin."""
+TIMES = ("time1", "time2", "time3", "time4")
+"""Creep times, which have local optima."""
 ENOUGH = 1.05
-"""χ² per sample of a simple law at which the usual one is not tried."""
-FROZEN = 1e-9
-"""Prior width at which a parameter of the tissue does not move, and its derivative is not asked for."""
-Try = tuple[int, FloatArray, int]
-"""A fit of the simulation by itself: which of the `alternatives`, the nuisance (p,) to begin from, iterations."""
+"""χ² per sample of a law at which nothing less simple is tried."""
+QUICK = 10
+"""Steps of a fit after which its evidence, which looks ahead along a straight line, says where it leads."""
+TAKEN = 300.0
+"""Nats by which a law that is not linear may be better and still have taken on an effect (of δ 25)."""
+Try = tuple[SkinLaw, FloatArray, int]
+"""A fit of the simulation by itself: the law, the nuisance (p,) to begin from, iterations."""
 
 
+@lru_cache(maxsize=64)
 def _reach(suction: float, knee: float, exponent: float) -> float:
     """Elastic height at a ``suction`` (Pa) for a compliance of 1 m/Pa, m."""
     return float(elastic_height(np.zeros(1), np.array([-suction]), 1.0, knee, exponent)[0])
 
 
-def _probability(alone: tuple[Fit, int]) -> float:
+def _probability(alone: tuple[Fit, SkinLaw]) -> float:
     """log evidence of a law fitted alone."""
     return alone[0].log_evidence(1.0, (alone[0].prior_sd,))
 
@@ -58,24 +68,14 @@ class HeightBlock(Block):
     """
 
     name, channels = "height", ("apex_height",)
+    jobs = 1  # processes that share the fits of `start`
     trust = 0.12  # other tissue laws than ours leave some δ = 10 that some device effect can repair
     trust_simple = 0.16  # of a simple law, where the data prefer it
-    TISSUE: tuple[str, ...] = (
-        "compliance", "knee", "exponent", "creep1", "creep2", "creep3", "creep4",
-        "time1", "time2", "time3", "time4", "residual", "softening", "power", "fraction",
-    )  # fmt: skip
-    TISSUE_SD: tuple[float, ...] = (1.5, 1.0, 0.4, *[0.15] * 4, *[0.7] * 4, 0.1, 0.04, 0.3, 0.7)
-    CREEP: ClassVar[Mapping[str, str]] = {
-        "creep1": "time1",
-        "creep2": "time2",
-        "creep3": "time3",
-        "creep4": "time4",
-        "power": "fraction",
-    }  # amounts and what is nothing without them
-    SIMPLE_LAWS: tuple[tuple[str, ...], ...] = (("creep2", "creep3"), ("power",))  # the creep that each of them has,
-    USUAL_LAW: tuple[str, ...] = ("creep1", "creep2", "creep3", "creep4")  # and that of a person's skin at large
+    PARTS: ClassVar[Mapping[str, Part]] = PARTS
+    SIMPLE_LAWS: ClassVar[Sequence[SkinLaw]] = BASIC
+    FURTHER_LAWS: ClassVar[Sequence[SkinLaw]] = FURTHER
+    USUAL_LAW: ClassVar[SkinLaw] = USUAL
     SIMPLE_CURVE = 1e-3  # of the elastic curve's freedom, under a simple law
-    ANCHORED_SD: tuple[float, ...] = (0.5, 0.15, 0.08, *[0.15] * 4, *[0.3] * 4, 0.06, 0.03, 0.3, 0.3)
     GAIN_SD = 0.05
     ZERO_SD = 0.01  # of the largest height: skin still recovers while the instrument takes its zero
     CURVE_SD = 0.1  # of the largest height, per elastic curve
@@ -95,6 +95,7 @@ class HeightBlock(Block):
         self._runs = self.member
         onsets = {k: self._onset(g, k) for g, _ in self.groups for k in g.members}
         self._onsets = np.array([onsets[k] for k in self.runs])
+        self._fed_before = Kept(8)
         self._start: FloatArray | None = None
         self._tries: list[Try] = []
         self._size = 1.0
@@ -104,43 +105,60 @@ class HeightBlock(Block):
         curves = self._by_group(elastic_freedom, USUAL_MEMORY)[0]
         columns, weights = compressed(*self._by_group(suction_discrepancy), self.DISCREPANCY_SIZE)
         self._added = np.hstack([zeros, curves * size, columns * size])
-        n, r, z = len(self.TISSUE) + 1, self._runs.shape[1], zeros.shape[1]
+        n, r, z = len(self.PARTS) + 1, self._runs.shape[1], zeros.shape[1]
         self._curve_part = slice(n + r + z, n + r + z + curves.shape[1])
         zero = float(np.hypot(self.noise[0], self.ZERO_SD * size))
         own = [SHIFT_SD * self.dt, *[self.GAIN_SD] * r, *[zero] * z, *[self.CURVE_SD] * curves.shape[1]]
-        self.prior_sd = np.concatenate([self.TISSUE_SD, own, self.DISCREPANCY_SD * weights])
+        tissue_sd = [part.sd for part in self.PARTS.values()]
+        self.prior_sd = np.concatenate([tissue_sd, own, self.DISCREPANCY_SD * weights])
         self.prior_mean = np.zeros(len(self.prior_sd))
         self.local = np.zeros(len(self.prior_sd), bool)
         self.local[n : n + r + z] = True
         later = self.prior_mean.copy()
-        later[: len(self.TISSUE)] = self._first_guess()[:-1]
+        later[: n - 1] = self._first_guess()[:-1]
         earlier = later.copy()
         later[n - 1], earlier[n - 1] = 1e-3, -1e-3
         self.blur_steep_parts((self._chain_height(later, {}) - self._chain_height(earlier, {})) / 2e-3)
         end = self._curve_part.stop  # where the discrepancy begins; without skin it is empty
-        self._amounts = np.array([self.TISSUE.index(name) for name in self.CREEP], dtype=int)
-        self.prior_mean[self._amounts] = self._no_creep()
-        widths = [np.concatenate([self.prior_sd[:end], self.prior_sd[end:] * s]) for s in self.DISCREPANCY_SCALES]
-        simple = [self._simple(widths[0], law) for law in self.SIMPLE_LAWS]
-        self.alternatives = (*simple, *(self._creeping(sd, self.USUAL_LAW) for sd in widths))
+        self._widths = [np.concatenate([self.prior_sd[:end], self.prior_sd[end:] * s]) for s in self.DISCREPANCY_SCALES]
+        self.prior_mean = self._mean(self.USUAL_LAW)
+        self.laws = tuple(self.SIMPLE_LAWS)  # simple ones of `alternatives`, the most probable first
+        self.alternatives = self._priors()
 
-    def _no_creep(self) -> list[float]:
-        """The nuisance at which each amount of creep is none."""
-        return [0.0 if name == "power" else -self._tissue.creep[int(name[-1]) - 1] for name in self.CREEP]
+    def _priors(self) -> tuple[FloatArray, ...]:
+        """Prior widths (p,) of the simple laws, and of the usual one beside each size of the discrepancy."""
+        simple = [self._sd(self._widths[0], law) for law in self.laws]
+        return (*simple, *(self._sd(sd, self._full) for sd in self._widths))
 
-    def _creeping(self, sd: FloatArray, law: Sequence[str]) -> FloatArray:
-        """Prior widths ``sd`` (p,) with the creep of ``law`` only."""
+    @property
+    def _full(self) -> SkinLaw:
+        """The usual law, with what is not linear of this skin."""
+        return self.USUAL_LAW.beside(self.laws[0].nonlinear)
+
+    def _sd(self, sd: FloatArray, law: SkinLaw) -> FloatArray:
+        """Prior widths ``sd`` (p,) with what a law has only; a simple one has an elastic curve of three parameters and
+        a channel that neither holds nor integrates."""
         out = sd.copy()
-        for amount, of in self.CREEP.items():
-            if amount not in law:
-                out[[self.TISSUE.index(amount), self.TISSUE.index(of)]] = FROZEN
+        for k, part in enumerate(self.PARTS.values()):
+            if not law.frees(part):
+                out[k] = FROZEN
+        if law.simple:
+            out[len(self.PARTS)] = SIMPLE_SHIFT
+            out[self._curve_part] *= self.SIMPLE_CURVE
         return out
 
-    def _simple(self, sd: FloatArray, law: Sequence[str]) -> FloatArray:
-        """Those of a simple law: an elastic curve of three parameters, a channel that neither holds nor integrates."""
-        out = self._creeping(sd, law)
-        out[len(self.TISSUE)] = SIMPLE_SHIFT
-        out[self._curve_part] *= self.SIMPLE_CURVE
+    def _mean(self, law: SkinLaw) -> FloatArray:
+        """The prior's mean (p,) under a law: of each amount none."""
+        mean = np.zeros(len(self.prior_sd))
+        mean[: len(self.PARTS)] = [0.0 if p.of == name else p.begin for name, p in self.PARTS.items()]
+        return self._switched(mean, law)
+
+    def _switched(self, nuisance: FloatArray, law: SkinLaw) -> FloatArray:
+        """``nuisance`` (p,) with nothing of the amounts that a law lacks, and with what it cannot be without."""
+        out = nuisance.copy()
+        for k, (name, part) in enumerate(self.PARTS.items()):
+            if part.of == name and (name not in law.amounts or part.sd == FROZEN):
+                out[k] = part.begin if name in law.amounts else 0.0
         return out
 
     def _onset(self, group: Group, k: int) -> float:
@@ -192,29 +210,35 @@ class HeightBlock(Block):
 
     def tissue(self, nuisance: FloatArray) -> SuctionTissue:
         """The reduced tissue at a nuisance vector."""
-        c = dict(zip(self.TISSUE, nuisance, strict=False))
+        c = dict(zip(self.PARTS, nuisance, strict=False))
         base = self._tissue
         knee = base.knee * float(np.exp(c["knee"]))
-        exponent = float(np.clip(base.exponent + c["exponent"], 0.02, 3.0))
-        fraction = float(np.clip(POWER * np.exp(c["fraction"]), 0.03, 0.9))
+        exponent = float(np.clip(base.exponent + c["exponent"], -3.0, 3.0))
+        exponent = exponent if abs(exponent) > LOGARITHM else LOGARITHM
+        fraction = float(np.clip(FRACTION * np.exp(c["fraction"]), 0.03, 0.9))
         memory = [
-            (g + c[f"creep{i + 1}"], tau * float(np.exp(c[f"time{i + 1}"])))
-            for i, (g, tau) in enumerate(zip(base.creep, base.times, strict=True))
-            if abs(g + c[f"creep{i + 1}"]) > FROZEN
+            (c[f"creep{i + 1}"], tau * float(np.exp(c[f"time{i + 1}"])))
+            for i, tau in enumerate(base.times)
+            if abs(c[f"creep{i + 1}"]) > FROZEN
         ]
         memory += power_law_creep(c["power"], fraction) if c["power"] else []
         # The compliance is that at the strongest suction: knee and exponent then bend the curve and do not scale it.
-        scale = _reach(self._strongest, base.knee, base.exponent) / _reach(self._strongest, knee, exponent)
         return replace(
             base,
-            compliance=base.compliance * scale * self._size * max(1.0 + c["compliance"], 1e-3),
+            compliance=self._reaching(nuisance) / _reach(self._strongest, knee, exponent),
             knee=knee,
             exponent=exponent,
             creep=tuple(g for g, _ in memory),
             times=tuple(tau for _, tau in memory),
-            residual=base.residual + c["residual"],
+            residual=c["residual"],
             softening=base.softening + c["softening"],
         )
+
+    def _reaching(self, nuisance: FloatArray) -> float:
+        """Elastic height at the strongest suction, m."""
+        base = self._tissue
+        size = base.compliance * self._size * max(1.0 + float(nuisance[0]), 1e-3)
+        return size * _reach(self._strongest, base.knee, base.exponent)
 
     def start(self) -> FloatArray:
         """The simulation by itself, fitted alone; the tissue's parameters are then the prior's mean.
@@ -223,92 +247,129 @@ class HeightBlock(Block):
         slower and quicker skin too: creep times have local optima.
         """
         if self._start is None:
-            n = len(self.TISSUE)
-            first, *others = self._guesses()
-            full = len(self.SIMPLE_LAWS)
-            tries = [*((k, first, 40) for k in range(full)), *((0, c, 40) for c in others)]
-            alone = self._alone((), np.zeros(0), [*tries, *((full, c, 15) for c in (first, *others))])
+            guesses = self._guesses()
+            alone = [
+                found
+                for law in self.SIMPLE_LAWS
+                for found in self._race([(law, g) for g in (guesses if law.timed else guesses[:1])])
+            ]
+            basic, plain = max(alone, key=_probability)
+            if not self._enough(alone):
+                alone += self._race([(law, guesses[0]) for law in self.FURTHER_LAWS], 2)
+            simple, best = max(alone, key=_probability)
+            self._bend(simple.nuisance)
+            usual = self.USUAL_LAW.beside(best.nonlinear)
+            if not self._enough(alone):
+                alone += self._race([(usual, g) for g in (simple.nuisance, *guesses)])
             found, law = max(alone, key=_probability)
-            simple, k = max((a for a in alone if a[1] < full), key=_probability)
-            # A simple law cannot take on much of an effect, the usual one can: with an effect it begins anew.
-            self._tries = [(k, simple.nuisance, 25), *([(full, first, 15)] if law == full else [])]
-            tissue = self.tissue(found.nuisance)
-            memory = [v for pair in zip(tissue.creep, tissue.times, strict=True) for v in pair]
-            curves = self._by_group(elastic_freedom, memory)[0]
-            at = slice(self._curve_part.start - self._offset, self._curve_part.stop - self._offset)
-            self._added[:, at] = curves * self._span
+            # Above the noise the null has taken on what it could of an effect: with one, fits begin anew, too. What is
+            # not linear may be nothing but an effect.
+            self._tries = [(best, simple.nuisance, 25)]
+            if not self._enough([(simple, best)]):
+                self._tries.append((best, guesses[0], 25))
+            if best != plain and _probability((simple, best)) < _probability((basic, plain)) + TAKEN:
+                self._tries.append((plain, guesses[0], 25))
+            if not law.simple:
+                self._tries.append((law, guesses[0], 15))
+            self._bend(found.nuisance)
             self._start = self._alone((), np.zeros(0), [(law, found.nuisance, 30)])[0][0].nuisance
             self._hold(self.prior_mean, self._start)
-            for sd in (self.prior_sd, *self.alternatives):
-                sd[:n] = np.minimum(sd[:n], self.ANCHORED_SD)
+            self.laws = tuple(dict.fromkeys([best, *(law.beside(best.nonlinear) for law in self.SIMPLE_LAWS)]))
+            n = len(self.PARTS)
+            for sd in (self.prior_sd, *self._widths):
+                sd[:n] = np.minimum(sd[:n], [part.anchored for part in self.PARTS.values()])
+            self.alternatives = self._priors()
             self.prior_sd = fit(self, nuisance=self._start).best_prior(self.alternatives)
         return self._start.copy()
 
+    def _bend(self, nuisance: FloatArray) -> None:
+        """Columns of other elastic curves that go with the memory of ``nuisance`` (p,)."""
+        tissue = self.tissue(nuisance)
+        memory = [v for pair in zip(tissue.creep, tissue.times, strict=True) for v in pair]
+        of_stress = "fung" in self.PARTS and bool(nuisance[list(self.PARTS).index("fung")])
+        at = slice(self._curve_part.start - self._offset, self._curve_part.stop - self._offset)
+        self._added[:, at] = self._by_group(elastic_freedom, memory, of_stress)[0] * self._span
+
+    def _race(self, entered: Sequence[tuple[SkinLaw, FloatArray]], kept: int = 1) -> list[tuple[Fit, SkinLaw]]:
+        """Laws fitted alone, each from a nuisance (p,): all a few steps, the most probable to convergence."""
+        first = self._alone((), np.zeros(0), [(law, begin, QUICK) for law, begin in entered], self.jobs)
+        best = sorted(first, key=_probability, reverse=True)[:kept]
+        return self._alone((), np.zeros(0), [(law, f.nuisance, 40) for f, law in best], self.jobs)
+
+    def _enough(self, alone: Sequence[tuple[Fit, SkinLaw]]) -> bool:
+        """Whether some law is at the noise, so that nothing less simple is tried."""
+        return any(f.chi2 < ENOUGH * len(self.measured) for f, _ in alone)
+
     def _hold(self, mean: FloatArray, nuisance: FloatArray) -> None:
         """The tissue at ``nuisance`` becomes the prior's ``mean``, but for how much it creeps."""
-        mean[: len(self.TISSUE)] = nuisance[: len(self.TISSUE)]
-        mean[self._amounts] = self._no_creep()
+        mean[: len(self.PARTS)] = nuisance[: len(self.PARTS)]
+        for k, name in enumerate(self.PARTS):
+            if name in CREEP:
+                mean[k] = 0.0
 
     def _guesses(self) -> list[FloatArray]:
         """Nuisance vectors (p,) to begin from."""
-        times = np.array([name.startswith("time") for name in self.TISSUE])
+        times = np.array([name in TIMES for name in self.PARTS])
         out = []
         for at in (0.0, -0.8, 0.8):
             guess = np.zeros(len(self.prior_mean))
-            guess[: len(times)] = at * times
-            if "power" in self.TISSUE:
-                guess[self.TISSUE.index("power")] = POWER
+            guess[: len(times)] = [part.begin for part in self.PARTS.values()] + at * times
             out.append(guess)
         return out
 
     @property
     def _offset(self) -> int:
         """Where the nuisance of what is simply added begins: behind the tissue, the shift and the gains."""
-        return len(self.TISSUE) + 1 + self._runs.shape[1]
+        return len(self.PARTS) + 1 + self._runs.shape[1]
 
     @property
     def trusts(self) -> Sequence[float]:
-        return (*[self.trust_simple] * len(self.SIMPLE_LAWS), *[self.trust] * len(self.DISCREPANCY_SCALES))
+        return (*[self.trust_simple] * len(self.laws), *[self.trust] * len(self.DISCREPANCY_SCALES))
 
     @property
     def plain_sd(self) -> FloatArray:
-        sd = self.alternatives[len(self.SIMPLE_LAWS)].copy()
+        sd = self.alternatives[len(self.laws)].copy()
         sd[self._curve_part.stop :] = 1e-6
         return sd
 
-    def _alone(self, hypothesis: Sequence[Candidate], unit: FloatArray, tries: Sequence[Try]) -> list[tuple[Fit, int]]:
+    def _alone(
+        self, hypothesis: Sequence[Candidate], unit: FloatArray, tries: Sequence[Try], jobs: int = 1
+    ) -> list[tuple[Fit, SkinLaw]]:
         """The simulation by itself, the person's tissue not yet known, with effects from ``unit`` (k,) on: a fit for
-        each of the ``tries``, and which of the `alternatives` it is. The usual law is left out where a simple one is
-        at the noise."""
-        usual = self.plain_sd
-        usual[: len(self.TISSUE)] = self.TISSUE_SD
-        laws = [*(self._simple(usual, law) for law in self.SIMPLE_LAWS), self._creeping(usual, self.USUAL_LAW)]
-        mean = np.zeros(len(usual))
-        mean[self._amounts] = self._no_creep()
-        found: list[tuple[Fit, int]] = []
-        for k, guess, iterations in tries:
-            if k == len(self.SIMPLE_LAWS) and any(f.objective < ENOUGH * len(self.measured) for f, _ in found):
-                continue
-            begin = guess.copy()
-            begin[self._amounts] = np.where(laws[k][self._amounts] <= FROZEN, self._no_creep(), begin[self._amounts])
-            found.append((fit(under(self, mean, laws[k]), hypothesis, unit, begin, iterations), k))
+        each of the ``tries``, and its law. The usual one is left out where a simple one is at the noise."""
+        wide = self.plain_sd
+        wide[: len(self.PARTS)] = [part.sd for part in self.PARTS.values()]
+
+        def fitted(one: Try) -> tuple[Fit, SkinLaw]:
+            law, guess, iterations = one
+            problem = under(self, self._mean(law), self._sd(wide, law))
+            return fit(problem, hypothesis, unit, self._switched(guess, law), iterations), law
+
+        found = each(fitted, [one for one in tries if one[0].simple], jobs)
+        if not self._enough(found):
+            found += each(fitted, [one for one in tries if not one[0].simple], jobs)
         return found
 
     def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
         self.start()
         guess = self._guesses()[0]
-        tries = self._tries or [
-            *((k, guess, 25) for k in range(len(self.SIMPLE_LAWS))),
-            (len(self.SIMPLE_LAWS), guess, 15),
-        ]
+        tries = self._tries or [*((law, guess, 25) for law in self.SIMPLE_LAWS), (self.USUAL_LAW, guess, 15)]
         found, law = max(self._alone(hypothesis, unit, tries), key=_probability)
         mean = self.prior_mean.copy()
         self._hold(mean, found.nuisance)
-        return Start(mean, self.alternatives[law], found.nuisance, found.unit)
+        return Start(mean, self.alternatives[self._place(law)], found.nuisance, found.unit)
+
+    def _place(self, law: SkinLaw) -> int:
+        """Which of the `alternatives` stands for a law that was fitted alone."""
+        if not law.simple:
+            return len(self.laws)
+        return next(k for k, simple in enumerate(self.laws) if set(law.amounts) <= set(simple.amounts))
 
     def _first_guess(self) -> FloatArray:
         """Tissue and shift (t,) at a size of the compliance that gives the largest height measured."""
-        c = np.zeros(len(self.TISSUE) + 1)
+        c = np.zeros(len(self.PARTS) + 1)
+        c[:-1] = [part.begin for part in self.PARTS.values()]
+        c = self._switched(c, self.USUAL_LAW)
         self._size = 1.0
         skin = np.concatenate([np.full(at.stop - at.start, g.skin) for g, at in self.groups])
         top = float(np.max(np.abs(self._chain_height(c, {})[skin]), initial=0.0))
@@ -318,32 +379,40 @@ class HeightBlock(Block):
 
     def _law_chain(self, group: Group, nuisance: FloatArray) -> Chain:
         """The nominal chain of a group with the tissue at a nuisance vector."""
-        return chain_of(self.session, group, self.tissue(nuisance))
+        chain = chain_of(self.session, group, self.tissue(nuisance))
+        if not group.skin:
+            return chain
+        return rewired(chain, dict(zip(self.PARTS, nuisance, strict=False)), self._strongest, self._reaching(nuisance))
 
     def _chain_height(self, nuisance: FloatArray, active: Active) -> FloatArray:
         """Apex height of the chain (n,) m, before run scatter and discrepancy."""
-        shift = nuisance[len(self.TISSUE)]
+        shift = nuisance[len(self.PARTS)]
         out = np.empty(len(self.stamps))
-        for (g, at), (t, p) in zip(self.groups, self._line, strict=True):
+        for (g, at), line in zip(self.groups, self._line, strict=True):
             chain = self.with_effects(self._law_chain(g, nuisance), active)
-            if any(c.stage != "tissue" for c in active):
-                p = p + self._gauge_error(chain, g, t)
-            out[at] = self.simulated(chain, g, at, shift, {"line_pressure": (t, p)})[0]
+            out[at] = self.simulated(chain, g, at, shift, {"line_pressure": self._fed(chain, g, active, line)})[0]
         return out
 
-    def _gauge_error(self, chain: Chain, group: Group, time: FloatArray) -> FloatArray | float:
-        """What to add to the recorded pressure for the true one, (n,) Pa: nothing for an actuator's effect, the
-        gauge's error for its own."""
+    def _fed(self, chain: Chain, group: Group, active: Active, line: Table) -> Table:
+        """The true pressure, where ``line`` is the recorded one: as it is for an actuator's effect, less the gauge's
+        error for its own."""
         wanted = ("line_pressure", "pressure")
         sound = sound_chain(self.session.instrument, self.session.marks)
+        if all(c.stage == "tissue" for c in active):
+            return line
         if needed(chain, wanted[1:], wanted[:1]) == needed(sound, wanted[1:], wanted[:1]):
-            return 0.0
+            return line
         partial = replace(chain, operators=needed(chain, wanted))
-        made = simulate(partial, group.tables(), dict.fromkeys(wanted, time))
-        return made["line_pressure"] - made["pressure"]
+        time, pressure = line
+
+        def corrected() -> Table:
+            made = simulate(partial, group.tables(), dict.fromkeys(wanted, time))
+            return time, pressure + (made["line_pressure"] - made["pressure"])
+
+        return self._fed_before.get((group.specimen, id(time), partial), corrected)
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
-        n, r = len(self.TISSUE) + 1, self._runs.shape[1]
+        n, r = len(self.PARTS) + 1, self._runs.shape[1]
         gain = 1 + self._runs @ nuisance[n : n + r]
         height = self._chain_height(nuisance, active)
         predicted = height * gain + self._added @ nuisance[n + r :]

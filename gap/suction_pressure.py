@@ -19,7 +19,7 @@ from sim_devices.chain import Chain, Effect
 from sim_devices.stages import nominal
 from sim_devices.stages.kernels import evaluate, low_pass
 from sim_devices.stages.sampling import REFINEMENT, simulate
-from sim_devices.stages.suction import REGULATOR_TAU, with_tissue
+from sim_devices.stages.suction import REGULATOR_TAU, tissue_operators
 from sim_devices.stages.tissues import SuctionTissue, suction_tissue
 
 TOGETHER, RESPONSE = 5e-3, 0.8
@@ -34,7 +34,9 @@ NO_TISSUE = SuctionTissue(0.0, creep=(), times=(), residual=0.0, softening=0.0)
 def chain_of(session: GroupedSession, group: Group, tissue: SuctionTissue, **options: Any) -> Chain:
     """The nominal chain for a group: ``tissue`` if it is skin, else what its specimen is."""
     law = tissue if group.skin else _specimen(group.specimen)
-    return with_tissue(sound_chain(session.instrument, session.marks, **options), law)
+    chain = sound_chain(session.instrument, session.marks, **options)
+    laws = {op.name: op for op in tissue_operators(law)}
+    return replace(chain, operators=tuple(laws.get(op.name, op) for op in chain.operators))
 
 
 @lru_cache(maxsize=64)

@@ -69,12 +69,19 @@ def _curves(u: FloatArray) -> list[FloatArray]:
     return [u, u**2, u**3, np.cbrt(u), np.sqrt(u), *[np.minimum(u, k) / k for k in KNEES]]
 
 
-def elastic_freedom(suction: Suction, memory: Sequence[float]) -> tuple[FloatArray, FloatArray]:
-    """Other elastic curves under a given ``memory`` (Prony shares and times in turn): basis (n, q), weights (q,).
+def elastic_freedom(
+    suction: Suction, memory: Sequence[float], of_stress: bool = False
+) -> tuple[FloatArray, FloatArray]:
+    """Other elastic curves under a given ``memory`` (Prony shares and times in turn), or behind it if it is
+    ``of_stress``: basis (n, q), weights (q,).
 
     Nobody knows a person's elastic curve.
     """
-    columns = [evaluate(prony, suction.grid, curve, 1.0, *memory) for curve in _curves(suction.load)]
+    if of_stress:
+        felt = np.maximum(evaluate(prony, suction.grid, suction.load, 1.0, *memory), 0.0)
+        columns = _curves(felt / (float(felt.max()) or 1.0))
+    else:
+        columns = [evaluate(prony, suction.grid, curve, 1.0, *memory) for curve in _curves(suction.load)]
     return suction.basis(columns), np.ones(len(columns))
 
 

@@ -17,6 +17,7 @@ from acquire.recording.model import Recording
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Problem
 from gap.rows import direction, level
 from gap.solve import Fit, Hypothesis, Projector, fit, under
+from gap.workers import each
 
 
 @dataclass(frozen=True)
@@ -180,32 +181,48 @@ def plain_gap(h: Hypothesis) -> float:
     return float(np.sqrt(sum(f.objective for f in h.fits.values()) / n))
 
 
-def transferred(problems: Mapping[str, Problem], null: Hypothesis, best: Hypothesis, withheld: set[int]) -> Shrink:
-    """Fit both without the withheld recordings, then predict these with the effect's parameters fixed.
+def transferred(
+    problems: Mapping[str, Problem],
+    null: Hypothesis,
+    answers: Sequence[Hypothesis],
+    withheld: Mapping[str, set[int]],
+    jobs: int = 1,
+) -> list[dict[str, Shrink]]:
+    """For each of the ``answers`` and each split: fit it and the null without the ``withheld`` recordings, then predict
+    these with the effect's parameters fixed.
 
     Only nuisance parameters that belong to single recordings are refitted there (linearly, within their prior).
     """
-    before, after, n = 0.0, 0.0, 0
-    blocks = {b for e in best.effects for b in e.blocks}
-    for name, problem in problems.items():
-        out = np.isin(problem.rows.recording, list(withheld))
-        if not out.any() or out.all():
-            continue
-        n += int(out.sum())
-        square = _withheld(problem, null, name, out)
-        before += square
-        after += _withheld(problem, best, name, out) if name in blocks else square
-    return Shrink(np.sqrt(before / n), np.sqrt(after / n)) if n else Shrink(1.0, 1.0)
+    outs = {(s, b): np.isin(p.rows.recording, list(out)) for s, out in withheld.items() for b, p in problems.items()}
+    outs = {key: out for key, out in outs.items() if out.any() and not out.all()}
+    touched = [{b for e in answer.effects for b in e.blocks} for answer in answers]
+    parts = [(null, *key) for key in outs]
+    parts += [(h, s, b) for h, blocks in zip(answers, touched, strict=True) for s, b in outs if b in blocks]
+    left = each(lambda part: _withheld(problems[part[2]], part[0], part[2], outs[part[1:]]), parts, jobs)
+    square = {(id(h), s, b): x for (h, s, b), x in zip(parts, left, strict=True)}
+
+    def shrunk(answer: Hypothesis, split: str) -> Shrink:
+        keys = [key for key in outs if key[0] == split]
+        n = sum(np.count_nonzero(outs[key]) for key in keys)
+        if not n:
+            return Shrink(1.0, 1.0)
+        before = sum(square[id(null), *key] for key in keys)
+        after = sum(square.get((id(answer), *key), square[id(null), *key]) for key in keys)
+        return Shrink(np.sqrt(before / n), np.sqrt(after / n))
+
+    return [{split: shrunk(answer, split) for split in withheld} for answer in answers]
 
 
 def _withheld(problem: Problem, h: Hypothesis, name: str, out: NDArray[np.bool_]) -> float:
     full = h.fits[name]
     problem = under(problem, full.prior_mean, full.prior_sd)
     masked = _Masked(problem, ~out)
-    trained = fit(masked, full.hypothesis, full.unit, full.nuisance, iterations=5, belief=full.belief)
-    there = problem.evaluate(trained.nuisance, trained.active)
-    residual = there.residual[out]
-    local = there.jacobian[out][:, problem.local]
+    trained = fit(
+        masked, full.hypothesis, full.unit, full.nuisance, iterations=5, jacobian=full.jacobian * ~out[:, None],
+        belief=full.belief,
+    )  # fmt: skip
+    residual = problem.evaluate(trained.nuisance, trained.active, want_jacobian=False).residual[out]
+    local = full.jacobian[out][:, problem.local]
     if local.shape[1]:
         residual = Projector(local, problem.prior_sd[problem.local]).apply(residual)
     return float(residual @ residual)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -24,6 +25,9 @@ def diagnose(
     solver: Annotated[str, typer.Option(help="Finite-element model of the solver plugin to use as tissue.")] = "",
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder for gap.json and gap.html.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report on stdout.")] = False,
+    jobs: Annotated[
+        int, typer.Option(min=1, show_default="one a core", help="Processes that share the fits.")
+    ] = os.cpu_count() or 1,
 ) -> None:
     """Say where simulation and measurement differ, which effect causes it, and how far it shrinks with it."""
     from gap.diagnose import diagnose as run
@@ -33,7 +37,8 @@ def diagnose(
 
     recordings = load_all(runs)
     print(f"diagnosing {len(recordings)} recordings of {recordings[0].info.instrument}", file=sys.stderr)
-    diagnosis = run(recordings, model=load_model(model) if model else None, user_effects=effects or (), solver=solver)
+    forward = load_model(model) if model else None
+    diagnosis = run(recordings, forward, user_effects=effects or (), solver=solver, jobs=jobs)
     report = report_of(diagnosis)
     folder = output or (None if as_json else Path("gap-report"))
     if folder:

@@ -28,6 +28,10 @@ STATE = 64
 """Length of a kernel's state: [0] started, [1] last time, [2] last input, [3:] its own."""
 TERMS = (STATE - 3) // 2
 """How many terms ``prony`` and ``prandtl`` can have at most."""
+STEPS = 512
+"""Lengths of steps of which a kernel keeps the weights."""
+SAME = 1e-9
+"""Relative difference below which two steps are of one length."""
 
 
 def evaluate(kernel: Kernel, time: FloatArray, signal: FloatArray, *parameters: float) -> FloatArray:
@@ -47,6 +51,13 @@ def hold_weights(dt: float, tau: float) -> tuple[float, float, float]:
     e = math.exp(-x)
     f = (1.0 - e) / x if x > 1e-4 else 1.0 - x * (0.5 - x / 6.0)
     return e, f - e, 1.0 - f
+
+
+@njit(cache=True)
+def place(dt: float) -> int:
+    """Where among ``STEPS`` the weights of a step of ``dt`` s are kept: a grid has few lengths of steps, in any order,
+    and their exponentials are most of a kernel's work."""
+    return ((int(dt * 1e6 + 0.5) * 40503) >> 4) & (STEPS - 1)  # whole milliseconds are spread as well
 
 
 @njit(cache=True)
@@ -181,21 +192,23 @@ def prony(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatAr
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2] = 1.0, t[0], u[0]
     n = (p.size - 1) // 2
-    e, a, b = np.ones(n), np.zeros(n), np.zeros(n)
-    last = -1.0
+    last, before, lagged = s[1], s[2], s[3 : 3 + n].copy()
+    known, e, a, b = np.zeros(STEPS), np.empty((STEPS, n)), np.empty((STEPS, n)), np.empty((STEPS, n))
     for i in range(t.size):
-        dt = t[i] - s[1]
-        out = p[0] * u[i]
-        if dt > 0.0 and abs(dt - last) > 1e-9 * last:
+        dt, now = t[i] - last, u[i]
+        if dt > 0.0:
+            j = place(dt)
+            if abs(dt - known[j]) > SAME * dt:
+                known[j] = dt
+                for k in range(n):
+                    e[j, k], a[j, k], b[j, k] = hold_weights(dt, p[2 + 2 * k])
             for k in range(n):
-                e[k], a[k], b[k] = hold_weights(dt, p[2 + 2 * k])
-            last = dt
+                lagged[k] = e[j, k] * lagged[k] + a[j, k] * before + b[j, k] * now
+        out = p[0] * now
         for k in range(n):
-            if dt > 0.0:
-                s[3 + k] = e[k] * s[3 + k] + a[k] * s[2] + b[k] * u[i]
-            out += p[1 + 2 * k] * s[3 + k]
-        s[1], s[2] = t[i], u[i]
-        y[i] = out
+            out += p[1 + 2 * k] * lagged[k]
+        last, before, y[i] = t[i], now, out
+    s[1], s[2], s[3 : 3 + n] = last, before, lagged
 
 
 @njit(cache=True)
@@ -350,16 +363,18 @@ def exposure_gain(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y:
     """
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2] = 1.0, t[0], abs(u[0])
-    last, up, down = -1.0, 1.0, 1.0
+    last, before, w = s[1], s[2], s[3]
+    known, up, down = np.zeros(STEPS), np.empty(STEPS), np.empty(STEPS)
     for i in range(t.size):
-        now, dt = abs(u[i]), t[i] - s[1]
-        mean = 0.5 * (s[2] + now) / p[1]
+        now, dt = abs(u[i]), t[i] - last
+        mean = 0.5 * (before + now) / p[1]
         if dt > 0.0:
-            if abs(dt - last) > 1e-9 * last:
-                last, up, down = dt, math.exp(-dt / p[2]), math.exp(-dt / p[3])
-            s[3] = mean + (s[3] - mean) * (up if mean > s[3] else down)
-        s[1], s[2] = t[i], now
-        y[i] = u[i] * (1.0 + p[0] * s[3])
+            j = place(dt)
+            if abs(dt - known[j]) > SAME * dt:
+                known[j], up[j], down[j] = dt, math.exp(-dt / p[2]), math.exp(-dt / p[3])
+            w = mean + (w - mean) * (up[j] if mean > w else down[j])
+        last, before, y[i] = t[i], now, u[i] * (1.0 + p[0] * w)
+    s[1], s[2], s[3] = last, before, w
 
 
 @njit(cache=True)
@@ -387,17 +402,18 @@ def yield_flow(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
     """
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2] = 1.0, t[0], u[0]
-    last, up, down = -1.0, 1.0, 1.0
+    last, before, r = s[1], s[2], s[3]
+    known, up, down = np.zeros(STEPS), np.empty(STEPS), np.empty(STEPS)
     for i in range(t.size):
-        dt = t[i] - s[1]
-        mean = 0.5 * (s[2] + u[i])
+        dt, mean = t[i] - last, 0.5 * (before + u[i])
         goal = p[0] * math.copysign(max(abs(mean) - p[1], 0.0), mean)
         if dt > 0.0:
-            if abs(dt - last) > 1e-9 * last:
-                last, up, down = dt, math.exp(-dt / p[2]), math.exp(-dt / p[3])
-            s[3] = goal + (s[3] - goal) * (up if abs(goal) > abs(s[3]) else down)
-        s[1], s[2] = t[i], u[i]
-        y[i] = u[i] + s[3]
+            j = place(dt)
+            if abs(dt - known[j]) > SAME * dt:
+                known[j], up[j], down[j] = dt, math.exp(-dt / p[2]), math.exp(-dt / p[3])
+            r = goal + (r - goal) * (up[j] if abs(goal) > abs(r) else down[j])
+        last, before, y[i] = t[i], u[i], u[i] + r
+    s[1], s[2], s[3] = last, before, r
 
 
 @njit(cache=True)

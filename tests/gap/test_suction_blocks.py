@@ -142,7 +142,7 @@ def test_a_zero_is_taken_by_the_records_clock() -> None:
     skew = library("aspiration")["clock_skew[form=1]"]
     _, height = blocks(session([(skew, {"rate": -1e-3})]))
     null = fit(height, iterations=40)
-    n, r = len(height.TISSUE), height.member.shape[1]
+    n, r = len(height.PARTS), height.member.shape[1]
     zeros = slice(n + 1 + r, n + 1 + 3 * r)
     assert np.sum(np.square(null.nuisance[zeros] / null.prior_sd[zeros])) < 10
 
