@@ -148,7 +148,7 @@ class FeForceBlock(Anchored, ForceBlock):
 
     TISSUE: tuple[str, ...] = ("scale", "fibre", "locking", "stress_x", "stress_y", "angle",
               "relax1", "relax2", "time1", "time2", "softening")  # fmt: skip
-    LAWS = (Law((1.0, 1.0, 0.2, 0.5, 0.5, 1.5, 0.7, 0.7, 0.7, 0.7, 0.04), (0.0,) * 11),)
+    LAWS = (Law((1.0, 1.0, 0.2, 0.5, 0.5, 1.5, 0.7, 0.7, 0.7, 0.7, 0.04), ((0.0,) * 11,)),)
     anchored_by = ELASTIC
 
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect], axes: AxesBlock, model: FeModel) -> None:

@@ -4,6 +4,7 @@ arithmetic, recomputed."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -49,8 +50,12 @@ def specimen_chain(group: Group, tissue: SheetTissue, marks: tuple[float, ...] =
 
     ``marks`` (s): when recordings start, for effects that begin anew with each.
     """
-    law = tissue if group.skin else _specimen(group.specimen)
-    return nominal("microrobot", tissue=law, marks=marks)
+    return _sound(tissue if group.skin else _specimen(group.specimen), marks)
+
+
+@lru_cache(maxsize=64)
+def _sound(tissue: SheetTissue, marks: tuple[float, ...]) -> Chain:
+    return nominal("microrobot", tissue=tissue, marks=marks)
 
 
 def _specimen(name: str) -> SheetTissue:

@@ -115,9 +115,12 @@ class ForceBlock(Block):
         sd[self._parts["discrepancy"]] *= scale
         return sd
 
-    def _guess(self, law: Law) -> FloatArray:
-        """Nuisance (p,) from which fits under a law begin."""
-        return np.concatenate([law.guess, np.zeros(len(self.prior_mean) - len(law.guess))])
+    def _from_guesses(self, law: Law, sd: FloatArray, iterations: int) -> Fit:
+        """The best fit under a law of widths ``sd`` (p,), from each of its guesses."""
+        rest = np.zeros(len(self.prior_mean) - len(law.sd))
+        here = under(self, self.prior_mean, sd)
+        fits = (fit(here, nuisance=np.concatenate([guess, rest]), iterations=iterations) for guess in law.guesses)
+        return min(fits, key=lambda f: f.objective)
 
     def start(self) -> FloatArray:
         """The null's fit under the most probable law, which also tells how far other sheets are from the reduced one.
@@ -127,7 +130,7 @@ class ForceBlock(Block):
         if self._start is None:
             known = len(self.LAWS) - 1
             found = [
-                fit(under(self, self.prior_mean, sd), nuisance=self._guess(law), iterations=40)
+                self._from_guesses(law, sd, 40)
                 for sd, law in zip((*self.alternatives[:known], self.prior_sd), self.LAWS, strict=True)
             ]
             *simple, usual = (f.log_evidence(1.0, self.alternatives) for f in found)
@@ -232,7 +235,7 @@ class ForceBlock(Block):
 
     def denoised(self) -> list[dict[str, Table]]:
         """Transducer forces of each group, as fitted, and the significant part of what the record shows beyond them."""
-        null = fit(self, nuisance=self._guess(self.LAWS[-1]), iterations=6)
+        null = self._from_guesses(self.LAWS[-1], self.prior_sd, 6)
         beyond = (self._basis @ null.nuisance[self._parts["discrepancy"]]).reshape(3, -1)
         out = []
         for (g, at), (grid, axes) in zip(self.groups, self._grids_of, strict=True):

@@ -6,7 +6,7 @@ simple must earn its freedom.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +20,9 @@ RELAXATION_TIMES = tuple(0.025 * 2.0**k for k in range(15))
 up to 80 nats on sound skin."""
 SPECTRUM = tuple(f"relaxation{k + 1}" for k in range(len(RELAXATION_TIMES)))
 MODES = 0.1, 3.0
-"""s: the times of a simple law's two modes, to begin from."""
+"""s, about which the times of a simple law's two modes are sought."""
+QUICK_MODE = 0.0, 1.0
+"""Logarithms over the quicker of these from which fits begin: from one of them most stop early."""
 MODE = 0.15
 """Share of the force that each of them takes, to begin from."""
 POWER, EXPONENT = 0.4, 0.2
@@ -43,20 +45,21 @@ class Law:
     """Widths (t,) of the prior of the tissue's parameters, about nought, and where (t,) fits begin."""
 
     sd: tuple[float, ...]
-    guess: tuple[float, ...]
+    guesses: tuple[tuple[float, ...], ...]
 
 
-def _relaxing(begin: Mapping[str, float]) -> Law:
-    """The law whose relaxation begins at the amounts ``begin``; it has no other."""
+def _relaxing(begin: dict[str, float], quicker: Sequence[float] = (0.0,)) -> Law:
+    """The law that relaxes from the amounts ``begin`` on, its first time from any of ``quicker``, and not otherwise."""
     sd = dict(zip(TISSUE, TISSUE_SD, strict=True))
     for amount in (*SPECTRUM, *MEMORY):
         if amount not in begin:
             sd[amount] = sd[MEMORY.get(amount, amount)] = FROZEN
-    return Law(tuple(sd.values()), tuple(begin.get(name, 0.0) for name in TISSUE))
+    places = (begin | {"time1": first} for first in quicker)
+    return Law(tuple(sd.values()), tuple(tuple(at.get(name, 0.0) for name in TISSUE) for at in places))
 
 
 LAWS = (
-    _relaxing(dict.fromkeys(("amount1", "amount2"), MODE)),
+    _relaxing(dict.fromkeys(("amount1", "amount2"), MODE), QUICK_MODE),
     _relaxing({"power": POWER}),
     _relaxing(dict.fromkeys(SPECTRUM, 0.5 / len(SPECTRUM))),
 )
