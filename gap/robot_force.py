@@ -89,6 +89,7 @@ class ForceBlock(Block):
         self._trusts: Sequence[float] = (*[self.TRUST_SIMPLE] * len(simple), *self.TRUSTS)
         self._start: FloatArray | None = None
         self._alone: Fit | None = None  # the most probable simple law's, where another is more probable
+        self._probability = -np.inf  # log evidence of the null
         self._skin_at_nodes: dict[str, Mapping[str, FloatArray]] = {}
 
     @property
@@ -136,6 +137,7 @@ class ForceBlock(Block):
             *simple, usual = (f.log_evidence(1.0, self.alternatives) for f in found)
             best = int(np.argmax([*simple, usual]))
             self._start, self.prior_sd = found[best].nuisance, found[best].best_prior(self.alternatives)
+            self._probability = max([*simple, usual])
             if simple and max(simple) > usual + CLEARLY:
                 self._keep(self.alternatives[best])
             elif simple:
@@ -157,7 +159,9 @@ class ForceBlock(Block):
         if self._alone is None:
             return None
         simple = under(self, self.prior_mean, self._alone.prior_sd)
-        found = fit(simple, hypothesis, unit, self._alone.nuisance, iterations=10)
+        found = fit(simple, hypothesis, unit, self._alone.nuisance, iterations=8)
+        if found.log_evidence(1.0, (found.prior_sd,)) < self._probability:
+            return None  # nor does the simple law do with these effects
         return Start(self.prior_mean, found.prior_sd, found.nuisance, found.unit)
 
     def greatest(self) -> float:
