@@ -1,7 +1,8 @@
 """How near the noise the micro-robot's blocks come without any effect, for every case of a folder.
 
 python benchmarks/robot_null.py CASES [LIMIT]: per case the fitted controller, the axes' gap, the penalty of the loop's
-tolerances, and the force's gap and log evidence under each width of the discrepancy.
+tolerances, and the force's gap and log evidence under each law of the sheet: simple ones, then the usual one beside
+each width of the discrepancy; a single one where a simple law clearly is the skin's.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ import numpy as np
 
 from acquire.recording import load
 from gap.batch import session_paths
-from gap.blocks import GroupedSession
-from gap.robot_axes import QUANTITIES, AxesBlock
+from gap.robot import robot_session
+from gap.robot_axes import AxesBlock
 from gap.robot_force import ForceBlock
 from gap.robot_loop import CONTROLLERS
 from gap.solve import fit
@@ -25,11 +26,11 @@ def report(case: Path) -> str:
     recordings = [load(p) for p in session_paths(case)]
     if recordings[0].info.instrument != "microrobot":
         return ""
-    session = GroupedSession(recordings, QUANTITIES)
+    session = robot_session(recordings)
     axes = AxesBlock(session, {})
     force = ForceBlock(session, {}, axes)
     a, f = fit(axes), fit(force)
-    evidence = [f.log_evidence(1.0, force.prior_mean, [sd]) for sd in force.alternatives]
+    evidence = f.evidences(1.0, force.alternatives)
     return (
         f"{case.name} controller {CONTROLLERS.index(axes.controller)} axes {gap(a.residual):.3f} "
         f"penalty {a.penalty:.0f} "

@@ -129,6 +129,7 @@ class Effort:
     """How wide the search is."""
 
     quick_fits: int = 16  # screened effects that get a few steps of a fit, where straight lines may mislead
+    least_hope: float = 0.0  # fall of χ², at any size, below which an effect gets none for being far from linear
     refit_singles: int = 9
     pair_bases: int = 2
     refit_pairs: int = 2
@@ -148,7 +149,7 @@ def compare(
     fits = {name: fit(p, iterations=60, tolerance=1e-5) for name, p in blocks.items()}
     comparison = Comparison(blocks, Hypothesis((), fits), simulations=sum(f.simulations for f in fits.values()))
     usable = [c for c in candidates if set(c.blocks) <= set(blocks)]
-    comparison.screened, n = screen(blocks, comparison.null, usable, (), effort.quick_fits, jobs)
+    comparison.screened, n = screen(blocks, comparison.null, usable, (), effort.quick_fits, jobs, effort.least_hope)
     comparison.simulations += n
     chosen = _shortlist(comparison.screened, effort.refit_singles)
     chosen += [s for s in comparison.screened if (s.sure or s.candidate in suspects) and s not in chosen]

@@ -22,6 +22,7 @@ from gap.fe_tissue import Anchored, relaxing_shares
 from gap.hypothesis import FloatArray
 from gap.robot_axes import AxesBlock, specimen_chain
 from gap.robot_force import ForceBlock
+from gap.sheet_law import Law
 from gap.solve import Fit
 from sim_devices.chain import Chain, Effect, Signals
 from sim_devices.effects.tissue import Softening
@@ -147,7 +148,7 @@ class FeForceBlock(Anchored, ForceBlock):
 
     TISSUE: tuple[str, ...] = ("scale", "fibre", "locking", "stress_x", "stress_y", "angle",
               "relax1", "relax2", "time1", "time2", "softening")  # fmt: skip
-    TISSUE_SD: tuple[float, ...] = (1.0, 1.0, 0.2, 0.5, 0.5, 1.5, 0.7, 0.7, 0.7, 0.7, 0.04)
+    LAWS = (Law((1.0, 1.0, 0.2, 0.5, 0.5, 1.5, 0.7, 0.7, 0.7, 0.7, 0.04), ((0.0,) * 11,)),)
     anchored_by = ELASTIC
 
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect], axes: AxesBlock, model: FeModel) -> None:

@@ -4,6 +4,7 @@ arithmetic, recomputed."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -25,8 +26,17 @@ ROBOT_BINS = 0.3, 0.4
 """Growth and largest width (s) of the bins: the motion is slow."""
 STAMPS_SD = 1e-3
 """s: how late or early all stamps, or all commands, may soundly be (assumed)."""
+SPRING = 200.0
+"""N/m by which the load gives way where an axis is not where it was recorded: less than skin does, and enough that an
+axis whose coil is at its limit does not run away under the millinewtons that the load is not known better."""
+THIN = 2
+"""Of the record's samples, each how many-th the load is taken at: the loop evens out what is between."""
+UNDOINGS = 2
+"""Steps in which the error of the transducers is undone: what is left of a relative error of 0.3 is its third power."""
 STRAINED = 60.0
 """Penalty of the loop's tolerances above which the quick fit asks for drag."""
+EARLY = 0.1
+"""s by which a grid goes beyond the recordings: clocks differ."""
 KINK = 1e-6
 """s, within which a speed changes."""
 LOOP_STEP = 0.04
@@ -40,8 +50,12 @@ def specimen_chain(group: Group, tissue: SheetTissue, marks: tuple[float, ...] =
 
     ``marks`` (s): when recordings start, for effects that begin anew with each.
     """
-    law = tissue if group.skin else _specimen(group.specimen)
-    return nominal("microrobot", tissue=law, marks=marks)
+    return _sound(tissue if group.skin else _specimen(group.specimen), marks)
+
+
+@lru_cache(maxsize=64)
+def _sound(tissue: SheetTissue, marks: tuple[float, ...]) -> Chain:
+    return nominal("microrobot", tissue=tissue, marks=marks)
 
 
 def _specimen(name: str) -> SheetTissue:
@@ -72,27 +86,15 @@ def recorded(
     return out
 
 
-def _on_even_grid(
-    operators: Sequence[Operator],
-    wanted: Sequence[str],
-    group: Group,
-    kinks: FloatArray,
-    stamps: FloatArray,
-    given: Mapping[str, Table],
-) -> FloatArray:
-    """The wanted signals at ``stamps`` (n,) s, (signals, n), by way of even steps, finer after ``kinks`` (k,) s: the
-    loop's exact step is then computed for few lengths and not for every sample."""
-    tables = group.tables()
-    corners = tables["probe_x"][0]
-    begin, end = min(stamps.min(), corners[0]), stamps.max()
-    after = (kinks[:, None] + AFTER_KINK).ravel()
-    parts = [np.arange(begin, end + LOOP_STEP, LOOP_STEP), corners, corners + KINK, after]
-    grid = np.unique(np.concatenate(parts))
-    grid = grid[(grid >= begin) & (grid < end + LOOP_STEP) & (np.diff(grid, prepend=-np.inf) > 0.5 * KINK)]
-    inputs = {f"command_{a}": np.interp(grid, *tables[f"probe_{a}"]) for a in "xyz"}
-    inputs |= {name: np.interp(grid, *table) for name, table in given.items()}
-    made = run(operators, grid, inputs)
-    return np.stack([np.interp(stamps, grid, made[name]) for name in wanted])
+def steepness(block: Block, tables: Sequence[Mapping[str, Table]], names: Sequence[str]) -> FloatArray:
+    """How steep a block's channels are at its stamps, (channels · n,) per s, by ``tables`` of them for each group."""
+    out = np.zeros((len(names), len(block.stamps)))
+    for (_, at), given in zip(block.groups, tables, strict=True):
+        for row, name in zip(out, names, strict=True):
+            if name in given:
+                time, first = np.unique(given[name][0], return_index=True)
+                row[at] = np.interp(block.stamps[at], time, np.gradient(given[name][1][first], time))
+    return out.ravel()
 
 
 class AxesBlock(Block):
@@ -106,14 +108,17 @@ class AxesBlock(Block):
     trust = 0.4  # the skin's force loads the axes, as far as the recorded force tells
     growth, widest = ROBOT_BINS
     floor = 0.5e-6  # m
-    SD = (0.1, 0.02, 0.1, STAMPS_SD, CLOCK_SD, 5e-3)
+    SD = (0.1, 0.02, 0.1, STAMPS_SD, CLOCK_SD, 2e-3)
     """Of the logarithms of the gains; s by which all is late; 1; s by which the load on the axes is."""
     ZERO_SD = 2e-6  # m
     STEPS = (1e-2, 1e-2, 1e-2, 1e-3, 1e-6, 1e-3)
 
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect]) -> None:
         super().__init__(session, library)
-        self._loads = [self._load(g, recorded(self, g, TRANSDUCERS, TRANSDUCERS, smooth=True)) for g, _ in self.groups]
+        self._forces = [recorded(self, g, TRANSDUCERS, TRANSDUCERS, smooth=True) for g, _ in self.groups]
+        self._seen = [recorded(self, g, AXES, numbered("axis"), smooth=True) for g, _ in self.groups]
+        self.blur_steep_parts(steepness(self, self._seen, numbered("axis")))
+        self._grids_ahead: dict[str, tuple[FloatArray, tuple[Operator, ...], dict[str, FloatArray]]] = {}
         self._made: dict[tuple[object, ...], FloatArray] = {}  # most effects leave the axes alone
         self._kept: dict[str, FloatArray] = {}
         self._runs = np.kron(np.eye(3), self.member)
@@ -135,7 +140,7 @@ class AxesBlock(Block):
 
         Smoothing rounds what the force does where motion turns, and the loop answers to that for a tenth of a second.
         """
-        self._loads = [self._load(g, given) for (g, _), given in zip(self.groups, forces, strict=True)]
+        self._forces = list(forces)
         self._forget()
         best = self._best
         self._best = fit(self, best.hypothesis, best.unit, best.nuisance, iterations=3)
@@ -144,6 +149,9 @@ class AxesBlock(Block):
 
     def _forget(self) -> None:
         """What was made for another load or controller."""
+        groups = zip(self.groups, self._forces, self._seen, strict=True)
+        self._loads = [self._load(g, forces, axes) for (g, _), forces, axes in groups]
+        self._undone: tuple[tuple[object, ...], Sequence[dict[str, Table]]] = (), ()
         self._made.clear()
         self._kept.clear()
 
@@ -162,62 +170,137 @@ class AxesBlock(Block):
     def start(self) -> FloatArray:
         return self._start.copy()
 
-    def _load(self, group: Group, forces: Mapping[str, Table]) -> dict[str, Table]:
-        """Transducer forces as load on the axes, N. The recorded tip force is not asked: its matrix may be wrong."""
+    def _load(
+        self, group: Group, forces: Mapping[str, Table], axes: Mapping[str, Table], chain: Chain | None = None
+    ) -> dict[str, Table]:
+        """Transducer forces as load on the axes, N, that gives way as `SPRING`; less the errors that the transducers of
+        ``chain`` make. The recorded tip force is not asked: its matrix may be wrong."""
         if len(forces) < 3:
             return {}
-        given = {**forces, **recorded(self, group, AXES, numbered("axis"), smooth=True)}
-        time = given["axis_1"][0]
-        signals = {name: np.interp(time, *table) for name, table in given.items()}
-        unique, first = np.unique(time, return_index=True)
-        chain = specimen_chain(group, sheet_tissue("forearm"))
-        signals = {n: v[first] for n, v in signals.items()}
-        made = run(needed(chain, xyz("force"), TRANSDUCERS), unique, {n: signals[n] for n in TRANSDUCERS})
-        signals |= {f"reaction_{a}": made[f"force_{a}"] for a in "xyz"}
-        made = run(needed(chain, numbered("axis_load"), tuple(signals)), unique, signals)
-        return {f"pushed_{k}": (unique, made[f"axis_load_{k}"]) for k in "123"}
+        time = np.unique(axes["axis_1"][0])[::THIN]
+        signals = {name: np.interp(time, *table) for name, table in {**forces, **axes}.items()}
+        sound = specimen_chain(group, sheet_tissue("forearm"))
+
+        def reaction() -> dict[str, FloatArray]:
+            made = run(needed(sound, xyz("force"), TRANSDUCERS), time, {n: signals[n] for n in TRANSDUCERS})
+            return {f"reaction_{a}": made[f"force_{a}"] for a in "xyz"}
+
+        read = {n: signals[n] for n in TRANSDUCERS}
+        erring = () if chain is None else needed(chain, TRANSDUCERS, (*xyz("reaction"), *axes))
+        for _ in range(UNDOINGS if erring else 0):
+            given = reaction() | {name: signals[name] for name in axes}
+            made = run(erring, time, given)
+            signals |= {n: signals[n] + read[n] - made[n] for n in TRANSDUCERS}
+        where = {name: 0.0 * signals[name] if self.controller.centred else signals[name] for name in axes}
+        pushing = reaction() | where
+        made = run(needed(sound, numbered("axis_load"), pushing), time, pushing)
+        return {f"pushed_{k}": (time, made[f"axis_load_{k}"] + SPRING * signals[f"axis_{k}"]) for k in "123"}
+
+    def _loads_under(self, active: Active) -> tuple[Sequence[dict[str, Table]], tuple[object, ...]]:
+        """The loads of all groups once errors of the transducers among the effects are undone, and what tells them from
+        others."""
+        key = tuple((c.key, *sorted(v.items())) for c, v in active.items() if self._misleads(c, v))
+        if key and key != self._undone[0]:
+            loads = []
+            for (g, _), forces, axes in zip(self.groups, self._forces, self._seen, strict=True):
+                chain = self.with_effects(specimen_chain(g, sheet_tissue("forearm"), self.session.marks), active)
+                loads.append(self._load(g, forces, axes, chain))
+            self._undone = key, loads
+        return (self._undone[1] if key else self._loads), key
+
+    def _misleads(self, candidate: Candidate, values: Mapping[str, float]) -> bool:
+        """Whether an effect falsifies what the transducers say of the load."""
+        given = (*xyz("reaction"), *numbered("axis"))
+        chain = specimen_chain(self.groups[0][0], sheet_tissue("forearm"), self.session.marks)
+        changed = self.with_effects(chain, {candidate: values})
+        return needed(changed, TRANSDUCERS, given) != needed(chain, TRANSDUCERS, given)
 
     def greatest(self) -> float:
         """The greatest force that a coil has to hold in the session, N; 0 where that is not known."""
-        return max((float(np.max(np.abs(v))) for load in self._loads for _, v in load.values()), default=0.0)
+        forces = [
+            push - SPRING * np.interp(time, *axes[name.replace("pushed", "axis")])
+            for load, axes in zip(self._loads, self._seen, strict=True)
+            for name, (time, push) in load.items()
+        ]
+        return max((float(np.max(np.abs(f))) for f in forces), default=0.0)
 
     def _loop(self, group: Group, nuisance: FloatArray, active: Active) -> Chain:
         chain = self.controller.installed(
             specimen_chain(group, sheet_tissue("forearm"), self.session.marks), np.exp(np.clip(nuisance[:3], -3, 3))
         )
-        return self.with_effects(chain, active)
+        spring = SPRING if self._loads[0] else 0.0
+        return self.with_effects(chain.tuned("axes", spring=spring), active)
 
     def _predict(self, nuisance: FloatArray, active: Active) -> FloatArray:
         out = np.empty((3, len(self.stamps)))
-        for i, ((g, at), load) in enumerate(zip(self.groups, self._loads, strict=True)):
+        loads, undone = self._loads_under(active)
+        for i, ((g, at), load) in enumerate(zip(self.groups, loads, strict=True)):
             operators = needed(self._loop(g, nuisance, active), AXES, load)
-            key = (i, operators, *nuisance[3:6].tolist())
+            key = (i, operators, undone, *nuisance[3:6].tolist())
             if key not in self._made:
                 if len(self._made) > 20:
                     self._made.clear()
-                shift = nuisance[3] + nuisance[4] * (self.stamps[at] - self.stamps[0])
-                late = {name: (time + nuisance[5], value) for name, (time, value) in load.items()}
-                ends = self._ends[:, at] + shift  # a bin's mean is that of two nodes
-                made = _on_even_grid(operators, AXES, g, self.session.kinks, ends.ravel(), late)
+                late = {n: (self._commanded(t, nuisance) + nuisance[5], value) for n, (t, value) in load.items()}
+                ends = self._commanded(self._ends[:, at], nuisance)  # a bin's mean is that of two nodes
+                made = self._at(ends.ravel(), AXES, g, operators, late)
                 self._made[key] = made.reshape(3, *ends.shape).mean(axis=1)
             out[:, at] = self._made[key]
         return out.ravel()
 
+    def _commanded(self, time: FloatArray, nuisance: FloatArray) -> FloatArray:
+        """The record's ``time`` s by the command's clock."""
+        return np.asarray(time + nuisance[3] + nuisance[4] * (time - self.stamps[0]))
+
     def true_axes(self, group: Group, time: FloatArray) -> FloatArray:
         """Where the axes were at ``time`` (n,) s, (3, n) m, as far as the quick fits know."""
-        load = self._loads[[g for g, _ in self.groups].index(group)]
         nuisance = self._best.nuisance
+        load = self._loads[[g for g, _ in self.groups].index(group)]
+        late = {n: (self._commanded(t, nuisance) + nuisance[5], value) for n, (t, value) in load.items()}
         operators = needed(self._loop(group, nuisance, self._best.active), numbered("axis"), load)
-        return _on_even_grid(operators, numbered("axis"), group, self.session.kinks, time + nuisance[3], load)
+        at = self._commanded(time, nuisance)
+        return self._at(at, numbered("axis"), group, operators, late)
+
+    def _at(
+        self,
+        stamps: FloatArray,
+        wanted: Sequence[str],
+        group: Group,
+        operators: Sequence[Operator],
+        given: Mapping[str, Table],
+    ) -> FloatArray:
+        """The wanted signals at ``stamps`` (n,) s, (signals, n), by way of a group's own grid: the loop's exact step is
+        then computed for few lengths and not for every sample, and what is ahead of it but once."""
+        grid, ahead, signals = self._grid_ahead(group)
+        if operators[: len(ahead)] == ahead:
+            operators = operators[len(ahead) :]
+        made = run(operators, grid, signals | {name: np.interp(grid, *table) for name, table in given.items()})
+        return np.stack([np.interp(stamps, grid, made[name]) for name in wanted])
+
+    def _grid_ahead(self, group: Group) -> tuple[FloatArray, tuple[Operator, ...], dict[str, FloatArray]]:
+        """Even steps, finer after kinks; the nominal operators ahead of the axes, and all signals up to there."""
+        if group.specimen not in self._grids_ahead:
+            tables = group.tables()
+            corners = tables["probe_x"][0]
+            spans = [self.session.span(k) for k in group.members]
+            begin, end = min(spans[0][0], corners[0]) - EARLY, spans[-1][1] + EARLY
+            after = (self.session.kinks[:, None] + AFTER_KINK).ravel()
+            grid = np.unique(np.concatenate([np.arange(begin, end, LOOP_STEP), corners, corners + KINK, after]))
+            grid = grid[(grid >= begin) & (grid <= end) & (np.diff(grid, prepend=-np.inf) > 0.5 * KINK)]
+            commands = {f"command_{a}": np.interp(grid, *tables[f"probe_{a}"]) for a in "xyz"}
+            chain = specimen_chain(group, sheet_tissue("forearm"), self.session.marks)
+            ahead = needed(chain, numbered("target"), commands)
+            self._grids_ahead[group.specimen] = grid, ahead, run(ahead, grid, commands)
+        return self._grids_ahead[group.specimen]
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         k = len(self.SD)
-        residual = (self.measured - self._predict(nuisance, active) - self._runs @ nuisance[k:]) / self.sigma
-        return Evaluation(residual, self._tolerances(nuisance) if want_jacobian else np.zeros((0, 0)))
+        difference = self.measured - self._predict(nuisance, active) - self._runs @ nuisance[k:]
+        residual = self.whitened(difference, active)
+        return Evaluation(residual, self._tolerances(nuisance, active) if want_jacobian else np.zeros((0, 0)))
 
-    def _tolerances(self, nuisance: FloatArray) -> FloatArray:
-        """Whitened Jacobian (n, p) of the nuisance without any effect, from the first fit on: tolerances are narrow,
-        so that a costly effect changes little in what they do."""
+    def _tolerances(self, nuisance: FloatArray, active: Active) -> FloatArray:
+        """Whitened Jacobian (n, p) of the nuisance, of the prediction without any effect, from the first fit on:
+        tolerances are narrow, so that a costly effect changes little in what they do."""
         if "jacobian" not in self._kept:
             nominal = self._predict(nuisance, {})
             chain_part = np.empty((len(nominal), len(self.SD)))
@@ -225,8 +308,8 @@ class AxesBlock(Block):
                 moved = nuisance.copy()
                 moved[j] += step
                 chain_part[:, j] = (self._predict(moved, {}) - nominal) / step
-            self._kept["jacobian"] = np.hstack([chain_part, self._runs]) / self.sigma[:, None]
-        return self._kept["jacobian"]
+            self._kept["jacobian"] = np.hstack([chain_part, self._runs])
+        return self.whitened(self._kept["jacobian"], active)
 
 
 class ArithmeticBlock(Block):
@@ -247,6 +330,7 @@ class ArithmeticBlock(Block):
         super().__init__(session, library)
         # What is recomputed carries the noise of what it is computed from: both are the recording's own.
         self.sigma = np.full(len(self.measured), floor)
+        self.steep = np.zeros(len(self.measured))  # nor does it matter when they were taken
         self._runs = np.kron(np.eye(3), self.member)
         self.prior_sd = np.full(self._runs.shape[1], 5 * floor)
         self.prior_mean = np.zeros(len(self.prior_sd))

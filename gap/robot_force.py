@@ -3,26 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from gap.blocks import SHIFT_SD, Block, Group, GroupedSession, Table, compressed
 from gap.chains import needed, run
-from gap.hypothesis import Active, Evaluation, FloatArray
-from gap.robot_axes import AXES, ROBOT_BINS, STAMPS_SD, AxesBlock, recorded, specimen_chain
+from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Start
+from gap.robot_axes import AXES, ROBOT_BINS, STAMPS_SD, AxesBlock, recorded, specimen_chain, steepness
+from gap.sheet_law import FROZEN, LAWS, TISSUE, Law, sheet
 from gap.sheet_null import sheet_discrepancy
-from gap.smoothing import significant
-from gap.solve import fit
+from gap.smoothing import deviation, significant
+from gap.solve import Fit, fit, under
 from sim_devices.chain import Chain, Effect, Operator
 from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
 from sim_devices.stages.tissues import SheetTissue, sheet_tissue
 
-RELAXATION_TIMES = tuple(0.025 * 2.0**k for k in range(15))
-"""s, up to 400: dense enough for any relaxation spectrum. Three to a decade are not: a slow mode in between then earns
-up to 80 nats on sound skin."""
 SHEET_STEP = 0.1
 """s between nodes of the sheet, stamps apart."""
+SIMPLE_SHIFT = 1e-3
+"""s: how late a channel may be that samples, neither holds nor integrates."""
+CLEARLY = 5.0
+"""Nats by which a simple law must be more probable than all else to be the only one."""
+PLAIN = 1e-6
+"""Prior width of a discrepancy that the simulation by itself does not have."""
 
 
 class ForceBlock(Block):
@@ -38,9 +41,9 @@ class ForceBlock(Block):
     what is left may be the sheet's and look like a device's."""
     growth, widest = ROBOT_BINS
     floor = 0.3e-3  # N
-    TISSUE: tuple[str, ...] = ("stiffness1", "stiffness2", "stiffness3", "angle", "length", "stiffening", "isotropy",
-              *(f"relaxation{k + 1}" for k in range(len(RELAXATION_TIMES))), "softening")  # fmt: skip
-    TISSUE_SD: tuple[float, ...] = (1.0, 1.0, 1.0, 1.5, 0.7, 0.3, 0.5, *[0.1] * len(RELAXATION_TIMES), 0.04)
+    TISSUE: tuple[str, ...] = TISSUE
+    LAWS: tuple[Law, ...] = LAWS  # the simple ones, then the usual one
+    TRUST_SIMPLE = 0.25  # of a simple law, where the data prefer it
     GAIN_SD = 0.04  # of the tissue's stiffness between recordings
     CALIBRATION_SD = 2e-3  # of each transducer
     ZERO_SD = 1.5e-3  # N: those of sound recordings scatter by 0.6 to 1.5 mN
@@ -50,11 +53,9 @@ class ForceBlock(Block):
 
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect], axes: AxesBlock) -> None:
         super().__init__(session, library)
-        self._tissue = replace(
-            sheet_tissue("forearm"),
-            relaxation=(0.5 / len(RELAXATION_TIMES),) * len(RELAXATION_TIMES),
-            times=RELAXATION_TIMES,
-        )
+        smooth = [recorded(self, g, TRANSDUCERS, TRANSDUCERS, smooth=True) for g, _ in self.groups]
+        self.blur_steep_parts(steepness(self, smooth, TRANSDUCERS))
+        self._tissue = sheet_tissue("forearm")
         self._nominal = {g.specimen: specimen_chain(g, self._tissue, session.marks) for g, _ in self.groups}
         self._ahead_of = {name: needed(c, xyz("skin"), numbered("axis")) for name, c in self._nominal.items()}
         self._axes = [self._smoothed(g, axes) for g, _ in self.groups]
@@ -70,7 +71,7 @@ class ForceBlock(Block):
         self._basis = columns * size
         runs = self.member.shape[1]
         sd = {
-            "tissue": np.asarray(self.TISSUE_SD),
+            "tissue": np.asarray(self.LAWS[-1].sd),
             "shift": np.array([max(STAMPS_SD, SHIFT_SD * self.dt)]),
             "calibration": np.full(3, self.CALIBRATION_SD),
             "gain": np.full(runs, self.GAIN_SD),
@@ -83,30 +84,85 @@ class ForceBlock(Block):
         self.prior_mean = np.zeros(len(self.prior_sd))
         self.local = np.zeros(len(self.prior_sd), bool)
         self.local[self._parts["gain"].start : self._parts["zero"].stop] = True
-        widths = []
-        for scale in self.DISCREPANCY_SCALES:
-            widths.append(self.prior_sd.copy())
-            widths[-1][self._parts["discrepancy"]] *= scale
-        self.alternatives = tuple(widths)
+        simple = [self._simple(law) for law in self.LAWS[:-1]]
+        self.alternatives = (*simple, *(self._wide(scale) for scale in self.DISCREPANCY_SCALES))
+        self._trusts: Sequence[float] = (*[self.TRUST_SIMPLE] * len(simple), *self.TRUSTS)
         self._start: FloatArray | None = None
+        self._alone: Fit | None = None  # the most probable simple law's, where another is more probable
+        self._probability = -np.inf  # log evidence of the null
         self._skin_at_nodes: dict[str, Mapping[str, FloatArray]] = {}
 
     @property
     def trusts(self) -> Sequence[float]:
-        return self.TRUSTS
+        return self._trusts
 
     @property
     def plain_sd(self) -> FloatArray:
-        sd = self.alternatives[0].copy()
-        sd[self._parts["discrepancy"]] = 1e-6
+        sd = self.prior_sd.copy()
+        sd[self._parts["discrepancy"]] = PLAIN
         return sd
 
+    def _simple(self, law: Law) -> FloatArray:
+        """Prior widths (p,) of a simple law, and of channels that are no later than those that sample."""
+        sd = self.prior_sd.copy()
+        sd[self._parts["tissue"]] = law.sd
+        sd[self._parts["shift"]] = SIMPLE_SHIFT
+        sd[self._parts["discrepancy"]] = FROZEN
+        return sd
+
+    def _wide(self, scale: float) -> FloatArray:
+        """Those of the usual law beside a discrepancy of some size."""
+        sd = self.prior_sd.copy()
+        sd[self._parts["discrepancy"]] *= scale
+        return sd
+
+    def _from_guesses(self, law: Law, sd: FloatArray, iterations: int) -> Fit:
+        """The best fit under a law of widths ``sd`` (p,), from each of its guesses."""
+        rest = np.zeros(len(self.prior_mean) - len(law.sd))
+        here = under(self, self.prior_mean, sd)
+        fits = (fit(here, nuisance=np.concatenate([guess, rest]), iterations=iterations) for guess in law.guesses)
+        return min(fits, key=lambda f: f.objective)
+
     def start(self) -> FloatArray:
-        """The null's fit, which also tells how far other sheets are from the reduced one."""
+        """The null's fit under the most probable law, which also tells how far other sheets are from the reduced one.
+
+        Where that is a simple law by `CLEARLY`, the session's skin is taken to follow it, and nothing wider is kept.
+        """
         if self._start is None:
-            null = fit(self, nuisance=self.prior_mean)
-            self._start, self.prior_sd = null.nuisance, null.best_prior(self.alternatives)
+            known = len(self.LAWS) - 1
+            found = [
+                self._from_guesses(law, sd, 40)
+                for sd, law in zip((*self.alternatives[:known], self.prior_sd), self.LAWS, strict=True)
+            ]
+            *simple, usual = (f.log_evidence(1.0, self.alternatives) for f in found)
+            best = int(np.argmax([*simple, usual]))
+            self._start, self.prior_sd = found[best].nuisance, found[best].best_prior(self.alternatives)
+            self._probability = max([*simple, usual])
+            if simple and max(simple) > usual + CLEARLY:
+                self._keep(self.alternatives[best])
+            elif simple:
+                self._alone = found[int(np.argmax(simple))]
         return self._start.copy()
+
+    def _keep(self, sd: FloatArray) -> None:
+        """Leave out what is frozen under the prior widths ``sd`` (p,) of a simple law: they become the only ones."""
+        shape = self._parts["discrepancy"]
+        assert self._start is not None
+        self._basis = self._basis[:, :0]
+        self._start, self.prior_mean, self.prior_sd = (np.delete(v, shape) for v in (self._start, self.prior_mean, sd))
+        self.local = np.delete(self.local, shape)
+        self._parts["discrepancy"] = slice(shape.start, shape.start)
+        self.alternatives, self._trusts = (self.prior_sd,), (self.TRUST_SIMPLE,)
+
+    def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
+        """Under the simple law, which cannot take on much of an effect, where the null needs more than that."""
+        if self._alone is None:
+            return None
+        simple = under(self, self.prior_mean, self._alone.prior_sd)
+        found = fit(simple, hypothesis, unit, self._alone.nuisance, iterations=8)
+        if found.log_evidence(1.0, (found.prior_sd,)) < self._probability:
+            return None  # nor does the simple law do with these effects
+        return Start(self.prior_mean, found.prior_sd, found.nuisance, found.unit)
 
     def greatest(self) -> float:
         """The greatest force of a transducer in the session, N."""
@@ -129,7 +185,7 @@ class ForceBlock(Block):
         time = raw["axis_1"][0]
         fitted = axes.true_axes(group, time)
         return {
-            name: (time, base + significant(time, value - base))
+            name: (time, base + deviation(time, value - base))
             for (name, (_, value)), base in zip(raw.items(), fitted, strict=True)
         }
 
@@ -151,31 +207,8 @@ class ForceBlock(Block):
         return columns / max(float(np.max(np.abs(columns))), 1e-12), weights
 
     def tissue(self, nuisance: FloatArray) -> SheetTissue:
-        """The reduced sheet at a nuisance vector.
-
-        Its stiffness is the secant one at a typical displacement, ``stiffening`` the logarithm of what that is above
-        the one at rest; the length is then only the curve's shape. Slope and exponent at rest instead would make a
-        valley so bent that fits take hundreds of steps and stop early.
-        """
-        c = dict(zip(self.TISSUE, nuisance, strict=False))
-        base = self._tissue
-        length = base.length * float(np.exp(np.clip(c["length"], -3, 3)))
-        nominal, here = (float(np.log1p((self._typical / x) ** 2)) for x in (base.length, length))
-        exponent = float(np.clip((base.exponent * nominal + c["stiffening"]) / here, -0.3, 30.0))
-        at_rest = base.exponent * nominal - exponent * here
-        k1, k2, k3 = (
-            k * float(np.exp(np.clip(c[f"stiffness{i + 1}"] + at_rest, -8, 5))) for i, k in enumerate(base.stiffness)
-        )
-        return replace(
-            base,
-            stiffness=(k1, k2, k3),
-            angle=base.angle + c["angle"],
-            length=length,
-            exponent=exponent,
-            isotropy=0.5 + c["isotropy"],
-            relaxation=tuple(g + c[f"relaxation{i + 1}"] for i, g in enumerate(base.relaxation)),
-            softening=base.softening + c["softening"],
-        )
+        """The reduced sheet at a nuisance vector."""
+        return sheet(nuisance, self._tissue, self._typical)
 
     def _law_chain(self, group: Group, nuisance: FloatArray) -> Chain:
         """The nominal chain of a group with the tissue at a nuisance vector."""
@@ -206,7 +239,7 @@ class ForceBlock(Block):
 
     def denoised(self) -> list[dict[str, Table]]:
         """Transducer forces of each group, as fitted, and the significant part of what the record shows beyond them."""
-        null = fit(self, nuisance=self.prior_mean, iterations=6)
+        null = self._from_guesses(self.LAWS[-1], self.prior_sd, 6)
         beyond = (self._basis @ null.nuisance[self._parts["discrepancy"]]).reshape(3, -1)
         out = []
         for (g, at), (grid, axes) in zip(self.groups, self._grids_of, strict=True):
@@ -225,21 +258,26 @@ class ForceBlock(Block):
         gain = 1 + self._gains @ part["gain"] + self._legs @ part["calibration"]
         forces = self._chain_forces(nuisance, active)
         predicted = forces * gain + self._zeros @ part["zero"] + self._basis @ part["discrepancy"]
-        residual = (self.measured - predicted) / self.sigma
+        residual = self.whitened(self.measured - predicted, active)
         if not want_jacobian:
             return Evaluation(residual, np.zeros((0, 0)))
         n = self._parts["shift"].stop
         chain_part = np.empty((len(residual), n))
         for k in range(n):
+            if self.prior_sd[k] <= FROZEN:
+                chain_part[:, k] = 0.0
+                continue
             moved = nuisance.copy()
             step = 1e-3 if k < n - 1 else 0.1 * self.dt
             moved[k] += step
             chain_part[:, k] = (self._chain_forces(moved, active) - forces) / step * gain
         scaled = np.hstack([self._legs, self._gains]) * forces[:, None]
-        return Evaluation(residual, np.hstack([chain_part, scaled, self._zeros, self._basis]) / self.sigma[:, None])
+        jacobian = np.hstack([chain_part, scaled, self._zeros, self._basis])
+        return Evaluation(residual, self.whitened(jacobian, active))
 
 
 class RoughForceBlock(ForceBlock):
     """The same with few other sheets: good enough to take the noise out of the forces that load the axes."""
 
+    LAWS = LAWS[-1:]
     DISCREPANCY_SIZE = 60

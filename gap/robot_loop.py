@@ -51,7 +51,8 @@ class Feed(Wired):
 class Controller:
     """A PID loop: gains in N/m, N/(m s), N s/m, ``drag`` N s/m of the axis.
 
-    ``on_error`` tells whether the derivative is the error's, or that of the position alone.
+    ``on_error`` tells whether the derivative is the error's, or that of the position alone; ``centred`` whether a force
+    on the tip loads the axes by the lever arms of the centre, or by those where it is.
     """
 
     proportional: float
@@ -59,6 +60,7 @@ class Controller:
     derivative: float
     drag: float
     on_error: bool
+    centred: bool
 
     def installed(self, chain: Chain, scale: FloatArray) -> Chain:
         """The chain with this controller, its three gains multiplied by ``scale`` (3,)."""
@@ -76,7 +78,7 @@ class Controller:
 
 
 CONTROLLERS = (
-    Controller(3 * MASS * LOOP_RATE**2, MASS * LOOP_RATE**3, 3 * MASS * LOOP_RATE, 0.0, on_error=False),
-    Controller(1500.0, 12000.0, 15.0, 1.0, on_error=True),
+    Controller(3 * MASS * LOOP_RATE**2, MASS * LOOP_RATE**3, 3 * MASS * LOOP_RATE, 0.0, on_error=False, centred=False),
+    Controller(1500.0, 12000.0, 15.0, 1.0, on_error=True, centred=True),
 )
 """Ours (a triple pole), and the one of the blind check's nominal instrument. All figures assumed."""

@@ -43,6 +43,7 @@ class Screened:
     detectability: list[tuple[FloatArray, float]] = field(default_factory=list)
     traces: dict[str, FloatArray] = field(default_factory=dict)
     sure: bool = False  # whether it is refitted wherever it ranks
+    hope: float = 0.0  # fall of χ² along its traces, at any size
 
 
 @dataclass(frozen=True)
@@ -64,18 +65,20 @@ class _Lens:
         return cls(sd, projector, projector.apply(f.at_mean), f.log_evidence(1.0, (sd,)))
 
 
-def _seen_through(lenses: Sequence[_Lens], changes: FloatArray) -> tuple[FloatArray, _Lens]:
-    """Twice the nats that each of the ``changes`` (n, k) earns, its size adjusted; and the lens that shows the best."""
-    scores = []
+def _seen_through(lenses: Sequence[_Lens], changes: FloatArray) -> tuple[FloatArray, _Lens, float]:
+    """Twice the nats that each of the ``changes`` (n, k) earns, its size adjusted; the lens that shows the best; and
+    the fall of χ² that the best would bring at any size."""
+    scores, hope = [], 0.0
     seen = lenses[0].projector.jacobian.T @ changes
     for lens in lenses:
         along = np.maximum(lens.projector.squares(changes, seen), 1e-9)
         cross = lens.aim @ changes
+        hope = max(hope, float(np.max(np.square(cross) / along)))
         size = np.clip(cross / along, *AMPLITUDES)
         scores.append(lens.evidence + 0.5 * np.maximum(2 * cross - along, size * (2 * cross - size * along)))
     base = np.logaddexp.reduce([lens.evidence for lens in lenses])
     best = int(np.argmax(np.max(scores, axis=1)))
-    return 2.0 * (np.logaddexp.reduce(scores, axis=0) - base), lenses[best]
+    return 2.0 * (np.logaddexp.reduce(scores, axis=0) - base), lenses[best], hope
 
 
 def screen(
@@ -85,12 +88,14 @@ def screen(
     known: Sequence[Screened] = (),
     quick_fits: int = 0,
     jobs: int = 1,
+    least_hope: float = 0.0,
 ) -> tuple[list[Screened], int]:
     """Every candidate on top of ``base``, by the linear nuisance refit; best first. Also the number of simulations.
 
     The traces of candidates that are ``known`` from another base are used again: a second effect adds nearly what it
     changes alone, and whatever looks worth it is refitted. The best ``quick_fits``, and those whose weakest strength is
-    still far from linear, are fitted a little. Candidates are simulated and fitted by ``jobs`` processes.
+    still far from linear and whose traces would bring ``least_hope`` at any size, are fitted a little. Candidates are
+    simulated and fitted by ``jobs`` processes.
     """
     before = {s.candidate: s for s in known}
     lenses = {b: [_Lens.of(f, sd) for sd in problems[b].alternatives] for b, f in base.fits.items()}
@@ -104,11 +109,12 @@ def screen(
         else:
             units, traces, sure = looked[candidate]
             simulations += len(candidate.blocks) * len(units)
-        gain, along = 0.0, np.zeros(len(units))
+        gain, hope, along = 0.0, 0.0, np.zeros(len(units))
         starts, widths = {}, {}
         for b, changes in traces.items():
             along += own[b].squares(changes, own[b].jacobian.T @ changes)
-            gains, lens = _seen_through(lenses[b], changes)
+            gains, lens, most = _seen_through(lenses[b], changes)
+            hope += most
             times = [problems[b].widening({candidate: candidate.values(unit)}) for unit in units]
             if times[0] is not None:  # the residual does not move, it counts for less
                 gains = np.array([_widened(base.fits[b].residual, t) for t in times if t is not None])
@@ -118,11 +124,10 @@ def screen(
             widths[b] = lens.sd
             gain += best
         seen = list(zip(units, np.sqrt(np.maximum(along, 0.0)).tolist(), strict=True))
-        out.append(Screened(candidate, units, gain, starts, widths, seen, traces, sure))
+        out.append(Screened(candidate, units, gain, starts, widths, seen, traces, sure, hope))
     out.sort(key=lambda s: -s.gain)
-    unsure = [
-        s for k, s in enumerate(out) if k < quick_fits or (quick_fits and min(d for _, d in s.detectability) > STEEP)
-    ]
+    hopeful = [s.hope >= least_hope and min(d for _, d in s.detectability) > STEEP for s in out]
+    unsure = [s for k, s in enumerate(out) if k < quick_fits or (quick_fits and hopeful[k])]
     for s, (gain, starts, n) in zip(unsure, each(partial(_quick_fit, problems, base), unsure, jobs), strict=True):
         simulations += n
         if gain > s.gain:

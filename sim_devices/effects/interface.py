@@ -104,10 +104,9 @@ class Slip(Wired):
         return np.zeros(2)
 
     def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
-        x, y, z = (np.ascontiguousarray(signals[s]) for s in self.source)
-        out = np.empty((2, len(time)))
-        kernels.slipping(state, x, y, self.reach, self.share, out)
-        signals.update(zip(self.target, (out[0], out[1], z), strict=True))
+        plane, out = np.stack([signals[s] for s in self.source[:2]]), np.empty((2, len(time)))
+        kernels.slipping(state, plane, self.reach, self.share, out)
+        signals.update(zip(self.target, (*out, signals[self.source[2]]), strict=True))
 
 
 LEVER = 5e-3

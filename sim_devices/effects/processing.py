@@ -23,7 +23,7 @@ from sim_devices.effects.build import (
 )
 from sim_devices.stages import laws
 from sim_devices.stages.operators import Map, Wired, after
-from sim_devices.stages.robot import TRANSDUCERS, numbered
+from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
 from sim_devices.stages.suction import ZERO_STATE, zeroed
 
 
@@ -65,12 +65,21 @@ def _tare(chain: Chain, v: Values) -> Chain:
 
 def _sign(chain: Chain, v: Values) -> Chain:
     op: Any = chain["force_matrix"]
-    matrix = list(op.matrix)
-    matrix[chosen(v, "element")] *= 1.0 - 2.0 * v["share"]
-    return chain.tuned("force_matrix", matrix=tuple(matrix))
+    matrix = np.array(op.matrix).reshape(3, 3)
+    which = chosen(v, "element")
+    wrong = np.unravel_index(which, (3, 3)) if which < 9 else (which - 9,) if which < 12 else (slice(None), which - 12)
+    matrix[wrong] *= 1.0 - 2.0 * v["share"]
+    return chain.tuned("force_matrix", matrix=tuple(matrix.ravel().tolist()))
 
 
 _PAIRS = ((0, 1), (1, 2), (0, 2))
+_SWAPPED = (
+    ("transducers", TRANSDUCERS),
+    ("position_sensors", numbered("axis_position")),
+    ("force_matrix", xyz("force")),
+    ("probe_position", xyz("probe")),
+)
+"""Behind which operator channels may be exchanged."""
 
 
 def exchanged(time: FloatArray, a: FloatArray, b: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
@@ -80,7 +89,7 @@ def exchanged(time: FloatArray, a: FloatArray, b: FloatArray, share: float) -> t
 
 def _swap(chain: Chain, v: Values) -> Chain:
     which = chosen(v, "pair")
-    anchor, names = ("transducers", TRANSDUCERS) if which < 3 else ("position_sensors", numbered("axis_position"))
+    anchor, names = _SWAPPED[which // 3]
     i, j = _PAIRS[which % 3]
 
     def make(source: tuple[str, ...], target: tuple[str, ...]) -> Wired:
@@ -119,7 +128,7 @@ EFFECTS = (
         (
             strength("share", "1", 0.01, 1.0, 1.0, "1: the sign is turned"),
             choice("element", 0, "Rx of a", "Rx of b", "Rx of c", "Ry of a", "Ry of b", "Ry of c", "Rz of a", "Rz of b",
-                   "Rz of c"),
+                   "Rz of c", "all of Rx", "all of Ry", "all of Rz", "all of a", "all of b", "all of c"),
         ),
         _sign,
     ),
@@ -130,7 +139,8 @@ EFFECTS = (
         "cabling; gap.md",
         (
             strength("share", "1", 0.01, 1.0, 1.0, "1: wholly exchanged"),
-            choice("pair", 0, "transducers a, b", "b, c", "a, c", "position sensors 1, 2", "2, 3", "1, 3"),
+            choice("pair", 0, "transducers a, b", "b, c", "a, c", "position sensors 1, 2", "2, 3", "1, 3",
+                   "forces x, y", "y, z", "x, z", "tip x, y", "y, z", "x, z"),
         ),
         _swap,
     ),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,7 @@ from sim_devices.effects.build import (
     signed,
     strength,
 )
+from sim_devices.effects.interface import Slip
 from sim_devices.stages import kernels, laws
 from sim_devices.stages.operators import Wired, after
 from sim_devices.stages.robot import xyz
@@ -94,13 +95,17 @@ def _power_law(chain: Chain, v: Values) -> Chain:
 
 
 def _residual(chain: Chain, v: Values) -> Chain:
-    name, stage, law = "viscoplastic_residual", "tissue", kernels.yield_flow
-    if _is_robot(chain):
-        share = v["amount"] / (1.0 + v["amount"])
-        parameters = (-share, v["threshold"] * 1e-3, v["rise"], v["fall"])
-        return law_after(chain, "glue", name, stage, law, parameters)
     parameters = (v["amount"], v["threshold"] * height_scale(chain), v["rise"], v["fall"])
-    return law_after(chain, "residual", name, stage, law, parameters)
+    return law_after(chain, "residual", "viscoplastic_residual", "tissue", kernels.yield_flow, parameters)
+
+
+def _residual_robot(chain: Chain, v: Values) -> Chain:
+    name, stage, share = "viscoplastic_residual", "tissue", v["amount"] / (1.0 + v["amount"])
+    if chosen(v, "form") == 1:
+        # In its plane, so that on skin nothing tells it from a support that slips: they are one class.
+        return after(chain, "glue", lambda s, t: Slip(name, stage, s, t, v["threshold"] * 1e-3, share))
+    parameters = (-share, v["threshold"] * 1e-3, v["rise"], v["fall"])
+    return law_after(chain, "glue", name, stage, kernels.yield_flow, parameters)
 
 
 def _preconditioning(chain: Chain, v: Values) -> Chain:
@@ -226,6 +231,18 @@ def _pulse(instruments: tuple[str, ...], unit: str, low: float, high: float, def
     )  # fmt: skip
 
 
+_RESIDUAL = ("viscoplastic_residual", "tissue")
+_RESIDUAL_WORDS = (
+    "Deformation that stays after unloading.",
+    "Longer pauses; a viscoplastic mode in the tissue model.",
+    "W: residual height; Rubin & Bodner 2002; Prager 1956 for the yield point",
+)
+_RESIDUAL_SHAPE = (
+    strength("amount", "1", 0.01, 2.0, 0.25, "residual against response, when loaded for long"),
+    shape("threshold", "1", 0.0, 0.8, 0.0, "response below which nothing stays, against the typical one"),
+)
+_RISE, _FALL = shape("rise", "s", 0.5, 120.0, 8.0, log=True), shape("fall", "s", 60.0, 1e5, 3000.0, log=True)
+
 EFFECTS = (
     effect(
         "slow_creep", "tissue", ALL,
@@ -251,17 +268,16 @@ EFFECTS = (
         _power_law,
     ),
     effect(
-        "viscoplastic_residual", "tissue", ALL,
-        "Deformation that stays after unloading.",
-        "Longer pauses; a viscoplastic mode in the tissue model.",
-        "W: residual height; Rubin & Bodner 2002",
+        *_RESIDUAL, SUCTION, *_RESIDUAL_WORDS, (*_RESIDUAL_SHAPE, _RISE, _FALL), _residual,
+    ),
+    effect(
+        *_RESIDUAL, ROBOT, *_RESIDUAL_WORDS,
         (
-            strength("amount", "1", 0.01, 2.0, 0.25, "residual against response, when loaded for long"),
-            shape("threshold", "1", 0.0, 0.8, 0.0, "response below which nothing stays, against the typical one"),
-            shape("rise", "s", 0.5, 120.0, 8.0, log=True),
-            shape("fall", "s", 60.0, 1e5, 3000.0, log=True),
+            *_RESIDUAL_SHAPE,
+            choice("form", 0, "flow under load", "at once, in plane, beyond a yield point"),
+            *(replace(p, only=(0,)) for p in (_RISE, _FALL)),
         ),
-        _residual,
+        _residual_robot,
     ),
     effect(
         "preconditioning", "tissue", ALL,

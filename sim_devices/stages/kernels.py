@@ -265,18 +265,20 @@ def play_within(s: FloatArray, u: FloatArray, width: FloatArray, soft: float, y:
 
 
 @njit(cache=True)
-def slipping(s: FloatArray, x: FloatArray, y: FloatArray, reach: float, share: float, out: FloatArray) -> None:
-    """Play in a plane: point s (2,) is carried along at a distance ``reach`` of (x, y); out (2, n) = (x, y) - share s.
+def slipping(s: FloatArray, u: FloatArray, reach: float, share: float, out: FloatArray) -> None:
+    """Play in k directions at once: point s (k,) is carried along at a distance ``reach`` of u (k, n).
 
-    As friction with kinematic hardening: ``share`` of the displacement beyond ``reach`` is slip.
+    ``out`` = u - share s. As friction with kinematic hardening: ``share`` of the displacement beyond ``reach`` is slip.
     """
-    for i in range(x.size):
-        dx, dy = x[i] - s[0], y[i] - s[1]
-        far = math.sqrt(dx * dx + dy * dy)
-        if far > reach:
-            s[0] += (far - reach) / far * dx
-            s[1] += (far - reach) / far * dy
-        out[0, i], out[1, i] = x[i] - share * s[0], y[i] - share * s[1]
+    for i in range(u.shape[1]):
+        far = 0.0
+        for k in range(s.size):
+            far += (u[k, i] - s[k]) ** 2
+        far = math.sqrt(far)
+        for k in range(s.size):
+            if far > reach:
+                s[k] += (far - reach) / far * (u[k, i] - s[k])
+            out[k, i] = u[k, i] - share * s[k]
 
 
 @njit(cache=True)
@@ -310,15 +312,24 @@ def bouc_wen(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Floa
     """
     for i in range(t.size):
         du = (u[i] - s[2]) / max(p[1], 1e-300)
-        steps = int(min(math.ceil(abs(du) * 8.0), 256.0))
-        for _ in range(steps):
-            h = du / steps
-            z = s[3]
-            for stage in range(2):  # midpoint rule
-                back = 1.0 if z * h > 0.0 else 0.0
-                slope = 1.0 - back * abs(z) ** p[2]
-                z = s[3] + slope * h * (0.5 if stage == 0 else 1.0)
-            s[3] = min(max(z, -1.0), 1.0)
+        if p[2] == 2.0:  # back along the initial slope, then a hyperbolic tangent
+            way = 1.0 if du > 0.0 else -1.0
+            z = way * s[3]
+            back = min(max(-z, 0.0), way * du)
+            z += back
+            if way * du > back:
+                z = math.tanh(math.atanh(min(z, 1.0 - 1e-15)) + way * du - back)
+            s[3] = way * z
+        else:
+            steps = int(min(math.ceil(abs(du) * 8.0), 256.0))
+            for _ in range(steps):
+                h = du / steps
+                z = s[3]
+                for stage in range(2):  # midpoint rule
+                    back = 1.0 if z * h > 0.0 else 0.0
+                    slope = 1.0 - back * abs(z) ** p[2]
+                    z = s[3] + slope * h * (0.5 if stage == 0 else 1.0)
+                s[3] = min(max(z, -1.0), 1.0)
         s[2] = u[i]
         y[i] = p[0] * s[3]
 

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from gap import own
 from gap.blocks import GroupedSession
 from gap.effects import library
+from gap.hypothesis import Candidate
 from gap.robot import BEND, robot_problems, robot_session
 from gap.robot_axes import QUANTITIES, AxesBlock
 from gap.robot_force import ForceBlock, RoughForceBlock
 from gap.robot_loop import CONTROLLERS
 from gap.sheet_null import gradients, lagged, played, sheet_discrepancy
-from gap.smoothing import significant
+from gap.smoothing import deviation, significant
 from gap.solve import fit
 from sim_devices.chain import FloatArray
 from sim_devices.stages import nominal
 from sim_devices.stages.kernels import evaluate, low_pass
+from sim_devices.stages.tissues import sheet_tissue
 
 
 def test_smoothing_keeps_a_step_and_averages_the_rest() -> None:
@@ -28,6 +32,15 @@ def test_smoothing_keeps_a_step_and_averages_the_rest() -> None:
     assert np.std((smooth - truth)[away]) < 0.05 / 8
     assert abs(smooth[1990]) < 0.1
     assert abs(smooth[2010] - 1) < 0.1
+
+
+def test_a_deviation_is_nought_unless_it_stands_out() -> None:
+    rng = np.random.default_rng(1)
+    time = np.arange(4000) / 100
+    noise, bump = rng.normal(0, 0.05, len(time)), np.exp(-((time - 20) ** 2))
+    assert np.mean(deviation(time, noise) == 0.0) > 0.95
+    assert np.max(np.abs(deviation(time, bump + noise) - bump)) < 0.1
+    assert np.std(deviation(time, noise)) < 0.3 * np.std(significant(time, noise))
 
 
 def test_gradients_are_free_of_curl() -> None:
@@ -110,6 +123,49 @@ def test_secant_stiffness_of_the_sheet_does_not_depend_on_its_stiffening() -> No
         secants.append(np.array(law.stiffness) * stretch**law.exponent)
     assert np.allclose(secants[1], secants[0], rtol=1e-9)
     assert np.allclose(secants[2], secants[0], rtol=1e-9)
+
+
+def test_the_tip_keeps_to_the_clock_of_the_commands() -> None:
+    """At the end of a session a clock that is 1e-4 fast is as late as a delay of so much."""
+    recordings = own.robot_session(np.random.default_rng(5), [], legs=[own.direction_cycles(0.0, 0.0, 1.2e-3, 8.0, 1)])
+    axes = AxesBlock(robot_session(recordings), {})
+    group = axes.groups[0][0]
+    end = axes.stamps[-1] - np.arange(0.0, 1.0, 0.1)
+    late, skewed = axes.prior_mean.copy(), axes.prior_mean.copy()
+    late[3], skewed[4] = 1e-3, 1e-3 / (axes.stamps[-1] - axes.stamps[0])
+    paths = []
+    for nuisance in (axes.prior_mean, late, skewed):
+        axes._best = replace(axes._best, nuisance=nuisance)
+        paths.append(axes.true_axes(group, end))
+    moved = np.max(np.abs(paths[1] - paths[0]))
+    assert moved > 1e-7
+    assert np.max(np.abs(paths[2] - paths[1])) < 0.2 * moved
+
+
+def test_what_the_transducers_get_wrong_misleads_the_load_on_the_axes() -> None:
+    """Behind a free stiffness nobody sees a wrong gain of all transducers; the axes do, which bear the true force."""
+    effect = library("microrobot")["sensor_gain[channel=3]"]
+    legs = [own.direction_cycles(a, 0.0, 1.2e-3, 1.5, 6) for a in (0.0, 0.3 * np.pi, 0.5 * np.pi)]
+    recordings = own.robot_session(np.random.default_rng(5), [(effect, {"error": 0.3})], legs=legs)
+    axes = AxesBlock(robot_session(recordings), {"sensor_gain[channel=3]": effect})
+    candidate = Candidate("sensor_gain[channel=3]", effect.name, effect.stage, effect.parameters, ("axes",))
+    null = fit(axes)
+    found = fit(axes, (candidate,), np.array([0.55]), null.nuisance)
+    assert abs(candidate.values(found.unit)["error"] - 0.3) < 3 * np.sqrt(found.covariance[0, 0])
+    assert null.objective - found.objective > 10
+
+
+def test_skin_of_a_simple_law_needs_nothing_wider() -> None:
+    skin = replace(sheet_tissue("forearm"), relaxation=(0.2, 0.15), times=(0.8, 6.0), softening=0.0)
+    legs = [own.direction_cycles(a, 0.0, 1.2e-3, 8.0, 2) for a in (0.0, 0.3 * np.pi, 0.5 * np.pi)]
+    recordings = own.robot_session(np.random.default_rng(5), [], tissue=skin, legs=legs)
+    session = robot_session(recordings)
+    block = ForceBlock(session, {}, AxesBlock(session, {}))
+    start = block.start()
+    assert len(block.alternatives) == len(block.trusts) == 1
+    found = fit(block, nuisance=start)
+    assert found.chi2 < 1.1 * len(found.residual)
+    assert np.allclose(sorted(block.tissue(found.nuisance).times), (0.8, 6.0), rtol=0.3)
 
 
 def test_limits_are_looked_for_where_the_session_meets_them() -> None:

@@ -52,6 +52,13 @@ def test_chunks_join_without_a_seam(kernel: Kernel, parameters: tuple[float, ...
     assert np.isfinite(whole).all()
 
 
+def test_bouc_wen_of_exponent_two_is_what_small_steps_make() -> None:
+    exact = evaluate(kernels.bouc_wen, TIME, WAVE, 0.5, 0.2, 2.0)
+    fine = np.linspace(TIME[0], TIME[-1], 40 * len(TIME))
+    stepped = evaluate(kernels.bouc_wen, fine, np.interp(fine, TIME, WAVE), 0.5, 0.2, 2.0 + 1e-9)
+    np.testing.assert_allclose(exact, np.interp(TIME, fine, stepped), atol=0.01)
+
+
 def uniform() -> tuple[FloatArray, FloatArray]:
     time = np.arange(0, 6, 0.02)
     return time, np.sin(3 * time)
