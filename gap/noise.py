@@ -41,9 +41,10 @@ def dithered_sigma(value: FloatArray, step: float) -> float | None:
     white noise it is 2 σ/√π. It is taken where the signal hardly moves for `STILL` samples.
     """
     windows = (len(value) - 1) // STILL
-    corners = value[: windows * STILL + 1 : STILL]
-    apart = np.abs(np.diff(value[: windows * STILL + 1])).reshape(windows, STILL).mean(axis=1)
-    still = np.abs(np.diff(corners)) <= np.maximum(1.5 * step, 0.15 * STILL * apart)
+    part = value[: windows * STILL].reshape(windows, STILL)
+    apart = np.abs(np.diff(part, axis=1)).mean(axis=1)
+    # Of white noise so many samples span four times their mean difference, where they rise or fall evenly forty times.
+    still = np.ptp(part, axis=1) <= np.maximum(2.0 * step, 6.0 * apart)
     return float(np.sqrt(np.pi) / 2.0 * np.mean(apart[still])) if np.sum(still) > 3 else None
 
 

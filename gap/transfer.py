@@ -22,7 +22,8 @@ from gap.workers import each
 
 @dataclass(frozen=True)
 class Shrink:
-    """rms of the whitened residual on the withheld rows before and after; shrink = (before − after)/(before − 1)."""
+    """rms of the whitened residual on the withheld rows before and after, strained tolerances included as in
+    `plain_gap`; shrink = (before − after)/(before − 1)."""
 
     before: float
     after: float
@@ -225,4 +226,4 @@ def _withheld(problem: Problem, h: Hypothesis, name: str, out: NDArray[np.bool_]
     local = full.jacobian[out][:, problem.local]
     if local.shape[1]:
         residual = Projector(local, problem.prior_sd[problem.local]).apply(residual)
-    return float(residual @ residual)
+    return float(residual @ residual) + trained.penalty * float(np.mean(out))
