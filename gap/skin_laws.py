@@ -111,15 +111,20 @@ FURTHER = (
 """Those that are tried where no basic one is at the noise."""
 
 
+def _exp(x: float) -> float:
+    """Exponential of a logarithm that a fit may have tried far out."""
+    return math.exp(min(max(x, -20.0), 20.0))
+
+
 def rewired(chain: Chain, c: Mapping[str, float], strongest: float, reach: float) -> Chain:
     """The chain of a tissue of the usual kind with what else ``c`` says of it.
 
     ``reach`` is the elastic height, m, at the ``strongest`` suction, Pa.
     """
     if c["sheet"]:
-        arm = ARM * math.exp(c["arm"]), ARM_TIME * math.exp(c["arm_time"])
-        tension = 1.0 / (1.0 + math.exp(c["slack"]))
-        constants = (strongest, reach, tension, math.exp(c["bend"]), VISCOSITY * math.exp(c["viscosity"]), *arm)
+        arm = ARM * _exp(c["arm"]), ARM_TIME * _exp(c["arm_time"])
+        tension = 1.0 / (1.0 + _exp(c["slack"]))
+        constants = (strongest, reach, tension, _exp(c["bend"]), VISCOSITY * _exp(c["viscosity"]), *arm)
         return chain.tuned("elastic", function=_sheet_height, parameters=constants)
     memory: Any = chain["memory"]
     if c["fung"]:
@@ -130,7 +135,7 @@ def rewired(chain: Chain, c: Mapping[str, float], strongest: float, reach: float
     if c["slowing"]:
         chain = chain.tuned("memory", kernel=slowed, parameters=(c["slowing"] / reach, *memory.parameters[1:]))
     if c["flow"]:
-        flow = (c["flow"], c["yield"] * strongest, RISE * math.exp(c["rise"]), FALL * math.exp(c["fall"]))
+        flow = (c["flow"], c["yield"] * strongest, RISE * _exp(c["rise"]), FALL * _exp(c["fall"]))
         chain = after(
             chain, "memory", lambda s, t: LoadFlow("flow", "tissue", (*s, "skin_pressure"), t, reach / strongest, flow)
         )

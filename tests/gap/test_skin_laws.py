@@ -19,6 +19,7 @@ from gap.suction_height import HeightBlock
 from gap.suction_pressure import PressureBlock
 from sim_devices.chain import Effect
 from sim_devices.effects.tissue import power_law_creep
+from sim_devices.stages import nominal
 from sim_devices.stages.kernels import STATE, Kernel, evaluate, prony
 from sim_devices.stages.tissues import SuctionTissue
 
@@ -137,3 +138,15 @@ def test_the_law_of_a_persons_skin_is_found(law: SkinLaw) -> None:
     null = fit(block)
     assert block.laws[0] == law
     assert null.chi2 / len(null.residual) < 1.15
+
+
+@pytest.mark.parametrize("law", FURTHER, ids=lambda law: "-".join((law.amounts[0], *law.nonlinear)))
+@pytest.mark.parametrize("far", [-800.0, 800.0])
+def test_what_a_fit_tries_far_out_is_simulated(law: SkinLaw, far: float) -> None:
+    """A logarithm without bounds must not end a diagnosis."""
+    (kind,) = law.nonlinear
+    tried = {name: far if part.of == kind != name else 0.0 for name, part in PARTS.items()} | {kind: 1.0}
+    chain = rewired(nominal("aspiration"), tried, 20e3, 1e-3)
+    made = chain.run(TIME, {"command_pressure": -20e3 * LOAD})["bulge"]
+    assert len(made) == len(TIME)
+    assert not np.any(np.isnan(made))
