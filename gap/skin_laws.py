@@ -111,9 +111,9 @@ FURTHER = (
 """Those that are tried where no basic one is at the noise."""
 
 
-def _exp(x: float) -> float:
+def bounded_exp(x: float) -> float:
     """Exponential of a logarithm that a fit may have tried far out."""
-    return math.exp(min(max(x, -20.0), 20.0))
+    return math.exp(min(max(float(x), -15.0), 15.0))
 
 
 def rewired(chain: Chain, c: Mapping[str, float], strongest: float, reach: float) -> Chain:
@@ -122,9 +122,9 @@ def rewired(chain: Chain, c: Mapping[str, float], strongest: float, reach: float
     ``reach`` is the elastic height, m, at the ``strongest`` suction, Pa.
     """
     if c["sheet"]:
-        arm = ARM * _exp(c["arm"]), ARM_TIME * _exp(c["arm_time"])
-        tension = 1.0 / (1.0 + _exp(c["slack"]))
-        constants = (strongest, reach, tension, _exp(c["bend"]), VISCOSITY * _exp(c["viscosity"]), *arm)
+        arm = ARM * bounded_exp(c["arm"]), ARM_TIME * bounded_exp(c["arm_time"])
+        tension = 1.0 / (1.0 + bounded_exp(c["slack"]))
+        constants = (strongest, reach, tension, bounded_exp(c["bend"]), VISCOSITY * bounded_exp(c["viscosity"]), *arm)
         return chain.tuned("elastic", function=_sheet_height, parameters=constants)
     memory: Any = chain["memory"]
     if c["fung"]:
@@ -135,7 +135,7 @@ def rewired(chain: Chain, c: Mapping[str, float], strongest: float, reach: float
     if c["slowing"]:
         chain = chain.tuned("memory", kernel=slowed, parameters=(c["slowing"] / reach, *memory.parameters[1:]))
     if c["flow"]:
-        flow = (c["flow"], c["yield"] * strongest, RISE * _exp(c["rise"]), FALL * _exp(c["fall"]))
+        flow = (c["flow"], c["yield"] * strongest, RISE * bounded_exp(c["rise"]), FALL * bounded_exp(c["fall"]))
         chain = after(
             chain, "memory", lambda s, t: LoadFlow("flow", "tissue", (*s, "skin_pressure"), t, reach / strongest, flow)
         )

@@ -20,7 +20,7 @@ from gap.blocks import SHIFT_SD, Block, Group, GroupedSession, Table, compressed
 from gap.chains import Kept, needed
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Start
 from gap.noise import denoised
-from gap.skin_laws import BASIC, CREEP, FROZEN, FURTHER, PARTS, USUAL, Part, SkinLaw, rewired
+from gap.skin_laws import BASIC, CREEP, FROZEN, FURTHER, PARTS, USUAL, Part, SkinLaw, bounded_exp, rewired
 from gap.solve import Fit, fit, under
 from gap.suction_pressure import NO_TISSUE, PressureBlock, chain_of, commanded_line, sound_chain
 from gap.tissue_null import USUAL_MEMORY, Suction, elastic_freedom, suction_discrepancy
@@ -212,12 +212,12 @@ class HeightBlock(Block):
         """The reduced tissue at a nuisance vector."""
         c = dict(zip(self.PARTS, nuisance, strict=False))
         base = self._tissue
-        knee = base.knee * float(np.exp(c["knee"]))
+        knee = base.knee * bounded_exp(c["knee"])
         exponent = float(np.clip(base.exponent + c["exponent"], -3.0, 3.0))
         exponent = exponent if abs(exponent) > LOGARITHM else LOGARITHM
-        fraction = float(np.clip(FRACTION * np.exp(c["fraction"]), 0.03, 0.9))
+        fraction = float(np.clip(FRACTION * bounded_exp(c["fraction"]), 0.03, 0.9))
         memory = [
-            (c[f"creep{i + 1}"], tau * float(np.exp(c[f"time{i + 1}"])))
+            (c[f"creep{i + 1}"], tau * bounded_exp(c[f"time{i + 1}"]))
             for i, tau in enumerate(base.times)
             if abs(c[f"creep{i + 1}"]) > FROZEN
         ]

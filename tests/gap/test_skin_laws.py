@@ -150,3 +150,16 @@ def test_what_a_fit_tries_far_out_is_simulated(law: SkinLaw, far: float) -> None
     made = chain.run(TIME, {"command_pressure": -20e3 * LOAD})["bulge"]
     assert len(made) == len(TIME)
     assert not np.any(np.isnan(made))
+
+
+@pytest.mark.parametrize("far", [-800.0, 800.0])
+def test_a_tissue_far_out_is_simulated(far: float) -> None:
+    """Knee, exponent and creep times as well: a warning here would be an error elsewhere."""
+    recordings = own.suction_session("aspiration", np.random.default_rng(2), legs=[own.step_hold(-15e3, 2.0, 2.0)] * 2)
+    session, effects = GroupedSession(recordings, ("pressure",)), library("aspiration")
+    block = HeightBlock(session, effects, PressureBlock(session, effects))
+    nuisance = block.prior_mean.copy()
+    for k, (name, part) in enumerate(block.PARTS.items()):
+        amount = part.of == name
+        nuisance[k] = part.begin if amount and name not in ("fung", "sheet") else 0.0 if amount else far
+    assert np.all(np.isfinite(block.evaluate(nuisance, {}, want_jacobian=False).residual))
