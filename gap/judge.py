@@ -28,14 +28,14 @@ class Judgement:
     prior_effect: float = 0.45  # that one effect acts
     prior_pair: float = 0.05  # that two act
     outside: float = 0.07  # that what is named is imitated by an effect that the library lacks
-    sure_none: float = 0.98  # probability of no effect above which, at a gap below `quiet_gap`, the verdict is `none`
+    sure_none: float = 0.99  # probability of no effect above which, at a gap below `quiet_gap`, the verdict is `none`
     quiet_gap: float = 1.1
     unusual_gap: float = 1.3  # gap above which finding nothing means that the cause is unknown, not that there is none
     separable: float = 3.0  # distance (in tempered σ) below which two fitted explanations are one class
     evidence_tie: float = 5.0  # nats within which indistinguishable explanations count as equally good,
     lead: float = 1.0  # and those by which the simplest of them may be worse and still leads them
     detect: float = 0.5  # probability of "some effect" above which one is claimed,
-    seen: float = 4.5  # if it stands out by so many tempered σ: among sixty effects some always do by three or four
+    seen: float = 5.0  # if it stands out by so many tempered σ: among sixty effects some always do by three or four
     second_share: float = 0.3  # of what the best single effect leaves above the noise, that a second must explain
     second_excess: float = 0.01  # and of what the null leaves: form errors grow with the effect
     second_least: float = 30.0  # χ² (tempered) that it must explain at least: of so many pairs some always do by less
