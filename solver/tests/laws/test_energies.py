@@ -99,13 +99,13 @@ def _call(law, C, p, derivatives, S, D, dS):  # type: ignore[no-untyped-def]
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=lambda law: law.name)
 @settings(max_examples=20, deadline=None)
-@given(entries=st.lists(st.floats(-1.0, 1.0), min_size=9, max_size=9))
+@given(entries=st.lists(st.integers(-1000, 1000).map(lambda k: k / 1000), min_size=9, max_size=9))
 def test_stress_is_the_derivative_of_the_papers_energy(law: Law, entries: list[float]) -> None:
     size = 0.008 if law.name == "bischoff" else 0.12  # chains of the Bischoff defaults lock at 3 % stretch
     F = np.diag([1.0, 1.0 + 0.13 * size, 1.0 - 0.07 * size]) + size * np.reshape(entries, (3, 3))
     p = np.array([q.default for q in law.parameters])
     C = F.T @ F
-    # The reference differentiates eigenvalues, which equal ones do not allow.
+    # The reference differentiates eigenvalues: neither equal ones nor entries near 1e-11 (hence thousandths) allow it.
     assume(law.name != "ogden" or np.diff(np.linalg.eigvalsh(C)).min() > 1e-4)
     expected = nominal_stress(law.name, F, p)
     six = np.array([C[0, 0], C[1, 1], C[2, 2], C[0, 1], C[1, 2], C[0, 2]])
