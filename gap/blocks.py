@@ -27,6 +27,8 @@ from sim_devices.stages.sampling import COMMANDS, RETIMED, command_at, time_grid
 
 SHIFT_SD = 0.25
 """Of a sampling interval: how late a sound channel may be, which integrates, holds or stamps as it likes (assumed)."""
+SIMPLE_SHIFT = 1e-3
+"""s: how late a channel may be that samples, neither holds nor integrates."""
 AFTER_KINK = 1e-3 * np.concatenate(
     [np.arange(1, 40), np.arange(40, 120, 2), np.arange(120, 300, 4), np.arange(300, 1000, 10)]
 )

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
+FROZEN = 1e-9
+"""Prior width at which a parameter of the tissue does not move, and its derivative is not asked for."""
+
 
 @dataclass(frozen=True)
 class Candidate:

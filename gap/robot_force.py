@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from gap.blocks import SHIFT_SD, Block, Group, GroupedSession, Table, compressed
+from gap.blocks import SHIFT_SD, SIMPLE_SHIFT, Block, Group, GroupedSession, Table, compressed
 from gap.chains import needed, run
-from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Start
+from gap.hypothesis import FROZEN, Active, Candidate, Evaluation, FloatArray, Start
 from gap.robot_axes import AXES, ROBOT_BINS, STAMPS_SD, AxesBlock, recorded, specimen_chain, steepness
-from gap.sheet_law import FROZEN, LAWS, TISSUE, Law, sheet
+from gap.sheet_law import LAWS, TISSUE, Law, sheet
 from gap.sheet_null import sheet_discrepancy
 from gap.smoothing import deviation, significant
 from gap.solve import Fit, fit, under
@@ -20,8 +20,6 @@ from sim_devices.stages.tissues import SheetTissue, sheet_tissue
 
 SHEET_STEP = 0.1
 """s between nodes of the sheet, stamps apart."""
-SIMPLE_SHIFT = 1e-3
-"""s: how late a channel may be that samples, neither holds nor integrates."""
 CLEARLY = 5.0
 """Nats by which a simple law must be more probable than all else to be the only one."""
 PLAIN = 1e-6

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gap.hypothesis import FloatArray
+from gap.hypothesis import FROZEN, FloatArray
 from sim_devices.effects.tissue import spectrum
 from sim_devices.stages.tissues import SheetTissue
 
@@ -36,8 +36,6 @@ TISSUE = (
     *SPECTRUM, *MEMORY, *MEMORY.values(),
 )  # fmt: skip
 TISSUE_SD = (1.0, 1.0, 1.0, 1.5, 0.7, 0.3, 0.5, 0.04, *[0.1] * len(SPECTRUM), 0.3, 0.3, 0.4, 1.5, 1.5, 0.5)
-FROZEN = 1e-9
-"""Prior width at which a parameter does not move, and its derivative is not asked for."""
 
 
 @dataclass(frozen=True)

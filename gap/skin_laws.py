@@ -15,13 +15,11 @@ from typing import Any, NamedTuple
 
 from numba import njit
 
-from gap.hypothesis import FloatArray
+from gap.hypothesis import FROZEN, FloatArray
 from sim_devices.chain import Chain, Signals
 from sim_devices.stages.kernels import evaluate, hold_weights, yield_flow
 from sim_devices.stages.operators import Wired, after, before
 
-FROZEN = 1e-9
-"""Prior width at which a parameter of the tissue does not move, and its derivative is not asked for."""
 DASHPOT = 5e-3
 """s: relaxation time of the spring in series with which a dashpot is stepped."""
 
@@ -66,6 +64,8 @@ RISE, FALL = 1.0, 100.0
 """Times of flow and of its recovery from which fits begin, s."""
 VISCOSITY, ARM, ARM_TIME = 0.06, 0.17, 7.0
 """Of a sheet's dashpot (s) and arm (share, s), from which fits begin."""
+TIMES = ("time1", "time2", "time3", "time4")
+"""Creep times, which have local optima."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class SkinLaw:
     @property
     def timed(self) -> bool:
         """Whether it has creep times, which have local optima."""
-        return any(PARTS[f"time{k + 1}"].of in self.amounts for k in range(4))
+        return any(PARTS[time].of in self.amounts for time in TIMES)
 
     def beside(self, others: Sequence[str]) -> SkinLaw:
         """The law with more amounts."""

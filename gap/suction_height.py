@@ -16,11 +16,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from gap.blocks import SHIFT_SD, Block, Group, GroupedSession, Table, compressed
+from gap.blocks import SHIFT_SD, SIMPLE_SHIFT, Block, Group, GroupedSession, Table, compressed
 from gap.chains import Kept, needed
-from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Start
+from gap.hypothesis import FROZEN, Active, Candidate, Evaluation, FloatArray, Start
 from gap.noise import denoised
-from gap.skin_laws import BASIC, CREEP, FROZEN, FURTHER, PARTS, USUAL, Part, SkinLaw, bounded_exp, rewired
+from gap.skin_laws import BASIC, CREEP, FURTHER, PARTS, TIMES, USUAL, Part, SkinLaw, bounded_exp, rewired
 from gap.solve import Fit, fit, under
 from gap.suction_pressure import NO_TISSUE, PressureBlock, chain_of, commanded_line, sound_chain
 from gap.tissue_null import USUAL_MEMORY, Suction, elastic_freedom, suction_discrepancy
@@ -31,14 +31,10 @@ from sim_devices.stages.sampling import simulate
 from sim_devices.stages.suction import elastic_height
 from sim_devices.stages.tissues import SuctionTissue, suction_tissue
 
-SIMPLE_SHIFT = 1e-3
-"""s: how late a channel may be that samples, neither holds nor integrates."""
 LOGARITHM = 1e-4
 """Exponent of an elastic curve that is as good as a logarithm; below nought curves have an end."""
 FRACTION = 0.25
 """Exponent of power-law creep from which fits begin."""
-TIMES = ("time1", "time2", "time3", "time4")
-"""Creep times, which have local optima."""
 ENOUGH = 1.05
 """χ² per sample of a law at which nothing less simple is tried."""
 QUICK = 10
@@ -293,7 +289,7 @@ class HeightBlock(Block):
         """Columns of other elastic curves that go with the memory of ``nuisance`` (p,)."""
         tissue = self.tissue(nuisance)
         memory = [v for pair in zip(tissue.creep, tissue.times, strict=True) for v in pair]
-        of_stress = "fung" in self.PARTS and bool(nuisance[list(self.PARTS).index("fung")])
+        of_stress = bool(nuisance[list(self.PARTS).index("fung")])
         at = slice(self._curve_part.start - self._offset, self._curve_part.stop - self._offset)
         self._added[:, at] = self._by_group(elastic_freedom, memory, of_stress)[0] * self._span
 
