@@ -133,8 +133,13 @@ UNNAMED = ("1", "choice", "velocity", "position", "rate")
 def quantity(value: float, unit: str, se: float | None = None) -> str:
     """A number as people write it: ``0.31 ± 0.02 s``, ``98.2 µm``; nothing after a pure number."""
     shown, factor, _ = next((u for u in PREFIXED.get(unit, ()) if abs(value) >= u[2]), (unit, 1.0, 0.0))
-    spread = f" ± {se * factor:.1g}" if se is not None else ""
-    return f"{value * factor:.3g}{spread} {'' if shown in UNNAMED else shown}".rstrip()
+    spread = f" ± {rounded(se * factor, 1)}" if se is not None else ""
+    return f"{rounded(value * factor)}{spread} {'' if shown in UNNAMED else shown}".rstrip()
+
+
+def rounded(x: float, digits: int = 3) -> str:
+    """``x`` to some significant digits, without a power of ten where people write none: ``40``, ``1320``."""
+    return f"{float(f'{x:.{digits}g}'):g}"
 
 
 def sentences(d: Diagnosis) -> list[str]:
@@ -144,7 +149,7 @@ def sentences(d: Diagnosis) -> list[str]:
     worst = max(by_phase, key=lambda k: by_phase[k]["before"]) if len(by_phase) > 1 else ""
     phase = {"load": "loading", "unload": "unloading", "hold": "holding", "rest": "resting"}.get(worst, worst)
     mostly = f", mostly while {phase}" if worst and by_phase[worst]["before"] > 1.2 * d.gap_before else ""
-    first = f"The simulation is {d.gap_before:.3g} times the noise off{mostly}."
+    first = f"The simulation is {rounded(d.gap_before)} times the noise off{mostly}."
     if d.gap_before < 1.1:
         first = f"Simulation and measurement agree to within the noise (gap {d.gap_before:.2f}, noise 1)."
     if v.verdict in ("none", "undetectable"):

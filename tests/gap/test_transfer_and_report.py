@@ -15,7 +15,7 @@ from scipy.signal import lsim
 from acquire.recording.model import Recording
 from gap.diagnose import Diagnosis, diagnose
 from gap.page import page
-from gap.report import as_json
+from gap.report import as_json, quantity
 from gap.transfer import Shrink, shrink, splits, splits_of_a_rig, waveform
 from sim_devices.chain import Parameter
 
@@ -200,3 +200,16 @@ def test_what_no_effect_of_the_library_does_is_not_named_with_certainty(recordin
     assert result["verdict"] == "unknown"
     assert result["unknown_probability"] > 0.5
     assert "Nothing in the library explains it" in result["sentences"][1]
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "se", "written"),
+    [
+        (12e3, "Pa", 4e3, "120 ± 40 mbar"),
+        (1318.4, "1", None, "1320"),
+        (0.3104, "s", 0.0213, "0.31 ± 0.02 s"),
+        (9.82e-5, "m", None, "98.2 µm"),
+    ],
+)
+def test_numbers_are_written_as_people_do(value: float, unit: str, se: float | None, written: str) -> None:
+    assert quantity(value, unit, se) == written
