@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from acquire.recording.model import Recording
 from gap.binning import GROWTH, WIDEST
@@ -87,7 +86,6 @@ class Block(abc.ABC):
     prior_mean: FloatArray
     prior_sd: FloatArray
     alternatives: Sequence[FloatArray]
-    local: NDArray[np.bool_]
 
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect], without: Sequence[str] = ()) -> None:
         self.session, self.library = session, library

@@ -17,9 +17,11 @@ import numpy as np
 from gap.hypothesis import Candidate, FloatArray, Problem
 from gap.noise import correlation_time
 from gap.screening import Screened, screen
-from gap.solve import Fit, Hypothesis, fit, under
+from gap.solve import Fit, Hypothesis, Projector, fit, under
 from gap.workers import each
 
+ALIKE = 0.85
+"""Cosine between what the best effect changes and another's trace from which that one is refitted, too."""
 HOPELESS = 4.0
 """Fall of χ² in the screening below which an effect is not refitted."""
 
@@ -131,8 +133,9 @@ class Effort:
     quick_fits: int = 16  # screened effects that get a few steps of a fit, where straight lines may mislead
     least_hope: float = 0.0  # fall of χ², at any size, below which an effect gets none for being far from linear
     refit_singles: int = 9
+    imitators: int = 3  # of the best, that are refitted besides
     pair_bases: int = 2
-    refit_pairs: int = 2
+    refit_pairs: int = 3  # second effects, of different names, for each of the bases
     pair_gain: float = 12.0  # tempered fall of χ² below which a second effect is not even refitted
 
 
@@ -154,6 +157,8 @@ def compare(
     chosen = _shortlist(comparison.screened, effort.refit_singles)
     chosen += [s for s in comparison.screened if (s.sure or s.candidate in suspects) and s not in chosen]
     _refit_all(comparison, [(comparison.null, s) for s in chosen], jobs)
+    others = _imitators(comparison, [s for s in comparison.screened if s not in chosen])
+    _refit_all(comparison, [(comparison.null, s) for s in others[: effort.imitators]], jobs)
     _finish_null(comparison)
     _pairs(comparison, usable, effort, jobs)
     return comparison
@@ -193,6 +198,31 @@ def _shortlist(screened: Sequence[Screened], size: int) -> list[Screened]:
     return out
 
 
+def _imitators(comparison: Comparison, others: Sequence[Screened]) -> list[Screened]:
+    """Those of the ``others``, one of each name, whose traces point where the best effect's change does, beside the
+    nuisance; the most alike first. Along a straight line from the null a slow or bent effect may look useless.
+    """
+    best = min(comparison.hypotheses, key=lambda h: h.deviance, default=None)
+    if best is None:
+        return []
+    seen: dict[str, FloatArray] = {}
+    for block, before in comparison.null.fits.items():
+        change = before.residual - best.fits[block].residual
+        seen[block] = Projector(before.jacobian, before.prior_sd).apply(change)
+    size = np.sqrt(sum(float(np.sum(np.square(v))) for v in seen.values()))
+
+    def alike(s: Screened) -> float:
+        along = sum((seen[b] @ traces for b, traces in s.traces.items()), np.zeros(len(s.units)))
+        lengths = np.array([length for _, length in s.detectability])
+        return float(np.max(along / np.maximum(lengths * size, 1e-9), initial=0.0))
+
+    found: dict[str, Screened] = {}  # one of each name
+    for likeness, s in sorted(((alike(s), s) for s in others), key=lambda pair: -pair[0]):
+        if likeness > ALIKE:
+            found.setdefault(s.candidate.name, s)
+    return list(found.values())
+
+
 def _pairs(comparison: Comparison, candidates: Sequence[Candidate], effort: Effort, jobs: int) -> None:
     temper = comparison.temper()
     weight = comparison.weighed(temper)
@@ -203,11 +233,13 @@ def _pairs(comparison: Comparison, candidates: Sequence[Candidate], effort: Effo
         others = [c for c in candidates if c.name != base.effects[0].name]
         screened, n = screen(comparison.problems, base, others, comparison.screened)
         comparison.simulations += n
-        for s in screened[: effort.refit_pairs]:
+        seconds: dict[str, Screened] = {}
+        for s in screened:
+            if s.gain / max(temper[b] for b in s.candidate.blocks) >= effort.pair_gain:
+                seconds.setdefault(s.candidate.name, s)
+        for s in list(seconds.values())[: effort.refit_pairs]:
             together = frozenset((base.effects[0].key, s.candidate.key))
-            worth = s.gain / max(temper[b] for b in s.candidate.blocks)
-            if together in tried or worth < effort.pair_gain:
-                continue
-            tried.add(together)
-            parts.append((base, s))
+            if together not in tried:
+                tried.add(together)
+                parts.append((base, s))
     _refit_all(comparison, parts, jobs)

@@ -17,7 +17,7 @@ from gap.compare import Comparison, Effort, compare
 from gap.effects import library
 from gap.hypothesis import Candidate, Problem
 from gap.judge import RIG, Judgement, Verdict, borne_out, concept, judge, made_by
-from gap.rig import ForwardModel, RigProblem, foretold_beyond
+from gap.rig import ForwardModel, RigProblem, against_the_model
 from gap.session import REST, Session
 from gap.solve import Hypothesis
 from gap.transfer import Shrink, plain, plain_gap, shrink, splits, splits_of_a_rig, transferred
@@ -100,7 +100,7 @@ def diagnose(
     comparison = compare(problems, candidates, effort, suspects, jobs)
     for rig in (p for p in problems if isinstance(p, RigProblem)):
         alone = comparison.null.fits[rig.name]
-        marks = tuple(m for m in marks if foretold_beyond(m, rig, alone))
+        marks = tuple(m for m in marks if against_the_model(m, rig, alone))
         remarks += rig.at_the_end(alone.nuisance)
     verdict = judge(comparison, candidates, rules, marks)
     blocks = {p.name: p for p in problems}

@@ -319,6 +319,15 @@ GENERIC: tuple[GenericEffect, ...] = (
         laws.crosstalk,
         needs="other",
     ),
+    GenericEffect(
+        "crosstalk",
+        "another signal comes through to this one, late",
+        "insulate, or calibrate the full matrix",
+        (_signed("share", 0.5, "signal/other"), _shape("tau", 1e-2, 2.0, "duration")),
+        laws.slow_crosstalk,
+        needs="other",
+        form="slow_crosstalk",
+    ),
 )
 
 

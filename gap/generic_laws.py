@@ -328,3 +328,13 @@ def preconditioning(state: State, time: Signal, y: Signal, related: Related, p: 
 
 def crosstalk(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     return y + p["share"] * related["other"]
+
+
+def slow_crosstalk(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
+    """A share of another signal behind a lag of ``tau``, counted from what it was at the beginning."""
+    if "from" not in state:
+        other = related["other"]
+        state["from"] = float(other) if isinstance(other, float) else float(other[0])
+        state["bank"] = np.array([p["tau"]]), np.ones(1), 1.0
+    late = _remembering(_lags_kernel, state, 3, time, related["other"], *state["bank"])
+    return y + p["share"] * (late - state["from"])

@@ -101,12 +101,11 @@ class Problem(Protocol):
     """One block of data with its forward model.
 
     ``measured`` (n,) and ``sigma`` (n,) are the data behind the rows in SI and their noise, so that the prediction is
-    measured − residual·sigma (`gap.solve.predicted`, as chance widens the noise). ``local`` (p,) is true for nuisance
-    parameters that belong to single recordings (a gain, a zero). ``alternatives`` are prior widths (p,) over which the
-    evidence is averaged, narrow ones first; ``prior_sd`` is the one used while fitting, ``plain_sd`` that of the
-    simulation by itself, without a discrepancy. ``trusts``, one for each width, are exponents on the evidence, for
-    model error that tempering does not see: low where a person's tissue may do what it likes. The first also weighs
-    the widths against each other.
+    measured − residual·sigma (`gap.solve.predicted`, as chance widens the noise). ``alternatives`` are prior widths
+    (p,) over which the evidence is averaged, narrow ones first; ``prior_sd`` is the one used while fitting,
+    ``plain_sd`` that of the simulation by itself, without a discrepancy. ``trusts``, one for each width, are exponents
+    on the evidence, for model error that tempering does not see: low where a person's tissue may do what it likes. The
+    first also weighs the widths against each other.
     """
 
     name: str
@@ -115,7 +114,6 @@ class Problem(Protocol):
     sigma: FloatArray
     prior_mean: FloatArray
     prior_sd: FloatArray
-    local: NDArray[np.bool_]
     alternatives: Sequence[FloatArray]
 
     @property

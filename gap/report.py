@@ -10,6 +10,7 @@ from gap.diagnose import Diagnosis
 from gap.hypothesis import Candidate, from_unit
 from gap.judge import Cause, Verdict, unknown
 from gap.rows import LABELS
+from gap.signatures import HUM
 from gap.transfer import shrink
 
 SCHEMA = "gap-report/1"
@@ -113,7 +114,7 @@ def _cause(d: Diagnosis, cause: Cause, rank: int) -> dict[str, Any]:
         "detectability": _round(cause.detectability),
         "meaning": [e.meaning for e in cause.effects],
         "remedy": [e.remedy for e in cause.effects],
-        "shrink": {k: _round(s.value) for k, s in d.shrinks[rank].items()},
+        "shrink": {k: _round(s.value) for k, s in d.shrinks[rank].items() if k == "fitted" or s.shows},
     }
 
 
@@ -161,6 +162,8 @@ def sentences(d: Diagnosis) -> list[str]:
             second = "No effect stands out: if one acts, it is weaker than what these recordings can show."
         third = "The bounds below say how strong each effect could still be." if d.bounds else ""
         return [s for s in (first, second, third) if s]
+    if v.verdict == "unknown" and (hum := [s.text for s in d.signatures if s.effect == HUM]):
+        return [first, f"{'; '.join(hum)}: no effect of the library makes that.", UNKNOWN_NEXT]
     if not v.causes:
         return [first, "Nothing in the library explains it.", UNKNOWN_NEXT]
     cause = v.causes[0]

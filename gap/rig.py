@@ -37,12 +37,14 @@ from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Problem, S
 from gap.noise import coarse_counts, high_band_sigma
 from gap.rows import label_rows
 from gap.signatures import Signature
-from gap.solve import Fit, fit
+from gap.solve import Fit, fit, predicted
 from gap.taps import Acting, Drag, Seen, Survey, scaled
 from sim_devices.chain import STAGES, Parameter
 
 MAX_ROWS = 40_000
 """Rows of one problem above which samples are thinned (after simulation) to keep a diagnosis within seconds."""
+FEWEST = 20
+"""Samples of a recording below which neither noise nor effect can be told from it."""
 DIVERGED = 1e6
 """σ beyond which a residual says no more than that the model diverged; squares of more would overflow."""
 PLACES, CLOSEST = 24, 2
@@ -57,6 +59,8 @@ END = 3e-3
 """Share of a parameter's range from its ends at which it is said to be there."""
 EDGE = 1e-3
 """Share of a parameter's range from its ends at which a fit of it begins at most."""
+MOVING = 0.05
+"""Share of a channel's range that a model which foretells no standstill there moves by, on average."""
 PROBE = 1e-3
 """Drag, in signal over velocity, that shows what a tap's sign means."""
 
@@ -149,7 +153,6 @@ class RigProblem:
         self.sigma = np.concatenate(
             [np.full(len(k), self._sigma[c]) for ks in keep for c, k in zip(model.channels, ks, strict=True)]
         )
-        self.local = np.zeros(len(model.parameters), bool)
         self._start: FloatArray | None = None
         self.trusts = (0.6,)
         self.alternatives: Sequence[FloatArray] = (self.prior_sd,)
@@ -323,9 +326,9 @@ class RigProblem:
         parts = []
         for (time, data), keeps, measured in zip(self._runs, self._keep, self._measured, strict=True):
             made = self._simulated(time, data, p, Acting(at, time, self._seen))
-            for channel, keep, m, predicted in zip(self.model.channels, keeps, measured, made, strict=True):
+            for channel, keep, m, foretold in zip(self.model.channels, keeps, measured, made, strict=True):
                 with np.errstate(over="ignore"):
-                    parts.append((m[keep] - predicted[keep]) / self._sigma[channel])
+                    parts.append((m[keep] - foretold[keep]) / self._sigma[channel])
         # A parameter set at which the model diverges is a very bad one, not an error.
         return np.clip(np.nan_to_num(np.concatenate(parts), nan=DIVERGED), -DIVERGED, DIVERGED)
 
@@ -341,17 +344,21 @@ class RigProblem:
         return Evaluation(residual, jacobian)
 
 
-def foretold_beyond(mark: Signature, problem: Problem, alone: Fit) -> bool:
+def against_the_model(mark: Signature, problem: Problem, alone: Fit) -> bool:
     """Whether a channel that stands at its end does so against the model by itself: most of the values there are
-    foretold beyond. A motor at rest stands at nought, and so it should. True of any other mark."""
+    foretold beyond, or are foretold to move. A motor at rest stands at nought, and so it should. True of any other
+    mark."""
     sign = {"saturation": 1.0, "lower_saturation": -1.0}.get(mark.effect)
     if sign is None:
         return True
     codes, names = problem.rows.labels["channel"]
-    here = codes == names.index(mark.channel)
-    end = float(np.max(sign * problem.measured[here]))
-    at = here & (sign * problem.measured >= end - problem.sigma)
-    return bool(np.median(-sign * alone.residual[at]) > 1.0)
+    here = np.flatnonzero(codes == names.index(mark.channel))
+    measured, foretold = sign * problem.measured[here], sign * predicted(problem, alone)[here]
+    at = np.flatnonzero(measured >= np.max(measured) - problem.sigma[here])
+    if np.median((foretold - measured)[at] / problem.sigma[here][at]) > 1.0:
+        return True
+    stands = np.split(foretold[at], np.flatnonzero(np.diff(at) > 1) + 1)
+    return sum(len(s) * float(np.ptp(s)) for s in stands) > MOVING * len(at) * float(np.ptp(measured))
 
 
 def _check(model: ForwardModel, recordings: Sequence[Recording]) -> None:
@@ -388,8 +395,10 @@ def _on_one_time_base(recording: Recording, model: ForwardModel) -> tuple[FloatA
     base = recording.stream(model.channels[0])
     finite = np.isfinite(base.time)
     time = base.time[finite]
-    if len(time) < 20:
-        raise ModelError(f"recording {recording.info.id}: channel {model.channels[0]} has {len(time)} samples, too few")
+    if len(time) < FEWEST:
+        raise ModelError(
+            f"recording {recording.info.id}: channel {model.channels[0]} has {len(time)} samples; {FEWEST} are needed"
+        )
 
     def on_base(series: Series) -> FloatArray:
         value = np.asarray(series.value, dtype=float)

@@ -122,11 +122,8 @@ class AxesBlock(Block):
         self._made: dict[tuple[object, ...], FloatArray] = {}  # most effects leave the axes alone
         self._kept: dict[str, FloatArray] = {}
         self._runs = np.kron(np.eye(3), self.member)
-        k = len(self.SD)
         self.prior_sd = np.concatenate([self.SD, np.full(self._runs.shape[1], self.ZERO_SD)])
         self.prior_mean = np.zeros(len(self.prior_sd))
-        self.local = np.zeros(len(self.prior_sd), bool)
-        self.local[k:] = True
         self.alternatives = (self.prior_sd,)
         self.controller = CONTROLLERS[0]
         fits = [pair for controller in CONTROLLERS for pair in self._tried(controller)]
@@ -334,7 +331,6 @@ class ArithmeticBlock(Block):
         self._runs = np.kron(np.eye(3), self.member)
         self.prior_sd = np.full(self._runs.shape[1], 5 * floor)
         self.prior_mean = np.zeros(len(self.prior_sd))
-        self.local = np.ones(len(self.prior_sd), bool)
         self.alternatives = (self.prior_sd,)
         self._given = [self._binned_source(g, at) for g, at in self.groups]
 

@@ -80,8 +80,6 @@ class ForceBlock(Block):
         self._parts = {name: slice(end - len(v), end) for (name, v), end in zip(sd.items(), ends.tolist(), strict=True)}
         self.prior_sd = np.concatenate(list(sd.values()))
         self.prior_mean = np.zeros(len(self.prior_sd))
-        self.local = np.zeros(len(self.prior_sd), bool)
-        self.local[self._parts["gain"].start : self._parts["zero"].stop] = True
         simple = [self._simple(law) for law in self.LAWS[:-1]]
         self.alternatives = (*simple, *(self._wide(scale) for scale in self.DISCREPANCY_SCALES))
         self._trusts: Sequence[float] = (*[self.TRUST_SIMPLE] * len(simple), *self.TRUSTS)
@@ -148,7 +146,6 @@ class ForceBlock(Block):
         assert self._start is not None
         self._basis = self._basis[:, :0]
         self._start, self.prior_mean, self.prior_sd = (np.delete(v, shape) for v in (self._start, self.prior_mean, sd))
-        self.local = np.delete(self.local, shape)
         self._parts["discrepancy"] = slice(shape.start, shape.start)
         self.alternatives, self._trusts = (self.prior_sd,), (self.TRUST_SIMPLE,)
 

@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import median_filter
+from scipy.stats import gamma
 
 from acquire.plugins import instrument
 from acquire.recording.model import Recording, Series
@@ -19,6 +21,16 @@ CERTAIN = 30.0
 """Nats of a signature that admits no other reading."""
 COARSER = 1.3
 """Steps against the nominal resolution above which a channel counts as coarse."""
+HUM = "periodic_disturbance"
+"""A line in a channel's noise: mains, or a pump. No effect of the library makes it."""
+HUM_FROM = 8
+"""A line's frequency is at least the sampling rate over this: slower ones may be of the person, or of a swept path."""
+HUM_CHANCE = 1e-9
+"""Chance that noise alone has such a line. Sound sessions of 60 had 2e-5 at the least, two with a hum 1e-39."""
+HUM_WIDTH = 1.0
+"""Hz within which noise and what a step leaves are alike, as a line is not."""
+DIFFERENCE = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+"""Fourth differences: noise is what they leave of a smooth signal."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +45,8 @@ class Signature:
 
 def find(recordings: Sequence[Recording], channels: Sequence[str] | None = None) -> list[Signature]:
     """All signatures in the measured channels, or in those of a rig named ``channels``: what a model takes as given,
-    such as a command that stands at its end, is what it is. A rig may stand still, so that repeats say nothing."""
+    such as a command that stands at its end, is what it is. A rig may stand still or swing, so that repeats and lines
+    say nothing."""
     out: list[Signature] = []
     nominal = _resolutions(recordings[0].info.instrument)
     computed = ("probe_", "force_") if any("transducer_force_a" in r.streams for r in recordings) else ()
@@ -42,7 +55,7 @@ def find(recordings: Sequence[Recording], channels: Sequence[str] | None = None)
         if not series or (channels is not None and name not in channels):
             continue
         out += _clipping(name, series) + _lost(name, series)
-        out += _repeats(name, series) if channels is None else []
+        out += [*_repeats(name, series), *_hum(name, series)] if channels is None else []
         out += _coarse(name, series, nominal.get(name, np.inf))
     return out
 
@@ -140,6 +153,37 @@ def _coarse(name: str, series: Sequence[Series], nominal: float) -> list[Signatu
         text = f"{name} comes in steps of {step:.3g}, {step / nominal:.1f} times its resolution"
         return [Signature("sensor_quantisation", name, CERTAIN, text)]
     return []
+
+
+def _hum(name: str, series: Sequence[Series]) -> list[Signature]:
+    """A line in the spectrum of what fourth differences leave, in all recordings at the same frequency.
+
+    Each recording's power over its own running median is exponential where there is noise only, and their sum of a
+    gamma distribution.
+    """
+    values = [v for s in series if len(v := np.asarray(s.value, dtype=float)[np.isfinite(s.value)]) > 128]
+    if not values:
+        return []
+    rate = 1.0 / float(np.median([np.median(np.diff(s.time)) for s in series]))
+    size = 2 ** int(np.ceil(np.log2(2 * max(len(v) for v in values))))
+    frequency = np.fft.rfftfreq(size, 1.0 / rate)
+    passed = np.maximum(np.abs(np.fft.rfft(DIFFERENCE, size)) ** 2, 1e-12)
+    above, counted = np.zeros(len(frequency)), 0
+    for v in values:
+        change = np.convolve(v, DIFFERENCE, "valid")
+        spread = float(np.median(np.abs(change))) or float(np.std(change))
+        if spread == 0.0:
+            continue
+        noise = np.clip(change / spread, -6.0, 6.0) * np.hanning(len(change))
+        power = np.abs(np.fft.rfft(noise, size)) ** 2 / passed
+        above += power * np.log(2.0) / median_filter(power, int(HUM_WIDTH * size / rate) | 1, mode="reflect")
+        counted += 1
+    above[frequency < rate / HUM_FROM] = 0.0
+    k = int(np.argmax(above))
+    if not counted or gamma.sf(above[k], counted) * max(len(v) for v in values) > HUM_CHANCE:
+        return []
+    text = f"{name} has a line at {frequency[k]:.1f} Hz (or what sampling makes one of), as from mains or a pump"
+    return [Signature(HUM, name, CERTAIN, text)]
 
 
 def _runs(mask: np.ndarray) -> list[tuple[int, int]]:

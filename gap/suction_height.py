@@ -108,8 +108,6 @@ class HeightBlock(Block):
         tissue_sd = [part.sd for part in self.PARTS.values()]
         self.prior_sd = np.concatenate([tissue_sd, own, self.DISCREPANCY_SD * weights])
         self.prior_mean = np.zeros(len(self.prior_sd))
-        self.local = np.zeros(len(self.prior_sd), bool)
-        self.local[n : n + r + z] = True
         later = self.prior_mean.copy()
         later[: n - 1] = self._first_guess()[:-1]
         earlier = later.copy()

@@ -16,8 +16,13 @@ from numpy.typing import NDArray
 from acquire.recording.model import Recording
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Problem
 from gap.rows import direction, level
-from gap.solve import Fit, Hypothesis, Projector, fit, under
+from gap.solve import Belief, Fit, Hypothesis, fit, under
 from gap.workers import each
+
+SHOWS = 1.02
+"""Gap of recordings below which there is nothing in them to shrink."""
+KNOWN = 1e10
+"""Precision of an effect's parameters, in prior quantiles, that are as good as given."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +37,11 @@ class Shrink:
     def value(self) -> float:
         return shrink(self.before, self.after)
 
+    @property
+    def shows(self) -> bool:
+        """Whether there is anything to shrink or to grow."""
+        return max(self.before, self.after) > SHOWS
+
 
 def shrink(before: float, after: float, floor: float = 1.0) -> float:
     """(before − after)/(before − floor); 0 where nothing stood above the floor."""
@@ -43,7 +53,7 @@ class _Masked:
 
     def __init__(self, problem: Problem, keep: NDArray[np.bool_]) -> None:
         self.problem, self.keep = problem, keep
-        self.name, self.rows, self.local = problem.name, problem.rows, problem.local
+        self.name, self.rows = problem.name, problem.rows
         self.measured, self.sigma, self.trusts = problem.measured, problem.sigma, problem.trusts
         self.prior_mean, self.prior_sd, self.alternatives = problem.prior_mean, problem.prior_sd, problem.alternatives
         self.plain_sd = problem.plain_sd
@@ -177,9 +187,10 @@ def plain(problems: Mapping[str, Problem], h: Hypothesis, null: Hypothesis | Non
 
 
 def plain_gap(h: Hypothesis) -> float:
-    """rms in σ of a plain hypothesis' residual, tolerances that are strained included: 1 at the noise floor."""
+    """rms in σ of a plain hypothesis' residual, tolerances that are strained included: 1 at the noise floor, which
+    effects of chance widen."""
     n = sum(len(f.residual) for f in h.fits.values())
-    return float(np.sqrt(sum(f.objective for f in h.fits.values()) / n))
+    return float(np.sqrt(sum(f.chi2 + f.penalty for f in h.fits.values()) / n))
 
 
 def transferred(
@@ -189,18 +200,19 @@ def transferred(
     withheld: Mapping[str, set[int]],
     jobs: int = 1,
 ) -> list[dict[str, Shrink]]:
-    """For each of the ``answers`` and each split: fit it and the null without the ``withheld`` recordings, then predict
-    these with the effect's parameters fixed.
+    """For each of the ``answers`` and each split: fit it without the ``withheld`` recordings, hold what that says of
+    the effect, and see how well these can be met with it; before, how well they can be met without.
 
-    Only nuisance parameters that belong to single recordings are refitted there (linearly, within their prior).
+    Only the effect has to carry over: tissue and calibration are fitted to the withheld recordings, too, as whether a
+    person's skin follows our law to another waveform is not the effect's doing.
     """
     outs = {(s, b): np.isin(p.rows.recording, list(out)) for s, out in withheld.items() for b, p in problems.items()}
     outs = {key: out for key, out in outs.items() if out.any() and not out.all()}
+    square = {(id(null), *key): _left(null.fits[key[1]], out) for key, out in outs.items()}
     touched = [{b for e in answer.effects for b in e.blocks} for answer in answers]
-    parts = [(null, *key) for key in outs]
-    parts += [(h, s, b) for h, blocks in zip(answers, touched, strict=True) for s, b in outs if b in blocks]
-    left = each(lambda part: _withheld(problems[part[2]], part[0], part[2], outs[part[1:]]), parts, jobs)
-    square = {(id(h), s, b): x for (h, s, b), x in zip(parts, left, strict=True)}
+    parts = [(h, s, b) for h, blocks in zip(answers, touched, strict=True) for s, b in outs if b in blocks]
+    left = each(lambda part: _carried(problems[part[2]], part[0].fits[part[2]], outs[part[1:]]), parts, jobs)
+    square |= {(id(h), s, b): x for (h, s, b), x in zip(parts, left, strict=True)}
 
     def shrunk(answer: Hypothesis, split: str) -> Shrink:
         keys = [key for key in outs if key[0] == split]
@@ -209,21 +221,27 @@ def transferred(
             return Shrink(1.0, 1.0)
         before = sum(square[id(null), *key] for key in keys)
         after = sum(square.get((id(answer), *key), square[id(null), *key]) for key in keys)
-        return Shrink(np.sqrt(before / n), np.sqrt(after / n))
+        return Shrink(float(np.sqrt(before / n)), float(np.sqrt(after / n)))
 
     return [{split: shrunk(answer, split) for split in withheld} for answer in answers]
 
 
-def _withheld(problem: Problem, h: Hypothesis, name: str, out: NDArray[np.bool_]) -> float:
-    full = h.fits[name]
+def _left(f: Fit, out: NDArray[np.bool_]) -> float:
+    """χ² of a fit on the rows ``out`` (n,), with their share of what tolerances are strained by."""
+    return float(f.residual[out] @ f.residual[out]) + (f.penalty - f.belief.cost(f.unit)) * float(np.mean(out))
+
+
+def _carried(problem: Problem, full: Fit, out: NDArray[np.bool_]) -> float:
+    """`_left` with an effect whose parameters are fitted without the rows ``out`` (n,), and all else with them."""
     problem = under(problem, full.prior_mean, full.prior_sd)
     masked = _Masked(problem, ~out)
     trained = fit(
         masked, full.hypothesis, full.unit, full.nuisance, iterations=5, jacobian=full.jacobian * ~out[:, None],
         belief=full.belief,
     )  # fmt: skip
-    residual = problem.evaluate(trained.nuisance, trained.active, want_jacobian=False).residual[out]
-    local = full.jacobian[out][:, problem.local]
-    if local.shape[1]:
-        residual = Projector(local, problem.prior_sd[problem.local]).apply(residual)
-    return float(residual @ residual) + trained.penalty * float(np.mean(out))
+    known = Belief(trained.unit, KNOWN * np.eye(len(trained.unit)))
+    held = fit(
+        problem, full.hypothesis, trained.unit, full.nuisance, iterations=8, jacobian=full.jacobian, gram=full.gram,
+        belief=known,
+    )  # fmt: skip
+    return _left(held, out)

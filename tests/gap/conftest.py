@@ -34,7 +34,6 @@ class LinearProblem:
         self.prior_mean = np.zeros(p)
         self.alternatives: Sequence[FloatArray] = (self.prior_sd,)
         self.plain_sd = self.prior_sd
-        self.local = np.zeros(p, bool)
         self.sigma = np.ones(n)
         labels = {k: (np.zeros(n, np.int64), ("-",)) for k in ("channel", "phase", "level", "direction", "repeat")}
         run = np.repeat(np.arange(self.runs), -(-n // self.runs))[:n].astype(np.int64)

@@ -123,7 +123,7 @@ def test_too_few_samples_are_refused(recording) -> None:
             return {"force": tap("force", 0 * time)}
 
     time = np.arange(5.0)
-    with pytest.raises(ModelError, match="channel force has 5 samples, too few"):
+    with pytest.raises(ModelError, match="channel force has 5 samples; 20 are needed"):
         diagnose([recording({"force": time}, time, instrument="rig")], model=Rig())
 
 

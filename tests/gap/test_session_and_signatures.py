@@ -9,7 +9,7 @@ import pytest
 
 from gap.rows import direction, level, phases
 from gap.session import REST, Session
-from gap.signatures import find
+from gap.signatures import HUM, find
 
 TIME = np.arange(0.0, 10.0, 0.01)
 COMMAND = ([0.0, 1.0, 1.0, 6.0, 6.0, 10.0], [0.0, 0.0, -3e4, -3e4, 0.0, 0.0])
@@ -121,3 +121,18 @@ def test_gaps_in_numbers_or_stamps_are_told(recording) -> None:
 def test_a_constant_or_short_channel_says_nothing(recording) -> None:
     assert find([made(recording, np.zeros(len(TIME)))]) == []
     assert find([recording({"apex_height": np.zeros(5)}, TIME[:5])]) == []
+
+
+@pytest.mark.parametrize("rate", [25.0, 100.0])
+def test_a_hum_in_the_noise_is_found_and_noise_or_a_step_is_none(recording, rate: float) -> None:
+    rng = np.random.default_rng(0)
+    sessions: dict[bool, list] = {True: [], False: []}
+    for k in range(4):
+        time = np.arange(0.0, 30.0, 1 / rate) + 60 * k
+        clean = np.where(time - 60 * k > 5, -3e4, 0.0) + 100.0 * rng.normal(size=len(time))
+        for humming, made in sessions.items():
+            value = clean + humming * 100.0 * np.sin(2 * np.pi * 0.31 * rate * time)
+            made.append(recording({"pressure": np.round(value, -2)}, time, {"pressure": COMMAND}))
+    (mark,) = [m for m in find(sessions[True]) if m.effect == HUM]
+    assert f"{0.31 * rate:.1f} Hz" in mark.text
+    assert not [m for m in find(sessions[False]) if m.effect == HUM]
