@@ -73,12 +73,18 @@ def load_all(paths: list[Path]) -> list[Any]:
 
 @app.command()
 def effects(
-    instrument: Annotated[str, typer.Argument(help="cutometer, aspiration or microrobot; all by default.")] = "",
+    instrument: Annotated[
+        str,
+        typer.Argument(help="cutometer, aspiration, microrobot, or rig for a --model's; all instruments by default."),
+    ] = "",
     as_json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
 ) -> None:
     """List the effects that the diagnosis knows."""
     from sim_devices.effects import effects as library
 
+    if instrument == "rig":
+        _generic_effects(as_json)
+        return
     chosen = library(instrument or None)
     if as_json:
         rows = [
@@ -101,6 +107,30 @@ def effects(
     for e in chosen.values():
         numbers = "\n".join(f"{p.name} {p.low:.3g}…{p.high:.3g} {p.unit}" for p in e.parameters)
         table.add_row(e.name, e.stage, ", ".join(e.instruments), e.meaning, numbers)
+    Console().print(table)
+
+
+def _generic_effects(as_json: bool) -> None:
+    """List the effects that a tap of any rig's model can have."""
+    from gap.generic import GENERIC
+
+    if as_json:
+        rows = [
+            {
+                "name": e.name, "form": e.form, "needs": e.needs, "meaning": e.meaning, "remedy": e.remedy,
+                "parameters": [{"name": p.name, "unit": p.unit, "low": p.low, "high": p.high} for p in e.parameters],
+            }
+            for e in GENERIC
+        ]  # fmt: skip
+        print(json.dumps(rows, indent=1))
+        return
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("effect", "needs at its tap", "meaning", "parameters")
+    for e in GENERIC:
+        numbers = "\n".join(f"{p.name} {p.low:.3g}…{p.high:.3g} {p.unit}" for p in e.parameters)
+        table.add_row(e.name, e.needs, e.meaning, numbers)
     Console().print(table)
 
 

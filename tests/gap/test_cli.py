@@ -187,3 +187,13 @@ def test_a_case_that_cannot_be_read_gets_a_report_that_says_so(capsys, tmp_path:
     report = json.loads((tmp_path / "out/case-1.json").read_text())
     assert report["verdict"] == "unknown"
     assert report["remarks"]
+
+
+def test_the_effects_of_any_rig_are_listed(capsys) -> None:
+    status, text, _ = called(capsys, "gap", "effects", "rig", "--json")
+    assert status == 0
+    listed = {e["name"]: e for e in json.loads(text)}
+    assert listed["coulomb_friction"]["needs"] == "velocity"
+    status, text, _ = called(capsys, "gap", "effects", "rig")
+    assert status == 0
+    assert "low_pass" in text

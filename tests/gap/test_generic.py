@@ -107,3 +107,11 @@ def test_hysteresis_loops_inside_others_close() -> None:
     assert out[200] == pytest.approx(out[400], abs=1e-9)
     down, up = np.interp(0.5, -signal[500:600], out[500:600]), np.interp(-0.5, signal[600:], out[600:])
     assert down - up == pytest.approx(0.2, abs=1e-3)
+
+
+def test_late_crosstalk_comes_with_its_time() -> None:
+    time = np.linspace(0.0, 10.0, 501)
+    other = np.where(time > 0.0, 5.0, 1.0)
+    act = next(e for e in GENERIC if e.form == "slow_crosstalk").act
+    got = act({}, time, np.zeros(501), {"other": other}, {"share": 0.3, "tau": 2.0})
+    assert got == pytest.approx(0.3 * 4.0 * (1 - np.exp(-time / 2.0)), abs=0.02)

@@ -77,7 +77,10 @@ def test_two_effects_are_told_as_several(verdict_on) -> None:
 def test_a_second_effect_must_earn_its_place(verdict_on) -> None:
     """What the first one's form error leaves is worth some χ² to any second one."""
     strange = 1.5 * np.sign(np.sin(23 * T))
-    assert len(verdict_on(("bump", "late"), {"bump": 15.0, "late": 1.2}, extra=strange).causes[0].effects) == 1
+    doubtful = verdict_on(("bump", "late"), {"bump": 15.0, "late": 1.2}, extra=strange)
+    assert len(doubtful.causes[0].effects) == 1
+    assert {e.name for e in doubtful.causes[1].effects} == {"bump", "late"}  # what to look for next, and no more
+    assert doubtful.causes[1].probability < 0.05
     assert len(verdict_on(("bump", "late"), {"bump": 15.0, "late": 4.0}).causes[0].effects) == 2
 
 

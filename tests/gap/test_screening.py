@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from gap.compare import Effort, compare
 from gap.screening import screen
 from gap.solve import Hypothesis, fit
 from gap.starts import grid
@@ -58,3 +59,23 @@ def test_a_jump_and_one_recording_are_tried_where_they_can_be(linear, candidate)
     found, _ = screen({"linear": problem}, base, [candidate("jump", Parameter("a", "1", -9.0, 9.0), moment)])
     jump = found[0]
     assert jump.candidate.values(jump.starts["linear"][0])["moment"] == pytest.approx(260, abs=2)
+
+
+def test_who_could_do_what_the_best_does_is_refitted_wherever_it_ranks(linear, candidate) -> None:
+    """Along straight lines from where it begins, the bent one seems to make all worse."""
+    t = np.linspace(0.0, 1.0, 300)
+    y = 6.0 * t**2 + np.random.default_rng(0).normal(size=300)
+    effects = {
+        "square": lambda v: v["a"] * t**2,
+        "bent": lambda v: v["a"] * t**2.2,
+        "wave": lambda v: v["a"] * np.sin(40 * t),
+    }
+    problem = linear(y, np.ones((300, 1)), effects, np.full(1, 100.0))
+    known = [
+        candidate("square", Parameter("a", "1", -10.0, 10.0, null=0.0)),
+        candidate("bent", Parameter("a", "1", 30.0, 300.0, null=0.0)),
+        candidate("wave", Parameter("a", "1", -10.0, 10.0, null=0.0)),
+    ]
+    for imitators, tried in ((0, {"square"}), (1, {"square", "bent"})):
+        found = compare([problem], known, Effort(quick_fits=0, refit_singles=1, imitators=imitators, pair_bases=0))
+        assert {h.name for h in found.hypotheses} == tried

@@ -16,7 +16,8 @@ from acquire.recording.model import Recording
 from gap.diagnose import Diagnosis, diagnose
 from gap.page import page
 from gap.report import as_json, quantity
-from gap.transfer import Shrink, shrink, splits, splits_of_a_rig, waveform
+from gap.solve import Hypothesis, fit
+from gap.transfer import Shrink, shrink, splits, splits_of_a_rig, transferred, waveform
 from sim_devices.chain import Parameter
 
 TIME = np.arange(0.0, 20.0, 0.02)
@@ -33,6 +34,23 @@ STEP = ([0.0, 1.0, 1.0, 11.0, 11.0, 20.0], [0.0, 0.0, -3e4, -3e4, 0.0, 0.0])
 HALF = (STEP[0], [v / 2 for v in STEP[1]])
 RAMP = ([0.0, 1.0, 9.0, 17.0, 20.0], [0.0, 0.0, -3e4, 0.0, 0.0])
 CYCLIC = ([0.0, 1.0, 4.0, 7.0, 10.0, 13.0, 20.0], [0.0, 0.0, -3e4, 0.0, -3e4, 0.0, 0.0])
+
+
+def test_an_effect_carries_over_though_the_nuisance_does_not(linear, candidate) -> None:
+    """Half of the nuisance acts in the second recording only, so that the first cannot foretell it."""
+    t = np.linspace(0.0, 1.0, 400)
+    second = (t > 0.5).astype(float)
+    wave, other = np.sin(40 * t), np.cos(40 * t) * (t <= 0.5)
+    y = 3.0 + 20.0 * second + 2.0 * wave + np.random.default_rng(0).normal(size=400)
+    effects = {"wave": lambda v: v["a"] * wave, "other": lambda v: v["a"] * other}
+    problem = linear(y, np.column_stack([np.ones(400), second]), effects, np.full(2, 100.0), runs=2)
+    known = [candidate(name, Parameter("a", "1", -10.0, 10.0)) for name in effects]
+    null = Hypothesis((), {"linear": fit(problem)})
+    answers = [Hypothesis((c,), {"linear": fit(problem, (c,))}) for c in known]
+    right, wrong = transferred({"linear": problem}, null, answers, {"recording": {1}})
+    assert right["recording"].before > 1.4
+    assert right["recording"].value > 0.85
+    assert abs(wrong["recording"].value) < 0.05
 
 
 def test_waveforms_and_splits(recording) -> None:
