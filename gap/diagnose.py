@@ -29,7 +29,9 @@ INSTRUMENTS = ("cutometer", "aspiration", "microrobot")
 
 SHRUNK, TRANSFERRED = 3, 2
 """How many causes are tried as a simulation by themselves, and how many on what they were not fitted to."""
-EFFORTS = {"microrobot": Effort(quick_fits=5, least_hope=8.0, refit_singles=7, pair_bases=1)}
+EFFORTS = {
+    "microrobot": Effort(quick_fits=5, least_hope=8.0, refit_singles=7, imitators=1, pair_bases=1, refit_pairs=2)
+}
 """How wide to search where simulations are slow."""
 
 

@@ -48,7 +48,7 @@ def as_json(d: Diagnosis) -> dict[str, Any]:
 def unknown_probability(v: Verdict) -> float:
     """How surely the cause is outside the library: above a half just where that is the verdict."""
     p = unknown(v.unexplained, v.gap_after)
-    return 0.5 + 0.5 * p if v.verdict == "unknown" else min(p, 0.5)
+    return 0.55 + 0.45 * p if v.verdict == "unknown" else min(p, 0.5)
 
 
 def _round(x: float) -> float:
