@@ -232,7 +232,9 @@ def borne_out(
     helps = any(s.value > 0 for s in withheld)
     if fitted.after >= fitted.before or (weakest(first.hypothesis) and not helps):
         return _unnamed(verdict, "unknown" if fitted.before > rules.unusual_gap else "undetectable", rules)
-    limits = ((repeat, rules.worse), (carried, rules.elsewhere))
+    # A jump is in one recording, and nothing in its repeats foretells it.
+    once = any(p.name == "moment" for e in first.effects for p in e.parameters)
+    limits = ((None if once else repeat, rules.worse), (carried, rules.elsewhere))
     if any(s and s.after > limit * s.before for s, limit in limits):
         return _unnamed(verdict, "unknown", rules)
     if carried is None or fitted.before < rules.plain:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -128,6 +130,10 @@ def test_a_device_effect_must_carry_over_where_skin_is_in_play(
     assert borne_out(verdict, comparison, grown).verdict in ("unknown", "undetectable")
     for times, then in ((1.1, "effect"), (1.2, "unknown")):  # on repeats of what it was fitted to
         assert borne_out(verdict, comparison, shrinks | {"repeat": Shrink(2.0, 2.0 * times)}).verdict == then
+    jump = candidate("wave", Parameter("a", "1", -60.0, 60.0), Parameter("moment", "s", 0.0, 1.0))
+    jumping = replace(verdict.causes[0], hypothesis=replace(verdict.causes[0].hypothesis, effects=(jump,)))
+    at_once = replace(verdict, causes=(jumping,))  # its repeats foretell nothing of it
+    assert borne_out(at_once, comparison, shrinks | {"repeat": Shrink(2.0, 4.0)}).verdict == "effect"
     for times, then in ((1.4, "effect"), (1.6, "unknown")):  # on another waveform
         assert borne_out(verdict, comparison, shrinks | {"waveform": Shrink(2.0, 2.0 * times)}).verdict == then
     problem.plain_sd = np.full(2, 1.0)
