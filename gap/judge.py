@@ -235,7 +235,7 @@ def borne_out(
     # A jump is in one recording, and nothing in its repeats foretells it.
     once = any(p.name == "moment" for e in first.effects for p in e.parameters)
     limits = ((None if once else repeat, rules.worse), (carried, rules.elsewhere))
-    if any(s and s.after > limit * s.before for s, limit in limits):
+    if any(s and s.after > limit * max(s.before, 1.0) for s, limit in limits):
         return _unnamed(verdict, "unknown", rules)
     if carried is None or fitted.before < rules.plain:
         return verdict

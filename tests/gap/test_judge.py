@@ -130,6 +130,7 @@ def test_a_device_effect_must_carry_over_where_skin_is_in_play(
     assert borne_out(verdict, comparison, grown).verdict in ("unknown", "undetectable")
     for times, then in ((1.1, "effect"), (1.2, "unknown")):  # on repeats of what it was fitted to
         assert borne_out(verdict, comparison, shrinks | {"repeat": Shrink(2.0, 2.0 * times)}).verdict == then
+    assert borne_out(verdict, comparison, shrinks | {"repeat": Shrink(0.8, 1.1)}).verdict == "effect"  # all noise
     jump = candidate("wave", Parameter("a", "1", -60.0, 60.0), Parameter("moment", "s", 0.0, 1.0))
     jumping = replace(verdict.causes[0], hypothesis=replace(verdict.causes[0].hypothesis, effects=(jump,)))
     at_once = replace(verdict, causes=(jumping,))  # its repeats foretell nothing of it
