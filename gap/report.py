@@ -114,8 +114,13 @@ def _cause(d: Diagnosis, cause: Cause, rank: int) -> dict[str, Any]:
         "detectability": _round(cause.detectability),
         "meaning": [e.meaning for e in cause.effects],
         "remedy": [e.remedy for e in cause.effects],
-        "shrink": {k: _round(s.value) for k, s in d.shrinks[rank].items() if k == "fitted" or s.shows},
+        "shrink": {k: _round(s) for k, s in _told(d, rank).items()},
     }
+
+
+def _told(d: Diagnosis, rank: int) -> dict[str, float]:
+    """Shrink of a cause by split; on withheld recordings only where there is something to shrink."""
+    return {k: s.value for k, s in d.shrinks[rank].items() if k == "fitted" or s.shows}
 
 
 def words(name: str) -> str:
@@ -181,7 +186,8 @@ def sentences(d: Diagnosis) -> list[str]:
         stands = "stand" if len(cause.effects) > 1 else "stands"
         second = f"{named} {stands} out all the same, by {cause.detectability:.0f} σ {how_sure}."
     others = [words(n) for n in cause.names[1:]]
-    split = next((k for k in ("waveform", "level", "direction", "repeat") if d.shrinks and k in d.shrinks[0]), "")
+    told = _told(d, 0)
+    split = next((k for k in ("waveform", "level", "direction", "repeat") if k in told), "")
     if others:
         third = f"These data cannot tell it from {' or '.join(others)}."
     elif d.gap_before < 1.1:
@@ -189,7 +195,7 @@ def sentences(d: Diagnosis) -> list[str]:
     elif split:
         held = {"waveform": "another waveform", "level": "another level", "direction": "another direction"}
         on = held.get(split, "another repeat")
-        third = f"On {on}, withheld from the fit, the gap shrinks by {100 * min(d.shrinks[0][split].value, 1.0):.0f} %."
+        third = f"On {on}, withheld from the fit, the gap shrinks by {100 * min(told[split], 1.0):.0f} %."
     else:
         third = f"In reality: {cause.effects[0].remedy}"
     return [first, second, third]

@@ -136,3 +136,9 @@ def test_a_hum_in_the_noise_is_found_and_noise_or_a_step_is_none(recording, rate
     (mark,) = [m for m in find(sessions[True]) if m.effect == HUM]
     assert f"{0.31 * rate:.1f} Hz" in mark.text
     assert not [m for m in find(sessions[False]) if m.effect == HUM]
+
+
+def test_stamps_that_come_in_blocks_or_not_at_all_are_no_fault_of_the_search_for_a_hum(recording) -> None:
+    noise = np.random.default_rng(0).normal(size=400)
+    for time in (np.repeat(np.arange(0.0, 4.0, 0.1), 10), np.zeros(400)):
+        assert not [m for m in find([recording({"pressure": noise}, time, {})]) if m.effect == HUM]
