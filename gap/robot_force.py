@@ -10,7 +10,7 @@ from gap.blocks import SHIFT_SD, SIMPLE_SHIFT, Block, Group, GroupedSession, Tab
 from gap.chains import needed, run
 from gap.hypothesis import FROZEN, Active, Candidate, Evaluation, FloatArray, Start
 from gap.robot_axes import AXES, ROBOT_BINS, STAMPS_SD, AxesBlock, recorded, specimen_chain, steepness
-from gap.sheet_law import LAWS, TISSUE, Law, sheet
+from gap.sheet_law import FURTHER, LAWS, TISSUE, Law, remembering, sheet
 from gap.sheet_null import sheet_discrepancy
 from gap.smoothing import deviation, significant
 from gap.solve import Fit, fit, under
@@ -20,6 +20,10 @@ from sim_devices.stages.tissues import SheetTissue, sheet_tissue
 
 SHEET_STEP = 0.1
 """s between nodes of the sheet, stamps apart."""
+AT_NOISE = 1.3
+"""χ²/n of the best simple law above which further ones are tried."""
+FEW, PROMISING = 10, 3
+"""First steps of the further laws' fits, and how many go on after them."""
 CLEARLY = 5.0
 """Nats by which a simple law must be more probable than all else to be the only one."""
 PLAIN = 1e-6
@@ -41,6 +45,7 @@ class ForceBlock(Block):
     floor = 0.3e-3  # N
     TISSUE: tuple[str, ...] = TISSUE
     LAWS: tuple[Law, ...] = LAWS  # the simple ones, then the usual one
+    FURTHER: tuple[Law, ...] = FURTHER  # simple, too, but tried only where those are not at the noise
     TRUST_SIMPLE = 0.25  # of a simple law, where the data prefer it
     GAIN_SD = 0.04  # of the tissue's stiffness between recordings
     CALIBRATION_SD = 2e-3  # of each transducer
@@ -63,6 +68,7 @@ class ForceBlock(Block):
         self._legs = np.kron(np.eye(3), np.ones((len(self.stamps), 1)))
         self._skin = [self._skin_path(g, axes) for (g, _), axes in zip(self.groups, self._axes, strict=True)]
         square = np.concatenate([np.sum(path**2, axis=0) for path in self._skin])
+        self._strongest = max(self.greatest(), self.floor)
         self._typical = float(np.sqrt(np.sum(square**2) / max(np.sum(square), 1e-30))) or self._tissue.length
         size = max(float(np.ptp(self.measured)), 10 * float(np.median(self.sigma)))
         columns, weights = compressed(*self._discrepancy_columns(), self.DISCREPANCY_SIZE)
@@ -119,25 +125,58 @@ class ForceBlock(Block):
         fits = (fit(here, nuisance=np.concatenate([guess, rest]), iterations=iterations) for guess in law.guesses)
         return min(fits, key=lambda f: f.objective)
 
+    def _further(self) -> Fit:
+        """The best fit under one of the further laws: a few steps from all their guesses tell which go on."""
+        tried = [self._from_guesses(law, self._simple(law), FEW) for law in self.FURTHER]
+        best = sorted(tried, key=lambda f: f.objective)[:PROMISING]
+        on = (fit(under(self, self.prior_mean, f.prior_sd), nuisance=f.nuisance, iterations=40) for f in best)
+        return min(on, key=lambda f: f.objective)
+
+    def _at_noise(self, fitted: Fit) -> bool:
+        return fitted.chi2 < AT_NOISE * len(self.measured)
+
+    def _allow(self, sd: FloatArray) -> None:
+        """Prior widths (p,) of a further law, and of it beside a discrepancy of any size."""
+        tissue, beside = self._parts["tissue"], []
+        for scale in self.DISCREPANCY_SCALES:
+            wide = self._wide(scale)
+            wide[tissue] = sd[tissue]
+            beside.append(wide)
+        self.alternatives = (sd, *self.alternatives, *beside)
+        self._trusts = (self.TRUST_SIMPLE, *self._trusts, *self.TRUSTS)
+
+    def _beside(self, fitted: Fit) -> Fit:
+        """A further law's fit beside a discrepancy."""
+        wide = self.prior_sd.copy()
+        wide[self._parts["tissue"]] = fitted.prior_sd[self._parts["tissue"]]
+        return fit(under(self, self.prior_mean, wide), nuisance=fitted.nuisance, iterations=15)
+
     def start(self) -> FloatArray:
         """The null's fit under the most probable law, which also tells how far other sheets are from the reduced one.
 
         Where that is a simple law by `CLEARLY`, the session's skin is taken to follow it, and nothing wider is kept.
         """
         if self._start is None:
-            known = len(self.LAWS) - 1
-            found = [
-                self._from_guesses(law, sd, 40)
-                for sd, law in zip((*self.alternatives[:known], self.prior_sd), self.LAWS, strict=True)
-            ]
-            *simple, usual = (f.log_evidence(1.0, self.alternatives) for f in found)
-            best = int(np.argmax([*simple, usual]))
-            self._start, self.prior_sd = found[best].nuisance, found[best].best_prior(self.alternatives)
-            self._probability = max([*simple, usual])
-            if simple and max(simple) > usual + CLEARLY:
-                self._keep(self.alternatives[best])
-            elif simple:
-                self._alone = found[int(np.argmax(simple))]
+            *laws, usual_law = self.LAWS
+            simple = [self._from_guesses(law, sd, 40) for law, sd in zip(laws, self.alternatives, strict=False)]
+            beside = [self._from_guesses(usual_law, self.prior_sd, 40)]
+            if simple and self.FURTHER and not any(map(self._at_noise, simple)):
+                simple.append(self._further())
+                self._allow(simple[-1].prior_sd)
+                if not self._at_noise(simple[-1]) and _settled(simple[-1]):
+                    beside.append(self._beside(simple[-1]))
+            simple = [f for f in simple if _settled(f)]
+            found = [*simple, *beside]
+            best = max(found, key=lambda f: f.log_evidence(1.0, self.alternatives))
+            self._probability = best.log_evidence(1.0, self.alternatives)
+            self._start, self.prior_sd = best.nuisance, best.best_prior(self.alternatives)
+            if simple:
+                self._alone = max(simple, key=_own_evidence)
+                wider = max(f.log_evidence(1.0, self.alternatives) for f in beside)
+                if _own_evidence(self._alone) > wider + CLEARLY:
+                    self._start, self._probability = self._alone.nuisance, _own_evidence(self._alone)
+                    self._keep(self._alone.prior_sd)
+                    self._alone = None
         return self._start.copy()
 
     def _keep(self, sd: FloatArray) -> None:
@@ -208,7 +247,10 @@ class ForceBlock(Block):
     def _law_chain(self, group: Group, nuisance: FloatArray) -> Chain:
         """The nominal chain of a group with the tissue at a nuisance vector."""
         chain = self._nominal[group.specimen]
-        return chain.tuned("tissue", tissue=self.tissue(nuisance)) if group.skin else chain
+        if not group.skin:
+            return chain
+        chain = chain.tuned("tissue", tissue=self.tissue(nuisance))
+        return remembering(chain, nuisance, self._typical, self._strongest)
 
     def _moved(
         self, group: Group, operators: Sequence[Operator], grid: FloatArray, axes: Mapping[str, FloatArray]
@@ -269,6 +311,16 @@ class ForceBlock(Block):
         scaled = np.hstack([self._legs, self._gains]) * forces[:, None]
         jacobian = np.hstack([chain_part, scaled, self._zeros, self._basis])
         return Evaluation(residual, self.whitened(jacobian, active))
+
+
+def _own_evidence(fitted: Fit) -> float:
+    """log evidence under the widths that a fit was made with."""
+    return fitted.log_evidence(1.0, (fitted.prior_sd,))
+
+
+def _settled(fitted: Fit) -> bool:
+    """Whether a fit came to an end: else the linear model promises more than there is."""
+    return _own_evidence(fitted) < -0.5 * fitted.objective + CLEARLY
 
 
 class RoughForceBlock(ForceBlock):

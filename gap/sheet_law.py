@@ -1,7 +1,9 @@
 """The diagnosis' reduced sheet by its parameters, and the laws of memory that a person's skin may follow.
 
-Simple laws have two relaxation times or a power law of time; the usual one has any relaxation spectrum. What is less
-simple must earn its freedom.
+Simple laws have two relaxation times or a power law of time; the usual one has any relaxation spectrum. Further ones,
+each a textbook's, are tried where no simple one is at the noise: a memory of strain beside a spring, consolidation
+(Terzaghi 1943), activated flow (Eyring 1936), springs that slip (Iwan 1967), a sheet that is not the same this way and
+that. What is less simple must earn its freedom.
 """
 
 from __future__ import annotations
@@ -12,7 +14,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gap.hypothesis import FROZEN, FloatArray
+from gap.sheet_memory import Activated, Consolidation, Skew, Springs
+from gap.skin_laws import bounded_exp
+from sim_devices.chain import Chain
 from sim_devices.effects.tissue import spectrum
+from sim_devices.stages import kernels
+from sim_devices.stages.operators import Law as MemoryLaw
+from sim_devices.stages.operators import after, before
+from sim_devices.stages.robot import xyz
 from sim_devices.stages.tissues import SheetTissue
 
 RELAXATION_TIMES = tuple(0.025 * 2.0**k for k in range(15))
@@ -23,19 +32,52 @@ MODES = 0.1, 3.0
 """s, about which the times of a simple law's two modes are sought."""
 QUICK_MODE = 0.0, 1.0
 """Logarithms over the quicker of these from which fits begin: from one of them most stop early."""
+SLOW_MODE = 0.0, 2.3
+"""The same of a memory of strain, which a spring beside it makes quicker."""
+TURNED = 0.0, -0.8
+"""rad: what flows or slips along the principal axes does not find them from half a right angle off."""
 MODE = 0.15
 """Share of the force that each of them takes, to begin from."""
 POWER, EXPONENT = 0.4, 0.2
 """The same for a power law: share of the force that goes within the spectrum's range, and its exponent."""
+STEEPEST = 1e3
+"""Largest exponent of the elastic curve: with a length as large as that, it is Fung's exponential of the energy."""
 SLOWEST, FASTEST = 1e4, 1e-2
 """s, of the spectrum that stands for a power law."""
-MEMORY: Mapping[str, str] = {"amount1": "time1", "amount2": "time2", "power": "exponent"}
-"""Amounts of relaxation, and what is nothing without them."""
-TISSUE = (
-    "stiffness1", "stiffness2", "stiffness3", "angle", "length", "stiffening", "isotropy", "softening",
-    *SPECTRUM, *MEMORY, *MEMORY.values(),
-)  # fmt: skip
-TISSUE_SD = (1.0, 1.0, 1.0, 1.5, 0.7, 0.3, 0.5, 0.04, *[0.1] * len(SPECTRUM), 0.3, 0.3, 0.4, 1.5, 1.5, 0.5)
+MEMORY: Mapping[str, tuple[str, ...]] = {
+    "amount1": ("time1",),
+    "amount2": ("time2",),
+    "power": ("exponent",),
+    "spring": (),
+    "closing": (),
+    "activation": (),
+    **{f"slip{k + 1}": (f"yield{k + 1}",) for k in range(3)},
+    **{f"skew{k + 1}": () for k in range(10)},
+}
+"""Amounts of what a law may have, and what is nothing without them."""
+YIELDS = 0.1, 0.27, 0.6
+"""Of the typical displacement, about which springs are sought that slip there."""
+TISSUE_SD: Mapping[str, float] = {
+    **dict.fromkeys(("stiffness1", "stiffness2", "stiffness3"), 1.0),  # logarithms
+    "angle": 1.5,
+    "length": 0.7,  # logarithm
+    "stiffening": 0.3,
+    "isotropy": 0.5,
+    "softening": 0.04,
+    **dict.fromkeys(SPECTRUM, 0.1),
+    **dict.fromkeys(("amount1", "amount2"), 0.3),
+    "power": 0.4,
+    "spring": 1.0,  # beside a memory of strain, of the secant stiffness
+    "closing": 1.0,  # logarithm of times at the typical displacement
+    "activation": 4.0,  # of the strongest force
+    **{f"slip{k + 1}": 0.5 for k in range(3)},  # of the secant stiffness
+    **{f"skew{k + 1}": 0.2 for k in range(10)},  # of the secant stiffness
+    **dict.fromkeys(("time1", "time2"), 1.5),  # logarithms
+    "exponent": 0.5,
+    **{f"yield{k + 1}": 1.0 for k in range(3)},  # logarithms
+}
+"""Widths of the prior, about nought, of all that a law may free."""
+TISSUE = tuple(TISSUE_SD)
 
 
 @dataclass(frozen=True)
@@ -46,22 +88,32 @@ class Law:
     guesses: tuple[tuple[float, ...], ...]
 
 
-def _relaxing(begin: dict[str, float], quicker: Sequence[float] = (0.0,)) -> Law:
-    """The law that relaxes from the amounts ``begin`` on, its first time from any of ``quicker``, and not otherwise."""
-    sd = dict(zip(TISSUE, TISSUE_SD, strict=True))
+def _relaxing(begin: dict[str, float], quicker: Sequence[float] = (0.0,), angles: Sequence[float] = (0.0,)) -> Law:
+    """The law that relaxes from the amounts ``begin`` on, its first time from any of ``quicker``, and not otherwise;
+    its principal axes are turned by any of ``angles`` to begin with."""
+    sd = dict(TISSUE_SD)
     for amount in (*SPECTRUM, *MEMORY):
         if amount not in begin:
-            sd[amount] = sd[MEMORY.get(amount, amount)] = FROZEN
-    places = (begin | {"time1": first} for first in quicker)
+            sd.update(dict.fromkeys((amount, *MEMORY.get(amount, ())), FROZEN))
+    places = (begin | {"time1": first, "angle": angle} for first in quicker for angle in angles)
     return Law(tuple(sd.values()), tuple(tuple(at.get(name, 0.0) for name in TISSUE) for at in places))
 
 
+TWO_TIMES = dict.fromkeys(("amount1", "amount2"), MODE)
 LAWS = (
-    _relaxing(dict.fromkeys(("amount1", "amount2"), MODE), QUICK_MODE),
+    _relaxing(TWO_TIMES, QUICK_MODE),
     _relaxing({"power": POWER}),
     _relaxing(dict.fromkeys(SPECTRUM, 0.5 / len(SPECTRUM))),
 )
 """The simple ones and, last, the usual one."""
+FURTHER = (
+    _relaxing(TWO_TIMES | {"spring": 0.05}, SLOW_MODE),
+    _relaxing(TWO_TIMES | {"closing": -0.3}, QUICK_MODE),
+    _relaxing(TWO_TIMES | {"activation": 2.0}, QUICK_MODE, TURNED),
+    _relaxing(TWO_TIMES | dict.fromkeys(("slip1", "slip2", "slip3"), 0.1), QUICK_MODE, TURNED),
+    _relaxing(TWO_TIMES | {f"skew{k + 1}": 0.0 for k in range(10)}, QUICK_MODE),
+)
+"""Those that are tried where no simple one is at the noise."""
 
 
 def sheet(nuisance: FloatArray, base: SheetTissue, typical: float) -> SheetTissue:
@@ -74,7 +126,7 @@ def sheet(nuisance: FloatArray, base: SheetTissue, typical: float) -> SheetTissu
     c = dict(zip(TISSUE, nuisance.tolist(), strict=False))
     length = base.length * float(np.exp(np.clip(c["length"], -3, 3)))
     nominal, here = (float(np.log1p((typical / x) ** 2)) for x in (base.length, length))
-    exponent = float(np.clip((base.exponent * nominal + c["stiffening"]) / here, -0.3, 30.0))
+    exponent = float(np.clip((base.exponent * nominal + c["stiffening"]) / here, -0.3, STEEPEST))
     at_rest = base.exponent * nominal - exponent * here
     k1, k2, k3 = (
         k * float(np.exp(np.clip(c[f"stiffness{i + 1}"] + at_rest, -8, 5))) for i, k in enumerate(base.stiffness)
@@ -93,14 +145,57 @@ def sheet(nuisance: FloatArray, base: SheetTissue, typical: float) -> SheetTissu
     )
 
 
+def remembering(chain: Chain, nuisance: FloatArray, typical: float, strongest: float) -> Chain:
+    """The chain of a sheet with what else its law has at a nuisance vector (p,).
+
+    ``typical`` displacement in m, ``strongest`` force in N.
+    """
+    c = dict(zip(TISSUE, nuisance.tolist(), strict=False))
+    skew = tuple(c[f"skew{k + 1}"] for k in range(10))
+    if not (c["spring"] or c["closing"] or c["activation"] or c["slip1"] or any(skew)):
+        return chain
+    sheet: SheetTissue = chain["tissue"].tissue  # type: ignore[attr-defined]
+    secant = (1.0 + (typical / sheet.length) ** 2) ** sheet.exponent
+    stiffness = np.array(sheet.stiffness) * secant
+    pairs = [(-g, tau) for g, tau in zip(sheet.relaxation, sheet.times, strict=True)]
+    prony = (1.0, *(x for pair in pairs for x in pair))
+    moved = xyz("skin")
+    if c["slip1"]:
+        slips = tuple((c[f"slip{k + 1}"], y * typical * bounded_exp(c[f"yield{k + 1}"])) for k, y in enumerate(YIELDS))
+        springs = tuple(stiffness.tolist())
+        return after(
+            chain, "tissue", lambda s, t: Springs("slips", "tissue", s + moved, t, springs, sheet.angle, slips)
+        )
+    chain = chain.tuned("tissue", tissue=replace(sheet, relaxation=(), times=()))
+    if c["spring"]:
+        springs = tuple((c["spring"] * stiffness).tolist())
+        chain = before(chain, "tissue", lambda s, t: MemoryLaw("strain_memory", "tissue", s, t, kernels.prony, prony))
+        return after(chain, "tissue", lambda s, t: Springs("spring", "tissue", s + moved, t, springs, sheet.angle))
+    if c["closing"]:
+        shares = *_modes(c), c["closing"] / typical**2
+        return after(chain, "tissue", lambda s, t: Consolidation("memory", "tissue", s + moved, t, *shares))
+    if c["activation"]:
+        parameters = (c["activation"] / strongest, *prony[1:])
+        return after(chain, "tissue", lambda s, t: Activated("memory", "tissue", s, t, sheet.angle, parameters))
+    cubic = tuple((np.array(skew) * float(np.mean(stiffness)) * typical).tolist())
+    chain = after(chain, "tissue", lambda s, t: MemoryLaw("memory", "tissue", s, t, kernels.prony, prony))
+    return after(chain, "tissue", lambda s, t: Skew("skew", "tissue", s + moved, t, cubic, typical))
+
+
 def _memory(c: Mapping[str, float]) -> list[tuple[float, float]]:
     """Shares of the force that relax, and their times (s)."""
     memory = [(c[name], tau) for name, tau in zip(SPECTRUM, RELAXATION_TIMES, strict=True)]
-    for k, tau in enumerate(MODES):
-        memory.append((c[f"amount{k + 1}"], tau * float(np.exp(np.clip(c[f"time{k + 1}"], -4, 4)))))
+    memory += _modes(c)
     if c["power"]:
         exponent = float(np.clip(EXPONENT + c["exponent"], -0.5, 1.5))
         pairs = spectrum(SLOWEST, FASTEST, lambda tau: tau**-exponent)
         whole = sum(g for g, _ in pairs)
         memory += [(c["power"] * g / whole, tau) for g, tau in pairs]
     return [(g, tau) for g, tau in memory if abs(g) > FROZEN]
+
+
+def _modes(c: Mapping[str, float]) -> list[tuple[float, float]]:
+    """The two of a simple law."""
+    return [
+        (c[f"amount{k + 1}"], tau * float(np.exp(np.clip(c[f"time{k + 1}"], -4, 4)))) for k, tau in enumerate(MODES)
+    ]

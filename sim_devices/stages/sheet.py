@@ -51,7 +51,7 @@ def _elastic(ux: float, uy: float, uz: float, p: FloatArray) -> tuple[float, flo
     """Force of the tissue on the probe without memory: minus the gradient of a potential, if nothing is isotropic."""
     fx, fy, fz = p[0] * ux + p[1] * uy, p[1] * ux + p[2] * uy, p[3] * uz
     energy, square = fx * ux + fy * uy + fz * uz, p[13] * (ux * ux + uy * uy + uz * uz)
-    stretch = 1.0 + (energy + p[12] * (square - energy)) / p[4]
+    stretch = max(1.0 + (energy + p[12] * (square - energy)) / p[4], 1e-3)  # isotropy beyond 0 to 1, in a fit
     factor = -(stretch ** p[5]) if p[5] != 0.0 else -1.0
     return factor * fx, factor * fy, factor * fz
 
