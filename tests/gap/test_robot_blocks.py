@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from gap import own
 from gap.blocks import GroupedSession
@@ -12,8 +13,9 @@ from gap.effects import library
 from gap.hypothesis import Candidate
 from gap.robot import BEND, robot_problems, robot_session
 from gap.robot_axes import QUANTITIES, AxesBlock
-from gap.robot_force import ForceBlock, RoughForceBlock
+from gap.robot_force import AT_NOISE, ForceBlock, RoughForceBlock
 from gap.robot_loop import CONTROLLERS
+from gap.sheet_law import FURTHER, Law
 from gap.sheet_null import gradients, lagged, played, sheet_discrepancy
 from gap.smoothing import deviation, significant
 from gap.solve import fit
@@ -178,3 +180,32 @@ def test_limits_are_looked_for_where_the_session_meets_them() -> None:
     assert limits
     assert all(p.low < greatest < p.high for p in limits)
     assert any(c.key == "force_saturation[form=1]" for c in candidates)
+
+
+MORE = {"spring": 0.4, "closing": -0.5, "activation": 4.0, "slip1": 0.2, "skew1": 0.15}
+"""Of each further law, in their order, what tells it from two relaxation times."""
+
+
+@pytest.fixture(scope="module")
+def sheets() -> tuple[GroupedSession, AxesBlock]:
+    legs = [own.direction_cycles(angle, 0.2, 1.2e-3, 8.0, 2) for angle in (0.0, 1.2, 2.6)]
+    session = robot_session(own.robot_session(np.random.default_rng(8), [], legs=legs))
+    return session, AxesBlock(session, {})
+
+
+@pytest.mark.parametrize(("law", "tells"), list(zip(FURTHER, MORE, strict=True)), ids=list(MORE))
+def test_skin_of_a_further_law_is_fitted_by_it_alone(
+    sheets: tuple[GroupedSession, AxesBlock], law: Law, tells: str
+) -> None:
+    session, axes = sheets
+    block = ForceBlock(session, {}, axes)
+    at = block.prior_mean.copy()
+    at[: len(law.sd)] = law.guesses[0]
+    at[block.TISSUE.index(tells)] = MORE[tells]
+    noise = block.sigma * np.random.default_rng(3).normal(size=len(block.sigma))
+    block.measured = block._chain_forces(at, {}) + noise
+    start = block.start()
+    residual = block.evaluate(start, {}, want_jacobian=False).residual
+    assert residual @ residual < AT_NOISE * len(residual)
+    assert len(block.alternatives) == 1  # nothing wider is kept
+    assert start[block.TISSUE.index(tells)] != 0.0
