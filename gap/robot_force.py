@@ -135,21 +135,14 @@ class ForceBlock(Block):
     def _at_noise(self, fitted: Fit) -> bool:
         return fitted.chi2 < AT_NOISE * len(self.measured)
 
-    def _allow(self, sd: FloatArray) -> None:
-        """Prior widths (p,) of a further law, and of it beside a discrepancy of any size."""
-        tissue, beside = self._parts["tissue"], []
-        for scale in self.DISCREPANCY_SCALES:
-            wide = self._wide(scale)
-            wide[tissue] = sd[tissue]
-            beside.append(wide)
-        self.alternatives = (sd, *self.alternatives, *beside)
-        self._trusts = (self.TRUST_SIMPLE, *self._trusts, *self.TRUSTS)
-
-    def _beside(self, fitted: Fit) -> Fit:
-        """A further law's fit beside a discrepancy."""
-        wide = self.prior_sd.copy()
-        wide[self._parts["tissue"]] = fitted.prior_sd[self._parts["tissue"]]
-        return fit(under(self, self.prior_mean, wide), nuisance=fitted.nuisance, iterations=15)
+    def _beside(self, law: Fit) -> tuple[Fit, Sequence[FloatArray]]:
+        """A further law's fit beside a discrepancy, and the prior widths of any size of it."""
+        tissue, sizes = self._parts["tissue"], []
+        for scale in (1.0, *self.DISCREPANCY_SCALES):
+            sizes.append(self._wide(scale))
+            sizes[-1][tissue] = law.prior_sd[tissue]
+        full, *wide = sizes
+        return fit(under(self, self.prior_mean, full), nuisance=law.nuisance, iterations=15), wide
 
     def start(self) -> FloatArray:
         """The null's fit under the most probable law, which also tells how far other sheets are from the reduced one.
@@ -158,22 +151,25 @@ class ForceBlock(Block):
         """
         if self._start is None:
             *laws, usual_law = self.LAWS
-            simple = [self._from_guesses(law, sd, 40) for law, sd in zip(laws, self.alternatives, strict=False)]
-            beside = [self._from_guesses(usual_law, self.prior_sd, 40)]
+            known, wide = self.alternatives[: len(laws)], self.alternatives[len(laws) :]
+            simple = [self._from_guesses(law, sd, 40) for law, sd in zip(laws, known, strict=True)]
+            beside = self._from_guesses(usual_law, self.prior_sd, 40)
             if simple and self.FURTHER and not any(map(self._at_noise, simple)):
-                simple.append(self._further())
-                self._allow(simple[-1].prior_sd)
-                if not self._at_noise(simple[-1]) and _settled(simple[-1]):
-                    beside.append(self._beside(simple[-1]))
+                further = self._further()
+                simple.append(further)
+                known, self._trusts = (*known, further.prior_sd), (self.TRUST_SIMPLE, *self._trusts)
+                if _settled(further) and not self._at_noise(further):
+                    other, its = self._beside(further)
+                    if other.log_evidence(1.0, its) > beside.log_evidence(1.0, wide):
+                        beside, wide = other, tuple(its)
+            self.alternatives = (*known, *wide)
             simple = [f for f in simple if _settled(f)]
-            found = [*simple, *beside]
-            best = max(found, key=lambda f: f.log_evidence(1.0, self.alternatives))
+            best = max([*simple, beside], key=lambda f: f.log_evidence(1.0, self.alternatives))
             self._probability = best.log_evidence(1.0, self.alternatives)
             self._start, self.prior_sd = best.nuisance, best.best_prior(self.alternatives)
             if simple:
                 self._alone = max(simple, key=_own_evidence)
-                wider = max(f.log_evidence(1.0, self.alternatives) for f in beside)
-                if _own_evidence(self._alone) > wider + CLEARLY:
+                if _own_evidence(self._alone) > beside.log_evidence(1.0, self.alternatives) + CLEARLY:
                     self._start, self._probability = self._alone.nuisance, _own_evidence(self._alone)
                     self._keep(self._alone.prior_sd)
                     self._alone = None
