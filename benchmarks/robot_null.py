@@ -1,8 +1,8 @@
 """How near the noise the micro-robot's blocks come without any effect, for every case of a folder.
 
 python benchmarks/robot_null.py CASES [LIMIT]: per case the fitted controller, the axes' gap, the penalty of the loop's
-tolerances, and the force's gap and log evidence under each law of the sheet: simple ones, then the usual one beside
-each width of the discrepancy; a single one where a simple law clearly is the skin's.
+tolerances, what the sheet's law has, and the force's gap and log evidence under each law: simple ones, then the usual
+or a further one beside each width of the discrepancy; a single one where a simple law clearly is the skin's.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from gap.robot import robot_session
 from gap.robot_axes import AxesBlock
 from gap.robot_force import ForceBlock
 from gap.robot_loop import CONTROLLERS
+from gap.sheet_law import MEMORY
 from gap.solve import fit
 
 
@@ -31,10 +32,11 @@ def report(case: Path) -> str:
     force = ForceBlock(session, {}, axes)
     a, f = fit(axes), fit(force)
     evidence = f.evidences(1.0, force.alternatives)
+    law = " ".join(name for name in MEMORY if f.nuisance[force.TISSUE.index(name)]) or "any spectrum"
     return (
         f"{case.name} controller {CONTROLLERS.index(axes.controller)} axes {gap(a.residual):.3f} "
         f"penalty {a.penalty:.0f} "
-        f"force {gap(f.residual):.3f} evidence {' '.join(f'{e:.0f}' for e in evidence)}"
+        f"law {law} force {gap(f.residual):.3f} evidence {' '.join(f'{e:.0f}' for e in evidence)}"
     )
 
 
