@@ -42,6 +42,7 @@ class Judgement:
     second_least: float = 30.0  # χ² (tempered) that it must explain at least: of so many pairs some always do by less
     unearned: float = 5.0  # nats by which a pair that does not is less probable than the best single effect at least
     borne_out: float = 0.2  # share of the plain gap on another waveform that a device effect must take away,
+    helps: float = 0.01  # less of it is nothing, of an effect that is as weak as its prior allows
     worse: float = 1.15  # times larger that it may make the gap on repeats,
     elsewhere: float = 1.5  # and on another waveform; of thirteen right development claims none did by 1.03
     plain: float = 1.1  # where that gap is larger than this,
@@ -229,7 +230,7 @@ def borne_out(
         return verdict
     fitted, carried, repeat = shrinks["fitted"], shrinks.get("waveform"), shrinks.get("repeat")
     withheld = [carried] if carried else [s for split, s in shrinks.items() if split != "fitted"]
-    helps = any(s.value > 0 for s in withheld)
+    helps = any(s.value > rules.helps for s in withheld)
     if fitted.after >= fitted.before or (weakest(first.hypothesis) and not helps):
         return _unnamed(verdict, "unknown" if fitted.before > rules.unusual_gap else "undetectable", rules)
     # A jump is in one recording, and nothing in its repeats foretells it.

@@ -175,6 +175,7 @@ def test_what_is_as_weak_as_may_be_must_help_somewhere(linear, candidate) -> Non
     fitted = {"fitted": Shrink(1.05, 1.0)}
     assert borne_out(verdict, comparison, fitted | {"level": taking(0.4)}).verdict == "effect"
     assert borne_out(verdict, comparison, fitted | {"level": taking(-3.0)}).verdict == "undetectable"
+    assert borne_out(verdict, comparison, fitted | {"level": taking(0.002)}).verdict == "undetectable"
     assert borne_out(verdict, comparison, fitted).verdict == "undetectable"
 
 
