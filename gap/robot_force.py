@@ -90,7 +90,7 @@ class ForceBlock(Block):
         self.alternatives = (*simple, *(self._wide(scale) for scale in self.DISCREPANCY_SCALES))
         self._trusts: Sequence[float] = (*[self.TRUST_SIMPLE] * len(simple), *self.TRUSTS)
         self._start: FloatArray | None = None
-        self._alone: Fit | None = None  # the most probable simple law's, where another is more probable
+        self._alone: tuple[FloatArray, FloatArray] | None = None  # widths and fit of a simple law that is not the null
         self._probability = -np.inf  # log evidence of the null
         self._skin_at_nodes: dict[str, Mapping[str, FloatArray]] = {}
 
@@ -163,33 +163,38 @@ class ForceBlock(Block):
                     if other.log_evidence(1.0, its) > beside.log_evidence(1.0, wide):
                         beside, wide = other, tuple(its)
             self.alternatives = (*known, *wide)
-            simple = [f for f in simple if _settled(f)]
-            best = max([*simple, beside], key=lambda f: f.log_evidence(1.0, self.alternatives))
+            settled = [f for f in simple if _settled(f)]
+            best = max([*settled, beside], key=lambda f: f.log_evidence(1.0, self.alternatives))
             self._probability = best.log_evidence(1.0, self.alternatives)
             self._start, self.prior_sd = best.nuisance, best.best_prior(self.alternatives)
-            if simple:
-                self._alone = max(simple, key=_own_evidence)
-                if _own_evidence(self._alone) > beside.log_evidence(1.0, self.alternatives) + CLEARLY:
-                    self._start, self._probability = self._alone.nuisance, _own_evidence(self._alone)
-                    self._keep(self._alone.prior_sd)
-                    self._alone = None
+            if settled:
+                law = max(settled, key=_own_evidence)
+                self._alone = law.prior_sd, law.nuisance
+                if _own_evidence(law) > beside.log_evidence(1.0, self.alternatives) + CLEARLY:
+                    self._start, self._probability = law.nuisance, _own_evidence(law)
+                    basic = min(simple[: len(laws)], key=lambda f: f.objective)
+                    self._keep(law, basic if law is simple[-1] and len(simple) > len(laws) else None)
         return self._start.copy()
 
-    def _keep(self, sd: FloatArray) -> None:
-        """Leave out what is frozen under the prior widths ``sd`` (p,) of a simple law: they become the only ones."""
+    def _keep(self, law: Fit, basic: Fit | None) -> None:
+        """Take the skin to follow a simple law, without the discrepancy; but what a further law does may be nothing but
+        an effect on ``basic`` skin."""
         shape = self._parts["discrepancy"]
-        assert self._start is not None
         self._basis = self._basis[:, :0]
-        self._start, self.prior_mean, self.prior_sd = (np.delete(v, shape) for v in (self._start, self.prior_mean, sd))
         self._parts["discrepancy"] = slice(shape.start, shape.start)
-        self.alternatives, self._trusts = (self.prior_sd,), (self.TRUST_SIMPLE,)
+        self.prior_mean, self._start = (np.delete(v, shape) for v in (self.prior_mean, law.nuisance))
+        kept = [(np.delete(f.prior_sd, shape), np.delete(f.nuisance, shape)) for f in (law, basic) if f is not None]
+        self.prior_sd = kept[0][0]
+        self.alternatives = tuple(sd for sd, _ in kept)
+        self._trusts = (self.TRUST_SIMPLE,) * len(kept)
+        self._alone = kept[1] if basic is not None else None
 
     def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
         """Under the simple law, which cannot take on much of an effect, where the null needs more than that."""
         if self._alone is None:
             return None
-        simple = under(self, self.prior_mean, self._alone.prior_sd)
-        found = fit(simple, hypothesis, unit, self._alone.nuisance, iterations=8)
+        sd, nuisance = self._alone
+        found = fit(under(self, self.prior_mean, sd), hypothesis, unit, nuisance, iterations=8)
         if found.log_evidence(1.0, (found.prior_sd,)) < self._probability:
             return None  # nor does the simple law do with these effects
         return Start(self.prior_mean, found.prior_sd, found.nuisance, found.unit)
