@@ -199,6 +199,10 @@ class ForceBlock(Block):
             return None  # nor does the simple law do with these effects
         return Start(self.prior_mean, found.prior_sd, found.nuisance, found.unit)
 
+    def widening(self, active: Active) -> FloatArray | None:
+        """None beside a discrepancy: what is left there where force is steep may be the skin's as well as chance."""
+        return None if self._basis.shape[1] else super().widening(active)
+
     def greatest(self) -> float:
         """The greatest force of a transducer in the session, N."""
         return float(np.max(np.abs(self.measured)))
