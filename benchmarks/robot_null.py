@@ -18,7 +18,7 @@ from gap.robot import robot_session
 from gap.robot_axes import AxesBlock
 from gap.robot_force import ForceBlock
 from gap.robot_loop import CONTROLLERS
-from gap.sheet_law import MEMORY
+from gap.sheet_law import AMOUNTS
 from gap.solve import fit
 
 
@@ -32,7 +32,7 @@ def report(case: Path) -> str:
     force = ForceBlock(session, {}, axes)
     a, f = fit(axes), fit(force)
     evidence = f.evidences(1.0, force.alternatives)
-    law = " ".join(name for name in MEMORY if f.nuisance[force.TISSUE.index(name)]) or "any spectrum"
+    law = " ".join(name for name in AMOUNTS if f.nuisance[force.TISSUE.index(name)]) or "any spectrum"
     return (
         f"{case.name} controller {CONTROLLERS.index(axes.controller)} axes {gap(a.residual):.3f} "
         f"penalty {a.penalty:.0f} "

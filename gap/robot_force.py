@@ -10,7 +10,7 @@ from gap.blocks import SHIFT_SD, SIMPLE_SHIFT, Block, Group, GroupedSession, Tab
 from gap.chains import needed, run
 from gap.hypothesis import FROZEN, Active, Candidate, Evaluation, FloatArray, Start
 from gap.robot_axes import AXES, ROBOT_BINS, STAMPS_SD, AxesBlock, recorded, specimen_chain, steepness
-from gap.sheet_law import FURTHER, LAWS, TISSUE, Law, remembering, sheet
+from gap.sheet_law import FURTHER, LAWS, TISSUE, Law, rewired, sheet
 from gap.sheet_null import sheet_discrepancy
 from gap.smoothing import deviation, significant
 from gap.solve import Fit, fit, under
@@ -45,7 +45,6 @@ class ForceBlock(Block):
     floor = 0.3e-3  # N
     TISSUE: tuple[str, ...] = TISSUE
     LAWS: tuple[Law, ...] = LAWS  # the simple ones, then the usual one
-    FURTHER: tuple[Law, ...] = FURTHER  # simple, too, but tried only where those are not at the noise
     TRUST_SIMPLE = 0.25  # of a simple law, where the data prefer it
     GAIN_SD = 0.04  # of the tissue's stiffness between recordings
     CALIBRATION_SD = 2e-3  # of each transducer
@@ -127,7 +126,7 @@ class ForceBlock(Block):
 
     def _further(self) -> Fit:
         """The best fit under one of the further laws: a few steps from all their guesses tell which go on."""
-        tried = [self._from_guesses(law, self._simple(law), FEW) for law in self.FURTHER]
+        tried = [self._from_guesses(law, self._simple(law), FEW) for law in FURTHER]
         best = sorted(tried, key=lambda f: f.objective)[:PROMISING]
         on = (fit(under(self, self.prior_mean, f.prior_sd), nuisance=f.nuisance, iterations=40) for f in best)
         return min(on, key=lambda f: f.objective)
@@ -152,28 +151,26 @@ class ForceBlock(Block):
         if self._start is None:
             *laws, usual_law = self.LAWS
             known, wide = self.alternatives[: len(laws)], self.alternatives[len(laws) :]
-            simple = [self._from_guesses(law, sd, 40) for law, sd in zip(laws, known, strict=True)]
+            basic = [self._from_guesses(law, sd, 40) for law, sd in zip(laws, known, strict=True)]
             beside = self._from_guesses(usual_law, self.prior_sd, 40)
-            if simple and self.FURTHER and not any(map(self._at_noise, simple)):
-                further = self._further()
-                simple.append(further)
+            further = None if not basic or any(map(self._at_noise, basic)) else self._further()
+            if further is not None:
                 known, self._trusts = (*known, further.prior_sd), (self.TRUST_SIMPLE, *self._trusts)
                 if _settled(further) and not self._at_noise(further):
                     other, its = self._beside(further)
                     if other.log_evidence(1.0, its) > beside.log_evidence(1.0, wide):
                         beside, wide = other, tuple(its)
             self.alternatives = (*known, *wide)
-            settled = [f for f in simple if _settled(f)]
-            best = max([*settled, beside], key=lambda f: f.log_evidence(1.0, self.alternatives))
+            simple = [f for f in (*basic, further) if f is not None and _settled(f)]
+            best = max([*simple, beside], key=lambda f: f.log_evidence(1.0, self.alternatives))
             self._probability = best.log_evidence(1.0, self.alternatives)
             self._start, self.prior_sd = best.nuisance, best.best_prior(self.alternatives)
-            if settled:
-                law = max(settled, key=_own_evidence)
+            if simple:
+                law = max(simple, key=_own_evidence)
                 self._alone = law.prior_sd, law.nuisance
                 if _own_evidence(law) > beside.log_evidence(1.0, self.alternatives) + CLEARLY:
-                    self._start, self._probability = law.nuisance, _own_evidence(law)
-                    basic = min(simple[: len(laws)], key=lambda f: f.objective)
-                    self._keep(law, basic if law is simple[-1] and len(simple) > len(laws) else None)
+                    self._probability = _own_evidence(law)
+                    self._keep(law, min(basic, key=lambda f: f.objective) if law is further else None)
         return self._start.copy()
 
     def _keep(self, law: Fit, basic: Fit | None) -> None:
@@ -255,7 +252,7 @@ class ForceBlock(Block):
         if not group.skin:
             return chain
         chain = chain.tuned("tissue", tissue=self.tissue(nuisance))
-        return remembering(chain, nuisance, self._typical, self._strongest)
+        return rewired(chain, nuisance, self._typical, self._strongest)
 
     def _moved(
         self, group: Group, operators: Sequence[Operator], grid: FloatArray, axes: Mapping[str, FloatArray]

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gap.hypothesis import FROZEN, FloatArray
-from gap.sheet_memory import Activated, Consolidation, Skew, Springs
+from gap.sheet_operators import Activated, Consolidation, Skew, Springs
 from gap.skin_laws import bounded_exp
 from sim_devices.chain import Chain
 from sim_devices.effects.tissue import spectrum
@@ -44,19 +44,23 @@ STEEPEST = 1e3
 """Largest exponent of the elastic curve: with a length as large as that, it is Fung's exponential of the energy."""
 SLOWEST, FASTEST = 1e4, 1e-2
 """s, of the spectrum that stands for a power law."""
-MEMORY: Mapping[str, tuple[str, ...]] = {
+YIELDS = {"yield1": 0.1, "yield2": 0.27, "yield3": 0.6}
+"""Of the typical displacement, about which springs are sought that slip there."""
+SLIPS = "slip1", "slip2", "slip3"
+"""Shares of those springs."""
+SKEWS = tuple(f"skew{k + 1}" for k in range(10))
+"""Coefficients of a cubic potential."""
+AMOUNTS: Mapping[str, tuple[str, ...]] = {
     "amount1": ("time1",),
     "amount2": ("time2",),
     "power": ("exponent",),
     "spring": (),
     "closing": (),
     "activation": (),
-    **{f"slip{k + 1}": (f"yield{k + 1}",) for k in range(3)},
-    **{f"skew{k + 1}": () for k in range(10)},
+    **{slip: (at,) for slip, at in zip(SLIPS, YIELDS, strict=True)},
+    **dict.fromkeys(SKEWS, ()),
 }
 """Amounts of what a law may have, and what is nothing without them."""
-YIELDS = 0.1, 0.27, 0.6
-"""Of the typical displacement, about which springs are sought that slip there."""
 TISSUE_SD: Mapping[str, float] = {
     **dict.fromkeys(("stiffness1", "stiffness2", "stiffness3"), 1.0),  # logarithms
     "angle": 1.5,
@@ -70,11 +74,11 @@ TISSUE_SD: Mapping[str, float] = {
     "spring": 1.0,  # beside a memory of strain, of the secant stiffness
     "closing": 1.0,  # logarithm of times at the typical displacement
     "activation": 4.0,  # of the strongest force
-    **{f"slip{k + 1}": 0.5 for k in range(3)},  # of the secant stiffness
-    **{f"skew{k + 1}": 0.2 for k in range(10)},  # of the secant stiffness
+    **dict.fromkeys(SLIPS, 0.5),  # of the secant stiffness
+    **dict.fromkeys(SKEWS, 0.2),  # of the secant stiffness
     **dict.fromkeys(("time1", "time2"), 1.5),  # logarithms
     "exponent": 0.5,
-    **{f"yield{k + 1}": 1.0 for k in range(3)},  # logarithms
+    **dict.fromkeys(YIELDS, 1.0),  # logarithms
 }
 """Widths of the prior, about nought, of all that a law may free."""
 TISSUE = tuple(TISSUE_SD)
@@ -92,9 +96,9 @@ def _relaxing(begin: dict[str, float], quicker: Sequence[float] = (0.0,), angles
     """The law that relaxes from the amounts ``begin`` on, its first time from any of ``quicker``, and not otherwise;
     its principal axes are turned by any of ``angles`` to begin with."""
     sd = dict(TISSUE_SD)
-    for amount in (*SPECTRUM, *MEMORY):
+    for amount in (*SPECTRUM, *AMOUNTS):
         if amount not in begin:
-            sd.update(dict.fromkeys((amount, *MEMORY.get(amount, ())), FROZEN))
+            sd.update(dict.fromkeys((amount, *AMOUNTS.get(amount, ())), FROZEN))
     places = (begin | {"time1": first, "angle": angle} for first in quicker for angle in angles)
     return Law(tuple(sd.values()), tuple(tuple(at.get(name, 0.0) for name in TISSUE) for at in places))
 
@@ -110,8 +114,8 @@ FURTHER = (
     _relaxing(TWO_TIMES | {"spring": 0.05}, SLOW_MODE),
     _relaxing(TWO_TIMES | {"closing": -0.3}, QUICK_MODE),
     _relaxing(TWO_TIMES | {"activation": 2.0}, QUICK_MODE, TURNED),
-    _relaxing(TWO_TIMES | dict.fromkeys(("slip1", "slip2", "slip3"), 0.1), QUICK_MODE, TURNED),
-    _relaxing(TWO_TIMES | {f"skew{k + 1}": 0.0 for k in range(10)}, QUICK_MODE),
+    _relaxing(TWO_TIMES | dict.fromkeys(SLIPS, 0.1), QUICK_MODE, TURNED),
+    _relaxing(TWO_TIMES | dict.fromkeys(SKEWS, 0.0), QUICK_MODE),
 )
 """Those that are tried where no simple one is at the noise."""
 
@@ -145,38 +149,37 @@ def sheet(nuisance: FloatArray, base: SheetTissue, typical: float) -> SheetTissu
     )
 
 
-def remembering(chain: Chain, nuisance: FloatArray, typical: float, strongest: float) -> Chain:
+def rewired(chain: Chain, nuisance: FloatArray, typical: float, strongest: float) -> Chain:
     """The chain of a sheet with what else its law has at a nuisance vector (p,).
 
     ``typical`` displacement in m, ``strongest`` force in N.
     """
     c = dict(zip(TISSUE, nuisance.tolist(), strict=False))
-    skew = tuple(c[f"skew{k + 1}"] for k in range(10))
-    if not (c["spring"] or c["closing"] or c["activation"] or c["slip1"] or any(skew)):
+    skew = [c[name] for name in SKEWS]
+    if not any((c["spring"], c["closing"], c["activation"], c["slip1"], *skew)):
         return chain
-    sheet: SheetTissue = chain["tissue"].tissue  # type: ignore[attr-defined]
-    secant = (1.0 + (typical / sheet.length) ** 2) ** sheet.exponent
-    stiffness = np.array(sheet.stiffness) * secant
-    pairs = [(-g, tau) for g, tau in zip(sheet.relaxation, sheet.times, strict=True)]
+    skin: SheetTissue = chain["tissue"].tissue  # type: ignore[attr-defined]
+    secant = (1.0 + (typical / skin.length) ** 2) ** skin.exponent
+    stiffness = np.array(skin.stiffness) * secant
+    pairs = [(-g, tau) for g, tau in zip(skin.relaxation, skin.times, strict=True)]
     prony = (1.0, *(x for pair in pairs for x in pair))
     moved = xyz("skin")
     if c["slip1"]:
-        slips = tuple((c[f"slip{k + 1}"], y * typical * bounded_exp(c[f"yield{k + 1}"])) for k, y in enumerate(YIELDS))
+        lengths = [at * typical * bounded_exp(c[name]) for name, at in YIELDS.items()]
+        slips = tuple(zip((c[name] for name in SLIPS), lengths, strict=True))
         springs = tuple(stiffness.tolist())
-        return after(
-            chain, "tissue", lambda s, t: Springs("slips", "tissue", s + moved, t, springs, sheet.angle, slips)
-        )
-    chain = chain.tuned("tissue", tissue=replace(sheet, relaxation=(), times=()))
+        return after(chain, "tissue", lambda s, t: Springs("slips", "tissue", s + moved, t, springs, skin.angle, slips))
+    chain = chain.tuned("tissue", tissue=replace(skin, relaxation=(), times=()))
     if c["spring"]:
         springs = tuple((c["spring"] * stiffness).tolist())
         chain = before(chain, "tissue", lambda s, t: MemoryLaw("strain_memory", "tissue", s, t, kernels.prony, prony))
-        return after(chain, "tissue", lambda s, t: Springs("spring", "tissue", s + moved, t, springs, sheet.angle))
+        return after(chain, "tissue", lambda s, t: Springs("spring", "tissue", s + moved, t, springs, skin.angle))
     if c["closing"]:
         shares = *_modes(c), c["closing"] / typical**2
         return after(chain, "tissue", lambda s, t: Consolidation("memory", "tissue", s + moved, t, *shares))
     if c["activation"]:
         parameters = (c["activation"] / strongest, *prony[1:])
-        return after(chain, "tissue", lambda s, t: Activated("memory", "tissue", s, t, sheet.angle, parameters))
+        return after(chain, "tissue", lambda s, t: Activated("memory", "tissue", s, t, skin.angle, parameters))
     cubic = tuple((np.array(skew) * float(np.mean(stiffness)) * typical).tolist())
     chain = after(chain, "tissue", lambda s, t: MemoryLaw("memory", "tissue", s, t, kernels.prony, prony))
     return after(chain, "tissue", lambda s, t: Skew("skew", "tissue", s + moved, t, cubic, typical))

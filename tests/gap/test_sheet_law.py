@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gap.chains import needed, run
-from gap.sheet_law import FROZEN, FURTHER, LAWS, MEMORY, RELAXATION_TIMES, TISSUE, remembering, sheet
+from gap.sheet_law import AMOUNTS, FROZEN, FURTHER, LAWS, RELAXATION_TIMES, TISSUE, rewired, sheet
 from sim_devices.stages import nominal
 from sim_devices.stages.robot import xyz
 from sim_devices.stages.tissues import sheet_tissue
@@ -34,7 +34,7 @@ def test_what_a_law_lacks_is_frozen_at_nothing() -> None:
 
 def test_each_further_law_has_two_times_and_one_thing_more() -> None:
     for law in FURTHER:
-        free = {n for n, sd in zip(TISSUE, law.sd, strict=True) if sd > FROZEN} & MEMORY.keys()
+        free = {n for n, sd in zip(TISSUE, law.sd, strict=True) if sd > FROZEN} & AMOUNTS.keys()
         more = {n.rstrip("0123456789") for n in free} - {"amount"}
         assert {"amount1", "amount2"} < free
         assert len(more) == 1
@@ -55,7 +55,7 @@ def _forces(law_at: np.ndarray) -> np.ndarray:
     path = 1e-3 * np.sin(1.3 * time)
     given = {"skin_x": path, "skin_y": 0.5 * path, "skin_z": -0.3 * path}
     base = sheet(law_at, sheet_tissue("forearm"), 1e-3)
-    chain = remembering(nominal("microrobot", tissue=base), law_at, 1e-3, 1.0)
+    chain = rewired(nominal("microrobot", tissue=base), law_at, 1e-3, 1.0)
     return np.stack([run(needed(chain, xyz("reaction"), given), time, given)[s] for s in xyz("reaction")])
 
 
@@ -63,7 +63,7 @@ def test_further_laws_change_the_force_and_are_two_times_without_what_they_add()
     plain = _forces(np.array(LAWS[0].guesses[0]))
     for law in FURTHER:
         guess = dict(zip(TISSUE, law.guesses[0], strict=True))
-        added = [n for n in MEMORY if guess[n] and not n.startswith("amount")] or ["skew1", "skew4"]
+        added = [n for n in AMOUNTS if guess[n] and not n.startswith("amount")] or ["skew1", "skew4"]
         at = np.array(list((guess | {n: guess[n] or 0.2 for n in added}).values()))
         assert np.max(np.abs(_forces(at) - plain)) > 5e-3
         at[[TISSUE.index(n) for n in added]] = 0.0

@@ -6,6 +6,7 @@ Principal axes are those of the sheet's stiffness: the first is turned by ``angl
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -38,9 +39,9 @@ class Beside(Wired):
         beside = self.force(displacement)
         signals.update({t: f - b for t, f, b in zip(self.target, force, beside, strict=True)})
 
+    @abstractmethod
     def force(self, displacement: Sequence[FloatArray]) -> FloatArray:
         """What it takes (3, n) N to move it by ``displacement`` (3 of (n,)) m."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True)

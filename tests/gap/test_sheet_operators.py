@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gap.chains import run
-from gap.sheet_memory import ODD, Activated, Consolidation, Skew, Springs, turned
+from gap.sheet_operators import ODD, Activated, Consolidation, Skew, Springs, turned
 from sim_devices.stages.kernels import evaluate, prony
 from sim_devices.stages.robot import xyz
 
