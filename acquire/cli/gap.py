@@ -5,10 +5,15 @@ from __future__ import annotations
 import json
 import os
 import sys
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+if TYPE_CHECKING:
+    from gap.generic import GenericEffect
+    from sim_devices.chain import Effect
 
 app = typer.Typer(
     no_args_is_help=True, help="Why simulation and measurement differ: where, which effect, how far it shrinks."
@@ -80,57 +85,40 @@ def effects(
     as_json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
 ) -> None:
     """List the effects that the diagnosis knows."""
-    from sim_devices.effects import effects as library
-
     if instrument == "rig":
-        _generic_effects(as_json)
-        return
-    chosen = library(instrument or None)
+        from gap.generic import GENERIC
+
+        columns = {"name": "effect", "needs": "needs at its tap", "meaning": "meaning"}
+        _print_effects(GENERIC, ("name", "form", "needs", "meaning", "remedy"), columns, as_json)
+    else:
+        from sim_devices.effects import effects as library
+
+        columns = {"name": "effect", "stage": "stage", "instruments": "instruments", "meaning": "meaning"}
+        attributes = ("name", "stage", "instruments", "meaning", "remedy", "source")
+        _print_effects(library(instrument or None).values(), attributes, columns, as_json)
+
+
+def _print_effects(
+    effects: Iterable[Effect | GenericEffect], attributes: Sequence[str], columns: Mapping[str, str], as_json: bool
+) -> None:
+    """Print attributes and parameters of effects as JSON, or some attributes (those of ``columns``: their headings)
+    as a table."""
     if as_json:
+        fields = ("name", "unit", "low", "high", "default")
         rows = [
-            {
-                "name": e.name, "stage": e.stage, "instruments": list(e.instruments), "meaning": e.meaning,
-                "remedy": e.remedy, "source": e.source,
-                "parameters": [
-                    {"name": p.name, "unit": p.unit, "low": p.low, "high": p.high, "default": p.default}
-                    for p in e.parameters
-                ],
-            }
-            for e in chosen.values()
-        ]  # fmt: skip
+            {name: getattr(e, name) for name in attributes}
+            | {"parameters": [{field: getattr(p, field) for field in fields} for p in e.parameters]}
+            for e in effects
+        ]
         print(json.dumps(rows, indent=1))
         return
     from rich.console import Console
     from rich.table import Table
 
-    table = Table("effect", "stage", "instruments", "meaning", "parameters")
-    for e in chosen.values():
-        numbers = "\n".join(f"{p.name} {p.low:.3g}…{p.high:.3g} {p.unit}" for p in e.parameters)
-        table.add_row(e.name, e.stage, ", ".join(e.instruments), e.meaning, numbers)
-    Console().print(table)
-
-
-def _generic_effects(as_json: bool) -> None:
-    """List the effects that a tap of any rig's model can have."""
-    from gap.generic import GENERIC
-
-    if as_json:
-        rows = [
-            {
-                "name": e.name, "form": e.form, "needs": e.needs, "meaning": e.meaning, "remedy": e.remedy,
-                "parameters": [{"name": p.name, "unit": p.unit, "low": p.low, "high": p.high} for p in e.parameters],
-            }
-            for e in GENERIC
-        ]  # fmt: skip
-        print(json.dumps(rows, indent=1))
-        return
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table("effect", "needs at its tap", "meaning", "parameters")
-    for e in GENERIC:
-        numbers = "\n".join(f"{p.name} {p.low:.3g}…{p.high:.3g} {p.unit}" for p in e.parameters)
-        table.add_row(e.name, e.needs, e.meaning, numbers)
+    table = Table(*columns.values(), "parameters")
+    for e in effects:
+        cells = (v if isinstance(v, str) else ", ".join(v) for v in (getattr(e, name) for name in columns))
+        table.add_row(*cells, "\n".join(f"{p.name} {p.low:.3g}…{p.high:.3g} {p.unit}" for p in e.parameters))
     Console().print(table)
 
 
