@@ -20,6 +20,11 @@ GROWTH = 0.08
 WIDEST = 0.25
 """s; a pulse of 1.2 Hz keeps 86 % of its amplitude in it."""
 
+JUMP, ALONE = 15.0, 5.0
+"""A jump is so many times the noise, and the changes next to it."""
+MANY = 8
+"""Jumps of a recording at most."""
+
 
 @dataclass(frozen=True)
 class Bins:
@@ -48,6 +53,17 @@ def bin_edges(
             edges.append(float(t))
         # Two kinks closer than a sample (a step written as a steep ramp) share an edge: the first.
     return np.asarray(edges)
+
+
+def breaks(time: FloatArray, value: FloatArray, sigma: float) -> FloatArray:
+    """Times (m,) s between two samples at which a record jumps as nothing with a time constant does; ``sigma`` is the
+    noise of a sample."""
+    change = np.abs(np.diff(value))
+    about = np.max([np.roll(change, k) for k in (-2, -1, 1, 2)], axis=0)
+    at = np.flatnonzero((change > JUMP * sigma) & (change > ALONE * about))
+    at = at[(at > 2) & (at < len(change) - 3)]
+    at = np.sort(at[np.argsort(-change[at])[:MANY]])
+    return np.asarray(0.5 * (time[at] + time[at + 1]))
 
 
 def bin_means(time: FloatArray, value: FloatArray, edges: FloatArray) -> Bins:

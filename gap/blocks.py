@@ -18,6 +18,7 @@ from gap.chains import Kept, Memo, needed
 from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Rows, Start
 from gap.rhythms import Lateness
 from gap.rows import label_rows
+from gap.scatter import unlike
 from gap.session import SKIN, Command, Session
 from gap.solve import Fit
 from sim_devices.chain import Chain, Effect
@@ -35,6 +36,8 @@ AFTER_KINK = 1e-3 * np.concatenate(
 STAMP_SD = 2.5e-4
 """s: how well a single stamp or the moment of a step is known (assumed). An integrator's step is as good as that,
 too."""
+BEFORE = 5e-3
+"""s by which a recording begins before its first sample."""
 ELSEWHERE = (0.1, 0.9)
 """Quantiles of its prior at which an effect is tried whose default does nothing."""
 Table = tuple[FloatArray, FloatArray]
@@ -70,7 +73,8 @@ class GroupedSession(Session):
             members = tuple(k for k, s in enumerate(specimens) if s == name)
             self.groups.append(Group(name, members, {q: self.command(q, members) for q in quantities}))
         self.kinks = np.unique(np.concatenate([c.time for g in self.groups for c in g.commands.values()]))
-        self.marks = tuple(self.span(k)[0] for k in range(len(recordings)))
+        # What a first sample is, is of its own recording, be the clocks some milliseconds apart.
+        self.marks = tuple(self.span(k)[0] - BEFORE for k in range(len(recordings)))
 
 
 class Block(abc.ABC):
@@ -80,8 +84,9 @@ class Block(abc.ABC):
     channels: tuple[str, ...]
     growth, widest = GROWTH, WIDEST  # of the bins
     trust = 0.9
-    steep: FloatArray | None = None  # how steep the signal is, (channels · n,) per s, where that is known
+    slope: FloatArray | None = None  # of the signal, (channels · n,) per s, where that is known
     floor: float = 0.0  # SI: noise that averaging does not lower, because the nominal chain is not known better
+    sound: FloatArray | None = None
 
     prior_mean: FloatArray
     prior_sd: FloatArray
@@ -100,7 +105,8 @@ class Block(abc.ABC):
             for k in group.members:
                 if not all(c in session.recordings[k].streams for c in self.channels):
                     continue
-                bins = [session.binned(c, k, session.kinks, self.growth, self.widest) for c in self.channels]
+                ends = self.breaks(k)
+                bins = [session.binned(c, k, session.kinks, self.growth, self.widest, ends) for c in self.channels]
                 n = min(len(b.time) for b in bins)  # equal unless a channel lost samples at its end
                 values = np.stack([b.value[:n] for b in bins])
                 parts.append((bins[0].time[:n], values, np.stack([b.count[:n] for b in bins]), bins[0].spread[:n]))
@@ -127,6 +133,15 @@ class Block(abc.ABC):
         self.rows = self._labelled()
         self._grids, self._delayed = Kept(), Kept(2 * len(self.groups))
 
+    @property
+    def resets(self) -> Sequence[float]:
+        """Times (s) after the beginning of suction at which recordings jump."""
+        return ()
+
+    def breaks(self, k: int) -> Sequence[float]:
+        """Times, s, at which recording ``k`` jumps and no bin may go on."""
+        return ()
+
     def _labelled(self) -> Rows:
         parts = []
         for channel in self.channels:
@@ -138,12 +153,12 @@ class Block(abc.ABC):
 
     def blur_steep_parts(self, slope: FloatArray) -> None:
         """Add what uncertain stamps do to the noise where the signal, of ``slope`` (channels · n,) per s, is steep."""
-        self.steep = np.abs(slope)
-        self.sigma = np.hypot(self.sigma, self.steep * STAMP_SD)
+        self.slope = slope
+        self.sigma = np.hypot(self.sigma, slope * STAMP_SD)
 
     def by_chance(self, key: str) -> bool:
         """Whether an effect counts as noise on steep parts, not as what it does in one draw."""
-        return self.steep is not None and bool(self._scatter(key, {}))
+        return self.slope is not None and bool(self._scatter(key, {}))
 
     def _scatter(self, key: str, values: Mapping[str, float]) -> Mapping[str, float]:
         """By channel, the rms (s) by which an effect scatters its instants; nothing of one that is not by chance."""
@@ -156,11 +171,24 @@ class Block(abc.ABC):
         variance: FloatArray | None = None
         for candidate, values in active.items():
             rms = self._scatter(candidate.key, values)
-            if self.steep is None or not rms:
+            if self.slope is None or not rms:
                 continue
-            each = np.repeat([rms.get(c, 0.0) for c in self.channels], len(self.stamps))
-            variance = np.square(self.steep * each) / self.counts + (0.0 if variance is None else variance)
+            variance = np.square(self.slope * self._by_row(rms)) / self.counts + (0.0 if variance is None else variance)
         return None if variance is None else np.sqrt(1.0 + variance / np.square(self.sigma))
+
+    def _by_row(self, of_channels: Mapping[str, float]) -> FloatArray:
+        return np.repeat([of_channels.get(c, 0.0) for c in self.channels], len(self.stamps))
+
+    def unlike(self, fitted: Fit) -> float:
+        """Asked of the samples that are by themselves in their bins; of two effects of chance together nothing is."""
+        chance = [(c, rms) for c, values in fitted.active.items() if (rms := self._scatter(c.key, values))]
+        times = self.widening(fitted.active)
+        if len(chance) != 1 or times is None or self.slope is None:
+            return 0.0
+        candidate, rms = chance[0]
+        at = (self.counts == 1) & (self._by_row(rms) > 0)
+        residual, reach = (fitted.residual * times)[at], (self.slope / self.sigma)[at]
+        return unlike(residual, reach, max(rms.values()), self.library[candidate.key].sparse)
 
     def whitened(self, difference: FloatArray, active: Active) -> FloatArray:
         """``difference`` (n,) or (n, p) in σ, wider where an effect of chance makes it so."""

@@ -16,7 +16,7 @@ import numpy as np
 
 from gap.hypothesis import Candidate, FloatArray, Problem
 from gap.noise import correlation_time
-from gap.screening import Screened, screen
+from gap.screening import Screened, from_sound, screen
 from gap.solve import Fit, Hypothesis, Projector, fit, under
 from gap.workers import each
 
@@ -55,7 +55,7 @@ class Comparison:
         trust: list[dict[str, float]] = [{} for _ in every]
         for name, problem in self.problems.items():
             fits = {id(h.fits[name]): h.fits[name] for h in every}
-            rows = {k: f.evidences(temper[name], problem.alternatives) for k, f in fits.items()}
+            rows = {k: f.evidences(temper[name], problem.alternatives) - problem.unlike(f) for k, f in fits.items()}
             table = np.array([rows[id(h.fits[name])] for h in every])
             best, trusts = table.max(axis=0), np.asarray(problem.trusts)
             table = trusts[0] * (best - best.max()) + trusts * (table - best)
@@ -112,6 +112,11 @@ def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) ->
                     there = under(problem, moved.mean, sd)
                     tries.append(fit(there, hypothesis, moved.unit, moved.nuisance, 5, belief=belief))
         best = max(tries, key=lambda f: f.log_evidence(1.0, problem.alternatives))
+        if screened.sure:  # where the data show it to be, once more: on the way to the right skin it may have left
+            there = under(problem, best.prior_mean, best.prior_sd)
+            unit = np.concatenate([before.unit, starts[0]])
+            tries.append(fit(there, hypothesis, unit, best.nuisance, 10, belief=belief))
+            best = max(tries, key=lambda f: f.log_evidence(1.0, problem.alternatives))
         final = under(problem, best.prior_mean, best.best_prior(problem.alternatives))
         known = fits[block] = fit(final, hypothesis, best.unit, best.nuisance, belief=belief)
         simulations += sum(f.simulations for f in tries) + known.simulations
@@ -155,7 +160,9 @@ def compare(
     comparison.screened, n = screen(blocks, comparison.null, usable, (), effort.quick_fits, jobs, effort.least_hope)
     comparison.simulations += n
     chosen = _shortlist(comparison.screened, effort.refit_singles)
-    chosen += [s for s in comparison.screened if (s.sure or s.candidate in suspects) and s not in chosen]
+    apart, n = from_sound(blocks, comparison.null, comparison.screened)
+    comparison.simulations += n
+    chosen += [s for s in comparison.screened if (s.sure or s.candidate in suspects or s in apart) and s not in chosen]
     _refit_all(comparison, [(comparison.null, s) for s in chosen], jobs)
     others = _imitators(comparison, [s for s in comparison.screened if s not in chosen])
     _refit_all(comparison, [(comparison.null, s) for s in others[: effort.imitators]], jobs)

@@ -26,7 +26,7 @@ from gap.sheet_law import Law
 from gap.solve import Fit
 from sim_devices.chain import Chain, Effect, Signals
 from sim_devices.effects.tissue import Softening
-from sim_devices.stages.kernels import evaluate, prony
+from sim_devices.stages.kernels import evaluate, exposure_gain, prony
 from sim_devices.stages.operators import Wired, after
 from sim_devices.stages.robot import xyz
 
@@ -226,7 +226,7 @@ class FeForceBlock(Anchored, ForceBlock):
         )  # fmt: skip
         chain = replace(chain, operators=tuple(sheet if o.name == "tissue" else o for o in chain.operators))
         soft = (-(base.softening + c["softening"]), base.softening_force, base.softening_rise, base.softening_fall)
-        return after(chain, "tissue", lambda s, t: Softening("softening", "tissue", s, t, soft))
+        return after(chain, "tissue", lambda s, t: Softening("softening", "tissue", s, t, exposure_gain, soft))
 
     def surrogate_error(self, fitted: Fit) -> float:
         """rms of surrogate less a full solve in units of the noise, at a fit's parameters and under its effects.

@@ -23,7 +23,8 @@ from sim_devices.chain import Parameter
 class GenericEffect:
     """``act(state, time, values, related, p)`` returns the changed values; ``needs`` names the related signal it acts
     with. What ``resists`` motion adds to a tapped resistance and is taken from a tapped net force. A ``form`` tells
-    apart effects that are one concept of one name.
+    apart effects that are one concept of one name. What is ``of_turns`` shows only where the signal it acts with turns
+    back: on one way it is nothing but a bent characteristic.
 
     Parameters of unit ``signal`` have priors relative to the range of the signal, ``velocity`` and ``position``
     relative to those of the related one; they are scaled when the effect meets its rig.
@@ -40,6 +41,7 @@ class GenericEffect:
     needs: str = ""
     resists: bool = False
     form: str = ""
+    of_turns: bool = False
 
 
 def _rel(name: str, low: float, high: float, unit: str = "signal", meaning: str = "") -> Parameter:
@@ -163,6 +165,7 @@ GENERIC: tuple[GenericEffect, ...] = (
         laws.dahl,
         needs="position",
         resists=True,
+        of_turns=True,
     ),
     GenericEffect(
         "hysteresis",
@@ -181,6 +184,7 @@ GENERIC: tuple[GenericEffect, ...] = (
             _shape("bend", 0.1, 30.0, "signal", "about where it saturates"),
         ),
         laws.own_hysteresis,
+        of_turns=True,
     ),
     GenericEffect(
         "backlash",
@@ -188,6 +192,7 @@ GENERIC: tuple[GenericEffect, ...] = (
         "preload the joint",
         (_rel("gap", 1e-3, 0.5),),
         laws.backlash,
+        of_turns=True,
     ),
     GenericEffect(
         "dead_zone",
@@ -275,6 +280,14 @@ GENERIC: tuple[GenericEffect, ...] = (
             Parameter("odd", "1", 0.0, 1.0, null=None, default=0.0),
         ),
         laws.quadratic_error,
+    ),
+    GenericEffect(
+        "quadratic_error",
+        "a characteristic that is a power of the signal beyond a knee",
+        "calibrate at more than two points",
+        (_signed("exponent", 1.0, "1"), _shape("knee", 0.01, 1.0, "signal")),
+        laws.power_error,
+        form="power_error",
     ),
     GenericEffect(
         "gain",

@@ -290,6 +290,10 @@ def quadratic_error(state: State, time: Signal, y: Signal, related: Related, p: 
     return y + p["coefficient"] * y * np.abs(y) if p["odd"] > 0.5 else y + p["coefficient"] * y * y
 
 
+def power_error(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
+    return y * (1.0 + np.abs(y) / p["knee"]) ** p["exponent"]
+
+
 def gain(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     return y * (1 + p["error"])
 

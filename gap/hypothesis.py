@@ -103,9 +103,10 @@ class Problem(Protocol):
     ``measured`` (n,) and ``sigma`` (n,) are the data behind the rows in SI and their noise, so that the prediction is
     measured − residual·sigma (`gap.solve.predicted`, as chance widens the noise). ``alternatives`` are prior widths
     (p,) over which the evidence is averaged, narrow ones first; ``prior_sd`` is the one used while fitting,
-    ``plain_sd`` that of the simulation by itself, without a discrepancy. ``trusts``, one for each width, are exponents
-    on the evidence, for model error that tempering does not see: low where a person's tissue may do what it likes. The
-    first also weighs the widths against each other.
+    ``plain_sd`` that of the simulation by itself, without a discrepancy. ``sound`` (p,) is the nuisance of an
+    instrument as it should be, where that is all there is to know; None where there is tissue. ``trusts``, one for each
+    width, are exponents on the evidence, for model error that tempering does not see: low where a person's tissue may
+    do what it likes. The first also weighs the widths against each other.
     """
 
     name: str
@@ -115,10 +116,16 @@ class Problem(Protocol):
     prior_mean: FloatArray
     prior_sd: FloatArray
     alternatives: Sequence[FloatArray]
+    sound: FloatArray | None
 
     @property
     def trusts(self) -> Sequence[float]:
         """How far the evidence is trusted under each of the prior's widths."""
+        ...
+
+    @property
+    def resets(self) -> Sequence[float]:
+        """Times (s) after the beginning of suction at which recordings jump; none of other rigs."""
         ...
 
     @property
@@ -145,4 +152,8 @@ class Problem(Protocol):
 
     def widening(self, active: Active) -> FloatArray | None:
         """How many times wider (n,) the noise is under effects that happen by chance; None without such effects."""
+        ...
+
+    def unlike(self, fitted: Fit) -> float:
+        """Nats by which another law of chance than that of the ``fitted`` effects describes what they leave better."""
         ...

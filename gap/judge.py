@@ -106,9 +106,9 @@ def _distance(a: Hypothesis, b: Hypothesis, trust: Mapping[str, float], temper: 
 
 def made_by(signature: Signature, effect: Candidate) -> bool:
     """Whether ``effect`` is the one that leaves ``signature``."""
-    same = effect.name.removeprefix("sensor_") == signature.effect.removeprefix("sensor_")
+    names = {name.removeprefix("sensor_") for name in (signature.effect, *signature.also)}
     where = effect.key.partition("@")[2]
-    return same and where in ("", signature.channel)
+    return effect.name.removeprefix("sensor_") in names and where in ("", signature.channel)
 
 
 def _earned(h: Hypothesis, comparison: Comparison, rules: Judgement, temper: Mapping[str, float]) -> bool:

@@ -160,7 +160,8 @@ def sentences(d: Diagnosis) -> list[str]:
         first = f"Simulation and measurement agree to within the noise (gap {d.gap_before:.2f}, noise 1)."
     if v.verdict in ("none", "undetectable"):
         if d.gap_before >= 1.1:
-            second = "Skin of another law could do that as well: no effect stands out beyond it."
+            other = "A model that is wrong otherwise" if "rig" in d.problems else "Skin of another law"
+            second = f"{other} could do that as well: no effect stands out beyond it."
         elif v.verdict == "none":
             second = "No effect of the library is needed to explain these recordings."
         else:

@@ -120,6 +120,8 @@ class RigProblem:
     """
 
     name = "rig"
+    sound: FloatArray | None = None
+    resets: Sequence[float] = ()
 
     def __init__(self, recordings: Sequence[Recording], model: ForwardModel) -> None:
         _check(model, recordings)
@@ -244,6 +246,8 @@ class RigProblem:
             for effect in (*GENERIC, *getattr(self.model, "effects", ())):
                 if effect.needs and effect.needs not in seen[tap].related:
                     continue
+                if effect.of_turns and not seen[tap].turns(effect.needs):
+                    continue
                 size = max(abs(seen[tap].low), abs(seen[tap].high))
                 if size < 1e-9 * measured and not effect.needs:
                     continue  # a tap that carries nothing nominally can only gain something from a related signal
@@ -296,6 +300,9 @@ class RigProblem:
 
     def widening(self, active: Active) -> None:
         return None
+
+    def unlike(self, fitted: Fit) -> float:
+        return 0.0
 
     def parameters(self, nuisance: FloatArray) -> dict[str, float]:
         """The model's parameters at a nuisance vector."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from gap.blocks import Block, Group, GroupedSession, Table
 from gap.chains import needed, run
-from gap.hypothesis import Active, Candidate, Evaluation, FloatArray
+from gap.hypothesis import Active, Candidate, Evaluation, FloatArray, Start
 from gap.robot_loop import CONTROLLERS, Controller
 from gap.session import CLOCK_SD
 from gap.smoothing import significant
@@ -123,13 +123,13 @@ class AxesBlock(Block):
         self._kept: dict[str, FloatArray] = {}
         self._runs = np.kron(np.eye(3), self.member)
         self.prior_sd = np.concatenate([self.SD, np.full(self._runs.shape[1], self.ZERO_SD)])
-        self.prior_mean = np.zeros(len(self.prior_sd))
+        self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
         self.alternatives = (self.prior_sd,)
         self.controller = CONTROLLERS[0]
         fits = [pair for controller in CONTROLLERS for pair in self._tried(controller)]
         self._best, self.controller = min(fits, key=lambda pair: pair[0].objective)
         alone = [f for f, controller in fits if controller is self.controller and not f.hypothesis]
-        self._start = alone[0].nuisance
+        self._start, self._strained = alone[0].nuisance, alone[0].penalty > STRAINED
         self._forget()
 
     def reload(self, forces: Sequence[dict[str, Table]]) -> None:
@@ -166,6 +166,10 @@ class AxesBlock(Block):
 
     def start(self) -> FloatArray:
         return self._start.copy()
+
+    def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
+        # Strained tolerances have taken on what they could of an effect.
+        return Start(self.prior_mean, self.prior_sd, self.prior_mean, unit) if self._strained else None
 
     def _load(
         self, group: Group, forces: Mapping[str, Table], axes: Mapping[str, Table], chain: Chain | None = None
@@ -327,7 +331,7 @@ class ArithmeticBlock(Block):
         super().__init__(session, library)
         # What is recomputed carries the noise of what it is computed from: both are the recording's own.
         self.sigma = np.full(len(self.measured), floor)
-        self.steep = np.zeros(len(self.measured))  # nor does it matter when they were taken
+        self.slope = np.zeros(len(self.measured))  # nor does it matter when they were taken
         self._runs = np.kron(np.eye(3), self.member)
         self.prior_sd = np.full(self._runs.shape[1], 5 * floor)
         self.prior_mean = np.zeros(len(self.prior_sd))

@@ -22,6 +22,10 @@ BISECTIONS = 7
 """Simulations at most to find one."""
 STARTS = 2
 """Screening points from which a refit starts."""
+STRAINED = 100.0
+"""What a base pays for its tolerances from which on effects are looked at beside a sound instrument, too,"""
+FROM_SOUND = 4
+"""and how many of them are refitted for it."""
 AMPLITUDES = (0.25, 2.0)
 """How far a linear rescaling of a screened effect may be trusted, as a multiple of its simulated strength."""
 
@@ -133,6 +137,43 @@ def screen(
         if gain > s.gain:
             s.gain, s.starts = gain, starts
     return sorted(out, key=lambda s: -s.gain), simulations
+
+
+def from_sound(
+    problems: dict[str, Problem], base: Hypothesis, screened: Sequence[Screened]
+) -> tuple[list[Screened], int]:
+    """Those effects that explain most beside a sound instrument, where the base strains its tolerances, and the number
+    of simulations.
+
+    Such tolerances have taken on what they could of the effect, and no straight line leads back. The effects' fits are
+    to start from the points where they do.
+    """
+    out: list[Screened] = []
+    simulations = 0
+    for block, problem in problems.items():
+        if problem.sound is None or base.fits[block].penalty < STRAINED:
+            continue
+        jacobian = problem.evaluate(problem.sound, {}).jacobian
+        refits = [Projector(jacobian, sd) for sd in problem.alternatives]
+        found = []
+        for s in screened:
+            if block not in s.candidate.blocks:
+                continue
+            left = []
+            for active in ({s.candidate: s.candidate.values(unit)} for unit in s.units):
+                residual = problem.evaluate(problem.sound, active, want_jacobian=False).residual
+                times = problem.widening(active)
+                wider = 0.0 if times is None else 2.0 * float(np.sum(np.log(times)))
+                left.append(wider + min(refit.chi2(residual) for refit in refits))
+            simulations += len(left)
+            found.append((min(left), int(np.argmin(left)), s))
+        names: set[str] = set()
+        for _, k, s in sorted(found, key=lambda f: f[0]):
+            if s.candidate.name not in names and len(names) < FROM_SOUND:
+                names.add(s.candidate.name)
+                s.starts[block] = (s.units[k], *s.starts[block][: STARTS - 1])
+                out += [s] if s not in out else []
+    return out, simulations
 
 
 def _widened(residual: FloatArray, times: FloatArray) -> float:

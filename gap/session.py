@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from acquire.recording.model import Recording, Series
-from gap.binning import GROWTH, WIDEST, Bins, bin_edges, bin_means
+from gap.binning import GROWTH, WIDEST, Bins, bin_edges, bin_means, breaks
 from gap.hypothesis import FloatArray
 from gap.noise import grid_step, high_band_sigma, rounding_floor
 
@@ -61,13 +61,28 @@ class Session:
         order = np.argsort(time, kind="stable")
         return Command(time[order], value[order])
 
-    def binned(self, channel: str, k: int, kinks: FloatArray, growth: float = GROWTH, widest: float = WIDEST) -> Bins:
-        """A channel of recording ``k`` in bins that follow the command's kinks."""
+    def binned(
+        self,
+        channel: str,
+        k: int,
+        kinks: FloatArray,
+        growth: float = GROWTH,
+        widest: float = WIDEST,
+        ends: Sequence[float] = (),
+    ) -> Bins:
+        """A channel of recording ``k`` in bins that follow the command's kinks; some end at ``ends`` (s)."""
         series = self.recordings[k].streams[channel]
         time = self.time(k, series)
         dt = float(np.median(np.diff(time)))
-        edges = bin_edges(time[0], time[-1], kinks, dt, growth, widest)
+        edges = np.union1d(bin_edges(time[0], time[-1], kinks, dt, growth, widest), ends)
         return bin_means(time, np.asarray(series.value, dtype=float), edges)
+
+    def breaks(self, channel: str, k: int) -> FloatArray:
+        """Times (m,) s at which a channel of recording ``k`` jumps."""
+        series = self.recordings[k].streams[channel]
+        value = np.asarray(series.value, dtype=float)
+        good = np.isfinite(value)
+        return breaks(self.time(k, series)[good], value[good], high_band_sigma(value))
 
     def sigma(self, channel: str, members: Sequence[int]) -> tuple[float, float]:
         """Noise of one sample of a channel, and the part that averaging does not lower (its grid's), in SI."""

@@ -36,12 +36,14 @@ DIFFERENCE = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
 
 @dataclass(frozen=True)
 class Signature:
-    """A mark in ``channel`` made by an effect named ``effect``: ``nats`` of evidence, ``text`` for people."""
+    """A mark in ``channel`` made by an effect named ``effect``: ``nats`` of evidence, ``text`` for people. The effects
+    of ``also`` leave the same."""
 
     effect: str
     channel: str
     nats: float
     text: str
+    also: tuple[str, ...] = ()
 
 
 def find(recordings: Sequence[Recording], channels: Sequence[str] | None = None) -> list[Signature]:
@@ -123,7 +125,8 @@ def _repeats(name: str, series: Sequence[Series]) -> list[Signature]:
     if repeated > 5 and excess > 5 * np.sqrt(max(expected, 1.0)) and repeated > 1.3 * expected:
         nats = min(CERTAIN, excess**2 / (2 * max(expected, 1.0)) / 10)
         text = f"{name} repeats its last value {repeated} times where {expected:.0f} are expected"
-        return [Signature("dropped_samples", name, nats, text)]
+        # What is asked for the same value twice has an old one under a new stamp.
+        return [Signature("dropped_samples", name, nats, text, ("late_samples",))]
     return []
 
 

@@ -21,6 +21,8 @@ from gap.hypothesis import Candidate, Evaluation, FloatArray, Problem
 MAX_ITERATIONS = 30
 UNIFORM_PRECISION = 12.0
 """1/variance of a uniform prior of width 1."""
+DOUBTED = 2.0
+"""Standard deviations of what neighbouring samples of white noise seem to have in common."""
 
 
 class Projector:
@@ -334,14 +336,16 @@ def fit(
 def unearned(residual: FloatArray, times: FloatArray | None, recording: NDArray[np.int64]) -> float:
     """Twice the nats that noise wider by ``times`` (n,) seems to earn on a whitened residual (n,) that is no chance.
 
-    Scattered instants are one by one; what neighbours have in common is a wrong response, and counts as few.
+    Scattered instants are one by one; what neighbours have in common beyond what noise could is a wrong response, and
+    counts as few.
     """
     if times is None:
         return 0.0
     share = 1.0 - 1.0 / np.square(times)  # of what is left, the share that is laid to chance
     weight = np.sqrt(share[1:] * share[:-1]) * (recording[1:] == recording[:-1])
     own = 0.5 * float(weight @ (np.square(residual[1:]) + np.square(residual[:-1])))
-    together = max(float(weight @ (residual[1:] * residual[:-1])), 0.0) / max(own, 1e-300)
+    common = float(weight @ (residual[1:] * residual[:-1])) - DOUBTED * float(np.linalg.norm(weight))
+    together = max(common, 0.0) / max(own, 1e-300)
     earned = float(np.square(residual) @ (np.square(times) - 1.0) - 2.0 * np.sum(np.log(times)))
     return max(earned, 0.0) * 2.0 * together / (1.0 + together)
 

@@ -2,7 +2,7 @@
 
 A fit finds what is narrow (a rhythm, a moment, one recording) only from close by. Effects say by the names of their
 parameters that they are such: a ``phase`` with a ``frequency``, an ``interval``, a ``period`` or a ``tau``; a
-``moment``; a ``within``.
+``moment``; a ``within``; in processing, a ``delay``.
 """
 
 from __future__ import annotations
@@ -78,6 +78,8 @@ def _places(candidate: Candidate, problem: Problem, base: Fit) -> tuple[Sequence
         return [{"moment": m} for m in jumps(time, residual, recording)], False
     if "within" in parameters:
         return [{"within": float(np.median(time[recording == k]))} for k in np.unique(recording)], False
+    if "delay" in parameters and candidate.stage == "processing" and problem.resets:
+        return [{"delay": delay} for delay in problem.resets], True
     if "phase" not in parameters:
         return [], False
     if "frequency" in parameters:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -39,6 +39,10 @@ ENOUGH = 1.05
 """χ² per sample of a law at which nothing less simple is tried."""
 QUICK = 10
 """Steps of a fit after which its evidence, which looks ahead along a straight line, says where it leads."""
+FAR = 4.0
+"""χ² per sample of the best law from which on fits with an effect begin anew under every basic one."""
+SAME = 0.02
+"""s within which recordings jump equally late."""
 TAKEN = 300.0
 """Nats by which a law that is not linear may be better and still have taken on an effect (of δ 25)."""
 Try = tuple[SkinLaw, FloatArray, int]
@@ -54,6 +58,18 @@ def _reach(suction: float, knee: float, exponent: float) -> float:
 def _probability(alone: tuple[Fit, SkinLaw]) -> float:
     """log evidence of a law fitted alone."""
     return alone[0].log_evidence(1.0, (alone[0].prior_sd,))
+
+
+def _agreed(delays: Sequence[float], within: float) -> tuple[float, ...]:
+    """Means of the ``delays`` (s) that several recordings have in common, but for ``within``; the most common first."""
+    groups: list[list[float]] = []
+    for delay in sorted(delays):
+        if groups and delay - groups[-1][-1] <= within:
+            groups[-1].append(delay)
+        else:
+            groups.append([delay])
+    common = sorted((g for g in groups if len(g) > 1), key=len, reverse=True)
+    return tuple(float(np.mean(g)) for g in common)
 
 
 class HeightBlock(Block):
@@ -89,8 +105,7 @@ class HeightBlock(Block):
         strongest = (-float(p.min()) for (g, _), (_, p) in zip(self.groups, self._line, strict=True) if g.skin)
         self._strongest = max(strongest, default=0.0) or 1e3  # Pa; without skin any will do
         self._runs = self.member
-        onsets = {k: self._onset(g, k) for g, _ in self.groups for k in g.members}
-        self._onsets = np.array([onsets[k] for k in self.runs])
+        self._onsets = np.array([self._onset(k) for k in self.runs])
         self._fed_before = Kept(8)
         self._start: FloatArray | None = None
         self._tries: list[Try] = []
@@ -118,6 +133,18 @@ class HeightBlock(Block):
         self.prior_mean = self._mean(self.USUAL_LAW)
         self.laws = tuple(self.SIMPLE_LAWS)  # simple ones of `alternatives`, the most probable first
         self.alternatives = self._priors()
+
+    @cached_property
+    def resets(self) -> Sequence[float]:
+        """Times (s) after the beginning of suction at which several recordings jump."""
+        late = []
+        for k, recording in enumerate(self.session.recordings):
+            if self.channels[0] in recording.streams:
+                late += (self.session.breaks(self.channels[0], k) - self._onset(k)).tolist()
+        return _agreed([delay for delay in late if delay > 0], SAME)
+
+    def breaks(self, k: int) -> Sequence[float]:
+        return [self._onset(k) + delay for delay in self.resets]
 
     def _priors(self) -> tuple[FloatArray, ...]:
         """Prior widths (p,) of the simple laws, and of the usual one beside each size of the discrepancy."""
@@ -155,8 +182,9 @@ class HeightBlock(Block):
                 out[k] = part.begin if name in law.amounts else 0.0
         return out
 
-    def _onset(self, group: Group, k: int) -> float:
+    def _onset(self, k: int) -> float:
         """When suction is first commanded in recording ``k``, s; its begin where it never is."""
+        group = next(g for g in self.session.groups if k in g.members)
         time, value = group.commands["pressure"].time, group.commands["pressure"].value
         begin, end = self.session.span(k)
         acting = np.flatnonzero((value != 0) & (time >= begin) & (time <= end))
@@ -281,6 +309,8 @@ class HeightBlock(Block):
         found, law = max(alone, key=_probability)
         if not law.simple:
             self._tries.append((law, guesses[0], 15))
+        if found.chi2 > FAR * len(self.measured):  # which law it is, such a fit does not tell
+            self._tries += [(law, g, QUICK) for law in self.SIMPLE_LAWS for g in guesses]
         return found, law
 
     def _bend(self, nuisance: FloatArray) -> None:

@@ -79,7 +79,7 @@ class PressureBlock(Block):
         # An open probe holds no pressure: its record says nothing of the regulator.
         super().__init__(session, library, without=("open air",))
         self.prior_sd = self._prior(0.02, 0.03, 0.001)
-        self.prior_mean = np.zeros(len(self.prior_sd))
+        self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
         # As a sound instrument of the nominal kind, or a regulator of another time and damping.
         self.alternatives = (self.prior_sd, self._prior(0.15, 0.3, 0.001))
         self._linear = np.column_stack([self._lag_columns(), self.measured, np.ones(len(self.stamps))])

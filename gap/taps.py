@@ -14,11 +14,38 @@ from gap.generic_laws import State
 from gap.hypothesis import FloatArray
 from sim_devices.chain import Parameter
 
+BACK = 0.05
+"""Share of its range by which a signal must come back to have turned; less is noise."""
+
+
+@dataclass
+class Way:
+    """How far a signal went: its range, and most up and down again."""
+
+    low: float = np.inf
+    high: float = -np.inf
+    up: float = 0.0
+    down: float = 0.0
+
+    def go(self, values: FloatArray) -> None:
+        """Further ``values`` (m,)."""
+        lowest = np.minimum.accumulate(np.r_[self.low, values])[1:]
+        highest = np.maximum.accumulate(np.r_[self.high, values])[1:]
+        self.low, self.high = float(lowest[-1]), float(highest[-1])
+        self.up = max(self.up, float(np.max(values - lowest)))
+        self.down = max(self.down, float(np.max(highest - values)))
+
+    @property
+    def turns(self) -> bool:
+        """Whether it went up and down, and not only one way."""
+        return min(self.up, self.down) > BACK * (self.high - self.low)
+
 
 @dataclass
 class Seen:
     """What a nominal run shows of a tap: the scale of its signal and of the related ones, and how many values of it
-    there are to a sample. ``opposes`` says that motion is resisted by what is added, not by what is taken away."""
+    there are to a sample. ``opposes`` says that motion is resisted by what is added, not by what is taken away.
+    ``ways`` has the ways of the signal (under ``""``) and of the related ones in each run."""
 
     low: float = np.inf
     high: float = -np.inf
@@ -27,6 +54,11 @@ class Seen:
     values: int = 0
     calls: int = 1
     opposes: bool = True
+    ways: dict[str, list[Way]] = field(default_factory=dict)
+
+    def turns(self, related: str = "") -> bool:
+        """Whether the signal, or a related one, goes to and fro in some run."""
+        return any(way.turns for way in self.ways.get(related, ()))
 
 
 class Survey:
@@ -41,6 +73,8 @@ class Survey:
         """Another run, on ``time`` (n,) s."""
         for seen in self.seen.values():
             seen.values = 0
+            for ways in seen.ways.values():
+                ways.append(Way())
         self.time = time
 
     def __call__(self, name: str, values: Any, **related: Any) -> Any:
@@ -50,6 +84,8 @@ class Survey:
         seen.values += y.size
         seen.calls = max(seen.calls, round(seen.values / max(self.time.size, 1)))
         seen.low, seen.high = min(seen.low, float(np.nanmin(y))), max(seen.high, float(np.nanmax(y)))
+        for key, going in {"": y, **related}.items():
+            seen.ways.setdefault(key, [Way()])[-1].go(np.atleast_1d(np.asarray(going, dtype=float)))
         if y.size == self.time.size and y.size > 1:
             seen.rate = max(seen.rate, float(np.nanquantile(np.abs(np.diff(y) / np.diff(self.time)), 0.99)))
         for key, other in related.items():

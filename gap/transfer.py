@@ -51,6 +51,9 @@ def shrink(before: float, after: float, floor: float = 1.0) -> float:
 class _Masked:
     """A problem that sees only some of its rows."""
 
+    sound: FloatArray | None = None
+    resets: Sequence[float] = ()
+
     def __init__(self, problem: Problem, keep: NDArray[np.bool_]) -> None:
         self.problem, self.keep = problem, keep
         self.name, self.rows = problem.name, problem.rows
@@ -70,6 +73,9 @@ class _Masked:
     def widening(self, active: Active) -> FloatArray | None:
         wider = self.problem.widening(active)
         return None if wider is None else np.where(self.keep, wider, 1.0)
+
+    def unlike(self, fitted: Fit) -> float:
+        return 0.0
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         full = self.problem.evaluate(nuisance, active, want_jacobian)

@@ -160,7 +160,7 @@ class Effect:
     would remove it in reality, ``source`` where it is known from. ``instruments`` are the chains it fits. What happens
     to a sample by chance has a ``scatter``: the rms (s) by which a channel's true instants are off their stamps, given
     the instrument and the values (none: not by chance); a diagnosis then looks for the noise that it makes and not for
-    the very draw.
+    the very draw. It is ``sparse`` if chance hits some samples and makes these older, else all are off a little.
     """
 
     name: str
@@ -172,6 +172,7 @@ class Effect:
     parameters: tuple[Parameter, ...]
     install: Callable[[Chain, Mapping[str, float]], Chain] = field(repr=False)
     scatter: Callable[[str, Mapping[str, float]], Mapping[str, float]] | None = field(default=None, repr=False)
+    sparse: bool = False
 
     @property
     def strengths(self) -> tuple[Parameter, ...]:

@@ -86,6 +86,7 @@ def effect(
     parameters: tuple[Parameter, ...],
     install: Install,
     scatter: Scatter | None = None,
+    sparse: bool = False,
 ) -> Effect:
     """An effect that leaves the chain alone where all its strengths are at their null values."""
     strengths = [p for p in parameters if p.null is not None]
@@ -93,7 +94,7 @@ def effect(
     def guarded(chain: Chain, values: Values) -> Chain:
         return chain if all(values[p.name] == p.null for p in strengths) else install(chain, values)
 
-    return Effect(name, stage, instruments, meaning, remedy, source, parameters, guarded, scatter)
+    return Effect(name, stage, instruments, meaning, remedy, source, parameters, guarded, scatter, sparse)
 
 
 def law_after(

@@ -50,11 +50,16 @@ def _period(instrument: str, values: Values) -> float:
 
 
 def _scattered(instrument: str, v: Values) -> dict[str, float]:
-    """rms of the instants' error of jitter, or of samples of which a fraction is one period old."""
-    if v.get("form", 0.0) > 0.5:
+    """rms of the instants' error of jitter, or of samples of which a fraction is old: by one period, or by any time up
+    to twice the delay."""
+    if "sigma" in v:
+        rms = v["sigma"]
+    elif "delay" in v and chosen(v, "form") == 1:
+        rms = v["delay"] * math.sqrt(v["fraction"] * (4.0 / 3.0 - v["fraction"]))
+    elif v.get("form", 0.0) < 0.5:
+        rms = _period(instrument, v) * math.sqrt(v["fraction"] * (1.0 - v["fraction"]))
+    else:
         return {}
-    share = v.get("fraction", 0.0)
-    rms = v["sigma"] if "sigma" in v else _period(instrument, v) * math.sqrt(share * (1.0 - share))
     return {signal: rms for _, signal in _sensors(instrument, chosen(v, "channel"))}
 
 
@@ -87,6 +92,16 @@ def _faulty(name: str, lost: float) -> Any:
 
 
 _repeated = _faulty("dropped_samples", 1.0)
+_one_before = _faulty("late_samples", 0.0)
+
+
+def _late(chain: Chain, v: Values) -> Chain:
+    if chosen(v, "form") == 0:
+        return _one_before(chain, v)
+    parameters = (_period(chain.instrument, v), v["fraction"], v["seed"], v["delay"])
+    for anchor in dict.fromkeys(a for a, _ in _sensors(chain.instrument, chosen(v, "channel"))):
+        chain = law_after(chain, anchor, "late_samples", "timing", kernels.late_by_any, parameters)
+    return chain
 
 
 def _desynchronised(chain: Chain, v: Values) -> Chain:
@@ -150,8 +165,13 @@ EFFECTS = (
         "Some samples are delivered late: older values under newer stamps.",
         "Stamp samples in the device, not on arrival.",
         "operating system scheduling; gap.md",
-        (strength("fraction", "1", 1e-3, 0.5, 0.1, "of the samples"), _CHANNEL, _SEED, _RATE),
-        _faulty("late_samples", 0.0), _scattered,
+        (
+            strength("fraction", "1", 1e-3, 0.5, 0.1, "of the samples"),
+            choice("form", 0, "the value before", "by any time up to twice the delay"),
+            strength("delay", "s", 1e-3, 0.1, 0.02, "mean lateness of those that are late", only=(1,)),
+            _CHANNEL, _SEED, _RATE,
+        ),
+        _late, _scattered, sparse=True,
     ),
     effect(
         "dropped_samples", "timing", ALL,
@@ -163,7 +183,7 @@ EFFECTS = (
             choice("form", 0, "the last value is repeated", "the samples after it move up, in all channels"),
             *(replace(p, only=(0,)) for p in (_CHANNEL, _SEED, _RATE)),
         ),
-        _dropped, _scattered,
+        _dropped, _scattered, sparse=True,
     ),
     effect(
         "desynchronisation", "timing", SUCTION,

@@ -37,8 +37,9 @@ Forces = tuple[FloatArray, FloatArray, FloatArray]
 
 @dataclass(frozen=True)
 class Softening(Wired):
-    """Force (x, y, z) less what exposure to its own magnitude softens; parameters as of ``kernels.exposure_gain``."""
+    """Force (x, y, z) less what its own magnitude softens, by ``kernel`` with its ``parameters``."""
 
+    kernel: kernels.Kernel
     parameters: tuple[float, ...]
 
     def fresh(self) -> Any:
@@ -48,7 +49,7 @@ class Softening(Wired):
         force = np.stack([signals[s] for s in self.source])
         size = np.sqrt((force**2).sum(axis=0))
         softened = np.empty(len(time))
-        kernels.exposure_gain(state[0], time, size, state[1], softened)
+        self.kernel(state[0], time, size, state[1], softened)
         factor = np.divide(softened, size, out=np.ones(len(time)), where=size > 0)
         signals.update(zip(self.target, force * factor, strict=True))
 
@@ -113,12 +114,13 @@ def _preconditioning(chain: Chain, v: Values) -> Chain:
     if chosen(v, "form") == 1:
         anchor, sign = ("tissue", -1.0) if _is_robot(chain) else ("softening", 1.0)
         return law_after(chain, anchor, name, stage, kernels.mullins, (sign * v["amount"], v["forgetting"]))
+    kernel = kernels.by_loadings if chosen(v, "form") == 2 else kernels.exposure_gain
+    scale = 0.5 if _is_robot(chain) else height_scale(chain)
+    shapes = (v["loadings"],) if chosen(v, "form") == 2 else (scale, v["rise"], v["forgetting"])
     if _is_robot(chain):
-        share = v["amount"] / (1.0 + v["amount"])
-        parameters = (-share, 0.5, v["rise"], v["forgetting"])
-        return after(chain, "tissue", lambda s, t: Softening(name, stage, s, t, parameters))
-    parameters = (v["amount"], height_scale(chain), v["rise"], v["forgetting"])
-    return law_after(chain, "softening", name, stage, kernels.exposure_gain, parameters)
+        parameters = (-v["amount"] / (1.0 + v["amount"]), *shapes)
+        return after(chain, "tissue", lambda s, t: Softening(name, stage, s, t, kernel, parameters))
+    return law_after(chain, "softening", name, stage, kernel, (v["amount"], *shapes))
 
 
 def _with_skin(chain: Chain, name: str, function: Callable[..., Forces], parameters: tuple[float, ...]) -> Chain:
@@ -287,8 +289,9 @@ EFFECTS = (
         (
             strength("amount", "1", 0.01, 1.0, 0.2, "softening in the end"),
             shape("rise", "s", 0.5, 120.0, 8.0, "time under load that it takes", log=True, only=(0,)),
-            shape("forgetting", "s", 100.0, 1e5, 2000.0, "time of rest that undoes it", log=True),
-            choice("form", 0, "by exposure", "by the greatest load so far"),
+            shape("forgetting", "s", 100.0, 1e5, 2000.0, "time of rest that undoes it", log=True, only=(0, 1)),
+            shape("loadings", "1", 0.3, 20.0, 2.0, "loadings that it takes", log=True, only=(2,)),
+            choice("form", 0, "by exposure", "by the greatest load so far", "by the number of loadings"),
         ),
         _preconditioning,
     ),

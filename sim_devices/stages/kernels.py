@@ -432,6 +432,23 @@ def mullins(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Float
 
 
 @njit(cache=True)
+def by_loadings(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """A gain that changes with every loading that is over: y = u (1 + a (1 - exp(-n/N))), n their number.
+
+    A loading begins at two fifths of the greatest load so far and ends at a quarter. ``p`` = (a, N).
+    """
+    for i in range(t.size):
+        now = abs(u[i])
+        s[1] = max(s[1], now)
+        if s[0] == 0.0 and now > 0.4 * s[1]:
+            s[0] = 1.0
+        elif s[0] == 1.0 and now < 0.25 * s[1]:
+            s[0] = 0.0
+            s[2] += 1.0
+        y[i] = u[i] * (1.0 - p[0] * math.expm1(-s[2] / p[1]))
+
+
+@njit(cache=True)
 def faulty_samples(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Late or lost samples at stamps k T: with probability q the one before is delivered. ``p`` = (T s, q, seed, lost).
 
@@ -445,6 +462,23 @@ def faulty_samples(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y
             s[6] = s[6] if s[7] == 1.0 else u[i]  # last delivered
             s[0], s[3] = 1.0, k
         y[i] = u[i] if s[7] == 0.0 else (s[6] if p[3] >= 0.5 else s[5])
+
+
+@njit(cache=True)
+def late_by_any(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """Samples at stamps k T of which some are old: with probability q, y = u - u' d_k, d_k uniform up to 2 d.
+
+    ``p`` = (T s, q, seed, d s).
+    """
+    if s[0] == 0.0 and t.size:
+        s[0], s[1], s[2] = 1.0, t[0], u[0]
+    for i in range(t.size):
+        dt = t[i] - s[1]
+        if dt > 1e-6:
+            s[3] = (u[i] - s[2]) / dt
+            s[1], s[2] = t[i], u[i]
+        chance = hash_uniform(p[2], math.floor(t[i] / p[0] + 1e-6)) / p[1]  # below 1: late, by so much of the most
+        y[i] = u[i] - s[3] * 2.0 * p[3] * chance if chance < 1.0 else u[i]
 
 
 @njit(cache=True)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from acquire.recording.model import Recording, RunInfo, Series
 from gap.hypothesis import Active, Candidate, Evaluation, Rows
+from gap.solve import Fit
 from sim_devices.chain import Parameter
 
 FloatArray = NDArray[np.float64]
@@ -34,6 +35,8 @@ class LinearProblem:
         self.prior_mean = np.zeros(p)
         self.alternatives: Sequence[FloatArray] = (self.prior_sd,)
         self.plain_sd = self.prior_sd
+        self.sound: NDArray[np.float64] | None = None
+        self.resets: tuple[float, ...] = ()
         self.sigma = np.ones(n)
         labels = {k: (np.zeros(n, np.int64), ("-",)) for k in ("channel", "phase", "level", "direction", "repeat")}
         run = np.repeat(np.arange(self.runs), -(-n // self.runs))[:n].astype(np.int64)
@@ -50,6 +53,9 @@ class LinearProblem:
 
     def widening(self, active: Active) -> FloatArray | None:
         return None
+
+    def unlike(self, fitted: Fit) -> float:
+        return 0.0
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         predicted = self.design @ nuisance

@@ -44,6 +44,11 @@ def session(instrument: str, effect: str = "", seed: int = 11, **values: float) 
         ("cutometer", "regulator_lag", {"tau": 0.3}),
         ("aspiration", "leak", {"shortfall": 0.12}),
         ("microrobot", "latency", {"delay": 0.07}),
+        # What the simulation by itself strains its tolerances or its skin for:
+        ("cutometer", "overshoot", {"overshoot": 0.38, "slowness": 0.13}),
+        ("cutometer", "wrong_zeroing", {"delay": 5.3}),
+        ("cutometer", "jitter", {"sigma": 7e-3, "channel": 1}),
+        ("aspiration", "late_samples", {"fraction": 0.2, "channel": 1, "form": 1, "delay": 0.03}),
     ],
 )
 def test_a_strong_effect_is_named_with_its_stage(instrument: str, effect: str, values: dict[str, float]) -> None:
@@ -53,7 +58,10 @@ def test_a_strong_effect_is_named_with_its_stage(instrument: str, effect: str, v
     assert effect in {n for name in first["class"] for n in name.split(" + ")}
     assert report["where"][0]["stage"] == effects(instrument)[effect].stage
     assert first["detectability"] > 10
-    if instrument != "microrobot":  # whose recomputed channels, exact to their rounding, thin its gap out
+    by_chance = effects(instrument)[effect].scatter is not None  # only widens the noise
+    if (
+        instrument != "microrobot" and not by_chance
+    ):  # whose recomputed channels, exact to their rounding, thin its gap out
         assert first["shrink"]["fitted"] > 0.8
         assert first["shrink"]["waveform"] > 0.8
 

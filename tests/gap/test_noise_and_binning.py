@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gap.binning import GROWTH, bin_edges, bin_means
+from gap.binning import GROWTH, bin_edges, bin_means, breaks
 from gap.noise import coarse_counts, correlation_time, denoised, grid_step, high_band_sigma, rounding_floor
 
 TIME = np.arange(0.0, 20.0, 0.01)
@@ -123,6 +123,17 @@ def test_bins_are_narrow_after_a_kink_and_wide_later() -> None:
     assert width[(after > 10) & (after < 14)].min() > 0.2
     ordinary = (after > 0.5) & (after < 2)
     assert np.all(width[ordinary] <= GROWTH * after[ordinary] + 0.011)
+
+
+def test_a_record_that_jumps_is_told_from_one_that_answers_a_step() -> None:
+    time = np.arange(0.0, 20.0, 0.01)
+    noise = np.random.default_rng(4).normal(size=time.size)
+    answer = np.where(time > 3.0, 300.0 * -np.expm1(-(time - 3.0) / 0.05), 0.0)
+    assert len(breaks(time, answer + noise, 1.0)) == 0
+    found = breaks(time, answer + noise - 100.0 * (time > 7.1234), 1.0)
+    assert found == pytest.approx([7.125], abs=0.006)
+    still = breaks(time, np.zeros(time.size), 0.0)
+    assert len(still) == 0
 
 
 def test_bins_leave_out_what_is_not_a_number() -> None:

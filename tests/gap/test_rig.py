@@ -114,6 +114,29 @@ def test_a_tap_that_stands_still_can_leak_and_one_that_carries_nothing_cannot(re
     assert verdict.causes[0].names[0] == "leak"
 
 
+@pytest.mark.parametrize("pulls", [1, 2])
+def test_loops_are_asked_for_only_where_the_signal_turns(recording, pulls: int) -> None:
+    way = TIME / TIME[-1]
+    stretch = way if pulls == 1 else 1.0 - np.abs(1.0 - 2.0 * way)
+
+    class Tape:
+        name, channels, stages = "tape", ("force",), {"elastic": "tissue"}
+        parameters = (Parameter("stiffness", "N/m", 0.5, 50.0, None, 5.0, "log"),)
+
+        def simulate(self, time, data, parameters, tap):
+            force = parameters["stiffness"] * data["stretch"]
+            for one, x in zip(force, data["stretch"], strict=True):  # sample by sample, as from within a loop
+                tap("elastic", float(one), position=float(x), velocity=1.0)
+            return {"force": force}
+
+    run = recording({"force": 5.0 * stretch, "stretch": stretch}, TIME, instrument="tape")
+    names = {c.name for c in RigProblem([run], Tape()).candidates}
+    assert {"hysteresis", "dahl_friction", "backlash"} & names == (
+        {"hysteresis", "dahl_friction", "backlash"} if pulls > 1 else set()
+    )
+    assert {"coulomb_friction", "quadratic_error"} <= names
+
+
 def test_a_slow_mode_is_found_though_it_takes_over_half_of_the_model(recording) -> None:
     time = np.arange(0.0, 1200.0, 4.0)
     volts = np.select([time < 400, time < 800], [9.0, 4.0], 8.0)

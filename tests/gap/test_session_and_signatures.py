@@ -107,6 +107,7 @@ def test_repeated_samples_are_told(recording) -> None:
         value[k] = value[k - 1]
     found = find([made(recording, value)])
     assert [s.effect for s in found] == ["dropped_samples"]
+    assert found[0].also == ("late_samples",)  # an old value under a new stamp is the same mark
 
 
 def test_gaps_in_numbers_or_stamps_are_told(recording) -> None:

@@ -164,3 +164,7 @@ def test_noise_that_goes_together_earns_nothing_by_being_wide() -> None:
     assert abs(unearned(chance, times, recording)) < 0.25 * earned
     assert unearned(wrong, times, recording) > 0.85 * (np.square(wrong) @ (np.square(times) - 1.0) - 800 * np.log(3.0))
     assert unearned(wrong, None, recording) == 0.0
+    # Strong chance earns much: what its neighbours have in common by chance must not cost a share of it.
+    strong = np.full(400, 20.0)
+    costs = [unearned(rng.normal(size=400), strong, recording) for _ in range(20)]
+    assert sum(cost == 0.0 for cost in costs) > 15

@@ -35,7 +35,9 @@ CASES: list[tuple[Kernel, tuple[float, ...]]] = [
     (kernels.exposure_gain, (0.4, 1.0, 0.5, 5.0)),
     (kernels.yield_flow, (0.4, 0.2, 0.5, 5.0)),
     (kernels.mullins, (0.3, 4.0)),
+    (kernels.by_loadings, (0.3, 1.5)),
     (kernels.faulty_samples, (0.05, 0.3, 1.0, 1.0)),
+    (kernels.late_by_any, (0.05, 0.3, 1.0, 0.04)),
     (kernels.jittered, (0.05, 0.01, 1.0)),
 ]
 
@@ -153,6 +155,14 @@ def test_friction_reduces_to_coulomb_and_dahl() -> None:
     np.testing.assert_allclose(dahl, 0.3 * (1 - np.exp(-ramp / 0.2)), atol=1e-12)
 
 
+def test_each_loading_that_is_over_softens() -> None:
+    time = np.arange(0.0, 40.0, 0.1)
+    load = np.maximum(np.sin(2 * np.pi * time / 10.0), 0.0)
+    gain = evaluate(kernels.by_loadings, time, load, 0.3, 1.5) / np.where(load > 0, load, 1.0)
+    peaks = gain[np.isclose(time % 10.0, 2.5)]
+    np.testing.assert_allclose(peaks, 1.0 + 0.3 * (1.0 - np.exp(-np.arange(4) / 1.5)))
+
+
 def test_random_faults_hit_the_asked_share_whatever_the_grid() -> None:
     stamps = np.arange(4000) * 0.01
     wave = np.cumsum(RNG.standard_normal(4000))
@@ -161,6 +171,9 @@ def test_random_faults_hit_the_asked_share_whatever_the_grid() -> None:
     dense = np.sort(np.concatenate([stamps, stamps + 0.004]))
     again = evaluate(kernels.faulty_samples, dense, np.interp(dense, stamps, wave), 0.01, 0.2, 3.0, 0.0)
     np.testing.assert_allclose(again[::2], late)
+    by_any = stamps[1:] - evaluate(kernels.late_by_any, stamps, 2.0 * stamps, 0.01, 0.2, 1.0, 0.03)[1:] / 2
+    assert 0.17 < np.mean(by_any > 1e-12) < 0.23
+    assert np.mean(by_any[by_any > 1e-12]) == pytest.approx(0.03, rel=0.1)
     scatter = evaluate(kernels.jittered, stamps, 2.0 * stamps, 0.01, 0.003, 1.0)[1:] / 2 - stamps[1:]
     assert np.std(scatter) == pytest.approx(0.003, rel=0.05)
     assert abs(scatter.mean()) < 3e-4
