@@ -32,7 +32,8 @@ class Judgement:
     sure_none: float = 0.99  # probability of no effect above which, at a gap below `quiet_gap`, the verdict is `none`
     quiet_gap: float = 1.1
     unusual_gap: float = 1.3  # gap above which finding nothing means that the cause is unknown, not that there is none
-    separable: float = 3.0  # distance (in tempered σ) below which two fitted explanations are one class
+    separable: float = 3.0  # distance (in tempered σ) below which two fitted explanations are one class,
+    blunt: float = 0.0  # or times what both leave above the noise: finer than that nothing is known
     evidence_tie: float = 5.0  # nats within which indistinguishable explanations count as equally good,
     lead: float = 1.0  # and those by which the simplest of them may be worse and still leads them
     detect: float = 0.5  # probability of "some effect" above which one is claimed,
@@ -53,7 +54,7 @@ class Judgement:
     unnamed: float = 0.45  # probability that no cause exceeds where the verdict names none
 
 
-RIG = Judgement(sure_none=0.93, seen=4.0, evidence_tie=8.0, second_share=0.6, worse=1.3, elsewhere=2.0)
+RIG = Judgement(sure_none=0.93, seen=4.0, evidence_tie=8.0, blunt=1.0, second_share=0.6, worse=1.3, elsewhere=2.0)
 """How a rig's model is judged, whose own error nobody knows. It tempers all evidence, so that classes are wide; and of
 what a first effect leaves, some second one always explains half."""
 
@@ -267,6 +268,8 @@ def _classes(
     causes = []
     while order:
         lead = order[0]
+        left = sum(max(f.chi2 - len(f.residual), 0.0) / temper[b] for b, f in hypotheses[lead].fits.items())
+        separable = max(rules.separable, rules.blunt * float(np.sqrt(left)))
         members = [
             k
             for k in order
@@ -274,8 +277,7 @@ def _classes(
             or (
                 score[lead] - score[k] < rules.evidence_tie
                 and len(hypotheses[k].effects) == len(hypotheses[lead].effects)
-                and _distance(hypotheses[lead], hypotheses[k], weighed[id(hypotheses[lead])].trust, temper)
-                < rules.separable
+                and _distance(hypotheses[lead], hypotheses[k], weighed[id(hypotheses[lead])].trust, temper) < separable
             )
         ]
         leaders = [k for k in members if score[lead] - score[k] <= rules.lead]

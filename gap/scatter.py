@@ -68,14 +68,12 @@ def _all(z: FloatArray, k: FloatArray, rms: float) -> float:
 def _some(z: FloatArray, k: FloatArray) -> float:
     """The best log likelihood of a share of old samples, all equally late or by anything up to twice as much."""
     found = -np.inf
+    share = SHARES[:, None, None]
     for late in LATE:
-        for share in SHARES:
-            for taken in TAKEN:
-                centre = k * (taken * share * late)  # where samples in time are
-                in_time = np.log1p(-share) - 0.5 * np.square(z - centre) - 0.5 * np.log(2.0 * np.pi)
-                equal = -0.5 * np.square(z - centre + k * late) - 0.5 * np.log(2.0 * np.pi)
-                ends = centre - 2.0 * k * late, centre
-                spread = _uniform(z, np.minimum(*ends), np.maximum(*ends))
-                for old in (equal, spread):
-                    found = max(found, float(np.sum(np.logaddexp(in_time, np.log(share) + old))))
+        off = z - k * (TAKEN[:, None] * share * late)  # from where samples in time are, (shares, taken, m)
+        in_time = np.log1p(-share) + _normal(off, 0.0 * k)
+        equal = _normal(off + k * late, 0.0 * k)
+        spread = _uniform(off, np.minimum(-2.0 * late * k, 0.0), np.maximum(-2.0 * late * k, 0.0))
+        for old in (equal, spread):
+            found = max(found, float(np.max(np.sum(np.logaddexp(in_time, np.log(share) + old), axis=-1))))
     return found
