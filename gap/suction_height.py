@@ -41,6 +41,8 @@ QUICK = 10
 """Steps of a fit after which its evidence, which looks ahead along a straight line, says where it leads."""
 FAR = 4.0
 """χ² per sample of the best law from which on fits with an effect begin anew under every basic one."""
+ANSWER = 0.15
+"""s after a kink of the command within which a record at 25 Hz may jump as it should."""
 SAME = 0.02
 """s within which recordings jump equally late."""
 TAKEN = 300.0
@@ -136,11 +138,14 @@ class HeightBlock(Block):
 
     @cached_property
     def resets(self) -> Sequence[float]:
-        """Times (s) after the beginning of suction at which several recordings jump."""
-        late = []
+        """Times (s) after the beginning of suction at which several recordings jump, and nothing was commanded."""
+        late, kinks = [], self.session.kinks
         for k, recording in enumerate(self.session.recordings):
-            if self.channels[0] in recording.streams:
-                late += (self.session.breaks(self.channels[0], k) - self._onset(k)).tolist()
+            if self.channels[0] not in recording.streams:
+                continue
+            at = self.session.breaks(self.channels[0], k)
+            before = kinks[np.maximum(np.searchsorted(kinks, at) - 1, 0)]
+            late += (at[at > before + ANSWER] - self._onset(k)).tolist()
         return _agreed([delay for delay in late if delay > 0], SAME)
 
     def breaks(self, k: int) -> Sequence[float]:

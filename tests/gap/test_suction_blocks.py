@@ -150,6 +150,17 @@ def test_a_zero_is_taken_by_the_records_clock() -> None:
     assert np.sum(np.square(null.nuisance[zeros] / null.prior_sd[zeros])) < 10
 
 
+def test_a_zero_taken_while_skin_is_sucked_in_is_seen_in_the_record() -> None:
+    late = library("aspiration")["wrong_zeroing[form=0]"]
+    assert blocks(session())[1].resets == ()
+    _, height = blocks(session([(late, {"delay": 3.43})]))
+    assert height.resets == pytest.approx((3.43,), abs=0.04)  # a sample of 25 Hz
+    for k in height.runs:  # no bin holds samples from before and after
+        (moment,) = height.breaks(k)
+        ends = height._ends[:, height.run == k]
+        assert not np.any((ends[0] < moment - 0.02) & (ends[1] > moment + 0.02))
+
+
 CYCLES = [own.step_hold(-level, 2.0, 1.7) for level in (20e3, 12e3, 16e3, 9e3, 20e3)]
 
 
@@ -189,8 +200,8 @@ def test_effects_of_chance_widen_the_noise_where_the_signal_is_steep() -> None:
     assert [p.name for p in candidate.parameters] == ["sigma"]  # which draw it was does not matter
     wider = pressure.widening({candidate: {"sigma": 5e-3}})
     assert wider is not None
-    assert pressure.steep is not None
-    assert wider[pressure.steep == pressure.steep.max()] > 3.0
+    assert pressure.slope is not None
+    assert wider[np.argmax(np.abs(pressure.slope))] > 3.0
     assert np.median(wider) < 1.01
     active = {candidate: {"sigma": 5e-3}}
     plain, scaled = (pressure.evaluate(pressure.start(), a).residual for a in ({}, active))
