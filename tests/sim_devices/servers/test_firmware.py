@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
@@ -197,6 +197,7 @@ TestHost.settings = settings(max_examples=40, stateful_step_count=25, deadline=N
 
 
 @settings(max_examples=50, deadline=None)
+@example(durations=[0.0010000000000000002], steps=[0.001])
 @given(
     durations=st.lists(st.one_of(st.just(0.0), st.floats(1e-6, 3.0)), min_size=1, max_size=4),
     steps=st.lists(st.floats(1e-3, 2.0), min_size=1, max_size=6),
@@ -207,5 +208,7 @@ def test_time_is_conserved(durations: list[float], steps: list[float]) -> None:
     firmware.handle(msg.Start(), 0.0)
     for step in steps:
         firmware.advance(firmware.time + step)
-    executed = [d if d >= 1e-5 else 0.0 for d in durations]
-    assert firmware.executed == int(np.sum(np.cumsum(executed) <= firmware.time + 1e-12))
+    ends = np.cumsum([d if d >= 1e-5 else 0.0 for d in durations])
+    over, begun = (int(np.sum(ends <= firmware.time + rounding)) for rounding in (-1e-12, 1e-12))
+    # What ends now but for rounding may be over or not.
+    assert over <= firmware.executed <= begun
