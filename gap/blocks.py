@@ -86,7 +86,7 @@ class Block(abc.ABC):
     trust = 0.9
     slope: FloatArray | None = None  # of the signal, (channels · n,) per s, where that is known
     floor: float = 0.0  # SI: noise that averaging does not lower, because the nominal chain is not known better
-    sound: FloatArray | None = None
+    sound: FloatArray | None = None  # the nuisance of a sound instrument, without tissue in the way
 
     prior_mean: FloatArray
     prior_sd: FloatArray

@@ -28,7 +28,10 @@ class Way:
     down: float = 0.0
 
     def go(self, values: FloatArray) -> None:
-        """Further ``values`` (m,)."""
+        """Further ``values`` (m,); what is no number says nothing."""
+        values = values[np.isfinite(values)]
+        if not len(values):
+            return
         lowest = np.minimum.accumulate(np.r_[self.low, values])[1:]
         highest = np.maximum.accumulate(np.r_[self.high, values])[1:]
         self.low, self.high = float(lowest[-1]), float(highest[-1])
@@ -38,7 +41,7 @@ class Way:
     @property
     def turns(self) -> bool:
         """Whether it went up and down, and not only one way."""
-        return min(self.up, self.down) > BACK * (self.high - self.low)
+        return self.high > self.low and min(self.up, self.down) > BACK * (self.high - self.low)
 
 
 @dataclass

@@ -54,11 +54,11 @@ def _scattered(instrument: str, v: Values) -> dict[str, float]:
     to twice the delay."""
     if "sigma" in v:
         rms = v["sigma"]
-    elif "delay" in v and chosen(v, "form") == 1:
-        rms = v["delay"] * math.sqrt(v["fraction"] * (4.0 / 3.0 - v["fraction"]))
-    elif v.get("form", 0.0) < 0.5:
+    elif chosen(v, "form") == 0:
         rms = _period(instrument, v) * math.sqrt(v["fraction"] * (1.0 - v["fraction"]))
-    else:
+    elif "delay" in v:
+        rms = v["delay"] * math.sqrt(v["fraction"] * (4.0 / 3.0 - v["fraction"]))
+    else:  # the time axis closes up: no sample is off by chance
         return {}
     return {signal: rms for _, signal in _sensors(instrument, chosen(v, "channel"))}
 
@@ -95,13 +95,17 @@ _repeated = _faulty("dropped_samples", 1.0)
 _one_before = _faulty("late_samples", 0.0)
 
 
+def _at_sensors(chain: Chain, v: Values, name: str, kernel: kernels.Kernel, *parameters: float) -> Chain:
+    """A law of single samples behind the sensors of the chosen channel, in front of their noise."""
+    for anchor in dict.fromkeys(a for a, _ in _sensors(chain.instrument, chosen(v, "channel"))):
+        chain = law_after(chain, anchor, name, "timing", kernel, (_period(chain.instrument, v), *parameters))
+    return chain
+
+
 def _late(chain: Chain, v: Values) -> Chain:
     if chosen(v, "form") == 0:
         return _one_before(chain, v)
-    parameters = (_period(chain.instrument, v), v["fraction"], v["seed"], v["delay"])
-    for anchor in dict.fromkeys(a for a, _ in _sensors(chain.instrument, chosen(v, "channel"))):
-        chain = law_after(chain, anchor, "late_samples", "timing", kernels.late_by_any, parameters)
-    return chain
+    return _at_sensors(chain, v, "late_samples", kernels.late_by_any, v["fraction"], v["seed"], v["delay"])
 
 
 def _desynchronised(chain: Chain, v: Values) -> Chain:
@@ -125,10 +129,7 @@ def _dropped(chain: Chain, v: Values) -> Chain:
 
 
 def _jitter(chain: Chain, v: Values) -> Chain:
-    parameters = (_period(chain.instrument, v), v["sigma"], v["seed"])
-    for anchor in dict.fromkeys(a for a, _ in _sensors(chain.instrument, chosen(v, "channel"))):
-        chain = law_after(chain, anchor, "jitter", "timing", kernels.jittered, parameters)
-    return chain
+    return _at_sensors(chain, v, "jitter", kernels.jittered, v["sigma"], v["seed"])
 
 
 EFFECTS = (

@@ -114,9 +114,12 @@ def _preconditioning(chain: Chain, v: Values) -> Chain:
     if chosen(v, "form") == 1:
         anchor, sign = ("tissue", -1.0) if _is_robot(chain) else ("softening", 1.0)
         return law_after(chain, anchor, name, stage, kernels.mullins, (sign * v["amount"], v["forgetting"]))
-    kernel = kernels.by_loadings if chosen(v, "form") == 2 else kernels.exposure_gain
-    scale = 0.5 if _is_robot(chain) else height_scale(chain)
-    shapes = (v["loadings"],) if chosen(v, "form") == 2 else (scale, v["rise"], v["forgetting"])
+    shapes: tuple[float, ...]
+    if chosen(v, "form") == 2:
+        kernel, shapes = kernels.by_loadings, (v["loadings"],)
+    else:
+        scale = 0.5 if _is_robot(chain) else height_scale(chain)
+        kernel, shapes = kernels.exposure_gain, (scale, v["rise"], v["forgetting"])
     if _is_robot(chain):
         parameters = (-v["amount"] / (1.0 + v["amount"]), *shapes)
         return after(chain, "tissue", lambda s, t: Softening(name, stage, s, t, kernel, parameters))

@@ -465,20 +465,25 @@ def faulty_samples(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y
 
 
 @njit(cache=True)
+def slope_so_far(s: FloatArray, now: float, value: float) -> float:
+    """The slope of a signal since its value before, which the state ``s`` (0 … 3) keeps."""
+    if s[0] == 0.0:
+        s[0], s[1], s[2] = 1.0, now, value
+    if now - s[1] > 1e-6:
+        s[3] = (value - s[2]) / (now - s[1])
+        s[1], s[2] = now, value
+    return float(s[3])
+
+
+@njit(cache=True)
 def late_by_any(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Samples at stamps k T of which some are old: with probability q, y = u - u' d_k, d_k uniform up to 2 d.
 
     ``p`` = (T s, q, seed, d s).
     """
-    if s[0] == 0.0 and t.size:
-        s[0], s[1], s[2] = 1.0, t[0], u[0]
     for i in range(t.size):
-        dt = t[i] - s[1]
-        if dt > 1e-6:
-            s[3] = (u[i] - s[2]) / dt
-            s[1], s[2] = t[i], u[i]
         chance = hash_uniform(p[2], math.floor(t[i] / p[0] + 1e-6)) / p[1]  # below 1: late, by so much of the most
-        y[i] = u[i] - s[3] * 2.0 * p[3] * chance if chance < 1.0 else u[i]
+        y[i] = u[i] - slope_so_far(s, t[i], u[i]) * (2.0 * p[3] * chance if chance < 1.0 else 0.0)
 
 
 @njit(cache=True)
@@ -487,12 +492,6 @@ def jittered(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Floa
 
     ``p`` = (T s, sigma s, seed).
     """
-    if s[0] == 0.0 and t.size:
-        s[0], s[1], s[2] = 1.0, t[0], u[0]
     for i in range(t.size):
-        dt = t[i] - s[1]
-        if dt > 1e-6:
-            s[3] = (u[i] - s[2]) / dt
-            s[1], s[2] = t[i], u[i]
         shift = (2.0 * hash_uniform(p[2], math.floor(t[i] / p[0] + 1e-6)) - 1.0) * math.sqrt(3.0) * p[1]
-        y[i] = u[i] + s[3] * shift
+        y[i] = u[i] + slope_so_far(s, t[i], u[i]) * shift

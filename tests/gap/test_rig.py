@@ -16,6 +16,7 @@ from gap.generic import GenericEffect
 from gap.judge import Judgement
 from gap.rig import DIVERGED, ModelError, RigProblem, load_model
 from gap.solve import fit
+from gap.taps import Way
 from sim_devices.chain import Parameter
 
 TIME = np.linspace(0.0, 4.0, 801)
@@ -135,6 +136,14 @@ def test_loops_are_asked_for_only_where_the_signal_turns(recording, pulls: int) 
         {"hysteresis", "dahl_friction", "backlash"} if pulls > 1 else set()
     )
     assert {"coulomb_friction", "quadratic_error"} <= names
+
+
+def test_what_is_no_number_turns_nothing_and_hides_no_turn() -> None:
+    way = Way()
+    for values in (np.array([0.0, np.nan, 1.0]), np.array([np.nan]), np.array([0.5, 2.0])):
+        way.go(values)
+    assert way.turns
+    assert not Way().turns
 
 
 def test_a_slow_mode_is_found_though_it_takes_over_half_of_the_model(recording) -> None:
