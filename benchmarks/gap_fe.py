@@ -16,12 +16,11 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 
 from acquire.recording.model import Recording, RunInfo, Series
-from gap.diagnose import Diagnosis, diagnose
-from gap.effects import library
-from gap.fe_solver import Experiment, FeModel, fe_model
-from gap.hypothesis import FloatArray
-from gap.own import Leg, suction_legs, suction_session
-from sim_devices.chain import Chain, Effect
+from gap.design.simulated import Leg, suction_legs, suction_session
+from gap.diagnosis import Diagnosis, diagnose
+from gap.effects.load import library
+from gap.null.fe_solver import Experiment, FeModel, fe_model
+from sim_devices.chain import Chain, Effect, FloatArray
 from sim_devices.stages import RATES, noisy, nominal
 from sim_devices.stages.sampling import REFINEMENT, simulate
 from sim_devices.stages.suction import OPENING, with_tissue
@@ -89,7 +88,8 @@ def fe_parameters(instrument: str, rng: np.random.Generator) -> dict[str, float]
 def fe_session(
     instrument: str, rng: np.random.Generator, effects: Sequence[tuple[Effect, Mapping[str, float]]], model: FeModel
 ) -> list[Recording]:
-    """As `gap.own.suction_session`, the skin by full finite elements under the pressure that reaches it."""
+    """As `gap.design.simulated.suction_session`, the skin by full finite elements under the pressure that
+    reaches it."""
     legs = [leg for leg in suction_legs(instrument, rng) if leg.specimen == "skin"]
     starts = np.cumsum([0.0, *[leg.duration + PAUSE for leg in legs]])[:-1]
     stamps = [s + np.arange(0.0, leg.duration, 1 / RATES[instrument]) for s, leg in zip(starts, legs, strict=True)]

@@ -14,12 +14,12 @@ import numpy as np
 
 from acquire.recording import load
 from gap.batch import session_paths
-from gap.robot import robot_session
-from gap.robot_axes import AxesBlock
-from gap.robot_force import ForceBlock
-from gap.robot_loop import CONTROLLERS
-from gap.sheet_law import AMOUNTS
-from gap.solve import fit
+from gap.inference.least_squares import fit
+from gap.null.robot import robot_session
+from gap.null.robot_axes import AxesBlock
+from gap.null.robot_force import ForceBlock
+from gap.null.robot_loop import CONTROLLERS
+from gap.null.sheet_law import AMOUNTS
 
 
 def report(case: Path) -> str:

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from acquire.recording import load
-from gap.diagnose import diagnose
-from gap.report import as_json
+from gap.diagnosis import diagnose
+from gap.report.document import as_json
 
 
 def session_paths(folder: Path) -> list[Path]:

@@ -8,8 +8,8 @@ from pathlib import Path
 from acquire.cli.gap import load_all
 from acquire.recording import open_recording
 from acquire.report.figures import overview
-from gap.diagnose import Diagnosis, diagnose
-from gap.report import sentences
+from gap.diagnosis import Diagnosis, diagnose
+from gap.report.document import sentences
 
 INSTRUMENTS = ("cutometer", "aspiration", "microrobot")
 MEASURED, NOMINAL, WITH_EFFECT = "#1d2733", "#d0781c", "#0b6e99"

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from gap.generic import GenericEffect
+    from gap.rig.generic import GenericEffect
     from sim_devices.chain import Effect
 
 app = typer.Typer(
@@ -35,10 +35,9 @@ def diagnose(
     ] = os.cpu_count() or 1,
 ) -> None:
     """Say where simulation and measurement differ, which effect causes it, and how far it shrinks with it."""
-    from gap.diagnose import diagnose as run
-    from gap.page import write_page
-    from gap.report import as_json as report_of
-    from gap.rig import load_model
+    from gap import as_json as report_of
+    from gap import diagnose as run
+    from gap import load_model, write_page
 
     recordings = load_all(runs)
     print(f"diagnosing {len(recordings)} recordings of {recordings[0].info.instrument}", file=sys.stderr)
@@ -86,7 +85,7 @@ def effects(
 ) -> None:
     """List the effects that the diagnosis knows."""
     if instrument == "rig":
-        from gap.generic import GENERIC
+        from gap.rig.generic import GENERIC
 
         columns = {"name": "effect", "needs": "needs at its tap", "meaning": "meaning"}
         _print_effects(GENERIC, ("name", "form", "needs", "meaning", "remedy"), columns, as_json)
@@ -128,7 +127,7 @@ def plan(
     as_json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
 ) -> None:
     """Before measuring: which effects this protocol could never tell apart, and how weak an effect it would show."""
-    from gap.plan import plan as make_plan
+    from gap.design.plan import plan as make_plan
 
     result = make_plan(protocols)
     print(json.dumps(result.as_json(), indent=1) if as_json else result.as_text())
@@ -149,7 +148,7 @@ def blind_make(
 
     chosen = instrument or INSTRUMENTS
     if tier == "T0":
-        from gap.own_cases import make_own
+        from gap.design.simulated_cases import make_own
 
         key = make_own(n, seed, output, passphrase, chosen)
     else:

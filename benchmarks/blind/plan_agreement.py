@@ -4,8 +4,8 @@
 
 For every case with one hidden effect of δ ≥ 5 in which an effect is claimed: the case's own set-points are simulated on
 the nominal instrument, before any look at its data, and every other effect is ranked by how well it could imitate the
-hidden one (`gap.plan.likeness`). Printed is where the effects stand that the diagnosis then named in place of the
-hidden one, or beside it in one class, against where they would stand by chance.
+hidden one (`gap.design.plan.likeness`). Printed is where the effects stand that the diagnosis then named in place of
+the hidden one, or beside it in one class, against where they would stand by chance.
 """
 
 from __future__ import annotations
@@ -18,12 +18,14 @@ import numpy as np
 
 from acquire.recording import load
 from acquire.recording.model import Recording
-from gap import own, plan
 from gap.batch import session_paths
 from gap.blind.scoring import Case
 from gap.blind.scoring import load as load_cases
-from gap.effects import library
-from gap.solve import Hypothesis, fit
+from gap.design import plan
+from gap.design import simulated as own
+from gap.effects.load import library
+from gap.inference.evidence import Hypothesis
+from gap.inference.least_squares import fit
 
 
 def legs(recordings: Sequence[Recording]) -> list[own.Leg]:

@@ -18,7 +18,7 @@ from pathlib import Path
 from gap.batch import diagnose_cases
 from gap.blind import Scorecard, make, score
 from gap.blind.vocabulary import INSTRUMENTS
-from gap.own_cases import make_own
+from gap.design.simulated_cases import make_own
 
 TIERS = ("T0", "T1", "T2", "T3", "T4", "T5", "T6")
 

@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any
 
 from acquire.recording import load
-from gap.diagnose import diagnose
-from gap.report import as_json
-from gap.rig import load_model
+from gap.diagnosis import diagnose
+from gap.report.document import as_json
+from gap.rig.model import load_model
 
 MODELS = Path(__file__).with_name("models.py")
 SLOW = 20.0

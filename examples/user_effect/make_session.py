@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from acquire.recording import Recording, write_bundle
-from gap import own
-from gap.effects import library
+from gap.design import simulated as own
+from gap.effects.load import library
 
 EFFECT = Path(__file__).parent / "pump_warm_up.py"
 

@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from acquire.recording.model import Recording, RunInfo, Series
-from gap.hypothesis import Active, Candidate, Evaluation, Rows
-from gap.solve import Fit
+from gap.inference.evidence import Fit
+from gap.inference.hypothesis import Active, Candidate, Evaluation, Rows
 from sim_devices.chain import Parameter
 
 FloatArray = NDArray[np.float64]

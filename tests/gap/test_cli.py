@@ -12,7 +12,7 @@ import pytest
 from acquire.cli.app import run
 from acquire.recording import load, write_bundle
 from gap.blind.lock import unseal
-from gap.own_cases import detectability, make_own
+from gap.design.simulated_cases import detectability, make_own
 
 ROOT = Path(__file__).parents[2]
 WARM_UP = ROOT / "examples/user_effect/pump_warm_up.py"

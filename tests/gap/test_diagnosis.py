@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from acquire.recording.model import Recording
-from gap import own
-from gap.diagnose import DiagnosisError, diagnose
-from gap.report import as_json
-from gap.rig import ModelError
+from gap.design import simulated as own
+from gap.diagnosis import DiagnosisError, diagnose
+from gap.report.document import as_json
+from gap.rig.model import ModelError
 from sim_devices.effects import effects
 
 SUCTION = [

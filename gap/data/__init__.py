@@ -1,0 +1,1 @@
+"""From recordings to binned samples with their noise, labels and signatures."""

@@ -1,0 +1,159 @@
+"""Where what is narrow would have to be: frequencies, looks, wanderings and jumps that a residual itself shows.
+
+A fit finds a rhythm, or a moment, only from close by; a grid over its prior would miss it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gap.data.session import CLOCK_SD
+from gap.inference.hypothesis import Lateness
+from sim_devices.chain import FloatArray
+
+LINES = 2
+"""How many of each are tried."""
+SHARP = 3e-3
+"""s: lateness known worse than that says nothing of looks at equal intervals."""
+SLOWEST_LOOK, QUICKEST_LOOK = 1.0, 2e-3
+"""s between looks at the command."""
+BLUR = 5e-4
+"""s: what lateness is not known better than, whatever its noise."""
+MANY = 300_000
+"""Frequencies at most: shorter intervals in longer sessions would take minutes, and any of them would do."""
+TRIED = 8
+"""How many intervals are looked at for each skew."""
+SKEWS = CLOCK_SD * np.linspace(-2.0, 2.0, 9)
+"""Rates of sound clocks that are tried."""
+SPARSE = 2.0
+"""How many times the range of lateness an interval may be."""
+
+
+def lines(time: FloatArray, residual: FloatArray, low: float, high: float) -> list[float]:
+    """The strongest frequencies, Hz, between ``low`` and ``high`` in a residual (n,) at uneven ``time`` (n,) s."""
+    step = 0.2 / high
+    index = ((time - time.min()) / step).astype(np.int64)
+    even = np.bincount(index, residual - residual.mean())
+    power = np.abs(np.fft.rfft(even, 4 * len(even)))
+    frequency = np.fft.rfftfreq(4 * len(even), step)
+    power[(frequency < low) | (frequency > high)] = 0.0
+    return [float(frequency[k]) for k in _peaks(power, 8)]
+
+
+def looks(lateness: Lateness) -> list[tuple[float, float, float]]:
+    """Intervals (s) at which a device could look at its command, the phase (0 to 1) of it, and the share of lateness
+    (0 to 1) that waiting for the next look explains, beside a constant and a sound clock's skew. The best first."""
+    sharp = lateness.sd < SHARP
+    time, late = lateness.time[sharp], lateness.late[sharp]
+    sd = np.hypot(lateness.sd[sharp], BLUR)
+    if len(time) < 5:
+        return []
+    sound = _Sound(time, sd)
+    spread = float(np.ptp(late - sound.part(late)))
+    # Lateness fills the interval: one much longer than its range would agree with any.
+    least, most = max(spread / 1.2, QUICKEST_LOOK), min(SPARSE * spread, SLOWEST_LOOK)
+    if least >= most:
+        return []
+    step = 0.1 / float(np.ptp(time))
+    frequency = np.arange(1.0 / most, min(1.0 / least, 1.0 / most + MANY * step), step)
+    found = []
+    for skew in SKEWS:
+        shown = time + late - skew * time
+        for k in _peaks(np.abs(_turns(frequency, shown)), 10, TRIED):
+            near = frequency[k] + step * np.linspace(-1.0, 1.0, 41)
+            interval = 1.0 / float(near[np.argmax(np.abs(_turns(near, shown)))])
+            phases = np.linspace(0.0, 1.0, 400, endpoint=False)
+            wait = interval * np.mod(phases[:, None] - time / interval, 1.0)
+            left = sound.misfit(late - wait)
+            best = int(np.argmin(left))
+            found.append((interval, float(phases[best]), 1.0 - float(left[best] / sound.misfit(late[None])[0])))
+    return sorted(found, key=lambda f: -f[2])[:LINES]
+
+
+class _Sound:
+    """Lateness of a sound instrument: a constant, and a skew of an ordinary clock."""
+
+    def __init__(self, time: FloatArray, sd: FloatArray) -> None:
+        self.weight = 1.0 / sd
+        self.design = np.column_stack([np.ones_like(time), (time - time.mean()) * CLOCK_SD])
+        rows = self.design * self.weight[:, None]
+        self.solve = np.linalg.solve(rows.T @ rows + np.diag([0.0, 1.0]), rows.T)
+
+    def part(self, late: FloatArray) -> FloatArray:
+        """What of lateness, rows (k, m) or (m,), a sound instrument has."""
+        return np.asarray((late * self.weight) @ self.solve.T @ self.design.T)
+
+    def misfit(self, late: FloatArray) -> FloatArray:
+        """χ² (k,) of what is left of each row of lateness (k, m)."""
+        return np.asarray(np.sum(np.square((late - self.part(late)) * self.weight), axis=-1))
+
+
+def _turns(frequency: FloatArray, moments: FloatArray) -> NDArray[np.complex128]:
+    """Sum of exp(2πi f t) over moments (m,) s, for each frequency (n,) Hz."""
+    out = np.zeros(len(frequency), dtype=np.complex128)
+    for moment in moments:
+        out += np.exp(2j * np.pi * np.mod(frequency * moment, 1.0))
+    return out
+
+
+def wanderings(lateness: Lateness, low: float, high: float) -> list[tuple[float, float, float]]:
+    """Periods (s) between ``low`` and ``high``, phases (0 to 1) and amplitudes (s) of the sines, beside an offset and
+    a rate, that describe lateness best."""
+    time, weight = lateness.time, 1.0 / lateness.sd
+    if len(time) < 6:
+        return []
+    periods = np.geomspace(low, high, 120)
+    misfit, fitted = np.empty(len(periods)), np.empty((len(periods), 4))
+    for k, period in enumerate(periods):
+        turn = 2 * np.pi * time / period
+        design = np.column_stack([np.ones_like(time), time / high, np.sin(turn), np.cos(turn)])
+        # A little of a prior, or half a turn of a huge sine passes for a straight line.
+        rows = np.vstack([design * weight[:, None], np.diag([1.0, 1.0, 100.0, 100.0])])
+        fitted[k] = np.linalg.lstsq(rows, np.r_[lateness.late * weight, np.zeros(4)], rcond=None)[0]
+        misfit[k] = float(np.sum(((design @ fitted[k] - lateness.late) * weight) ** 2))
+    found = []
+    for k in _peaks(-misfit, 6):
+        sine, cosine = fitted[k, 2:]
+        phase = float(np.arctan2(-cosine, sine) / (2 * np.pi)) % 1.0
+        found.append((float(periods[k]), phase, float(np.hypot(sine, cosine))))
+    return found
+
+
+def jumps(time: FloatArray, residual: FloatArray, recording: NDArray[np.int64]) -> list[float]:
+    """The moments, s, from which on a residual (n,) is most different from what it was before: within a recording, and
+    the one between two of them."""
+    order = np.argsort(time, kind="stable")
+    time, residual, recording = time[order], residual[order], recording[order]
+    moments, worth = [], []
+    for k in np.unique(recording):
+        at = recording == k
+        stamps, gain = time[at], _step_gain(residual[at])
+        if len(stamps) > 12:
+            best = 3 + int(np.argmax(gain[3:-4]))
+            moments.append(float(0.5 * (stamps[best] + stamps[best + 1])))
+            worth.append(float(gain[best]))
+    out = [moments[k] for k in np.argsort(worth)[::-1][:LINES]]
+    borders = np.flatnonzero(np.diff(recording))
+    if len(borders):
+        best = int(borders[np.argmax(_step_gain(residual)[borders])])
+        out.append(float(0.5 * (time[best] + time[best + 1])))
+    return out
+
+
+def _step_gain(residual: FloatArray) -> FloatArray:
+    """χ² (n - 1,) that a step after each sample takes off a residual (n,) whose mean is free."""
+    before = np.arange(1, len(residual))
+    left = np.cumsum(residual - residual.mean())[:-1]
+    return np.asarray(left**2 * len(residual) / (before * (len(residual) - before)))
+
+
+def _peaks(power: FloatArray, apart: int, most: int = LINES) -> list[int]:
+    """Indices of the highest of ``power`` (n,), farther than ``apart`` from each other."""
+    out: list[int] = []
+    for k in np.argsort(-power):
+        if all(abs(int(k) - other) > apart for other in out):
+            out.append(int(k))
+        if len(out) == most:
+            break
+    return out

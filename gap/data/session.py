@@ -1,0 +1,136 @@
+"""A measuring session: recordings on one clock, their commands as tables, their channels thinned."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from acquire.recording.model import Recording, Series
+from gap.data.binning import GROWTH, WIDEST, Bins, bin_edges, bin_means, breaks
+from gap.data.noise import grid_step, high_band_sigma, rounding_floor
+from sim_devices.chain import FloatArray
+
+REST = 45.0
+"""s between recordings whose clocks all begin anew (assumed; then the report says so)."""
+CLOCK_SD = 2e-5
+"""How fast the recording's clock may soundly run against the command's: an ordinary crystal (assumed)."""
+SKIN = "skin"
+
+
+@dataclass(frozen=True)
+class Command:
+    """A commanded quantity over the whole session: times (m,) s and values (m,), two points at one time for a step."""
+
+    time: FloatArray
+    value: FloatArray
+
+
+class Session:
+    """Recordings in order on the session's clock."""
+
+    def __init__(self, recordings: Sequence[Recording]) -> None:
+        self.recordings = tuple(recordings)
+        self.shifts, self.own_clocks = _shifts(recordings)
+
+    def time(self, k: int, series: Series) -> FloatArray:
+        """Time stamps of a series of recording ``k`` on the session's clock, s."""
+        return np.asarray(series.time, dtype=float) + self.shifts[k]
+
+    def span(self, k: int) -> tuple[float, float]:
+        """First and last time of recording ``k``, s."""
+        times = [s.time for s in self.recordings[k].streams.values() if len(s.time)]
+        return min(float(t[0]) for t in times) + self.shifts[k], max(float(t[-1]) for t in times) + self.shifts[k]
+
+    def command(self, quantity: str, members: Sequence[int]) -> Command:
+        """The command over the recordings ``members``, at rest (zero) between them."""
+        times, values = [], []
+        for k in members:
+            table = self.recordings[k].setpoints[quantity]
+            t, v = _corners(np.asarray(table.time, dtype=float), np.asarray(table.value, dtype=float))
+            begin, end = self.span(k)
+            t = t + self.shifts[k]
+            times.append(np.concatenate([[min(begin, t[0])], t, [max(end, t[-1])]]))
+            values.append(np.concatenate([[v[0]], v, [v[-1]]]))
+            if v[-1] != 0 and k != members[-1]:
+                times.append(times[-1][-1:])
+                values.append(np.zeros(1))
+        time, value = np.concatenate(times), np.concatenate(values)
+        order = np.argsort(time, kind="stable")
+        return Command(time[order], value[order])
+
+    def binned(
+        self,
+        channel: str,
+        k: int,
+        kinks: FloatArray,
+        growth: float = GROWTH,
+        widest: float = WIDEST,
+        ends: Sequence[float] = (),
+    ) -> Bins:
+        """A channel of recording ``k`` in bins that follow the command's kinks; some end at ``ends`` (s)."""
+        series = self.recordings[k].streams[channel]
+        time = self.time(k, series)
+        dt = float(np.median(np.diff(time)))
+        edges = np.union1d(bin_edges(time[0], time[-1], kinks, dt, growth, widest), ends)
+        return bin_means(time, np.asarray(series.value, dtype=float), edges)
+
+    def breaks(self, channel: str, k: int) -> FloatArray:
+        """Times (m,) s at which a channel of recording ``k`` jumps."""
+        series = self.recordings[k].streams[channel]
+        value = np.asarray(series.value, dtype=float)
+        good = np.isfinite(value)
+        return breaks(self.time(k, series)[good], value[good], high_band_sigma(value))
+
+    def sigma(self, channel: str, members: Sequence[int]) -> tuple[float, float]:
+        """Noise of one sample of a channel, and the part that averaging does not lower (its grid's), in SI."""
+        runs = [np.asarray(self.recordings[k].streams[channel].value, dtype=float) for k in members]
+        white = float(np.median([high_band_sigma(v) for v in runs]))
+        step = max(grid_step(v) for v in runs)
+        return white, rounding_floor(white, step)
+
+
+def _shifts(recordings: Sequence[Recording]) -> tuple[FloatArray, bool]:
+    """What to add to each recording's clock; and whether every recording has a clock of its own."""
+    spans = []
+    for r in recordings:
+        times = [np.asarray(s.time, dtype=float) for s in r.streams.values() if len(s.time)]
+        spans.append((min(float(t[0]) for t in times), max(float(t[-1]) for t in times)))
+    own = any(b[0] < a[1] for a, b in pairwise(spans))
+    shifts = np.zeros(len(recordings))
+    if own:
+        at = 0.0
+        for k, (begin, end) in enumerate(spans):
+            shifts[k] = at - begin
+            at += end - begin + REST
+    return shifts, own
+
+
+def _corners(time: FloatArray, value: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The corners of a sampled command: points on a straight line between their neighbours go.
+
+    A jump between two samples of a dense table is a step at the later of them: that is when it was commanded.
+    """
+    if len(time) < 50:
+        return time, value
+    dt = np.diff(time)
+    usual = float(np.median(dt))
+    twin = dt <= 0
+    slope = np.divide(np.diff(value), dt, out=np.zeros(len(dt)), where=dt > 0)
+    span = float(np.ptp(value))
+    if span == 0:
+        return time[[0, -1]], value[[0, -1]]
+    jump = (dt > 0.5 * usual) & (np.abs(np.diff(value)) > 0.02 * span) & (np.abs(slope) * usual > 0.02 * span)
+    alone = jump & ~np.r_[False, jump[:-1]] & ~np.r_[jump[1:], False]
+    bend = np.abs(np.diff(slope)) * usual > 1e-4 * span
+    keep = np.r_[True, bend, True] | np.r_[False, alone | twin] | np.r_[alone | twin, False]
+    t, v = [], []
+    for i in np.flatnonzero(keep):
+        if i and alone[i - 1]:
+            t.append(time[i])
+            v.append(value[i - 1])
+        t.append(time[i])
+        v.append(value[i])
+    return np.asarray(t), np.asarray(v)

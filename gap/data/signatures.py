@@ -1,0 +1,198 @@
+"""Deterministic signatures: what a channel shows of its own defects before any model is fitted.
+
+A converter that clips, repeats, skips or coarsens leaves marks that no physics makes. They are found in the samples
+themselves and enter the comparison as evidence (in nats) for the effects that make them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import median_filter
+from scipy.stats import gamma
+
+from acquire.plugins import instrument
+from acquire.recording.model import Recording, Series
+from gap.data.noise import grid_step, high_band_sigma
+
+CERTAIN = 30.0
+"""Nats of a signature that admits no other reading."""
+COARSER = 1.3
+"""Steps against the nominal resolution above which a channel counts as coarse."""
+HUM = "periodic_disturbance"
+"""A line in a channel's noise: mains, or a pump. No effect of the library makes it."""
+HUM_FROM = 8
+"""A line's frequency is at least the sampling rate over this: slower ones may be of the person, or of a swept path."""
+HUM_CHANCE = 1e-9
+"""Chance that noise alone has such a line. Of eighty development sessions two with a hum had 1e-39 and less, the others
+2e-5 and more."""
+HUM_WIDTH = 1.0
+"""Hz within which noise and what a step leaves are alike, as a line is not."""
+DIFFERENCE = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+"""Fourth differences: noise is what they leave of a smooth signal."""
+
+
+@dataclass(frozen=True)
+class Signature:
+    """A mark in ``channel`` made by an effect named ``effect``: ``nats`` of evidence, ``text`` for people. The effects
+    of ``also`` leave the same."""
+
+    effect: str
+    channel: str
+    nats: float
+    text: str
+    also: tuple[str, ...] = ()
+
+
+def find(recordings: Sequence[Recording], channels: Sequence[str] | None = None) -> list[Signature]:
+    """All signatures in the measured channels, or in those of a rig named ``channels``: what a model takes as given,
+    such as a command that stands at its end, is what it is. A rig may stand still or swing, so that repeats and lines
+    say nothing."""
+    out: list[Signature] = []
+    nominal = _resolutions(recordings[0].info.instrument)
+    computed = ("probe_", "force_") if any("transducer_force_a" in r.streams for r in recordings) else ()
+    for name in dict.fromkeys(n for r in recordings for n in r.streams if not n.startswith(computed or "\0")):
+        series = [r.streams[name] for r in recordings if name in r.streams and len(r.streams[name].value) > 30]
+        if not series or (channels is not None and name not in channels):
+            continue
+        out += _clipping(name, series) + _lost(name, series)
+        out += [*_repeats(name, series), *_hum(name, series)] if channels is None else []
+        out += _coarse(name, series, nominal.get(name, np.inf))
+    return out
+
+
+def _resolutions(kind: str) -> dict[str, float]:
+    """Nominal resolution of an instrument's channels, SI; nothing of a rig that is not ours."""
+    try:
+        return {c.name: c.resolution for c in instrument(kind).channels}
+    except ValueError:
+        return {}
+
+
+def _clipping(name: str, series: Sequence[Series]) -> list[Signature]:
+    """Runs at the extreme value that the signal enters and leaves with a slope.
+
+    A converter at its end holds one exact value; a plateau of a physical signal carries noise, and one that is only
+    quantised is approached step by step.
+    """
+    out = []
+    value = np.concatenate([s.value[np.isfinite(s.value)] for s in series])
+    span = float(np.ptp(value))
+    if span == 0:
+        return []
+    for effect, sign in (("saturation", 1.0), ("lower_saturation", -1.0)):
+        top = float(np.max(sign * value))
+        at = np.isclose(sign * value, top, rtol=0, atol=1e-9 * span)
+        near = float(np.mean((sign * value < top - 1e-9 * span) & (sign * value > top - 0.03 * span)))
+        step = max(grid_step(value), 3 * high_band_sigma(value), 0.003 * span)
+        clipped = 0
+        for b, e in _runs(at):
+            before = sign * value[max(b - max(3, (e - b) // 2), 0) : b]
+            # A slow signal on a coarse grid also dwells at its largest value, but it comes there step by step.
+            if e - b >= 3 and len(before) >= 3 and top - float(np.mean(before)) > 2 * step:
+                clipped += e - b
+        share = clipped / len(value)
+        if share > 0.005 and share > 1.2 * near:
+            text = f"{name} stands at {sign * top:.4g} exactly in {100 * share:.1f} % of its samples"
+            out.append(Signature(effect, name, CERTAIN, text))
+    return out
+
+
+def _repeats(name: str, series: Sequence[Series]) -> list[Signature]:
+    """More exact repeats of the last value than the spread of its changes foretells.
+
+    On a grid, changes of nought are about as frequent as changes by one step; off a grid, noise never repeats.
+    """
+    repeated, expected = 0, 0.0
+    for s in series:
+        v = s.value[np.isfinite(s.value)]
+        if len(v) < 30 or np.ptp(v) == 0:
+            continue
+        step = grid_step(v)
+        if step == 0 and len(np.unique(v)) < 0.97 * (1 + np.count_nonzero(np.diff(v))):
+            continue  # values come back, not only stand: computed from coarse channels, its repeats are theirs
+        if step and high_band_sigma(v) < 1.5 * step:
+            continue  # on so coarse a grid stillness is no news
+        change = np.diff(v)
+        inside = (v[1:] > v.min()) & (v[1:] < v.max())  # what stands at an extreme is clipped, not repeated
+        repeated += int(np.sum((change == 0) & inside))
+        if step:
+            by_one = np.abs(np.abs(change) / step - 1.0) < 0.1
+            expected += 0.6 * float(np.sum(by_one & inside))
+    excess = repeated - expected
+    if repeated > 5 and excess > 5 * np.sqrt(max(expected, 1.0)) and repeated > 1.3 * expected:
+        nats = min(CERTAIN, excess**2 / (2 * max(expected, 1.0)) / 10)
+        text = f"{name} repeats its last value {repeated} times where {expected:.0f} are expected"
+        # What is asked for the same value twice has an old one under a new stamp.
+        return [Signature("dropped_samples", name, nats, text, ("late_samples",))]
+    return []
+
+
+def _lost(name: str, series: Sequence[Series]) -> list[Signature]:
+    """Gaps in the sequence numbers, or in otherwise even time stamps."""
+    lost = 0
+    for s in series:
+        if s.seq is not None and len(s.seq) > 1:
+            lost += int(np.sum(np.diff(s.seq) > 1))
+        steps = np.diff(s.time)
+        usual = float(np.median(steps))
+        even = float(np.mean(np.abs(steps - usual) < 0.1 * usual)) > 0.9
+        if even:
+            lost += int(np.sum((steps > 1.5 * usual) & (steps < 20 * usual)))
+    if lost:
+        return [Signature("dropped_samples", name, CERTAIN, f"{name} has {lost} gaps in its samples")]
+    return []
+
+
+def _coarse(name: str, series: Sequence[Series], nominal: float) -> list[Signature]:
+    """Levels that lie farther apart than the channel's ``nominal`` resolution, SI."""
+    value = np.concatenate([s.value[np.isfinite(s.value)] for s in series])
+    levels = np.unique(value)
+    if len(levels) < 3 or len(levels) > 0.2 * len(value):
+        return []
+    step = float(np.quantile(np.diff(levels), 0.1))  # sparse levels skip steps
+    if step > COARSER * nominal:
+        text = f"{name} comes in steps of {step:.3g}, {step / nominal:.1f} times its resolution"
+        return [Signature("sensor_quantisation", name, CERTAIN, text)]
+    return []
+
+
+def _hum(name: str, series: Sequence[Series]) -> list[Signature]:
+    """A line in the spectrum of what fourth differences leave, in all recordings at the same frequency.
+
+    Each recording's power over its own running median is exponential where there is noise only, and their sum of a
+    gamma distribution.
+    """
+    values = [v for s in series if len(v := np.asarray(s.value, dtype=float)[np.isfinite(s.value)]) > 128]
+    steps = [float(s.time[-1] - s.time[0]) / (len(s.time) - 1) for s in series]  # stamps may come in blocks
+    step = float(np.median(steps))
+    if not values or not step > 0:
+        return []
+    rate = 1.0 / step
+    size = 2 ** int(np.ceil(np.log2(2 * max(len(v) for v in values))))
+    frequency = np.fft.rfftfreq(size, 1.0 / rate)
+    passed = np.maximum(np.abs(np.fft.rfft(DIFFERENCE, size)) ** 2, 1e-12)
+    above, counted = np.zeros(len(frequency)), 0
+    for v in values:
+        change = np.convolve(v, DIFFERENCE, "valid")
+        spread = float(np.median(np.abs(change))) or float(np.std(change))
+        if spread == 0.0:
+            continue
+        noise = np.clip(change / spread, -6.0, 6.0) * np.hanning(len(change))
+        power = np.abs(np.fft.rfft(noise, size)) ** 2 / passed
+        above += power * np.log(2.0) / median_filter(power, int(HUM_WIDTH * size / rate) | 1, mode="reflect")
+        counted += 1
+    above[frequency < rate / HUM_FROM] = 0.0
+    k = int(np.argmax(above))
+    if not counted or gamma.sf(above[k], counted) * max(len(v) for v in values) > HUM_CHANCE:
+        return []
+    text = f"{name} has a line at {frequency[k]:.1f} Hz (or what sampling makes one of), as from mains or a pump"
+    return [Signature(HUM, name, CERTAIN, text)]
+
+
+def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
+    """Begin and end of each run of true values."""
+    edges = np.flatnonzero(np.diff(np.r_[0, mask.astype(np.int8), 0]))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

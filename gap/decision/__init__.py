@@ -1,0 +1,1 @@
+"""From fitted explanations to a verdict."""

@@ -1,0 +1,1 @@
+"""Experiments not yet made: simulated sessions, plans, the next experiment."""

@@ -1,0 +1,1 @@
+"""Fits and their evidence; knows nothing of instruments or skin."""

@@ -1,0 +1,179 @@
+"""Fitted hypotheses and their Laplace evidence.
+
+After MacKay, "Information Theory, Inference and Learning Algorithms", ch. 27–28.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import scipy.linalg as sla
+
+from gap.inference.hypothesis import Candidate
+from gap.inference.linear import bordered, factorise
+from sim_devices.chain import FloatArray
+
+UNIFORM_PRECISION = 12.0
+"""1/variance of a uniform prior of width 1."""
+
+
+@dataclass(frozen=True)
+class Belief:
+    """What other data say of effect parameters: normal, about ``mean`` (k,) in prior quantiles, with ``precision``
+    (k, k), nought where they say nothing."""
+
+    mean: FloatArray
+    precision: FloatArray
+
+    @classmethod
+    def none(cls, size: int) -> Belief:
+        return cls(np.full(size, 0.5), np.zeros((size, size)))
+
+    def joined(self, size: int, fitted: Fit | None = None) -> Belief:
+        """With one effect more, of ``size`` parameters, of which a fit of another block may know as its last.
+
+        Four times as uncertain as that fit: the effect's form is not exact, and shows otherwise here.
+        """
+        k = len(self.mean)
+        mean, precision = np.full(k + size, 0.5), np.zeros((k + size, k + size))
+        mean[:k], precision[:k, :k] = self.mean, self.precision
+        if fitted is not None and size:
+            mean[k:] = fitted.unit[-size:]
+            precision[k:, k:] = np.linalg.inv(4.0 * fitted.covariance[-size:, -size:] + 1e-6 * np.eye(size))
+        return Belief(mean, precision)
+
+    def cost(self, unit: FloatArray) -> float:
+        away = unit - self.mean
+        return float(away @ self.precision @ away)
+
+
+@dataclass
+class Fit:
+    """A fitted hypothesis.
+
+    ``chi2`` is of the data alone, ``penalty`` the prior's share, ``wider`` twice the logarithm by which effects of
+    chance widen the noise, with what is `unearned`; ``unit`` (k,) are the effect parameters in prior quantiles, in the
+    order of the hypothesis, ``covariance`` (k, k) theirs. ``prior_mean``, ``prior_sd`` (p,) are the nuisance's prior
+    that was used: an effect may move where the tissue's parameters are anchored.
+    """
+
+    hypothesis: tuple[Candidate, ...]
+    nuisance: FloatArray
+    unit: FloatArray
+    residual: FloatArray
+    chi2: float
+    penalty: float
+    covariance: FloatArray
+    simulations: int
+    jacobian: FloatArray = field(repr=False)
+    gram: FloatArray = field(repr=False)
+    effect_jacobian: FloatArray = field(repr=False)
+    prior_mean: FloatArray = field(repr=False)
+    prior_sd: FloatArray = field(repr=False)
+    belief: Belief = field(repr=False)
+    wider: float = 0.0
+
+    @property
+    def deviance(self) -> float:
+        """χ², and what wider noise costs: comparable with and without effects of chance."""
+        return self.chi2 + self.wider
+
+    @property
+    def objective(self) -> float:
+        return self.deviance + self.penalty
+
+    def log_evidence(self, temper: float, priors: Sequence[FloatArray]) -> float:
+        """log marginal likelihood up to the constant that all hypotheses share, with χ² divided by ``temper``.
+
+        The mean over the prior widths ``priors`` (each (p,)): how far tissue laws may differ from the nominal one is
+        not known.
+        """
+        return float(np.logaddexp.reduce(self.evidences(temper, priors)) - np.log(len(priors)))
+
+    def evidences(self, temper: float, priors: Sequence[FloatArray]) -> FloatArray:
+        """The same for each of the prior widths, (widths,)."""
+        return np.array([self._evidence(temper, sd) for sd in priors])
+
+    def best_prior(self, priors: Sequence[FloatArray]) -> FloatArray:
+        """The most probable of the prior widths ``priors``, (p,)."""
+        return max(priors, key=lambda sd: self._evidence(1.0, sd))
+
+    def _evidence(self, temper: float, sd: FloatArray) -> float:
+        """log evidence of the model linearised about the fit, under another prior width of the nuisance.
+
+        An effect's parameters are marginalised with it, under a normal prior about the fit that is as wide (variance
+        1/12) as the uniform one; but they stay where they were fitted: a straight line would lead them out of their
+        range, to gains that do not exist.
+        """
+        k, p = len(self.unit), len(self.nuisance)
+        if not k + p:
+            return -0.5 * (self.chi2 / temper + self.wider)
+        precision = np.where(np.isfinite(sd), 1.0 / np.square(sd), 1e-12)
+        known = self.belief.precision
+        known = known + np.diag(np.where(np.diag(known) > 0, 0.0, UNIFORM_PRECISION))
+        normal = self.normal / temper
+        normal[np.arange(p), np.arange(p)] += precision
+        normal[p:, p:] += known
+        factor, lower = factorise(normal)
+        b = self._pull / temper
+        # The factor's leading part is the factor of the nuisance's own normal matrix.
+        gain = float(b @ sla.cho_solve((factor[:p, :p], lower), b)) if p else 0.0
+        logdet = 2.0 * float(np.sum(np.log(np.diag(factor)))) - float(np.sum(np.log(precision)))
+        logdet -= float(np.linalg.slogdet(known)[1])
+        square = float(self.at_mean @ self.at_mean)
+        return -0.5 * (square / temper - gain + logdet + self.belief.cost(self.unit) + self.wider)
+
+    @cached_property
+    def at_mean(self) -> FloatArray:
+        """The residual (n,) with the nuisance at its prior's mean, by the linear model."""
+        return self.residual + self.jacobian @ (self.nuisance - self.prior_mean)
+
+    @cached_property
+    def _pull(self) -> FloatArray:
+        return self.jacobian.T @ self.at_mean
+
+    @cached_property
+    def jacobians(self) -> FloatArray:
+        """By nuisance and effects, (n, p + k)."""
+        return np.hstack([self.jacobian, self.effect_jacobian])
+
+    @cached_property
+    def normal(self) -> FloatArray:
+        return bordered(self.gram, self.jacobian, self.jacobians[:, len(self.nuisance) :])
+
+    @property
+    def active(self) -> dict[Candidate, dict[str, float]]:
+        return split(self.hypothesis, self.unit)
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """Effects and their fits, one per block; blocks they do not touch carry the null's fit."""
+
+    effects: tuple[Candidate, ...]
+    fits: dict[str, Fit]
+
+    @property
+    def chi2(self) -> float:
+        return sum(f.chi2 for f in self.fits.values())
+
+    @property
+    def deviance(self) -> float:
+        return sum(f.deviance for f in self.fits.values())
+
+    @property
+    def name(self) -> str:
+        return " + ".join(e.key for e in self.effects) or "none"
+
+
+def split(hypothesis: Sequence[Candidate], unit: FloatArray) -> dict[Candidate, dict[str, float]]:
+    """Parameter values of each effect from one vector of prior quantiles."""
+    out, at = {}, 0
+    for candidate in hypothesis:
+        k = len(candidate.parameters)
+        out[candidate] = candidate.values(unit[at : at + k])
+        at += k
+    return out

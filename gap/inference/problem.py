@@ -1,0 +1,76 @@
+"""Data against a forward model, as every step of the diagnosis sees it.
+
+A problem hides instrument and tissue behind whitened residuals: all inference is the same for a suction probe, the
+micro-robot and any other rig.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from gap.inference.evidence import Fit
+from gap.inference.hypothesis import Active, Candidate, Evaluation, Lateness, Rows, Start
+from sim_devices.chain import FloatArray
+
+
+class Problem(Protocol):
+    """One block of data with its forward model.
+
+    ``measured`` (n,) and ``sigma`` (n,) are the data behind the rows in SI and their noise, so that the prediction
+    is measured − residual·sigma (`gap.inference.least_squares.predicted`, as chance widens the noise).
+    ``alternatives`` are prior widths (p,) over which the evidence is averaged, narrow ones first; ``prior_sd`` is
+    the one used while fitting, ``plain_sd`` that of the simulation by itself, without a discrepancy. ``sound`` (p,)
+    is the nuisance of an instrument as it should be, where that is all there is to know; None where there is
+    tissue. ``trusts``, one for each width, are exponents on the evidence, for model error that tempering does not
+    see: low where a person's tissue may do what it likes. The first also weighs the widths against each other.
+    """
+
+    name: str
+    rows: Rows
+    measured: FloatArray
+    sigma: FloatArray
+    prior_mean: FloatArray
+    prior_sd: FloatArray
+    alternatives: Sequence[FloatArray]
+    sound: FloatArray | None
+
+    @property
+    def trusts(self) -> Sequence[float]:
+        """How far the evidence is trusted under each of the prior's widths."""
+        ...
+
+    @property
+    def resets(self) -> Sequence[float]:
+        """Times (s) after the beginning of suction at which recordings jump; none of other rigs."""
+        ...
+
+    @property
+    def plain_sd(self) -> FloatArray:
+        """Prior widths (p,) of the simulation by itself."""
+        ...
+
+    def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
+        """Residual and Jacobian at nuisance parameters (p,) with the effects of ``active`` switched on."""
+        ...
+
+    def start(self) -> FloatArray:
+        """A sensible nuisance vector (p,) to begin from."""
+        ...
+
+    def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
+        """Where else a fit with effects about ``unit`` (k,) should begin. None where the prior is known."""
+        ...
+
+    def lateness(self, fitted: Fit) -> Lateness | None:
+        """How much later than ``fitted`` each of the command's kinks shows; None where that is not known, or they all
+        are in time."""
+        ...
+
+    def widening(self, active: Active) -> FloatArray | None:
+        """How many times wider (n,) the noise is under effects that happen by chance; None without such effects."""
+        ...
+
+    def unlike(self, fitted: Fit) -> float:
+        """Nats by which another law of chance than that of the ``fitted`` effects describes what they leave better."""
+        ...

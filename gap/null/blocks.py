@@ -1,0 +1,315 @@
+"""Blocks of data of our own instruments: some channels of a session, binned, against a part of the forward chain.
+
+A block's arrays are channel-major: C channels at the same n time stamps make C n rows. Recordings of one specimen
+form a group and are simulated together, rests included, so that slow effects see the session's clock.
+"""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from acquire.recording.model import Recording
+from gap.data.binning import GROWTH, WIDEST
+from gap.data.labels import label_rows
+from gap.data.scatter import unlike
+from gap.data.session import SKIN, Command, Session
+from gap.inference.evidence import Fit
+from gap.inference.hypothesis import Active, Candidate, Evaluation, Lateness, Rows, Start
+from gap.null.chains import Kept, Memo, needed
+from sim_devices.chain import Chain, Effect, FloatArray
+from sim_devices.stages.operators import Retimed
+from sim_devices.stages.sampling import COMMANDS, RETIMED, command_at, time_grid
+
+SHIFT_SD = 0.25
+"""Of a sampling interval: how late a sound channel may be, which integrates, holds or stamps as it likes (assumed)."""
+SIMPLE_SHIFT = 1e-3
+"""s: how late a channel may be that samples, neither holds nor integrates."""
+AFTER_KINK = 1e-3 * np.concatenate(
+    [np.arange(1, 40), np.arange(40, 120, 2), np.arange(120, 300, 4), np.arange(300, 1000, 10)]
+)
+"""s after a kink of the command: nodes so dense that straight lines between them are as good as the signal."""
+STAMP_SD = 2.5e-4
+"""s: how well a single stamp or the moment of a step is known (assumed). An integrator's step is as good as that,
+too."""
+BEFORE = 5e-3
+"""s by which a recording begins before its first sample."""
+ELSEWHERE = (0.1, 0.9)
+"""Quantiles of its prior at which an effect is tried whose default does nothing."""
+Table = tuple[FloatArray, FloatArray]
+"""Times (m,) s and values (m,)."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Recordings of one specimen and the commands over them."""
+
+    specimen: str
+    members: tuple[int, ...]
+    commands: Mapping[str, Command]
+
+    @property
+    def skin(self) -> bool:
+        return self.specimen == SKIN
+
+    def tables(self) -> dict[str, Table]:
+        """Commands as tables for the simulation."""
+        return {q: (c.time, c.value) for q, c in self.commands.items()}
+
+
+class GroupedSession(Session):
+    """A session whose recordings are grouped by specimen."""
+
+    def __init__(self, recordings: Sequence[Recording], quantities: Sequence[str]) -> None:
+        super().__init__(recordings)
+        self.instrument = recordings[0].info.instrument
+        specimens = [r.info.specimen or SKIN for r in recordings]
+        self.groups = []
+        for name in dict.fromkeys(specimens):
+            members = tuple(k for k, s in enumerate(specimens) if s == name)
+            self.groups.append(Group(name, members, {q: self.command(q, members) for q in quantities}))
+        self.kinks = np.unique(np.concatenate([c.time for g in self.groups for c in g.commands.values()]))
+        # What a first sample is, is of its own recording, be the clocks some milliseconds apart.
+        self.marks = tuple(self.span(k)[0] - BEFORE for k in range(len(recordings)))
+
+
+class Block(abc.ABC):
+    """Rows in bins, whitening, effects by candidate; subclasses say what is predicted and what the nuisance is."""
+
+    name: str
+    channels: tuple[str, ...]
+    growth, widest = GROWTH, WIDEST  # of the bins
+    trust = 0.9
+    slope: FloatArray | None = None  # of the signal, (channels · n,) per s, where that is known
+    floor: float = 0.0  # SI: noise that averaging does not lower, because the nominal chain is not known better
+    sound: FloatArray | None = None  # the nuisance of a sound instrument, without tissue in the way
+
+    prior_mean: FloatArray
+    prior_sd: FloatArray
+    alternatives: Sequence[FloatArray]
+
+    def __init__(self, session: GroupedSession, library: Mapping[str, Effect], without: Sequence[str] = ()) -> None:
+        self.session, self.library = session, library
+        self.groups: list[tuple[Group, slice]] = []
+        runs: list[int] = []
+        parts = []
+        at = 0
+        for group in session.groups:
+            if group.specimen in without:
+                continue
+            begin = at
+            for k in group.members:
+                if not all(c in session.recordings[k].streams for c in self.channels):
+                    continue
+                ends = self.breaks(k)
+                bins = [session.binned(c, k, session.kinks, self.growth, self.widest, ends) for c in self.channels]
+                n = min(len(b.time) for b in bins)  # equal unless a channel lost samples at its end
+                values = np.stack([b.value[:n] for b in bins])
+                parts.append((bins[0].time[:n], values, np.stack([b.count[:n] for b in bins]), bins[0].spread[:n]))
+                runs += [k] * n
+                at += n
+            if at > begin:
+                self.groups.append((group, slice(begin, at)))
+        if not at:
+            raise ValueError(f"no recording has all channels {', '.join(self.channels)}")
+        self.stamps = np.concatenate([p[0] for p in parts])
+        self._ends = self.stamps + np.concatenate([p[3] for p in parts]) * np.array([[-1.0], [1.0]])
+        self.run = np.asarray(runs, dtype=np.int64)
+        self.runs = sorted(set(runs))
+        values = np.hstack([p[1] for p in parts])
+        counts = np.hstack([p[2] for p in parts])
+        noise = [session.sigma(c, self.runs) for c in self.channels]
+        self.noise = np.array([white for white, _ in noise])
+        hard = np.hypot(np.array([grid for _, grid in noise]), self.floor)
+        self.measured, self.counts = values.ravel(), counts.ravel()
+        self.sigma = np.sqrt(self.noise[:, None] ** 2 / counts + hard[:, None] ** 2).ravel()
+        self.dt = float(
+            np.median([np.median(np.diff(session.recordings[k].streams[self.channels[0]].time)) for k in self.runs])
+        )
+        self.rows = self._labelled()
+        self._grids, self._delayed = Kept(), Kept(2 * len(self.groups))
+
+    @property
+    def resets(self) -> Sequence[float]:
+        """Times (s) after the beginning of suction at which recordings jump."""
+        return ()
+
+    def breaks(self, k: int) -> Sequence[float]:
+        """Times, s, at which recording ``k`` jumps and no bin may go on."""
+        return ()
+
+    def _labelled(self) -> Rows:
+        parts = []
+        for channel in self.channels:
+            for k in dict.fromkeys(self.run.tolist()):
+                parts.append((self.session.recordings[k], channel, self.stamps[self.run == k] - self.session.shifts[k]))
+        rows = label_rows(parts)
+        c = len(self.channels)
+        return Rows(np.tile(self.stamps, c), np.tile(self.run, c), rows.labels)
+
+    def blur_steep_parts(self, slope: FloatArray) -> None:
+        """Add what uncertain stamps do to the noise where the signal, of ``slope`` (channels · n,) per s, is steep."""
+        self.slope = slope
+        self.sigma = np.hypot(self.sigma, slope * STAMP_SD)
+
+    def by_chance(self, key: str) -> bool:
+        """Whether an effect counts as noise on steep parts, not as what it does in one draw."""
+        return self.slope is not None and bool(self._scatter(key, {}))
+
+    def _scatter(self, key: str, values: Mapping[str, float]) -> Mapping[str, float]:
+        """By channel, the rms (s) by which an effect scatters its instants; nothing of one that is not by chance."""
+        effect = self.library[key]
+        defaults = {p.name: p.default for p in effect.parameters}
+        return effect.scatter(self.session.instrument, defaults | dict(values)) if effect.scatter else {}
+
+    def widening(self, active: Active) -> FloatArray | None:
+        """What scattered instants add to the noise, averaged over each bin's samples."""
+        variance: FloatArray | None = None
+        for candidate, values in active.items():
+            rms = self._scatter(candidate.key, values)
+            if self.slope is None or not rms:
+                continue
+            variance = np.square(self.slope * self._by_row(rms)) / self.counts + (0.0 if variance is None else variance)
+        return None if variance is None else np.sqrt(1.0 + variance / np.square(self.sigma))
+
+    def _by_row(self, of_channels: Mapping[str, float]) -> FloatArray:
+        return np.repeat([of_channels.get(c, 0.0) for c in self.channels], len(self.stamps))
+
+    def unlike(self, fitted: Fit) -> float:
+        """Asked of the samples that are by themselves in their bins; of two effects of chance together nothing is."""
+        chance = [(c, rms) for c, values in fitted.active.items() if (rms := self._scatter(c.key, values))]
+        times = self.widening(fitted.active)
+        if len(chance) != 1 or times is None or self.slope is None:
+            return 0.0
+        candidate, rms = chance[0]
+        at = (self.counts == 1) & (self._by_row(rms) > 0)
+        residual, reach = (fitted.residual * times)[at], (self.slope / self.sigma)[at]
+        return unlike(residual, reach, max(rms.values()), self.library[candidate.key].sparse)
+
+    def whitened(self, difference: FloatArray, active: Active) -> FloatArray:
+        """``difference`` (n,) or (n, p) in σ, wider where an effect of chance makes it so."""
+        wider = self.widening(active)
+        sigma = self.sigma if wider is None else self.sigma * wider
+        return difference / (sigma if difference.ndim == 1 else sigma[:, None])
+
+    @property
+    def member(self) -> FloatArray:
+        """Which recording each stamp belongs to, (n, recordings) of 0 and 1."""
+        return (self.run[:, None] == np.asarray(self.runs)[None, :]).astype(float)
+
+    def with_effects(self, chain: Chain, active: Active) -> Chain:
+        """The chain with the active effects."""
+        for candidate, values in active.items():
+            if not self.by_chance(candidate.key):
+                chain = self.library[candidate.key].apply(chain, values)
+        return chain
+
+    def simulated(
+        self,
+        chain: Chain,
+        group: Group,
+        at: slice,
+        shift: float | FloatArray,
+        given: Mapping[str, Table] | None = None,
+    ) -> FloatArray:
+        """The block's channels as ``chain`` makes them at the group's time stamps + ``shift`` s, (channels, n).
+
+        A bin's mean is taken from two nodes, a standard deviation of its times on either side. The grid is one for a
+        group, whatever the shift: one that moved with it would make the fit's landscape rough. Dead times in the chain
+        need one of their own.
+        """
+        given = given or {}
+        operators = needed(chain, self.channels, given)
+        ends = self._ends[:, at] + shift
+        memo, commands = self._grids.get(at.start, lambda: self._on_nodes(group, self._nodes(group, at)))
+        if delays := tuple(op for op in operators if isinstance(op, Retimed) and op.moves):
+            nodes = [memo.time, np.sort(ends, axis=None)]
+            key = (at.start, delays, ends.tobytes())
+            memo, commands = self._delayed.get(key, lambda: self._on_nodes(group, nodes, delays))
+        made = memo.run(operators, commands | {name: memo.on_grid(*table) for name, table in given.items()})
+        return np.stack([np.interp(ends, memo.time, made[c]).mean(axis=0) for c in self.channels])
+
+    def tables(self, group: Group) -> dict[str, Table]:
+        """The commands of a group."""
+        return group.tables()
+
+    def _nodes(self, group: Group, at: slice) -> list[FloatArray]:
+        """Where a group is simulated: the ends of its bins, and times after kinks."""
+        kinks = np.unique(np.concatenate([t for t, _ in self.tables(group).values()]))
+        after = np.unique((kinks[:, None] + AFTER_KINK).ravel())
+        begin, end = self.stamps[at][[0, -1]]
+        return [np.unique(self._ends[:, at]), after[(after > begin) & (after < end)]]
+
+    def _on_nodes(
+        self, group: Group, nodes: Sequence[FloatArray], delays: Sequence[Retimed] = ()
+    ) -> tuple[Memo, dict[str, FloatArray]]:
+        """What runs operators on ``nodes`` and a group's kinks, and the commands there."""
+        tables = self.tables(group)
+        kinks = np.concatenate([t for t, _ in tables.values()])
+        grid = time_grid(kinks, nodes, delays=[op for op in delays if op.name in RETIMED])
+        return Memo(grid), {COMMANDS[q]: command_at(table, grid) for q, table in tables.items()}
+
+    def start(self) -> FloatArray:
+        return self.prior_mean.copy()
+
+    @property
+    def trusts(self) -> Sequence[float]:
+        """How far the evidence is trusted under each of the prior's widths."""
+        return (self.trust,) * len(self.alternatives)
+
+    @property
+    def plain_sd(self) -> FloatArray:
+        """Prior widths (p,) of the simulation by itself."""
+        return self.prior_sd
+
+    def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
+        return None
+
+    def lateness(self, fitted: Fit) -> Lateness | None:
+        return None
+
+    @abc.abstractmethod
+    def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
+        """Whitened residual and nuisance Jacobian."""
+
+
+def compressed(columns: FloatArray, weights: FloatArray, size: int) -> tuple[FloatArray, FloatArray]:
+    """The ``size`` principal directions of a weighted basis (n, q): columns of unit rms and their weights.
+
+    With c ~ N(0, diag(weights²)) both bases give nearly the same prior over functions; the new one is shorter.
+    """
+    scaled = columns * weights
+    size = min(size, scaled.shape[1])
+    values, vectors = np.linalg.eigh(scaled.T @ scaled)
+    order = np.argsort(values)[::-1][:size]
+    order = order[values[order] > 1e-10 * values[order[0]]] if len(order) and values[order[0]] > 0 else order[:0]
+    basis = scaled @ vectors[:, order]
+    rms = np.sqrt(np.mean(basis**2, axis=0))
+    return basis / np.maximum(rms, 1e-300), rms
+
+
+def candidates_for(
+    effects: Mapping[str, Effect], blocks: Sequence[Block], threshold: float = 0.05
+) -> tuple[Candidate, ...]:
+    """One candidate per effect; which blocks it changes is found by switching it on at its default strength, or
+    elsewhere in its prior where that does nothing in these recordings."""
+    at_rest = {b.name: b.evaluate(b.start(), {}, want_jacobian=False).residual for b in blocks}
+    out = []
+    for key, effect in effects.items():
+        # Which draw it was, nobody knows: only how strong.
+        parameters = effect.strengths if all(b.by_chance(key) for b in blocks) else effect.parameters
+        trial = Candidate(key, effect.name, effect.stage, parameters, (), effect.meaning, effect.remedy)
+        elsewhere = (trial.values(np.full(len(parameters), u)) for u in ELSEWHERE)
+        for values in ({p.name: p.default for p in parameters}, *elsewhere):
+            touched = []
+            for block in blocks:
+                changed = block.evaluate(block.start(), {trial: values}, want_jacobian=False).residual
+                if float(np.max(np.abs(changed - at_rest[block.name]))) > threshold:
+                    touched.append(block.name)
+            if touched:
+                out.append(replace(trial, blocks=tuple(touched)))
+                break
+    return tuple(out)

@@ -1,0 +1,96 @@
+"""The micro-robot as four blocks: set-point -> axes; axes -> probe and transducers -> force (both recomputed, no
+freedom); axes -> transducers.
+
+The axes are fed the load that the recorded forces put on them, the tissue the recorded axis positions; so a gap of
+the control loop, of the arithmetic and of everything beyond the tip show in different blocks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from acquire.recording.model import Recording
+from gap.inference.hypothesis import Candidate
+from gap.inference.problem import Problem
+from gap.null.blocks import Block, GroupedSession, candidates_for
+from gap.null.robot_axes import AXES, QUANTITIES, ArithmeticBlock, AxesBlock
+from gap.null.robot_force import ForceBlock, RoughForceBlock
+from sim_devices.chain import Effect, FloatArray
+from sim_devices.stages.robot import TRANSDUCERS, xyz
+
+BEND = 0.2
+"""Change of a set-point's speed at a kink, of the greatest speed in the session: less is a curve in short pieces."""
+
+LIMITED = {"force_saturation": "axes", "integral_windup": "axes", "sensor_saturation": "force"}
+"""Effects of a limit, and the block that knows how far the session goes."""
+ABRUPT, GRADUAL = (0.4, 1.3), (0.8, 4.0)
+"""Where a limit counts, of the session's greatest force: well below it an axis falls, well above nothing happens."""
+
+
+def robot_session(recordings: Sequence[Recording]) -> GroupedSession:
+    """The session, with kinks only where a set-point bends sharply: bins begin there, and few do for all else."""
+    session = GroupedSession(recordings, QUANTITIES)
+    sharp = [_sharp(c.time, c.value) for g in session.groups for c in g.commands.values()]
+    session.kinks = np.unique(np.concatenate(sharp))
+    return session
+
+
+def _sharp(time: FloatArray, value: FloatArray) -> FloatArray:
+    """Where a command of corners at ``time`` (m,) s bends sharply, and where it begins and ends."""
+    unique = np.diff(time) > 0
+    speed = np.divide(np.diff(value), np.diff(time), out=np.zeros(len(time) - 1), where=unique)
+    fastest = float(np.max(np.abs(speed), initial=0.0))
+    bends = np.abs(np.diff(speed)) > BEND * fastest
+    return time[np.r_[True, bends | ~unique[1:] | ~unique[:-1], True]]
+
+
+def robot_problems(
+    recordings: Sequence[Recording],
+    effects: Mapping[str, Effect],
+    force: Callable[[GroupedSession, Mapping[str, Effect], AxesBlock], ForceBlock] = ForceBlock,
+) -> tuple[Sequence[Problem], tuple[Candidate, ...]]:
+    """The blocks that a session's channels allow, and the effects that show in them.
+
+    ``force`` makes the block of the transducers: with the reduced tissue, or another one.
+
+    Raises ValueError when what was commanded, or what was measured, is missing.
+    """
+    missing = [r.info.id for r in recordings if not all(q in r.setpoints for q in QUANTITIES)]
+    if missing:
+        raise ValueError(f"recording {missing[0]} has no set-points of probe_x, probe_y and probe_z")
+    session = robot_session(recordings)
+
+    def has(*names: str) -> bool:
+        return any(all(n in r.streams for n in names) for r in recordings)
+
+    blocks: list[Block] = []
+    if has(*AXES):
+        axes = AxesBlock(session, effects)
+        blocks.append(axes)
+    if has(*AXES, *xyz("probe")):
+        blocks.append(ArithmeticBlock(session, effects, "kinematics", AXES, xyz("probe"), 2e-6))
+    if has(*TRANSDUCERS, *xyz("force")):
+        blocks.append(ArithmeticBlock(session, effects, "matrix", TRANSDUCERS, xyz("force"), 2e-3))
+    if has(*AXES, *TRANSDUCERS):
+        rough = RoughForceBlock(session, effects, axes)
+        if [g for g, _ in rough.groups] == [g for g, _ in axes.groups]:
+            axes.reload(rough.denoised())
+        blocks.append(force(session, effects, axes))
+    if not blocks:
+        raise ValueError(f"recording {recordings[0].info.id} has neither axis positions nor transducer forces")
+    return blocks, tuple(_within_reach(c, blocks) for c in candidates_for(effects, blocks))
+
+
+def _within_reach(candidate: Candidate, blocks: Sequence[Block]) -> Candidate:
+    """A limit counts where this session meets it: there the prior has to lie, and the few strengths of the
+    screening."""
+    block = next((b for b in blocks if b.name == LIMITED.get(candidate.name)), None)
+    greatest = block.greatest() if isinstance(block, AxesBlock | ForceBlock) else 0.0
+    if not greatest:
+        return candidate
+    low, high = GRADUAL if "form=1" in candidate.key else ABRUPT
+    first, *others = candidate.parameters
+    return replace(candidate, parameters=(replace(first, low=low * greatest, high=high * greatest), *others))

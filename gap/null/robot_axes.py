@@ -1,0 +1,361 @@
+"""The micro-robot's blocks without skin: set-point -> axes, under the load that the recorded force is; and what is only
+arithmetic, recomputed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+
+import numpy as np
+
+from gap.data.session import CLOCK_SD
+from gap.data.smoothing import significant
+from gap.inference.evidence import Fit
+from gap.inference.hypothesis import Active, Candidate, Evaluation, Start
+from gap.inference.least_squares import fit
+from gap.null.blocks import Block, Group, GroupedSession, Table
+from gap.null.chains import needed, run
+from gap.null.robot_loop import CONTROLLERS, Controller
+from sim_devices.chain import Chain, Effect, FloatArray, Operator
+from sim_devices.stages import nominal
+from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
+from sim_devices.stages.tissues import SheetTissue, sheet_tissue
+
+QUANTITIES = ("probe_x", "probe_y", "probe_z")
+AXES = numbered("axis_position")
+ROBOT_BINS = 0.3, 0.4
+"""Growth and largest width (s) of the bins: the motion is slow."""
+STAMPS_SD = 1e-3
+"""s: how late or early all stamps, or all commands, may soundly be (assumed)."""
+SPRING = 200.0
+"""N/m by which the load gives way where an axis is not where it was recorded: less than skin does, and enough that an
+axis whose coil is at its limit does not run away under the millinewtons that the load is not known better."""
+THIN = 2
+"""Of the record's samples, each how many-th the load is taken at: the loop evens out what is between."""
+UNDOINGS = 2
+"""Steps in which the error of the transducers is undone: what is left of a relative error of 0.3 is its third power."""
+STRAINED = 60.0
+"""Penalty of the loop's tolerances above which the quick fit asks for drag."""
+EARLY = 0.1
+"""s by which a grid goes beyond the recordings: clocks differ."""
+KINK = 1e-6
+"""s, within which a speed changes."""
+LOOP_STEP = 0.04
+"""s; the loop is exact between kinks, so this only has to resolve what is not linear in it."""
+AFTER_KINK = np.concatenate([np.arange(0.004, 0.1, 0.004), np.arange(0.1, 0.3, 0.01)])
+"""s after a kink: nodes for the loop's answer, which straight lines over `LOOP_STEP` would miss by several µm."""
+
+
+def specimen_chain(group: Group, tissue: SheetTissue, marks: tuple[float, ...] = ()) -> Chain:
+    """The nominal chain for a group: ``tissue`` if it is skin, else what its specimen is.
+
+    ``marks`` (s): when recordings start, for effects that begin anew with each.
+    """
+    return _sound(tissue if group.skin else _specimen(group.specimen), marks)
+
+
+@lru_cache(maxsize=64)
+def _sound(tissue: SheetTissue, marks: tuple[float, ...]) -> Chain:
+    return nominal("microrobot", tissue=tissue, marks=marks)
+
+
+def _specimen(name: str) -> SheetTissue:
+    try:
+        return sheet_tissue(name)
+    except ValueError:
+        return sheet_tissue("silicone")
+
+
+def recorded(
+    block: Block, group: Group, names: Sequence[str], targets: Sequence[str], smooth: bool
+) -> dict[str, Table]:
+    """Recorded channels of a group as tables for signals of the chain, without their noise if ``smooth``."""
+    out = {}
+    for name, target in zip(names, targets, strict=True):
+        times, values = [], []
+        for k in group.members:
+            series = block.session.recordings[k].streams.get(name)
+            if series is None:
+                continue
+            value = np.asarray(series.value, dtype=float)
+            good = np.isfinite(value)
+            time = block.session.time(k, series)[good]
+            times.append(time)
+            values.append(significant(time, value[good]) if smooth else value[good])
+        if times:
+            out[target] = (np.concatenate(times), np.concatenate(values))
+    return out
+
+
+def steepness(block: Block, tables: Sequence[Mapping[str, Table]], names: Sequence[str]) -> FloatArray:
+    """How steep a block's channels are at its stamps, (channels · n,) per s, by ``tables`` of them for each group."""
+    out = np.zeros((len(names), len(block.stamps)))
+    for (_, at), given in zip(block.groups, tables, strict=True):
+        for row, name in zip(out, names, strict=True):
+            if name in given:
+                time, first = np.unique(given[name][0], return_index=True)
+                row[at] = np.interp(block.stamps[at], time, np.gradient(given[name][1][first], time))
+    return out.ravel()
+
+
+class AxesBlock(Block):
+    """Tip set-point -> axis positions, under the load that the recorded force is.
+
+    Nuisance: the loop's gains and the sampling convention within their tolerances, and a zero of each sensor in each
+    recording. Which of the known controllers it is, the recording tells.
+    """
+
+    name, channels = "axes", AXES
+    trust = 0.4  # the skin's force loads the axes, as far as the recorded force tells
+    growth, widest = ROBOT_BINS
+    floor = 0.5e-6  # m
+    SD = (0.1, 0.02, 0.1, STAMPS_SD, CLOCK_SD, 2e-3)
+    """Of the logarithms of the gains; s by which all is late; 1; s by which the load on the axes is."""
+    ZERO_SD = 2e-6  # m
+    STEPS = (1e-2, 1e-2, 1e-2, 1e-3, 1e-6, 1e-3)
+
+    def __init__(self, session: GroupedSession, library: Mapping[str, Effect]) -> None:
+        super().__init__(session, library)
+        self._forces = [recorded(self, g, TRANSDUCERS, TRANSDUCERS, smooth=True) for g, _ in self.groups]
+        self._seen = [recorded(self, g, AXES, numbered("axis"), smooth=True) for g, _ in self.groups]
+        self.blur_steep_parts(steepness(self, self._seen, numbered("axis")))
+        self._grids_ahead: dict[str, tuple[FloatArray, tuple[Operator, ...], dict[str, FloatArray]]] = {}
+        self._made: dict[tuple[object, ...], FloatArray] = {}  # most effects leave the axes alone
+        self._kept: dict[str, FloatArray] = {}
+        self._runs = np.kron(np.eye(3), self.member)
+        self.prior_sd = np.concatenate([self.SD, np.full(self._runs.shape[1], self.ZERO_SD)])
+        self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
+        self.alternatives = (self.prior_sd,)
+        self.controller = CONTROLLERS[0]
+        fits = [pair for controller in CONTROLLERS for pair in self._tried(controller)]
+        self._best, self.controller = min(fits, key=lambda pair: pair[0].objective)
+        alone = [f for f, controller in fits if controller is self.controller and not f.hypothesis]
+        self._start, self._strained = alone[0].nuisance, alone[0].penalty > STRAINED
+        self._forget()
+
+    def reload(self, forces: Sequence[dict[str, Table]]) -> None:
+        """Take the load from transducer forces, a table each for every group, instead of the smoothed record.
+
+        Smoothing rounds what the force does where motion turns, and the loop answers to that for a tenth of a second.
+        """
+        self._forces = list(forces)
+        self._forget()
+        best = self._best
+        self._best = fit(self, best.hypothesis, best.unit, best.nuisance, iterations=3)
+        alone = self._best if not best.hypothesis else fit(self, nuisance=self._start, iterations=3)
+        self._start = alone.nuisance
+
+    def _forget(self) -> None:
+        """What was made for another load or controller."""
+        groups = zip(self.groups, self._forces, self._seen, strict=True)
+        self._loads = [self._load(g, forces, axes) for (g, _), forces, axes in groups]
+        self._undone: tuple[tuple[object, ...], Sequence[dict[str, Table]]] = (), ()
+        self._made.clear()
+        self._kept.clear()
+
+    def _tried(self, controller: Controller) -> list[tuple[Fit, Controller]]:
+        """Quick fits with a controller; also with drag where its gains are strained without, because much drag looks
+        like the other controller."""
+        self.controller = controller
+        self._forget()
+        fits = [fit(self, nuisance=self.prior_mean, iterations=3)]
+        drag = self.library.get("viscous_drag")
+        if fits[0].penalty > STRAINED and drag is not None:
+            extra = Candidate("viscous_drag", drag.name, drag.stage, drag.parameters, (self.name,))
+            fits.append(fit(self, (extra,), np.array([0.6]), self.prior_mean, iterations=6))
+        return [(f, controller) for f in fits]
+
+    def start(self) -> FloatArray:
+        return self._start.copy()
+
+    def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
+        # Strained tolerances have taken on what they could of an effect.
+        return Start(self.prior_mean, self.prior_sd, self.prior_mean, unit) if self._strained else None
+
+    def _load(
+        self, group: Group, forces: Mapping[str, Table], axes: Mapping[str, Table], chain: Chain | None = None
+    ) -> dict[str, Table]:
+        """Transducer forces as load on the axes, N, that gives way as `SPRING`; less the errors that the transducers of
+        ``chain`` make. The recorded tip force is not asked: its matrix may be wrong."""
+        if len(forces) < 3:
+            return {}
+        time = np.unique(axes["axis_1"][0])[::THIN]
+        signals = {name: np.interp(time, *table) for name, table in {**forces, **axes}.items()}
+        sound = specimen_chain(group, sheet_tissue("forearm"))
+
+        def reaction() -> dict[str, FloatArray]:
+            made = run(needed(sound, xyz("force"), TRANSDUCERS), time, {n: signals[n] for n in TRANSDUCERS})
+            return {f"reaction_{a}": made[f"force_{a}"] for a in "xyz"}
+
+        read = {n: signals[n] for n in TRANSDUCERS}
+        erring = () if chain is None else needed(chain, TRANSDUCERS, (*xyz("reaction"), *axes))
+        for _ in range(UNDOINGS if erring else 0):
+            given = reaction() | {name: signals[name] for name in axes}
+            made = run(erring, time, given)
+            signals |= {n: signals[n] + read[n] - made[n] for n in TRANSDUCERS}
+        where = {name: 0.0 * signals[name] if self.controller.centred else signals[name] for name in axes}
+        pushing = reaction() | where
+        made = run(needed(sound, numbered("axis_load"), pushing), time, pushing)
+        return {f"pushed_{k}": (time, made[f"axis_load_{k}"] + SPRING * signals[f"axis_{k}"]) for k in "123"}
+
+    def _loads_under(self, active: Active) -> tuple[Sequence[dict[str, Table]], tuple[object, ...]]:
+        """The loads of all groups once errors of the transducers among the effects are undone, and what tells them from
+        others."""
+        key = tuple((c.key, *sorted(v.items())) for c, v in active.items() if self._misleads(c, v))
+        if key and key != self._undone[0]:
+            loads = []
+            for (g, _), forces, axes in zip(self.groups, self._forces, self._seen, strict=True):
+                chain = self.with_effects(specimen_chain(g, sheet_tissue("forearm"), self.session.marks), active)
+                loads.append(self._load(g, forces, axes, chain))
+            self._undone = key, loads
+        return (self._undone[1] if key else self._loads), key
+
+    def _misleads(self, candidate: Candidate, values: Mapping[str, float]) -> bool:
+        """Whether an effect falsifies what the transducers say of the load."""
+        given = (*xyz("reaction"), *numbered("axis"))
+        chain = specimen_chain(self.groups[0][0], sheet_tissue("forearm"), self.session.marks)
+        changed = self.with_effects(chain, {candidate: values})
+        return needed(changed, TRANSDUCERS, given) != needed(chain, TRANSDUCERS, given)
+
+    def greatest(self) -> float:
+        """The greatest force that a coil has to hold in the session, N; 0 where that is not known."""
+        forces = [
+            push - SPRING * np.interp(time, *axes[name.replace("pushed", "axis")])
+            for load, axes in zip(self._loads, self._seen, strict=True)
+            for name, (time, push) in load.items()
+        ]
+        return max((float(np.max(np.abs(f))) for f in forces), default=0.0)
+
+    def _loop(self, group: Group, nuisance: FloatArray, active: Active) -> Chain:
+        chain = self.controller.installed(
+            specimen_chain(group, sheet_tissue("forearm"), self.session.marks), np.exp(np.clip(nuisance[:3], -3, 3))
+        )
+        spring = SPRING if self._loads[0] else 0.0
+        return self.with_effects(chain.tuned("axes", spring=spring), active)
+
+    def _predict(self, nuisance: FloatArray, active: Active) -> FloatArray:
+        out = np.empty((3, len(self.stamps)))
+        loads, undone = self._loads_under(active)
+        for i, ((g, at), load) in enumerate(zip(self.groups, loads, strict=True)):
+            operators = needed(self._loop(g, nuisance, active), AXES, load)
+            key = (i, operators, undone, *nuisance[3:6].tolist())
+            if key not in self._made:
+                if len(self._made) > 20:
+                    self._made.clear()
+                late = {n: (self._commanded(t, nuisance) + nuisance[5], value) for n, (t, value) in load.items()}
+                ends = self._commanded(self._ends[:, at], nuisance)  # a bin's mean is that of two nodes
+                made = self._at(ends.ravel(), AXES, g, operators, late)
+                self._made[key] = made.reshape(3, *ends.shape).mean(axis=1)
+            out[:, at] = self._made[key]
+        return out.ravel()
+
+    def _commanded(self, time: FloatArray, nuisance: FloatArray) -> FloatArray:
+        """The record's ``time`` s by the command's clock."""
+        return np.asarray(time + nuisance[3] + nuisance[4] * (time - self.stamps[0]))
+
+    def true_axes(self, group: Group, time: FloatArray) -> FloatArray:
+        """Where the axes were at ``time`` (n,) s, (3, n) m, as far as the quick fits know."""
+        nuisance = self._best.nuisance
+        load = self._loads[[g for g, _ in self.groups].index(group)]
+        late = {n: (self._commanded(t, nuisance) + nuisance[5], value) for n, (t, value) in load.items()}
+        operators = needed(self._loop(group, nuisance, self._best.active), numbered("axis"), load)
+        at = self._commanded(time, nuisance)
+        return self._at(at, numbered("axis"), group, operators, late)
+
+    def _at(
+        self,
+        stamps: FloatArray,
+        wanted: Sequence[str],
+        group: Group,
+        operators: Sequence[Operator],
+        given: Mapping[str, Table],
+    ) -> FloatArray:
+        """The wanted signals at ``stamps`` (n,) s, (signals, n), by way of a group's own grid: the loop's exact step is
+        then computed for few lengths and not for every sample, and what is ahead of it but once."""
+        grid, ahead, signals = self._grid_ahead(group)
+        if operators[: len(ahead)] == ahead:
+            operators = operators[len(ahead) :]
+        made = run(operators, grid, signals | {name: np.interp(grid, *table) for name, table in given.items()})
+        return np.stack([np.interp(stamps, grid, made[name]) for name in wanted])
+
+    def _grid_ahead(self, group: Group) -> tuple[FloatArray, tuple[Operator, ...], dict[str, FloatArray]]:
+        """Even steps, finer after kinks; the nominal operators ahead of the axes, and all signals up to there."""
+        if group.specimen not in self._grids_ahead:
+            tables = group.tables()
+            corners = tables["probe_x"][0]
+            spans = [self.session.span(k) for k in group.members]
+            begin, end = min(spans[0][0], corners[0]) - EARLY, spans[-1][1] + EARLY
+            after = (self.session.kinks[:, None] + AFTER_KINK).ravel()
+            grid = np.unique(np.concatenate([np.arange(begin, end, LOOP_STEP), corners, corners + KINK, after]))
+            grid = grid[(grid >= begin) & (grid <= end) & (np.diff(grid, prepend=-np.inf) > 0.5 * KINK)]
+            commands = {f"command_{a}": np.interp(grid, *tables[f"probe_{a}"]) for a in "xyz"}
+            chain = specimen_chain(group, sheet_tissue("forearm"), self.session.marks)
+            ahead = needed(chain, numbered("target"), commands)
+            self._grids_ahead[group.specimen] = grid, ahead, run(ahead, grid, commands)
+        return self._grids_ahead[group.specimen]
+
+    def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
+        k = len(self.SD)
+        difference = self.measured - self._predict(nuisance, active) - self._runs @ nuisance[k:]
+        residual = self.whitened(difference, active)
+        return Evaluation(residual, self._tolerances(nuisance, active) if want_jacobian else np.zeros((0, 0)))
+
+    def _tolerances(self, nuisance: FloatArray, active: Active) -> FloatArray:
+        """Whitened Jacobian (n, p) of the nuisance, of the prediction without any effect, from the first fit on:
+        tolerances are narrow, so that a costly effect changes little in what they do."""
+        if "jacobian" not in self._kept:
+            nominal = self._predict(nuisance, {})
+            chain_part = np.empty((len(nominal), len(self.SD)))
+            for j, step in enumerate(self.STEPS):
+                moved = nuisance.copy()
+                moved[j] += step
+                chain_part[:, j] = (self._predict(moved, {}) - nominal) / step
+            self._kept["jacobian"] = np.hstack([chain_part, self._runs])
+        return self.whitened(self._kept["jacobian"], active)
+
+
+class ArithmeticBlock(Block):
+    """Recomputed channels: axis positions -> probe, transducers -> force. No freedom but a zero in each recording."""
+
+    growth, widest = 0.4, 0.8  # nothing is quick in a formula, and noise there is none
+
+    def __init__(
+        self,
+        session: GroupedSession,
+        library: Mapping[str, Effect],
+        name: str,
+        source: Sequence[str],
+        target: Sequence[str],
+        floor: float,
+    ) -> None:
+        self.name, self.channels, self._source, self.floor = name, tuple(target), tuple(source), floor
+        super().__init__(session, library)
+        # What is recomputed carries the noise of what it is computed from: both are the recording's own.
+        self.sigma = np.full(len(self.measured), floor)
+        self.slope = np.zeros(len(self.measured))  # nor does it matter when they were taken
+        self._runs = np.kron(np.eye(3), self.member)
+        self.prior_sd = np.full(self._runs.shape[1], 5 * floor)
+        self.prior_mean = np.zeros(len(self.prior_sd))
+        self.alternatives = (self.prior_sd,)
+        self._given = [self._binned_source(g, at) for g, at in self.groups]
+
+    def _binned_source(self, group: Group, at: slice) -> dict[str, Table]:
+        out = {}
+        for name in self._source:
+            parts = []
+            for k in dict.fromkeys(self.run[at].tolist()):
+                bins = self.session.binned(name, k, self.session.kinks, self.growth, self.widest)
+                parts.append(bins.value[: int(np.sum(self.run[at] == k))])
+            values = np.concatenate(parts)
+            out[name] = (self.stamps[at], values)
+        return out
+
+    def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
+        out = np.empty((3, len(self.stamps)))
+        for (g, at), given in zip(self.groups, self._given, strict=True):
+            chain = self.with_effects(specimen_chain(g, sheet_tissue("forearm"), self.session.marks), active)
+            signals = {n: v for n, (_, v) in given.items()}
+            made = run(needed(chain, self.channels, signals), self.stamps[at], signals)
+            out[:, at] = np.stack([made[c] for c in self.channels])
+        residual = (self.measured - out.ravel() - self._runs @ nuisance) / self.sigma
+        return Evaluation(residual, self._runs / self.sigma[:, None] if want_jacobian else np.zeros((0, 0)))

@@ -1,0 +1,333 @@
+"""The micro-robot's block with the skin in it: recorded axis positions -> transducer forces."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from gap.data.smoothing import deviation, significant
+from gap.inference.evidence import Fit
+from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Start
+from gap.inference.least_squares import fit, under
+from gap.null.blocks import SHIFT_SD, SIMPLE_SHIFT, Block, Group, GroupedSession, Table, compressed
+from gap.null.chains import needed, run
+from gap.null.robot_axes import AXES, ROBOT_BINS, STAMPS_SD, AxesBlock, recorded, specimen_chain, steepness
+from gap.null.sheet_discrepancy import sheet_discrepancy
+from gap.null.sheet_law import FURTHER, LAWS, TISSUE, Law, rewired, sheet
+from sim_devices.chain import Chain, Effect, FloatArray, Operator
+from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
+from sim_devices.stages.tissues import SheetTissue, sheet_tissue
+
+SHEET_STEP = 0.1
+"""s between nodes of the sheet, stamps apart."""
+AT_NOISE = 1.3
+"""χ²/n of the best simple law above which further ones are tried."""
+FEW, PROMISING = 10, 3
+"""First steps of the further laws' fits, and how many go on after them."""
+CLEARLY = 5.0
+"""Nats by which a simple law must be more probable than all else to be the only one."""
+PLAIN = 1e-6
+"""Prior width of a discrepancy that the simulation by itself does not have."""
+
+
+class ForceBlock(Block):
+    """Recorded axis positions -> transducer forces.
+
+    Nuisance: the reduced sheet's parameters; the sampling convention; the transducers' calibration; per recording a
+    gain and their zeros; what other sheets could do.
+    """
+
+    name, channels = "force", TRANSDUCERS
+    TRUSTS = (0.25, 0.15, 0.1, 0.08, 0.06)
+    """In the evidence, for each of `DISCREPANCY_SCALES`: the farther the sheet is from the reduced one, the more of
+    what is left may be the sheet's and look like a device's."""
+    growth, widest = ROBOT_BINS
+    floor = 0.3e-3  # N
+    TISSUE: tuple[str, ...] = TISSUE
+    LAWS: tuple[Law, ...] = LAWS  # the simple ones, then the usual one
+    TRUST_SIMPLE = 0.25  # of a simple law, where the data prefer it
+    GAIN_SD = 0.04  # of the tissue's stiffness between recordings
+    CALIBRATION_SD = 2e-3  # of each transducer
+    ZERO_SD = 1.5e-3  # N: those of sound recordings scatter by 0.6 to 1.5 mN
+    DISCREPANCY_SD = 0.02  # of the force, per basis function
+    DISCREPANCY_SCALES = (0.03, 0.15, 0.5, 2.0, 8.0)
+    DISCREPANCY_SIZE = 400
+
+    def __init__(self, session: GroupedSession, library: Mapping[str, Effect], axes: AxesBlock) -> None:
+        super().__init__(session, library)
+        smooth = [recorded(self, g, TRANSDUCERS, TRANSDUCERS, smooth=True) for g, _ in self.groups]
+        self.blur_steep_parts(steepness(self, smooth, TRANSDUCERS))
+        self._tissue = sheet_tissue("forearm")
+        self._nominal = {g.specimen: specimen_chain(g, self._tissue, session.marks) for g, _ in self.groups}
+        self._ahead_of = {name: needed(c, xyz("skin"), numbered("axis")) for name, c in self._nominal.items()}
+        self._axes = [self._smoothed(g, axes) for g, _ in self.groups]
+        self._grids_of = [self._grid_of(g, at, axes) for (g, at), axes in zip(self.groups, self._axes, strict=True)]
+        self._zeros = np.kron(np.eye(3), self.member)
+        self._gains = np.tile(self.member, (3, 1))
+        self._legs = np.kron(np.eye(3), np.ones((len(self.stamps), 1)))
+        self._skin = [self._skin_path(g, axes) for (g, _), axes in zip(self.groups, self._axes, strict=True)]
+        square = np.concatenate([np.sum(path**2, axis=0) for path in self._skin])
+        self._strongest = max(self.greatest(), self.floor)
+        self._typical = float(np.sqrt(np.sum(square**2) / max(np.sum(square), 1e-30))) or self._tissue.length
+        size = max(float(np.ptp(self.measured)), 10 * float(np.median(self.sigma)))
+        columns, weights = compressed(*self._discrepancy_columns(), self.DISCREPANCY_SIZE)
+        self._basis = columns * size
+        runs = self.member.shape[1]
+        sd = {
+            "tissue": np.asarray(self.LAWS[-1].sd),
+            "shift": np.array([max(STAMPS_SD, SHIFT_SD * self.dt)]),
+            "calibration": np.full(3, self.CALIBRATION_SD),
+            "gain": np.full(runs, self.GAIN_SD),
+            "zero": np.full(3 * runs, self.ZERO_SD),
+            "discrepancy": self.DISCREPANCY_SD * weights,
+        }
+        ends = np.cumsum([len(v) for v in sd.values()])
+        self._parts = {name: slice(end - len(v), end) for (name, v), end in zip(sd.items(), ends.tolist(), strict=True)}
+        self.prior_sd = np.concatenate(list(sd.values()))
+        self.prior_mean = np.zeros(len(self.prior_sd))
+        simple = [self._simple(law) for law in self.LAWS[:-1]]
+        self.alternatives = (*simple, *(self._wide(scale) for scale in self.DISCREPANCY_SCALES))
+        self._trusts: Sequence[float] = (*[self.TRUST_SIMPLE] * len(simple), *self.TRUSTS)
+        self._start: FloatArray | None = None
+        self._alone: tuple[FloatArray, FloatArray] | None = None  # widths and fit of a simple law that is not the null
+        self._probability = -np.inf  # log evidence of the null
+        self._skin_at_nodes: dict[str, Mapping[str, FloatArray]] = {}
+
+    @property
+    def trusts(self) -> Sequence[float]:
+        return self._trusts
+
+    @property
+    def plain_sd(self) -> FloatArray:
+        sd = self.prior_sd.copy()
+        sd[self._parts["discrepancy"]] = PLAIN
+        return sd
+
+    def _simple(self, law: Law) -> FloatArray:
+        """Prior widths (p,) of a simple law, and of channels that are no later than those that sample."""
+        sd = self.prior_sd.copy()
+        sd[self._parts["tissue"]] = law.sd
+        sd[self._parts["shift"]] = SIMPLE_SHIFT
+        sd[self._parts["discrepancy"]] = FROZEN
+        return sd
+
+    def _wide(self, scale: float) -> FloatArray:
+        """Those of the usual law beside a discrepancy of some size."""
+        sd = self.prior_sd.copy()
+        sd[self._parts["discrepancy"]] *= scale
+        return sd
+
+    def _from_guesses(self, law: Law, sd: FloatArray, iterations: int) -> Fit:
+        """The best fit under a law of widths ``sd`` (p,), from each of its guesses."""
+        rest = np.zeros(len(self.prior_mean) - len(law.sd))
+        here = under(self, self.prior_mean, sd)
+        fits = (fit(here, nuisance=np.concatenate([guess, rest]), iterations=iterations) for guess in law.guesses)
+        return min(fits, key=lambda f: f.objective)
+
+    def _further(self) -> Fit:
+        """The best fit under one of the further laws: a few steps from all their guesses tell which go on."""
+        tried = [self._from_guesses(law, self._simple(law), FEW) for law in FURTHER]
+        best = sorted(tried, key=lambda f: f.objective)[:PROMISING]
+        on = (fit(under(self, self.prior_mean, f.prior_sd), nuisance=f.nuisance, iterations=40) for f in best)
+        return min(on, key=lambda f: f.objective)
+
+    def _at_noise(self, fitted: Fit) -> bool:
+        return fitted.chi2 < AT_NOISE * len(self.measured)
+
+    def _beside(self, law: Fit) -> tuple[Fit, Sequence[FloatArray]]:
+        """A further law's fit beside a discrepancy, and the prior widths of any size of it."""
+        tissue, sizes = self._parts["tissue"], []
+        for scale in (1.0, *self.DISCREPANCY_SCALES):
+            sizes.append(self._wide(scale))
+            sizes[-1][tissue] = law.prior_sd[tissue]
+        full, *wide = sizes
+        return fit(under(self, self.prior_mean, full), nuisance=law.nuisance, iterations=15), wide
+
+    def start(self) -> FloatArray:
+        """The null's fit under the most probable law, which also tells how far other sheets are from the reduced one.
+
+        Where that is a simple law by `CLEARLY`, the session's skin is taken to follow it, and nothing wider is kept.
+        """
+        if self._start is None:
+            *laws, usual_law = self.LAWS
+            known, wide = self.alternatives[: len(laws)], self.alternatives[len(laws) :]
+            basic = [self._from_guesses(law, sd, 40) for law, sd in zip(laws, known, strict=True)]
+            beside = self._from_guesses(usual_law, self.prior_sd, 40)
+            further = None if not basic or any(map(self._at_noise, basic)) else self._further()
+            if further is not None:
+                known, self._trusts = (*known, further.prior_sd), (self.TRUST_SIMPLE, *self._trusts)
+                if _settled(further) and not self._at_noise(further):
+                    other, its = self._beside(further)
+                    if other.log_evidence(1.0, its) > beside.log_evidence(1.0, wide):
+                        beside, wide = other, tuple(its)
+            self.alternatives = (*known, *wide)
+            simple = [f for f in (*basic, further) if f is not None and _settled(f)]
+            best = max([*simple, beside], key=lambda f: f.log_evidence(1.0, self.alternatives))
+            self._probability = best.log_evidence(1.0, self.alternatives)
+            self._start, self.prior_sd = best.nuisance, best.best_prior(self.alternatives)
+            if simple:
+                law = max(simple, key=_own_evidence)
+                self._alone = law.prior_sd, law.nuisance
+                if _own_evidence(law) > beside.log_evidence(1.0, self.alternatives) + CLEARLY:
+                    self._probability = _own_evidence(law)
+                    self._keep(law, min(basic, key=lambda f: f.objective) if law is further else None)
+        return self._start.copy()
+
+    def _keep(self, law: Fit, basic: Fit | None) -> None:
+        """Take the skin to follow a simple law, without the discrepancy; but what a further law does may be nothing but
+        an effect on ``basic`` skin."""
+        shape = self._parts["discrepancy"]
+        self._basis = self._basis[:, :0]
+        self._parts["discrepancy"] = slice(shape.start, shape.start)
+        self.prior_mean, self._start = (np.delete(v, shape) for v in (self.prior_mean, law.nuisance))
+        kept = [(np.delete(f.prior_sd, shape), np.delete(f.nuisance, shape)) for f in (law, basic) if f is not None]
+        self.prior_sd = kept[0][0]
+        self.alternatives = tuple(sd for sd, _ in kept)
+        self._trusts = (self.TRUST_SIMPLE,) * len(kept)
+        self._alone = kept[1] if basic is not None else None
+
+    def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
+        """Under the simple law, which cannot take on much of an effect, where the null needs more than that."""
+        if self._alone is None:
+            return None
+        sd, nuisance = self._alone
+        found = fit(under(self, self.prior_mean, sd), hypothesis, unit, nuisance, iterations=8)
+        if found.log_evidence(1.0, (found.prior_sd,)) < self._probability:
+            return None  # nor does the simple law do with these effects
+        return Start(self.prior_mean, found.prior_sd, found.nuisance, found.unit)
+
+    def widening(self, active: Active) -> FloatArray | None:
+        """None beside a discrepancy: what is left there where force is steep may be the skin's as well as chance."""
+        return None if self._basis.shape[1] else super().widening(active)
+
+    def greatest(self) -> float:
+        """The greatest force of a transducer in the session, N."""
+        return float(np.max(np.abs(self.measured)))
+
+    def _grid_of(self, group: Group, at: slice, axes: Mapping[str, Table]) -> tuple[FloatArray, dict[str, FloatArray]]:
+        """Nodes for a group, fine enough for a sheet between them, and the axes there."""
+        ends = self._ends[:, at].ravel()
+        time = axes["axis_1"][0]
+        begin, end = min(ends.min(), time[0]), ends.max() + 0.05
+        kinks = self.session.kinks
+        even = np.arange(begin, end, SHEET_STEP)
+        grid = np.unique(np.concatenate([even, ends, kinks[(kinks > begin) & (kinks < end)], [end]]))
+        return grid, {name: np.interp(grid, *table) for name, table in axes.items()}
+
+    def _smoothed(self, group: Group, axes: AxesBlock) -> dict[str, Table]:
+        """Recorded axis positions of a group without their sensors' noise: the fitted axes, and the significant part
+        of what the record shows beyond them."""
+        raw = recorded(self, group, AXES, numbered("axis"), smooth=False)
+        time = raw["axis_1"][0]
+        fitted = axes.true_axes(group, time)
+        return {
+            name: (time, base + deviation(time, value - base))
+            for (name, (_, value)), base in zip(raw.items(), fitted, strict=True)
+        }
+
+    def _skin_path(self, group: Group, axes: Mapping[str, Table]) -> FloatArray:
+        """Displacement of the skin (3, m) m at the axes' time stamps."""
+        operators = needed(specimen_chain(group, self._tissue), xyz("skin"), numbered("axis"))
+        made = run(operators, axes["axis_1"][0], {name: value for name, (_, value) in axes.items()})
+        return np.stack([made[s] for s in xyz("skin")])
+
+    def _discrepancy_columns(self) -> tuple[FloatArray, FloatArray]:
+        parts, weights = [], np.zeros(0)
+        for (g, at), axes, path in zip(self.groups, self._axes, self._skin, strict=True):
+            inverse = np.asarray(specimen_chain(g, self._tissue)["transducers"].matrix).reshape(3, 3)  # type: ignore[attr-defined]
+            ends = self._ends[:, at]
+            basis, weights = sheet_discrepancy(axes["axis_1"][0], path, ends.ravel())
+            means = basis.reshape(3, *ends.shape, -1).mean(axis=1)
+            parts.append(np.einsum("ij,jnq->inq", inverse, means) * float(g.skin))
+        columns = np.concatenate(parts, axis=1).reshape(3 * len(self.stamps), -1)
+        return columns / max(float(np.max(np.abs(columns))), 1e-12), weights
+
+    def tissue(self, nuisance: FloatArray) -> SheetTissue:
+        """The reduced sheet at a nuisance vector."""
+        return sheet(nuisance, self._tissue, self._typical)
+
+    def _law_chain(self, group: Group, nuisance: FloatArray) -> Chain:
+        """The nominal chain of a group with the tissue at a nuisance vector."""
+        chain = self._nominal[group.specimen]
+        if not group.skin:
+            return chain
+        chain = chain.tuned("tissue", tissue=self.tissue(nuisance))
+        return rewired(chain, nuisance, self._typical, self._strongest)
+
+    def _moved(
+        self, group: Group, operators: Sequence[Operator], grid: FloatArray, axes: Mapping[str, FloatArray]
+    ) -> Mapping[str, FloatArray]:
+        """All signals up to the skin of a group's nominal chain at its nodes, made once."""
+        if group.specimen not in self._skin_at_nodes:
+            self._skin_at_nodes[group.specimen] = run(operators, grid, axes)
+        return self._skin_at_nodes[group.specimen]
+
+    def _chain_forces(self, nuisance: FloatArray, active: Active) -> FloatArray:
+        shift = nuisance[self._parts["shift"]][0]
+        out = np.empty((3, len(self.stamps)))
+        for (g, at), (grid, axes) in zip(self.groups, self._grids_of, strict=True):
+            operators = needed(self.with_effects(self._law_chain(g, nuisance), active), TRANSDUCERS, axes)
+            ahead = self._ahead_of[g.specimen]
+            given: Mapping[str, FloatArray] = axes
+            if operators[: len(ahead)] == ahead:  # what moves the skin is the same every time
+                operators, given = operators[len(ahead) :], self._moved(g, ahead, grid, axes)
+            made = run(operators, grid, given)
+            ends = self._ends[:, at] + shift
+            out[:, at] = np.stack([np.interp(ends, grid, made[c]).mean(axis=0) for c in TRANSDUCERS])
+        return out.ravel()
+
+    def denoised(self) -> list[dict[str, Table]]:
+        """Transducer forces of each group, as fitted, and the significant part of what the record shows beyond them."""
+        null = self._from_guesses(self.LAWS[-1], self.prior_sd, 6)
+        beyond = (self._basis @ null.nuisance[self._parts["discrepancy"]]).reshape(3, -1)
+        out = []
+        for (g, at), (grid, axes) in zip(self.groups, self._grids_of, strict=True):
+            made = run(needed(self._law_chain(g, null.nuisance), TRANSDUCERS, axes), grid, axes)
+            tables = {}
+            for (name, (time, value)), more in zip(
+                recorded(self, g, TRANSDUCERS, TRANSDUCERS, smooth=False).items(), beyond, strict=True
+            ):
+                base = np.interp(time, grid, made[name]) + np.interp(time, self.stamps[at], more[at])
+                tables[name] = (time, base + significant(time, value - base))
+            out.append(tables)
+        return out
+
+    def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
+        part = {name: nuisance[where] for name, where in self._parts.items()}
+        gain = 1 + self._gains @ part["gain"] + self._legs @ part["calibration"]
+        forces = self._chain_forces(nuisance, active)
+        predicted = forces * gain + self._zeros @ part["zero"] + self._basis @ part["discrepancy"]
+        residual = self.whitened(self.measured - predicted, active)
+        if not want_jacobian:
+            return Evaluation(residual, np.zeros((0, 0)))
+        n = self._parts["shift"].stop
+        chain_part = np.empty((len(residual), n))
+        for k in range(n):
+            if self.prior_sd[k] <= FROZEN:
+                chain_part[:, k] = 0.0
+                continue
+            moved = nuisance.copy()
+            step = 1e-3 if k < n - 1 else 0.1 * self.dt
+            moved[k] += step
+            chain_part[:, k] = (self._chain_forces(moved, active) - forces) / step * gain
+        scaled = np.hstack([self._legs, self._gains]) * forces[:, None]
+        jacobian = np.hstack([chain_part, scaled, self._zeros, self._basis])
+        return Evaluation(residual, self.whitened(jacobian, active))
+
+
+def _own_evidence(fitted: Fit) -> float:
+    """log evidence under the widths that a fit was made with."""
+    return fitted.log_evidence(1.0, (fitted.prior_sd,))
+
+
+def _settled(fitted: Fit) -> bool:
+    """Whether a fit came to an end: else the linear model promises more than there is."""
+    return _own_evidence(fitted) < -0.5 * fitted.objective + CLEARLY
+
+
+class RoughForceBlock(ForceBlock):
+    """The same with few other sheets: good enough to take the noise out of the forces that load the axes."""
+
+    LAWS = LAWS[-1:]
+    DISCREPANCY_SIZE = 60

@@ -1,0 +1,204 @@
+"""The diagnosis' reduced sheet by its parameters, and the laws of memory that a person's skin may follow.
+
+Simple laws have two relaxation times or a power law of time; the usual one has any relaxation spectrum. Further ones,
+each a textbook's, are tried where no simple one is at the noise: a memory of strain beside a spring, consolidation
+(Terzaghi 1943), activated flow (Eyring 1936), springs that slip (Iwan 1967), a sheet that is not the same this way and
+that. What is less simple must earn its freedom.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gap.inference.hypothesis import FROZEN
+from gap.null.sheet_operators import Activated, Consolidation, Skew, Springs
+from gap.null.skin_laws import bounded_exp
+from sim_devices.chain import Chain, FloatArray
+from sim_devices.effects.tissue import spectrum
+from sim_devices.stages import kernels
+from sim_devices.stages.operators import Law as MemoryLaw
+from sim_devices.stages.operators import after, before
+from sim_devices.stages.robot import xyz
+from sim_devices.stages.tissues import SheetTissue
+
+RELAXATION_TIMES = tuple(0.025 * 2.0**k for k in range(15))
+"""s, up to 400: dense enough for any relaxation spectrum. Three to a decade are not: a slow mode in between then earns
+up to 80 nats on sound skin."""
+SPECTRUM = tuple(f"relaxation{k + 1}" for k in range(len(RELAXATION_TIMES)))
+MODES = 0.1, 3.0
+"""s, about which the times of a simple law's two modes are sought."""
+QUICK_MODE = 0.0, 1.0
+"""Logarithms over the quicker of these from which fits begin: from one of them most stop early."""
+SLOW_MODE = 0.0, 2.3
+"""The same of a memory of strain, which a spring beside it makes quicker."""
+TURNED = 0.0, -0.8
+"""rad: what flows or slips along the principal axes does not find them from half a right angle off."""
+MODE = 0.15
+"""Share of the force that each of them takes, to begin from."""
+POWER, EXPONENT = 0.4, 0.2
+"""The same for a power law: share of the force that goes within the spectrum's range, and its exponent."""
+STEEPEST = 1e3
+"""Largest exponent of the elastic curve: with a length as large as that, it is Fung's exponential of the energy."""
+SLOWEST, FASTEST = 1e4, 1e-2
+"""s, of the spectrum that stands for a power law."""
+YIELDS = {"yield1": 0.1, "yield2": 0.27, "yield3": 0.6}
+"""Of the typical displacement, about which springs are sought that slip there."""
+SLIPS = "slip1", "slip2", "slip3"
+"""Shares of those springs."""
+SKEWS = tuple(f"skew{k + 1}" for k in range(10))
+"""Coefficients of a cubic potential."""
+AMOUNTS: Mapping[str, tuple[str, ...]] = {
+    "amount1": ("time1",),
+    "amount2": ("time2",),
+    "power": ("exponent",),
+    "spring": (),
+    "closing": (),
+    "activation": (),
+    **{slip: (at,) for slip, at in zip(SLIPS, YIELDS, strict=True)},
+    **dict.fromkeys(SKEWS, ()),
+}
+"""Amounts of what a law may have, and what is nothing without them."""
+TISSUE_SD: Mapping[str, float] = {
+    **dict.fromkeys(("stiffness1", "stiffness2", "stiffness3"), 1.0),  # logarithms
+    "angle": 1.5,
+    "length": 0.7,  # logarithm
+    "stiffening": 0.3,
+    "isotropy": 0.5,
+    "softening": 0.04,
+    **dict.fromkeys(SPECTRUM, 0.1),
+    **dict.fromkeys(("amount1", "amount2"), 0.3),
+    "power": 0.4,
+    "spring": 1.0,  # beside a memory of strain, of the secant stiffness
+    "closing": 1.0,  # logarithm of times at the typical displacement
+    "activation": 4.0,  # of the strongest force
+    **dict.fromkeys(SLIPS, 0.5),  # of the secant stiffness
+    **dict.fromkeys(SKEWS, 0.2),  # of the secant stiffness
+    **dict.fromkeys(("time1", "time2"), 1.5),  # logarithms
+    "exponent": 0.5,
+    **dict.fromkeys(YIELDS, 1.0),  # logarithms
+}
+"""Widths of the prior, about nought, of all that a law may free."""
+TISSUE = tuple(TISSUE_SD)
+
+
+@dataclass(frozen=True)
+class Law:
+    """Widths (t,) of the prior of the tissue's parameters, about nought, and where (t,) fits begin."""
+
+    sd: tuple[float, ...]
+    guesses: tuple[tuple[float, ...], ...]
+
+
+def _relaxing(begin: dict[str, float], quicker: Sequence[float] = (0.0,), angles: Sequence[float] = (0.0,)) -> Law:
+    """The law that relaxes from the amounts ``begin`` on, its first time from any of ``quicker``, and not otherwise;
+    its principal axes are turned by any of ``angles`` to begin with."""
+    sd = dict(TISSUE_SD)
+    for amount in (*SPECTRUM, *AMOUNTS):
+        if amount not in begin:
+            sd.update(dict.fromkeys((amount, *AMOUNTS.get(amount, ())), FROZEN))
+    places = (begin | {"time1": first, "angle": angle} for first in quicker for angle in angles)
+    return Law(tuple(sd.values()), tuple(tuple(at.get(name, 0.0) for name in TISSUE) for at in places))
+
+
+TWO_TIMES = dict.fromkeys(("amount1", "amount2"), MODE)
+LAWS = (
+    _relaxing(TWO_TIMES, QUICK_MODE),
+    _relaxing({"power": POWER}),
+    _relaxing(dict.fromkeys(SPECTRUM, 0.5 / len(SPECTRUM))),
+)
+"""The simple ones and, last, the usual one."""
+FURTHER = (
+    _relaxing(TWO_TIMES | {"spring": 0.05}, SLOW_MODE),
+    _relaxing(TWO_TIMES | {"closing": -0.3}, QUICK_MODE),
+    _relaxing(TWO_TIMES | {"activation": 2.0}, QUICK_MODE, TURNED),
+    _relaxing(TWO_TIMES | dict.fromkeys(SLIPS, 0.1), QUICK_MODE, TURNED),
+    _relaxing(TWO_TIMES | dict.fromkeys(SKEWS, 0.0), QUICK_MODE),
+)
+"""Those that are tried where no simple one is at the noise."""
+
+
+def sheet(nuisance: FloatArray, base: SheetTissue, typical: float) -> SheetTissue:
+    """The sheet at a nuisance vector (p,), the tissue's parameters first: as ``base`` but for them.
+
+    Its stiffness is the secant one at a ``typical`` displacement (m), ``stiffening`` the logarithm of what that is
+    above the one at rest; the length is then only the curve's shape. Slope and exponent at rest instead would make a
+    valley so bent that fits take hundreds of steps and stop early.
+    """
+    c = dict(zip(TISSUE, nuisance.tolist(), strict=False))
+    length = base.length * float(np.exp(np.clip(c["length"], -3, 3)))
+    nominal, here = (float(np.log1p((typical / x) ** 2)) for x in (base.length, length))
+    exponent = float(np.clip((base.exponent * nominal + c["stiffening"]) / here, -0.3, STEEPEST))
+    at_rest = base.exponent * nominal - exponent * here
+    k1, k2, k3 = (
+        k * float(np.exp(np.clip(c[f"stiffness{i + 1}"] + at_rest, -8, 5))) for i, k in enumerate(base.stiffness)
+    )
+    memory = _memory(c)
+    return replace(
+        base,
+        stiffness=(k1, k2, k3),
+        angle=base.angle + c["angle"],
+        length=length,
+        exponent=exponent,
+        isotropy=0.5 + c["isotropy"],
+        relaxation=tuple(g for g, _ in memory),
+        times=tuple(tau for _, tau in memory),
+        softening=base.softening + c["softening"],
+    )
+
+
+def rewired(chain: Chain, nuisance: FloatArray, typical: float, strongest: float) -> Chain:
+    """The chain of a sheet with what else its law has at a nuisance vector (p,).
+
+    ``typical`` displacement in m, ``strongest`` force in N.
+    """
+    c = dict(zip(TISSUE, nuisance.tolist(), strict=False))
+    skew = [c[name] for name in SKEWS]
+    if not any((c["spring"], c["closing"], c["activation"], c["slip1"], *skew)):
+        return chain
+    skin: SheetTissue = chain["tissue"].tissue  # type: ignore[attr-defined]
+    secant = (1.0 + (typical / skin.length) ** 2) ** skin.exponent
+    stiffness = np.array(skin.stiffness) * secant
+    pairs = [(-g, tau) for g, tau in zip(skin.relaxation, skin.times, strict=True)]
+    prony = (1.0, *(x for pair in pairs for x in pair))
+    moved = xyz("skin")
+    if c["slip1"]:
+        lengths = [at * typical * bounded_exp(c[name]) for name, at in YIELDS.items()]
+        slips = tuple(zip((c[name] for name in SLIPS), lengths, strict=True))
+        springs = tuple(stiffness.tolist())
+        return after(chain, "tissue", lambda s, t: Springs("slips", "tissue", s + moved, t, springs, skin.angle, slips))
+    chain = chain.tuned("tissue", tissue=replace(skin, relaxation=(), times=()))
+    if c["spring"]:
+        springs = tuple((c["spring"] * stiffness).tolist())
+        chain = before(chain, "tissue", lambda s, t: MemoryLaw("strain_memory", "tissue", s, t, kernels.prony, prony))
+        return after(chain, "tissue", lambda s, t: Springs("spring", "tissue", s + moved, t, springs, skin.angle))
+    if c["closing"]:
+        shares = *_modes(c), c["closing"] / typical**2
+        return after(chain, "tissue", lambda s, t: Consolidation("memory", "tissue", s + moved, t, *shares))
+    if c["activation"]:
+        parameters = (c["activation"] / strongest, *prony[1:])
+        return after(chain, "tissue", lambda s, t: Activated("memory", "tissue", s, t, skin.angle, parameters))
+    cubic = tuple((np.array(skew) * float(np.mean(stiffness)) * typical).tolist())
+    chain = after(chain, "tissue", lambda s, t: MemoryLaw("memory", "tissue", s, t, kernels.prony, prony))
+    return after(chain, "tissue", lambda s, t: Skew("skew", "tissue", s + moved, t, cubic, typical))
+
+
+def _memory(c: Mapping[str, float]) -> list[tuple[float, float]]:
+    """Shares of the force that relax, and their times (s)."""
+    memory = [(c[name], tau) for name, tau in zip(SPECTRUM, RELAXATION_TIMES, strict=True)]
+    memory += _modes(c)
+    if c["power"]:
+        exponent = float(np.clip(EXPONENT + c["exponent"], -0.5, 1.5))
+        pairs = spectrum(SLOWEST, FASTEST, lambda tau: tau**-exponent)
+        whole = sum(g for g, _ in pairs)
+        memory += [(c["power"] * g / whole, tau) for g, tau in pairs]
+    return [(g, tau) for g, tau in memory if abs(g) > FROZEN]
+
+
+def _modes(c: Mapping[str, float]) -> list[tuple[float, float]]:
+    """The two of a simple law."""
+    return [
+        (c[f"amount{k + 1}"], tau * float(np.exp(np.clip(c[f"time{k + 1}"], -4, 4)))) for k, tau in enumerate(MODES)
+    ]

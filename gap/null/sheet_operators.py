@@ -1,0 +1,119 @@
+"""What a sheet may do other than relax linearly from an elastic force: operators for its chain.
+
+Principal axes are those of the sheet's stiffness: the first is turned by ``angle`` rad about z.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from gap.null.sheet_discrepancy import gradients
+from gap.null.skin_laws import activated
+from sim_devices.chain import FloatArray, Signals
+from sim_devices.stages.kernels import evaluate, prony
+from sim_devices.stages.operators import Wired
+
+ODD = 1, 3, 5, 7
+"""Modes of one-dimensional consolidation, whose times are as 1/k² and whose shares, too (Terzaghi 1943)."""
+
+
+def turned(vectors: Sequence[FloatArray], angle: float) -> FloatArray:
+    """Components (3, n) along axes of which the first two are turned by ``angle`` rad about z."""
+    (x, y, z), c, s = vectors, math.cos(angle), math.sin(angle)
+    return np.stack([c * x + s * y, c * y - s * x, z])
+
+
+@dataclass(frozen=True)
+class Beside(Wired):
+    """Forces (sources x, y, z, N) less those of what lies beside, by the displacement (sources x, y, z, m)."""
+
+    def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
+        force, displacement = ([signals[s] for s in names] for names in (self.source[:3], self.source[3:]))
+        beside = self.force(displacement)
+        signals.update({t: f - b for t, f, b in zip(self.target, force, beside, strict=True)})
+
+    @abstractmethod
+    def force(self, displacement: Sequence[FloatArray]) -> FloatArray:
+        """What it takes (3, n) N to move it by ``displacement`` (3 of (n,)) m."""
+
+
+@dataclass(frozen=True)
+class Springs(Beside):
+    """Linear springs along the principal axes, ``stiffness`` N/m, of which shares yield: ``yielding`` are (share,
+    length m) of those that slip beyond a length (Iwan 1967). Without any, the springs are whole."""
+
+    stiffness: tuple[float, ...]
+    angle: float
+    yielding: tuple[tuple[float, float], ...] = ()
+
+    def force(self, displacement: Sequence[FloatArray]) -> FloatArray:
+        along = turned(displacement, self.angle)
+        if self.yielding:
+            along = np.sum([share * _slipping(along, length) for share, length in self.yielding], axis=0)
+        return turned(list(np.array(self.stiffness)[:, None] * along), -self.angle)
+
+
+@njit(cache=True)
+def _slipping(u: FloatArray, length: float) -> FloatArray:
+    """Lengths (k, n) of springs moved by u (k, n) m that slip beyond ``length`` m, each on its own."""
+    out = np.zeros_like(u)
+    for k in range(u.shape[0]):
+        for i in range(1, u.shape[1]):
+            out[k, i] = min(max(out[k, i - 1] + u[k, i] - u[k, i - 1], -length), length)
+    return out
+
+
+@dataclass(frozen=True)
+class Skew(Beside):
+    """A sheet that is not the same this way and that: forces of a cubic potential of displacement over ``length`` m,
+    with coefficients ``cubic`` (10) in N."""
+
+    cubic: tuple[float, ...]
+    length: float
+
+    def force(self, displacement: Sequence[FloatArray]) -> FloatArray:
+        terms = gradients(np.stack(displacement) / self.length, 3)
+        return np.asarray(np.tensordot(np.array(self.cubic), terms, 1))
+
+
+@dataclass(frozen=True)
+class Consolidation(Wired):
+    """Forces (sources x, y, z, N) that relax by two shares with a time in s each: the ``quick`` one linearly, the
+    ``slow`` one as fluid leaves, the slower the farther the displacement (sources x, y, z, m) has closed its ways.
+
+    Times of the slow one are longer by exp(``closing`` u²), closing in 1/m² (as of Lai and Mow 1980).
+    """
+
+    quick: tuple[float, float]
+    slow: tuple[float, float]
+    closing: float
+
+    def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
+        square = np.sum([np.square(signals[s]) for s in self.source[3:]], axis=0)
+        closed = np.exp(np.clip(0.5 * self.closing * (square[1:] + square[:-1]), -20.0, 20.0))
+        reduced = np.concatenate([[0.0], np.cumsum(np.diff(time) / closed)])
+        (g, tau), (share, slowest) = self.quick, self.slow
+        pairs = [x for k in ODD for x in (-share * 8.0 / (math.pi * k) ** 2, slowest / k**2)]
+        for source, target in zip(self.source[:3], self.target, strict=True):
+            quick = evaluate(prony, time, signals[source], 0.0, -g, tau)
+            signals[target] = quick + evaluate(prony, reduced, signals[source], 1.0, *pairs)
+
+
+@dataclass(frozen=True)
+class Activated(Wired):
+    """Forces (x, y, z, N) that relax by Eyring's dashpots in each principal direction (`skin_laws.activated`)."""
+
+    angle: float
+    parameters: tuple[float, ...]
+
+    def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
+        along = turned([signals[s] for s in self.source], self.angle)
+        made = [evaluate(activated, time, f, *self.parameters) for f in along]
+        signals.update(zip(self.target, turned(made, -self.angle), strict=True))

@@ -1,0 +1,44 @@
+"""The suction instruments as two blocks of data: command -> recorded pressure, and recorded pressure -> apex height."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+from acquire.recording.model import Recording
+from gap.inference.hypothesis import Candidate
+from gap.inference.problem import Problem
+from gap.null.blocks import Block, GroupedSession, candidates_for
+from gap.null.suction_height import HeightBlock
+from gap.null.suction_pressure import PressureBlock
+from sim_devices.chain import Effect
+
+
+def suction_problems(
+    recordings: Sequence[Recording],
+    effects: Mapping[str, Effect],
+    height: Callable[[GroupedSession, Mapping[str, Effect], PressureBlock | None], HeightBlock] = HeightBlock,
+    jobs: int = 1,
+) -> tuple[Sequence[Problem], tuple[Candidate, ...]]:
+    """The blocks that a session's channels allow, and the effects that show in them.
+
+    ``height`` makes the block of the apex height: with the reduced tissue, or another one. Its first fits are shared by
+    ``jobs`` processes.
+
+    Raises ValueError when what was commanded, or what was measured, is missing.
+    """
+    missing = [r.info.id for r in recordings if "pressure" not in r.setpoints]
+    if missing:
+        raise ValueError(f"recording {missing[0]} has no set-points of pressure: what was commanded is not known")
+    session = GroupedSession(recordings, ("pressure",))
+    blocks: list[Block] = []
+    pressure = None
+    if any("pressure" in r.streams for r in recordings):
+        pressure = PressureBlock(session, effects)
+        blocks.append(pressure)
+    if any("apex_height" in r.streams for r in recordings):
+        skin = height(session, effects, pressure)
+        skin.jobs = jobs
+        blocks.append(skin)
+    if not blocks:
+        raise ValueError(f"recording {recordings[0].info.id} has neither channel pressure nor apex_height")
+    return blocks, candidates_for(effects, blocks)

@@ -1,0 +1,470 @@
+"""Recorded pressure -> apex height of a suction instrument.
+
+The block is fed with the *smoothed* recorded pressure (raw gauge noise would imitate friction and preload) and meets
+the tissue. Which law a person's skin has, nobody knows: simple ones are tried first, with an elastic curve of three
+parameters and two creep times or a power law of time, or what is not linear (`gap.null.skin_laws`); then four creep
+times under any elastic curve; then, beside these, a discrepancy that other laws could leave
+(`gap.null.suction_discrepancy`), so that only what no tissue could do is called a device effect. What is less simple
+must earn its freedom (`Problem.alternatives`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property, lru_cache
+from typing import Any, ClassVar
+
+import numpy as np
+
+from gap.data.noise import denoised
+from gap.inference.evidence import Fit
+from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Start
+from gap.inference.least_squares import fit, under
+from gap.inference.workers import each
+from gap.null.blocks import SHIFT_SD, SIMPLE_SHIFT, Block, Group, GroupedSession, Table, compressed
+from gap.null.chains import Kept, needed
+from gap.null.skin_laws import BASIC, CREEP, FURTHER, PARTS, TIMES, USUAL, Part, SkinLaw, bounded_exp, rewired
+from gap.null.suction_discrepancy import USUAL_MEMORY, Suction, elastic_freedom, suction_discrepancy
+from gap.null.suction_pressure import NO_TISSUE, PressureBlock, chain_of, commanded_line, sound_chain
+from sim_devices.chain import Chain, Effect, FloatArray
+from sim_devices.effects.tissue import power_law_creep
+from sim_devices.stages.sampling import simulate
+from sim_devices.stages.suction import elastic_height
+from sim_devices.stages.tissues import SuctionTissue, suction_tissue
+
+LOGARITHM = 1e-4
+"""Exponent of an elastic curve that is as good as a logarithm; below nought curves have an end."""
+FRACTION = 0.25
+"""Exponent of power-law creep from which fits begin."""
+ENOUGH = 1.05
+"""χ² per sample of a law at which nothing less simple is tried."""
+QUICK = 10
+"""Steps of a fit after which its evidence, which looks ahead along a straight line, says where it leads."""
+FAR = 4.0
+"""χ² per sample of the best law from which on fits with an effect begin anew under every basic one."""
+ANSWER = 0.15
+"""s after a kink of the command within which a record at 25 Hz may jump as it should."""
+SAME = 0.02
+"""s within which recordings jump equally late."""
+TAKEN = 300.0
+"""Nats by which a law that is not linear may be better and still have taken on an effect (of δ 25)."""
+Try = tuple[SkinLaw, FloatArray, int]
+"""A fit of the simulation by itself: the law, the nuisance (p,) to begin from, iterations."""
+
+
+@lru_cache(maxsize=64)
+def _reach(suction: float, knee: float, exponent: float) -> float:
+    """Elastic height at a ``suction`` (Pa) for a compliance of 1 m/Pa, m."""
+    return float(elastic_height(np.zeros(1), np.array([-suction]), 1.0, knee, exponent)[0])
+
+
+def _probability(alone: tuple[Fit, SkinLaw]) -> float:
+    """log evidence of a law fitted alone."""
+    return alone[0].log_evidence(1.0, (alone[0].prior_sd,))
+
+
+def _agreed(delays: Sequence[float], within: float) -> tuple[float, ...]:
+    """Means of the ``delays`` (s) that several recordings have in common, but for ``within``; the most common first."""
+    groups: list[list[float]] = []
+    for delay in sorted(delays):
+        if groups and delay - groups[-1][-1] <= within:
+            groups[-1].append(delay)
+        else:
+            groups.append([delay])
+    common = sorted((g for g in groups if len(g) > 1), key=len, reverse=True)
+    return tuple(float(np.mean(g)) for g in common)
+
+
+class HeightBlock(Block):
+    """Recorded pressure -> apex height.
+
+    Nuisance: the reduced tissue's parameters; per recording a gain (the skin's scatter from run to run), a zero and
+    another before suction begins; the sampling convention; the elastic curve; the discrepancy of tissue laws.
+    """
+
+    name, channels = "height", ("apex_height",)
+    jobs = 1  # processes that share the fits of `start`
+    trust = 0.12  # other tissue laws than ours leave some δ = 10 that some device effect can repair
+    trust_simple = 0.16  # of a simple law, where the data prefer it
+    PARTS: ClassVar[Mapping[str, Part]] = PARTS
+    SIMPLE_LAWS: ClassVar[Sequence[SkinLaw]] = BASIC
+    FURTHER_LAWS: ClassVar[Sequence[SkinLaw]] = FURTHER
+    USUAL_LAW: ClassVar[SkinLaw] = USUAL
+    SIMPLE_CURVE = 1e-3  # of the elastic curve's freedom, under a simple law
+    GAIN_SD = 0.05
+    ZERO_SD = 0.01  # of the largest height: skin still recovers while the instrument takes its zero
+    CURVE_SD = 0.1  # of the largest height, per elastic curve
+    DISCREPANCY_SD = 0.02  # of the height, per basis function of weight 1
+    DISCREPANCY_SCALES = (0.001, 0.03, 0.1, 0.3, 1.0, 3.0)  # the first: a law that is known but for its parameters
+    DISCREPANCY_SIZE = 100
+
+    def __init__(
+        self, session: GroupedSession, library: Mapping[str, Effect], pressure: PressureBlock | None = None
+    ) -> None:
+        super().__init__(session, library)
+        self._tissue = suction_tissue("forearm")
+        self._pressure = pressure
+        self._line = [self._smoothed(g) for g, _ in self.groups]
+        strongest = (-float(p.min()) for (g, _), (_, p) in zip(self.groups, self._line, strict=True) if g.skin)
+        self._strongest = max(strongest, default=0.0) or 1e3  # Pa; without skin any will do
+        self._runs = self.member
+        self._onsets = np.array([self._onset(k) for k in self.runs])
+        self._fed_before = Kept(8)
+        self._start: FloatArray | None = None
+        self._tries: list[Try] = []
+        self._size = 1.0
+        self._span = size = max(float(np.ptp(self.measured)), 10 * float(np.median(self.sigma)))
+        # Whether a reading is zeroed when it begins, at the first suction or at both, instruments do not agree.
+        zeros = np.hstack([self._runs, self._runs * (self.stamps[:, None] < self._onsets)])
+        curves = self._by_group(elastic_freedom, USUAL_MEMORY)[0]
+        columns, weights = compressed(*self._by_group(suction_discrepancy), self.DISCREPANCY_SIZE)
+        self._added = np.hstack([zeros, curves * size, columns * size])
+        n, r, z = len(self.PARTS) + 1, self._runs.shape[1], zeros.shape[1]
+        self._curve_part = slice(n + r + z, n + r + z + curves.shape[1])
+        zero = float(np.hypot(self.noise[0], self.ZERO_SD * size))
+        own = [SHIFT_SD * self.dt, *[self.GAIN_SD] * r, *[zero] * z, *[self.CURVE_SD] * curves.shape[1]]
+        tissue_sd = [part.sd for part in self.PARTS.values()]
+        self.prior_sd = np.concatenate([tissue_sd, own, self.DISCREPANCY_SD * weights])
+        self.prior_mean = np.zeros(len(self.prior_sd))
+        later = self.prior_mean.copy()
+        later[: n - 1] = self._first_guess()[:-1]
+        earlier = later.copy()
+        later[n - 1], earlier[n - 1] = 1e-3, -1e-3
+        self.blur_steep_parts((self._chain_height(later, {}) - self._chain_height(earlier, {})) / 2e-3)
+        end = self._curve_part.stop  # where the discrepancy begins; without skin it is empty
+        self._widths = [np.concatenate([self.prior_sd[:end], self.prior_sd[end:] * s]) for s in self.DISCREPANCY_SCALES]
+        self.prior_mean = self._mean(self.USUAL_LAW)
+        self.laws = tuple(self.SIMPLE_LAWS)  # simple ones of `alternatives`, the most probable first
+        self.alternatives = self._priors()
+
+    @cached_property
+    def resets(self) -> Sequence[float]:
+        """Times (s) after the beginning of suction at which several recordings jump, and nothing was commanded."""
+        late, kinks = [], self.session.kinks
+        for k, recording in enumerate(self.session.recordings):
+            if self.channels[0] not in recording.streams:
+                continue
+            at = self.session.breaks(self.channels[0], k)
+            before = kinks[np.maximum(np.searchsorted(kinks, at) - 1, 0)]
+            late += (at[at > before + ANSWER] - self._onset(k)).tolist()
+        return _agreed([delay for delay in late if delay > 0], SAME)
+
+    def breaks(self, k: int) -> Sequence[float]:
+        return [self._onset(k) + delay for delay in self.resets]
+
+    def _priors(self) -> tuple[FloatArray, ...]:
+        """Prior widths (p,) of the simple laws, and of the usual one beside each size of the discrepancy."""
+        simple = [self._sd(self._widths[0], law) for law in self.laws]
+        return (*simple, *(self._sd(sd, self._full) for sd in self._widths))
+
+    @property
+    def _full(self) -> SkinLaw:
+        """The usual law, with what is not linear of this skin."""
+        return self.USUAL_LAW.beside(self.laws[0].nonlinear)
+
+    def _sd(self, sd: FloatArray, law: SkinLaw) -> FloatArray:
+        """Prior widths ``sd`` (p,) with what a law has only; a simple one has an elastic curve of three parameters and
+        a channel that neither holds nor integrates."""
+        out = sd.copy()
+        for k, part in enumerate(self.PARTS.values()):
+            if not law.frees(part):
+                out[k] = FROZEN
+        if law.simple:
+            out[len(self.PARTS)] = SIMPLE_SHIFT
+            out[self._curve_part] *= self.SIMPLE_CURVE
+        return out
+
+    def _mean(self, law: SkinLaw) -> FloatArray:
+        """The prior's mean (p,) under a law: of each amount none."""
+        mean = np.zeros(len(self.prior_sd))
+        mean[: len(self.PARTS)] = [0.0 if p.of == name else p.begin for name, p in self.PARTS.items()]
+        return self._switched(mean, law)
+
+    def _switched(self, nuisance: FloatArray, law: SkinLaw) -> FloatArray:
+        """``nuisance`` (p,) with nothing of the amounts that a law lacks, and with what it cannot be without."""
+        out = nuisance.copy()
+        for k, (name, part) in enumerate(self.PARTS.items()):
+            if part.of == name and (name not in law.amounts or part.sd == FROZEN):
+                out[k] = part.begin if name in law.amounts else 0.0
+        return out
+
+    def _onset(self, k: int) -> float:
+        """When suction is first commanded in recording ``k``, s; its begin where it never is."""
+        group = next(g for g in self.session.groups if k in g.members)
+        time, value = group.commands["pressure"].time, group.commands["pressure"].value
+        begin, end = self.session.span(k)
+        acting = np.flatnonzero((value != 0) & (time >= begin) & (time <= end))
+        return float(time[max(acting[0] - 1, 0)]) if len(acting) else begin
+
+    def tables(self, group: Group) -> dict[str, Table]:
+        """The commands by the record's clock: a zero that is taken milliseconds off is off by as many micrometres."""
+        if self._pressure is None:
+            return group.tables()
+        return {q: (t - self._pressure.early(t), value) for q, (t, value) in group.tables().items()}
+
+    def _smoothed(self, group: Group) -> Table:
+        """Recorded pressure of a group as a table, without its gauge noise; the command where none was recorded."""
+        times, values = [], []
+        for k in group.members:
+            series = self.session.recordings[k].streams.get("pressure")
+            if series is not None:
+                value = np.asarray(series.value, dtype=float)
+                good = np.isfinite(value)
+                times.append(self.session.time(k, series)[good])
+                values.append(value[good])
+        if not times:
+            return group.tables()["pressure"]
+        time, value = np.concatenate(times), np.concatenate(values)
+        if self._pressure is None:
+            fine, base = commanded_line(
+                chain_of(self.session, group, NO_TISSUE, command_step=0.0), group, time, np.zeros_like
+            )
+        else:
+            (fine, base), value = self._pressure.line(group, time), self._pressure.true(value)
+        remainder = denoised(time, value - np.interp(time, fine, base))
+        return fine, base + np.interp(fine, time, remainder)
+
+    def _by_group(
+        self, basis: Callable[..., tuple[FloatArray, FloatArray]], *more: Any
+    ) -> tuple[FloatArray, FloatArray]:
+        """A basis (n, q) over all groups, nought where there is no skin, and its weights (q,)."""
+        parts, weights = [], np.zeros(0)
+        guess = self._chain_height(self._first_guess(), {})
+        marks = np.array([self.session.span(k)[0] for k in self.runs])
+        for (g, at), (t, p) in zip(self.groups, self._line, strict=True):
+            columns, weights = basis(Suction(t, p, guess[at], self.stamps[at], marks, self._onsets), *more)
+            parts.append(columns * float(g.skin))
+        return np.vstack(parts), weights
+
+    def tissue(self, nuisance: FloatArray) -> SuctionTissue:
+        """The reduced tissue at a nuisance vector."""
+        c = dict(zip(self.PARTS, nuisance, strict=False))
+        base = self._tissue
+        knee = base.knee * bounded_exp(c["knee"])
+        exponent = float(np.clip(base.exponent + c["exponent"], -3.0, 3.0))
+        exponent = exponent if abs(exponent) > LOGARITHM else LOGARITHM
+        fraction = float(np.clip(FRACTION * bounded_exp(c["fraction"]), 0.03, 0.9))
+        memory = [
+            (c[f"creep{i + 1}"], tau * bounded_exp(c[f"time{i + 1}"]))
+            for i, tau in enumerate(base.times)
+            if abs(c[f"creep{i + 1}"]) > FROZEN
+        ]
+        memory += power_law_creep(c["power"], fraction) if c["power"] else []
+        # The compliance is that at the strongest suction: knee and exponent then bend the curve and do not scale it.
+        return replace(
+            base,
+            compliance=self._reaching(nuisance) / _reach(self._strongest, knee, exponent),
+            knee=knee,
+            exponent=exponent,
+            creep=tuple(g for g, _ in memory),
+            times=tuple(tau for _, tau in memory),
+            residual=c["residual"],
+            softening=base.softening + c["softening"],
+        )
+
+    def _reaching(self, nuisance: FloatArray) -> float:
+        """Elastic height at the strongest suction, m."""
+        base = self._tissue
+        size = base.compliance * self._size * max(1.0 + float(nuisance[0]), 1e-3)
+        return size * _reach(self._strongest, base.knee, base.exponent)
+
+    def start(self) -> FloatArray:
+        """The simulation by itself, fitted alone; the tissue's parameters are then the prior's mean.
+
+        Beside a free discrepancy, which can do all that they do and linearly, they would run away.
+        """
+        if self._start is None:
+            found, law = self._best_alone()
+            self._bend(found.nuisance)
+            self._start = self._alone((), np.zeros(0), [(law, found.nuisance, 30)])[0][0].nuisance
+            self._hold(self.prior_mean, self._start)
+            anchored = [part.anchored for part in self.PARTS.values()]
+            for sd in (self.prior_sd, *self._widths):
+                sd[: len(anchored)] = np.minimum(sd[: len(anchored)], anchored)
+            self.alternatives = self._priors()
+            self.prior_sd = fit(self, nuisance=self._start).best_prior(self.alternatives)
+        return self._start.copy()
+
+    def _best_alone(self) -> tuple[Fit, SkinLaw]:
+        """The most probable of all laws, fitted alone: basic ones, further ones where these are not at the noise, the
+        usual one where none is. From it follow `laws`, and what is tried when effects are fitted.
+
+        Fits begin from slower and quicker skin too: creep times have local optima.
+        """
+        guesses = self._guesses()
+        alone = [
+            found
+            for law in self.SIMPLE_LAWS
+            for found in self._race([(law, g) for g in (guesses if law.timed else guesses[:1])])
+        ]
+        basic, plain = max(alone, key=_probability)
+        if not self._enough(alone):
+            alone += self._race([(law, guesses[0]) for law in self.FURTHER_LAWS], 2)
+        simple, best = max(alone, key=_probability)
+        self.laws = tuple(dict.fromkeys([best, *(law.beside(best.nonlinear) for law in self.SIMPLE_LAWS)]))
+        # Above the noise the null has taken on what it could of an effect: with one, fits begin anew, too. What is not
+        # linear may be nothing but an effect.
+        self._tries = [(best, simple.nuisance, 25)]
+        if not self._enough([(simple, best)]):
+            self._tries.append((best, guesses[0], 25))
+        if best != plain and _probability((simple, best)) < _probability((basic, plain)) + TAKEN:
+            self._tries.append((plain, guesses[0], 25))
+        if not self._enough(alone):
+            self._bend(simple.nuisance)
+            alone += self._race([(self._full, g) for g in (simple.nuisance, *guesses)])
+        found, law = max(alone, key=_probability)
+        if not law.simple:
+            self._tries.append((law, guesses[0], 15))
+        if found.chi2 > FAR * len(self.measured):  # which law it is, such a fit does not tell
+            self._tries += [(law, g, QUICK) for law in self.SIMPLE_LAWS for g in guesses]
+        return found, law
+
+    def _bend(self, nuisance: FloatArray) -> None:
+        """Columns of other elastic curves that go with the memory of ``nuisance`` (p,)."""
+        tissue = self.tissue(nuisance)
+        memory = [v for pair in zip(tissue.creep, tissue.times, strict=True) for v in pair]
+        of_stress = bool(nuisance[list(self.PARTS).index("fung")])
+        at = slice(self._curve_part.start - self._offset, self._curve_part.stop - self._offset)
+        self._added[:, at] = self._by_group(elastic_freedom, memory, of_stress)[0] * self._span
+
+    def _race(self, entered: Sequence[tuple[SkinLaw, FloatArray]], kept: int = 1) -> list[tuple[Fit, SkinLaw]]:
+        """Laws fitted alone, each from a nuisance (p,): all a few steps, the most probable to convergence."""
+        first = self._alone((), np.zeros(0), [(law, begin, QUICK) for law, begin in entered], self.jobs)
+        best = sorted(first, key=_probability, reverse=True)[:kept]
+        return self._alone((), np.zeros(0), [(law, f.nuisance, 40) for f, law in best], self.jobs)
+
+    def _enough(self, alone: Sequence[tuple[Fit, SkinLaw]]) -> bool:
+        """Whether some law is at the noise, so that nothing less simple is tried."""
+        return any(f.chi2 < ENOUGH * len(self.measured) for f, _ in alone)
+
+    def _hold(self, mean: FloatArray, nuisance: FloatArray) -> None:
+        """The tissue at ``nuisance`` becomes the prior's ``mean``, but for how much it creeps."""
+        mean[: len(self.PARTS)] = nuisance[: len(self.PARTS)]
+        for k, name in enumerate(self.PARTS):
+            if name in CREEP:
+                mean[k] = 0.0
+
+    def _guesses(self) -> list[FloatArray]:
+        """Nuisance vectors (p,) to begin from."""
+        times = np.array([name in TIMES for name in self.PARTS])
+        out = []
+        for at in (0.0, -0.8, 0.8):
+            guess = np.zeros(len(self.prior_mean))
+            guess[: len(times)] = [part.begin for part in self.PARTS.values()] + at * times
+            out.append(guess)
+        return out
+
+    @property
+    def _offset(self) -> int:
+        """Where the nuisance of what is simply added begins: behind the tissue, the shift and the gains."""
+        return len(self.PARTS) + 1 + self._runs.shape[1]
+
+    @property
+    def trusts(self) -> Sequence[float]:
+        return (*[self.trust_simple] * len(self.laws), *[self.trust] * len(self.DISCREPANCY_SCALES))
+
+    @property
+    def plain_sd(self) -> FloatArray:
+        sd = self.alternatives[len(self.laws)].copy()
+        sd[self._curve_part.stop :] = 1e-6
+        return sd
+
+    def _alone(
+        self, hypothesis: Sequence[Candidate], unit: FloatArray, tries: Sequence[Try], jobs: int = 1
+    ) -> list[tuple[Fit, SkinLaw]]:
+        """The simulation by itself, the person's tissue not yet known, with effects from ``unit`` (k,) on: a fit for
+        each of the ``tries``, and its law. The usual one is left out where a simple one is at the noise."""
+        wide = self.plain_sd
+        wide[: len(self.PARTS)] = [part.sd for part in self.PARTS.values()]
+
+        def fitted(one: Try) -> tuple[Fit, SkinLaw]:
+            law, guess, iterations = one
+            problem = under(self, self._mean(law), self._sd(wide, law))
+            return fit(problem, hypothesis, unit, self._switched(guess, law), iterations), law
+
+        found = each(fitted, [one for one in tries if one[0].simple], jobs)
+        if not self._enough(found):
+            found += each(fitted, [one for one in tries if not one[0].simple], jobs)
+        return found
+
+    def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
+        self.start()
+        guess = self._guesses()[0]
+        tries = self._tries or [*((law, guess, 25) for law in self.SIMPLE_LAWS), (self.USUAL_LAW, guess, 15)]
+        found, law = max(self._alone(hypothesis, unit, tries), key=_probability)
+        mean = self.prior_mean.copy()
+        self._hold(mean, found.nuisance)
+        return Start(mean, self.alternatives[self._place(law)], found.nuisance, found.unit)
+
+    def _place(self, law: SkinLaw) -> int:
+        """Which of the `alternatives` stands for a law that was fitted alone."""
+        if not law.simple:
+            return len(self.laws)
+        return next(k for k, simple in enumerate(self.laws) if set(law.amounts) <= set(simple.amounts))
+
+    def _first_guess(self) -> FloatArray:
+        """Tissue and shift (t,) at a size of the compliance that gives the largest height measured."""
+        c = np.zeros(len(self.PARTS) + 1)
+        c[:-1] = [part.begin for part in self.PARTS.values()]
+        c = self._switched(c, self.USUAL_LAW)
+        self._size = 1.0
+        skin = np.concatenate([np.full(at.stop - at.start, g.skin) for g, at in self.groups])
+        top = float(np.max(np.abs(self._chain_height(c, {})[skin]), initial=0.0))
+        if top > 0:
+            self._size = max(float(np.max(self.measured[skin])), 1e-7) / top
+        return c
+
+    def _law_chain(self, group: Group, nuisance: FloatArray) -> Chain:
+        """The nominal chain of a group with the tissue at a nuisance vector."""
+        chain = chain_of(self.session, group, self.tissue(nuisance))
+        if not group.skin:
+            return chain
+        return rewired(chain, dict(zip(self.PARTS, nuisance, strict=False)), self._strongest, self._reaching(nuisance))
+
+    def _chain_height(self, nuisance: FloatArray, active: Active) -> FloatArray:
+        """Apex height of the chain (n,) m, before run scatter and discrepancy."""
+        shift = nuisance[len(self.PARTS)]
+        out = np.empty(len(self.stamps))
+        for (g, at), line in zip(self.groups, self._line, strict=True):
+            chain = self.with_effects(self._law_chain(g, nuisance), active)
+            out[at] = self.simulated(chain, g, at, shift, {"line_pressure": self._fed(chain, g, active, line)})[0]
+        return out
+
+    def _fed(self, chain: Chain, group: Group, active: Active, line: Table) -> Table:
+        """The true pressure, where ``line`` is the recorded one: as it is for an actuator's effect, less the gauge's
+        error for its own."""
+        wanted = ("line_pressure", "pressure")
+        sound = sound_chain(self.session.instrument, self.session.marks)
+        if all(c.stage == "tissue" for c in active):
+            return line
+        if needed(chain, wanted[1:], wanted[:1]) == needed(sound, wanted[1:], wanted[:1]):
+            return line
+        partial = replace(chain, operators=needed(chain, wanted))
+        time, pressure = line
+
+        def corrected() -> Table:
+            made = simulate(partial, group.tables(), dict.fromkeys(wanted, time))
+            return time, pressure + (made["line_pressure"] - made["pressure"])
+
+        return self._fed_before.get((group.specimen, id(time), partial), corrected)
+
+    def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
+        n, r = len(self.PARTS) + 1, self._runs.shape[1]
+        gain = 1 + self._runs @ nuisance[n : n + r]
+        height = self._chain_height(nuisance, active)
+        predicted = height * gain + self._added @ nuisance[n + r :]
+        residual = self.whitened(self.measured - predicted, active)
+        if not want_jacobian:
+            return Evaluation(residual, np.zeros((0, 0)))
+        chain_part = np.empty((len(residual), n))
+        for k in range(n):
+            if self.prior_sd[k] <= FROZEN:
+                chain_part[:, k] = 0.0
+                continue
+            moved = nuisance.copy()
+            step = 1e-3 if k < n - 1 else 0.05 * self.dt
+            moved[k] += step
+            chain_part[:, k] = (self._chain_height(moved, active) - height) / step
+        jacobian = np.hstack([chain_part * gain[:, None], self._runs * height[:, None], self._added])
+        return Evaluation(residual, self.whitened(jacobian, active))

@@ -1,0 +1,194 @@
+"""Command -> recorded pressure of a suction instrument: the actuator by itself, no tissue in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+
+from gap.data.session import CLOCK_SD
+from gap.inference.evidence import Fit
+from gap.inference.hypothesis import Active, Candidate, Evaluation, Lateness, Start
+from gap.inference.least_squares import fit
+from gap.null.blocks import SHIFT_SD, Block, Group, GroupedSession, Table
+from gap.null.chains import needed
+from sim_devices.chain import Chain, Effect, FloatArray
+from sim_devices.stages import nominal
+from sim_devices.stages.kernels import evaluate, low_pass
+from sim_devices.stages.sampling import REFINEMENT, simulate
+from sim_devices.stages.suction import REGULATOR_TAU, tissue_operators
+from sim_devices.stages.tissues import SuctionTissue, suction_tissue
+
+TOGETHER, RESPONSE = 5e-3, 0.8
+"""s: kinks nearer to each other are one; how long after one its response is looked at."""
+LATE = 5.0
+"""σ by which some kink must be late for lateness to be looked into."""
+MOVES = 1e-3 * np.array([0.5, 1, 2, 3, 5, 8, 12, 18, 26, 36, 50, 70, 95, 130, 180, 250, 350])
+"""s by which the response to a kink is moved to see where it fits."""
+NO_TISSUE = SuctionTissue(0.0, creep=(), times=(), residual=0.0, softening=0.0)
+
+
+def chain_of(session: GroupedSession, group: Group, tissue: SuctionTissue, **options: Any) -> Chain:
+    """The nominal chain for a group: ``tissue`` if it is skin, else what its specimen is."""
+    law = tissue if group.skin else _specimen(group.specimen)
+    chain = sound_chain(session.instrument, session.marks, **options)
+    laws = {op.name: op for op in tissue_operators(law)}
+    return replace(chain, operators=tuple(laws.get(op.name, op) for op in chain.operators))
+
+
+@lru_cache(maxsize=64)
+def sound_chain(instrument: str, marks: tuple[float, ...], **options: Any) -> Chain:
+    """The nominal chain of an instrument that is armed anew at ``marks`` (s)."""
+    return nominal(instrument, marks=marks, **options)
+
+
+def _specimen(name: str) -> SuctionTissue:
+    try:
+        return suction_tissue(name)
+    except ValueError:
+        return suction_tissue("silicone")
+
+
+def commanded_line(chain: Chain, group: Group, time: FloatArray, early: Callable[[FloatArray], FloatArray]) -> Table:
+    """True pressure that ``chain`` makes of a group's command: times finer than ``time`` (n,) s, within its span, and
+    Pa; the record's stamps are ``early`` s (a function of them) before the command's clock."""
+    kinks = group.commands["pressure"].time
+    nodes = np.concatenate([(kinks[:, None] + REFINEMENT).ravel(), kinks])
+    fine = np.unique(np.concatenate([time, nodes - early(nodes)]))
+    fine = fine[(fine >= time[0]) & (fine <= time[-1])]
+    partial = replace(chain, operators=needed(chain, ("line_pressure",)))
+    return fine, simulate(partial, group.tables(), {"line_pressure": fine + early(fine)})["line_pressure"]
+
+
+class PressureBlock(Block):
+    """Command -> recorded pressure.
+
+    Nuisance: the regulator's time constant and damping, the sampling convention (a shift within one sample), and
+    three quick lags that other regulators than the nominal second-order one would add.
+    """
+
+    name, channels = "pressure", ("pressure",)
+    floor = 5.0  # Pa: a twentieth of the command's resolution
+    LAGS = (0.015, 0.04, 0.1)
+    GAUGE_GAIN, GAUGE_ZERO = 2e-3, 20.0  # tolerances of a sound gauge: relative, Pa (assumed)
+
+    def __init__(self, session: GroupedSession, library: Mapping[str, Effect]) -> None:
+        # An open probe holds no pressure: its record says nothing of the regulator.
+        super().__init__(session, library, without=("open air",))
+        self.prior_sd = self._prior(0.02, 0.03, 0.001)
+        self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
+        # As a sound instrument of the nominal kind, or a regulator of another time and damping.
+        self.alternatives = (self.prior_sd, self._prior(0.15, 0.3, 0.001))
+        self._linear = np.column_stack([self._lag_columns(), self.measured, np.ones(len(self.stamps))])
+        self.blur_steep_parts(self._slope())
+
+    def _prior(self, tau: float, zeta: float, lag: float) -> FloatArray:
+        lags = [lag] * len(self.LAGS)
+        return np.array([tau, zeta, SHIFT_SD * self.dt, CLOCK_SD, *lags, self.GAUGE_GAIN, self.GAUGE_ZERO])
+
+    def line(self, group: Group, time: FloatArray) -> Table:
+        """What the regulator, as fitted to the recorded pressure, made of the command: times finer than ``time`` (n,)
+        s, and Pa."""
+        c = self._fitted
+        chain = chain_of(self.session, group, NO_TISSUE, command_step=0.0)
+        chain = chain.tuned("regulator", tau=REGULATOR_TAU * float(np.exp(c[0])), zeta=float(np.exp(c[1])))
+        fine, value = commanded_line(chain, group, time, self.early)
+        further = zip(c[4 : 4 + len(self.LAGS)], self.LAGS, strict=True)
+        return fine, value + sum(k * (evaluate(low_pass, fine, value, tau) - value) for k, tau in further)
+
+    def early(self, time: FloatArray) -> FloatArray:
+        """How far the record's stamps ``time`` (n,) are before the command's clock, s."""
+        c = self._fitted
+        return np.asarray(c[2] + c[3] * (time - self.stamps[0]))
+
+    def true(self, recorded: FloatArray) -> FloatArray:
+        """Recorded pressures (n,) Pa without the gauge's error, as far as a sound one's goes."""
+        gain, zero = self._fitted[-2:]
+        return recorded * (1.0 - gain) - zero
+
+    @cached_property
+    def _fitted(self) -> FloatArray:
+        return fit(self).nuisance
+
+    def _slope(self) -> FloatArray:
+        later, earlier = self.prior_mean.copy(), self.prior_mean.copy()
+        later[2], earlier[2] = 1e-3, -1e-3
+        return (self._predict(later, {}) - self._predict(earlier, {})) / 2e-3
+
+    def _lag_columns(self) -> FloatArray:
+        """What a further lag behind the nominal regulator would change (n, lags), Pa."""
+        out = np.zeros((len(self.stamps), len(self.LAGS)))
+        for g, at in self.groups:
+            kinks = g.commands["pressure"].time
+            fine = np.unique(np.concatenate([self.stamps[at], (kinks[:, None] + REFINEMENT).ravel()]))
+            chain = chain_of(self.session, g, NO_TISSUE, command_step=0.0)
+            partial = replace(chain, operators=needed(chain, ("pressure",)))
+            direct = simulate(partial, g.tables(), {"pressure": fine})["pressure"]
+            for j, tau in enumerate(self.LAGS):
+                out[at, j] = np.interp(self.stamps[at], fine, evaluate(low_pass, fine, direct, tau) - direct)
+        return out
+
+    def _predict(self, nuisance: FloatArray, active: Active) -> FloatArray:
+        """Recorded pressure (n,) Pa."""
+        tau, zeta = REGULATOR_TAU * np.exp(nuisance[0]), float(np.exp(nuisance[1]))
+        out = np.empty(len(self.stamps))
+        for g, at in self.groups:
+            # Bins average over the staircase of the command's resolution: simulate its mean.
+            chain = chain_of(self.session, g, NO_TISSUE, command_step=0.0).tuned("regulator", tau=tau, zeta=zeta)
+            shift = nuisance[2] + nuisance[3] * (self.stamps[at] - self.stamps[0])
+            out[at] = self.simulated(self.with_effects(chain, active), g, at, shift)[0]
+        return out + self._linear @ nuisance[4:]
+
+    def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
+        # Not from the null's shift, which has taken on what it could of a delay.
+        return Start(self.prior_mean, self.alternatives[0], self.prior_mean, unit)
+
+    def lateness(self, fitted: Fit) -> Lateness | None:
+        """Each kink's response, until the next, moved to and fro as a whole."""
+        kinks = self.session.kinks[np.diff(self.session.kinks, prepend=-np.inf) > TOGETHER]
+        number = np.searchsorted(kinks, self.stamps, side="right") - 1
+        number[(number < 0) | (self.stamps - kinks[number] > RESPONSE)] = len(kinks)
+        slope = fitted.jacobian[:, 2]
+
+        def over(values: FloatArray) -> FloatArray:
+            return np.bincount(number, values, len(kinks) + 1)[:-1].astype(float)
+
+        known = over(slope**2)
+        if not np.any(over(slope * fitted.residual) ** 2 > LATE**2 * known):
+            return None
+        moved = np.concatenate([-MOVES[::-1], [0.0], MOVES])
+        rows = []
+        # The nominal regulator and clock: the fitted ones have taken on what they could.
+        nuisance = np.concatenate([np.zeros(len(fitted.nuisance) - 2), fitted.nuisance[-2:]])
+        for move in moved:
+            nuisance[2] = -move
+            rows.append(self.evaluate(nuisance, fitted.active, want_jacobian=False).residual)
+        chi2 = np.array([over(r**2) for r in rows])
+        best = np.clip(np.argmin(chi2, axis=0), 1, len(moved) - 2)
+        late, sd = np.zeros(len(kinks)), np.full(len(kinks), np.inf)
+        for k in np.flatnonzero(known > 0):
+            at, j = number == k, best[k]
+            change = (rows[j + 1][at] - rows[j - 1][at]) / (moved[j + 1] - moved[j - 1])
+            square = float(change @ change)
+            if square > 0:
+                step = -float(change @ rows[j][at]) / square
+                late[k] = moved[j] + np.clip(step, moved[j - 1] - moved[j], moved[j + 1] - moved[j])
+                sd[k] = np.sqrt(1.0 / square) * max(1.0, np.sqrt(chi2[j, k] / at.sum()))
+        good = np.isfinite(sd)
+        return Lateness(kinks[good], late[good], sd[good])
+
+    def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
+        predicted = self._predict(nuisance, active)
+        residual = self.whitened(self.measured - predicted, active)
+        if not want_jacobian:
+            return Evaluation(residual, np.zeros((0, 0)))
+        jacobian = np.empty((len(residual), len(nuisance)))
+        for k, step in enumerate((1e-3, 1e-3, 0.05 * self.dt, 1e-6)):
+            moved = nuisance.copy()
+            moved[k] += step
+            jacobian[:, k] = (self._predict(moved, active) - predicted) / step
+        jacobian[:, 4:] = self._linear
+        return Evaluation(residual, self.whitened(jacobian, active))

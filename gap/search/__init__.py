@@ -1,0 +1,1 @@
+"""Which effects are worth a fit: linear screening, starting points, refits, pairs."""

@@ -1,0 +1,256 @@
+"""The comparison of hypotheses on one case: screen every effect, refit the best, then pairs, each jointly with the
+nuisance.
+
+A case is one or several blocks (independent data with their own nuisance; for a suction instrument command ->
+pressure and pressure -> height). A hypothesis changes only the blocks its effects touch, so the evidence of the
+others is shared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+
+from gap.data.noise import correlation_time
+from gap.inference.evidence import Fit, Hypothesis
+from gap.inference.hypothesis import Candidate
+from gap.inference.least_squares import fit, under
+from gap.inference.linear import Projector
+from gap.inference.problem import Problem
+from gap.inference.workers import each
+from gap.search.screening import Screened, from_sound, screen
+from sim_devices.chain import FloatArray
+
+ALIKE = 0.85
+"""Cosine between what the best effect changes and another's trace from which that one is refitted, too."""
+HOPELESS = 4.0
+"""Fall of χ² in the screening below which an effect is not refitted."""
+
+
+@dataclass(frozen=True)
+class Weight:
+    """log ``evidence`` of a hypothesis over all blocks, up to a constant; and how far each block's is trusted."""
+
+    evidence: float
+    trust: Mapping[str, float]
+
+
+@dataclass
+class Comparison:
+    """All hypotheses tried on a case, and what it cost."""
+
+    problems: dict[str, Problem]
+    null: Hypothesis
+    hypotheses: list[Hypothesis] = field(default_factory=list)
+    screened: list[Screened] = field(default_factory=list)
+    simulations: int = 0
+
+    def weighed(self, temper: Mapping[str, float]) -> dict[int, Weight]:
+        """The weight of every hypothesis by its `id`, each block and each width of its prior as far as trusted.
+
+        Under one width hypotheses are compared as far as that width is trusted; the widths among each other as far as
+        the narrowest is.
+        """
+        every = (self.null, *self.hypotheses)
+        evidence = np.zeros(len(every))
+        trust: list[dict[str, float]] = [{} for _ in every]
+        for name, problem in self.problems.items():
+            fits = {id(h.fits[name]): h.fits[name] for h in every}
+            rows = {k: f.evidences(temper[name], problem.alternatives) - problem.unlike(f) for k, f in fits.items()}
+            table = np.array([rows[id(h.fits[name])] for h in every])
+            best, trusts = table.max(axis=0), np.asarray(problem.trusts)
+            table = trusts[0] * (best - best.max()) + trusts * (table - best)
+            evidence += np.logaddexp.reduce(table, axis=1)
+            for h, width in zip(trust, np.argmax(table, axis=1), strict=True):
+                h[name] = float(trusts[width])
+        return {id(h): Weight(float(e), t) for h, e, t in zip(every, evidence, trust, strict=True)}
+
+    def temper(self) -> dict[str, float]:
+        """Per block: how much of χ² to believe, from the best hypothesis' own misfit and its correlation in time.
+
+        1 when the best residual is white at the noise floor. Untempered evidence turns wrong as effects grow: the
+        form error of the right effect is then worth hundreds of nats to a spurious one.
+        """
+        out = {}
+        for name in self.problems:
+            best = min((h.fits[name] for h in (self.null, *self.hypotheses)), key=lambda f: f.chi2)
+            misfit = max(1.0, best.chi2 / max(len(best.residual) - len(best.nuisance), 1))
+            out[name] = misfit * _mean_correlation(best.residual, self.problems[name].rows.recording)
+        return out
+
+
+def _mean_correlation(residual: FloatArray, recording: np.ndarray) -> float:
+    times = [correlation_time(residual[recording == r]) for r in np.unique(recording)]
+    return float(np.mean(times)) if times else 1.0
+
+
+def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) -> tuple[dict[str, Fit], int]:
+    """Fits of ``base`` and one effect more, everything refitted jointly, in the blocks that the effect touches; and the
+    number of simulations.
+
+    A few steps from each of the best screening points, and from where the tissue alone would go with the effect, also
+    as if its law were known; then the best to convergence, under the most probable width of the prior.
+    """
+    candidate = screened.candidate
+    fits: dict[str, Fit] = {}
+    simulations = 0
+    known: Fit | None = None
+    for block in candidate.blocks:
+        problem, before = problems[block], base.fits[block]
+        hypothesis = (*before.hypothesis, candidate)
+        # An effect is the same in every block: what one says of it goes to the next.
+        belief = before.belief.joined(len(candidate.parameters), known)
+        starts = screened.starts[block] if known is None else (belief.mean[len(before.unit) :],)
+        from_base = partial(fit, jacobian=before.jacobian, gram=before.gram, belief=belief)
+        tries = []
+        for unit in starts:
+            start = np.concatenate([before.unit, unit])
+            here = under(problem, before.prior_mean, screened.widths[block])
+            tries.append(from_base(here, hypothesis, start, before.nuisance, 5))
+            if len(tries) == 1 and (moved := problem.anchored(hypothesis, start)) is not None:
+                width = screened.widths[block]
+                for sd in (moved.sd,) if width is moved.sd else (width, moved.sd):
+                    there = under(problem, moved.mean, sd)
+                    tries.append(fit(there, hypothesis, moved.unit, moved.nuisance, 5, belief=belief))
+        best = max(tries, key=lambda f: f.log_evidence(1.0, problem.alternatives))
+        if screened.sure:  # where the data show it to be, once more: on the way to the right skin it may have left
+            there = under(problem, best.prior_mean, best.prior_sd)
+            unit = np.concatenate([before.unit, starts[0]])
+            tries.append(fit(there, hypothesis, unit, best.nuisance, 10, belief=belief))
+            best = max(tries, key=lambda f: f.log_evidence(1.0, problem.alternatives))
+        final = under(problem, best.prior_mean, best.best_prior(problem.alternatives))
+        known = fits[block] = fit(final, hypothesis, best.unit, best.nuisance, belief=belief)
+        simulations += sum(f.simulations for f in tries) + known.simulations
+    return fits, simulations
+
+
+def _refit_all(comparison: Comparison, parts: Sequence[tuple[Hypothesis, Screened]], jobs: int) -> None:
+    """Add to the comparison each base with one effect more."""
+    fitted = each(lambda part: refit(comparison.problems, *part), parts, jobs)
+    for (base, screened), (fits, n) in zip(parts, fitted, strict=True):
+        comparison.hypotheses.append(Hypothesis((*base.effects, screened.candidate), base.fits | fits))
+        comparison.simulations += n
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How wide the search is."""
+
+    quick_fits: int = 16  # screened effects that get a few steps of a fit, where straight lines may mislead
+    least_hope: float = 0.0  # fall of χ², at any size, below which an effect gets none for being far from linear
+    refit_singles: int = 9
+    imitators: int = 3  # of the best, that are refitted besides
+    pair_bases: int = 2
+    refit_pairs: int = 3  # second effects, of different names, for each of the bases
+    pair_gain: float = 12.0  # tempered fall of χ² below which a second effect is not even refitted
+
+
+def compare(
+    problems: Sequence[Problem],
+    candidates: Sequence[Candidate],
+    effort: Effort = Effort(),
+    suspects: Sequence[Candidate] = (),
+    jobs: int = 1,
+) -> Comparison:
+    """Null, best singles and best pairs of ``candidates`` on ``problems``, by ``jobs`` processes; ``suspects`` are
+    refitted wherever they rank."""
+    blocks = {p.name: p for p in problems}
+    fits = {name: fit(p, iterations=60, tolerance=1e-5) for name, p in blocks.items()}
+    comparison = Comparison(blocks, Hypothesis((), fits), simulations=sum(f.simulations for f in fits.values()))
+    usable = [c for c in candidates if set(c.blocks) <= set(blocks)]
+    comparison.screened, n = screen(blocks, comparison.null, usable, (), effort.quick_fits, jobs, effort.least_hope)
+    comparison.simulations += n
+    chosen = _shortlist(comparison.screened, effort.refit_singles)
+    apart, n = from_sound(blocks, comparison.null, comparison.screened)
+    comparison.simulations += n
+    chosen += [s for s in comparison.screened if (s.sure or s.candidate in suspects or s in apart) and s not in chosen]
+    _refit_all(comparison, [(comparison.null, s) for s in chosen], jobs)
+    others = _imitators(comparison, [s for s in comparison.screened if s not in chosen])
+    _refit_all(comparison, [(comparison.null, s) for s in others[: effort.imitators]], jobs)
+    _finish_null(comparison)
+    _pairs(comparison, usable, effort, jobs)
+    return comparison
+
+
+def _finish_null(comparison: Comparison) -> None:
+    """Fit the null again from where the effects' fits ended: one that stopped early would give them nats they have
+    not earned."""
+    for block, problem in comparison.problems.items():
+        best = min((h.fits[block] for h in comparison.hypotheses), key=lambda f: f.chi2, default=None)
+        for start in (comparison.null.fits[block], best):
+            if start is None:
+                continue
+            again = fit(problem, nuisance=start.nuisance, iterations=40, tolerance=1e-5)
+            comparison.simulations += again.simulations
+            if again.objective < comparison.null.fits[block].objective:
+                comparison.null.fits[block] = again
+    for h in comparison.hypotheses:
+        touched = {b for e in h.effects for b in e.blocks}
+        for block in comparison.problems.keys() - touched:
+            h.fits[block] = comparison.null.fits[block]
+
+
+def _shortlist(screened: Sequence[Screened], size: int) -> list[Screened]:
+    """The best, no more than two forms of one concept: every concept near the top gets its chance.
+
+    What the linear screening sees no use in (below `HOPELESS`) is left, but the first three always go.
+    """
+    out: list[Screened] = []
+    for s in screened:
+        if len(out) >= 3 and s.gain < HOPELESS:
+            break
+        if sum(o.candidate.name == s.candidate.name for o in out) < 2:
+            out.append(s)
+        if len(out) == size:
+            break
+    return out
+
+
+def _imitators(comparison: Comparison, others: Sequence[Screened]) -> list[Screened]:
+    """Those of the ``others``, one of each name, whose traces point where the best effect's change does, beside the
+    nuisance; the most alike first. Along a straight line from the null a slow or bent effect may look useless.
+    """
+    best = min(comparison.hypotheses, key=lambda h: h.deviance, default=None)
+    if best is None:
+        return []
+    seen: dict[str, FloatArray] = {}
+    for block, before in comparison.null.fits.items():
+        change = before.residual - best.fits[block].residual
+        seen[block] = Projector(before.jacobian, before.prior_sd).apply(change)
+    size = np.sqrt(sum(float(np.sum(np.square(v))) for v in seen.values()))
+
+    def alike(s: Screened) -> float:
+        along = sum((seen[b] @ traces for b, traces in s.traces.items()), np.zeros(len(s.units)))
+        lengths = np.array([length for _, length in s.detectability])
+        return float(np.max(along / np.maximum(lengths * size, 1e-9), initial=0.0))
+
+    found: dict[str, Screened] = {}  # one of each name
+    for likeness, s in sorted(((alike(s), s) for s in others), key=lambda pair: -pair[0]):
+        if likeness > ALIKE:
+            found.setdefault(s.candidate.name, s)
+    return list(found.values())
+
+
+def _pairs(comparison: Comparison, candidates: Sequence[Candidate], effort: Effort, jobs: int) -> None:
+    temper = comparison.temper()
+    weight = comparison.weighed(temper)
+    singles = sorted(comparison.hypotheses, key=lambda h: -weight[id(h)].evidence)[: effort.pair_bases]
+    tried: set[frozenset[str]] = set()
+    parts = []
+    for base in singles:
+        others = [c for c in candidates if c.name != base.effects[0].name]
+        screened, n = screen(comparison.problems, base, others, comparison.screened)
+        comparison.simulations += n
+        seconds: dict[str, Screened] = {}
+        for s in screened:
+            if s.gain / max(temper[b] for b in s.candidate.blocks) >= effort.pair_gain:
+                seconds.setdefault(s.candidate.name, s)
+        for s in list(seconds.values())[: effort.refit_pairs]:
+            together = frozenset((base.effects[0].key, s.candidate.key))
+            if together not in tried:
+                tried.add(together)
+                parts.append((base, s))
+    _refit_all(comparison, parts, jobs)

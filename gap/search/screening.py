@@ -1,0 +1,248 @@
+"""The screening: every effect on top of a fitted hypothesis, by the linear refit of the nuisance under several widths
+of its prior, then a few steps of a real fit where straight lines may mislead."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+
+from gap.inference.evidence import Fit, Hypothesis
+from gap.inference.hypothesis import Candidate
+from gap.inference.least_squares import fit, under
+from gap.inference.linear import Projector
+from gap.inference.problem import Problem
+from gap.inference.workers import each
+from gap.search.starts import starting_points
+from sim_devices.chain import FloatArray
+
+STEEP = 10.0
+"""Detectability at the weakest strength simulated above which the linear screening says nothing."""
+SMALL = (3.0, 60.0)
+"""σ by which a point should change the data for straight lines to say something."""
+BISECTIONS = 7
+"""Simulations at most to find one."""
+STARTS = 2
+"""Screening points from which a refit starts."""
+STRAINED = 100.0
+"""What a base pays for its tolerances from which on effects are looked at beside a sound instrument, too,"""
+FROM_SOUND = 4
+"""and how many of them are refitted for it."""
+AMPLITUDES = (0.25, 2.0)
+"""How far a linear rescaling of a screened effect may be trusted, as a multiple of its simulated strength."""
+
+
+@dataclass
+class Screened:
+    """One effect after the screening: ``gain``, twice the nats it earns with the nuisance refitted; and for each block
+    the points of its prior, (k,) each, and the width of the nuisance's prior where a fit should start.
+
+    ``detectability`` lists, for every simulated point, how far it stands out (‖P Δ‖, untempered); ``traces`` are what
+    the points change in each block's whitened residual, (n, points).
+    """
+
+    candidate: Candidate
+    units: tuple[FloatArray, ...]
+    gain: float
+    starts: dict[str, tuple[FloatArray, ...]]
+    widths: dict[str, FloatArray]
+    detectability: list[tuple[FloatArray, float]] = field(default_factory=list)
+    traces: dict[str, FloatArray] = field(default_factory=dict)
+    sure: bool = False  # whether it is refitted wherever it ranks
+    hope: float = 0.0  # fall of χ² along its traces, at any size
+
+
+@dataclass(frozen=True)
+class _Lens:
+    """A block's residual under one prior width ``sd`` (p,) of its nuisance: what an effect must explain.
+
+    ``aim`` (n,) is the residual after the linear nuisance refit, ``evidence`` the base's log evidence.
+    """
+
+    sd: FloatArray
+    projector: Projector
+    aim: FloatArray
+    evidence: float
+
+    @classmethod
+    def of(cls, f: Fit, sd: FloatArray) -> _Lens:
+        # The base's own effect parameters are refitted too: they join the nuisance.
+        projector = Projector(f.jacobians, np.concatenate([sd, np.ones(len(f.unit))]), f.normal)
+        return cls(sd, projector, projector.apply(f.at_mean), f.log_evidence(1.0, (sd,)))
+
+
+def _seen_through(lenses: Sequence[_Lens], changes: FloatArray) -> tuple[FloatArray, _Lens, float]:
+    """Twice the nats that each of the ``changes`` (n, k) earns, its size adjusted; the lens that shows the best; and
+    the fall of χ² that the best would bring at any size."""
+    scores, hope = [], 0.0
+    seen = lenses[0].projector.jacobian.T @ changes
+    for lens in lenses:
+        along = np.maximum(lens.projector.squares(changes, seen), 1e-9)
+        cross = lens.aim @ changes
+        hope = max(hope, float(np.max(np.square(cross) / along)))
+        size = np.clip(cross / along, *AMPLITUDES)
+        scores.append(lens.evidence + 0.5 * np.maximum(2 * cross - along, size * (2 * cross - size * along)))
+    base = np.logaddexp.reduce([lens.evidence for lens in lenses])
+    best = int(np.argmax(np.max(scores, axis=1)))
+    return 2.0 * (np.logaddexp.reduce(scores, axis=0) - base), lenses[best], hope
+
+
+def screen(
+    problems: dict[str, Problem],
+    base: Hypothesis,
+    candidates: Sequence[Candidate],
+    known: Sequence[Screened] = (),
+    quick_fits: int = 0,
+    jobs: int = 1,
+    least_hope: float = 0.0,
+) -> tuple[list[Screened], int]:
+    """Every candidate on top of ``base``, by the linear nuisance refit; best first. Also the number of simulations.
+
+    The traces of candidates that are ``known`` from another base are used again: a second effect adds nearly what it
+    changes alone, and whatever looks worth it is refitted. The best ``quick_fits``, and those whose weakest strength is
+    still far from linear and whose traces would bring ``least_hope`` at any size, are fitted a little. Candidates are
+    simulated and fitted by ``jobs`` processes.
+    """
+    before = {s.candidate: s for s in known}
+    lenses = {b: [_Lens.of(f, sd) for sd in problems[b].alternatives] for b, f in base.fits.items()}
+    own = {b: Projector(f.jacobian, f.prior_sd) for b, f in base.fits.items()}
+    out, simulations = [], 0
+    new = [c for c in candidates if c not in before]
+    looked = dict(zip(new, each(partial(_looked_at, problems, base), new, jobs), strict=True))
+    for candidate in candidates:
+        if candidate in before:
+            units, traces, sure = before[candidate].units, before[candidate].traces, False
+        else:
+            units, traces, sure = looked[candidate]
+            simulations += len(candidate.blocks) * len(units)
+        gain, hope, along = 0.0, 0.0, np.zeros(len(units))
+        starts, widths = {}, {}
+        for b, changes in traces.items():
+            along += own[b].squares(changes, own[b].jacobian.T @ changes)
+            gains, lens, most = _seen_through(lenses[b], changes)
+            hope += most
+            times = [problems[b].widening({candidate: candidate.values(unit)}) for unit in units]
+            if times[0] is not None:  # the residual does not move, it counts for less
+                gains = np.array([_widened(base.fits[b].residual, t) for t in times if t is not None])
+            best = float(gains.max())
+            order = np.argsort(-gains)[:STARTS]
+            starts[b] = tuple(units[k] for k in order if k == order[0] or gains[k] > 0.6 * best)
+            widths[b] = lens.sd
+            gain += best
+        seen = list(zip(units, np.sqrt(np.maximum(along, 0.0)).tolist(), strict=True))
+        out.append(Screened(candidate, units, gain, starts, widths, seen, traces, sure, hope))
+    out.sort(key=lambda s: -s.gain)
+    hopeful = [s.hope >= least_hope and min(d for _, d in s.detectability) > STEEP for s in out]
+    unsure = [s for k, s in enumerate(out) if k < quick_fits or (quick_fits and hopeful[k])]
+    for s, (gain, starts, n) in zip(unsure, each(partial(_quick_fit, problems, base), unsure, jobs), strict=True):
+        simulations += n
+        if gain > s.gain:
+            s.gain, s.starts = gain, starts
+    return sorted(out, key=lambda s: -s.gain), simulations
+
+
+def from_sound(
+    problems: dict[str, Problem], base: Hypothesis, screened: Sequence[Screened]
+) -> tuple[list[Screened], int]:
+    """Those effects that explain most beside a sound instrument, where the base strains its tolerances, and the number
+    of simulations.
+
+    Such tolerances have taken on what they could of the effect, and no straight line leads back. The effects' fits are
+    to start from the points where they do.
+    """
+    out: list[Screened] = []
+    simulations = 0
+    for block, problem in problems.items():
+        if problem.sound is None or base.fits[block].penalty < STRAINED:
+            continue
+        jacobian = problem.evaluate(problem.sound, {}).jacobian
+        refits = [Projector(jacobian, sd) for sd in problem.alternatives]
+        found = []
+        for s in screened:
+            if block not in s.candidate.blocks:
+                continue
+            left = []
+            for active in ({s.candidate: s.candidate.values(unit)} for unit in s.units):
+                residual = problem.evaluate(problem.sound, active, want_jacobian=False).residual
+                times = problem.widening(active)
+                wider = 0.0 if times is None else 2.0 * float(np.sum(np.log(times)))
+                left.append(wider + min(refit.chi2(residual) for refit in refits))
+            simulations += len(left)
+            found.append((min(left), int(np.argmin(left)), s))
+        names: set[str] = set()
+        for _, k, s in sorted(found, key=lambda f: f[0]):
+            if s.candidate.name not in names and len(names) < FROM_SOUND:
+                names.add(s.candidate.name)
+                s.starts[block] = (s.units[k], *s.starts[block][: STARTS - 1])
+                out += [s] if s not in out else []
+    return out, simulations
+
+
+def _widened(residual: FloatArray, times: FloatArray) -> float:
+    """Twice the nats that noise wider by ``times`` (n,) earns on a residual (n,)."""
+    return float(np.sum(np.square(residual) * (1.0 - 1.0 / np.square(times)) - 2.0 * np.log(times)))
+
+
+def _looked_at(
+    problems: dict[str, Problem], base: Hypothesis, candidate: Candidate
+) -> tuple[tuple[FloatArray, ...], dict[str, FloatArray], bool]:
+    """Where ``candidate`` is looked at, its traces there, and whether it must be refitted."""
+    points, sure = starting_points(candidate, problems, base)
+    return *_traced(candidate, problems, base, points), sure
+
+
+def _traced(
+    candidate: Candidate, problems: dict[str, Problem], base: Hypothesis, points: list[FloatArray]
+) -> tuple[tuple[FloatArray, ...], dict[str, FloatArray]]:
+    """The points and, for each block, what they change, (n, points); with points where the effect begins to show, if
+    none of them has it small: a threshold leaves nothing to linearise below it, and too much far above."""
+    units = list(points)
+    columns = {b: [_trace(problems[b], base.fits[b], candidate, unit) for unit in units] for b in candidate.blocks}
+    strengths = [k for k, p in enumerate(candidate.parameters) if p.null is not None and p.scale == "log"]
+
+    def shown(k: int) -> float:
+        return float(np.sqrt(sum(np.sum(np.square(c[k])) for c in columns.values())))
+
+    if len(strengths) == 1:
+        at = strengths[0]
+        middle = [k for k, u in enumerate(units) if all(u[j] == 0.5 for j in range(len(u)) if j != at)] or [0]
+        below = max((units[k][at] for k in middle if shown(k) < SMALL[0]), default=None)
+        above = min((units[k][at] for k in middle if shown(k) > SMALL[1]), default=None)
+        if below is not None and above is not None and not any(SMALL[0] <= shown(k) <= SMALL[1] for k in middle):
+            for _ in range(BISECTIONS):
+                unit = units[middle[0]].copy()
+                unit[at] = 0.5 * (below + above)
+                units.append(unit)
+                for b, column in columns.items():
+                    column.append(_trace(problems[b], base.fits[b], candidate, unit))
+                size = shown(len(units) - 1)
+                if SMALL[0] <= size <= SMALL[1]:
+                    break
+                below, above = (unit[at], above) if size < SMALL[0] else (below, unit[at])
+    return tuple(units), {b: np.column_stack(c) for b, c in columns.items()}
+
+
+def _quick_fit(
+    problems: dict[str, Problem], base: Hypothesis, screened: Screened
+) -> tuple[float, dict[str, tuple[FloatArray, ...]], int]:
+    """A few steps of a fit from where the linear screening sees most: its gain, where it came to, and the number of
+    simulations."""
+    gain, simulations = 0.0, 0
+    starts = {}
+    for block, (unit, *others) in screened.starts.items():
+        before, problem = base.fits[block], problems[block]
+        here = under(problem, before.prior_mean, screened.widths[block])
+        hypothesis, start = (*before.hypothesis, screened.candidate), np.concatenate([before.unit, unit])
+        quick = fit(here, hypothesis, start, before.nuisance, iterations=3, jacobian=before.jacobian, gram=before.gram)
+        gain += 2 * (quick.log_evidence(1.0, problem.alternatives) - before.log_evidence(1.0, problem.alternatives))
+        simulations += quick.simulations
+        starts[block] = (quick.unit[len(before.unit) :], *others)
+    return gain, starts, simulations
+
+
+def _trace(problem: Problem, f: Fit, candidate: Candidate, unit: FloatArray) -> FloatArray:
+    """What a candidate at ``unit`` (k,) takes from a fit's whitened residual (n,)."""
+    active = {**f.active, candidate: candidate.values(unit)}
+    return np.asarray(f.residual - problem.evaluate(f.nuisance, active, want_jacobian=False).residual)

@@ -1,0 +1,111 @@
+"""Where the screening looks for an effect: a grid over its prior, or the places that the data themselves show.
+
+A fit finds what is narrow (a rhythm, a moment, one recording) only from close by. Effects say by the names of their
+parameters that they are such: a ``phase`` with a ``frequency``, an ``interval``, a ``period`` or a ``tau``; a
+``moment``; a ``within``; in processing, a ``delay``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import product
+
+import numpy as np
+
+from gap.data.rhythms import jumps, lines, looks, wanderings
+from gap.inference.evidence import Fit, Hypothesis
+from gap.inference.hypothesis import Candidate, Lateness, to_unit
+from gap.inference.problem import Problem
+from sim_devices.chain import FloatArray
+
+STRENGTHS = (0.06, 0.3, 0.7)
+SIGNED = (-0.2, -0.04, -0.006, 0.006, 0.04, 0.2)
+"""Quantiles of the prior from the value that does nothing, where that lies inside: half the range is mostly absurd."""
+SHAPES = (0.2, 0.5, 0.8)
+MAX_GRID = 9
+AGREED = 0.85
+"""Share of the commands' lateness that looks at equal intervals must explain to be refitted wherever they rank."""
+
+Place = Mapping[str, float]
+"""Values of some of an effect's parameters."""
+
+
+def grid(candidate: Candidate) -> list[FloatArray]:
+    """Screening points (k,) in prior quantiles: strengths first, shapes as far as `MAX_GRID` allows."""
+    axes = []
+    size = 1
+    for p in candidate.parameters:
+        values: tuple[float, ...] = STRENGTHS if p.null is not None else SHAPES
+        if p.null is not None and p.low < p.null < p.high:
+            middle = to_unit(p, p.null)
+            values = tuple(float(np.clip(middle + d, 0, 1)) for d in SIGNED)
+        if size * len(values) > MAX_GRID:
+            values = (0.5,) if p.null is None else (values[len(values) // 2 - 1], values[len(values) // 2])
+            if size * len(values) > MAX_GRID:
+                values = (0.5,)
+        size *= len(values)
+        axes.append(values)
+    return [np.array(point) for point in product(*axes)]
+
+
+def starting_points(
+    candidate: Candidate, problems: Mapping[str, Problem], base: Hypothesis
+) -> tuple[list[FloatArray], bool]:
+    """Points (k,) in prior quantiles at which to screen ``candidate`` on top of ``base``; and whether they stand out
+    so clearly that it must be refitted."""
+    points = grid(candidate)
+    places: list[Place] = []
+    sure = False
+    for b in candidate.blocks:
+        found, certain = _places(candidate, problems[b], base.fits[b])
+        places += found
+        sure |= certain
+    return [p for place in places for p in _placed(candidate, points, place)] or points, sure
+
+
+def _placed(candidate: Candidate, points: Sequence[FloatArray], place: Place) -> list[FloatArray]:
+    """The different ones of ``points``, some of their parameters put at ``place``."""
+    moved = np.array(points)
+    for k, p in enumerate(candidate.parameters):
+        if p.name in place:
+            moved[:, k] = to_unit(p, place[p.name])
+    return list(np.unique(moved, axis=0))
+
+
+def _places(candidate: Candidate, problem: Problem, base: Fit) -> tuple[Sequence[Place], bool]:
+    """Where what is narrow would have to be, after a fit of the problem; nothing for an effect that is not."""
+    parameters = {p.name: p for p in candidate.parameters}
+    time, recording, residual = problem.rows.time, problem.rows.recording, base.residual
+    if "moment" in parameters:
+        return [{"moment": m} for m in jumps(time, residual, recording)], False
+    if "within" in parameters:
+        return [{"within": float(np.median(time[recording == k]))} for k in np.unique(recording)], False
+    if "delay" in parameters and candidate.stage == "processing" and problem.resets:
+        return [{"delay": delay} for delay in problem.resets], True
+    if "phase" not in parameters:
+        return [], False
+    if "frequency" in parameters:
+        low, high = parameters["frequency"].low, parameters["frequency"].high
+        return [_wave(time, residual, line) for line in lines(time, residual, low, high)], False
+    if "interval" in parameters:
+        late = problem.lateness(base)
+        found = looks(late) if late is not None else []
+        places = [{"interval": interval, "phase": phase} for interval, phase, _ in found]
+        return places, any(share > AGREED for _, _, share in found)
+    if "period" in parameters:
+        late = problem.lateness(base)
+        period = parameters["period"]
+        swings = wanderings(late, period.low, period.high) if late is not None else []
+        return [{"swing": a, "period": length, "phase": phase} for length, phase, a in swings], False
+    if "tau" in parameters:
+        tau = parameters["tau"]
+        seen = Lateness(time, residual, np.ones(len(residual)))
+        return [{"tau": length, "phase": phase} for length, phase, _ in wanderings(seen, tau.low, tau.high)], False
+    return [], False
+
+
+def _wave(time: FloatArray, residual: FloatArray, frequency: float) -> Place:
+    """The phase, rad, that a wave of some frequency has in a residual (n,)."""
+    turn = 2 * np.pi * frequency * time
+    phase = float(np.arctan2(residual @ np.cos(turn), residual @ np.sin(turn))) % (2 * np.pi)
+    return {"frequency": frequency, "phase": phase}

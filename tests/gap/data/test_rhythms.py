@@ -1,0 +1,70 @@
+"""What is narrow is found from the residual: rhythms, looks at a command, clocks that wander, jumps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gap.data.rhythms import jumps, lines, looks, wanderings
+from gap.inference.hypothesis import Lateness
+
+
+def moments(seed: int, n: int = 12) -> np.ndarray:
+    return np.sort(np.random.default_rng(seed).uniform(0, 300, n))
+
+
+def test_lines_of_a_residual_are_found() -> None:
+    rng = np.random.default_rng(0)
+    time = np.sort(rng.uniform(0, 200, 1500))
+    residual = np.sin(2 * np.pi * 1.13 * time) + rng.normal(size=len(time))
+    assert lines(time, residual, 0.15, 2.0)[0] == pytest.approx(1.13, abs=0.01)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 999), interval=st.floats(0.008, 0.2), phase=st.floats(0.0, 0.99))
+def test_waits_for_the_next_look_are_explained(seed: int, interval: float, phase: float) -> None:
+    """By some interval: with few commands another one may do as well."""
+    time = moments(seed)
+    wait = interval * np.mod(phase - time / interval, 1.0)
+    late = wait + 2e-3 + np.random.default_rng(seed).normal(0, 2e-4, len(time))
+    found = looks(Lateness(time, late, np.full(len(time), 3e-4)))
+    if np.ptp(wait) > 0.5 * interval:
+        assert found
+        assert found[0][2] > 0.9
+
+
+def test_the_interval_of_many_looks_is_found() -> None:
+    time = moments(3, 24)
+    late = 0.05 * np.mod(0.3 - time / 0.05, 1.0)
+    interval, phase, share = looks(Lateness(time, late, np.full(len(time), 1e-4)))[0]
+    assert interval == pytest.approx(0.05, rel=1e-4)
+    assert share > 0.99
+    waits = interval * np.mod(phase - time / interval, 1.0)
+    np.testing.assert_allclose(waits, late, atol=1e-3)
+
+
+@pytest.mark.parametrize("late", [np.zeros(12), np.full(12, 0.04)])
+def test_equal_lateness_asks_for_no_looks(late: np.ndarray) -> None:
+    assert looks(Lateness(moments(1), late, np.full(12, 1e-4))) == []
+
+
+def test_a_wandering_clock_is_found() -> None:
+    time = moments(5, 30)
+    late = 4e-3 * np.sin(2 * np.pi * (time / 90.0 - 0.2)) + 1e-3
+    period, phase, amplitude = wanderings(Lateness(time, late, np.full(30, 3e-4)), 15.0, 1500.0)[0]
+    assert period == pytest.approx(90.0, rel=0.05)
+    assert amplitude == pytest.approx(4e-3, rel=0.1)
+    assert phase == pytest.approx(0.2, abs=0.1)
+
+
+def test_jumps_within_a_recording_and_between_two_are_found() -> None:
+    time = np.arange(300.0)
+    recording = np.repeat([0, 1, 2], 100)
+    residual = (
+        np.random.default_rng(2).normal(size=300) + 5.0 * (time > 149.5) * (recording == 1) + 9.0 * (recording == 2)
+    )
+    inside, _, between = jumps(time, residual, recording)
+    assert inside == pytest.approx(149.5, abs=1.0)
+    assert between == pytest.approx(199.5)

@@ -1,0 +1,145 @@
+"""Clocks and commands of a session; marks that converters leave in single samples."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gap.data.labels import direction, level, phases
+from gap.data.session import REST, Session
+from gap.data.signatures import HUM, find
+
+TIME = np.arange(0.0, 10.0, 0.01)
+COMMAND = ([0.0, 1.0, 1.0, 6.0, 6.0, 10.0], [0.0, 0.0, -3e4, -3e4, 0.0, 0.0])
+
+
+def test_recordings_on_one_clock_stay_there(recording) -> None:
+    later = ([t + 30 for t in COMMAND[0]], COMMAND[1])
+    session = Session(
+        [
+            recording({"pressure": 0 * TIME}, TIME, {"pressure": COMMAND}),
+            recording({"pressure": 0 * TIME}, TIME + 30, {"pressure": later}),
+        ]
+    )
+    assert not session.own_clocks
+    assert session.span(1)[0] == pytest.approx(30.0)
+
+
+def test_recordings_whose_clocks_begin_anew_are_laid_one_after_another(recording) -> None:
+    session = Session([recording({"pressure": 0 * TIME}, TIME, {"pressure": COMMAND}) for _ in range(2)])
+    assert session.own_clocks
+    assert session.span(1)[0] == pytest.approx(session.span(0)[1] + REST)
+
+
+def test_a_command_is_at_rest_between_recordings(recording) -> None:
+    held = ([0.0, 1.0, 1.0, 10.0], [0.0, 0.0, -3e4, -3e4])
+    session = Session([recording({"pressure": 0 * TIME}, TIME, {"pressure": held}) for _ in range(2)])
+    command = session.command("pressure", (0, 1))
+    between = session.span(0)[1] + REST / 2
+    assert np.interp(between, command.time, command.value) == pytest.approx(0.0, abs=1e-9)
+    assert np.interp(5.0, command.time, command.value) == pytest.approx(-3e4)
+
+
+def test_a_sampled_command_keeps_its_corners_and_steps(recording) -> None:
+    t = np.arange(0.0, 10.0, 0.01)
+    ramp = np.interp(t, [0, 2, 4, 10], [0, 0, -2e4, -2e4])
+    step = np.where(t >= 8.0, 0.0, ramp)
+    command = Session([recording({"pressure": step}, t, {"pressure": (t, step)})]).command("pressure", (0,))
+    assert len(command.time) < 20
+    assert np.interp(3.0, command.time, command.value) == pytest.approx(-1e4, rel=1e-3)
+    drop = np.flatnonzero(np.diff(command.value) > 1e4)
+    assert len(drop) == 1
+    assert command.time[drop[0] + 1] == pytest.approx(8.0, abs=0.011)
+
+
+def test_labels_of_rows(recording) -> None:
+    r = recording({"pressure": 0 * TIME}, TIME, {"pressure": COMMAND})
+    assert level(r) == "300 mbar"
+    assert phases(r, np.array([0.5, 1.1, 4.0, 6.2, 9.0])) == ["rest", "load", "hold", "unload", "rest"]
+    tip = {f"probe_{a}": ([0.0, 1.0], [0.0, 1e-3 * v]) for a, v in zip("xyz", (0.0, 1.0, 0.0), strict=True)}
+    assert direction(recording({"force_x": 0 * TIME}, TIME, tip)) == "90°"
+    assert direction(r) == "-"
+    assert set(phases(recording({"pressure": 0 * TIME}, TIME), TIME)) == {"all"}
+
+
+def made(recording, value: np.ndarray, **fields):
+    r = recording({"apex_height": value}, TIME)
+    return replace(r, streams={"apex_height": replace(r.streams["apex_height"], **fields)})
+
+
+def wave() -> np.ndarray:
+    return 1e-3 * np.sin(TIME) + 3e-6 * np.random.default_rng(5).normal(size=len(TIME))
+
+
+def test_a_sound_channel_has_no_signature(recording) -> None:
+    assert find([made(recording, wave())]) == []
+    assert find([made(recording, np.round(wave() / 1e-6) * 1e-6)]) == []
+
+
+@pytest.mark.parametrize(("sign", "effect"), [(1, "saturation"), (-1, "lower_saturation")])
+def test_a_clipped_channel_is_told(recording, sign: int, effect: str) -> None:
+    found = find([made(recording, sign * np.minimum(wave(), 0.7e-3))])
+    assert [(s.effect, s.channel) for s in found] == [(effect, "apex_height")]
+    assert "apex_height stands at" in found[0].text
+
+
+def test_a_slow_signal_on_a_coarse_grid_is_not_clipped(recording) -> None:
+    slow = 1e-3 * (1 - np.exp(-TIME / 3))
+    found = find([made(recording, np.round(slow / 2e-5) * 2e-5)])
+    assert [s.effect for s in found] == ["sensor_quantisation"]  # but it is twice as coarse as the instrument
+    assert find([made(recording, np.round(slow / 1e-5) * 1e-5)]) == []
+
+
+def test_marks_count_only_on_the_channels_asked_for(recording) -> None:
+    stepped = np.where(TIME % 2 < 1, 0.0, 1.0) + np.where(TIME % 3 < 1, 0.5, 0.0)
+    r = recording({"apex_height": np.minimum(wave(), 0.7e-3), "voltage": np.minimum(wave(), 0.5e-3)}, TIME)
+    r = replace(r, streams={**r.streams, "command": replace(r.streams["voltage"], value=stepped)})
+    assert {s.channel for s in find([r])} >= {"apex_height", "voltage"}
+    assert [(s.effect, s.channel) for s in find([r], ("apex_height",))] == [("saturation", "apex_height")]
+
+
+def test_repeated_samples_are_told(recording) -> None:
+    value = wave()
+    again = np.random.default_rng(1).choice(np.arange(1, len(value)), 60, replace=False)
+    for k in sorted(again):
+        value[k] = value[k - 1]
+    found = find([made(recording, value)])
+    assert [s.effect for s in found] == ["dropped_samples"]
+    assert found[0].also == ("late_samples",)  # an old value under a new stamp is the same mark
+
+
+def test_gaps_in_numbers_or_stamps_are_told(recording) -> None:
+    seq = np.arange(len(TIME))
+    seq[500:] += 3
+    assert [s.effect for s in find([made(recording, wave(), seq=seq)])] == ["dropped_samples"]
+    keep = np.r_[0:400, 404:1000]
+    r = recording({"apex_height": wave()[keep]}, TIME[keep])
+    assert [s.effect for s in find([r])] == ["dropped_samples"]
+
+
+def test_a_constant_or_short_channel_says_nothing(recording) -> None:
+    assert find([made(recording, np.zeros(len(TIME)))]) == []
+    assert find([recording({"apex_height": np.zeros(5)}, TIME[:5])]) == []
+
+
+@pytest.mark.parametrize("rate", [25.0, 100.0])
+def test_a_hum_in_the_noise_is_found_and_noise_or_a_step_is_none(recording, rate: float) -> None:
+    rng = np.random.default_rng(0)
+    sessions: dict[bool, list] = {True: [], False: []}
+    for k in range(4):
+        time = np.arange(0.0, 30.0, 1 / rate) + 60 * k
+        clean = np.where(time - 60 * k > 5, -3e4, 0.0) + 100.0 * rng.normal(size=len(time))
+        for humming, made in sessions.items():
+            value = clean + humming * 100.0 * np.sin(2 * np.pi * 0.31 * rate * time)
+            made.append(recording({"pressure": np.round(value, -2)}, time, {"pressure": COMMAND}))
+    (mark,) = [m for m in find(sessions[True]) if m.effect == HUM]
+    assert f"{0.31 * rate:.1f} Hz" in mark.text
+    assert not [m for m in find(sessions[False]) if m.effect == HUM]
+
+
+def test_stamps_that_come_in_blocks_or_not_at_all_are_no_fault_of_the_search_for_a_hum(recording) -> None:
+    noise = np.random.default_rng(0).normal(size=400)
+    for time in (np.repeat(np.arange(0.0, 4.0, 0.1), 10), np.zeros(400)):
+        assert not [m for m in find([recording({"pressure": noise}, time, {})]) if m.effect == HUM]

@@ -1,0 +1,211 @@
+"""The parts under the micro-robot's diagnosis: smoothing, the basis of other sheets, controllers, and the blocks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gap.data.smoothing import deviation, significant
+from gap.design import simulated as own
+from gap.effects.load import library
+from gap.inference.hypothesis import Candidate
+from gap.inference.least_squares import fit
+from gap.null.blocks import GroupedSession
+from gap.null.robot import BEND, robot_problems, robot_session
+from gap.null.robot_axes import QUANTITIES, AxesBlock
+from gap.null.robot_force import AT_NOISE, ForceBlock, RoughForceBlock
+from gap.null.robot_loop import CONTROLLERS
+from gap.null.sheet_discrepancy import gradients, lagged, played, sheet_discrepancy
+from gap.null.sheet_law import FURTHER, Law
+from sim_devices.chain import FloatArray
+from sim_devices.stages import nominal
+from sim_devices.stages.kernels import evaluate, low_pass
+from sim_devices.stages.tissues import sheet_tissue
+
+
+def test_smoothing_keeps_a_step_and_averages_the_rest() -> None:
+    rng = np.random.default_rng(1)
+    time = np.arange(4000) / 100
+    truth = np.where(time < 20, 0.0, 1.0)
+    smooth = significant(time, truth + rng.normal(0, 0.05, len(time)))
+    away = np.abs(time - 20) > 3
+    assert np.std((smooth - truth)[away]) < 0.05 / 8
+    assert abs(smooth[1990]) < 0.1
+    assert abs(smooth[2010] - 1) < 0.1
+
+
+def test_a_deviation_is_nought_unless_it_stands_out() -> None:
+    rng = np.random.default_rng(1)
+    time = np.arange(4000) / 100
+    noise, bump = rng.normal(0, 0.05, len(time)), np.exp(-((time - 20) ** 2))
+    assert np.mean(deviation(time, noise) == 0.0) > 0.95
+    assert np.max(np.abs(deviation(time, bump + noise) - bump)) < 0.1
+    assert np.std(deviation(time, noise)) < 0.3 * np.std(significant(time, noise))
+
+
+def test_gradients_are_free_of_curl() -> None:
+    rng = np.random.default_rng(2)
+    point = rng.normal(size=(3, 1))
+    for degree in (2, 3, 4):
+        step = 1e-5
+        moved = [gradients(point + step * np.eye(3)[:, [k]], degree) for k in range(3)]
+        still = gradients(point, degree)
+        slope = np.stack([(m - still)[:, :, 0] / step for m in moved])  # (by which, term, of which)
+        assert np.allclose(slope, np.swapaxes(slope, 0, 2), atol=1e-3)
+
+
+def test_lag_agrees_with_the_kernel_and_play_stays_within_its_width() -> None:
+    time = np.sort(np.random.default_rng(3).uniform(0, 10, 200))
+    u = np.stack([np.sin(time), np.cos(time) - 1, 0 * time]) - np.array([[np.sin(time[0])], [np.cos(time[0]) - 1], [0]])
+    assert np.allclose(lagged(time, u, 0.7)[0], evaluate(low_pass, time, u[0], 0.7), atol=1e-9)
+    stay = np.empty_like(u)
+    played(u, 0.3, stay)
+    assert np.all(np.linalg.norm(u - stay, axis=0) < 0.3 + 1e-9)
+
+
+def test_the_basis_of_other_sheets_holds_a_sheet_with_slow_memory() -> None:
+    time = np.arange(0, 30, 0.01)
+    u = np.stack([1e-3 * np.sin(0.6 * time) ** 2, 0 * time, 0 * time])
+    stamps = np.arange(0.1, 29, 0.1)
+    basis, weights = sheet_discrepancy(time, u, stamps)
+    assert basis.shape == (3, len(stamps), len(weights))
+    force = 500 * (u[0] + 2e5 * u[0] ** 3) - 200 * evaluate(low_pass, time, u[0], 7.0)
+    wanted = np.interp(stamps, time, force)
+    columns = basis[0] * weights
+    left = wanted - columns @ np.linalg.lstsq(columns, wanted, rcond=1e-8)[0]
+    assert np.std(left) < 1e-3 * np.std(wanted)
+
+
+def test_controllers_follow_a_ramp_with_the_lag_of_their_drag() -> None:
+    """At constant speed the integral alone bears the drag, so that the error vanishes slowly."""
+    time = np.arange(0, 20, 0.01)
+    for controller in CONTROLLERS:
+        chain = controller.installed(nominal("microrobot"), np.ones(3))
+        signals: dict[str, FloatArray] = {f"command_{a}": np.zeros(len(time)) for a in "xyz"}
+        signals["command_z"] = 1e-4 * time
+        signals |= {f"load_{k}": np.zeros(len(time)) for k in "123"}
+        made = chain.run(time, signals)
+        lag = made["target_1"] - made["axis_1"]
+        assert abs(lag[-1]) < 1e-8
+
+
+def test_blocks_of_a_sound_own_robot_are_at_the_noise_floor() -> None:
+    legs = [own.direction_cycles(a, 0.0, 1.2e-3, 8.0, 1) for a in (0.0, 0.5 * np.pi)]
+    recordings = own.robot_session(np.random.default_rng(5), [], legs=legs)
+    session = GroupedSession(recordings, QUANTITIES)
+    axes = AxesBlock(session, {})
+    assert axes.controller is CONTROLLERS[0]
+    for block in (axes, ForceBlock(session, {}, axes)):
+        f = fit(block)
+        assert np.sqrt(f.chi2 / len(f.residual)) < 1.1
+
+
+def test_bins_begin_at_turns_and_not_at_every_piece_of_a_curve() -> None:
+    recordings = own.robot_session(np.random.default_rng(5), [], legs=[own.direction_cycles(0.3, 0.0, 1.2e-3, 8.0, 1)])
+    many, few = GroupedSession(recordings, QUANTITIES).kinks, robot_session(recordings).kinks
+    assert 2 <= len(few) <= len(many)
+    assert set(few) <= set(many)
+    assert 0 < BEND < 1
+
+
+def test_secant_stiffness_of_the_sheet_does_not_depend_on_its_stiffening() -> None:
+    """Else exponent, length and stiffness make a bent valley in which fits stop early."""
+    recordings = own.robot_session(np.random.default_rng(5), [], legs=[own.direction_cycles(0.0, 0.0, 1.2e-3, 8.0, 1)])
+    session = robot_session(recordings)
+    block = RoughForceBlock(session, {}, AxesBlock(session, {}))
+    at = dict(zip(block.TISSUE, range(len(block.TISSUE)), strict=True))
+    secants = []
+    for length, stiffening in ((0.0, 0.0), (0.5, 0.2), (-0.4, 0.1)):
+        nuisance = block.prior_mean.copy()
+        nuisance[[at["length"], at["stiffening"]]] = length, stiffening
+        law = block.tissue(nuisance)
+        stretch = 1 + (block._typical / law.length) ** 2
+        secants.append(np.array(law.stiffness) * stretch**law.exponent)
+    assert np.allclose(secants[1], secants[0], rtol=1e-9)
+    assert np.allclose(secants[2], secants[0], rtol=1e-9)
+
+
+def test_the_tip_keeps_to_the_clock_of_the_commands() -> None:
+    """At the end of a session a clock that is 1e-4 fast is as late as a delay of so much."""
+    recordings = own.robot_session(np.random.default_rng(5), [], legs=[own.direction_cycles(0.0, 0.0, 1.2e-3, 8.0, 1)])
+    axes = AxesBlock(robot_session(recordings), {})
+    group = axes.groups[0][0]
+    end = axes.stamps[-1] - np.arange(0.0, 1.0, 0.1)
+    late, skewed = axes.prior_mean.copy(), axes.prior_mean.copy()
+    late[3], skewed[4] = 1e-3, 1e-3 / (axes.stamps[-1] - axes.stamps[0])
+    paths = []
+    for nuisance in (axes.prior_mean, late, skewed):
+        axes._best = replace(axes._best, nuisance=nuisance)
+        paths.append(axes.true_axes(group, end))
+    moved = np.max(np.abs(paths[1] - paths[0]))
+    assert moved > 1e-7
+    assert np.max(np.abs(paths[2] - paths[1])) < 0.2 * moved
+
+
+def test_what_the_transducers_get_wrong_misleads_the_load_on_the_axes() -> None:
+    """Behind a free stiffness nobody sees a wrong gain of all transducers; the axes do, which bear the true force."""
+    effect = library("microrobot")["sensor_gain[channel=3]"]
+    legs = [own.direction_cycles(a, 0.0, 1.2e-3, 1.5, 6) for a in (0.0, 0.3 * np.pi, 0.5 * np.pi)]
+    recordings = own.robot_session(np.random.default_rng(5), [(effect, {"error": 0.3})], legs=legs)
+    axes = AxesBlock(robot_session(recordings), {"sensor_gain[channel=3]": effect})
+    candidate = Candidate("sensor_gain[channel=3]", effect.name, effect.stage, effect.parameters, ("axes",))
+    null = fit(axes)
+    found = fit(axes, (candidate,), np.array([0.55]), null.nuisance)
+    assert abs(candidate.values(found.unit)["error"] - 0.3) < 3 * np.sqrt(found.covariance[0, 0])
+    assert null.objective - found.objective > 10
+
+
+def test_skin_of_a_simple_law_needs_nothing_wider() -> None:
+    skin = replace(sheet_tissue("forearm"), relaxation=(0.2, 0.15), times=(0.8, 6.0), softening=0.0)
+    legs = [own.direction_cycles(a, 0.0, 1.2e-3, 8.0, 2) for a in (0.0, 0.3 * np.pi, 0.5 * np.pi)]
+    recordings = own.robot_session(np.random.default_rng(5), [], tissue=skin, legs=legs)
+    session = robot_session(recordings)
+    block = ForceBlock(session, {}, AxesBlock(session, {}))
+    start = block.start()
+    assert len(block.alternatives) == len(block.trusts) == 1
+    found = fit(block, nuisance=start)
+    assert found.chi2 < 1.1 * len(found.residual)
+    assert np.allclose(sorted(block.tissue(found.nuisance).times), (0.8, 6.0), rtol=0.3)
+
+
+def test_limits_are_looked_for_where_the_session_meets_them() -> None:
+    recordings = own.robot_session(np.random.default_rng(5), [], legs=[own.direction_cycles(0.0, 0.0, 1.2e-3, 8.0, 1)])
+    effects = {k: e for k, e in library("microrobot").items() if e.name in ("force_saturation", "sensor_saturation")}
+    blocks, candidates = robot_problems(recordings, effects)
+    force = next(b for b in blocks if b.name == "force")
+    greatest = float(np.max(np.abs(force.measured)))
+    limits = [c.parameters[0] for c in candidates if c.name == "sensor_saturation"]
+    assert limits
+    assert all(p.low < greatest < p.high for p in limits)
+    assert any(c.key == "force_saturation[form=1]" for c in candidates)
+
+
+MORE = {"spring": 0.4, "closing": -0.5, "activation": 4.0, "slip1": 0.2, "skew1": 0.15}
+"""Of each further law, in their order, what tells it from two relaxation times."""
+
+
+@pytest.fixture(scope="module")
+def sheets() -> tuple[GroupedSession, AxesBlock]:
+    legs = [own.direction_cycles(angle, 0.2, 1.2e-3, 8.0, 2) for angle in (0.0, 1.2, 2.6)]
+    session = robot_session(own.robot_session(np.random.default_rng(8), [], legs=legs))
+    return session, AxesBlock(session, {})
+
+
+@pytest.mark.parametrize(("law", "tells"), list(zip(FURTHER, MORE, strict=True)), ids=list(MORE))
+def test_skin_of_a_further_law_is_fitted_by_it_alone(
+    sheets: tuple[GroupedSession, AxesBlock], law: Law, tells: str
+) -> None:
+    session, axes = sheets
+    block = ForceBlock(session, {}, axes)
+    at = block.prior_mean.copy()
+    at[: len(law.sd)] = law.guesses[0]
+    at[block.TISSUE.index(tells)] = MORE[tells]
+    noise = block.sigma * np.random.default_rng(3).normal(size=len(block.sigma))
+    block.measured = block._chain_forces(at, {}) + noise
+    start = block.start()
+    residual = block.evaluate(start, {}, want_jacobian=False).residual
+    assert residual @ residual < AT_NOISE * len(residual)
+    assert len(block.alternatives) == 2  # nothing wider is kept but skin of two times, for effects that look like this
+    assert start[block.TISSUE.index(tells)] != 0.0

@@ -1,0 +1,70 @@
+"""The sheet's laws: what each lets relax, and from where."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gap.null.chains import needed, run
+from gap.null.sheet_law import AMOUNTS, FROZEN, FURTHER, LAWS, RELAXATION_TIMES, TISSUE, rewired, sheet
+from sim_devices.stages import nominal
+from sim_devices.stages.robot import xyz
+from sim_devices.stages.tissues import sheet_tissue
+
+
+def test_each_law_has_its_own_relaxation_and_no_other() -> None:
+    base = sheet_tissue("forearm")
+    modes, power, usual = (sheet(np.array(law.guesses[0]), base, 1e-3) for law in LAWS)
+    assert len(modes.times) == 2
+    assert usual.times == RELAXATION_TIMES
+    # A power law of time loses about as much in every decade, and no more than all.
+    assert 0 < sum(power.relaxation) < 1
+    assert max(power.times) / min(power.times) > 1e5
+
+
+def test_what_a_law_lacks_is_frozen_at_nothing() -> None:
+    for law in (*LAWS, *FURTHER):
+        frozen = np.array(law.sd) <= FROZEN
+        assert not np.array(law.guesses)[:, frozen].any()
+        assert not frozen[: TISSUE.index("softening") + 1].any()
+    amounts = {name for name in TISSUE if name.startswith(("relaxation", "amount", "power"))}
+    free = [{n for n, sd in zip(TISSUE, law.sd, strict=True) if sd > FROZEN} & amounts for law in LAWS]
+    assert set.union(*free) == amounts
+    assert sum(map(len, free)) == len(amounts)
+
+
+def test_each_further_law_has_two_times_and_one_thing_more() -> None:
+    for law in FURTHER:
+        free = {n for n, sd in zip(TISSUE, law.sd, strict=True) if sd > FROZEN} & AMOUNTS.keys()
+        more = {n.rstrip("0123456789") for n in free} - {"amount"}
+        assert {"amount1", "amount2"} < free
+        assert len(more) == 1
+
+
+def test_a_long_elastic_curve_is_fungs_exponential_of_the_energy() -> None:
+    base, typical, stiffening = sheet_tissue("forearm"), 1e-3, 0.6
+    nominal_part = base.exponent * np.log1p((typical / base.length) ** 2)
+    x = dict.fromkeys(TISSUE, 0.0) | {"length": 3.0, "stiffening": stiffening - nominal_part}
+    law = sheet(np.array(list(x.values())), base, typical)
+    distance = np.linspace(0.0, 1.3e-3, 40)
+    factor = (1 + (distance / law.length) ** 2) ** law.exponent
+    assert np.allclose(factor, np.exp(stiffening * (distance / typical) ** 2), rtol=5e-3)
+
+
+def _forces(law_at: np.ndarray) -> np.ndarray:
+    time = np.linspace(0.0, 8.0, 801)
+    path = 1e-3 * np.sin(1.3 * time)
+    given = {"skin_x": path, "skin_y": 0.5 * path, "skin_z": -0.3 * path}
+    base = sheet(law_at, sheet_tissue("forearm"), 1e-3)
+    chain = rewired(nominal("microrobot", tissue=base), law_at, 1e-3, 1.0)
+    return np.stack([run(needed(chain, xyz("reaction"), given), time, given)[s] for s in xyz("reaction")])
+
+
+def test_further_laws_change_the_force_and_are_two_times_without_what_they_add() -> None:
+    plain = _forces(np.array(LAWS[0].guesses[0]))
+    for law in FURTHER:
+        guess = dict(zip(TISSUE, law.guesses[0], strict=True))
+        added = [n for n in AMOUNTS if guess[n] and not n.startswith("amount")] or ["skew1", "skew4"]
+        at = np.array(list((guess | {n: guess[n] or 0.2 for n in added}).values()))
+        assert np.max(np.abs(_forces(at) - plain)) > 5e-3
+        at[[TISSUE.index(n) for n in added]] = 0.0
+        assert np.allclose(_forces(at), plain, atol=1e-9)

@@ -1,0 +1,86 @@
+"""What sheets do other than relax linearly, against closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gap.null.chains import run
+from gap.null.sheet_operators import ODD, Activated, Consolidation, Skew, Springs, turned
+from sim_devices.stages.kernels import evaluate, prony
+from sim_devices.stages.robot import xyz
+
+FORCE, MOVED, OUT = xyz("reaction"), xyz("skin"), xyz("felt")
+TIME = np.linspace(0.0, 10.0, 1001)
+
+
+def _path(seed: int = 1) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    waves = [np.sin(w * TIME) for w in (0.7, 1.9, 4.1)]
+    return {s: 1e-3 * sum(a * w for a, w in zip(rng.normal(size=3), waves, strict=True)) for s in MOVED}
+
+
+def _felt(op: object, signals: dict[str, np.ndarray]) -> np.ndarray:
+    made = run([op], TIME, signals)
+    return np.stack([made[s] for s in OUT])
+
+
+@given(angle=st.floats(-3.0, 3.0))
+def test_turning_there_and_back_changes_nothing(angle: float) -> None:
+    path = list(_path().values())
+    assert np.allclose(turned(list(turned(path, angle)), -angle), path, atol=1e-15)
+
+
+def test_whole_springs_are_a_stiffness_matrix_turned() -> None:
+    path, none = _path(), dict.fromkeys(FORCE, 0 * TIME)
+    op = Springs("springs", "tissue", FORCE + MOVED, OUT, (300.0, 200.0, 100.0), 0.4)
+    c, s = np.cos(0.4), np.sin(0.4)
+    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    expected = -turn @ np.diag([300.0, 200.0, 100.0]) @ turn.T @ np.stack(list(path.values()))
+    assert np.allclose(_felt(op, path | none), expected, atol=1e-12)
+
+
+def test_a_spring_that_slips_holds_no_more_than_its_length_and_dissipates_four_times_it() -> None:
+    """Prandtl's element: over a cycle of amplitude A it takes 4 k y (A - y)."""
+    k, y, reach = 500.0, 0.2e-3, 1e-3
+    corners = np.array([0, reach, -reach, reach, -reach])
+    path = {MOVED[0]: np.interp(TIME, np.linspace(0, 10, 5), corners), MOVED[1]: 0 * TIME, MOVED[2]: 0 * TIME}
+    op = Springs("slips", "tissue", FORCE + MOVED, OUT, (k, k, k), 0.0, ((1.0, y),))
+    pull = -_felt(op, path | dict.fromkeys(FORCE, 0 * TIME))[0]
+    assert np.max(np.abs(pull)) == pytest.approx(k * y, rel=1e-12)
+    cycle = slice(250, 751)  # from one end to the other and back
+    lost = float(np.trapezoid(pull[cycle], path[MOVED[0]][cycle]))
+    assert lost == pytest.approx(4 * k * y * (reach - y), rel=1e-2)
+
+
+def test_a_skew_sheet_has_a_potential() -> None:
+    op = Skew("skew", "tissue", FORCE + MOVED, OUT, tuple(np.linspace(-1, 1, 10)), 1e-3)
+    at, h = np.array([0.3e-3, -0.7e-3, 0.5e-3]), 1e-9
+
+    def force(where: np.ndarray) -> np.ndarray:
+        return op.force([np.array([x]) for x in where])[:, 0]
+
+    slopes = np.array([(force(at + h * e) - force(at - h * e)) / (2 * h) for e in np.eye(3)])
+    assert np.allclose(slopes, slopes.T, atol=1e-6 * np.max(np.abs(slopes)))
+    assert np.allclose(force(-at), force(at))  # this way and that differ: even in the displacement
+
+
+def test_open_ways_consolidate_linearly_and_closing_ones_later() -> None:
+    signals = _path() | {s: np.where(TIME > 0, -1.0, 0.0) for s in FORCE}
+    op = Consolidation("memory", "tissue", FORCE + MOVED, OUT, (0.1, 0.2), (0.3, 2.0), 0.0)
+    since = TIME - 0.5 * TIME[1]  # the step is a ramp over the first sample
+    expected = 1 - 0.1 * (1 - np.exp(-since / 0.2))
+    for k in ODD:
+        expected -= 0.3 * 8 / (np.pi * k) ** 2 * (1 - np.exp(-since * k**2 / 2.0))
+    assert np.allclose(_felt(op, signals)[0][5:], -expected[5:], atol=1e-3)
+    slower = Consolidation("memory", "tissue", FORCE + MOVED, OUT, (0.1, 0.2), (0.3, 2.0), 1e6)
+    assert np.all(_felt(slower, signals)[0][20:] < _felt(op, signals)[0][20:])
+
+
+def test_hardly_activated_flow_relaxes_linearly_in_every_direction() -> None:
+    signals = dict(zip(FORCE, (1e3 * v for v in _path(2).values()), strict=True))
+    op = Activated("memory", "tissue", FORCE, OUT, 0.7, (1e-6, -0.2, 0.5, -0.1, 3.0))
+    expected = [evaluate(prony, TIME, f, 1.0, -0.2, 0.5, -0.1, 3.0) for f in signals.values()]
+    assert np.allclose(_felt(op, signals), expected, atol=2e-2)

@@ -1,0 +1,229 @@
+"""The suction blocks: what is taken out of the gauge, and what skin may do without being called a device."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from acquire.recording.model import Recording
+from gap.design import simulated as own
+from gap.effects.load import library
+from gap.inference.least_squares import fit, predicted, under
+from gap.null.blocks import GroupedSession, candidates_for
+from gap.null.skin_laws import BASIC, SkinLaw
+from gap.null.suction_height import HeightBlock
+from gap.null.suction_pressure import PressureBlock
+from gap.search.compare import compare
+from sim_devices.chain import Effect
+from sim_devices.effects.tissue import power_law_creep
+from sim_devices.stages.tissues import SuctionTissue
+
+LOW_PASS = "sensor_low_pass[channel=0,order=0]"
+LEGS = [own.step_hold(-20e3, 10.0, 5.0), own.step_hold(-10e3, 10.0, 5.0), own.triangle(-20e3, 6.0, 1, 5.0)]
+OTHER_SKIN = SuctionTissue(
+    compliance=9e-9, knee=4e3, exponent=0.15, creep=(0.3, 0.1, 0.4, 0.1), times=(0.05, 0.6, 4.0, 90.0), residual=0.2
+)
+"""Another curve, another spectrum, more flow than the reduced tissue begins with."""
+
+OTHER_TIMES = SuctionTissue(9e-9, knee=8e3, exponent=0.3, creep=(0.5, 0.5), times=(0.35, 2.4), residual=0.1)
+
+
+def session(
+    effects: Sequence[tuple[Effect, Mapping[str, float]]] = (), tissue: SuctionTissue | None = None
+) -> list[Recording]:
+    return own.suction_session("aspiration", np.random.default_rng(5), effects, tissue, legs=LEGS)
+
+
+def blocks(recordings: Sequence[Recording]) -> tuple[PressureBlock, HeightBlock]:
+    grouped = GroupedSession(recordings, ("pressure",))
+    pressure = PressureBlock(grouped, library("aspiration"))
+    return pressure, HeightBlock(grouped, library("aspiration"), pressure)
+
+
+@pytest.mark.parametrize("tissue", [None, OTHER_SKIN])
+def test_skin_of_any_kind_is_at_the_noise(tissue: SuctionTissue | None) -> None:
+    for block in blocks(session(tissue=tissue)):
+        null = fit(block, iterations=40)
+        assert null.chi2 / len(null.residual) < 1.25
+
+
+def test_skin_is_fed_what_the_regulator_made_and_not_what_the_gauge_adds() -> None:
+    effects = library("aspiration")
+    wrong = effects["gauge_offset[form=1]"]  # in the record only
+    _, sound = blocks(session())
+    _, fooled = blocks(session([(wrong, {"offset": 25.0})]))
+    for (time, pressure), (_, other) in zip(sound._line, fooled._line, strict=True):
+        quiet = time < 0.8  # vented
+        assert np.abs(pressure[quiet]).max() < 20.0  # half the noise of one sample
+        assert abs(np.mean((other - pressure)[quiet])) < 8.0  # of 25
+
+
+def test_a_zero_taken_late_is_a_nuisance() -> None:
+    recordings = session()
+    _, plain = blocks(recordings)
+    before = fit(plain).chi2
+    for r in recordings:
+        height = r.streams["apex_height"]
+        height.value[height.time < height.time[0] + 0.9] += 15e-6  # zeroed anew when suction begins
+    _, late = blocks(recordings)
+    assert fit(late).chi2 < before + 60  # (15 µm against 4 µm of noise, 67 samples)
+
+
+def test_the_prior_moves_with_a_strong_effect() -> None:
+    low_pass = library("aspiration")[LOW_PASS]
+    _, height = blocks(session([(low_pass, {"tau": 0.4})]))
+    null = fit(height)
+    candidate = next(c for c in candidates_for(library("aspiration"), [height]) if c.key == LOW_PASS)
+    moved = height.anchored((candidate,), np.array([0.7]))
+    assert moved is not None
+    assert 0.2 < candidate.values(moved.unit)["tau"] < 0.8  # near enough to begin from
+    assert not np.allclose(moved.mean, null.prior_mean)
+    assert any(moved.sd is width for width in height.alternatives)
+
+
+def test_a_session_without_skin_has_no_discrepancy_and_still_a_null() -> None:
+    legs = [replace(leg, specimen="rigid block") for leg in LEGS]
+    recordings = own.suction_session("aspiration", np.random.default_rng(5), legs=legs)
+    pressure, height = blocks(recordings)
+    for block in (pressure, height):
+        null = fit(block)
+        assert null.chi2 / len(null.residual) < 1.25
+    for sd in height.alternatives[-3:]:  # sizes of the discrepancy: they leave the rest alone
+        np.testing.assert_array_equal(sd, height.alternatives[-1])
+
+
+def test_the_simulation_by_itself_fits_skin_that_creeps_at_other_times() -> None:
+    """Without the discrepancy: with fixed creep times χ²/n is 2.9 here."""
+    _, height = blocks(session(tissue=OTHER_TIMES))
+    null = fit(height, iterations=40)
+    alone = fit(under(height, null.prior_mean, height.plain_sd), nuisance=height.start(), iterations=40)
+    assert alone.objective / len(alone.residual) < 1.2
+    assert any(null.best_prior(height.alternatives) is sd for sd in height.alternatives[:3])
+
+
+CURVE = SuctionTissue(9e-9, knee=8e3, exponent=0.3, creep=(0.3, 0.3), times=(0.7, 7.0), residual=0.0, softening=0.0)
+SHARES, TIMES = zip(*power_law_creep(0.3, 0.2), strict=True)
+
+
+@pytest.mark.parametrize(
+    ("law", "skin"),
+    [
+        (BASIC[0], CURVE),
+        (BASIC[1], replace(CURVE, creep=SHARES, times=TIMES)),
+        (None, replace(CURVE, creep=(0.4, 0.4, 0.4), times=(0.08, 0.9, 9.0))),
+    ],
+)
+def test_the_simplest_law_that_fits_is_the_null(law: SkinLaw | None, skin: SuctionTissue) -> None:
+    """Two creep times, a power law of time, or more than either has: the usual law then, after the simple ones."""
+    _, height = blocks(session(tissue=skin))
+    null = fit(height, iterations=40)
+    best = null.best_prior(height.alternatives)
+    simple = next(k for k, sd in enumerate(height.alternatives) if sd is best)
+    assert (height.laws[simple] if simple < len(height.laws) else None) == law
+    assert null.objective / len(null.residual) < 1.1
+
+
+def test_a_simple_law_leaves_what_a_usual_one_would_swallow() -> None:
+    """A lag of less than a sample is a sampling convention, unless everything else is as simple as can be."""
+    low_pass = library("aspiration")[LOW_PASS]
+    _, height = blocks(session([(low_pass, {"tau": 6e-3})], CURVE))
+    (candidate,) = candidates_for({LOW_PASS: low_pass}, [height])
+    null = fit(height, iterations=40)
+    moved = height.anchored((candidate,), np.array([0.1]))
+    assert moved is not None
+    assert moved.sd is height.alternatives[0]
+    found = fit(under(height, moved.mean, moved.sd), (candidate,), moved.unit, moved.nuisance)
+    assert candidate.values(found.unit)["tau"] == pytest.approx(6e-3, rel=0.2)
+    assert found.log_evidence(1.0, height.alternatives) > null.log_evidence(1.0, height.alternatives) + 5
+
+
+def test_a_zero_is_taken_by_the_records_clock() -> None:
+    """Whose skew the pressure tells: a zero of a step that is 50 ms off is off by a hundred micrometres."""
+    skew = library("aspiration")["clock_skew[form=1]"]
+    _, height = blocks(session([(skew, {"rate": -1e-3})]))
+    null = fit(height, iterations=40)
+    n, r = len(height.PARTS), height.member.shape[1]
+    zeros = slice(n + 1 + r, n + 1 + 3 * r)
+    assert np.sum(np.square(null.nuisance[zeros] / null.prior_sd[zeros])) < 10
+
+
+def test_a_zero_taken_while_skin_is_sucked_in_is_seen_in_the_record() -> None:
+    late = library("aspiration")["wrong_zeroing[form=0]"]
+    assert blocks(session())[1].resets == ()
+    _, height = blocks(session([(late, {"delay": 3.43})]))
+    assert height.resets == pytest.approx((3.43,), abs=0.04)  # a sample of 25 Hz
+    for k in height.runs:  # no bin holds samples from before and after
+        (moment,) = height.breaks(k)
+        ends = height._ends[:, height.run == k]
+        assert not np.any((ends[0] < moment - 0.02) & (ends[1] > moment + 0.02))
+
+
+CYCLES = [own.step_hold(-level, 2.0, 1.7) for level in (20e3, 12e3, 16e3, 9e3, 20e3)]
+
+
+@pytest.mark.parametrize(
+    ("key", "values"),
+    [
+        ("latency[form=1]", {"interval": 0.037, "phase": 0.3}),
+        ("clock_skew[form=2]", {"swing": 8e-3, "period": 40.0, "phase": 0.2}),
+        ("slew_limit[form=1]", {"span_time": 0.25}),
+        ("regulator_lag[form=3]", {"tau": 0.006}),
+        ("reservoir_depletion[form=1]", {"sag": 0.1, "reserve": 0.4, "pump": 0.1}),
+        ("gauge_offset[form=3]", {"offset": 120.0, "moment": 40.0}),
+        ("wrong_unit[channel=0,form=1]", {"factor": 1.02, "within": 5.0}),
+        ("jitter[channel=1]", {"sigma": 4e-3}),
+    ],
+)
+def test_what_is_narrow_or_begins_at_a_threshold_is_found_in_the_pressure(key: str, values: dict[str, float]) -> None:
+    """Each from the screening's own starts: looks at the command, wandering clocks, limits, chance."""
+    effect = library("aspiration")[key]
+    recordings = own.suction_session("aspiration", np.random.default_rng(7), [(effect, values)], legs=CYCLES)
+    pressure = PressureBlock(GroupedSession(recordings, ("pressure",)), library("aspiration"))
+    comparison = compare([pressure], candidates_for(library("aspiration"), [pressure]))
+    weight = comparison.weighed(comparison.temper())
+    singles = [h for h in comparison.hypotheses if len(h.effects) == 1]
+    best = max(singles, key=lambda h: weight[id(h)].evidence)
+    # Late and lost samples scatter as jitter does: they are one class.
+    same = {"jitter", "late_samples", "dropped_samples"}
+    assert best.effects[0].name == effect.name or {best.effects[0].name, effect.name} <= same
+    fitted = best.fits["pressure"]
+    assert fitted.chi2 / len(fitted.residual) < 1.2
+    assert weight[id(best)].evidence > weight[id(comparison.null)].evidence + 10
+
+
+def test_effects_of_chance_widen_the_noise_where_the_signal_is_steep() -> None:
+    pressure, _ = blocks(session())
+    candidate = next(c for c in candidates_for(library("aspiration"), [pressure]) if c.name == "jitter")
+    assert [p.name for p in candidate.parameters] == ["sigma"]  # which draw it was does not matter
+    wider = pressure.widening({candidate: {"sigma": 5e-3}})
+    assert wider is not None
+    assert pressure.slope is not None
+    assert wider[np.argmax(np.abs(pressure.slope))] > 3.0
+    assert np.median(wider) < 1.01
+    active = {candidate: {"sigma": 5e-3}}
+    plain, scaled = (pressure.evaluate(pressure.start(), a).residual for a in ({}, active))
+    np.testing.assert_allclose(scaled * wider, plain)
+    late = fit(pressure, (candidate,), np.array([0.7]), iterations=2)
+    quiet = predicted(pressure, replace(late, residual=np.zeros_like(late.residual)))
+    np.testing.assert_array_equal(quiet, pressure.measured)
+    widths = pressure.widening(late.active)
+    assert widths is not None
+    np.testing.assert_allclose(pressure.measured - predicted(pressure, late), late.residual * pressure.sigma * widths)
+    assert pressure.widening({}) is None
+
+
+def test_lateness_of_each_command_is_measured() -> None:
+    latency = library("aspiration")["latency[form=0]"]
+    recordings = own.suction_session("aspiration", np.random.default_rng(7), [(latency, {"delay": 0.03})], legs=CYCLES)
+    pressure = PressureBlock(GroupedSession(recordings, ("pressure",)), library("aspiration"))
+    tight = under(pressure, pressure.prior_mean, np.full(len(pressure.prior_mean), 1e-9))
+    late = pressure.lateness(fit(tight))
+    assert late is not None
+    sharp = late.sd < 2e-3
+    assert sharp.sum() >= 8
+    np.testing.assert_allclose(late.late[sharp], 0.03, atol=3e-3)
+    sound, _ = blocks(session())
+    assert sound.lateness(fit(sound)) is None

@@ -1,0 +1,234 @@
+"""Shrinkage on data not used, and the report: JSON by its contract, sentences, and the page."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from html.parser import HTMLParser
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from scipy.signal import lsim
+
+from acquire.recording.model import Recording
+from gap.decision.transfer import Shrink, shrink, splits, splits_of_a_rig, transferred, waveform
+from gap.diagnosis import Diagnosis, diagnose
+from gap.inference.evidence import Hypothesis
+from gap.inference.least_squares import fit
+from gap.report.document import as_json, quantity
+from gap.report.html import page
+from sim_devices.chain import Parameter
+
+TIME = np.arange(0.0, 20.0, 0.02)
+
+
+def test_shrink_is_the_share_of_the_gap_above_the_floor() -> None:
+    assert shrink(7.3, 1.2) == pytest.approx(6.1 / 6.3)
+    assert Shrink(5.0, 1.0).value == 1.0
+    assert shrink(3.0, 4.0) < 0  # worse than before: a wrong effect, carried over
+    assert shrink(0.9, 0.9) == 0.0  # nothing stood above the floor
+
+
+STEP = ([0.0, 1.0, 1.0, 11.0, 11.0, 20.0], [0.0, 0.0, -3e4, -3e4, 0.0, 0.0])
+HALF = (STEP[0], [v / 2 for v in STEP[1]])
+RAMP = ([0.0, 1.0, 9.0, 17.0, 20.0], [0.0, 0.0, -3e4, 0.0, 0.0])
+CYCLIC = ([0.0, 1.0, 4.0, 7.0, 10.0, 13.0, 20.0], [0.0, 0.0, -3e4, 0.0, -3e4, 0.0, 0.0])
+
+
+def test_an_effect_carries_over_though_the_nuisance_does_not(linear, candidate) -> None:
+    """Half of the nuisance acts in the second recording only, so that the first cannot foretell it."""
+    t = np.linspace(0.0, 1.0, 400)
+    second = (t > 0.5).astype(float)
+    wave, other = np.sin(40 * t), np.cos(40 * t) * (t <= 0.5)
+    y = 3.0 + 20.0 * second + 2.0 * wave + np.random.default_rng(0).normal(size=400)
+    effects = {"wave": lambda v: v["a"] * wave, "other": lambda v: v["a"] * other}
+    problem = linear(y, np.column_stack([np.ones(400), second]), effects, np.full(2, 100.0), runs=2)
+    known = [candidate(name, Parameter("a", "1", -10.0, 10.0)) for name in effects]
+    null = Hypothesis((), {"linear": fit(problem)})
+    answers = [Hypothesis((c,), {"linear": fit(problem, (c,))}) for c in known]
+    right, wrong = transferred({"linear": problem}, null, answers, {"recording": {1}})
+    assert right["recording"].before > 1.4
+    assert right["recording"].value > 0.85
+    assert abs(wrong["recording"].value) < 0.05
+
+
+def test_waveforms_and_splits(recording) -> None:
+    made = [
+        recording({"pressure": 0 * TIME}, TIME, {"pressure": c}, repeat=n) for c, n in
+        ((STEP, 1), (STEP, 2), (HALF, 1), (RAMP, 1))
+    ]  # fmt: skip
+    assert [waveform(r) for r in made] == ["step", "step", "step", "ramp"]
+    assert waveform(recording({"pressure": 0 * TIME}, TIME, {"pressure": CYCLIC})) == "ramp, cyclic"
+    assert waveform(recording({"pressure": 0 * TIME}, TIME)) == "-"
+    assert splits(made) == {"level": {2}, "waveform": {3}, "repeat": {1}}
+    assert splits(made[:1]) == {}
+
+
+def test_only_the_same_command_makes_a_repeat_of_a_rig(recording) -> None:
+    time = np.linspace(0.0, 10.0, 50)
+
+    def run(command: tuple[list[float], list[float]] | None):
+        return recording({"force": np.zeros(50)}, time, {"stretch": command} if command else {}, instrument="machine")
+
+    slow, again = run(([0.0, 10.0], [0.0, 40.0])), run(([0.0, 10.01], [0.0, 40.0]))
+    held = run(([0.0, 2.0, 10.0], [0.0, 40.0, 40.0]))
+    assert waveform(slow) == waveform(held) == "ramp"
+    assert splits_of_a_rig([slow, again, held]) == {"waveform": {2}, "repeat": {1}}
+    assert splits_of_a_rig([slow, held]) == {"waveform": {1}}
+    assert splits_of_a_rig([slow, run(([0.0, 10.0], [0.0, 20.0]))]) == {"waveform": {1}}
+    assert splits_of_a_rig([run(None), run(None)]) == {"recording": {1}}
+    assert splits_of_a_rig([slow]) == {}
+
+
+class Valve:
+    """Flow follows the opening; drawn from two commands."""
+
+    name = "valve"
+    channels = ("flow",)
+    stages: ClassVar = {"opening": "actuator", "flow": "sensor"}
+    units: ClassVar = {"opening": "V", "flow": "V"}
+    parameters = (Parameter("gain", "1", 0.1, 10.0, None, 1.0, "log"),)
+
+    def simulate(self, time, data, parameters, tap):
+        return {"flow": tap("flow", parameters["gain"] * tap("opening", data["opening"]))}
+
+
+def runs(recording, change, noise: float = 0.01) -> list[Recording]:
+    """Two steps (one repeated) and a ramp through a valve that ``change`` spoils."""
+    out = []
+    for k, (shape, repeat) in enumerate(((STEP, 1), (STEP, 2), (RAMP, 1))):
+        table = (shape[0], [-v / 3e4 for v in shape[1]])
+        opening = np.interp(TIME, *table)
+        flow = 2.0 * change(TIME, opening) + noise * np.random.default_rng(k).normal(size=len(TIME))
+        out.append(
+            recording({"flow": flow}, TIME + 30 * k, {"opening": (np.add(table[0], 30 * k), table[1])}, "valve", repeat)
+        )
+    return out
+
+
+def lagging(time: np.ndarray, opening: np.ndarray) -> np.ndarray:
+    """First-order lag of 0.5 s, exact between samples."""
+    return lsim(([1.0], [0.5, 1.0]), opening, time)[1]
+
+
+@pytest.fixture(scope="module")
+def slow_valve(recording) -> Diagnosis:
+    return diagnose(runs(recording, lagging), Valve())
+
+
+@pytest.fixture(scope="module")
+def report(slow_valve: Diagnosis) -> dict:
+    return as_json(slow_valve)
+
+
+def test_a_lag_is_found_and_its_gap_shrinks_on_what_was_not_used(report: dict) -> None:
+    cause = report["causes"][0]
+    assert report["verdict"] == "effect"
+    assert "low_pass" in cause["class"]
+    assert cause["parameters"]["tau"]["value"] == pytest.approx(0.5, rel=0.1)
+    assert set(cause["shrink"]) == {"fitted", "repeat", "waveform"}
+    assert min(cause["shrink"].values()) > 0.85
+
+
+def test_the_report_keeps_its_contract(report: dict) -> None:
+    """The keys of gap-report/1 and their types: other programs read them."""
+    assert json.loads(json.dumps(report, allow_nan=False)) == report
+    assert report["schema"] == "gap-report/1"
+    assert report["verdict"] in ("effect", "several", "none", "unknown", "undetectable")
+    gap = report["gap"]
+    assert set(gap) == {"before", "after", "noise_floor", "by"}
+    assert {"channel", "phase", "level", "direction", "repeat"} <= set(gap["by"])
+    for values in gap["by"].values():
+        assert all(set(v) == {"before", "after"} for v in values.values())
+    assert all(set(w) == {"stage", "probability"} for w in report["where"])
+    for cause in report["causes"]:
+        assert set(cause) >= {"effects", "class", "probability", "parameters", "detectability", "shrink"}
+        assert 0 <= cause["probability"] <= 1
+        assert all(set(p) == {"value", "se", "unit"} for p in cause["parameters"].values())
+        assert "fitted" in cause["shrink"]
+        assert set(cause["effects"]) <= {n for name in cause["class"] for n in name.split(" + ")}
+    assert sum(c["probability"] for c in report["causes"]) + report["none_probability"] <= 1.001
+    assert all(isinstance(group, list) for group in report["indistinguishable"])
+    assert isinstance(report["next_experiment"], Mapping)
+    assert set(report["cost"]) == {"seconds", "simulations", "fe_solves"}
+    assert report["cost"]["simulations"] > 0
+
+
+def test_three_sentences_say_how_far_what_and_how_sure(report: dict) -> None:
+    assert len(report["sentences"]) == 3
+    first, second, _ = report["sentences"]
+    assert re.search(r"The simulation is [\d.]+ times the noise off", first)
+    assert re.search(r"tau 0\.(49|5)", second)
+    assert re.search(r"explains \d+ % of it", second)
+
+
+class Seen(HTMLParser):
+    """Words, headings and sources of a page."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.links: list[str] = []
+        self.words = ""
+        self.feed(html)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.links += [v or "" for k, v in attrs if k in ("src", "href")]
+
+    def handle_data(self, data: str) -> None:
+        self.words += data
+
+
+def test_the_page_is_self_contained_and_says_the_sentences_first(slow_valve: Diagnosis, report: dict) -> None:
+    seen = Seen(page(slow_valve))
+    assert all(link.startswith(("data:image/png;base64,", "#")) for link in seen.links)
+    assert seen.tags.count("img") >= 2
+    assert "script" not in seen.tags
+    at = [seen.words.index(s) for s in report["sentences"]]
+    assert at == sorted(at)
+    assert at[-1] < seen.words.index("What could cause it")
+    assert "{{" not in seen.words
+    assert "nan" not in seen.words.split()
+
+
+def test_names_from_a_recording_cannot_bring_markup_into_the_page(recording) -> None:
+    from dataclasses import replace
+
+    made = runs(recording, lambda time, opening: opening)
+    made = [replace(r, info=replace(r.info, subject="<script>alert(1)</script>")) for r in made]
+    text = page(diagnose(made, Valve()))
+    assert "<script" not in text
+    assert "&lt;script" in text
+
+
+def test_a_sound_rig_is_not_accused(recording) -> None:
+    result = as_json(diagnose(runs(recording, lambda time, opening: opening), Valve()))
+    assert result["verdict"] in ("none", "undetectable")
+    assert result["gap"]["before"] == pytest.approx(1.0, abs=0.1)
+    assert result["undetectable_below"]  # how strong each effect could still be
+
+
+def test_what_no_effect_of_the_library_does_is_not_named_with_certainty(recording) -> None:
+    def strange(time: np.ndarray, opening: np.ndarray) -> np.ndarray:
+        return opening + 0.2 * np.sign(np.sin(2 * np.pi * 1.7 * time)) * (opening > 0.3)
+
+    result = as_json(diagnose(runs(recording, strange), Valve()))
+    assert result["verdict"] == "unknown"
+    assert result["unknown_probability"] > 0.5
+    assert "Nothing in the library explains it" in result["sentences"][1]
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "se", "written"),
+    [
+        (12e3, "Pa", 4e3, "120 ± 40 mbar"),
+        (1318.4, "1", None, "1320"),
+        (0.3104, "s", 0.0213, "0.31 ± 0.02 s"),
+        (9.82e-5, "m", None, "98.2 µm"),
+    ],
+)
+def test_numbers_are_written_as_people_do(value: float, unit: str, se: float | None, written: str) -> None:
+    assert quantity(value, unit, se) == written

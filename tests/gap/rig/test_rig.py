@@ -1,0 +1,481 @@
+"""Rigs of a user's own: taps, models, and what is wrong with a model."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from gap.decision.verdict import Judgement
+from gap.diagnosis import diagnose
+from gap.inference.least_squares import fit
+from gap.rig import generic_laws as laws
+from gap.rig.generic import GenericEffect
+from gap.rig.model import ModelError, load_model
+from gap.rig.problem import DIVERGED, RigProblem
+from gap.rig.taps import Way
+from sim_devices.chain import Parameter
+
+TIME = np.linspace(0.0, 4.0, 801)
+SLOW_MODE = {"tau": 2.0, "exponent": 0.4, "settled": 0.0}
+
+
+def lagging(goal: np.ndarray, step: float, tau: float, begin: float) -> np.ndarray:
+    """What follows ``goal`` (n,), at every ``step`` s, within ``tau`` s from ``begin`` on."""
+    x, out = begin, np.empty_like(goal)
+    for k, there in enumerate(goal):
+        out[k] = x
+        x = there + (x - there) * np.exp(-step / tau)
+    return out
+
+
+class Spring:
+    """Force = stiffness · extension, with a tap on the force and one on the sensor."""
+
+    name = "spring"
+    channels = ("force",)
+    stages: ClassVar = {"spring_force": "actuator", "force": "sensor"}
+    units: ClassVar = {"spring_force": "N", "force": "N"}
+    parameters = (Parameter("stiffness", "N/m", 1.0, 1e3, None, 30.0, "log"),)
+    effects = (
+        GenericEffect(
+            "hum", "mains hum", "shield",
+            (Parameter("size", "signal", 1e-3, 1.0, 0.0, 0.05, "log"),),
+            lambda state, time, y, related, p: y + p["size"] * np.sin(2 * np.pi * 1.3 * time),
+        ),
+    )  # fmt: skip
+
+    def simulate(self, time, data, parameters, tap):
+        x = data["extension"]
+        force = tap("spring_force", parameters["stiffness"] * x, position=x, velocity=np.gradient(x, time))
+        return {"force": tap("force", force)}
+
+
+@pytest.fixture
+def stretched(recording):
+    def make(change=lambda force, x, v: force, seed: int = 0):
+        x = 0.1 * np.sin(2 * TIME) * np.exp(-0.1 * TIME)
+        force = change(20.0 * x, x, np.gradient(x, TIME))
+        noise = 5e-3 * np.random.default_rng(seed).normal(size=len(TIME))
+        return recording({"force": force + noise, "extension": x}, TIME, instrument="spring", name=f"s{seed}")
+
+    return make
+
+
+def test_a_rig_is_its_model_plus_taps(stretched) -> None:
+    problem = RigProblem([stretched()], Spring())
+    keys = {c.key for c in problem.candidates}
+    assert {"coulomb_friction@spring_force", "saturation@force", "hum@force"} <= keys
+    assert not any(k.startswith("coulomb_friction@force") for k in keys)  # no velocity at that tap
+    right = problem.coordinates({"stiffness": 20.0})
+    assert problem.parameters(right)["stiffness"] == pytest.approx(20.0)
+    residual = problem.evaluate(right, {}).residual
+    assert np.mean(residual**2) == pytest.approx(1.0, rel=0.15)
+
+
+def test_nothing_leaves_its_range_and_what_ends_there_is_told(stretched) -> None:
+    stiff = stretched(lambda force, x, v: 300.0 * force)  # 6000 N/m where the model says 1000 at most
+    problem = RigProblem([stiff], Spring())
+    fitted = fit(problem, iterations=40)
+    assert problem.parameters(fitted.nuisance)["stiffness"] <= 1e3
+    assert all(1.0 <= problem.parameters(np.full(1, z))["stiffness"] <= 1e3 for z in (-40.0, -1.0, 2.0, 40.0))
+    (words,) = problem.at_the_end(fitted.nuisance)
+    assert "parameter stiffness" in words
+    assert "1 … 1000" in words
+    assert problem.at_the_end(problem.coordinates({"stiffness": 20.0})) == []
+
+
+def test_parameters_and_coordinates_are_inverse(stretched) -> None:
+    problem = RigProblem([stretched()], Spring())
+    for value in (1.5, 30.0, 900.0):
+        assert problem.parameters(problem.coordinates({"stiffness": value}))["stiffness"] == pytest.approx(value)
+
+
+def test_a_tap_that_stands_still_can_leak_and_one_that_carries_nothing_cannot(recording) -> None:
+    class Held:
+        name, channels = "held", ("pressure",)
+        stages: ClassVar = {"chamber": "actuator", "idle": "actuator"}
+        parameters = (Parameter("filling", "Pa", 5e5, 1e6, None, 7e5),)
+
+        def simulate(self, time, data, parameters, tap):
+            tap("idle", np.zeros_like(time))
+            return {"pressure": tap("chamber", np.full_like(time, parameters["filling"]))}
+
+    pressure = 7.5e5 * np.exp(-TIME / 400) + 50 * np.random.default_rng(4).normal(size=len(TIME))
+    run = recording({"pressure": pressure}, TIME, instrument="held")
+    keys = {c.key for c in RigProblem([run], Held()).candidates}
+    assert "leak@chamber" in keys
+    assert not any(k.startswith("saturation") for k in keys)
+    assert not any(k.endswith("@idle") for k in keys)
+    verdict = diagnose([run], Held(), advise=False).verdict
+    assert verdict.verdict == "effect"
+    assert verdict.causes[0].names[0] == "leak"
+
+
+@pytest.mark.parametrize("pulls", [1, 2])
+def test_loops_are_asked_for_only_where_the_signal_turns(recording, pulls: int) -> None:
+    way = TIME / TIME[-1]
+    stretch = way if pulls == 1 else 1.0 - np.abs(1.0 - 2.0 * way)
+
+    class Tape:
+        name, channels, stages = "tape", ("force",), {"elastic": "tissue"}
+        parameters = (Parameter("stiffness", "N/m", 0.5, 50.0, None, 5.0, "log"),)
+
+        def simulate(self, time, data, parameters, tap):
+            force = parameters["stiffness"] * data["stretch"]
+            for one, x in zip(force, data["stretch"], strict=True):  # sample by sample, as from within a loop
+                tap("elastic", float(one), position=float(x), velocity=1.0)
+            return {"force": force}
+
+    run = recording({"force": 5.0 * stretch, "stretch": stretch}, TIME, instrument="tape")
+    names = {c.name for c in RigProblem([run], Tape()).candidates}
+    assert {"hysteresis", "dahl_friction", "backlash"} & names == (
+        {"hysteresis", "dahl_friction", "backlash"} if pulls > 1 else set()
+    )
+    assert {"coulomb_friction", "quadratic_error"} <= names
+
+
+def test_what_is_no_number_turns_nothing_and_hides_no_turn() -> None:
+    way = Way()
+    for values in (np.array([0.0, np.nan, 1.0]), np.array([np.nan]), np.array([0.5, 2.0])):
+        way.go(values)
+    assert way.turns
+    assert not Way().turns
+
+
+def test_a_slow_mode_is_found_though_it_takes_over_half_of_the_model(recording) -> None:
+    time = np.arange(0.0, 1200.0, 4.0)
+    volts = np.select([time < 400, time < 800], [9.0, 4.0], 8.0)
+
+    class Plate:
+        name, channels = "plate", ("temperature",)
+        stages: ClassVar = {"voltage": "actuator", "temperature": "sensor"}
+        parameters = (
+            Parameter("gain", "K/V", 2.0, 100.0, None, 20.0, "log"),
+            Parameter("tau", "s", 5.0, 500.0, None, 50.0, "log"),
+            Parameter("start", "K", 100.0, 200.0, None, 130.0),
+        )
+
+        def simulate(self, time, data, parameters, tap):
+            heated = parameters["gain"] * tap("voltage", data["voltage"])
+            return {"temperature": tap("temperature", lagging(heated, 4.0, parameters["tau"], parameters["start"]))}
+
+    made = lagging(8.0 * volts, 4.0, 25.0, 50.0) + lagging(12.0 * volts, 4.0, 180.0, 75.0)
+    made += 0.2 * np.random.default_rng(5).normal(size=len(time))
+    run = recording({"temperature": made}, time, {"voltage": (time, volts)}, instrument="plate")
+    diagnosis = diagnose([run], Plate(), advise=False)
+    assert diagnosis.verdict.verdict == "effect"
+    assert diagnosis.verdict.causes[0].names[0] == "creep"
+    assert diagnosis.gap_after < 0.2 * diagnosis.gap_before
+
+
+def test_what_slackens_is_creep(recording) -> None:
+    stretch = np.minimum(TIME, 1.0)
+    force = 10.0 * stretch - 5.0 * laws.creep({}, TIME, stretch, {}, {"share": 0.4, **SLOW_MODE})
+    force += 5e-3 * np.random.default_rng(6).normal(size=len(TIME))
+
+    class Tape:
+        name, channels, stages = "tape", ("force",), {"elastic": "tissue"}
+        parameters = (Parameter("stiffness", "N/m", 0.5, 50.0, None, 5.0, "log"),)
+
+        def simulate(self, time, data, parameters, tap):
+            return {"force": tap("elastic", parameters["stiffness"] * data["stretch"])}
+
+    run = recording({"force": force, "stretch": stretch}, TIME, instrument="tape")
+    verdict = diagnose([run], Tape(), advise=False).verdict
+    assert verdict.verdict == "effect"
+    assert "creep" in verdict.causes[0].names
+
+
+def test_a_second_effect_is_not_made_of_what_the_model_itself_lacks(recording) -> None:
+    """Half of what a lag leaves of a ladder looks like creep, the rest like nothing: real circuits are no simpler."""
+    time = np.arange(0.0, 0.3, 1e-3)
+    volts = np.where((time // 0.05) % 2 == 0, 0.5, -0.5)
+
+    class Ladder:
+        name, channels = "ladder", ("out",)
+        stages: ClassVar = {"dac": "actuator", "out": "sensor"}
+        parameters = (
+            Parameter("tau", "s", 1e-3, 3e-2, None, 5e-3, "log"),
+            Parameter("gain", "1", 0.9, 1.1, None, 1.0),
+        )
+
+        def simulate(self, time, data, parameters, tap):
+            out = parameters["gain"] * lagging(tap("dac", data["dac"]), 1e-3, parameters["tau"], -0.5)
+            return {"out": tap("out", out)}
+
+    lagged = laws.low_pass({}, time, lagging(volts, 1e-3, 5e-3, -0.5), {}, {"tau": 5e-4})
+    tail = laws.creep({}, time, lagged, {}, {"share": 0.03, "tau": 1.5e-2, "exponent": 1.2, "settled": 1.0}) - lagged
+    rest = np.sin(900 * time) + np.sin(1300 * time + 1) + np.sin(1700 * time + 2)
+    noise = 3e-4 * np.random.default_rng(7).normal(size=len(time))
+    run = recording({"out": lagged + tail + 1.5e-3 * rest + noise}, time, {"dac": (time, volts)}, instrument="ladder")
+    assert diagnose([run], Ladder(), rules=Judgement(), advise=False).verdict.verdict == "several"
+    verdict = diagnose([run], Ladder(), advise=False).verdict
+    assert verdict.verdict == "effect"
+    assert {"delay", "low_pass"} & set(verdict.causes[0].names)
+
+
+def test_a_motor_at_rest_is_not_cut_off(recording) -> None:
+    time = np.arange(0.0, 20.0, 0.02)
+    volts = np.where((time % 10 > 2) & (time % 10 < 7), 6.0, 0.0)
+
+    class Motor:
+        name, channels = "motor", ("speed",)
+        stages: ClassVar = {"voltage": "actuator", "speed": "sensor"}
+        parameters = (
+            Parameter("gain", "rad/(s V)", 0.2, 20.0, None, 2.0, "log"),
+            Parameter("tau", "s", 0.02, 2.0, None, 0.2, "log"),
+        )
+
+        def simulate(self, time, data, parameters, tap):
+            driven = parameters["gain"] * tap("voltage", data["voltage"])
+            return {"speed": tap("speed", lagging(driven, 0.02, parameters["tau"], 0.0))}
+
+    sound = lagging(2.0 * volts, 0.02, 0.3, 0.0)
+    noise = 0.03 * np.random.default_rng(0).normal(size=len(time))
+    speed = np.where(sound > 0.05, sound + noise, 0.0)  # an encoder at rest counts nothing
+    run = recording({"speed": speed}, time, {"voltage": (time, volts)}, instrument="motor")
+    diagnosis = diagnose([run], Motor(), advise=False)
+    assert diagnosis.signatures == ()
+    assert diagnosis.verdict.verdict in ("none", "undetectable")
+    assert next(iter(diagnosis.problems.values())).sigma[0] == pytest.approx(0.03, rel=0.15)
+    clipped = recording({"speed": np.minimum(speed, 11.0)}, time, {"voltage": (time, volts)}, instrument="motor")
+    verdict = diagnose([clipped], Motor(), advise=False).verdict
+    assert verdict.causes[0].names[0] == "saturation"
+
+
+def test_priors_are_scaled_to_the_rig(stretched) -> None:
+    problem = RigProblem([stretched()], Spring())
+    level = next(c for c in problem.candidates if c.key == "coulomb_friction@spring_force").parameters[0]
+    span = np.ptp(30.0 * stretched().streams["extension"].value)
+    assert (level.low, level.high, level.unit) == (pytest.approx(1e-3 * span), pytest.approx(span), "N")
+
+
+def test_a_delay_or_lag_far_below_a_sample_is_in_the_prior(stretched) -> None:
+    dt = TIME[1] - TIME[0]
+    first = {c.key: c.parameters[0] for c in RigProblem([stretched()], Spring()).candidates}
+    assert first["delay@force"].low <= 0.02 * dt
+    assert first["low_pass@force"].low <= 0.05 * dt
+
+
+class Follower:
+    """Reads its set-point, whose name is that of the channel."""
+
+    name, channels, stages, parameters = "follower", ("pressure",), {}, ()
+
+    def simulate(self, time, data, parameters, tap):
+        return {"pressure": data["setpoint_pressure"]}
+
+
+def test_a_resonance_is_found_far_from_the_default(recording) -> None:
+    class Ringing:
+        name, channels, stages = "ringing", ("x",), {}
+        parameters = (Parameter("rate", "rad/s", 10.0, 90.0, None, 30.0, "log"),)
+
+        def simulate(self, time, data, parameters, tap):
+            return {"x": np.sin(parameters["rate"] * time)}
+
+    noise = 0.05 * np.random.default_rng(2).normal(size=len(TIME))
+    problem = RigProblem([recording({"x": np.sin(74.0 * TIME) + noise}, TIME, instrument="ringing")], Ringing())
+    assert problem.parameters(problem.start())["rate"] == pytest.approx(74.0, rel=1e-3)
+
+
+def test_a_set_point_is_not_the_channel_of_its_name(recording) -> None:
+    run = recording({"pressure": np.zeros_like(TIME)}, TIME, {"pressure": ([0.0, 4.0], [1.0, 1.0])}, instrument="x")
+    problem = RigProblem([run], Follower())
+    assert np.all(problem.measured == 0.0)
+    assert np.all(problem._runs[0][1]["setpoint_pressure"] == 1.0)
+    assert np.all(problem.evaluate(np.zeros(0), {}, want_jacobian=False).residual < 0)
+
+
+class Cart:
+    """A mass under a force that swings, its resistance or the net force tapped sample by sample."""
+
+    name, channels = "cart", ("speed",)
+    parameters = (Parameter("drag", "N s/m", 0.5, 2.0, None, 1.0, "log"),)
+
+    def __init__(self, tapped: str) -> None:
+        self.stages = {tapped: "actuator"}
+
+    def simulate(self, time, data, parameters, tap):
+        v, dt, out = 0.0, time[1] - time[0], np.empty_like(time)
+        for i, push in enumerate(data["push"].tolist()):
+            out[i] = v
+            resistance = parameters["drag"] * v
+            if "resistance" in self.stages:
+                net = push - tap("resistance", resistance, velocity=v)
+            else:
+                net = tap("net", push - resistance, velocity=v)
+            v += dt * net
+        return {"speed": out}
+
+
+@pytest.mark.parametrize("tapped", ["resistance", "net"])
+def test_friction_resists_whether_resistance_or_net_force_is_tapped(recording, tapped: str) -> None:
+    push = 5 * np.sin(3 * TIME)
+    friction = {"level": 1.5, "sharpness": 0.05, "asymmetry": 0.1}
+
+    def tap(name, values, velocity=0.0):
+        there = np.tanh(velocity / friction["sharpness"])
+        return values + friction["level"] * there * (1 + friction["asymmetry"] * there)
+
+    speed = Cart("resistance").simulate(TIME, {"push": push}, {"drag": 1.0}, tap)["speed"]
+    noise = 2e-3 * np.random.default_rng(0).normal(size=len(TIME))
+    problem = RigProblem([recording({"speed": speed + noise, "push": push}, TIME, instrument="cart")], Cart(tapped))
+    candidate = next(c for c in problem.candidates if c.key == f"coulomb_friction@{tapped}")
+    assert np.mean(problem.evaluate(np.zeros(1), {}).residual ** 2) > 100
+    assert np.mean(problem.evaluate(np.zeros(1), {candidate: friction}).residual ** 2) == pytest.approx(1.0, rel=0.2)
+
+
+def test_time_stands_still_at_a_tap_that_is_called_several_times_a_sample(recording) -> None:
+    class Twice(Cart):
+        def simulate(self, time, data, parameters, tap):
+            return {"speed": np.array([(tap("net", s), tap("net", s))[1] for s in data["push"].tolist()])}
+
+    run = recording(
+        {"speed": np.random.default_rng(1).normal(size=len(TIME)), "push": np.sin(TIME)}, TIME, instrument="cart"
+    )
+    problem = RigProblem([run], Twice("net"))
+    drift = next(c for c in problem.candidates if c.key == "drift@net")
+    moved = problem.evaluate(np.zeros(1), {}).residual - problem.evaluate(np.zeros(1), {drift: {"rate": 1e-6}}).residual
+    assert moved * problem.sigma == pytest.approx(1e-6 * TIME, abs=1e-12)
+
+
+def test_coarse_counts_are_the_gap_and_not_its_noise(stretched) -> None:
+    rng = np.random.default_rng(3)
+    smooth = stretched(lambda force, x, v: 0 * force)  # noise of 5e-3 only
+    coarse = stretched(lambda force, x, v: 0.12 * np.round(force / 0.12) + 1e-3 * rng.normal(size=len(x)))
+    fine = smooth.streams["force"].value
+    coarse.streams["force"].value[:] -= fine  # what is left has the noise on its counts alone
+    problem = RigProblem([coarse], Spring())
+    assert problem.sigma[0] == pytest.approx(1e-3, rel=0.1)
+    right = problem.coordinates({"stiffness": 20.0})
+    step = next(c for c in problem.candidates if c.key == "quantisation@force")
+    assert step.parameters[0].default == pytest.approx(0.12, rel=0.02)
+    before = problem.evaluate(right, {}).residual
+    after = problem.evaluate(right, {step: {"step": step.parameters[0].default}}).residual
+    assert np.std(before) > 25
+    assert np.mean(np.abs(after) < 3) > 0.97  # all but the samples next to an edge
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "rig.py"
+    path.write_text(text)
+    return path
+
+
+COMPLETE = """
+class Rig:
+    name, channels, stages, parameters = "rig", ("force",), {stages}, ()
+    def simulate(self, time, data, parameters, tap):
+        return {made}
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("x = 1", "defines no Rig"),
+        ("import nothing_of_this_name", "fails on import: ModuleNotFoundError"),
+        ("class Rig:\n    name = 'rig'", "lacks channels, stages, parameters, simulate"),
+    ],
+)
+def test_a_model_that_cannot_be_used_is_named_with_its_file(tmp_path: Path, text: str, message: str) -> None:
+    path = write(tmp_path, text)
+    with pytest.raises(ModelError, match=message) as error:
+        load_model(f"{path}:Rig")
+    assert f"{path}:Rig" in str(error.value)
+
+
+def test_a_model_is_given_as_file_and_name(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match=r"give it as file\.py:Name"):
+        load_model("rig.py")
+    with pytest.raises(ModelError, match="there is no file"):
+        load_model(f"{tmp_path}/none.py:Rig")
+
+
+@pytest.mark.parametrize(
+    ("stages", "made", "message"),
+    [
+        ("{}", "{'other': time}", "model rig: simulate returned no force"),
+        ("{}", "{'force': tap('somewhere', time)}", "model rig: taps somewhere have no stage"),
+        ("{}", "{'force': time * float('nan')}", "model rig: no sample has both"),
+    ],
+)
+def test_what_a_model_does_wrong_is_told(tmp_path: Path, stretched, stages: str, made: str, message: str) -> None:
+    path = write(tmp_path, COMPLETE.replace("{stages}", stages).replace("{made}", made))
+    with pytest.raises(ModelError, match=message):
+        RigProblem([stretched()], load_model(f"{path}:Rig"))
+
+
+def test_a_model_that_diverges_is_a_bad_fit_and_no_crash(stretched) -> None:
+    class Explosive(Spring):
+        def simulate(self, time, data, parameters, tap):
+            force = parameters["stiffness"] * data["extension"]
+            return {"force": force if parameters["stiffness"] < 40 else np.full_like(force, np.inf)}
+
+    problem = RigProblem([stretched()], Explosive())
+    assert np.all(np.isfinite(problem.evaluate(np.array([5.0]), {}).residual))
+
+
+def test_a_model_that_fails_away_from_its_defaults_is_a_bad_fit_there(stretched) -> None:
+    class Rooted(Spring):
+        def simulate(self, time, data, parameters, tap):
+            return {"force": math.sqrt(40.0 - parameters["stiffness"]) * data["extension"]}
+
+    problem = RigProblem([stretched()], Rooted())
+    assert np.all(problem.evaluate(problem.coordinates({"stiffness": 50.0}), {}).residual == DIVERGED)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{'force': data['velocity']}", r"simulate fails: KeyError: 'velocity' \(data: force, extension\)"),
+        ("{'force': time[:5]}", r"simulate returned force of shape \(5,\), not \(801,\)"),
+    ],
+)
+def test_what_a_simulation_cannot_do_is_told_with_what_there_is(tmp_path: Path, stretched, text, message) -> None:
+    path = write(tmp_path, COMPLETE.replace("{stages}", "{}").replace("{made}", text))
+    with pytest.raises(ModelError, match=message):
+        RigProblem([stretched()], load_model(f"{path}:Rig"))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"channels": "force"}, "channels should be a tuple of names"),
+        ({"channels": ("pressure",)}, "recording s0 has no channel pressure; it has force, extension"),
+        ({"stages": {"spring_force": "motor", "force": "sensor"}}, "stage 'motor'; there are timing, command"),
+        ({"parameters": (Parameter("k", "N/m", 0.0, 9.0, None, 1.0, "log"),)}, "parameter k has the range 0 … 9"),
+        ({"parameters": (Parameter("k", "N/m", 1.0, 9.0, None, 20.0),)}, "the default 20"),
+    ],
+)
+def test_a_model_whose_words_make_no_sense_is_told_so(stretched, change: dict, message: str) -> None:
+    with pytest.raises(ModelError, match=message):
+        RigProblem([stretched()], type("Odd", (Spring,), change)())
+
+
+def test_what_diverges_to_huge_numbers_stays_finite_and_silent(stretched) -> None:
+    class Explosive(Spring):
+        def simulate(self, time, data, parameters, tap):
+            force = parameters["stiffness"] * data["extension"]
+            return {"force": force * (1e250 if parameters["stiffness"] > 40 else 1.0) * np.exp(0 * force)}
+
+    class Overflowing(Spring):
+        def simulate(self, time, data, parameters, tap):
+            grown = 10.0 ** (400 if parameters["stiffness"] > 40 else 1)
+            return {"force": grown * data["extension"]}
+
+    for model in (Explosive(), Overflowing()):
+        problem = RigProblem([stretched()], model)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            evaluation = problem.evaluate(np.array([5.0]), {})
+            beyond = problem.evaluate(np.array([1e6]), {})
+        assert np.isfinite(float(evaluation.residual @ evaluation.residual))
+        assert np.all(np.isfinite(evaluation.jacobian.T @ evaluation.jacobian))
+        assert np.all(np.isfinite(beyond.residual))

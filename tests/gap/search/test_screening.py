@@ -1,0 +1,82 @@
+"""The screening: where it looks, and what it sees through several widths of the nuisance's prior."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gap.inference.evidence import Hypothesis
+from gap.inference.least_squares import fit
+from gap.search.compare import Effort, compare
+from gap.search.screening import screen
+from gap.search.starts import grid
+from sim_devices.chain import Parameter
+
+T = np.linspace(0.0, 1.0, 400)
+
+
+def test_the_grid_surrounds_a_value_that_does_nothing(candidate) -> None:
+    signed = candidate("a", Parameter("a", "1", -2.0, 2.0))
+    values = [signed.values(u)["a"] for u in grid(signed)]
+    assert min(values) < 0 < max(values)
+    assert min(abs(v) for v in values) < 0.05
+
+
+def test_what_a_wide_prior_swallows_is_seen_through_a_narrow_one(linear, candidate) -> None:
+    wave = np.sin(9 * T)
+    design = np.column_stack([np.ones_like(T), wave + 0.02 * T])  # nuisance that can nearly do what the effect does
+    y = 3 * wave + np.random.default_rng(1).normal(size=len(T))
+    wide, narrow = np.array([10.0, 10.0]), np.array([10.0, 0.01])
+    problem = linear(y, design, {"wave": lambda v: v["a"] * wave, "none": lambda v: v["a"] * np.cos(40 * T)}, wide)
+    problem.alternatives = (wide, narrow)
+    known = [candidate(n, Parameter("a", "1", -30.0, 30.0)) for n in ("wave", "none")]
+    base = Hypothesis((), {"linear": fit(problem)})
+    found, _ = screen({"linear": problem}, base, known)
+    first = found[0]
+    assert first.candidate.name == "wave"
+    assert first.gain > 1.0
+    assert first.widths["linear"] is narrow
+
+
+def test_a_threshold_is_looked_for_where_it_begins_to_show(linear, candidate) -> None:
+    """Below 0.3 it does nothing, at 0.8 it is a hundred and fifty σ in each: straight lines are good for neither."""
+    late = T > 0.9
+
+    def beyond(v: dict[str, float]) -> np.ndarray:
+        return 300.0 * np.maximum(v["a"] - 0.3, 0.0) * late
+
+    problem = linear(4.0 * late + np.random.default_rng(2).normal(size=len(T)), np.ones((len(T), 1)), {"limit": beyond})
+    limit = candidate("limit", Parameter("a", "1", 1e-3, 10.0, 0.0, 0.1, "log"))
+    base = Hypothesis((), {"linear": fit(problem)})
+    found, _ = screen({"linear": problem}, base, [limit])
+    assert found[0].gain > 100
+
+
+def test_a_jump_and_one_recording_are_tried_where_they_can_be(linear, candidate) -> None:
+    y = 3.0 * (np.arange(len(T)) >= 260) + np.random.default_rng(3).normal(size=len(T))
+    problem = linear(y, np.ones((len(T), 1)), {"jump": lambda v: v["a"] * (np.arange(len(T)) >= v["moment"])}, runs=2)
+    moment = Parameter("moment", "s", 1.0, 400.0, None, 1.0, "log")
+    base = Hypothesis((), {"linear": fit(problem)})
+    found, _ = screen({"linear": problem}, base, [candidate("jump", Parameter("a", "1", -9.0, 9.0), moment)])
+    jump = found[0]
+    assert jump.candidate.values(jump.starts["linear"][0])["moment"] == pytest.approx(260, abs=2)
+
+
+def test_who_could_do_what_the_best_does_is_refitted_wherever_it_ranks(linear, candidate) -> None:
+    """Along straight lines from where it begins, the bent one seems to make all worse."""
+    t = np.linspace(0.0, 1.0, 300)
+    y = 6.0 * t**2 + np.random.default_rng(0).normal(size=300)
+    effects = {
+        "square": lambda v: v["a"] * t**2,
+        "bent": lambda v: v["a"] * t**2.2,
+        "wave": lambda v: v["a"] * np.sin(40 * t),
+    }
+    problem = linear(y, np.ones((300, 1)), effects, np.full(1, 100.0))
+    known = [
+        candidate("square", Parameter("a", "1", -10.0, 10.0, null=0.0)),
+        candidate("bent", Parameter("a", "1", 30.0, 300.0, null=0.0)),
+        candidate("wave", Parameter("a", "1", -10.0, 10.0, null=0.0)),
+    ]
+    for imitators, tried in ((0, {"square"}), (1, {"square", "bent"})):
+        found = compare([problem], known, Effort(quick_fits=0, refit_singles=1, imitators=imitators, pair_bases=0))
+        assert {h.name for h in found.hypotheses} == tried
