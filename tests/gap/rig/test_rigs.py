@@ -14,7 +14,7 @@ from gap.diagnosis import diagnose
 from gap.report.document import as_json
 from gap.rig.model import load_model
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 def emps(name: str) -> Recording:
