@@ -18,6 +18,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from acquire import pseudonym
 from acquire.engine import Outcome, Progress, RunEngine, RunPlan, State
 from acquire.plugins import instrument as descriptor
 from acquire.recording import RunInfo
@@ -34,7 +35,10 @@ PACKAGES = ("skinrig", "numpy", "scipy", "numba", "h5py", "pyserial", "pyusb")
 
 @dataclass(frozen=True)
 class Request:
-    """Who and what a run is for. ``repeat`` counts repeats of the same measurement, from 1."""
+    """Who and what a run is for. ``repeat`` counts repeats of the same measurement, from 1.
+
+    Raises ValueError for a ``subject`` that is no pseudonym (see `acquire.pseudonym`).
+    """
 
     subject: str = ""
     site: str = ""
@@ -42,6 +46,9 @@ class Request:
     repeat: int = 1
     specimen: str = "skin"
     notes: str = ""
+
+    def __post_init__(self) -> None:
+        pseudonym.check(self.subject)
 
 
 @dataclass

@@ -8,6 +8,7 @@ import numpy as np
 
 from acquire.analysis.cycles import Cycle, first_move, suction_cycles
 from acquire.recording.model import FloatArray, Recording, Series
+from acquire.words import share as in_percent
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ def _saturation(recording: Recording) -> list[Flag]:
         else:
             share, what = _at_end(value, series.range, series.resolution), "is at the end of its range"
         if share > 0.001:
-            text = f"{name} {what} in {100 * share:.2g} % of the samples"
+            text = f"{name} {what} in {in_percent(share)} of the samples"
             flags.append(Flag("saturation", "bad" if share > 0.01 else "warning", share, text))
     return flags or [Flag("saturation", "ok", 0.0, "no channel is saturated")]
 
@@ -99,7 +100,7 @@ def _drift(recording: Recording) -> list[Flag]:
         if abs(shift) / span > worst:
             worst = abs(shift) / span
             warn = 0.02 if name == "pressure" else 0.1  # skin goes on relaxing after the probe is back at its centre
-            text = f"{name} ends {shift:+.3g} {series.unit} from where it began, {100 * worst:.2g} % of its span"
+            text = f"{name} ends {shift:+.3g} {series.unit} from where it began, {in_percent(worst)} of its span"
     if not text:
         return []
     level = "ok" if worst < warn else "warning" if worst < 5 * warn else "bad"
@@ -121,7 +122,8 @@ def _first_curve(recording: Recording) -> list[Flag]:
     if len(tops) < 2 or not np.mean(tops[1:]):
         return []
     change = tops[0] / float(np.mean(tops[1:])) - 1
-    text = f"the first curve rises {100 * change:+.1f} % compared with the {len(tops) - 1} after it"
+    sign = "+" if change > 0 else ""
+    text = f"the first curve rises {sign}{in_percent(change)} compared with the {len(tops) - 1} after it"
     return [Flag("first curve", "ok" if abs(change) < 0.1 else "warning", change, text)]
 
 
@@ -141,7 +143,7 @@ def _contour(recording: Recording) -> list[Flag]:
     if not len(confidence):
         return []
     poor = float(np.mean(~(confidence >= 0.5)))
-    text = f"contour confidence {np.nanmedian(confidence):.2f} (median); below 0.5 in {100 * poor:.0f} % of the frames"
+    text = f"contour confidence {np.nanmedian(confidence):.2f} (median); below 0.5 in {in_percent(poor)} of the frames"
     return [Flag("contour", "ok" if poor < 0.05 else "warning" if poor < 0.3 else "bad", poor, text)]
 
 

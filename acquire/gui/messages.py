@@ -156,10 +156,24 @@ class View:
 
 
 @dataclass(frozen=True)
+class Measurement:
+    """What repeats are counted of: a protocol on a site of a subject."""
+
+    subject: str
+    site: str
+    protocol: str
+
+
+@dataclass(frozen=True)
 class Finished:
-    """A run ended. ``recording`` is None if it could not be written; ``journal`` then holds the data."""
+    """A run ended: repeat ``repeat`` of ``what``.
+
+    ``recording`` is None if it could not be written; ``journal`` then holds the data.
+    """
 
     instrument: str
+    what: Measurement
+    repeat: int
     status: str
     reason: str
     recording: Path | None

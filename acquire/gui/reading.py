@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from acquire.gui.messages import Measurement
+
 COMPARED = 8  # earlier runs in one picture
 RUNNING = 10.0  # s: a journal that was written to within that time belongs to a run that goes on
 
@@ -29,6 +31,11 @@ class Row:
     repeat: int
     status: str
     problem: str = ""
+
+    @property
+    def what(self) -> Measurement:
+        """The measurement that it is a repeat of."""
+        return Measurement(self.subject, self.site, self.protocol)
 
 
 @dataclass(frozen=True)

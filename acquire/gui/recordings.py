@@ -11,6 +11,7 @@ from PySide6.QtWidgets import QWidget
 
 from acquire.gui import reading
 from acquire.gui.jobs import Analyst
+from acquire.gui.messages import Finished, Measurement
 from acquire.gui.panels import tool
 from acquire.gui.panels.banner import Banner
 from acquire.gui.panels.browser import BrowserPanel
@@ -20,6 +21,7 @@ from acquire.gui.panels.result import ResultPanel
 class Recordings(QObject):
     """The recordings of one folder; the window places the panels and calls `tick`."""
 
+    read = Signal()  # the folder was read anew
     said = Signal(str)  # something went wrong, in plain words
     page_wanted = Signal(QWidget)  # a page that a person asked for
     result_ready = Signal(QWidget)  # a result is there: worth showing unless something more urgent goes on
@@ -45,6 +47,8 @@ class Recordings(QObject):
             tool.fit,
         )
         self._abandoned: Sequence[Path] = ()
+        self._finished: list[tuple[Measurement, int]] = []  # since the window was opened on this folder
+        self.listed = False  # whether the folder has been read, so that repeats can be counted
         self.offer.accepted.connect(lambda: self.recover(self._abandoned))
         self.browser.refresh_wanted.connect(self.refresh)
         self.browser.open_wanted.connect(self.show_recording)
@@ -52,9 +56,30 @@ class Recordings(QObject):
         self.browser.diagnose_wanted.connect(partial(self._hand_on, self.diagnosis))
         self.browser.fit_wanted.connect(partial(self._hand_on, self.fit))
 
+    def open_folder(self, folder: Path) -> None:
+        """Another folder."""
+        self.folder, self.listed = folder, False
+        self._finished.clear()
+        self.refresh()
+
     def refresh(self) -> None:
         """Read the list of recordings anew."""
-        self.analyst.ask(reading.listing, self.folder, then=self._show_rows, fault=self.said.emit)
+        self.analyst.ask(reading.listing, self.folder, then=self._show_rows, fault=self._unlisted)
+
+    def finish(self, finished: Finished) -> None:
+        """A run ended: the list is read anew, its result shown. Its repeat counts at once."""
+        if finished.status == "completed":
+            self._finished.append((finished.what, finished.repeat))
+        self.refresh()
+        if finished.recording is not None:
+            self.show_recording(finished.recording)
+        else:
+            self.said.emit(f"No recording: {finished.reason}")
+
+    def next_repeat(self, what: Measurement) -> int:
+        """The repeat after the greatest one that was finished of ``what`` in this folder; stopped runs do not count."""
+        done = [row.repeat for row in self.browser.rows if row.status == "completed" and row.what == what]
+        return max([*done, *(repeat for measured, repeat in self._finished if measured == what)], default=0) + 1
 
     def show_recording(self, path: Path) -> None:
         """Read a recording and show its result."""
@@ -79,8 +104,15 @@ class Recordings(QObject):
         self.fit.close_tool()
         self.analyst.close()
 
+    def _unlisted(self, fault: str) -> None:
+        self.listed = True  # nothing to count: repeats are a person's to set
+        self.said.emit(fault)
+        self.read.emit()
+
     def _show_rows(self, rows: tuple[reading.Row, ...]) -> None:
         self.browser.show_rows(self.folder, rows)
+        self.listed = True
+        self.read.emit()
         abandoned = [row.path for row in rows if row.path.suffix == ".journal"]
         if abandoned and set(abandoned) != set(self._abandoned):
             runs = "a run was" if len(abandoned) == 1 else f"{len(abandoned)} runs were"

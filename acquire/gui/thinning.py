@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.signals import FloatArray
 
@@ -11,9 +12,10 @@ CAPACITY = 1 << 15  # kept per curve
 
 
 def extremes(time: FloatArray, value: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
-    """The least and the greatest value in each stretch of ``width`` s; NaN only where a whole stretch is NaN.
+    """The least and the greatest value in each stretch of ``width`` s, in the order in which they came.
 
-    ``time`` (n,) rises; the result has two points for each stretch that holds samples.
+    ``time`` (n,) rises; the result has two points for each stretch that holds samples, at its first and last time. They
+    are NaN only where the whole stretch is.
     """
     if not len(time):
         return time, value
@@ -22,9 +24,18 @@ def extremes(time: FloatArray, value: FloatArray, width: float) -> tuple[FloatAr
     ends = np.append(starts[1:], len(time)) - 1
     thin_time, thin_value = np.empty(2 * len(starts)), np.empty(2 * len(starts))
     thin_time[0::2], thin_time[1::2] = time[starts], time[ends]
-    thin_value[0::2] = np.fmin.reduceat(value, starts)
-    thin_value[1::2] = np.fmax.reduceat(value, starts)
+    least, greatest = np.fmin.reduceat(value, starts), np.fmax.reduceat(value, starts)
+    count = ends - starts + 1
+    rising = _first(value == np.repeat(least, count), starts) <= _first(value == np.repeat(greatest, count), starts)
+    thin_value[0::2] = np.where(rising, least, greatest)
+    thin_value[1::2] = np.where(rising, greatest, least)
     return thin_time, thin_value
+
+
+def _first(true: NDArray[np.bool_], starts: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Index of the first true element in each stretch that begins at ``starts``; ``len(true)`` where there is none."""
+    index = np.where(true, np.arange(len(true)), len(true))
+    return np.asarray(np.minimum.reduceat(index, starts), np.intp)
 
 
 class Trace:

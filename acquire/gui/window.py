@@ -24,7 +24,17 @@ from PySide6.QtWidgets import (
 from acquire.gui import settings, theme
 from acquire.gui.client import Client
 from acquire.gui.estop import EmergencyStop
-from acquire.gui.messages import LIVE, NEEDS_RESET, BenchSettings, Finished, ProtocolEntry, Ready, Reply, View
+from acquire.gui.messages import (
+    LIVE,
+    NEEDS_RESET,
+    BenchSettings,
+    Finished,
+    Measurement,
+    ProtocolEntry,
+    Ready,
+    Reply,
+    View,
+)
 from acquire.gui.panels.banner import Banner
 from acquire.gui.panels.controls import ControlBar
 from acquire.gui.panels.health import Health
@@ -117,7 +127,8 @@ class MainWindow(QMainWindow):
         self.instruments.chosen.connect(self._choose_instrument)
         self.instruments.wanted.connect(lambda action, name: self._ask(action, name))
         self.instruments.station_wanted.connect(self._change_station)
-        self.subject.changed.connect(self._preview)
+        self.subject.changed.connect(lambda: self._count())
+        self.subject.settled.connect(self._preview)
         self.prepare.wanted.connect(lambda path: self._preview())
         self.prepare.open_wanted.connect(self._open_protocol)
         self.controls.start.connect(self.start)
@@ -127,6 +138,7 @@ class MainWindow(QMainWindow):
         self.controls.estop.connect(self.emergency_stop)
         self.alarm.accepted.connect(self.reset)
         self.recordings.browser.folder_wanted.connect(self._change_folder)
+        self.recordings.read.connect(lambda: self._count())
         self.recordings.said.connect(self._say)
         self.recordings.page_wanted.connect(self.tabs.setCurrentWidget)
         self.recordings.result_ready.connect(lambda page: None if self.live else self.tabs.setCurrentWidget(page))
@@ -164,7 +176,8 @@ class MainWindow(QMainWindow):
     def ready(self) -> bool:
         """Whether START may be pressed, as far as the window knows."""
         preview, row = self.prepare.preview, self.instruments.rows.get(self.current)
-        return not self.latched and preview is not None and row is not None and preview.instrument == row.info.kind
+        fits = preview is not None and row is not None and preview.instrument == row.info.kind
+        return fits and not self.latched and self.subject.sound and self.recordings.listed
 
     def tick(self) -> None:
         """One turn of the timer: liveness, news, painting."""
@@ -255,7 +268,6 @@ class MainWindow(QMainWindow):
         self._show_controls()
         if not path or not self.current:
             return
-        self.subject.concern(path)
         kind = self.instruments.rows[self.current].info.kind
         self.kept.protocols[kind] = path
 
@@ -266,9 +278,16 @@ class MainWindow(QMainWindow):
                 self.prepare.show_faults(Path(path), reply.error, reply.faults)
             else:
                 self.prepare.show_preview(reply.value)
-            self._show_controls()
+            self._count()
 
         self.client.ask("preview", self.current, show, path=path, subject=self.subject.who()["subject"])
+
+    def _count(self, ended: Measurement | None = None) -> None:
+        """Count the repeats of what would be measured now; ``ended`` is what was measured last."""
+        if self.prepare.preview is not None:
+            what = self.subject.what(self.prepare.preview.name)
+            self.subject.count(what, self.recordings.next_repeat(what), anew=what == ended)
+        self._show_controls()
 
     def start(self) -> None:
         """Arm and start the chosen protocol on the chosen instrument."""
@@ -316,13 +335,8 @@ class MainWindow(QMainWindow):
 
     def _finished(self, finished: Finished) -> None:
         self._asked_to_run.discard(finished.instrument)
-        if finished.status == "completed":
-            self.subject.count_repeat()
-        self.recordings.refresh()
-        if finished.recording is not None:
-            self.recordings.show_recording(finished.recording)
-        else:
-            self._say(f"No recording: {finished.reason}")
+        self.recordings.finish(finished)
+        self._count(ended=finished.what)
 
     def _ask(self, action: str, name: str, **arguments: object) -> None:
         self.client.ask(action, name, self._tell, **arguments)
@@ -356,7 +370,7 @@ class MainWindow(QMainWindow):
             self.bench = replace(self.bench, out=Path(path))
             self.client.close()
             self._connect_bench()
-            self.recordings.refresh()
+            self.recordings.open_folder(self.bench.out)
 
     def _other_theme(self) -> None:
         self.kept.theme = "light" if theme.current() is theme.DARK else "dark"

@@ -33,6 +33,7 @@ from acquire.gui.messages import (
     Command,
     Fault,
     Finished,
+    Measurement,
     Ready,
     Reply,
     Update,
@@ -40,6 +41,7 @@ from acquire.gui.messages import (
 
 if TYPE_CHECKING:
     from acquire.engine import RunEngine
+    from acquire.recording import RunInfo
 
 log = logging.getLogger(__name__)
 PERIOD = 1 / 30  # s between two views
@@ -217,15 +219,17 @@ class Worker:
         engine.arm(plan)
         feed.begin(plan.setpoints)
         engine.start()
-        threading.Thread(target=self._await, args=(name, engine), name=f"await-{name}", daemon=True).start()
+        threading.Thread(target=self._await, args=(name, engine, plan.info), name=f"await-{name}", daemon=True).start()
         return plan.path
 
-    def _await(self, name: str, engine: RunEngine) -> None:
+    def _await(self, name: str, engine: RunEngine, info: RunInfo) -> None:
         outcome = engine.wait()
         if outcome.reason:
             self._feed(name).error = outcome.reason
-        finished = Finished(name, str(outcome.status), outcome.reason, outcome.recording, outcome.journal, outcome.lost)
-        self._outbox.put(finished)
+        what = Measurement(info.subject, info.site, info.protocol_name)
+        status, reason = str(outcome.status), outcome.reason
+        left = (outcome.recording, outcome.journal, outcome.lost)
+        self._outbox.put(Finished(name, what, info.repeat, status, reason, *left))
 
 
 def _faults(error: Exception) -> tuple[Fault, ...]:

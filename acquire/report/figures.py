@@ -16,7 +16,7 @@ from acquire.analysis.frames import contour_of
 from acquire.analysis.loops import by_direction, loops
 from acquire.analysis.statistics import mean_curve
 from acquire.recording.model import FloatArray, Recording, Series
-from acquire.report.summary import pleasant
+from acquire.words import pleasant
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

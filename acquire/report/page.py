@@ -13,7 +13,8 @@ from acquire.analysis.curves import DEFINITIONS, recording_parameters
 from acquire.analysis.statistics import Spread, spread
 from acquire.recording.model import Recording
 from acquire.report.figures import as_image, comparison, frame_strip, overview
-from acquire.report.summary import shown, summarise
+from acquire.report.summary import summarise
+from acquire.words import share, shown
 
 
 def write_page(recordings: Sequence[Recording], path: Path | str, title: str = "") -> Path:
@@ -41,6 +42,7 @@ def render(recordings: Sequence[Recording], title: str = "") -> str:
         lstrip_blocks=True,
     )
     environment.filters["shown"] = shown
+    environment.filters["share"] = share
     environment.filters["fact"] = _fact
     count = f"{len(recordings)} recordings"
     return environment.get_template("page.html.j2").render(

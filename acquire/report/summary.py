@@ -12,14 +12,7 @@ from acquire.analysis.curves import recording_parameters
 from acquire.analysis.loops import by_direction, loops
 from acquire.analysis.quality import lost_samples, quality
 from acquire.recording.model import Recording, Series
-
-#: Units that people read a quantity in, and the factor from SI.
-PLEASANT: Mapping[str, tuple[float, str]] = {"Pa": (0.01, "mbar"), "m": (1e3, "mm"), "m*s": (1e3, "mm·s")}
-
-
-def pleasant(unit: str) -> tuple[float, str]:
-    """Factor and name of the unit that a value in ``unit`` (SI) is shown in."""
-    return PLEASANT.get(unit, (1.0, "" if unit == "1" else unit))
+from acquire.words import pleasant, share, shown
 
 
 def summarise(recording: Recording) -> dict[str, Any]:
@@ -120,14 +113,6 @@ def in_words(summary: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def shown(value: float | None, unit: str) -> str:
-    """A value in SI ``unit`` with its pleasant unit; an en dash where there is none."""
-    if value is None or not math.isfinite(value):
-        return "–"
-    factor, name = pleasant(unit)
-    return f"{value * factor:.3g} {name}".rstrip()
-
-
 def _parameter_lines(parameters: Mapping[str, float | None]) -> list[str]:
     from acquire.analysis.curves import DEFINITIONS
 
@@ -137,8 +122,8 @@ def _parameter_lines(parameters: Mapping[str, float | None]) -> list[str]:
 
 def _direction_line(entry: Mapping[str, Any]) -> str:
     direction = ", ".join(f"{x:+.2f}" for x in entry["direction"])
-    loss = f"{100 * entry['energy_loss']:.0f} %" if entry["energy_loss"] is not None else "–"
-    return f"  ({direction})  {shown(entry['displacement'], 'm')}, {shown(entry['force'], 'N')}, energy lost {loss}"
+    facts = f"{shown(entry['displacement'], 'm')}, {shown(entry['force'], 'N')}"
+    return f"  ({direction})  {facts}, energy lost {share(entry['energy_loss'])}"
 
 
 def _channel(series: Series) -> dict[str, Any]:

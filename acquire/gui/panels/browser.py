@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QItemSelectionModel, Qt, Signal
 from PySide6.QtGui import QColor, QKeyEvent
 from PySide6.QtWidgets import (
     QAbstractItemView,
@@ -56,8 +56,8 @@ class BrowserPanel(QWidget):
         self.table.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
         self.table.horizontalHeader().setSectionResizeMode(2, QHeaderView.ResizeMode.Stretch)
         self.table.itemSelectionChanged.connect(self._chosen)
-        self.table.itemDoubleClicked.connect(lambda item: self.open_wanted.emit(self.rows[item.row()].path))
         self.look = self._button("Open", lambda: self.open_wanted.emit(self.chosen[0]))
+        self.table.itemDoubleClicked.connect(self.look.click)
         self.diagnose = self._button("Diagnose", lambda: self.diagnose_wanted.emit(self.chosen))
         self.fit = self._button("Fit", lambda: self.fit_wanted.emit(self.chosen))
         self.recover = self._button("Recover", lambda: self.recover_wanted.emit(self.journals))
@@ -78,7 +78,10 @@ class BrowserPanel(QWidget):
         self._chosen()
 
     def show_rows(self, folder: Path, rows: tuple[Row, ...]) -> None:
-        """Another list."""
+        """Another list. The files that were chosen stay chosen, wherever they stand now."""
+        chosen = {row.path for row in self._selected()}
+        self.table.blockSignals(True)
+        self.table.clearSelection()
         self.rows = rows
         self.folder.setText(f"{len(rows)} in {folder.resolve()}")
         self.table.setRowCount(len(rows))
@@ -92,8 +95,11 @@ class BrowserPanel(QWidget):
                 self.table.setItem(number, column, item)
         for column in (0, 1, 3, 4, 5, 6):
             self.table.resizeColumnToContents(column)
+        for number, row in enumerate(rows):
+            if row.path in chosen:
+                self._select(number, QItemSelectionModel.SelectionFlag.Select)
+        self.table.blockSignals(False)
         self._filter(self.filter.text())
-        self._chosen()
 
     @property
     def chosen(self) -> list[Path]:
@@ -120,7 +126,15 @@ class BrowserPanel(QWidget):
         for number in range(self.table.rowCount()):
             cells = [self.table.item(number, column) for column in range(len(COLUMNS))]
             line = " ".join(cell.text().lower() for cell in cells if cell is not None)
-            self.table.setRowHidden(number, not all(word in line for word in words))
+            hidden = not all(word in line for word in words)
+            self.table.setRowHidden(number, hidden)
+            if hidden:  # what cannot be seen is not chosen
+                self._select(number, QItemSelectionModel.SelectionFlag.Deselect)
+        self._chosen()
+
+    def _select(self, number: int, how: QItemSelectionModel.SelectionFlag) -> None:
+        index = self.table.model().index(number, 0)
+        self.table.selectionModel().select(index, how | QItemSelectionModel.SelectionFlag.Rows)
 
     def _button(self, text: str, action: object) -> QPushButton:
         button = QPushButton(text)

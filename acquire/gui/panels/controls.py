@@ -7,7 +7,7 @@ from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QLabel, QProgres
 
 from acquire.gui.estop import button_for
 from acquire.gui.messages import LIVE, NEEDS_RESET, View
-from acquire.gui.units import clock
+from acquire.words import clock
 
 PHASES = {"load": "loading", "hold": "holding", "unload": "unloading", "rest": "waiting"}
 STARTABLE = frozenset({"ready", "completed", "aborted"})

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QHBoxLayout, QLabel, QWidget
 
 from acquire.gui.messages import LIVE, View
 from acquire.gui.theme import LEVELS
-from acquire.gui.units import span
+from acquire.words import share, span
 
 SHORT = 3600.0  # s of disk time left from which it is a warning
 FULL = 0.3  # of the recorder's queue
@@ -38,7 +38,7 @@ class Health(QWidget):
         disk = view.disk if view is not None else math.nan
         _tell(self.disk, f"disk lasts {span(disk)}", "bad" if disk < SHORT else "ok")
         fill = view.fill if view is not None and view.state in LIVE else 0.0
-        _tell(self.recorder, f"recorder {100 * fill:.0f} % full", "warning" if fill > FULL else "ok")
+        _tell(self.recorder, f"recorder {share(fill)} full", "warning" if fill > FULL else "ok")
 
     def count_frame(self) -> None:
         """The window's timer turned once."""

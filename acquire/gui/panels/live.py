@@ -14,7 +14,7 @@ from acquire.gui.messages import ChannelInfo, Preview, View
 from acquire.gui.plots import limit_line, plot
 from acquire.gui.theme import current
 from acquire.gui.thinning import Trace
-from acquire.gui.units import pleasant
+from acquire.words import pleasant
 from drivers.signals import FloatArray
 
 RECENT = 20.0  # s shown while nothing runs, or if asked for

@@ -25,7 +25,7 @@ from PySide6.QtWidgets import (
 from acquire.gui.messages import Fault, Preview, ProtocolEntry
 from acquire.gui.plots import plot
 from acquire.gui.theme import current
-from acquire.gui.units import clock, pleasant, unit_of
+from acquire.words import clock, pleasant, unit_of
 
 MOST_PHASES = 400  # shaded; more are thinner than a line
 

@@ -24,7 +24,7 @@ from PySide6.QtWidgets import (
 from acquire.analysis.curves import DEFINITIONS
 from acquire.gui.reading import Result
 from acquire.gui.theme import LEVELS
-from acquire.report.summary import shown
+from acquire.words import share, shown
 
 LEGIBLE = 0.75  # of its size: a picture is not made smaller to fit, but scrolled
 
@@ -150,10 +150,9 @@ class ResultPanel(QWidget):
         ]
         for entry in summary["directions"]:
             direction = ", ".join(f"{x:+.2f}" for x in entry["direction"])
-            loss = "–" if entry["energy_loss"] is None else f"{100 * entry['energy_loss']:.0f} % of the energy lost"
-            rows.append(
-                (f"({direction})", shown(entry["force"], "N"), f"at {shown(entry['displacement'], 'm')}, {loss}")
-            )
+            loss = share(entry["energy_loss"])
+            meaning = f"at {shown(entry['displacement'], 'm')}, {loss} of the energy lost"
+            rows.append((f"({direction})", shown(entry["force"], "N"), meaning))
         self.table.setRowCount(len(rows))
         for number, cells in enumerate(rows):
             for column, text in enumerate(cells):

@@ -2,38 +2,50 @@
 
 from __future__ import annotations
 
-import secrets
 from typing import Any
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QComboBox, QFormLayout, QGroupBox, QHBoxLayout, QLineEdit, QPushButton, QSpinBox, QWidget
+from PySide6.QtWidgets import (
+    QComboBox,
+    QFormLayout,
+    QGroupBox,
+    QHBoxLayout,
+    QLabel,
+    QLineEdit,
+    QPushButton,
+    QSpinBox,
+    QWidget,
+)
+
+from acquire import pseudonym
+from acquire.gui.messages import Measurement
 
 SITES = ("forehead", "cheek", "jaw", "parotid", "forearm", "upper arm", "neck", "fingertip")
 SPECIMENS = ("skin", "rigid block", "open air")
 
 
-def pseudonym() -> str:
-    """A random one: letters and digits that are not mistaken for each other."""
-    return "P" + "".join(secrets.choice("23456789ABCDEFGHJKMNPQRSTVWXYZ") for _ in range(4))
-
-
 class SubjectPanel(QGroupBox):
     """What a run is filed under."""
 
-    changed = Signal()
+    changed = Signal()  # another subject or site, also while it is being typed
+    settled = Signal()  # another subject, whose limits are to be asked for
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__("Subject", parent)
-        self.subject = QLineEdit(pseudonym())
-        self.subject.setMaxLength(20)
+        self.subject = QLineEdit(pseudonym.fresh())
         self.subject.setToolTip("A pseudonym. Do not write a person's name here: it goes into every recording.")
         self.another = QPushButton("New")
         self.another.setToolTip("Another random pseudonym")
+        self.fault = QLabel("")
+        self.fault.setProperty("role", "error")
+        self.fault.setWordWrap(True)
+        self.fault.hide()
         self.site = QComboBox()
         self.site.setEditable(True)
         self.site.addItems(SITES)
         self.repeat = QSpinBox()
-        self.repeat.setRange(1, 999)
+        self.repeat.setRange(1, 9999)
+        self.repeat.setToolTip("Counted from the finished runs in the folder; a number set by hand holds for one run.")
         self.specimen = QComboBox()
         self.specimen.addItems(SPECIMENS)
         self.operator = QLineEdit()
@@ -41,21 +53,32 @@ class SubjectPanel(QGroupBox):
         self.notes = QLineEdit()
         self.notes.setPlaceholderText("anything worth keeping")
         self.another.clicked.connect(self._renew)
-        self.subject.editingFinished.connect(self._restart)
-        self.site.currentTextChanged.connect(self._restart)
+        self.subject.editingFinished.connect(self.settled)
+        self.subject.textChanged.connect(self._check)
+        self.site.currentTextChanged.connect(self.changed)
+        self.repeat.valueChanged.connect(self._set_by_hand)
         row = QHBoxLayout()
         row.addWidget(self.subject, 1)
         row.addWidget(self.another)
         form = QFormLayout(self)
         form.addRow("Pseudonym", row)
+        form.addRow(self.fault)
         form.addRow("Site", self.site)
         form.addRow("Repeat", self.repeat)
         form.addRow("Specimen", self.specimen)
         form.addRow("Operator", self.operator)
         form.addRow("Notes", self.notes)
-        self._protocol = ""
-        self._repeats: dict[tuple[str, str, str], int] = {}
-        self._last = self._key()
+        self._what = Measurement("", "", "")  # that the repeat was counted of
+        self._by_hand: Measurement | None = None  # of which a person set the repeat
+
+    @property
+    def sound(self) -> bool:
+        """Whether a run can be filed under what is written here."""
+        return self.fault.isHidden()
+
+    def what(self, protocol: str) -> Measurement:
+        """The measurement that a run of ``protocol`` would be."""
+        return Measurement(self.subject.text().strip(), self.site.currentText().strip(), protocol)
 
     def who(self) -> dict[str, Any]:
         """The arguments of `acquire.session.Request`."""
@@ -68,28 +91,28 @@ class SubjectPanel(QGroupBox):
             "notes": self.notes.text().strip(),
         }
 
-    def count_repeat(self) -> None:
-        """A run was completed: the next one is the next repeat."""
-        self._repeats[self._key()] = self.repeat.value() + 1
-        self.repeat.setValue(self.repeat.value() + 1)
+    def count(self, what: Measurement, repeat: int, *, anew: bool = False) -> None:
+        """The next repeat of ``what``; one set by hand stays, unless ``anew`` (a run of it has ended)."""
+        if self._by_hand == what and not anew:
+            return
+        self._by_hand = None
+        self._what = what
+        self.repeat.blockSignals(True)
+        self.repeat.setValue(repeat)
+        self.repeat.blockSignals(False)
 
-    def concern(self, protocol: str) -> None:
-        """Another protocol is chosen: its repeats count for themselves."""
-        if protocol != self._protocol:
-            self._protocol = protocol
-            self._last = self._key()
-            self.repeat.setValue(self._repeats.get(self._key(), 1))
-
-    def _key(self) -> tuple[str, str, str]:
-        return self.subject.text().strip(), self.site.currentText().strip(), self._protocol
+    def _set_by_hand(self) -> None:
+        self._by_hand = self._what
 
     def _renew(self) -> None:
-        self.subject.setText(pseudonym())
-        self._restart()
+        self.subject.setText(pseudonym.fresh())
+        self.settled.emit()
 
-    def _restart(self) -> None:
-        """Repeats count for themselves at another subject or site."""
-        if self._key() != self._last:
-            self._last = self._key()
-            self.repeat.setValue(self._repeats.get(self._key(), 1))
-            self.changed.emit()
+    def _check(self, text: str) -> None:
+        try:
+            pseudonym.check(text.strip())
+            self.fault.hide()
+        except ValueError as error:
+            self.fault.setText(str(error))
+            self.fault.show()
+        self.changed.emit()

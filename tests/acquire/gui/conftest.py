@@ -28,6 +28,14 @@ def store(tmp_path: Path) -> QSettings:
 
 
 @pytest.fixture
+def runs(tmp_path: Path) -> Path:
+    """The folder of the window's recordings."""
+    folder = tmp_path / "runs"
+    folder.mkdir()
+    return folder
+
+
+@pytest.fixture
 def make_window(qapp: QApplication, qtbot: QtBot, tmp_path: Path, store: QSettings) -> Iterator[MakeWindow]:
     """Makes windows whose worker is up; all are closed, and so vented, at the end."""
     theme.apply(qapp, theme.LIGHT)

@@ -12,12 +12,12 @@ import pytest
 from PySide6.QtCore import QSettings
 from pytestqt.qtbot import QtBot
 
+from acquire import pseudonym
 from acquire.gui import reading, settings
 from acquire.gui.messages import ProtocolEntry
-from acquire.gui.panels.subject import pseudonym
 from acquire.gui.panels.tool import ToolPanel, pictures
-from acquire.gui.units import clock, span
 from acquire.recording import JournalWriter, RunInfo, open_recording
+from acquire.words import clock, span
 from tests.acquire.gui.conftest import PATIENCE, MakeWindow
 
 FAULTY = """\
@@ -127,7 +127,7 @@ def test_a_listing_leaves_out_the_run_that_goes_on(crashed: Path) -> None:
 
 
 def test_words() -> None:
-    assert re.fullmatch(r"P[2-9A-Z]{4}", pseudonym())
+    assert re.fullmatch(r"P[2-9A-Z]{4}", pseudonym.check(pseudonym.fresh()))
     assert (clock(95.0), clock(4000.0), clock(float("nan"))) == ("1:35", "1:06:40", "–")
     assert (span(90.0), span(7200.0), span(86400.0 * 40)) == ("90 s", "2 h", "40 d")
     assert pictures("<p>nothing</p>") == []

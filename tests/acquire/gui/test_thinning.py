@@ -25,6 +25,19 @@ def test_extremes_keep_the_least_and_the_greatest(value: np.ndarray, width: floa
     assert len(thin) <= 2 * (np.floor(time[-1] / width) + 1)
 
 
+def test_a_falling_edge_falls_and_a_rising_one_rises() -> None:
+    time = np.arange(200) * 0.01
+    falling = np.where(time < 0.97, 300.0, 0.0)  # the edge is inside a stretch
+    _, thin = extremes(time, falling, 0.05)
+    assert np.all(np.diff(thin) <= 0)
+    _, thin = extremes(time, falling[::-1], 0.05)
+    assert np.all(np.diff(thin) >= 0)
+    ramp = Trace(capacity=100)
+    ramp.add(time, -time)
+    ramp.add(time + 2.0, -2.0 - time)
+    assert np.all(np.diff(ramp.between(0.0, 4.0, 20)[1]) <= 0)
+
+
 def test_a_gap_stays_one_only_where_nothing_was_measured() -> None:
     _, thin = extremes(np.arange(4.0), np.array([1.0, np.nan, np.nan, np.nan]), 2.0)
     np.testing.assert_array_equal(thin, [1.0, 1.0, np.nan, np.nan])

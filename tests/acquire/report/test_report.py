@@ -13,7 +13,8 @@ import pytest
 from acquire.recording import Recording, load
 from acquire.report.figures import frame_strip, overview, save, thinned
 from acquire.report.page import render, write_page
-from acquire.report.summary import in_words, shown, summarise
+from acquire.report.summary import in_words, summarise
+from acquire.words import shown
 from tests.acquire.recording.samples import sample_recording
 
 TANKS = Path(__file__).parents[2] / "data" / "cascaded_tanks" / "estimation.yaml"
