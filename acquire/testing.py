@@ -42,6 +42,23 @@ def skinrig_session(tmp_path: Path) -> Iterator[Callable[..., Session]]:
         yield make
 
 
+@pytest.fixture(scope="session")
+def public_data() -> Callable[[str], Path]:
+    """``public_data("emps")``: the checked folder of a public data set (`acquire.datasets`).
+
+    The test is skipped, with the name of the data set and where it can be had, if this machine does not have it.
+    """
+    from acquire.datasets import DatasetMissing, folder
+
+    def checked(name: str) -> Path:
+        try:
+            return folder(name)
+        except DatasetMissing as error:
+            pytest.skip(str(error))
+
+    return checked
+
+
 @pytest.fixture
 def skinrig_instrument() -> Iterator[Callable[..., Server]]:
     """Switches on bare simulated instruments: ``skinrig_instrument("cutometer", link="tcp", speed=20.0)``.

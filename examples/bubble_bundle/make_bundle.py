@@ -4,8 +4,8 @@
     acquire import out/bubbles/calibrated -o out/bubbles/calibrated.h5
     acquire report out/bubbles/calibrated.h5 out/bubbles/gwater -o out/bubbles/page.html
 
-The images are small copies of real ones (see tests/data/README.md): every third or fourth pixel, so that a pixel is
-three or four times as large.
+The images (docs/data.md says where to have them) are made smaller: every third or fourth pixel is kept, noise and all,
+so that a pixel is three or four times as large.
 """
 
 from __future__ import annotations
@@ -14,29 +14,41 @@ import argparse
 import shutil
 from pathlib import Path
 
+import cv2
 import yaml
 
-DATA = Path(__file__).parents[2] / "tests" / "data" / "bubble_on_needle_cc0"
-# Image, scale in mm/px, where the scale is from. It is known for one image: 1.24 mm over 400 px of the original.
+from acquire import datasets
+
+# Image, every how many-th pixel is kept, scale of the original in mm/px, where the scale is from. It is known for one
+# image only: 1.24 mm over 400 px.
 BUNDLES = {
-    "calibrated": ("uEye_Image_000827_every_4.png", 4 * 1.24 / 400, "scale from the data set"),
-    "gttab": ("gttab_20_70_every_3.png", 3 * 0.003, "scale assumed"),
-    "gwater": ("gwater20_70_every_3.png", 3 * 0.003, "scale assumed"),
+    "calibrated": ("uEye_Image_000827.png", 4, 1.24 / 400, "scale from the data set"),
+    "gttab": ("gttab_20_70.tiff", 3, 0.003, "scale assumed"),
+    "gwater": ("gwater20_70.tiff", 3, 0.003, "scale assumed"),
 }
 
 
-def make_bundle(name: str, folder: Path, data: Path = DATA) -> Path:
-    """Write the bundle ``name`` into ``folder`` (replaced if it exists) and return it."""
-    image, scale, note = BUNDLES[name]
+def smaller(image: Path, every: int) -> cv2.typing.MatLike:
+    """Every ``every``-th pixel of a grey picture each way. Raises ValueError for a file that is no picture."""
+    whole = cv2.imread(str(image), cv2.IMREAD_GRAYSCALE)
+    if whole is None:
+        raise ValueError(f"{image}: not a picture that can be read")
+    return whole[::every, ::every]
+
+
+def make_bundle(name: str, folder: Path, data: Path | None = None) -> Path:
+    """Write the bundle ``name`` into ``folder`` (replaced if it exists) and return it; ``data`` holds the originals."""
+    image, every, scale, note = BUNDLES[name]
+    reduced = smaller((data or datasets.folder("bubble_on_needle_cc0")) / image, every)
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    shutil.copyfile(data / image, folder / image)
+    cv2.imwrite(str(folder / f"{Path(image).stem}.png"), reduced)
     about = {
         "schema": "recording-bundle/1",
         "instrument": "aspiration",
         "specimen": "bubble on a needle",
         "notes": note,
-        "frames": {"files": "*.png", "scale": f"{scale:.6g} mm/px", "rate": "1 Hz"},
+        "frames": {"files": "*.png", "scale": f"{every * scale:.6g} mm/px", "rate": "1 Hz"},
     }
     (folder / "recording.yaml").write_text(yaml.safe_dump(about, sort_keys=False, allow_unicode=True), encoding="utf-8")
     return folder
@@ -45,7 +57,7 @@ def make_bundle(name: str, folder: Path, data: Path = DATA) -> Path:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("-o", "--output", type=Path, default=Path("out/bubbles"), help="folder for the bundles")
-    parser.add_argument("--data", type=Path, default=DATA, help="folder of the images")
+    parser.add_argument("--data", type=Path, help="folder of the images (default: in SKINRIG_DATA)")
     arguments = parser.parse_args()
     for name in BUNDLES:
         print(make_bundle(name, arguments.output / name, arguments.data))

@@ -1,6 +1,7 @@
 """Two tanks in cascade: a pump fills the upper one, which empties into the lower one, whose level is measured.
 
-    acquire gap diagnose tests/data/cascaded_tanks/*.yaml --model examples/cascaded_tanks/model.py:Tanks -o out/tanks
+    python examples/cascaded_tanks/make_bundle.py -o out/tanks
+    acquire gap diagnose out/tanks/estimation --model examples/cascaded_tanks/model.py:Tanks -o out/tanks/gap
 
 Torricelli's law for both outlets; nothing overflows and the level sensor has no end.
 """

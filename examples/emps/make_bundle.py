@@ -4,7 +4,7 @@
     acquire import out/emps/record -o out/emps/record.h5
     acquire show out/emps/record.h5 --png out/emps/record.png
 
-``record`` is the plain one, ``pulses`` the one with a known disturbance (see tests/data/README.md).
+``record`` is the plain one, ``pulses`` the one with a known disturbance (docs/data.md says where to have it).
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from pathlib import Path
 import numpy as np
 from scipy.io import loadmat
 
+from acquire import datasets
 from acquire.recording import Recording, RunInfo, Series, write_bundle
 
-DATA = Path(__file__).parents[2] / "tests" / "data" / "emps"
 RECORDS = {"record": "DATA_EMPS.mat", "pulses": "DATA_EMPS_PULSES.mat"}
 
 
-def recording(name: str, data: Path = DATA) -> Recording:
-    """The record ``record`` or ``pulses`` of the folder ``data``, in SI.
+def recording(name: str, data: Path | None = None) -> Recording:
+    """The record ``record`` or ``pulses`` of the folder ``data`` (that of SKINRIG_DATA where None), in SI.
 
     ``motor_force`` is the drive gain (N/V) times the motor voltage; ``disturbance`` is the voltage added to the
     controller's output, which the motor voltage contains.
     """
-    raw = loadmat(data / RECORDS[name])
+    raw = loadmat((data or datasets.folder("emps")) / RECORDS[name])
     time = raw["t"].ravel()
     gain = float(raw["gtau"].item())
 
@@ -66,7 +66,7 @@ def recording(name: str, data: Path = DATA) -> Recording:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("-o", "--output", type=Path, default=Path("out/emps"), help="folder for the bundles")
-    parser.add_argument("--data", type=Path, default=DATA, help="folder of the .mat files")
+    parser.add_argument("--data", type=Path, help="folder of the .mat files (default: in SKINRIG_DATA)")
     arguments = parser.parse_args()
     for name in RECORDS:
         print(write_bundle(recording(name, arguments.data), arguments.output / name))

@@ -1,18 +1,19 @@
 """Rubber under homogeneous deformation refitted by the sheet's laws, from published data: tests laws and fits.
 
-Run with ``python benchmarks/rubber.py``; docs/validation/rubber.md comments on what it prints. The data are in
-tests/data/rubber (three materials: uniaxial, pure shear, equibiaxial).
+Run with ``python benchmarks/rubber.py``; docs/validation/rubber.md comments on what it prints. The data (three
+materials: uniaxial, pure shear, equibiaxial) are those of the set ``rubber_hyperelastic`` of docs/data.md.
 """
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+import h5py
 import numpy as np
+from acquire import datasets
 
 from skinrig_solver import Cost, Experiment, ModelInfo, Parameter, Result
 from skinrig_solver.fit.cases import Case
@@ -21,7 +22,7 @@ from skinrig_solver.fit.problem import Problem
 from skinrig_solver.fit.variables import Free, Variables
 from skinrig_solver.laws import LAWS
 
-DATA = Path(__file__).parents[1] / "tests/data/rubber/rubber.csv"
+MATERIALS = ("Treloar_1944", "Kawabata_1981", "Meunier_2008")
 MODES = {"UT": "uniaxial", "PS": "pure shear", "ET": "equibiaxial"}
 MPA = 1e6
 
@@ -71,18 +72,31 @@ def _nominal(law: str, p: np.ndarray, one: float, two: float) -> tuple[float, np
     return (S[0] * C[0] - S[2] * C[2]) / one, (dS[:, 0] * C[0] - dS[:, 2] * C[2]) / one
 
 
+Tables = Mapping[str, Mapping[str, tuple[np.ndarray, np.ndarray, np.ndarray]]]
+
+
 @cache
-def tests() -> dict[str, dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]]:
-    """material -> mode -> stretches 1 and 2, nominal stress [Pa]."""
-    rows: dict[str, dict[str, list[list[float]]]] = {}
-    with DATA.open() as file:
-        for row in csv.DictReader(file):
-            values = [float(row["stretch_1"]), float(row["stretch_2"]), MPA * float(row["nominal_stress_MPa"])]
-            rows.setdefault(row["author_year"], {}).setdefault(row["mode"], []).append(values)
-    return {
-        material: {mode: (*np.array(points).T,) for mode, points in modes.items()}  # type: ignore[misc]
-        for material, modes in rows.items()
-    }
+def tests() -> Tables:
+    """The published tests; see `read`."""
+    return read(datasets.folder("rubber_hyperelastic") / "data.h5")
+
+
+def read(path: Path) -> Tables:
+    """material -> mode -> stretches 1 and 2, nominal stress [Pa], each of shape (points,).
+
+    The file holds deformation gradients and stresses [MPa] of shape (points, 3, 3). Raises ValueError for a stress that
+    is not Piola's first.
+    """
+    found: dict[str, dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]] = {}
+    with h5py.File(path) as file:
+        for material in MATERIALS:
+            for mode in MODES:
+                group = file[material][mode]
+                if (kind := group.attrs["stress_type"]) != "PK1":
+                    raise ValueError(f"{path}: {group.name}: stress is {kind}, not PK1")
+                F, P = group["F"][:], group["stress"][:]
+                found.setdefault(material, {})[mode] = F[:, 0, 0], F[:, 1, 1], MPA * P[:, 0, 0]
+    return found
 
 
 def cases(material: str, modes: Sequence[str], relative: bool) -> list[Case]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 from pathlib import Path
 
@@ -13,6 +12,8 @@ from acquire.cli.app import run
 from acquire.recording import load, write_bundle
 from gap.blind.lock import unseal
 from gap.design.simulated_cases import detectability, make_own
+from tests.conftest import Folder
+from tests.standins import example
 
 ROOT = Path(__file__).parents[2]
 WARM_UP = ROOT / "examples/user_effect/pump_warm_up.py"
@@ -27,13 +28,8 @@ def called(capsys, *arguments: object) -> tuple[int, str, str]:
 @pytest.fixture(scope="module")
 def cold_session(tmp_path_factory) -> Path:
     """Bundles of the session that examples/user_effect makes."""
-    spec = importlib.util.spec_from_file_location("make_session", ROOT / "examples/user_effect/make_session.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
     folder = tmp_path_factory.mktemp("cold")
-    for k, recording in enumerate(module.session()):
+    for k, recording in enumerate(example("user_effect", "make_session").session()):
         write_bundle(recording, folder / f"r{k + 1:02d}")
     return folder
 
@@ -81,8 +77,8 @@ def test_a_folder_without_recordings_and_a_wrong_model_are_refused(capsys, cold_
     assert "there is no file" in err
 
 
-def test_a_rig_of_ones_own_from_its_files(capsys) -> None:
-    tanks = ROOT / "tests/data/cascaded_tanks/estimation.yaml"
+def test_a_rig_of_ones_own_from_its_files(capsys, stand_in: Folder, tmp_path: Path) -> None:
+    tanks = example("cascaded_tanks").make_bundle("estimation", tmp_path / "tanks", stand_in("cascaded_tanks"))
     model = ROOT / "examples/cascaded_tanks/model.py:Tanks"
     status, text, _ = called(capsys, "gap", "diagnose", tanks, "--model", model, "--json")
     assert status == 0

@@ -16,8 +16,12 @@ from acquire.report.page import render, write_page
 from acquire.report.summary import in_words, summarise
 from acquire.words import shown
 from tests.acquire.recording.samples import sample_recording
+from tests.conftest import Folder
+from tests.standins import example
 
-TANKS = Path(__file__).parents[2] / "data" / "cascaded_tanks" / "estimation.yaml"
+
+def tanks(data: Path, folder: Path) -> Recording:
+    return load(example("cascaded_tanks").make_bundle("estimation", folder / "tanks", data))
 
 
 def test_summary_is_json_and_words() -> None:
@@ -38,8 +42,15 @@ def test_summary_is_json_and_words() -> None:
         assert fact in words, fact
 
 
-def test_saturation_of_a_real_sensor_is_seen() -> None:
-    assert "level stays at its extreme in 4.6 % of the samples" in in_words(summarise(load(TANKS)))
+def test_saturation_of_a_real_sensor_is_seen(public_data: Folder, tmp_path: Path) -> None:
+    words = in_words(summarise(tanks(public_data("cascaded_tanks"), tmp_path)))
+    assert "level stays at its extreme in 4.6 % of the samples" in words
+
+
+def test_saturation_of_a_sensor_is_seen(stand_in: Folder, tmp_path: Path) -> None:
+    recording = tanks(stand_in("cascaded_tanks"), tmp_path)
+    share = 100 * np.mean(recording.stream("level").value == 10.0)
+    assert f"level stays at its extreme in {share:.2g} % of the samples" in in_words(summarise(recording))
 
 
 def test_values_are_shown_in_pleasant_units() -> None:
@@ -63,8 +74,10 @@ def test_thinning_keeps_extremes() -> None:
 
 
 @pytest.mark.parametrize("kind", ["suction", "frames", "empty", "tanks"])
-def test_every_kind_of_recording_has_a_figure(kind: str, tmp_path: Path) -> None:
-    recording: Recording = load(TANKS) if kind == "tanks" else sample_recording(frames=5 if kind == "frames" else 0)
+def test_every_kind_of_recording_has_a_figure(kind: str, stand_in: Folder, tmp_path: Path) -> None:
+    recording = sample_recording(frames=5 if kind == "frames" else 0)
+    if kind == "tanks":
+        recording = tanks(stand_in("cascaded_tanks"), tmp_path)
     if kind == "empty":
         recording = replace(recording, streams={}, setpoints={}, events=())
     path = save(overview(recording), tmp_path / "a.png")

@@ -1,7 +1,6 @@
 """The threshold pipeline on rendered frames, whose contour is known, and on photographs of real bubbles."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -12,8 +11,9 @@ from hypothesis import strategies as st
 from drivers.aspiration.background import estimate, from_flat_field
 from drivers.aspiration.contour import Contour, LiveApex, Pipeline, Settings, analyse_frame, analyse_frames
 from sim_devices.stages.scene import Light, Scene, background
+from tests.conftest import Folder
+from tests.standins import example
 
-DATA = Path(__file__).parents[2] / "data" / "bubble_on_needle_cc0"
 HEIGHTS = np.concatenate([np.zeros(5), np.linspace(0.0, 4e-3, 20)])
 HARSH = Light(vignetting=0.6, gradient=0.4, reflections=5, satellites=8, blur=2.0, noise=4.0)
 
@@ -254,19 +254,21 @@ def test_no_frames_no_scale_and_a_black_flat_field_are_refused() -> None:
 
 # Real pictures -------------------------------------------------------------------------------------------------------
 
-# Rows of the needle's upper end and of the apex, read by eye.
-REAL = {
-    "gttab_20_70_every_3.png": (577, 319),
-    "gwater20_70_every_3.png": (546, 268),
-    "uEye_Image_000827_every_4.png": (328, 52),
-}
+# Rows of the needle's upper end and of the apex, read by eye in the reduced pictures of examples/bubble_bundle.
+REAL = {"gttab": (577, 319), "gwater": (546, 268), "calibrated": (328, 52)}
+
+
+def real(name: str, public_data: Folder) -> np.ndarray:
+    module = example("bubble_bundle")
+    image, every, *_ = module.BUNDLES[name]
+    picture: np.ndarray = module.smaller(public_data("bubble_on_needle_cc0") / image, every)
+    return picture
 
 
 @pytest.mark.parametrize("name", REAL)
-def test_one_dome_of_sensible_height_in_each_real_picture(name: str) -> None:
-    image = cv2.imread(str(DATA / name), cv2.IMREAD_GRAYSCALE)
+def test_one_dome_of_sensible_height_in_each_real_picture(name: str, public_data: Folder) -> None:
     needle, top = REAL[name]
-    found = analyse_frame(image)
+    found = analyse_frame(real(name, public_data))
     assert found.foot_row == pytest.approx(needle, abs=4)
     assert found.apex_row == pytest.approx(top, abs=2)
     assert found.confidence > 0.8
@@ -276,8 +278,8 @@ def test_one_dome_of_sensible_height_in_each_real_picture(name: str) -> None:
     assert np.hypot(*np.diff(outline, axis=0).T).max() < 12  # one curve without a jump
 
 
-def test_otsu_shatters_the_picture_that_the_pipeline_reads() -> None:
-    image = cv2.imread(str(DATA / "uEye_Image_000827_every_4.png"), cv2.IMREAD_GRAYSCALE)
+def test_otsu_shatters_the_picture_that_the_pipeline_reads(public_data: Folder) -> None:
+    image = real("calibrated", public_data)
     _, binary = cv2.threshold(image, 0, 255, cv2.THRESH_OTSU)
     contours, _ = cv2.findContours(binary, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     assert len(contours) > 50
