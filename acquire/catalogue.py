@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from acquire.recording.hdf5_reader import open_info
+from acquire.recording.lock import is_live
 from acquire.recording.model import RecordingError, RunInfo
 
 FIELDS = (
@@ -26,11 +27,15 @@ ALIASES = {"protocol": "protocol_name", "start": "start_time", "date": "start_ti
 
 @dataclass(frozen=True)
 class Entry:
-    """One file of the catalogue. ``info`` is None where ``problem`` says what is wrong with it."""
+    """One file of the catalogue. ``info`` is None where ``problem`` says what is wrong with it.
+
+    ``live`` marks the journal of a run that goes on (or of a recovery): nobody else may touch it now.
+    """
 
     path: Path
     info: RunInfo | None
     problem: str = ""
+    live: bool = False
 
 
 def catalogue(folder: Path | str, words: Iterable[str] = ()) -> list[Entry]:
@@ -55,7 +60,9 @@ def catalogue(folder: Path | str, words: Iterable[str] = ()) -> list[Entry]:
 
 def _entry(path: Path) -> Entry:
     if path.suffix == ".journal":
-        return Entry(path, None, "not finished: running, or left by a crash (acquire recover)")
+        if is_live(path):
+            return Entry(path, None, "a run is being recorded into it now", live=True)
+        return Entry(path, None, f"left by a crash: acquire recover {path}")
     try:
         return Entry(path, open_info(path))
     except (RecordingError, OSError) as error:

@@ -159,13 +159,14 @@ class Session:
         request = request or Request()
         setpoints, limits = self.compile(name, protocol, request.subject)
         entry = self._entry(name)
+        start = iso_now()
         identity = f"{time.strftime('%Y%m%d-%H%M%S')}-{protocol.name}-{secrets.token_hex(2)}"
         folder = out or self.out
         path = folder if folder.suffix == ".h5" else folder / f"{identity}.h5"
         info = RunInfo(
             id=identity,
             instrument=protocol.instrument,
-            start_time=iso_now(),
+            start_time=start,
             protocol=protocol.origin.text or dump(protocol),
             protocol_name=protocol.name,
             subject=request.subject,

@@ -120,8 +120,10 @@ def _tell(outcome: Outcome, identity: str, instrument: str, duration: float, as_
         print(f"{outcome.lost} samples were lost", file=sys.stderr)
     if outcome.recording is not None:
         typer.echo(outcome.recording)
-    else:
+    elif outcome.journal is not None:
         print(f"no recording; try: acquire recover {outcome.journal}", file=sys.stderr)
+    else:
+        print("no recording, and no journal: the data of this run are lost", file=sys.stderr)
 
 
 def _status(outcome: Outcome) -> int:

@@ -200,8 +200,10 @@ class ActiveRun:
         try:
             path = self._recorder.finish(str(state), reason).result()
         except Exception as error:
-            journal = self._recorder.journal
+            journal = self._recorder.journal if self._recorder.journal.exists() else None
             reason = f"{reason}; the recording could not be written: {error}".lstrip("; ")
+            # Nobody may take a run for done of which there is no recording.
+            state = State.FAILED if state is State.COMPLETED else state
         self._recorder.join()
         return Outcome(state, reason, path, journal, lost=self._recorder.lost)
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from acquire.engine.interlock import Trip
 from acquire.engine.state import State
 from acquire.recording import RunInfo
+from acquire.recording.identity import check_identity
 from protocols.limits import Limits
 from protocols.setpoints import Setpoints
 
@@ -32,6 +33,14 @@ class RunPlan:
     baseline: float = 0.2
     tail: float = 0.5
     frame_scale: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for a text or number that could not be recorded: before anybody is touched."""
+        check_identity(self.info)
+        for name in ("baseline", "tail", "frame_scale"):
+            value = getattr(self, name)
+            if not 0 <= value < math.inf:
+                raise ValueError(f"{name} must be a number from 0 on, not {value!r}")
 
 
 @dataclass(frozen=True)

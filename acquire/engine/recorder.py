@@ -3,22 +3,31 @@
 from __future__ import annotations
 
 import logging
+import os
+import tempfile
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from platformdirs import user_data_dir
 
 from acquire.engine.queues import Overflow, RecordQueue
+from acquire.files import CannotWrite, told
 from acquire.recording import Event, RunInfo
+from acquire.recording.hdf5 import rehearse
 from acquire.recording.journal import JournalWriter
+from acquire.recording.lock import is_live
 from acquire.recording.recovery import finalise
 from drivers.signals import Block, Channel, Frame
 from protocols.setpoints import Setpoints
 
 log = logging.getLogger(__name__)
+
+LOOK = 1.0  # s of wall time between two looks whether the journal is still there
 
 
 @dataclass(frozen=True)
@@ -50,20 +59,26 @@ class Recorder(threading.Thread):
         frame_scale: float = 0.0,
         capacity: int = 256 << 20,
     ) -> None:
-        """Creates the journal beside ``path``. Raises FileExistsError if ``path`` or its journal exists; OSError."""
+        """Creates the journal beside ``path``.
+
+        Raises FileExistsError if ``path`` or its journal exists, RecordingError if ``info`` cannot be recorded,
+        CannotWrite.
+        """
         super().__init__(name=f"recorder-{path.stem}", daemon=True)
-        if path.exists():
+        if os.path.lexists(path):
             raise FileExistsError(f"{path}: there is a recording already; it is not overwritten")
-        path.parent.mkdir(parents=True, exist_ok=True)
+        rehearse(info, channels)
         self.path = path
         self.journal = path.with_suffix(".journal")
         self.lost = 0  # samples and frames missing in the sequence numbers
         self.result: Future[Path] = Future()
         self._units = {channel.name: channel.unit for channel in channels}
-        self._writer = JournalWriter(self.journal, info, channels, frame_scale=frame_scale)
+        self._writer = _journal(self.journal, info, channels, frame_scale)
         self._queue: RecordQueue[Item] = RecordQueue(capacity)
         self._on_failure = on_failure
-        self._failed = False
+        self._failed = False  # nothing more can be kept
+        self._told = False
+        self._looked = time.monotonic()
         self._next_seq: dict[tuple[str, ...], int] = {}
 
     # Called by others -------------------------------------------------------------------------------------------------
@@ -99,14 +114,39 @@ class Recorder(threading.Thread):
                         self._write(item)
                 if not self._failed:
                     self._writer.sync()
+                self._look_after()
             except Exception as error:
                 self._fail(str(error))
         try:
-            self._writer.close(end.status, end.reason)
-            self.result.set_result(finalise(self.journal, self.path))
+            self._writer.end(end.status, end.reason)
+            self.result.set_result(self._save())
         except Exception as error:
-            log.error("%s: %s; the journal %s is kept", self.path, error, self.journal)
+            log.error("%s: %s", self.path, error)
             self.result.set_exception(error)
+        finally:
+            self._writer.close()
+
+    def _save(self) -> Path:
+        """Make the recording: beside its journal, or where the journal is gone, wherever there is room."""
+        name, folders = self.path.name, [self.path.parent]
+        if gone := self._writer.gone():
+            log.error("%s", gone)
+            folders = [*(folders if self._writer.same_disk() else []), *_shelters()]
+        *first, last = folders
+        for folder in first:
+            try:
+                return finalise(self._writer, folder / name)
+            except CannotWrite as error:
+                log.error("%s; trying elsewhere", error)
+        return finalise(self._writer, last / name)
+
+    def _look_after(self) -> None:
+        """Whether the journal can still be found; a person is told while there is time to act."""
+        now = time.monotonic()
+        if now - self._looked >= LOOK:
+            self._looked = now
+            if gone := self._writer.gone():
+                self._tell(gone)  # what still comes is kept all the same, in the open file
 
     def _write(self, item: Item) -> None:
         if isinstance(item, Block):
@@ -128,6 +168,25 @@ class Recorder(threading.Thread):
             self._writer.event(Event(float(time), "warning", "lost", f"{missing} samples of {', '.join(key)} are lost"))
 
     def _fail(self, reason: str) -> None:
-        if not self._failed:
-            self._failed = True
+        """Nothing more can be kept."""
+        self._failed = True
+        self._tell(reason)
+
+    def _tell(self, reason: str) -> None:
+        if not self._told:
+            self._told = True
             self._on_failure(reason)
+
+
+def _journal(path: Path, info: RunInfo, channels: tuple[Channel, ...], frame_scale: float) -> JournalWriter:
+    try:
+        with told(path):
+            return JournalWriter(path, info, channels, frame_scale=frame_scale)
+    except FileExistsError:
+        why = "another run is being recorded there" if is_live(path) else f"left by a crash: acquire recover {path}"
+        raise FileExistsError(f"{path}: exists already; {why}") from None
+
+
+def _shelters() -> tuple[Path, ...]:
+    """Folders of this computer for recordings whose own disk has gone."""
+    return Path(user_data_dir("skinrig")) / "rescued", Path(tempfile.gettempdir()) / "skinrig-rescued"

@@ -7,7 +7,6 @@ import multiprocessing
 import os
 import signal
 import threading
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,6 @@ from typing import Any
 from acquire.gui.messages import Measurement
 
 COMPARED = 8  # earlier runs in one picture
-RUNNING = 10.0  # s: a journal that was written to within that time belongs to a run that goes on
 
 
 @dataclass(frozen=True)
@@ -83,7 +81,7 @@ def listing(folder: Path) -> tuple[Row, ...]:
             )  # fmt: skip
         elif entry.path.suffix != ".journal":
             rows.append(Row(entry.path, "", "", entry.path.stem, "", "", 0, "unreadable", entry.problem))
-        elif time.time() - entry.path.stat().st_mtime > RUNNING:
+        elif not entry.live:
             rows.append(Row(entry.path, "", "", entry.path.stem, "", "", 0, "not finished", entry.problem))
     return tuple(reversed(rows))
 

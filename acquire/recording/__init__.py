@@ -7,12 +7,15 @@ from acquire.recording.bundle_export import write_bundle
 from acquire.recording.hdf5 import write_recording
 from acquire.recording.hdf5_reader import open_info, open_recording
 from acquire.recording.journal import JournalFull, JournalWriter
+from acquire.recording.journal_reader import read_journal
+from acquire.recording.lock import JournalBusy
 from acquire.recording.model import Event, Frames, Recording, RecordingError, RunInfo, Series
-from acquire.recording.recovery import finalise, read_journal, recover
+from acquire.recording.recovery import finalise, recover
 
 __all__ = [
     "Event",
     "Frames",
+    "JournalBusy",
     "JournalFull",
     "JournalWriter",
     "Recording",

@@ -18,7 +18,6 @@ Channels that share their time stamps share one dataset on disk (hard links).
 from __future__ import annotations
 
 import hashlib
-import os
 import zlib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -27,45 +26,51 @@ from typing import Any
 import h5py
 import numpy as np
 
-from acquire.recording.hdf5_reader import ENTRY_FIELDS, RUN_FIELDS, SCHEMA, open_recording
+from acquire.files import PRIVATE, CannotWrite, whole_file
+from acquire.recording.hdf5_reader import ENTRY_FIELDS, RUN_FIELDS, SCHEMA, open_recording, read_open
 from acquire.recording.model import Event, Frames, Recording, RecordingError, RunInfo, Series, difference
+from drivers.signals import Channel
 
 
 def write_recording(recording: Recording, path: Path | str, *, overwrite: bool = False) -> Path:
-    """Write ``recording`` to ``path``: to ``<path>.partial``, flushed, read back and compared, fsynced, then renamed.
+    """Write ``recording`` to ``path``: to a file of another name, read back and compared, fsynced, and renamed.
 
-    Raises RecordingError if ``path`` exists (unless ``overwrite``; it is then replaced only by a verified file), if the
-    recording is inconsistent, or if what was written does not read back equal; OSError if the disk refuses.
+    Only the owner of the file may read it, because it names a subject. Raises RecordingError if ``path`` exists (unless
+    ``overwrite``; it is then replaced only by a verified file), if the recording is inconsistent, or if what was
+    written does not read back equal; CannotWrite if the disk refuses.
     """
     path = Path(path)
-    if path.exists() and not overwrite:
-        raise RecordingError(f"{path}: exists already; it is not overwritten")
     _check_consistent(recording)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".partial")
     try:
-        with h5py.File(partial, "w", track_order=True) as file:
-            _write(file, recording)
-            file.flush()
-        _verify(recording, partial)
-        with partial.open("rb+") as raw:
-            os.fsync(raw.fileno())
-        os.replace(partial, path)
-    except BaseException:
-        partial.unlink(missing_ok=True)
-        raise
-    sync_folder(path.parent)
+        with whole_file(path, mode=PRIVATE, overwrite=overwrite) as partial:
+            try:
+                with h5py.File(partial.name, "w", track_order=True) as file:
+                    _write(file, recording)
+            except RuntimeError as error:  # HDF5 cannot flush, or close
+                raise CannotWrite(f"{path}: cannot be written: {error}") from error
+            _verify(recording, Path(partial.name))
+    except FileExistsError as error:
+        raise RecordingError(str(error)) from None
     return path
 
 
-def sync_folder(folder: Path) -> None:
-    """Make a rename in ``folder`` durable (POSIX; other systems do so by themselves)."""
-    if os.name == "posix":
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
+def rehearse(info: RunInfo, channels: Iterable[Channel]) -> None:
+    """Write a recording without samples in memory and read it back: ``info`` can be recorded, whatever is in it.
+
+    Asked before a run, because after it nothing can be refused any more. Raises RecordingError.
+    """
+    nothing = np.empty(0)
+    streams = {c.name: Series(nothing, nothing, c.unit, nothing, nothing.astype(np.int64), c.stage) for c in channels}
+    recording = Recording(info, streams)
+    try:
+        _check_consistent(recording)
+        with h5py.File(f"rehearsal-{id(recording)}", "w", driver="core", backing_store=False, track_order=True) as file:
+            _write(file, recording)
+            problem = difference(recording, read_open(file, Path(info.id)))
+    except (ValueError, TypeError, OverflowError, OSError, RuntimeError, KeyError) as error:
+        raise RecordingError(f"run {info.id!r} could not be recorded: {error}") from error
+    if problem:
+        raise RecordingError(f"run {info.id!r} could not be recorded: {problem}")
 
 
 def _check_consistent(recording: Recording) -> None:
@@ -96,7 +101,7 @@ def _write(file: h5py.File, recording: Recording) -> None:
     entry = _group(file, "entry", "NXentry")
     # As attributes for a quick look, as fields because that is where NeXus readers expect them.
     for name, text in {"schema": SCHEMA, **{f: getattr(info, f) for f in ENTRY_FIELDS}}.items():
-        entry.attrs.create(name, **_text(text))
+        entry.attrs.create(name, **_text(text[:1000]))  # HDF5 takes no more than 64 KB
         _put(entry, name, text)
     _write_run(_group(entry, "run", "NXcollection"), info)
     _write_instrument(_group(entry, "instrument", "NXinstrument"), recording)

@@ -35,6 +35,12 @@ def open_info(path: Path | str) -> RunInfo:
     return _read(Path(path), _Reader.info)
 
 
+def read_open(file: h5py.File, path: Path) -> Recording:
+    """The recording in an open ``file``; ``path`` is named in errors. Raises as `open_recording`."""
+    check_file(file, path)
+    return _Reader(file, path).recording()
+
+
 def _read(path: Path, what: Callable[[_Reader], T]) -> T:
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file")
@@ -76,20 +82,20 @@ class _Reader:
     def info(self) -> RunInfo:
         run, instrument = self.group(self.entry, "run"), self.group(self.entry, "instrument")
         calibration: dict[str, dict[str, Any]] = {}
-        for name, dataset in self.members(instrument, "calibration"):
+        for name, dataset in self.datasets(instrument, "calibration"):
             value = self.text(dataset) if dataset.dtype.kind == "S" else self.array(dataset)
             facts = {"value": value.item() if np.ndim(value) == 0 and not isinstance(value, str) else value}
             facts |= {"unit" if k == "units" else k: self.attr(dataset, k, "") for k in dataset.attrs}
             calibration[name] = facts
         limits = {}
-        for name, dataset in self.members(instrument, "limits"):
+        for name, dataset in self.datasets(instrument, "limits"):
             low, high = self.array(dataset)
             limits[name] = (float(low), float(high))
         return RunInfo(
             instrument=self.text(self.dataset(instrument, "name")),
             station=self.text(self.dataset(instrument, "station")),
             repeat=int(self.array(self.dataset(run, "repeat"))),
-            versions={name: self.text(dataset) for name, dataset in self.members(run, "versions")},
+            versions={name: self.text(dataset) for name, dataset in self.datasets(run, "versions")},
             limits=limits,
             calibration=calibration,
             **{name: self.text(self.dataset(run, name)) for name in RUN_FIELDS},
@@ -124,7 +130,7 @@ class _Reader:
 
     def setpoints(self) -> dict[str, Series]:
         result = {}
-        for name, dataset in self.members(self.entry, "setpoints"):
+        for name, dataset in self.datasets(self.entry, "setpoints"):
             axis = self.attr(dataset, "axes", "")
             if not axis:
                 continue
@@ -156,6 +162,9 @@ class _Reader:
         if table.dtype.names != ("time", "level", "code", "text"):
             raise RecordingError(f"{self.path}: /entry/events has the columns {table.dtype.names}")
         return tuple(Event(float(t), *(x.decode() for x in texts)) for t, *texts in table.tolist())
+
+    def datasets(self, parent: h5py.Group, name: str) -> Iterable[tuple[str, h5py.Dataset]]:
+        return [(member, self.dataset(self.group(parent, name), member)) for member, _ in self.members(parent, name)]
 
     def members(self, parent: h5py.Group, name: str) -> Iterable[tuple[str, Any]]:
         return list(self.group(parent, name).items()) if name in parent else []

@@ -6,7 +6,9 @@ The file is a row of records, each complete in itself::
 
 Every record is handed to the operating system at once, so a killed process loses nothing it has written; ``fdatasync``
 follows within `SYNC_INTERVAL`, so that a power cut loses no more than that. A torn tail is where reading stops, and a
-damaged record in the middle is skipped at the next magic. `acquire.recording.recovery` reads journals.
+damaged record in the middle is skipped at the next magic. The records that others cannot be read without are repeated
+every `REPEAT` seconds. While it is written the file is locked (`acquire.recording.lock`), so that nobody recovers a run
+that goes on. `acquire.recording.journal_reader` reads journals.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ import struct
 import time
 import zlib
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from enum import IntEnum
 from pathlib import Path
 from types import TracebackType
@@ -26,6 +28,8 @@ from typing import Any
 
 import numpy as np
 
+from acquire.files import PRIVATE
+from acquire.recording.lock import lock
 from acquire.recording.model import Event, RecordingError, RunInfo
 from drivers.signals import Block, Channel, Frame
 from protocols.setpoints import Setpoints
@@ -36,13 +40,17 @@ CRC = struct.Struct("<I")
 BLOCK = struct.Struct("<HI")  # layout, samples; then seq i64, time f8, time_host f8, one f8 row per channel
 FRAME = struct.Struct("<qddII")  # seq, time, time_host, height, width; then the pixels
 SYNC_INTERVAL = 0.05  # s of wall time between two fdatasync at most, while data or `sync` calls arrive
+MAX_TEXT = 2000  # characters of an event or of the reason for an end
+REPEAT = 10.0  # s of wall time between two copies of the run's identity and the blocks' layouts
+
+_CLOCK = (1577836800.0, 4102444800.0)  # s since 1970: a clock before 2020 or after 2100 is wrong
 
 
 class Kind(IntEnum):
     """Types of records."""
 
-    INFO = 1  # JSON: format, RunInfo, channels, frame scale; always the first record
-    LAYOUT = 2  # JSON: number and channel names of the blocks that follow
+    INFO = 1  # JSON: format, RunInfo, channels, frame scale; the first record, and repeated
+    LAYOUT = 2  # JSON: number and channel names of the blocks that follow; repeated
     BLOCK = 3
     FRAME = 4
     EVENT = 5  # JSON
@@ -59,6 +67,7 @@ class JournalWriter:
 
     ``frame_scale`` is in m/px (0: not known). Raises FileExistsError rather than touch an existing journal, and
     `JournalFull` from any method when the disk is full: the torn record is then taken back, no more data are accepted.
+    Only the owner of the file may read it, because it names a subject. The lock is held until `close`.
     """
 
     def __init__(
@@ -72,22 +81,26 @@ class JournalWriter:
     ) -> None:
         self.path = Path(path)
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
-        self._file = os.open(self.path, flags, 0o644)
+        flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
+        self._disk = os.stat(self.path.parent).st_dev
+        self._file = os.open(self.path, flags, PRIVATE)
+        lock(self._file, self.path)
         self._sequence = 0
         self._end = 0
         self._full = False
+        self._ended = False
         self._dirty = False
         self._sync_interval = sync_interval
-        self._synced = time.monotonic()
+        self._synced = self._repeated = self._began = time.monotonic()
+        self._wall = time.time()
         self._layouts: dict[tuple[str, ...], int] = {}
-        first = {
+        self._first = {
             "format": "acquire-journal/1",
             "info": {item.name: getattr(info, item.name) for item in fields(info)},
             "channels": [asdict(channel) for channel in channels],
             "frame_scale": frame_scale,
         }
-        self._json(Kind.INFO, first)
+        self._json(Kind.INFO, self._first)
         self.sync(force=True)
 
     def __enter__(self) -> JournalWriter:
@@ -103,12 +116,37 @@ class JournalWriter:
         """Bytes written so far."""
         return self._end
 
+    @property
+    def descriptor(self) -> int:
+        """The open file: what was written can be read from it even when its name is gone."""
+        return self._file
+
+    def gone(self) -> str:
+        """Why the journal would not be found under its name any more; '' while it would."""
+        here = os.fstat(self._file)
+        try:
+            there = os.stat(self.path)
+        except OSError as error:
+            return f"{self.path}: the journal is gone: {os.strerror(error.errno or 0)}"
+        if os.path.samestat(here, there) and here.st_nlink:
+            return ""
+        return f"{self.path}: the journal is gone: there is another file in its place"
+
+    def same_disk(self) -> bool:
+        """Whether the journal's folder is where it was; not where its disk was taken away."""
+        try:
+            return os.stat(self.path.parent).st_dev == self._disk
+        except FileNotFoundError:
+            return True  # deleted, and made anew by whoever writes there
+        except OSError:
+            return False
+
     def block(self, block: Block) -> None:
         """Append the samples of several channels that share their stamps."""
         names = tuple(block.values)
         if names not in self._layouts:
-            self._json(Kind.LAYOUT, {"layout": len(self._layouts), "channels": names})
             self._layouts[names] = len(self._layouts)
+            self._layout(names)
         self._append(
             Kind.BLOCK,
             BLOCK.pack(self._layouts[names], len(block)),
@@ -124,7 +162,7 @@ class JournalWriter:
 
     def event(self, event: Event) -> None:
         """Append an event."""
-        self._json(Kind.EVENT, asdict(event))
+        self._json(Kind.EVENT, asdict(replace(event, text=_clean(event.text))))
 
     def setpoints(self, setpoints: Setpoints, start: float = 0.0, units: Mapping[str, str] | None = None) -> None:
         """Append what is commanded from device time ``start`` (s) on; it replaces earlier break points after ``start``.
@@ -142,34 +180,58 @@ class JournalWriter:
     def sync(self, *, force: bool = False) -> None:
         """Put what was written onto the disk if `SYNC_INTERVAL` has passed (call it when idle, too)."""
         now = time.monotonic()
+        if now - self._repeated >= REPEAT and not self._full:
+            self._repeat()
         if self._dirty and (force or now - self._synced >= self._sync_interval):
             getattr(os, "fdatasync", os.fsync)(self._file)
             self._dirty = False
             self._synced = now
 
-    def close(self, status: str = "completed", trip_reason: str = "", end_time: str = "") -> None:
-        """Write how the run ended (wall clock ``end_time``, ISO 8601, default now) and close. Idempotent.
+    def end(self, status: str = "completed", trip_reason: str = "", end_time: str = "") -> None:
+        """Write how the run ended; nothing can be added after it, and the file stays open and locked. Idempotent.
 
-        On a full disk the end is not written: recovery will call the run ``recovered``.
+        ``end_time`` is wall clock, ISO 8601; by default the moment of creation and the time since then, so that a
+        clock that was set meanwhile does not let a run end before it began. On a full disk the end is not written:
+        recovery will call the run ``recovered``.
         """
-        if self._file < 0:
+        if self._ended or self._file < 0:
             return
+        moment = end_time or iso_time(self._wall + time.monotonic() - self._began)
         try:
-            end = {"status": status, "trip_reason": trip_reason, "end_time": end_time or iso_now()}
             if not self._full:
-                self._json(Kind.END, end)
+                self._repeat()
+                self._json(Kind.END, {"status": status, "trip_reason": _clean(trip_reason), "end_time": moment})
             self.sync(force=True)
         except JournalFull:
             pass  # the caller heard of it when data were refused, or hears of it from the status of the recording
         finally:
+            self._ended = True
+
+    def close(self, status: str = "completed", trip_reason: str = "", end_time: str = "") -> None:
+        """`end` the run unless that is done, close the file and give up its lock. Idempotent."""
+        if self._file < 0:
+            return
+        try:
+            self.end(status, trip_reason, end_time)
+        finally:
             os.close(self._file)
             self._file = -1
+
+    def _layout(self, names: tuple[str, ...]) -> None:
+        self._json(Kind.LAYOUT, {"layout": self._layouts[names], "channels": names})
+
+    def _repeat(self) -> None:
+        """Write the run's identity and the layouts once more: one damaged record must not cost the others."""
+        self._repeated = time.monotonic()
+        self._json(Kind.INFO, self._first)
+        for names in self._layouts:
+            self._layout(names)
 
     def _json(self, kind: Kind, content: Mapping[str, Any]) -> None:
         self._append(kind, json.dumps(content, default=_plain).encode())
 
     def _append(self, kind: Kind, *parts: bytes | memoryview) -> None:
-        if self._file < 0:
+        if self._file < 0 or self._ended:
             raise RecordingError(f"{self.path}: the journal is closed")
         if self._full:
             raise JournalFull(f"{self.path}: the disk is full; {self._end} bytes are safe")
@@ -202,9 +264,25 @@ class JournalWriter:
 
 
 def iso_now() -> str:
-    """The present moment as ISO 8601 in UTC, to the millisecond."""
-    seconds = time.time()
+    """The present moment as ISO 8601 in UTC, to the millisecond.
+
+    Raises RecordingError where this computer's clock cannot be right.
+    """
+    now = time.time()
+    if not _CLOCK[0] <= now < _CLOCK[1]:
+        raise RecordingError(f"this computer's clock says {iso_time(now)}: set it before anything is recorded")
+    return iso_time(now)
+
+
+def iso_time(seconds: float) -> str:
+    """``seconds`` since 1970 as ISO 8601 in UTC, to the millisecond; the year stays within 1970 … 9999."""
+    seconds = min(max(seconds, 0.0), 253402300799.0)
     return time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime(seconds)) + f".{int(seconds % 1 * 1000):03d}+00:00"
+
+
+def _clean(text: str) -> str:
+    """``text``, which may quote a device, as every file takes it: UTF-8 of bounded length without NUL."""
+    return text.encode("utf-8", "replace").decode().replace("\0", "?")[:MAX_TEXT]
 
 
 def _plain(value: Any) -> Any:

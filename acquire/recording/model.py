@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -126,6 +126,22 @@ def difference(a: Recording, b: Recording) -> str:
             if not np.array_equal(getattr(a.frames, what), getattr(b.frames, what)):
                 return f"frames: {what} differs"
     return "" if a.events == b.events else "events differ"
+
+
+def missing_in(there: Recording, recording: Recording) -> str:
+    """What of ``recording`` is not in ``there``, in words (of frames all but the pixels); '' if all of it is.
+
+    ``there`` may hold more: a recording has what an analysis found besides what the journal holds.
+    """
+    identity = replace(recording.info, calibration={}, versions={}, limits={})
+    kept = Recording(
+        info=replace(there.info, calibration={}, versions={}, limits={}),
+        streams={name: there.streams[name] for name in recording.streams if name in there.streams},
+        setpoints=there.setpoints,
+        frames=there.frames,
+        events=tuple(event for event in there.events if event in set(recording.events)),
+    )
+    return difference(replace(recording, info=identity, derived={}), kept)
 
 
 def _series_difference(a: Mapping[str, Series], b: Mapping[str, Series], axes: tuple[str, ...]) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import signal
-import time
 from pathlib import Path
 
 import pytest
@@ -32,11 +31,11 @@ steps:
 
 @pytest.fixture
 def crashed(tmp_path: Path) -> Path:
-    """A journal that a crash left an hour ago."""
+    """A journal that a crash left."""
     (tmp_path / "runs").mkdir()
     path = tmp_path / "runs" / "left.journal"
-    JournalWriter(path, RunInfo("left", "cutometer", "2026-01-01T00:00:00", subject="P9"), ())
-    os.utime(path, (time.time() - 3600,) * 2)
+    writer = JournalWriter(path, RunInfo("left", "cutometer", "2026-01-01T00:00:00", subject="P9"), ())
+    os.close(writer.descriptor)  # as a kill does
     return path
 
 
@@ -121,8 +120,8 @@ def test_settings_come_back(store: QSettings, tmp_path: Path) -> None:
 
 def test_a_listing_leaves_out_the_run_that_goes_on(crashed: Path) -> None:
     assert [row.status for row in reading.listing(crashed.parent)] == ["not finished"]
-    os.utime(crashed)
-    assert reading.listing(crashed.parent) == ()
+    with JournalWriter(crashed.with_stem("going-on"), RunInfo("on", "cutometer", "2026-01-01T00:00:00"), ()):
+        assert [row.path for row in reading.listing(crashed.parent)] == [crashed]
     assert reading.listing(crashed.parent / "nowhere") == ()
 
 

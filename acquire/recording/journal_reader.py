@@ -1,0 +1,354 @@
+"""Reading a journal: whatever is whole in it, and a word about every byte that is not."""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import threading
+import weakref
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from acquire.recording.journal import BLOCK, CRC, FRAME, HEADER, MAGIC, Kind
+from acquire.recording.lazy import LazyFrames
+from acquire.recording.model import Event, Frames, Recording, RecordingError, RunInfo, Series
+
+MAX_PAYLOAD = 2**30  # no record is longer; a damaged length is not believed
+SECTOR = 4096  # bytes that a disk gives or refuses at once
+WINDOW = 1 << 20  # bytes read ahead
+
+_KINDS = frozenset(int(kind) for kind in Kind)
+
+
+def read_journal(path: Path | str) -> Recording:
+    """The recording that ``path`` holds, as far as its records are whole; frames stay on disk.
+
+    Every stretch of damaged bytes is told as an event. Raises RecordingError if it is no journal or no copy of its
+    first record is whole.
+    """
+    return read_content(JournalBytes(Path(path)))[0]
+
+
+def read_content(data: JournalBytes) -> tuple[Recording, bool]:
+    """The recording in ``data``, and whether every byte of the journal is in it. Raises as `read_journal`."""
+    content = _Content(data)
+    for record in _records(data):
+        if isinstance(record, Damage):
+            content.damage(record)
+        else:
+            content.add(*record)
+    return content.recording(), content.whole
+
+
+class JournalBytes:
+    """The bytes of a journal by position, read through a descriptor of its own: also when the name is gone.
+
+    What the disk cannot give reads as zeros, which is no record; ``fault`` is then the disk's reason.
+    """
+
+    def __init__(self, path: Path, descriptor: int | None = None) -> None:
+        """``descriptor`` is the open journal where there is one already. Raises OSError, FileNotFoundError."""
+        self.path = path
+        self.fault = ""
+        if descriptor is None:
+            descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
+        else:
+            descriptor = os.dup(descriptor)
+        self._descriptor = descriptor
+        self._lock = threading.Lock()
+        self.close = weakref.finalize(self, os.close, descriptor)
+        self.size = os.fstat(descriptor).st_size
+
+    def read(self, start: int, length: int) -> bytes:
+        """Up to ``length`` bytes from ``start``; fewer at the end."""
+        try:
+            return self._read(start, length)
+        except OSError as error:
+            self.fault = os.strerror(error.errno or 0)
+        parts = []
+        for sector in range(start, min(start + length, self.size), SECTOR):
+            size = min(SECTOR, start + length - sector)
+            try:
+                parts.append(self._read(sector, size))
+            except OSError:
+                parts.append(bytes(min(size, self.size - sector)))
+        return b"".join(parts)
+
+    def _read(self, start: int, length: int) -> bytes:
+        parts = []
+        with self._lock:
+            os.lseek(self._descriptor, start, os.SEEK_SET)
+            while length > 0 and (part := os.read(self._descriptor, length)):
+                parts.append(part)
+                length -= len(part)
+        return b"".join(parts)
+
+
+@dataclass(frozen=True)
+class Damage:
+    """Bytes of a journal that belong to no whole record, from ``start``; ``tail`` if no record follows."""
+
+    start: int
+    length: int
+    tail: bool
+
+
+class _Window:
+    """Reads ahead, so that small records do not cost a system call each."""
+
+    def __init__(self, data: JournalBytes) -> None:
+        self._data, self._start, self._held = data, 0, b""
+
+    def view(self, position: int, length: int) -> memoryview:
+        """``length`` bytes from ``position``, fewer at the end."""
+        first = position - self._start
+        if first < 0 or first + length > len(self._held):
+            self._start, first = position, 0
+            self._held = self._data.read(position, max(length, WINDOW))
+        return memoryview(self._held)[first : first + length]
+
+    def find(self, what: bytes, position: int) -> int:
+        """Where ``what`` is next from ``position`` on; the journal's size if nowhere."""
+        while position < self._data.size:
+            part = bytes(self.view(position, min(WINDOW, self._data.size - position)))
+            found = part.find(what)
+            if found >= 0:
+                return position + found
+            if len(part) < WINDOW:
+                break
+            position += len(part) - len(what) + 1
+        return self._data.size
+
+
+def _records(data: JournalBytes) -> Iterator[tuple[Kind, memoryview, int] | Damage]:
+    """Every whole record as (type, payload, offset of the payload), and the damage between them."""
+    window = _Window(data)
+    position, damaged_from = 0, -1
+    while position < data.size:
+        record = _whole_record(window, position)
+        if record is None:
+            damaged_from = position if damaged_from < 0 else damaged_from
+            position = window.find(MAGIC, position + 1)
+            continue
+        if damaged_from >= 0:
+            yield Damage(damaged_from, position - damaged_from, tail=False)
+            damaged_from = -1
+        yield record[0], record[1], position + HEADER.size
+        position += HEADER.size + len(record[1]) + CRC.size
+    if damaged_from >= 0:
+        yield Damage(damaged_from, data.size - damaged_from, tail=True)
+
+
+def _whole_record(window: _Window, position: int) -> tuple[Kind, memoryview] | None:
+    """Type and payload of the record at ``position``, None if there is no whole one."""
+    head = window.view(position, HEADER.size)
+    if len(head) < HEADER.size:
+        return None
+    magic, length, kind, _ = HEADER.unpack(head)
+    if magic != MAGIC or length > MAX_PAYLOAD or kind not in _KINDS:
+        return None
+    whole = window.view(position, HEADER.size + length + CRC.size)
+    end = HEADER.size + length
+    if len(whole) < end + CRC.size or zlib.crc32(whole[:end]) != CRC.unpack_from(whole, end)[0]:
+        return None
+    return Kind(kind), whole[HEADER.size : end]
+
+
+@dataclass(frozen=True)
+class JournalFrames(LazyFrames):
+    """Frames inside a journal: pixels of frame i begin at byte ``offsets[i]``."""
+
+    data: JournalBytes
+    shape: tuple[int, int, int]
+    offsets: NDArray[np.int64]
+
+    def load(self, indices: NDArray[np.intp]) -> NDArray[np.uint8]:
+        size = self.shape[1] * self.shape[2]
+        frames = np.empty((len(indices), *self.shape[1:]), np.uint8)
+        for k, index in enumerate(indices):
+            pixels = self.data.read(int(self.offsets[index]), size)
+            frames[k] = np.frombuffer(pixels, np.uint8).reshape(self.shape[1:])
+        return frames
+
+
+class _Content:
+    """Collects the records of one journal. ``whole`` is whether nothing in it was left out."""
+
+    def __init__(self, data: JournalBytes) -> None:
+        self.data = data
+        self.path = data.path
+        self.whole = True
+        self.first: dict[str, Any] = {}
+        self.info: RunInfo | None = None
+        self.end: dict[str, Any] = {}
+        self.layouts: dict[int, tuple[str, ...]] = {}
+        self.blocks: dict[int, list[NDArray[np.float64]]] = {}  # per layout: (3 + channels, n), seq as int64 bits
+        self.homeless: list[tuple[int, int, bytes]] = []  # blocks that came before their layout: layout, samples, data
+        self.frame_stamps: list[tuple[int, float, float]] = []
+        self.frame_shape: tuple[int, int] = (0, 0)
+        self.frame_offsets: list[int] = []
+        self.events: list[Event] = []
+        self.setpoints: list[dict[str, Any]] = []
+
+    def damage(self, damage: Damage) -> None:
+        what = "the last record was not finished" if damage.tail else "records are damaged and were skipped"
+        text = f"{what}: {damage.length} bytes at offset {damage.start} of the journal"
+        self._left_out("warning", "journal_damage", text + (f" ({self.data.fault})" if self.data.fault else ""))
+
+    def add(self, kind: Kind, payload: memoryview, offset: int) -> None:
+        """Take in one whole record; one that makes no sense all the same is told and left out."""
+        try:
+            if kind is Kind.BLOCK:
+                layout, samples = BLOCK.unpack_from(payload)
+                self._block(layout, samples, bytes(payload[BLOCK.size :]))
+            elif kind is Kind.FRAME:
+                self._frame(payload, offset)
+            else:
+                self._text(kind, json.loads(bytes(payload)))
+        except (ValueError, TypeError, KeyError, struct.error, RecursionError) as error:
+            text = f"the record at offset {offset - HEADER.size} of the journal is whole but not understood: {error}"
+            self._left_out("error", "journal_record", text)
+
+    def _block(self, layout: int, samples: int, data: bytes) -> None:
+        if layout not in self.layouts:
+            self.homeless.append((layout, samples, data))
+            return
+        rows = np.frombuffer(data, "<f8").reshape(3 + len(self.layouts[layout]), samples)
+        self.blocks.setdefault(layout, []).append(rows)
+
+    def _frame(self, payload: memoryview, offset: int) -> None:
+        seq, time, host, height, width = FRAME.unpack_from(payload)
+        if len(payload) != FRAME.size + height * width:
+            raise ValueError(f"frame {seq} has not as many pixels as its size says")
+        self.frame_shape = self.frame_shape if self.frame_stamps else (height, width)
+        if (height, width) != self.frame_shape:
+            text = f"frame {seq} is {width}x{height}, the first was {self.frame_shape[1]}x{self.frame_shape[0]}"
+            self._left_out("error", "frame_size", f"{text}; left out", time)
+            return
+        self.frame_stamps.append((seq, time, host))
+        self.frame_offsets.append(offset + FRAME.size)
+
+    def _text(self, kind: Kind, content: Any) -> None:
+        if kind is Kind.INFO and self.info is None:
+            info = RunInfo(**content["info"])
+            limits = {name: (float(a), float(b)) for name, (a, b) in info.limits.items()}
+            self.first, self.info = content, replace(info, limits=limits)
+        elif kind is Kind.LAYOUT:
+            self.layouts[content["layout"]] = tuple(content["channels"])
+        elif kind is Kind.EVENT:
+            self.events.append(Event(**content))
+        elif kind is Kind.SETPOINTS:
+            self.setpoints.append(content)
+        elif kind is Kind.END:
+            self.end = {name: str(content[name]) for name in ("status", "trip_reason", "end_time")}
+
+    def _left_out(self, level: str, code: str, text: str, time: float | None = None) -> None:
+        self.whole = False
+        self.events.append(Event(self.last_time() if time is None else time, level, code, text))
+
+    def last_time(self) -> float:
+        times = [float(rows[-1][1, -1]) for rows in self.blocks.values() if rows[-1].shape[1]]
+        return max([*times, *(stamp[1] for stamp in self.frame_stamps[-1:])], default=0.0)
+
+    def recording(self) -> Recording:
+        if self.info is None:
+            raise RecordingError(f"{self.path}: not a journal, or its first record is damaged")
+        self._settle()
+        streams = self.streams()
+        return Recording(
+            info=replace(self.info, **(self.end or {"status": "recovered", "trip_reason": "", "end_time": ""})),
+            streams=streams,
+            setpoints=self.commanded(streams),
+            frames=self.frames(),
+            events=tuple(self.events),
+        )
+
+    def _settle(self) -> None:
+        """Place the blocks whose layout was damaged where they came, by a later copy of it."""
+        lost = sum(layout not in self.layouts for layout, *_ in self.homeless)
+        found = [block for block in self.homeless if block[0] in self.layouts]
+        later, self.blocks, self.homeless = self.blocks, {}, []
+        for layout, samples, data in found:
+            self._block(layout, samples, data)
+        for layout, blocks in later.items():
+            self.blocks.setdefault(layout, []).extend(blocks)
+        if lost:
+            text = f"{lost} blocks of samples cannot be read: the record that names their channels is damaged"
+            self._left_out("error", "journal_damage", text)
+
+    def streams(self) -> dict[str, Series]:
+        about = {channel["name"]: channel for channel in self.first["channels"]}
+        streams: dict[str, Series] = {}
+        for layout, names in self.layouts.items():
+            if layout not in self.blocks:
+                continue
+            rows = np.concatenate(self.blocks[layout], axis=1)
+            seq, time, host = rows[0].view("<i8").astype(np.int64), rows[1], rows[2]
+            for name, value in zip(names, rows[3:], strict=True):
+                channel = about.get(name, {})
+                series = Series(
+                    value=value,
+                    time=time,
+                    unit=channel.get("unit", ""),
+                    time_host=host,
+                    seq=seq,
+                    stage=channel.get("stage", ""),
+                    range=tuple(channel["range"]) if "range" in channel else None,
+                    resolution=channel.get("resolution", 0.0),
+                )
+                streams[name] = _joined(streams[name], series) if name in streams else series
+        # Channels in the order in which the instrument declares them, whatever order their blocks came in.
+        order = [name for name in about if name in streams]
+        return {name: streams[name] for name in [*order, *(n for n in streams if n not in about)]}
+
+    def frames(self) -> Frames | None:
+        if not self.frame_stamps:
+            return None
+        shape = (len(self.frame_stamps), *self.frame_shape)
+        data = JournalFrames(self.data, shape, np.array(self.frame_offsets))
+        time = np.array([stamp[1] for stamp in self.frame_stamps])
+        seq = np.array([stamp[0] for stamp in self.frame_stamps], np.int64)
+        return Frames(data, time, float(self.first["frame_scale"]), seq)
+
+    def commanded(self, streams: dict[str, Series]) -> dict[str, Series]:
+        result: dict[str, Series] = {}
+        for record in self.setpoints:
+            time = np.asarray(record["time"], float)
+            for name, values in record["values"].items():
+                unit = record["units"].get(name) or (streams[name].unit if name in streams else "")
+                earlier = result.get(name, Series(np.empty(0), np.empty(0), unit))
+                kept = _until(earlier, record["start"])
+                result[name] = Series(np.append(kept[1], values), np.append(kept[0], time), unit)
+        return result
+
+
+def _until(series: Series, end: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Break points of ``series`` before ``end`` and its value at ``end``: what was commanded until it was replaced."""
+    before = series.time < end
+    time, value = series.time[before], series.value[before]
+    if len(time) and len(series.time) > len(time):
+        time, value = np.append(time, end), np.append(value, np.interp(end, series.time, series.value))
+    return time, value
+
+
+def _joined(a: Series, b: Series) -> Series:
+    """A channel that came in blocks of two layouts, in the order of its device time."""
+    order = np.argsort(np.append(a.time, b.time), kind="stable")
+
+    def both(x: Any, y: Any) -> Any:
+        return np.append(x, y)[order]
+
+    return replace(
+        a,
+        value=both(a.value, b.value),
+        time=both(a.time, b.time),
+        time_host=both(a.time_host, b.time_host),
+        seq=both(a.seq, b.seq),
+    )
