@@ -61,7 +61,8 @@ class Parameter:
     """One model parameter: ``lower <= default <= upper`` in SI; ``unit`` is '' for pure numbers.
 
     ``source`` names where the default comes from: a paper (F, M, W) or 'assumed'. ``scale`` is 'log' where a fit
-    should step in the logarithm (positive quantities spread over decades).
+    should step in the logarithm (positive quantities spread over decades). ``fit_lower`` is where a fit stops unless
+    its specification gives a lower bound of its own: below it the model runs, but its material may be unstable.
     """
 
     symbol: str
@@ -72,6 +73,7 @@ class Parameter:
     meaning: str
     source: str
     scale: Literal["linear", "log"] = "linear"
+    fit_lower: float | None = None
 
     def __post_init__(self) -> None:
         if not self.lower <= self.default <= self.upper:

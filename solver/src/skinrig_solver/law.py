@@ -19,6 +19,7 @@ from pathlib import Path
 from types import ModuleType
 
 from . import tensor, trace
+from .api import Array
 from .tensor import Tensor
 from .trace import Expr, derivatives, emit, lift, variables
 
@@ -34,12 +35,18 @@ class Law:
     ``response(F, theta, state, parameters, dt)`` returns (P, q, new state): the first Piola–Kirchhoff stress P without
     the constraint pressure [Pa], the pressure-like q = ∂W/∂θ [Pa] conjugate to the independent dilatation θ, and the
     state at the end of a step of dt [s]. ``rest`` gives the state's names and values in the undeformed body.
+
+    ``domain(p)`` says in words which condition beside their bounds the parameters violate, '' for none;
+    ``stable_to(p)`` is the isochoric invariant Ĩ1 − 3 up to which the energy is strongly elliptic, inf where it
+    always is. Both take the parameters as an array in the law's order.
     """
 
     name: str
     parameters: tuple[str, ...]
     rest: Mapping[str, float]
     response: Response
+    domain: Callable[[Array], str] = lambda _: ""
+    stable_to: Callable[[Array], float] = lambda _: float("inf")
 
     def __hash__(self) -> int:
         return hash(self.name)

@@ -111,6 +111,18 @@ def test_a_wrong_model_is_called_systematic(run: Run, record: Record) -> None:
     assert result.curves[0].persistence > 3.0
 
 
+def test_a_model_that_leaves_more_than_noise_is_not_trusted_and_tries_more_starts(run: Run, record: Record) -> None:
+    wrong = {"a": {"start": 1e-4}, "b": -5e-5, "c": 0.0}
+    result = run([record(TRUTH, noise=0.001)], parameters=wrong)
+    assert not result.trusted
+    assert not any(e.identifiable for e in result.estimates)
+    assert result.warnings[0].startswith("not to be trusted: the model leaves")
+    assert len(result.starts) == 3  # two further ones, which agree
+    assert len(run([record(TRUTH, noise=0.001)], parameters=wrong, starts=1).starts) == 1
+    assert run().trusted
+    assert len(run().starts) == 1
+
+
 def test_profile_agrees_with_the_linear_theory_where_the_problem_is_linear(run: Run) -> None:
     result = run(profile=["b", "tau"])
     by_name = {e.free.symbol: e for e in result.estimates}

@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 from skinrig_solver.law import Law
 from skinrig_solver.materials.rubin_bodner import RUBIN_BODNER, RUBIN_BODNER_GAMMA
-from skinrig_solver.materials.yeoh_qlv import yeoh_qlv
+from skinrig_solver.materials.yeoh_qlv import stable_to, yeoh_qlv
 
 Array = NDArray[np.float64]
 SKIN = {
@@ -71,6 +71,16 @@ def test_yeoh_matches_the_closed_form(mode: str, stretch: float) -> None:
     slope = YEOH["G"] / 2 + sum(i * YEOH[f"c{i}0"] * x ** (i - 1) for i in range(2, 6))
     tau = Point(*LAWS[1]).step(F, 1e-12)
     assert np.allclose(deviator(tau), 2.0 * slope * deviator(B), rtol=1e-9, atol=1e-6)
+
+
+@pytest.mark.parametrize(("c20", "c30"), [(-3e3, 0.0), (-3e3, 2e3), (5e3, -1e3), (5e3, 2e3)])
+def test_yeoh_is_stable_while_shear_stress_rises_with_shear(c20: float, c30: float) -> None:
+    reach = stable_to(np.array([2e4, 0.45, c20, c30, 0.0, 0.0]))
+    shear = np.linspace(0.0, 4.0, 4001)
+    x = shear**2
+    stress = 2.0 * (1e4 + 2 * c20 * x + 3 * c30 * x**2) * shear
+    falls = np.flatnonzero(np.diff(stress) <= 0.0)
+    assert reach == pytest.approx(x[falls[0]] if falls.size else np.inf, rel=5e-3)
 
 
 def test_yeoh_relaxes_as_its_prony_series() -> None:

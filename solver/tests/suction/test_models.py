@@ -141,6 +141,46 @@ def test_spring_sensitivity_needs_a_spring() -> None:
         RB.simulate(hold(1.0, -1e4), {}, ["spring_force"])
 
 
+def test_a_step_stays_one_step_however_hard_it_is_to_solve() -> None:
+    """A rough rim makes Newton's method approach some loads gradually: the forward map must not jump for it."""
+    time = np.arange(0.0, 6.01, 0.05)
+    cycle = -5e4 * np.interp(time, [0, 1, 1.05, 3, 3.05, 4, 4.05, 6], [0, 0, 1, 1, 0, 0, 1, 1])
+    run = Experiment("cutometer", time, {"pressure": cycle})
+    results = [
+        YEOH.simulate(run, {"G": 19470.0 * (1 + change), "c20": 19560.0, "friction": 0.9617})
+        for change in (-2e-3, -1e-3, 0.0, 1e-3, 2e-3)
+    ]
+    assert any(r.cost.cuts for r in results)
+    assert len({r.cost.time_steps for r in results}) == 1
+    slopes = np.diff([r.channels["apex_height"] for r in results], axis=0)
+    assert np.abs(np.diff(slopes, axis=0)).max() < 0.1 * np.abs(slopes).max()
+
+
+@pytest.mark.parametrize(
+    ("pressure", "values", "message"),
+    [
+        (
+            -5e4,
+            {"G": 21870.0, "c20": -2366.0},
+            "unstable, shear stress falls with shear beyond I1 - 3 = 0.77",
+        ),
+        (-1e4, {"c20": -0.9e6}, r"did not converge .*; the energy is unstable beyond I1 - 3 = 0.00185"),
+        (-1e4, {"g1": 0.5, "g2": 0.4, "g3": 0.2}, "relaxing fractions add up to 1.1, and must stay below 1"),
+    ],
+)
+def test_a_material_that_cannot_be_is_refused_in_words(pressure: float, values: dict[str, float], message: str) -> None:
+    with pytest.raises(SolverError, match=message) as caught:
+        YEOH.simulate(hold(1.0, pressure), values)
+    assert caught.value.__cause__ is None
+    assert caught.value.__suppress_context__ or caught.value.__context__ is None
+
+
+@pytest.mark.parametrize("pressure", [-7.0, -3e4])
+@pytest.mark.parametrize("model", [YEOH, RB])
+def test_the_largest_friction_is_within_its_bounds(model: Any, pressure: float) -> None:
+    assert apex(model.simulate(hold(1.0, pressure), {"friction": 2.0, "spring_force": 0.55})) > 0.0
+
+
 def test_a_load_that_tissue_cannot_bear_ends_in_an_honest_error() -> None:
     with pytest.raises(SolverError, match=r"t = .* s, pressure = -"):
         YEOH.simulate(hold(1.0, -5e6), {"G": 1e3, "c20": 0.0, "spring_force": 0.0})

@@ -268,6 +268,14 @@ class Body:
         bad: int = kernels.kinematics(self.mesh.elements, pts.gradients, pts.linear, state.u, state.theta, self.kin)
         return bad
 
+    def distortions(self) -> list[float]:
+        """Largest isochoric invariant Ĩ1 − 3 of each layer at the state that was solved last."""
+        squares = np.einsum("pk,pk->p", self.kin[:, :5], self.kin[:, :5])
+        F = self.kin
+        volume = (F[:, 0] * F[:, 3] - F[:, 1] * F[:, 2]) * F[:, 4]
+        invariant = squares * volume ** (-2.0 / 3.0) - 3.0
+        return [float(invariant[a:b].max(initial=0.0)) for a, b in self.mesh.layer_points()]
+
     def _gaps(self, state: State) -> None:
         rim = self.rim
         assert rim is not None

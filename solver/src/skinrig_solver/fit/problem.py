@@ -50,6 +50,13 @@ class Tally:
     def seconds(self) -> float:
         return perf_counter() - self.started
 
+    def add(self, other: Tally) -> None:
+        """Count what another process did; its wall time passes here as well."""
+        self.forward_runs += other.forward_runs
+        self.failed_runs += other.failed_runs
+        self.evaluations += other.evaluations
+        self.model_seconds += other.model_seconds
+
 
 def simulate(model: str | Model, experiment: Experiment, values: Mapping[str, float], wanted: Sequence[str]) -> Any:
     """Run a model, known by its name in another process; a `SolverError` is a result: the optimiser steps back."""

@@ -64,6 +64,9 @@ class Start:
 class FitResult:
     """The outcome. ``parameters`` holds all of the model's; ``vaf`` is over all curves as the fit weighs them.
 
+    ``trusted`` is False where the model leaves more than noise of the data (statistics.misfit): no parameter is then
+    called identifiable.
+
     ``correlation`` (m, m) and ``covariance`` (m, m; natural units) are in the order of ``estimates``. ``drives`` and
     ``fields`` are keyed by the recording's label.
     """
@@ -84,6 +87,7 @@ class FitResult:
     stages: tuple[str, ...]
     converged: bool
     reason: str
+    trusted: bool
     warnings: tuple[str, ...]
     effort: Effort
 
@@ -96,6 +100,7 @@ class FitResult:
                 "optimiser": self.spec.optimiser,
                 "converged": self.converged,
                 "reason": self.reason,
+                "trusted": self.trusted,
                 "vaf": self.vaf,
                 "objective": self.objective,
                 "parameters": [self._estimate(e) for e in self.estimates],

@@ -10,16 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from ..api import Array, Model
+from ..api import Model
 from ..registry import models
 from .cases import Case, cases, matches
-from .optimisers import FitError, Optimum, minimise
+from .multistart import Found, Search, elsewhere
+from .optimisers import FitError, Optimum
 from .problem import Evaluation, Problem, Tally
 from .profile import profiles
 from .result import Curve, Effort, FitResult, Start
 from .spec import Spec, SpecError, Stage, load_spec, read_spec
-from .statistics import doubts, estimates, uncertainty
-from .variables import Free, Variables
+from .statistics import doubts, estimates, misfit, uncertainty, vaf
+from .variables import Variables
 
 
 @dataclass(frozen=True)
@@ -70,25 +71,45 @@ def fit(
     tally = Tally()
     watch = _Watch(progress)
     values, stages = variables.values(variables.start), []
-    for number, stage in enumerate(spec.stages):
-        last = number == len(spec.stages) - 1
+    for stage in spec.stages:
         moving = variables.only(stage.moving(variables.symbols), values)
-        chosen_cases = _of_stage(found, stage)
         watch.begin(stage.name)
-        if last and spec.starts > 1:
+        search = Search(forward, _of_stage(found, stage), moving, spec, executor, tally, watch)
+        if stage is spec.stages[-1]:
             break
-        problem = Problem(forward, chosen_cases, moving, executor, tally, watch)
-        optimum = minimise(problem, spec.optimiser, spec.evaluations, spec.tolerance)
+        optimum, _ = search.from_start()
         values = moving.values(optimum.evaluation.z)
         stages.append(f"{stage.name}: {', '.join(moving.symbols)}; {optimum.reason}")
-    if spec.starts > 1:
-        optimum, starts = _multistart(forward, chosen_cases, moving, spec, executor, tally, watch)
-        stages.append(f"{stage.name}: {', '.join(moving.symbols)}; best of {spec.starts} starts")
-        problem = Problem(forward, chosen_cases, moving, executor, tally, watch)
-        optimum = replace(optimum, evaluation=problem.evaluate(optimum.evaluation.z))
+    problem, optimum, starts = _last_stage(search)
+    ended = optimum.reason if len(starts) == 1 else f"best of {len(starts)} starts"
+    stages.append(f"{stage.name}: {', '.join(moving.symbols)}; {ended}")
+    return _result(problem, optimum, spec, variables, starts, tuple(stages))
+
+
+def _last_stage(search: Search) -> tuple[Problem, Optimum, tuple[Start, ...]]:
+    """The optimum of the last stage, evaluated with its results and Jacobian, and the starts that were tried.
+
+    Where the specification leaves their number open, one start must do if it explains the data down to white noise;
+    else further ones are tried until two agree.
+    """
+    spec = search.spec
+    problem = Problem(search.forward, search.cases, search.moving, search.executor, search.tally, search.observe)
+    found: list[Found]
+    if spec.starts == "auto":
+        first = search.from_start()
+        found = [first] if _explains(problem, first[0]) else search.until_confirmed(first)
+    elif spec.starts == 1:
+        found = [search.from_start()]
     else:
-        starts = [_start(moving, moving.start, optimum)]
-    return _result(problem, optimum, spec, variables, tuple(starts), tuple(stages))
+        found = search.spread(spec.starts)
+    best = search.best(found)
+    return problem, replace(best, evaluation=problem.evaluate(best.evaluation.z)), tuple(start for _, start in found)
+
+
+def _explains(problem: Problem, optimum: Optimum) -> bool:
+    """Whether a fit leaves nothing that another minimum could explain: white residuals and little variance."""
+    best = optimum.evaluation
+    return not misfit(uncertainty(problem, best), vaf(best.residual, problem.scaled_data()))
 
 
 def _read(spec: Spec | Mapping[str, Any] | Path | str | None, model: str) -> Spec:
@@ -132,99 +153,6 @@ def _of_stage(found: Sequence[Case], stage: Stage) -> list[Case]:
     return chosen
 
 
-def _multistart(
-    forward: str | Model,
-    found: Sequence[Case],
-    moving: Variables,
-    spec: Spec,
-    executor: Executor | None,
-    tally: Tally,
-    watch: _Watch,
-) -> tuple[Optimum, list[Start]]:
-    """Optimise from several points, each as one job of the executor; the best optimum, and all of them."""
-    points = [moving.start, *_scattered(moving.free, spec)]
-    jobs = [
-        (forward, tuple(found), replace(moving, free=tuple(_from(f, z) for f, z in zip(moving.free, p, strict=True))))
-        for p in points
-    ]
-    if executor is None:
-        done = [_one_start(*job, spec, tally, watch) for job in jobs]
-    else:
-        done = [future.result() for future in [executor.submit(_one_start, *job, spec) for job in jobs]]
-        for _, cost in done:
-            tally.forward_runs += cost.forward_runs
-            tally.failed_runs += cost.failed_runs
-            tally.evaluations += cost.evaluations
-            tally.model_seconds += cost.model_seconds
-    starts = []
-    best: Optimum | None = None
-    for (_, _, own), (optimum, _) in zip(jobs, done, strict=True):
-        if isinstance(optimum, str):
-            starts.append(Start({f.symbol: f.start for f in own.free}, {}, np.inf, False, optimum))
-            continue
-        starts.append(_start(own, own.start, optimum))
-        if best is None or optimum.evaluation.objective < best.evaluation.objective:
-            # the coordinate of a linear parameter is counted in its start: back to the first one's
-            values = own.values(optimum.evaluation.z)
-            z = np.array([f.coordinate(values[f.symbol]) for f in moving.free])
-            best = replace(optimum, evaluation=replace(optimum.evaluation, z=z))
-    if best is None:
-        raise FitError(f"none of {len(points)} starts could be run; the first: {starts[0].reason}")
-    return best, starts
-
-
-def _one_start(
-    forward: str | Model,
-    found: Sequence[Case],
-    own: Variables,
-    spec: Spec,
-    tally: Tally | None = None,
-    watch: _Watch | None = None,
-) -> tuple[Optimum | str, Tally]:
-    """One optimisation, without its runs' results: they would be many megabytes on their way between processes."""
-    tally = tally or Tally()
-    problem = Problem(forward, found, own, None, tally, watch)
-    try:
-        optimum = minimise(problem, spec.optimiser, spec.evaluations, spec.tolerance)
-    except FitError as error:
-        return str(error), tally
-    return replace(optimum, evaluation=replace(optimum.evaluation, results=(), jacobian=None)), tally
-
-
-def _from(free: Free, z: float) -> Free:
-    return replace(free, start=free.value(z))
-
-
-def _scattered(free: Sequence[Free], spec: Spec) -> list[Array]:
-    """Points spread around the start by a Latin hypercube (McKay, Beckman and Conover 1979)."""
-    random = np.random.default_rng(spec.seed)
-    count = spec.starts - 1
-    strata = np.stack([random.permutation(count) for _ in free], axis=1)
-    unit = 2.0 * (strata + random.random(strata.shape)) / count - 1.0
-    points = []
-    for row in unit:
-        point = []
-        for f, x in zip(free, row, strict=True):
-            reach = (
-                np.log(spec.spread) if f.log else min(0.5 * (f.upper - f.lower), (spec.spread - 1.0) * f.unit) / f.unit
-            )
-            z = f.coordinate(f.start) + x * reach
-            point.append(float(np.clip(z, f.coordinate(f.lower), f.coordinate(f.upper))))
-        points.append(np.array(point))
-    return points
-
-
-def _start(own: Variables, z: Array, optimum: Optimum) -> Start:
-    first, last = own.values(z), own.values(optimum.evaluation.z)
-    return Start(
-        {s: first[s] for s in own.symbols},
-        {s: last[s] for s in own.symbols},
-        optimum.evaluation.objective,
-        optimum.converged,
-        optimum.reason,
-    )
-
-
 def _result(
     problem: Problem,
     optimum: Optimum,
@@ -243,10 +171,15 @@ def _result(
     warnings = [*known.warnings, *doubts(found)]
     if not optimum.converged:
         warnings.insert(0, f"the optimiser stopped before it converged: {optimum.reason}")
-    distinct = sum(s.objective > 1.01 * best.objective for s in starts)
+    data = problem.scaled_data()
+    explained = vaf(best.residual, data)
+    distinct = elsewhere(starts)
     if distinct:
         warnings.append(f"{distinct} of {len(starts)} starts ended in a worse place: the objective has several minima")
-    data = problem.scaled_data()
+    if fault := misfit(known, explained):
+        found = [replace(e, identifiable=False) for e in found]
+        alone = len(starts) - distinct < 2
+        warnings.insert(0, f"not to be trusted: {fault}" + ("; try more starts (starts: 20)" if alone else ""))
     curves = []
     for (number, channel, where), noise, together in zip(problem.groups(), known.noise, known.persistence, strict=True):
         case, result = problem.cases[number], best.results[number]
@@ -260,7 +193,7 @@ def _result(
                 case.data[channel],
                 result.channels[channel],
                 case.weight[channel] ** 2,
-                _vaf(own, data[where]),
+                vaf(own, data[where]),
                 noise,
                 together,
             )
@@ -275,7 +208,7 @@ def _result(
         parameters=values,
         covariance=known.covariance * np.outer(slope, slope),
         correlation=known.correlation,
-        vaf=_vaf(best.residual, data),
+        vaf=explained,
         objective=best.objective,
         curves=tuple(curves),
         drives={case.label: case.experiment.drive for case in problem.cases},
@@ -285,14 +218,7 @@ def _result(
         stages=stages,
         converged=optimum.converged,
         reason=optimum.reason,
+        trusted=not fault,
         warnings=tuple(warnings),
         effort=Effort(tally.forward_runs, tally.failed_runs, tally.evaluations, tally.seconds, tally.model_seconds),
     )
-
-
-def _vaf(residual: Array, data: Array) -> float:
-    """Variance accounted for as paper M counts it: 1 - sum of squared residuals over sum of squared data.
-
-    nan for a curve that is zero or has no weight."""
-    size = float(data @ data)
-    return 1.0 - float(residual @ residual) / size if size > 0.0 else float("nan")

@@ -89,7 +89,8 @@ class Spec:
     drive : 'measured', or 'commanded' (set-points) also where the drive was measured
     samples : a recording of more samples is thinned to about so many
     optimiser, starts, spread, seed : how the optimum is sought; from ``starts`` points, the further ones drawn up to a
-        factor ``spread`` (log parameters), or up to half the range between bounds (others), from the first
+        factor ``spread`` (log parameters), or up to half the range between bounds (others), from the first. 'auto'
+        tries further ones only where the first leaves more than noise, until two end in the same best place
     stages : steps of a staged fit
     profile : symbols whose profile likelihood is computed; 'all' of the free ones
     evaluations, tolerance : of one optimisation; relative change of the objective that ends it
@@ -106,7 +107,7 @@ class Spec:
     drive: Drive = "measured"
     samples: int = 4000
     optimiser: Optimiser = "trust-region"
-    starts: int = 1
+    starts: int | Literal["auto"] = "auto"
     spread: float = 3.0
     seed: int = 0
     stages: tuple[Stage, ...] = (Stage("all"),)
@@ -121,6 +122,8 @@ class Spec:
                 raise SpecError(f"{name}: {getattr(self, name)!r} is none of {', '.join(get_args(kind))}")
         for name, least in {"samples": 10, "starts": 1, "evaluations": 1, "seed": 0}.items():
             value = getattr(self, name)
+            if name == "starts" and value == "auto":
+                continue
             if isinstance(value, bool) or not isinstance(value, int) or value < least:
                 raise SpecError(f"{name}: {value!r} must be a whole number of at least {least}")
         if not self.spread > 1.0:

@@ -16,6 +16,8 @@ from .variables import Free
 
 AT_BOUND = 1e-4  # of the range between bounds: how near counts as at the bound
 POORLY = 0.5  # relative standard error above which a parameter is called not identifiable
+EXPLAINED = 0.98  # share of the variance below which a fit whose residuals are no noise is not to be trusted
+SYSTEMATIC = 3.0  # samples that count as one, from which residuals are no noise
 INSEPARABLE = 0.995  # correlation from which two parameters count as one
 ALIKE = 0.95  # correlation worth a warning
 CONFIDENCE = 3.841  # 95 % of chi-squared with one degree of freedom
@@ -164,6 +166,25 @@ def _pairs(names: Sequence[str], correlation: Array) -> list[str]:
     return found + ([f"hard to tell apart (correlation): {'; '.join(weak)}"] if weak else [])
 
 
+def vaf(residual: Array, data: Array) -> float:
+    """Variance accounted for as paper M counts it: 1 - sum of squared residuals over sum of squared data.
+
+    nan for a curve that is zero or has no weight."""
+    size = float(data @ data)
+    return 1.0 - float(residual @ residual) / size if size > 0.0 else float("nan")
+
+
+def misfit(known: Uncertainty, explained: float) -> str:
+    """In plain words, why the parameters of a fit say little of the tissue; '' where the model describes the data.
+
+    ``explained`` is the share of the variance that the fit accounts for. A residual that is no noise shifts every
+    parameter by an amount that no standard error shows; a small one shifts them little.
+    """
+    if explained >= EXPLAINED or max(known.persistence, default=1.0) < SYSTEMATIC:
+        return ""
+    return f"the model leaves {100 * (1 - explained):.1f} % of the variance, and that is no noise"
+
+
 def _listed(names: Sequence[str]) -> str:
     return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
@@ -172,7 +193,7 @@ def _curves(problem: Problem, persistence: Sequence[float]) -> list[str]:
     rough = [
         f"{problem.cases[number].label} {channel}"
         for (number, channel, _), together in zip(problem.groups(), persistence, strict=True)
-        if together >= 3.0
+        if together >= SYSTEMATIC
     ]
     if not rough:
         return []

@@ -37,8 +37,9 @@ class Free:
         upper: float | None = None,
         log: bool | None = None,
     ) -> Free:
-        """The model's own default and bounds where nothing is given."""
-        lower = parameter.lower if lower is None else lower
+        """The model's own default and bounds of a fit where nothing is given."""
+        stable = parameter.lower if parameter.fit_lower is None else parameter.fit_lower
+        lower = stable if lower is None else lower
         upper = parameter.upper if upper is None else upper
         start = min(max(parameter.default, lower), upper) if start is None else start
         free = cls(parameter.symbol, start, lower, upper, parameter.scale == "log" if log is None else log)

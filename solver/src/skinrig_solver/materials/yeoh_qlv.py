@@ -5,10 +5,18 @@ k = 2 G (1 + ν)/(3 (1 − 2 ν)).
 S(t) = G(t) S^e(0) + ∫ G(t − τ) ∂S^e/∂τ dτ with G(t) = g0 + Σ g_i exp(−t/τ_i), g0 = 1 − Σ g_i, applied to the isochoric
 second Piola–Kirchhoff stress; the volumetric part stays elastic (the paper does not say; assumed, as in common codes).
 Each Prony term is advanced exactly for a stress that is linear in time over the step.
+
+Stability: simple shear by k has Ĩ1 − 3 = k² and the shear stress 2 W' k, which rises with k as long as
+W' + 2 (Ĩ1 − 3) W'' = Σ i (2i − 1) c_i0 (Ĩ1 − 3)^(i−1) is positive: for energies of Ĩ1 alone the condition of strong
+ellipticity (Knowles and Sternberg, Arch. Rat. Mech. Anal. 63, 1977). Beyond it finite elements find states that no
+tissue could hold.
 """
 
 from __future__ import annotations
 
+import numpy as np
+
+from ..api import Array
 from ..law import Law, Response, Values
 from ..tensor import Sym, Tensor, identity
 from ..trace import Expr, expm1, lift, power
@@ -46,8 +54,24 @@ def _response(terms: int) -> Response:
     return response
 
 
+def stable_to(p: Array) -> float:
+    """Ĩ1 − 3 at which shear stress no longer rises with shear; inf where it always does. ``p``: G, ν, c20 … c50, …"""
+    orders = np.arange(1, 6)
+    coefficients = orders * (2 * orders - 1) * np.concatenate([[0.5 * p[0]], p[2:6]])
+    roots = np.polynomial.Polynomial(coefficients).roots()
+    positive = roots.real[(np.abs(roots.imag) <= 1e-9 * np.abs(roots)) & (roots.real > 0.0)]
+    return float(positive.min()) if positive.size else float("inf")
+
+
+def _relaxes_too_much(p: Array) -> str:
+    """A tissue cannot relax by more than its whole stress; ``p`` ends in the pairs g_i, τ_i."""
+    share = float(p[6::2].sum())
+    return "" if share < 1.0 else f"the relaxing fractions add up to {share:.4g}, and must stay below 1"
+
+
 def yeoh_qlv(terms: int) -> Law:
     """The law with a given number of Prony terms (paper F: three; its abstract says five)."""
     prony = tuple(f"{kind}{i}" for i in range(1, terms + 1) for kind in ("g", "tau"))
     rest = {f"{name}_{c}": 0.0 for name in ("S", *(f"h{i}" for i in range(1, terms + 1))) for c in COMPONENTS}
-    return Law(f"yeoh_qlv{terms}", ("G", "nu", "c20", "c30", "c40", "c50", *prony), rest, _response(terms))
+    names = ("G", "nu", "c20", "c30", "c40", "c50", *prony)
+    return Law(f"yeoh_qlv{terms}", names, rest, _response(terms), _relaxes_too_much, stable_to)

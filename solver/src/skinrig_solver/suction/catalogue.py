@@ -24,6 +24,11 @@ def _thickness(prefix: str = "") -> Parameter:
     return Parameter(f"{prefix}thickness_factor", "", 0.3, 3.0, 1.0, meaning, "1 by definition", "log")
 
 
+def _yeoh(symbol: str, default: float, order: str) -> Parameter:
+    """A higher coefficient. An energy without a negative one is stable at any strain; a fit must be told to try one."""
+    return Parameter(symbol, PA, -1e6, 1e7, default, f"{order} Yeoh coefficient", "assumed", fit_lower=0.0)
+
+
 YEOH_SUCTION = SuctionModel(
     info=ModelInfo(
         name="suction_yeoh_qlv",
@@ -31,10 +36,10 @@ YEOH_SUCTION = SuctionModel(
         parameters=(
             Parameter("G", PA, 1e2, 1e7, 2.0e4, "instantaneous shear modulus, 2 c10", "assumed", "log"),
             Parameter("nu", "", 0.3, 0.49999, 0.49, "Poisson's ratio of the bulk modulus", "assumed"),
-            Parameter("c20", PA, -1e6, 1e7, 1.0e4, "second Yeoh coefficient", "assumed"),
-            Parameter("c30", PA, -1e6, 1e7, 0.0, "third Yeoh coefficient", "assumed"),
-            Parameter("c40", PA, -1e6, 1e7, 0.0, "fourth Yeoh coefficient", "assumed"),
-            Parameter("c50", PA, -1e6, 1e7, 0.0, "fifth Yeoh coefficient", "assumed"),
+            _yeoh("c20", 1.0e4, "second"),
+            _yeoh("c30", 0.0, "third"),
+            _yeoh("c40", 0.0, "fourth"),
+            _yeoh("c50", 0.0, "fifth"),
             Parameter("g1", "", 0.0, 0.9, 0.15, "relaxing fraction, first Prony term", "assumed"),
             Parameter("tau1", S, 1e-3, 1e4, 0.5, "time constant, first Prony term", "assumed", "log"),
             Parameter("g2", "", 0.0, 0.9, 0.10, "relaxing fraction, second Prony term", "assumed"),

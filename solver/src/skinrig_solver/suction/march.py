@@ -12,7 +12,7 @@ from ..fem.body import Body
 from ..fem.types import Directions, Load, State, Tangents
 from .schedule import Segment
 
-MAX_CUTS = 8  # halvings of one step before giving up
+SMALLEST = 2.0**-8  # share of a step's load below which approaching it gradually is given up
 EXACT = 1e-6  # last Newton correction (in length scales) above which derivatives need a fresh tangent
 
 
@@ -30,6 +30,11 @@ class Run:
     cuts: int = 0
 
     def __post_init__(self) -> None:
+        names = self.body.mesh.layer_names
+        for name, values in zip(names, self.parameters, strict=True):
+            if fault := self.body.law.domain(values):
+                raise SolverError(f"{name}: {fault}")
+        self._stable_to = [self.body.law.stable_to(values) for values in self.parameters]
         self.state = self.body.rest()
         if self.directions is not None:
             self.tangents = self.body.rest_tangents(len(self.directions.friction))
@@ -39,36 +44,73 @@ class Run:
         now, previous = piece.start, None
         for time in piece.times:
             start = self.state
-            self._step(float(now), float(time), piece, load, _extrapolated(previous, start), 0)
+            self._step(float(now), float(time), piece, load, _extrapolated(previous, start))
             previous, now = start, time
             visit(float(time))
 
-    def _step(
-        self, now: float, time: float, piece: Segment, load: Callable[[float], Load], guess: State, depth: int
-    ) -> None:
-        acting = load(piece.drive(time))
-        try:
-            new, iterations, last = self.body.step(self.state, guess, acting, time - now, self.parameters, time)
-        except SolverError:
-            if guess is not self.state:  # first without extrapolation
-                self._step(now, time, piece, load, self.state, depth)
-                return
-            if depth >= MAX_CUTS:
-                raise
-            self.cuts += 1
-            middle = 0.5 * (now + time)
-            self._step(now, middle, piece, load, self.state, depth + 1)
-            self._step(middle, time, piece, load, self.state, depth + 1)
-            return
-        self.newton += iterations
+    def _step(self, now: float, time: float, piece: Segment, load: Callable[[float], Load], guess: State) -> None:
+        acting, dt = load(piece.drive(time)), time - now
+        new, last = self._solved(now, time, piece, load, guess)
         self.steps += 1
         if self.tangents is not None and self.directions is not None:
-            step = (acting, time - now, self.parameters)
+            step = (acting, dt, self.parameters)
             moves = self.body.shape_partials(self.state, new, *step, self.directions)
             if last > EXACT * self.body.scale or moves:
                 self.body.relinearise(self.state, new, *step)
             self.tangents = self.body.differentiate(self.state, new, self.tangents, *step, self.directions, moves)
         self.state = new
+
+    def _solved(
+        self, now: float, time: float, piece: Segment, load: Callable[[float], Load], guess: State
+    ) -> tuple[State, float]:
+        """The state at ``time`` and the last Newton correction [m].
+
+        Where neither the extrapolated state nor the step's own start lies near enough for Newton's method, load and
+        time approach the step's end gradually, and each solution is the next one's first guess only: a step is one
+        step of the implicit rule however hard it was to solve, so that the forward map has no jumps where a
+        parameter makes it harder.
+        """
+        trials = [(1.0, guess)] if guess is self.state else [(1.0, guess), (1.0, self.state)]
+        done, share, found = 0.0, 1.0, self.state
+        while True:
+            target, first = trials.pop(0) if trials else (min(1.0, done + share), found)
+            at = now + target * (time - now)
+            try:
+                new, iterations, last = self.body.step(
+                    self.state, first, load(piece.drive(at)), at - now, self.parameters, at
+                )
+            except SolverError as error:
+                if trials:
+                    continue
+                share *= 0.5
+                self.cuts += 1
+                if share < SMALLEST:
+                    raise self._explained(error) from None
+                continue
+            self.newton += iterations
+            if target == 1.0:
+                self._refuse_instability(time)
+                return new, last
+            done, found = target, new
+
+    def _refuse_instability(self, time: float) -> None:
+        """Raise SolverError where a layer is distorted beyond the reach of its stable energy."""
+        layers = zip(self.body.mesh.layer_names, self.body.distortions(), self._stable_to, strict=True)
+        for name, distortion, reach in layers:
+            if distortion > reach:
+                raise SolverError(
+                    f"{name}: the energy is unstable, shear stress falls with shear beyond I1 - 3 = {reach:.3g}, and "
+                    f"the load distorts it to {distortion:.3g}",
+                    time=time,
+                )
+
+    def _explained(self, error: SolverError) -> SolverError:
+        """The error, with the energy's instability named where there is one that could be behind it."""
+        reach = min(self._stable_to)
+        if not np.isfinite(reach):
+            return error
+        hint = f"; the energy is unstable beyond I1 - 3 = {reach:.3g}"
+        return SolverError(error.reason + hint, time=error.time, load=error.load, element=error.element)
 
 
 def _extrapolated(before: State | None, now: State) -> State:
