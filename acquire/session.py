@@ -19,12 +19,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from acquire import pseudonym
-from acquire.engine import Outcome, Progress, RunEngine, RunPlan, State
+from acquire.engine import (
+    Aborted,
+    Outcome,
+    Progress,
+    Rest,
+    RunEngine,
+    RunPlan,
+    State,
+    WrongState,
+    bring_to_rest,
+)
 from acquire.plugins import instrument as descriptor
 from acquire.recording import RunInfo
 from acquire.recording.journal import iso_now
 from acquire.station import CALIBRATIONS, FRAME_SCALE, Calibration, Instrument, Station, simulated_station
 from acquire.supervisor import Supervisor
+from drivers.device import Identity, Status
 from protocols import Limits, Protocol, Setpoints, compile_protocol, dump, effective_limits, find, load, units
 
 if TYPE_CHECKING:
@@ -87,6 +98,7 @@ class Session:
         self._frame_size = frame_size
         self._listener = listener
         self._benches: dict[str, _Bench] = {}
+        self._aborted = ""
 
     def __enter__(self) -> Session:
         return self
@@ -100,21 +112,44 @@ class Session:
         """The kind of the station's instrument ``name``. Raises ValueError."""
         return self._entry(name).instrument or name
 
-    def open(self, name: str, *, opening: float | None = None, specimen: str = "skin") -> RunEngine:
+    def open(
+        self, name: str, *, opening: float | None = None, specimen: str = "skin", acknowledged: bool = False
+    ) -> RunEngine:
         """The engine of an instrument, connected; a simulated one is switched on, with ``opening`` (m), ``specimen``.
+
+        ``acknowledged``: a person has looked at whatever fault the instrument latched. Raises ValueError (station,
+        plugin), DeviceError, Aborted.
+        """
+        engine = self._bench(name, (opening, specimen)).engine
+        if engine.state is State.IDLE:
+            self._go_on()
+            engine.connect(acknowledged=acknowledged)
+        return engine
+
+    def look(self, name: str) -> tuple[dict[str, Identity], Status | None]:
+        """Who answers on each link of an instrument and what its device says of itself; changes nothing.
 
         Raises ValueError (station, plugin), DeviceError.
         """
-        entry, kind = self._entry(name), self.kind(name)
-        setup = (opening, specimen)
-        if name in self._benches and entry.here and self._benches[name].setup != setup:
-            self._close(name)  # another probe, another specimen
-        if name not in self._benches:
-            self._benches[name] = self._make(name, kind, entry, setup)
-        engine = self._benches[name].engine
-        if engine.state is State.IDLE:
-            engine.connect()
-        return engine
+        engine = self._bench(name).engine
+        if engine.state is not State.IDLE:
+            return engine.identities, engine.status
+        sources = (engine.rig.device, *engine.rig.sources)
+        try:
+            return {source.name: source.connect() for source in sources}, engine.rig.device.status
+        finally:
+            for source in sources:
+                source.close()
+
+    def make_safe(self, name: str) -> Rest:
+        """Connect to an instrument, acknowledge whatever fault it latched, make it safe and see that it is.
+
+        For a person who has looked. Raises ValueError (station, plugin), DeviceError, WrongState (a run is on).
+        """
+        engine = self._bench(name).engine
+        if engine.state in (State.TRIPPED, State.FAILED):
+            engine.reset()
+        return bring_to_rest(self.open(name, acknowledged=True))
 
     def engine(self, name: str) -> RunEngine:
         """The engine of an open instrument. Raises KeyError."""
@@ -214,19 +249,35 @@ class Session:
 
         An exception, KeyboardInterrupt included, aborts the run before it goes on.
         """
-        engine, plan = self.prepare(protocol, request, name=name, out=out)
+        return self.carry_out(*self.prepare(protocol, request, name=name, out=out), watch)
+
+    def carry_out(self, engine: RunEngine, plan: RunPlan, watch: Callable[[Progress], None] | None = None) -> Outcome:
+        """Arm, start and wait for the end of what `prepare` made; see `run`.
+
+        Raises Aborted or Tripped where the end came before there was a run; afterwards it is told by the outcome.
+        """
         try:
+            self._go_on()
             engine.arm(plan)
+            self._go_on()
             engine.start()
-            while True:
-                try:
-                    return engine.wait(0.1)
-                except TimeoutError:
-                    if watch is not None:
-                        watch(engine.progress)
+            return _wait(engine, watch)
+        except WrongState as error:
+            if engine.plan is not plan:
+                raise
+            engine.abort(str(error))  # the run has begun: it ends with an outcome (where it has ended, this is void)
+            return _wait(engine, watch)
         except BaseException as error:
             engine.abort("aborted by a person" if isinstance(error, KeyboardInterrupt) else f"{error!r}")
             raise
+        finally:
+            self._aborted = ""
+
+    def abort(self, reason: str = "aborted by a person") -> None:
+        """End what is under way on every instrument, at whatever point: opening, arming, running. Returns at once."""
+        self._aborted = reason
+        for engine in self.engines.values():
+            engine.abort(reason)
 
     def stop(self, reason: str = "emergency stop") -> None:
         """Emergency stop of every open instrument; latches until each engine is reset."""
@@ -247,10 +298,25 @@ class Session:
 
     # Inside -----------------------------------------------------------------------------------------------------------
 
+    def _go_on(self) -> None:
+        """Raises Aborted if `abort` came since the last run: where no engine was live it had nothing to end."""
+        if self._aborted:
+            reason, self._aborted = self._aborted, ""
+            raise Aborted(reason)
+
     def _entry(self, name: str) -> Instrument:
         if name not in self.station.instruments:
             raise ValueError(f"no instrument {name!r} in the station; it has {', '.join(self.station.instruments)}")
         return self.station.instruments[name]
+
+    def _bench(self, name: str, setup: tuple[float | None, str] | None = None) -> _Bench:
+        """The open instrument ``name``; a simulated one is made anew where it is set up otherwise than asked."""
+        entry, kind = self._entry(name), self.kind(name)
+        if name in self._benches and entry.here and setup not in (None, self._benches[name].setup):
+            self._close(name)  # another probe, another specimen
+        if name not in self._benches:
+            self._benches[name] = self._make(name, kind, entry, setup or (None, "skin"))
+        return self._benches[name]
 
     def _make(self, name: str, kind: str, entry: Instrument, setup: tuple[float | None, str]) -> _Bench:
         server = None
@@ -280,6 +346,15 @@ class Session:
         bench.supervisor.close()
         if bench.server is not None:
             bench.server.close()
+
+
+def _wait(engine: RunEngine, watch: Callable[[Progress], None] | None) -> Outcome:
+    while True:
+        try:
+            return engine.wait(0.1)
+        except TimeoutError:
+            if watch is not None:
+                watch(engine.progress)
 
 
 def versions() -> dict[str, str]:

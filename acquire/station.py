@@ -19,15 +19,17 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import Field, PrivateAttr, field_validator, model_validator
+from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
 from acquire.engine.interlock import Rules
 from acquire.engine.interlock import Tracking as TrackingRule
 from drivers.instrument import WATCHDOG, Entry
+from drivers.transports import host_of, is_loopback, kind_of
 from protocols import units
 from protocols.fields import Duration, Model, Text
 from protocols.limits import Limits
@@ -99,6 +101,7 @@ class Instrument(Model):
     """
 
     instrument: Text = Field(default="", description="kind of instrument; the entry's name by default")
+    host: Text = Field(default="", description="of socket:// links that leave this computer, said once more")
     address: Text = ""
     sources: dict[str, Text] = Field(default={})
     simulated: Simulation | None = None
@@ -116,6 +119,21 @@ class Instrument(Model):
         if self.address and self.simulated not in (None, Simulation()):
             raise ValueError("an instrument at an address is simulated elsewhere: write 'simulated: true' and no more")
         return self
+
+    @field_validator("address", "sources")
+    @classmethod
+    def _check_addresses(cls, said: Any, info: ValidationInfo) -> Any:
+        """Plain device paths, USB ids, and TCP to this computer or to the ``host`` that the entry states."""
+        for address in said.values() if isinstance(said, dict) else (said,):
+            if not address or re.fullmatch(r"uvc:\d{1,2}", address):
+                continue
+            host = host_of(address)[0] if kind_of(address) == "socket" else "localhost"
+            if not is_loopback(host) and host != info.data.get("host"):
+                raise ValueError(
+                    f"{address} leaves this computer, unencrypted and unauthenticated; if that is meant, say "
+                    f"'host: {host}' too"
+                )
+        return said
 
     @field_validator("simulated", mode="before")
     @classmethod

@@ -27,6 +27,10 @@ class ProtocolFault(DeviceError):
     """Bytes arrived that the codec cannot accept, after the resynchronisation it attempts."""
 
 
+class Faulted(DeviceError):
+    """The device latched a fault that a person has to acknowledge: it is vented, and nothing may be armed."""
+
+
 class Refused(DeviceError):
     """The device understood a command and refused it (outside its limits, wrong state, queue full)."""
 
@@ -38,6 +42,10 @@ class Identity:
     model: str
     serial: str
     firmware: str
+
+
+#: How a fault begins that says no more than that the host fell silent: nobody need look before the next one goes on.
+HOST_SILENT = "no heartbeat"
 
 
 @dataclass(frozen=True)
@@ -56,6 +64,16 @@ class Status:
     queued: int
     fault: str = ""
     began: float = math.nan
+
+    @property
+    def latched(self) -> bool:
+        """Whether a fault stands that only a person may acknowledge."""
+        return self.state == "fault" and not self.fault.startswith(HOST_SILENT)
+
+    @property
+    def words(self) -> str:
+        """State and fault."""
+        return f"{self.state}: {self.fault}" if self.fault else self.state
 
 
 class Source(abc.ABC):

@@ -60,3 +60,27 @@ class Instrument:
     transports: tuple[str, ...]
     open_rig: Callable[[Entry], Rig]
     sources: tuple[str, ...] = ()
+
+
+def permit(entry: Entry, why: str) -> None:
+    """See that the station permits to open an entry's links; ``why`` says why a real port needs its word.
+
+    ``simulated`` is believed of this computer's TCP ports, pseudo-terminals and virtual USB only, and even there the
+    instrument's identity has to confirm it (see `drivers.stream.StreamDevice`). Elsewhere an instrument can be reached
+    over TCP alone, where asking who it is does no harm. Raises NotAllowed, ValueError (an address that means nothing).
+    """
+    from drivers.transports import is_local_simulator, kind_of
+
+    kind = kind_of(entry.address)
+    if entry.i_have_verified_the_codec:
+        return
+    if not entry.simulated:
+        raise NotAllowed(
+            f"{entry.instrument} on {entry.address}: {why}, or put 'i_have_verified_the_codec: true' into the station "
+            "file"
+        )
+    if entry.usb_backend is None and kind != "socket" and not is_local_simulator(entry.address):
+        raise NotAllowed(
+            f"{entry.instrument} on {entry.address}: a real port is not 'simulated: true' (a pseudo-terminal or "
+            "socket:// is); say 'i_have_verified_the_codec: true' if it is so"
+        )

@@ -13,6 +13,7 @@ import numpy as np
 
 from drivers import messages as msg
 from drivers.device import Device, Identity, LinkLost, ProtocolFault, Refused, Status
+from drivers.instrument import NotAllowed
 from drivers.signals import Block, Channel, FloatArray, Frame
 from drivers.transports import Transport
 from protocols.setpoints import Segment
@@ -48,7 +49,8 @@ class StreamDevice(Device):
     """A `Device` over any codec and transport. Single-threaded: the thread that owns the link calls it.
 
     ``raw`` are the channels on the wire; ``convert`` maps raw values (n, raw channels) to every channel's (n,) values;
-    ``zero`` is called with the first so many raw samples when the stream begins.
+    ``zero`` is called with the first so many raw samples when the stream begins. A ``simulated`` one must say that it
+    is when asked who it is.
     """
 
     def __init__(
@@ -63,6 +65,7 @@ class StreamDevice(Device):
         watchdog: float,
         convert: Callable[[FloatArray], Mapping[str, FloatArray]],
         zero: tuple[Callable[[FloatArray], None], int] | None = None,
+        simulated: bool = False,
     ) -> None:
         self.name = name
         self._open_link = open_link
@@ -73,6 +76,7 @@ class StreamDevice(Device):
         self._watchdog = watchdog
         self._convert = convert
         self._zero = zero
+        self._simulated = simulated
         self._link: Transport | None = None
         self._codec = codec()
         self._number = 0
@@ -111,6 +115,11 @@ class StreamDevice(Device):
         identity = self._request(msg.Identify()).identity
         if identity is None:
             raise ProtocolFault(f"{self.name} on {self._link.address}: the answer to 'identify' names nobody")
+        if self._simulated and "simulat" not in identity.model.lower():
+            raise NotAllowed(
+                f"{self.name} on {self._link.address}: {identity.model!r} answers, which does not call itself a "
+                "simulator, and the station says 'simulated: true'"
+            )
         # An earlier host may have left the stream on; what it left on the wire is not this run's data.
         self._request(msg.Stream(False))
         self._pending.clear()

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 
 
 def main() -> None:
     """Entry point of the ``acquire`` command; exits with the status of the contract (0, 2, 3, 4, 5)."""
-    from acquire.cli.app import run
+    try:
+        from acquire.cli.app import run
 
-    sys.exit(run())
+        status = run()
+    except KeyboardInterrupt:
+        status = 5  # while the command line itself was being loaded: nothing was touched
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        if hasattr(signal, name):  # all is done and told: nothing that comes now may change the status
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    sys.exit(status)

@@ -16,12 +16,14 @@ from typing import Annotated, Any
 import typer
 
 DONE, BAD_INPUT, DEVICE, TRIPPED, ABORTED = 0, 2, 3, 4, 5
+INTERRUPTED = 130  # of the library below, after a KeyboardInterrupt
 BUG = 1  # an exception nobody foresaw: a fault of this program, shown with its traceback
 
 # Command -> (module, function). A module that is absent or broken costs its own command only.
 COMMANDS: dict[str, tuple[str, str]] = {
     "run": ("acquire.cli.run", "run"),
     "check": ("acquire.cli.check", "check"),
+    "safe": ("acquire.cli.safe", "safe"),
     "devices": ("acquire.cli.devices", "devices"),
     "sim": ("acquire.cli.sim", "sim"),
     "show": ("acquire.cli.data", "show"),
@@ -69,6 +71,9 @@ def run(arguments: Sequence[str] | None = None) -> int:
     try:
         application()(args=None if arguments is None else list(arguments), prog_name="acquire")
     except SystemExit as stop:
+        if stop.code == INTERRUPTED:
+            print("acquire: aborted", file=sys.stderr)
+            return ABORTED
         return stop.code if isinstance(stop.code, int) else DONE if stop.code is None else BAD_INPUT
     except KeyboardInterrupt:
         print("acquire: aborted", file=sys.stderr)
@@ -87,8 +92,13 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 def exit_status(error: BaseException) -> int:
     """The exit status that an exception means."""
+    from acquire.engine import Aborted, Tripped
     from drivers.device import DeviceError
 
+    if isinstance(error, Aborted):
+        return ABORTED
+    if isinstance(error, Tripped):
+        return TRIPPED
     if isinstance(error, DeviceError):
         return DEVICE
     # Faults in what a person gave us: files, names, units, values. All our error classes for it are ValueErrors.

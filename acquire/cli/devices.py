@@ -11,7 +11,9 @@ import typer
 
 def devices(
     station: Annotated[Path | None, typer.Option(help="Station file; without one: drivers and ports.")] = None,
-    connect: Annotated[bool, typer.Option("--connect", help="Open each link and ask who is there.")] = False,
+    connect: Annotated[
+        bool, typer.Option("--connect", help="Open each link and ask who is there, and how it is.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
     """List instruments: a station's, or the drivers and ports of this computer."""
@@ -62,11 +64,11 @@ def _station(path: Path, connect: bool) -> list[dict[str, Any]]:
                     f"{q} {low:g} … {high:g}" for q, (low, high) in session.limits(name).values().items()
                 )
                 if connect:
-                    engine = session.open(name)
+                    who, status = session.look(name)
                     row["answer"] = "; ".join(
-                        f"{link}: {who.model} {who.serial} (firmware {who.firmware})"
-                        for link, who in engine.identities.items()
+                        f"{k}: {w.model} {w.serial} (firmware {w.firmware})" for k, w in who.items()
                     )
+                    row["state"] = status.words if status is not None else ""
             except (DeviceError, ValueError) as error:
                 row["answer"] = f"ERROR: {error}"
     return rows

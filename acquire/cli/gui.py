@@ -23,5 +23,8 @@ def gui(
     except ImportError as error:
         raise ValueError(f"the window needs the extra 'gui' (pip install 'skinrig[gui]'): {error}") from error
     from acquire.gui.messages import BenchSettings
+    from acquire.station import load_station
 
+    if station is not None:
+        load_station(station)  # a fault in it is told here, with its line: no other bench is opened in its place
     raise typer.Exit(run(BenchSettings(station=station, out=out, speed=speed, tissue=tissue), dark=dark))

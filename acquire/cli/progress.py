@@ -1,15 +1,52 @@
-"""Progress of long work: a bar on a terminal, plain lines elsewhere; on stderr, so that stdout holds results only."""
+"""What a person sees of a run, and how a person ends it.
+
+Progress of long work: a bar on a terminal, plain lines elsewhere; on stderr, so that stdout holds results only."""
 
 from __future__ import annotations
 
 import sys
 import time
+from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Any
+
+from acquire.signals import caught
 
 if TYPE_CHECKING:
     from acquire.engine import Progress
+    from acquire.session import Session
 
 LINES = 10.0  # s of wall time between two plain lines
+
+
+class Stop:
+    """Has Ctrl-C, a polite kill and a closed terminal end a session's work. Use as a context manager.
+
+    They are caught from the first moment: what comes before `ends` is kept for it.
+    """
+
+    def __init__(self) -> None:
+        self._reason = ""
+        self._session: Session | None = None
+        self._caught: AbstractContextManager[None] = caught(self._act)
+
+    def __enter__(self) -> Stop:
+        self._caught.__enter__()
+        return self
+
+    def __exit__(self, *exc: Any) -> None:
+        self._caught.__exit__(*exc)
+
+    def ends(self, session: Session) -> None:
+        """From now on it is ``session`` whose work ends."""
+        self._session = session
+        if self._reason:
+            session.abort(self._reason)
+
+    def _act(self, name: str) -> None:
+        print(f"acquire: {name}: stopping", file=sys.stderr, flush=True)
+        self._reason = f"aborted by a person ({name})"
+        if self._session is not None:
+            self._session.abort(self._reason)
 
 
 class Reporter:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import signal
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,7 +12,7 @@ import typer
 from acquire.cli.app import ABORTED, DEVICE, DONE, TRIPPED
 
 if TYPE_CHECKING:
-    from acquire.engine import Outcome, RunEngine
+    from acquire.engine import Outcome
     from acquire.station import Station
 
 
@@ -40,32 +39,26 @@ def run(
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
     """Run a protocol and record it. Ctrl-C vents, keeps what was recorded and ends with status 5."""
-    from acquire.cli.progress import Reporter
-    from acquire.session import Request, Session
+    from acquire.cli.progress import Reporter, Stop
 
-    bench = _station(station, sim, tissue, tuple(effect or ()), seed)
-    request = Request(subject, site, operator, repeat, specimen, notes)
-    with Session(bench, speed=speed, out=out) as session:
-        engine, plan = session.prepare(protocol, request, name=instrument, out=out)
-        restore = _abort_on_signals(engine)
-        try:
-            engine.arm(plan)
-            engine.start()
+    with Stop() as stop:
+        from acquire.session import Request, Session
+
+        bench = bench_of(station, sim, tissue, tuple(effect or ()), seed)
+        request = Request(subject, site, operator, repeat, specimen, notes)
+        with Session(bench, speed=speed, out=out) as session:
+            stop.ends(session)
+            engine, plan = session.prepare(protocol, request, name=instrument, out=out)
+            if engine.found:
+                print(f"acquire: {engine.found}", file=sys.stderr)
             with Reporter(plan.info.protocol_name, plan.setpoints.duration) as reporter:
-                while True:
-                    try:
-                        outcome = engine.wait(0.1)
-                        break
-                    except TimeoutError:
-                        reporter.update(engine.progress)
+                outcome = session.carry_out(engine, plan, reporter.update)
                 reporter.update(engine.progress)
-        finally:
-            restore()
-    _tell(outcome, plan.info.id, plan.info.instrument, plan.setpoints.duration, as_json)
+        _tell(outcome, plan.info.id, plan.info.instrument, plan.setpoints.duration, as_json)
     raise typer.Exit(_status(outcome))
 
 
-def _station(path: Path | None, sim: bool, tissue: str, effects: tuple[str, ...], seed: int | None) -> Station:
+def bench_of(path: Path | None, sim: bool, tissue: str, effects: tuple[str, ...], seed: int | None) -> Station:
     """The bench to run on. Raises ValueError where the options do not say which, or contradict each other."""
     from acquire.station import Simulation, load_station, simulated_station
 
@@ -86,17 +79,6 @@ def _station(path: Path | None, sim: bool, tissue: str, effects: tuple[str, ...]
             entry = entry.model_copy(update={"address": "", "sources": {}, "options": {}, "simulated": simulation})
         instruments[name] = entry
     return bench.model_copy(update={"instruments": instruments})
-
-
-def _abort_on_signals(engine: RunEngine) -> Any:
-    """Have Ctrl-C, a polite kill and a closed terminal abort the run; the result puts the old handlers back."""
-    caught = [signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])]
-
-    def abort(number: int, frame: Any) -> None:
-        engine.abort(f"aborted by a person ({signal.Signals(number).name})")
-
-    before = {number: signal.signal(number, abort) for number in caught}
-    return lambda: [signal.signal(number, handler) for number, handler in before.items()]
 
 
 def _tell(outcome: Outcome, identity: str, instrument: str, duration: float, as_json: bool) -> None:

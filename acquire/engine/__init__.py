@@ -3,6 +3,21 @@
 from acquire.engine.engine import RunEngine
 from acquire.engine.interlock import Rules, Tracking, Trip
 from acquire.engine.plan import Outcome, Progress, RunPlan
-from acquire.engine.state import State, WrongState
+from acquire.engine.rest import Rest, bring_to_rest
+from acquire.engine.state import Aborted, State, Tripped, WrongState
 
-__all__ = ["Outcome", "Progress", "Rules", "RunEngine", "RunPlan", "State", "Tracking", "Trip", "WrongState"]
+__all__ = [
+    "Aborted",
+    "Outcome",
+    "Progress",
+    "Rest",
+    "Rules",
+    "RunEngine",
+    "RunPlan",
+    "State",
+    "Tracking",
+    "Trip",
+    "Tripped",
+    "WrongState",
+    "bring_to_rest",
+]

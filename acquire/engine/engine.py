@@ -18,7 +18,7 @@ from acquire.engine.interlock import Interlock, Rules, Trip
 from acquire.engine.link import LinkThread
 from acquire.engine.plan import Outcome, Progress, RunPlan
 from acquire.engine.queues import DisplayQueue
-from acquire.engine.state import State, StateMachine, WrongState
+from acquire.engine.state import Aborted, State, StateMachine, Tripped, WrongState
 from acquire.supervisor import Heartbeat
 from drivers.device import DeviceError, Identity, LinkLost, Rig, Status
 from drivers.signals import Block, Channel, Frame
@@ -62,7 +62,7 @@ class RunEngine:
         self._interlock = Interlock(rules or Rules(), self._tripped)
         self._requests: deque[tuple[Callable[[], Any], Future[Any]]] = deque()
         self._wake = threading.Event()
-        self._abort = ""
+        self._aborts: deque[str] = deque()
         self._ticked = 0.0
         self._closing = False
         self._outcome: Future[Outcome] = Future()
@@ -94,6 +94,16 @@ class RunEngine:
         return self._links[0].status if self._links else None
 
     @property
+    def found(self) -> str:
+        """What `connect` found left behind by an earlier host and made safe, in words; '' where all was well."""
+        return self._links[0].found if self._links else ""
+
+    @property
+    def plan(self) -> RunPlan | None:
+        """The plan of the present or the last run."""
+        return self._run.plan if self._run is not None else None
+
+    @property
     def progress(self) -> Progress:
         """Where the run stands."""
         now = self.status.time if self.status else math.nan
@@ -103,9 +113,13 @@ class RunEngine:
 
     # What a person, a program or a window may do ----------------------------------------------------------------------
 
-    def connect(self) -> None:
-        """Open every link. Raises DeviceError; the state is then ``failed``."""
-        self._do(self._connect)
+    def connect(self, *, acknowledged: bool = False) -> None:
+        """Open every link and make safe what an earlier host left behind (`found` says what that was).
+
+        Raises DeviceError; the state is then ``failed``. A fault that the device latched is such an error, unless a
+        person has ``acknowledged`` it.
+        """
+        self._do(lambda: self._connect(acknowledged))
 
     def arm(self, plan: RunPlan) -> None:
         """Check the plan against its limits, open its journal, hand the limits to the device.
@@ -127,11 +141,12 @@ class RunEngine:
         self._do(self._resume)
 
     def abort(self, reason: str = "aborted by a person") -> None:
-        """End the run now. Does nothing when there is none."""
+        """End the run now, or the connecting or arming that is under way. Does nothing when there is none."""
+        self._aborts.append(reason)
+        self._void_requests()
         if self.state.live or self.state is State.CONNECTING:
-            self._abort = reason
             self._make_safe()
-            self._wake.set()
+        self._wake.set()
 
     def stop(self, reason: str = "emergency stop") -> None:
         """Emergency stop: a trip, which latches until `reset`. Works in every state."""
@@ -141,6 +156,10 @@ class RunEngine:
     def reset(self) -> None:
         """Acknowledge a trip or failure: a person's. The links are closed; `connect` opens them anew."""
         self._do(self._reset)
+
+    def make_safe(self) -> None:
+        """Vent and stop where no run is on, and wait until the device says so. Raises WrongState, DeviceError."""
+        self._do(self._confirm_safe)
 
     def disconnect(self) -> None:
         """Close the links."""
@@ -208,10 +227,12 @@ class RunEngine:
             return
         while self._requests:
             action, future = self._requests.popleft()
+            if not future.set_running_or_notify_cancel():
+                continue
             try:
                 future.set_result(action())
-            except CancelledError:
-                future.set_exception(WrongState("a stop came first"))
+            except (CancelledError, WrongState) as error:
+                future.set_exception(self._overtaken() or error)
             except Exception as error:
                 future.set_exception(error)
         if not self._stopped() and self.state is State.RUNNING:
@@ -219,15 +240,26 @@ class RunEngine:
 
     def _stopped(self) -> bool:
         """Whether a trip or an abort ended the run in this turn."""
-        trip, reason = self._interlock.trip, self._abort
+        trip = self._interlock.trip
         if trip is not None and self._machine.can("trip"):
             self._end("trip", f"{trip.code}: {trip.message}")
             return True
-        self._abort = ""
-        if reason and self._machine.can("abort"):
-            self._end("abort", reason)
+        reasons = [self._aborts.popleft() for _ in range(len(self._aborts))]
+        if reasons and self._machine.can("abort"):
+            self._end("abort", reasons[0])
             return True
         return False
+
+    def _overtaken(self) -> WrongState | None:
+        """Why what was asked is void: a trip or an abort; None if there is none."""
+        if (trip := self._interlock.trip) is not None:
+            return Tripped(f"{trip.code}: {trip.message}")
+        return Aborted(self._aborts[0]) if self._aborts else None
+
+    def _void_requests(self) -> None:
+        """Cancel what was asked of this thread and not begun."""
+        for _, future in tuple(self._requests):
+            future.cancel()
 
     def _tick(self) -> None:
         """Tell the supervisor that the control loop is alive; only while it is in charge of a live device."""
@@ -253,6 +285,11 @@ class RunEngine:
             except FutureTimeout:
                 if future.done():
                     raise
+            except CancelledError:
+                raise Aborted("a person ended it first") from None
+            except BaseException:
+                future.cancel()  # nobody waits any more (Ctrl-C): what has not begun must not begin
+                raise
         raise WrongState("the engine is closed")
 
     def _ask(self, action: Callable[[], T], link: LinkThread | None = None) -> T:
@@ -268,14 +305,14 @@ class RunEngine:
                 self._tick()
                 if future.done():
                     continue  # the action itself raised a TimeoutError
-                if self._abort or self._interlock.trip is not None:
+                if self._aborts or self._interlock.trip is not None:
                     raise CancelledError from None
                 if time.monotonic() > deadline:
                     raise LinkLost(f"{self.rig.device.name}: the link's thread does not answer") from None
 
     # Steps ------------------------------------------------------------------------------------------------------------
 
-    def _connect(self) -> None:
+    def _connect(self, acknowledged: bool) -> None:
         self._machine.fire("connect")
         beat = self._heartbeat.permissions if self._heartbeat is not None else None
         self._links = [LinkThread(source, self, beat) for source in (self.rig.device, *self.rig.sources)]
@@ -283,7 +320,7 @@ class RunEngine:
             link.start()
         try:
             for link in self._links:
-                self.identities[link.source.name] = self._await(link.connect(), 15.0)
+                self.identities[link.source.name] = self._await(link.connect(acknowledged=acknowledged), 15.0)
         except CancelledError:
             self._close_links()
             raise
@@ -337,6 +374,12 @@ class RunEngine:
         self._machine.fire("reset")
         self._interlock.reset()
         self._close_links()
+
+    def _confirm_safe(self) -> None:
+        if not self._machine.can("disconnect"):
+            raise WrongState(f"cannot make safe while {self.state}")
+        self._ask(self.rig.device.make_safe)
+        self._wait_until(lambda: self.status is not None and self.status.state == "safe", "say that it is safe")
 
     def _disconnect(self) -> None:
         self._machine.fire("disconnect")
@@ -414,7 +457,7 @@ class RunEngine:
         """Wait, beating, until ``condition`` holds. Raises DeviceError that the device does not do ``what``."""
         deadline = time.monotonic() + ANSWER
         while not condition():
-            if self._abort or self._interlock.trip is not None:
+            if self._aborts or self._interlock.trip is not None:
                 raise CancelledError
             if time.monotonic() > deadline:
                 raise DeviceError(f"{self.rig.device.name} does not {what} within {ANSWER:g} s")

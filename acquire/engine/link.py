@@ -12,7 +12,7 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from drivers.device import Device, LinkLost, Source, Status
+from drivers.device import Device, Faulted, LinkLost, Source, Status
 from drivers.signals import Block, Frame
 
 log = logging.getLogger(__name__)
@@ -49,6 +49,7 @@ class LinkThread(threading.Thread):
         self.first = math.inf  # device time in s of the first data after connecting
         self.latest = -math.inf  # device time in s of the newest data
         self.error: Exception | None = None
+        self.found = ""  # what an earlier host had left behind and `connect` made safe, in words
         self._receiver = receiver
         self._beat = beat if isinstance(source, Device) else None
         self._beaten = 0
@@ -81,9 +82,12 @@ class LinkThread(threading.Thread):
         """Whether the last `make_safe` was carried out within ``timeout`` s."""
         return self._safe.wait(timeout)
 
-    def connect(self) -> Future[Any]:
-        """Open the link; the result is the instrument's `Identity`."""
-        return self.ask(self._connect)
+    def connect(self, *, acknowledged: bool = False) -> Future[Any]:
+        """Open the link, make safe what an earlier host left; the result is the instrument's `Identity`.
+
+        Raises Faulted where the device latched a fault of its own, unless a person has ``acknowledged`` it.
+        """
+        return self.ask(lambda: self._connect(acknowledged))
 
     def stop(self) -> None:
         """Make safe, close the link and end the thread."""
@@ -143,12 +147,29 @@ class LinkThread(threading.Thread):
         else:
             future.set_result(result)
 
-    def _connect(self) -> Any:
+    def _connect(self, acknowledged: bool) -> Any:
         identity = self.source.connect()
+        if isinstance(self.source, Device):
+            self._settle(self.source, acknowledged)
         self.source.start_stream()
         self.error = None
         self._streaming = True
         return identity
+
+    def _settle(self, device: Device, acknowledged: bool) -> None:
+        """See that the device begins safe, whatever it was left in."""
+        status = device.status
+        self.found = ""
+        if status.latched and not acknowledged:
+            device.close()  # it has vented by itself, and making it safe would clear what a person has to see
+            raise Faulted(
+                f"{device.name} stopped by itself ({status.fault}): look at the person and the instrument, "
+                "then acknowledge it (acquire safe, or Reset in the window)"
+            )
+        if status.state not in ("idle", "safe"):
+            device.make_safe()
+            self.found = f"{device.name} was left in {status.words}; it was made safe"
+            log.warning("%s", self.found)
 
     def _make_safe(self) -> None:
         self._urgent.clear()

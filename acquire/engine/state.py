@@ -57,6 +57,14 @@ class WrongState(RuntimeError):
     """An event that the present state does not take, such as ``start`` while idle."""
 
 
+class Tripped(WrongState):
+    """What was asked is void because the interlock has tripped; the message says why."""
+
+
+class Aborted(WrongState):
+    """What was asked is void because a person ended it first; the message says how."""
+
+
 class StateMachine:
     """The present state, changed by events only; thread-safe.
 

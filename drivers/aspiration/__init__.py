@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from drivers.device import Rig, Source
-from drivers.instrument import Entry, Instrument
+from drivers.instrument import Entry, Instrument, permit
 from drivers.options import take
 from drivers.signals import Channel
 from protocols import units
@@ -28,12 +28,13 @@ LIMITS = Limits({"pressure": Range(-700 * MBAR, 0.0)}, "hardware")
 def open_rig(entry: Entry) -> Rig:
     """The rig of a station entry; its links are opened by ``connect``.
 
-    Raises ValueError for an unknown option or source.
+    Raises NotAllowed on a real port whose dialect nobody vouches for, ValueError for an unknown option or source.
     """
     from drivers.aspiration.pressure import CAPACITY, PressureCodec
     from drivers.stream import StreamDevice
     from drivers.transports import open_transport
 
+    permit(entry, "this driver's dialect is assumed and was never verified on a real controller")
     options = take(entry, baudrate=115200, frame_scale="0.02 mm/px", gvt=None, apex="up", tissue="dark")
     device = StreamDevice(
         "aspiration",
@@ -43,6 +44,7 @@ def open_rig(entry: Entry) -> Rig:
         quantities=("pressure",),
         capacity=CAPACITY,
         watchdog=entry.watchdog,
+        simulated=entry.simulated,
         convert=lambda raw: {PRESSURE.name: raw[:, 0]},
     )
     unknown = sorted(set(entry.sources) - set(INSTRUMENT.sources))

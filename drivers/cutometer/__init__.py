@@ -6,7 +6,7 @@ Options of a station entry: ``baudrate`` (115200).
 from __future__ import annotations
 
 from drivers.device import Rig
-from drivers.instrument import Entry, Instrument, NotAllowed
+from drivers.instrument import Entry, Instrument, permit
 from drivers.options import take
 from drivers.signals import Channel
 from protocols.limits import Limits, Range
@@ -32,12 +32,11 @@ def open_rig(entry: Entry) -> Rig:
     from drivers.transports import open_transport
 
     options = take(entry, baudrate=115200)
-    if not (entry.simulated or entry.i_have_verified_the_codec):
-        raise NotAllowed(
-            f"cutometer on {entry.address}: the wire protocol of the real instrument is not public and this driver's "
-            "dialect was never verified on one; import exported curves instead, or put "
-            "'i_have_verified_the_codec: true' into the station file"
-        )
+    permit(
+        entry,
+        "the wire protocol of the real instrument is not public and this driver's dialect was never verified on one; "
+        "import exported curves instead",
+    )
     device = StreamDevice(
         "cutometer",
         open_link=lambda: open_transport(entry.address, baudrate=options["baudrate"], usb_backend=entry.usb_backend),
@@ -46,6 +45,7 @@ def open_rig(entry: Entry) -> Rig:
         quantities=("pressure",),
         capacity=CAPACITY,
         watchdog=entry.watchdog,
+        simulated=entry.simulated,
         convert=lambda raw: {c.name: raw[:, k] for k, c in enumerate(CHANNELS)},
     )
     return Rig("cutometer", device)

@@ -7,7 +7,7 @@ The transducers are tared when the stream begins: the probe must hang free then.
 from __future__ import annotations
 
 from drivers.device import Rig
-from drivers.instrument import Entry, Instrument
+from drivers.instrument import Entry, Instrument, permit
 from drivers.options import take
 from drivers.signals import Channel
 from protocols.limits import PROBE, Limits, Range
@@ -32,12 +32,16 @@ LIMITS = Limits(
 
 
 def open_rig(entry: Entry) -> Rig:
-    """The rig of a station entry; the link is opened by ``connect``. Raises ValueError for an unknown option."""
+    """The rig of a station entry; the link is opened by ``connect``.
+
+    Raises NotAllowed on a real port whose dialect nobody vouches for, ValueError for an unknown option.
+    """
     from drivers.microrobot.codec import CAPACITY, MicrorobotCodec
     from drivers.microrobot.processing import TARE_SAMPLES, Processing
     from drivers.stream import StreamDevice
     from drivers.transports import open_transport
 
+    permit(entry, "this driver's dialect is assumed and was never verified on a real controller")
     processing = Processing(take(entry, force_matrix=None)["force_matrix"])
     device = StreamDevice(
         "microrobot",
@@ -47,6 +51,7 @@ def open_rig(entry: Entry) -> Rig:
         quantities=QUANTITIES,
         capacity=CAPACITY,
         watchdog=entry.watchdog,
+        simulated=entry.simulated,
         convert=processing,
         zero=(processing.tare, TARE_SAMPLES),
     )

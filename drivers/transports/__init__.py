@@ -6,20 +6,46 @@ hexadecimal vendor and product id).
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
+from drivers.transports._addresses import host_of, is_loopback, usb_ids
 from drivers.transports._base import Transport
 
-__all__ = ["Transport", "kind_of", "open_transport"]
+__all__ = ["Transport", "host_of", "is_local_simulator", "is_loopback", "kind_of", "open_transport"]
+
+
+_SERIAL = re.compile(r"/[^\0]+|COM\d{1,3}|\\\\\.\\COM\d{1,3}")
+_PSEUDO = re.compile(r"/dev/(pts/\d+|ttys\d{3})")
 
 
 def kind_of(address: str) -> str:
-    """Which transport an address means: ``socket``, ``usb`` or ``serial``. Raises ValueError on an empty address."""
+    """Which transport an address means: ``socket``, ``usb`` or ``serial``.
+
+    A serial port is a plain device path or ``COM3``. pyserial would take much more (``spy://``, which writes files,
+    ``rfc2217://``, ``hwgrep://``, ``alt://``): station files come from other people, so that all of it is refused.
+    Raises ValueError on anything else.
+    """
     if not address:
         raise ValueError("the address of the link is empty; write /dev/ttyUSB0, socket://host:port or usb:VID:PID")
     if address.startswith("socket://"):
+        host_of(address)
         return "socket"
-    return "usb" if address.startswith("usb:") else "serial"
+    if address.startswith("usb:"):
+        usb_ids(address)
+        return "usb"
+    if not _SERIAL.fullmatch(address):
+        raise ValueError(f"{address!r} is no link; write /dev/ttyUSB0, COM3, socket://host:port or usb:VID:PID")
+    return "serial"
+
+
+def is_local_simulator(address: str) -> bool:
+    """Whether nothing but a simulated instrument should be behind an address: this computer's TCP, a pseudo-terminal.
+
+    Raises ValueError as `kind_of`.
+    """
+    kind = kind_of(address)
+    return is_loopback(host_of(address)[0]) if kind == "socket" else bool(_PSEUDO.fullmatch(address))
 
 
 def open_transport(address: str, *, baudrate: int = 115200, usb_backend: Any = None) -> Transport:

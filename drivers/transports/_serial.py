@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import select
+import stat
 
 import serial
 
@@ -25,9 +26,10 @@ class SerialTransport(Transport):
         super().__init__(address)
         exclusive = {} if os.name == "nt" else {"exclusive": True}
         try:
-            self._port = serial.serial_for_url(
-                address, baudrate=baudrate, timeout=0, write_timeout=_WRITE_TIMEOUT, **exclusive
-            )
+            if os.name != "nt" and not stat.S_ISCHR(os.stat(address).st_mode):
+                raise self._lost("it is no serial port")
+            # Not serial_for_url: its handlers open files and connections that an address may name.
+            self._port = serial.Serial(address, baudrate=baudrate, timeout=0, write_timeout=_WRITE_TIMEOUT, **exclusive)
         except (OSError, ValueError) as error:  # SerialException is an OSError
             raise self._lost(error) from error
         self._selectable = os.name != "nt"

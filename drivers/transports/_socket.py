@@ -5,10 +5,10 @@ pyserial has such a port too, but its close waits 0.3 s and leaks the socket whe
 
 from __future__ import annotations
 
-import re
 import select
 import socket
 
+from drivers.transports._addresses import host_of
 from drivers.transports._base import Transport
 
 _CHUNK = 262144
@@ -21,11 +21,9 @@ class SocketTransport(Transport):
 
     def __init__(self, address: str) -> None:
         super().__init__(address)
-        match = re.fullmatch(r"socket://\[?([^\]]+)\]?:(\d{1,5})/?", address)
-        if not match or int(match[2]) > 65535:
-            raise ValueError(f"{address!r} is not a socket address; write socket://host:port")
+        host, port = host_of(address)
         try:
-            self._socket = socket.create_connection((match[1], int(match[2])), timeout=_CONNECT_TIMEOUT)
+            self._socket = socket.create_connection((host, port), timeout=_CONNECT_TIMEOUT)
         except OSError as error:
             raise self._lost(error) from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import re
 from typing import Any
 
 import usb.core
 import usb.util
 
+from drivers.transports._addresses import usb_ids
 from drivers.transports._base import Transport
 
 _CHUNK = 65536
@@ -21,10 +21,7 @@ class UsbTransport(Transport):
 
     def __init__(self, address: str, backend: Any = None) -> None:
         super().__init__(address)
-        match = re.fullmatch(r"usb:(?:0x)?([0-9a-fA-F]{1,4}):(?:0x)?([0-9a-fA-F]{1,4})", address)
-        if not match:
-            raise ValueError(f"{address!r} is not a USB address; write usb:VID:PID in hexadecimal, as usb:16C0:27DD")
-        vendor, product = (int(part, 16) for part in match.groups())
+        vendor, product = usb_ids(address)
         try:
             device = usb.core.find(idVendor=vendor, idProduct=product, backend=backend)
         except usb.core.NoBackendError as error:

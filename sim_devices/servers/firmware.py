@@ -22,7 +22,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from drivers import messages as msg
-from drivers.device import Identity, Refused, Status
+from drivers.device import HOST_SILENT, Identity, Refused, Status
 from drivers.signals import FloatArray
 from protocols.limits import PROBE, Limits
 from sim_devices.servers.timeline import Waveform
@@ -129,7 +129,7 @@ class Firmware:
         """Vent if the host has been silent for too long; whether that happened just now."""
         if self.state not in ("armed", "running", "held") or wall - self._last_beat <= self.watchdog:
             return False
-        self.trip(f"no heartbeat for {self.watchdog:g} s")
+        self.trip(f"{HOST_SILENT} for {self.watchdog:g} s")
         return True
 
     def watch_values(self, values: FloatArray) -> None:

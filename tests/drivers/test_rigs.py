@@ -8,8 +8,9 @@ import sys
 import pytest
 
 from drivers import aspiration, cutometer, microrobot
-from drivers.device import Device, LinkLost
+from drivers.device import Device, Identity, LinkLost
 from drivers.instrument import Entry, Instrument, NotAllowed
+from sim_devices.servers import serve
 
 INSTRUMENTS = [cutometer.INSTRUMENT, aspiration.INSTRUMENT, microrobot.INSTRUMENT]
 
@@ -38,11 +39,37 @@ def test_an_unknown_option_is_a_fault(instrument: Instrument) -> None:
         instrument.open_rig(entry(instrument.name, options={"baud": 9600}))
 
 
-def test_a_real_cutometer_port_is_refused_unless_the_station_vouches() -> None:
-    real = Entry("cutometer", "/dev/ttyUSB0")
+REAL = ["/dev/ttyUSB0", "COM3", "/dev/ttyS0", "usb:1209:0001"]
+
+
+@pytest.mark.parametrize("simulated", [False, True])
+@pytest.mark.parametrize("address", REAL)
+@pytest.mark.parametrize("instrument", INSTRUMENTS, ids=lambda i: i.name)
+def test_a_real_port_is_refused_unless_the_station_vouches(
+    instrument: Instrument, address: str, simulated: bool
+) -> None:
     with pytest.raises(NotAllowed, match="i_have_verified_the_codec: true"):
-        cutometer.open_rig(real)
-    assert cutometer.open_rig(Entry("cutometer", "/dev/ttyUSB0", i_have_verified_the_codec=True))
+        instrument.open_rig(Entry(instrument.name, address, simulated=simulated))
+    assert instrument.open_rig(Entry(instrument.name, address, i_have_verified_the_codec=True))
+
+
+@pytest.mark.parametrize("address", ["spy:///dev/x?file=y", "alt://x", "hwgrep://x", "rfc2217://h:1", "loop://", "x"])
+def test_no_rig_takes_pyserial_s_urls(address: str) -> None:
+    for instrument in INSTRUMENTS:
+        with pytest.raises(ValueError, match="is no link"):
+            instrument.open_rig(Entry(instrument.name, address, simulated=True))
+
+
+def test_what_is_called_simulated_must_call_itself_so() -> None:
+    """A real instrument behind a bridge on this computer's own TCP port answers: it is turned down."""
+    with serve("cutometer", "tcp") as server:
+        assert "simulat" in server.bench.identity.model
+        server._sim.firmware.identity = Identity("Cutometer MPA 580", "A113", "5.1")
+        device = server.open_rig().device
+        with pytest.raises(NotAllowed, match="'Cutometer MPA 580' answers, which does not call itself a simulator"):
+            device.connect()
+        device.close()
+        assert server.back_door.truth().state == "idle"
 
 
 def test_an_unknown_source_is_a_fault() -> None:

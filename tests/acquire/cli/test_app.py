@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -24,6 +25,7 @@ COMMANDS = (
     "ls",
     "fit",
     "gui",
+    "safe",
     "gap",
 )
 
@@ -95,3 +97,12 @@ def test_a_command_that_is_not_there_says_so(
     monkeypatch.setattr(app, "COMMANDS", {"ghost": ("acquire.cli.ghost", "ghost"), "bad": ("tests.bad", "x")})
     assert app.run(["ghost", "a", "--b", "3"]) == 2
     assert "acquire ghost is not installed" in capsys.readouterr().err
+
+
+def test_a_faulty_station_opens_no_window(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("PySide6")
+    station = tmp_path / "station.yaml"
+    station.write_text("schema: station/1\ninstruments:\n  cutometer: {adress: /dev/ttyUSB0}\n")
+    for command in (["gui"], ["safe"], ["devices"], ["run", "demo-cutometer"]):
+        assert app.run([*command, "--station", str(station)]) == 2
+        assert "station.yaml:3:" in capsys.readouterr().err

@@ -27,7 +27,7 @@ class FakeDevice(Device):
         self.state, self.value, self.time = "idle", 0.0, 0.0
         self.queue: list[Segment] = []
         self.executed, self.began, self.fault = 0, float("nan"), ""
-        self.unplugged = self.silent = self.gap = False
+        self.unplugged = self.silent = self.gap = self.open = False
         self.raise_on: dict[str, Exception] = {}
         self.override: float | None = None
         self._seq, self._wall, self._beaten = 0, time.monotonic(), time.monotonic()
@@ -57,6 +57,7 @@ class FakeDevice(Device):
 
     def connect(self) -> Identity:
         self._call("connect")
+        self.open = True
         return Identity("fake", "0", "1")
 
     def start_stream(self) -> None:
@@ -97,11 +98,14 @@ class FakeDevice(Device):
         self._beaten = time.monotonic()
 
     def make_safe(self) -> None:
+        if not self.open:
+            return
         self.queue, self.value, self.state = [], 0.0, "safe"
         self._call("make_safe")
 
     def close(self) -> None:
         self.calls.append("close")
+        self.open = False
 
     def read(self, timeout: float) -> Sequence[Block | Frame]:
         self.threads.add(threading.get_ident())

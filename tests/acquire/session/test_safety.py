@@ -201,3 +201,57 @@ def test_ctrl_c_on_the_command_line(elsewhere: tuple[BackDoor, subprocess.Popen[
     assert host.returncode == 5
     assert "aborted by a person (SIGINT)" in err
     assert open_recording(out.strip()).info.status == "aborted"
+
+
+def again(process: subprocess.Popen[str], *options: str) -> subprocess.CompletedProcess[str]:
+    """``acquire`` once more on the same station."""
+    run = list(process.args)[:-2] if isinstance(process.args, list) else []
+    station = run[run.index("--station") + 1]
+    return subprocess.run([*run[:3], *options, "--station", station], capture_output=True, text=True, timeout=60)
+
+
+def test_the_next_run_after_a_crash_starts_and_tells_what_it_found(
+    elsewhere: tuple[BackDoor, subprocess.Popen[str], Path], tmp_path: Path
+) -> None:
+    door, host, out = elsewhere
+    host.kill()
+    door.wait_vented()
+    eventually(lambda: door.truth().state == "fault")
+    seen = again(host, "devices", "--connect")
+    assert "fault: no heartbeat" in seen.stdout
+    assert door.truth().state == "fault"  # looking changes nothing
+    brief = tmp_path / "brief.yaml"
+    step = "{type: hold, suction: 100 mbar, duration: 0.2 s}"
+    brief.write_text(f"schema: protocol/1\nname: brief\ninstrument: cutometer\nsteps: [{step}]\n")
+    next_one = again(host, "run", str(brief), "-o", str(out / "next.h5"))
+    assert next_one.returncode == 0, next_one.stderr
+    assert "was left in fault: no heartbeat" in next_one.stderr
+
+
+def test_a_fault_of_the_instrument_s_own_waits_for_acquire_safe(
+    elsewhere: tuple[BackDoor, subprocess.Popen[str], Path],
+) -> None:
+    door, host, out = elsewhere
+    host.kill()
+    door.wait_vented()
+    with door._sim.lock:
+        door._sim.firmware.trip("pressure -31500 is outside -30000 to 0")
+    for _ in range(2):  # once more is no acknowledgement
+        refused = again(host, "run", "cutometer-instant-300", "-o", str(out / "next.h5"))
+        assert refused.returncode == 3
+        assert "acquire safe" in refused.stderr
+        assert door.truth().state == "fault"
+    safe = again(host, "safe")
+    assert safe.returncode == 0, safe.stderr
+    assert "cutometer: safe; pressure" in safe.stdout
+    assert door.truth().state == "safe"
+
+
+def test_acquire_safe_says_so_when_it_cannot(elsewhere: tuple[BackDoor, subprocess.Popen[str], Path]) -> None:
+    door, host, _ = elsewhere
+    host.kill()
+    door.wait_vented()
+    door.unplug()
+    lost = again(host, "safe")
+    assert lost.returncode == 3
+    assert "NOT SEEN TO BE SAFE: cutometer" in lost.stderr

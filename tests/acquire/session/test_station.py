@@ -101,7 +101,19 @@ def test_recordings_tell_seed_and_assumed_scale() -> None:
         (("value: 0.55 N", "value: 0.55 mm"), ":16:", "no unit of force"),
         (("simulated: {tissue: cheek, effects: [leak], seed: 3}", "limits: {}"), ":18:", "needs an address"),
         (("seed: 3", "seed: many"), ":19:", "integer"),
-        (("simulated: {tissue: cheek", "address: x\n    simulated: {tissue: cheek"), ":18:", "simulated elsewhere"),
+        (
+            ("simulated: {tissue: cheek", "address: /dev/x\n    simulated: {tissue: cheek"),
+            ":18:",
+            "simulated elsewhere",
+        ),
+        (("/dev/ttyUSB0", "spy:///dev/ttyUSB0?file=/tmp/x"), ":5:", "is no link"),
+        (("/dev/ttyUSB0", "alt://dev/ttyUSB0?class=x"), ":5:", "is no link"),
+        (("/dev/ttyUSB0", "hwgrep://0403"), ":5:", "is no link"),
+        (("/dev/ttyUSB0", "rfc2217://lab:7000"), ":5:", "is no link"),
+        (("/dev/ttyUSB0", "loop://"), ":5:", "is no link"),
+        (("/dev/ttyUSB0", "notes.txt"), ":5:", "is no link"),
+        (("/dev/ttyUSB0", "socket://192.0.2.7:4001"), ":5:", "say 'host: 192.0.2.7' too"),
+        (("options: {baud", "sources: {camera: 'spy://x'}\n    options: {baud"), ":8:", "is no link"),
         (("P07: {pressure: {low: -300 mbar}}", "P07: {pressure: -300 mbar}"), ":21:", "keys and values"),
         (("instruments:", "instrument:"), ":3:", "did you mean 'instruments'"),
     ],
@@ -132,3 +144,9 @@ def test_a_kind_without_driver() -> None:
         pytest.raises(ValueError, match="no driver for an instrument"),
     ):
         session.open("toaster")
+
+
+def test_another_computer_is_reached_where_the_station_says_so_twice() -> None:
+    far = FULL.replace("address: /dev/ttyUSB0", "address: socket://adapter.lab:4001\n    host: adapter.lab")
+    assert load_station(far).instruments["cutometer"].host == "adapter.lab"
+    assert load_station(FULL.replace("/dev/ttyUSB0", "'socket://[::1]:4001'"))

@@ -8,6 +8,7 @@ import socket
 import threading
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -140,6 +141,15 @@ def test_addresses_that_mean_nothing(address: str, words: str) -> None:
 def test_nobody_there(address: str) -> None:
     with pytest.raises(LinkLost, match=address):
         open_transport(address)
+
+
+@posix
+def test_what_is_no_port_is_not_opened_as_one(tmp_path: Path) -> None:
+    notes = tmp_path / "notes"
+    notes.write_text("precious")
+    with pytest.raises(LinkLost, match="no serial port"):
+        open_transport(str(notes))
+    assert notes.read_text() == "precious"
 
 
 def test_kinds() -> None:
