@@ -141,6 +141,7 @@ def blind_make(
     seed: Annotated[int, typer.Option(help="Seed of the set.")] = 1,
     instrument: Annotated[list[str] | None, typer.Option(help="Only these instruments (may be repeated).")] = None,
     passphrase: Annotated[str, typer.Option(help="What the key is encrypted with.")] = "",
+    style: Annotated[str, typer.Option(help="wide: laboratories as they differ; dense: the nominal one.")] = "wide",
 ) -> None:
     """Write cases whose names, metadata and order say nothing, and their key apart, encrypted."""
     from gap.blind import make
@@ -152,7 +153,7 @@ def blind_make(
 
         key = make_own(n, seed, output, passphrase, chosen)
     else:
-        key = make(tier, n, seed, output, chosen, passphrase)
+        key = make(tier, n, seed, output, chosen, passphrase, style=style)
     print(f"{output}\n{key}")
 
 

@@ -17,15 +17,14 @@ from pathlib import Path
 
 from gap.batch import diagnose_cases
 from gap.blind import Scorecard, make, score
+from gap.blind.laboratory import STYLES
 from gap.blind.vocabulary import INSTRUMENTS
 from gap.design.simulated_cases import make_own
 
 TIERS = ("T0", "T1", "T2", "T3", "T4", "T5", "T6")
 
 
-def run(
-    output: Path, tiers: list[str], n: int, seed: int, instruments: list[str], jobs: int, passphrase: str = ""
-) -> Scorecard:
+def run(output: Path, tiers: list[str], n: int, seed: int, instruments: list[str], jobs: int, style: str) -> Scorecard:
     """Make what is missing of the cases of ``tiers``, diagnose what has no report, score all together."""
     keys = []
     for tier in tiers:
@@ -33,15 +32,15 @@ def run(
         if not key.exists():
             begin = time.perf_counter()
             if tier == "T0":
-                make_own(n, seed, cases, passphrase, instruments)
+                make_own(n, seed, cases, "", instruments)
             else:
-                make(tier, n, seed, cases, instruments, passphrase)
+                make(tier, n, seed, cases, instruments, style=style)
             print(f"{tier}: {n} cases made in {time.perf_counter() - begin:.0f} s", file=sys.stderr, flush=True)
         begin = time.perf_counter()
         diagnose_cases(cases, output / "reports", jobs)
         print(f"{tier}: diagnosed in {time.perf_counter() - begin:.0f} s", file=sys.stderr, flush=True)
         keys.append(key)
-    return score(output / "reports", keys, passphrase)
+    return score(output / "reports", keys)
 
 
 def main() -> None:
@@ -51,10 +50,12 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=int(time.time()), help="of the sets (default: the clock, so fresh)")
     parser.add_argument("--instrument", nargs="+", default=list(INSTRUMENTS), choices=INSTRUMENTS, metavar="NAME")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--style", choices=STYLES, default="wide", help="laboratories as they differ, or one of them")
     parser.add_argument("-o", "--output", type=Path, default=Path("out/blind"))
     given = parser.parse_args()
-    card = run(given.output, given.tiers, given.n, given.seed, given.instrument, given.jobs)
-    heading = f"seed {given.seed}, {given.n} cases of each of {', '.join(given.tiers)}; {', '.join(given.instrument)}"
+    card = run(given.output, given.tiers, given.n, given.seed, given.instrument, given.jobs, given.style)
+    drawn = f"{given.style} style, seed {given.seed}, {given.n} cases of each of {', '.join(given.tiers)}"
+    heading = f"{drawn}; {', '.join(given.instrument)}"
     text = f"{heading}\n{card.as_text()}\n"
     (given.output / "figures.txt").write_text(text)
     (given.output / "figures.json").write_text(json.dumps(card.as_json(), indent=1) + "\n")

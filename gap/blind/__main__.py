@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 from .cases import make
+from .laboratory import STYLES
 from .scoring import score
 from .vocabulary import INSTRUMENTS
 
@@ -23,6 +24,7 @@ def main(arguments: list[str] | None = None) -> int:
     m.add_argument("-o", "--out", type=Path, required=True)
     m.add_argument("--instrument", action="append", choices=INSTRUMENTS, help="may be repeated (default: all)")
     m.add_argument("--passphrase", default="")
+    m.add_argument("--style", choices=STYLES, default="wide", help="laboratories as they differ, or the README's one")
     s = commands.add_parser("score", help="compare reports with the sealed keys")
     s.add_argument("reports", type=Path)
     s.add_argument("key", type=Path, nargs="+")
@@ -31,7 +33,8 @@ def main(arguments: list[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     try:
         if given.command == "make":
-            key = make(given.tier, given.n, given.seed, given.out, given.instrument or INSTRUMENTS, given.passphrase)
+            key = make(given.tier, given.n, given.seed, given.out, given.instrument or INSTRUMENTS, given.passphrase,
+                       style=given.style)  # fmt: skip
             print(f"{given.n} cases in {given.out}, key in {key}")
         else:
             card = score(given.reports, given.key, given.passphrase)

@@ -21,6 +21,7 @@ _COLUMNS: dict[str, tuple[str, str, float, int]] = {
     **{name: (name, "mm", 1e3, 5) for name in robot.PROBE},
     **{name: (name, "N", 1.0, 5) for name in robot.FORCE},
 }
+_LOGGED = {"pause": "vented and held", "resume": "resumed at the beginning of the interrupted segment"}
 _COMMAND_RATE = {"cutometer": 100.0, "aspiration": 100.0, "microrobot": 20.0}
 
 
@@ -32,12 +33,17 @@ def write_csv(path: Path, header: list[str], columns: list[Array], decimals: lis
 
 
 def _command(session: Session, r: Recording) -> tuple[Array, dict[str, Array]]:
-    """Times and commanded values of a recording: a grid and every corner, so that linear between rows is exact."""
-    rate = _COMMAND_RATE[session.instrument]
-    grid = r.start + np.arange(int(r.duration * rate) + 1) / rate
-    corners = r.start + np.array([c[0] for c in r.corners])
-    t = np.unique(np.round(np.concatenate([grid, corners]), 4))
-    value = r.command(t)
+    """Times and commanded values of a recording: the laboratory's table, or a grid and every corner, so that linear
+    between rows is exact."""
+    if r.table:
+        times, value = np.array(r.table).T
+        t = np.round(r.start + times, 4)
+    else:
+        rate = _COMMAND_RATE[session.instrument]
+        grid = r.start + np.arange(int(r.duration * rate) + 1) / rate
+        corners = r.start + np.array([c[0] for c in r.corners])
+        t = np.unique(np.round(np.concatenate([grid, corners]), 4))
+        value = r.command(t)
     if session.instrument == "microrobot":
         return t, {name: value * d for name, d in zip(robot.PROBE, r.direction, strict=True)}
     return t, {"pressure": -value}
@@ -49,9 +55,10 @@ def write_recording(
     """Write recording ``index`` of a session as a bundle (``recording-bundle/1``) into the new ``folder``."""
     folder.mkdir(parents=True)
     r = session.recordings[index]
-    names = list(channels)
-    data = [r.stamps(session.rate)] + [channels[n][index] * _COLUMNS[n][2] for n in names]
-    write_csv(folder / "data.csv", ["t"] + [_COLUMNS[n][0] for n in names], data, [4] + [_COLUMNS[n][3] for n in names])
+    names, more = list(channels), session.lab.decimals
+    data = [session.stamps(index)] + [channels[n][index] * _COLUMNS[n][2] for n in names]
+    digits = [4] + [_COLUMNS[n][3] + more for n in names]
+    write_csv(folder / "data.csv", ["t"] + [_COLUMNS[n][0] for n in names], data, digits)
     t, commands = _command(session, r)
     scaled = [v * _COLUMNS[n][2] for n, v in commands.items()]
     write_csv(folder / "command.csv", ["t"] + [_COLUMNS[n][0] for n in commands], [t, *scaled], [4] + [5] * len(scaled))
@@ -60,6 +67,10 @@ def write_recording(
         column, unit, _, _ = _COLUMNS[name]
         return {"file": file, "column": column, "unit": unit, "time": {"column": "t", "unit": "s"}}
 
+    log = [
+        {"time": round(float(r.start + t), 4), "level": "info", "code": code, "text": _LOGGED[code]}
+        for t, code in r.events
+    ]
     text = yaml.safe_dump(
         {
             "schema": "recording-bundle/1",
@@ -70,7 +81,8 @@ def write_recording(
             "specimen": r.specimen,
             "channels": {n: entry(n, "data.csv") for n in names},
             "setpoints": {n: entry(n, "command.csv") for n in commands},
-        },
+        }
+        | ({"events": log} if log else {}),
         sort_keys=False,
     )
     (folder / "recording.yaml").write_text(text)

@@ -9,12 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from . import effects_robot, effects_suction, robot_tissue, tissue
+from . import effects_robot, effects_suction, effects_wide, laboratory, robot_tissue, tissue
 from .bundle import write_recording
 from .forms import Form
+from .laboratory import STYLES
 from .lock import seal
-from .session import robot_session, suction_session
-from .strength import Subject, scatter_of, tolerances_of
+from .session import Session, robot_session, suction_session
+from .session_wide import wide_robot, wide_suction
+from .strength import Subject, scatter_of
 from .vocabulary import INSTRUMENTS, UNKNOWN, stage_of
 
 TIERS = ("T1", "T2", "T3", "T4", "T5", "T6")
@@ -54,11 +56,13 @@ class Truth:
     law: str
     tissue: dict[str, float]
     reference: bool
+    delta_free: float = 0.0
+    style: str = "dense"
 
 
-def _forms(instrument: str, tier: str) -> list[Form]:
+def _forms(instrument: str, tier: str, style: str) -> list[Form]:
     every = effects_suction if instrument != "microrobot" else effects_robot
-    pool = every.OUTSIDE if tier == "T5" else every.FORMS
+    pool = every.OUTSIDE if tier == "T5" else every.FORMS + (effects_wide.FORMS if style == "wide" else ())
     own = tier != "T1"
     return [
         f
@@ -67,15 +71,23 @@ def _forms(instrument: str, tier: str) -> list[Form]:
     ]
 
 
-def _subject(instrument: str, tier: str, rng: np.random.Generator) -> tuple[Subject, bool]:
+def _session(instrument: str, style: str, rng: np.random.Generator, reference: bool) -> Session:
+    is_robot = instrument == "microrobot"
+    if style == "wide":
+        lab = laboratory.draw(instrument, rng)
+        return wide_robot(rng, reference, lab) if is_robot else wide_suction(instrument, rng, reference, lab)
+    return robot_session(rng, reference) if is_robot else suction_session(instrument, rng, reference)
+
+
+def _subject(instrument: str, tier: str, style: str, rng: np.random.Generator) -> tuple[Subject, bool]:
     reference = bool(rng.random() < REFERENCE)
     is_robot = instrument == "microrobot"
-    session = robot_session(rng, reference) if is_robot else suction_session(instrument, rng, reference)
+    session = _session(instrument, style, rng, reference)
     laws = list((robot_tissue if is_robot else tissue).LAWS)
     law = str(rng.choice(laws[1:])) if tier in ("T3", "T6") else laws[0]
     person = robot_tissue.draw(rng) if is_robot else tissue.draw(instrument, rng)
     scatter = np.exp(scatter_of(session) * rng.normal(size=len(session.recordings)))
-    tolerance = {name: float(sd * rng.normal()) for name, sd in tolerances_of(instrument).items()}
+    tolerance = {name: float(sd * rng.normal()) for name, sd in session.lab.tolerances.items()}
     return Subject(session, law, person, scatter, tolerance, int(rng.integers(2**31))), reference
 
 
@@ -110,7 +122,7 @@ def _hide(subject: Subject, tier: str, deck: _Deck, rng: np.random.Generator) ->
     instrument = subject.session.instrument
     if tier == "T6" or (tier in ("T1", "T2", "T3") and rng.random() < NO_EFFECT):
         return []
-    forms = _forms(instrument, tier)
+    forms = _forms(instrument, tier, subject.session.lab.style)
     wanted = 1 if tier != "T4" else int(rng.choice([2, 3], p=[0.7, 0.3]))
     span = DELTA if tier != "T4" else DELTA_SEVERAL
     chosen: list[tuple[Form, float, float, dict[str, float]]] = []
@@ -138,12 +150,14 @@ def make(
     instruments: Sequence[str] = INSTRUMENTS,
     passphrase: str = "",
     progress: Callable[[int, int], None] | None = None,
+    style: str = "wide",
 ) -> Path:
     """Write ``n`` blind cases of ``tier`` into the new folder ``out`` and their sealed key beside it.
 
     The instruments take turns. Each case is ``case-<hex>/r01 ...``, recordings of one session in order; the key is
     ``<out>-key/key.bin``, sealed with ``passphrase`` (see ``write_key``). Returns the key's path.
-    Equal arguments give equal cases. Raises ValueError for an unknown tier or instrument, FileExistsError if ``out``
+    ``style`` is ``wide`` (laboratories as they differ) or ``dense`` (README.md's instrument to the letter). Equal
+    arguments give equal cases. Raises ValueError for an unknown tier, style or instrument, FileExistsError if ``out``
     or the key exists.
     """
     out = Path(out)
@@ -151,6 +165,8 @@ def make(
         raise ValueError("tier T0 is made by the diagnosis' own simulator, not by this generator (which has T1 ... T6)")
     if tier not in TIERS:
         raise ValueError(f"unknown tier {tier!r}: one of T0, {', '.join(TIERS)}")
+    if style not in STYLES:
+        raise ValueError(f"unknown style {style!r}: one of {', '.join(STYLES)}")
     if unknown := [i for i in instruments if i not in INSTRUMENTS]:
         raise ValueError(f"unknown instrument {unknown[0]!r}: one of {', '.join(INSTRUMENTS)}")
     if n < 1 or not instruments:
@@ -163,11 +179,11 @@ def make(
     rng = np.random.default_rng(root)
     names = [f"case-{x:08x}" for x in rng.choice(2**32, size=n, replace=False).tolist()]
     turns = rng.permutation([instruments[k % len(instruments)] for k in range(n)])
-    decks = {i: _Deck([f.concept for f in _forms(i, tier)] or ["none"], rng) for i in instruments}
+    decks = {i: _Deck([f.concept for f in _forms(i, tier, style)] or ["none"], rng) for i in instruments}
     truths = []
     # Written in the order of their names, so that time stamps of files follow nothing but the names.
     for k, (case, child) in enumerate(zip(sorted(names), root.spawn(n), strict=True)):
-        truths.append(_make_case(out / case, str(turns[k]), tier, decks, np.random.default_rng(child)))
+        truths.append(_make_case(out / case, str(turns[k]), tier, style, decks, np.random.default_rng(child)))
         if progress:
             progress(k + 1, n)
     manifest = {"schema": "blind-manifest/1", "cases": [{"case": t.case, "instrument": t.instrument} for t in truths]}
@@ -186,14 +202,19 @@ def write_key(path: Path, truths: Sequence[Truth], passphrase: str = "") -> None
     path.write_bytes(seal(plain.encode(), passphrase))
 
 
-def _make_case(folder: Path, instrument: str, tier: str, decks: dict[str, _Deck], rng: np.random.Generator) -> Truth:
+def _make_case(
+    folder: Path, instrument: str, tier: str, style: str, decks: dict[str, _Deck], rng: np.random.Generator
+) -> Truth:
     looks = rng.spawn(1)[0]
-    subject, reference = _subject(instrument, tier, rng)
+    subject, reference = _subject(instrument, tier, style, rng)
     hidden = _hide(subject, tier, decks[instrument], rng)
     knobs = {k: v for h in hidden for k, v in h.knobs.items()}
     total = hidden[0].delta if len(hidden) == 1 else subject.detectability(knobs) if hidden else 0.0
+    free = subject.detectability_free(knobs) if knobs else 0.0
     channels = subject.record(knobs, noisy=True)
     person, site = f"P{int(looks.integers(100)):02d}", str(looks.choice(_SITES))
     for k in range(len(subject.session.recordings)):
         write_recording(folder / f"r{k + 1:02d}", subject.session, k, channels, person, site)
-    return Truth(folder.name, tier, instrument, hidden, total, subject.law, dict(subject.tissue), reference)
+    return Truth(
+        folder.name, tier, instrument, hidden, total, subject.law, dict(subject.tissue), reference, free, style
+    )

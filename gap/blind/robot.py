@@ -11,6 +11,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from . import spells
 from .instants import Knobs, taken
 from .robot_axes import SUBSTEPS, Loop, drawn_after, limited, loops
 from .robot_kinematics import (
@@ -31,8 +32,6 @@ from .suction import Channels
 
 MASS, KP, KI, KD = 0.060, 1500.0, 12000.0, 15.0  # kg, N/m, N/(m s), N s/m: README.md
 DRAG = 1.0  # N s/m, of slides and coil
-AXIS_NOISE, AXIS_STEP = 12e-6, 1e-6  # m
-LEG_NOISE, LEG_STEP = 5e-3, 5e-4  # N
 AXES = ("axis_position_1", "axis_position_2", "axis_position_3")
 LEGS = ("transducer_force_a", "transducer_force_b", "transducer_force_c")
 PROBE = ("probe_x", "probe_y", "probe_z")
@@ -55,7 +54,7 @@ def _targets(s: Session, fx: Knobs) -> Array:
     if rate := fx.get("slew_soft", 0.0):
         way = uneven_lag(limited(way, s.dt, rate), s.dt, 2e-5 / rate, 2e-5 / rate)
     q = np.zeros((way.size, 3))
-    grid = np.linspace(0.0, 1.5e-3, 257)  # linear between: 0.2 nm off at most
+    grid = np.linspace(-1.5e-3, 1.5e-3, 513)  # linear between: 0.2 nm off at most
     for k, direction in enumerate(directions):
         table, rows = axes_for(grid[:, None] * direction), which == k
         for a in range(3):
@@ -113,7 +112,7 @@ def _reaction(s: Session, u: Array, law: str, tissue: Parameters, fx: Knobs, rng
             s.dt,
             tissue,
         )
-    f = _skin_effects(s, u, f, tissue["stiffness"], fx)
+    f = spells.resistance(s, u, _skin_effects(s, u, f, tissue["stiffness"], fx), fx)
     if a := get("pulse", 0.0):
         direction = np.array([0.3, 0.2, 1.0])
         f = f + a * np.sin(2 * np.pi * get("pulse_hz", 1.1) * s.t + get("pulse_phase", 0.0))[:, None] * direction
@@ -189,6 +188,7 @@ def _legs(s: Session, f: Array, normal: Array, q: Array, fx: Knobs) -> Array:
         f = f + 9.81 * m * normal * np.array([1.0, 1.0, 0.0])
     if m := get("head_overhang", 0.0):
         f = f + 9.81 * m * (normal - np.array([0, 0, 1.0])) * np.array([1.6, 0.7, 1.0])
+    f = spells.head(s, f, fx)
     real = force_matrix(LEG_HEIGHT * (1 + get("h_error", 0.0)), LEG_RADIUS * (1 + get("w_error", 0.0)))
     x = f @ np.linalg.inv(real).T
     x = x * (1 + np.array([get(f"leg_tolerance_{i}", 0.0) for i in range(3)]))
@@ -221,7 +221,7 @@ def _legs(s: Session, f: Array, normal: Array, q: Array, fx: Knobs) -> Array:
         x[:, k] += a * np.sin(2 * np.pi * get("hum_hz", 7.3) * s.t) * (np.sin(0.37 * s.t) > 0.3)
     if a := get("cable", 0.0):  # outside: a cable drags on the head, elastic with dry friction inside
         x = x + a * (columns(bristle, q, 4e-4) + q / 1e-3) * np.roll([1.0, 0.2, -0.6], k)
-    return np.asarray(x)
+    return spells.transducers(s, np.asarray(x), fx)
 
 
 def simulate(
@@ -258,12 +258,16 @@ def _axes(s: Session, ref: Array, base: Array, load: Array, tangent: Array, fx: 
     """Actuator stage: axis positions (N, 3) [m] under a load (N, 3) [N]; see ``robot_axes.loops``."""
     get = fx.get
     dry = np.full(3, get("dry", 0.0) + get("dry_share", 0.0) * get("stribeck", 0.0))
-    dry[int(get("axis", 0))] += get("dry_one", 0.0)
+    axis = int(get("axis", 0))
+    dry[axis] += get("dry_one", 0.0) + 0.5 * get("stribeck_one", 0.0)
+    one = np.zeros((2, 3))  # drag and Stribeck's excess of single axes
+    one[:, axis] = get("drag_one", 0.0), get("stribeck_one", 0.0)
     stiff = 1 + get("servo_tolerance", 0.0)
     sound = {"mass": MASS, "kp": KP * stiff, "ki": KI * stiff, "kd": KD}
+    sound = {name: value * get(f"{name}_share", 1.0) for name, value in sound.items()}
     effects = {name: float(get(name, _UNUSED.get(name, 0.0))) for name in Loop._fields[4:]}
     effects["drag"] += DRAG
-    q: Array = loops(ref, load, base, tangent, float(s.dt[1]) / SUBSTEPS, Loop(**sound, **effects), dry)
+    q: Array = loops(ref, load, base, tangent, float(s.dt[1]) / SUBSTEPS, Loop(**sound, **effects), dry, one)
     return q
 
 
@@ -289,10 +293,10 @@ def _record(s: Session, traces: Mapping[str, tuple[Array, Array]], fx: Knobs, se
     for k, r in enumerate(s.recordings):
         q, legs = traces[r.specimen]
         rows = np.random.default_rng((seed, k))
-        stamps = r.stamps(s.rate)
-        when = taken(stamps, 1 / s.rate, timing, rows)
-        at = np.stack([np.interp(when.main, s.t, q[:, i]) for i in range(3)], axis=1)
-        x = np.stack([np.interp(when.second, s.t, legs[:, i]) for i in range(3)], axis=1)
+        stamps = s.stamps(k)
+        when = taken(stamps, 1 / s.rate, k, timing, rows)
+        at = np.stack([s.sampled(when.main, q[:, i], fx) for i in range(3)], axis=1)
+        x = np.stack([s.sampled(when.second, legs[:, i], fx) for i in range(3)], axis=1)
         leg = int(get("leg", 0))
         x[:, leg] += get("offset", 0.0) + get("offset_jump", 0.0) * (
             stamps > r.start + get("jump_at", 0.5) * r.duration
@@ -300,10 +304,10 @@ def _record(s: Session, traces: Mapping[str, tuple[Array, Array]], fx: Knobs, se
         if a := get("tare_each", 0.0):
             x = x - _at(s, r.start + r.onset + a, legs)
         if noisy:
-            at = at + AXIS_NOISE * rows.normal(size=at.shape)
-            x = x + LEG_NOISE * rows.normal(size=x.shape)
-        x = _leg_digits(x, fx, noisy)
-        at = coarsened(at, AXIS_STEP, get("axis_coarse", 0.0), 0.0, noisy)
+            at = at + np.stack([s.lab.noise["axis"].draw(len(at), 1 / s.rate, rows) for _ in range(3)], axis=1)
+            x = x + np.stack([s.lab.noise["leg"].draw(len(x), 1 / s.rate, rows) for _ in range(3)], axis=1)
+        x = _leg_digits(x, s.lab.noise["leg"].step, fx, noisy)
+        at = coarsened(at, s.lab.noise["axis"].step, get("axis_coarse", 0.0), 0.0, noisy)
         at, x = at[when.row], x[when.row]
         x = x * (get("unit_force", 1.0) if get("unit_only", -1.0) in (-1.0, float(k)) else 1.0)
         seen = x[:, [1, 0, 2]] if get("legs_swapped", 0.0) else x
@@ -315,11 +319,11 @@ def _record(s: Session, traces: Mapping[str, tuple[Array, Array]], fx: Knobs, se
             (FORCE, seen @ matrix.T),
         ):
             for i, name in enumerate(names):
-                out[name].append(np.ascontiguousarray(values[:, i]))
+                out[name].append(spells.computed(name, np.ascontiguousarray(values[:, i]), fx))
     return out
 
 
-def _leg_digits(x: Array, fx: Knobs, noisy: bool) -> Array:
+def _leg_digits(x: Array, step: float, fx: Knobs, noisy: bool) -> Array:
     """Range and resolution of the transducers; what is tared off is preload, so tension down to it can be read."""
     get = fx.get
     if top := get("ceiling", 0.0):
@@ -327,4 +331,4 @@ def _leg_digits(x: Array, fx: Knobs, noisy: bool) -> Array:
     if low := get("unloaded", 0.0):  # a transducer whose preload is used up reads less and less
         knee = -0.6 * low
         x = np.where(x < knee, knee - 0.4 * low * np.tanh((knee - x) / (0.4 * low)), x)
-    return coarsened(x, LEG_STEP, get("leg_coarse", 0.0), get("leg_coarse_uneven", 0.0), noisy)
+    return coarsened(x, step, get("leg_coarse", 0.0), get("leg_coarse_uneven", 0.0), noisy)

@@ -33,15 +33,18 @@ class Loop(NamedTuple):
     cogging: float  # N
     cog_pitch: float  # m
     binding: float  # dry friction for each newton of load
+    weight: float  # N that the hard bound has to carry as well
+    unfed: float  # 1: the set-point's speed is not fed forward
 
 
 @njit(cache=True)
-def loops(ref, load, base, tangent, h, c, dry):  # type: ignore[no-untyped-def]
+def loops(ref, load, base, tangent, h, c, dry, one):  # type: ignore[no-untyped-def]
     """Three PID loops under a load (N, 3) [N], each a mass with its friction; returns axis positions (N, 3) [m].
 
     Forces are held over a substep; drag is implicit in speed, and dry friction is the force that would just stop the
-    mass at the end of the substep, if that is within its bound. ``dry`` (3,) is the Coulomb friction of each axis [N].
-    The load acts at positions ``base`` (N, 3); elsewhere ``tangent`` (3, 3) [N/m] corrects it.
+    mass at the end of the substep, if that is within its bound. ``dry`` (3,) is the Coulomb friction of each axis [N],
+    ``one`` (2, 3) further drag [N s/m] and Stribeck friction [N] of each. The load acts at positions ``base`` (N, 3);
+    elsewhere ``tangent`` (3, 3) [N/m] corrects it.
     """
     out = np.empty_like(ref)
     q, v, integral, z = ref[0].copy(), np.zeros(3), np.zeros(3), np.zeros(3)
@@ -59,12 +62,12 @@ def loops(ref, load, base, tangent, h, c, dry):  # type: ignore[no-untyped-def]
                 r = ref[i - 1, a] + (ref[i, a] - ref[i - 1, a]) * w
                 vr = (ref[i, a] - ref[i - 1, a]) / (n * h)
                 e = r - q[a]
-                u = c.kp * e + c.ki * integral[a] + c.kd * (vr - v[a])
+                u = c.kp * e + c.ki * integral[a] + c.kd * (vr * (1.0 - c.unfed) - v[a])
                 if c.soft > 0.0:
                     u = c.soft * np.tanh(u / c.soft)
-                held = c.limit > 0.0 and abs(u) > c.limit
+                held = c.limit > 0.0 and abs(u + c.weight) > c.limit
                 if held:
-                    u = c.limit if u > 0 else -c.limit
+                    u = (c.limit if u + c.weight > 0 else -c.limit) - c.weight
                 if not held:
                     integral[a] += h * e
                 elif c.windup > 0.0:
@@ -77,14 +80,14 @@ def loops(ref, load, base, tangent, h, c, dry):  # type: ignore[no-untyped-def]
                     warm[a] += h * (u * u - warm[a]) / 20.0
                     u *= max(1.0 - c.heating * warm[a], 0.2)
                 f = u + push
-                drag = c.drag
+                drag = c.drag + one[0, a]
                 if c.thin > 0.0:
                     drag += c.thin / np.sqrt(1e-3 * max(abs(v[a]), 1e-5))
                 if c.cogging > 0.0:
                     f += c.cogging * np.sin(2 * np.pi * q[a] / c.cog_pitch)
                 bound = dry[a] + c.binding * abs(push)
                 if c.friction_law == 1:
-                    bound += c.stribeck * np.exp(-abs(v[a]) / c.stribeck_speed)
+                    bound += (c.stribeck + one[1, a]) * np.exp(-abs(v[a]) / c.stribeck_speed)
                 elif c.friction_law == 2:
                     bound += c.stribeck / (1.0 + (v[a] / c.stribeck_speed) ** 2)
                 if c.friction_law == 3:

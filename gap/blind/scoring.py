@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
@@ -10,113 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from .lock import unseal
-from .vocabulary import CONCEPTS
+from .answers import Case, load
 
 BINS = ((0.5, 3.0), (3.0, 5.0), (5.0, 10.0), (10.0, 30.0), (30.0, 100.0), (100.0, np.inf))
 _RESAMPLES = 400
-TOSS = 0.2
-"""Probability from which a second cause counts as named."""
-
-
-class Cause(BaseModel):
-    """An entry of ``causes`` in a ``gap-report/1``; what the scorer does not need is ignored."""
-
-    model_config = ConfigDict(extra="ignore", populate_by_name=True)
-    effects: list[str]
-    members: list[str] = Field(default_factory=list, alias="class")
-    probability: float = Field(ge=0.0, le=1.0)
-    shrink: dict[str, float | None] = Field(default_factory=dict)
-
-    @property
-    def names(self) -> set[str]:
-        """Every effect that this cause stands for."""
-        return set(self.effects) | set(self.members)
-
-
-class Place(BaseModel):
-    """An entry of ``where``."""
-
-    model_config = ConfigDict(extra="ignore")
-    stage: str
-    probability: float = 0.0
-
-
-class Report(BaseModel):
-    """The parts of a ``gap-report/1`` that are scored."""
-
-    model_config = ConfigDict(extra="ignore")
-    verdict: str
-    where: list[Place] = Field(default_factory=list)
-    causes: list[Cause] = Field(default_factory=list)
-    unknown_probability: float | None = None
-    indistinguishable: list[list[str]] = Field(default_factory=list)
-    cost: dict[str, Any] = Field(default_factory=dict)
-
-    @property
-    def ranked(self) -> list[Cause]:
-        """Causes, the most probable first."""
-        return sorted(self.causes, key=lambda c: -c.probability)
-
-
-@dataclass(frozen=True)
-class Case:
-    """Truth and answer of one case. ``report`` is None where the diagnosis delivered none (counted as wrong)."""
-
-    name: str
-    tier: str
-    instrument: str
-    effects: tuple[str, ...]
-    stages: tuple[str, ...]
-    deltas: tuple[float, ...]
-    delta: float
-    report: Report | None
-
-    def hit(self, top: int) -> bool:
-        """Whether the hidden effects are all among the ``top`` causes, or in their classes."""
-        if self.report is None:
-            return False
-        named = set[str]().union(*(c.names for c in self.report.ranked[:top]))
-        return set(self.effects) <= named
-
-    @property
-    def verdict(self) -> str:
-        return self.report.verdict if self.report else "missing"
-
-    @property
-    def false_alarm(self) -> bool:
-        """A device effect named with more than even odds; a missing report counts as one."""
-        if self.report is None:
-            return True
-        if self.verdict in ("none", "unknown", "undetectable"):
-            return False
-        return any(c.probability > 0.5 and _device(c) for c in self.report.causes)
-
-    @property
-    def coin_toss(self) -> bool:
-        """Whether two causes that the report itself calls indistinguishable stand apart in it, each with a probability
-        worth naming."""
-        if self.report is None:
-            return False
-        named = [c for c in self.report.ranked if c.probability > TOSS]
-        pairs = [(a, b) for k, a in enumerate(named) for b in named[:k]]
-        groups = [set(g) for g in self.report.indistinguishable]
-        return any(a.names & g and b.names & g and not a.names & b.names for a, b in pairs for g in groups)
-
-    @property
-    def unknown_score(self) -> float:
-        """How sure the diagnosis is that the cause is outside its library."""
-        if self.report is None:
-            return 0.0
-        given = self.report.unknown_probability
-        return float(self.verdict == "unknown") if given is None else given
-
-
-def _device(cause: Cause) -> bool:
-    stages = [CONCEPTS[n].stage if n in CONCEPTS else "unlisted" for n in cause.names]
-    return bool(stages) and "tissue" not in stages
 
 
 @dataclass(frozen=True)
@@ -253,44 +150,6 @@ def _seconds(c: Case) -> float | None:
     return None if seconds is None else float(seconds)
 
 
-def _load_report(path: Path) -> Report | None:
-    if not path.exists():
-        return None
-    try:
-        return Report.model_validate_json(path.read_bytes())
-    except ValidationError as e:
-        first = e.errors()[0]
-        raise ValueError(f"{path.name}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
-
-
-def load(reports: Path, keys: Sequence[Path], passphrase: str = "") -> list[Case]:
-    """Truths of the sealed ``keys`` joined with the reports ``<case>.json``.
-
-    Raises ValueError for a wrong passphrase or a malformed report, naming it.
-    """
-    cases = []
-    for key in keys:
-        try:
-            plain = json.loads(unseal(key.read_bytes(), passphrase))
-        except ValueError as e:
-            raise ValueError(f"{key}: {e}") from None
-        for t in plain["cases"]:
-            hidden = t["effects"]
-            cases.append(
-                Case(
-                    t["case"],
-                    t["tier"],
-                    t["instrument"],
-                    tuple(h["concept"] for h in hidden),
-                    tuple(h["stage"] for h in hidden),
-                    tuple(h["delta"] for h in hidden),
-                    t["delta"],
-                    _load_report(reports / f"{t['case']}.json"),
-                )
-            )
-    return cases
-
-
 def evaluate(cases: Sequence[Case]) -> Scorecard:
     """Compute every figure; cases of several tiers may be mixed, each figure takes those it is about."""
     single = [c for c in cases if len(c.effects) == 1 and c.tier in ("T0", "T1", "T2", "T3")]
@@ -304,7 +163,15 @@ def evaluate(cases: Sequence[Case]) -> Scorecard:
     first, third = _share(lambda c: c.hit(1)), _share(lambda c: c.hit(3))
     effect = _share(lambda c: c.verdict in ("effect", "several"))
     alarm = _share(lambda c: c.false_alarm)
+    free = [c for c in asked if (c.delta if c.delta_free is None else c.delta_free) >= 5]
+    claims = [c for c in cases if c.claims and c.tier in ("T2", "T3")]
+    sets = [c for c in seen if c.covered is not None]
     figures = [
+        _figure("top-1, skin alone, delta_free >= 5", [c for c in free if not c.reference], first, ">= 0.80"),
+        _figure("top-1, with references, delta_free >= 5", [c for c in free if c.reference], first, ">= 0.90"),
+        _figure("right among claims", claims, _share(lambda c: bool(c.effects) and c.hit(1)), ">= 0.95"),
+        _figure("coverage of the 90 % set", sets, _share(lambda c: bool(c.covered)), ">= 0.88"),
+        _figure("size of the 90 % set (mean)", sets, lambda cs: float(np.mean([_size(c) for c in cs])), "<= 2"),
         _figure("top-1", seen, first, ">= 0.95"),
         _figure("top-3", seen, third, ">= 0.99"),
         _figure("stage", seen, _share(_stage_right), ">= 0.93"),
@@ -335,11 +202,17 @@ def evaluate(cases: Sequence[Case]) -> Scorecard:
     for tier in ("T1", "T2", "T3"):
         figures.append(_figure(f"top-1, {tier}", [c for c in single if c.tier == tier and c.delta >= 5], first))
     for instrument in sorted({c.instrument for c in cases}):
+        quiet = [c for c in nothing if c.instrument == instrument and c.tier == "T6"]
+        figures.append(_figure(f"false alarms T6, {instrument}", quiet, alarm, "<= 0.05"))
         figures.append(_figure(f"top-1, {instrument}", [c for c in seen if c.instrument == instrument], first))
     wrong = Counter((f"{c.instrument}: {c.effects[0]}", _answer(c)) for c in seen if not c.hit(1))
     mistakes = tuple((truth, answer, n) for (truth, answer), n in wrong.most_common(15))
     missing = sum(c.report is None for c in cases)
     return Scorecard(tuple(figures), mistakes, len(cases), missing, tuple(_row(c) for c in cases))
+
+
+def _size(c: Case) -> int:
+    return len(c.report.chosen or ()) if c.report else 0
 
 
 def _answer(c: Case) -> str:
@@ -355,6 +228,7 @@ def _row(c: Case) -> dict[str, Any]:
         "instrument": c.instrument,
         "truth": list(c.effects),
         "delta": round(c.delta, 3),
+        "delta_free": None if c.delta_free is None else round(c.delta_free, 3),
         "verdict": c.verdict,
         "answer": _answer(c),
         "hit": c.hit(1) if c.effects else None,

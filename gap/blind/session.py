@@ -5,11 +5,12 @@ Pressures are suctions (positive pascals) inside this package; bundles carry the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from .laboratory import Laboratory, nominal
 from .signals import Array
 
 STEP = 2.5e-3  # s, integration step of the suction chain during a recording
@@ -23,7 +24,8 @@ class Recording:
     """One recording: commanded waveform ``corners`` (time from start [s], suction [Pa] or displacement [m]).
 
     ``onset`` is when the first loading is commanded, in seconds from the start. For the robot ``direction`` is the
-    unit vector of the commanded motion.
+    unit vector of the commanded motion. ``table`` are the set-points as the laboratory has them, where they are not
+    ``corners``, and ``events`` (time from start, code) what its log says.
     """
 
     start: float
@@ -34,10 +36,8 @@ class Recording:
     repeat: int
     specimen: str = "skin"
     direction: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-    def stamps(self, rate: float) -> Array:
-        """Nominal sampling instants on the session's clock [s]."""
-        return self.start + np.arange(round(self.duration * rate)) / rate
+    table: tuple[tuple[float, float], ...] = ()
+    events: tuple[tuple[float, str], ...] = ()
 
     def command(self, t: Array) -> Array:
         """Commanded value at session times ``t`` (linear between corners, 0 or last value outside)."""
@@ -47,18 +47,42 @@ class Recording:
 
 @dataclass(frozen=True)
 class Session:
-    """All recordings of a case in order, their sampling rate [Hz], and the simulation grid ``t`` (N,), steps ``dt``."""
+    """All recordings of a case in order, the laboratory, and the simulation grid ``t`` (N,), steps ``dt``.
+
+    ``before`` are corners (session's clock) of a loading that nobody recorded.
+    """
 
     instrument: str
     recordings: tuple[Recording, ...]
-    rate: float
+    lab: Laboratory
     t: Array = field(repr=False)
     dt: Array = field(repr=False)
+    before: tuple[tuple[float, float], ...] = ()
+
+    @property
+    def rate(self) -> float:
+        """Samples a second."""
+        return self.lab.rate
+
+    def stamps(self, k: int) -> Array:
+        """Time stamps (n,) of recording k on the session's clock [s]."""
+        r = self.recordings[k]
+        number = np.arange(round(r.duration * self.rate))
+        scatter = np.random.default_rng(k).uniform(-0.5, 0.5, number.size) * self.lab.uneven
+        return np.asarray(r.start + np.round((number + scatter) / self.rate, 4))
+
+    def sampled(self, when: Array, x: Array, fx: Mapping[str, float]) -> Array:
+        """A signal x (N,) on the grid at instants ``when`` (n,), or its mean over the period before and after them."""
+        if not fx.get("averaged", 0.0):
+            return np.interp(when, self.t, x)
+        total = np.concatenate([[0.0], np.cumsum(0.5 * (x[1:] + x[:-1]) * np.diff(self.t))])
+        half = 0.5 / self.rate
+        return (np.interp(when + half, self.t, total) - np.interp(when - half, self.t, total)) / (2 * half)
 
     def command(self, t: Array) -> Array:
         """Commanded scalar at any session times; each recording's waveform rests at 0 between recordings."""
-        times: list[float] = [-1e3]
-        values: list[float] = [0.0]
+        times: list[float] = [-1e3, *(c[0] for c in self.before)]
+        values: list[float] = [0.0, *(c[1] for c in self.before)]
         for r in self.recordings:
             times += [r.start + c[0] for c in r.corners]
             values += [c[1] for c in r.corners]
@@ -70,7 +94,7 @@ class Session:
         return np.asarray(values, float)[np.clip(index, 0, None)]
 
 
-def _grid(recordings: Sequence[Recording], rest_step: float, step: float) -> tuple[Array, Array]:
+def grid(recordings: Sequence[Recording], rest_step: float, step: float) -> tuple[Array, Array]:
     pieces, now = [np.array([0.0])], 0.0
     for r in recordings:
         for end, h in ((r.start, rest_step), (r.start + r.duration + 0.5, step)):
@@ -83,18 +107,18 @@ def _grid(recordings: Sequence[Recording], rest_step: float, step: float) -> tup
     return t, np.round(np.diff(t, prepend=-step), 9).astype(np.float64)
 
 
-def _hold(level: float, onset: float, hold: float, rest: float) -> tuple[list[tuple[float, float]], float]:
+def hold_and_rest(level: float, onset: float, hold: float, rest: float) -> tuple[list[tuple[float, float]], float]:
     end = onset + hold
     corners = [(0.0, 0.0), (onset, 0.0), (onset + JUMP, level), (end, level), (end + JUMP, 0.0)]
     return corners, end + rest
 
 
-def _triangle(level: float, onset: float, leg: float, rest: float) -> tuple[list[tuple[float, float]], float]:
+def triangle(level: float, onset: float, leg: float, rest: float) -> tuple[list[tuple[float, float]], float]:
     corners = [(0.0, 0.0), (onset, 0.0), (onset + leg, level), (onset + 2 * leg, 0.0)]
     return corners, onset + 2 * leg + rest
 
 
-def _cycles(level: float, onset: float, hold: float, rest: float, n: int) -> tuple[list[tuple[float, float]], float]:
+def cycles(level: float, onset: float, hold: float, rest: float, n: int) -> tuple[list[tuple[float, float]], float]:
     corners, now = [(0.0, 0.0)], onset
     for _ in range(n):
         corners += [(now, 0.0), (now + JUMP, level), (now + hold, level), (now + hold + JUMP, 0.0)]
@@ -102,7 +126,7 @@ def _cycles(level: float, onset: float, hold: float, rest: float, n: int) -> tup
     return corners, now + 1.0
 
 
-def _place(
+def place(
     items: list[tuple[str, list[tuple[float, float]], float, str]], onset: float, gaps: Array
 ) -> tuple[Recording, ...]:
     made: list[Recording] = []
@@ -117,7 +141,9 @@ def _place(
     return tuple(made)
 
 
-def suction_session(instrument: str, rng: np.random.Generator, reference: bool) -> Session:
+def suction_session(
+    instrument: str, rng: np.random.Generator, reference: bool, lab: Laboratory | None = None
+) -> Session:
     """A suction session: step-holds at several levels with repeats, a linear ramp up and down, sometimes cycles.
 
     With ``reference`` one step-hold and one ramp on a rigid block are recorded too, before or after the skin.
@@ -130,26 +156,25 @@ def suction_session(instrument: str, rng: np.random.Generator, reference: bool) 
     hold, rest = round(float(hold), 1), round(float(rest), 1)
 
     def step(level: float, specimen: str = "skin") -> tuple[str, list[tuple[float, float]], float, str]:
-        return (f"hold {level:.0f}", *_hold(level, onset, hold, rest), specimen)
+        return (f"hold {level:.0f}", *hold_and_rest(level, onset, hold, rest), specimen)
 
     def ramp(level: float, specimen: str = "skin") -> tuple[str, list[tuple[float, float]], float, str]:
-        return (f"ramp {level:.0f}", *_triangle(level, onset, level / rate, rest), specimen)
+        return (f"ramp {level:.0f}", *triangle(level, onset, level / rate, rest), specimen)
 
     items = [step(levels[0]), step(levels[1]), step(levels[2]), step(levels[1])]
     items += [ramp(levels[int(rng.integers(1, 3))])] * int(rng.integers(1, 3))
     if rng.random() < 0.5:
-        items.append(("cycles", *_cycles(levels[1], onset, 4.0, 3.0, 3), "skin"))
+        items.append(("cycles", *cycles(levels[1], onset, 4.0, 3.0, 3), "skin"))
     order = rng.permutation(len(items))
     items = [items[k] for k in order]
     if reference:
         block = [step(levels[1], "rigid block"), ramp(levels[2], "rigid block")]
         items = block + items if rng.random() < 0.5 else items + block
-    recordings = _place(items, onset, rng.uniform(20, 50, len(items)).round(1))
-    t, dt = _grid(recordings, REST_STEP, STEP)
-    return Session(instrument, recordings, 100.0 if cut else 25.0, t, dt)
+    recordings = place(items, onset, rng.uniform(20, 50, len(items)).round(1))
+    return Session(instrument, recordings, lab or nominal(instrument), *grid(recordings, REST_STEP, STEP))
 
 
-def robot_session(rng: np.random.Generator, reference: bool) -> Session:
+def robot_session(rng: np.random.Generator, reference: bool, lab: Laboratory | None = None) -> Session:
     """A robot session: three 0.1 Hz triangles in each of several directions, one repeated, and another waveform.
 
     The other waveform is a quick push, a hold and a return, or triangles three times as fast. With ``reference`` one
@@ -187,5 +212,4 @@ def robot_session(rng: np.random.Generator, reference: bool) -> Session:
             Recording(now, length, tuple(corners), onset, condition, seen[condition + specimen], specimen, direction)
         )
         now = round(now + length + float(rng.uniform(1.5, 4.0)), 1)
-    t, dt = _grid(made, 5e-3, 5e-3)
-    return Session("microrobot", tuple(made), 100.0, t, dt)
+    return Session("microrobot", tuple(made), lab or nominal("microrobot"), *grid(made, 5e-3, 5e-3))

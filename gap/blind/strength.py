@@ -8,52 +8,33 @@ linear least squares (finite differences at the true values).
 from __future__ import annotations
 
 import types
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import scipy.linalg
 
-from . import robot, robot_kinematics, robot_tissue, suction, tissue
+from . import anyskin, robot, robot_kinematics, robot_tissue, suction, tissue
 from .forms import Form
+from .laboratory import Noise
 from .session import Session
 from .signals import Array
 
 SCATTER = {"hold": 0.02, "cycles": 0.02, "ramp": 0.04, "slow": 0.03, "quick": 0.03}
 """Relative sd of the skin's compliance between recordings, by waveform (repeats within 4-10 %, reported)."""
-TOLERANCES: dict[str, dict[str, float]] = {
-    "suction": {
-        "latency_tolerance": 1e-3,  # s, of a command
-        "height_tolerance": 1e-3,  # s, height behind pressure
-        "regulator_tolerance": 0.02,  # relative, of the regulator's speed
-        "damping_tolerance": 0.03,  # of its damping ratio
-        "skew_tolerance": 2e-5,  # of the recording's clock
-        "gain_tolerance": 1e-3,  # relative, of the gauge
-        "zero_tolerance": 10.0,  # Pa, of the gauge
-    },
-    "microrobot": {
-        "latency_tolerance": 1e-3,
-        "skew_tolerance": 2e-5,
-        "servo_tolerance": 0.02,  # relative, of the loops' gains
-        "leg_tolerance_0": 2e-3,  # relative, of each transducer
-        "leg_tolerance_1": 2e-3,
-        "leg_tolerance_2": 2e-3,
-    },
-}
-"""What a sound instrument may be off by (sd): every case draws its own, and delta allows for it."""
 FAINTEST = 1e-7  # of the strongest: where the search for a strength begins
 _ROBOT_STRIDE = 4  # rows of the robot's recordings that are skipped: delta grows back by the root of it
-
-
-def tolerances_of(instrument: str) -> dict[str, float]:
-    """Tolerances (sd) of an instrument, by knob."""
-    return TOLERANCES.get(instrument, TOLERANCES["suction"])
 
 
 def scatter_of(session: Session) -> Array:
     """Sd of the compliance of each recording (R,), relative."""
     return np.array([SCATTER[r.condition.split()[0]] for r in session.recordings])
+
+
+def _answers(view: Mapping[str, Noise]) -> list[str]:
+    """Channels of a set that show the skin's answer."""
+    return [c for c in view if c.startswith(("apex", "transducer", "force"))]
 
 
 @dataclass(frozen=True)
@@ -97,7 +78,9 @@ class Subject:
     ) -> suction.Channels:
         """The session's recorded channels, with effects' ``knobs`` on and parameters of the ``skin`` changed."""
         chain: types.ModuleType = robot if self.session.instrument == "microrobot" else suction
-        fx = dict(self.tolerance)
+        fx = dict(self.session.lab.knobs)
+        for name, value in self.tolerance.items():
+            fx[name] = fx.get(name, 0.0) + value
         for name, value in knobs.items():
             fx[name] = fx.get(name, 0.0) + value
         channels: suction.Channels = chain.simulate(
@@ -110,27 +93,28 @@ class Subject:
         return self.record({})
 
     @cached_property
-    def _views(self) -> tuple[dict[str, float], ...]:
-        """Sets of channels with independent noise, and its sd: an effect counts by the set that shows it best."""
+    def _views(self) -> tuple[dict[str, Noise], ...]:
+        """Sets of channels with independent noise, and that noise: an effect counts by the set that shows it best."""
+        lab = self.session.lab
         if self.session.instrument != "microrobot":
-            p, h = suction.PA_NOISE[self.session.instrument], suction.H_NOISE[self.session.instrument]
-            step = suction.H_STEP[self.session.instrument]
-            return (
-                {
-                    "pressure": np.hypot(p, suction.PA_STEP[self.session.instrument] / 12**0.5),
-                    "apex_height": np.hypot(h, step / 12**0.5),
-                },
-            )
-        axes, legs = dict.fromkeys(robot.AXES, robot.AXIS_NOISE), dict.fromkeys(robot.LEGS, robot.LEG_NOISE)
-        force_sd = np.linalg.norm(robot_kinematics.force_matrix(), axis=1) * robot.LEG_NOISE
-        probe_sd = np.linalg.norm(robot_kinematics.jacobian_at_centre(), axis=1) * robot.AXIS_NOISE
-        force = dict(zip(robot.FORCE, force_sd, strict=True))
-        probe = dict(zip(robot.PROBE, probe_sd, strict=True))
+            return (dict(lab.noise),)
+        axis, leg = lab.noise["axis"], lab.noise["leg"]
+
+        def through(names: Sequence[str], matrix: Array, noise: Noise) -> dict[str, Noise]:
+            """Noise of what is computed with a matrix (3, 3); the robot's resolutions hardly count."""
+            return {n: replace(noise, rms=noise.rms * float(np.linalg.norm(row)), step=0.0)
+                    for n, row in zip(names, matrix, strict=True)}  # fmt: skip
+
+        axes, legs = through(robot.AXES, np.eye(3), axis), through(robot.LEGS, np.eye(3), leg)
+        force = through(robot.FORCE, robot_kinematics.force_matrix(), leg)
+        probe = through(robot.PROBE, robot_kinematics.jacobian_at_centre(), axis)
         return (axes | legs, axes | force, probe | legs)
 
-    def _whitened(self, channels: suction.Channels, view: Mapping[str, float]) -> Array:
+    def _whitened(self, channels: suction.Channels, view: Mapping[str, Noise]) -> Array:
         stride = _ROBOT_STRIDE if self.session.instrument == "microrobot" else 1
-        return np.concatenate([x[::stride] / sd for name, sd in view.items() for x in channels[name]]) * stride**0.5
+        period = stride / self.session.rate
+        parts = [n.whitened(x[::stride], period) for name, n in view.items() for x in channels[name]]
+        return np.concatenate(parts) * stride**0.5
 
     @cached_property
     def _nuisances(self) -> tuple[_Nuisance, ...]:
@@ -141,30 +125,65 @@ class Subject:
             step = 1e-3 * max(abs(self.tissue[name]), 0.05)
             varied.append((step, self.record({}, skin={name: self.tissue[name] + step})))
         n = len(self.session.recordings)
-        off = [self.record({name: sd}) for name, sd in tolerances_of(self.session.instrument).items()]
+        off = [self.record({name: sd}) for name, sd in self.session.lab.tolerances.items()]
         found = []
         for view in self._views:
             nominal = self._whitened(self._nominal, view)
             columns = [(self._whitened(v, view) - nominal) / step for step, v in varied]
             columns = [c / max(float(np.linalg.norm(c)), 1e-30) for c in columns]
             columns += [self._whitened(o, view) - nominal for o in off]
-            answer = [c for c in view if c.startswith(("apex", "transducer", "force"))]
+            answer = _answers(view)
             for k in range(n):
                 columns.append(
                     scatter_of(self.session)[k] * self._whitened(self._only(k, answer, view, self._nominal), view)
                 )
             if "apex_height" in view:
                 flat = {c: [np.ones_like(x) for x in self._nominal[c]] for c in view}
-                zero_sd = view["apex_height"]
+                zero_sd = view["apex_height"].rms
                 columns += [zero_sd * self._whitened(self._only(k, answer, view, flat), view) for k in range(n)]
             held = np.arange(len(columns)) >= len(free)
             found.append(_Nuisance(np.stack(columns, axis=1), held.astype(float)))
         return tuple(found)
 
     @staticmethod
-    def _only(k: int, answer: list[str], view: Mapping[str, float], channels: suction.Channels) -> suction.Channels:
+    def _only(k: int, answer: list[str], view: Mapping[str, Noise], channels: suction.Channels) -> suction.Channels:
         """Channels that are zero but for the skin's answer in recording k."""
         return {c: [x * float(i == k and c in answer) for i, x in enumerate(channels[c])] for c in view}
+
+    @cached_property
+    def _any_skin(self) -> tuple[_Nuisance, ...]:
+        """The same for an observer who does not know the skin's law: see ``anyskin``."""
+        known = self._nuisances
+        found = []
+        for view, n in zip(self._views, known, strict=True):
+            flat = anyskin.responses(self.session, self._nominal, _answers(view))
+            zeros = {c: [np.zeros_like(x) for x in xs] for c, xs in self._nominal.items()}
+            columns = [self._whitened({**zeros, **extra}, view) for extra in flat]
+            columns = [c / max(float(np.linalg.norm(c)), 1e-30) for c in columns]
+            every = np.column_stack([n.sensitivities, *columns])
+            found.append(_Nuisance(every, np.r_[n.held, np.zeros(len(columns))]))
+        return tuple(found)
+
+    def detectability_free(self, knobs: Mapping[str, float]) -> float:
+        """delta_free of switching ``knobs`` on: what stands out though the skin's law is unknown."""
+        a, b = self.record(knobs), self._nominal
+        pairs = zip(self._views, self._any_skin, strict=True)
+        stands_out = max(n.left_of(self._whitened(a, v) - self._whitened(b, v)) for v, n in pairs)
+        return max(stands_out, self._miscomputed(a)) if self.session.instrument == "microrobot" else stands_out
+
+    def _miscomputed(self, channels: suction.Channels) -> float:
+        """How far computed channels are from what the measured ones give: arithmetic, known to a tenth of the noise."""
+        view = {**self._views[1], **self._views[2]}
+        axes, legs = (np.stack([np.concatenate(channels[n]) for n in names], axis=1)
+                      for names in (robot.AXES, robot.LEGS))  # fmt: skip
+        off = 0.0
+        for names, right in (
+            (robot.PROBE, robot_kinematics.tip(axes)),
+            (robot.FORCE, legs @ robot_kinematics.force_matrix().T),
+        ):
+            for name, x in zip(names, right.T, strict=True):
+                off += float(np.sum(np.square((np.concatenate(channels[name]) - x) / (0.1 * view[name].rms))))
+        return float(np.sqrt(off))
 
     def _distance(self, a: suction.Channels, b: suction.Channels) -> float:
         pairs = zip(self._views, self._nuisances, strict=True)

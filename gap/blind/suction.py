@@ -12,6 +12,8 @@ from copy import deepcopy
 import numpy as np
 from numba import njit
 
+from . import spells
+from .controllers import controlled
 from .instants import Knobs, taken
 from .session import Session
 from .signals import (
@@ -29,44 +31,7 @@ from .signals import (
 )
 from .tissue import LAWS, Parameters, _plastic_flow
 
-OMEGA = 1 / 0.040  # rad/s, the regulator's double pole
-PA_NOISE = {"cutometer": 70.0, "aspiration": 50.0}  # Pa rms
-PA_STEP = {"cutometer": 100.0, "aspiration": 10.0}  # Pa, the gauge's resolution
-H_NOISE = {"cutometer": 3.5e-6, "aspiration": 4e-6}  # m rms
-H_STEP = {"cutometer": 1e-5, "aspiration": 1e-6}  # m
 Channels = dict[str, list[Array]]
-
-
-@njit(cache=True)
-def _regulator(c, dt, w, zeta, rate, soft, leak, root_leak, late_leak, late_at, band, lead):  # type: ignore[no-untyped-def]
-    """RK4 of p' = flow(v) - leaks(p), v' = w^2 err(c - p) - 2 zeta w v; returns p + lead v."""
-    y = np.zeros_like(c)
-    p, v = 0.0, 0.0
-    for i in range(1, c.size):
-        h = dt[i]
-        sp, sv = 0.0, 0.0
-        kp, kv = 0.0, 0.0
-        for k in range(4):
-            f = 0.0 if k == 0 else (h if k == 3 else 0.5 * h)
-            pi, vi = p + f * kp, v + f * kv
-            u = c[i - 1] + (c[i] - c[i - 1]) * (0.0 if k == 0 else (1.0 if k == 3 else 0.5))
-            err = u - pi
-            if band > 0.0:
-                err = 0.0 if abs(err) < band else err - band * np.sign(err)
-            flow = vi
-            if rate > 0.0:
-                flow = rate * np.tanh(vi / rate) if soft > 0.0 else min(max(vi, -rate), rate)
-            out = leak * pi + root_leak * np.sqrt(max(pi, 0.0)) + late_leak * max(pi - late_at, 0.0)
-            kp, kv = flow - out, w * w * err - 2 * zeta * w * vi
-            g = 1.0 if k == 0 or k == 3 else 2.0
-            sp += g * kp
-            sv += g * kv
-        p += h / 6 * sp
-        v += h / 6 * sv
-        if rate > 0.0 and soft == 0.0:
-            v = min(max(v, -rate), rate)
-        y[i] = p + lead * v
-    return y
 
 
 @njit(cache=True)
@@ -109,12 +74,11 @@ def chamber_suction(s: Session, fx: Knobs, rng: np.random.Generator) -> Array:
     zeta = 1.0 + get("damping_tolerance", 0.0) - get("underdamped", 0.0)
     leak = (get("leak", 0.0), get("leak_root", 0.0), get("leak_late", 0.0), get("leak_at", 0.0))
     slew = (get("slew", 0.0), get("slew_soft", 0.0))
-    p = _regulator(
-        c, s.dt, OMEGA * (1 + get("regulator_tolerance", 0.0)), zeta, *slew, *leak, get("band", 0.0), get("lead", 0.0)
-    )
+    quick = 1 + get("regulator_tolerance", 0.0)
+    p = controlled(c, s.dt, quick, zeta, (*slew, *leak, get("band", 0.0)), get("lead", 0.0), fx)
     if use := get("store_use", 0.0):
         p = _store(p, s.dt, use, get("store_refill", 30.0), get("store_margin", 1.1) * float(c.max()))
-    return _unusual_actuator(s, p, fx, rng)
+    return _unusual_actuator(s, spells.chamber(s, p, fx), fx, rng)
 
 
 def _unusual_actuator(s: Session, p: Array, fx: Knobs, rng: np.random.Generator) -> Array:
@@ -300,39 +264,47 @@ def simulate(
     """
     rng = np.random.default_rng(seed)
     p = chamber_suction(s, fx, rng)
-    felt = skin_suction(s, p, fx)
-    skin = skin_height(s, felt, law, tissue, fx, rng) * s.per_recording(scatter)
+    felt = spells.probe_suction(s, skin_suction(s, p, fx), fx)
+    skin = spells.skin_height(s, skin_height(s, felt, law, tissue, fx, rng), tissue["amplitude"], fx)
+    skin = skin * s.per_recording(scatter)
     apex = {r.specimen: skin if r.specimen == "skin" else np.zeros_like(skin) for r in s.recordings}
-    heights = {on: read_height(s, p, probe_height(s, p, h, fx), fx, deepcopy(rng)) for on, h in apex.items()}
+    heights = {on: _read(s, p, h, fx, deepcopy(rng)) for on, h in apex.items()}
     out: Channels = {"pressure": [], "apex_height": []}
     for k, r in enumerate(s.recordings):
         h = heights[r.specimen]
         rows = np.random.default_rng((seed, k))
-        when = taken(r.stamps(s.rate), 1 / s.rate, fx, rows)
-        pressure = _gauge(np.interp(when.main, s.t, p), r.stamps(s.rate), k, fx)
-        height = np.interp(when.second - fx.get("height_tolerance", 0.0), s.t, h) - _zero(s, k, h, fx)
+        stamps = s.stamps(k)
+        when = taken(stamps, 1 / s.rate, k, fx, rows)
+        pressure = _gauge(s.sampled(when.main, p, fx), k, spells.gauge(s, fx)(stamps), fx)
+        height = s.sampled(when.second - fx.get("height_tolerance", 0.0), h, fx) - _zero(s, k, h, fx)
         if a := fx.get("offset", 0.0):
             height = height + a
         if a := fx.get("offset_jump", 0.0):
-            height = height + a * (r.stamps(s.rate) > r.start + fx["jump_at"] * r.duration)
+            height = height + a * (stamps > r.start + fx["jump_at"] * r.duration)
         pressure = pressure + fx.get("from_height", 0.0) * height / 1e-3
+        gauge, optics = s.lab.noise["pressure"], s.lab.noise["apex_height"]
         if noisy:
-            pressure = pressure + PA_NOISE[s.instrument] * rows.normal(size=pressure.size)
+            pressure = pressure + gauge.draw(pressure.size, 1 / s.rate, rows)
             # The zero is one reading, with the noise of one.
-            height = height + H_NOISE[s.instrument] * (rows.normal(size=height.size) - rows.normal())
-        height = _digits(height, H_STEP[s.instrument], fx, noisy)
+            height = height + optics.draw(height.size, 1 / s.rate, rows) - optics.rms * rows.normal()
+        height = _digits(height, optics.step, fx, noisy)
         if noisy:
-            pressure = np.round(pressure / PA_STEP[s.instrument]) * PA_STEP[s.instrument]
+            pressure = np.round(pressure / gauge.step) * gauge.step
         out["pressure"].append(-_units(pressure, "pressure", k, fx)[when.row])
         out["apex_height"].append(_units(height, "height", k, fx)[when.row])
     return out
 
 
-def _gauge(p: Array, t: Array, k: int, fx: Knobs) -> Array:
-    """The recorded gauge's reading of suction p; offsets and gains that its loop does not see act here."""
+def _read(s: Session, p: Array, h: Array, fx: Knobs, rng: np.random.Generator) -> Array:
+    return spells.optics(s, read_height(s, p, probe_height(s, p, h, fx), fx, rng), fx)
+
+
+def _gauge(p: Array, k: int, wrong: Array, fx: Knobs) -> Array:
+    """The recorded gauge's reading of suction p in recording k, ``wrong`` Pa off for a spell; offsets and gains that
+    its loop does not see act here."""
     p = p * (1 + fx.get("gain_tolerance", 0.0)) + fx.get("zero_tolerance", 0.0)
     later = float(k >= fx.get("from_recording", 0.0))
-    p = p + fx.get("loop_offset", 0.0) + fx.get("gauge_offset", 0.0) + fx.get("gauge_shift", 0.0) * later
+    p = p + wrong + fx.get("loop_offset", 0.0) + fx.get("gauge_offset", 0.0) + fx.get("gauge_shift", 0.0) * later
     p = p * (1 + fx.get("loop_gain", 0.0)) * (1 + fx.get("gauge_gain", 0.0))
     return p + fx.get("gauge_gain_high", 0.0) * np.maximum(p - 100e2, 0.0)
 

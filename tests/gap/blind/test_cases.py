@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 import gap.blind
 from gap.blind import Truth, make, robot_tissue, tissue
 from gap.blind.cases import DELTA, TIERS
+from gap.blind.laboratory import STYLES
 from gap.blind.lock import seal, unseal
 from gap.blind.vocabulary import CONCEPTS, INSTRUMENTS, UNKNOWN, stage_of
 
@@ -40,11 +41,13 @@ def files(folder: Path) -> dict[str, bytes]:
 
 
 def test_equal_arguments_give_equal_cases(tmp_path: Path):
-    keys = [make("T4", 1, 3, tmp_path / name, ["cutometer"]) for name in ("a", "b")]
+    keys = [make("T4", 1, 3, tmp_path / name, ["cutometer"], style="dense") for name in ("a", "b")]
     assert files(tmp_path / "a") == files(tmp_path / "b")
     assert read_key(keys[0]) == read_key(keys[1])
-    make("T4", 1, 4, tmp_path / "c", ["cutometer"])
+    make("T4", 1, 4, tmp_path / "c", ["cutometer"], style="dense")
     assert files(tmp_path / "a") != files(tmp_path / "c")
+    make("T4", 1, 3, tmp_path / "d", ["cutometer"])
+    assert files(tmp_path / "a") != files(tmp_path / "d")
 
 
 @pytest.mark.parametrize("tier", TIERS)
@@ -83,6 +86,7 @@ def test_names_metadata_and_files_say_nothing(made):
         content = b"\n".join(k.encode() + v for k, v in files(folder).items()).lower()
         words = set(CONCEPTS) | {f"{UNKNOWN}_", "conventional", "delta", "effect", "seed", "tier", tier.lower()}
         words |= set(tissue.LAWS) | set(robot_tissue.LAWS) | {h["form"] for t in truths for h in t.effects}
+        words |= set(STYLES)
         # Hexadecimal names may hold "t1" by chance, so names are taken out first.
         for t in truths:
             content = content.replace(t.case.encode(), b"")
@@ -142,6 +146,8 @@ def test_bad_requests_are_refused(tmp_path: Path):
         make("T9", 1, 1, tmp_path / "x")
     with pytest.raises(ValueError, match="unknown instrument 'cutometre'"):
         make("T1", 1, 1, tmp_path / "x", ["cutometre"])
+    with pytest.raises(ValueError, match="unknown style 'loose'"):
+        make("T1", 1, 1, tmp_path / "x", style="loose")
     with pytest.raises(ValueError, match="at least one case"):
         make("T1", 0, 1, tmp_path / "x")
     assert not (tmp_path / "x").exists()

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gap.blind import effects_robot, effects_suction
+from gap.blind import effects_robot, effects_suction, effects_wide
 from gap.blind.forms import Form
 from gap.blind.vocabulary import CONCEPTS, INSTRUMENTS, STAGES, concepts_of, stage_of
 
-KNOWN = effects_suction.FORMS + effects_robot.FORMS
+KNOWN = effects_suction.FORMS + effects_robot.FORMS + effects_wide.FORMS
 OUTSIDE = effects_suction.OUTSIDE + effects_robot.OUTSIDE
 # A constant gain of the height is a stiffness: nothing in a recording of skin can show it.
 INVISIBLE = {("sensor_gain", "constant"), ("scale_error", "constant")}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gap.blind import robot, robot_tissue, signals, suction, tissue
+from gap.blind import controllers, robot, robot_tissue, signals, suction, tissue
 from gap.blind.instants import taken
 from gap.blind.robot_axes import Loop, loops
 from gap.blind.robot_kinematics import (
@@ -32,8 +32,8 @@ def test_regulator_follows_a_ramp_as_two_equal_lags_do(subjects):
     p = suction.chamber_suction(s, {}, np.random.default_rng(0))
     onset, slope = r.start + r.onset, r.corners[2][1] / (r.corners[2][0] - r.corners[1][0])
     t = onset + np.linspace(0.01, 5, 200)
-    x = (t - onset) * suction.OMEGA
-    exact = slope / suction.OMEGA * (x - 2 + (x + 2) * np.exp(-x))
+    x = (t - onset) * controllers.OMEGA
+    exact = slope / controllers.OMEGA * (x - 2 + (x + 2) * np.exp(-x))
     assert np.interp(t, s.t, p) == pytest.approx(exact, abs=2.0)
 
 
@@ -118,7 +118,7 @@ def test_loop_error_under_a_growing_load_is_the_integral_terms():
     load = np.zeros((n, 3))
     load[:, 0] = rate * np.arange(n) * 5e-3
     still = np.zeros((n, 3))
-    q = loops(still, load, still, np.zeros((3, 3)), 1.25e-3, loop(), np.zeros(3))
+    q = loops(still, load, still, np.zeros((3, 3)), 1.25e-3, loop(), np.zeros(3), np.zeros((2, 3)))
     assert q[-1, 0] == pytest.approx(rate / robot.KI, rel=1e-3)
     assert np.all(q[:, 1:] == 0)
 
@@ -127,8 +127,8 @@ def test_dry_friction_holds_a_load_below_its_bound():
     n = 400
     still, load = np.zeros((n, 3)), np.full((n, 3), 0.3)
     free = loop(kp=0.0, ki=0.0, kd=0.0)
-    assert np.all(loops(still, load, still, np.zeros((3, 3)), 1.25e-3, free, np.full(3, 0.31)) == 0)
-    assert loops(still, load, still, np.zeros((3, 3)), 1.25e-3, free, np.full(3, 0.2))[-1, 0] > 1e-3
+    assert np.all(loops(still, load, still, np.zeros((3, 3)), 1.25e-3, free, np.full(3, 0.31), np.zeros((2, 3))) == 0)
+    assert loops(still, load, still, np.zeros((3, 3)), 1.25e-3, free, np.full(3, 0.2), np.zeros((2, 3)))[-1, 0] > 1e-3
 
 
 @pytest.mark.parametrize("law", list(robot_tissue.LAWS))
@@ -157,10 +157,10 @@ def test_reference_recordings_show_no_skin(subjects):
 
 def test_delivered_samples_are_nominal_without_knobs():
     stamps = np.arange(50) / 100.0
-    nominal = taken(stamps, 0.01, {}, np.random.default_rng(0))
+    nominal = taken(stamps, 0.01, 0, {}, np.random.default_rng(0))
     assert np.array_equal(nominal.main, stamps)
     assert np.array_equal(nominal.row, np.arange(50))
-    dropped = taken(stamps, 0.01, {"drop": 0.5}, np.random.default_rng(0))
+    dropped = taken(stamps, 0.01, 0, {"drop": 0.5}, np.random.default_rng(0))
     assert np.all(np.diff(dropped.row) >= 0)
     assert np.all(dropped.row <= np.arange(50))
 

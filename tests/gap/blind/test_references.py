@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gap.blind import effects_robot, effects_suction, robot, robot_tissue, suction, tissue
+from gap.blind import effects_robot, effects_suction, effects_wide, robot, robot_tissue, tissue
 from gap.blind.cases import _subject
+from gap.blind.laboratory import ROBOT_NOISE, SUCTION_NOISE
 from gap.blind.session import Session
-from gap.blind.strength import Subject, tolerances_of
+from gap.blind.strength import Subject
 from gap.blind.vocabulary import INSTRUMENTS, stage_of
 
 SUCTION = ("cutometer", "aspiration")
@@ -24,7 +25,7 @@ def references(session: Session) -> list[int]:
 def sound_subject(instrument: str, tier: str, law: str) -> Subject:
     """The first subject with skin of ``law`` that a tier draws, with skin recordings before its references."""
     for seed in range(1000):
-        subject, reference = _subject(instrument, tier, np.random.default_rng(seed))
+        subject, reference = _subject(instrument, tier, "dense", np.random.default_rng(seed))
         if reference and subject.law == law and subject.session.recordings[0].specimen == "skin":
             return subject
     raise AssertionError(f"no subject with {law} skin before a reference recording")
@@ -52,7 +53,7 @@ def assert_white_around_a_constant(x: np.ndarray) -> None:
 def test_the_height_of_a_rigid_block_is_noise_around_a_constant(instrument: str, law: str):
     subject = sound_subject(instrument, "T6", law)
     clean, noisy = subject.record({})["apex_height"], subject.record({}, noisy=True)["apex_height"]
-    noise, step = suction.H_NOISE[instrument], suction.H_STEP[instrument]
+    noise, step = SUCTION_NOISE[instrument]["apex_height"]
     assert references(subject.session)
     for k in references(subject.session):
         assert np.all(clean[k] == 0)
@@ -68,7 +69,7 @@ def test_transducers_in_open_air_are_noise_around_zero(law: str):
     for k in references(subject.session):
         for leg in robot.LEGS:
             assert_white_around_a_constant(noisy[leg][k])
-            assert abs(noisy[leg][k].mean()) < 5 * robot.LEG_NOISE / noisy[leg][k].size ** 0.5
+            assert abs(noisy[leg][k].mean()) < 5 * ROBOT_NOISE["leg"][0] / noisy[leg][k].size ** 0.5
 
 
 @pytest.mark.parametrize("instrument", INSTRUMENTS)
@@ -83,7 +84,7 @@ def test_no_effect_brings_skin_into_a_reference_recording(instrument: str):
     others = [replace(one, law=law, tissue=person, scatter=1.05 * one.scatter) for law in ("plastic", "fractional")]
     where, sound = references(one.session), one.record({})
     assert where == list(range(1, len(one.session.recordings)))
-    for form in every.FORMS + every.OUTSIDE:
+    for form in every.FORMS + every.OUTSIDE + effects_wide.FORMS:
         if instrument not in form.instruments:
             continue
         knobs = form.knobs(form.strong, instrument, 3)
@@ -108,7 +109,7 @@ def test_detectability_expects_no_skin_in_reference_recordings(instrument: str):
     subject = sound_subject(instrument, "T1", "conventional")
     subject = replace(subject, session=tail(subject.session), scatter=np.ones(len(tail(subject.session).recordings)))
     where, laws = references(subject.session), robot_tissue if instrument == "microrobot" else tissue
-    n_free, n_off = len(laws.free_parameters(subject.law)), len(tolerances_of(instrument))
+    n_free, n_off = len(laws.free_parameters(subject.law)), len(subject.session.lab.tolerances)
     for view, nuisance in zip(subject._views, subject._nuisances, strict=True):
         flags = {c: [np.full(x.size, float(k in where)) for k, x in enumerate(subject._nominal[c])] for c in view}
         rows = subject._whitened(flags, view) > 0

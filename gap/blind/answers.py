@@ -1,0 +1,171 @@
+"""What a diagnosis answered about a blind case, beside what was hidden in it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from .lock import unseal
+from .vocabulary import CONCEPTS
+
+TOSS = 0.2
+"""Probability from which a second cause counts as named."""
+
+
+class Cause(BaseModel):
+    """An entry of ``causes`` in a ``gap-report/1``; what the scorer does not need is ignored."""
+
+    model_config = ConfigDict(extra="ignore", populate_by_name=True)
+    effects: list[str]
+    members: list[str] = Field(default_factory=list, alias="class")
+    probability: float = Field(ge=0.0, le=1.0)
+    shrink: dict[str, float | None] = Field(default_factory=dict)
+
+    @property
+    def names(self) -> set[str]:
+        """Every effect that this cause stands for."""
+        return set(self.effects) | set(self.members)
+
+
+class Place(BaseModel):
+    """An entry of ``where``."""
+
+    model_config = ConfigDict(extra="ignore")
+    stage: str
+    probability: float = 0.0
+
+
+class Report(BaseModel):
+    """The parts of a ``gap-report/1`` that are scored."""
+
+    model_config = ConfigDict(extra="ignore", populate_by_name=True)
+    verdict: str
+    where: list[Place] = Field(default_factory=list)
+    causes: list[Cause] = Field(default_factory=list)
+    unknown_probability: float | None = None
+    indistinguishable: list[list[str]] = Field(default_factory=list)
+    cost: dict[str, Any] = Field(default_factory=dict)
+    chosen: list[str] | None = Field(default=None, alias="set")
+
+    @property
+    def ranked(self) -> list[Cause]:
+        """Causes, the most probable first."""
+        return sorted(self.causes, key=lambda c: -c.probability)
+
+
+@dataclass(frozen=True)
+class Case:
+    """Truth and answer of one case. ``report`` is None where the diagnosis delivered none (counted as wrong)."""
+
+    name: str
+    tier: str
+    instrument: str
+    effects: tuple[str, ...]
+    stages: tuple[str, ...]
+    deltas: tuple[float, ...]
+    delta: float
+    report: Report | None
+    delta_free: float | None = None
+    reference: bool = False
+
+    @property
+    def claims(self) -> bool:
+        """Whether a cause is claimed: named with more than even odds."""
+        named = self.verdict in ("effect", "several")
+        return named and self.report is not None and any(c.probability > 0.5 for c in self.report.causes)
+
+    @property
+    def covered(self) -> bool | None:
+        """Whether the report's set holds what is hidden; None without a set."""
+        if self.report is None or self.report.chosen is None:
+            return None
+        return set(self.effects) <= set(self.report.chosen)
+
+    def hit(self, top: int) -> bool:
+        """Whether the hidden effects are all among the ``top`` causes, or in their classes."""
+        if self.report is None:
+            return False
+        named = set[str]().union(*(c.names for c in self.report.ranked[:top]))
+        return set(self.effects) <= named
+
+    @property
+    def verdict(self) -> str:
+        return self.report.verdict if self.report else "missing"
+
+    @property
+    def false_alarm(self) -> bool:
+        """A device effect named with more than even odds; a missing report counts as one."""
+        if self.report is None:
+            return True
+        if self.verdict in ("none", "unknown", "undetectable"):
+            return False
+        return any(c.probability > 0.5 and _device(c) for c in self.report.causes)
+
+    @property
+    def coin_toss(self) -> bool:
+        """Whether two causes that the report itself calls indistinguishable stand apart in it, each with a probability
+        worth naming."""
+        if self.report is None:
+            return False
+        named = [c for c in self.report.ranked if c.probability > TOSS]
+        pairs = [(a, b) for k, a in enumerate(named) for b in named[:k]]
+        groups = [set(g) for g in self.report.indistinguishable]
+        return any(a.names & g and b.names & g and not a.names & b.names for a, b in pairs for g in groups)
+
+    @property
+    def unknown_score(self) -> float:
+        """How sure the diagnosis is that the cause is outside its library."""
+        if self.report is None:
+            return 0.0
+        given = self.report.unknown_probability
+        return float(self.verdict == "unknown") if given is None else given
+
+
+def _device(cause: Cause) -> bool:
+    stages = [CONCEPTS[n].stage if n in CONCEPTS else "unlisted" for n in cause.names]
+    return bool(stages) and "tissue" not in stages
+
+
+def _load_report(path: Path) -> Report | None:
+    if not path.exists():
+        return None
+    try:
+        return Report.model_validate_json(path.read_bytes())
+    except ValidationError as e:
+        first = e.errors()[0]
+        raise ValueError(f"{path.name}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
+
+
+def load(reports: Path, keys: Sequence[Path], passphrase: str = "") -> list[Case]:
+    """Truths of the sealed ``keys`` joined with the reports ``<case>.json``.
+
+    Raises ValueError for a wrong passphrase or a malformed report, naming it.
+    """
+    cases = []
+    for key in keys:
+        try:
+            plain = json.loads(unseal(key.read_bytes(), passphrase))
+        except ValueError as e:
+            raise ValueError(f"{key}: {e}") from None
+        for t in plain["cases"]:
+            hidden = t["effects"]
+            cases.append(
+                Case(
+                    t["case"],
+                    t["tier"],
+                    t["instrument"],
+                    tuple(h["concept"] for h in hidden),
+                    tuple(h["stage"] for h in hidden),
+                    tuple(h["delta"] for h in hidden),
+                    t["delta"],
+                    _load_report(reports / f"{t['case']}.json"),
+                    t.get("delta_free"),
+                    bool(t.get("reference", False)),
+                )
+            )
+    return cases
