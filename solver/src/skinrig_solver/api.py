@@ -199,6 +199,7 @@ class Result:
 
     ``channels[name]`` is (n,) in SI; ``sensitivities[name]`` is (n, m), column j the derivative with respect to
     ``parameters[j]`` (channel unit / parameter unit), or ``sensitivities`` is None where none were asked for.
+    ``warnings`` say in words where a result is a number, but hardly one of living tissue.
     """
 
     time: Array
@@ -208,6 +209,7 @@ class Result:
     cost: Cost = Cost()
     fields: tuple[Field, ...] = ()
     notes: dict[str, float] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
 
 
 @runtime_checkable

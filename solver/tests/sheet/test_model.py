@@ -223,6 +223,19 @@ def test_wrong_input_is_named(
         MODELS["sheet_ogden"].simulate(experiment, parameters)
 
 
+@pytest.mark.parametrize("reach", [18e-3, 25e-3])
+def test_a_probe_driven_to_the_hole_is_refused(reach: float) -> None:
+    with pytest.raises(ValueError, match=r"to or beyond the edge of the hole: there are 18 mm of free skin"):
+        channels(triangles((1.0, 0.0, 0.0), reach))
+
+
+def test_a_prestress_that_skin_would_not_survive_is_warned_of() -> None:
+    torn = MODELS["sheet_ogden"].simulate(triangles((1.0, 0.0, 0.0)), {"sx": 1e6, "sy": 1e6})
+    assert len(torn.warnings) == 2
+    assert "stretches the sheet to 2.43 times its length along x; skin tears near 1.54" in torn.warnings[0]
+    assert MODELS["sheet_ogden"].simulate(triangles((1.0, 0.0, 0.0)), {}).warnings == ()
+
+
 def test_other_instruments_and_unsupported_sensitivities_are_refused() -> None:
     time = np.linspace(0.0, 1.0, 3)
     with pytest.raises(ValueError, match="cutometer"):

@@ -168,7 +168,7 @@ def _result(
         replace(e, free=replace(e.free, start=first[e.free.symbol]))  # where the fit began, not its last stage
         for e in profiles(problem, best, known, estimates(problem, best, known), spec)
     ]
-    warnings = [*known.warnings, *doubts(found)]
+    warnings = [*known.warnings, *doubts(found), *dict.fromkeys(w for r in best.results for w in r.warnings)]
     if not optimum.converged:
         warnings.insert(0, f"the optimiser stopped before it converged: {optimum.reason}")
     data = problem.scaled_data()

@@ -20,6 +20,8 @@ from .response import Response
 
 AXES = ("x", "y", "z")
 CHANNELS = tuple(f"force_{axis}" for axis in AXES)
+LEFT = 0.05  # share of the skin between probe and hole that a path must leave, or elements fold
+TEARS = 1.54  # stretch at which excised human skin fails on average (Ní Annaidh et al., JMBBM 5, 2012)
 
 
 @dataclass(frozen=True)
@@ -61,8 +63,8 @@ class SheetModel:
         info = self.info
         values = info.complete(parameters)
         columns = [info.symbols.index(info[symbol].symbol) for symbol in sensitivities]
-        positions = _path(experiment)
         options = Options.read(experiment.geometry)
+        positions = _path(experiment, options)
         if sensitivities and (options.relaxation == "history" or options.element == "solid"):
             raise ValueError("sensitivities need geometry options relaxation='convolution' and element='membrane'")
         response = Response(self.law, values, options)
@@ -82,11 +84,17 @@ class SheetModel:
             Cost(1, perf_counter() - began, work.iterations, work.steps, work.cuts, 3 * len(options.mesh().nodes)),
             () if response.field is None else (response.field,),
             {f"prestretch_{axis}": float(x) for axis, x in zip("xy", response.state.stretches, strict=True)},
+            tuple(
+                f"s{axis} = {values[f's{axis}']:.3g} Pa stretches the sheet to {x:.2f} times its length along {axis}; "
+                f"skin tears near {TEARS}"
+                for axis, x in zip("xy", response.state.stretches, strict=True)
+                if x > TEARS
+            ),
         )
 
 
-def _path(experiment: Experiment) -> Array:
-    """The probe's positions (n, 3) [m]; refuses other instruments and drives by name."""
+def _path(experiment: Experiment, options: Options) -> Array:
+    """The probe's positions (n, 3) [m]; refuses other instruments, drives by name, and a probe that meets the hole."""
     if experiment.instrument != "microrobot":
         raise ValueError(f"a sheet model needs a microrobot experiment, got {experiment.instrument!r}")
     names = [f"probe_{axis}" for axis in AXES]
@@ -95,4 +103,12 @@ def _path(experiment: Experiment) -> Array:
         what = f"drive {unknown[0]!r} is unknown" if unknown else "there is no drive"
         raise ValueError(f"{what}; a sheet model is driven by {', '.join(names)}")
     zero = np.zeros_like(experiment.time)
-    return np.stack([experiment.drive.get(name, zero) for name in names], axis=1)
+    positions = np.stack([experiment.drive.get(name, zero) for name in names], axis=1)
+    aside = float(np.hypot(positions[:, 0], positions[:, 1]).max())
+    free = options.hole_radius - options.probe_radius
+    if aside > (1.0 - LEFT) * free:
+        raise ValueError(
+            f"probe_x and probe_y move the probe {1e3 * aside:.3g} mm aside, to or beyond the edge of the hole: "
+            f"there are {1e3 * free:.3g} mm of free skin between them (hole_radius less probe_radius)"
+        )
+    return positions
