@@ -41,6 +41,7 @@ from protocols import Limits, Protocol, Setpoints, compile_protocol, dump, effec
 if TYPE_CHECKING:
     from sim_devices.servers import BackDoor, Server
 
+MAX_SPEED = 1e5
 PACKAGES = ("skinrig", "numpy", "scipy", "numba", "h5py", "pyserial", "pyusb")
 
 
@@ -89,8 +90,8 @@ class Session:
         frame_size: tuple[int, int] = (640, 480),
         listener: Callable[[str, State, str], None] | None = None,
     ) -> None:
-        if not speed > 0:
-            raise ValueError(f"the speed must be positive, not {speed:g}")
+        if not 0 < speed <= MAX_SPEED:
+            raise ValueError(f"the speed must be positive and at most {MAX_SPEED:g}, not {speed:g}")
         self.station = _settled(station or simulated_station())
         self.out = Path(out)
         self._speed = speed

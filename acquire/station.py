@@ -54,11 +54,11 @@ class Tracking(Model):
 class Interlock(Model):
     """Changes to `acquire.engine.Rules`; ``disk`` is in bytes."""
 
-    margin: Annotated[float, Field(ge=0, le=1)] | None = None
-    rate_margin: Annotated[float, Field(ge=0, le=10)] | None = None
+    margin: Annotated[float, Field(strict=True, ge=0, le=1)] | None = None
+    rate_margin: Annotated[float, Field(strict=True, ge=0, le=10)] | None = None
     rate_window: Duration | None = None
     stale: Duration | None = None
-    disk: Annotated[int, Field(ge=0)] | None = None
+    disk: Annotated[int, Field(strict=True, ge=0)] | None = None
     tracking: dict[str, Tracking] = Field(default={})
 
     @field_validator("tracking")
@@ -90,7 +90,7 @@ class Simulation(Model):
 
     tissue: Text = "forearm"
     effects: tuple[Text, ...] = ()
-    seed: int | None = None
+    seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] | None = None
     link: Literal["pty", "tcp", "usb", "auto"] = "auto"
 
 

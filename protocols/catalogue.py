@@ -6,6 +6,7 @@ from importlib import resources
 from pathlib import Path
 
 from protocols.errors import Problem, ProtocolError
+from protocols.files import is_file, shortened
 from protocols.text import did_you_mean
 
 
@@ -18,11 +19,11 @@ def library() -> dict[str, Path]:
 def find(name_or_path: str | Path) -> Path:
     """The file at a path, or the library's protocol of that name. Raises ProtocolError."""
     path = Path(name_or_path)
-    if path.is_file():
+    if is_file(path):
         return path
     known = library()
     name = str(name_or_path).removesuffix(".yaml")
     if name in known:
         return known[name]
     message = f"no such file, and no protocol of that name in the library{did_you_mean(name, known)}"
-    raise ProtocolError((Problem(message),), str(name_or_path))
+    raise ProtocolError((Problem(message),), shortened(str(name_or_path)))

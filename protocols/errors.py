@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+MOST_TOLD = 20  # problems that a message lists
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -28,4 +30,5 @@ class ProtocolError(ValueError):
     def __init__(self, problems: tuple[Problem, ...], file: str = "") -> None:
         self.problems = problems
         self.file = file
-        super().__init__("\n".join(p.located(file) for p in problems))
+        more = [f"… and {len(problems) - MOST_TOLD} more"] if len(problems) > MOST_TOLD else []
+        super().__init__("\n".join([*(p.located(file) for p in problems[:MOST_TOLD]), *more]))

@@ -6,6 +6,8 @@ Files come from other people: the size is capped, and anchors, aliases, merges, 
 
 from __future__ import annotations
 
+import math
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,10 +15,11 @@ from typing import Any
 import yaml
 
 from protocols.errors import Problem, ProtocolError
+from protocols.files import NUMBER, UNSTORABLE, contents, shortened
 
 MAX_BYTES = 256 * 1024
 MAX_DEPTH = 24
-MAX_NODES = 50_000  # after aliases, where they are allowed, are written out
+MAX_NODES = 50_000  # before aliases, where they are allowed, are written out, and after
 Key = tuple[str | int, ...]
 
 
@@ -90,12 +93,9 @@ def read(path_or_text: str | Path, *, aliases: bool = False) -> tuple[Any, Sourc
 
 def _contents(path: Path) -> str:
     try:
-        with path.open("rb") as stream:
-            raw = stream.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise ProtocolError((Problem(f"cannot be read: {error.strerror or error}"),), str(path)) from None
-    if len(raw) > MAX_BYTES:
-        raise ProtocolError((Problem(f"the protocol is larger than {MAX_BYTES // 1024} kB"),), str(path))
+        raw = contents(path, MAX_BYTES)
+    except (OSError, ValueError) as error:
+        raise ProtocolError((Problem(str(error).removeprefix(f"{path}: ")),), str(path)) from None
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -105,7 +105,7 @@ def _contents(path: Path) -> str:
 
 def _refuse_tricks(text: str, source: Source, aliases: bool) -> None:
     """Look at the stream of events, which needs no recursion, before any tree is built of it."""
-    depth = 0
+    depth = nodes = 0
     for event in yaml.parse(text, Loader=yaml.SafeLoader):
         refused = ""
         if isinstance(event, yaml.AliasEvent) and not aliases:
@@ -115,8 +115,11 @@ def _refuse_tricks(text: str, source: Source, aliases: bool) -> None:
         elif isinstance(event, (yaml.ScalarEvent, yaml.CollectionStartEvent)) and event.tag is not None:
             refused = f"tags ({event.tag}) are not allowed"
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        nodes += isinstance(event, yaml.NodeEvent)
         if depth > MAX_DEPTH:
             refused = f"nested deeper than {MAX_DEPTH} levels"
+        elif nodes > MAX_NODES:
+            refused = f"more than {MAX_NODES} entries"
         if refused:
             raise ProtocolError((Problem(refused, "", *_place(event.start_mark)),), source.file)
 
@@ -154,10 +157,39 @@ def _place(mark: Any) -> tuple[int, int]:
     return mark.line + 1, mark.column + 1
 
 
+_TEXTS = ("tag:yaml.org,2002:merge", "tag:yaml.org,2002:timestamp")
+_NUMERIC = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
+_NOT_FINITE = re.compile(r"[-+]?\.(inf|nan)", re.IGNORECASE)
+
+
 def _scalar(node: yaml.Node, path: Key, source: Source) -> Any:
-    if node.tag == "tag:yaml.org,2002:merge":
-        return node.value
+    said = str(node.value)
+    if UNSTORABLE.search(said):
+        raise source.fault(path, f"a text cannot hold {UNSTORABLE.findall(said)[0]!r}")
+    if node.tag in _TEXTS:
+        return said
+    if getattr(node, "style", "") is None and (NUMBER.fullmatch(said) or node.tag in _NUMERIC):
+        return _number(said, path, source)
     try:
         return yaml.SafeLoader("").construct_object(node)
     except (yaml.YAMLError, ValueError, OverflowError):
-        raise source.fault(path, f"cannot be understood: {str(node.value)[:40]!r}") from None
+        raise source.fault(path, f"cannot be understood: {said[:40]!r}") from None
+
+
+def _number(said: str, path: Key, source: Source) -> str | int | float:
+    """The number that a text without quotes is; one that begins with zeros is a name (``subject: 007``).
+
+    YAML 1.1 reads 1_0 as ten, 0x10 as sixteen and 1:30 as ninety, and 1e3 as a text: nobody here means that.
+    """
+    if re.fullmatch(r"[-+]?0\d+", said, re.ASCII):
+        return said
+    if re.fullmatch(r"[-+]?\d{1,18}", said, re.ASCII):
+        return int(said)
+    if NUMBER.fullmatch(said):
+        value = float(said)
+        if math.isinf(value):
+            raise source.fault(path, f"{shortened(said)!r} is too large")
+        return value
+    if _NOT_FINITE.fullmatch(said):
+        return float(said.replace(".", ""))
+    raise source.fault(path, f"{shortened(said)!r} is not a plain number; in quotes it is a text")

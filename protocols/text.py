@@ -78,7 +78,7 @@ def _problems(error: ValidationError, model: type[BaseModel], data: Any, source:
 
 def _problem(error: dict[str, Any], root: type[BaseModel], data: Any, source: Source) -> Problem:
     """One of pydantic's errors in the words of protocols, at its line."""
-    path, model = _follow(error["loc"], root, data)
+    path, model = _follow(tuple(part for part in error["loc"] if part != "[key]"), root, data)
     kind, context = error["type"], error.get("ctx", {})
     if kind == "extra_forbidden":
         known = [f.alias or name for name, f in model.model_fields.items()]

@@ -26,6 +26,8 @@ KINDS: dict[str, tuple[str, tuple[str, ...]]] = {
 }
 _TEXT = re.compile(r"\s*(?P<number>[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?)\s*(?P<unit>[^\d\s].*?)?\s*", re.ASCII)
 MAX_LENGTH = 60  # characters: a quantity is short, and pint's parser is not to be fed with anything else
+# Pint works out whatever is written: a power of a power, or numbers of many digits, would keep it busy for years.
+_ENDLESS = re.compile(r"(\*\*|\^)[^a-zA-Zµμ%°]*(\*\*|\^)|\d{4}")
 
 
 @functools.lru_cache(maxsize=1)
@@ -42,10 +44,16 @@ def _affine(unit: str, kind: str) -> float:
     """Factor from ``unit`` to the SI unit of ``kind``. Raises ValueError."""
     si = KINDS[kind][0]
     try:
+        _check_length(unit)
         return float(_registry().Quantity(1.0, unit).to(si).magnitude)
     except Exception as error:  # pint raises its own tree, and Python's tokenizer leaks through it
         known = " or ".join(dict.fromkeys((*KINDS[kind][1], si)))
         raise ValueError(f"{unit!r} is no unit of {kind}; write it in {known}") from error
+
+
+def _check_length(unit: str) -> None:
+    if len(unit) > MAX_LENGTH or _ENDLESS.search(unit):
+        raise ValueError("too long to be worked out")
 
 
 def parse(text: object, kind: str) -> float:
@@ -66,6 +74,23 @@ def parse(text: object, kind: str) -> float:
     if found["unit"] is None:
         raise ValueError(f"a unit is missing: {text!r} should be {kind}, such as '{example}'")
     value = float(found["number"]) * _affine(found["unit"], kind)
+    if not math.isfinite(value):
+        raise ValueError(f"{text!r} is not finite")
+    return value
+
+
+def parse_in(text: str, unit: str) -> float:
+    """The value of ``text``, a number in ``unit`` or with a unit of its own. Raises ValueError."""
+    found = _TEXT.fullmatch(text) if len(text) <= MAX_LENGTH else None
+    if found is None:
+        raise ValueError(f"{text[:MAX_LENGTH]!r} is no number with a unit")
+    value = float(found["number"])
+    if found["unit"] is not None:
+        own, factor, offset = to_si(found["unit"])
+        si, scale, zero = to_si(unit)
+        if own != si:
+            raise ValueError(f"{found['unit']!r} is no unit of {unit}")
+        value = (value * factor + offset - zero) / scale
     if not math.isfinite(value):
         raise ValueError(f"{text!r} is not finite")
     return value
@@ -114,8 +139,7 @@ def to_si(unit: str) -> tuple[str, float, float]:
     """
     registry = _registry()
     try:
-        if len(unit) > MAX_LENGTH:
-            raise ValueError("too long")
+        _check_length(unit)
         parsed = registry.Unit("" if unit.strip() in ("", "1", "-") else unit)
         named = (name for name in _NAMED if registry.Unit(name).dimensionality == parsed.dimensionality)
         base = registry.Quantity(1.0, parsed).to_base_units().units
@@ -124,5 +148,7 @@ def to_si(unit: str) -> tuple[str, float, float]:
         offset = float(registry.Quantity(0.0, parsed).to(target).magnitude)
         factor = float(registry.Quantity(1.0, parsed).to(target).magnitude) - offset
     except Exception as error:  # pint raises its own tree, and Python's tokenizer leaks through it
-        raise ValueError(f"{unit!r} is not a unit") from error
+        raise ValueError(f"{unit[:MAX_LENGTH]!r} is not a unit") from error
+    if not (math.isfinite(factor) and math.isfinite(offset) and factor):
+        raise ValueError(f"{unit!r} is not a unit")
     return si, factor, offset

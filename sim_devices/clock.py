@@ -32,12 +32,16 @@ class Clock(abc.ABC):
         """Let it be ``moment`` (simulated s, not later than now) again: the instrument could not keep up."""
 
 
+#: Beyond, the time of a sample is shorter than any computer's turn, and at last no number.
+MAX_SPEED = 1e5
+
+
 class ScaledClock(Clock):
     """Wall time times ``speed``; 1 is real time."""
 
     def __init__(self, speed: float = 1.0) -> None:
-        if not speed > 0:
-            raise ValueError(f"the speed of a clock is positive, not {speed:g}")
+        if not 0 < speed <= MAX_SPEED:
+            raise ValueError(f"the speed of simulated time is positive and at most {MAX_SPEED:g}, not {speed:g}")
         self._speed = speed
         self._origin = time.monotonic()
 

@@ -85,7 +85,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         status = exit_status(error)
         if status == BUG or os.environ.get("ACQUIRE_DEBUG"):
             traceback.print_exc()
-        print(f"acquire: {_message(error)}", file=sys.stderr)
+        print("\n".join(_told(f"acquire: {_message(error)}")), file=sys.stderr)
         return status
     return DONE
 
@@ -99,17 +99,28 @@ def exit_status(error: BaseException) -> int:
         return ABORTED
     if isinstance(error, Tripped):
         return TRIPPED
-    if isinstance(error, DeviceError):
+    if isinstance(error, DeviceError | ConnectionError | TimeoutError):
         return DEVICE
-    # Faults in what a person gave us: files, names, units, values. All our error classes for it are ValueErrors.
-    if isinstance(error, ValueError | FileNotFoundError | FileExistsError | IsADirectoryError | NotADirectoryError):
-        return BAD_INPUT
-    if isinstance(error, PermissionError | LookupError) and not isinstance(error, IndexError):
+    # Faults in what a person gave us: files, names, units, values. All our error classes for it are ValueErrors. What
+    # the system refuses (a name too long, links in a circle, a full disk) is about a file that a person named.
+    if isinstance(error, ValueError | OSError | LookupError) and not isinstance(error, IndexError):
         return BAD_INPUT
     return BUG
 
 
+def _told(message: str) -> list[str]:
+    """The lines of a message as a terminal stands them: a name of a megabyte is not printed whole."""
+    from protocols.files import shortened
+
+    return [shortened(line, 1000) for line in message.splitlines()]
+
+
 def _message(error: BaseException) -> str:
+    if isinstance(error, OSError) and error.strerror:
+        from protocols.files import shortened
+
+        names = " -> ".join(shortened(str(name)) for name in (error.filename, error.filename2) if name is not None)
+        return f"{names}: {error.strerror}" if names else error.strerror
     # str(KeyError("text")) has quotes around it.
     text = str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error)
     return text or type(error).__name__

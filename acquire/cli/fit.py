@@ -10,6 +10,8 @@ from typing import Annotated, Any
 
 import typer
 
+from acquire.cli.numbers import MOST_JOBS, whole
+
 LINES = 5.0  # s between two lines of progress where there is no terminal
 
 
@@ -20,7 +22,7 @@ def fit(
     model: Annotated[str, typer.Option(help="Forward model; with --list all are named.")] = "",
     spec: Annotated[Path | None, typer.Option(help="What is free, bounds, starts, weights, optimiser (YAML).")] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder for fit.json and fit.html.")] = None,
-    jobs: Annotated[int, typer.Option(min=1, help="Processes that run the model side by side.")] = 1,
+    jobs: Annotated[int, typer.Option(parser=whole(1, MOST_JOBS), help="Processes that share the work.")] = 1,
     cluster: Annotated[
         str, typer.Option(help="Scheduler of a dask.distributed cluster, such as tcp://host:8786.")
     ] = "",

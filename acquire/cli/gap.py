@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from acquire.cli.numbers import MOST_JOBS, whole
+
 if TYPE_CHECKING:
     from gap.rig.generic import GenericEffect
     from sim_devices.chain import Effect
@@ -31,7 +33,8 @@ def diagnose(
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder for gap.json and gap.html.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report on stdout.")] = False,
     jobs: Annotated[
-        int, typer.Option(min=1, show_default="one a core", help="Processes that share the fits.")
+        int,
+        typer.Option(parser=whole(1, MOST_JOBS), show_default="one a core", help="Processes that share the fits."),
     ] = os.cpu_count() or 1,
 ) -> None:
     """Say where simulation and measurement differ, which effect causes it, and how far it shrinks with it."""
@@ -137,8 +140,8 @@ def plan(
 def blind_make(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the cases.")],
     tier: Annotated[str, typer.Option(help="T0 … T6.")] = "T3",
-    n: Annotated[int, typer.Option("--n", "-n", help="How many cases.")] = 20,
-    seed: Annotated[int, typer.Option(help="Seed of the set.")] = 1,
+    n: Annotated[int, typer.Option("--n", "-n", parser=whole(1), help="How many cases.")] = 20,
+    seed: Annotated[int, typer.Option(parser=whole(), help="Seed of the set.")] = 1,
     instrument: Annotated[list[str] | None, typer.Option(help="Only these instruments (may be repeated).")] = None,
     passphrase: Annotated[str, typer.Option(help="What the key is encrypted with.")] = "",
     style: Annotated[str, typer.Option(help="wide: laboratories as they differ; dense: the nominal one.")] = "wide",
@@ -161,7 +164,7 @@ def blind_make(
 def blind_diagnose(
     cases: Annotated[Path, typer.Argument(help="Folder made by `blind make`.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the reports.")],
-    jobs: Annotated[int, typer.Option(help="Processes.")] = 1,
+    jobs: Annotated[int, typer.Option(parser=whole(1, MOST_JOBS), help="Processes.")] = 1,
 ) -> None:
     """Diagnose every case of a set into one report each."""
     from gap.batch import diagnose_cases

@@ -7,13 +7,15 @@ from typing import Annotated
 
 import typer
 
+from acquire.cli.numbers import Speed
+
 
 def gui(
     station: Annotated[
         Path | None, typer.Option(help="Station file; none: the last one, or the simulated bench.")
     ] = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for recordings.")] = Path("runs"),
-    speed: Annotated[float, typer.Option(help="Simulated seconds per second.")] = 1.0,
+    speed: Speed = 1.0,
     tissue: Annotated[str, typer.Option(help="Simulated tissue, such as forearm.")] = "forearm",
     dark: Annotated[bool | None, typer.Option("--dark/--light", help="Colours; remembered.")] = None,
 ) -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from acquire.cli.app import ABORTED, DEVICE, DONE, TRIPPED
+from acquire.cli.numbers import Speed, whole
 
 if TYPE_CHECKING:
     from acquire.engine import Outcome
@@ -21,18 +22,18 @@ def run(
     sim: Annotated[bool, typer.Option("--sim", help="On simulated instruments.")] = False,
     station: Annotated[Path | None, typer.Option(help="Station file; with --sim all in it is simulated.")] = None,
     instrument: Annotated[str, typer.Option(help="The station's instrument, where it has several of a kind.")] = "",
-    speed: Annotated[float, typer.Option(help="Simulated seconds per second.")] = 1.0,
+    speed: Speed = 1.0,
     subject: Annotated[str, typer.Option(help="Pseudonym of the subject, such as P07.")] = "",
     site: Annotated[str, typer.Option(help="Where on the body, such as forehead.")] = "",
     specimen: Annotated[str, typer.Option(help="skin, or a reference: 'rigid block', 'open air'.")] = "skin",
-    repeat: Annotated[int, typer.Option(help="Which repeat of this measurement it is, from 1.", min=1)] = 1,
+    repeat: Annotated[int, typer.Option(parser=whole(1), help="Which repeat of this measurement it is, from 1.")] = 1,
     operator: Annotated[str, typer.Option(help="Who measures.")] = "",
     notes: Annotated[str, typer.Option(help="Anything worth keeping.")] = "",
     effect: Annotated[
         list[str] | None, typer.Option(help="Simulated non-ideality, such as regulator_lag:tau=0.3s; may be repeated.")
     ] = None,
     tissue: Annotated[str, typer.Option(help="Simulated tissue, such as forearm.")] = "",
-    seed: Annotated[int | None, typer.Option(help="Seed of the simulation's noise and scatter.")] = None,
+    seed: Annotated[int | None, typer.Option(parser=whole(), help="Seed of simulated noise.")] = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the recording, or its file name (.h5).")] = Path(
         "runs"
     ),

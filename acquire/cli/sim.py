@@ -9,17 +9,19 @@ from typing import Annotated
 
 import typer
 
+from acquire.cli.numbers import Speed, whole
+
 
 def sim(
     name: Annotated[str, typer.Argument(help="cutometer, aspiration or microrobot.")],
     link: Annotated[str, typer.Option(help="tcp or pty (a virtual USB device lives in its own process only).")] = "tcp",
-    port: Annotated[int, typer.Option(help="TCP port; 0 takes a free one.")] = 0,
-    speed: Annotated[float, typer.Option(help="Simulated seconds per second.")] = 1.0,
+    port: Annotated[int, typer.Option(parser=whole(0, 65535), help="TCP port; 0 takes a free one.")] = 0,
+    speed: Speed = 1.0,
     tissue: Annotated[str, typer.Option(help="Simulated tissue, such as forearm.")] = "forearm",
     effect: Annotated[
         list[str] | None, typer.Option(help="Simulated non-ideality, such as regulator_lag:tau=0.3s; may be repeated.")
     ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of noise and scatter.")] = 0,
+    seed: Annotated[int, typer.Option(parser=whole(), help="Seed of noise and scatter.")] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print the addresses as JSON.")] = False,
 ) -> None:
     """Serve a simulated instrument until Ctrl-C; prints the station file that reaches it."""

@@ -7,6 +7,7 @@ channel, and nothing is imported then.
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -20,12 +21,15 @@ from acquire.recording.model import Event, FloatArray, Frames, Recording, Record
 from acquire.recording.tables import Table, evenly
 from protocols import units
 from protocols.errors import ProtocolError
+from protocols.files import contents, in_words, inside, is_file
 from protocols.source import Key, read
 from protocols.source import Source as Yaml
 from protocols.text import validate
 
 OURS = (*SUCTION, "microrobot")
 FILE_NAME = "recording.yaml"
+MAX_PROTOCOL = 2**20  # bytes
+_OURS = re.compile(r"""^[\s{]*["']?schema["']?\s*:\s*["']?protocol/""", re.MULTILINE)
 
 
 def read_bundle(folder: Path | str) -> Recording:
@@ -38,8 +42,8 @@ def read_bundle(folder: Path | str) -> Recording:
     Raises RecordingError that names file and line, column or channel.
     """
     folder = Path(folder)
-    file = folder if folder.is_file() else folder / FILE_NAME
-    if not file.is_file():
+    file = folder if is_file(folder) else folder / FILE_NAME
+    if not is_file(file):
         raise RecordingError(f"{folder}: not a bundle: there is no {FILE_NAME}")
     try:
         data, source = read(file, aliases=True)
@@ -118,8 +122,6 @@ class _Import:
         return {name: self.one(kind, name, source) for name, source in sources.items()}
 
     def one(self, kind: str, name: str, source: Source) -> Series:
-        if "/" in name:
-            raise self.fault((kind, name), "a channel's name has no '/'")
         table = self.table((kind, name, "file"), source.file, source.sheet)
         unit, factor, offset = self.unit((kind, name, "unit"), name, source.unit)
         nan = source.allow_nan
@@ -129,7 +131,7 @@ class _Import:
             columns = [f"{source.column}_{k}" for k in range(source.width)]
             value = np.column_stack([table.column(column, name, allow_nan=nan)[0] for column in columns])
         time = self.time((kind, name, "time"), table, source.time, len(value), name)
-        seq = table.column(source.seq, name)[0].astype(np.int64) if source.seq else None
+        seq = table.counter(source.seq, name) if source.seq else None
         if seq is None and kind == "channels":
             seq = np.arange(len(value))
         host = table.column(source.time_host, name)[0] if source.time_host else None
@@ -155,18 +157,22 @@ class _Import:
         return self.tables[key]
 
     def inside(self, path: Key, name: str) -> Path:
-        file = (self.folder / name).resolve()
-        if not file.is_relative_to(self.folder.resolve()):
-            raise self.fault(path, f"{name!r} lies outside the bundle")
-        if not file.is_file():
-            raise self.fault(path, f"there is no file {name!r}")
-        return self.folder / name
-
-    def unit(self, path: Key, channel: str, written: str) -> tuple[str, float, float]:
         try:
-            si, factor, offset = units.to_si(written)
+            file = inside(self.folder, name)
+        except ValueError as error:
+            raise self.fault(path, str(error)) from error
+        if not is_file(file):
+            raise self.fault(path, f"there is no file {name!r}")
+        return file
+
+    def si(self, path: Key, channel: str, written: str) -> tuple[str, float, float]:
+        try:
+            return units.to_si(written)
         except ValueError as error:
             raise self.fault(path, f"channel {channel}: {error}") from error
+
+    def unit(self, path: Key, channel: str, written: str) -> tuple[str, float, float]:
+        si, factor, offset = self.si(path, channel, written)
         if self.bundle.instrument in OURS and path[0] != "derived":
             try:
                 expected = units.KINDS[units.kind_of(channel)][0]
@@ -186,7 +192,7 @@ class _Import:
         if axis.rate is not None:
             return evenly(count, axis.rate, axis.start)
         assert axis.column is not None, "the schema asks for one of the two"
-        si, factor, offset = units.to_si(axis.unit) if axis.unit != "s" else ("s", 1.0, 0.0)
+        si, factor, offset = self.si((*path, "unit"), channel, axis.unit) if axis.unit != "s" else ("s", 1.0, 0.0)
         if si != "s":
             raise self.fault((*path, "unit"), f"channel {channel}: {axis.unit!r} is not a unit of time")
         time, lines = table.column(axis.column, channel)
@@ -222,7 +228,7 @@ class _Import:
             table = self.table(("frames", "time_file"), images.time_file, None)
             time = self.time(("frames", "time"), table, images.time, len(data), "frames")
             if images.seq is not None:
-                seq = table.column(images.seq, "frames")[0].astype(np.int64)
+                seq = table.counter(images.seq, "frames")
         return Frames(data, time, images.scale or 0.0, seq)
 
     def threshold(self, recording: Recording) -> Recording:
@@ -256,15 +262,13 @@ class _Import:
             return given, ""
         from protocols.catalogue import library
 
-        if not (self.folder / given).is_file() and given in library():
+        if given in library() and not is_file(self.folder / given):
             return library()[given].read_text("utf-8"), given
         file = self.inside(("protocol",), given)
-        if file.stat().st_size > 2**20:
-            raise self.fault(("protocol",), f"{given!r} is larger than 1 MB")
         try:
-            return file.read_text("utf-8"), file.stem
-        except UnicodeDecodeError as error:
-            raise self.fault(("protocol",), f"{given!r} is not UTF-8 text") from error
+            return contents(file, MAX_PROTOCOL).decode(), file.stem
+        except ValueError as error:
+            raise self.fault(("protocol",), f"{given!r}: {in_words(error)}") from error
 
     def compiled(self, text: str, start: float) -> dict[str, Series]:
         """Set-points of a skinrig protocol; of any other, none."""
@@ -272,11 +276,7 @@ class _Import:
         from protocols.limits import Limits, Range
         from protocols.text import load
 
-        try:
-            ours = yaml.safe_load(text)
-        except yaml.YAMLError:
-            return {}
-        if not isinstance(ours, dict) or not str(ours.get("schema", "")).startswith("protocol/"):
+        if not _OURS.search(text):
             return {}
         try:
             protocol = load(text if "\n" in text else text + "\n")

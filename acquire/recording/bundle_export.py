@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from acquire.recording.bundle import FILE_NAME
 from acquire.recording.bundle_schema import SCHEMA
 from acquire.recording.model import FloatArray, Frames, Recording, RecordingError, Series
+from acquire.recording.tables import write_table
 
 _OWN_KEYS = ("instrument", "protocol", "subject", "site", "repeat", "specimen", "operator", "notes")
 
@@ -62,16 +62,6 @@ def table_groups(group: Mapping[str, Series]) -> list[dict[str, Series]]:
         else:
             groups.append({name: series})
     return groups
-
-
-def write_table(path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
-    """A CSV of equally long ``columns``; floats carry every digit."""
-    with path.open("w", encoding="utf-8", newline="\n") as file:
-        file.write(",".join(columns) + "\n")
-        rows: Iterable[tuple[Any, ...]] = zip(
-            *(np.asarray(column).tolist() for column in columns.values()), strict=True
-        )
-        file.writelines(",".join(map(repr, row)) + "\n" for row in rows)
 
 
 def _tables(folder: Path, stem: str, group: Mapping[str, Series]) -> dict[str, Any]:

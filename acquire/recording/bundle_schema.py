@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import AfterValidator, ConfigDict, Field, model_validator
 
 from protocols.fields import Frequency, Model, Unit
 
@@ -18,6 +18,20 @@ SUCTION = ("cutometer", "aspiration")
 ScaleValue = Annotated[float, Unit("scale", "positive")]
 Duration = Annotated[float, Unit("time")]
 Short = Annotated[str, Field(max_length=400)]
+
+
+#: A number is written as one: in quotes it is a text, and Python would read '-3_0' as -30.
+Number = Annotated[float, Field(strict=True)]
+Whole = Annotated[int, Field(strict=True, ge=0, lt=2**31)]
+
+
+def _check_name(name: str) -> str:
+    if "/" in name or name in ("", ".", ".."):
+        raise ValueError(f"{name!r} cannot be the name of a channel: it needs letters, and no '/'")
+    return name
+
+
+Name = Annotated[Short, AfterValidator(_check_name)]
 
 
 class _Loose(Model):
@@ -48,14 +62,14 @@ class Source(_Loose):
     column: Short
     unit: Short
     time: TimeAxis
-    width: Annotated[int, Field(ge=1, le=10_000)] | None = Field(
+    width: Annotated[Whole, Field(ge=1, le=10_000)] | None = Field(
         default=None, description="a profile: the columns are <column>_0, <column>_1 …"
     )
     allow_nan: bool = Field(default=False, description="nan cells are samples without a value, not a fault")
     sheet: Short | None = None
     stage: Short | None = None
-    range: tuple[float, float] | None = Field(default=None, description="in SI")
-    resolution: float | None = Field(default=None, description="in SI")
+    range: tuple[Number, Number] | None = Field(default=None, description="in SI")
+    resolution: Number | None = Field(default=None, description="in SI")
     seq: Short | None = Field(default=None, description="column of the device's sample counter")
     time_host: Short | None = Field(default=None, description="column of the host's clock, in s")
 
@@ -76,8 +90,8 @@ class Images(_Loose):
     time_file: Short | None = None
     time: TimeAxis | None = None
     seq: Short | None = Field(default=None, description="column of time_file with the camera's frame counter")
-    gvt: Annotated[float, Field(ge=0, le=255)] | None = None
-    delta: Annotated[float, Field(gt=0, le=100)] | None = None
+    gvt: Annotated[Number, Field(ge=0, le=255)] | None = None
+    delta: Annotated[Number, Field(gt=0, le=100)] | None = None
     apex: Literal["up", "down"] = "up"
     tissue: Literal["dark", "bright"] = "dark"
 
@@ -99,9 +113,9 @@ class Run(_Loose):
     start_time: Short = ""
     end_time: Short = ""
     protocol_name: Short | None = None
-    versions: dict[str, str] = Field(default={})
-    limits: dict[str, tuple[float, float]] = Field(default={})
-    calibration: dict[str, dict[str, Any]] = Field(default={})
+    versions: dict[Name, str] = Field(default={})
+    limits: dict[Name, tuple[Number, Number]] = Field(default={})
+    calibration: dict[Name, dict[str, Any]] = Field(default={})
     station: str = ""
     plot: Short = ""
 
@@ -109,7 +123,7 @@ class Run(_Loose):
 class EventRow(_Loose):
     """One event."""
 
-    time: float
+    time: Number
     level: Literal["info", "warning", "error", "trip"]
     code: Short
     text: str
@@ -123,13 +137,13 @@ class Bundle(_Loose):
     protocol: str | dict[str, Any] | None = None
     subject: Short = ""
     site: Short = ""
-    repeat: Annotated[int, Field(ge=0, strict=True)] = 1
+    repeat: Whole = 1
     specimen: Short = "skin"
     operator: Short = ""
     notes: str = ""
-    channels: dict[str, Source] = Field(default={})
-    setpoints: dict[str, Source] = Field(default={})
-    derived: dict[str, Source] = Field(default={})
+    channels: dict[Name, Source] = Field(default={})
+    setpoints: dict[Name, Source] = Field(default={})
+    derived: dict[Name, Source] = Field(default={})
     frames: Images | None = None
     events: tuple[EventRow, ...] = ()
     run: Run = Run()

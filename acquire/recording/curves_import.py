@@ -21,12 +21,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, model_validator
 
-from acquire.recording.bundle import import_bundle
+from acquire.recording.bundle import MAX_PROTOCOL, import_bundle
 from acquire.recording.bundle_schema import SCHEMA, Bundle, Run, Source, TimeAxis
 from acquire.recording.model import Recording, RecordingError
 from acquire.recording.tables import Table
 from protocols.errors import ProtocolError
 from protocols.fields import Model
+from protocols.files import contents, inside, is_file, refusing
 from protocols.source import Source as Yaml
 from protocols.source import read
 from protocols.text import validate
@@ -118,7 +119,9 @@ def _protocol(column_map: Path, given: str | dict[str, Any] | None) -> str | dic
     """The text of a protocol file beside the map, else what was given: an inline protocol or a library name."""
     if not isinstance(given, str) or "\n" in given:
         return given
-    path = column_map.parent / given
-    if not path.resolve().is_relative_to(column_map.parent.resolve()):
-        raise RecordingError(f"{column_map}: protocol: {given!r} lies outside the map's folder")
-    return path.read_text("utf-8") + "\n" if path.is_file() else given
+    with refusing(column_map, RecordingError, "protocol"):
+        path = inside(column_map.parent, given)
+    if not is_file(path):
+        return given
+    with refusing(path, RecordingError, "protocol"):
+        return contents(path, MAX_PROTOCOL).decode() + "\n"

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from acquire.recording.bundle_export import table_groups, write_table
+from acquire.recording.bundle_export import table_groups
 from acquire.recording.model import FloatArray, Recording, RecordingError
+from acquire.recording.tables import write_table
 
 
 def write_csv(recording: Recording, path: Path | str) -> list[Path]:

@@ -12,6 +12,7 @@ import numpy as np
 from acquire.recording.guard import check_file, check_readable_whole
 from acquire.recording.lazy import Hdf5Frames
 from acquire.recording.model import Event, Frames, Recording, RecordingError, RunInfo, Series
+from protocols.files import is_file, refusing, shortened
 
 T = TypeVar("T")
 
@@ -42,16 +43,11 @@ def read_open(file: h5py.File, path: Path) -> Recording:
 
 
 def _read(path: Path, what: Callable[[_Reader], T]) -> T:
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file")
-    try:
-        with h5py.File(path, "r") as file:
-            check_file(file, path)
-            return what(_Reader(file, path))
-    except RecordingError:
-        raise
-    except (OSError, KeyError, TypeError, ValueError, RuntimeError) as error:
-        raise RecordingError(f"{path}: not a readable recording: {error}") from error
+    if not is_file(path):
+        raise FileNotFoundError(f"{shortened(str(path))}: no such file")
+    with refusing(path, RecordingError, "not a readable recording"), h5py.File(path, "r") as file:
+        check_file(file, path)
+        return what(_Reader(file, path))
 
 
 class _Reader:

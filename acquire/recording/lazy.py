@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquire.recording.model import RecordingError
+from protocols.files import refusing
 
 
 class LazyFrames(abc.ABC):
@@ -59,7 +60,7 @@ class Hdf5Frames(LazyFrames):
 
     def load(self, indices: NDArray[np.intp]) -> NDArray[np.uint8]:
         frames = np.empty((len(indices), *self.shape[1:]), np.uint8)
-        with h5py.File(self.path, "r") as file:
+        with refusing(self.path, RecordingError, "its frames are damaged"), h5py.File(self.path, "r") as file:
             dataset = file["entry/frames/data"]
             for k, index in enumerate(indices):
                 frames[k] = dataset[index]

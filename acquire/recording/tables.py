@@ -4,17 +4,54 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from acquire.recording.model import FloatArray, RecordingError
+from protocols.files import contents, is_file, number, refusing
 from protocols.text import did_you_mean
 
-MAX_BYTES = 2**29  # of text, or of a workbook once unpacked
+MAX_BYTES = 2**29  # of text
+# A workbook is a zipped XML, some hundred times larger once unpacked, and is read cell by cell: a second or two for
+# as many cells as these. More belong into a CSV, which is read a hundred times quicker.
+MAX_UNPACKED = 2**26
+MAX_CELLS = 500_000
+MAX_COUNT = 2**53  # beyond, floats skip whole numbers
+_NOT_FINITE = ("nan", "inf", "-inf", "+inf")
+# A cell that begins with one of these is run as a formula when somebody opens the table in a spreadsheet; an
+# apostrophe before it, which spreadsheets hide, makes it a text again.
+_FORMULA = re.compile(r"'*[=+\-@\t\r]")
+
+
+def title_in_csv(name: str) -> str:
+    """A column's name as it is written: an apostrophe comes before whatever a spreadsheet would run as a formula.
+
+    No two names are written alike; `Table.column` finds a column by its name.
+    """
+    return f"'{name}" if _FORMULA.match(name) else name
+
+
+def _quoted(text: str) -> str:
+    doubled = text.replace('"', '""')
+    return f'"{doubled}"'
+
+
+def write_table(path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
+    """A CSV of equally long ``columns``; floats carry every digit, names are quoted and escaped (`title_in_csv`)."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        # Plain titles stay without quotes, so that the numbers below are read the quick way.
+        titles = (title_in_csv(name) for name in columns)
+        file.write(",".join(t if re.fullmatch(r"[^\s,;\"]+( [^\s,;\"]+)*", t) else _quoted(t) for t in titles) + "\n")
+        rows: Iterable[tuple[Any, ...]] = zip(
+            *(np.asarray(column).tolist() for column in columns.values()), strict=True
+        )
+        file.writelines(",".join(map(repr, row)) + "\n" for row in rows)
 
 
 class Table:
@@ -27,7 +64,7 @@ class Table:
     def __init__(self, path: Path, sheet: str | None = None) -> None:
         self.path = path
         self.sheet = sheet
-        if not path.is_file():
+        if not is_file(path):
             raise RecordingError(f"{path}: no such file")
         if path.suffix.lower() == ".xlsx":
             self._lines, self._rows = _workbook(path, sheet)
@@ -60,8 +97,18 @@ class Table:
             raise self._fault(lines[bad[0]], channel, name, f"{text!r} is not a finite number")
         return values, lines
 
+    def counter(self, name: str, channel: str) -> NDArray[np.int64]:
+        """Whole numbers (n,) of the column ``name``. Raises as `column`, and for what is no whole number."""
+        values, lines = self.column(name, channel)
+        bad = np.flatnonzero((values != np.rint(values)) | (np.abs(values) > MAX_COUNT))
+        if len(bad):
+            raise self._fault(lines[bad[0]], channel, name, f"{float(values[bad[0]])!r} is not a count")
+        return values.astype(np.int64)
+
     def _read(self, name: str, channel: str) -> tuple[FloatArray, Sequence[int]]:
-        found = [index for index, title in enumerate(self.header) if title == name.strip()]
+        found: list[int] = []
+        for written in (title_in_csv(name.strip()), name.strip()):
+            found = found or [index for index, title in enumerate(self.header) if title == written]
         if not found:
             raise RecordingError(f"{self.path}: channel {channel}: no column {name!r}{did_you_mean(name, self.header)}")
         if len(found) > 1:
@@ -75,20 +122,17 @@ class Table:
         if not cells:
             raise RecordingError(f"{self.path}: channel {channel}: column {name!r} is empty")
         lines = self._lines[1 : len(cells) + 1]
-        try:
-            values = np.array(cells, dtype=np.float64)
-        except ValueError:
-            values = np.array(
-                [self._number(cell, line, name, channel) for cell, line in zip(cells, lines, strict=True)]
-            )
-        return values, lines
+        values = [self._number(cell, line, name, channel) for cell, line in zip(cells, lines, strict=True)]
+        return np.array(values, dtype=np.float64), lines
 
     def _number(self, cell: str, line: int, name: str, channel: str) -> float:
+        if cell.lower() in _NOT_FINITE:
+            return float(cell)
         try:
             # A decimal comma cannot be a thousands separator here: a number has at most one.
-            return float(cell.replace(",", ".", 1) if "." not in cell else cell)
+            return number(cell.replace(",", ".", 1) if "." not in cell else cell)
         except ValueError:
-            what = f"{cell!r} is not a number" if cell else "the cell is empty"
+            what = f"{cell[:40]!r} is not a number" if cell else "the cell is empty"
             raise self._fault(line, channel, name, what) from None
 
     def _fault(self, line: int, channel: str, name: str, what: str) -> RecordingError:
@@ -97,9 +141,10 @@ class Table:
 
 def _text(path: Path) -> tuple[str, str]:
     """The file's text and what separates its columns."""
-    if path.stat().st_size > MAX_BYTES:
-        raise RecordingError(f"{path}: larger than {MAX_BYTES // 2**20} MB")
-    raw = path.read_bytes()
+    try:
+        raw = contents(path, MAX_BYTES)
+    except ValueError as error:
+        raise RecordingError(str(error)) from error
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -107,9 +152,10 @@ def _text(path: Path) -> tuple[str, str]:
     if "\0" in text:
         raise RecordingError(f"{path}: not a text file")
     first = next((line for line in io.StringIO(text) if line.strip() and not line.startswith("#")), "")
-    if path.suffix.lower() in (".tsv", ".tab") or "\t" in first:
+    bare = re.sub(r'"[^"]*("|$)', "", first)  # what stands in quotes separates nothing
+    if path.suffix.lower() in (".tsv", ".tab") or "\t" in bare:
         return text, "\t"
-    return text, ";" if ";" in first else ","
+    return text, ";" if ";" in bare else ","
 
 
 def _plain_numbers(text: str, separator: str) -> FloatArray | None:
@@ -146,29 +192,38 @@ def _text_rows(path: Path, text: str, separator: str) -> tuple[list[int], list[l
 def _workbook(path: Path, sheet: str | None) -> tuple[list[int], list[list[str]]]:
     import openpyxl
 
-    try:
+    with refusing(path, RecordingError, "not a readable workbook"):
         with zipfile.ZipFile(path) as archive:
             size = sum(member.file_size for member in archive.infolist())
-        if size > MAX_BYTES:
-            raise RecordingError(f"{path}: unpacks to {size} bytes; more than {MAX_BYTES} are refused")
-        book = openpyxl.load_workbook(path, read_only=True, data_only=True)
-    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
-        if isinstance(error, RecordingError):
-            raise
-        raise RecordingError(f"{path}: not a readable workbook: {error}") from error
-    try:
-        if sheet is not None and sheet not in book.sheetnames:
-            raise RecordingError(f"{path}: no sheet {sheet!r}{did_you_mean(sheet, book.sheetnames)}")
-        chosen = book[sheet] if sheet is not None else book.worksheets[0]
-        lines, rows = [], []
-        for number, cells in enumerate(chosen.iter_rows(values_only=True), start=1):
-            row = ["" if cell is None else str(cell) for cell in cells]
-            if any(map(str.strip, row)):
-                lines.append(number)
-                rows.append(row)
-        return lines, rows
-    finally:
-        book.close()
+        if size > MAX_UNPACKED:
+            raise RecordingError(f"{path}: unpacks to {size} bytes; more than {MAX_UNPACKED} are refused: write a CSV")
+        book = openpyxl.load_workbook(path, read_only=True, data_only=True, keep_links=False)
+        try:
+            if sheet is not None and sheet not in book.sheetnames:
+                raise RecordingError(f"{path}: no sheet {sheet!r}{did_you_mean(sheet, book.sheetnames)}")
+            if not book.worksheets:
+                raise RecordingError(f"{path}: there is no sheet of cells")
+            chosen = book[sheet] if sheet is not None else book.worksheets[0]
+            chosen.reset_dimensions()  # what the file claims of them is not believed: rows would be padded to it
+            lines, rows = [], []
+            for line, cells in _bounded(chosen.iter_rows(values_only=True), path):
+                row = ["" if cell is None else str(cell) for cell in cells]
+                if any(map(str.strip, row)):
+                    lines.append(line)
+                    rows.append(row)
+            return lines, rows
+        finally:
+            book.close()
+
+
+def _bounded(rows: Iterable[Sequence[Any]], path: Path) -> Iterator[tuple[int, Sequence[Any]]]:
+    """Rows with their numbers, until they are more than a workbook may have."""
+    count = 0
+    for line, cells in enumerate(rows, start=1):
+        count += 1 + len(cells)
+        if count > MAX_CELLS:
+            raise RecordingError(f"{path}: more than {MAX_CELLS} cells in a sheet are refused: write a CSV")
+        yield line, cells
 
 
 def evenly(count: int, rate: float, start: float) -> NDArray[np.float64]:

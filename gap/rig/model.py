@@ -28,6 +28,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from acquire.recording.model import Recording
+from protocols.files import in_words, is_file
 from sim_devices.chain import STAGES, FloatArray, Parameter
 
 
@@ -57,7 +58,7 @@ def load_model(where: str) -> ForwardModel:
     path = Path(path_text)
     if not path_text or not name:
         raise ModelError(f"model {where!r}: give it as file.py:Name")
-    if not path.is_file():
+    if not is_file(path):
         raise ModelError(f"model {where!r}: there is no file {path}")
     spec = importlib.util.spec_from_file_location(f"skinrig_model_{path.stem}", path)
     assert spec is not None
@@ -66,12 +67,16 @@ def load_model(where: str) -> ForwardModel:
     sys.modules[spec.name] = module
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
-        raise ModelError(f"model {where!r}: {path} fails on import: {type(error).__name__}: {error}") from error
-    if not hasattr(module, name):
-        raise ModelError(f"model {where!r}: {path} defines no {name}")
-    model = getattr(module, name)
-    model = model() if isinstance(model, type) else model
+        if not hasattr(module, name):
+            raise ModelError(f"model {where!r}: {path} defines no {name}")
+        model = getattr(module, name)
+        model = model() if isinstance(model, type) else model
+    except ModelError:
+        raise
+    except (Exception, SystemExit) as error:  # whatever a stranger's module does
+        raise ModelError(
+            f"model {where!r}: {path} fails on import: {type(error).__name__}: {in_words(error)}"
+        ) from error
     missing = [a for a in ("name", "channels", "stages", "parameters", "simulate") if not hasattr(model, a)]
     if missing:
         raise ModelError(f"model {where!r}: it lacks {', '.join(missing)} (see gap.rig.model)")

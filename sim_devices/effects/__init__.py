@@ -13,6 +13,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from itertools import product
 
+from protocols import units
 from sim_devices.chain import Chain, Effect, Parameter
 from sim_devices.effects import actuator, interface, processing, sensor, timing, tissue
 from sim_devices.effects.build import CHOICE
@@ -90,16 +91,10 @@ def parse_effect(text: str, instrument: str | None = None) -> tuple[Effect, dict
 def _number(effect: str, parameter: Parameter, text: str) -> float:
     where = f"effect {effect}, parameter {parameter.name} = {text!r}"
     try:
-        return float(text)
-    except ValueError:
-        pass
-    if parameter.unit == CHOICE:
-        raise ValueError(f"{where}: a whole number is needed: {parameter.meaning}")
-    import pint  # only where somebody writes a unit: it is slow to load
-
-    try:
-        return float(pint.Quantity(text).to("" if parameter.unit == "1" else parameter.unit).magnitude)
-    except Exception as error:  # pint raises many kinds
+        return units.parse_in(text, "" if parameter.unit == CHOICE else parameter.unit)
+    except ValueError as error:
+        if parameter.unit == CHOICE:
+            raise ValueError(f"{where}: a whole number is needed: {parameter.meaning}") from None
         raise ValueError(f"{where}: a number in {parameter.unit} is needed: {error}") from None
 
 

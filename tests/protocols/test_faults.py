@@ -227,7 +227,7 @@ def test_without_limits_it_is_refused() -> None:
 
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
-    with pytest.raises(ProtocolError, match=r"none\.yaml: cannot be read"):
+    with pytest.raises(ProtocolError, match=r"none\.yaml: no such file"):
         load(tmp_path / "none.yaml")
     big = tmp_path / "big.yaml"
     big.write_bytes(b"#" * (MAX_BYTES + 1))

@@ -70,7 +70,7 @@ def test_a_file_name_may_be_given(brief: str, tmp_path: Path, capsys: pytest.Cap
         (["brief", "--sim", "--effect", "gremlins"], "gremlins"),
         (["brief", "--sim", "--effect", "leak:colour=3"], "colour"),
         (["brief", "--sim", "--specimen", "jelly"], "jelly"),
-        (["brief", "--sim", "--speed", "-1"], "speed must be positive"),
+        (["brief", "--sim", "--speed", "-1"], "--speed"),
         (["brief", "--sim", "--instrument", "toaster"], "toaster"),
         (["brief", "--sim", "--instrument", "microrobot"], "is for a cutometer"),
         (["brief", "--station", "nowhere.yaml"], "nowhere.yaml"),
