@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from acquire.recording.model import FloatArray, Recording, Series
+from acquire.recording.model import FloatArray, Recording, SegmentRecord, Series
 
 
 @dataclass(frozen=True)
@@ -26,9 +27,14 @@ class Cycle:
 
 
 def suction_cycles(recording: Recording) -> tuple[Cycle, ...]:
-    """Cycles of suction as commanded, or as measured where no set-points were recorded. Empty without either."""
+    """Cycles of suction as commanded: by the recorded segments, else by the set-points, else by the measured pressure.
+
+    Empty without any of them.
+    """
     commanded = recording.setpoints.get("pressure")
-    if commanded is not None and len(commanded.time):
+    if any("pressure" in segment.start for segment in recording.segments):
+        cycles = commanded_cycles(recording.segments)
+    elif commanded is not None and len(commanded.time):
         cycles = find_cycles(commanded, threshold=0.02)
     elif "pressure" in recording.streams:
         cycles = find_cycles(recording.streams["pressure"], threshold=0.10)
@@ -57,6 +63,37 @@ def first_move(commanded: Series) -> float:
     """When a set-point first leaves its initial value, s: forces are tared and gauges zeroed by then."""
     moved = np.flatnonzero(commanded.value != commanded.value[0])
     return float(commanded.time[max(int(moved[0]) - 1, 0)]) if len(moved) else float(commanded.time[-1])
+
+
+def commanded_cycles(segments: Sequence[SegmentRecord], *, shortest: float = 0.05) -> tuple[Cycle, ...]:
+    """Cycles of ``segments``: from where suction is commanded to where none is. Those below ``shortest`` s are none."""
+    pieces = [(s.begin, s.end, -s.start.get("pressure", 0.0), -s.finish.get("pressure", 0.0)) for s in segments]
+    stretches: list[list[tuple[float, float, float, float]]] = []
+    reached = 0.0  # suction at the end of the piece before
+    for piece in pieces:
+        if max(piece[2:]) > 0:
+            if reached > 0 and piece[2] > 0:
+                stretches[-1].append(piece)
+            else:
+                stretches.append([piece])
+        reached = piece[3]
+    found = [_commanded(stretch) for stretch in stretches]
+    found = [cycle for cycle in found if cycle.release + cycle.fall - cycle.onset >= shortest]
+    ends = [cycle.onset for cycle in found[1:]] + [segments[-1].end] * bool(found)
+    return tuple(_until(cycle, end) for cycle, end in zip(found, ends, strict=True))
+
+
+def _commanded(stretch: Sequence[tuple[float, float, float, float]]) -> Cycle:
+    """The cycle of consecutive pieces (begin, end, suction there and there) that are under suction."""
+    onset, end = stretch[0][0], stretch[-1][1]
+    level = max(max(piece[2:]) for piece in stretch)
+    full = [
+        moment
+        for begin, finish, first, last in stretch
+        for moment, suction in ((begin, first), (finish, last))
+        if suction >= level * (1 - 1e-9)
+    ]
+    return Cycle(onset, full[-1], end, -level, full[0] - onset, end - full[-1])
 
 
 def find_cycles(pressure: Series, *, threshold: float, shortest: float = 0.05) -> tuple[Cycle, ...]:

@@ -190,8 +190,9 @@ class Feeder:
         for piece in self.done:
             if piece.begin > moment:
                 segments.append(Segment(piece.begin - moment, self._rest, self._rest, "rest"))
-            phase = self._all[piece.index].phase if piece.index >= 0 else "load"
-            segments.append(Segment(max(0.0, piece.end - piece.begin), piece.start, piece.finish, phase))
+            about = self._all[piece.index] if piece.index >= 0 else Segment(0.0, {}, {}, "load", "resume")
+            length = max(0.0, piece.end - piece.begin)
+            segments.append(replace(about, duration=length, start=piece.start, end=piece.finish, until=None))
             moment, value = piece.end, piece.finish
         if value != self._rest or last > moment:
             segments.append(Segment(max(0.0, last - moment), self._rest, self._rest, "rest"))

@@ -9,7 +9,7 @@ from acquire.recording.hdf5_reader import open_info, open_recording
 from acquire.recording.journal import JournalFull, JournalWriter
 from acquire.recording.journal_reader import read_journal
 from acquire.recording.lock import JournalBusy
-from acquire.recording.model import Event, Frames, Recording, RecordingError, RunInfo, Series
+from acquire.recording.model import Event, Frames, Recording, RecordingError, RunInfo, SegmentRecord, Series
 from acquire.recording.recovery import finalise, recover
 
 __all__ = [
@@ -21,6 +21,7 @@ __all__ = [
     "Recording",
     "RecordingError",
     "RunInfo",
+    "SegmentRecord",
     "Series",
     "finalise",
     "load",

@@ -17,7 +17,9 @@ import yaml
 
 from acquire.recording.bundle_schema import SUCTION, Bundle, Images, Source, TimeAxis
 from acquire.recording.images import find_frames
-from acquire.recording.model import Event, FloatArray, Frames, Recording, RecordingError, RunInfo, Series
+from acquire.recording.model import Event, FloatArray, Frames, Recording, RecordingError, RunInfo, SegmentRecord, Series
+from acquire.recording.segments import of_setpoints
+from acquire.recording.segments import read_csv as read_segments
 from acquire.recording.tables import Table, evenly
 from protocols import units
 from protocols.errors import ProtocolError
@@ -75,13 +77,15 @@ class _Import:
         start = min((float(s.time[0]) for s in streams.values()), default=0.0)
         frames = self.frames(self.bundle.frames, start) if self.bundle.frames is not None else None
         protocol, name = self.protocol()
+        segments = self.segments()
         if not setpoints:
-            setpoints = self.compiled(protocol, start)
+            setpoints, segments = self.compiled(protocol, start)
         self.check_sign(streams)
         recording = Recording(
             info=self.info(protocol, name),
             streams=streams,
             setpoints=setpoints,
+            segments=segments,
             frames=frames,
             events=tuple(self.events),
             derived=derived,
@@ -270,14 +274,18 @@ class _Import:
         except ValueError as error:
             raise self.fault(("protocol",), f"{given!r}: {in_words(error)}") from error
 
-    def compiled(self, text: str, start: float) -> dict[str, Series]:
-        """Set-points of a skinrig protocol; of any other, none."""
+    def segments(self) -> tuple[SegmentRecord, ...]:
+        name = self.bundle.segments
+        return () if name is None else read_segments(self.inside(("segments",), name))
+
+    def compiled(self, text: str, start: float) -> tuple[dict[str, Series], tuple[SegmentRecord, ...]]:
+        """Set-points of a skinrig protocol and their segments; of any other, none."""
         from protocols.compiler import compile_protocol
         from protocols.limits import Limits, Range
         from protocols.text import load
 
         if not _OURS.search(text):
-            return {}
+            return {}, ()
         try:
             protocol = load(text if "\n" in text else text + "\n")
             # What was done was allowed where it was done: only the protocol's own limits are asked again.
@@ -289,7 +297,8 @@ class _Import:
         times, values = setpoints.table()
         text = "set-points were compiled from the protocol, its beginning put at the first sample"
         self.events.append(Event(start, "info", "setpoints_compiled", text))
-        return {q: Series(v, times + start, units.KINDS[units.kind_of(q)][0]) for q, v in values.items()}
+        series = {q: Series(v, times + start, units.KINDS[units.kind_of(q)][0]) for q, v in values.items()}
+        return series, of_setpoints(setpoints, start)
 
 
 def _stage(instrument: str, channel: str) -> str:

@@ -13,6 +13,7 @@ import yaml
 from acquire.recording.bundle import FILE_NAME
 from acquire.recording.bundle_schema import SCHEMA
 from acquire.recording.model import FloatArray, Frames, Recording, RecordingError, Series
+from acquire.recording.segments import write_csv as write_segments
 from acquire.recording.tables import write_table
 
 _OWN_KEYS = ("instrument", "protocol", "subject", "site", "repeat", "specimen", "operator", "notes")
@@ -36,6 +37,9 @@ def write_bundle(recording: Recording, folder: Path | str) -> Path:
     about |= {key: getattr(info, key) for key in _OWN_KEYS if key not in ("instrument", "protocol")}
     about["channels"] = _tables(folder, "data", recording.streams)
     about["setpoints"] = _tables(folder, "setpoints", recording.setpoints)
+    if recording.segments:
+        about["segments"] = "segments.csv"
+        write_segments(recording.segments, folder / about["segments"])
     about["derived"] = _tables(folder, "derived", recording.derived)
     if recording.frames is not None and len(recording.frames.time):
         about["frames"] = _images(folder, recording.frames)

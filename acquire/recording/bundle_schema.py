@@ -143,6 +143,7 @@ class Bundle(_Loose):
     notes: str = ""
     channels: dict[Name, Source] = Field(default={})
     setpoints: dict[Name, Source] = Field(default={})
+    segments: Short | None = Field(default=None, description="table of what the set-points are made of")
     derived: dict[Name, Source] = Field(default={})
     frames: Images | None = None
     events: tuple[EventRow, ...] = ()

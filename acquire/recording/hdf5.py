@@ -9,6 +9,7 @@ Layout (schema ``acquire-recording/1``); every dataset has ``units``, every stri
     /entry/frames/{data,time,seq,crc}   one chunk per frame
     /entry/derived/<name>/{value,time}  results of an analysis
     /entry/setpoints/{time,<quantity>}  what was commanded (a quantity with times of its own: <quantity>_time)
+    /entry/setpoints/segments           compound: begin, end, phase, step, start_, finish_<quantity>, label_<name>
     /entry/events                       compound: time, level, code, text
     /entry/plot                         NXdata on the default stream
 
@@ -19,7 +20,7 @@ from __future__ import annotations
 
 import hashlib
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +28,17 @@ import h5py
 import numpy as np
 
 from acquire.files import PRIVATE, CannotWrite, whole_file
-from acquire.recording.hdf5_reader import ENTRY_FIELDS, RUN_FIELDS, SCHEMA, open_recording, read_open
-from acquire.recording.model import Event, Frames, Recording, RecordingError, RunInfo, Series, difference
+from acquire.recording.hdf5_reader import (
+    ENTRY_FIELDS,
+    EVENT_COLUMNS,
+    RUN_FIELDS,
+    SCHEMA,
+    TEXTS,
+    open_recording,
+    read_open,
+)
+from acquire.recording.model import Event, Frames, Recording, RecordingError, RunInfo, SegmentRecord, Series, difference
+from acquire.recording.segments import LABEL, to_columns
 from drivers.signals import Channel
 
 
@@ -115,7 +125,7 @@ def _write(file: h5py.File, recording: Recording) -> None:
             _write_series(derived, name, series, shared)
     if recording.frames is not None:
         _write_frames(_group(entry, "frames", "NXdata"), recording.frames)
-    _write_setpoints(_group(entry, "setpoints", "NXcollection"), recording.setpoints)
+    _write_setpoints(_group(entry, "setpoints", "NXcollection"), recording.setpoints, recording.segments)
     _write_events(entry, recording.events)
     if plot:
         entry.attrs.create("default", **_text("plot"))
@@ -194,7 +204,7 @@ def _write_frames(group: h5py.Group, frames: Frames) -> None:
     _put(group, "crc", crc, "1")
 
 
-def _write_setpoints(group: h5py.Group, setpoints: Mapping[str, Series]) -> None:
+def _write_setpoints(group: h5py.Group, setpoints: Mapping[str, Series], segments: Sequence[SegmentRecord]) -> None:
     common: np.ndarray[Any, Any] | None = None
     for name, series in setpoints.items():
         time, axis = np.asarray(series.time, float), "time"
@@ -205,18 +215,30 @@ def _write_setpoints(group: h5py.Group, setpoints: Mapping[str, Series]) -> None
             axis = f"{name}_time"
             _put(group, axis, time, "s")
         _put(group, name, np.asarray(series.value, float), series.unit).attrs.create("axes", **_text(axis))
+    if segments:
+        _put(group, "segments", _table(to_columns(segments)), "begin, end: s; others SI")
 
 
 def _write_events(entry: h5py.Group, events: Iterable[Event]) -> None:
     events = tuple(events)
-    texts = {f: [getattr(e, f).encode() for e in events] for f in ("level", "code", "text")}
-    width = {f: max([1, *map(len, column)]) for f, column in texts.items()}
-    dtype = np.dtype([("time", "<f8"), *((f, h5py.string_dtype("utf-8", w)) for f, w in width.items())])
-    table = np.zeros(len(events), dtype)
-    table["time"] = [e.time for e in events]
-    for name, column in texts.items():
+    columns: dict[str, list[Any]] = {name: [getattr(e, name) for e in events] for name in EVENT_COLUMNS}
+    _put(entry, "events", _table(columns), "time: s")
+
+
+def _table(columns: Mapping[str, Sequence[Any]]) -> np.ndarray[Any, Any]:
+    """A compound array of equally long ``columns`` of numbers or texts; texts are of fixed width."""
+    encoded = {
+        name: [item.encode() for item in column] if name in TEXTS or name.startswith(LABEL) else column
+        for name, column in columns.items()
+    }
+    kinds = {
+        name: h5py.string_dtype("utf-8", max([1, *map(len, column)])) if column is not columns[name] else "<f8"
+        for name, column in encoded.items()
+    }
+    table = np.zeros(len(next(iter(columns.values()))), np.dtype(list(kinds.items())))
+    for name, column in encoded.items():
         table[name] = column
-    _put(entry, "events", table, "time: s")
+    return table
 
 
 def _write_plot(group: h5py.Group, streams: h5py.Group, recording: Recording, plot: str) -> None:

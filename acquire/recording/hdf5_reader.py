@@ -11,13 +11,16 @@ import numpy as np
 
 from acquire.recording.guard import check_file, check_readable_whole
 from acquire.recording.lazy import Hdf5Frames
-from acquire.recording.model import Event, Frames, Recording, RecordingError, RunInfo, Series
+from acquire.recording.model import Event, Frames, Recording, RecordingError, RunInfo, SegmentRecord, Series
+from acquire.recording.segments import from_columns
 from protocols.files import is_file, refusing, shortened
 
 T = TypeVar("T")
 
 SCHEMA = "acquire-recording/1"
 ENTRY_FIELDS = ("start_time", "end_time", "status", "trip_reason")
+EVENT_COLUMNS = ("time", "level", "code", "text")
+TEXTS = (*EVENT_COLUMNS[1:], "phase", "step")  # columns of tables that are texts, as are all labels
 RUN_FIELDS = ("id", "subject", "site", "operator", "specimen", "notes", "protocol", "protocol_name")
 
 
@@ -69,6 +72,7 @@ class _Reader:
             info=self.info(),
             streams=self.series("streams"),
             setpoints=self.setpoints(),
+            segments=self.segments(),
             frames=self.frames(),
             events=self.events(),
             derived=self.series("derived"),
@@ -154,10 +158,28 @@ class _Reader:
     def events(self) -> tuple[Event, ...]:
         if "events" not in self.entry:
             return ()
-        table = self.array(self.dataset(self.entry, "events"))
-        if table.dtype.names != ("time", "level", "code", "text"):
-            raise RecordingError(f"{self.path}: /entry/events has the columns {table.dtype.names}")
-        return tuple(Event(float(t), *(x.decode() for x in texts)) for t, *texts in table.tolist())
+        columns = self.table(self.dataset(self.entry, "events"))
+        if tuple(columns) != EVENT_COLUMNS:
+            raise RecordingError(f"{self.path}: /entry/events has the columns {tuple(columns)}")
+        return tuple(Event(float(time), *texts) for time, *texts in zip(*columns.values(), strict=True))
+
+    def segments(self) -> tuple[SegmentRecord, ...]:
+        """None in a recording of an earlier version."""
+        if "setpoints" not in self.entry or "segments" not in self.group(self.entry, "setpoints"):
+            return ()
+        dataset = self.dataset(self.group(self.entry, "setpoints"), "segments")
+        try:
+            return from_columns(self.table(dataset))
+        except ValueError as error:
+            raise RecordingError(f"{self.path}: {dataset.name}: {error}") from error
+
+    def table(self, dataset: h5py.Dataset) -> dict[str, list[Any]]:
+        """The columns of a compound dataset."""
+        array = self.array(dataset)
+        if array.dtype.names is None or array.ndim != 1:
+            raise RecordingError(f"{self.path}: {dataset.name} is not a table")
+        columns = {name: array[name].tolist() for name in array.dtype.names}
+        return {name: [x.decode() if isinstance(x, bytes) else x for x in column] for name, column in columns.items()}
 
     def datasets(self, parent: h5py.Group, name: str) -> Iterable[tuple[str, h5py.Dataset]]:
         return [(member, self.dataset(self.group(parent, name), member)) for member, _ in self.members(parent, name)]

@@ -174,7 +174,9 @@ class JournalWriter:
         # Durations that were measured add up with errors of an ulp; break points must not go back by it.
         times = np.maximum.accumulate(times + start)
         table = {name: value.tolist() for name, value in values.items()}
-        record = {"start": start, "time": times.tolist(), "values": table, "units": dict(units or {})}
+        record: dict[str, Any] = {"start": start, "time": times.tolist(), "values": table, "units": dict(units or {})}
+        about = [{"phase": s.phase, "step": s.step, "labels": dict(s.labels)} for s in setpoints.segments]
+        record["segments"] = about  # each of two break points
         self._json(Kind.SETPOINTS, record)
 
     def sync(self, *, force: bool = False) -> None:

@@ -8,7 +8,7 @@ import struct
 import threading
 import weakref
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from acquire.recording.journal import BLOCK, CRC, FRAME, HEADER, MAGIC, Kind
 from acquire.recording.lazy import LazyFrames
-from acquire.recording.model import Event, Frames, Recording, RecordingError, RunInfo, Series
+from acquire.recording.model import Event, FloatArray, Frames, Recording, RecordingError, RunInfo, SegmentRecord, Series
+from acquire.recording.segments import before
 
 MAX_PAYLOAD = 2**30  # no record is longer; a damaged length is not believed
 SECTOR = 4096  # bytes that a disk gives or refuses at once
@@ -195,7 +196,7 @@ class _Content:
         self.frame_shape: tuple[int, int] = (0, 0)
         self.frame_offsets: list[int] = []
         self.events: list[Event] = []
-        self.setpoints: list[dict[str, Any]] = []
+        self.setpoints: list[_Commanded] = []
 
     def damage(self, damage: Damage) -> None:
         what = "the last record was not finished" if damage.tail else "records are damaged and were skipped"
@@ -212,7 +213,7 @@ class _Content:
                 self._frame(payload, offset)
             else:
                 self._text(kind, json.loads(bytes(payload)))
-        except (ValueError, TypeError, KeyError, struct.error, RecursionError) as error:
+        except (ValueError, TypeError, LookupError, AttributeError, struct.error, RecursionError) as error:
             text = f"the record at offset {offset - HEADER.size} of the journal is whole but not understood: {error}"
             self._left_out("error", "journal_record", text)
 
@@ -245,7 +246,7 @@ class _Content:
         elif kind is Kind.EVENT:
             self.events.append(Event(**content))
         elif kind is Kind.SETPOINTS:
-            self.setpoints.append(content)
+            self.setpoints.append(_Commanded.of(content))
         elif kind is Kind.END:
             self.end = {name: str(content[name]) for name in ("status", "trip_reason", "end_time")}
 
@@ -266,6 +267,7 @@ class _Content:
             info=replace(self.info, **(self.end or {"status": "recovered", "trip_reason": "", "end_time": ""})),
             streams=streams,
             setpoints=self.commanded(streams),
+            segments=self.segments(),
             frames=self.frames(),
             events=tuple(self.events),
         )
@@ -317,19 +319,60 @@ class _Content:
         seq = np.array([stamp[0] for stamp in self.frame_stamps], np.int64)
         return Frames(data, time, float(self.first["frame_scale"]), seq)
 
+    def segments(self) -> tuple[SegmentRecord, ...]:
+        result: list[SegmentRecord] = []
+        for record in self.setpoints:
+            if record.segments is None:  # a journal of an earlier version
+                return ()
+            result = [*before(result, record.start), *record.segments]
+        return tuple(result)
+
     def commanded(self, streams: dict[str, Series]) -> dict[str, Series]:
         result: dict[str, Series] = {}
         for record in self.setpoints:
-            time = np.asarray(record["time"], float)
-            for name, values in record["values"].items():
-                unit = record["units"].get(name) or (streams[name].unit if name in streams else "")
+            for name, values in record.values.items():
+                unit = record.units.get(name) or (streams[name].unit if name in streams else "")
                 earlier = result.get(name, Series(np.empty(0), np.empty(0), unit))
-                kept = _until(earlier, record["start"])
-                result[name] = Series(np.append(kept[1], values), np.append(kept[0], time), unit)
+                kept = _until(earlier, record.start)
+                result[name] = Series(np.append(kept[1], values), np.append(kept[0], record.time), unit)
         return result
 
 
-def _until(series: Series, end: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+@dataclass(frozen=True)
+class _Commanded:
+    """One record of set-points: from ``start`` (s) on they replace what the records before it said."""
+
+    start: float
+    time: FloatArray
+    values: Mapping[str, FloatArray]
+    units: Mapping[str, str]
+    segments: tuple[SegmentRecord, ...] | None
+
+    @classmethod
+    def of(cls, content: Mapping[str, Any]) -> _Commanded:
+        """The record that ``content`` (JSON) spells. Raises ValueError, TypeError, KeyError, IndexError."""
+        time = np.asarray(content["time"], float)
+        values = {str(name): np.asarray(value, float) for name, value in content["values"].items()}
+        if any(value.shape != time.shape for value in values.values()):
+            raise ValueError("set-points and their times differ in number")
+        segments = None
+        if "segments" in content:  # each of two break points
+            segments = tuple(
+                SegmentRecord(
+                    float(time[2 * k]),
+                    float(time[2 * k + 1]),
+                    about["phase"],
+                    about["step"],
+                    {q: float(value[2 * k]) for q, value in values.items()},
+                    {q: float(value[2 * k + 1]) for q, value in values.items()},
+                    about["labels"],
+                )
+                for k, about in enumerate(content["segments"])
+            )
+        return cls(float(content["start"]), time, values, content["units"], segments)
+
+
+def _until(series: Series, end: float) -> tuple[FloatArray, FloatArray]:
     """Break points of ``series`` before ``end`` and its value at ``end``: what was commanded until it was replaced."""
     before = series.time < end
     time, value = series.time[before], series.value[before]

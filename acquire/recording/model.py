@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
@@ -58,6 +60,75 @@ class Event:
 
 
 @dataclass(frozen=True)
+class SegmentRecord:
+    """One linear piece of what was commanded, from ``begin`` to ``end`` s on the recording's clock.
+
+    These are the segments that the protocol's compiler made, as the instrument executed them: an ``until`` that was met
+    or a pause ends one early, what the engine inserted (rest before and after, the way back after a pause) has the step
+    ``""`` or ``resume``. ``phase`` is ``load``, ``hold``, ``unload`` or ``rest``; ``step`` is the index path of the
+    protocol's step. ``start`` and ``finish`` map each commanded quantity to its value (SI) at ``begin`` and ``end``.
+    ``labels`` is what the compiler calls it, as text: ``level`` (``300 mbar`` of suction, ``1.3 mm``), ``direction``
+    (``theta=0 phi=90``, degrees), ``cycle``, ``repeat``, ``rate``, and how a group counts itself.
+    """
+
+    begin: float
+    end: float
+    phase: str
+    step: str
+    start: Mapping[str, float]
+    finish: Mapping[str, float]
+    labels: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def duration(self) -> float:
+        """Its length in s; 0 for a step."""
+        return self.end - self.begin
+
+    @property
+    def slopes(self) -> dict[str, float]:
+        """Rate of change of each quantity, SI/s; infinite (with its sign) for a step, 0 for a hold."""
+        changes = {q: self.finish[q] - value for q, value in self.start.items()}
+        if self.duration > 0:
+            return {q: change / self.duration for q, change in changes.items()}
+        return {q: math.copysign(math.inf, change) if change else 0.0 for q, change in changes.items()}
+
+    @property
+    def rate(self) -> float:
+        """How fast the command moves, SI/s, along its way: at least 0, infinite for a step."""
+        return math.hypot(*self.slopes.values())
+
+    @property
+    def level(self) -> float:
+        """The level its step goes to: Pa (suction negative) or m from the centre; NaN where the step has none."""
+        words = re.fullmatch(r"(-?[\d.]+(?:e[-+]?\d+)?) (mbar|mm)", self.labels.get("level", ""))
+        return float(words[1]) * _LEVELS[words[2]] if words else math.nan
+
+    @property
+    def direction(self) -> tuple[float, float, float] | None:
+        """Unit vector of the trajectory it belongs to; None where there is none."""
+        angles = re.fullmatch(r"theta=(-?[\d.]+) phi=(-?[\d.]+)", self.labels.get("direction", ""))
+        if angles is None:
+            return None
+        theta, phi = (math.radians(float(angle)) for angle in angles.groups())
+        return math.cos(phi) * math.cos(theta), math.cos(phi) * math.sin(theta), math.sin(phi)
+
+    @property
+    def cycle(self) -> int:
+        """Which cycle of its step it belongs to, from 1; 0 where the step does not cycle."""
+        number = self.labels.get("cycle", "")
+        return int(number) if number.isdecimal() else 0
+
+    def until(self, moment: float) -> SegmentRecord:
+        """Its part before ``moment`` (s, within it): where it had got by then."""
+        part = (moment - self.begin) / self.duration
+        finish = {q: value + part * (self.finish[q] - value) for q, value in self.start.items()}
+        return replace(self, end=moment, finish=finish)
+
+
+_LEVELS = {"mbar": -100.0, "mm": 1e-3}  # factor to SI of the units that the compiler labels levels in
+
+
+@dataclass(frozen=True)
 class RunInfo:
     """Who, what, where: the run's identity. ``protocol`` is the YAML text verbatim."""
 
@@ -83,7 +154,11 @@ class RunInfo:
 
 @dataclass(frozen=True)
 class Recording:
-    """One run. ``streams`` and ``setpoints`` map channel or quantity to its series; ``derived`` holds results."""
+    """One run. ``streams`` and ``setpoints`` map channel or quantity to its series; ``derived`` holds results.
+
+    ``segments`` says what the set-points are made of, in order: phase, level, direction, cycle, rate. It is empty for
+    recordings of earlier versions and for bundles without it.
+    """
 
     info: RunInfo
     streams: Mapping[str, Series]
@@ -92,6 +167,7 @@ class Recording:
     events: tuple[Event, ...] = ()
     derived: Mapping[str, Series] = field(default_factory=dict)
     plot: str = ""  # name of the default stream
+    segments: tuple[SegmentRecord, ...] = ()
 
     def stream(self, name: str) -> Series:
         """The named channel. Raises KeyError that names the run, the channel and what there is."""
@@ -125,6 +201,8 @@ def difference(a: Recording, b: Recording) -> str:
         for what in ("time", "seq", "scale"):
             if not np.array_equal(getattr(a.frames, what), getattr(b.frames, what)):
                 return f"frames: {what} differs"
+    if a.segments != b.segments:
+        return "segments differ"
     return "" if a.events == b.events else "events differ"
 
 
@@ -138,6 +216,7 @@ def missing_in(there: Recording, recording: Recording) -> str:
         info=replace(there.info, calibration={}, versions={}, limits={}),
         streams={name: there.streams[name] for name in recording.streams if name in there.streams},
         setpoints=there.setpoints,
+        segments=there.segments,
         frames=there.frames,
         events=tuple(event for event in there.events if event in set(recording.events)),
     )

@@ -37,6 +37,11 @@ def title_in_csv(name: str) -> str:
     return f"'{name}" if _FORMULA.match(name) else name
 
 
+def text_in_csv(written: str) -> str:
+    """The text that `title_in_csv` wrote as ``written``."""
+    return written[1:] if written.startswith("'") and _FORMULA.match(written) else written
+
+
 def _quoted(text: str) -> str:
     doubled = text.replace('"', '""')
     return f'"{doubled}"'

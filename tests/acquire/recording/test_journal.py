@@ -80,7 +80,9 @@ def test_finalise_gives_the_recording_and_removes_the_journal(tmp_path: Path) ->
     read = open_recording(path)
     assert recording.frames is not None
     # Without a scale the frames are kept, and nothing is measured in them.
-    expected = replace(recording, setpoints=read.setpoints, frames=replace(recording.frames, scale=0.0))
+    expected = replace(
+        recording, setpoints=read.setpoints, segments=read.segments, frames=replace(recording.frames, scale=0.0)
+    )
     assert difference(expected, read) == ""
     assert np.array_equal(read.setpoints["pressure"].time, [0, 0, 0, 15, 15, 15])
     assert np.array_equal(read.setpoints["pressure"].value, [0, -3e4, -3e4, -3e4, -3e4, 0])
