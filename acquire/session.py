@@ -335,7 +335,7 @@ class Session:
         listener = self._listener
         engine = RunEngine(
             rig,
-            rules=entry.interlock.rules(),
+            rules=entry.rules,
             heartbeat=supervisor,
             listener=None if listener is None else lambda state, event: listener(name, state, event),
         )

@@ -20,18 +20,19 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
 from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
-from acquire.engine.interlock import Rules
-from acquire.engine.interlock import Tracking as TrackingRule
-from drivers.instrument import WATCHDOG, Entry
+from acquire.engine.rules import BOUNDS, LONGEST_TRACKING, Rules, check_tracking
+from acquire.engine.rules import Tracking as TrackingRule
+from drivers.instrument import WATCHDOG, WATCHDOG_BOUNDS, Entry
 from drivers.transports import host_of, is_loopback, kind_of
 from protocols import units
-from protocols.fields import Duration, Model, Text
+from protocols.fields import Model, Text, Unit
 from protocols.limits import Limits
 from protocols.schema import Limit
 from protocols.source import Source, read
@@ -40,40 +41,50 @@ from protocols.text import validate
 Provenance = Literal["documented", "reported", "assumed", "measured"]
 #: Of a camera that nobody calibrated.
 FRAME_SCALE = "0.02 mm/px"
+#: Of a simulated instrument, as `Rules.lag`.
+SIMULATED_LAG = 0.9
 #: What a calibration may say, and the kind of quantity it is.
 CALIBRATIONS = {"frame_scale": "scale", "opening": "length", "contact_force": "force", "hole_radius": "length"}
+
+
+def _within(rule: str) -> Any:
+    least, most = BOUNDS[rule]
+    return Field(strict=True, ge=least, le=most)
 
 
 class Tracking(Model):
     """Largest deviation from the set-point, as text with a unit, and for how long."""
 
     error: Text
-    duration: Duration
+    duration: Annotated[float, Unit("time", "positive", most=LONGEST_TRACKING)]
+
+    def rule(self, quantity: str) -> TrackingRule:
+        """The same in SI. Raises ValueError for a unit of another kind."""
+        return TrackingRule(units.parse(self.error, units.kind_of(quantity)), self.duration)
 
 
 class Interlock(Model):
-    """Changes to `acquire.engine.Rules`; ``disk`` is in bytes."""
+    """Changes to `acquire.engine.Rules`, within their bounds; ``disk`` is in bytes."""
 
-    margin: Annotated[float, Field(strict=True, ge=0, le=1)] | None = None
-    rate_margin: Annotated[float, Field(strict=True, ge=0, le=10)] | None = None
-    rate_window: Duration | None = None
-    stale: Duration | None = None
-    disk: Annotated[int, Field(strict=True, ge=0)] | None = None
+    margin: Annotated[float, _within("margin")] | None = None
+    rate_margin: Annotated[float, _within("rate_margin")] | None = None
+    rate_window: Annotated[float, Unit("time", "positive", *BOUNDS["rate_window"])] | None = None
+    stale: Annotated[float, Unit("time", "positive", *BOUNDS["stale"])] | None = None
+    lag: Annotated[float, _within("lag")] | None = None
+    disk: Annotated[int, _within("disk")] | None = None
     tracking: dict[str, Tracking] = Field(default={})
 
     @field_validator("tracking")
     @classmethod
     def _check(cls, tracking: dict[str, Tracking]) -> dict[str, Tracking]:
         for quantity, rule in tracking.items():
-            units.parse(rule.error, units.kind_of(quantity))
+            check_tracking(quantity, rule.rule(quantity))
         return tracking
 
     def rules(self) -> Rules:
         """The rules, with everything that is not said here at its default."""
         said = {name: getattr(self, name) for name in self.model_fields_set - {"tracking"}}
-        tracking = {
-            q: TrackingRule(abs(units.parse(t.error, units.kind_of(q))), t.duration) for q, t in self.tracking.items()
-        }
+        tracking = {q: t.rule(q) for q, t in self.tracking.items()}
         return Rules(**{k: v for k, v in said.items() if v is not None}, tracking={**Rules().tracking, **tracking})
 
 
@@ -107,7 +118,7 @@ class Instrument(Model):
     simulated: Simulation | None = None
     i_have_verified_the_codec: bool = False
     options: dict[str, Any] = Field(default={})
-    watchdog: Duration = WATCHDOG
+    watchdog: Annotated[float, Unit("time", "positive", *WATCHDOG_BOUNDS)] = WATCHDOG
     limits: dict[str, Limit] = Field(default={})
     interlock: Interlock = Interlock()
     calibration: dict[str, Calibration] = Field(default={})
@@ -168,6 +179,12 @@ class Instrument(Model):
     def calibrated(self, name: str) -> float:
         """A calibration in SI; 0 where the station has none."""
         return units.parse(self.calibration[name].value, CALIBRATIONS[name]) if name in self.calibration else 0.0
+
+    @property
+    def rules(self) -> Rules:
+        """The interlock's rules. A simulated instrument's time may stand still while its host is busy."""
+        rules = self.interlock.rules()
+        return replace(rules, lag=SIMULATED_LAG) if self.simulated is not None else rules
 
     @property
     def driver_options(self) -> dict[str, Any]:

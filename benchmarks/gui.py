@@ -110,9 +110,9 @@ def stops(folder: Path) -> None:
 
     The device is simulated in this process and reached over TCP. Venting itself then takes what the physics takes.
     """
-    with serve("cutometer", "tcp", watchdog=5.0) as server:
+    with serve("cutometer", "tcp", watchdog=1.0) as server:
         station = folder / "station.yaml"
-        entry = f"{{address: '{server.entry.address}', simulated: true, watchdog: 5 s, interlock: {{stale: 5 s}}}}"
+        entry = f"{{address: '{server.entry.address}', simulated: true, watchdog: 1 s, interlock: {{stale: 5 s}}}}"
         station.write_text(f"schema: station/1\ninstruments:\n  cutometer: {entry}\n")
         window = opened(BenchSettings(station=station, out=folder), folder)
         door = server.back_door

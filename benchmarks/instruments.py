@@ -32,7 +32,7 @@ def drive(server: Server, wall: float) -> tuple[float, int, int, int, float]:
     device = server.open_rig().device
     device.connect()
     device.start_stream()
-    device.arm({q: (low, high) for q, (low, high) in server.bench.instrument.limits.values().items()})
+    device.arm(server.bench.instrument.limits.ranges)
     seqs: list[FloatArray] = []
     size = 0
     start, processor = time.monotonic(), time.process_time()
@@ -84,7 +84,7 @@ def main() -> None:
     wall = parser.parse_args().seconds
     print(f"{'instrument':12}{'link':6}{'x real time':>12}{'samples/s':>12}{'MB/s':>8}{'lost':>6}{'CPU s / s':>12}")
     for instrument, link in CASES:
-        with serve(instrument, link, speed=1e5, camera=False, watchdog=2.0) as server:
+        with serve(instrument, link, speed=1e5, camera=False, watchdog=1.0) as server:
             elapsed, samples, lost, size, spent = drive(server, wall)
         rates = f"{elapsed / wall:12.0f}{samples / wall:12.0f}{size / wall / 1e6:8.2f}"
         print(f"{instrument:12}{link:6}{rates}{lost:6d}{spent / elapsed:12.5f}", flush=True)

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from drivers.signals import Block, Channel, Frame
+from protocols.limits import Range
 from protocols.setpoints import Segment
 
 
@@ -126,8 +127,12 @@ class Device(Source):
         """How many segments the device's queue holds."""
 
     @abc.abstractmethod
-    def arm(self, limits: Mapping[str, tuple[float, float]]) -> None:
-        """Hand the limits (SI, per channel or quantity) to the firmware, zero or tare. Raises Refused."""
+    def arm(self, limits: Mapping[str, Range]) -> None:
+        """Hand the limits (SI, per channel or quantity) to the firmware, zero or tare. Raises Refused.
+
+        The device keeps them by itself: it refuses segments outside, and vents when a measured value leaves them, when
+        it has been away from rest for longer than the dwell, or when its queue is empty while it is away from rest.
+        """
 
     @abc.abstractmethod
     def enqueue(self, segments: Sequence[Segment]) -> None:
@@ -147,7 +152,10 @@ class Device(Source):
 
     @abc.abstractmethod
     def beat(self) -> None:
-        """Heartbeat. The device makes itself safe when beats stop for its watchdog time (wall time)."""
+        """Heartbeat. The device makes itself safe when beats stop for its watchdog time (wall time).
+
+        Beats are counted: one that is repeated or late on the way is none.
+        """
 
 
 @dataclass(frozen=True)

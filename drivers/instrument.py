@@ -13,8 +13,10 @@ from drivers.device import DeviceError, Rig
 from drivers.signals import Channel
 from protocols.limits import Limits
 
-#: Wall time in s without a heartbeat after which a device makes itself safe.
+#: Wall time in s without a heartbeat after which a device makes itself safe: by default, and the least and most that
+#: a station may ask for. Beats come every 0.05 s; a second of unattended suction is the most that can be defended.
 WATCHDOG = 0.25
+WATCHDOG_BOUNDS = (0.1, 1.0)
 
 
 class NotAllowed(DeviceError):
@@ -29,7 +31,7 @@ class Entry:
     ``usb:VID:PID``.
     ``sources`` maps further sources to their links (``{"camera": "socket://…"}`` or ``"uvc:0"``). ``options`` are the
     instrument's own settings (its package documents them). ``usb_backend`` is a ``usb.backend.IBackend`` for virtual
-    devices; None takes the system's. ``watchdog`` is in s of wall time.
+    devices; None takes the system's. ``watchdog`` is in s of wall time. Raises ValueError for one out of its bounds.
     """
 
     instrument: str
@@ -40,6 +42,11 @@ class Entry:
     options: Mapping[str, Any] = field(default_factory=dict)
     watchdog: float = WATCHDOG
     usb_backend: Any = None
+
+    def __post_init__(self) -> None:
+        least, most = WATCHDOG_BOUNDS
+        if not least <= self.watchdog <= most:
+            raise ValueError(f"{self.instrument}: a watchdog of {self.watchdog:g} s; it must be {least:g} … {most:g} s")
 
 
 @dataclass(frozen=True)

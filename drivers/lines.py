@@ -9,12 +9,14 @@ from __future__ import annotations
 import abc
 import math
 from collections.abc import Mapping
+from dataclasses import astuple
 from urllib.parse import quote, unquote
 
 from drivers import messages as msg
 from drivers.device import Identity, Status
 from drivers.framing import Splitter, crc16
 from drivers.stream import Codec
+from protocols.limits import Range
 
 #: Longest line in bytes: a full queue, or a block of samples.
 LONGEST = 32768
@@ -51,7 +53,7 @@ class LineCodec(Codec):
         if isinstance(message, msg.Samples):
             return b"".join(self._line(self.SAMPLE + line) for line in self.sample_lines(message))
         if isinstance(message, msg.Beat):
-            return self._line(f"{self.REQUEST}00 {self.BEAT}")
+            return self._line(f"{self.REQUEST}00 {self.BEAT} {message.count}")
         if isinstance(message, msg.Reply):
             return self._line(f"{self.REPLY}{message.number:02X} {_reply_text(message)}")
         arguments = _arguments(message.body)
@@ -94,7 +96,7 @@ class LineCodec(Codec):
         if head != self.REQUEST:
             raise ValueError(f"unknown head {head!r}")
         if verb == self.BEAT:
-            return msg.Beat()
+            return msg.Beat(int(rest))
         return msg.Request(number, _parse_arguments(self._bodies[verb], rest))
 
 
@@ -135,9 +137,9 @@ def _arguments(body: msg.Body) -> str:
     match body:
         case msg.Stream(on):
             return "1" if on else "0"
-        case msg.Arm(limits, watchdog):
-            ranges = [f"{quote(name, '')}={low!r}:{high!r}" for name, (low, high) in limits.items()]
-            return ";".join([repr(float(watchdog)), *ranges])
+        case msg.Arm(limits, watchdog, beats):
+            ranges = [f"{quote(name, '')}={':'.join(map(repr, astuple(r)))}" for name, r in limits.items()]
+            return ";".join([repr(float(watchdog)), str(beats), *ranges])
         case msg.Enqueue(pieces):
             return ";".join(",".join(repr(v) for v in (p.duration, *p.start, *p.end)) for p in pieces)
         case msg.Skip(index):
@@ -150,13 +152,13 @@ def _parse_arguments(kind: type, text: str) -> msg.Body:
     if kind is msg.Stream:
         return msg.Stream({"0": False, "1": True}[text])
     if kind is msg.Arm:
-        watchdog, *ranges = text.split(";")
+        watchdog, beats, *ranges = text.split(";")
         limits = {}
         for part in ranges:
-            name, _, ends = part.partition("=")
-            low, high = (float(v) for v in ends.split(":"))
-            limits[unquote(name)] = (low, high)
-        return msg.Arm(limits, _finite(watchdog))
+            name, _, numbers = part.partition("=")
+            low, high, rate, dwell = (float(v) for v in numbers.split(":"))
+            limits[unquote(name)] = Range(low, high, rate, dwell)
+        return msg.Arm(limits, float(watchdog), int(beats))
     if kind is msg.Enqueue:
         return msg.Enqueue(tuple(_piece([_finite(v) for v in part.split(",")]) for part in text.split(";")))
     if kind is msg.Skip:

@@ -4,6 +4,9 @@ Every instrument speaks the same few messages in a dialect of its own. A request
 `Reply` with the same number; a host that hears nothing sends the same request again, and a device that has
 already answered that number repeats its answer instead of acting twice. Samples come unasked while the stream is on;
 ahead of every answer to a command goes a status (`Samples` without samples).
+
+Beats and samples carry a count that only rises. A beat that is repeated or late is no beat, and a status that is
+repeated or late is not believed: a link that says the same thing for ever keeps nobody under suction.
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ import numpy as np
 
 from drivers.device import Identity, Status
 from drivers.signals import FloatArray
+from protocols.limits import Range
 
 #: Request numbers run from 1 to this and start again.
 LAST_NUMBER = 255
@@ -34,10 +38,11 @@ class Stream:
 
 @dataclass(frozen=True)
 class Arm:
-    """Limits (SI) per quantity or channel, and the watchdog time in s of wall time."""
+    """Limits (SI) per quantity or channel, the watchdog time in s of wall time, the count of the host's last beat."""
 
-    limits: Mapping[str, tuple[float, float]]
+    limits: Mapping[str, Range]
     watchdog: float
+    beats: int = 0
 
 
 @dataclass(frozen=True)
@@ -91,7 +96,9 @@ class Request:
 
 @dataclass(frozen=True)
 class Beat:
-    """The host is alive. Never answered."""
+    """The host is alive. Never answered; ``count`` is higher than that of every beat before."""
+
+    count: int
 
 
 @dataclass(frozen=True)
@@ -105,18 +112,22 @@ class Reply:
 
 @dataclass(frozen=True)
 class Samples:
-    """Consecutive samples: number of the first, device time (n,) s, raw values (n, channels), status after the last."""
+    """Consecutive samples: number of the first, device time (n,) s, raw values (n, channels), status after the last.
+
+    ``packet`` counts the device's messages of this kind since it was switched on. Pieces of one have the same.
+    """
 
     first: int
     time: FloatArray
     values: FloatArray
     status: Status
+    packet: int = 0
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Samples):
             return NotImplemented
         return (
-            self.first == other.first
+            (self.packet, self.first) == (other.packet, other.first)
             and np.array_equal(self.time, other.time)
             and np.array_equal(self.values, other.values, equal_nan=True)
             and repr(self.status) == repr(other.status)

@@ -36,6 +36,10 @@ class Block:
 
     ``values`` maps channel name to an array of shape (n,); ``seq`` (n,) counts samples on the device, so that a
     gap in it is a lost sample; ``time`` (n,) is device time in s; ``time_host`` (n,) is ``time.monotonic()`` in s.
+
+    Samples are handed on as they arrived. One is *new* if its ``seq`` and its ``time`` are both higher than those of
+    every sample before it; any other is a repeated or late one (`new_samples`): it may be kept, but it is no sign of
+    life, and nothing may be concluded from its value.
     """
 
     values: Mapping[str, FloatArray]
@@ -45,6 +49,17 @@ class Block:
 
     def __len__(self) -> int:
         return len(self.seq)
+
+    def new_samples(self, seq: int, time: float) -> NDArray[np.bool_]:
+        """Which samples (n,) are new after one numbered ``seq`` at device time ``time`` (s)."""
+        seqs = np.maximum.accumulate(np.append(np.int64(seq), self.seq))[:-1]
+        times = np.maximum.accumulate(np.append(float(time), self.time))[:-1]
+        return (self.seq > seqs) & (self.time > times)
+
+    def where(self, chosen: NDArray[np.bool_]) -> Block:
+        """The ``chosen`` (n,) samples only."""
+        values = {name: v[chosen] for name, v in self.values.items()}
+        return Block(values, self.seq[chosen], self.time[chosen], self.time_host[chosen])
 
 
 @dataclass(frozen=True)

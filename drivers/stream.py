@@ -16,6 +16,7 @@ from drivers.device import Device, Identity, LinkLost, ProtocolFault, Refused, S
 from drivers.instrument import NotAllowed
 from drivers.signals import Block, Channel, FloatArray, Frame
 from drivers.transports import Transport
+from protocols.limits import Range
 from protocols.setpoints import Segment
 
 #: A request unanswered for this long (wall time, s) is sent again, this many times in all.
@@ -83,6 +84,8 @@ class StreamDevice(Device):
         self._pending: list[tuple[msg.Samples, float]] = []
         self._status = Status(0.0, "idle", 0, 0)
         self._garbage = 0
+        self._beats = 0
+        self._packet = -1  # number of the newest packet with a status
 
     @property
     def channels(self) -> tuple[Channel, ...]:
@@ -110,7 +113,7 @@ class StreamDevice(Device):
         self._link = self._open_link()
         self._codec = self._new_codec()
         self._pending.clear()
-        self._garbage = 0
+        self._garbage, self._packet = 0, -1
         self._status = Status(0.0, "idle", 0, 0)
         identity = self._request(msg.Identify()).identity
         if identity is None:
@@ -131,11 +134,11 @@ class StreamDevice(Device):
             tare, count = self._zero
             tare(self._first(count))
 
-    def arm(self, limits: Mapping[str, tuple[float, float]]) -> None:
-        missing = [q for q in self._quantities if not all(np.isfinite(limits.get(q, (-np.inf, np.inf))))]
+    def arm(self, limits: Mapping[str, Range]) -> None:
+        missing = [q for q in self._quantities if not limits.get(q, Range()).bounded]
         if missing:
             raise Refused(f"{self.name}: no finite limits for {', '.join(missing)}; without limits nothing is armed")
-        self._request(msg.Arm(dict(limits), self._watchdog))
+        self._request(msg.Arm(dict(limits), self._watchdog, self._beats))
 
     def enqueue(self, segments: Sequence[Segment]) -> None:
         if not segments:
@@ -172,7 +175,8 @@ class StreamDevice(Device):
             self._request(msg.Safe())
 
     def beat(self) -> None:
-        self._need_link().write(self._codec.encode(msg.Beat()))
+        self._beats += 1
+        self._need_link().write(self._codec.encode(msg.Beat(self._beats)))
 
     def read(self, timeout: float) -> Sequence[Block | Frame]:
         if not self._pending:
@@ -228,7 +232,8 @@ class StreamDevice(Device):
             )
         for message in heard:
             if isinstance(message, msg.Samples):
-                self._status = message.status
+                if message.packet >= self._packet:  # an older one came late, or again
+                    self._packet, self._status = message.packet, message.status
                 if len(message.time):
                     self._pending.append((message, now))
             elif isinstance(message, msg.Reply):

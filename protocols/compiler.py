@@ -16,6 +16,8 @@ from protocols.steps import Until as UntilStep
 
 #: A protocol that repeats itself into more segments than this is a mistake (the fingertip series has 141).
 MAX_SEGMENTS = 100_000
+#: Longest protocol in s: nobody stays with a run for more than a day.
+MAX_DURATION = 86_400.0
 _COMPARISON = {"above": ">", "below": "<"}
 
 
@@ -64,6 +66,7 @@ class _Compiler:
         self.rest = dict.fromkeys(QUANTITIES[protocol.instrument], 0.0)
         self.now: Mapping[str, float] = self.rest
         self.segments: list[Segment] = []
+        self._duration = 0.0
         self._done = 0
         self._path: Key = ()
         self._phase: str | None = None
@@ -182,6 +185,9 @@ class _Compiler:
     def _add(self, duration: float, target: Mapping[str, float], phase: str, until: UntilStep | None = None) -> None:
         if len(self.segments) >= MAX_SEGMENTS:
             raise self._fault(f"repeats make more than {MAX_SEGMENTS} segments")
+        self._duration += duration
+        if self._duration > MAX_DURATION:
+            raise self._fault(f"the protocol takes longer than {MAX_DURATION / 3600:g} h")
         step = ".".join(str(p) for p in self._path if isinstance(p, int))
         early = None
         if until is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -21,17 +22,21 @@ class Model(BaseModel):
 class Unit:
     """Marks a float field: text with a unit in YAML and JSON, SI inside.
 
-    ``sign`` is ``any``, ``positive`` or ``not negative``.
+    ``sign`` is ``any``, ``positive`` or ``not negative``; ``least`` and ``most`` (SI) bound it further.
     """
 
     kind: str
     sign: str = "any"
+    least: float = -math.inf
+    most: float = math.inf
 
     def read(self, value: object) -> float:
         """Parse and check the sign."""
         number = units.parse(value, self.kind)
         if (self.sign == "positive" and number <= 0) or (self.sign == "not negative" and number < 0):
             raise ValueError(f"must {'be positive' if self.sign == 'positive' else 'not be negative'}, not {value!r}")
+        if not self.least <= number <= self.most:
+            raise ValueError(f"must be {self.write(self.least)} … {self.write(self.most)}, not {value!r}")
         return number
 
     def write(self, value: float) -> str:

@@ -16,25 +16,34 @@ from protocols.setpoints import Segment, Setpoints
 #: The probe's excursion as a whole: the length of (probe_x, probe_y, probe_z) in m; its rate is the speed of the tip.
 PROBE = "probe"
 PROBE_AXES = ("probe_x", "probe_y", "probe_z")
+#: A dwell is over when the quantity was at rest (zero: vented, centred) for this long, in s (assumed).
+RELIEF = 1.0
 # Relative slack of every comparison: unit conversion and angles leave errors of a few ulp, physics never asks for 1e-9.
 _SLACK = 1e-9
 
 
 @dataclass(frozen=True)
 class Range:
-    """Lowest and highest allowed value (SI), and the largest allowed absolute rate of change (SI per s)."""
+    """Lowest and highest allowed value (SI), and the largest allowed absolute rate of change (SI per s).
+
+    ``dwell`` is the longest time in s away from rest (zero: vented, centred); a rest shorter than `RELIEF` does not
+    interrupt it.
+    """
 
     low: float = -math.inf
     high: float = math.inf
     rate: float = math.inf
+    dwell: float = math.inf
 
     def __post_init__(self) -> None:
-        if math.isnan(self.low) or math.isnan(self.high) or math.isnan(self.rate):
+        if any(map(math.isnan, (self.low, self.high, self.rate, self.dwell))):
             raise ValueError(f"a limit is not a number: {self}")
         if self.low > self.high:
             raise ValueError(f"the range is empty: low {self.low:g} is above high {self.high:g}")
         if self.rate <= 0:
             raise ValueError(f"the rate limit must be positive, not {self.rate:g}")
+        if self.dwell <= 0:
+            raise ValueError(f"the dwell limit must be positive, not {self.dwell:g} s")
 
     @property
     def bounded(self) -> bool:
@@ -43,16 +52,49 @@ class Range:
 
     def intersect(self, other: Range) -> Range:
         """What both allow. Raises ValueError when nothing is left."""
-        return Range(max(self.low, other.low), min(self.high, other.high), min(self.rate, other.rate))
+        return Range(
+            max(self.low, other.low),
+            min(self.high, other.high),
+            min(self.rate, other.rate),
+            min(self.dwell, other.dwell),
+        )
 
     def holds(self, value: float) -> bool:
         """Whether ``value`` is inside (False for NaN)."""
         slack = _SLACK * max((abs(v) for v in (self.low, self.high) if math.isfinite(v)), default=0.0)
         return self.low - slack <= value <= self.high + slack
 
+    def holds_dwell(self, seconds: float) -> bool:
+        """Whether a time away from rest is allowed (False for NaN)."""
+        return seconds <= self.dwell * (1 + _SLACK)
+
     def holds_rate(self, rate: float) -> bool:
         """Whether a rate of change is allowed (False for NaN)."""
         return abs(rate) <= self.rate * (1 + _SLACK)
+
+
+@dataclass
+class DwellTimer:
+    """For how long something is away from rest without `RELIEF` s of rest; told moment by moment, in order.
+
+    A tenth of that is spared for moments that are samples.
+    """
+
+    _since: float = math.nan  # when it left rest
+    _rest: float = -math.inf  # since when it is at rest; NaN while it is away
+    _last: float = math.nan
+
+    def at(self, time: float, away: bool) -> float:
+        """The dwell in s at ``time`` s, 0 at rest. Between two moments it counts as away if it is at the second."""
+        if not away:
+            if math.isnan(self._rest):
+                self._rest = time
+            self._last = time
+            return 0.0
+        if math.isnan(self._since) or time - self._rest >= 0.9 * RELIEF:  # NaN compares false
+            self._since = self._last if math.isfinite(self._last) else time
+        self._rest, self._last = math.nan, time
+        return time - self._since
 
 
 @dataclass(frozen=True)
@@ -76,19 +118,20 @@ class Limits:
 
     @classmethod
     def parse(cls, written: Mapping[str, Mapping[str, str]], origin: str = "") -> Limits:
-        """From text with units: ``{"pressure": {"low": "-500 mbar", "high": "0 mbar", "rate": "1000 mbar/s"}}``.
+        """From text with units: ``{"pressure": {"low": "-500 mbar", "rate": "1000 mbar/s", "dwell": "120 s"}}``.
 
         Raises ValueError that names the quantity and the entry.
         """
         ranges = {}
         for name, entries in written.items():
             kind = units.kind_of(name)
+            kinds = {"low": kind, "high": kind, "rate": units.rate_kind(kind), "dwell": "time"}
             values = {}
             for key, text in entries.items():
-                if key not in ("low", "high", "rate"):
-                    raise ValueError(f"{name}: unknown entry {key!r}; a limit has low, high and rate")
+                if key not in kinds:
+                    raise ValueError(f"{name}: unknown entry {key!r}; a limit has {', '.join(kinds)}")
                 try:
-                    values[key] = units.parse(text, units.rate_kind(kind) if key == "rate" else kind)
+                    values[key] = units.parse(text, kinds[key])
                 except ValueError as error:
                     raise ValueError(f"{name}.{key}: {error}") from None
             try:
@@ -117,7 +160,7 @@ class Limits:
         return Limits(merged, " ∩ ".join(dict.fromkeys(origins)))
 
     def values(self) -> dict[str, tuple[float, float]]:
-        """(low, high) per name in SI: what `drivers.device.Device.arm` takes and a recording keeps."""
+        """(low, high) per name in SI: what a recording keeps."""
         return {name: (r.low, r.high) for name, r in self.ranges.items()}
 
     def rates(self) -> dict[str, float]:
@@ -128,6 +171,7 @@ class Limits:
         """Every set-point that leaves the limits, in order; one for each quantity whose limits are missing.
 
         After a segment with ``until``, the next may begin anywhere along it: both ends are tried as its beginning.
+        Such a segment may take any time up to its duration: all of it counts as dwell, none of it as rest.
         """
         for quantity in setpoints.quantities:
             if not self[quantity].bounded:
@@ -140,6 +184,28 @@ class Limits:
             for name, low, high, rate in _extremes(starts, segment):
                 yield from self._outside(segment.step, name, low, high, rate)
             before = segment
+        for name in (*setpoints.quantities, PROBE):
+            yield from self._too_long(name, setpoints)
+
+    def _too_long(self, name: str, setpoints: Setpoints) -> Iterator[Violation]:
+        """The segments in which a dwell becomes longer than allowed."""
+        allowed = self[name]
+        if math.isinf(allowed.dwell):
+            return
+        away, rest = 0.0, math.inf  # s since it left rest, s of rest since it came back
+        for segment in setpoints.segments:
+            if not _leaves_rest(name, segment):
+                rest += segment.duration if segment.until is None else 0.0
+                continue
+            before = 0.0 if rest >= RELIEF * (1 - _SLACK) else away + rest
+            away, rest = before + segment.duration, 0.0
+            if allowed.holds_dwell(before) and not allowed.holds_dwell(away):
+                yield Violation(
+                    segment.step,
+                    name,
+                    f"is away from rest for {away:.6g} s without {RELIEF:g} s of rest, longer than the "
+                    f"{allowed.dwell:.6g} s allowed{self._whose()}",
+                )
 
     def _outside(self, step: str, name: str, low: float, high: float, rate: float) -> Iterator[Violation]:
         allowed = self[name]
@@ -179,6 +245,11 @@ def _extremes(starts: list[Mapping[str, float]], segment: Segment) -> Iterator[t
         lengths = [_length(s) for s in (*starts, segment.end)]
         jump = max(math.dist([s[a] for a in PROBE_AXES], [segment.end[a] for a in PROBE_AXES]) for s in starts)
         yield PROBE, max(lengths), max(lengths), _rate(jump, segment.duration)
+
+
+def _leaves_rest(name: str, segment: Segment) -> bool:
+    parts = [q for q in segment.end if q == name or (name == PROBE and q in PROBE_AXES)]
+    return any(segment.start[q] != 0 or segment.end[q] != 0 for q in parts)
 
 
 def _length(position: Mapping[str, float]) -> float:

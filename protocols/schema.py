@@ -46,11 +46,12 @@ class Setup(Model):
 
 
 class Limit(Model):
-    """Lowest and highest value and largest rate of one quantity, as text with units."""
+    """Lowest and highest value, largest rate and longest dwell away from rest of one quantity, as text with units."""
 
     low: Text | None = None
     high: Text | None = None
     rate: Text | None = None
+    dwell: Text | None = None
 
 
 class Protocol(Model):

@@ -136,7 +136,7 @@ RECORDINGS: dict[str, Callable[[h5py.File], None]] = {
     r"run\.h5: /entry has schema 'acquire-recording/9'": _other_schema,
 }
 
-BEAT = MicrorobotCodec().encode(Beat())
+BEAT = MicrorobotCodec().encode(Beat(1))
 FRAME = encode_frame(Picture(np.zeros((4, 4), np.uint8), 1, 0.5))
 # What is fed, and what the decoder says of the bytes it drops; a good message must come through after them.
 STREAMS: list[tuple[str, Any, bytes, str]] = [
@@ -144,12 +144,12 @@ STREAMS: list[tuple[str, Any, bytes, str]] = [
     (
         "cutometer: one letter changed",
         CutometerCodec,
-        CutometerCodec().encode(Beat()).replace(b"00", b"01"),
+        CutometerCodec().encode(Beat(1)).replace(b"00", b"01"),
         "wrong checksum",
     ),
     ("cutometer: no end", CutometerCodec, b"x" * 200_000 + CutometerCodec.TERMINATOR, ""),
     ("pressure controller: noise", PressureCodec, b"\xff" * 50 + PressureCodec.TERMINATOR, "no checksum"),
-    ("pressure controller: cut short", PressureCodec, PressureCodec().encode(Beat())[3:], "checksum|head|invalid"),
+    ("pressure controller: cut short", PressureCodec, PressureCodec().encode(Beat(1))[3:], "checksum|head|invalid"),
     ("robot: bad COBS", MicrorobotCodec, b"\x09abc\0", "packet of 4 bytes"),
     ("robot: short", MicrorobotCodec, b"\x02a\0", "short packet"),
     ("robot: bit flipped", MicrorobotCodec, bytes([BEAT[0], BEAT[1] ^ 1]) + BEAT[2:], "packet of"),
@@ -213,7 +213,7 @@ def test_byte_stream(codec: Any, data: bytes, fault: str) -> None:
     assert decoder.decode(data) == []
     assert decoder.tally.discarded > 0
     assert re.search(fault, decoder.tally.last_fault)
-    assert decoder.decode(codec().encode(Beat())) == [Beat()], "the stream goes on"
+    assert decoder.decode(codec().encode(Beat(1))) == [Beat(1)], "the stream goes on"
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,9 @@
 """The run engine: state machine, link threads, interlock and recorder of one instrument."""
 
 from acquire.engine.engine import RunEngine
-from acquire.engine.interlock import Rules, Tracking, Trip
 from acquire.engine.plan import Outcome, Progress, RunPlan
 from acquire.engine.rest import Rest, bring_to_rest
+from acquire.engine.rules import Rules, Tracking, Trip
 from acquire.engine.state import Aborted, State, Tripped, WrongState
 
 __all__ = [

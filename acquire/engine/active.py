@@ -11,20 +11,22 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from acquire.engine.feeder import Feeder
-from acquire.engine.interlock import Trip
 from acquire.engine.link import LinkThread
 from acquire.engine.plan import Outcome, Progress, RunPlan
 from acquire.engine.recorder import Commanded, Recorder
+from acquire.engine.rules import Trip
 from acquire.engine.state import State
 from acquire.recording import Event
 from drivers.device import Device, Status
 from drivers.signals import Block, Channel, Frame
-from protocols.limits import PROBE
+from protocols.limits import PROBE, RELIEF
 from protocols.setpoints import Until
 
 T = TypeVar("T")
 TAIL = 3.0  # s of wall time without a word from a link after which its tail is not waited for any longer
 LONGEST_TAIL = 30.0  # s of wall time for the tail altogether
+START = 5.0  # s of wall time within which a device begins what it was told to start
+LATE = 0.5  # s of device time by which a segment may end late
 
 _COMPARE: dict[str, Callable[[Any, float], Any]] = {
     "<": np.less,
@@ -62,7 +64,7 @@ class ActiveRun:
         self.plan = plan
         self.feeder = Feeder(plan.setpoints, device.queue_capacity, plan.rest, plan.limits.rates())
         known = {PROBE, *device.quantities, *(c.name for c in channels)}
-        self.limits = {n: v for n, v in plan.limits.values().items() if n in known and plan.limits[n].bounded}
+        self.limits = {n: r for n, r in plan.limits.ranges.items() if n in known and r.bounded}
         self.recording = True
         self._device = device
         self._recorder = Recorder(plan.path, plan.info, tuple(channels), on_failure, plan.frame_scale)
@@ -70,6 +72,8 @@ class ActiveRun:
         self._first = math.nan  # device time of `begin`
         self._start_at = math.nan  # device time at which the queue is to be started; NaN when it need not be
         self._started = False  # the device was told to start, and not to hold since
+        self._start_told = math.nan  # wall time of that
+        self._rest_began = -math.inf  # device time since when it holds, vented
         self._heard = False  # it has said that it runs
         self._arrived: deque[Block] = deque(maxlen=256)  # for `until` conditions
 
@@ -99,8 +103,8 @@ class ActiveRun:
         self._start_at = now + self.plan.baseline
 
     def resume(self, now: float) -> None:
-        """The protocol is to go on."""
-        self._start_at = now
+        """The protocol is to go on, after a rest that ends the dwell."""
+        self._start_at = max(now, self._rest_began + RELIEF)
 
     def hold(self, ask: Ask, held: Callable[[], Status]) -> None:
         """Vent and wait; ``held()`` waits for the status that says so."""
@@ -112,7 +116,8 @@ class ActiveRun:
         self.feeder.follow(status)
         # Where the device does not say when it was stopped, its first word of it is the best there is.
         told = math.isfinite(status.began) and status.began > self.feeder.began
-        self.feeder.interrupt(status.began if told else status.time)
+        self._rest_began = status.began if told else status.time
+        self.feeder.interrupt(self._rest_began)
         self._started = self._heard = False
 
     def drive(self, status: Status, ask: Ask) -> Trip | None:
@@ -127,17 +132,21 @@ class ActiveRun:
                 ask(lambda: device.enqueue(segments))
                 ask(device.start)
                 self._started, self._heard = True, False
+                self._start_told = time.monotonic()
                 self._start_at = math.nan
             return None
         self._heard = self._heard or status.state == "running"
-        if not self._heard:
-            return None
-        feeder.follow(status)
-        if feeder.finished:
+        if self._heard:
+            feeder.follow(status)
+        if not math.isfinite(feeder.began) and time.monotonic() - self._start_told > START:
+            return Trip("device", f"{device.name} does not start within {START:g} s", status.time)
+        if not self._heard or feeder.finished:
             return None
         if status.state != "running":
             text = status.fault or "it stopped by itself (heartbeat missed, or its own safety)"
             return Trip("device", f"{device.name}: {text}", status.time)
+        if feeder.overdue(status.time) > LATE:
+            return Trip("device", f"{device.name}: segment {feeder.index} does not end when it should", status.time)
         self._look_for_until(ask)
         if segments := feeder.feed():
             ask(lambda: device.enqueue(segments))

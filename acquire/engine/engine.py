@@ -14,10 +14,11 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 from acquire.engine.active import ActiveRun
-from acquire.engine.interlock import Interlock, Rules, Trip
+from acquire.engine.interlock import Interlock
 from acquire.engine.link import LinkThread
 from acquire.engine.plan import Outcome, Progress, RunPlan
 from acquire.engine.queues import DisplayQueue
+from acquire.engine.rules import Rules, Trip
 from acquire.engine.state import Aborted, State, StateMachine, Tripped, WrongState
 from acquire.supervisor import Heartbeat
 from drivers.device import DeviceError, Identity, LinkLost, Rig, Status

@@ -165,6 +165,15 @@ class Feeder:
         """Device time in s at which the running segment began; not a number before the first status."""
         return self._clock
 
+    def overdue(self, time: float) -> float:
+        """By how much (s) the running segment should have ended before device time ``time``; negative if it need not.
+
+        An ``until`` ends a segment early, never late.
+        """
+        if self._ended >= len(self._fed) or not math.isfinite(self._clock):
+            return -math.inf
+        return time - self._clock - self._fed[self._ended][1].duration
+
     def skipped(self) -> None:
         """The device was told to skip the running segment: it is not watched any longer."""
         self._skipping = True

@@ -7,61 +7,18 @@ thread stops the run earlier and says why.
 from __future__ import annotations
 
 import collections
-import math
 import shutil
 import threading
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-
+from acquire.engine.checks import CHECKS, Check, Commanded, Watch
+from acquire.engine.freshness import Freshness
+from acquire.engine.rules import Rules, Trip
 from drivers.device import Status
-from drivers.signals import Block, FloatArray, Frame
-from protocols.limits import PROBE, Limits
-
-AXES = ("probe_x", "probe_y", "probe_z")
-
-
-@dataclass(frozen=True)
-class Tracking:
-    """Largest deviation of a measured quantity from its set-point: ``error`` (SI) for longer than ``duration`` s."""
-
-    error: float
-    duration: float
-
-
-@dataclass(frozen=True)
-class Rules:
-    """How strict the interlock is.
-
-    A measured value trips outside its limits widened by ``margin`` times their span (the set-points themselves may
-    lie on the limit, and a regulator overshoots a little); its rate of change over ``rate_window`` s trips above the
-    limit widened by ``rate_margin``. ``stale`` is the longest silence of a link in s of wall time, ``disk`` the least
-    free space in bytes. All defaults are assumed.
-    """
-
-    margin: float = 0.1
-    rate_margin: float = 0.5
-    rate_window: float = 0.1
-    stale: float = 1.0
-    disk: int = 200_000_000
-    tracking: Mapping[str, Tracking] = field(
-        default_factory=lambda: {
-            "pressure": Tracking(10_000.0, 3.0),
-            **{axis: Tracking(1e-3, 1.0) for axis in AXES},
-        }
-    )
-
-
-@dataclass(frozen=True)
-class Trip:
-    """Why a run was stopped by the interlock. ``time`` is device time in s where it is known, else NaN."""
-
-    code: str  # value, rate, nan, stale, tracking, link, device, disk, recorder, supervisor, estop
-    message: str
-    time: float = math.nan
+from drivers.signals import Block, Frame
+from protocols.limits import Limits
 
 
 class Interlock(threading.Thread):
@@ -75,15 +32,11 @@ class Interlock(threading.Thread):
         self._lock = threading.Lock()
         self._blocks: collections.deque[tuple[str, Block | Frame, Status | None]] = collections.deque()
         self._wake = threading.Event()
-        self._heard: dict[str, float] = {}
-        self._limits = Limits()
-        self._commanded: Callable[[FloatArray], Mapping[str, FloatArray]] | None = None
+        self._checks: tuple[Check, ...] = ()
+        self._freshness = Freshness((), rules, 0.0)
         self._folder: Path | None = None
-        self._gappy: frozenset[str] = frozenset()
         self._watching = False
         self._closing = False
-        self._tails: dict[str, tuple[FloatArray, FloatArray]] = {}
-        self._off_since: dict[str, float] = {}
 
     # Called by others -------------------------------------------------------------------------------------------------
 
@@ -91,19 +44,19 @@ class Interlock(threading.Thread):
         self,
         limits: Limits,
         links: tuple[str, ...],
-        commanded: Callable[[FloatArray], Mapping[str, FloatArray]] | None = None,
+        commanded: Commanded | None = None,
         folder: Path | None = None,
         gappy: frozenset[str] = frozenset(),
     ) -> None:
         """Begin to watch ``limits`` per channel, freshness of ``links``, ``commanded(time)``, space at ``folder``.
 
-        The ``gappy`` channels may be NaN: a camera does not find a contour in every picture.
+        The first link is the driven device's. The ``gappy`` channels may be NaN: a camera does not find a contour in
+        every picture.
         """
-        now = time.monotonic()
-        self._limits, self._commanded, self._folder, self._gappy = limits, commanded, folder, gappy
-        self._heard = dict.fromkeys(links, now)
-        self._tails.clear()
-        self._off_since.clear()
+        watch = Watch(limits, self.rules, commanded, gappy)
+        self._checks = tuple(check(watch) for check in CHECKS)
+        self._freshness = Freshness(links, self.rules, time.monotonic())
+        self._folder = folder
         self._blocks.clear()
         self._watching = True
 
@@ -112,10 +65,9 @@ class Interlock(threading.Thread):
         self._watching = False
 
     def receive(self, link: str, item: Block | Frame, status: Status | None) -> None:
-        """Data to look at."""
-        if self._watching:
-            self._heard[link] = time.monotonic()
-            self._blocks.append((link, item, status))
+        """Data to look at; what is not new is no sign of life."""
+        if self._watching and (new := self._freshness.take(link, item, time.monotonic())) is not None:
+            self._blocks.append((link, new, status))
             self._wake.set()
 
     @property
@@ -165,77 +117,18 @@ class Interlock(threading.Thread):
                 self._watching = False
 
     def _check(self, block: Block) -> None:
-        for name, values in block.values.items():
-            bad = ~np.isfinite(values)
-            if bad.any() and name not in self._gappy:
-                self.fire(Trip("nan", f"{name} is not a number", float(block.time[bad.argmax()])))
+        for check in self._checks:
+            if trip := check.look(block):
+                self.fire(trip)
                 return
-            self._check_value(name, values, block.time)
-            self._check_rate(name, values, block.time)
-        if all(axis in block.values for axis in AXES):
-            way = np.sqrt(sum(block.values[axis] ** 2 for axis in AXES))
-            self._check_value(PROBE, way, block.time)
-        self._check_tracking(block)
-
-    def _check_value(self, name: str, values: FloatArray, when: FloatArray) -> None:
-        limit = self._limits[name]
-        # A bound at infinity has no span to widen; the other one then stands as it is.
-        slack = self.rules.margin * (limit.high - limit.low) if limit.bounded else 0.0
-        low, high = limit.low - slack, limit.high + slack
-        outside = (values < low) | (values > high)  # False for NaN
-        if outside.any():
-            first = outside.argmax()
-            message = f"{name} is {values[first]:.6g}, outside {limit.low:.6g} … {limit.high:.6g} (SI)"
-            self.fire(Trip("value", message, float(when[first])))
-
-    def _check_rate(self, name: str, values: FloatArray, when: FloatArray) -> None:
-        limit = self._limits[name].rate
-        if not math.isfinite(limit):
-            return
-        if name in self._tails:
-            old_time, old_values = self._tails[name]
-            when, values = np.concatenate([old_time, when]), np.concatenate([old_values, values])
-        before = np.searchsorted(when, when - self.rules.rate_window, side="right") - 1
-        sound = before >= 0
-        if sound.any():
-            rate = np.abs(values[sound] - values[before[sound]]) / (when[sound] - when[before[sound]])
-            if rate.max() > limit * (1 + self.rules.rate_margin):
-                message = f"{name} changes by {rate.max():.6g} per s, more than {limit:.6g} (SI)"
-                self.fire(Trip("rate", message, float(when[sound][rate.argmax()])))
-        keep = when > when[-1] - 2 * self.rules.rate_window
-        self._tails[name] = (when[keep], values[keep])
-
-    def _check_tracking(self, block: Block) -> None:
-        rules = {q: r for q, r in self.rules.tracking.items() if q in block.values}
-        if not rules or self._commanded is None:
-            return
-        commanded = self._commanded(block.time)
-        for quantity, rule in rules.items():
-            if quantity not in commanded:
-                continue
-            # NaN where the set-point is not known: not off, so that the count begins anew.
-            off = np.abs(block.values[quantity] - commanded[quantity]) > rule.error
-            near = np.flatnonzero(~off)
-            if len(near) and near[-1] == len(off) - 1:
-                self._off_since.pop(quantity, None)
-                continue
-            if len(near) or quantity not in self._off_since:
-                self._off_since[quantity] = float(block.time[near[-1] + 1 if len(near) else 0])
-            since = self._off_since[quantity]
-            if block.time[-1] - since > rule.duration:
-                error = float(block.values[quantity][-1] - commanded[quantity][-1])
-                message = f"{quantity} is off its set-point by {error:.6g} (SI) since {rule.duration:g} s"
-                self.fire(Trip("tracking", message, float(block.time[-1])))
 
     def _check_status(self, link: str, status: Status | None) -> None:
         if status is not None and (status.state == "fault" or status.fault):
             self.fire(Trip("device", f"{link} reports {status.fault or 'a fault'}", status.time))
 
     def _check_freshness(self) -> None:
-        now = time.monotonic()
-        for link, heard in self._heard.items():
-            if now - heard > self.rules.stale:
-                self.fire(Trip("stale", f"{link} delivered nothing for {now - heard:.2f} s"))
+        if trip := self._freshness.fault(time.monotonic()):
+            self.fire(trip)
 
     def _check_disk(self) -> None:
         if self._folder is not None and (fault := self.short_of_space(self._folder)):

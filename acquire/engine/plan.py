@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from acquire.engine.interlock import Trip
+from acquire.engine.rules import Trip
 from acquire.engine.state import State
 from acquire.recording import RunInfo
 from acquire.recording.identity import check_identity

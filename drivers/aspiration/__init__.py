@@ -21,8 +21,8 @@ MBAR = 100.0
 PRESSURE = Channel("pressure", "Pa", "actuator", (-700 * MBAR, 0.0), 10.0)
 APEX = Channel("apex_height", "m", "processing", (0.0, 8e-3), 2e-6)
 
-#: Suction to 700 mbar (reported).
-LIMITS = Limits({"pressure": Range(-700 * MBAR, 0.0)}, "hardware")
+#: Suction to 700 mbar (reported), for five minutes at a time (assumed).
+LIMITS = Limits({"pressure": Range(-700 * MBAR, 0.0, dwell=300.0)}, "hardware")
 
 
 def open_rig(entry: Entry) -> Rig:

@@ -5,8 +5,8 @@ public serial protocol (Alicat: lines ended by CR, a data frame that begins with
 values) has no queue, no sequence numbers and no checksum; this dialect keeps its manner and adds those three. It was
 never run on real hardware.
 
-One line a sample: ``A -30000.00 1250 50000000 R,3,12,49200000,`` — pressure in Pa, sample number, device time in µs,
-status.
+One line a sample: ``A -30000.00 1250 50000000 431 R,3,12,49200000,`` — pressure in Pa, sample number, device time in
+µs, packet number, status.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class PressureCodec(LineCodec):
 
     def sample_lines(self, samples: msg.Samples) -> list[str]:
         """A line a sample; a block without samples is a line with neither value nor number."""
-        status = write_status(samples.status)
+        status = f"{samples.packet} {write_status(samples.status)}"
         stamps = np.rint(samples.time * 1e6).astype(np.int64)
         if not len(stamps):
             return [f" {_NO_READING} - {round(samples.status.time * 1e6)} {status}"]
@@ -50,10 +50,10 @@ class PressureCodec(LineCodec):
         ]
 
     def parse_sample(self, text: str) -> msg.Samples:
-        _, value, number, stamp, rest = text.split(" ", 4)
+        _, value, number, stamp, packet, rest = text.split(" ", 5)
         time = int(stamp) / 1e6
         status = read_status(rest, time)
         if number == "-":
-            return msg.Samples(0, np.empty(0), np.empty((0, 1)), status)
+            return msg.Samples(0, np.empty(0), np.empty((0, 1)), status, int(packet))
         pressure = np.nan if value == _NO_READING else float(value)
-        return msg.Samples(int(number), np.array([time]), np.array([[pressure]]), status)
+        return msg.Samples(int(number), np.array([time]), np.array([[pressure]]), status, int(packet))

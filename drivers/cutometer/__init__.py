@@ -18,8 +18,9 @@ CHANNELS = (
     Channel("apex_height", "m", "sensor", (0.0, 4e-3), 1e-5),
 )
 
-#: Suction to 500 mbar (reported); positive pressure is not possible, a gauge may read a little above zero.
-LIMITS = Limits({"pressure": Range(-500 * MBAR, 0.0)}, "hardware")
+#: Suction to 500 mbar (reported), for five minutes at a time (assumed); positive pressure is not possible, a gauge may
+#: read a little above zero.
+LIMITS = Limits({"pressure": Range(-500 * MBAR, 0.0, dwell=300.0)}, "hardware")
 
 
 def open_rig(entry: Entry) -> Rig:

@@ -4,8 +4,8 @@ The wire protocol of the Cutometer MPA 580 is not public. This dialect is this p
 ever tried on the instrument, and the driver refuses a real port unless the station vouches for it. Everything that
 is assumed about the wire is in this file.
 
-Lines end in CR. A sample line holds a block: ``#first,t0,status;hex`` with t0 in µs and, for each sample, 24
-hexadecimal digits: µs after t0 (unsigned), pressure in 0.01 Pa and apex height in nm (two's complement;
+Lines end in CR. A sample line holds a block: ``#packet,first,t0,t1,status;hex`` with times in µs and, for each
+sample, 24 hexadecimal digits: µs after t0 (unsigned), pressure in 0.01 Pa and apex height in nm (two's complement;
 80000000 says "no reading", which is not a number). At 100 samples/s this fits 115200 baud four times over.
 """
 
@@ -48,16 +48,18 @@ class CutometerCodec(LineCodec):
         table[:, 0] = np.rint(samples.time * 1e6).astype(np.int64) - start
         table[:, 1:] = _counts(samples.values)
         end = round(samples.status.time * 1e6)
-        return [f"{samples.first},{start},{end},{write_status(samples.status)};{table.tobytes().hex()}"]
+        return [
+            f"{samples.packet},{samples.first},{start},{end},{write_status(samples.status)};{table.tobytes().hex()}"
+        ]
 
     def parse_sample(self, text: str) -> msg.Samples:
         head, digits = text.split(";")
-        first, start, end, status = head.split(",", 3)
+        packet, first, start, end, status = head.split(",", 4)
         table = np.frombuffer(bytes.fromhex(digits), dtype=">i4").reshape(-1, 3)
         values = table[:, 1:] * COUNTS
         values[table[:, 1:] == _NO_READING] = np.nan
         time = (int(start) + table[:, 0].view(">u4").astype(np.int64)) / 1e6
-        return msg.Samples(int(first), time, values, read_status(status, int(end) / 1e6))
+        return msg.Samples(int(first), time, values, read_status(status, int(end) / 1e6), int(packet))
 
 
 def _counts(values: FloatArray) -> FloatArray:

@@ -24,9 +24,9 @@ CHANNELS = (
     *(Channel(f"force_{k}", "N", "processing", (-14.7, 14.7), 6e-3) for k in "xyz"),
 )
 
-#: Excursion and tip speed are assumed; the transducers end at 1500 g (datasheet).
+#: Excursion, tip speed and half an hour away from the centre are assumed; the transducers end at 1500 g (datasheet).
 LIMITS = Limits(
-    {**{q: Range(*_REACH, rate=20e-3) for q in QUANTITIES}, PROBE: Range(0.0, 3e-3, rate=20e-3)},
+    {**{q: Range(*_REACH, rate=20e-3) for q in QUANTITIES}, PROBE: Range(0.0, 3e-3, rate=20e-3, dwell=1800.0)},
     "hardware",
 )
 

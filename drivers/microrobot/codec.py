@@ -2,8 +2,8 @@
 
 Assumed, not taken from hardware: the paper's robot ran on a National Instruments card; here its controller is a
 firmware peer on USB. Packet: kind (u8), request number (u8), body, CRC-32 of all before. Text is UTF-8 after its
-length (u8). Samples: number of the first (u32), its time in µs (u64), status, count n (u16), µs after the first (n
-u32), then the raw channels one after the other (n f32 each).
+length (u8). Samples: packet (u32), number of the first (u32), its time in µs (u64), status, count n (u16), µs after the
+first (n u32), then the raw channels one after the other (n f32 each).
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import struct
 import zlib
+from dataclasses import astuple
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from drivers import messages as msg
 from drivers.device import Identity, Status
 from drivers.framing import Splitter, cobs_decode, cobs_encode
 from drivers.stream import Codec
+from protocols.limits import Range
 
 #: Raw channels: axis positions in m and transducer voltages in V.
 RAW = ("axis_position_1", "axis_position_2", "axis_position_3", "voltage_a", "voltage_b", "voltage_c")
@@ -43,7 +45,10 @@ _DONE, _REFUSED, _IDENTITY = 0, 1, 2
 _STATES = ("idle", "armed", "running", "held", "safe", "fault")
 _PIECE = struct.Struct("<d6d")
 _STATUS = struct.Struct("<BIIqQ")
-_FIRST = struct.Struct("<IQ")
+_FIRST = struct.Struct("<IIQ")
+_ARM = struct.Struct("<dQ")
+_RANGE = struct.Struct("<4d")
+_COUNT = struct.Struct("<Q")
 
 
 class MicrorobotCodec(Codec):
@@ -58,7 +63,7 @@ class MicrorobotCodec(Codec):
             case msg.Samples():
                 return _packet(_SAMPLES, 0, _samples(message))
             case msg.Beat():
-                return _packet(_BEAT, 0, b"")
+                return _packet(_BEAT, 0, _COUNT.pack(message.count))
             case msg.Reply():
                 return _packet(_REPLY, message.number, _reply(message))
             case _:
@@ -101,7 +106,7 @@ def _message(kind: int, number: int, reader: _Reader) -> msg.Message:
     if kind == _SAMPLES:
         return _parse_samples(reader)
     if kind == _BEAT:
-        return msg.Beat()
+        return msg.Beat(*reader.take(_COUNT))
     if kind == _REPLY:
         return _parse_reply(number, reader)
     return msg.Request(number, _parse_body(_BODIES[kind], reader))
@@ -153,7 +158,7 @@ def _samples(samples: msg.Samples) -> bytes:
     began = -1 if math.isnan(status.began) else round(status.began * 1e6)
     return b"".join(
         (
-            _FIRST.pack(samples.first, int(stamps[0])),
+            _FIRST.pack(samples.packet, samples.first, int(stamps[0])),
             _STATUS.pack(_STATES.index(status.state), status.executed, status.queued, began, int(stamps[-1])),
             _text(status.fault),
             len(samples.time).to_bytes(2, "little"),
@@ -164,14 +169,14 @@ def _samples(samples: msg.Samples) -> bytes:
 
 
 def _parse_samples(reader: _Reader) -> msg.Samples:
-    first, start = reader.take(_FIRST)
+    packet, first, start = reader.take(_FIRST)
     state, executed, queued, began, end = reader.take(_STATUS)
     fault = reader.text()
     count = int(reader.array("<u2", 1)[0])
     time = (start + reader.array("<u4", count).astype(np.int64)) / 1e6
     values = reader.array("<f4", count * len(RAW)).reshape(len(RAW), count).T.astype(np.float64)
     status = Status(end / 1e6, _STATES[state], executed, queued, fault, math.nan if began < 0 else began / 1e6)
-    return msg.Samples(first, time, values, status)
+    return msg.Samples(first, time, values, status, packet)
 
 
 def _reply(reply: msg.Reply) -> bytes:
@@ -198,9 +203,9 @@ def _body(body: msg.Body) -> bytes:
     match body:
         case msg.Stream(on):
             return bytes((on,))
-        case msg.Arm(limits, watchdog):
-            ranges = (_text(name) + struct.pack("<2d", *ends) for name, ends in limits.items())
-            return struct.pack("<d", watchdog) + b"".join(ranges)
+        case msg.Arm(limits, watchdog, beats):
+            ranges = (_text(name) + _RANGE.pack(*astuple(r)) for name, r in limits.items())
+            return _ARM.pack(watchdog, beats) + b"".join(ranges)
         case msg.Enqueue(pieces):
             return b"".join(_PIECE.pack(p.duration, *p.start, *p.end) for p in pieces)
         case msg.Skip(index):
@@ -213,12 +218,12 @@ def _parse_body(kind: type, reader: _Reader) -> msg.Body:
     if kind is msg.Stream:
         return msg.Stream(bool(reader.array("u1", 1)[0]))
     if kind is msg.Arm:
-        (watchdog,) = reader.take(struct.Struct("<d"))
+        watchdog, beats = reader.take(_ARM)
         limits = {}
         while reader.left:
             name = reader.text()
-            limits[name] = reader.take(struct.Struct("<2d"))
-        return msg.Arm(limits, watchdog)
+            limits[name] = Range(*reader.take(_RANGE))
+        return msg.Arm(limits, watchdog, beats)
     if kind is msg.Enqueue:
         pieces = []
         while reader.left:

@@ -7,6 +7,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from sim_devices.servers.faults import SENSOR, STALE, Distortion
 from sim_devices.servers.instrument import SimInstrument
 
 
@@ -48,7 +49,7 @@ class BackDoor:
                 fault=firmware.fault,
                 executed=firmware.executed,
                 command=firmware.command,
-                limits=dict(firmware.limits),
+                limits={name: (r.low, r.high) for name, r in firmware.limits.items()},
                 signals=dict(sim.signals),
                 vented=firmware.resting and sim.still,
                 streaming=any(port.streaming for port in sim.ports),
@@ -95,15 +96,58 @@ class BackDoor:
 
     def corrupt(self, messages: int) -> None:
         """One byte changed in each of the next ``messages``."""
-        with self._sim.lock:
-            for port in self._sim.ports:
-                port.faults.corrupt = messages
+        self._on_the_wire("corrupt", messages)
+
+    def truncate(self, messages: int) -> None:
+        """The second half of each of the next ``messages`` lost."""
+        self._on_the_wire("truncate", messages)
+
+    def drop(self, messages: int) -> None:
+        """The next ``messages`` lost."""
+        self._on_the_wire("drop", messages)
 
     def repeat(self, messages: int) -> None:
         """Each of the next ``messages`` sent twice."""
+        self._on_the_wire("repeat", messages)
+
+    def swap(self, messages: int) -> None:
+        """Each of the next ``messages`` sent after the one that follows it."""
+        self._on_the_wire("swap", messages)
+
+    def stale(self, what: str = "packet") -> None:
+        """From now on the device says the same for ever, although the link works and it obeys.
+
+        ``packet``: the last packet again and again, byte for byte; ``time`` or ``sequence``: only that stands still;
+        empty: over. Raises ValueError for anything else.
+        """
+        if what not in ("", *STALE):
+            raise ValueError(f"no stale {what!r}; there is {', '.join(STALE)}")
         with self._sim.lock:
             for port in self._sim.ports:
-                port.faults.repeat = messages
+                port.faults.stale = what
+
+    def starve(self) -> None:
+        """The device loses what waits in its queue, and the running segment is its last."""
+        with self._sim.lock:
+            self._sim.firmware.starve()
+
+    def distort(self, channel: str, kind: str, amount: float = 0.0, samples: float = math.inf) -> None:
+        """The next ``samples`` of a raw channel are wrong: `sim_devices.servers.faults.SENSOR` lists the kinds.
+
+        Raises ValueError for a channel it does not have, or an unknown kind.
+        """
+        if channel not in self._sim.bench.raw:
+            raise ValueError(f"no raw channel {channel!r}; there are {', '.join(self._sim.bench.raw)}")
+        if kind not in SENSOR:
+            raise ValueError(f"no sensor fails as {kind!r}; there is {', '.join(SENSOR)}")
+        with self._sim.lock:
+            self._sim.faults.sensors[channel] = Distortion(kind, amount, samples)
+
+    def heal(self) -> None:
+        """Every fault is over, but for what was unplugged."""
+        with self._sim.lock:
+            for port in self._sim.ports:
+                port.faults.clear()
 
     def short_reads(self, size: int) -> None:
         """At most ``size`` bytes at once on the control link; 0 lifts it."""
@@ -112,7 +156,9 @@ class BackDoor:
 
     def nan(self, channel: str, samples: float = math.inf) -> None:
         """The next ``samples`` of a raw channel are not numbers. Raises ValueError for a channel it does not have."""
-        if channel not in self._sim.bench.raw:
-            raise ValueError(f"no raw channel {channel!r}; there are {', '.join(self._sim.bench.raw)}")
+        self.distort(channel, "nan", samples=samples)
+
+    def _on_the_wire(self, fault: str, messages: int) -> None:
         with self._sim.lock:
-            self._sim.faults.nan[channel] = samples
+            for port in self._sim.ports:
+                setattr(port.faults, fault, messages)

@@ -9,14 +9,14 @@ thread.
     (boot)          └──limit passed or no beat──▶ fault ──safe──▶ safe
 
 Whatever leaves ``running`` vents at once (suction) or goes back to the centre at the rate the instrument allows
-(robot).
+(robot). So does a queue that is empty while the instrument is away from rest, after the watchdog's time: that long a
+host may take to feed on after an ``until``, and no longer.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -24,13 +24,15 @@ import numpy as np
 from drivers import messages as msg
 from drivers.device import HOST_SILENT, Identity, Refused, Status
 from drivers.signals import FloatArray
-from protocols.limits import PROBE, Limits
+from protocols.limits import PROBE, DwellTimer, Limits, Range
 from sim_devices.servers.timeline import Waveform
 
 #: Segments shorter than this (s) are steps.
 SHORTEST = 1e-5
 #: A measured value this share of the allowed span beyond its limit is a fault.
 MARGIN = 0.05
+#: The longest watchdog time in s that the instrument agrees to, whatever a host asks for.
+LONGEST_WATCHDOG = 1.0
 _SLACK = 1e-6
 
 
@@ -62,15 +64,19 @@ class Firmware:
     executed: int = 0
     began: float = math.nan
     watchdog: float = math.inf
-    limits: dict[str, tuple[float, float]] = field(default_factory=dict)
+    limits: dict[str, Range] = field(default_factory=dict)
     _queue: deque[msg.Piece] = field(default_factory=deque)
     _motion: _Motion | None = None
     _value: tuple[float, ...] = ()
     _last_beat: float = -math.inf
+    _beats: int = 0  # count of the newest beat
+    _outside: dict[str, bool] = field(default_factory=dict)  # whether a channel's last sample was
+    _dwells: dict[str, DwellTimer] = field(default_factory=dict)  # a new host or a new run does not shorten them
     _cut: bool = False  # the last piece was cut short: the next begins where it ended
 
     def __post_init__(self) -> None:
         self._value = self._zero
+        self._dwells = {name: DwellTimer() for name in self.hardware.ranges}
 
     @property
     def _zero(self) -> tuple[float, ...]:
@@ -106,8 +112,8 @@ class Firmware:
     def handle(self, body: msg.Body, wall: float) -> None:
         """Obey a request that arrived at ``wall`` (monotonic s). Raises Refused with the reason."""
         match body:
-            case msg.Arm(limits, watchdog):
-                self._arm(limits, watchdog, wall)
+            case msg.Arm():
+                self._arm(body, wall)
             case msg.Enqueue(pieces):
                 self._enqueue(pieces)
             case msg.Start():
@@ -121,9 +127,14 @@ class Firmware:
                 self._stop("safe")
                 self.limits.clear()
 
-    def beat(self, wall: float) -> None:
-        """The host is alive at ``wall`` (monotonic s)."""
-        self._last_beat = wall
+    def beat(self, count: int, wall: float) -> None:
+        """The host is alive at ``wall`` (monotonic s); a beat that was counted already says nothing."""
+        if count > self._beats:
+            self._beats, self._last_beat = count, wall
+
+    def starve(self) -> None:
+        """Lose what is queued: a fault, for tests."""
+        self._queue.clear()
 
     def watch_host(self, wall: float) -> bool:
         """Vent if the host has been silent for too long; whether that happened just now."""
@@ -133,16 +144,21 @@ class Firmware:
         return True
 
     def watch_values(self, values: FloatArray) -> None:
-        """Vent if a measured value (n, raw channels) is out of its limits; NaN is for the host to judge."""
+        """Vent if a measured value (n, raw channels) is out of its limits twice running; NaN is for the host to judge.
+
+        Once may be a disturbance on a wire.
+        """
         if self.state not in ("armed", "running", "held"):
             return
         for column, name in enumerate(self.raw):
-            low, high = self.limits.get(name, (-math.inf, math.inf))
-            spare = MARGIN * (high - low) if math.isfinite(high - low) else 0.0
-            outside = (values[:, column] < low - spare) | (values[:, column] > high + spare)
-            if outside.any():
-                value = values[outside, column][0]
-                self.trip(f"{name} {value:.6g} is outside {low:.6g} to {high:.6g}")
+            limit = self.limits.get(name, Range())
+            spare = MARGIN * (limit.high - limit.low) if limit.bounded else 0.0
+            outside = (values[:, column] < limit.low - spare) | (values[:, column] > limit.high + spare)
+            twice = outside & np.append(self._outside.get(name, False), outside[:-1])
+            self._outside[name] = bool(outside[-1])
+            if twice.any():
+                value = values[twice, column][0]
+                self.trip(f"{name} {value:.6g} is outside {limit.low:.6g} to {limit.high:.6g}")
                 return
 
     def trip(self, reason: str) -> None:
@@ -183,26 +199,47 @@ class Firmware:
                 share = (until - began) / piece.duration
                 reach(until, tuple(a + share * (b - a) for a, b in zip(piece.start, piece.end, strict=True)))
                 break
+        self._watch_queue()
+        self._watch_dwells(times, values)
         return Waveform(np.array(times), np.array(values))
 
-    def _arm(self, limits: Mapping[str, tuple[float, float]], watchdog: float, wall: float) -> None:
+    def _watch_queue(self) -> None:
+        if self.starved and self._value != self._zero and self.time - self.began > self.watchdog:
+            self.trip(f"the queue is empty for {self.watchdog:g} s, away from rest")
+
+    def _watch_dwells(self, times: list[float], values: list[tuple[float, ...]]) -> None:
+        for name, timer in self._dwells.items():
+            allowed = self.limits.get(name, Range()).dwell
+            dwell = max(timer.at(t, any(self._part(name, value))) for t, value in zip(times, values, strict=True))
+            if self.state == "running" and dwell > allowed * (1 + MARGIN) + self.watchdog:
+                self.trip(f"{name} is away from rest for longer than {allowed:g} s")
+
+    def _part(self, name: str, value: tuple[float, ...]) -> tuple[float, ...]:
+        """What of a commanded value a limit of that name is about."""
+        return value if name == PROBE else (value[self.quantities.index(name)],)
+
+    def _arm(self, order: msg.Arm, wall: float) -> None:
+        limits, watchdog = order.limits, order.watchdog
         if self.state == "fault":
             raise Refused(f"in fault ({self.fault}); make it safe first")
         if self.state in ("running", "held"):
             raise Refused(f"{self.state}; make it safe first")
-        if not 0 < watchdog < math.inf:
-            raise Refused(f"a watchdog time of {watchdog:g} s")
+        if not 0 < watchdog <= LONGEST_WATCHDOG:
+            raise Refused(f"a watchdog time of {watchdog:g} s; at most {LONGEST_WATCHDOG:g} s are allowed")
         for name in self.quantities:
-            low, high = limits.get(name, (-math.inf, math.inf))
-            if not (math.isfinite(low) and math.isfinite(high)):
+            if not limits.get(name, Range()).bounded:
                 raise Refused(f"no finite limits for {name}")
-        for name, (low, high) in limits.items():
+        for name, asked in limits.items():
             own = self.hardware[name]
-            if not (own.holds(low) and own.holds(high) and low <= high):
-                raise Refused(f"limits {low:g} to {high:g} of {name}; the hardware allows {own.low:g} to {own.high:g}")
-        self.limits = dict(limits)
+            if not (own.holds(asked.low) and own.holds(asked.high)):
+                raise Refused(
+                    f"limits {asked.low:g} to {asked.high:g} of {name}; the hardware allows {own.low:g} to {own.high:g}"
+                )
+        # What the host leaves out (a rate, a dwell) stays the hardware's.
+        self.limits = dict(self.hardware.intersect(Limits(limits)).ranges)
         self.watchdog = watchdog
-        self._last_beat = wall
+        self._last_beat, self._beats = wall, order.beats
+        self._outside.clear()
         self._queue.clear()
         self.executed, self.began = 0, math.nan
         self.state = "armed"
@@ -233,23 +270,30 @@ class Firmware:
         if not math.isfinite(piece.duration) or piece.duration < 0:
             raise Refused(f"{where}a duration of {piece.duration:g} s")
         for name, a, b in zip(self.quantities, piece.start, piece.end, strict=True):
-            low, high = self.limits[name]
+            low, high = self.limits[name].low, self.limits[name].high
             slack = _SLACK * (high - low)
             for value in (a, b):
                 if not low - slack <= value <= high + slack:
                     raise Refused(f"{where}{name} {value:g} is outside {low:g} to {high:g}")
-        if PROBE in self.limits and max(math.hypot(*piece.start), math.hypot(*piece.end)) > self.limits[PROBE][1] * (
-            1 + _SLACK
-        ):
-            raise Refused(f"{where}the probe leaves its reach of {self.limits[PROBE][1]:g} m")
+        if PROBE in self.limits:
+            reach = self.limits[PROBE].high
+            if max(math.hypot(*piece.start), math.hypot(*piece.end)) > reach * (1 + _SLACK):
+                raise Refused(f"{where}the probe leaves its reach of {reach:g} m")
+        self._check_dwell(piece, where)
         for k, name in enumerate(self.quantities):
-            rate = self.hardware[name].rate
+            rate = self.limits[name].rate
             if math.isinf(rate):
                 continue
             if before is not None and abs(piece.start[k] - before[k]) > _SLACK:
                 raise Refused(f"{where}{name} jumps from {before[k]:g} to {piece.start[k]:g}")
             if abs(piece.end[k] - piece.start[k]) > rate * piece.duration * (1 + _SLACK):
                 raise Refused(f"{where}{name} is faster than {rate:g} per s")
+
+    def _check_dwell(self, piece: msg.Piece, where: str) -> None:
+        for name in self._dwells:
+            away = any(self._part(name, piece.start)) or any(self._part(name, piece.end))
+            if away and not self.limits[name].holds_dwell(piece.duration):
+                raise Refused(f"{where}{name} would be away from rest for longer than {self.limits[name].dwell:g} s")
 
     def _start(self) -> None:
         if self.state == "running":

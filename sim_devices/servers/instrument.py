@@ -34,7 +34,7 @@ LONGEST_SLEEP = 0.02
 PATIENCE = 0.5
 #: With time running faster than real, a dry queue stops it for at most this long (wall time, s): the host would have
 #: fed a real instrument long before.
-FEEDING = 0.5
+FEEDING = 1.0
 #: Bytes that may wait while the device goes safe, so that it gets there whatever the host does.
 SAFE_DEPTH = 2**24
 _ACTIVE = ("armed", "running", "held")
@@ -172,8 +172,8 @@ class SimInstrument:
 
     def _obey(self, message: msg.Message, wall: float) -> None:
         if isinstance(message, msg.Beat):
-            self.firmware.beat(wall)
-        elif isinstance(message, msg.Request):
+            self.firmware.beat(message.count, wall)
+        elif isinstance(message, msg.Request) and not self._control.outdated(message):
             self._control.reply(self._answer(message, wall))
 
     def _answer(self, request: msg.Request, wall: float) -> msg.Reply:
@@ -217,8 +217,9 @@ class SimInstrument:
             bench.unload(values[: self._unloaded])
             self._unloaded = max(0, self._unloaded - count)
         self.firmware.watch_values(values)
-        self.faults.spoil(values, bench.raw)
-        self._control.samples(first - self._booted, stamps - offset, values, self.firmware.status)
+        self.faults.spoil(values, bench.raw, bench.rate)
+        number, times, status = self.faults.stamp(first - self._booted, stamps - offset, self.firmware.status)
+        self._control.samples(number, times, values, status)
         if self._camera:
             self._camera.frames(first - self._booted, stamps - offset, sampled[bench.seen])
 

@@ -84,8 +84,9 @@ class Port:
     def _queue(self, data: bytes) -> None:
         if self.link.connected:
             data = self.faults.transmit(data)
-            self._waiting.append(memoryview(data))
-            self.backlog += len(data)
+            if data:
+                self._waiting.append(memoryview(data))
+                self.backlog += len(data)
 
 
 class ControlPort(Port):
@@ -98,6 +99,7 @@ class ControlPort(Port):
         self._new_codec = codec
         self._codec = codec()
         self._last_reply: msg.Reply | None = None
+        self._packets = 0
         self._none = np.empty((0, channels))
 
     def receive(self) -> list[msg.Message]:
@@ -108,6 +110,15 @@ class ControlPort(Port):
     def answered(self, number: int) -> msg.Reply | None:
         """The reply to the last request, if it had this number: the host asks again because it did not hear it."""
         return self._last_reply if self._last_reply and self._last_reply.number == number else None
+
+    def outdated(self, request: msg.Request) -> bool:
+        """Whether a request is an old one that comes again, or late: it must not be obeyed now.
+
+        Whoever asks who is there begins anew, and with new numbers.
+        """
+        if self._last_reply is None or isinstance(request.body, msg.Identify):
+            return False
+        return 0 < (self._last_reply.number - request.number) % msg.LAST_NUMBER < msg.LAST_NUMBER // 2
 
     def reply(self, reply: msg.Reply) -> None:
         """Answer, and remember the answer."""
@@ -120,12 +131,17 @@ class ControlPort(Port):
 
     def status(self, status: Status) -> None:
         """Send a status without samples."""
-        self._queue(self._codec.encode(msg.Samples(0, self._none[:, 0], self._none, status)))
+        self._send(0, self._none[:, 0], self._none, status)
 
     def samples(self, first: int, time: FloatArray, values: FloatArray, status: Status) -> None:
         """Send a block, if the host asked for the stream."""
         if self.streaming:
-            self._queue(self._codec.encode(msg.Samples(first, time, values, status)))
+            self._send(first, time, values, status)
+
+    def _send(self, first: int, time: FloatArray, values: FloatArray, status: Status) -> None:
+        self._packets += 1
+        samples = msg.Samples(first, time, values, status, self._packets)
+        self._queue(self.faults.packet(self._codec.encode(samples)))
 
     def reset(self) -> None:
         super().reset()
@@ -169,7 +185,7 @@ class CameraPort(Port):
         for k in np.flatnonzero(np.isfinite(heights)).tolist():
             moment, height = float(time[k]), 0.0 if self._unloaded else float(heights[k])
             self._unloaded = max(0, self._unloaded - 1)
-            self._queue(framelink.encode(Picture(self._render(height, moment), first + k, moment)))
+            self._queue(self.faults.packet(framelink.encode(Picture(self._render(height, moment), first + k, moment))))
 
     def reset(self) -> None:
         super().reset()

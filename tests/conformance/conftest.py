@@ -12,6 +12,7 @@ import pytest
 
 from drivers.device import Device, Rig
 from drivers.signals import Block, FloatArray, Frame
+from protocols.limits import Range
 from protocols.setpoints import Segment
 from sim_devices.servers import BackDoor, Server, serve
 
@@ -33,8 +34,9 @@ class Host:
 
     server: Server
     rig: Rig
-    limits: dict[str, tuple[float, float]]
+    limits: dict[str, Range]
     blocks: list[Block] = field(default_factory=list)
+    long: float = 250.0  # s of suction that every instrument allows at a time, and longer than any test
 
     @property
     def device(self) -> Device:
@@ -47,7 +49,8 @@ class Host:
     @property
     def full(self) -> float:
         """A strong but allowed value of the first quantity."""
-        return 0.6 * max(self.limits[self.device.quantities[0]], key=abs)
+        limit = self.limits[self.device.quantities[0]]
+        return 0.6 * max((limit.low, limit.high), key=abs)
 
     def point(self, value: float) -> dict[str, float]:
         """Set-point with ``value`` for the first quantity and zero for the others."""
@@ -68,7 +71,7 @@ class Host:
         """Armed, and at full value for a long time."""
         self.connect()
         self.arm()
-        self.device.enqueue([self.segment(0.5, 0.0, self.full), self.segment(1e5, self.full, self.full)])
+        self.device.enqueue([self.segment(0.5, 0.0, self.full), self.segment(self.long, self.full, self.full)])
         self.device.start()
         self.listen(lambda: self.device.status.executed == 1)
         assert not self.door.truth().vented
@@ -112,9 +115,7 @@ def host(request: pytest.FixtureRequest) -> Iterator[Host]:
     instrument, link = request.param
     with serve(instrument, link, speed=SPEED[instrument], frame_size=(160, 120), watchdog=0.6) as server:
         rig = server.open_rig()
-        hardware = server.bench.instrument.limits.values()
-        limits = {q: hardware[q] for q in rig.device.quantities}
-        yield Host(server, rig, limits)
+        yield Host(server, rig, dict(server.bench.instrument.limits.ranges))
         for source in (rig.device, *rig.sources):
             source.close()
 

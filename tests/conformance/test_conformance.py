@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
+from drivers import messages as msg
 from drivers.device import LinkLost, Refused
+from drivers.signals import Block
+from protocols.limits import PROBE
 from protocols.setpoints import Segment
 
 if TYPE_CHECKING:
@@ -76,7 +80,7 @@ def test_executes_segments_in_its_own_time(host: Host) -> None:
 def test_began_tells_when_the_running_segment_began(host: Host) -> None:
     host.connect()
     host.arm()
-    host.device.enqueue([host.segment(1.0, 0.0, host.full), host.segment(1e4, host.full, host.full)])
+    host.device.enqueue([host.segment(1.0, 0.0, host.full), host.segment(host.long, host.full, host.full)])
     assert np.isnan(host.device.status.began)
     host.device.start()
     host.listen(lambda: host.device.status.state == "running" and np.isfinite(host.device.status.began))
@@ -101,7 +105,7 @@ def test_refuses_what_is_out_of_limits(host: Host) -> None:
     host.connect()
     host.samples(10)
     q = host.device.quantities[0]
-    low, high = host.limits[q]
+    limit = host.limits[q]
     with pytest.raises(Refused, match="not armed"):
         host.device.enqueue([host.segment(1.0, 0.0, 0.0)])
     with pytest.raises(Refused, match="not armed"):
@@ -109,10 +113,10 @@ def test_refuses_what_is_out_of_limits(host: Host) -> None:
     with pytest.raises(Refused, match="without limits"):
         host.device.arm({})
     with pytest.raises(Refused, match="hardware allows"):
-        host.device.arm({**host.limits, q: (2 * low, high)})
-    host.device.arm({**host.limits, q: (low / 4, high)})
+        host.device.arm({**host.limits, q: replace(limit, low=2 * limit.low)})
+    host.device.arm({**host.limits, q: replace(limit, low=limit.low / 4)})
     with pytest.raises(Refused, match=f"{q} .* is outside"):
-        host.device.enqueue([host.segment(10.0, 0.0, low / 2)])
+        host.device.enqueue([host.segment(10.0, 0.0, limit.low / 2)])
     with pytest.raises(Refused, match="commanded by"):
         host.device.enqueue([Segment(1.0, {"current": 0.0}, {"current": 1.0})])
     with pytest.raises(Refused, match="duration"):
@@ -127,7 +131,7 @@ def test_hold_skip_and_make_safe_from_every_state(host: Host, state: str) -> Non
     if state in ("armed", "running", "held", "fault"):
         host.device.arm(host.limits)
     if state in ("running", "held"):
-        host.device.enqueue([host.segment(0.5, 0.0, host.full), host.segment(1e4, host.full, host.full)])
+        host.device.enqueue([host.segment(0.5, 0.0, host.full), host.segment(host.long, host.full, host.full)])
         host.device.start()
         host.listen(lambda: host.device.status.executed == 1)
     if state == "held":
@@ -180,6 +184,96 @@ def test_vents_by_itself_when_beats_stop(host: Host) -> None:
     assert host.door.wait_vented().state == "fault"
     with pytest.raises(Refused, match="fault"):
         host.device.arm(host.limits)
+
+
+def test_a_beat_that_is_repeated_is_no_beat(host: Host) -> None:
+    host.suck()
+    host.device._beats -= 1  # type: ignore[attr-defined]
+    again = host.device._codec.encode(msg.Beat(host.device._beats))  # type: ignore[attr-defined]
+    deadline = time.monotonic() + 8.0
+    while host.door.truth().state == "running":
+        assert time.monotonic() < deadline, "beats that say nothing new keep it under suction"
+        host.device._need_link().write(again)  # type: ignore[attr-defined]
+        host.blocks += [b for b in host.device.read(0.01) if isinstance(b, Block)]
+    truth = host.door.wait_vented()
+    assert truth.state == "fault"
+    assert "heartbeat" in truth.fault
+
+
+def test_an_empty_queue_vents(host: Host) -> None:
+    host.connect()
+    host.arm()
+    host.device.enqueue([host.segment(1.0, 0.0, host.full)])
+    host.device.start()
+    host.listen(lambda: host.device.status.state == "fault")
+    assert "queue is empty" in host.device.status.fault
+    assert host.door.wait_vented().state == "fault"
+
+
+def test_an_empty_queue_at_rest_waits_for_more(host: Host) -> None:
+    host.connect()
+    host.arm()
+    host.device.enqueue([host.segment(1.0, 0.0, host.full), host.segment(1.0, host.full, 0.0)])
+    host.device.start()
+    host.listen(lambda: host.device.status.executed == 2)
+    goal = host.device.status.time + 5.0
+    host.listen(lambda: host.device.status.time > goal)
+    host.device.enqueue([host.segment(1.0, 0.0, 0.0)])
+    host.listen(lambda: host.device.status.executed == 3)
+
+
+def test_vents_when_it_was_away_from_rest_for_too_long(host: Host) -> None:
+    host.connect()
+    host.listen(lambda: bool(host.blocks))
+    quantity = PROBE if PROBE in host.limits else host.device.quantities[0]
+    allowed = {**host.limits, quantity: replace(host.limits[quantity], dwell=3.0)}
+    host.device.arm(allowed)
+    with pytest.raises(Refused, match="longer than 3 s"):
+        host.device.enqueue([host.segment(4.0, host.full, host.full)])
+    there, stay, back = (host.segment(0.5, *ends) for ends in ((0.0, host.full), (host.full,) * 2, (host.full, 0.0)))
+    pause = host.segment(0.5, 0.0, 0.0)  # too short for a rest
+    host.device.enqueue([there, stay, back, pause] * 5)
+    host.device.start()
+    host.listen(lambda: host.device.status.state == "fault")
+    assert "away from rest for longer than 3 s" in host.device.status.fault
+    assert host.door.wait_vented().state == "fault"
+
+
+@pytest.mark.parametrize("watchdog", [0.0, -1.0, 1.5, 1e6, np.inf, np.nan])
+def test_a_watchdog_that_protects_nobody_is_refused(host: Host, watchdog: float) -> None:
+    host.connect()
+    with pytest.raises(Refused, match="watchdog"):
+        host.device._request(msg.Arm(host.limits, watchdog))  # type: ignore[attr-defined]
+    assert host.door.truth().state == "idle"
+
+
+def test_an_old_command_that_comes_again_is_not_obeyed(host: Host) -> None:
+    host.connect()
+    host.arm()
+    device = host.device
+    device.enqueue([host.segment(1.0, 0.0, 0.0)])
+    old = device._codec.encode(  # type: ignore[attr-defined]
+        msg.Request(device._number, msg.Enqueue((msg.Piece(1.0, *(((0.0,) * len(device.quantities),) * 2)),)))  # type: ignore[attr-defined]
+    )
+    device.skip()  # a newer command
+    device._need_link().write(old)  # type: ignore[attr-defined]
+    host.samples(30)
+    assert device.status.queued == 1
+
+
+def test_an_old_status_is_not_believed(host: Host) -> None:
+    host.connect()
+    host.samples(20)
+    newest = host.device.status
+    host.door.swap(1)
+    host.listen(lambda: bool((np.diff(host.seq) < 0).any()))  # handed on as it came, with its own number
+    assert host.device.status.time > newest.time
+    host.door.stale("packet")
+    host.listen(lambda: np.count_nonzero(np.diff(host.seq) <= 0) >= 4)  # the last packet again and again
+    known = host.device.status
+    for _ in range(20):
+        host.listen(lambda: True)
+    assert host.device.status == known
 
 
 def test_vents_although_the_host_died_without_a_word(host: Host) -> None:

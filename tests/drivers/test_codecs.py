@@ -16,6 +16,7 @@ from drivers.cutometer.codec import COUNTS, CutometerCodec
 from drivers.device import Identity, Status
 from drivers.microrobot.codec import MicrorobotCodec
 from drivers.stream import Codec
+from protocols.limits import Range
 
 CODECS = {
     "cutometer": (CutometerCodec, 1, 2),
@@ -29,13 +30,22 @@ LIMIT = {"cutometer": np.array([1e5, 0.5]), "aspiration": np.array([1e5]), "micr
 numbers = st.floats(-1e6, 1e6, allow_nan=False)
 text = st.text(max_size=40)
 names = st.sampled_from(["pressure", "probe_x", "apex_height", "probe", "größe;=*"])
+above_zero = st.floats(0, exclude_min=True)
+ranges = st.builds(
+    lambda a, b, rate, dwell: Range(min(a, b), max(a, b), rate, dwell),
+    st.floats(allow_nan=False),
+    st.floats(allow_nan=False),
+    above_zero,
+    above_zero,
+)
 bodies = st.one_of(
     st.just(msg.Identify()),
     st.builds(msg.Stream, st.booleans()),
     st.builds(
         msg.Arm,
-        st.dictionaries(names, st.tuples(st.floats(allow_nan=False), st.floats(allow_nan=False)), max_size=4),
+        st.dictionaries(names, ranges, max_size=4),
         st.floats(0.01, 10),
+        st.integers(0, 2**40),
     ),
     st.just(msg.Start()),
     st.just(msg.Hold()),
@@ -76,7 +86,7 @@ def samples(draw: st.DrawFn, name: str) -> msg.Samples:
     values = np.array(raw).reshape(count, channels) * LIMIT[name]
     if count and draw(st.booleans()):
         values[draw(st.integers(0, count - 1)), draw(st.integers(0, channels - 1))] = np.nan
-    return msg.Samples(draw(st.integers(0, 2**31)), stamps / 1e6, values, draw(statuses))
+    return msg.Samples(draw(st.integers(0, 2**31)), stamps / 1e6, values, draw(statuses), draw(st.integers(0, 2**31)))
 
 
 def decoded(codec: Codec, data: bytes, cuts: list[int]) -> list[msg.Message]:
@@ -96,7 +106,7 @@ def test_requests_and_replies_survive_any_cutting(name: str, data: st.DataObject
     make, width, _ = CODECS[name]
     enqueue = st.builds(msg.Enqueue, st.lists(pieces(width), min_size=1, max_size=5).map(tuple))
     request = st.builds(msg.Request, st.integers(1, 255), st.one_of(bodies, enqueue))
-    sent = data.draw(st.lists(st.one_of(request, replies, st.just(msg.Beat())), max_size=5))
+    sent = data.draw(st.lists(st.one_of(request, replies, st.builds(msg.Beat, st.integers(0, 2**40))), max_size=5))
     codec = make()
     stream = b"".join(codec.encode(m) for m in sent)
     heard = decoded(make(), stream, data.draw(st.lists(st.integers(0, 10**6), max_size=8)))
@@ -169,10 +179,15 @@ def test_a_value_that_is_not_finite_is_no_segment(name: str) -> None:
 def test_the_cutometer_line_is_what_the_codec_says_it_is() -> None:
     status = Status(2.0, "running", 3, 4, "", 1.5)
     line = CutometerCodec().encode(
-        msg.Samples(7, np.array([1.99, 2.0]), np.array([[-3e4, 2e-4], [math.nan, 0.0]]), status)
+        msg.Samples(7, np.array([1.99, 2.0]), np.array([[-3e4, 2e-4], [math.nan, 0.0]]), status, 31)
     )
     body = (
-        b"#7,1990000,2000000,R,3,4,1500000,;" + b"00000000ffd23940" + b"00030d40" + b"00002710" + b"80000000" + b"0" * 8
+        b"#31,7,1990000,2000000,R,3,4,1500000,;"
+        + b"00000000ffd23940"
+        + b"00030d40"
+        + b"00002710"
+        + b"80000000"
+        + b"0" * 8
     )
     assert line.startswith(body + b"*")
     assert line.endswith(b"\r")
@@ -180,8 +195,8 @@ def test_the_cutometer_line_is_what_the_codec_says_it_is() -> None:
 
 def test_the_pressure_line_is_what_the_codec_says_it_is() -> None:
     status = Status(50.0, "running", 3, 12, "", 49.2)
-    line = PressureCodec().encode(msg.Samples(1250, np.array([50.0]), np.array([[-3e4]]), status))
-    assert line.startswith(b"A -30000.00 1250 50000000 R,3,12,49200000,*")
+    line = PressureCodec().encode(msg.Samples(1250, np.array([50.0]), np.array([[-3e4]]), status, 431))
+    assert line.startswith(b"A -30000.00 1250 50000000 431 R,3,12,49200000,*")
 
 
 def test_a_sample_beyond_the_wire_stays_at_its_end() -> None:

@@ -150,7 +150,7 @@ INFEASIBLE = {
     ),
     "endless": (
         HEAD
-        + "steps:\n  - type: group\n    repeat: 999\n    steps:\n      - {type: wait, duration: 1 s, repeat: 999}\n",
+        + "steps:\n  - type: group\n    repeat: 999\n    steps:\n      - {type: wait, duration: 10 ms, repeat: 999}\n",
         8,
         "steps[0].steps[0]",
         "more than 100000",

@@ -10,13 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquire.engine.interlock import Interlock, Rules, Tracking, Trip
+from acquire.engine.freshness import Freshness
+from acquire.engine.interlock import Interlock
 from acquire.engine.link import LinkThread
 from acquire.engine.queues import DisplayQueue, Overflow, RecordQueue
 from acquire.engine.recorder import Recorder
+from acquire.engine.rules import Rules, Tracking, Trip
 from acquire.recording import RunInfo, open_recording
 from drivers.device import LinkLost, Status
-from drivers.signals import Block, Frame
+from drivers.signals import Block, FloatArray, Frame
 from protocols.limits import PROBE, Limits, Range
 from tests.acquire.engine.fake import FakeDevice
 from tests.acquire.engine.helpers import eventually
@@ -195,13 +197,13 @@ def test_values_within_the_margin_do_not_trip(look: Look) -> None:
     assert look([block(0, pressure=-10.9e3)], limits) is None
     trip = look([block(0, pressure=0.0), block(10, pressure=-11.1e3)], limits)
     assert trip is not None
-    assert (trip.code, trip.time) == ("value", 0.1)
+    assert (trip.code, trip.time) == ("value", 0.11)  # one sample alone may be a disturbance
 
 
 def test_the_probe_as_a_whole_is_limited(look: Look) -> None:
     limits = Limits({PROBE: Range(0.0, 1e-3)})
     sideways = {"probe_x": 0.9e-3, "probe_y": 0.9e-3, "probe_z": 0.0}
-    trip = look([block(0, **sideways)], limits)
+    trip = look([block(0, **sideways), block(10, **sideways)], limits)
     assert trip is not None
     assert trip.message.startswith("probe is 0.00127")
     assert look([block(0, **{**sideways, "probe_y": 0.0})], limits) is None
@@ -230,6 +232,71 @@ def test_tracking_counts_only_lasting_errors(look: Look) -> None:
     trip = look([block(10 * k, pressure=-500.0) for k in range(4)], Limits(), rules, commanded=commanded)
     assert trip is not None
     assert (trip.code, trip.message.split(" since")[0]) == ("tracking", "pressure is off its set-point by 500 (SI)")
+
+
+def test_too_long_away_from_rest_trips(look: Look) -> None:
+    limits = Limits({"pressure": Range(-10e3, 0.0, dwell=1.0)})
+    away, rest = np.full(50, -5e3), np.zeros(50)
+    assert look([block(0, 100, pressure=np.concatenate([rest, away]))], limits) is None
+    trip = look([block(100 * k, 100, pressure=np.concatenate([rest, away])) for k in range(2)], limits)
+    assert trip is not None, "half a second is no rest"
+    assert trip.code == "dwell"
+    assert 1.6 <= trip.time < 2.0
+    commanded = {"pressure": np.full(100, -100.0)}  # what hardly shows counts too if it is commanded
+
+    def asked(time: FloatArray) -> dict[str, FloatArray]:
+        return {q: v[: len(time)] for q, v in commanded.items()}
+
+    still = [block(100 * k, 100, pressure=0.0) for k in range(2)]
+    trip = look(still, limits, commanded=asked)
+    assert trip is not None
+    assert trip.code == "dwell"
+    assert look([block(100 * k, 100, pressure=0.0) for k in range(2)], limits) is None
+
+
+def test_one_sample_far_away_trips_nothing_and_two_do(look: Look) -> None:
+    limits = Limits({"pressure": Range(-50e3, 0.0, rate=100e3)})
+    for count, expected in ((1, False), (2, True)):
+        for first in (3, 9):  # inside a block and across two
+            spiky = np.full(30, -30e3)
+            spiky[first : first + count] = -90e3
+            trip = look([block(0, pressure=spiky[:10]), block(10, 20, pressure=spiky[10:])], limits)
+            assert (trip is not None) == expected
+            if trip is not None:
+                assert trip.time == (first + 1) / 100
+
+
+def test_only_new_samples_are_a_sign_of_life() -> None:
+    rules = Rules(stale=0.5, lag=0.95)
+    fresh = Freshness(("fake",), rules, 0.0)
+    first = block(0)
+    assert fresh.take("fake", first, 0.1) is first
+    assert fresh.take("fake", first, 0.4) is None
+    overlapping = fresh.take("fake", block(5), 0.5)
+    assert isinstance(overlapping, Block)
+    assert list(overlapping.seq) == [10, 11, 12, 13, 14]
+    frozen = Block({"pressure": np.zeros(3)}, np.array([20, 21, 22]), np.full(3, 0.14), np.zeros(3))
+    assert fresh.take("fake", frozen, 0.9) is None, "the number goes on, the time does not"
+    assert fresh.fault(0.99) is None
+    trip = fresh.fault(1.01)
+    assert trip is not None
+    assert trip.code == "stale"
+    assert "no new sample for 0.51 s; the last is of device time 0.14 s" in trip.message
+    image = np.zeros((2, 2), np.uint8)
+    assert fresh.take("camera", Frame(image, 1, 0.1, 0.0), 0.1) is not None
+    assert fresh.take("camera", Frame(image, 2, 0.1, 0.0), 0.1) is None
+    assert fresh.take("camera", Frame(image, 1, 0.2, 0.0), 0.1) is None
+
+
+def test_a_slow_device_clock_trips() -> None:
+    for pace, code in ((1.0, ""), (0.9, ""), (0.5, "clock")):
+        fresh = Freshness(("fake",), Rules(), 0.0)
+        trip = None
+        for k in range(1, 500):
+            moment = 0.01 * k
+            fresh.take("fake", Block({}, np.array([k]), np.array([pace * moment]), np.array([moment])), moment)
+            trip = trip or fresh.fault(moment)
+        assert (trip.code if trip else "") == code
 
 
 def test_a_camera_may_miss_a_contour_but_a_gauge_may_not_fail(look: Look) -> None:

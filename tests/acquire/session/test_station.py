@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from acquire.engine import Tracking
+from acquire.engine import Rules, Tracking
 from acquire.session import Session, calibration
 from acquire.station import Station, load_station, simulated_station
+from drivers.instrument import Entry
 from protocols import ProtocolError, load
 
 FULL = """\
@@ -127,6 +128,46 @@ def test_a_fault_is_told_with_its_place(tmp_path: Path, change: tuple[str, str],
     text = str(caught.value)
     assert f"station.yaml{where}" in text
     assert message in text
+
+
+@pytest.mark.parametrize(
+    ("change", "where"),
+    [
+        *[
+            (("watchdog: 300 ms", f"watchdog: {bad}"), ":7:")
+            for bad in ("1000000 s", "1.01 s", "99 ms", "0 s", "1e999 s")
+        ],
+        *[(("stale: 2 s", f"stale: {bad}"), ":12:") for bad in ("1000000 s", "5.1 s", "0 s", "-1 s", ".inf", ".nan")],
+        *[(("margin: 0.2", f"margin: {bad}"), ":11:") for bad in ("-0.1", "0.3", ".inf", ".nan", "1e400")],
+        *[(("margin: 0.2", f"rate_margin: {bad}"), ":11:") for bad in ("-0.1", "2.1", ".inf", ".nan")],
+        *[(("margin: 0.2", f"rate_window: {bad}"), ":11:") for bad in ("0 s", "1.1 s", "10 ms")],
+        *[(("margin: 0.2", f"lag: {bad}"), ":11:") for bad in ("-0.1", "1", ".nan")],
+        *[(("disk: 1000000", f"disk: {bad}"), ":13:") for bad in ("0", "-1", "999999", "1" + "0" * 30)],
+        *[(("error: 20 mbar", f"error: {bad}"), ":14:") for bad in ("0 mbar", "-20 mbar", "201 mbar", "1e999 mbar")],
+        *[(("duration: 1 s", f"duration: {bad}"), ":14:") for bad in ("0 s", "11 s", "-1 s")],
+        *[(("high: 0 mbar", f"high: 0 mbar, dwell: {bad}"), ":9:") for bad in ("0 s", "-1 s", "3", "1 mbar")],
+    ],
+)
+def test_a_safety_parameter_out_of_bounds_is_refused(tmp_path: Path, change: tuple[str, str], where: str) -> None:
+    assert change[0] in FULL
+    path = tmp_path / "station.yaml"
+    path.write_text(FULL.replace(*change, 1))
+    with pytest.raises(ProtocolError) as caught:
+        load_station(path)
+    assert f"station.yaml{where}" in str(caught.value)
+
+
+def test_bounds_hold_in_python_too() -> None:
+    for bad in (
+        {"stale": 1e6},
+        {"margin": -1.0},
+        {"lag": float("nan")},
+        {"tracking": {"pressure": Tracking(0.0, 1.0)}},
+    ):
+        with pytest.raises(ValueError, match=next(iter(bad))):
+            Rules(**bad)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="watchdog of 2 s"):
+        Entry("cutometer", "socket://127.0.0.1:1", watchdog=2.0)
 
 
 def test_an_instrument_that_is_not_there() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import pytest
@@ -14,6 +14,7 @@ from drivers.aspiration.camera import FramedCamera
 from drivers.device import Device, LinkLost
 from drivers.signals import Block, Frame
 from drivers.transports import open_transport
+from protocols.limits import Range
 from protocols.setpoints import Segment, Setpoints
 from sim_devices.clock import ManualClock, ScaledClock
 from sim_devices.servers import Server, serve
@@ -21,7 +22,7 @@ from sim_devices.stages import nominal
 from sim_devices.stages.sampling import simulate
 
 
-def run(device: Device, segments: list[Segment], limits: dict[str, tuple[float, float]]) -> tuple[list[Block], float]:
+def run(device: Device, segments: list[Segment], limits: Mapping[str, Range]) -> tuple[list[Block], float]:
     """Run segments; the blocks and the device time at which the first segment began."""
     device.connect()
     device.start_stream()
@@ -66,7 +67,7 @@ def test_a_suction_instrument_measures_what_the_chain_says(instrument: str, spee
     ]
     with serve(instrument, chain=chain, speed=speed, camera=False) as server:
         device = server.open_rig().device
-        blocks, began = run(device, segments, {"pressure": (-5e4, 0.0)})
+        blocks, began = run(device, segments, {"pressure": Range(-5e4, 0.0)})
         device.close()
     stamps = np.concatenate([b.time for b in blocks])
     table, values = Setpoints(tuple(segments)).table()
@@ -89,7 +90,7 @@ def test_the_robot_measures_where_it_is_told_to_go() -> None:
     ]
     with serve("microrobot", chain=nominal("microrobot"), speed=10.0) as server:
         device = server.open_rig().device
-        blocks, began = run(device, segments, dict.fromkeys(device.quantities, (-3e-3, 3e-3)))
+        blocks, began = run(device, segments, dict.fromkeys(device.quantities, Range(-3e-3, 3e-3)))
         device.close()
     stamps = np.concatenate([b.time for b in blocks]) - began
     hold = (stamps > 1.8) & (stamps < 2.0)
@@ -108,9 +109,9 @@ def test_a_second_run_is_zeroed_anew() -> None:
     ]
     with serve("cutometer", chain=nominal("cutometer"), speed=50.0) as server:
         device = server.open_rig().device
-        run(device, segments, {"pressure": (-5e4, 0.0)})
+        run(device, segments, {"pressure": Range(-5e4, 0.0)})
         residual = server.back_door.truth().signals["bulge"]
-        blocks, began = run(device, segments, {"pressure": (-5e4, 0.0)})
+        blocks, began = run(device, segments, {"pressure": Range(-5e4, 0.0)})
         device.close()
     stamps = np.concatenate([b.time for b in blocks])
     assert residual > 5e-6
@@ -132,7 +133,7 @@ def test_the_camera_sees_the_bubble(suction: Callable[..., Server]) -> None:
         camera.start_stream()
         rig.device.connect()
         rig.device.start_stream()
-        rig.device.arm({"pressure": (-5e4, 0.0)})
+        rig.device.arm({"pressure": Range(-5e4, 0.0)})
         frames: list[Frame] = []
         heights: list[Block] = []
 
@@ -249,7 +250,7 @@ def test_at_high_speed_time_waits_for_the_host_to_feed_the_queue() -> None:
         device = server.open_rig().device
         device.connect()
         device.start_stream()
-        device.arm({"pressure": (-5e4, 0.0)})
+        device.arm({"pressure": Range(-5e4, 0.0)})
         device.enqueue([Segment(10.0, at(0.0), at(-1e4))])
         device.start()
         blocks: list[Block] = []
