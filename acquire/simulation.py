@@ -80,6 +80,7 @@ def start(
         frame_size=frame_size,
         options=entry.driver_options,
         watchdog=entry.watchdog,
+        token=secrets.token_urlsafe(16),
     )
 
 

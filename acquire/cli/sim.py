@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import secrets
 import signal
 import threading
 from typing import Annotated
@@ -22,6 +23,9 @@ def sim(
         list[str] | None, typer.Option(help="Simulated non-ideality, such as regulator_lag:tau=0.3s; may be repeated.")
     ] = None,
     seed: Annotated[int, typer.Option(parser=whole(), help="Seed of noise and scatter.")] = 0,
+    token: Annotated[
+        bool, typer.Option("--token", help="Let in only who knows the word in the printed address.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the addresses as JSON.")] = False,
 ) -> None:
     """Serve a simulated instrument until Ctrl-C; prints the station file that reaches it."""
@@ -37,7 +41,8 @@ def sim(
     over = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: over.set())
-    with serve(name, link, chain=chain(name, simulation), speed=speed, seed=seed, port=port) as server:
+    word = secrets.token_urlsafe(16) if token else ""
+    with serve(name, link, chain=chain(name, simulation), speed=speed, seed=seed, port=port, token=word) as server:
         entry = {"address": server.entry.address, "simulated": True}
         if server.entry.sources:
             entry["sources"] = dict(server.entry.sources)

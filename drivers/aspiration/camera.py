@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from drivers.aspiration import framelink
 from drivers.aspiration.framelink import FrameDecoder, Picture
+from drivers.claims import Claim
 from drivers.device import Identity, LinkLost, ProtocolFault, Source
 from drivers.signals import Block, Channel, Frame
 from drivers.transports import Transport, open_transport
@@ -125,6 +126,7 @@ class UvcCamera(Camera):
         except ValueError:
             raise ValueError(f"{address!r} is not a camera; write uvc:0 for the first one") from None
         self._capture: Any = None
+        self._claim: Claim | None = None
         self._seq = 0
         self._started = 0.0
 
@@ -132,6 +134,7 @@ class UvcCamera(Camera):
         import cv2
 
         self.close()
+        self._claim = Claim(self._address)
         self._capture = cv2.VideoCapture(self._index)
         if not self._capture.isOpened():
             self.close()
@@ -162,3 +165,6 @@ class UvcCamera(Camera):
         if self._capture is not None:
             self._capture.release()
             self._capture = None
+        if self._claim is not None:
+            self._claim.release()
+            self._claim = None

@@ -1,7 +1,7 @@
 """Links to instruments: serial ports, pseudo-terminals, TCP sockets and USB bulk endpoints behind one interface.
 
 ``open_transport("/dev/ttyUSB0")`` or ``"COM3"`` (pyserial), ``"socket://127.0.0.1:5000"``, ``"usb:16C0:27DD"`` (pyusb;
-hexadecimal vendor and product id).
+hexadecimal vendor and product id). ``socket://TOKEN@127.0.0.1:5000`` first says a word that the other end wants.
 """
 
 from __future__ import annotations
@@ -9,10 +9,21 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from drivers.transports._addresses import host_of, is_loopback, usb_ids
+from drivers.claims import Claim
+from drivers.transports._addresses import BUSY, DENIED, GREETING, host_of, is_loopback, usb_ids
 from drivers.transports._base import Transport
 
-__all__ = ["Transport", "host_of", "is_local_simulator", "is_loopback", "kind_of", "open_transport"]
+__all__ = [
+    "BUSY",
+    "DENIED",
+    "GREETING",
+    "Transport",
+    "host_of",
+    "is_local_simulator",
+    "is_loopback",
+    "kind_of",
+    "open_transport",
+]
 
 
 _SERIAL = re.compile(r"/[^\0]+|COM\d{1,3}|\\\\\.\\COM\d{1,3}")
@@ -49,8 +60,23 @@ def is_local_simulator(address: str) -> bool:
 
 
 def open_transport(address: str, *, baudrate: int = 115200, usb_backend: Any = None) -> Transport:
-    """Open a link. Raises ValueError on an address that means nothing, LinkLost when nobody is there."""
+    """Open a link that no other program has open.
+
+    Raises ValueError on an address that means nothing, LinkLost when nobody is there or another program drives it.
+    """
     kind = kind_of(address)
+    claim = Claim(address) if usb_backend is None else None  # a virtual bus is this process's own
+    try:
+        link = _open(kind, address, baudrate, usb_backend)
+    except BaseException:
+        if claim is not None:
+            claim.release()
+        raise
+    link.claim = claim
+    return link
+
+
+def _open(kind: str, address: str, baudrate: int, usb_backend: Any) -> Transport:
     if kind == "usb":
         from drivers.transports._usb import UsbTransport
 

@@ -5,14 +5,17 @@ from __future__ import annotations
 import abc
 import time
 
+from drivers.claims import Claim
 from drivers.device import LinkLost
+from drivers.transports._addresses import without_token
 
 
 class Transport(abc.ABC):
     """An open byte link, owned by one thread. Every method but `close` raises LinkLost once the link is gone."""
 
     def __init__(self, address: str) -> None:
-        self.address = address
+        self.address = without_token(address)
+        self.claim: Claim | None = None
         self._kept = bytearray()
 
     @abc.abstractmethod
@@ -25,7 +28,11 @@ class Transport(abc.ABC):
 
     @abc.abstractmethod
     def close(self) -> None:
-        """Close the link. Idempotent, never raises."""
+        """Close the link and `_release` the claim on it. Idempotent, never raises."""
+
+    def _release(self) -> None:
+        if self.claim is not None:
+            self.claim.release()
 
     def read(self, timeout: float) -> bytes:
         """What has arrived, waiting at most ``timeout`` s of wall time for the first byte; empty when nothing came."""

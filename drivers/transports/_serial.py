@@ -54,3 +54,4 @@ class SerialTransport(Transport):
     def close(self) -> None:
         with contextlib.suppress(OSError):
             self._port.close()
+        self._release()

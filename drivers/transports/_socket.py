@@ -8,7 +8,7 @@ from __future__ import annotations
 import select
 import socket
 
-from drivers.transports._addresses import host_of
+from drivers.transports._addresses import BUSY, DENIED, GREETING, host_of, token_of
 from drivers.transports._base import Transport
 
 _CHUNK = 262144
@@ -28,6 +28,9 @@ class SocketTransport(Transport):
             raise self._lost(error) from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket.settimeout(_WRITE_TIMEOUT)
+        self._greeted = False  # heard anything yet
+        if token := token_of(address):
+            self.write(GREETING.format(token).encode())
 
     def _receive(self, timeout: float) -> bytes:
         try:
@@ -38,6 +41,12 @@ class SocketTransport(Transport):
             raise self._lost(error) from error
         if not data:
             raise self._lost("the other end closed it")
+        if not self._greeted:
+            self._greeted = True
+            if data.startswith(BUSY):
+                raise self._lost("another program drives this instrument")
+            if data.startswith(DENIED):
+                raise self._lost("the instrument wants another token (it stands in the address: socket://TOKEN@…)")
         return data
 
     def write(self, data: bytes) -> None:
@@ -48,3 +57,4 @@ class SocketTransport(Transport):
 
     def close(self) -> None:
         self._socket.close()
+        self._release()

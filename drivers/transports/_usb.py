@@ -78,3 +78,4 @@ class UsbTransport(Transport):
     def close(self) -> None:
         with contextlib.suppress(usb.core.USBError, OSError):
             usb.util.dispose_resources(self._device)
+        self._release()

@@ -71,13 +71,15 @@ def serve(
     frame_size: tuple[int, int] = (640, 480),
     options: Mapping[str, Any] | None = None,
     watchdog: float | None = None,
+    token: str = "",
 ) -> Server:
     """Switch on a simulated instrument; use the result as a context manager or ``close`` it.
 
     ``link`` is ``pty``, ``tcp`` or ``usb`` (default: the first the instrument supports); ``port`` the TCP port (0: any
     free one). Without ``chain`` it is the nominal one with sensor noise and scatter by ``seed``. ``speed`` scales time,
     unless a ``clock`` is given. ``camera`` switches the aspiration device's camera, ``frame_size`` is (width, height)
-    in px, always at the same scale. ``options`` and ``watchdog`` (s) go into the entry.
+    in px, always at the same scale. ``options`` and ``watchdog`` (s) go into the entry. With a ``token`` (8 to 64
+    letters, digits, ``-`` or ``_``) TCP links let in only who says it; it is part of the addresses in the entry.
 
     Raises ValueError for an instrument, or a link that it does not have.
     """
@@ -91,12 +93,12 @@ def serve(
         from sim_devices.stages import noisy, nominal
 
         chain = noisy(nominal(instrument), seed)
-    control: Link = PtyLink() if link == "pty" else TcpLink(port)
+    control: Link = PtyLink() if link == "pty" else TcpLink(port, token=token)
     frames = None
     if bench.seen and camera:
         from sim_devices.stages.scene import Scene
 
-        frames = TcpLink(send_buffer=_CAMERA_BUFFER)
+        frames = TcpLink(send_buffer=_CAMERA_BUFFER, token=token)
         # In a small frame the rim is drawn narrower, so that the scale stays what stations say it is.
         rim = min(RIM, 0.7 * frame_size[0] * FRAME_SCALE)
         render = render or Scene(frame_size, FRAME_SCALE, rim, seed=seed)
@@ -111,7 +113,7 @@ def serve(
 
         assert isinstance(control, TcpLink)
         address = f"usb:{USB_ID[0]:04X}:{USB_ID[1]:04X}"
-        extra["usb_backend"] = VirtualUsb(VirtualDevice(*USB_ID, control.port))
+        extra["usb_backend"] = VirtualUsb(VirtualDevice(*USB_ID, control.port, token))
     else:
         address = control.address
     entry = Entry(

@@ -19,6 +19,8 @@ import usb.backend
 import usb.core
 import usb.util
 
+from drivers.transports import GREETING
+
 ENDPOINT_IN, ENDPOINT_OUT = 0x81, 0x01
 _PACKET = 512
 _STRINGS = {1: "skinrig", 2: "virtual micro-robot controller", 3: "SIM-M1"}
@@ -26,11 +28,13 @@ _STRINGS = {1: "skinrig", 2: "virtual micro-robot controller", 3: "SIM-M1"}
 
 @dataclass(frozen=True)
 class VirtualDevice:
-    """A device on the virtual bus: its ids, and the TCP port of the loopback interface that is its cable."""
+    """A device on the virtual bus: its ids, and the TCP port of the loopback interface that is its cable,
+    with the token it wants."""
 
     vendor: int
     product: int
     port: int
+    token: str = ""
 
 
 class _Handle:
@@ -149,6 +153,8 @@ class VirtualUsb(usb.backend.IBackend):
         if dev_handle.cable is None:
             try:
                 dev_handle.cable = socket.create_connection(("127.0.0.1", dev_handle.device.port), timeout=1.0)
+                if dev_handle.device.token:
+                    dev_handle.cable.sendall(GREETING.format(dev_handle.device.token).encode())
             except OSError:
                 dev_handle.need_cable()
 

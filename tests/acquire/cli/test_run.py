@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -14,6 +15,7 @@ from acquire.cli.app import run
 from acquire.cli.progress import Reporter, in_words
 from acquire.engine import Progress, State
 from acquire.recording import open_recording
+from sim_devices.servers import serve
 
 BRIEF = """\
 schema: protocol/1
@@ -120,6 +122,25 @@ def test_nobody_there_is_a_device_error(brief: str, tmp_path: Path, capsys: pyte
     station.write_text(f"schema: station/1\ninstruments:\n  cutometer: {{address: {address}, simulated: true}}\n")
     assert run(["run", brief, "--station", str(station), "-o", str(tmp_path)]) == 3
     assert "127.0.0.1:9" in capsys.readouterr().err
+
+
+def test_an_instrument_that_another_program_drives_is_refused_by_name(
+    brief: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with serve("cutometer", "tcp") as server:
+        first = server.open_rig().device
+        first.connect()
+        station = tmp_path / "station.yaml"
+        station.write_text(
+            f"schema: station/1\ninstruments:\n  cutometer: {{address: '{server.entry.address}', simulated: true}}\n"
+        )
+        for command in (["run", brief, "-o", str(tmp_path / "out")], ["safe"]):
+            assert run([*command, "--station", str(station)]) == 3
+            said = "".join(capsys.readouterr())
+            assert f"(process {os.getpid()}, since" in said
+            assert "drives this instrument" in said
+        first.make_safe()  # undisturbed
+        first.close()
 
 
 def test_a_trip_has_its_own_exit_status(brief: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

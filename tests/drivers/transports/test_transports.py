@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import os
 import socket
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -12,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from drivers.claims import Claim
 from drivers.device import LinkLost
 from drivers.transports import Transport, kind_of, open_transport
 
@@ -113,13 +116,42 @@ def test_a_closed_link_is_a_lost_link(link: Transport) -> None:
 
 
 @posix
-def test_a_serial_port_is_opened_by_one_program_only() -> None:
+def test_a_link_is_opened_by_one_program_only_and_says_by_which(peer: Peer, link: Transport) -> None:
+    with pytest.raises(LinkLost, match=rf"pytest.* \(process {os.getpid()}, since .*\) drives this instrument"):
+        open_transport(peer.address.replace("127.0.0.1", "localhost"))
+    link.close()
+    Claim(peer.address).release()
+
+
+@posix
+def test_the_system_locks_a_serial_port_too() -> None:
+    """Against programs of other users, whose claims we do not see."""
     peer = Peer("pty")
     first = peer.open()
+    first._release()
     with pytest.raises(LinkLost, match="lock"):
         open_transport(peer.address)
     first.close()
     peer.hang_up()
+
+
+@posix
+def test_a_dead_program_s_claim_is_void(tmp_path: Path) -> None:
+    program = (
+        "import sys, time; from drivers.claims import Claim; c = Claim('/dev/ttyX'); print(1, flush=True); input()"
+    )
+    with subprocess.Popen([sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as holder:
+        assert holder.stdout is not None
+        holder.stdout.readline()
+        with pytest.raises(LinkLost, match=rf"process {holder.pid}"):
+            Claim("/dev/ttyX")
+        holder.kill()
+        holder.wait()
+        claim = Claim("/dev/ttyX")
+        assert claim._path.stat().st_mode & 0o077 == 0
+        assert claim._path.parent.stat().st_mode & 0o077 == 0
+        claim.release()
+        assert not claim._path.exists()
 
 
 @pytest.mark.parametrize(
