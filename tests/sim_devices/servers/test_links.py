@@ -10,6 +10,7 @@ import pytest
 
 from drivers.device import LinkLost
 from drivers.instrument import Entry
+from protocols.limits import Range
 from sim_devices.servers import Server, serve
 
 
@@ -38,7 +39,7 @@ def test_a_second_host_does_not_replace_the_first(unseen: None) -> None:
     with serve("cutometer", "tcp", speed=5.0) as server:
         first = server.open_rig().device
         first.connect()
-        first.arm({"pressure": (-40e3, 0.0)})
+        first.arm({"pressure": Range(-40e3, 0.0)})
         assert "another program drives this instrument" in refused(lambda: connect(server))
         for _ in range(20):  # nor does a crowd that says nothing
             socket.create_connection(("127.0.0.1", int(server.entry.address.rpartition(":")[2]))).close()
