@@ -87,6 +87,11 @@ class Source(abc.ABC):
     def channels(self) -> tuple[Channel, ...]:
         """Channels this source delivers (empty for a camera, whose data are frames)."""
 
+    @property
+    def discarded(self) -> int:
+        """Bytes dropped since `connect` because they made no valid message (wrong checksum, cut short)."""
+        return 0
+
     @abc.abstractmethod
     def connect(self) -> Identity:
         """Open the link and ask who is there. Raises LinkLost, ProtocolFault."""

@@ -105,7 +105,6 @@ class StreamDevice(Device):
 
     @property
     def discarded(self) -> int:
-        """Bytes the codec dropped since `connect` because they made no valid message."""
         return self._codec.tally.discarded
 
     def connect(self) -> Identity:

@@ -17,8 +17,8 @@ from acquire.engine.recorder import Commanded, Recorder
 from acquire.engine.rules import Trip
 from acquire.engine.state import State
 from acquire.recording import Event
-from drivers.device import Device, Status
-from drivers.signals import Block, Channel, Frame
+from drivers.device import Rig, Status
+from drivers.signals import Block, Frame
 from protocols.limits import PROBE, RELIEF
 from protocols.setpoints import Until
 
@@ -46,13 +46,12 @@ class Ask(Protocol):
 class ActiveRun:
     """What the engine knows of the run between ``arm`` and its outcome."""
 
-    def __init__(
-        self, plan: RunPlan, device: Device, channels: Sequence[Channel], on_failure: Callable[[str], None]
-    ) -> None:
+    def __init__(self, plan: RunPlan, rig: Rig, on_failure: Callable[[str], None]) -> None:
         """Checks the plan and opens its journal.
 
         Raises ValueError (limits missing or exceeded, wrong quantities), FileExistsError, OSError.
         """
+        device, channels = rig.device, tuple(c for source in (rig.device, *rig.sources) for c in source.channels)
         if set(plan.setpoints.quantities) != set(device.quantities):
             raise ValueError(
                 f"the protocol commands {', '.join(plan.setpoints.quantities) or 'nothing'}; "
@@ -67,7 +66,8 @@ class ActiveRun:
         self.limits = {n: r for n, r in plan.limits.ranges.items() if n in known and r.bounded}
         self.recording = True
         self._device = device
-        self._recorder = Recorder(plan.path, plan.info, tuple(channels), on_failure, plan.frame_scale)
+        self._discarded = {source.name: source.discarded for source in (device, *rig.sources)}
+        self._recorder = Recorder(plan.path, plan.info, channels, on_failure, plan.frame_scale)
         self._recorder.start()
         self._first = math.nan  # device time of `begin`
         self._start_at = math.nan  # device time at which the queue is to be started; NaN when it need not be
@@ -202,6 +202,7 @@ class ActiveRun:
             self.note("trip" if state is State.TRIPPED else "warning", str(state), reason, ended)
         _wait_for(links, ended + self.plan.tail)
         self.recording = False
+        self._tell_discarded(links, ended)
         if self.feeder.done:
             first = min(self._first, self.feeder.done[0].begin)
             self._recorder.put(Commanded(self.feeder.executed(first, ended + self.plan.tail), first))
@@ -215,6 +216,12 @@ class ActiveRun:
             state = State.FAILED if state is State.COMPLETED else state
         self._recorder.join()
         return Outcome(state, reason, path, journal, lost=self._recorder.lost)
+
+    def _tell_discarded(self, links: Sequence[LinkThread], moment: float) -> None:
+        for name, source in ((link.source.name, link.source) for link in links):
+            if count := source.discarded - self._discarded.get(name, 0):
+                text = f"{name}: {count} bytes that made no valid message (checksum, length) were discarded"
+                self._recorder.put(Event(moment, "warning", "discarded", text, count))
 
 
 def _wait_for(links: Sequence[LinkThread], moment: float) -> None:

@@ -340,7 +340,7 @@ class RunEngine:
         plan.path.parent.mkdir(parents=True, exist_ok=True)
         if fault := self._interlock.short_of_space(plan.path.parent):
             raise ValueError(fault)
-        run = ActiveRun(plan, device, self.channels, lambda why: self._interlock.fire(Trip("recorder", why)))
+        run = ActiveRun(plan, self.rig, lambda why: self._interlock.fire(Trip("recorder", why)))
         self._run, self._outcome = run, Future()
         self._machine.fire("arm")
         try:

@@ -21,8 +21,9 @@ from acquire.recording import Event, RunInfo
 from acquire.recording.hdf5 import rehearse
 from acquire.recording.journal import JournalWriter
 from acquire.recording.lock import is_live
+from acquire.recording.order import Missing
 from acquire.recording.recovery import finalise
-from drivers.signals import Block, Channel, Frame
+from drivers.signals import Block, Channel, Frame, IntArray
 from protocols.setpoints import Setpoints
 
 log = logging.getLogger(__name__)
@@ -70,7 +71,7 @@ class Recorder(threading.Thread):
         rehearse(info, channels)
         self.path = path
         self.journal = path.with_suffix(".journal")
-        self.lost = 0  # samples and frames missing in the sequence numbers
+        self.lost = 0  # samples and frames missing in the sequence numbers so far
         self.result: Future[Path] = Future()
         self._units = {channel.name: channel.unit for channel in channels}
         self._writer = _journal(self.journal, info, channels, frame_scale)
@@ -79,7 +80,7 @@ class Recorder(threading.Thread):
         self._failed = False  # nothing more can be kept
         self._told = False
         self._looked = time.monotonic()
-        self._next_seq: dict[tuple[str, ...], int] = {}
+        self._missing: dict[tuple[str, ...], Missing] = {}
 
     # Called by others -------------------------------------------------------------------------------------------------
 
@@ -119,6 +120,9 @@ class Recorder(threading.Thread):
                 self._fail(str(error))
         try:
             self._writer.end(end.status, end.reason)
+        except OSError as error:  # the disk fails: the end is missing, what was written before may be readable
+            log.error("%s: %s", self.journal, error)
+        try:
             self.result.set_result(self._save())
         except Exception as error:
             log.error("%s: %s", self.path, error)
@@ -150,22 +154,19 @@ class Recorder(threading.Thread):
 
     def _write(self, item: Item) -> None:
         if isinstance(item, Block):
-            self._count_lost(tuple(item.values), item.seq[0], item.seq[-1], np.diff(item.seq), item.time[0])
+            self._count(tuple(item.values), item.seq)
             self._writer.block(item)
         elif isinstance(item, Frame):
-            self._count_lost(("frames",), item.seq, item.seq, np.empty(0, np.int64), item.time)
+            self._count(("frames",), np.array([item.seq]))
             self._writer.frame(item)
         elif isinstance(item, Event):
             self._writer.event(item)
         elif isinstance(item, Commanded):
             self._writer.setpoints(item.setpoints, item.start, self._units)
 
-    def _count_lost(self, key: tuple[str, ...], first: int, last: int, steps: np.ndarray, time: float) -> None:
-        missing = int(np.sum(np.maximum(steps - 1, 0))) + max(0, int(first) - self._next_seq.get(key, int(first)))
-        self._next_seq[key] = int(last) + 1
-        if missing:
-            self.lost += missing
-            self._writer.event(Event(float(time), "warning", "lost", f"{missing} samples of {', '.join(key)} are lost"))
+    def _count(self, key: tuple[str, ...], seq: IntArray) -> None:
+        self._missing.setdefault(key, Missing()).take(seq)
+        self.lost = sum(missing.count for missing in self._missing.values())
 
     def _fail(self, reason: str) -> None:
         """Nothing more can be kept."""

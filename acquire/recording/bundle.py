@@ -68,7 +68,7 @@ class _Import:
         self.bundle = bundle
         self.tables: dict[tuple[Path, str | None], Table] = {}
         self.times: dict[tuple[Path, str | None, TimeAxis, int], FloatArray] = {}
-        self.events = [Event(e.time, e.level, e.code, e.text) for e in bundle.events]
+        self.events = [Event(e.time, e.level, e.code, e.text, e.count) for e in bundle.events]
 
     def recording(self) -> Recording:
         streams = self.series("channels", self.bundle.channels)

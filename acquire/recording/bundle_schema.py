@@ -127,6 +127,7 @@ class EventRow(_Loose):
     level: Literal["info", "warning", "error", "trip"]
     code: Short
     text: str
+    count: Annotated[int, Field(ge=0)] = 0
 
 
 class Bundle(_Loose):

@@ -98,6 +98,9 @@ def _check_consistent(recording: Recording) -> None:
                 array = getattr(series, axis)
                 if array is not None and np.shape(array) != shape[:1]:
                     raise RecordingError(f"run {run}: {kind} {name} has {shape} values but {axis} of {np.shape(array)}")
+    for name, series in recording.streams.items():
+        if len(back := np.flatnonzero(np.diff(series.time) < 0)):
+            raise RecordingError(f"run {run}: stream {name}: time goes back after {series.time[back[0]]:g} s")
     if recording.frames is not None and len(recording.frames.data) != len(recording.frames.time):
         raise RecordingError(
             f"run {run}: {len(recording.frames.data)} frames but {len(recording.frames.time)} frame times"
@@ -232,13 +235,17 @@ def _table(columns: Mapping[str, Sequence[Any]]) -> np.ndarray[Any, Any]:
         for name, column in columns.items()
     }
     kinds = {
-        name: h5py.string_dtype("utf-8", max([1, *map(len, column)])) if column is not columns[name] else "<f8"
+        name: "<i8" if name == "count" else "<f8" if column is columns[name] else _fixed_width(column)
         for name, column in encoded.items()
     }
     table = np.zeros(len(next(iter(columns.values()))), np.dtype(list(kinds.items())))
     for name, column in encoded.items():
         table[name] = column
     return table
+
+
+def _fixed_width(texts: Iterable[bytes]) -> Any:
+    return h5py.string_dtype("utf-8", max([1, *map(len, texts)]))
 
 
 def _write_plot(group: h5py.Group, streams: h5py.Group, recording: Recording, plot: str) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from acquire.recording.guard import check_file, check_readable_whole
 from acquire.recording.lazy import Hdf5Frames
 from acquire.recording.model import Event, Frames, Recording, RecordingError, RunInfo, SegmentRecord, Series
+from acquire.recording.order import ordered
 from acquire.recording.segments import from_columns
 from protocols.files import is_file, refusing, shortened
 
@@ -19,8 +20,8 @@ T = TypeVar("T")
 
 SCHEMA = "acquire-recording/1"
 ENTRY_FIELDS = ("start_time", "end_time", "status", "trip_reason")
-EVENT_COLUMNS = ("time", "level", "code", "text")
-TEXTS = (*EVENT_COLUMNS[1:], "phase", "step")  # columns of tables that are texts, as are all labels
+EVENT_COLUMNS = ("time", "level", "code", "text", "count")  # earlier versions wrote no count
+TEXTS = ("level", "code", "text", "phase", "step")  # columns of tables that are texts, as are all labels
 RUN_FIELDS = ("id", "subject", "site", "operator", "specimen", "notes", "protocol", "protocol_name")
 
 
@@ -68,13 +69,15 @@ class _Reader:
         plot = ""
         if "plot" in self.entry:
             plot = self.attr(self.group(self.entry, "plot"), "signal", "")
+        # Earlier versions recorded samples in the order in which they came.
+        streams, told, _ = ordered(self.series("streams"), tell=False)
         return Recording(
             info=self.info(),
-            streams=self.series("streams"),
+            streams=streams,
             setpoints=self.setpoints(),
             segments=self.segments(),
             frames=self.frames(),
-            events=self.events(),
+            events=(*self.events(), *told),
             derived=self.series("derived"),
             plot=plot,
         )
@@ -159,9 +162,9 @@ class _Reader:
         if "events" not in self.entry:
             return ()
         columns = self.table(self.dataset(self.entry, "events"))
-        if tuple(columns) != EVENT_COLUMNS:
+        if tuple(columns) not in (EVENT_COLUMNS, EVENT_COLUMNS[:-1]):
             raise RecordingError(f"{self.path}: /entry/events has the columns {tuple(columns)}")
-        return tuple(Event(float(time), *texts) for time, *texts in zip(*columns.values(), strict=True))
+        return tuple(Event(*row) for row in zip(*columns.values(), strict=True))
 
     def segments(self) -> tuple[SegmentRecord, ...]:
         """None in a recording of an earlier version."""

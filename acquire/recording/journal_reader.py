@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from acquire.recording.journal import BLOCK, CRC, FRAME, HEADER, MAGIC, Kind
 from acquire.recording.lazy import LazyFrames
 from acquire.recording.model import Event, FloatArray, Frames, Recording, RecordingError, RunInfo, SegmentRecord, Series
+from acquire.recording.order import ordered, ordered_frames
 from acquire.recording.segments import before
 
 MAX_PAYLOAD = 2**30  # no record is longer; a damaged length is not believed
@@ -262,15 +263,24 @@ class _Content:
         if self.info is None:
             raise RecordingError(f"{self.path}: not a journal, or its first record is damaged")
         self._settle()
-        streams = self.streams()
+        streams, told, all_kept = ordered(self.streams())
+        self._note(told, all_kept)
+        frames = self.frames()
+        if frames is not None:
+            frames, told, all_kept = ordered_frames(frames)
+            self._note(told, all_kept)
         return Recording(
             info=replace(self.info, **(self.end or {"status": "recovered", "trip_reason": "", "end_time": ""})),
             streams=streams,
             setpoints=self.commanded(streams),
             segments=self.segments(),
-            frames=self.frames(),
+            frames=frames,
             events=tuple(self.events),
         )
+
+    def _note(self, events: list[Event], all_kept: bool) -> None:
+        self.whole &= all_kept
+        self.events += events
 
     def _settle(self) -> None:
         """Place the blocks whose layout was damaged where they came, by a later copy of it."""

@@ -27,6 +27,10 @@ class LazyFrames(abc.ABC):
     def load(self, indices: NDArray[np.intp]) -> NDArray[np.uint8]:
         """Frames at ``indices`` (k,), as (k, height, width). Raises RecordingError on a damaged frame."""
 
+    def take(self, indices: NDArray[np.intp]) -> LazyFrames:
+        """The frames at ``indices`` (k,), in that order, as lazy as these."""
+        return PickedFrames(self, (len(indices), *self.shape[1:]), np.asarray(indices))
+
     def __len__(self) -> int:
         return self.shape[0]
 
@@ -45,6 +49,18 @@ class LazyFrames(abc.ABC):
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         return np.asarray(self[:], dtype=dtype)
+
+
+@dataclass(frozen=True)
+class PickedFrames(LazyFrames):
+    """Some of ``frames``: frame i is their frame ``chosen[i]``."""
+
+    frames: LazyFrames
+    shape: tuple[int, int, int]
+    chosen: NDArray[np.intp]
+
+    def load(self, indices: NDArray[np.intp]) -> NDArray[np.uint8]:
+        return self.frames.load(self.chosen[indices])
 
 
 @dataclass(frozen=True)

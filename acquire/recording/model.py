@@ -51,12 +51,16 @@ class Frames:
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened: ``time`` s (device clock), level ``info|warning|error|trip``, a code, plain words."""
+    """Something that happened: ``time`` s (device clock), level ``info|warning|error|trip``, a code, plain words.
+
+    ``count`` is how many samples, frames or bytes it is about, 0 where nothing was counted.
+    """
 
     time: float
     level: str
     code: str
     text: str
+    count: int = 0
 
 
 @dataclass(frozen=True)

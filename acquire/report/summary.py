@@ -14,6 +14,15 @@ from acquire.analysis.quality import lost_samples, quality
 from acquire.recording.model import Recording, Series
 from acquire.words import pleasant, share, shown
 
+_DELIVERY = {  # code of an event -> how its count is put
+    "lost": "samples lost",
+    "duplicate": "came twice",
+    "late": "came late",
+    "conflict": "contradicted themselves",
+    "misdated": "bore a wrong time",
+    "discarded": "bytes discarded",
+}
+
 
 def summarise(recording: Recording) -> dict[str, Any]:
     """Everything worth saying about a recording, in SI, as JSON knows it (NaN as null)."""
@@ -40,6 +49,7 @@ def summarise(recording: Recording) -> dict[str, Any]:
         "derived": list(recording.derived),
         "frames": None,
         "events": [vars(event) for event in recording.events],
+        "delivery": delivery(recording),
         "quality": [vars(flag) for flag in quality(recording)],
         "parameters": recording_parameters(recording),
         "directions": directions(recording),
@@ -49,6 +59,15 @@ def summarise(recording: Recording) -> dict[str, Any]:
         count, height, width = recording.frames.data.shape
         summary["frames"] = {"count": count, "width": width, "height": height, "scale": recording.frames.scale}
     return _jsonable(summary)
+
+
+def delivery(recording: Recording) -> dict[str, int]:
+    """What the links did to the data, by kind of event: samples lost, late, twice …, bytes discarded."""
+    counts = dict.fromkeys(_DELIVERY, 0)
+    for event in recording.events:
+        if event.code in counts:
+            counts[event.code] += event.count
+    return counts
 
 
 def directions(recording: Recording) -> list[dict[str, Any]]:
@@ -103,6 +122,8 @@ def in_words(summary: Mapping[str, Any]) -> str:
     if summary["directions"]:
         lines.append("directions")
         lines += [_direction_line(entry) for entry in summary["directions"]]
+    if told := [f"{count} {_DELIVERY[code]}" for code, count in summary["delivery"].items() if count]:
+        lines.append(f"links: {', '.join(told)}")
     lines.append("quality")
     lines += [f"  {flag['level']:<8} {flag['text']}" for flag in summary["quality"]]
     if summary["events"]:

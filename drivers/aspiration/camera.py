@@ -73,6 +73,10 @@ class FramedCamera(Camera):
         self._link: Transport | None = None
         self._decoder = FrameDecoder()
 
+    @property
+    def discarded(self) -> int:
+        return self._decoder.tally.discarded
+
     def connect(self) -> Identity:
         self.close()
         self._link = open_transport(self._address)

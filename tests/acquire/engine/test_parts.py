@@ -77,7 +77,7 @@ def test_a_recorder_that_cannot_write_says_so_once_and_keeps_what_it_has(
     recorder = Recorder(tmp_path / "r.h5", INFO, (), failures.append)
     recorder.start()
     recorder.put(block(0))
-    eventually(lambda: recorder._next_seq != {})
+    eventually(lambda: recorder._missing != {})
 
     def full(item: Block) -> None:
         raise OSError(28, "No space left on device")

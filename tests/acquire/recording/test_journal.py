@@ -163,8 +163,9 @@ def test_damage_in_the_middle_costs_one_record_and_is_told(tmp_path: Path) -> No
     found = read_journal(journal)
     assert found.info.status == "completed"
     assert len(found.stream("pressure").value) == 2900
-    assert [e.code for e in found.events if e.level == "warning"] == ["late", "journal_damage"]
-    assert "skipped" in found.events[-1].text
+    assert [e.code for e in found.events if e.level == "warning"] == ["late", "journal_damage", "lost"]
+    assert "skipped" in found.events[-2].text
+    assert found.events[-1].count == 100
 
 
 @pytest.mark.parametrize("content", [b"", b"SRJ1", b"not a journal at all, but long enough to be one" * 20])
