@@ -15,8 +15,8 @@ import numpy as np
 from acquire.recording import load
 from gap.batch import session_paths
 from gap.inference.least_squares import fit
-from gap.null.robot import robot_session
-from gap.null.robot_axes import AxesBlock
+from gap.null.blocks import GroupedSession
+from gap.null.robot_axes import QUANTITIES, AxesBlock
 from gap.null.robot_force import ForceBlock
 from gap.null.robot_loop import CONTROLLERS
 from gap.null.sheet_law import AMOUNTS
@@ -27,7 +27,7 @@ def report(case: Path) -> str:
     recordings = [load(p) for p in session_paths(case)]
     if recordings[0].info.instrument != "microrobot":
         return ""
-    session = robot_session(recordings)
+    session = GroupedSession(recordings, QUANTITIES)
     axes = AxesBlock(session, {})
     force = ForceBlock(session, {}, axes)
     a, f = fit(axes), fit(force)

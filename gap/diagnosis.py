@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from acquire.recording.model import Recording
 from gap.data import signatures
+from gap.data.pauses import without_pauses
 from gap.data.session import REST, Session
 from gap.decision.transfer import Shrink, plain, plain_gap, shrink, splits, splits_of_a_rig, transferred
 from gap.decision.verdict import RIG, Judgement, Verdict, borne_out, concept, judge, made_by
@@ -95,7 +96,7 @@ def diagnose(
     begin = clock.perf_counter()
     jobs = 1 if solver else jobs
     rules = rules or (Judgement() if model is None else RIG)
-    recordings = _in_order(recordings)
+    recordings = without_pauses(_in_order(recordings))
     remarks = _remarks(recordings)
     problems, candidates = _problems(recordings, model, user_effects, solver, jobs)
     marks = tuple(signatures.find(recordings, model.channels if model else None))

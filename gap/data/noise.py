@@ -77,6 +77,22 @@ def grid_step(value: FloatArray) -> float:
     return step if np.mean(np.abs(multiples - np.round(multiples)) < 0.05) > 0.95 else 0.0
 
 
+def finest_step(value: FloatArray) -> float:
+    """The step of the grid that values lie on, however fine it is against their noise; 0.0 when they lie on none.
+
+    Of n samples with noise over k steps some lie on neighbouring levels unless k is far above n².
+    """
+    distinct = np.unique(value[np.isfinite(value)])
+    if len(distinct) < 3:
+        return 0.0
+    gaps = np.diff(distinct)
+    gaps = gaps[gaps > 1e-9 * np.ptp(distinct)]  # what conversion to SI rounds is no level
+    step = float(np.min(gaps))
+    step = float(np.mean(gaps[gaps < 1.5 * step]))
+    off = np.abs(gaps / step - np.round(gaps / step))[gaps < 100 * step]
+    return step if np.mean(off < 0.1) > 0.95 else 0.0
+
+
 @dataclass(frozen=True)
 class Counts:
     """The ``levels`` (k,) that a coarse channel comes in, ``step`` apart, and the noise on top of them."""

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from acquire.recording.model import Recording, Series
 from gap.data.binning import GROWTH, WIDEST, Bins, bin_edges, bin_means, breaks
+from gap.data.command import Command, command
 from gap.data.noise import grid_step, high_band_sigma, rounding_floor
 from sim_devices.chain import FloatArray
 
@@ -18,14 +18,6 @@ REST = 45.0
 CLOCK_SD = 2e-5
 """How fast the recording's clock may soundly run against the command's: an ordinary crystal (assumed)."""
 SKIN = "skin"
-
-
-@dataclass(frozen=True)
-class Command:
-    """A commanded quantity over the whole session: times (m,) s and values (m,), two points at one time for a step."""
-
-    time: FloatArray
-    value: FloatArray
 
 
 class Session:
@@ -46,12 +38,13 @@ class Session:
 
     def command(self, quantity: str, members: Sequence[int]) -> Command:
         """The command over the recordings ``members``, at rest (zero) between them."""
-        times, values = [], []
+        times, values, kinks = list[FloatArray](), list[FloatArray](), list[FloatArray]()
         for k in members:
             table = self.recordings[k].setpoints[quantity]
-            t, v = _corners(np.asarray(table.time, dtype=float), np.asarray(table.value, dtype=float))
+            own = command(np.asarray(table.time, dtype=float), np.asarray(table.value, dtype=float))
             begin, end = self.span(k)
-            t = t + self.shifts[k]
+            t, v = own.time + self.shifts[k], own.value
+            kinks.append(np.r_[min(begin, t[0]), own.kinks + self.shifts[k], max(end, t[-1])])
             times.append(np.concatenate([[min(begin, t[0])], t, [max(end, t[-1])]]))
             values.append(np.concatenate([[v[0]], v, [v[-1]]]))
             if v[-1] != 0 and k != members[-1]:
@@ -59,7 +52,7 @@ class Session:
                 values.append(np.zeros(1))
         time, value = np.concatenate(times), np.concatenate(values)
         order = np.argsort(time, kind="stable")
-        return Command(time[order], value[order])
+        return Command(time[order], value[order], np.unique(np.concatenate(kinks)))
 
     def binned(
         self,
@@ -106,31 +99,3 @@ def _shifts(recordings: Sequence[Recording]) -> tuple[FloatArray, bool]:
             shifts[k] = at - begin
             at += end - begin + REST
     return shifts, own
-
-
-def _corners(time: FloatArray, value: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The corners of a sampled command: points on a straight line between their neighbours go.
-
-    A jump between two samples of a dense table is a step at the later of them: that is when it was commanded.
-    """
-    if len(time) < 50:
-        return time, value
-    dt = np.diff(time)
-    usual = float(np.median(dt))
-    twin = dt <= 0
-    slope = np.divide(np.diff(value), dt, out=np.zeros(len(dt)), where=dt > 0)
-    span = float(np.ptp(value))
-    if span == 0:
-        return time[[0, -1]], value[[0, -1]]
-    jump = (dt > 0.5 * usual) & (np.abs(np.diff(value)) > 0.02 * span) & (np.abs(slope) * usual > 0.02 * span)
-    alone = jump & ~np.r_[False, jump[:-1]] & ~np.r_[jump[1:], False]
-    bend = np.abs(np.diff(slope)) * usual > 1e-4 * span
-    keep = np.r_[True, bend, True] | np.r_[False, alone | twin] | np.r_[alone | twin, False]
-    t, v = [], []
-    for i in np.flatnonzero(keep):
-        if i and alone[i - 1]:
-            t.append(time[i])
-            v.append(value[i - 1])
-        t.append(time[i])
-        v.append(value[i])
-    return np.asarray(t), np.asarray(v)

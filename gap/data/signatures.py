@@ -15,10 +15,17 @@ from scipy.stats import gamma
 
 from acquire.plugins import instrument
 from acquire.recording.model import Recording, Series
-from gap.data.noise import grid_step, high_band_sigma
+from gap.data.noise import finest_step, grid_step, high_band_sigma
+from sim_devices.chain import FloatArray
 
 CERTAIN = 30.0
 """Nats of a signature that admits no other reading."""
+AT_REST = 5
+"""Equal samples in a row that a channel with noise of its own has by no chance."""
+COUNTED = 400
+"""Small changes from whose number that of no change is foretold."""
+SURPRISING = 14.0
+"""Nats against more repeats by chance: of thousands of channels none has so many."""
 COARSER = 1.3
 """Steps against the nominal resolution above which a channel counts as coarse."""
 HUM = "periodic_disturbance"
@@ -75,7 +82,8 @@ def _clipping(name: str, series: Sequence[Series]) -> list[Signature]:
     """Runs at the extreme value that the signal enters and leaves with a slope.
 
     A converter at its end holds one exact value; a plateau of a physical signal carries noise, and one that is only
-    quantised is approached step by step.
+    quantised is approached step by step. Where a channel stands still at other values too, as that of a servo at rest
+    short of its set-point does, stillness at an extreme says nothing.
     """
     out = []
     value = np.concatenate([s.value[np.isfinite(s.value)] for s in series])
@@ -94,23 +102,30 @@ def _clipping(name: str, series: Sequence[Series]) -> list[Signature]:
             if e - b >= 3 and len(before) >= 3 and top - float(np.mean(before)) > 2 * step:
                 clipped += e - b
         share = clipped / len(value)
-        if share > 0.005 and share > 1.2 * near:
+        if share > 0.005 and share > 1.2 * near and share > _still(value[~at]):
             text = f"{name} stands at {sign * top:.4g} exactly in {100 * share:.1f} % of its samples"
             out.append(Signature(effect, name, CERTAIN, text))
     return out
 
 
+def _still(value: FloatArray) -> float:
+    """Share of samples (n,) in runs of one exact value, `AT_REST` samples long at least."""
+    runs = _runs(np.r_[False, np.diff(value) == 0]) if len(value) > 1 else []
+    return sum(e - b + 1 for b, e in runs if e - b + 1 >= AT_REST) / max(len(value), 1)
+
+
 def _repeats(name: str, series: Sequence[Series]) -> list[Signature]:
     """More exact repeats of the last value than the spread of its changes foretells.
 
-    On a grid, changes of nought are about as frequent as changes by one step; off a grid, noise never repeats.
+    On a grid, changes of nought are as frequent as small changes either way, however fine the grid is; off a grid,
+    noise never repeats.
     """
     repeated, expected = 0, 0.0
     for s in series:
         v = s.value[np.isfinite(s.value)]
         if len(v) < 30 or np.ptp(v) == 0:
             continue
-        step = grid_step(v)
+        step = finest_step(v)
         if step == 0 and len(np.unique(v)) < 0.97 * (1 + np.count_nonzero(np.diff(v))):
             continue  # values come back, not only stand: computed from coarse channels, its repeats are theirs
         if step and high_band_sigma(v) < 1.5 * step:
@@ -118,16 +133,36 @@ def _repeats(name: str, series: Sequence[Series]) -> list[Signature]:
         change = np.diff(v)
         inside = (v[1:] > v.min()) & (v[1:] < v.max())  # what stands at an extreme is clipped, not repeated
         repeated += int(np.sum((change == 0) & inside))
-        if step:
-            by_one = np.abs(np.abs(change) / step - 1.0) < 0.1
-            expected += 0.6 * float(np.sum(by_one & inside))
-    excess = repeated - expected
-    if repeated > 5 and excess > 5 * np.sqrt(max(expected, 1.0)) and repeated > 1.3 * expected:
-        nats = min(CERTAIN, excess**2 / (2 * max(expected, 1.0)) / 10)
+        expected += repeats_foretold(change[inside], step)
+    surprise = repeats_surprise(repeated, expected)
+    if repeated > 5 and repeated > 1.3 * expected and surprise > SURPRISING:
         text = f"{name} repeats its last value {repeated} times where {expected:.0f} are expected"
         # What is asked for the same value twice has an old one under a new stamp.
-        return [Signature("dropped_samples", name, nats, text, ("late_samples",))]
+        return [Signature("dropped_samples", name, min(surprise, CERTAIN), text, ("late_samples",))]
     return []
+
+
+def repeats_foretold(change: FloatArray, step: float) -> float:
+    """How many of the changes (n,) of a channel on a grid of ``step`` should be nought, by how many are small.
+
+    The density of changes of noise is flat about nought: so many as there are within the least change that occurs
+    often enough, shared among the steps that it spans.
+    """
+    if step <= 0 or not len(change):
+        return 0.0
+    counts = np.sort(np.abs(np.round(change[change != 0] / step)))
+    if not len(counts):
+        return 0.0
+    reach = counts[min(COUNTED, len(counts) - 1, max(len(counts) // 4, 1))]
+    return float(np.searchsorted(counts, reach, side="right")) / (2.0 * max(reach, 1.0))
+
+
+def repeats_surprise(repeated: int, expected: float) -> float:
+    """Nats against so many repeats by chance (the Poisson likelihood ratio; one is always possible)."""
+    foretold = max(expected, 1.0)
+    if repeated <= foretold:
+        return 0.0
+    return float(repeated * np.log(repeated / foretold) - (repeated - foretold))
 
 
 def _lost(name: str, series: Sequence[Series]) -> list[Signature]:

@@ -15,6 +15,7 @@ import numpy as np
 from acquire.recording.model import Recording
 from gap.data.binning import GROWTH, WIDEST
 from gap.data.labels import label_rows
+from gap.data.pauses import continues
 from gap.data.scatter import unlike
 from gap.data.session import SKIN, Command, Session
 from gap.inference.evidence import Fit
@@ -71,9 +72,10 @@ class GroupedSession(Session):
         for name in dict.fromkeys(specimens):
             members = tuple(k for k, s in enumerate(specimens) if s == name)
             self.groups.append(Group(name, members, {q: self.command(q, members) for q in quantities}))
-        self.kinks = np.unique(np.concatenate([c.time for g in self.groups for c in g.commands.values()]))
+        self.kinks = np.unique(np.concatenate([c.kinks for g in self.groups for c in g.commands.values()]))
         # What a first sample is, is of its own recording, be the clocks some milliseconds apart.
-        self.marks = tuple(self.span(k)[0] - BEFORE for k in range(len(recordings)))
+        armed = [k for k, r in enumerate(recordings) if not continues(r)]
+        self.marks = tuple(self.span(k)[0] - BEFORE for k in armed)
 
 
 class Block(abc.ABC):
@@ -236,10 +238,13 @@ class Block(abc.ABC):
         """The commands of a group."""
         return group.tables()
 
+    def kinks(self, group: Group) -> FloatArray:
+        """When the rate of a group's commands jumps, (k,) s by the clock of its `tables`."""
+        return np.unique(np.concatenate([c.kinks for c in group.commands.values()]))
+
     def _nodes(self, group: Group, at: slice) -> list[FloatArray]:
         """Where a group is simulated: the ends of its bins, and times after kinks."""
-        kinks = np.unique(np.concatenate([t for t, _ in self.tables(group).values()]))
-        after = np.unique((kinks[:, None] + AFTER_KINK).ravel())
+        after = np.unique((self.kinks(group)[:, None] + AFTER_KINK).ravel())
         begin, end = self.stamps[at][[0, -1]]
         return [np.unique(self._ends[:, at]), after[(after > begin) & (after < end)]]
 
@@ -248,8 +253,9 @@ class Block(abc.ABC):
     ) -> tuple[Memo, dict[str, FloatArray]]:
         """What runs operators on ``nodes`` and a group's kinks, and the commands there."""
         tables = self.tables(group)
-        kinks = np.concatenate([t for t, _ in tables.values()])
-        grid = time_grid(kinks, nodes, delays=[op for op in delays if op.name in RETIMED])
+        rows = np.unique(np.concatenate([t for t, _ in tables.values()]))
+        nodes = [*nodes, rows[(rows > nodes[0][0]) & (rows < nodes[0][-1])]]
+        grid = time_grid(self.kinks(group), nodes, delays=[op for op in delays if op.name in RETIMED])
         return Memo(grid), {COMMANDS[q]: command_at(table, grid) for q, table in tables.items()}
 
     def start(self) -> FloatArray:

@@ -329,7 +329,7 @@ class FeHeightBlock(Anchored, HeightBlock):
 
     def _solve_times(self, group: Group, at: slice, table: FloatArray) -> FloatArray:
         """Where the finite elements are asked: at the stamps and, finer, behind the command's kinks."""
-        kinks = group.commands["pressure"].time
+        kinks = group.commands["pressure"].kinks
         time = np.unique(
             np.concatenate([table[[0, -1]], self.stamps[at], (kinks[:, None] + REFINEMENT).ravel(), kinks])
         )

@@ -10,41 +10,19 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from acquire.recording.model import Recording
 from gap.inference.hypothesis import Candidate
 from gap.inference.problem import Problem
 from gap.null.blocks import Block, GroupedSession, candidates_for
 from gap.null.robot_axes import AXES, QUANTITIES, ArithmeticBlock, AxesBlock
 from gap.null.robot_force import ForceBlock, RoughForceBlock
-from sim_devices.chain import Effect, FloatArray
+from sim_devices.chain import Effect
 from sim_devices.stages.robot import TRANSDUCERS, xyz
-
-BEND = 0.2
-"""Change of a set-point's speed at a kink, of the greatest speed in the session: less is a curve in short pieces."""
 
 LIMITED = {"force_saturation": "axes", "integral_windup": "axes", "sensor_saturation": "force"}
 """Effects of a limit, and the block that knows how far the session goes."""
 ABRUPT, GRADUAL = (0.4, 1.3), (0.8, 4.0)
 """Where a limit counts, of the session's greatest force: well below it an axis falls, well above nothing happens."""
-
-
-def robot_session(recordings: Sequence[Recording]) -> GroupedSession:
-    """The session, with kinks only where a set-point bends sharply: bins begin there, and few do for all else."""
-    session = GroupedSession(recordings, QUANTITIES)
-    sharp = [_sharp(c.time, c.value) for g in session.groups for c in g.commands.values()]
-    session.kinks = np.unique(np.concatenate(sharp))
-    return session
-
-
-def _sharp(time: FloatArray, value: FloatArray) -> FloatArray:
-    """Where a command of corners at ``time`` (m,) s bends sharply, and where it begins and ends."""
-    unique = np.diff(time) > 0
-    speed = np.divide(np.diff(value), np.diff(time), out=np.zeros(len(time) - 1), where=unique)
-    fastest = float(np.max(np.abs(speed), initial=0.0))
-    bends = np.abs(np.diff(speed)) > BEND * fastest
-    return time[np.r_[True, bends | ~unique[1:] | ~unique[:-1], True]]
 
 
 def robot_problems(
@@ -61,7 +39,7 @@ def robot_problems(
     missing = [r.info.id for r in recordings if not all(q in r.setpoints for q in QUANTITIES)]
     if missing:
         raise ValueError(f"recording {missing[0]} has no set-points of probe_x, probe_y and probe_z")
-    session = robot_session(recordings)
+    session = GroupedSession(recordings, QUANTITIES)
 
     def has(*names: str) -> bool:
         return any(all(n in r.streams for n in names) for r in recordings)

@@ -203,6 +203,10 @@ class HeightBlock(Block):
             return group.tables()
         return {q: (t - self._pressure.early(t), value) for q, (t, value) in group.tables().items()}
 
+    def kinks(self, group: Group) -> FloatArray:
+        kinks = super().kinks(group)
+        return kinks if self._pressure is None else kinks - self._pressure.early(kinks)
+
     def _smoothed(self, group: Group) -> Table:
         """Recorded pressure of a group as a table, without its gauge noise; the command where none was recorded."""
         times, values = [], []

@@ -55,7 +55,7 @@ def _specimen(name: str) -> SuctionTissue:
 def commanded_line(chain: Chain, group: Group, time: FloatArray, early: Callable[[FloatArray], FloatArray]) -> Table:
     """True pressure that ``chain`` makes of a group's command: times finer than ``time`` (n,) s, within its span, and
     Pa; the record's stamps are ``early`` s (a function of them) before the command's clock."""
-    kinks = group.commands["pressure"].time
+    kinks = group.commands["pressure"].kinks
     nodes = np.concatenate([(kinks[:, None] + REFINEMENT).ravel(), kinks])
     fine = np.unique(np.concatenate([time, nodes - early(nodes)]))
     fine = fine[(fine >= time[0]) & (fine <= time[-1])]
@@ -122,7 +122,7 @@ class PressureBlock(Block):
         """What a further lag behind the nominal regulator would change (n, lags), Pa."""
         out = np.zeros((len(self.stamps), len(self.LAGS)))
         for g, at in self.groups:
-            kinks = g.commands["pressure"].time
+            kinks = g.commands["pressure"].kinks
             fine = np.unique(np.concatenate([self.stamps[at], (kinks[:, None] + REFINEMENT).ravel()]))
             chain = chain_of(self.session, g, NO_TISSUE, command_step=0.0)
             partial = replace(chain, operators=needed(chain, ("pressure",)))

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from gap.data.labels import direction, level, phases
+from gap.data.noise import finest_step
 from gap.data.session import REST, Session
-from gap.data.signatures import HUM, find
+from gap.data.signatures import HUM, find, repeats_foretold
 
 TIME = np.arange(0.0, 10.0, 0.01)
 COMMAND = ([0.0, 1.0, 1.0, 6.0, 6.0, 10.0], [0.0, 0.0, -3e4, -3e4, 0.0, 0.0])
@@ -143,3 +144,40 @@ def test_stamps_that_come_in_blocks_or_not_at_all_are_no_fault_of_the_search_for
     noise = np.random.default_rng(0).normal(size=400)
     for time in (np.repeat(np.arange(0.0, 4.0, 0.1), 10), np.zeros(400)):
         assert not [m for m in find([recording({"pressure": noise}, time, {})]) if m.effect == HUM]
+
+
+def fine_force(recording, seed: int, lost: float = 0.0):
+    """A transducer on a grid of 10 µN under 3 mN of noise, a share of whose samples repeats the last."""
+    time, rng = np.arange(0.0, 60.0, 0.01), np.random.default_rng(seed)
+    value = np.round((0.5 * np.sin(0.6 * time) + 3e-3 * rng.normal(size=len(time))) / 1e-5) * 1e-5
+    for k in np.flatnonzero(rng.random(len(time)) < lost)[1:]:
+        value[k] = value[k - 1]
+    return recording({"transducer_force_a": value}, time)
+
+
+def test_noise_on_a_fine_grid_repeats_as_often_as_it_should(recording) -> None:
+    """Three hundred steps to the noise: some samples of thousands are equal by chance."""
+    assert find([fine_force(recording, k) for k in range(6)]) == []
+    (mark,) = find([fine_force(recording, 1, 0.02)])
+    assert (mark.effect, mark.nats) == ("dropped_samples", 30.0)
+
+
+@pytest.mark.parametrize("step", [1e-7, 1e-6, 1e-5, 1e-4, 1e-3])
+def test_repeats_are_foretold_from_the_changes_whatever_the_grid(step: float) -> None:
+    rng = np.random.default_rng(1)
+    value = np.round(3e-3 * rng.normal(size=40000) / step)
+    change = np.diff(value)
+    foretold = repeats_foretold(change * step, finest_step(value * step))
+    assert foretold == pytest.approx(np.sum(change == 0), abs=5 * np.sqrt(np.sum(change == 0) + 1) + 2)
+
+
+def test_a_servo_that_rests_short_of_its_set_points_is_not_clipped(recording) -> None:
+    places, rng = np.array([0.0, 0.0102, 0.0051, 0.0148, 0.0099, 0.0148]), np.random.default_rng(0)
+    goal = np.repeat(places, len(TIME) // len(places) + 1)[: len(TIME)]
+    way = np.zeros(len(TIME))
+    for k in range(1, len(way)):
+        way[k] = way[k - 1] + 0.3 * (goal[k] - way[k - 1])
+    encoder = np.round(way / 1e-6) * 1e-6
+    assert [s.effect for s in find([recording({"position": encoder}, TIME)], ("position",))] == []
+    noisy = np.minimum(way + 1e-5 * rng.normal(size=len(way)), 0.0125)
+    assert [s.effect for s in find([recording({"position": noisy}, TIME)], ("position",))] == ["saturation"]

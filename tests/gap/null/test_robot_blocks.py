@@ -13,7 +13,7 @@ from gap.effects.load import library
 from gap.inference.hypothesis import Candidate
 from gap.inference.least_squares import fit
 from gap.null.blocks import GroupedSession
-from gap.null.robot import BEND, robot_problems, robot_session
+from gap.null.robot import robot_problems
 from gap.null.robot_axes import QUANTITIES, AxesBlock
 from gap.null.robot_force import AT_NOISE, ForceBlock, RoughForceBlock
 from gap.null.robot_loop import CONTROLLERS
@@ -104,16 +104,16 @@ def test_blocks_of_a_sound_own_robot_are_at_the_noise_floor() -> None:
 
 def test_bins_begin_at_turns_and_not_at_every_piece_of_a_curve() -> None:
     recordings = own.robot_session(np.random.default_rng(5), [], legs=[own.direction_cycles(0.3, 0.0, 1.2e-3, 8.0, 1)])
-    many, few = GroupedSession(recordings, QUANTITIES).kinks, robot_session(recordings).kinks
-    assert 2 <= len(few) <= len(many)
-    assert set(few) <= set(many)
-    assert 0 < BEND < 1
+    session = GroupedSession(recordings, QUANTITIES)
+    rows = np.unique(np.concatenate([c.time for c in session.groups[0].commands.values()]))
+    assert 4 <= len(session.kinks) <= len(rows)
+    assert set(session.kinks) <= set(rows)
 
 
 def test_secant_stiffness_of_the_sheet_does_not_depend_on_its_stiffening() -> None:
     """Else exponent, length and stiffness make a bent valley in which fits stop early."""
     recordings = own.robot_session(np.random.default_rng(5), [], legs=[own.direction_cycles(0.0, 0.0, 1.2e-3, 8.0, 1)])
-    session = robot_session(recordings)
+    session = GroupedSession(recordings, QUANTITIES)
     block = RoughForceBlock(session, {}, AxesBlock(session, {}))
     at = dict(zip(block.TISSUE, range(len(block.TISSUE)), strict=True))
     secants = []
@@ -130,7 +130,7 @@ def test_secant_stiffness_of_the_sheet_does_not_depend_on_its_stiffening() -> No
 def test_the_tip_keeps_to_the_clock_of_the_commands() -> None:
     """At the end of a session a clock that is 1e-4 fast is as late as a delay of so much."""
     recordings = own.robot_session(np.random.default_rng(5), [], legs=[own.direction_cycles(0.0, 0.0, 1.2e-3, 8.0, 1)])
-    axes = AxesBlock(robot_session(recordings), {})
+    axes = AxesBlock(GroupedSession(recordings, QUANTITIES), {})
     group = axes.groups[0][0]
     end = axes.stamps[-1] - np.arange(0.0, 1.0, 0.1)
     late, skewed = axes.prior_mean.copy(), axes.prior_mean.copy()
@@ -149,7 +149,7 @@ def test_what_the_transducers_get_wrong_misleads_the_load_on_the_axes() -> None:
     effect = library("microrobot")["sensor_gain[channel=3]"]
     legs = [own.direction_cycles(a, 0.0, 1.2e-3, 1.5, 6) for a in (0.0, 0.3 * np.pi, 0.5 * np.pi)]
     recordings = own.robot_session(np.random.default_rng(5), [(effect, {"error": 0.3})], legs=legs)
-    axes = AxesBlock(robot_session(recordings), {"sensor_gain[channel=3]": effect})
+    axes = AxesBlock(GroupedSession(recordings, QUANTITIES), {"sensor_gain[channel=3]": effect})
     candidate = Candidate("sensor_gain[channel=3]", effect.name, effect.stage, effect.parameters, ("axes",))
     null = fit(axes)
     found = fit(axes, (candidate,), np.array([0.55]), null.nuisance)
@@ -161,7 +161,7 @@ def test_skin_of_a_simple_law_needs_nothing_wider() -> None:
     skin = replace(sheet_tissue("forearm"), relaxation=(0.2, 0.15), times=(0.8, 6.0), softening=0.0)
     legs = [own.direction_cycles(a, 0.0, 1.2e-3, 8.0, 2) for a in (0.0, 0.3 * np.pi, 0.5 * np.pi)]
     recordings = own.robot_session(np.random.default_rng(5), [], tissue=skin, legs=legs)
-    session = robot_session(recordings)
+    session = GroupedSession(recordings, QUANTITIES)
     block = ForceBlock(session, {}, AxesBlock(session, {}))
     start = block.start()
     assert len(block.alternatives) == len(block.trusts) == 1
@@ -189,7 +189,7 @@ MORE = {"spring": 0.4, "closing": -0.5, "activation": 4.0, "slip1": 0.2, "skew1"
 @pytest.fixture(scope="module")
 def sheets() -> tuple[GroupedSession, AxesBlock]:
     legs = [own.direction_cycles(angle, 0.2, 1.2e-3, 8.0, 2) for angle in (0.0, 1.2, 2.6)]
-    session = robot_session(own.robot_session(np.random.default_rng(8), [], legs=legs))
+    session = GroupedSession(own.robot_session(np.random.default_rng(8), [], legs=legs), QUANTITIES)
     return session, AxesBlock(session, {})
 
 

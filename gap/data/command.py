@@ -1,0 +1,117 @@
+"""Commands: tables of set-points without the rows that straight lines between neighbours give, and their kinks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from sim_devices.chain import FloatArray
+
+COLLINEAR = 2e-5
+"""Of a command's range: how far a row that is left out may be from the straight line that takes its place."""
+DENSE = 50
+"""Rows of a table from which on a change between two of them is a step, not a ramp between them."""
+STEP = 0.02
+"""Of a command's range: the least change between two rows of a dense table that may be a step."""
+NEAR, AROUND = 0.02, 1.0
+"""s: what bends within `NEAR` of a row is the same kink, and what bends within `AROUND` says whether rows bend there
+anyhow."""
+SHARPER = 4.0
+"""Times the usual bend around a row, from which on it is a kink and not a place on a smooth curve."""
+FAINT = 1e-4
+"""Of a command's range, per second: a change of its rate below which there is no kink."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """A commanded quantity over the whole session: times (m,) s and values (m,), two points at one time for a step;
+    straight in between. ``kinks`` (k,) s are those times at which its rate jumps."""
+
+    time: FloatArray
+    value: FloatArray
+    kinks: FloatArray
+
+
+def command(time: FloatArray, value: FloatArray) -> Command:
+    """The command of one recording from its table of set-points (n,)."""
+    time, value = stepped(time, value)
+    keep = needed_rows(time, value, COLLINEAR * float(np.ptp(value)))
+    time, value = time[keep], value[keep]
+    return Command(time, value, time[bends(time, value)])
+
+
+def stepped(time: FloatArray, value: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The table with every jump between two rows of a dense one as a step at the later: that is when it was
+    commanded."""
+    span = float(np.ptp(value)) if len(value) else 0.0
+    if len(time) < DENSE or span == 0:
+        return time, value
+    dt, change = np.diff(time), np.diff(value)
+    usual = float(np.median(dt))
+    slope = np.divide(change, dt, out=np.zeros(len(dt)), where=dt > 0)
+    jump = (dt > 0.5 * usual) & (np.abs(change) > STEP * span) & (np.abs(slope) * usual > STEP * span)
+    alone = jump & ~np.r_[False, jump[:-1]] & ~np.r_[jump[1:], False]
+    # A smooth command that is quick moves as much in the rows around.
+    beside = np.maximum(np.abs(np.r_[0.0, change[:-1]]), np.abs(np.r_[change[1:], 0.0]))
+    at = np.flatnonzero(alone & (beside < 0.5 * np.abs(change))) + 1
+    return np.insert(time, at, time[at]), np.insert(value, at, value[at - 1])
+
+
+def needed_rows(time: FloatArray, value: FloatArray, tolerance: float) -> NDArray[np.bool_]:
+    """Which rows (n,) of a table straight lines need to pass every row within ``tolerance``."""
+    keep = np.zeros(len(time), dtype=bool)
+    keep[[0, -1]] = True
+    _swing(time, value, tolerance, keep)
+    return keep
+
+
+@njit(cache=True)
+def _swing(time: FloatArray, value: FloatArray, tolerance: float, keep: NDArray[np.bool_]) -> None:
+    """From each kept row on as far as one straight line through it meets all rows on the way (swinging door)."""
+    anchor = 0
+    low, high = -np.inf, np.inf
+    for i in range(1, len(time)):
+        dt = time[i] - time[anchor]
+        step = time[i] <= time[i - 1]
+        if dt > 0.0 and not step:
+            slope = (value[i] - value[anchor]) / dt
+            if low <= slope <= high:
+                low, high = max(low, slope - tolerance / dt), min(high, slope + tolerance / dt)
+                continue
+        keep[i - 1] = True
+        anchor = i - 1
+        dt = time[i] - time[anchor]
+        if dt <= 0.0:  # both points of a step stay
+            keep[i] = True
+            anchor = i
+            low, high = -np.inf, np.inf
+        else:
+            slope = (value[i] - value[anchor]) / dt
+            low, high = slope - tolerance / dt, slope + tolerance / dt
+
+
+def bends(time: FloatArray, value: FloatArray) -> NDArray[np.bool_]:
+    """At which of the rows (m,) of a thinned table its rate jumps: not where it only bends as all around.
+
+    The first and the last row count, and so does a step.
+    """
+    m = len(time)
+    if m < 3:
+        return np.ones(m, dtype=bool)
+    span = float(np.ptp(value)) or 1.0
+    dt = np.diff(time)
+    slope = np.divide(np.diff(value), dt, out=np.full(m - 1, np.inf), where=dt > 0)
+    with np.errstate(invalid="ignore"):
+        bend = np.r_[np.inf, np.abs(np.diff(slope)), np.inf]
+    bend[np.isnan(bend)] = np.inf
+    kink = bend > FAINT * span
+    first, last = np.searchsorted(time, time - AROUND), np.searchsorted(time, time + AROUND, side="right")
+    for i in range(1, m - 1):
+        if kink[i] and np.isfinite(bend[i]):
+            around = bend[first[i] : last[i]][np.abs(time[first[i] : last[i]] - time[i]) > NEAR]
+            around = around[np.isfinite(around)]
+            kink[i] = len(around) < 3 or bend[i] > SHARPER * float(np.median(around))
+    return kink

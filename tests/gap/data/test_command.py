@@ -1,0 +1,55 @@
+"""Commands from tables of set-points: nothing that was commanded goes, and kinks are told from curves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gap.data.command import COLLINEAR, command
+
+ROWS = np.arange(0.0, 60.0, 0.02)
+
+
+def off(time: np.ndarray, value: np.ndarray) -> float:
+    """Largest difference between a table and its command, as a share of the range."""
+    c = command(time, value)
+    fine = np.linspace(time[0], time[-1], 30001)
+    return float(np.max(np.abs(np.interp(fine, c.time, c.value) - np.interp(fine, time, value))) / np.ptp(value))
+
+
+@pytest.mark.parametrize("hertz", [0.01, 0.03, 0.05, 0.1, 0.5, 2.0])
+def test_a_slow_sine_in_a_dense_table_stays_one(hertz: float) -> None:
+    """Of rows of 20 ms on a sine below 0.1 Hz none bends by much: a straight line was made of it."""
+    assert off(ROWS, 1e-3 * np.sin(2 * np.pi * hertz * ROWS)) < 2 * COLLINEAR
+
+
+def test_a_sum_of_sines_and_a_coarse_table_stay_what_they_are() -> None:
+    many = sum(np.sin(2 * np.pi * f * ROWS + f) for f in (0.03, 0.11, 0.4))
+    assert off(ROWS, many) < 2 * COLLINEAR
+    assert off(ROWS[::25], many[::25]) < 2 * COLLINEAR
+
+
+def test_smooth_commands_have_no_kinks_and_triangles_have_theirs() -> None:
+    assert list(command(ROWS, np.sin(2 * np.pi * 0.08 * ROWS)).kinks) == [ROWS[0], ROWS[-1]]
+    corners = np.array([0.0, 1.0, 6.0, 11.0, 16.0, 59.98])
+    triangle = command(ROWS, np.interp(ROWS, corners, [0, 0, 1, 0, 1, 1]))
+    assert triangle.kinks == pytest.approx(corners)
+    assert len(triangle.time) == len(corners)
+
+
+def test_a_jump_between_two_rows_is_a_step_at_the_later() -> None:
+    c = command(ROWS, np.where((ROWS > 2.01) & (ROWS < 10.0), -3e4, 0.0))
+    jumps = np.flatnonzero(np.diff(c.time) == 0)
+    assert c.time[jumps] == pytest.approx([2.02, 10.0])
+    assert set(c.time[jumps]) <= set(c.kinks)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=60), st.floats(0.01, 1.0))
+def test_any_table_of_few_rows_is_met_at_every_row(values: list[float], period: float) -> None:
+    time, value = period * np.arange(len(values)), np.asarray(values)
+    c = command(time, value)
+    if len(time) < 50 and np.ptp(value) > 1e-9:
+        assert np.interp(time, c.time, c.value) == pytest.approx(value, abs=1.01 * COLLINEAR * np.ptp(value) + 1e-12)
