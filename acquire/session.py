@@ -13,7 +13,7 @@ import platform
 import secrets
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -39,6 +39,7 @@ from drivers.device import Identity, Status
 from protocols import Limits, Protocol, Setpoints, compile_protocol, dump, effective_limits, find, load, units
 
 if TYPE_CHECKING:
+    from drivers.device import Rig
     from sim_devices.servers import BackDoor, Server
 
 MAX_SPEED = 1e5
@@ -49,6 +50,7 @@ PACKAGES = ("skinrig", "numpy", "scipy", "numba", "h5py", "pyserial", "pyusb")
 class Request:
     """Who and what a run is for. ``repeat`` counts repeats of the same measurement, from 1.
 
+    ``gvt`` is the grey-value threshold at which a camera's contours are read; None for the station's or a proposed one.
     Raises ValueError for a ``subject`` that is no pseudonym (see `acquire.pseudonym`).
     """
 
@@ -58,6 +60,7 @@ class Request:
     repeat: int = 1
     specimen: str = "skin"
     notes: str = ""
+    gvt: float | None = None
 
     def __post_init__(self) -> None:
         pseudonym.check(self.subject)
@@ -235,7 +238,8 @@ class Session:
         name = name or self.station.find(protocol.instrument)
         request = request or Request()
         plan = self.plan(name, protocol, request, out)
-        return self.open(name, opening=protocol.setup.opening, specimen=request.specimen), plan
+        engine = self.open(name, opening=protocol.setup.opening, specimen=request.specimen)
+        return engine, _with_threshold(plan, engine.rig, request.gvt)
 
     def run(
         self,
@@ -386,6 +390,28 @@ def calibration(entry: Instrument, protocol: Protocol) -> dict[str, dict[str, An
             unit = units.KINDS[kind][0]
             result[name] = {"value": value, "unit": unit, "provenance": "documented", "note": "by the protocol"}
     return result
+
+
+def _with_threshold(plan: RunPlan, rig: Rig, gvt: float | None) -> RunPlan:
+    """The plan with the grey-value threshold that its contours are read at, live and in the recording alike.
+
+    It belongs to the plan: it is settled before the run and stays to its end. Where no proposal is sure yet, one is
+    made from the recorded frames. Heights count from the tissue as it is now.
+    """
+    from drivers.aspiration.camera import Camera
+
+    for source in rig.sources:
+        if not isinstance(source, Camera) or source.measure is None:
+            continue
+        source.measure.use(gvt)
+        source.measure.rest()
+        settings = source.measure.settings
+        if settings.gvt is not None:
+            how = ("measured", "proposed before the run") if source.measure.proposes else ("documented", "set")
+            facts = {"value": settings.gvt, "unit": "1", "provenance": how[0], "note": how[1]}
+            facts |= {"apex": settings.apex, "tissue": settings.tissue}
+            plan = replace(plan, info=replace(plan.info, calibration={**plan.info.calibration, "gvt": facts}))
+    return plan
 
 
 def _settled(station: Station) -> Station:

@@ -31,7 +31,7 @@ def with_contour(recording: Recording, settings: Settings | None = None) -> Reco
     frames = recording.frames
     if frames is None or not len(frames.time) or not frames.scale:
         return recording
-    settings = settings or Settings(gvt=_known_gvt(recording))
+    settings = settings or Settings(**_known(recording))
     before = _frames_before_suction(recording, frames)
     found = analyse_frames(frames.data, frames.scale, replace(settings, initial_frames=max(before, 1)))
     zero = found["initial_height"] if before and np.isfinite(found["initial_height"]) else 0.0
@@ -47,11 +47,13 @@ def with_contour(recording: Recording, settings: Settings | None = None) -> Reco
     }
     streams = dict(recording.streams)
     streams.setdefault(CHANNEL, series(found["height"] - zero))
-    how, provenance = ("set", "documented") if settings.gvt is not None else ("proposed", "measured")
+    known = dict(recording.info.calibration.get("gvt", {}))
+    provenance = known.get("provenance", "documented" if settings.gvt is not None else "measured")
+    how = "set" if provenance == "documented" else "proposed"
     seen = {"apex": settings.apex, "tissue": settings.tissue}
     calibration = {
         **recording.info.calibration,
-        "gvt": {"value": float(found["gvt"]), "unit": "1", "provenance": provenance, **seen},
+        "gvt": {**known, "value": float(found["gvt"]), "unit": "1", "provenance": provenance, **seen},
         "initial_height": {"value": float(zero), "unit": "m", "provenance": "measured"},
     }
     text = (
@@ -73,15 +75,13 @@ def contour_of(recording: Recording, index: int) -> Contour | None:
 
     if recording.frames is None or "gvt" not in recording.info.calibration:
         return None
-    gvt = recording.info.calibration["gvt"]
-    settings = Settings(gvt=float(gvt["value"]), apex=gvt.get("apex", "up"), tissue=gvt.get("tissue", "dark"))
-    return analyse_frame(np.asarray(recording.frames.data[index]), settings)
+    return analyse_frame(np.asarray(recording.frames.data[index]), Settings(**_known(recording)))
 
 
-def _known_gvt(recording: Recording) -> float | None:
-    """The GVT that the operator set, if the run's calibration has one."""
-    gvt = recording.info.calibration.get("gvt", {})
-    return float(gvt["value"]) if gvt.get("provenance") == "documented" else None
+def _known(recording: Recording) -> dict[str, Any]:
+    """The settings that the run was planned with, as its calibration tells them; none where nothing was settled."""
+    gvt = recording.info.calibration.get("gvt")
+    return {} if gvt is None else {"gvt": float(gvt["value"]), **{k: gvt[k] for k in ("apex", "tissue") if k in gvt}}
 
 
 def _frames_before_suction(recording: Recording, frames: Frames) -> int:

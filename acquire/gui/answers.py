@@ -7,10 +7,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from acquire.gui.messages import ChannelInfo, InstrumentInfo, Preview, ProtocolEntry
+from acquire.gui.messages import BenchSettings, ChannelInfo, InstrumentInfo, Preview, ProtocolEntry
 
 if TYPE_CHECKING:
     from acquire.session import Session
+    from acquire.station import Station
+
+
+def station(bench: BenchSettings) -> Station:
+    """The station file that the bench names, the simulated one for none.
+
+    Raises ProtocolError (a ValueError) with file, line and field of every fault, OSError.
+    """
+    from acquire.station import load_station, simulated_station
+
+    return load_station(bench.station) if bench.station else simulated_station(bench.tissue, seed=bench.seed)
 
 
 def instruments(session: Session) -> tuple[InstrumentInfo, ...]:

@@ -12,7 +12,7 @@ from typing import Any
 from PySide6.QtCore import QObject, Signal
 
 from acquire.gui import worker
-from acquire.gui.messages import ALIVE, STOP, BenchSettings, Command, Finished, Ready, Reply, View
+from acquire.gui.messages import ALIVE, STOP, BenchSettings, Command, Finished, Ready, Refused, Reply, View
 
 SILENT = 3.0  # s without a view after which the worker is said not to answer
 FAREWELL = 15.0  # s that the worker may take to finish recordings
@@ -22,6 +22,7 @@ class Client(QObject):
     """One worker process. The window's timer calls `poll`; nothing here ever waits, save `close`."""
 
     ready = Signal(object)  # Ready
+    refused = Signal(str)  # the station cannot be used, with file and line; the worker has ended
     views = Signal(object)  # tuple[View, ...]
     finished = Signal(object)  # Finished
     lost = Signal(str)  # the worker ended or does not answer, in plain words
@@ -115,10 +116,13 @@ class Client(QObject):
             self.views.emit(tuple(views))
             views.clear()
 
-    def _dispatch(self, update: Ready | Reply | Finished) -> None:
+    def _dispatch(self, update: Ready | Refused | Reply | Finished) -> None:
         if isinstance(update, Ready):
             self._greeted = True
             self.ready.emit(update)
+        elif isinstance(update, Refused):
+            self.close()
+            self.refused.emit(update.fault)
         elif isinstance(update, Finished):
             self.finished.emit(update)
         elif (answer := self._answers.pop(update.number, None)) is not None:

@@ -18,39 +18,36 @@ from drivers.signals import Block, FloatArray, Frame
 
 if TYPE_CHECKING:
     from acquire.engine import RunEngine
-    from drivers.aspiration.contour import Contour, Pipeline
+    from drivers.device import Rig
     from protocols import Setpoints
 
 FINE = 0.05  # s of device time that one pair of points stands for
 PATH = ("probe_x", "probe_y", "probe_z", "force_x", "force_y", "force_z")
 WIDEST = 400  # px of a picture on the screen
-SURE = 0.5  # confidence from which a proposed threshold is kept
 
 
 class Feed:
-    """Empties one engine's display queue. Used by the publisher's thread; `begin`, `threshold` by any."""
+    """Empties one engine's display queue. Used by the publisher's thread; `begin` by any."""
 
-    def __init__(self, name: str, scale: float) -> None:
-        """``scale`` of the camera is in m/px."""
+    def __init__(self, name: str) -> None:
         self.name = name
         self.error = ""
-        self.threshold: float | None = None
-        self._scale = scale
+        self.opening = False  # its links are being opened
         self._run = 0
         self._edges: FloatArray = np.zeros(1)
         self._origin = math.nan
         self._disk = Disk()
-        self._pipeline: Pipeline | None = None
 
     def begin(self, setpoints: Setpoints) -> None:
         """A run of ``setpoints`` begins."""
         self._edges = setpoints.edges
         self._origin = math.nan
         self._run += 1
-        self._pipeline = None
 
-    def view(self, engine: RunEngine, out: Path) -> View:
-        """The instrument now, with everything that arrived since the last call."""
+    def view(self, engine: RunEngine | None, out: Path) -> View:
+        """The instrument now, with everything that arrived since the last call; None while it was never opened."""
+        if engine is None:
+            return View(self.name, "connecting" if self.opening else "idle", self.error)
         items = engine.display.take()
         blocks = [item for item in items if isinstance(item, Block) and len(item)]
         frames = [item for item in items if isinstance(item, Frame)]
@@ -58,9 +55,10 @@ class Feed:
         if math.isnan(self._origin) and status is not None and status.state == "running":
             self._origin = self._origin_by(status)
         identity = next(iter(engine.identities.values()), None)
+        state = str(progress.state)
         return View(
             name=self.name,
-            state=str(progress.state),
+            state="connecting" if self.opening and state in ("idle", "failed") else state,
             error=self.error,
             identity=f"{identity.model}, {identity.serial}" if identity else "",
             trip=trip.message if trip else "",
@@ -78,8 +76,9 @@ class Feed:
             fill=progress.recorder_fill,
             disk=self._disk.left(sum(nbytes(item) for item in items), out),
             points=_points(blocks),
+            latest={name: float(value[-1]) for block in blocks for name, value in block.values.items()},
             path=_path(blocks),
-            picture=self._seen(frames[-1]) if frames else None,
+            picture=_picture(engine.rig, frames[-1]) if frames else None,
         )
 
     def _origin_by(self, status: Status) -> float:
@@ -87,21 +86,18 @@ class Feed:
         known = math.isfinite(status.began) and status.executed < len(self._edges)
         return status.began - float(self._edges[status.executed]) if known else math.nan
 
-    def _seen(self, frame: Frame) -> Picture:
-        """The frame made small, with its contour."""
-        step = -(-frame.image.shape[1] // WIDEST)
-        small = np.ascontiguousarray(frame.image[::step, ::step])
-        found = self._measure(frame)
-        height = found.height * self._scale if self._scale else math.nan
-        return Picture(small, found.outline() / step, found.gvt, height, found.confidence, found.flags)
 
-    def _measure(self, frame: Frame) -> Contour:
-        from drivers.aspiration.contour import Pipeline, Settings
+def _picture(rig: Rig, newest: Frame) -> Picture:
+    """The newest frame made small, with the contour that the recorded height is read from."""
+    from drivers.aspiration.camera import Camera
 
-        asked, pipeline = self.threshold, self._pipeline
-        if pipeline is None or pipeline.settings.gvt != asked or pipeline.gvt_confidence < SURE:
-            pipeline = self._pipeline = Pipeline.prepare([frame.image], Settings(gvt=asked))
-        return pipeline.measure(frame.image)
+    seen = next((source.seen for source in rig.sources if isinstance(source, Camera) and source.seen), (newest, None))
+    frame, contour = seen
+    step = -(-frame.image.shape[1] // WIDEST)
+    small = np.ascontiguousarray(frame.image[::step, ::step])
+    if contour is None:
+        return Picture(small, np.empty((0, 2)))
+    return Picture(small, contour.outline() / step, contour.gvt, contour.confidence, contour.flags)
 
 
 class Disk:

@@ -106,18 +106,22 @@ class InstrumentInfo:
     channels: tuple[ChannelInfo, ...]
     camera: bool
 
+    @property
+    def label(self) -> str:
+        """How it is called everywhere: by the station's name, and what it is where the name does not say."""
+        return self.title if self.name == self.kind else f"{self.name} – {self.title}"
+
 
 @dataclass(frozen=True)
 class Picture:
-    """A camera frame made small for the screen, its contour (n, 2; column and row of ``image``) and the apex in words.
+    """A camera frame made small for the screen, and its contour (n, 2; column and row of ``image``; empty for none).
 
-    ``gvt`` is the grey-value threshold used (NaN: none found), ``height`` the apex above the foot in m (NaN: unknown).
+    ``gvt`` is the grey-value threshold used (NaN: none found), ``confidence`` that of the contour, 0 … 1.
     """
 
     image: NDArray[np.uint8]
     outline: FloatArray
     gvt: float = math.nan
-    height: float = math.nan
     confidence: float = math.nan
     flags: tuple[str, ...] = ()
 
@@ -126,10 +130,10 @@ class Picture:
 class View:
     """One instrument as the worker sees it now, and the data since the last view.
 
-    ``points`` maps channel to (time, value), thinned by extremes; ``path`` (n, 6) is tip position (m) and force (N);
-    ``origin`` the device time at which the protocol began (NaN: not yet). ``run`` counts runs: another one clears the
-    plots. Times are in s; ``left`` is what remains of the running segment, ``disk`` how long the disk lasts at the
-    present rate (NaN: nothing arrives).
+    ``points`` maps channel to (time, value), thinned by extremes, ``latest`` to its newest value (NaN: not measurable);
+    ``path`` (n, 6) is tip position (m) and force (N); ``origin`` the device time at which the protocol began (NaN: not
+    yet). ``run`` counts runs: another one clears the plots. Times are in s; ``left`` is what remains of the running
+    segment, ``disk`` how long the disk lasts at the present rate (NaN: nothing arrives).
     """
 
     name: str
@@ -151,6 +155,7 @@ class View:
     fill: float = 0.0
     disk: float = math.nan
     points: Mapping[str, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
+    latest: Mapping[str, float] = field(default_factory=dict)
     path: FloatArray | None = None
     picture: Picture | None = None
 
@@ -189,4 +194,11 @@ class Ready:
     instruments: tuple[InstrumentInfo, ...]
 
 
-Update = Ready | Reply | Finished | tuple[View, ...]
+@dataclass(frozen=True)
+class Refused:
+    """The station cannot be used, and the worker has ended: ``fault`` names file, line and field."""
+
+    fault: str
+
+
+Update = Ready | Refused | Reply | Finished | tuple[View, ...]

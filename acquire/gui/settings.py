@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from PySide6.QtCore import QByteArray, QSettings
 
@@ -24,12 +23,13 @@ class Remembered:
 
 
 def load(store: QSettings) -> Remembered:
-    """What was remembered; defaults for what was not, and for files that are gone."""
+    """What was remembered; defaults for what was not.
+
+    A station file that is gone stays: the simulated bench must not open in its place.
+    """
     kept = Remembered()
     for name in ("theme", "out", "station", "operator", "instrument"):
         setattr(kept, name, str(store.value(name, getattr(kept, name))))
-    if kept.station and not Path(kept.station).is_file():
-        kept.station = ""
     store.beginGroup("protocols")
     kept.protocols = {kind: str(store.value(kind)) for kind in store.childKeys()}
     store.endGroup()

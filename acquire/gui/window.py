@@ -1,73 +1,46 @@
-"""The main window: it puts the panels together and carries what a person wants to the worker and back."""
+"""The main window: it carries what a person wants to the worker and back, and shows it on its panels."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import QSettings, Qt, QTimer
-from PySide6.QtGui import QAction, QCloseEvent, QKeySequence
-from PySide6.QtWidgets import (
-    QApplication,
-    QFileDialog,
-    QHBoxLayout,
-    QMainWindow,
-    QMessageBox,
-    QScrollArea,
-    QStackedWidget,
-    QTabWidget,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtGui import QCloseEvent
+from PySide6.QtWidgets import QApplication
 
-from acquire.gui import settings, theme
+from acquire.gui import dialogs, settings, theme
 from acquire.gui.client import Client
 from acquire.gui.estop import EmergencyStop
-from acquire.gui.messages import (
-    LIVE,
-    NEEDS_RESET,
-    BenchSettings,
-    Finished,
-    Measurement,
-    ProtocolEntry,
-    Ready,
-    Reply,
-    View,
-)
-from acquire.gui.panels.banner import Banner
-from acquire.gui.panels.controls import ControlBar
-from acquire.gui.panels.health import Health
-from acquire.gui.panels.instruments import InstrumentsPanel
+from acquire.gui.latches import Latches
+from acquire.gui.layout import Layout
+from acquire.gui.messages import LIVE, BenchSettings, Finished, Measurement, ProtocolEntry, Ready, Reply, View
 from acquire.gui.panels.measure import MeasurePanel
-from acquire.gui.panels.prepare import PreparePanel
-from acquire.gui.panels.subject import SubjectPanel
-from acquire.gui.recordings import Recordings
 
 FRAME = 33  # ms between two turns of the one timer
-SIDE = 396  # px, the column of instruments and subject
+CLOSED = ("idle", "connecting")  # states in which an emergency stop may find nothing to stop
 
 
-class MainWindow(QMainWindow):
+class MainWindow(Layout):
     """The operator's window on one bench.
 
     ``store`` is where settings are kept (the user's own by default).
     """
 
     def __init__(self, bench: BenchSettings, store: QSettings | None = None) -> None:
-        super().__init__()
-        self.setWindowTitle("skinrig")
+        super().__init__(bench.out)
         self.store = store or QSettings(settings.ORGANISATION, settings.APPLICATION)
         self.kept = settings.load(self.store)
         self.bench = bench
-        self.latched = False
+        self.latches = Latches()
         self.views: dict[str, View] = {}
+        self._gone = ""  # why the worker is not there, if it is not
         self._asked_to_run: set[str] = set()  # instruments between START and the first view of the run
-        self._resetting: set[str] = set()
         self._entries: tuple[ProtocolEntry, ...] = ()
         self._drawn: dict[str, MeasurePanel] = {}
-        self._build()
-        self._menu()
+        self.restoreGeometry(self.kept.geometry)
+        self.subject.operator.setText(self.kept.operator)
+        self._wire()
         app = QApplication.instance()
         assert isinstance(app, QApplication)
         self.estop = EmergencyStop(app, lambda: self.live)
@@ -80,52 +53,9 @@ class MainWindow(QMainWindow):
         self._timer.timeout.connect(self.tick)
         self._timer.start(FRAME)
 
-    # Building ---------------------------------------------------------------------------------------------------------
-
-    def _build(self) -> None:
-        self.instruments, self.subject = InstrumentsPanel(), SubjectPanel()
-        self.controls, self.health = ControlBar(), Health()
-        self.alarm, self.prepare = Banner("alarm", "Reset"), PreparePanel()
-        self.measure = QStackedWidget()
-        self.recordings = Recordings(self.bench.out, self)
-        kept = self.recordings
-        self.tabs = QTabWidget()
-        for widget, title in (
-            (self.prepare, "Protocol"), (self.measure, "Measure"), (kept.result, "Result"),
-            (kept.browser, "Recordings"), (kept.diagnosis, "Diagnosis"), (kept.fit, "Fit"),
-        ):  # fmt: skip
-            self.tabs.addTab(widget, title)
-        side = QWidget()
-        column = QVBoxLayout(side)
-        column.setContentsMargins(0, 0, 6, 0)
-        column.addWidget(self.instruments)
-        column.addWidget(self.subject)
-        column.addStretch(1)
-        scroll = QScrollArea()
-        scroll.setWidget(side)
-        scroll.setWidgetResizable(True)
-        scroll.setFrameShape(QScrollArea.Shape.NoFrame)
-        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        scroll.setFixedWidth(SIDE)
-        row = QHBoxLayout()
-        row.addWidget(scroll)
-        row.addWidget(self.tabs, 1)
-        central = QWidget()
-        column = QVBoxLayout(central)
-        column.addWidget(self.controls)
-        column.addWidget(self.alarm)
-        column.addWidget(kept.offer)
-        column.addLayout(row, 1)
-        self.setCentralWidget(central)
-        self.statusBar().addPermanentWidget(self.health, 1)
-        self.resize(1280, 860)
-        self.restoreGeometry(self.kept.geometry)
-        self.subject.operator.setText(self.kept.operator)
-        self._wire()
-
     def _wire(self) -> None:
         self.instruments.chosen.connect(self._choose_instrument)
-        self.instruments.wanted.connect(lambda action, name: self._ask(action, name))
+        self.instruments.wanted.connect(self._act)
         self.instruments.station_wanted.connect(self._change_station)
         self.subject.changed.connect(lambda: self._count())
         self.subject.settled.connect(self._preview)
@@ -137,28 +67,12 @@ class MainWindow(QMainWindow):
         self.controls.halt.connect(lambda: self._ask("abort", self.current))
         self.controls.estop.connect(self.emergency_stop)
         self.alarm.accepted.connect(self.reset)
+        self.dark_action.triggered.connect(self._other_theme)
         self.recordings.browser.folder_wanted.connect(self._change_folder)
         self.recordings.read.connect(lambda: self._count())
         self.recordings.said.connect(self._say)
         self.recordings.page_wanted.connect(self.tabs.setCurrentWidget)
         self.recordings.result_ready.connect(lambda page: None if self.live else self.tabs.setCurrentWidget(page))
-
-    def _menu(self) -> None:
-        view = self.menuBar().addMenu("&View")
-        for number in range(self.tabs.count()):
-            action = QAction(self.tabs.tabText(number), self)
-            action.setShortcut(QKeySequence(f"Ctrl+{number + 1}"))
-            action.triggered.connect(partial(self.tabs.setCurrentIndex, number))
-            view.addAction(action)
-        view.addSeparator()
-        dark = QAction("Light or &dark (from the next start)", self)
-        dark.setShortcut("Ctrl+D")
-        dark.triggered.connect(self._other_theme)
-        view.addAction(dark)
-        quit_action = QAction("&Quit", self)
-        quit_action.setShortcut(QKeySequence.StandardKey.Quit)
-        quit_action.triggered.connect(self.close)
-        view.addAction(quit_action)
 
     # What goes on -----------------------------------------------------------------------------------------------------
 
@@ -173,54 +87,74 @@ class MainWindow(QMainWindow):
         return bool(self._asked_to_run) or any(view.state in LIVE for view in self.views.values())
 
     @property
+    def latched(self) -> bool:
+        """Whether anything is stopped until a person resets it."""
+        return bool(self._gone or self.latches.stopped)
+
+    @property
     def ready(self) -> bool:
         """Whether START may be pressed, as far as the window knows."""
         preview, row = self.prepare.preview, self.instruments.rows.get(self.current)
         fits = preview is not None and row is not None and preview.instrument == row.info.kind
-        return fits and not self.latched and self.subject.sound and self.recordings.listed
+        return fits and self._startable and self.subject.sound and self.recordings.listed
+
+    @property
+    def _startable(self) -> bool:
+        return not self._gone and not self.latches.holds(self.current)
 
     def tick(self) -> None:
         """One turn of the timer: liveness, news, painting."""
         self.client.poll()
+        for panel in self._drawn.values():
+            panel.tick()
         self.recordings.tick()
         self.health.count_frame()
 
     def _show_views(self, views: tuple[View, ...]) -> None:
         for view in views:
             self.views[view.name] = view
+            self.latches.see(view)
             if view.state in LIVE:
                 self._asked_to_run.discard(view.name)
             panel = self._drawn.get(view.name)
             if panel is not None:
                 panel.show_view(view, self.measure.currentWidget() is panel and panel.isVisible())
         self.instruments.show_views(views)
-        self._show_controls()
         self.health.show_view(self.views.get(self.current))
-        for view in views:
-            if view.state in NEEDS_RESET and view.name not in self._resetting and self.alarm.isHidden():
-                self.latched = True
-                self.alarm.say(
-                    f"{view.state.upper()} – {view.trip or view.error or view.name}. Look first, then reset."
-                )
+        self._show_controls()
 
     def _show_controls(self) -> None:
-        self.controls.show_view(self.views.get(self.current), ready=self.ready)
+        row = self.instruments.rows.get(self.current)
+        label = row.info.label if row is not None else ""
+        self.controls.show_view(self.views.get(self.current), label, ready=self.ready, fault=self._gone)
+        several = len(self.latches.stopped) > 1
+        if self._gone:
+            self.alarm.say(self._gone, "Start it again")
+        elif self.latched:
+            self.alarm.say(self.latches.words(), "Reset all" if several else "Reset")
+        else:
+            self.alarm.hide()
 
     # The bench --------------------------------------------------------------------------------------------------------
 
     def _connect_bench(self) -> None:
+        """Start a worker on the bench as it is set now; nothing of another one is left."""
+        self._gone = ""
+        self._forget()
+        self.instruments.show_bench("starting …", ())
+        for panel in self._drawn.values():
+            self.measure.removeWidget(panel)
+            panel.deleteLater()
+        self._drawn = {}
         self.client = Client(self.bench, self)
         self.client.ready.connect(self._show_ready)
+        self.client.refused.connect(self._refused)
         self.client.views.connect(self._show_views)
         self.client.finished.connect(self._finished)
         self.client.lost.connect(self._lost)
 
     def _show_ready(self, ready: Ready) -> None:
-        self.views.clear()
         self.instruments.show_bench(ready.station, ready.instruments)
-        for old in self._drawn.values():
-            self.measure.removeWidget(old)
-            old.deleteLater()
         self._drawn = {info.name: MeasurePanel(info) for info in ready.instruments}
         for name, panel in self._drawn.items():
             self.measure.addWidget(panel)
@@ -243,23 +177,34 @@ class MainWindow(QMainWindow):
 
     def _change_station(self, simulated: bool) -> None:
         """Another bench: another worker."""
-        path = ""
-        if not simulated:
-            path = self._file("Station file", "Station (*.yaml *.yml)")
-            if not path:
-                return
         if self.live:
-            self.statusBar().showMessage("Stop the run before changing the bench.", 8000)
+            self._say("Stop the run before changing the bench.")
             return
-        self.kept.station = path
-        self.bench = replace(self.bench, station=Path(path) if path else None)
-        self.client.close()
-        self._connect_bench()
+        path = "" if simulated else dialogs.ask_file(self, "Station file", "Station (*.yaml *.yml)")
+        if path or simulated:
+            self.kept.station = path
+            self.bench = replace(self.bench, station=Path(path) if path else None)
+            self.client.close()
+            self._connect_bench()
+
+    def _refused(self, fault: str) -> None:
+        """The station file cannot be used; the window never opens another bench in its place by itself."""
+        self.instruments.show_refusal(fault)
+        dialogs.refuse(self, "This station cannot be used", f"{fault}\n\nNo instrument is open. Choose another bench.")
+
+    def _forget(self) -> None:
+        """Nothing is known of any instrument any more."""
+        self.views.clear()
+        self.latches.clear()
+        self._asked_to_run.clear()
+        self.health.show_view(None)
 
     def _lost(self, why: str) -> None:
-        self._asked_to_run.clear()
-        self.latched = True
-        self.alarm.say(f"{why[0].upper()}{why[1:]}.", "Start it again")
+        """The worker is gone: whatever is on the screen is of the past, and looks so."""
+        self._gone = f"{why[0].upper()}{why[1:]}."
+        self._forget()
+        self.instruments.show_lost()
+        self._show_controls()
 
     # Runs -------------------------------------------------------------------------------------------------------------
 
@@ -308,30 +253,38 @@ class MainWindow(QMainWindow):
         self.client.ask("run", name, started, protocol=self.prepare.chosen, **self.subject.who(), **gvt)
 
     def emergency_stop(self) -> None:
-        """Vent everything, by a pipe that carries nothing else; latched until `reset`."""
+        """Vent everything, by a pipe that carries nothing else; each instrument is latched until it is reset."""
         self.client.stop()
-        self.latched = True
-        self._resetting.clear()
-        self.alarm.say("EMERGENCY STOP – everything vents. Look first, then reset.")
+        opened = [name for name, view in self.views.items() if view.state not in CLOSED]
+        self.latches.stop(opened)
+        if not opened:
+            self._say("Emergency stop: no instrument is connected.")
         self._show_controls()
 
     def reset(self) -> None:
-        """A person looked: acknowledge what stopped the instruments and open their links anew."""
-        self.latched = False
-        self.alarm.hide()
-        if not self.client.alive:
-            self.client.close()
-            self._connect_bench()
-            return
-        stopped = [name for name, view in self.views.items() if view.state in NEEDS_RESET]
-        self._resetting = set(stopped)
+        """A person looked: acknowledge every stop and open the links anew, or start another worker."""
+        if self._gone:
+            alive, self._gone = self.client.alive, ""
+            if not alive:
+                self.client.close()
+                self._connect_bench()
+        for name in self.latches.stopped:
+            self._act("reset", name)
+        self._show_controls()
 
-        def done(name: str, reply: Reply) -> None:
-            self._resetting.discard(name)
+    def _act(self, action: str, name: str) -> None:
+        """What an instrument's own button asks for; a reset is the same whichever button asks for it."""
+        if action != "reset":
+            self._ask(action, name)
+            return
+
+        def done(reply: Reply) -> None:
+            self.latches.answered(name)
             self._tell(reply)
 
-        for name in stopped:
-            self.client.ask("reset", name, partial(done, name))
+        self.latches.reset(name)
+        self.client.ask("reset", name, done)
+        self._show_controls()
 
     def _finished(self, finished: Finished) -> None:
         self._asked_to_run.discard(finished.instrument)
@@ -348,15 +301,10 @@ class MainWindow(QMainWindow):
     def _say(self, text: str) -> None:
         self.statusBar().showMessage(text, 20000)
 
-    # Dialogs ----------------------------------------------------------------------------------------------------------
-
-    def _file(self, title: str, kinds: str) -> str:
-        # Qt's own dialog: a system's would not let the emergency stop's key and button in.
-        option = QFileDialog.Option.DontUseNativeDialog
-        return QFileDialog.getOpenFileName(self, title, "", kinds, options=option)[0]
+    # Small things -----------------------------------------------------------------------------------------------------
 
     def _open_protocol(self) -> None:
-        if path := self._file("Protocol", "Protocols (*.yaml *.yml)"):
+        if path := dialogs.ask_file(self, "Protocol", "Protocols (*.yaml *.yml)"):
             kind = self.instruments.rows[self.current].info.kind if self.current else ""
             self._entries = (*self._entries, ProtocolEntry(Path(path).stem, "from a file", kind, Path(path)))
             self.prepare.show_entries(self._entries, kind, path)
@@ -364,8 +312,7 @@ class MainWindow(QMainWindow):
     def _change_folder(self) -> None:
         if self.live:
             return
-        option = QFileDialog.Option.DontUseNativeDialog
-        if path := QFileDialog.getExistingDirectory(self, "Folder for recordings", str(self.bench.out), option):
+        if path := dialogs.ask_folder(self, "Folder for recordings", self.bench.out):
             self.kept.out = path
             self.bench = replace(self.bench, out=Path(path))
             self.client.close()
@@ -378,14 +325,9 @@ class MainWindow(QMainWindow):
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Qt's hook: a run that goes on is stopped and vented before the window closes, after asking."""
-        if self.live:
-            question = QMessageBox(self)
-            question.setWindowTitle("A run is going on")
-            question.setText("Stop the run, vent, and close the window?")
-            question.setStandardButtons(QMessageBox.StandardButton.Close | QMessageBox.StandardButton.Cancel)
-            if question.exec() != QMessageBox.StandardButton.Close:
-                event.ignore()
-                return
+        if self.live and not dialogs.may_close(self):
+            event.ignore()
+            return
         self.shut()
         event.accept()
 

@@ -19,7 +19,6 @@ import signal
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,6 +34,7 @@ from acquire.gui.messages import (
     Finished,
     Measurement,
     Ready,
+    Refused,
     Reply,
     Update,
 )
@@ -42,14 +42,21 @@ from acquire.gui.messages import (
 if TYPE_CHECKING:
     from acquire.engine import RunEngine
     from acquire.recording import RunInfo
+    from acquire.station import Station
 
 log = logging.getLogger(__name__)
 PERIOD = 1 / 30  # s between two views
+QUESTIONS = ("preview", "threshold")  # commands whose refusal is no fault of the instrument
 
 
 def main(bench: BenchSettings, commands: Connection, updates: Connection, safety: Connection) -> None:
     """Run until the window closes its end of the pipes. The target of the worker process."""
-    worker = Worker(bench, commands, updates, safety)
+    try:
+        station = answers.station(bench)
+    except (ValueError, OSError) as error:
+        updates.send(Refused(str(error)))  # and never another bench in its place
+        return
+    worker = Worker(station, bench, commands, updates, safety)
     with contextlib.suppress(ValueError):  # not in the main thread: in a test
         signal.signal(signal.SIGINT, lambda *_: worker.stop("emergency stop by Ctrl-C"))
         signal.signal(signal.SIGTERM, lambda *_: worker.end())
@@ -59,22 +66,16 @@ def main(bench: BenchSettings, commands: Connection, updates: Connection, safety
 class Worker:
     """The session's host. `run` returns when the window is gone or says ``quit``."""
 
-    def __init__(self, bench: BenchSettings, commands: Connection, updates: Connection, safety: Connection) -> None:
+    def __init__(
+        self, station: Station, bench: BenchSettings, commands: Connection, updates: Connection, safety: Connection
+    ) -> None:
         from acquire.session import Session
-        from acquire.station import load_station, simulated_station
 
-        self._bench = bench
         self._commands, self._updates, self._safety = commands, updates, safety
         self._outbox: queue.SimpleQueue[Update] = queue.SimpleQueue()
         self._over = threading.Event()
         self._feeds: dict[str, Feed] = {}
         self._hands: dict[str, ThreadPoolExecutor] = {}
-        self._fault = ""
-        try:
-            station = load_station(bench.station) if bench.station else simulated_station(bench.tissue, seed=bench.seed)
-        except (ValueError, OSError) as error:
-            self._fault = str(error)
-            station = simulated_station(bench.tissue, seed=bench.seed)
         self.session = Session(
             station, speed=bench.speed, out=bench.out, watched=(WINDOW,), frame_size=bench.frame_size
         )
@@ -84,10 +85,7 @@ class Worker:
         guard = threading.Thread(target=self._guard, name="guard", daemon=True)
         publisher = threading.Thread(target=self._publish, name="publisher", daemon=True)
         guard.start()
-        name = self.session.station.name or "station"
-        if self._fault:
-            name = f"{self._fault}\nThe simulated bench is open instead."
-        self._outbox.put(Ready(name, answers.instruments(self.session)))
+        self._outbox.put(Ready(self.session.station.name or "station", answers.instruments(self.session)))
         publisher.start()
         try:
             self._serve()
@@ -129,8 +127,8 @@ class Worker:
         try:
             while not self._over.wait(PERIOD):
                 self._send_replies()
-                engines = self.session.engines
-                self._updates.send(tuple(self._feed(n).view(e, self.session.out) for n, e in engines.items()))
+                engines, names = self.session.engines, self.session.station.instruments
+                self._updates.send(tuple(self._feed(n).view(engines.get(n), self.session.out) for n in names))
             self._send_replies()
         except (OSError, ValueError):
             self.end()
@@ -142,8 +140,7 @@ class Worker:
 
     def _feed(self, name: str) -> Feed:
         if name not in self._feeds:
-            scale = self.session.station.instruments[name].calibrated("frame_scale")
-            self._feeds[name] = Feed(name, scale)
+            self._feeds[name] = Feed(name)
         return self._feeds[name]
 
     # Commands ---------------------------------------------------------------------------------------------------------
@@ -164,8 +161,6 @@ class Worker:
         elif command.action == "abort":
             if name in self.session.engines:
                 self.session.engine(name).abort()
-        elif command.action == "threshold":
-            self._feed(name).threshold = command.arguments["gvt"]
         else:
             hand = self._hands.setdefault(name, ThreadPoolExecutor(1, thread_name_prefix=f"hand-{name}"))
             hand.submit(self._answer, command)
@@ -178,6 +173,7 @@ class Worker:
             "pause": lambda name: self.session.engine(name).pause(),
             "resume": lambda name: self.session.engine(name).resume(),
             "reset": self._reset,
+            "threshold": self._use_threshold,
             "protocols": lambda name, **more: answers.protocols(**more),
             "preview": lambda name, **more: answers.preview(self.session, name, **more),
         }
@@ -186,36 +182,63 @@ class Worker:
             value = actions[command.action](name, **command.arguments)
         except Exception as error:
             log.info("%s: %s: %r", name, command.action, error)
-            if name and command.action != "preview":  # a fault of a protocol is none of the instrument's
+            if name and command.action not in QUESTIONS:
                 self._feed(name).error = str(error) or repr(error)
             self._outbox.put(Reply(command.number, error=str(error) or repr(error), faults=_faults(error)))
             return
-        if name and command.action != "preview":
+        if name and command.action not in QUESTIONS:
             self._feed(name).error = ""
         self._outbox.put(Reply(command.number, value))
 
-    def _connect(self, name: str) -> None:
-        self.session.open(name)
+    def _connect(self, name: str, *, acknowledged: bool = False) -> None:
+        """Open an instrument.
+
+        One that cannot be reached latches nothing, as nothing was driven: it may be retried. One that says itself that
+        it is in a fault waits for a person's reset, who has then ``acknowledged`` it.
+        """
+        from acquire.engine import State
+        from drivers.device import Faulted
+
+        feed = self._feed(name)
+        feed.opening = True
+        try:
+            self.session.open(name, acknowledged=acknowledged)
+        except Exception as error:
+            engine = self.session.engines.get(name)
+            if engine is not None and engine.state is State.FAILED and not isinstance(error, Faulted):
+                engine.reset()
+            raise
+        finally:
+            feed.opening = False
 
     def _reset(self, name: str) -> None:
+        """Acknowledge an instrument's trip or failure, a person's, and open its links anew."""
         from acquire.engine import State
 
         engine = self.session.engine(name)
         if engine.state in (State.TRIPPED, State.FAILED):
             engine.reset()
-        engine.connect()
+        self._connect(name, acknowledged=True)
 
-    def _run(self, name: str, protocol: str, gvt: float | None = None, **who: Any) -> Path:
+    def _use_threshold(self, name: str, gvt: float | None) -> None:
+        """Read the camera's pictures at another threshold. During a run it is the plan's, and stays."""
+        from drivers.aspiration.camera import Camera
+
+        engine = self.session.engines.get(name)
+        if engine is None:
+            return
+        if engine.state.live:
+            raise ValueError("the threshold belongs to the run's plan: it can be changed when the run is over")
+        for source in engine.rig.sources:
+            if isinstance(source, Camera) and source.measure is not None:
+                source.measure.use(gvt)
+
+    def _run(self, name: str, protocol: str, **request: Any) -> Path:
         """Arm and start; the result is where the recording will be. Its end is told by `Finished`."""
         from acquire.session import Request
 
-        engine, plan = self.session.prepare(protocol, Request(**who), name=name)
-        if gvt is not None:
-            known = {"value": gvt, "unit": "1", "provenance": "documented", "note": "set by the operator"}
-            calibration = {**plan.info.calibration, "gvt": known}
-            plan = replace(plan, info=replace(plan.info, calibration=calibration))
+        engine, plan = self.session.prepare(protocol, Request(**request), name=name)
         feed = self._feed(name)
-        feed.threshold = gvt
         engine.arm(plan)
         feed.begin(plan.setpoints)
         engine.start()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ from drivers.device import Identity, LinkLost, ProtocolFault, Source
 from drivers.signals import Block, Channel, Frame
 from drivers.transports import Transport, open_transport
 
+if TYPE_CHECKING:
+    from drivers.aspiration.contour import Contour, Settings
+
 
 class Measure(Protocol):
     """From an image to the apex height in m, not a number where no contour is found (see `contour.LiveApex`)."""
@@ -23,8 +26,26 @@ class Measure(Protocol):
     def __call__(self, image: NDArray[np.uint8], /) -> float:
         """Measure one frame."""
 
+    @property
+    def latest(self) -> Contour | None:
+        """The contour of the frame that was measured last."""
+
+    @property
+    def settings(self) -> Settings:
+        """How frames are read, with the grey-value threshold in use."""
+
+    @property
+    def proposes(self) -> bool:
+        """Whether that threshold is proposed, not set."""
+
+    def use(self, gvt: float | None) -> None:
+        """Another threshold from the next frame on; None for a proposed one. From any thread."""
+
+    def rest(self) -> None:
+        """The next frame shows the tissue at rest. From any thread."""
+
     def reset(self) -> None:
-        """Begin anew: the next frame shows the tissue at rest."""
+        """Begin anew: light, threshold and rest are those of the next frame."""
 
 
 _REPLY_TIMEOUT = 2.0
@@ -33,12 +54,16 @@ _WITHIN_FRAME = 0.005
 
 
 class Camera(Source):
-    """A source of frames and, with ``measure``, of the apex height measured in each."""
+    """A source of frames and, with ``measure``, of the apex height measured in each.
+
+    ``seen`` is the newest frame with the contour that its height was read from: what is shown is what is recorded.
+    """
 
     def __init__(self, name: str, channels: tuple[Channel, ...], measure: Measure | None) -> None:
         self.name = name
         self._channels = channels if measure else ()
-        self._measure = measure
+        self.measure = measure
+        self.seen: tuple[Frame, Contour | None] | None = None
 
     @property
     def channels(self) -> tuple[Channel, ...]:
@@ -48,13 +73,14 @@ class Camera(Source):
         """A camera drives nothing."""
 
     def _rest(self) -> None:
-        if self._measure is not None:
-            self._measure.reset()
+        if self.measure is not None:
+            self.measure.reset()
 
     def _deliver(self, frames: list[Frame]) -> Sequence[Block | Frame]:
-        if not frames or self._measure is None:
+        if not frames or self.measure is None:
             return frames
-        heights = np.array([self._measure(frame.image) for frame in frames])
+        heights = np.array([self.measure(frame.image) for frame in frames])
+        self.seen = frames[-1], self.measure.latest
         block = Block(
             values={self._channels[0].name: heights},
             seq=np.array([frame.seq for frame in frames]),

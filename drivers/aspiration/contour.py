@@ -199,15 +199,40 @@ class LiveApex:
 
     The first frame with a sure GVT gives the light and the initial height; before that, and where there is no contour,
     the result is NaN. ``latest`` is the last contour, for the overlay; `reset` begins anew. ``scale`` is in m/px.
+    `use` and `rest` may be called from any thread; they take effect at the next frame.
     """
 
     def __init__(self, scale: float, settings: Settings | None = None) -> None:
         if not scale > 0:
             raise ValueError(f"the scale must be positive, not {scale}")
         self._scale = scale
-        self._settings = settings or Settings()
+        self._own = self._asked = self._used = settings or Settings()
+        self._rests = self._rested = 0
         _compile()
         self.reset()
+
+    @property
+    def settings(self) -> Settings:
+        """How frames are read, with the GVT in use; it is None while no proposal is sure."""
+        asked, pipeline = self._asked, self.pipeline
+        if asked.gvt is None and asked is self._used and pipeline is not None and pipeline.gvt_confidence >= _SURE:
+            return replace(asked, gvt=pipeline.gvt)
+        return asked
+
+    @property
+    def proposes(self) -> bool:
+        """Whether the GVT is proposed, not set."""
+        return self._asked.gvt is None
+
+    def use(self, gvt: float | None) -> None:
+        """Read the frames that follow at another GVT, None for that of the settings, and take their heights anew."""
+        asked = self._own if gvt is None else replace(self._own, gvt=gvt)
+        if asked.gvt != self._asked.gvt:
+            self._asked = asked
+
+    def rest(self) -> None:
+        """The next frame shows the tissue at rest: heights count from there."""
+        self._rests += 1
 
     def reset(self) -> None:
         """Forget light, GVT and initial height (the tissue or the lamp was moved)."""
@@ -216,14 +241,19 @@ class LiveApex:
         self._rest_row = np.nan
 
     def __call__(self, image: Image) -> float:
+        if self._used is not self._asked:
+            self._used = self._asked
+            self.reset()
+        if self._rested != self._rests:
+            self._rested, self._rest_row = self._rests, np.nan
         if self.pipeline is None or self.pipeline.gvt_confidence < _SURE:
-            self.pipeline = Pipeline.prepare([image], self._settings)
+            self.pipeline = Pipeline.prepare([image], self._used)
         self.latest = self.pipeline.measure(image)
         if self.pipeline.gvt_confidence < _SURE:
             return np.nan
         if np.isnan(self._rest_row):
             self._rest_row = self.latest.apex_row
-        sign = 1.0 if self._settings.apex == "up" else -1.0
+        sign = 1.0 if self._used.apex == "up" else -1.0
         return float(sign * (self._rest_row - self.latest.apex_row) * self._scale)
 
 

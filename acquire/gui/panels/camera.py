@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QLabel, QSlider, QVBoxLayout, QWidget
 
-from acquire.gui.messages import View
+from acquire.gui import theme
+from acquire.gui.fresh import Reading
+from acquire.gui.messages import LIVE, Picture, View
 from acquire.gui.plots import plot
+from acquire.words import shown
 
 CONTOUR = "#ffd400"  # seen on black and on white
+APEX = "apex_height"  # the channel: how far the apex has risen above the tissue at rest
+FIXED = "The threshold belongs to the run: it can be changed again when the run is over. The pictures are kept raw."
+FREE = "Grey value between tissue and background. It is the recording's too."
 
 
 class CameraPanel(QWidget):
@@ -34,8 +39,10 @@ class CameraPanel(QWidget):
         self.plot.addItem(self.outline)
         self.apex = QLabel("apex –")
         self.apex.setProperty("role", "number")
+        self.apex.setToolTip("Apex height: how far the apex has risen above the tissue at rest")
         self.quality = QLabel("no picture yet")
         self.quality.setProperty("role", "faint")
+        self.quality.setWordWrap(True)
         self.proposed = QCheckBox("proposed")
         self.proposed.setChecked(True)
         self.slider = QSlider(Qt.Orientation.Horizontal)
@@ -45,55 +52,74 @@ class CameraPanel(QWidget):
         self.value.setMinimumWidth(36)
         self.proposed.toggled.connect(self._changed)
         self.slider.valueChanged.connect(self._changed)
-        row = QHBoxLayout()
+        self.row = QWidget()
+        row = QHBoxLayout(self.row)
+        row.setContentsMargins(0, 0, 0, 0)
         row.addWidget(QLabel("Threshold"))
         row.addWidget(self.slider, 1)
         row.addWidget(self.value)
         row.addWidget(self.proposed)
         column = QVBoxLayout(self)
         column.addWidget(self.apex)
-        column.addWidget(self.plot, 1)
         column.addWidget(self.quality)
-        column.addLayout(row)
-        self.slider.setEnabled(False)
+        column.addWidget(self.plot, 1)
+        column.addWidget(self.row)
         self._shape = (0, 0)
-        self._zero = math.nan
+        self._height = Reading()
+        self.lock(False)
 
     @property
     def gvt(self) -> float | None:
         """The threshold set by hand; None for the proposed one."""
         return None if self.proposed.isChecked() else float(self.slider.value())
 
+    def lock(self, running: bool) -> None:
+        """Whether a run goes on: its threshold is the plan's."""
+        self.row.setEnabled(not running)
+        self.row.setToolTip(FIXED if running else FREE)
+        self.slider.setEnabled(not running and not self.proposed.isChecked())
+
     def show_view(self, view: View, drawn: bool) -> None:
-        """The newest picture."""
-        picture = view.picture
-        if picture is None or not drawn:
-            return
+        """The newest picture and apex."""
+        if (view.state in LIVE) == self.row.isEnabled():
+            self.lock(view.state in LIVE)
+        if APEX in view.latest:
+            self._height.take(view.latest[APEX])
+        if view.picture is not None and drawn:
+            self._draw(view.picture)
+
+    def tick(self) -> None:
+        """The window's timer: the apex in large type, grey where it is past or none is found."""
+        reading, age = self._height, self._height.age
+        text = f"apex {shown(reading.value, 'm')}" if reading.known else "apex –  no contour"
+        faint = bool(age) or not reading.known
+        _tell(self.apex, f"{text}  · {age}" if age else text, f"color: {theme.current().faint}" if faint else "")
+
+    def _draw(self, picture: Picture) -> None:
         if picture.image.shape != self._shape:
             self._shape = picture.image.shape
             height, width = self._shape
             self.plot.setRange(xRange=(0, width), yRange=(0, height), padding=0)
         self.image.setImage(picture.image, autoLevels=False)
-        outline = picture.outline if len(picture.outline) else np.empty((0, 2))
-        self.outline.setData(outline[:, 0] + 0.5, outline[:, 1] + 0.5)
-        _, heights = view.points.get("apex_height", (np.empty(0), np.empty(0)))
-        heights = heights[np.isfinite(heights)]
-        risen = f"{1e3 * heights[-1]:.2f} mm" if len(heights) else "–"
-        self._tell(self.apex, f"apex {risen}")
+        self.outline.setData(picture.outline[:, 0] + 0.5, picture.outline[:, 1] + 0.5)
         if self.proposed.isChecked() and math.isfinite(picture.gvt):
             self.slider.blockSignals(True)
             self.slider.setValue(round(picture.gvt))
             self.slider.blockSignals(False)
             self.value.setText(f"{picture.gvt:.0f}")
-        above = f"{1e3 * picture.height:.2f} mm above the foot" if math.isfinite(picture.height) else "no contour"
-        notes = f" · {', '.join(flag.replace('_', ' ') for flag in picture.flags)}" if picture.flags else ""
-        self._tell(self.quality, f"{above} · confidence {picture.confidence:.2f}{notes}")
-
-    def _tell(self, label: QLabel, text: str) -> None:
-        if label.text() != text:
-            label.setText(text)
+        sure = f"confidence {picture.confidence:.2f}" if math.isfinite(picture.confidence) else "no contour"
+        notes = "".join(f" · {flag.replace('_', ' ')}" for flag in picture.flags)
+        _tell(self.quality, f"above the tissue at rest · contour at grey {picture.gvt:.0f}, {sure}{notes}")
 
     def _changed(self) -> None:
         self.slider.setEnabled(not self.proposed.isChecked())
         self.value.setText(str(self.slider.value()))
         self.threshold.emit(self.gvt)
+
+
+def _tell(label: QLabel, text: str, style: str = "") -> None:
+    """A label lays itself out anew at every change: only where it says something else."""
+    if label.text() != text:
+        label.setText(text)
+    if label.styleSheet() != style:
+        label.setStyleSheet(style)

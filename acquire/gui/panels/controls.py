@@ -56,8 +56,12 @@ class ControlBar(QFrame):
         layout.addWidget(self.estop_button)
         self.show_view(None, ready=False)
 
-    def show_view(self, view: View | None, *, ready: bool) -> None:
-        """The chosen instrument's state; ``ready`` when a protocol without faults is chosen."""
+    def show_view(self, view: View | None, label: str = "", *, ready: bool, fault: str = "") -> None:
+        """The state of the chosen instrument, which is called ``label``.
+
+        ``ready`` when a protocol without faults is chosen; ``fault`` says why nothing is known of the instruments.
+        """
+        self._label = label
         state = view.state if view is not None else "off"
         self.start_button.setEnabled(ready and state in STARTABLE)
         self.stop_button.setEnabled(state in LIVE)
@@ -66,18 +70,20 @@ class ControlBar(QFrame):
             self._paused = state == "paused"
             self.pause_button.setText("RESUME" if self._paused else "PAUSE")
         if view is None or state not in LIVE:
-            self._idle(state, ready)
+            self._idle(state, ready, fault)
         else:
             self._running(view)
 
-    def _idle(self, state: str, ready: bool) -> None:
-        if state in NEEDS_RESET:
+    def _idle(self, state: str, ready: bool, fault: str) -> None:
+        if fault:
+            words = "no connection to the instruments"
+        elif state in NEEDS_RESET:
             words = "stopped: reset the instrument"
         elif state in STARTABLE:
             words = "ready to start" if ready else "choose a protocol"
         else:
             words = "connect an instrument" if state in ("off", "idle") else "connecting …"
-        _set(self.state, words)
+        self._say(words)
         _set(self.countdown, "")
         _set(self.detail, "START F5   PAUSE F6   STOP F7   E-STOP Esc")
         self.bar.setValue(1000 if state == "completed" else 0)
@@ -90,11 +96,14 @@ class ControlBar(QFrame):
         else:
             labels = [f"{name} {value}" for name, value in view.labels.items()]
             words = " · ".join([PHASES.get(view.phase, view.phase), *labels])
-        _set(self.state, words)
+        self._say(words)
         _set(self.countdown, clock(view.left) if view.state == "running" else "")
         left = clock(view.duration - view.elapsed)
         _set(self.detail, f"step {view.segment + 1} of {view.segments} · {left} left of {clock(view.duration)}")
         self.bar.setValue(round(1000 * view.elapsed / view.duration) if view.duration else 0)
+
+    def _say(self, words: str) -> None:
+        _set(self.state, f"{self._label}: {words}" if self._label else words)
 
     def _pause_or_resume(self) -> None:
         (self.resume if self._paused else self.pause).emit()

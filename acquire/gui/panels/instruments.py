@@ -9,6 +9,7 @@ from PySide6.QtWidgets import QFrame, QGridLayout, QGroupBox, QHBoxLayout, QLabe
 from acquire.gui.messages import LIVE, NEEDS_RESET, InstrumentInfo, View
 from acquire.gui.theme import LIGHTS
 
+CLOSED = ("off", "idle")
 #: States in the words of somebody at the bench.
 WORDS = {
     "off": "not connected",
@@ -22,6 +23,7 @@ WORDS = {
     "aborted": "ready, last run stopped",
     "tripped": "stopped, to be reset",
     "failed": "failed, to be reset",
+    "lost": "not known",
 }
 
 
@@ -35,11 +37,13 @@ class InstrumentRow(QFrame):
         super().__init__(parent)
         self.info = info
         self.state = "off"
+        self._action = "connect"
         self.setProperty("role", "bar")
         self.light = QLabel("●")
-        title = QLabel(info.title)
+        title = QLabel(info.label)
         title.setStyleSheet("font-weight: 600")
-        title.setToolTip(info.name)
+        title.setWordWrap(True)
+        title.setToolTip(f"{info.name} in the station: {info.title}")
         self.words = QLabel(WORDS["off"])
         self.words.setProperty("role", "faint")
         self.words.setWordWrap(True)
@@ -72,10 +76,9 @@ class InstrumentRow(QFrame):
         self.error.setText(error.splitlines()[0] if error else "")
         self.error.setToolTip(error)
         self.error.setVisible(bool(error))
-        self.button.setText(
-            "Reset" if state in NEEDS_RESET else "Connect" if state in ("off", "idle") else "Disconnect"
-        )
-        self.button.setEnabled(state not in LIVE and state != "connecting")
+        self._action, text = _action(state, error)
+        self.button.setText(text)
+        self.button.setEnabled(state not in LIVE and state not in ("connecting", "lost"))
 
     def mark(self, chosen: bool) -> None:
         """Show whether this is the one that runs are started on."""
@@ -89,13 +92,22 @@ class InstrumentRow(QFrame):
 
     def _light(self, state: str) -> None:
         self.light.setStyleSheet(f"color: {LIGHTS.get(state, LIGHTS['off'])}; font-size: 20pt")
-        self.light.setAccessibleName(f"{self.info.title}: {WORDS.get(state, state)}")
+        self.light.setAccessibleName(f"{self.info.label}: {WORDS.get(state, state)}")
 
     def _act(self) -> None:
-        action = {"Connect": "connect", "Reset": "reset", "Disconnect": "disconnect"}[self.button.text()]
+        action = self._action
         if action == "connect":
             self.show_state("connecting")
         self.wanted.emit(action, self.info.name)
+
+
+def _action(state: str, error: str) -> tuple[str, str]:
+    """What an instrument's one button does, and says."""
+    if state in NEEDS_RESET:
+        return "reset", "Reset"
+    if state in CLOSED:
+        return "connect", "Retry" if error else "Connect"
+    return "disconnect", "Disconnect"
 
 
 class InstrumentsPanel(QGroupBox):
@@ -111,11 +123,15 @@ class InstrumentsPanel(QGroupBox):
         self.current = ""
         self.bench = QLabel("starting …")
         self.bench.setWordWrap(True)
+        self.connect_all = QPushButton("Connect all")
+        self.connect_all.setToolTip("Each by itself: one that cannot be reached keeps no other one waiting")
+        self.connect_all.clicked.connect(self._connect_all)
         self.simulated = QPushButton("Simulated")
         self.station = QPushButton("Station file …")
         self.simulated.clicked.connect(lambda: self.station_wanted.emit(True))
         self.station.clicked.connect(lambda: self.station_wanted.emit(False))
         buttons = QHBoxLayout()
+        buttons.addWidget(self.connect_all)
         buttons.addWidget(self.simulated)
         buttons.addWidget(self.station)
         self._list = QVBoxLayout()
@@ -136,7 +152,21 @@ class InstrumentsPanel(QGroupBox):
             row.chosen.connect(self.choose)
             row.wanted.connect(self.wanted)
         self.bench.setText(name)
+        self.bench.setProperty("role", "")
+        self.bench.style().polish(self.bench)
+        self.connect_all.setVisible(len(instruments) > 1)
         self.current = ""
+
+    def show_refusal(self, fault: str) -> None:
+        """The station cannot be used: no instrument, and why."""
+        self.show_bench(fault, ())
+        self.bench.setProperty("role", "error")
+        self.bench.style().polish(self.bench)
+
+    def show_lost(self) -> None:
+        """Nothing is known of any instrument: the worker is gone."""
+        for row in self.rows.values():
+            row.show_state("lost")
 
     def choose(self, name: str) -> None:
         """Make an instrument the one that runs are started on."""
@@ -152,7 +182,7 @@ class InstrumentsPanel(QGroupBox):
             if view.name in self.rows:
                 self.rows[view.name].show_state(view.state, view.trip or view.error)
 
-    @property
-    def live(self) -> bool:
-        """Whether an instrument may act on a person."""
-        return any(row.state in LIVE for row in self.rows.values())
+    def _connect_all(self) -> None:
+        for row in self.rows.values():
+            if row.state in CLOSED:
+                row.button.click()

@@ -10,6 +10,7 @@ import pyqtgraph as pg
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
+from acquire.gui.fresh import Reading
 from acquire.gui.messages import ChannelInfo, Preview, View
 from acquire.gui.plots import limit_line, plot
 from acquire.gui.theme import current
@@ -44,12 +45,15 @@ class ChannelPlot(QWidget):
         self.title = title.replace("_", " ")
         self.channels = channels
         self.factor, self.unit = pleasant(channels[0].unit)
+        self.digits = 1 if self.unit == "mbar" else 3
+        self._told = ""
         self.plot = plot("", "", f"{self.title} ({self.unit})" if self.unit else self.title)
         self.numbers = QLabel("")
         self.numbers.setStyleSheet("font-size: 14pt; font-weight: 600")
         self.numbers.setTextFormat(Qt.TextFormat.RichText)
         theme = current()
         self.traces = {c.name: Trace() for c in channels}
+        self.readings = {c.name: Reading() for c in channels}
         self.commanded = {c.name: self._curve(theme.faint, Qt.PenStyle.DotLine) for c in channels}
         self.curves = {c.name: self._curve(theme.curves[k]) for k, c in enumerate(channels)}
         self._lines: list[pg.InfiniteLine] = []
@@ -108,16 +112,20 @@ class ChannelPlot(QWidget):
                 self.commanded[name].setData(time + plan_offset, self.factor * value)
 
     def tell(self) -> None:
-        """The newest values in numbers."""
-        colours = current().curves
-        cells = []
-        for k, (name, trace) in enumerate(self.traces.items()):
-            value = self.factor * trace.last[1]
-            label = name.rpartition("_")[2] if len(self.traces) > 1 else self.title
-            number = f"{value:.3f}" if self.unit != "mbar" else f"{value:.1f}"
-            number = "–" if math.isnan(value) else number.replace("-", "−")
-            cells.append(f'<span style="color:{colours[k]}">{label} {number}</span>')
-        self.numbers.setText("&nbsp;" * 4 + f"{'&nbsp; '.join(cells)} {self.unit}")
+        """The newest values in numbers; grey and with their age where they are past."""
+        theme = current()
+        cells, ages = [], set()
+        for colour, (name, reading) in zip(theme.curves, self.readings.items(), strict=False):
+            ages.add(reading.age)
+            label = name.rpartition("_")[2] if len(self.readings) > 1 else self.title
+            value = f"{self.factor * reading.value:.{self.digits}f}".replace("-", "−") if reading.known else "–"
+            past = reading.age or not reading.known
+            cells.append(f'<span style="color:{theme.faint if past else colour}">{label} {value}</span>')
+        age = f'<span style="color:{theme.faint}"> · {max(ages)}</span>' if max(ages) else ""
+        text = "&nbsp;" * 4 + f"{'&nbsp; '.join(cells)} {self.unit}{age}"
+        if text != self._told:
+            self._told = text
+            self.numbers.setText(text)
 
     def _curve(self, colour: str, style: Qt.PenStyle = Qt.PenStyle.SolidLine) -> pg.PlotCurveItem:
         curve = pg.PlotCurveItem(pen=pg.mkPen(colour, width=1, style=style), connect="finite")
@@ -157,7 +165,7 @@ class LivePanel(QWidget):
         self._preview: Preview | None = None
         self._shown = (math.nan, math.nan)
         self._run = 0
-        self._told = 0
+        self._turns = 0
         self._now = math.nan
 
     def expect(self, preview: Preview | None) -> None:
@@ -174,9 +182,18 @@ class LivePanel(QWidget):
             for name, trace in item.traces.items():
                 if name in view.points:
                     trace.add(*view.points[name])
+            for name in item.readings.keys() & view.latest.keys():
+                item.readings[name].take(view.latest[name])
         self._now = max((t.last[0] for item in self.plots for t in item.traces.values() if len(t)), default=math.nan)
         if drawn and not math.isnan(self._now):
             self._draw(view)
+
+    def tick(self) -> None:
+        """The window's timer: the numbers."""
+        self._turns += 1
+        if self._turns % 6 == 1 and self.isVisible():  # numbers that change five times per second can be read
+            for item in self.plots:
+                item.tell()
 
     def _draw(self, view: View) -> None:
         whole = self.span.currentText() == WHOLE and math.isfinite(view.origin) and view.run > 0
@@ -193,10 +210,6 @@ class LivePanel(QWidget):
             self._axis(-RECENT, 0.0, "time before now (s)")
         for item in self.plots:
             item.draw(begin, end, offset, plan_offset)
-        self._told += 1
-        if self._told % 6 == 1:  # numbers that change five times per second can be read
-            for item in self.plots:
-                item.tell()
 
     def _axis(self, begin: float, end: float, label: str) -> None:
         if self._shown != (begin, end):

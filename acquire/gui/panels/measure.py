@@ -35,6 +35,12 @@ class MeasurePanel(QWidget):
         if self.robot is not None:
             self.robot.expect(preview)
 
+    def tick(self) -> None:
+        """The window's timer: what is old looks old."""
+        self.live.tick()
+        if self.camera is not None:
+            self.camera.tick()
+
     def show_view(self, view: View, drawn: bool) -> None:
         """New data; painted only where they are seen."""
         self.live.show_view(view, drawn)

@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from PySide6.QtCore import QSettings
-from PySide6.QtWidgets import QApplication
+from PySide6.QtCore import QSettings, Qt
+from PySide6.QtWidgets import QApplication, QWidget
 from pytestqt.qtbot import QtBot
 
 from acquire.gui import theme
@@ -41,12 +41,13 @@ def make_window(qapp: QApplication, qtbot: QtBot, tmp_path: Path, store: QSettin
     theme.apply(qapp, theme.LIGHT)
     windows = []
 
-    def make(speed: float = 20.0, **more: object) -> MainWindow:
+    def make(speed: float = 20.0, up: bool = True, **more: object) -> MainWindow:
         bench = BenchSettings(out=tmp_path / "runs", speed=speed, seed=1, frame_size=(160, 120), **more)  # type: ignore[arg-type]
         window = MainWindow(bench, store)
         windows.append(window)
         window.show()
-        qtbot.waitUntil(lambda: window.prepare.preview is not None, timeout=PATIENCE)
+        if up:
+            qtbot.waitUntil(lambda: window.prepare.preview is not None, timeout=PATIENCE)
         return window
 
     yield make
@@ -63,6 +64,13 @@ def connected(qtbot: QtBot, window: MainWindow, name: str) -> None:
     window.instruments.rows[name].button.click()
     qtbot.waitUntil(lambda: state(window, name) == "ready", timeout=PATIENCE)
     qtbot.waitUntil(lambda: window.controls.start_button.isEnabled(), timeout=PATIENCE)
+
+
+def press(qtbot: QtBot, widget: QWidget) -> None:
+    """Click a widget with the left button of the mouse; it must be there and enabled."""
+    assert widget.isVisible()
+    assert widget.isEnabled()
+    qtbot.mouseClick(widget, Qt.MouseButton.LeftButton)
 
 
 def state(window: MainWindow, name: str) -> str:

@@ -115,7 +115,7 @@ def test_settings_come_back(store: QSettings, tmp_path: Path) -> None:
     again = settings.load(QSettings(store.fileName(), QSettings.Format.IniFormat))
     assert (again.theme, again.out, again.operator, again.instrument) == ("dark", "there", "AK", "microrobot")
     assert again.protocols == {"cutometer": "x.yaml"}
-    assert again.station == ""  # the file is gone
+    assert again.station == str(gone)  # refused when it is opened, and no other bench in its place
 
 
 def test_a_listing_leaves_out_the_run_that_goes_on(crashed: Path) -> None:

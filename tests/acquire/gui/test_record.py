@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QTableWidget, QWidget
+from PySide6.QtWidgets import QTableWidget
 from pytestqt.qtbot import QtBot
 
 from acquire.gui.window import MainWindow
 from acquire.recording import Recording, RunInfo, Series, write_recording
 from acquire.session import Request
-from tests.acquire.gui.conftest import PATIENCE, MakeWindow, connected, state
+from tests.acquire.gui.conftest import PATIENCE, MakeWindow, connected, press, state
 
 
 def filed(folder: Path, name: str, day: int, **more: object) -> Path:
@@ -38,10 +38,6 @@ def listed(qtbot: QtBot, window: MainWindow, count: int) -> QTableWidget:
     qtbot.waitUntil(lambda: table.rowCount() == count, timeout=PATIENCE)
     window.tabs.setCurrentWidget(window.recordings.browser)
     return table
-
-
-def press(qtbot: QtBot, button: QWidget) -> None:
-    qtbot.mouseClick(button, Qt.MouseButton.LeftButton)
 
 
 def test_the_chosen_files_stay_chosen_when_the_list_moves(qtbot: QtBot, make_window: MakeWindow, runs: Path) -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
-from PySide6.QtCore import QSettings, Qt
+from PySide6.QtCore import QPoint, QSettings, Qt
 from pytestqt.qtbot import QtBot
 
 from acquire.gui import settings
-from acquire.recording import open_recording
+from acquire.gui.panels.camera import CameraPanel
+from acquire.recording import Recording, open_recording
 from tests.acquire.gui.conftest import PATIENCE, MakeWindow, connected, state
 
 CHANNELS = {"cutometer": "apex_height", "aspiration": "apex_height", "microrobot": "force_z"}
@@ -24,10 +26,8 @@ def test_from_click_to_recording(qtbot: QtBot, make_window: MakeWindow, store: Q
     panel = window.measure.currentWidget()
     if panel.camera is not None:
         window.tabs.setCurrentWidget(window.measure)
-        qtbot.waitUntil(lambda: panel.camera.apex.text() != "apex –", timeout=PATIENCE)
-        proposed = panel.camera.slider.value()
-        panel.camera.proposed.setChecked(False)
-        panel.camera.slider.setValue(proposed + 10)
+        qtbot.waitUntil(lambda: "mm" in panel.camera.apex.text(), timeout=PATIENCE)
+        proposed = set_by_hand(qtbot, panel.camera) - 10
     qtbot.mouseClick(window.controls.start_button, Qt.MouseButton.LeftButton)
     qtbot.waitUntil(lambda: state(window, name) == "running", timeout=PATIENCE)
     assert window.tabs.currentWidget() is window.measure
@@ -42,6 +42,13 @@ def test_from_click_to_recording(qtbot: QtBot, make_window: MakeWindow, store: Q
         assert panel.camera.image.image is not None
         assert len(panel.camera.outline.getData()[0]) > 20
         assert "mm" in panel.camera.apex.text()
+        assert f"grey {proposed + 10}" in panel.camera.quality.text()
+        # The threshold is the plan's: in a run neither mouse nor key moves it.
+        assert not panel.camera.slider.isEnabled()
+        assert not panel.camera.proposed.isEnabled()
+        qtbot.keyClick(panel.camera.slider, Qt.Key.Key_Right)
+        qtbot.mouseClick(panel.camera.proposed, Qt.MouseButton.LeftButton)
+        assert panel.camera.gvt == proposed + 10
     if panel.robot is not None:
         assert "N" in panel.robot.numbers.text()
     assert window.controls.countdown.text()
@@ -54,6 +61,16 @@ def test_from_click_to_recording(qtbot: QtBot, make_window: MakeWindow, store: Q
     assert CHANNELS[name] in recording.streams
     if panel.camera is not None:  # a threshold set by hand is the recording's too
         assert recording.info.calibration["gvt"]["value"] == proposed + 10
+        one_apex(recording)
+        # Where no contour is found, no height stands there.
+        qtbot.waitUntil(panel.camera.slider.isEnabled, timeout=PATIENCE)
+        window.tabs.setCurrentWidget(window.measure)
+        panel.camera.slider.setFocus()
+        qtbot.keyClick(panel.camera.slider, Qt.Key.Key_Home)
+        qtbot.waitUntil(lambda: "no contour" in panel.camera.apex.text(), timeout=PATIENCE)
+        assert "mm" not in panel.camera.apex.text()
+        height = next(plot for plot in panel.live.plots if "apex_height" in plot.readings)
+        qtbot.waitUntil(lambda: "height –" in height.numbers.text(), timeout=PATIENCE)
     assert window.recordings.result.flags
     assert window.recordings.result.picture.shown
     assert window.recordings.result.table.rowCount() > 0
@@ -63,6 +80,24 @@ def test_from_click_to_recording(qtbot: QtBot, make_window: MakeWindow, store: Q
     kept = settings.load(store)
     assert kept.instrument == name
     assert kept.protocols[name].endswith(f"demo-{name}.yaml")
+
+
+def set_by_hand(qtbot: QtBot, camera: CameraPanel) -> int:
+    """Set the threshold ten above the proposed one, by mouse and keys."""
+    where = QPoint(8, camera.proposed.height() // 2)
+    qtbot.mouseClick(camera.proposed, Qt.MouseButton.LeftButton, pos=where)
+    camera.slider.setFocus()
+    for _ in range(10):
+        qtbot.keyClick(camera.slider, Qt.Key.Key_Right)
+    return camera.slider.value()
+
+
+def one_apex(recording: Recording) -> None:
+    """The recorded apex height is what the frames show at the recorded threshold, and counts from the same rest."""
+    height, low, high = recording.streams["apex_height"], recording.derived["apex_low"], recording.derived["apex_high"]
+    told = np.interp(low.time, height.time, height.value)
+    inside = (told >= low.value - 2e-5) & (told <= high.value + 2e-5)  # one pixel: each has its own zero
+    assert np.mean(inside[np.isfinite(low.value)]) > 0.9
 
 
 def test_pause_resume_stop(qtbot: QtBot, make_window: MakeWindow) -> None:

@@ -251,4 +251,4 @@ def test_a_killed_window_and_worker(elsewhere: Elsewhere, server: Server) -> Non
     (journal,) = out.glob("*.journal")
     recording = open_recording(recover(journal))
     assert recording.info.status == "recovered"
-    assert recording.streams["pressure"].value.min() < -20e3
+    assert recording.streams["pressure"].value.min() < -2e3  # killed as soon as the device sucked

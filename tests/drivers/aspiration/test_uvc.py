@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.aspiration.camera import UvcCamera
+from drivers.aspiration.camera import Measure, UvcCamera
 from drivers.device import LinkLost
 from drivers.signals import Block, Channel, Frame
 
@@ -34,14 +34,11 @@ class Capture:
         self.open = False
 
 
-class Mean:
-    """Measures an image's mean."""
+class Mean(Measure):
+    """Measures an image's mean, and knows no contour."""
 
     def __call__(self, image: Any, /) -> float:
         return float(image.mean())
-
-    def reset(self) -> None:
-        pass
 
 
 @pytest.fixture(autouse=True)

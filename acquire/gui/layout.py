@@ -1,0 +1,84 @@
+"""Where the window's panels stand, and its menu. `MainWindow` gives them life."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QAction, QKeySequence
+from PySide6.QtWidgets import QHBoxLayout, QMainWindow, QScrollArea, QStackedWidget, QTabWidget, QVBoxLayout, QWidget
+
+from acquire.gui.panels.banner import Banner
+from acquire.gui.panels.controls import ControlBar
+from acquire.gui.panels.health import Health
+from acquire.gui.panels.instruments import InstrumentsPanel
+from acquire.gui.panels.prepare import PreparePanel
+from acquire.gui.panels.subject import SubjectPanel
+from acquire.gui.recordings import Recordings
+
+SIDE = 396  # px, the column of instruments and subject
+
+
+class Layout(QMainWindow):
+    """Commands and alarms across the top, the bench and the subject at the left, the pages beside them."""
+
+    def __init__(self, out: Path) -> None:
+        super().__init__()
+        self.setWindowTitle("skinrig")
+        self.instruments, self.subject = InstrumentsPanel(), SubjectPanel()
+        self.controls, self.health = ControlBar(), Health()
+        self.alarm, self.prepare = Banner("alarm", "Reset"), PreparePanel()
+        self.measure = QStackedWidget()
+        self.recordings = Recordings(out, self)
+        kept = self.recordings
+        self.tabs = QTabWidget()
+        for widget, title in (
+            (self.prepare, "Protocol"), (self.measure, "Measure"), (kept.result, "Result"),
+            (kept.browser, "Recordings"), (kept.diagnosis, "Diagnosis"), (kept.fit, "Fit"),
+        ):  # fmt: skip
+            self.tabs.addTab(widget, title)
+        row = QHBoxLayout()
+        row.addWidget(self._side())
+        row.addWidget(self.tabs, 1)
+        central = QWidget()
+        column = QVBoxLayout(central)
+        column.addWidget(self.controls)
+        column.addWidget(self.alarm)
+        column.addWidget(kept.offer)
+        column.addLayout(row, 1)
+        self.setCentralWidget(central)
+        self.statusBar().addPermanentWidget(self.health, 1)
+        self.resize(1280, 860)
+        self._menu()
+
+    def _side(self) -> QScrollArea:
+        side = QWidget()
+        column = QVBoxLayout(side)
+        column.setContentsMargins(0, 0, 6, 0)
+        column.addWidget(self.instruments)
+        column.addWidget(self.subject)
+        column.addStretch(1)
+        scroll = QScrollArea()
+        scroll.setWidget(side)
+        scroll.setWidgetResizable(True)
+        scroll.setFrameShape(QScrollArea.Shape.NoFrame)
+        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        scroll.setFixedWidth(SIDE)
+        return scroll
+
+    def _menu(self) -> None:
+        view = self.menuBar().addMenu("&View")
+        for number in range(self.tabs.count()):
+            action = QAction(self.tabs.tabText(number), self)
+            action.setShortcut(QKeySequence(f"Ctrl+{number + 1}"))
+            action.triggered.connect(partial(self.tabs.setCurrentIndex, number))
+            view.addAction(action)
+        view.addSeparator()
+        self.dark_action = QAction("Light or &dark (from the next start)", self)
+        self.dark_action.setShortcut("Ctrl+D")
+        view.addAction(self.dark_action)
+        quit_action = QAction("&Quit", self)
+        quit_action.setShortcut(QKeySequence.StandardKey.Quit)
+        quit_action.triggered.connect(self.close)
+        view.addAction(quit_action)
