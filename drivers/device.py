@@ -45,8 +45,8 @@ class Identity:
     firmware: str
 
 
-#: How a fault begins that says no more than that the host fell silent: nobody need look before the next one goes on.
-HOST_SILENT = "no heartbeat"
+#: How faults begin that say no more than that the host fell silent: nobody need look before the next one goes on.
+HOST_SILENT, QUEUE_EMPTY = "no heartbeat", "the queue is empty"
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Status:
     @property
     def latched(self) -> bool:
         """Whether a fault stands that only a person may acknowledge."""
-        return self.state == "fault" and not self.fault.startswith(HOST_SILENT)
+        return self.state == "fault" and not self.fault.startswith((HOST_SILENT, QUEUE_EMPTY))
 
     @property
     def words(self) -> str:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from acquire.engine.checks import CHECKS, Check, Commanded, Watch
 from acquire.engine.freshness import Freshness
+from acquire.engine.host_clock import HostClock
 from acquire.engine.rules import Rules, Trip
 from drivers.device import Status
 from drivers.signals import Block, Frame
@@ -34,6 +35,7 @@ class Interlock(threading.Thread):
         self._wake = threading.Event()
         self._checks: tuple[Check, ...] = ()
         self._freshness = Freshness((), rules, 0.0)
+        self._clock = HostClock(rules.stale)
         self._folder: Path | None = None
         self._watching = False
         self._closing = False
@@ -56,6 +58,7 @@ class Interlock(threading.Thread):
         watch = Watch(limits, self.rules, commanded, gappy)
         self._checks = tuple(check(watch) for check in CHECKS)
         self._freshness = Freshness(links, self.rules, time.monotonic())
+        self._clock = HostClock(self.rules.stale)
         self._folder = folder
         self._blocks.clear()
         self._watching = True
@@ -102,6 +105,8 @@ class Interlock(threading.Thread):
             self._wake.wait(0.02)
             self._wake.clear()
             try:
+                if self._watching and (fault := self._clock.fault()):
+                    self.fire(Trip("host", fault))
                 while self._blocks and self._watching:
                     link, item, status = self._blocks.popleft()
                     if isinstance(item, Block) and len(item):

@@ -80,8 +80,8 @@ class Trip:
     """Why a run was stopped by the interlock. ``time`` is device time in s where it is known, else NaN.
 
     ``code`` is one of ``value``, ``rate``, ``nan``, ``dwell``, ``tracking`` (a measured channel), ``stale``, ``clock``,
-    ``link``, ``device`` (a link or a device), ``disk``, ``recorder``, ``supervisor``, ``interlock`` (this computer),
-    ``estop`` (a person).
+    ``link``, ``device`` (a link or a device), ``host``, ``disk``, ``recorder``, ``supervisor``, ``interlock`` (this
+    computer), ``estop`` (a person).
     """
 
     code: str

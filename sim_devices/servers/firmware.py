@@ -22,7 +22,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from drivers import messages as msg
-from drivers.device import HOST_SILENT, Identity, Refused, Status
+from drivers.device import HOST_SILENT, QUEUE_EMPTY, Identity, Refused, Status
 from drivers.signals import FloatArray
 from protocols.limits import PROBE, DwellTimer, Limits, Range
 from sim_devices.servers.timeline import Waveform
@@ -205,7 +205,7 @@ class Firmware:
 
     def _watch_queue(self) -> None:
         if self.starved and self._value != self._zero and self.time - self.began > self.watchdog:
-            self.trip(f"the queue is empty for {self.watchdog:g} s, away from rest")
+            self.trip(f"{QUEUE_EMPTY} for {self.watchdog:g} s, away from rest")
 
     def _watch_dwells(self, times: list[float], values: list[tuple[float, ...]]) -> None:
         for name, timer in self._dwells.items():

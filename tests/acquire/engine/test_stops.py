@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from acquire.engine import Aborted, RunEngine, RunPlan, State, Tripped
+from acquire.engine import Aborted, RunEngine, RunPlan, State, Tripped, host_clock
 from acquire.recording import open_recording
 from acquire.session import Session
 from drivers.device import Faulted
@@ -117,11 +118,12 @@ def engine_again(engine: RunEngine) -> RunEngine:
     return engine
 
 
-def test_what_a_crashed_host_left_is_made_safe_and_told(engine: RunEngine, device: FakeDevice, plan: Plan) -> None:
-    device.state, device.fault = "fault", "no heartbeat for 0.25 s"
+@pytest.mark.parametrize("fault", ["no heartbeat for 0.25 s", "the queue is empty for 0.25 s, away from rest"])
+def test_what_a_crashed_host_left_is_made_safe_and_told(engine: RunEngine, device: FakeDevice, fault: str) -> None:
+    device.state, device.fault = "fault", fault
     engine.connect()
     assert (device.state, engine.state) == ("safe", State.READY)
-    assert "no heartbeat" in engine.found
+    assert fault in engine.found
 
 
 def test_a_fault_of_the_device_s_own_needs_a_person(engine: RunEngine, device: FakeDevice) -> None:
@@ -133,3 +135,30 @@ def test_a_fault_of_the_device_s_own_needs_a_person(engine: RunEngine, device: F
         engine.reset()
     engine.connect(acknowledged=True)
     assert device.state == "safe"
+
+
+def test_a_computer_that_was_suspended_trips(
+    engine: RunEngine, device: FakeDevice, plan: Plan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    running(engine, plan(LONG))
+    awake = host_clock.boot_time
+    monkeypatch.setattr(host_clock, "boot_time", lambda: awake() + 30.0)
+    outcome = engine.wait(10)
+    assert outcome.trip is not None
+    assert (outcome.trip.code, outcome.trip.message) == ("host", "the computer was suspended for 30.0 s")
+    assert device.vented
+
+
+def test_a_wall_clock_that_is_set_changes_nothing(
+    engine: RunEngine, plan: Plan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    running(engine, plan(LONG))
+    now = time.time
+    monkeypatch.setattr(time, "time", lambda: now() - 86400.0)
+    time.sleep(0.3)
+    assert engine.state is State.RUNNING
+    engine.abort()
+    outcome = engine.wait(10)
+    assert outcome.recording is not None
+    info = open_recording(outcome.recording).info
+    assert info.end_time > info.start_time

@@ -203,6 +203,22 @@ def test_ctrl_c_on_the_command_line(elsewhere: tuple[BackDoor, subprocess.Popen[
     assert open_recording(out.strip()).info.status == "aborted"
 
 
+def test_a_stopped_host_trips_when_it_goes_on(elsewhere: tuple[BackDoor, subprocess.Popen[str], Path]) -> None:
+    door, host, _ = elsewhere
+    host.send_signal(signal.SIGSTOP)
+    try:
+        door.wait_vented()  # its watchdog: nobody beats
+    finally:
+        time.sleep(0.5)
+        host.send_signal(signal.SIGCONT)
+    out, err = host.communicate(timeout=20)
+    assert host.returncode == 4, err
+    recording = open_recording(out.strip())
+    assert recording.info.status == "tripped"
+    assert recording.info.trip_reason.partition(":")[0] in ("host", "device", "stale")
+    door.wait_vented()
+
+
 def again(process: subprocess.Popen[str], *options: str) -> subprocess.CompletedProcess[str]:
     """``acquire`` once more on the same station."""
     run = list(process.args)[:-2] if isinstance(process.args, list) else []
