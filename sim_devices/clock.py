@@ -20,6 +20,10 @@ class Clock(abc.ABC):
         """Simulated seconds per second of wall time."""
 
     @abc.abstractmethod
+    def hurry(self, needed: bool) -> None:
+        """Whether time is to run as fast as it may, or no faster than real because nobody waits for it."""
+
+    @abc.abstractmethod
     def now(self) -> float:
         """Simulated time in s."""
 
@@ -37,17 +41,24 @@ MAX_SPEED = 1e5
 
 
 class ScaledClock(Clock):
-    """Wall time times ``speed``; 1 is real time."""
+    """Wall time times ``speed`` (1 is real time); at most times ``idle`` while told not to hurry."""
 
-    def __init__(self, speed: float = 1.0) -> None:
+    def __init__(self, speed: float = 1.0, idle: float = 1.0) -> None:
         if not 0 < speed <= MAX_SPEED:
             raise ValueError(f"the speed of simulated time is positive and at most {MAX_SPEED:g}, not {speed:g}")
-        self._speed = speed
+        self._fastest, self._idle, self._speed = speed, min(speed, idle), speed
         self._origin = time.monotonic()
 
     @property
     def speed(self) -> float:
         return self._speed
+
+    def hurry(self, needed: bool) -> None:
+        speed = self._fastest if needed else self._idle
+        if speed != self._speed:
+            now = self.now()
+            self._speed = speed
+            self.slip(now)
 
     def now(self) -> float:
         return (time.monotonic() - self._origin) * self._speed
@@ -71,6 +82,9 @@ class ManualClock(Clock):
     @property
     def speed(self) -> float:
         return 1.0
+
+    def hurry(self, needed: bool) -> None:
+        """Nothing: it moves when it is moved."""
 
     def now(self) -> float:
         with self._lock:

@@ -344,7 +344,7 @@ class RunEngine:
         self._run, self._outcome = run, Future()
         self._machine.fire("arm")
         try:
-            self._wait_until(lambda: self._links[0].latest - self._links[0].first >= SETTLE, "deliver samples")
+            self._wait_for_data()
             self._ask(lambda: device.arm(run.limits))
         except CancelledError:
             raise
@@ -354,6 +354,13 @@ class RunEngine:
         names = tuple(link.source.name for link in self._links)
         gappy = frozenset(c.name for source in self.rig.sources for c in source.channels)
         self._interlock.watch(plan.limits, names, run.feeder.commanded, plan.path.parent, gappy)
+
+    def _wait_for_data(self) -> None:
+        """Wait until the device has been heard for long enough, and every link once more: a silent one is found now."""
+        device = self._links[0]
+        before = [(link, link.latest) for link in self._links]
+        self._wait_until(lambda: device.latest - device.first >= SETTLE, "deliver samples")
+        self._wait_until(lambda: all(link.latest > then for link, then in before), "deliver data on every link")
 
     def _start(self) -> None:
         self._machine.fire("start")
@@ -455,7 +462,7 @@ class RunEngine:
         return self.status
 
     def _wait_until(self, condition: Callable[[], bool], what: str) -> None:
-        """Wait, beating, until ``condition`` holds. Raises DeviceError that the device does not do ``what``."""
+        """Wait, beating, until ``condition`` holds. Raises DeviceError that the instrument does not do ``what``."""
         deadline = time.monotonic() + ANSWER
         while not condition():
             if self._aborts or self._interlock.trip is not None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 FloatArray = NDArray[np.float64]
 
@@ -15,6 +14,7 @@ _NOTCH = 15  # columns; a dent narrower than this (a reflection on the edge) is 
 _SPECK = 14  # a bump narrower than the image by this factor (dirt on the edge) is cut off
 
 
+@njit(cache=True)
 def cleaned(profile: FloatArray) -> FloatArray:
     """``profile`` (columns,) of rows, NaN for none, without narrow dents and bumps: where to look, not what to measure.
 
@@ -22,17 +22,37 @@ def cleaned(profile: FloatArray) -> FloatArray:
     """
     columns = len(profile)
     bump = max(24, columns // _SPECK)
-    seen = np.flatnonzero(np.isfinite(profile))
     filled = np.where(np.isfinite(profile), profile, np.inf)
-    for gap in np.flatnonzero((np.diff(seen) > 1) & (np.diff(seen) <= bump)):
-        before, after = seen[gap], seen[gap + 1]
-        filled[before + 1 : after] = max(profile[before], profile[after])
-    closed = maximum_filter1d(minimum_filter1d(filled, _NOTCH, mode="nearest"), _NOTCH, mode="nearest")
+    last = -1  # the last column with an edge
+    for column in range(columns):
+        if not np.isfinite(profile[column]):
+            continue
+        if last >= 0 and column - last <= bump:
+            filled[last + 1 : column] = max(profile[last], profile[column])
+        last = column
+    closed = _highest(_lowest(filled, _NOTCH), _NOTCH)
     # A bump at the border of the image is cut in half: the rim goes on beyond, so that it is cut off all the same.
-    left, right = np.median(closed[: 3 * bump]), np.median(closed[-3 * bump :])
-    padded = np.concatenate([np.full(bump, left), closed, np.full(bump, right)])
-    opened: FloatArray = minimum_filter1d(maximum_filter1d(padded, bump, mode="nearest"), bump, mode="nearest")
-    return opened[bump : bump + columns]
+    padded = np.empty(columns + 2 * bump)
+    padded[:bump] = np.median(closed[: 3 * bump])
+    padded[bump : bump + columns] = closed
+    padded[bump + columns :] = np.median(closed[-3 * bump :])
+    return _lowest(_highest(padded, bump), bump)[bump : bump + columns]
+
+
+@njit(cache=True)
+def _lowest(values: FloatArray, width: int) -> FloatArray:
+    """The least value within ``width`` of each (n,); beyond the ends there is nothing."""
+    found = np.empty(len(values))
+    for k in range(len(values)):
+        first = k - width // 2
+        found[k] = values[max(first, 0) : first + width].min()
+    return found
+
+
+@njit(cache=True)
+def _highest(values: FloatArray, width: int) -> FloatArray:
+    """As `_lowest`, the greatest."""
+    return -_lowest(-values, width)
 
 
 @njit(cache=True)
@@ -154,6 +174,7 @@ def _value(coefficients: FloatArray, x: float) -> float:
     return total
 
 
+@njit(cache=True)
 def foot(profile: FloatArray, clean: FloatArray, edges: FloatArray) -> float:
     """The row on which the bubble stands.
 
@@ -161,16 +182,15 @@ def foot(profile: FloatArray, clean: FloatArray, edges: FloatArray) -> float:
     bubble on a needle, found in ``edges`` (2, rows; left and right).
     """
     columns = len(clean)
-    with np.errstate(invalid="ignore"):
-        seen = profile[np.abs(profile - clean) < 3.0]
+    seen = profile[np.abs(profile - clean) < 3.0]  # False for NaN
     border = max(4, columns // 32)
     if len(seen) > columns // 2:
         left, right = np.sort(seen[:border]), np.sort(seen[-border:])
         level = max(left[-1] - left[0], right[-1] - right[0]) <= 4.0
-        rims = left[border // 2], right[border // 2]
-        if level and abs(rims[0] - rims[1]) <= 0.05 * columns:
-            return float(np.mean(rims))
-    return float(_neck(edges, float(clean.min())))
+        one, other = left[border // 2], right[border // 2]
+        if level and abs(one - other) <= 0.05 * columns:
+            return 0.5 * (one + other)
+    return _neck(edges, clean.min())
 
 
 @njit(cache=True)

@@ -279,11 +279,9 @@ def _find(grey: segment.Grey, gvt: float) -> _Tissue | str:
     top = segment.envelope(runs, count, name, grey.shape[1])
     outside, inside = segment.contrast(grey, top)
     step = outside - inside
-    if not np.isfinite(step).any():
-        return "no_tissue"
-    # Where the edge is much softer than elsewhere the tissue has run into a shade: no contour there.
     profile = segment.crossings(grey, top, gvt, 1)
-    profile[~(step >= _SOFT * np.nanpercentile(step, 75))] = np.nan
+    if not segment.cut_soft(profile, step, _SOFT):
+        return "no_tissue"
     sides = segment.sides(grey, runs, count, name, gvt)
     noticed = {
         "reflections": segment.holes(runs, count, name, 3) > 0,
@@ -344,7 +342,7 @@ def _confidence(step: float, share: float, scatter: float, half_band: float) -> 
         return 0.0
     clear = step**2 / (step**2 + 15.0**2) if step > 0 else 0.0
     smooth = 1 / (1 + (scatter / 0.5) ** 2)
-    whole = float(np.clip((share - 0.4) / 0.6, 0, 1))
+    whole = min(max((share - 0.4) / 0.6, 0.0), 1.0)
     narrow = 1 / (1 + (half_band / 2.0) ** 2)
     return float(clear * smooth * whole * narrow)
 

@@ -215,3 +215,18 @@ def contrast(grey: Grey, top: IntArray) -> tuple[FloatArray, FloatArray]:
             outside[c] = grey[top[c] - _REACH, c]
             inside[c] = grey[top[c] + _REACH, c]
     return outside, inside
+
+
+@njit(cache=True)
+def cut_soft(profile: FloatArray, step: FloatArray, share: float) -> bool:
+    """Set the ``profile`` (columns,) to NaN where its grey ``step`` is below ``share`` of the upper quartile or NaN.
+
+    False, with nothing changed, when no column has a step.
+    """
+    if not np.isfinite(step).any():
+        return False
+    least = share * np.nanpercentile(step, 75)
+    for c in range(profile.shape[0]):
+        if not step[c] >= least:
+            profile[c] = np.nan
+    return True

@@ -2,7 +2,8 @@
 
 The thread owns everything; a lock lets the back door in between two turns. Each turn it reads commands, watches
 the host's heartbeat, advances the chain to the (scaled) clock's time and sends what was measured. When the link does
-not take more bytes it stops advancing: time slips instead of samples being lost.
+not take more bytes it stops advancing: time slips instead of samples being lost. Between runs time goes no faster than
+real: a stream that nobody records must not take the processor from the one that is being recorded.
 """
 
 from __future__ import annotations
@@ -133,6 +134,7 @@ class SimInstrument:
         if self._asleep or self._blocked(wall) or self._hungry(wall):
             self._clock.slip(self.time)
             return LONGEST_SLEEP
+        self._clock.hurry(self.firmware.state in _ACTIVE or not self.still)
         due = int(self._clock.now() * self.bench.rate) + 1 - self._ticks
         batch = max(1, min(round(self._clock.speed * BLOCK_WALL * self.bench.rate), self.bench.longest))
         if due < batch:
@@ -155,7 +157,7 @@ class SimInstrument:
             return any(port.backlog > port.depth for port in self.ports)
         for port in self.ports:
             if port.silent(wall) > PATIENCE:
-                port.reset()
+                port.drop()
         return any(port.backlog > SAFE_DEPTH for port in self.ports)
 
     def _hungry(self, wall: float) -> bool:

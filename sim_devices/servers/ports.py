@@ -36,6 +36,7 @@ class Port:
         self.streaming = False
         self.faults = faults
         self._waiting: deque[memoryview] = deque()
+        self._half = False  # whether a part of the first one is sent
         self.backlog = 0
         self._progress = 0.0
 
@@ -56,9 +57,10 @@ class Port:
             self._progress = wall
             self.backlog -= sent
             if sent < len(self._waiting[0]):
-                self._waiting[0] = self._waiting[0][sent:]
+                self._waiting[0], self._half = self._waiting[0][sent:], True
             else:
                 self._waiting.popleft()
+                self._half = False
             if self.faults.short:
                 return
 
@@ -66,10 +68,17 @@ class Port:
         """For how long (wall s) the host has taken nothing of what waits."""
         return wall - self._progress if self.backlog else 0.0
 
+    def drop(self) -> None:
+        """Forget what waits, save the rest of what is half sent: a host that comes back finds a whole stream."""
+        half = [self._waiting[0]] if self._half else []
+        self._waiting = deque(half)
+        self.backlog = sum(map(len, half))
+
     def reset(self) -> None:
         """Forget host, stream and what waits."""
         self.streaming = False
         self._waiting.clear()
+        self._half = False
         self.backlog = 0
 
     def _receive(self) -> bytes:

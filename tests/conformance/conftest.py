@@ -14,6 +14,7 @@ from drivers.device import Device, Rig
 from drivers.signals import Block, FloatArray, Frame
 from protocols.limits import Range
 from protocols.setpoints import Segment
+from sim_devices.clock import ScaledClock
 from sim_devices.servers import BackDoor, Server, serve
 
 CASES = [
@@ -113,7 +114,8 @@ def no_leaks() -> Iterator[None]:
 @pytest.fixture(params=CASES, ids=["-".join(case) for case in CASES])
 def host(request: pytest.FixtureRequest) -> Iterator[Host]:
     instrument, link = request.param
-    with serve(instrument, link, speed=SPEED[instrument], frame_size=(160, 120), watchdog=0.6) as server:
+    clock = ScaledClock(SPEED[instrument], idle=SPEED[instrument])  # samples between runs are counted, too
+    with serve(instrument, link, clock=clock, frame_size=(160, 120), watchdog=0.6) as server:
         rig = server.open_rig()
         yield Host(server, rig, dict(server.bench.instrument.limits.ranges))
         for source in (rig.device, *rig.sources):

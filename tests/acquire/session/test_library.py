@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from pathlib import Path
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from scipy.signal import cont2discrete, lfilter
 from acquire.engine import State
 from acquire.recording import Series, open_recording
 from acquire.session import Session
-from acquire.station import simulated_station
 from protocols import compile_protocol, library, load
 
 GRID = 0.002  # s
@@ -21,17 +19,11 @@ PRESSURE_NOISE = 300.0  # Pa: gauge noise of 40 Pa rms and the command's resolut
 TIP_ERROR = 60e-6  # m: position noise and the servo's lag at 1 mm/s; the claimed resolution is 50 um
 
 
-@pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Session]:
-    out = tmp_path_factory.mktemp("library")
-    with Session(simulated_station(seed=1), speed=2000, out=out, frame_size=(64, 48)) as session:
-        yield session
-
-
 @pytest.mark.parametrize("name", list(library()))
-def test_a_protocol_of_the_library(session: Session, name: str) -> None:
+def test_a_protocol_of_the_library(skinrig_session: Callable[..., Session], name: str) -> None:
     path = library()[name]
     protocol = load(path)
+    session = skinrig_session(speed=2000, seed=1, frame_size=(64, 48))
     outcome = session.run(path)
     assert (outcome.status, outcome.reason, outcome.lost) == (State.COMPLETED, "", 0)
     assert outcome.recording is not None
@@ -46,7 +38,6 @@ def test_a_protocol_of_the_library(session: Session, name: str) -> None:
         compiled = setpoints.table()[1][quantity]
         assert commanded.value.min() == pytest.approx(compiled.min())
         assert commanded.value.max() == pytest.approx(compiled.max())
-    Path(outcome.recording).unlink()
 
 
 def _compare(commanded: Series, measured: Series, quantity: str) -> None:

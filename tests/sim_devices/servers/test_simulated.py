@@ -178,6 +178,33 @@ def test_a_pulled_camera_cable_is_a_lost_link(suction: Callable[..., Server]) ->
             camera.read(0.0)
 
 
+def test_a_host_that_pauses_between_runs_finds_the_frames_going_on(suction: Callable[..., Server]) -> None:
+    with suction(clock=ScaledClock(1000.0, idle=1000.0)) as server:
+        (camera,) = server.open_rig().sources
+        camera.connect()
+        camera.start_stream()
+        while not camera.read(0.1):
+            pass
+        time.sleep(1.2)  # the link is full, and has been for longer than a safe device waits
+        newest, deadline = server.back_door.truth().time, time.monotonic() + 10.0
+        while not any(isinstance(f, Frame) and f.time > newest for f in camera.read(0.1)):
+            assert time.monotonic() < deadline, "no frame came after the pause"
+        camera.close()
+
+
+@pytest.mark.parametrize("instrument", ["cutometer", "aspiration", "microrobot"])
+def test_time_between_runs_is_no_faster_than_real(instrument: str) -> None:
+    with serve(instrument, speed=1000.0, frame_size=(64, 48)) as server:
+        rig = server.open_rig()
+        rig.device.connect()
+        rig.device.start_stream()
+        began, since = server.back_door.truth().time, time.monotonic()
+        while time.monotonic() < since + 0.5:
+            rig.device.read(0.05)
+        assert server.back_door.truth().time - began < time.monotonic() - since + 0.5
+        rig.device.close()
+
+
 def test_a_clock_moved_by_hand() -> None:
     clock = ManualClock()
     with serve("cutometer", "tcp", clock=clock) as server:
@@ -201,6 +228,13 @@ def test_clocks() -> None:
     assert 5.0 <= clock.now() < 100.0
     assert clock.wall_until(clock.now() + 1000.0) == pytest.approx(1.0, abs=0.2)
     assert clock.wall_until(0.0) == 0.0
+    clock.hurry(False)
+    moment = clock.now()
+    assert clock.speed == 1.0
+    assert clock.wall_until(moment + 1.0) == pytest.approx(1.0, abs=0.1)
+    clock.hurry(True)
+    assert clock.speed == 1000.0
+    assert moment <= clock.now() < moment + 100.0
 
 
 def test_what_does_not_exist_is_refused() -> None:
