@@ -8,12 +8,16 @@ symbolic link in the target's place is replaced, never followed.
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import secrets
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 PARTIAL = ".partial"  # the ending of what is not finished; a killed process may leave such a file, which is worthless
 PRIVATE, SHARED = 0o600, 0o666  # modes of new files, the latter less the umask
@@ -34,7 +38,7 @@ def whole_file(path: Path | str, *, mode: int = SHARED, overwrite: bool = True) 
     if not overwrite and os.path.lexists(path):
         raise FileExistsError(f"{path}: exists already; it is not overwritten")
     with told(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
+        _make_folder(path.parent)
         partial = _partial(path)
         no_link = getattr(os, "O_NOFOLLOW", 0)
         file = open(partial, "x+b", opener=lambda name, flags: os.open(name, flags | no_link, mode))  # noqa: SIM115
@@ -62,7 +66,7 @@ def whole_folder(path: Path | str) -> Iterator[Path]:
     with told(path):
         if os.path.lexists(path) and (path.is_symlink() or not path.is_dir() or any(path.iterdir())):
             raise CannotWrite(f"{path}: is not empty; a folder of its own is needed")
-        path.parent.mkdir(parents=True, exist_ok=True)
+        _make_folder(path.parent)
         partial = _partial(path)
         partial.mkdir(mode=0o777)
     try:
@@ -86,6 +90,14 @@ def write_text(path: Path | str, text: str) -> Path:
     return Path(path)
 
 
+def write_figure(figure: Figure, path: Path | str, dpi: float) -> Path:
+    """Write a picture to ``path`` in the format its suffix names. Raises CannotWrite, ValueError for no such format."""
+    path = Path(path)
+    with whole_file(path) as file:
+        figure.savefig(file, format=path.suffix.lstrip(".").lower() or "png", dpi=dpi)
+    return path
+
+
 def sync_folder(folder: Path) -> None:
     """Make a rename in ``folder`` durable (POSIX; other systems do so by themselves)."""
     if os.name == "posix":
@@ -103,6 +115,13 @@ def told(path: Path | str) -> Iterator[None]:
         # h5py puts a paragraph into the text; the number says it in three words.
         reason = os.strerror(error.errno) if error.errno else str(error)
         raise CannotWrite(f"{path}: cannot be written: {reason}") from error
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError as error:  # there is a file in its place
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR)) from error
 
 
 def _partial(path: Path) -> Path:

@@ -9,6 +9,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
+from acquire.files import write_text
 from acquire.recording import load
 from gap.diagnosis import diagnose
 from gap.report.document import as_json
@@ -37,9 +38,7 @@ def diagnose_cases(cases: Path, output: Path, jobs: int = 1) -> None:
     if done:
         print(f"{done} of {len(every)} have a report already", file=sys.stderr, flush=True)
     for k, (name, report) in enumerate(_reports(folders, jobs)):
-        partial = output / f"{name}.json.part"
-        partial.write_text(json.dumps(report) + "\n")
-        partial.replace(output / f"{name}.json")
+        write_text(output / f"{name}.json", json.dumps(report) + "\n")
         print(f"{done + k + 1}/{len(every)} {name}: {report['verdict']}", file=sys.stderr, flush=True)
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,6 +10,9 @@ from protocols import units
 from protocols.limits import PROBE, PROBE_AXES, Limits
 from protocols.schema import Protocol
 from protocols.setpoints import Segment, Setpoints
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _PHASES = ("load", "hold", "unload", "rest")
 _COLOURS = {"load": "#f8cfa9", "hold": "#fbeede", "unload": "#dbe9f6", "rest": "#f4f4f4"}
@@ -63,8 +65,8 @@ def in_words(summary: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def draw(protocol: Protocol, setpoints: Setpoints, limits: Limits, path: Path) -> None:
-    """A picture of the set-points with phases and limits, as PNG (or what the suffix says)."""
+def draw(protocol: Protocol, setpoints: Setpoints, limits: Limits) -> Figure:
+    """A picture of the set-points with phases and limits."""
     from matplotlib.figure import Figure
 
     robot = len(setpoints.quantities) > 1
@@ -74,7 +76,7 @@ def draw(protocol: Protocol, setpoints: Setpoints, limits: Limits, path: Path) -
     if robot:
         _draw_directions(axes[1], setpoints)
     figure.suptitle(f"{protocol.title or protocol.name} — {protocol.instrument}, {_clock(setpoints.duration)}")
-    figure.savefig(path)
+    return figure
 
 
 def _draw_time(axes: Any, setpoints: Setpoints, limits: Limits) -> None:

@@ -44,6 +44,7 @@ def check(
 
 
 def _check(name: str, station: Path | None, png: Path | None, as_json: bool) -> None:
+    from acquire.files import write_figure
     from protocols import compile_protocol, effective_limits, find, load
     from protocols.summary import draw, in_words, summarise
 
@@ -54,7 +55,7 @@ def _check(name: str, station: Path | None, png: Path | None, as_json: bool) -> 
     limits = effective_limits(protocol, given)
     summary = summarise(protocol, setpoints, limits)
     if png is not None:
-        draw(protocol, setpoints, limits, png)
+        write_figure(draw(protocol, setpoints, limits), png, dpi=120)
     if as_json:
         typer.echo(json.dumps({"ok": True, "file": str(path), "limits_of": limits.origin, **summary}, indent=2))
     else:

@@ -32,7 +32,6 @@ def show(
     if png is not None:
         from acquire.report.figures import overview, save
 
-        png.parent.mkdir(parents=True, exist_ok=True)
         save(overview(recording), png)
         summary["png"] = str(png)
     typer.echo(json.dumps(summary, indent=2, ensure_ascii=False) if as_json else in_words(summary))
@@ -56,7 +55,6 @@ def export(
     recording = load(run)
     name = run.resolve().name.removesuffix(".h5")
     target = out or Path(f"{name}-bundle" if form == "bundle" else f"{name}.{form}")
-    target.parent.mkdir(parents=True, exist_ok=True)
     if form == "csv":
         files = write_csv(recording, target)
     else:

@@ -34,6 +34,7 @@ def fit(
     if list_models:
         _list(solver, model, as_json)
         return
+    from acquire.files import whole_file, write_text
     from acquire.recording import load
 
     if not runs:
@@ -49,9 +50,9 @@ def fit(
     folder = output or (None if as_json else Path("fit-report"))
     data = result.as_dict()
     if folder:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "fit.json").write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
-        result.write_page(folder / "fit.html")
+        write_text(folder / "fit.json", json.dumps(data, indent=1) + "\n")
+        with whole_file(folder / "fit.html") as page:
+            result.write_page(Path(page.name))
     if as_json:
         typer.echo(json.dumps(data, indent=1))
     else:

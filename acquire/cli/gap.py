@@ -38,6 +38,7 @@ def diagnose(
     ] = os.cpu_count() or 1,
 ) -> None:
     """Say where simulation and measurement differ, which effect causes it, and how far it shrinks with it."""
+    from acquire.files import write_text
     from gap import as_json as report_of
     from gap import diagnose as run
     from gap import load_model, write_page
@@ -49,8 +50,7 @@ def diagnose(
     report = report_of(diagnosis)
     folder = output or (None if as_json else Path("gap-report"))
     if folder:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "gap.json").write_text(json.dumps(report, indent=1) + "\n")
+        write_text(folder / "gap.json", json.dumps(report, indent=1) + "\n")
         write_page(diagnosis, folder / "gap.html")
     if as_json:
         print(json.dumps(report, indent=1))

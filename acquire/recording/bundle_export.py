@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from acquire.files import whole_folder
 from acquire.recording.bundle import FILE_NAME
 from acquire.recording.bundle_schema import SCHEMA
 from acquire.recording.model import FloatArray, Frames, Recording, RecordingError, Series
@@ -23,12 +24,17 @@ def write_bundle(recording: Recording, folder: Path | str) -> Path:
     """Write ``recording`` as a bundle into ``folder``, which is made and must be empty.
 
     Channels that share their time stamps share a table; values are SI and carry every digit. Frames become PNG files.
-    Raises RecordingError if there is something in ``folder``.
+    Raises RecordingError if there is something in ``folder``, CannotWrite where the disk refuses.
     """
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    if any(folder.iterdir()):
+    if folder.is_dir() and any(folder.iterdir()):
         raise RecordingError(f"{folder}: is not empty; a bundle needs a folder of its own")
+    with whole_folder(folder) as partial:
+        _write(recording, partial)
+    return folder
+
+
+def _write(recording: Recording, folder: Path) -> None:
     info = recording.info
     about: dict[str, Any] = {"schema": SCHEMA, "instrument": info.instrument}
     if info.protocol:
@@ -51,7 +57,6 @@ def write_bundle(recording: Recording, folder: Path | str) -> Path:
     about = {key: value for key, value in about.items() if value not in ({}, [], "")}
     text = yaml.dump(about, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110)
     (folder / FILE_NAME).write_text(text, encoding="utf-8")
-    return folder
 
 
 def table_groups(group: Mapping[str, Series]) -> list[dict[str, Series]]:

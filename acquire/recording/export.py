@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from acquire.files import whole_file
 from acquire.recording.bundle_export import table_groups
-from acquire.recording.model import FloatArray, Recording, RecordingError
+from acquire.recording.model import FloatArray, Recording, RecordingError, Series
 from acquire.recording.tables import write_table
 
 
@@ -18,36 +21,38 @@ def write_csv(recording: Recording, path: Path | str) -> list[Path]:
     """One CSV of all channels that share time stamps, more files (``<name>_2.csv`` …) for the others.
 
     Columns carry their unit: ``time [s],pressure [Pa]``; ``commanded pressure [Pa]`` is the set-point at the sample's
-    time. Values are SI. Returns the files. Raises FileExistsError.
+    time. Values are SI. Returns the files. Raises FileExistsError, CannotWrite.
     """
     path = Path(path)
-    files = []
-    for number, members in enumerate(table_groups(recording.streams)):
-        file = path if number == 0 else path.with_name(f"{path.stem}_{number + 1}{path.suffix}")
-        if file.exists():
-            raise FileExistsError(f"{file}: exists already; it is not overwritten")
-        time = next(iter(members.values())).time
-        columns: dict[str, FloatArray] = {"time [s]": time}
-        columns |= {f"{name} [{series.unit}]": series.value for name, series in members.items()}
-        for name, series in recording.setpoints.items():
-            columns[f"commanded {name} [{series.unit}]"] = _held(time, series.time, series.value)
-        write_table(file, columns)
-        files.append(file)
-    if not files:
+    groups = table_groups(recording.streams)
+    if not groups:
         raise RecordingError(f"run {recording.info.id} has no channels to export")
+    files = [path, *(path.with_name(f"{path.stem}_{k + 1}{path.suffix}") for k in range(1, len(groups)))]
+    with ExitStack() as stack:  # all of them, or none
+        partial = [stack.enter_context(whole_file(file, overwrite=False)) for file in files]
+        for members, file in zip(groups, partial, strict=True):
+            write_table(Path(file.name), _columns(recording, members))
     return files
+
+
+def _columns(recording: Recording, members: Mapping[str, Series]) -> dict[str, FloatArray]:
+    """The table of ``members``, channels that share their time stamps."""
+    time = next(iter(members.values())).time
+    columns: dict[str, FloatArray] = {"time [s]": time}
+    columns |= {f"{name} [{series.unit}]": series.value for name, series in members.items()}
+    for name, series in recording.setpoints.items():
+        columns[f"commanded {name} [{series.unit}]"] = _held(time, series.time, series.value)
+    return columns
 
 
 def write_mat(recording: Recording, path: Path | str) -> Path:
     """A MATLAB 5 file: structs ``streams``, ``setpoints``, ``derived`` (value, time, unit each), ``run``, ``frames``.
 
-    Raises FileExistsError.
+    Raises FileExistsError, CannotWrite.
     """
     from scipy.io import savemat
 
     path = Path(path)
-    if path.exists():
-        raise FileExistsError(f"{path}: exists already; it is not overwritten")
     content: dict[str, Any] = {"run": _run(recording)}
     for kind in ("streams", "setpoints", "derived"):
         group = getattr(recording, kind)
@@ -58,7 +63,8 @@ def write_mat(recording: Recording, path: Path | str) -> Path:
     if recording.frames is not None:
         frames = recording.frames
         content["frames"] = {"data": np.asarray(frames.data), "time": frames.time, "scale": frames.scale}
-    savemat(path, content, do_compression=True, oned_as="column", long_field_names=True)
+    with whole_file(path, overwrite=False) as file:
+        savemat(file, content, do_compression=True, oned_as="column", long_field_names=True)
     return path
 
 

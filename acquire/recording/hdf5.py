@@ -20,14 +20,14 @@ from __future__ import annotations
 
 import hashlib
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
-from acquire.files import PRIVATE, CannotWrite, whole_file
+from acquire.files import PRIVATE, whole_file
 from acquire.recording.hdf5_reader import (
     ENTRY_FIELDS,
     EVENT_COLUMNS,
@@ -37,6 +37,7 @@ from acquire.recording.hdf5_reader import (
     open_recording,
     read_open,
 )
+from acquire.recording.hdf5_sink import Sink
 from acquire.recording.model import Event, Frames, Recording, RecordingError, RunInfo, SegmentRecord, Series, difference
 from acquire.recording.segments import LABEL, to_columns
 from drivers.signals import Channel
@@ -53,11 +54,10 @@ def write_recording(recording: Recording, path: Path | str, *, overwrite: bool =
     _check_consistent(recording)
     try:
         with whole_file(path, mode=PRIVATE, overwrite=overwrite) as partial:
-            try:
-                with h5py.File(partial.name, "w", track_order=True) as file:
-                    _write(file, recording)
-            except RuntimeError as error:  # HDF5 cannot flush, or close
-                raise CannotWrite(f"{path}: cannot be written: {error}") from error
+            sink = Sink(partial)
+            with h5py.File(sink, "w", track_order=True) as file:
+                _write(file, recording, sink.check)
+            sink.check()
             _verify(recording, Path(partial.name))
     except FileExistsError as error:
         raise RecordingError(str(error)) from None
@@ -107,7 +107,8 @@ def _check_consistent(recording: Recording) -> None:
         )
 
 
-def _write(file: h5py.File, recording: Recording) -> None:
+def _write(file: h5py.File, recording: Recording, check: Callable[[], None] = lambda: None) -> None:
+    """Write everything; ``check()`` raises when the disk failed."""
     info, plot = recording.info, recording.default_plot
     file.attrs.create("NX_class", **_text("NXroot"))
     file.attrs.create("default", **_text("entry"))
@@ -122,12 +123,13 @@ def _write(file: h5py.File, recording: Recording) -> None:
     streams = _group(entry, "streams", "NXcollection")
     for name, series in recording.streams.items():
         _write_series(streams, name, series, shared)
+        check()
     if recording.derived:
         derived = _group(entry, "derived", "NXcollection")
         for name, series in recording.derived.items():
             _write_series(derived, name, series, shared)
     if recording.frames is not None:
-        _write_frames(_group(entry, "frames", "NXdata"), recording.frames)
+        _write_frames(_group(entry, "frames", "NXdata"), recording.frames, check)
     _write_setpoints(_group(entry, "setpoints", "NXcollection"), recording.setpoints, recording.segments)
     _write_events(entry, recording.events)
     if plot:
@@ -189,7 +191,7 @@ def _write_series(parent: h5py.Group, name: str, series: Series, shared: dict[tu
             shared[key] = _put(group, axis, np.asarray(array, np.int64 if axis == "seq" else float), unit)
 
 
-def _write_frames(group: h5py.Group, frames: Frames) -> None:
+def _write_frames(group: h5py.Group, frames: Frames, check: Callable[[], None]) -> None:
     count, height, width = np.shape(frames.data)
     group.attrs.create("signal", **_text("data"))
     group.attrs.create("axes", _texts(("time", ".", ".")))
@@ -202,6 +204,7 @@ def _write_frames(group: h5py.Group, frames: Frames) -> None:
         image = np.asarray(frames.data[index], np.uint8).tobytes()
         crc[index] = zlib.crc32(image)
         data.id.write_direct_chunk((index, 0, 0), image)
+        check()
     _put(group, "time", np.asarray(frames.time, float), "s")
     _put(group, "seq", np.arange(count) if frames.seq is None else np.asarray(frames.seq, np.int64), "1")
     _put(group, "crc", crc, "1")

@@ -15,6 +15,7 @@ from acquire.analysis.cycles import onset, suction_cycles
 from acquire.analysis.frames import contour_of
 from acquire.analysis.loops import by_direction, loops
 from acquire.analysis.statistics import mean_curve
+from acquire.files import write_figure
 from acquire.recording.model import FloatArray, Recording, Series
 from acquire.words import pleasant
 
@@ -130,9 +131,8 @@ def as_image(figure: Figure) -> str:
 
 
 def save(figure: Figure, path: Path) -> Path:
-    """Write the figure to ``path`` in the format its suffix names. Raises ValueError for a format nobody knows."""
-    figure.savefig(path, dpi=130)
-    return path
+    """Write the figure to ``path`` in the format its suffix names. Raises as `write_figure`."""
+    return write_figure(figure, path, dpi=130)
 
 
 def thinned(time: FloatArray, value: FloatArray, points: int = POINTS) -> tuple[FloatArray, FloatArray]:

@@ -11,6 +11,7 @@ from typing import Any
 
 from acquire.analysis.curves import DEFINITIONS, recording_parameters
 from acquire.analysis.statistics import Spread, spread
+from acquire.files import write_text
 from acquire.recording.model import Recording
 from acquire.report.figures import as_image, comparison, frame_strip, overview
 from acquire.report.summary import summarise
@@ -20,12 +21,9 @@ from acquire.words import share, shown
 def write_page(recordings: Sequence[Recording], path: Path | str, title: str = "") -> Path:
     """Write a page about ``recordings`` to ``path``; several of one protocol are also drawn into one frame.
 
-    Everything in a recording is shown as text, never as markup. Raises ValueError without recordings; OSError.
+    Everything in a recording is shown as text, never as markup. Raises ValueError without recordings; CannotWrite.
     """
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(render(recordings, title), encoding="utf-8")
-    return path
+    return write_text(path, render(recordings, title))
 
 
 def render(recordings: Sequence[Recording], title: str = "") -> str:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from acquire.files import write_text
 from acquire.recording import write_bundle
 from acquire.recording.model import Recording
 from gap.blind import Hidden, Truth, write_key
@@ -56,7 +57,7 @@ def make_own(
         for name, instrument, child in zip(names, turns, root.spawn(n), strict=True)
     ]
     manifest = {"schema": "blind-manifest/1", "cases": [{"case": t.case, "instrument": t.instrument} for t in truths]}
-    (out / "manifest.json").write_text(json.dumps(manifest, indent=1) + "\n")
+    write_text(out / "manifest.json", json.dumps(manifest, indent=1) + "\n")
     write_key(key, truths, passphrase)
     return key
 

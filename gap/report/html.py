@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from acquire.files import write_text
 from acquire.recording.model import Recording
 from gap.data.labels import direction, level
 from gap.decision.transfer import waveform
@@ -24,9 +25,8 @@ ORDER = ("rest", "load", "hold", "unload")
 
 
 def write_page(diagnosis: Diagnosis, path: Path) -> Path:
-    """Write the report page (HTML with inlined pictures) to ``path``."""
-    path.write_text(page(diagnosis), encoding="utf-8")
-    return path
+    """Write the report page (HTML with inlined pictures) to ``path``. Raises CannotWrite."""
+    return write_text(path, page(diagnosis))
 
 
 def page(d: Diagnosis) -> str:
