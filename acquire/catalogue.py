@@ -6,13 +6,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from acquire.recording.hdf5_reader import open_info
+from acquire.recording.hdf5_reader import open_head
 from acquire.recording.lock import is_live
 from acquire.recording.model import RecordingError, RunInfo
+from acquire.recording.review import left_out
 
 FIELDS = (
     "id",
     "instrument",
+    "device",
     "protocol_name",
     "subject",
     "site",
@@ -29,13 +31,15 @@ ALIASES = {"protocol": "protocol_name", "start": "start_time", "date": "start_ti
 class Entry:
     """One file of the catalogue. ``info`` is None where ``problem`` says what is wrong with it.
 
-    ``live`` marks the journal of a run that goes on (or of a recovery): nobody else may touch it now.
+    ``live`` marks the journal of a run that goes on (or of a recovery): nobody else may touch it now. ``left_out`` says
+    why a run does not count with others ('' where it does).
     """
 
     path: Path
     info: RunInfo | None
     problem: str = ""
     live: bool = False
+    left_out: str = ""
 
 
 def catalogue(folder: Path | str, words: Iterable[str] = ()) -> list[Entry]:
@@ -64,7 +68,8 @@ def _entry(path: Path) -> Entry:
             return Entry(path, None, "a run is being recorded into it now", live=True)
         return Entry(path, None, f"left by a crash: acquire recover {path}")
     try:
-        return Entry(path, open_info(path))
+        head = open_head(path)
+        return Entry(path, head.info, left_out=left_out(head))
     except (RecordingError, OSError) as error:
         return Entry(path, None, str(error).removeprefix(f"{path}: "))
 

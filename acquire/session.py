@@ -205,6 +205,7 @@ class Session:
         info = RunInfo(
             id=identity,
             instrument=protocol.instrument,
+            device=name,
             start_time=start,
             protocol=protocol.origin.text or dump(protocol),
             protocol_name=protocol.name,

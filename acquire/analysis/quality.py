@@ -9,6 +9,7 @@ import numpy as np
 from acquire.analysis.cycles import Cycle, first_move, suction_cycles
 from acquire.recording.model import FloatArray, Recording, Series
 from acquire.words import share as in_percent
+from acquire.words import span
 
 
 @dataclass(frozen=True)
@@ -22,8 +23,8 @@ class Flag:
 
 
 def quality(recording: Recording) -> tuple[Flag, ...]:
-    """Every check that applies to the recording: lost samples, saturation, drift, first curve, contour, trips."""
-    checks = (_lost, _saturation, _drift, _first_curve, _contour, _ending)
+    """Every check that applies: lost samples, saturation, drift, first curve, contour, pauses, how the run ended."""
+    checks = (_lost, _saturation, _drift, _first_curve, _contour, _pauses, _ending)
     return tuple(flag for check in checks for flag in check(recording))
 
 
@@ -145,6 +146,19 @@ def _contour(recording: Recording) -> list[Flag]:
     poor = float(np.mean(~(confidence >= 0.5)))
     text = f"contour confidence {np.nanmedian(confidence):.2f} (median); below 0.5 in {in_percent(poor)} of the frames"
     return [Flag("contour", "ok" if poor < 0.05 else "warning" if poor < 0.3 else "bad", poor, text)]
+
+
+def _pauses(recording: Recording) -> list[Flag]:
+    """The protocol was interrupted: vented in between, and the interrupted segment repeated."""
+    begun = [event.time for event in recording.events if event.code == "pause"]
+    if not begun:
+        return []
+    ended = [event.time for event in recording.events if event.code == "resume"]
+    last = max((float(series.time[-1]) for series in recording.streams.values() if len(series.time)), default=begun[-1])
+    lengths = [min((end for end in ended if end >= begin), default=last) - begin for begin in begun]
+    often = "once" if len(begun) == 1 else f"{len(begun)} times"
+    text = f"paused {often}, {span(sum(lengths))} in all: vented meanwhile, the interrupted segment repeated"
+    return [Flag("pause", "warning", sum(lengths), text)]
 
 
 def _ending(recording: Recording) -> list[Flag]:

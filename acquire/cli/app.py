@@ -32,6 +32,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "import": ("acquire.cli.data", "import_"),
     "recover": ("acquire.cli.data", "recover"),
     "ls": ("acquire.cli.data", "ls"),
+    "review": ("acquire.cli.review", "review"),
     "fit": ("acquire.cli.fit", "fit"),
     "gui": ("acquire.cli.gui", "gui"),
 }

@@ -131,7 +131,8 @@ def ls(
     entries = catalogue(folder, words or [])
     if as_json:
         listed = [
-            {"path": str(e.path), "problem": e.problem, **({f: getattr(e.info, f) for f in FIELDS} if e.info else {})}
+            {"path": str(e.path), "problem": e.problem, "left_out": e.left_out}
+            | ({f: getattr(e.info, f) for f in FIELDS} if e.info else {})
             for e in entries
         ]
         typer.echo(json.dumps(listed, indent=2, ensure_ascii=False))
@@ -143,8 +144,9 @@ def ls(
         else:
             i = entry.info
             start = i.start_time[:19].replace("T", " ")
+            status = f"{i.status}, left out" if entry.left_out else i.status
             rows.append(
-                (start, i.instrument, i.protocol_name, i.subject, i.site, str(i.repeat), i.status, str(entry.path))
+                (start, i.instrument, i.protocol_name, i.subject, i.site, str(i.repeat), status, str(entry.path))
             )
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]) - 1)]
     for row in rows:

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from acquire.cli.numbers import MOST_JOBS, whole
+from acquire.cli.review import ALL, counting
 
 LINES = 5.0  # s between two lines of progress where there is no terminal
 
@@ -26,6 +27,7 @@ def fit(
     cluster: Annotated[
         str, typer.Option(help="Scheduler of a dask.distributed cluster, such as tcp://host:8786.")
     ] = "",
+    everything: Annotated[bool, typer.Option("--all", help=ALL)] = False,
     list_models: Annotated[bool, typer.Option("--list", help="List the models and their parameters.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result on stdout.")] = False,
 ) -> None:
@@ -41,7 +43,7 @@ def fit(
         raise ValueError("a fit needs at least one recording")
     if not (model or spec):
         raise ValueError(f"a fit needs --model or --spec; models are {', '.join(solver.models())}")
-    recordings = [load(run) for run in runs]
+    recordings = counting([load(run) for run in runs], everything=everything)
     try:
         with _Bar() as bar:
             result = solver.fit(recordings, spec, model=model, jobs=jobs, cluster=cluster, progress=bar.update)

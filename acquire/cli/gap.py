@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from acquire.cli.numbers import MOST_JOBS, whole
+from acquire.cli.review import ALL, counting
 
 if TYPE_CHECKING:
     from gap.rig.generic import GenericEffect
@@ -31,6 +32,7 @@ def diagnose(
     effects: Annotated[list[Path] | None, typer.Option(help="Python file(s) with further effects.")] = None,
     solver: Annotated[str, typer.Option(help="Finite-element model of the solver plugin to use as tissue.")] = "",
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder for gap.json and gap.html.")] = None,
+    everything: Annotated[bool, typer.Option("--all", help=ALL)] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report on stdout.")] = False,
     jobs: Annotated[
         int,
@@ -43,7 +45,7 @@ def diagnose(
     from gap import diagnose as run
     from gap import load_model, write_page
 
-    recordings = load_all(runs)
+    recordings = counting(load_all(runs), everything=everything)
     print(f"diagnosing {len(recordings)} recordings of {recordings[0].info.instrument}", file=sys.stderr)
     forward = load_model(model) if model else None
     diagnosis = run(recordings, forward, user_effects=effects or (), solver=solver, jobs=jobs)

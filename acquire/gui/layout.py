@@ -30,7 +30,7 @@ class Layout(QMainWindow):
         self.controls, self.health = ControlBar(), Health()
         self.alarm, self.prepare = Banner("alarm", "Reset"), PreparePanel()
         self.measure = QStackedWidget()
-        self.recordings = Recordings(out, self)
+        self.recordings = Recordings(out, lambda: self.subject.operator.text().strip(), self)
         kept = self.recordings
         self.tabs = QTabWidget()
         for widget, title in (

@@ -7,6 +7,7 @@ import multiprocessing
 import os
 import signal
 import threading
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ COMPARED = 8  # earlier runs in one picture
 
 @dataclass(frozen=True)
 class Row:
-    """A recording in the browser."""
+    """A recording in the browser; ``instrument`` is the station's name for it."""
 
     path: Path
     start: str
@@ -29,6 +30,7 @@ class Row:
     repeat: int
     status: str
     problem: str = ""
+    left_out: str = ""  # why it does not count with others
 
     @property
     def what(self) -> Measurement:
@@ -75,8 +77,8 @@ def listing(folder: Path) -> tuple[Row, ...]:
         if info is not None:
             rows.append(
                 Row(
-                    entry.path, info.start_time, info.instrument, info.protocol_name, info.subject, info.site,
-                    info.repeat, info.status,
+                    entry.path, info.start_time, info.device or info.instrument, info.protocol_name, info.subject,
+                    info.site, info.repeat, info.status, left_out=entry.left_out,
                 )
             )  # fmt: skip
         elif entry.path.suffix != ".journal":
@@ -115,14 +117,23 @@ def recovered(journal: Path) -> Path:
     return path
 
 
+def reviewed(paths: Sequence[Path], include: bool, reason: str, by: str) -> None:
+    """Let runs count, or leave them out, beside their recordings. Raises ValueError, CannotWrite."""
+    from acquire.recording import decide
+
+    for path in paths:
+        decide(path, include=include, reason=reason, by=by)
+
+
 def _earlier(path: Path, info: Any) -> list[Path]:
-    """Runs of the same protocol on the same subject and site that began before."""
+    """Runs of the same protocol on the same subject and site that began before and count."""
     from acquire.catalogue import catalogue
 
     same = [
         entry.path
         for entry in catalogue(path.parent)
         if entry.info is not None
+        and not entry.left_out
         and entry.info.start_time < info.start_time
         and (entry.info.subject, entry.info.site, entry.info.protocol_name)
         == (info.subject, info.site, info.protocol_name)

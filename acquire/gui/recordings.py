@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtWidgets import QWidget
 
-from acquire.gui import reading
+from acquire.gui import dialogs, reading
 from acquire.gui.jobs import Analyst
 from acquire.gui.messages import Finished, Measurement
 from acquire.gui.panels import tool
@@ -26,9 +26,11 @@ class Recordings(QObject):
     page_wanted = Signal(QWidget)  # a page that a person asked for
     result_ready = Signal(QWidget)  # a result is there: worth showing unless something more urgent goes on
 
-    def __init__(self, folder: Path, parent: QObject | None = None) -> None:
+    def __init__(self, folder: Path, operator: Callable[[], str], parent: QObject | None = None) -> None:
+        """``operator()`` is who works here now."""
         super().__init__(parent)
         self.folder = folder
+        self.operator = operator
         self.analyst = Analyst()
         self.offer = Banner("offer", "Recover", "Later")
         self.browser, self.result = BrowserPanel(), ResultPanel()
@@ -53,6 +55,7 @@ class Recordings(QObject):
         self.browser.refresh_wanted.connect(self.refresh)
         self.browser.open_wanted.connect(self.show_recording)
         self.browser.recover_wanted.connect(self.recover)
+        self.browser.review_wanted.connect(self.review)
         self.browser.diagnose_wanted.connect(partial(self._hand_on, self.diagnosis))
         self.browser.fit_wanted.connect(partial(self._hand_on, self.fit))
 
@@ -91,6 +94,14 @@ class Recordings(QObject):
         self.offer.hide()
         for journal in journals:
             self.analyst.ask(reading.recovered, journal, then=lambda path: self.refresh(), fault=self.said.emit)
+
+    def review(self, runs: Sequence[Path], include: bool) -> None:
+        """Let runs count, or leave them out, for a reason that is asked for."""
+        title = "Let it count" if include else "Leave it out"
+        reason = dialogs.ask_line(self.browser, title, "Why? It is kept beside the recording, which is not changed.")
+        if reason:
+            asked = (list(runs), include, reason, self.operator())
+            self.analyst.ask(reading.reviewed, *asked, then=lambda _: self.refresh(), fault=self.said.emit)
 
     def tick(self) -> None:
         """One turn of the window's timer."""

@@ -1,18 +1,21 @@
 """Recordings: the journal written while running, the verified HDF5 file, reading, importing and exporting them."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from acquire.recording.bundle import read_bundle
 from acquire.recording.bundle_export import write_bundle
 from acquire.recording.hdf5 import write_recording
-from acquire.recording.hdf5_reader import open_info, open_recording
+from acquire.recording.hdf5_reader import open_head, open_info, open_recording
 from acquire.recording.journal import JournalFull, JournalWriter
 from acquire.recording.journal_reader import read_journal
 from acquire.recording.lock import JournalBusy
-from acquire.recording.model import Event, Frames, Recording, RecordingError, RunInfo, SegmentRecord, Series
+from acquire.recording.model import Decision, Event, Frames, Recording, RecordingError, RunInfo, SegmentRecord, Series
 from acquire.recording.recovery import finalise, recover
+from acquire.recording.review import counted, decide, decisions, left_out
 
 __all__ = [
+    "Decision",
     "Event",
     "Frames",
     "JournalBusy",
@@ -23,8 +26,12 @@ __all__ = [
     "RunInfo",
     "SegmentRecord",
     "Series",
+    "counted",
+    "decide",
     "finalise",
+    "left_out",
     "load",
+    "open_head",
     "open_info",
     "open_recording",
     "read_bundle",
@@ -42,5 +49,7 @@ def load(path: Path | str) -> Recording:
     """
     path = Path(path)
     if path.is_dir() or path.suffix in (".yaml", ".yml"):
-        return read_bundle(path)
+        bundle = read_bundle(path)
+        folder = path if path.is_dir() else path.parent
+        return replace(bundle, decisions=decisions(folder, bundle.info.id))
     return read_journal(path) if path.suffix == ".journal" else open_recording(path)

@@ -116,6 +116,7 @@ class _Import:
             notes=bundle.notes,
             versions=run.versions,
             station=run.station,
+            device=run.device,
             limits=run.limits,
             calibration=run.calibration,
         )

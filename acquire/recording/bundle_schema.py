@@ -117,6 +117,7 @@ class Run(_Loose):
     limits: dict[Name, tuple[Number, Number]] = Field(default={})
     calibration: dict[Name, dict[str, Any]] = Field(default={})
     station: str = ""
+    device: Short = ""
     plot: Short = ""
 
 

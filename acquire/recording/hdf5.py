@@ -4,7 +4,8 @@ Layout (schema ``acquire-recording/1``); every dataset has ``units``, every stri
 
     /entry                              NXentry; schema, start_time, end_time, status, trip_reason, default plot
     /entry/run                          who, what and where; the protocol's text and its sha256; package versions
-    /entry/instrument                   name, station file, limits, calibration with provenance
+    /entry/instrument                   name (of the kind), device (by the station's name), station file,
+                                        limits, calibration with provenance
     /entry/streams/<channel>/{value,time,time_host,seq}    group attributes units, stage, range, resolution
     /entry/frames/{data,time,seq,crc}   one chunk per frame
     /entry/derived/<name>/{value,time}  results of an analysis
@@ -152,6 +153,7 @@ def _write_instrument(group: h5py.Group, recording: Recording) -> None:
     info = recording.info
     _put(group, "name", info.instrument)
     _put(group, "station", info.station)
+    _put(group, "device", info.device)
     limits = _group(group, "limits", "NXcollection")
     for name, limit in info.limits.items():
         known = recording.streams.get(name) or recording.setpoints.get(name)

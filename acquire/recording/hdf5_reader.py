@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,6 +14,7 @@ from acquire.recording.guard import check_file, check_readable_whole
 from acquire.recording.lazy import Hdf5Frames
 from acquire.recording.model import Event, Frames, Recording, RecordingError, RunInfo, SegmentRecord, Series
 from acquire.recording.order import ordered
+from acquire.recording.review import decisions
 from acquire.recording.segments import from_columns
 from protocols.files import is_file, refusing, shortened
 
@@ -32,12 +34,21 @@ def open_recording(path: Path | str) -> Recording:
     or storage, virtual datasets, shapes without data, another schema, missing or unequal arrays); FileNotFoundError if
     there is no such file.
     """
-    return _read(Path(path), _Reader.recording)
+    return _reviewed(_read(Path(path), _Reader.recording), path)
+
+
+def open_head(path: Path | str) -> Recording:
+    """Only who, what, when and the events of a recording: quick, however long it is. Raises as `open_recording`."""
+    return _reviewed(_read(Path(path), _Reader.head), path)
 
 
 def open_info(path: Path | str) -> RunInfo:
     """Only who, what and when of a recording: quick, however long it is. Raises as `open_recording`."""
     return _read(Path(path), _Reader.info)
+
+
+def _reviewed(recording: Recording, path: Path | str) -> Recording:
+    return replace(recording, decisions=decisions(path, recording.info.id))
 
 
 def read_open(file: h5py.File, path: Path) -> Recording:
@@ -82,6 +93,9 @@ class _Reader:
             plot=plot,
         )
 
+    def head(self) -> Recording:
+        return Recording(info=self.info(), streams={}, events=self.events())
+
     def info(self) -> RunInfo:
         run, instrument = self.group(self.entry, "run"), self.group(self.entry, "instrument")
         calibration: dict[str, dict[str, Any]] = {}
@@ -97,6 +111,7 @@ class _Reader:
         return RunInfo(
             instrument=self.text(self.dataset(instrument, "name")),
             station=self.text(self.dataset(instrument, "station")),
+            device=self.text(self.dataset(instrument, "device")) if "device" in instrument else "",
             repeat=int(self.array(self.dataset(run, "repeat"))),
             versions={name: self.text(dataset) for name, dataset in self.datasets(run, "versions")},
             limits=limits,

@@ -152,8 +152,19 @@ class RunInfo:
     notes: str = ""
     versions: Mapping[str, str] = field(default_factory=dict)
     station: str = ""  # the station file verbatim (YAML)
+    device: str = ""  # the station's name of the instrument
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     calibration: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # name -> value, unit, provenance
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What a person said about a finished run: whether it counts with others (``include``), why, who, when."""
+
+    include: bool
+    reason: str
+    by: str = ""
+    time: str = ""
 
 
 @dataclass(frozen=True)
@@ -161,7 +172,8 @@ class Recording:
     """One run. ``streams`` and ``setpoints`` map channel or quantity to its series; ``derived`` holds results.
 
     ``segments`` says what the set-points are made of, in order: phase, level, direction, cycle, rate. It is empty for
-    recordings of earlier versions and for bundles without it.
+    recordings of earlier versions and for bundles without it. ``decisions`` are those of persons about the run
+    (`acquire.recording.review`); they stand beside the file, not in it.
     """
 
     info: RunInfo
@@ -172,6 +184,7 @@ class Recording:
     derived: Mapping[str, Series] = field(default_factory=dict)
     plot: str = ""  # name of the default stream
     segments: tuple[SegmentRecord, ...] = ()
+    decisions: tuple[Decision, ...] = ()
 
     def stream(self, name: str) -> Series:
         """The named channel. Raises KeyError that names the run, the channel and what there is."""

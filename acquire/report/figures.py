@@ -17,6 +17,7 @@ from acquire.analysis.loops import by_direction, loops
 from acquire.analysis.statistics import mean_curve
 from acquire.files import write_figure
 from acquire.recording.model import FloatArray, Recording, Series
+from acquire.recording.review import left_out
 from acquire.words import pleasant
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 POINTS = 1500  # a curve is drawn by the extremes of at most so many stretches
+FAINT = "#9aa5ae"  # of runs that do not count
 MEASURED, COMMANDED, SHADE = "#1f5f8b", "#d9822b", "#eef3f7"
 _STYLE: dict[Any, Any] = {
     "axes.spines.top": False,
@@ -97,7 +99,10 @@ def frame_strip(recording: Recording, count: int = 4) -> Figure | None:
 
 @_styled
 def comparison(recordings: Sequence[Recording]) -> Figure:
-    """The default stream of several recordings from where each experiment begins; of three or more also their mean."""
+    """The default stream of several recordings from where each experiment begins; of three or more also their mean.
+
+    Runs that are left out (`acquire.recording.review`) are faint and dashed, and not in the mean and its band.
+    """
     figure = _figure(11.0, 3.6)
     axes = figure.subplots()
     name = recordings[0].default_plot
@@ -106,9 +111,13 @@ def comparison(recordings: Sequence[Recording]) -> Figure:
     curves = [(r.streams[name].time - onset(r), r.streams[name].value) for r in shown]
     for number, (recording, curve) in enumerate(zip(shown, curves, strict=True)):
         time, value = thinned(*curve)
-        label = f"{recording.info.id} (repeat {recording.info.repeat})" if len(shown) <= 8 else None
-        axes.plot(time, factor * value, color=COLOURS[number % len(COLOURS)], lw=1, label=label)
-    if len(shown) >= 3 and max(t[0] for t, _ in curves) < min(t[-1] for t, _ in curves):
+        out = bool(left_out(recording))
+        facts = f"repeat {recording.info.repeat}{', left out' if out else ''}"
+        label = f"{recording.info.id} ({facts})" if len(shown) <= 8 else None
+        style: dict[str, Any] = {"color": FAINT, "ls": "--"} if out else {"color": COLOURS[number % len(COLOURS)]}
+        axes.plot(time, factor * value, lw=1, label=label, **style)
+    curves = [curve for recording, curve in zip(shown, curves, strict=True) if not left_out(recording)]
+    if len(curves) >= 3 and max(t[0] for t, _ in curves) < min(t[-1] for t, _ in curves):
         mean = mean_curve(curves)
         axes.plot(mean.time, factor * mean.mean, color="black", lw=1.6, label=f"mean of {mean.count}, 95 % band")
         low, high = mean.mean - mean.half_width, mean.mean + mean.half_width

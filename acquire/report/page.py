@@ -13,6 +13,7 @@ from acquire.analysis.curves import DEFINITIONS, recording_parameters
 from acquire.analysis.statistics import Spread, spread
 from acquire.files import write_text
 from acquire.recording.model import Recording
+from acquire.recording.review import counted
 from acquire.report.figures import as_image, comparison, frame_strip, overview
 from acquire.report.summary import summarise
 from acquire.words import share, shown
@@ -64,7 +65,10 @@ def _run(recording: Recording) -> dict[str, Any]:
 
 
 def _comparisons(recordings: Sequence[Recording]) -> list[dict[str, Any]]:
-    """A figure, and how parameters scatter, for each instrument and protocol that was recorded more than once."""
+    """A figure, and how parameters scatter, for each instrument and protocol that was recorded more than once.
+
+    Runs that are left out are drawn faint and enter no mean, band or scatter; each is named with the reason.
+    """
     groups: dict[tuple[str, str], list[Recording]] = defaultdict(list)
     for recording in recordings:
         if recording.default_plot and len(recording.streams[recording.default_plot].time) > 1:
@@ -73,7 +77,8 @@ def _comparisons(recordings: Sequence[Recording]) -> list[dict[str, Any]]:
         {
             "title": f"{instrument}: {name or 'all'}, {len(group)} recordings",
             "image": as_image(comparison(group)),
-            "spreads": _spreads(group),
+            "spreads": _spreads(counted(group)[0]),
+            "left_out": counted(group)[1],
         }
         for (instrument, name), group in groups.items()
         if len(group) > 1

@@ -12,6 +12,7 @@ from acquire.analysis.curves import recording_parameters
 from acquire.analysis.loops import by_direction, loops
 from acquire.analysis.quality import lost_samples, quality
 from acquire.recording.model import Recording, Series
+from acquire.recording.review import left_out
 from acquire.words import pleasant, share, shown
 
 _DELIVERY = {  # code of an event -> how its count is put
@@ -32,6 +33,7 @@ def summarise(recording: Recording) -> dict[str, Any]:
         "schema": "recording-summary/1",
         "id": info.id,
         "instrument": info.instrument,
+        "device": info.device,
         "protocol": info.protocol_name,
         "subject": info.subject,
         "site": info.site,
@@ -42,6 +44,8 @@ def summarise(recording: Recording) -> dict[str, Any]:
         "end_time": info.end_time,
         "status": info.status,
         "trip_reason": info.trip_reason,
+        "left_out": left_out(recording),
+        "decisions": [vars(decision) for decision in recording.decisions],
         "notes": info.notes,
         "duration": end - begin,
         "channels": {name: _channel(series) for name, series in recording.streams.items()},
@@ -110,6 +114,8 @@ def in_words(summary: Mapping[str, Any]) -> str:
     ]
     if summary["trip_reason"]:
         lines.append(f"  {summary['trip_reason']}")
+    if summary["left_out"]:
+        lines.append(f"  does not count with others: {summary['left_out']}")
     lines.append("channels")
     for name, channel in summary["channels"].items():
         lines.append(f"  {name:<20} {_range(channel)}  {channel['samples']} samples, {_rate(channel['rate'])}")

@@ -20,9 +20,10 @@ from PySide6.QtWidgets import (
 )
 
 from acquire.gui.reading import Row
-from acquire.gui.theme import LEVELS
+from acquire.gui.theme import LEVELS, current
 
-COLUMNS = ("begun", "instrument", "protocol", "subject", "site", "repeat", "status")
+COLUMNS = ("begun", "instrument", "protocol", "subject", "site", "repeat", "status", "counts")
+SHORT = 28  # characters of a reason in the table; its tool tip says all
 COLOURS = {
     "completed": LEVELS["ok"], "imported": LEVELS["ok"], "recovered": LEVELS["warning"], "aborted": LEVELS["warning"],
 }  # fmt: skip
@@ -37,6 +38,7 @@ class BrowserPanel(QWidget):
     recover_wanted = Signal(object)
     diagnose_wanted = Signal(object)
     fit_wanted = Signal(object)
+    review_wanted = Signal(object, bool)  # paths, and whether they are to count
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -60,6 +62,10 @@ class BrowserPanel(QWidget):
         self.table.itemDoubleClicked.connect(self.look.click)
         self.diagnose = self._button("Diagnose", lambda: self.diagnose_wanted.emit(self.chosen))
         self.fit = self._button("Fit", lambda: self.fit_wanted.emit(self.chosen))
+        self.leave_out = self._button("Leave out …", lambda: self.review_wanted.emit(self.chosen, False))
+        self.leave_out.setToolTip("Of means, bands, fits and diagnoses, with a reason; the recording is not changed")
+        self.count = self._button("Count …", lambda: self.review_wanted.emit(self.chosen, True))
+        self.count.setToolTip("Let a run that is left out count after all, with a reason")
         self.recover = self._button("Recover", lambda: self.recover_wanted.emit(self.journals))
         self.refresh = self._button("Refresh", self.refresh_wanted.emit)
         change = self._button("Folder …", self.folder_wanted.emit)
@@ -69,7 +75,7 @@ class BrowserPanel(QWidget):
         top.addWidget(self.refresh)
         bottom = QHBoxLayout()
         bottom.addWidget(self.folder, 1)
-        for button in (self.look, self.diagnose, self.fit, self.recover):
+        for button in (self.look, self.diagnose, self.fit, self.leave_out, self.count, self.recover):
             bottom.addWidget(button)
         column = QVBoxLayout(self)
         column.addLayout(top)
@@ -86,14 +92,15 @@ class BrowserPanel(QWidget):
         self.folder.setText(f"{len(rows)} in {folder.resolve()}")
         self.table.setRowCount(len(rows))
         for number, row in enumerate(rows):
-            cells = (row.start[:19].replace("T", " "), row.instrument, row.protocol, row.subject, row.site)
-            for column, text in enumerate((*cells, str(row.repeat or ""), row.status)):
+            for column, text in enumerate(_cells(row)):
                 item = QTableWidgetItem(text)
-                item.setToolTip(row.problem or str(row.path))
-                if column == len(COLUMNS) - 1:
+                item.setToolTip("\n".join(filter(None, (row.problem or str(row.path), row.left_out))))
+                if column == COLUMNS.index("status"):
                     item.setForeground(QColor(COLOURS.get(row.status, LEVELS["bad"])))
+                elif row.left_out:
+                    item.setForeground(QColor(current().faint))
                 self.table.setItem(number, column, item)
-        for column in (0, 1, 3, 4, 5, 6):
+        for column in (0, 1, 3, 4, 5, 6, 7):
             self.table.resizeColumnToContents(column)
         for number, row in enumerate(rows):
             if row.path in chosen:
@@ -119,6 +126,9 @@ class BrowserPanel(QWidget):
         self.look.setEnabled(len(self.chosen) == 1)
         self.diagnose.setEnabled(bool(self.chosen))
         self.fit.setEnabled(bool(self.chosen))
+        readable = [row for row in self._selected() if not row.problem]
+        self.leave_out.setEnabled(any(not row.left_out for row in readable))
+        self.count.setEnabled(any(row.left_out for row in readable))
         self.recover.setEnabled(bool(self.journals))
 
     def _filter(self, text: str) -> None:
@@ -147,3 +157,11 @@ class BrowserPanel(QWidget):
             self.look.click()
             return
         super().keyPressEvent(event)
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    """What a line of the table says, in the order of `COLUMNS`."""
+    begun, repeat = row.start[:19].replace("T", " "), str(row.repeat or "")
+    counts = "" if row.problem else f"no: {row.left_out}" if row.left_out else "yes"
+    shortened = counts if len(counts) <= SHORT else f"{counts[:SHORT]}…"
+    return begun, row.instrument, row.protocol, row.subject, row.site, repeat, row.status, shortened

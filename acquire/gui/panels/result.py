@@ -79,6 +79,10 @@ class ResultPanel(QWidget):
         self.subtitle = QLabel("After a run its result appears here; older ones are under Recordings.")
         self.subtitle.setProperty("role", "faint")
         self.subtitle.setWordWrap(True)
+        self.left_out = QLabel("")
+        self.left_out.setProperty("role", "error")
+        self.left_out.setWordWrap(True)
+        self.left_out.hide()
         quality = QGroupBox("Quality")
         self._quality = QVBoxLayout(quality)
         self._quality.setAlignment(Qt.AlignmentFlag.AlignTop)
@@ -102,6 +106,7 @@ class ResultPanel(QWidget):
         column = QVBoxLayout(self)
         column.addWidget(self.title)
         column.addWidget(self.subtitle)
+        column.addWidget(self.left_out)
         column.addWidget(self.pages, 3)
         column.addLayout(row, 2)
         self.result: Result | None = None
@@ -114,12 +119,14 @@ class ResultPanel(QWidget):
         """Everything about a recording."""
         self.result = result
         summary = result.summary
-        who = " · ".join(str(summary[key]) for key in ("subject", "site") if summary[key])
+        who = " · ".join(str(summary[key]) for key in ("device", "subject", "site") if summary[key])
         self.title.setText(f"{summary['protocol'] or summary['id']} – {summary['status']}")
         self.subtitle.setText(
             f"{who} · repeat {summary['repeat']} · {summary['specimen']} · {summary['start_time']} · {result.path.name}"
             + (f"\n{summary['trip_reason']}" if summary["trip_reason"] else "")
         )
+        self.left_out.setText(f"Does not count with others – {summary['left_out']}" if summary["left_out"] else "")
+        self.left_out.setVisible(bool(summary["left_out"]))
         self._show_flags(summary["quality"])
         self._show_parameters(summary)
         self.picture.show_png(result.picture)

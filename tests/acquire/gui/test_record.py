@@ -6,28 +6,30 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QTableWidget
+from PySide6.QtCore import Qt, QTimer
+from PySide6.QtWidgets import QApplication, QInputDialog, QLineEdit, QTableWidget
 from pytestqt.qtbot import QtBot
 
 from acquire.gui.window import MainWindow
-from acquire.recording import Recording, RunInfo, Series, write_recording
+from acquire.recording import Event, Recording, RunInfo, Series, left_out, open_recording, write_recording
 from acquire.session import Request
 from tests.acquire.gui.conftest import PATIENCE, MakeWindow, connected, press, state
 
 
-def filed(folder: Path, name: str, day: int, **more: object) -> Path:
+def filed(folder: Path, name: str, day: int, *, events: tuple[Event, ...] = (), **more: object) -> Path:
     """A finished recording of P07 on the forearm that began on ``day`` of a January."""
     facts = {"protocol_name": "demo-cutometer", "subject": "P07", "site": "forearm", **more}
     info = RunInfo(name, "cutometer", f"2026-01-{day:02}T10:00:00", **facts)  # type: ignore[arg-type]
     time = np.linspace(0, 1, 50)
-    return write_recording(Recording(info, {"pressure": Series(-3e4 * time, time, "Pa")}), folder / f"{name}.h5")
+    return write_recording(
+        Recording(info, {"pressure": Series(-3e4 * time, time, "Pa")}, events=events), folder / f"{name}.h5"
+    )
 
 
 def click_row(qtbot: QtBot, table: QTableWidget, text: str, keys: Qt.KeyboardModifier | None = None) -> None:
-    """Click the row one of whose cells says ``text`` in its tool tip."""
+    """Click the row of the recording ``text``."""
     cells = [table.item(row, 0) for row in range(table.rowCount())]
-    cell = next(cell for cell in cells if cell is not None and text in cell.toolTip())
+    cell = next(cell for cell in cells if cell is not None and f"{text}.h5" in cell.toolTip())
     where = table.visualItemRect(cell).center()
     modifier = keys or Qt.KeyboardModifier.NoModifier
     qtbot.mouseClick(table.viewport(), Qt.MouseButton.LeftButton, modifier, where)
@@ -132,3 +134,71 @@ def test_a_pseudonym_is_no_path_and_no_name(qtbot: QtBot, make_window: MakeWindo
     qtbot.keyClicks(window.subject.subject, "P07-b.2")
     assert window.ready
     assert not window.subject.fault.isVisible()
+
+
+def test_stopped_tripped_and_paused_runs_do_not_count_until_a_person_says_so(
+    qtbot: QtBot, make_window: MakeWindow, runs: Path
+) -> None:
+    paused = Event(0.5, "info", "pause", "vented and held")
+    for day, (name, more, events) in enumerate(
+        (
+            ("good", {}, ()),
+            ("stopped", {"status": "aborted"}, ()),
+            ("tripped", {"status": "tripped", "trip_reason": "limit: too far"}, ()),
+            ("paused", {}, (paused,)),
+        ),
+        1,
+    ):
+        filed(runs, name, day, events=events, **more)
+    before = {path.name: path.read_bytes() for path in runs.iterdir()}
+    window = make_window()
+    table = listed(qtbot, window, 4)
+    browser = window.recordings.browser
+    assert counts(table) == {"good": "yes", "stopped": "no", "tripped": "no", "paused": "no"}
+    # A person leaves a run out: the reason is asked for, and kept beside the recording.
+    click_row(qtbot, table, "good")
+    answer(qtbot, "the device slipped")
+    press(qtbot, browser.leave_out)
+    qtbot.waitUntil(lambda: counts(table)["good"] == "no", timeout=PATIENCE)
+    # Or lets one count.
+    click_row(qtbot, table, "paused")
+    answer(qtbot, "paused before the first suction")
+    press(qtbot, browser.count)
+    qtbot.waitUntil(lambda: counts(table)["paused"] == "yes", timeout=PATIENCE)
+    # Without a reason nothing is decided.
+    click_row(qtbot, table, "tripped")
+    answer(qtbot, "")
+    press(qtbot, browser.count)
+    assert not window.recordings.analyst.busy
+    assert {path.name: path.read_bytes() for path in runs.glob("*.h5")} == before
+    assert left_out(open_recording(runs / "good.h5")) == "left out: the device slipped"
+    # What is shown says so.
+    click_row(qtbot, table, "tripped")
+    press(qtbot, browser.look)
+    qtbot.waitUntil(lambda: window.recordings.result.result is not None, timeout=PATIENCE)
+    window.tabs.setCurrentWidget(window.recordings.result)
+    assert "limit: too far" in window.recordings.result.left_out.text()
+    assert window.recordings.result.left_out.isVisible()
+
+
+def counts(table: QTableWidget) -> dict[str, str]:
+    """File's stem -> ``yes`` or ``no`` in the column that says whether it counts."""
+    found = {}
+    for row in range(table.rowCount()):
+        cell = table.item(row, table.columnCount() - 1)
+        assert cell is not None
+        found[Path(cell.toolTip().splitlines()[0]).stem] = cell.text().partition(":")[0]
+    return found
+
+
+def answer(qtbot: QtBot, text: str) -> None:
+    """Type ``text`` into the dialog that is about to open, and accept it."""
+
+    def type_it() -> None:
+        box = QApplication.activeModalWidget()
+        assert isinstance(box, QInputDialog)
+        line = box.findChild(QLineEdit)
+        qtbot.keyClicks(line, text)
+        qtbot.keyClick(line, Qt.Key.Key_Return)
+
+    QTimer.singleShot(100, type_it)
