@@ -11,6 +11,7 @@ from acquire.recording.model import Recording, Series
 from gap.data.binning import GROWTH, WIDEST, Bins, bin_edges, bin_means, breaks
 from gap.data.command import Command, command
 from gap.data.noise import grid_step, high_band_sigma, rounding_floor
+from gap.data.slow_noise import slow_variance
 from sim_devices.chain import FloatArray
 
 REST = 45.0
@@ -77,12 +78,14 @@ class Session:
         good = np.isfinite(value)
         return breaks(self.time(k, series)[good], value[good], high_band_sigma(value))
 
-    def sigma(self, channel: str, members: Sequence[int]) -> tuple[float, float]:
-        """Noise of one sample of a channel, and the part that averaging does not lower (its grid's), in SI."""
-        runs = [np.asarray(self.recordings[k].streams[channel].value, dtype=float) for k in members]
-        white = float(np.median([high_band_sigma(v) for v in runs]))
-        step = max(grid_step(v) for v in runs)
-        return white, rounding_floor(white, step)
+    def sigma(self, channel: str, members: Sequence[int], kinks: FloatArray) -> tuple[float, float]:
+        """Noise of one sample of a channel, and the part that averaging does not lower (its grid's, and what is slow),
+        in SI; the command has ``kinks`` (k,) s."""
+        series = [self.recordings[k].streams[channel] for k in members]
+        runs = [(self.time(k, s), np.asarray(s.value, dtype=float)) for k, s in zip(members, series, strict=True)]
+        white = float(np.median([high_band_sigma(v) for _, v in runs]))
+        step = max(grid_step(v) for _, v in runs)
+        return white, float(np.sqrt(rounding_floor(white, step) ** 2 + slow_variance(runs, kinks, white)))
 
 
 def _shifts(recordings: Sequence[Recording]) -> tuple[FloatArray, bool]:

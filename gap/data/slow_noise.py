@@ -1,0 +1,73 @@
+"""Noise that means over a bin keep: a sensor's noise is white only in part.
+
+A share that forgets within some tenths of a second to seconds is as good as the same for all samples of a bin, so that
+the bin's mean is off by all of it. It is read from third differences of means of neighbouring blocks, which any signal
+that is smooth over four blocks leaves alone: away from kinks of the command, in rests and late in holds and ramps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sim_devices.chain import FloatArray
+
+LENGTHS = (0.1, 0.2, 0.4, 0.8, 1.6)
+"""s of a block."""
+AGE = 3.0
+"""Lengths of a block after a kink before blocks count: what relaxes is then smooth enough."""
+FEWEST = 12
+"""Third differences at least, of which there is a variance to tell."""
+WHITE = 20.0
+"""Variance of a third difference of white noise of variance 1."""
+GROWS = 1.5
+"""Growth of what is not white, from one length of block to its double, above which it is the signal's own curve: noise
+that forgets grows by 2 at most, of which something shows before."""
+CURVED = 64.0
+"""The same growth of a signal that is curved."""
+KEPT = 3.2
+"""Variance of noise with an exponential autocorrelation, over the largest that third differences show of it at any
+length of block (at 1.5 times its correlation time; at a length of a third of that it is twice as much)."""
+SPREAD = 2.0
+"""Relative error of the variance that the median of n differences tells, times the root of n: so much is not counted,
+as the largest over some lengths is meant to be noise and not chance."""
+
+
+def slow_variance(runs: Sequence[tuple[FloatArray, FloatArray]], kinks: FloatArray, white: float) -> float:
+    """Variance of the noise that averaging over a bin keeps, in runs of (time, value) (n,) sampled evenly, whose
+    command has ``kinks`` (k,) s; ``white`` is the standard deviation of a sample's white noise. 0 where none shows."""
+    found: list[float] = []
+    for length in LENGTHS:
+        differences = [_third(time, value, kinks, length) for time, value in runs]
+        change = np.concatenate([d for d, _ in differences] or [np.zeros(0)])
+        if len(change) < FEWEST:
+            break
+        averaged = white**2 / float(np.average([n for _, n in differences], weights=[len(d) for d, _ in differences]))
+        # By the median, as few differences may still hold a signal's curve; 0.455 is that of a squared normal.
+        variance = float(np.median(np.square(change))) / 0.455 / WHITE
+        excess = variance - averaged
+        if found and excess > GROWS * max(found[-1], averaged):
+            found[-1] -= excess / CURVED
+            break
+        found.append(variance * (1.0 - SPREAD / np.sqrt(len(change))) - averaged)
+    return KEPT * max([0.0, *found])
+
+
+def _third(time: FloatArray, value: FloatArray, kinks: FloatArray, length: float) -> tuple[FloatArray, int]:
+    """Third differences of means over blocks of ``length`` s, none of which lies within `AGE` lengths after a kink, and
+    the number of samples in a block."""
+    good = np.isfinite(value)
+    time, value = time[good], value[good]
+    if len(time) < 8:
+        return np.zeros(0), 1
+    size = round(length / max(float(np.median(np.diff(time))), 1e-9))
+    count = len(time) // size if size >= 4 else 0
+    if count < 4:
+        return np.zeros(0), 1
+    means = value[: count * size].reshape(count, size).mean(axis=1)
+    begin, end = time[: count * size : size], time[size - 1 : count * size : size]
+    first, last = begin[:-3], end[3:]
+    known = np.concatenate([[-np.inf], kinks])
+    since = first - known[np.searchsorted(known, last, side="right") - 1]
+    return np.diff(means, 3)[since > AGE * length], size
