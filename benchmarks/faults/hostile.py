@@ -1,0 +1,443 @@
+"""Hostile files: mutated inputs of every kind that the commands read.
+
+Each gives one clear message that names the file, status 0 or 2, writes nothing but its result, and costs at most 200 MB
+and 5 s of processor time. Inputs are made from their number, so that a failure can be repeated:
+``python -m benchmarks.faults.hostile KIND NUMBER [SEED]``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import faulthandler
+import io
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.faults.mutate import TOKENS, spoil_hdf5, spoil_journal, spoil_workbook, spoiled
+from benchmarks.faults.table import Campaign, Row
+
+FULL = 1200  # mutated inputs of all kinds together
+MEMORY, SECONDS, HANG = 200.0, 5.0, 30  # MB above the idle program, s of processor time, s until it is given up
+BATCH = 60  # inputs that one process reads; a crash costs the rest of a batch, and it goes on in another
+
+BUNDLE = """schema: recording-bundle/1
+instrument: cutometer
+protocol: protocol.yaml
+subject: P07
+site: forehead
+repeat: 1
+channels:
+  pressure: {file: data.csv, column: p, unit: mbar, time: {column: t, unit: s}}
+  apex_height: {file: data.xlsx, column: h, unit: mm, time: {rate: 10 Hz, start: 0 s}}
+  temperature: {file: data.csv, column: T, unit: degC, time: {column: t, unit: s}, range: [0, 100]}
+frames: {files: 'img_*.png', rate: 25 Hz}
+events:
+- {time: 0.5, level: info, code: start, text: began}
+"""
+MAP = """schema: column-map/1
+instrument: cutometer
+time: {column: t, unit: s}
+channels:
+  apex_height: {column: 'h*', unit: mm}
+  pressure: {column: p, unit: mbar, suction: positive}
+subject: P07
+"""
+PROTOCOL = """schema: protocol/1
+name: step
+instrument: cutometer
+limits: {pressure: {low: -500 mbar, high: 0 mbar}}
+setup: {opening: 2 mm}
+steps:
+- {type: hold, pressure: -300 mbar, duration: 2 s}
+- {type: ramp, pressure: 0 mbar, rate: 50 mbar/s}
+- {type: hold, pressure: -100 mbar, duration: 1 s, repeat: 2}
+"""
+STATION = """schema: station/1
+name: bench
+instruments:
+  cutometer:
+    simulated: {tissue: cheek, seed: 1}
+    limits: {pressure: {low: -450 mbar, high: 0 mbar}}
+    watchdog: 0.5 s
+    interlock: {stale: 1 s, margin: 0.1}
+    calibration:
+      opening: {value: 2 mm, provenance: assumed}
+subjects:
+  P07: {pressure: {low: -300 mbar, high: 0 mbar}}
+"""
+SPEC = """model: elastic
+parameters: {E: {start: 40 kPa, bounds: [1 kPa, 1 MPa]}}
+samples: 100
+evaluations: 5
+"""
+MODEL = """class Model:
+    name = 'm'
+    channels = ('pressure',)
+    stages = {'pressure': 'sensor'}
+    parameters = ()
+
+    def simulate(self, time, data, parameters, tap):
+        return {'pressure': tap('pressure', 0 * time)}
+"""
+TABLE = "t,p,h,h2,T\n" + "".join(f"{k / 10},{-10 * k},{k / 100},{k / 50},{20 + k / 7}\n" for k in range(40))
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of input: ``make`` writes the spoiled input into a folder and returns the arguments that read it."""
+
+    name: str
+    weight: float
+    make: Callable[[Path, np.random.Generator], list[str]]
+
+
+class Samples:
+    """Sound files, made once and kept as bytes."""
+
+    def __init__(self, folder: Path) -> None:
+        import cv2
+        import openpyxl
+
+        from acquire.recording import read_bundle, write_recording
+        from acquire.recording.journal import JournalWriter
+        from drivers.signals import Block, Channel, Frame
+
+        book = openpyxl.Workbook()
+        for row in TABLE.splitlines():
+            book.active.append([cell if cell[0].isalpha() else float(cell) for cell in row.split(",")])
+        book.save(folder / "data.xlsx")
+        self.workbook = (folder / "data.xlsx").read_bytes()
+        self.image = cv2.imencode(".png", np.arange(1200, dtype=np.uint8).reshape(30, 40))[1].tobytes()
+        bundle = folder / "bundle"
+        self.bundle(bundle)
+        recording = read_bundle(bundle)
+        self.hdf5 = write_recording(recording, folder / "run.h5").read_bytes()
+        channels = [Channel("pressure", "Pa", "actuator"), Channel("apex_height", "m", "sensor")]
+        with JournalWriter(folder / "run.journal", recording.info, channels) as journal:
+            for k in range(20):
+                time_axis = 0.1 * k + np.arange(10) / 100
+                values = {"pressure": -100.0 * time_axis, "apex_height": 1e-4 * time_axis}
+                journal.block(Block(values, np.arange(10) + 10 * k, time_axis, time_axis + 9))
+                journal.frame(Frame(np.full((6, 8), k, np.uint8), k, 0.1 * k, 9 + 0.1 * k))
+        self.journal = (folder / "run.journal").read_bytes()
+
+    def bundle(self, folder: Path, **changed: bytes) -> Path:
+        """The sound bundle, some of its files replaced."""
+        folder.mkdir(parents=True)
+        files = {
+            "recording.yaml": BUNDLE.encode(),
+            "data.csv": TABLE.encode(),
+            "data.xlsx": self.workbook,
+            "img_1.png": self.image,
+            "img_2.png": self.image,
+            "protocol.yaml": PROTOCOL.encode(),
+        }
+        for name, content in (files | changed).items():
+            (folder / name).write_bytes(content)
+        return folder
+
+
+def kinds(samples: Samples) -> dict[str, Kind]:
+    """All kinds of input by name."""
+
+    def single(name: str, content: bytes, *arguments: str) -> Callable[[Path, np.random.Generator], list[str]]:
+        def make(folder: Path, random: np.random.Generator) -> list[str]:
+            (folder / name).write_bytes(spoiled(content, random))
+            return [str(folder / name) if word == "FILE" else word for word in arguments]
+
+        return make
+
+    def bundled(name: str, spoil: Callable[[bytes, np.random.Generator], bytes] = spoiled) -> Callable[..., list[str]]:
+        def make(folder: Path, random: np.random.Generator) -> list[str]:
+            bundle = samples.bundle(folder / "bundle")
+            (bundle / name).write_bytes(spoil((bundle / name).read_bytes(), random))
+            return ["import", str(bundle), "-o", str(folder / "out")]
+
+        return make
+
+    def curves(folder: Path, random: np.random.Generator) -> list[str]:
+        which = random.random() < 0.6
+        (folder / "map.yaml").write_bytes(spoiled(MAP.encode(), random) if which else MAP.encode())
+        (folder / "a.csv").write_bytes(TABLE.encode() if which else spoiled(TABLE.encode(), random))
+        return ["import", str(folder / "a.csv"), "--map", str(folder / "map.yaml"), "-o", str(folder / "out")]
+
+    def recording(folder: Path, random: np.random.Generator) -> list[str]:
+        path = folder / "run.h5"
+        path.write_bytes(spoil_hdf5(samples.hdf5, random, folder))
+        options = [["show"], ["show", "--json"], ["export", "-o", str(folder / "out" / "b")], ["ls", "-d"]][
+            random.integers(4)
+        ]
+        return [*options, str(folder) if "ls" in options else str(path)]
+
+    def journal(folder: Path, random: np.random.Generator) -> list[str]:
+        path = folder / "run.journal"
+        path.write_bytes(spoil_journal(samples.journal, random))
+        return (
+            ["show", str(path)] if random.random() < 0.5 else ["recover", str(path), "-o", str(folder / "out" / "r.h5")]
+        )
+
+    def model(folder: Path, random: np.random.Generator) -> list[str]:
+        text = spoiled(MODEL.encode(), random)
+        # Cut before anything could run for long; a model is code of the user's own, not data of a stranger's.
+        (folder / "model.py").write_bytes(text[: int(random.integers(len(MODEL) - 40))] + b"\n")
+        (folder / "run.h5").write_bytes(samples.hdf5)
+        name = ["Model", "Nothing", "", "__builtins__", "Model.name"][random.integers(5)]
+        out = ["-o", str(folder / "out")]
+        return ["gap", "diagnose", str(folder / "run.h5"), "--model", f"{folder / 'model.py'}:{name}", *out]
+
+    def spec(folder: Path, random: np.random.Generator) -> list[str]:
+        (folder / "spec.yaml").write_bytes(spoiled(SPEC.encode(), random))
+        return ["<spec>", str(folder / "spec.yaml")]
+
+    def names(folder: Path, random: np.random.Generator) -> list[str]:
+        """Arguments that are no names of files, or numbers in other notations."""
+        token = TOKENS[random.integers(len(TOKENS))].decode("utf-8", "surrogateescape").replace("\0", "")
+        (folder / "circle").symlink_to(folder / "circle")
+        bad = [token, f"{folder}/{token}", str(folder / "circle"), f"{folder}/circle/run.h5", str(folder), "/dev/zero"][
+            random.integers(6)
+        ]
+        run = ["run", "demo-cutometer", "--sim", "-o", str(folder / "out")]
+        # A blank speed would start a run: numbers here are never sound ones.
+        number = [b"-3_0", b"1e308", b"nan", b"inf", b"0x1F", b"", b"1_0", b"9" * 400, b"\xd9\xa3"][
+            random.integers(9)
+        ].decode()
+        chosen = [
+            ["check", bad], ["show", bad], ["import", bad, "-o", str(folder / "out")], ["recover", bad], ["export", bad, "-o", str(folder / "out")],
+            ["report", bad, "-o", str(folder / "out.html")], ["check", "demo-cutometer", "--station", bad], ["ls", "-d", bad],
+            ["gap", "diagnose", bad, "-o", str(folder / "out")], ["gap", "plan", bad], [*run, "--speed", number], [*run, "--repeat", number],
+            [*run, "--effect", f"leak:conductance={number}_"], ["ls", f"{bad}=1", "-d", str(folder)],
+        ][random.integers(14)]  # fmt: skip
+        return [word for word in chosen if word] if "" not in chosen else ["check", "x"]
+
+    found = [
+        Kind("protocol", 2, single("p.yaml", PROTOCOL.encode(), "check", "FILE")),
+        Kind("station", 2, single("s.yaml", STATION.encode(), "check", "demo-cutometer", "--station", "FILE")),
+        Kind("bundle", 3, bundled("recording.yaml")),
+        Kind("bundle's protocol", 1, bundled("protocol.yaml")),
+        Kind("CSV", 2, bundled("data.csv")),
+        Kind("XLSX", 2, bundled("data.xlsx", spoil_workbook)),
+        Kind("picture", 1, bundled("img_2.png")),
+        Kind("column map", 1, curves),
+        Kind("HDF5", 4, recording),
+        Kind("journal", 4, journal),
+        Kind("fit specification", 1, spec),
+        Kind("model file", 1, model),
+        Kind("argument", 2, names),
+    ]
+    return {kind.name: kind for kind in found}
+
+
+# One input ------------------------------------------------------------------------------------------------------------
+
+
+class Writes:
+    """What this process opens for writing, renames or removes, as Python tells it, while ``folder`` is set."""
+
+    def __init__(self) -> None:
+        self.folder = ""
+        self.elsewhere: list[str] = []
+        sys.addaudithook(self._heard)
+
+    def _heard(self, event: str, arguments: tuple[Any, ...]) -> None:
+        if not self.folder:
+            return
+        if event == "open":
+            path, mode, flags = arguments
+            writes = isinstance(flags, int) and flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT)
+            if writes and isinstance(path, str | bytes | os.PathLike):
+                self._check(path)
+        elif event in ("os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.link", "os.symlink", "os.truncate"):
+            for path in arguments[:2]:
+                if isinstance(path, str | bytes | os.PathLike):
+                    self._check(path)
+        elif event in ("os.system", "subprocess.Popen", "socket.connect"):
+            self.elsewhere.append(f"{event} {arguments[:1]}")
+
+    def _check(self, path: Any) -> None:
+        text = os.path.abspath(os.fsdecode(path))
+        allowed = (
+            self.folder,
+            "/dev/null",
+            "/tmp/matplotlib",
+            os.path.expanduser("~/.cache"),
+            os.path.expanduser("~/.config"),
+        )
+        if not text.startswith(allowed) and "__pycache__" not in text:
+            self.elsewhere.append(text)
+
+
+def _peak(reset: bool = False) -> float:
+    """The most memory of this process in MB since the last reset."""
+    if reset:
+        Path("/proc/self/clear_refs").write_text("5")
+    status = Path("/proc/self/status").read_text()
+    return int(status.split("VmHWM:")[1].split()[0]) / 1024
+
+
+def attempt(kind: Kind, number: int, seed: int, writes: Writes) -> dict[str, Any]:
+    """Spoil one input, have it read, and say how that went."""
+    random = np.random.default_rng([seed, number, *kind.name.encode()])
+    with tempfile.TemporaryDirectory(prefix="hostile-") as name:
+        folder = Path(name)
+        arguments = kind.make(folder, random)
+        before = {path: path.lstat().st_mtime_ns for path in folder.rglob("*")}
+        start, began = _peak(reset=True), time.process_time()
+        out, err = io.TextIOWrapper(io.BytesIO(), "utf-8", "strict"), io.StringIO()
+        writes.folder, writes.elsewhere = str(folder / "out"), []
+        problem = ""
+        try:
+            with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+                status = _run(arguments)
+                out.flush()
+        except BaseException:
+            status, problem = -1, "an exception: " + traceback.format_exc(limit=-3)
+        finally:
+            writes.folder = ""
+        seconds, memory = time.process_time() - began, _peak() - start
+        touched = [p for p, stamp in before.items() if not os.path.lexists(p) or p.lstat().st_mtime_ns != stamp]
+        new = [p for p in folder.rglob("*") if p not in before and not str(p).startswith(str(folder / "out"))]
+    # A command line that is wrong names the option instead.
+    names = [] if kind.name == "argument" else [path.name for path in before]
+    problem = problem or _judged(status, err.getvalue(), names, [*touched, *new, *writes.elsewhere])
+    return {"status": status, "seconds": seconds, "memory": memory, "problem": problem}
+
+
+def _run(arguments: list[str]) -> int:
+    from acquire.cli.app import run
+
+    if arguments[0] != "<spec>":
+        return run(arguments)
+    from skinrig_solver.fit.spec import load_spec
+
+    try:
+        load_spec(arguments[1])
+    except ValueError as error:
+        print(error, file=sys.stderr)
+        return 2
+    return 0
+
+
+def _judged(status: int, said: str, names: list[str], touched: list[Any]) -> str:
+    if "Traceback" in said:
+        return "a traceback: " + said.strip()[-300:]
+    if status not in (0, 2):
+        return f"status {status}: {said.strip()[-300:]}"
+    if status == 2 and not said.strip():
+        return "refused without a word"
+    if status == 2 and names and not any(name in said for name in names):
+        return f"names no file: {said.strip()[-300:]}"
+    if len(said) > 30_000:
+        return f"a message of {len(said)} characters"
+    if touched:
+        return f"wrote or changed {touched[:3]}"
+    return ""
+
+
+def main(arguments: list[str]) -> int:
+    """A worker: reads ``kind, number`` lines, answers each in one line; or one input by hand, with its traceback."""
+    faulthandler.enable()
+    writes = Writes()
+    with tempfile.TemporaryDirectory(prefix="hostile-samples-") as name:
+        known = kinds(Samples(Path(name)))
+        if arguments[:1] != ["--worker"]:
+            kind, number, seed = arguments[0], int(arguments[1]), int(arguments[2]) if len(arguments) > 2 else 1
+            os.environ["ACQUIRE_DEBUG"] = "1"
+            print(json.dumps(attempt(known[kind], number, seed, writes), indent=1))
+            return 0
+        answer = sys.stdout
+        print("ready", file=answer, flush=True)
+        for line in sys.stdin:
+            kind, number, seed = json.loads(line)
+            faulthandler.dump_traceback_later(HANG, exit=True)
+            result = attempt(known[kind], number, seed, writes)
+            faulthandler.cancel_dump_traceback_later()
+            print(json.dumps(result), file=answer, flush=True)
+    return 0
+
+
+# The row --------------------------------------------------------------------------------------------------------------
+
+
+class Worker:
+    """A process that reads inputs, replaced when one of them kills it."""
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[str] | None = None
+        self._left = 0
+
+    def ask(self, kind: str, number: int, seed: int) -> dict[str, Any]:
+        """How the input went; ``problem`` says so if the process died of it."""
+        if self._process is None or not self._left:
+            self.close()
+            command = [sys.executable, "-m", "benchmarks.faults.hostile", "--worker"]
+            pipe = subprocess.PIPE
+            self._errors = tempfile.TemporaryFile("w+")
+            self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=self._errors, text=True)
+            self._left = BATCH
+            assert self._process.stdout is not None
+            if self._process.stdout.readline().strip() != "ready":
+                self._errors.seek(0)
+                raise RuntimeError(f"the reader of hostile files did not start: {self._errors.read()[-2000:]}")
+        self._left -= 1
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        with contextlib.suppress(OSError):
+            self._process.stdin.write(json.dumps([kind, number, seed]) + "\n")
+            self._process.stdin.flush()
+        line = self._process.stdout.readline()
+        if line:
+            return dict(json.loads(line))
+        status = self._process.wait()
+        self._errors.seek(0)
+        why = self._errors.read()[-400:]
+        self._process = None
+        word = "hung" if "Timeout" in why else "crashed"
+        return {"status": status, "seconds": HANG, "memory": 0.0, "problem": f"the process {word} ({status}): {why}"}
+
+    def close(self) -> None:
+        if self._process is not None:
+            self._process.communicate()
+            self._process = None
+
+
+def rows(campaign: Campaign) -> Iterator[Row]:
+    """One row per kind of input, and what they cost."""
+    count = campaign.count(FULL, 60)
+    worker = Worker()
+    try:
+        for name, weight in WEIGHTS.items():
+            row = Row(
+                f"hostile files: {name}",
+                "one message, status 0 or 2, nothing written elsewhere, ≤ 200 MB",
+                "s of processor time",
+                SECONDS,
+            )
+            for number in range(max(2, round(count * weight / sum(WEIGHTS.values())))):
+                result = worker.ask(name, number, campaign.seed)
+                problem = result["problem"]
+                if not problem and result["memory"] > MEMORY:
+                    problem = f"{result['memory']:.0f} MB"
+                row.trial(result["seconds"], problem and f"{name} {number}: {problem}")
+            yield row
+    finally:
+        worker.close()
+
+
+WEIGHTS = {
+    "protocol": 2.0, "station": 2.0, "bundle": 3.0, "bundle's protocol": 1.0, "CSV": 2.0, "XLSX": 2.0, "picture": 1.0, "column map": 1.0,
+    "HDF5": 4.0, "journal": 4.0, "fit specification": 1.0, "model file": 1.0, "argument": 2.0,
+}  # fmt: skip
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
