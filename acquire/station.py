@@ -230,9 +230,8 @@ class Station(Model):
         for name, instrument in self.instruments.items():
             if (instrument.instrument or name) == kind:
                 return name
-        raise ValueError(
-            f"station {self.name or self._read.file!r} has no {kind}; it has {', '.join(self.instruments)}"
-        )
+        where = f"{self._read.file or 'station'}: {self.name or 'the station'}"
+        raise ValueError(f"{where} has no {kind}; it has {', '.join(self.instruments)}")
 
     def text(self) -> str:
         """The station as YAML, for the recording."""

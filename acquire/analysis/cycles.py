@@ -111,7 +111,7 @@ def find_cycles(pressure: Series, *, threshold: float, shortest: float = 0.05) -
             stretches.append((int(first), int(past)))
     found = [_cycle(time, suction, first, past) for first, past in stretches]
     found = [cycle for cycle in found if cycle.release + cycle.fall - cycle.onset >= shortest]
-    ends = [cycle.onset for cycle in found[1:]] + [float(time[-1])]
+    ends = [cycle.onset for cycle in found[1:]] + [float(time[-1])] * bool(found)
     return tuple(_until(cycle, end) for cycle, end in zip(found, ends, strict=True))
 
 

@@ -21,6 +21,7 @@ from acquire.recording.lazy import LazyFrames
 from acquire.recording.model import Event, FloatArray, Frames, Recording, RecordingError, RunInfo, SegmentRecord, Series
 from acquire.recording.order import ordered, ordered_frames
 from acquire.recording.segments import before
+from protocols.files import refusing
 
 MAX_PAYLOAD = 2**30  # no record is longer; a damaged length is not believed
 SECTOR = 4096  # bytes that a disk gives or refuses at once
@@ -41,12 +42,13 @@ def read_journal(path: Path | str) -> Recording:
 def read_content(data: JournalBytes) -> tuple[Recording, bool]:
     """The recording in ``data``, and whether every byte of the journal is in it. Raises as `read_journal`."""
     content = _Content(data)
-    for record in _records(data):
-        if isinstance(record, Damage):
-            content.damage(record)
-        else:
-            content.add(*record)
-    return content.recording(), content.whole
+    with refusing(data.path, RecordingError, "a record is whole but not understood"):
+        for record in _records(data):
+            if isinstance(record, Damage):
+                content.damage(record)
+            else:
+                content.add(*record)
+        return content.recording(), content.whole
 
 
 class JournalBytes:

@@ -27,6 +27,18 @@ import numpy as np
 from benchmarks.faults.mutate import TOKENS, spoil_hdf5, spoil_journal, spoil_workbook, spoiled
 from benchmarks.faults.table import Campaign, Row
 
+WEIGHTS = {
+    **{
+        "protocol": 2.0,
+        "station": 2.0,
+        "bundle": 3.0,
+        "bundle's protocol": 1.0,
+        "CSV": 2.0,
+        "XLSX": 2.0,
+        "picture": 1.0,
+    },
+    **{"column map": 1.0, "HDF5": 4.0, "journal": 4.0, "fit specification": 1.0, "model file": 1.0, "argument": 2.0},
+}
 FULL = 1200  # mutated inputs of all kinds together
 MEMORY, SECONDS, HANG = 200.0, 5.0, 30  # MB above the idle program, s of processor time, s until it is given up
 BATCH = 60  # inputs that one process reads; a crash costs the rest of a batch, and it goes on in another
@@ -98,7 +110,6 @@ class Kind:
     """One kind of input: ``make`` writes the spoiled input into a folder and returns the arguments that read it."""
 
     name: str
-    weight: float
     make: Callable[[Path, np.random.Generator], list[str]]
 
 
@@ -204,36 +215,45 @@ def kinds(samples: Samples) -> dict[str, Kind]:
         """Arguments that are no names of files, or numbers in other notations."""
         token = TOKENS[random.integers(len(TOKENS))].decode("utf-8", "surrogateescape").replace("\0", "")
         (folder / "circle").symlink_to(folder / "circle")
-        bad = [token, f"{folder}/{token}", str(folder / "circle"), f"{folder}/circle/run.h5", str(folder), "/dev/zero"][
-            random.integers(6)
+        places = [token, f"{folder}/{token}", f"{folder}/circle", f"{folder}/circle/run.h5", str(folder), "/dev/zero"]
+        bad = places[random.integers(len(places))] or "x"
+        out = ["-o", str(folder / "out")]
+        run = ["run", "demo-cutometer", "--sim", *out]
+        # None of them is a sound number: that would start a run.
+        number = ["-3_0", "1e308", "nan", "inf", "0x1F", "1_0", "9" * 400, "\N{ARABIC-INDIC DIGIT THREE}"][
+            random.integers(8)
         ]
-        run = ["run", "demo-cutometer", "--sim", "-o", str(folder / "out")]
-        # A blank speed would start a run: numbers here are never sound ones.
-        number = [b"-3_0", b"1e308", b"nan", b"inf", b"0x1F", b"", b"1_0", b"9" * 400, b"\xd9\xa3"][
-            random.integers(9)
-        ].decode()
         chosen = [
-            ["check", bad], ["show", bad], ["import", bad, "-o", str(folder / "out")], ["recover", bad], ["export", bad, "-o", str(folder / "out")],
-            ["report", bad, "-o", str(folder / "out.html")], ["check", "demo-cutometer", "--station", bad], ["ls", "-d", bad],
-            ["gap", "diagnose", bad, "-o", str(folder / "out")], ["gap", "plan", bad], [*run, "--speed", number], [*run, "--repeat", number],
-            [*run, "--effect", f"leak:conductance={number}_"], ["ls", f"{bad}=1", "-d", str(folder)],
-        ][random.integers(14)]  # fmt: skip
-        return [word for word in chosen if word] if "" not in chosen else ["check", "x"]
+            *(["check", bad], ["show", bad], ["import", bad, *out], ["recover", bad], ["export", bad, *out]),
+            *(
+                ["report", bad, "-o", f"{folder}/out.html"],
+                ["check", "demo-cutometer", "--station", bad],
+                ["ls", "-d", bad],
+            ),
+            *(
+                ["gap", "diagnose", bad, *out],
+                ["gap", "plan", bad],
+                [*run, "--speed", number],
+                [*run, "--repeat", number],
+            ),
+            *([*run, "--effect", f"leak:conductance={number}_"], ["ls", f"{bad}=1", "-d", str(folder)]),
+        ]
+        return chosen[random.integers(len(chosen))]
 
     found = [
-        Kind("protocol", 2, single("p.yaml", PROTOCOL.encode(), "check", "FILE")),
-        Kind("station", 2, single("s.yaml", STATION.encode(), "check", "demo-cutometer", "--station", "FILE")),
-        Kind("bundle", 3, bundled("recording.yaml")),
-        Kind("bundle's protocol", 1, bundled("protocol.yaml")),
-        Kind("CSV", 2, bundled("data.csv")),
-        Kind("XLSX", 2, bundled("data.xlsx", spoil_workbook)),
-        Kind("picture", 1, bundled("img_2.png")),
-        Kind("column map", 1, curves),
-        Kind("HDF5", 4, recording),
-        Kind("journal", 4, journal),
-        Kind("fit specification", 1, spec),
-        Kind("model file", 1, model),
-        Kind("argument", 2, names),
+        Kind("protocol", single("p.yaml", PROTOCOL.encode(), "check", "FILE")),
+        Kind("station", single("s.yaml", STATION.encode(), "check", "demo-cutometer", "--station", "FILE")),
+        Kind("bundle", bundled("recording.yaml")),
+        Kind("bundle's protocol", bundled("protocol.yaml")),
+        Kind("CSV", bundled("data.csv")),
+        Kind("XLSX", bundled("data.xlsx", spoil_workbook)),
+        Kind("picture", bundled("img_2.png")),
+        Kind("column map", curves),
+        Kind("HDF5", recording),
+        Kind("journal", journal),
+        Kind("fit specification", spec),
+        Kind("model file", model),
+        Kind("argument", names),
     ]
     return {kind.name: kind for kind in found}
 
@@ -253,7 +273,7 @@ class Writes:
         if not self.folder:
             return
         if event == "open":
-            path, mode, flags = arguments
+            path, _, flags = arguments
             writes = isinstance(flags, int) and flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT)
             if writes and isinstance(path, str | bytes | os.PathLike):
                 self._check(path)
@@ -382,7 +402,7 @@ class Worker:
             self.close()
             command = [sys.executable, "-m", "benchmarks.faults.hostile", "--worker"]
             pipe = subprocess.PIPE
-            self._errors = tempfile.TemporaryFile("w+")
+            self._errors = tempfile.TemporaryFile("w+")  # noqa: SIM115 - closed with the worker
             self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=self._errors, text=True)
             self._left = BATCH
             assert self._process.stdout is not None
@@ -433,11 +453,6 @@ def rows(campaign: Campaign) -> Iterator[Row]:
     finally:
         worker.close()
 
-
-WEIGHTS = {
-    "protocol": 2.0, "station": 2.0, "bundle": 3.0, "bundle's protocol": 1.0, "CSV": 2.0, "XLSX": 2.0, "picture": 1.0, "column map": 1.0,
-    "HDF5": 4.0, "journal": 4.0, "fit specification": 1.0, "model file": 1.0, "argument": 2.0,
-}  # fmt: skip
 
 if __name__ == "__main__":
     sys.exit(main(sys.argv[1:]))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
+import re
 import struct
 import zipfile
 import zlib
@@ -16,13 +18,29 @@ import numpy as np
 Random = np.random.Generator
 
 #: What parsers stumble over: other notations, ends of text, huge and not finite numbers, deep nesting, odd characters.
-TOKENS = [
-    b"\0", b"\xff\xfe", b"\xef\xbb\xbf", b"\xed\xa0\x80", b"\\ud800", b"\r", b"\t", b"\x1b[2J", b"'", b'"', b"#", b"%", b"&a", b"*a",
-    b"!!python/object/apply:os.system", b"<<: *a", b"-3_0", b"0x1F", b"1:30", b"1e999", b"-1e-999", b"nan", b"inf", b".inf", b"-0",
-    b"9" * 400, b"9" * 5000, b"1" * 20, b"-1", b"2.5", b"true", b"null", b"~", b"[", b"]", b"{", b"}", b": ", b"- ", b"? ", b"|", b">",
-    b"[" * 3000, b"{a: " * 1000, b"(" * 500, b"../../etc/passwd", b"/etc/passwd", b"x" * 5000, b"=cmd|'/c calc'!A1", b",", b";", b",,,,",
-    b"10**10**10", b"m", b"mbar", b"\n\n", b"\n", b" ", b"\xc3\xa4", b"\xf0\x9f\x98\x80", "\N{ARABIC-INDIC DIGIT THREE}".encode(),
-]  # fmt: skip
+_TEXTS = """
+' " # % &a *a | > ~ , ; [ ] { } - ? : m mbar true null -1 2.5 -0
+!!python/object/apply:os.system <<:*a -3_0 0x1F 1:30 1e999 -1e-999 nan inf .inf \\ud800
+../../etc/passwd /etc/passwd =cmd|'calc'!A1 ,,,, 10**10**10 ä 😀 ٣
+"""
+TOKENS: list[bytes] = [
+    *(text.encode() for text in _TEXTS.split()),
+    *(
+        b"\0",
+        b"\xff\xfe",
+        b"\xef\xbb\xbf",
+        b"\xed\xa0\x80",
+        b"\r",
+        b"\t",
+        b"\x1b[2J",
+        b"\n\n",
+        b"\n",
+        b" ",
+        b": ",
+        b"- ",
+    ),
+    *(b"9" * 400, b"9" * 5000, b"1" * 20, b"[" * 3000, b"{a: " * 1000, b"(" * 500, b"x" * 5000),
+]
 
 
 def spoiled(data: bytes, random: Random, times: int = 0) -> bytes:
@@ -61,8 +79,6 @@ def _replace(out: bytearray, random: Random) -> None:
 
 
 def _words(out: bytearray) -> list[tuple[int, int]]:
-    import re
-
     return [match.span() for match in re.finditer(rb"[\w.+-]+", bytes(out[:100_000]))]
 
 
@@ -114,9 +130,8 @@ def spoil_workbook(data: bytes, random: Random) -> bytes:
 
 def _spoil_xml(content: bytes, random: Random) -> bytes:
     cell = int(random.integers(6))
-    far = b"".join(
-        b'<row r="%d"><c r="XFD%d"><v>1</v></c></row>' % (n, n) for n in range(4, 4 + 10 ** int(random.integers(1, 5)))
-    )
+    rows = range(4, 4 + 10 ** int(random.integers(1, 5)))
+    far = b"".join(b'<row r="%d"><c r="XFD%d"><v>1</v></c></row>' % (n, n) for n in rows)
     tricks = [
         lambda: content.replace(b"A1:B", b"A1:XFD1048576", 1),
         lambda: content.replace(b"</sheetData>", far + b"</sheetData>"),
@@ -141,8 +156,9 @@ def spoil_hdf5(data: bytes, random: Random, folder: Path) -> bytes:
         file.visit(names.append)
         for _ in range(int(random.integers(1, 3))):
             name = names[random.integers(len(names))]
-            if name in file and isinstance(file[name], h5py.Dataset | h5py.Group):
-                _spoil_object(file, name, random)
+            with contextlib.suppress(KeyError, RuntimeError):  # a link made before leads nowhere, or in a circle
+                if isinstance(file[name], h5py.Dataset | h5py.Group):
+                    _spoil_object(file, name, random)
     content = path.read_bytes()
     path.unlink()
     return content

@@ -94,12 +94,8 @@ def told(row: Row) -> str:
 
 def markdown(rows: Sequence[Row], about: str) -> str:
     """The table for the documentation."""
-    lines = [
-        about,
-        "",
-        "| fault | must hold | trials | failures | worst | stated exception |",
-        "|---|---|---|---|---|---|",
-    ]
+    titles = ("fault", "must hold", "trials", "failures", "worst", "stated exception")
+    lines = [about, "", f"| {' | '.join(titles)} |", "|" + "---|" * len(titles)]
     for row in rows:
         cells = (row.fault, row.must, str(row.trials), str(len(row.failures)), row.worst, row.exception)
         lines.append(f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |")
@@ -111,7 +107,7 @@ def about(campaign: Campaign, seconds: float) -> str:
     load = ", ".join(f"{value:.1f}" for value in os.getloadavg())
     return (
         f"`python -m benchmarks.faults --share {campaign.share:g} --seed {campaign.seed}`: {seconds / 60:.0f} min on "
-        f"{os.cpu_count()} cores ({platform.machine()}, Python {platform.python_version()}), load averages at the end {load}."
+        f"{os.cpu_count()} cores ({platform.machine()}, Python {platform.python_version()}); load at the end {load}."
     )
 
 

@@ -64,6 +64,18 @@ class BackDoor:
             time.sleep(0.005)
         return truth
 
+    def wait_stopped(self, timeout: float = 5.0) -> float:
+        """When the device was first seen not to act: neither armed nor running nor held (monotonic s of this computer).
+
+        Raises TimeoutError after ``timeout`` s of wall time.
+        """
+        deadline = time.monotonic() + timeout
+        while self._sim.firmware.state in ("armed", "running", "held"):
+            if time.monotonic() > deadline:
+                raise TimeoutError(f"still {self._sim.firmware.state} after {timeout:g} s")
+            time.sleep(0.001)
+        return time.monotonic()
+
     def unplug(self) -> None:
         """Pull every cable."""
         with self._sim.lock:

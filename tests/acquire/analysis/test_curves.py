@@ -15,7 +15,7 @@ from acquire.analysis.curves import (
     recording_parameters,
     relative_parameters,
 )
-from acquire.analysis.cycles import Cycle, suction_cycles
+from acquire.analysis.cycles import Cycle, find_cycles, suction_cycles
 from acquire.recording import Recording, RunInfo, Series
 
 # A record printed in the literature on the instrument (mm and ratios), three decimals.
@@ -96,3 +96,9 @@ def test_noise_and_nothing() -> None:
     assert len(suction_cycles(recording)) == 1
     assert recording_parameters(recording) == {}
     assert recording_parameters(Recording(RunInfo("r", "x", ""), {})) == {}
+
+
+def test_suction_too_brief_for_a_cycle_is_none() -> None:
+    time = np.arange(100) / 100
+    pulse = Series(np.where((time > 0.5) & (time < 0.53), -3e4, 0.0), time, "Pa")
+    assert find_cycles(pulse, threshold=0.5) == ()

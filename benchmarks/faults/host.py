@@ -1,0 +1,199 @@
+"""The host killed, stopped or told to end in every phase: connecting, arming, running, finalising.
+
+The host is ``acquire run`` in a process of its own (forked from one that has imported everything, so that a trial costs
+its run and not Python's start); the instrument is another's.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import time
+from collections.abc import Iterator
+from multiprocessing.context import ForkServerProcess
+from pathlib import Path
+
+import numpy as np
+
+from acquire.recording import load, open_recording, recover
+from benchmarks.faults.rig import WATCHDOG, Rig, Stillness, acts
+from benchmarks.faults.table import Campaign, Row
+
+FULL = 100
+VENT = 0.3  # s after the last beat: the watchdog's 0.25 s and what the device takes to notice
+LOSS = 0.1  # s of data that a killed host may lose
+BRIEF = """schema: protocol/1
+name: brief
+instrument: cutometer
+steps:
+- {type: hold, suction: 200 mbar, duration: 1.2 s}
+- {type: wait, duration: 0.2 s}
+"""
+STATUSES = {0, 4, 5}  # done, tripped, aborted: whichever the signal came before
+_CONTEXT = multiprocessing.get_context("forkserver")
+
+
+def host(arguments: list[str], said: str) -> None:
+    """In the host's process: ``acquire`` with ``arguments``, its words into the file ``said``."""
+    descriptor = os.open(said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+    for stream in (1, 2):
+        os.dup2(descriptor, stream)
+    os.setpgrp()
+    from acquire.cli.app import run
+
+    os._exit(run(arguments))
+
+
+class Hosts:
+    """Runs of ``acquire run`` on one instrument, each in a process of its own."""
+
+    def __init__(self, rig: Rig) -> None:
+        _CONTEXT.set_forkserver_preload(["acquire.cli.app", "acquire.cli.run", "acquire.session", "drivers.cutometer"])
+        self.rig = rig
+        self.folder = Path(rig.folder.name)
+        self.said = self.folder / "said.txt"
+        self.protocol = self.folder / "brief.yaml"
+        self.protocol.write_text(BRIEF)
+        self._number = 0
+        self.out = self.folder
+        self.length = 0.0  # s that a whole run takes
+        for _ in range(2):  # the first one imports
+            began = time.monotonic()
+            process = self.start()
+            process.join(60)
+            if process.exitcode:
+                raise RuntimeError(f"a run without a fault ends with {process.exitcode}: {self.said.read_text()}")
+            self.length = time.monotonic() - began
+
+    def start(self) -> ForkServerProcess:
+        """A run of the brief protocol, just begun."""
+        self._number += 1
+        self.out = self.folder / f"out-{self._number}"
+        arguments = ["run", str(self.protocol), "--station", str(self.rig.station), "-o", str(self.out)]
+        process = _CONTEXT.Process(target=host, args=(arguments, str(self.said)))
+        process.start()
+        return process
+
+    def left(self) -> str:
+        """What is wrong with what the newest run left behind; its journals are recovered."""
+        problems = []
+        for journal in self.out.glob("*.journal"):
+            if not journal.with_suffix(".h5").exists():
+                with _told(problems, journal):
+                    recover(journal)
+        for path in self.out.glob("*.h5"):
+            with _told(problems, path):
+                open_recording(path)
+        return "; ".join(problems)
+
+    def last_sample(self) -> float:
+        """Device time of the newest sample that the newest run left; NaN without any."""
+        times = [float(load(path).streams["pressure"].time[-1]) for path in self.out.glob("*.h5")]
+        return max(times, default=float("nan"))
+
+
+@contextlib.contextmanager
+def _told(problems: list[str], path: Path) -> Iterator[None]:
+    try:
+        yield
+    except Exception as error:  # whatever it is, the recording is lost
+        problems.append(f"{path.name}: {type(error).__name__}: {error}")
+
+
+def rows(campaign: Campaign) -> Iterator[Row]:
+    """Kill -9, SIGSTOP and polite signals, each at moments over the whole of a run."""
+    with Rig("cutometer", seed=campaign.seed) as rig:
+        hosts = Hosts(rig)
+        yield _killed(campaign, hosts)
+        yield _stopped(campaign, hosts)
+        yield _signalled(campaign, hosts)
+        row = Row("the next run after all of these", "starts and completes")
+        process = hosts.start()
+        process.join(60)
+        row.trial(problem=f"status {process.exitcode}: {hosts.said.read_text()[-200:]}" if process.exitcode else "")
+        yield row
+
+
+def _moments(campaign: Campaign, name: str, length: float) -> list[float]:
+    """Moments over a whole run, evenly with some scatter: no phase is left out."""
+    count = campaign.count(FULL)
+    return [float(m) for m in (np.arange(count) + campaign.random(name).random(count)) / count * length]
+
+
+def _killed(campaign: Campaign, hosts: Hosts) -> Row:
+    row = Row(
+        "host killed (kill -9) in every phase",
+        f"vent ≤ {VENT:g} s, at most {LOSS * 1e3:g} ms lost, recovered whole, the next run starts",
+        "s to the vent",
+        VENT,
+    )
+    for moment in _moments(campaign, "killed", hosts.length):
+        process = hosts.start()
+        time.sleep(moment)
+        still = Stillness()
+        truth, began = hosts.rig.truth(), time.monotonic()
+        _send(process, signal.SIGKILL)
+        stopped, problem = hosts.rig.stopped()
+        process.join()
+        waited = still.close()
+        problem = problem or hosts.left()
+        if not problem and acts(truth):
+            lost = truth.time - hosts.last_sample()
+            if not lost <= LOSS + waited:
+                problem = f"{lost:.3f} s lost"
+        row.trial(max(0.0, stopped - began - waited), problem and f"after {moment:.2f} s: {problem}")
+    return row
+
+
+def _stopped(campaign: Campaign, hosts: Hosts) -> Row:
+    row = Row(
+        "host suspended (SIGSTOP) in every phase", "vent in time; the run trips when it goes on", "s to the vent", VENT
+    )
+    for moment in _moments(campaign, "stopped", hosts.length):
+        process = hosts.start()
+        time.sleep(moment)
+        still = Stillness()
+        truth, began = hosts.rig.truth(), time.monotonic()
+        _send(process, signal.SIGSTOP)
+        stopped, problem = hosts.rig.stopped()
+        waited = still.close()
+        time.sleep(max(0.0, began + 2 * WATCHDOG - time.monotonic()))
+        _send(process, signal.SIGCONT)
+        process.join(30)
+        # Before anything acts, and after the end of the run, there is nothing to trip.
+        expected = {4} if acts(truth) and truth.state == "running" else STATUSES | {3}
+        if not problem and process.exitcode not in expected:
+            problem = f"status {process.exitcode}: {hosts.said.read_text()[-200:]}"
+        problem = problem or hosts.left()
+        row.trial(max(0.0, stopped - began - waited), problem and f"after {moment:.2f} s: {problem}")
+    return row
+
+
+def _signalled(campaign: Campaign, hosts: Hosts) -> Row:
+    must = "vent ≤ 1 s, status 5 (0 once all is done), no traceback, what was recorded is kept"
+    row = Row("SIGINT, SIGTERM, SIGHUP in every phase", must, "s to the vent", 1.0)
+    signals = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    for number, moment in enumerate(_moments(campaign, "signalled", hosts.length)):
+        process = hosts.start()
+        time.sleep(moment)
+        still = Stillness()
+        began = time.monotonic()
+        _send(process, signals[number % len(signals)])
+        stopped, problem = hosts.rig.stopped()
+        waited = still.close()
+        process.join(30)
+        said = hosts.said.read_text() if hosts.said.exists() else ""
+        # A process that has not come to its first line yet simply ends, as any program does.
+        early = process.exitcode is not None and process.exitcode < 0 and not list(hosts.out.glob("*"))
+        if not problem and not early and (process.exitcode not in STATUSES or "Traceback" in said):
+            problem = f"status {process.exitcode}: {said[-300:]}"
+        problem = problem or hosts.left()
+        row.trial(max(0.0, stopped - began - waited), problem and f"after {moment:.2f} s: {problem}")
+    return row
+
+
+def _send(process: ForkServerProcess, number: int) -> None:
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(process.pid or 0, number)

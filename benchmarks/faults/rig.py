@@ -1,0 +1,153 @@
+"""A simulated instrument in a process of its own, a host on it, and how long this computer stood still meanwhile."""
+
+from __future__ import annotations
+
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from acquire.engine import Outcome, RunEngine, State
+from acquire.session import Session
+from acquire.station import load_station
+from protocols import load
+from sim_devices.servers.backdoor import Truth
+from sim_devices.servers.remote import RemoteServer
+
+WATCHDOG, STALE = 0.25, 0.5  # s of wall time, the defaults of a bench with people on it
+AFTER_WATCHDOG, BY_HOST = 0.25, 1.0  # s: how soon a safe command must act
+KINDS = ("cutometer", "aspiration", "microrobot")
+PROTOCOLS = {
+    "cutometer": "- {type: hold, suction: 200 mbar, duration: 1 s, repeat: 20}",
+    "aspiration": "- {type: hold, suction: 100 mbar, duration: 1 s, repeat: 20}",
+    "microrobot": "- {type: hold, position: {x: 1 mm}, speed: 10 mm/s, duration: 1 s, repeat: 20}",
+}
+
+
+def protocol(kind: str) -> str:
+    """A long hold: the instrument acts on the skin within a second and goes on."""
+    return f"schema: protocol/1\nname: hold\ninstrument: {kind}\nsteps:\n{PROTOCOLS[kind]}\n"
+
+
+def acts(truth: Truth) -> bool:
+    """Whether the instrument acts on the skin."""
+    signals = truth.signals
+    return signals.get("line_pressure", 0.0) < -8e3 or abs(signals.get("tip_x", 0.0)) > 0.4e-3
+
+
+class Stillness:
+    """Measures for how long this computer kept a thread waiting that wanted to run: the host's own unpunctuality."""
+
+    TICK = 0.005
+
+    def __init__(self) -> None:
+        self._worst = 0.0
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        before = time.monotonic()
+        while not self._stop.wait(self.TICK):
+            now = time.monotonic()
+            self._worst = max(self._worst, now - before - self.TICK)
+            before = now
+
+    def close(self) -> float:
+        """The longest wait in s."""
+        self._stop.set()
+        self._thread.join()
+        return self._worst
+
+
+class Rig:
+    """One instrument's simulator in its own process and a session on it, over TCP. Use as a context manager.
+
+    ``between`` puts something between the two (a proxy): given the addresses by link, it returns others.
+    """
+
+    def __init__(
+        self,
+        kind: str,
+        *,
+        seed: int = 1,
+        between: Callable[[Mapping[str, str]], Mapping[str, str]] | None = None,
+        interlock: str = "",
+    ) -> None:
+        self.kind = kind
+        self.folder = tempfile.TemporaryDirectory(prefix="faults-")
+        self.server = RemoteServer(kind, link="tcp", seed=seed, frame_size=(160, 120))
+        addresses = {"address": self.server.entry.address, **dict(self.server.entry.sources)}
+        self.addresses = dict(between(addresses) if between else addresses)
+        self.station = Path(self.folder.name) / "station.yaml"
+        self.station.write_text(station(kind, self.addresses, interlock))
+        self.session = Session(load_station(self.station), out=Path(self.folder.name))
+        self._count = 0
+
+    def __enter__(self) -> Rig:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.session.close()
+        self.server.close()
+        self.folder.cleanup()
+
+    def call(self, method: str, **args: Any) -> Any:
+        """A method of the instrument's back door."""
+        return self.server.back_door.call(method, **args)
+
+    def truth(self) -> Truth:
+        return self.server.back_door.truth()
+
+    def stopped(self, timeout: float = 5.0) -> tuple[float, str]:
+        """When the device ceased to act (monotonic s), and what is wrong if it did not, or was not vented then."""
+        try:
+            moment = float(self.call("wait_stopped", timeout=timeout))
+            self.call("wait_vented", timeout=3.0)
+        except TimeoutError as error:
+            return time.monotonic(), str(error)
+        return moment, ""
+
+    def begin(self) -> RunEngine:
+        """An engine in a run, its instrument acting. Raises TimeoutError where that does not come about."""
+        for _ in range(3):
+            self._count += 1
+            engine, plan = self.session.prepare(
+                load(protocol(self.kind)), out=Path(self.folder.name) / f"{self._count}.h5"
+            )
+            engine.arm(plan)
+            engine.start()
+            deadline = time.monotonic() + 10
+            while engine.state is State.RUNNING and time.monotonic() < deadline:
+                if acts(self.truth()):
+                    return engine
+                time.sleep(0.02)
+            # A computer that is too busy to beat is vented by the watchdog, and rightly: begin once more.
+            engine.abort("the instrument does not act")
+            self.over(engine)
+        raise TimeoutError(f"{self.kind} did not act in three runs: is this computer too busy?")
+
+    def over(self, engine: RunEngine) -> Outcome:
+        """The end of a run; the instrument is then ready for the next one."""
+        outcome = engine.wait(20)
+        self.call("heal")
+        self.call("plug")
+        if engine.state is State.TRIPPED:
+            engine.reset()
+        return outcome
+
+
+def station(kind: str, addresses: Mapping[str, str], interlock: str = "") -> str:
+    """A station file for an instrument that is simulated in another process."""
+    sources = ", ".join(f"{name}: '{where}'" for name, where in addresses.items() if name != "address")
+    lines = [
+        "schema: station/1",
+        f"instruments:\n  {kind}:",
+        f"    address: '{addresses['address']}'",
+        "    simulated: true",
+        f"    watchdog: {WATCHDOG} s",
+        f"    interlock: {{stale: {STALE} s{interlock}}}",
+    ]
+    return "\n".join([*lines, *([f"    sources: {{{sources}}}"] if sources else [])]) + "\n"
