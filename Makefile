@@ -7,7 +7,7 @@ export OPENBLAS_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 export QT_QPA_PLATFORM ?= offscreen
 
-.PHONY: install system demo test lint gui screenshots benchmark pictures clean
+.PHONY: install system demo test test-fast lint gui screenshots benchmark pictures clean
 
 $(BIN)/acquire: pyproject.toml solver/pyproject.toml
 	$(PYTHON) -c 'import sys; assert sys.version_info >= (3, 11), "skinrig needs Python 3.11 or newer"'
@@ -26,12 +26,21 @@ system:
 demo: install
 	$(BIN)/python examples/demo/run_demo.py -o out/demo
 
-# Both runs always happen, and either fails the whole. What is skipped is named (-rs), what is slow is listed.
-PYTEST := -m pytest --durations=25 -rsR
+# Both runs always happen, and either fails the whole. What is skipped or run again is named (-rsR), what is slow is
+# listed. Tests judged by the clock share one worker, in which nothing else runs at the same time.
+JOBS ?= 2
+PYTEST := -m pytest -n $(JOBS) --durations=25 -rsR
 test: install system lint
 	status=0; \
-	$(BIN)/python $(PYTEST) --reruns 1 tests || status=1; \
-	$(BIN)/python $(PYTEST) solver/tests || status=1; \
+	$(BIN)/python $(PYTEST) --dist loadgroup tests || status=1; \
+	$(BIN)/python $(PYTEST) --dist loadfile solver/tests || status=1; \
+	exit $$status
+
+# A look while working: nothing that waits for the clock, nothing that computes for long.
+test-fast: install system
+	status=0; \
+	$(BIN)/python $(PYTEST) --dist loadgroup -m "not slow and not real_time" tests || status=1; \
+	$(BIN)/python $(PYTEST) --dist loadfile -m "not slow" solver/tests || status=1; \
 	exit $$status
 
 lint: install

@@ -1,4 +1,4 @@
-"""Public recordings where this machine has them, and their stand-ins everywhere."""
+"""Public recordings where this machine has them, their stand-ins everywhere, and the tests judged by the clock."""
 
 from __future__ import annotations
 
@@ -11,6 +11,27 @@ import pytest
 from tests.standins import write
 
 Folder = Callable[[str], Path]
+
+#: Folders whose tests drive byte-level instruments with watchdogs, or windows; elsewhere a file says so by its mark.
+REAL_TIME = ("acquire/gui", "acquire/session", "conformance", "sim_devices/servers")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests of `REAL_TIME`, and say which tests share a worker of pytest-xdist (``--dist loadgroup``).
+
+    A machine that stands still for a quarter of a second trips what it must trip, so these tests, and no others, may
+    fail once: they are run again, and the report says so. They follow one another in one worker, as two engines on one
+    processor starve each other. Every other file is a group of its own, since its tests share what they have prepared.
+    """
+    root = Path(__file__).parent
+    for item in items:
+        place = item.path.relative_to(root).as_posix()
+        if place.startswith(REAL_TIME):
+            item.add_marker("real_time")
+        real_time = item.get_closest_marker("real_time") is not None
+        if real_time:
+            item.add_marker(pytest.mark.flaky(reruns=1))
+        item.add_marker(pytest.mark.xdist_group("real_time" if real_time else place))
 
 
 @pytest.fixture(scope="session")

@@ -12,6 +12,8 @@ import pytest
 
 from gap.batch import diagnose_cases
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 TABLE = (
     "top-1", "top-3", "stage", "top-1, delta > 30", "false alarms T0", "false alarms T6", "calibration error",

@@ -15,6 +15,8 @@ from gap.design.simulated_cases import detectability, make_own
 from tests.conftest import Folder
 from tests.standins import example
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 WARM_UP = ROOT / "examples/user_effect/pump_warm_up.py"
 

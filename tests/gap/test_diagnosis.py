@@ -14,6 +14,8 @@ from gap.report.document import as_json
 from gap.rig.model import ModelError
 from sim_devices.effects import effects
 
+pytestmark = pytest.mark.slow
+
 SUCTION = [
     own.step_hold(-40e3, 8.0, 5.0),
     replace(own.step_hold(-40e3, 8.0, 5.0), repeat=2),

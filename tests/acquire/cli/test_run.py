@@ -17,6 +17,8 @@ from acquire.engine import Progress, State
 from acquire.recording import open_recording
 from sim_devices.servers import serve
 
+pytestmark = pytest.mark.real_time
+
 BRIEF = """\
 schema: protocol/1
 name: brief

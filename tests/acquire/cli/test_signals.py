@@ -16,6 +16,8 @@ import pytest
 from acquire.recording import open_recording
 from sim_devices.servers import BackDoor, serve
 
+pytestmark = pytest.mark.real_time
+
 ACQUIRE = [sys.executable, "-c", "from acquire.cli import main; main()"]
 BRIEF = """\
 schema: protocol/1

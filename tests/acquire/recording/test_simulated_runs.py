@@ -11,6 +11,8 @@ from acquire.cli.app import DONE, run
 from acquire.recording import load
 from acquire.recording.model import difference
 
+pytestmark = pytest.mark.real_time
+
 
 @pytest.mark.parametrize(("protocol", "plot"), [("demo-cutometer", "apex_height"), ("demo-microrobot", "force_x")])
 def test_run_export_import(tmp_path: Path, protocol: str, plot: str) -> None:

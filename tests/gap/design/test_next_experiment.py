@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from gap.design import simulated as own
 from gap.design.next_experiment import actions, next_experiment
@@ -12,6 +13,8 @@ from gap.design.plan import build
 from gap.effects.load import library
 from gap.inference.evidence import Hypothesis
 from gap.search.compare import compare
+
+pytestmark = pytest.mark.slow
 
 LEGS = [own.step_hold(-30e3, 5.0, 3.0), replace(own.step_hold(-30e3, 5.0, 3.0), repeat=2)]
 

@@ -20,6 +20,8 @@ from gap.rig.problem import DIVERGED, RigProblem
 from gap.rig.taps import Way
 from sim_devices.chain import Parameter
 
+pytestmark = pytest.mark.slow
+
 TIME = np.linspace(0.0, 4.0, 801)
 SLOW_MODE = {"tau": 2.0, "exponent": 0.4, "settled": 0.0}
 

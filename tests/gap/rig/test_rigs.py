@@ -14,6 +14,8 @@ from gap.rig.model import load_model
 from tests.conftest import Folder
 from tests.standins import ROOT, example
 
+pytestmark = pytest.mark.slow
+
 
 def emps(name: str, recordings: Folder) -> Recording:
     made: Recording = example("emps").recording(name, recordings("emps"))
