@@ -4,43 +4,41 @@ from __future__ import annotations
 
 import logging
 import math
-import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError, Future
-from concurrent.futures import TimeoutError as FutureTimeout
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import TypeVar
 
+from acquire.engine.absence import Absence
 from acquire.engine.active import ActiveRun
-from acquire.engine.interlock import Interlock
 from acquire.engine.link import LinkThread
+from acquire.engine.links import Links
+from acquire.engine.loop import ControlLoop
 from acquire.engine.plan import Outcome, Progress, RunPlan
 from acquire.engine.queues import DisplayQueue
 from acquire.engine.rules import Rules, Trip
-from acquire.engine.state import Aborted, State, StateMachine, Tripped, WrongState
+from acquire.engine.state import State, StateMachine, WrongState
 from acquire.supervisor import Heartbeat
-from drivers.device import DeviceError, Identity, LinkLost, Rig, Status
+from drivers.device import DeviceError, Faulted, Identity, LinkLost, Rig, Status
 from drivers.signals import Block, Channel, Frame
 
 log = logging.getLogger(__name__)
 T = TypeVar("T")
 
-TICK = 0.02  # s of wall time between two turns of the engine when nothing wakes it earlier
-ANSWER = 5.0  # s of wall time within which a link's thread has to answer
 BACKLOG = 200  # blocks that may wait for the interlock before links are read more slowly
 SETTLE = 0.25  # s of device time that must have been heard before arming: a tare is made of it
-SAFE = 2.0  # s of wall time within which a device must confirm that it is safe
+CONNECT = 15.0  # s of wall time within which a link must be open
 
 
-class RunEngine:
+class RunEngine(ControlLoop):
     """Runs protocols on one `Rig`; see `StateMachine` for the states.
 
     Every method may be called from any thread. `connect`, `arm`, `start`, `pause`, `resume`, `reset` and `disconnect`
     are carried out by the engine's own thread and return when done; they raise `WrongState` where the state forbids
     them. `abort` and `stop` (the emergency stop) overtake everything and return at once. Leaving a run on any path
-    makes every device safe.
+    makes every device safe. A link lost while no run is on is opened anew when it comes back; in a run it trips.
 
     A `heartbeat` of None is for devices without a watchdog; a real one is never run without.
     """
@@ -53,22 +51,16 @@ class RunEngine:
         heartbeat: Heartbeat | None = None,
         listener: Callable[[State, str], None] | None = None,
     ) -> None:
+        super().__init__(rig.device.name, StateMachine(self._changed), rules or Rules(), heartbeat)
         self.rig = rig
         self.display: DisplayQueue[Block | Frame] = DisplayQueue()
         self.identities: dict[str, Identity] = {}
-        self._machine = StateMachine(self._changed)
         self._listener = listener
-        self._heartbeat = heartbeat
-        self._links: list[LinkThread] = []
-        self._interlock = Interlock(rules or Rules(), self._tripped)
-        self._requests: deque[tuple[Callable[[], Any], Future[Any]]] = deque()
-        self._wake = threading.Event()
-        self._aborts: deque[str] = deque()
-        self._ticked = 0.0
-        self._closing = False
+        self._links = Links(rig, self, heartbeat.permissions if heartbeat is not None else None)
+        self._lost: deque[str] = deque()  # links that went away where nothing was live
+        self._absence: Absence | None = None
         self._outcome: Future[Outcome] = Future()
         self._run: ActiveRun | None = None
-        self._thread = threading.Thread(target=self._serve, name=f"engine-{rig.instrument}", daemon=True)
         self._thread.start()
         self._interlock.start()
 
@@ -92,12 +84,23 @@ class RunEngine:
     @property
     def status(self) -> Status | None:
         """The device's last status."""
-        return self._links[0].status if self._links else None
+        return self._links.status
 
     @property
     def found(self) -> str:
         """What `connect` found left behind by an earlier host and made safe, in words; '' where all was well."""
-        return self._links[0].found if self._links else ""
+        return self._links.found
+
+    @property
+    def away(self) -> str:
+        """Why no link is open although one was, and when it is tried again, in words; '' where nothing is missing."""
+        absence = self._absence
+        return absence.words if absence is not None else ""
+
+    @property
+    def outcome(self) -> Outcome | None:
+        """How the present or the last run ended; None while it has not."""
+        return self._outcome.result() if self._outcome.done() else None
 
     @property
     def plan(self) -> RunPlan | None:
@@ -144,14 +147,14 @@ class RunEngine:
     def abort(self, reason: str = "aborted by a person") -> None:
         """End the run now, or the connecting or arming that is under way. Does nothing when there is none."""
         self._aborts.append(reason)
-        self._void_requests()
+        self._requests.void()
         if self.state.live or self.state is State.CONNECTING:
-            self._make_safe()
+            self._links.make_safe()
         self._wake.set()
 
     def stop(self, reason: str = "emergency stop") -> None:
         """Emergency stop: a trip, which latches until `reset`. Works in every state."""
-        self._make_safe()
+        self._links.make_safe()
         self._interlock.fire(Trip("estop", reason))
 
     def reset(self) -> None:
@@ -199,43 +202,22 @@ class RunEngine:
         return (run is not None and run.fill > 0.5) or self._interlock.backlog > BACKLOG
 
     def lost(self, link: LinkThread, error: Exception) -> None:
-        """A link failed: a trip, or a failure where nothing is armed."""
+        """A link failed: a trip where a person may be attached, else something to try again."""
         log.warning("%s: %s", link.source.name, error)
-        self._interlock.fire(Trip("link", str(error), link.status.time if link.status else math.nan))
+        if self._machine.can("lose"):
+            self._lost.append(str(error))
+            self._wake.set()
+        else:
+            self._interlock.fire(Trip("link", str(error), link.status.time if link.status else math.nan))
 
     # The engine's thread ----------------------------------------------------------------------------------------------
-
-    def _serve(self) -> None:
-        while not (self._closing and not self.state.live):
-            self._wake.wait(TICK)
-            self._wake.clear()
-            try:
-                self._turn()
-            except CancelledError:
-                pass  # a stop overtook what was asked of a link; the next turn acts on it
-            except Exception as error:
-                if self._interlock.trip is not None:
-                    continue  # a lost link has tripped already, in its own words
-                log.exception("%s: the engine failed", self.rig.instrument)
-                self._end("fail", f"{type(error).__name__}: {error}")
-        self._close_links()
-        while self._requests:
-            self._requests.popleft()[1].set_exception(WrongState("the engine is closed"))
 
     def _turn(self) -> None:
         self._tick()
         if self._stopped():
             return
-        while self._requests:
-            action, future = self._requests.popleft()
-            if not future.set_running_or_notify_cancel():
-                continue
-            try:
-                future.set_result(action())
-            except (CancelledError, WrongState) as error:
-                future.set_exception(self._overtaken() or error)
-            except Exception as error:
-                future.set_exception(error)
+        self._look_for_links()
+        self._answer_requests()
         if not self._stopped() and self.state is State.RUNNING:
             self._drive()
 
@@ -251,87 +233,66 @@ class RunEngine:
             return True
         return False
 
-    def _overtaken(self) -> WrongState | None:
-        """Why what was asked is void: a trip or an abort; None if there is none."""
-        if (trip := self._interlock.trip) is not None:
-            return Tripped(f"{trip.code}: {trip.message}")
-        return Aborted(self._aborts[0]) if self._aborts else None
+    def _look_for_links(self) -> None:
+        """Where nothing is live: close what a link was lost of, and try it again when that is due."""
+        if self._lost and self._machine.can("lose"):
+            self._absence = Absence(self._lost[0])
+            self._links.close()
+            self._machine.fire("lose")
+        self._lost.clear()
+        if self._absence is not None and self.state is State.IDLE and time.monotonic() >= self._absence.due:
+            self._try_again(self._absence)
 
-    def _void_requests(self) -> None:
-        """Cancel what was asked of this thread and not begun."""
-        for _, future in tuple(self._requests):
-            future.cancel()
-
-    def _tick(self) -> None:
-        """Tell the supervisor that the control loop is alive; only while it is in charge of a live device."""
-        if self._heartbeat is None or not self.state.live:
+    def _try_again(self, absence: Absence) -> None:
+        before = dict(self.identities)
+        self._machine.fire("connect")
+        try:
+            self._open_links(acknowledged=False)
+        except CancelledError:
+            self._links.close()
+            raise
+        except (DeviceError, OSError) as error:
+            self._links.close()
+            if isinstance(error, Faulted):
+                self._end("fail", str(error))
+            else:
+                absence.failed(str(error))
+                self._machine.fire("abort")
             return
-        now = time.monotonic()
-        if now - self._ticked >= TICK / 2:
-            self._ticked = now
-            self._heartbeat.tick()
-            if not self._heartbeat.alive:
-                self._interlock.fire(Trip("supervisor", "the supervisor process is gone: no heartbeat any more"))
-
-    def _do(self, action: Callable[[], T]) -> T:
-        """Have ``action`` carried out by the engine's thread and wait for it."""
-        if self._closing:
-            raise WrongState("the engine is closed")
-        future: Future[T] = Future()
-        self._requests.append((action, future))
-        self._wake.set()
-        while self._thread.is_alive():
-            try:
-                return future.result(1.0)
-            except FutureTimeout:
-                if future.done():
-                    raise
-            except CancelledError:
-                raise Aborted("a person ended it first") from None
-            except BaseException:
-                future.cancel()  # nobody waits any more (Ctrl-C): what has not begun must not begin
-                raise
-        raise WrongState("the engine is closed")
+        if self.identities != before:
+            self._end("fail", f"another instrument answers than before the link was lost: {self.identities}")
+            return
+        log.warning("%s: the link is back after %.1f s", self._name, time.monotonic() - absence.since)
+        self._absence = None
+        self._machine.fire("connected")
 
     def _ask(self, action: Callable[[], T], link: LinkThread | None = None) -> T:
         """Have ``action`` carried out by a link's thread (the device's by default), beating meanwhile."""
-        return self._await((link or self._links[0]).ask(action))
-
-    def _await(self, future: Future[T], timeout: float = ANSWER) -> T:
-        deadline = time.monotonic() + timeout
-        while True:
-            try:
-                return future.result(TICK)
-            except FutureTimeout:
-                self._tick()
-                if future.done():
-                    continue  # the action itself raised a TimeoutError
-                if self._aborts or self._interlock.trip is not None:
-                    raise CancelledError from None
-                if time.monotonic() > deadline:
-                    raise LinkLost(f"{self.rig.device.name}: the link's thread does not answer") from None
+        return self._await((link or self._links.device).ask(action))
 
     # Steps ------------------------------------------------------------------------------------------------------------
 
     def _connect(self, acknowledged: bool) -> None:
+        if self.state is State.READY:
+            return  # a lost link has come back meanwhile
         self._machine.fire("connect")
-        beat = self._heartbeat.permissions if self._heartbeat is not None else None
-        self._links = [LinkThread(source, self, beat) for source in (self.rig.device, *self.rig.sources)]
-        for link in self._links:
-            link.start()
+        self._absence = None
         try:
-            for link in self._links:
-                self.identities[link.source.name] = self._await(link.connect(acknowledged=acknowledged), 15.0)
+            self._open_links(acknowledged=acknowledged)
         except CancelledError:
-            self._close_links()
+            self._links.close()
             raise
         except Exception as error:
             self._end("fail", str(error))
-            self._close_links()
+            self._links.close()
             if isinstance(error, DeviceError):
                 raise
-            raise LinkLost(f"{self.rig.instrument}: {error}") from error
+            raise LinkLost(f"{self._name}: {error}") from error
         self._machine.fire("connected")
+
+    def _open_links(self, *, acknowledged: bool) -> None:
+        for name, identity in self._links.open(acknowledged=acknowledged).items():
+            self.identities[name] = self._await(identity, CONNECT)
 
     def _arm(self, plan: RunPlan) -> None:
         if not self._machine.can("arm"):
@@ -343,6 +304,8 @@ class RunEngine:
         run = ActiveRun(plan, self.rig, lambda why: self._interlock.fire(Trip("recorder", why)))
         self._run, self._outcome = run, Future()
         self._machine.fire("arm")
+        if self._lost:  # between the check and now
+            self._interlock.fire(Trip("link", self._lost[0]))
         try:
             self._wait_for_data()
             self._ask(lambda: device.arm(run.limits))
@@ -357,7 +320,7 @@ class RunEngine:
 
     def _wait_for_data(self) -> None:
         """Wait until the device has been heard for long enough, and every link once more: a silent one is found now."""
-        device = self._links[0]
+        device = self._links.device
         before = [(link, link.latest) for link in self._links]
         self._wait_until(lambda: device.latest - device.first >= SETTLE, "deliver samples")
         self._wait_until(lambda: all(link.latest > then for link, then in before), "deliver data on every link")
@@ -381,7 +344,7 @@ class RunEngine:
     def _reset(self) -> None:
         self._machine.fire("reset")
         self._interlock.reset()
-        self._close_links()
+        self._links.close()
 
     def _confirm_safe(self) -> None:
         if not self._machine.can("disconnect"):
@@ -390,8 +353,10 @@ class RunEngine:
         self._wait_until(lambda: self.status is not None and self.status.state == "safe", "say that it is safe")
 
     def _disconnect(self) -> None:
-        self._machine.fire("disconnect")
-        self._close_links()
+        if self._absence is None or self.state is not State.IDLE:
+            self._machine.fire("disconnect")
+        self._absence = None
+        self._links.close()
 
     def _drive(self) -> None:
         """One turn of a running protocol."""
@@ -403,37 +368,33 @@ class RunEngine:
         elif self._active.feeder.finished:
             self._end("complete", "")
 
+    def _broken(self, error: Exception) -> None:
+        self._end("fail", f"{type(error).__name__}: {error}")
+
+    def _ended(self) -> None:
+        self._absence = None
+        self._links.close()
+
     # Ends -------------------------------------------------------------------------------------------------------------
 
     def _end(self, event: str, reason: str) -> None:
         """Leave a run: the one way out of every live state."""
         if not self._machine.can(event):
             return
-        self._make_safe()
+        self._absence = None
+        self._links.make_safe()
         state = self._machine.fire(event)
-        asked = time.monotonic()
-        safe = all([link.wait_safe(max(0.0, asked + SAFE - time.monotonic())) for link in self._links])
+        safe = self._links.wait_safe()
         self._interlock.rest()
         if self._run is not None and self._run.recording:
             if not safe:
                 self._run.note("error", "unconfirmed", "the device did not confirm that it is safe", self._now())
-            outcome = self._run.finish(state, reason, self._links)
+            outcome = self._run.finish(state, reason, tuple(self._links))
             self._outcome.set_result(replace(outcome, trip=self.trip))
-
-    def _make_safe(self) -> None:
-        for link in self._links:
-            link.make_safe()
-
-    def _close_links(self) -> None:
-        for link in self._links:
-            link.stop()
-        for link in self._links:
-            link.join()
-        self._links = []
 
     def _tripped(self, trip: Trip) -> None:
         """The interlock tripped, in whatever thread: stop first, think later."""
-        self._make_safe()
+        self._links.make_safe()
         self._wake.set()
 
     def _changed(self, state: State, event: str) -> None:
@@ -460,14 +421,3 @@ class RunEngine:
         self._wait_until(lambda: self.status is not None and self.status.state == "held", "hold")
         assert self.status is not None
         return self.status
-
-    def _wait_until(self, condition: Callable[[], bool], what: str) -> None:
-        """Wait, beating, until ``condition`` holds. Raises DeviceError that the instrument does not do ``what``."""
-        deadline = time.monotonic() + ANSWER
-        while not condition():
-            if self._aborts or self._interlock.trip is not None:
-                raise CancelledError
-            if time.monotonic() > deadline:
-                raise DeviceError(f"{self.rig.device.name} does not {what} within {ANSWER:g} s")
-            self._tick()
-            time.sleep(TICK / 4)

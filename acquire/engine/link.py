@@ -5,13 +5,13 @@ from __future__ import annotations
 import logging
 import math
 import threading
-from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
+from acquire.engine.requests import Requests
 from drivers.device import Device, Faulted, LinkLost, Source, Status
 from drivers.signals import Block, Frame
 
@@ -53,8 +53,8 @@ class LinkThread(threading.Thread):
         self._receiver = receiver
         self._beat = beat if isinstance(source, Device) else None
         self._beaten = 0
-        self._requests: deque[tuple[Callable[[], Any], Future[Any]]] = deque()
         self._wake = threading.Event()
+        self._requests = Requests(self._wake)
         self._urgent = threading.Event()
         self._safe = threading.Event()
         self._streaming = False
@@ -64,13 +64,11 @@ class LinkThread(threading.Thread):
 
     def ask(self, action: Callable[[], T]) -> Future[T]:
         """Have ``action`` carried out by this thread, after what was asked before."""
-        future: Future[T] = Future()
         if self._closing:
+            future: Future[T] = Future()
             future.set_exception(LinkLost(f"{self.source.name}: the link is closed"))
-        else:
-            self._requests.append((action, future))
-            self._wake.set()
-        return future
+            return future
+        return self._requests.ask(action)
 
     def make_safe(self) -> None:
         """Make the source safe as soon as the thread is out of the driver; does not wait (see `wait_safe`)."""
@@ -102,15 +100,16 @@ class LinkThread(threading.Thread):
             self._turn()
         self._make_safe()
         self.source.close()
-        while self._requests:
-            self._requests.popleft()[1].set_exception(LinkLost(f"{self.source.name}: the link is closed"))
+        self._requests.refuse(LinkLost(f"{self.source.name}: the link is closed"))
 
     def _turn(self) -> None:
         self._wake.clear()
         if self._urgent.is_set():
             self._make_safe()
-        while self._requests and not self._urgent.is_set():
-            self._carry_out(*self._requests.popleft())
+        for action, future in self._requests.take():
+            self._carry_out(action, future)
+            if self._urgent.is_set():
+                break
         if not self._streaming:
             self._wake.wait(READ_TIMEOUT)
             return
@@ -136,8 +135,6 @@ class LinkThread(threading.Thread):
             self.source.beat()
 
     def _carry_out(self, action: Callable[[], Any], future: Future[Any]) -> None:
-        if not future.set_running_or_notify_cancel():
-            return
         try:
             result = action()
         except Exception as error:
@@ -174,8 +171,7 @@ class LinkThread(threading.Thread):
     def _make_safe(self) -> None:
         self._urgent.clear()
         # What was asked before the stop is void: a `start` behind it must not undo it.
-        while self._requests:
-            self._requests.popleft()[1].cancel()
+        self._requests.void()
         try:
             self.source.make_safe()
         except Exception as error:

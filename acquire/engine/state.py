@@ -49,6 +49,8 @@ TRANSITIONS: dict[str, dict[State, State]] = {
     "fail": {s: State.FAILED for s in State if s not in (State.TRIPPED, State.FAILED)},
     # A trip or a failure is left by a person only; the links are opened anew after it.
     "reset": {State.TRIPPED: State.IDLE, State.FAILED: State.IDLE},
+    # A link went away where no person is attached: the engine opens it anew by itself.
+    "lose": {s: State.IDLE for s in (State.READY, State.COMPLETED, State.ABORTED)},
     "disconnect": {s: State.IDLE for s in (State.READY, State.COMPLETED, State.ABORTED)},
 }
 
@@ -76,6 +78,7 @@ class StateMachine:
          |                                            |                            paused
          |
          +--disconnect-- ready, completed, aborted
+         +--lose-------- ready, completed, aborted
          +--reset------- tripped, failed
 
         armed, running, paused             --abort--> aborted

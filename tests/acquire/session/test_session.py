@@ -147,3 +147,21 @@ def test_a_session_says_what_it_cannot_do(tmp_path: Path) -> None:
         )
         with pytest.raises(ValueError, match="not simulated here"):
             session.back_door("cutometer")
+
+
+@pytest.mark.parametrize("kind", ["cutometer", "aspiration", "microrobot"])
+def test_a_cable_that_is_put_back_between_runs_needs_nobody(tmp_path: Path, kind: str) -> None:
+    with Session(simulated_station(seed=1), speed=10, out=tmp_path, frame_size=(160, 120)) as session:
+        engine, door = session.open(kind), session.back_door(kind)
+        door.unplug()
+        until(lambda: engine.away != "")
+        door.plug()
+        until(lambda: engine.state is State.READY)
+        assert engine.trip is None
+
+
+def until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 20
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
