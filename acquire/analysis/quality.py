@@ -9,7 +9,7 @@ import numpy as np
 from acquire.analysis.cycles import Cycle, first_move, suction_cycles
 from acquire.recording.model import FloatArray, Recording, Series
 from acquire.words import share as in_percent
-from acquire.words import span
+from acquire.words import shown, span
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def _drift(recording: Recording) -> list[Flag]:
         if abs(shift) / span > worst:
             worst = abs(shift) / span
             warn = 0.02 if name == "pressure" else 0.1  # skin goes on relaxing after the probe is back at its centre
-            text = f"{name} ends {shift:+.3g} {series.unit} from where it began, {in_percent(worst)} of its span"
+            text = f"{name} ends {shown(shift, series.unit)} from where it began, {in_percent(worst)} of its span"
     if not text:
         return []
     level = "ok" if worst < warn else "warning" if worst < 5 * warn else "bad"

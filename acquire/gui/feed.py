@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from acquire.engine.queues import nbytes
-from acquire.gui.messages import Picture, View
+from acquire.gui.messages import PATH, Picture, View
 from acquire.gui.thinning import extremes
 from drivers.device import Status
 from drivers.signals import Block, FloatArray, Frame
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from protocols import Setpoints
 
 FINE = 0.05  # s of device time that one pair of points stands for
-PATH = ("probe_x", "probe_y", "probe_z", "force_x", "force_y", "force_z")
 WIDEST = 400  # px of a picture on the screen
 
 

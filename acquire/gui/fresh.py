@@ -7,6 +7,7 @@ import time
 
 from acquire.words import span
 
+LEGIBLE = 0.2  # s between two changes of a number: five per second can be read
 STALE = 1.0  # s without a new value after which the last one is shown as past
 
 

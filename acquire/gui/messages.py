@@ -17,6 +17,8 @@ WINDOW = "window"  # the name under which the window's liveness is watched
 # Words on the safety pipe, which carries nothing else and is read by a thread that does nothing else.
 ALIVE, STOP = b".", b"!"
 
+#: Channels of a tip's position and the force on it, in the order of `View.path`.
+PATH = ("probe_x", "probe_y", "probe_z", "force_x", "force_y", "force_z")
 LIVE = frozenset({"armed", "running", "paused"})
 NEEDS_RESET = frozenset({"tripped", "failed"})
 

@@ -88,8 +88,8 @@ class CameraPanel(QWidget):
         if view.picture is not None and drawn:
             self._draw(view.picture)
 
-    def tick(self) -> None:
-        """The window's timer: the apex in large type, grey where it is past or none is found."""
+    def tell(self) -> None:
+        """The apex in large type, grey where it is past or none is found."""
         reading, age = self._height, self._height.age
         text = f"apex {shown(reading.value, 'm')}" if reading.known else "apex –  no contour"
         faint = bool(age) or not reading.known

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
+
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QLabel, QProgressBar, QPushButton, QWidget
 
 from acquire.gui.estop import button_for
 from acquire.gui.messages import LIVE, NEEDS_RESET, View
+from acquire.gui.panels.elided import Elided
 from acquire.words import clock
 
 PHASES = {"load": "loading", "hold": "holding", "unload": "unloading", "rest": "waiting"}
@@ -25,11 +28,11 @@ class ControlBar(QFrame):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setProperty("role", "bar")
-        self.state = QLabel("no instrument")
+        self.state = Elided("no instrument")
         self.state.setProperty("role", "title")
         self.countdown = QLabel("")
         self.countdown.setProperty("role", "number")
-        self.detail = QLabel("")
+        self.detail = Elided("")
         self.detail.setProperty("role", "faint")
         self.bar = QProgressBar()
         self.bar.setRange(0, 1000)
@@ -94,7 +97,7 @@ class ControlBar(QFrame):
         elif view.state == "armed":
             words = "starting"
         else:
-            labels = [f"{name} {value}" for name, value in view.labels.items()]
+            labels = [f"{name} {_degrees(value)}" for name, value in view.labels.items()]
             words = " · ".join([PHASES.get(view.phase, view.phase), *labels])
         self._say(words)
         _set(self.countdown, clock(view.left) if view.state == "running" else "")
@@ -103,7 +106,7 @@ class ControlBar(QFrame):
         self.bar.setValue(round(1000 * view.elapsed / view.duration) if view.duration else 0)
 
     def _say(self, words: str) -> None:
-        _set(self.state, f"{self._label}: {words}" if self._label else words)
+        _set(self.state, f"{self._label} · {words}" if self._label else words)
 
     def _pause_or_resume(self) -> None:
         (self.resume if self._paused else self.pause).emit()
@@ -115,6 +118,11 @@ class ControlBar(QFrame):
         button.setToolTip(key)
         button.clicked.connect(action)
         return button
+
+
+def _degrees(value: str) -> str:
+    """A label's value with the angles of a direction as people write them: ``theta=0 phi=90`` is ``θ 0° φ 90°``."""
+    return re.sub(r"(theta|phi)=(-?[\d.]+)", lambda found: f"{'θφ'[found[1] == 'phi']} {found[2]}°", value)
 
 
 def _set(label: QLabel, text: str) -> None:

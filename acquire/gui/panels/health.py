@@ -24,9 +24,14 @@ class Health(QWidget):
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
         row.addStretch(1)
-        for label in (self.lost, self.disk, self.recorder, self.rate):
+        for label, longest in (
+            (self.lost, "lost samples 99999"),
+            (self.disk, "disk lasts more than a year"),
+            (self.recorder, "recorder 100 % full"),
+            (self.rate, "screen 30 Hz"),
+        ):
+            label.setMinimumWidth(label.fontMetrics().horizontalAdvance(longest) + 12)  # so that nothing dances
             row.addWidget(label)
-            row.addSpacing(18)
         self._frames = 0
         self._since = time.monotonic()
         self.show_view(None)
@@ -38,7 +43,7 @@ class Health(QWidget):
         disk = view.disk if view is not None else math.nan
         _tell(self.disk, f"disk lasts {span(disk)}", "bad" if disk < SHORT else "ok")
         fill = view.fill if view is not None and view.state in LIVE else 0.0
-        _tell(self.recorder, f"recorder {share(fill)} full", "warning" if fill > FULL else "ok")
+        _tell(self.recorder, f"recorder {share(round(fill, 2))} full", "warning" if fill > FULL else "ok")
 
     def count_frame(self) -> None:
         """The window's timer turned once."""

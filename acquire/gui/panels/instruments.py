@@ -52,7 +52,7 @@ class InstrumentRow(QFrame):
         self.error.setWordWrap(True)
         self.error.hide()
         self.button = QPushButton("Connect")
-        self.button.setFixedWidth(110)
+        self.button.setFixedWidth(106)
         self.button.clicked.connect(self._act)
         grid = QGridLayout(self)
         grid.setContentsMargins(8, 6, 8, 6)

@@ -118,7 +118,7 @@ class ChannelPlot(QWidget):
         for colour, (name, reading) in zip(theme.curves, self.readings.items(), strict=False):
             ages.add(reading.age)
             label = name.rpartition("_")[2] if len(self.readings) > 1 else self.title
-            value = f"{self.factor * reading.value:.{self.digits}f}".replace("-", "−") if reading.known else "–"
+            value = f"{self.factor * reading.value:z.{self.digits}f}".replace("-", "−") if reading.known else "–"
             past = reading.age or not reading.known
             cells.append(f'<span style="color:{theme.faint if past else colour}">{label} {value}</span>')
         age = f'<span style="color:{theme.faint}"> · {max(ages)}</span>' if max(ages) else ""
@@ -165,7 +165,6 @@ class LivePanel(QWidget):
         self._preview: Preview | None = None
         self._shown = (math.nan, math.nan)
         self._run = 0
-        self._turns = 0
         self._now = math.nan
 
     def expect(self, preview: Preview | None) -> None:
@@ -188,12 +187,10 @@ class LivePanel(QWidget):
         if drawn and not math.isnan(self._now):
             self._draw(view)
 
-    def tick(self) -> None:
-        """The window's timer: the numbers."""
-        self._turns += 1
-        if self._turns % 6 == 1 and self.isVisible():  # numbers that change five times per second can be read
-            for item in self.plots:
-                item.tell()
+    def tell(self) -> None:
+        """The newest values in numbers."""
+        for item in self.plots:
+            item.tell()
 
     def _draw(self, view: View) -> None:
         whole = self.span.currentText() == WHOLE and math.isfinite(view.origin) and view.run > 0

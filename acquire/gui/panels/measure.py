@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
+import time
+
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QHBoxLayout, QSplitter, QWidget
 
+from acquire.gui.fresh import LEGIBLE
 from acquire.gui.messages import InstrumentInfo, Preview, View
 from acquire.gui.panels.camera import CameraPanel
 from acquire.gui.panels.live import LivePanel
@@ -20,6 +24,7 @@ class MeasurePanel(QWidget):
         names = {channel.name for channel in info.channels}
         self.camera = CameraPanel() if info.camera else None
         self.robot = RobotPanel() if {"probe_x", "probe_y", "probe_z", "force_x"} <= names else None
+        self._told = -math.inf
         splitter = QSplitter(Qt.Orientation.Horizontal)
         splitter.addWidget(self.live)
         for beside in (self.camera, self.robot):
@@ -36,10 +41,13 @@ class MeasurePanel(QWidget):
             self.robot.expect(preview)
 
     def tick(self) -> None:
-        """The window's timer: what is old looks old."""
-        self.live.tick()
-        if self.camera is not None:
-            self.camera.tick()
+        """The window's timer: the numbers, all of them at once, and what is old looks old."""
+        now = time.monotonic()
+        if now - self._told >= LEGIBLE and self.isVisible():
+            self._told = now
+            for panel in (self.live, self.camera, self.robot):
+                if panel is not None:
+                    panel.tell()
 
     def show_view(self, view: View, drawn: bool) -> None:
         """New data; painted only where they are seen."""

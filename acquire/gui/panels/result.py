@@ -121,9 +121,9 @@ class ResultPanel(QWidget):
         summary = result.summary
         who = " · ".join(str(summary[key]) for key in ("device", "subject", "site") if summary[key])
         self.title.setText(f"{summary['protocol'] or summary['id']} – {summary['status']}")
+        begun = summary["start_time"][:19].replace("T", " ")
         self.subtitle.setText(
-            f"{who} · repeat {summary['repeat']} · {summary['specimen']} · {summary['start_time']} · {result.path.name}"
-            + (f"\n{summary['trip_reason']}" if summary["trip_reason"] else "")
+            f"{who} · repeat {summary['repeat']} · {summary['specimen']} · {begun} · {result.path.name}"
         )
         self.left_out.setText(f"Does not count with others – {summary['left_out']}" if summary["left_out"] else "")
         self.left_out.setVisible(bool(summary["left_out"]))

@@ -7,7 +7,8 @@ import pyqtgraph as pg
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QGridLayout, QLabel, QWidget
 
-from acquire.gui.messages import Preview, View
+from acquire.gui.fresh import Reading
+from acquire.gui.messages import PATH, Preview, View
 from acquire.gui.plots import plot
 from acquire.gui.theme import current
 
@@ -84,6 +85,9 @@ class RobotPanel(QWidget):
         self._run = 0
         self._most = 0.1  # N, the greatest force of this run
         self._frames = 0
+        self._newest = np.full(6, np.nan)
+        self._reading = Reading()
+        self._told = ""
         self.expect(None)
 
     def expect(self, preview: Preview | None) -> None:
@@ -101,23 +105,29 @@ class RobotPanel(QWidget):
             return
         self._path = np.concatenate([self._path, view.path])[-KEPT:]
         self._most = max(self._most, float(np.linalg.norm(view.path[:, 3:], axis=1).max()))
+        if all(name in view.latest for name in PATH):
+            self._newest = np.array([view.latest[name] for name in PATH])
+            self._reading.take(float(self._newest[0]))
         self._frames += 1
         if not drawn or self._frames % EVERY:
             return
         length = 0.8e3 * self.radius / self._most
         for projection in self.projections:
             projection.draw(self._path, length)
-        if self._frames % 6 == 0:
-            self._tell()
 
-    def _tell(self) -> None:
-        tip, force = 1e3 * self._path[-1, :3], self._path[-1, 3:]
-        theme = current()
-        way, strength = float(np.linalg.norm(tip)), float(np.linalg.norm(force))
-        self.numbers.setText(
-            f'<p style="font-size:19pt; font-weight:600; color:{theme.curves[0]}">{way:.2f} mm</p>'
-            f"<p>x {tip[0]:+.2f}&nbsp; y {tip[1]:+.2f} &nbsp; z {tip[2]:+.2f}</p>"
-            f'<p style="font-size:19pt; font-weight:600; color:{theme.curves[1]}">{strength:.3f} N</p>'
-            f"<p>x {force[0]:+.3f} &nbsp; y {force[1]:+.3f} &nbsp; z {force[2]:+.3f}</p>"
+    def tell(self) -> None:
+        """How far the probe is from its centre and how strong the force is; grey and with their age where past."""
+        if not self._reading.known:
+            return
+        theme, age = current(), self._reading.age
+        colours = (theme.faint, theme.faint) if age else theme.curves[:2]
+        way, strength = 1e3 * float(np.linalg.norm(self._newest[:3])), float(np.linalg.norm(self._newest[3:]))
+        text = (
+            f'<p style="font-size:19pt; font-weight:600; color:{colours[0]}">{way:.3f} mm</p><p>from the centre</p>'
+            f'<p style="font-size:19pt; font-weight:600; color:{colours[1]}">{strength:.3f} N</p>'
             f'<p style="color:{theme.limit}">border {1e3 * self.radius:.1f} mm</p>'
+            f'<p style="color:{theme.faint}">{age}</p>'
         )
+        if text != self._told:
+            self._told = text
+            self.numbers.setText(text)

@@ -52,6 +52,9 @@ def test_from_click_to_recording(qtbot: QtBot, make_window: MakeWindow, store: Q
     if panel.robot is not None:
         assert "N" in panel.robot.numbers.text()
     assert window.controls.countdown.text()
+    least = window.minimumSizeHint()  # the emergency stop stays on a small laptop's screen, whatever the labels say
+    assert least.width() <= 1280
+    assert least.height() <= 720
     qtbot.waitUntil(lambda: window.recordings.result.result is not None, timeout=PATIENCE)
     result = window.recordings.result.result
     assert result is not None
