@@ -204,7 +204,7 @@ def main() -> None:
         results, seconds = [], []
         for solver in ("", MODEL):
             begin = time.process_time()
-            results.append(diagnose(case.recordings, solver=solver, advise=False))
+            results.append(diagnose(case.recordings, solver=solver))
             seconds.append(time.process_time() - begin)
         reduced, fe = results
         verdict, full = reduced.verdict.verdict == fe.verdict.verdict, same_class(reduced, fe)

@@ -53,7 +53,7 @@ def _reports(folders: list[Path], jobs: int) -> Iterator[tuple[str, dict[str, An
 def diagnose_case(folder: Path) -> tuple[str, dict[str, Any]]:
     """Name and report of one case. Faults of the data become a report; those of the program are raised."""
     try:
-        return folder.name, as_json(diagnose([load(p) for p in session_paths(folder)], advise=False))
+        return folder.name, as_json(diagnose([load(p) for p in session_paths(folder)]))
     except (ValueError, LookupError, ArithmeticError, OSError) as error:
         reason = f"{type(error).__name__}: {error}"
         return folder.name, {

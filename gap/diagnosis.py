@@ -1,11 +1,10 @@
-"""From recordings to a diagnosis: check the data, build the problems, compare, judge, and test on what was not used."""
+"""From recordings to a diagnosis, step by step."""
 
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import combinations
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +14,15 @@ from acquire.recording.model import Recording
 from gap.data import signatures
 from gap.data.pauses import without_pauses
 from gap.data.session import REST, Session
-from gap.decision.transfer import Shrink, plain, plain_gap, shrink, splits, splits_of_a_rig, transferred
-from gap.decision.verdict import RIG, Judgement, Verdict, borne_out, concept, judge, made_by
-from gap.effects.load import library
+from gap.data.splits import splits, splits_of_a_rig
+from gap.data.tolerances import Tolerance, tolerances
+from gap.decision.limits import bounds, confusable
+from gap.decision.marks import explains_marks, made_by
+from gap.decision.posterior import Posterior, concept, posterior
+from gap.decision.thresholds import INSTRUMENT, RIG, Thresholds
+from gap.decision.transfer import Shrink, best_elsewhere, in_changed_blocks, plain, plain_gap, transferred
+from gap.decision.verdict import Findings, Verdict, decide, in_tolerances, undetectable, without_skin
+from gap.effects import library
 from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import Candidate
 from gap.inference.problem import Problem
@@ -28,14 +33,15 @@ from gap.search.compare import Comparison, Effort, compare
 
 INSTRUMENTS = ("cutometer", "aspiration", "microrobot")
 """Those with a built-in forward model."""
-
-
-SHRUNK, TRANSFERRED = 3, 2
-"""How many causes are tried as a simulation by themselves, and how many on what they were not fitted to."""
+SHRUNK, TRANSFERRED, MEMBERS = 3, 2, 3
+"""How many causes are tried as a simulation by themselves, how many on what they were not fitted to, and how many
+members of the first one's class."""
 EFFORTS = {
     "microrobot": Effort(quick_fits=5, least_hope=8.0, refit_singles=7, imitators=1, pair_bases=1, refit_pairs=2)
 }
 """How wide to search where simulations are slow."""
+Tell = Callable[[str, float], None]
+"""Hears the name of a stage, and which share of a diagnosis is usually over when it begins."""
 
 
 class DiagnosisError(ValueError):
@@ -45,7 +51,7 @@ class DiagnosisError(ValueError):
 @dataclass(frozen=True)
 class Diagnosis:
     """Everything a report needs. ``shrinks`` maps the first causes to their shrinkage by split; ``remarks`` are plain
-    words."""
+    words; ``advised`` is whether the next experiment was asked for."""
 
     recordings: tuple[Recording, ...]
     problems: Mapping[str, Problem]
@@ -57,9 +63,11 @@ class Diagnosis:
     confusable: tuple[tuple[str, ...], ...]
     remarks: tuple[str, ...]
     next_experiment: Mapping[str, object]
+    advised: bool
     seconds: float
     null: Hypothesis  # the simulation by itself, without an effect and
     best: Hypothesis  # with the first cause, if there is one
+    thresholds: Thresholds
     fe_solves: int = 0
 
     @property
@@ -79,69 +87,125 @@ def diagnose(
     recordings: Sequence[Recording],
     model: ForwardModel | None = None,
     effort: Effort | None = None,
-    rules: Judgement | None = None,
+    thresholds: Thresholds | None = None,
     user_effects: Sequence[Path] = (),
     solver: str = "",
-    advise: bool = True,
+    advise: bool = False,
+    quick: bool = False,
     jobs: int = 1,
+    tell: Tell = lambda stage, share: None,
 ) -> Diagnosis:
     """Diagnose recordings of one session together; ``model`` is needed for an instrument that is not ours.
 
     ``user_effects`` are files with further effects, ``solver`` a finite-element model to take the tissue from;
-    ``advise`` also looks for the experiment that would split what remains. ``jobs`` processes share the fits, but for a
-    solver's, which is a process by itself; the diagnosis is the same.
+    ``advise`` also looks for the experiment that would split what remains, which simulates whole sessions; ``quick``
+    fits few effects and no pairs. ``jobs``
+    processes share the fits, but for a solver's, which is a process by itself; the diagnosis is the same. ``tell``
+    hears of each stage when it begins.
 
-    Raises DiagnosisError, gap.rig.model.ModelError.
+    Raises DiagnosisError, gap.ModelError.
     """
     begin = clock.perf_counter()
     jobs = 1 if solver else jobs
-    rules = rules or (Judgement() if model is None else RIG)
+    t = thresholds or (INSTRUMENT if model is None else RIG)
     recordings = without_pauses(_in_order(recordings))
+    tell("reading the recordings", 0.0)
     remarks = _remarks(recordings)
     problems, candidates = _problems(recordings, model, user_effects, solver, jobs)
     marks = tuple(signatures.find(recordings, model.channels if model else None))
     suspects = [c for c in candidates if any(made_by(s, c) for s in marks)]
     effort = effort or EFFORTS.get(recordings[0].info.instrument, Effort())
-    comparison = compare(problems, candidates, effort, suspects, jobs)
+    effort = effort.quicker() if quick else effort
+    comparison = compare(problems, candidates, effort, suspects, jobs, tell)
     for rig in (p for p in problems if isinstance(p, RigProblem)):
         alone = comparison.null.fits[rig.name]
         marks = tuple(m for m in marks if against_the_model(m, rig, alone))
         remarks += rig.at_the_end(alone.nuisance)
-    verdict = judge(comparison, candidates, rules, marks)
-    blocks = {p.name: p for p in problems}
-    solves, off = 0, 0.0
+    tell("testing on recordings withheld", 0.88)
+    null = plain(comparison.problems, comparison.null)
+    found = posterior(comparison, candidates, t, marks, plain_gap(null))
+    withheld = splits(recordings) if model is None else splits_of_a_rig(recordings)
+    found, answers, shrinks = _tested(comparison, found, null, withheld, t, jobs)
+    stated = tolerances(recordings[0].info.instrument) if model is None else {}
+    verdict = decide(_findings(comparison, found, null, answers, shrinks, stated, t))
+    solves = 0
     if solver:
         from gap.null.fe_tissue import checked
 
-        answer = verdict.causes[0].hypothesis if verdict.causes else comparison.null
-        solves, off, words = checked(problems, answer.fits)
+        solves, off, words = checked(problems, (answers[0] if answers else comparison.null).fits)
         remarks += words
-    withheld = splits(recordings) if model is None else splits_of_a_rig(recordings)
-    null = plain(blocks, comparison.null)
-    answers = each(lambda cause: plain(blocks, cause.hypothesis, null), verdict.causes[:SHRUNK], jobs)
-    shrinks = [{"fitted": Shrink(plain_gap(null), plain_gap(answer))} for answer in answers]
-    carried = transferred(blocks, null, answers[:TRANSFERRED], withheld, jobs)
-    for shrunk, by in zip(shrinks, carried, strict=False):
-        shrunk |= by
-    if answers:
-        verdict = borne_out(verdict, comparison, shrinks[0], rules)
-    if verdict.verdict == "unknown" and off > rules.surrogate:
-        verdict = replace(verdict, verdict="undetectable")
+        if verdict.verdict == "unknown" and off > t.surrogate:
+            verdict = undetectable(verdict, f"surrogate: {off:.1f} sigma off > {t.surrogate:g}")
+    if advise:
+        tell("planning the next experiment", 1.0)
     return Diagnosis(
         recordings=tuple(recordings),
-        problems=blocks,
+        problems=comparison.problems,
         comparison=comparison,
         verdict=verdict,
         signatures=marks,
         shrinks=tuple(shrinks),
-        bounds=_bounds(comparison, verdict),
-        confusable=confusable(comparison, verdict.temper),
+        bounds=bounds(comparison, found.temper),
+        confusable=confusable(comparison, found.temper),
         remarks=tuple(remarks),
         next_experiment=_advice(recordings, comparison.null, verdict, model, user_effects) if advise else {},
+        advised=advise,
         seconds=clock.perf_counter() - begin,
         null=null,
         best=answers[0] if answers else null,
+        thresholds=t,
         fe_solves=solves,
+    )
+
+
+def _tested(
+    comparison: Comparison,
+    found: Posterior,
+    null: Hypothesis,
+    withheld: Mapping[str, set[int]],
+    t: Thresholds,
+    jobs: int,
+) -> tuple[Posterior, list[Hypothesis], list[dict[str, Shrink]]]:
+    """The posterior with the member of the first class in the lead that meets withheld data best; the first causes as
+    simulations by themselves; and their shrinks by split."""
+    if not found.causes:
+        return found, [], []
+    first, *others = found.causes
+    rivals: dict[str, Hypothesis] = {concept(first.hypothesis): first.hypothesis}
+    for member in first.members:
+        rivals.setdefault(concept(member), member)
+    members = list(rivals.values())[:MEMBERS]
+    every = [*members, *(c.hypothesis for c in others[: SHRUNK - 1])]
+    answers = each(lambda h: plain(comparison.problems, h, null), every, jobs)
+    asked = answers[: len(members) + TRANSFERRED - 1]
+    carried = transferred(comparison.problems, null, asked, withheld, jobs)
+    shrinks = [{"fitted": Shrink(plain_gap(null), plain_gap(answer))} for answer in answers]
+    for shrunk, by in zip(shrinks, carried, strict=False):
+        shrunk |= by
+    shown = explains_marks(first.at_marks, t)
+    best = 0 if shown else best_elsewhere(carried[: len(members)], t.transfer_lead)
+    kept = [best, *range(len(members), len(every))]
+    return found.led_by(members[best]), [answers[k] for k in kept], [shrinks[k] for k in kept]
+
+
+def _findings(
+    comparison: Comparison,
+    found: Posterior,
+    null: Hypothesis,
+    answers: Sequence[Hypothesis],
+    shrinks: Sequence[Mapping[str, Shrink]],
+    stated: Mapping[str, Mapping[str, Tolerance]],
+    t: Thresholds,
+) -> Findings:
+    if not answers:
+        return Findings(found, t)
+    return Findings(
+        posterior=found,
+        t=t,
+        fitted=in_changed_blocks(null, answers[0]),
+        held_out={k: s for k, s in shrinks[0].items() if k != "fitted"},
+        without_skin=without_skin(found.causes[0], comparison, found.temper),
+        tolerances=in_tolerances(found.causes[0].hypothesis, stated),
     )
 
 
@@ -224,7 +288,7 @@ def _advice(
     if model is not None or verdict.verdict in ("none", "undetectable") or not verdict.causes:
         return {}
     twins = [h for h in verdict.causes[0].members if concept(h) != concept(verdict.causes[0].hypothesis)][:1]
-    others = [null] if verdict.probability_none > 0.02 else []
+    others = [null] if verdict.posterior.none > 0.02 else []
     others += [c.hypothesis for c in verdict.causes[1:] if c.probability > 0.02]
     rivals = [verdict.causes[0].hypothesis, *twins, *others][:3]
     if len(rivals) < 2:
@@ -232,52 +296,3 @@ def _advice(
     from gap.design.next_experiment import next_experiment
 
     return next_experiment(recordings, rivals, library(recordings[0].info.instrument, user_effects))
-
-
-def _bounds(comparison: Comparison, verdict: Verdict, seen_at: float = 3.0) -> dict[str, float]:
-    """For each effect, the strength that would have stood out by ``seen_at`` σ; inf where none in the prior would."""
-    out: dict[str, float] = {}
-    for s in comparison.screened:
-        strengths = [k for k, p in enumerate(s.candidate.parameters) if p.null is not None]
-        if not strengths or not s.detectability:
-            continue
-        p = s.candidate.parameters[strengths[0]]
-        temper = max(verdict.temper[b] for b in s.candidate.blocks)
-        per_strength = [
-            seen_at * abs(s.candidate.values(u)[p.name] - (p.null or 0.0)) / (d / np.sqrt(temper))
-            for u, d in s.detectability
-            if d > 0
-        ]
-        bound = float(np.median(per_strength)) if per_strength else float("inf")
-        out[s.candidate.key] = min(bound, out.get(s.candidate.key, float("inf")))
-    return out
-
-
-def confusable(
-    comparison: Comparison, temper: Mapping[str, float], like: float = 0.985, apart: float = 3.0
-) -> tuple[tuple[str, ...], ...]:
-    """Groups of effects that no fit of these data can split, in the forms that fit them best.
-
-    Their traces, after the nuisance refit, are the same direction and end less than ``apart`` σ from each other. (Of a
-    large effect, poor copies too have nearly its direction, but what they leave gives them away.)
-    """
-    best: dict[str, Hypothesis] = {}
-    for h in sorted(comparison.hypotheses, key=lambda h: h.deviance):
-        if len(h.effects) == 1:
-            best.setdefault(h.effects[0].name, h)
-    null, traces = comparison.null, {}
-    for name, h in best.items():
-        parts = [(null.fits[b].residual - h.fits[b].residual) / np.sqrt(temper[b]) for b in comparison.problems]
-        if np.any(change := np.concatenate(parts)):
-            traces[name] = change
-    groups: list[set[str]] = []
-    for one, other in combinations(traces, 2):
-        a, b = traces[one], traces[other]
-        alike = abs(float(a @ b)) > like * np.linalg.norm(a) * np.linalg.norm(b)
-        if alike and np.linalg.norm(a - b) < apart:
-            touching = [g for g in groups if one in g or other in g]
-            groups = [g for g in groups if g not in touching] + [{one, other}.union(*touching)]
-    return tuple(tuple(sorted(g)) for g in groups)
-
-
-__all__ = ["Diagnosis", "DiagnosisError", "diagnose", "shrink"]

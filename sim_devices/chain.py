@@ -161,6 +161,7 @@ class Effect:
     to a sample by chance has a ``scatter``: the rms (s) by which a channel's true instants are off their stamps, given
     the instrument and the values (none: not by chance); a diagnosis then looks for the noise that it makes and not for
     the very draw. It is ``sparse`` if chance hits some samples and makes these older, else all are off a little.
+    ``form`` is which of several laws it follows, where that is fixed.
     """
 
     name: str
@@ -173,6 +174,12 @@ class Effect:
     install: Callable[[Chain, Mapping[str, float]], Chain] = field(repr=False)
     scatter: Callable[[str, Mapping[str, float]], Mapping[str, float]] | None = field(default=None, repr=False)
     sparse: bool = False
+    form: int = 0
+
+    @property
+    def event(self) -> bool:
+        """Whether it happens at one moment, which a repeat of the recording does not foretell."""
+        return any(p.name == "moment" for p in self.parameters)
 
     @property
     def strengths(self) -> tuple[Parameter, ...]:

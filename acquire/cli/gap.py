@@ -34,12 +34,17 @@ def diagnose(
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder for gap.json and gap.html.")] = None,
     everything: Annotated[bool, typer.Option("--all", help=ALL)] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report on stdout.")] = False,
+    advise: Annotated[
+        bool, typer.Option("--advise", help="Also look for the experiment that would split what remains (slow).")
+    ] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="A first look: few effects are fitted, and no pairs.")] = False,
     jobs: Annotated[
         int,
         typer.Option(parser=whole(1, MOST_JOBS), show_default="one a core", help="Processes that share the fits."),
     ] = os.cpu_count() or 1,
 ) -> None:
     """Say where simulation and measurement differ, which effect causes it, and how far it shrinks with it."""
+    from acquire.cli.stages import Stages
     from acquire.files import write_text
     from gap import as_json as report_of
     from gap import diagnose as run
@@ -48,7 +53,17 @@ def diagnose(
     recordings = counting(load_all(runs), everything=everything)
     print(f"diagnosing {len(recordings)} recordings of {recordings[0].info.instrument}", file=sys.stderr)
     forward = load_model(model) if model else None
-    diagnosis = run(recordings, forward, user_effects=effects or (), solver=solver, jobs=jobs)
+    with Stages(sys.stderr) as stages:
+        diagnosis = run(
+            recordings,
+            forward,
+            user_effects=effects or (),
+            solver=solver,
+            advise=advise,
+            quick=quick,
+            jobs=jobs,
+            tell=stages,
+        )
     report = report_of(diagnosis)
     folder = output or (None if as_json else Path("gap-report"))
     if folder:
@@ -60,7 +75,9 @@ def diagnose(
         print(*report["sentences"], sep="\n")
         for remark in report["remarks"]:
             print(f"note: {remark}", file=sys.stderr)
-        print(f"\n{folder}/gap.html\n{folder}/gap.json")
+        if report["next_experiment_note"]:
+            print(f"note: next experiment: {report['next_experiment_note']}", file=sys.stderr)
+        print(f"\n{diagnosis.seconds:.0f} s\n{folder}/gap.html\n{folder}/gap.json")
 
 
 def load_all(paths: list[Path]) -> list[Any]:

@@ -44,7 +44,7 @@ def diagnosed(job: tuple[Path, str, Path, int]) -> str:
     begin = clock.perf_counter()
     try:
         runs = [load(p) for p in sorted(folder.iterdir())]
-        report = as_json(diagnose(runs, model=load_model(f"{MODELS}:{model}"), advise=False))
+        report = as_json(diagnose(runs, model=load_model(f"{MODELS}:{model}")))
     except Exception as error:
         report = {"verdict": "crash", "causes": [], "error": f"{type(error).__name__}: {error}",
                   "trace": traceback.format_exc()}  # fmt: skip

@@ -1,210 +1,230 @@
-"""From compared hypotheses to a verdict: classes that the data cannot split, probabilities, and when to say nothing.
-
-Probabilities are tempered Laplace evidences with a prior over *numbers of effects*, raised to each block's
-`trusts`. Both were set on development seeds of the blind generator, not on those that score them
-(docs/decisions/gap-method.md).
-"""
+"""The verdict, and the only file that says one: a table of named rules over a posterior and its held-out tests."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.special import softmax
 
-from gap.data.signatures import HUM, Signature
+from gap.data.tolerances import Tolerance
+from gap.decision.marks import explains_marks
+from gap.decision.posterior import Cause, Posterior, misfit
+from gap.decision.thresholds import Thresholds
 from gap.decision.transfer import Shrink
 from gap.inference.evidence import Hypothesis
-from gap.inference.hypothesis import Candidate
-from gap.search.compare import Comparison, Weight
+from gap.search.compare import Comparison
 
 VERDICTS = ("effect", "several", "none", "unknown", "undetectable")
 
 
 @dataclass(frozen=True)
-class Judgement:
-    """The thresholds of the verdict, in one place."""
+class Findings:
+    """All that the rules look at. ``fitted`` is the gap in the channels that the first cause changes, ``held_out`` on
+    recordings that its parameters were not fitted to, by split; ``without_skin``, the nats that blocks without skin
+    give the first cause; ``tolerances``, how many stated tolerances it is large (inf where none is stated)."""
 
-    prior_effect: float = 0.45  # that one effect acts
-    prior_pair: float = 0.05  # that two act
-    outside: float = 0.07  # that what is named is imitated by an effect that the library lacks
-    sure_none: float = 0.99  # probability of no effect above which, at a gap below `quiet_gap`, the verdict is `none`
-    quiet_gap: float = 1.1
-    unusual_gap: float = 1.3  # gap above which finding nothing means that the cause is unknown, not that there is none
-    separable: float = 3.0  # distance (in tempered σ) below which two fitted explanations are one class,
-    blunt: float = 0.0  # or times what both leave above the noise: finer than that nothing is known
-    evidence_tie: float = 5.0  # nats within which indistinguishable explanations count as equally good,
-    lead: float = 1.0  # and those by which the simplest of them may be worse and still leads them
-    detect: float = 0.5  # probability of "some effect" above which one is claimed,
-    seen: float = 5.0  # if it stands out by so many tempered σ: among sixty effects some always do by three or four
-    second_share: float = 0.3  # of what the best single effect leaves above the noise, that a second must explain
-    second_excess: float = 0.01  # and of what the null leaves: form errors grow with the effect
-    second_least: float = 30.0  # χ² (tempered) that it must explain at least: of so many pairs some always do by less
-    unearned: float = 5.0  # nats by which a pair that does not is less probable than the best single effect at least
-    borne_out: float = 0.2  # share of the plain gap on another waveform that a device effect must take away,
-    helps: float = 0.01  # less of it is nothing, of an effect that is as weak as its prior allows
-    worse: float = 1.15  # times larger that it may make the gap on repeats,
-    elsewhere: float = 1.5  # and on another waveform; of thirteen right development claims none did by 1.03
-    plain: float = 1.1  # where that gap is larger than this,
-    sure: float = 5.0  # unless blocks without skin give so many nats
-    overwhelming: float = 8.0  # or it stands out by so many σ
-    surrogate: float = 10.0  # σ (rms) by which finite elements' surrogate may be off before what is left is its own
-    unknown: float = 0.5  # probability that the cause is none of the library's above which that is the verdict
-    unnamed: float = 0.45  # probability that no cause exceeds where the verdict names none
+    posterior: Posterior
+    t: Thresholds
+    fitted: Shrink | None = None
+    held_out: Mapping[str, Shrink] = field(default_factory=dict)
+    without_skin: float = np.inf
+    tolerances: float = np.inf
 
+    @property
+    def first(self) -> Cause:
+        return self.posterior.causes[0]
 
-RIG = Judgement(sure_none=0.93, seen=4.0, evidence_tie=8.0, blunt=1.0, second_share=0.6, worse=1.3, elsewhere=2.0)
-"""How a rig's model is judged, whose own error nobody knows. It tempers all evidence, so that classes are wide; and of
-what a first effect leaves, some second one always explains half."""
+    @property
+    def seen(self) -> float:
+        """Detectability that the first cause needs."""
+        return self.t.seen_marked if self.first.marked else self.t.seen
+
+    @property
+    def shows_itself(self) -> bool:
+        """Whether the first cause's marks in the samples are explained by it, whatever else there is."""
+        return explains_marks(self.first.at_marks, self.t)
+
+    @property
+    def withheld(self) -> Mapping[str, Shrink]:
+        """Held-out gaps that judge an effect: another waveform where there is one."""
+        return {k: s for k, s in self.held_out.items() if k == "waveform" or "waveform" not in self.held_out}
+
+    def quiet(self) -> str:
+        """What is said where no effect is needed."""
+        p = self.posterior
+        if p.hum or p.gap_before > self.t.unusual_gap:
+            return "unknown"
+        return "none" if p.gap_before <= self.t.quiet_gap and p.none >= self.t.sure_none else "undetectable"
+
+    def spoiled(self) -> str:
+        """What is said where a named effect fails a test: unknown, where a gap is there to be explained."""
+        return "unknown" if self.fitted is not None and self.fitted.before > self.t.unusual_gap else self.quiet()
 
 
 @dataclass(frozen=True)
-class Cause:
-    """A class of explanations: the leading hypothesis, the names it cannot be told from, its probability if anything
-    acts at all."""
+class Rule:
+    """A named condition; the first that holds settles the verdict. ``text`` is formatted with what `values` finds."""
 
-    hypothesis: Hypothesis
-    names: tuple[str, ...]  # concepts of the class, the leader first (a pair is "a + b")
-    probability: float
-    detectability: float
-    members: tuple[Hypothesis, ...] = ()
-    marked: bool = False  # whether a channel's own marks speak for it
-
-    @property
-    def effects(self) -> tuple[Candidate, ...]:
-        return self.hypothesis.effects
+    name: str
+    holds: Callable[[Findings], bool]
+    says: Callable[[Findings], str]
+    text: Callable[[Findings], str]
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the comparison says. ``stages`` are probable as far as anything acts; ``probability_none``, that nothing
-    does."""
+    """``verdict`` is one of `VERDICTS`; ``posterior`` is consistent with it, ``rules`` tells which rule settled it and
+    what it compared. ``held_out`` are the tests of the leading causes, by split."""
 
     verdict: str
-    causes: tuple[Cause, ...]
-    stages: Mapping[str, float]
-    probability_none: float
-    unexplained: float
-    gap_before: float
-    gap_after: float
-    temper: Mapping[str, float]
-    confusable: tuple[tuple[str, ...], ...] = field(default=())
+    posterior: Posterior
+    rules: tuple[str, ...]
+
+    @property
+    def causes(self) -> tuple[Cause, ...]:
+        return self.posterior.causes
+
+    @property
+    def claims(self) -> bool:
+        """Whether an effect is named."""
+        return self.verdict in ("effect", "several")
 
 
-def concept(h: Hypothesis) -> str:
-    """The name of a hypothesis at the level of concepts."""
-    return " + ".join(sorted(e.name for e in h.effects))
+def _always(said: str) -> Callable[[Findings], str]:
+    return lambda f: said
 
 
-def _distance(a: Hypothesis, b: Hypothesis, trust: Mapping[str, float], temper: Mapping[str, float]) -> float:
-    """How far apart two fitted explanations predict, in tempered σ, each block as far as it is trusted."""
-    square = 0.0
-    for k, share in trust.items():
-        square += share / temper[k] * float(np.sum(np.square(a.fits[k].residual - b.fits[k].residual)))
-    return float(np.sqrt(square))
+def _lowers_nothing(f: Findings) -> bool:
+    if f.fitted is None or f.shows_itself:
+        return False
+    before, after = f.fitted.before, f.fitted.after
+    excess = max(before**2 - f.t.quiet_gap**2, 0.0)
+    return after >= before * (1.0 - f.t.least_fall) or before**2 - after**2 < f.t.least_share * excess
 
 
-def made_by(signature: Signature, effect: Candidate) -> bool:
-    """Whether ``effect`` is the one that leaves ``signature``."""
-    names = {name.removeprefix("sensor_") for name in (signature.effect, *signature.also)}
-    where = effect.key.partition("@")[2]
-    return effect.name.removeprefix("sensor_") in names and where in ("", signature.channel)
+def _faint(f: Findings) -> bool:
+    helps = any(s.value is not None and s.value > f.t.helps for s in f.withheld.values())
+    return weakest(f.first.hypothesis, f.t.weakest) and not helps
 
 
-def _earned(h: Hypothesis, comparison: Comparison, rules: Judgement, temper: Mapping[str, float]) -> bool:
-    """Whether each further effect of a hypothesis explains enough of what fewer leave; form errors are always worth
-    some χ²."""
-    if len(h.effects) < 2:
-        return True
-    singles = [s for s in comparison.hypotheses if len(s.effects) == 1 and s.effects[0] in h.effects]
-    n = sum(len(f.residual) for f in h.fits.values())
-    left = min(s.deviance for s in singles)
-    least = rules.second_least * min(temper.values())
-    needed = max(rules.second_share * (left - n), rules.second_excess * (comparison.null.chi2 - n), least)
-    return left - h.deviance > needed
+def _worse(split: str, limit: Callable[[Findings], float]) -> Callable[[Findings], bool]:
+    def holds(f: Findings) -> bool:
+        s = f.held_out.get(split)
+        return s is not None and s.after > limit(f) * max(s.before, 1.0)
+
+    return holds
 
 
-def gap_of(h: Hypothesis) -> float:
-    """rms of the whitened residual over all blocks: 1 at the noise floor."""
-    n = sum(len(f.residual) for f in h.fits.values())
-    return float(np.sqrt(sum(f.chi2 for f in h.fits.values()) / n))
+def _worse_on_repeats(f: Findings) -> bool:
+    # An event is in one recording, and nothing in its repeats foretells it.
+    return not any(e.event for e in f.first.effects) and _worse("repeat", lambda f: f.t.worse_repeat)(f)
 
 
-def unknown(unexplained: float, gap: float) -> float:
-    """How surely the cause is none of the library's: from the share of the excess χ² that the best explanation leaves,
-    and from how far above the noise the ``gap`` is that it leaves."""
-    excess = max(gap - 1.0, 0.0)
-    return float(1.0 - np.exp(-2.2 * unexplained * excess / (excess + 0.3)))
+def _repairs_skin(f: Findings) -> bool:
+    """A device effect that does not carry over to another waveform may be what skin of another law leaves."""
+    carried = f.held_out.get("waveform")
+    if carried is None or carried.value is None or carried.value > f.t.carries_over:
+        return False
+    if f.fitted is not None and f.fitted.before < f.t.quiet_gap:
+        return False
+    if f.first.detectability > f.t.overwhelming or f.without_skin > f.t.without_skin:
+        return False
+    return not any(e.stage == "tissue" for h in f.first.members for e in h.effects)
 
 
-def judge(
-    comparison: Comparison,
-    candidates: Sequence[Candidate],
-    rules: Judgement = Judgement(),
-    signatures: Sequence[Signature] = (),
-) -> Verdict:
-    """The verdict on a comparison, with what the channels' own marks add."""
-    temper = comparison.temper()
-    n_concepts = len({c.name for c in candidates}) or 1
-    prior_none = 1.0 - rules.prior_effect - rules.prior_pair
-    forms = {name: sum(c.name == name for c in candidates) for name in {c.name for c in candidates}}
-
-    def log_prior(h: Hypothesis) -> float:
-        if not h.effects:
-            return float(np.log(prior_none))
-        share = sum(-np.log(forms.get(e.name, 1)) for e in h.effects)
-        if len(h.effects) == 1:
-            return float(np.log(rules.prior_effect / n_concepts) + share)
-        pairs = n_concepts * (n_concepts - 1) / 2
-        return float(np.log(rules.prior_pair / max(pairs, 1)) + share)
-
-    def marks(h: Hypothesis) -> float:
-        return sum(s.nats for s in signatures if any(made_by(s, e) for e in h.effects))
-
-    everything = [comparison.null, *comparison.hypotheses]
-    weighed = comparison.weighed(temper)
-    score = np.array([log_prior(h) + weighed[id(h)].evidence + marks(h) for h in everything])
-    # A second effect that is not worth it yet is what should be looked for next, and no more.
-    single = max((s for s, h in zip(score, everything, strict=True) if len(h.effects) == 1), default=score[0])
-    second = np.array([not _earned(h, comparison, rules, temper) for h in everything])
-    score[second] = np.minimum(score[second], single - rules.unearned)
-    none = float(softmax(score)[0])
-    # Whether anything acts is one question, what it would be another: of what is weak the second often has an answer.
-    weight = np.r_[0.0, (1.0 - rules.outside) * softmax(score[1:])] if len(score) > 1 else np.zeros(1)
-    causes = _classes(everything, score, weight, weighed, temper, rules)
-    causes = [replace(c, marked=marks(c.hypothesis) > 0) for c in causes]
-    stages: dict[str, float] = {}
-    for h, w in zip(everything[1:], weight[1:], strict=True):
-        for e in h.effects:
-            stages[e.stage] = stages.get(e.stage, 0.0) + float(w) / len(h.effects)
-    stages = dict(sorted(stages.items(), key=lambda kv: -kv[1]))
-    before = gap_of(comparison.null)
-    after = gap_of(causes[0].hypothesis) if causes else before
-    left = max(after**2 - 1, 0.0) / max(before**2 - 1, 1e-9)
-    seen = bool(causes) and (causes[0].marked or causes[0].detectability >= rules.seen)
-    if not seen or 1 - none < rules.detect:
-        foreign = before > rules.unusual_gap or any(s.effect == HUM for s in signatures)
-        quiet = before <= rules.quiet_gap and none >= rules.sure_none
-        verdict = "unknown" if foreign else "none" if quiet else "undetectable"
-    elif unknown(min(left, 1.0), after) > rules.unknown and not causes[0].marked:
-        verdict = "unknown"
-    else:
-        verdict = "several" if len(causes[0].effects) > 1 else "effect"
-    found = Verdict(verdict, tuple(causes), stages, none, min(left, 1.0), before, after, temper)
-    return found if verdict in ("effect", "several") else _unnamed(found, verdict, rules)
+def _told(split: str) -> Callable[[Findings], str]:
+    return lambda f: f"gap {f.held_out[split].before:.2f} -> {f.held_out[split].after:.2f} on a withheld {split}"
 
 
-def _unnamed(verdict: Verdict, said: str, rules: Judgement) -> Verdict:
-    """The verdict ``said``, which names no cause: none has even odds then, as the first class was right in 7 of 15 such
-    development cases where an effect of δ > 5 did act."""
-    first = max((c.probability for c in verdict.causes), default=0.0)
-    share = rules.unnamed / max(first, rules.unnamed)
-    causes = tuple(replace(c, probability=share * c.probability) for c in verdict.causes)
-    return replace(verdict, verdict=said, causes=causes)
+def _standing_out(f: Findings) -> str:
+    if f.shows_itself and (at := f.first.at_marks):
+        return f"gap {at.before:.2f} -> {at.after:.2f} where the samples are marked"
+    return f"detectability {f.first.detectability:.1f} >= {f.seen:g}"
 
 
-def weakest(h: Hypothesis, within: float = 0.02) -> bool:
+def _fall(f: Findings) -> str:
+    return f"gap {f.fitted.before:.2f} -> {f.fitted.after:.2f} in the channels it changes" if f.fitted else ""
+
+
+RULES: tuple[Rule, ...] = (
+    Rule("nothing to name", lambda f: not f.posterior.causes, Findings.quiet, lambda f: "no effect was fitted"),
+    Rule(
+        "not detected",
+        lambda f: f.posterior.acts < f.t.detect,
+        Findings.quiet,
+        lambda f: f"probability {f.posterior.acts:.2f} that something acts < {f.t.detect:g}",
+    ),
+    Rule(
+        "not seen",
+        lambda f: f.first.detectability < f.seen and not f.shows_itself,
+        Findings.quiet,
+        lambda f: f"detectability {f.first.detectability:.1f} < {f.seen:g}",
+    ),
+    Rule(
+        "unexplained",
+        lambda f: misfit(f.posterior.unexplained, f.posterior.gap_after) > f.t.unknown and not f.shows_itself,
+        _always("unknown"),
+        lambda f: (
+            f"the best explanation leaves {100 * f.posterior.unexplained:.0f} % of the excess, "
+            f"a gap of {f.posterior.gap_after:.2f}"
+        ),
+    ),
+    Rule(
+        "within tolerance",
+        lambda f: f.tolerances <= f.t.tolerances,
+        Findings.quiet,
+        lambda f: f"{f.tolerances:.1f} stated tolerances <= {f.t.tolerances:g}",
+    ),
+    Rule("takes nothing away", _lowers_nothing, Findings.spoiled, _fall),
+    Rule("as weak as may be", _faint, Findings.spoiled, lambda f: "at the low end of its range, and no use elsewhere"),
+    Rule("worse on repeats", _worse_on_repeats, _always("unknown"), _told("repeat")),
+    Rule(
+        "worse elsewhere",
+        _worse("waveform", lambda f: f.t.worse_elsewhere),
+        _always("unknown"),
+        _told("waveform"),
+    ),
+    Rule("does not carry over", _repairs_skin, _always("unknown"), _told("waveform")),
+    Rule(
+        "claimed",
+        lambda f: True,
+        lambda f: "several" if len(f.first.effects) > 1 else "effect",
+        lambda f: (
+            f"posterior {f.first.probability:.2f}, {_standing_out(f)}"
+            + (f", {_fall(f)}" if f.fitted else "")
+            + "".join(f", {_told(k)(f)}" for k in f.withheld)
+        ),
+    ),
+)
+"""In order: the first that holds settles the verdict."""
+
+
+def decide(findings: Findings, rules: Sequence[Rule] = RULES) -> Verdict:
+    """The verdict by the first rule that holds, with a posterior that does not contradict it."""
+    rule = next(r for r in rules if r.holds(findings))
+    said = rule.says(findings)
+    return Verdict(said, _settled(findings, said), (f"{rule.name}: {rule.text(findings)}",))
+
+
+def _settled(f: Findings, said: str) -> Posterior:
+    """The posterior, where no effect is named: no cause has even odds then, and `unknown` is more probable outside the
+    library than not."""
+    p, t = f.posterior, f.t
+    if said in ("effect", "several"):
+        return p
+    if said == "unknown":
+        return p.doubted(1.0 - t.unnamed)
+    largest = max((c.probability for c in p.causes), default=0.0)
+    return p.scaled(t.unnamed / max(largest, t.unnamed), p.foreign)
+
+
+def undetectable(verdict: Verdict, reason: str) -> Verdict:
+    """The same findings where what is left is known to be the simulation's own error, for ``reason``."""
+    return replace(verdict, verdict="undetectable", rules=(*verdict.rules, reason))
+
+
+def weakest(h: Hypothesis, within: float) -> bool:
     """Whether a single effect is as weak as its prior allows: ``within`` that share of its range in logarithms."""
     if len(h.effects) != 1:
         return False
@@ -214,87 +234,27 @@ def weakest(h: Hypothesis, within: float = 0.02) -> bool:
     return bool(strength) and all(f.unit[strength[0]] < within for f in fitted)
 
 
-def borne_out(
-    verdict: Verdict, comparison: Comparison, shrinks: Mapping[str, Shrink], rules: Judgement = Judgement()
-) -> Verdict:
-    """The verdict once its first cause was tried as a simulation by itself, also on what it was not fitted to.
-
-    What takes nothing away there explains nothing, be its evidence what it may, nor does what is as weak as its prior
-    allows and helps nowhere else; what makes repeats of its own data worse, or another waveform much worse, is wrong;
-    and a device effect that only repairs what skin of another law leaves does not carry over to another waveform.
-    ``shrinks`` are the first cause's by split: ``fitted``, and whatever was withheld (``waveform``, ``repeat`` …).
-    """
-    if verdict.verdict not in ("effect", "several"):
-        return verdict
-    first = verdict.causes[0]
-    if first.marked:  # what the samples themselves show needs no fit
-        return verdict
-    fitted, carried, repeat = shrinks["fitted"], shrinks.get("waveform"), shrinks.get("repeat")
-    withheld = [carried] if carried else [s for split, s in shrinks.items() if split != "fitted"]
-    helps = any(s.value > rules.helps for s in withheld)
-    if fitted.after >= fitted.before or (weakest(first.hypothesis) and not helps):
-        return _unnamed(verdict, "unknown" if fitted.before > rules.unusual_gap else "undetectable", rules)
-    # A jump is in one recording, and nothing in its repeats foretells it.
-    once = any(p.name == "moment" for e in first.effects for p in e.parameters)
-    limits = ((None if once else repeat, rules.worse), (carried, rules.elsewhere))
-    if any(s and s.after > limit * max(s.before, 1.0) for s, limit in limits):
-        return _unnamed(verdict, "unknown", rules)
-    if carried is None or fitted.before < rules.plain:
-        return verdict
-    if first.detectability > rules.overwhelming or any(e.stage == "tissue" for h in first.members for e in h.effects):
-        return verdict
-    cause, bare = first.hypothesis, 0.0
+def without_skin(cause: Cause, comparison: Comparison, temper: Mapping[str, float]) -> float:
+    """Nats that blocks whose null leaves no room for skin of another law give a cause; inf where all are such."""
+    nats = 0.0
     for block, problem in comparison.problems.items():
-        if np.array_equal(problem.plain_sd, problem.prior_sd):
-            fits = cause.fits[block], comparison.null.fits[block]
-            one, other = (f.log_evidence(verdict.temper[block], problem.alternatives) for f in fits)
-            bare += problem.trusts[0] * (one - other)
-    if bare > rules.sure or carried.value > rules.borne_out:
-        return verdict
-    return _unnamed(verdict, "unknown", rules)
+        if not problem.open_law:
+            fits = cause.hypothesis.fits[block], comparison.null.fits[block]
+            one, other = (f.log_evidence(temper[block], problem.alternatives) for f in fits)
+            nats += problem.trusts[0] * (one - other)
+    return nats if any(p.open_law for p in comparison.problems.values()) else np.inf
 
 
-def _classes(
-    hypotheses: Sequence[Hypothesis],
-    score: np.ndarray,
-    weight: np.ndarray,
-    weighed: Mapping[int, Weight],
-    temper: Mapping[str, float],
-    rules: Judgement,
-) -> list[Cause]:
-    """Group explanations that these data cannot split, all but the first of ``hypotheses``, which is none; within a
-    class the one with fewest parameters leads, unless it is worse by more than `Judgement.lead`."""
-    order = [k for k in np.argsort(-score) if k]
-    causes = []
-    while order:
-        lead = order[0]
-        left = sum(max(f.chi2 - len(f.residual), 0.0) / temper[b] for b, f in hypotheses[lead].fits.items())
-        separable = max(rules.separable, rules.blunt * float(np.sqrt(left)))
-        members = [
-            k
-            for k in order
-            if k == lead
-            or (
-                score[lead] - score[k] < rules.evidence_tie
-                and len(hypotheses[k].effects) == len(hypotheses[lead].effects)
-                and _distance(hypotheses[lead], hypotheses[k], weighed[id(hypotheses[lead])].trust, temper) < separable
-            )
-        ]
-        leaders = [k for k in members if score[lead] - score[k] <= rules.lead]
-        simplest = min(leaders, key=lambda k: (sum(len(e.parameters) for e in hypotheses[k].effects), -score[k]))
-        order = [k for k in order if k not in members]
-        same = [k for k in order if concept(hypotheses[k]) == concept(hypotheses[simplest])]
-        order = [k for k in order if k not in same]
-        names = list(dict.fromkeys([concept(hypotheses[simplest]), *(concept(hypotheses[k]) for k in members)]))
-        gain = 2 * (weighed[id(hypotheses[simplest])].evidence - weighed[id(hypotheses[0])].evidence)
-        probability = float(sum(weight[k] for k in (*members, *same)))
-        causes.append(
-            Cause(
-                hypotheses[simplest],
-                tuple(names),
-                probability,
-                float(np.sqrt(max(gain, 0.0))),
-                tuple(hypotheses[k] for k in members),
-            )
-        )
-    return sorted(causes, key=lambda c: -c.probability)
+def in_tolerances(h: Hypothesis, stated: Mapping[str, Mapping[str, Tolerance]]) -> float:
+    """How many stated tolerances a hypothesis' effects are large, the largest; inf where one has none stated."""
+    sizes = [np.inf] if not h.effects else []
+    for e in h.effects:
+        fitted = next((f for f in h.fits.values() if e in f.hypothesis), None)
+        known = stated.get(e.name, {})
+        values = {} if fitted is None else fitted.active[e]
+        strengths = [p for p in e.parameters if p.null is not None]
+        sizes += [
+            abs(values[p.name] - (p.null or 0.0)) / known[p.name].value if p.name in known and values else np.inf
+            for p in strengths
+        ] or [np.inf]
+    return float(max(sizes))

@@ -20,7 +20,8 @@ class Candidate:
     """An effect as one possible cause: ``name`` is the concept, ``key`` tells its instances and forms apart.
 
     ``remedy`` and ``meaning`` are for the report. ``blocks`` names the data blocks the effect can change; others
-    keep their nominal prediction.
+    keep their nominal prediction. ``form`` is which of its laws an effect follows; an ``event`` happens at one moment,
+    which no repeat foretells.
     """
 
     key: str
@@ -30,6 +31,8 @@ class Candidate:
     blocks: tuple[str, ...]
     meaning: str = ""
     remedy: str = ""
+    form: int = 0
+    event: bool = False
 
     def values(self, unit: FloatArray) -> dict[str, float]:
         """Parameter values at ``unit`` (k,) in [0, 1], uniform under the prior."""

@@ -6,7 +6,7 @@ micro-robot and any other rig.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from gap.inference.evidence import Fit
@@ -48,6 +48,15 @@ class Problem(Protocol):
     @property
     def plain_sd(self) -> FloatArray:
         """Prior widths (p,) of the simulation by itself."""
+        ...
+
+    @property
+    def open_law(self) -> bool:
+        """Whether what is left may be skin of another law."""
+        ...
+
+    def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:
+        """The nominal model's own parameters at a nuisance vector (p,), by name: value and unit, SI."""
         ...
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:

@@ -87,6 +87,7 @@ class Block(abc.ABC):
     trust = 0.9
     slope: FloatArray | None = None  # of the signal, (channels · n,) per s, where that is known
     floor: float = 0.0  # SI: noise that averaging does not lower, because the nominal chain is not known better
+    open_law = False  # whether what is left may be skin of another law
     sound: FloatArray | None = None  # the nuisance of a sound instrument, without tissue in the way
 
     prior_mean: FloatArray
@@ -274,6 +275,9 @@ class Block(abc.ABC):
     def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
         return None
 
+    def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:
+        return {}
+
     def lateness(self, fitted: Fit) -> Lateness | None:
         return None
 
@@ -307,7 +311,8 @@ def candidates_for(
     for key, effect in effects.items():
         # Which draw it was, nobody knows: only how strong.
         parameters = effect.strengths if all(b.by_chance(key) for b in blocks) else effect.parameters
-        trial = Candidate(key, effect.name, effect.stage, parameters, (), effect.meaning, effect.remedy)
+        told = {"meaning": effect.meaning, "remedy": effect.remedy}
+        trial = Candidate(key, effect.name, effect.stage, parameters, (), **told, form=effect.form, event=effect.event)
         elsewhere = (trial.values(np.full(len(parameters), u)) for u in ELSEWHERE)
         for values in ({p.name: p.default for p in parameters}, *elsewhere):
             touched = []

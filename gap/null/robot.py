@@ -69,6 +69,6 @@ def _within_reach(candidate: Candidate, blocks: Sequence[Block]) -> Candidate:
     greatest = block.greatest() if isinstance(block, AxesBlock | ForceBlock) else 0.0
     if not greatest:
         return candidate
-    low, high = GRADUAL if "form=1" in candidate.key else ABRUPT
+    low, high = GRADUAL if candidate.form == 1 else ABRUPT
     first, *others = candidate.parameters
     return replace(candidate, parameters=(replace(first, low=low * greatest, high=high * greatest), *others))

@@ -168,6 +168,11 @@ class AxesBlock(Block):
     def start(self) -> FloatArray:
         return self._start.copy()
 
+    def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:
+        names = ("loop_gain_1", "loop_gain_2", "loop_gain_3")
+        gains = {n: (float(np.exp(v)), "1") for n, v in zip(names, nuisance, strict=False)}
+        return gains | {"delay": (float(nuisance[3]), "s"), "clock_rate": (float(nuisance[4]), "s/s")}
+
     def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
         # Strained tolerances have taken on what they could of an effect.
         return Start(self.prior_mean, self.prior_sd, self.prior_mean, unit) if self._strained else None

@@ -99,6 +99,10 @@ class ForceBlock(Block):
         return self._trusts
 
     @property
+    def open_law(self) -> bool:  # type: ignore[override]
+        return bool(self._basis.shape[1])
+
+    @property
     def plain_sd(self) -> FloatArray:
         sd = self.prior_sd.copy()
         sd[self._parts["discrepancy"]] = PLAIN
@@ -246,6 +250,17 @@ class ForceBlock(Block):
     def tissue(self, nuisance: FloatArray) -> SheetTissue:
         """The reduced sheet at a nuisance vector."""
         return sheet(nuisance, self._tissue, self._typical)
+
+    def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:
+        tissue = self.tissue(nuisance)
+        along = zip(("along", "across", "normal"), tissue.stiffness, strict=True)
+        return {
+            **{f"stiffness_{name}": (value, "N/m") for name, value in along},
+            "angle": (tissue.angle, "rad"),
+            "stiffening_length": (tissue.length, "m"),
+            "stiffening_exponent": (tissue.exponent, "1"),
+            "relaxation": (float(sum(tissue.relaxation)), "1"),
+        }
 
     def _law_chain(self, group: Group, nuisance: FloatArray) -> Chain:
         """The nominal chain of a group with the tissue at a nuisance vector."""

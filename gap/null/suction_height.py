@@ -49,6 +49,8 @@ SAME = 0.02
 """s within which recordings jump equally late."""
 TAKEN = 300.0
 """Nats by which a law that is not linear may be better and still have taken on an effect (of δ 25)."""
+TOLD = 4
+"""Creep times that are told one by one; a power law stands for many."""
 Try = tuple[SkinLaw, FloatArray, int]
 """A fit of the simulation by itself: the law, the nuisance (p,) to begin from, iterations."""
 
@@ -84,6 +86,7 @@ class HeightBlock(Block):
     """
 
     name, channels = "height", ("apex_height",)
+    open_law = True
     jobs = 1  # processes that share the fits of `start`
     trust = 0.12  # other tissue laws than ours leave some δ = 10 that some device effect can repair
     trust_simple = 0.16  # of a simple law, where the data prefer it
@@ -266,6 +269,20 @@ class HeightBlock(Block):
             residual=c["residual"],
             softening=base.softening + c["softening"],
         )
+
+    def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:
+        tissue = self.tissue(nuisance)
+        creep: dict[str, tuple[float, str]] = {}
+        for k, (amount, time) in enumerate(zip(tissue.creep, tissue.times, strict=True), start=1):
+            creep |= {f"creep_{k}": (amount, "1"), f"creep_time_{k}": (time, "s")}
+        return {
+            "elastic_height": (self._reaching(nuisance), "m"),
+            "compliance": (tissue.compliance, "m/Pa"),
+            "knee": (tissue.knee, "Pa"),
+            "elastic_exponent": (tissue.exponent, "1"),
+            **(creep if len(tissue.creep) <= TOLD else {"creep": (sum(tissue.creep), "1")}),
+            "residual": (tissue.residual, "1"),
+        }
 
     def _reaching(self, nuisance: FloatArray) -> float:
         """Elastic height at the strongest suction, m."""

@@ -142,6 +142,16 @@ class PressureBlock(Block):
             out[at] = self.simulated(self.with_effects(chain, active), g, at, shift)[0]
         return out + self._linear @ nuisance[4:]
 
+    def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:
+        return {
+            "regulator_time": (REGULATOR_TAU * float(np.exp(nuisance[0])), "s"),
+            "regulator_damping": (float(np.exp(nuisance[1])), "1"),
+            "sampling_shift": (float(nuisance[2]), "s"),
+            "clock_rate": (float(nuisance[3]), "s/s"),
+            "gauge_gain_error": (float(nuisance[-2]), "1"),
+            "gauge_zero": (float(nuisance[-1]), "Pa"),
+        }
+
     def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
         # Not from the null's shift, which has taken on what it could of a delay.
         return Start(self.prior_mean, self.alternatives[0], self.prior_mean, unit)

@@ -56,6 +56,7 @@ class RigProblem:
     name = "rig"
     sound: FloatArray | None = None
     resets: Sequence[float] = ()
+    open_law = False
 
     def __init__(self, recordings: Sequence[Recording], model: ForwardModel) -> None:
         check_model(model, recordings)
@@ -241,6 +242,10 @@ class RigProblem:
     def parameters(self, nuisance: FloatArray) -> dict[str, float]:
         """The model's parameters at a nuisance vector."""
         return {p.name: from_unit(p, float(u)) for p, u in zip(self.model.parameters, ndtr(nuisance), strict=True)}
+
+    def quantities(self, nuisance: FloatArray) -> dict[str, tuple[float, str]]:
+        values = self.parameters(nuisance)
+        return {p.name: (values[p.name], p.unit) for p in self.model.parameters}
 
     def at_the_end(self, nuisance: FloatArray) -> list[str]:
         """What is to be said of parameters that a fit has at an end of their range."""

@@ -8,8 +8,8 @@ others is shared.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -147,6 +147,10 @@ class Effort:
     refit_pairs: int = 3  # second effects, of different names, for each of the bases
     pair_gain: float = 12.0  # tempered fall of χ² below which a second effect is not even refitted
 
+    def quicker(self) -> Effort:
+        """A narrower search: few refits, no pairs."""
+        return replace(self, quick_fits=4, refit_singles=4, imitators=0, pair_bases=0, least_hope=20.0)
+
 
 def compare(
     problems: Sequence[Problem],
@@ -154,23 +158,29 @@ def compare(
     effort: Effort = Effort(),
     suspects: Sequence[Candidate] = (),
     jobs: int = 1,
+    tell: Callable[[str, float], None] = lambda stage, share: None,
 ) -> Comparison:
     """Null, best singles and best pairs of ``candidates`` on ``problems``, by ``jobs`` processes; ``suspects`` are
-    refitted wherever they rank."""
+    refitted wherever they rank. ``tell`` hears the name of each stage, and which share of
+    a diagnosis is usually over when it begins."""
     blocks = {p.name: p for p in problems}
+    tell("fitting the simulation by itself", 0.22)
     fits = {name: fit(p, iterations=60, tolerance=1e-5) for name, p in blocks.items()}
     comparison = Comparison(blocks, Hypothesis((), fits), simulations=sum(f.simulations for f in fits.values()))
     usable = [c for c in candidates if set(c.blocks) <= set(blocks)]
+    tell(f"screening {len(usable)} effects", 0.25)
     comparison.screened, n = screen(blocks, comparison.null, usable, (), effort.quick_fits, jobs, effort.least_hope)
     comparison.simulations += n
     chosen = _shortlist(comparison.screened, effort.refit_singles)
     apart, n = from_sound(blocks, comparison.null, comparison.screened)
     comparison.simulations += n
     chosen += [s for s in comparison.screened if (s.sure or s.candidate in suspects or s in apart) and s not in chosen]
+    tell(f"fitting the {len(chosen)} most promising effects", 0.55)
     _refit_all(comparison, [(comparison.null, s) for s in chosen], jobs)
     others = _imitators(comparison, [s for s in comparison.screened if s not in chosen])
     _refit_all(comparison, [(comparison.null, s) for s in others[: effort.imitators]], jobs)
     _finish_null(comparison)
+    tell("trying pairs of effects", 0.73)
     _pairs(comparison, usable, effort, jobs)
     return comparison
 

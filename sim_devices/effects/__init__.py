@@ -108,7 +108,7 @@ def _fixed(effect: Effect, fixed: Mapping[str, float]) -> Effect:
         return effect.scatter(instrument, {**values, **fixed}) if effect.scatter else {}
 
     free = tuple(p for p in effect.parameters if p.name not in fixed)
-    return replace(effect, parameters=free, install=install, scatter=scatter)
+    return replace(effect, parameters=free, install=install, scatter=scatter, form=int(fixed.get("form", 0)))
 
 
 @cache

@@ -37,6 +37,7 @@ class LinearProblem:
         self.plain_sd = self.prior_sd
         self.sound: NDArray[np.float64] | None = None
         self.resets: tuple[float, ...] = ()
+        self.open_law = False
         self.sigma = np.ones(n)
         labels = {k: (np.zeros(n, np.int64), ("-",)) for k in ("channel", "phase", "level", "direction", "repeat")}
         run = np.repeat(np.arange(self.runs), -(-n // self.runs))[:n].astype(np.int64)
@@ -56,6 +57,9 @@ class LinearProblem:
 
     def unlike(self, fitted: Fit) -> float:
         return 0.0
+
+    def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:
+        return {f"c{k}": (float(v), "1") for k, v in enumerate(nuisance)}
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         predicted = self.design @ nuisance

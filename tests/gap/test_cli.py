@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from acquire.cli.app import run
+from acquire.cli.stages import Stages
 from acquire.recording import load, write_bundle
 from gap.blind.lock import unseal
 from gap.design.simulated_cases import detectability, make_own
@@ -47,6 +49,34 @@ def test_an_effect_of_the_users_own_is_found(capsys, cold_session: Path, tmp_pat
     assert report["causes"][0]["shrink"]["waveform"] > 0.9
     assert report["sentences"][0] in text
     assert (out / "gap.html").stat().st_size > 50_000
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_a_terminal_is_told_the_stage_and_the_time_left(monkeypatch) -> None:
+    now = [100.0]
+    monkeypatch.setattr("acquire.cli.stages.time.monotonic", lambda: now[0])
+    terminal, pipe = Terminal(), io.StringIO()
+    with Stages(terminal) as stages, Stages(pipe) as silent:
+        stages("reading", 0.0)
+        now[0] = 110.0
+        stages("screening 74 effects", 0.25)
+        silent("screening 74 effects", 0.25)
+        assert terminal.getvalue().endswith("10 s  screening 74 effects, about 30 s left")
+    assert terminal.getvalue().endswith("\r\x1b[K")
+    assert pipe.getvalue() == ""
+
+
+def test_a_first_look_is_quicker_and_asks_for_no_experiment(capsys, cold_session: Path, tmp_path: Path) -> None:
+    status, text, _ = called(capsys, "gap", "diagnose", cold_session, "--effects", WARM_UP, "--quick", "--json")
+    report = json.loads(text)
+    assert status == 0
+    assert report["causes"][0]["class"] == ["pump_warm_up"]
+    assert report["next_experiment"] == {}
+    assert "--advise" in report["next_experiment_note"]
 
 
 def test_without_it_the_cause_is_unknown(capsys, cold_session: Path) -> None:

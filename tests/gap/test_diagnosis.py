@@ -54,7 +54,7 @@ def session(instrument: str, effect: str = "", seed: int = 11, **values: float) 
     ],
 )
 def test_a_strong_effect_is_named_with_its_stage(instrument: str, effect: str, values: dict[str, float]) -> None:
-    report = as_json(diagnose(session(instrument, effect, **values), advise=False))
+    report = as_json(diagnose(session(instrument, effect, **values)))
     first = report["causes"][0]
     assert report["verdict"] in ("effect", "several")
     assert effect in {n for name in first["class"] for n in name.split(" + ")}
@@ -70,7 +70,7 @@ def test_a_strong_effect_is_named_with_its_stage(instrument: str, effect: str, v
 
 @pytest.mark.parametrize("instrument", ["cutometer", "aspiration"])
 def test_a_sound_actuator_is_not_accused(instrument: str) -> None:
-    report = as_json(diagnose(session(instrument), advise=False))
+    report = as_json(diagnose(session(instrument)))
     assert not any(c["probability"] > 0.5 and set(c["stages"]) == {"actuator"} for c in report["causes"])
     assert report["gap"]["before"] == pytest.approx(1.0, abs=0.25)
 
@@ -88,21 +88,21 @@ def test_samples_that_are_not_numbers_are_left_out_and_told() -> None:
         value[100:160] = np.nan
         return replace(series, value=value)
 
-    diagnosis = diagnose([spoiled(recordings[0], "pressure", holes), *recordings[1:]], advise=False)
+    diagnosis = diagnose([spoiled(recordings[0], "pressure", holes), *recordings[1:]])
     assert any("pressure has 60 of" in r for r in diagnosis.remarks)
-    assert np.isfinite(diagnosis.verdict.gap_before)
+    assert np.isfinite(diagnosis.verdict.posterior.gap_before)
 
 
 def test_a_missing_height_still_gives_the_actuator() -> None:
     lagging = [
         replace(r, streams={"pressure": r.streams["pressure"]}) for r in session("cutometer", "regulator_lag", tau=0.3)
     ]
-    report = as_json(diagnose(lagging, advise=False))
+    report = as_json(diagnose(lagging))
     assert "regulator_lag" in report["causes"][0]["class"]
 
 
 def test_one_recording_alone_says_what_cannot_be_tested() -> None:
-    diagnosis = diagnose(session("cutometer")[:1], advise=False)
+    diagnosis = diagnose(session("cutometer")[:1])
     assert any("one recording only" in r for r in diagnosis.remarks)
 
 
@@ -139,7 +139,7 @@ def test_too_few_samples_are_refused(recording) -> None:
 
 def test_recordings_in_any_order_give_the_same_answer() -> None:
     recordings = session("cutometer", "regulator_lag", tau=0.3)
-    forth, back = (as_json(diagnose(r, advise=False)) for r in (recordings, recordings[::-1]))
+    forth, back = (as_json(diagnose(r)) for r in (recordings, recordings[::-1]))
     assert forth["recordings"] == back["recordings"]
     assert forth["causes"][0]["probability"] == back["causes"][0]["probability"]
 
@@ -151,6 +151,6 @@ def test_clocks_that_begin_anew_are_told() -> None:
         shifted = {n: replace(s, time=s.time - first) for n, s in r.streams.items()}
         commands = {n: replace(s, time=s.time - first) for n, s in r.setpoints.items()}
         anew.append(replace(r, streams=shifted, setpoints=commands))
-    diagnosis = diagnose(anew, advise=False)
+    diagnosis = diagnose(anew)
     assert any("clock" in r for r in diagnosis.remarks)
-    assert diagnosis.verdict.gap_before < 2
+    assert diagnosis.verdict.posterior.gap_before < 2

@@ -13,12 +13,15 @@ import pytest
 from scipy.signal import lsim
 
 from acquire.recording.model import Recording
-from gap.decision.transfer import Shrink, shrink, splits, splits_of_a_rig, transferred, waveform
+from gap.data.splits import splits, splits_of_a_rig
+from gap.data.waveform import waveform
+from gap.decision.transfer import Shrink, shrink, transferred
 from gap.diagnosis import Diagnosis, diagnose
 from gap.inference.evidence import Hypothesis
 from gap.inference.least_squares import fit
-from gap.report.document import as_json, quantity
+from gap.report.document import as_json
 from gap.report.html import page
+from gap.report.words import quantity
 from sim_devices.chain import Parameter
 
 TIME = np.arange(0.0, 20.0, 0.02)
@@ -28,7 +31,8 @@ def test_shrink_is_the_share_of_the_gap_above_the_floor() -> None:
     assert shrink(7.3, 1.2) == pytest.approx(6.1 / 6.3)
     assert Shrink(5.0, 1.0).value == 1.0
     assert shrink(3.0, 4.0) < 0  # worse than before: a wrong effect, carried over
-    assert shrink(0.9, 0.9) == 0.0  # nothing stood above the floor
+    assert shrink(0.9, 0.9) is None  # nothing stood above the floor,
+    assert shrink(1.01, 1.29) is None  # or no more than the noise's own error: -28 says nothing
 
 
 STEP = ([0.0, 1.0, 1.0, 11.0, 11.0, 20.0], [0.0, 0.0, -3e4, -3e4, 0.0, 0.0])
@@ -149,7 +153,14 @@ def test_the_report_keeps_its_contract(report: dict) -> None:
         assert all(set(p) == {"value", "se", "unit"} for p in cause["parameters"].values())
         assert "fitted" in cause["shrink"]
         assert set(cause["effects"]) <= {n for name in cause["class"] for n in name.split(" + ")}
-    assert sum(c["probability"] for c in report["causes"]) + report["none_probability"] <= 1.001
+    named = sum(c["probability"] for c in report["causes"])
+    assert named + report["none_probability"] + report["outside_probability"] == pytest.approx(1.0, abs=1e-3)
+    assert report["set"][: len(report["causes"][0]["class"])] == report["causes"][0]["class"]
+    assert report["rules"][0].startswith("claimed: ")
+    assert report["model"]["gain"]["unit"] == "1"
+    assert report["model"]["gain"]["value"] == pytest.approx(2.0, rel=0.05)
+    assert 0 < report["model"]["gain"]["se"] < 0.1
+    assert "--advise" in report["next_experiment_note"]
     assert all(isinstance(group, list) for group in report["indistinguishable"])
     assert isinstance(report["next_experiment"], Mapping)
     assert set(report["cost"]) == {"seconds", "simulations", "fe_solves"}

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from gap.decision.verdict import Judgement
+from gap.decision.thresholds import INSTRUMENT
 from gap.diagnosis import diagnose
 from gap.inference.least_squares import fit
 from gap.rig import generic_laws as laws
@@ -113,7 +113,7 @@ def test_a_tap_that_stands_still_can_leak_and_one_that_carries_nothing_cannot(re
     assert "leak@chamber" in keys
     assert not any(k.startswith("saturation") for k in keys)
     assert not any(k.endswith("@idle") for k in keys)
-    verdict = diagnose([run], Held(), advise=False).verdict
+    verdict = diagnose([run], Held()).verdict
     assert verdict.verdict == "effect"
     assert verdict.causes[0].names[0] == "leak"
 
@@ -169,7 +169,7 @@ def test_a_slow_mode_is_found_though_it_takes_over_half_of_the_model(recording) 
     made = lagging(8.0 * volts, 4.0, 25.0, 50.0) + lagging(12.0 * volts, 4.0, 180.0, 75.0)
     made += 0.2 * np.random.default_rng(5).normal(size=len(time))
     run = recording({"temperature": made}, time, {"voltage": (time, volts)}, instrument="plate")
-    diagnosis = diagnose([run], Plate(), advise=False)
+    diagnosis = diagnose([run], Plate())
     assert diagnosis.verdict.verdict == "effect"
     assert diagnosis.verdict.causes[0].names[0] == "creep"
     assert diagnosis.gap_after < 0.2 * diagnosis.gap_before
@@ -188,7 +188,7 @@ def test_what_slackens_is_creep(recording) -> None:
             return {"force": tap("elastic", parameters["stiffness"] * data["stretch"])}
 
     run = recording({"force": force, "stretch": stretch}, TIME, instrument="tape")
-    verdict = diagnose([run], Tape(), advise=False).verdict
+    verdict = diagnose([run], Tape()).verdict
     assert verdict.verdict == "effect"
     assert "creep" in verdict.causes[0].names
 
@@ -215,8 +215,8 @@ def test_a_second_effect_is_not_made_of_what_the_model_itself_lacks(recording) -
     rest = np.sin(900 * time) + np.sin(1300 * time + 1) + np.sin(1700 * time + 2)
     noise = 3e-4 * np.random.default_rng(7).normal(size=len(time))
     run = recording({"out": lagged + tail + 1.5e-3 * rest + noise}, time, {"dac": (time, volts)}, instrument="ladder")
-    assert diagnose([run], Ladder(), rules=Judgement(), advise=False).verdict.verdict == "several"
-    verdict = diagnose([run], Ladder(), advise=False).verdict
+    assert diagnose([run], Ladder(), thresholds=INSTRUMENT).verdict.verdict == "several"
+    verdict = diagnose([run], Ladder()).verdict
     assert verdict.verdict == "effect"
     assert {"delay", "low_pass"} & set(verdict.causes[0].names)
 
@@ -241,12 +241,12 @@ def test_a_motor_at_rest_is_not_cut_off(recording) -> None:
     noise = 0.03 * np.random.default_rng(0).normal(size=len(time))
     speed = np.where(sound > 0.05, sound + noise, 0.0)  # an encoder at rest counts nothing
     run = recording({"speed": speed}, time, {"voltage": (time, volts)}, instrument="motor")
-    diagnosis = diagnose([run], Motor(), advise=False)
+    diagnosis = diagnose([run], Motor())
     assert diagnosis.signatures == ()
     assert diagnosis.verdict.verdict in ("none", "undetectable")
     assert next(iter(diagnosis.problems.values())).sigma[0] == pytest.approx(0.03, rel=0.15)
     clipped = recording({"speed": np.minimum(speed, 11.0)}, time, {"voltage": (time, volts)}, instrument="motor")
-    verdict = diagnose([clipped], Motor(), advise=False).verdict
+    verdict = diagnose([clipped], Motor()).verdict
     assert verdict.causes[0].names[0] == "saturation"
 
 

@@ -1,0 +1,57 @@
+"""What these data cannot tell: groups of effects that no fit can split, and effects too weak to show."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import combinations
+
+import numpy as np
+
+from gap.inference.evidence import Hypothesis
+from gap.search.compare import Comparison
+
+
+def bounds(comparison: Comparison, tempers: Mapping[str, float], seen_at: float = 3.0) -> dict[str, float]:
+    """For each effect, the strength that would have stood out by ``seen_at`` σ; inf where none in the prior would."""
+    out: dict[str, float] = {}
+    for s in comparison.screened:
+        strengths = [k for k, p in enumerate(s.candidate.parameters) if p.null is not None]
+        if not strengths or not s.detectability:
+            continue
+        p = s.candidate.parameters[strengths[0]]
+        temper = max(tempers[b] for b in s.candidate.blocks)
+        per_strength = [
+            seen_at * abs(s.candidate.values(u)[p.name] - (p.null or 0.0)) / (d / np.sqrt(temper))
+            for u, d in s.detectability
+            if d > 0
+        ]
+        bound = float(np.median(per_strength)) if per_strength else float("inf")
+        out[s.candidate.key] = min(bound, out.get(s.candidate.key, float("inf")))
+    return out
+
+
+def confusable(
+    comparison: Comparison, temper: Mapping[str, float], like: float = 0.985, apart: float = 3.0
+) -> tuple[tuple[str, ...], ...]:
+    """Groups of effects that no fit of these data can split, in the forms that fit them best.
+
+    Their traces, after the nuisance refit, are the same direction and end less than ``apart`` σ from each other. (Of a
+    large effect, poor copies too have nearly its direction, but what they leave gives them away.)
+    """
+    best: dict[str, Hypothesis] = {}
+    for h in sorted(comparison.hypotheses, key=lambda h: h.deviance):
+        if len(h.effects) == 1:
+            best.setdefault(h.effects[0].name, h)
+    null, traces = comparison.null, {}
+    for name, h in best.items():
+        parts = [(null.fits[b].residual - h.fits[b].residual) / np.sqrt(temper[b]) for b in comparison.problems]
+        if np.any(change := np.concatenate(parts)):
+            traces[name] = change
+    groups: list[set[str]] = []
+    for one, other in combinations(traces, 2):
+        a, b = traces[one], traces[other]
+        alike = abs(float(a @ b)) > like * np.linalg.norm(a) * np.linalg.norm(b)
+        if alike and np.linalg.norm(a - b) < apart:
+            touching = [g for g in groups if one in g or other in g]
+            groups = [g for g in groups if g not in touching] + [{one, other}.union(*touching)]
+    return tuple(tuple(sorted(g)) for g in groups)

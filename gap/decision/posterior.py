@@ -1,0 +1,286 @@
+"""How probable each explanation is: one simplex of no effect, classes of effects, and what the library lacks.
+
+Probabilities are tempered Laplace evidences with a prior over *numbers of effects*, raised to each block's
+`Problem.trusts`. A channel's own marks are evidence beside it, for effects that explain something. How much of what is
+left no explanation reaches says how probable it is that the cause is outside the library.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import softmax
+
+from gap.data.signatures import HUM, Signature
+from gap.decision.marks import at_marks, explains_marks, made_by
+from gap.decision.thresholds import Thresholds
+from gap.decision.transfer import Shrink
+from gap.inference.evidence import Hypothesis
+from gap.inference.hypothesis import Candidate
+from gap.search.compare import Comparison, Weight
+from sim_devices.chain import FloatArray
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A class of explanations that the data cannot split: its leading hypothesis, the names of all (a pair is "a + b"),
+    the leader's first, and the probability that one of them is what acts. ``detectability`` is in tempered σ;
+    ``marked``, whether a channel's own marks speak for it, and ``at_marks`` the gap there without and with it."""
+
+    hypothesis: Hypothesis
+    names: tuple[str, ...]
+    probability: float
+    detectability: float
+    members: tuple[Hypothesis, ...] = ()
+    marked: bool = False
+    at_marks: Shrink | None = None
+
+    @property
+    def effects(self) -> tuple[Candidate, ...]:
+        return self.hypothesis.effects
+
+    def led_by(self, leader: Hypothesis) -> Cause:
+        """The same class with another of its members first; the marks were its leader's."""
+        if leader is self.hypothesis:
+            return self
+        name = concept(leader)
+        names = (name, *(n for n in self.names if n != name))
+        return replace(self, hypothesis=leader, names=names, marked=False, at_marks=None)
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """``none`` + the causes' probabilities + ``outside`` = 1.
+
+    ``stages`` adds up the causes by stage. ``unexplained`` is the share of the excess χ² that the best explanation
+    leaves; ``gap_before`` and ``gap_after`` are the gaps (rms in σ) without and with it, skin of another law allowed
+    for. ``foreign`` is how probable it is that something else acts where none of the library's effects does, ``acts``
+    that one of them does rather than nothing. ``temper`` divides each block's χ²; ``hum`` is a line in a channel's
+    noise.
+    """
+
+    causes: tuple[Cause, ...]
+    none: float
+    outside: float
+    stages: Mapping[str, float]
+    unexplained: float
+    gap_before: float
+    gap_after: float
+    foreign: float
+    temper: Mapping[str, float]
+    acts: float = 0.0
+    hum: bool = False
+
+    @property
+    def named(self) -> float:
+        """Probability that a known effect acts."""
+        return sum(c.probability for c in self.causes)
+
+    def scaled(self, share: float, to_outside: float) -> Posterior:
+        """The causes' probabilities times ``share``; of what they lose, ``to_outside`` goes there and the rest to
+        none."""
+        freed = (1.0 - share) * self.named
+        return replace(
+            self,
+            causes=tuple(replace(c, probability=share * c.probability) for c in self.causes),
+            stages={s: share * p for s, p in self.stages.items()},
+            none=self.none + (1.0 - to_outside) * freed,
+            outside=self.outside + to_outside * freed,
+        )
+
+    def doubted(self, least: float) -> Posterior:
+        """The same with a probability of ``least`` that the cause is outside the library, the rest in proportion."""
+        if self.outside >= least:
+            return self
+        share = (1.0 - least) / (1.0 - self.outside)
+        return replace(self.scaled(share, 1.0), none=share * self.none, outside=least)
+
+    def led_by(self, leader: Hypothesis) -> Posterior:
+        """The same with another leader of the first class."""
+        return replace(self, causes=(self.causes[0].led_by(leader), *self.causes[1:]))
+
+
+def concept(h: Hypothesis) -> str:
+    """The name of a hypothesis at the level of concepts."""
+    return " + ".join(sorted(e.name for e in h.effects))
+
+
+def gap_of(h: Hypothesis) -> float:
+    """rms of the whitened residual over all blocks: 1 at the noise floor."""
+    n = sum(len(f.residual) for f in h.fits.values())
+    return float(np.sqrt(sum(f.chi2 for f in h.fits.values()) / n))
+
+
+def misfit(unexplained: float, gap: float) -> float:
+    """How surely the cause is none of the library's: from the share of the excess χ² that the best explanation leaves,
+    and from how far above the noise the ``gap`` is that it leaves."""
+    excess = max(gap - 1.0, 0.0)
+    return float(1.0 - np.exp(-2.2 * unexplained * excess / (excess + 0.3)))
+
+
+def foreign(gap: float, t: Thresholds) -> float:
+    """How surely something acts that is in no library, where the simulation by itself leaves ``gap`` and no effect
+    helps: even odds at the unusual gap, none within the noise."""
+    above = max(gap - t.quiet_gap, 0.0) / (t.unusual_gap - t.quiet_gap)
+    return float(1.0 - 2.0**-above)
+
+
+def posterior(
+    comparison: Comparison,
+    candidates: Sequence[Candidate],
+    t: Thresholds,
+    signatures: Sequence[Signature] = (),
+    gap: float | None = None,
+) -> Posterior:
+    """The posterior of a comparison. ``gap`` is the simulation's own (default: as compared), ``signatures`` are the
+    channels' own marks."""
+    temper = comparison.temper()
+    weighed = comparison.weighed(temper)
+    every = [comparison.null, *comparison.hypotheses]
+    marks = np.array([_mark_nats(h, comparison, weighed, signatures, t) for h in every])
+    score = _log_priors(every, candidates, t) + np.array([weighed[id(h)].evidence for h in every]) + marks
+    score = _with_earned_pairs(score, every, comparison, t, temper)
+    # Whether anything acts is one question, what it would be another: of what is weak the second often has an answer.
+    acts = 1.0 - float(softmax(score)[0])
+    share = np.r_[0.0, softmax(score[1:])] if len(score) > 1 else np.zeros(1)
+    causes = _classes(every, score, share, weighed, temper, t)
+    causes = [_marked(c, comparison, signatures, t) for c in causes]
+    before = gap_of(comparison.null)
+    after = gap_of(causes[0].hypothesis) if causes else before
+    left = min(max(after**2 - 1, 0.0) / max(before**2 - 1, 1e-9), 1.0)
+    hum = any(s.effect == HUM for s in signatures)
+    strange = 1.0 if hum else foreign(before if gap is None else gap, t)
+    lacking = max(t.prior_outside, misfit(left, after)) if causes else 1.0
+    if causes and explains_marks(causes[0].at_marks, t):  # whatever else acts, this does
+        lacking = t.prior_outside
+    known = acts * (1.0 - lacking)
+    stages: dict[str, float] = {}
+    for h, w in zip(every[1:], share[1:], strict=True):
+        for e in h.effects:
+            stages[e.stage] = stages.get(e.stage, 0.0) + known * float(w) / len(h.effects)
+    return Posterior(
+        causes=tuple(replace(c, probability=known * c.probability) for c in causes),
+        none=(1.0 - acts) * (1.0 - strange),
+        outside=(1.0 - acts) * strange + acts * lacking,
+        stages=dict(sorted(stages.items(), key=lambda kv: -kv[1])),
+        unexplained=left,
+        gap_before=before,
+        gap_after=after,
+        foreign=strange,
+        temper=temper,
+        acts=acts,
+        hum=hum,
+    )
+
+
+def _log_priors(every: Sequence[Hypothesis], candidates: Sequence[Candidate], t: Thresholds) -> FloatArray:
+    """log prior of each hypothesis: concepts are equally probable, and the forms of one share its prior."""
+    names = [c.name for c in candidates]
+    n = len(set(names)) or 1
+    pairs = max(n * (n - 1) / 2, 1)
+    one, two = np.log(t.prior_effect / n), np.log(t.prior_pair / pairs)
+    out = np.full(len(every), np.log(1.0 - t.prior_effect - t.prior_pair))
+    for k, h in enumerate(every):
+        if h.effects:
+            shared = sum(np.log(max(names.count(e.name), 1)) for e in h.effects)
+            out[k] = (one if len(h.effects) == 1 else two) - shared
+    return out
+
+
+def _mark_nats(
+    h: Hypothesis,
+    comparison: Comparison,
+    weighed: Mapping[int, Weight],
+    signatures: Sequence[Signature],
+    t: Thresholds,
+) -> float:
+    """Nats that the channels' marks add to a hypothesis: of an effect that explains nothing they say nothing."""
+    nats = sum(s.nats for s in signatures if any(made_by(s, e) for e in h.effects))
+    gain = weighed[id(h)].evidence - weighed[id(comparison.null)].evidence
+    if nats and (gain > 0 or explains_marks(at_marks(comparison.problems, comparison.null, h, signatures), t)):
+        return min(nats, t.mark)
+    return 0.0
+
+
+def _marked(cause: Cause, comparison: Comparison, signatures: Sequence[Signature], t: Thresholds) -> Cause:
+    """A cause with what the channels' marks say of it."""
+    h = cause.hypothesis
+    if not any(made_by(s, e) for s in signatures for e in h.effects):
+        return cause
+    return replace(cause, marked=True, at_marks=at_marks(comparison.problems, comparison.null, h, signatures))
+
+
+def _with_earned_pairs(
+    score: FloatArray, every: Sequence[Hypothesis], comparison: Comparison, t: Thresholds, temper: Mapping[str, float]
+) -> FloatArray:
+    """Scores in which a pair that does not earn its second effect stays below the best single effect: it is what should
+    be looked for next, and no more."""
+    single = max((s for s, h in zip(score, every, strict=True) if len(h.effects) == 1), default=score[0])
+    unearned = np.array([not _earned(h, comparison, t, temper) for h in every])
+    return np.where(unearned, np.minimum(score, single - t.unearned), score)
+
+
+def _earned(h: Hypothesis, comparison: Comparison, t: Thresholds, temper: Mapping[str, float]) -> bool:
+    """Whether each further effect of a hypothesis explains enough of what fewer leave; form errors are always worth
+    some χ²."""
+    if len(h.effects) < 2:
+        return True
+    singles = [s for s in comparison.hypotheses if len(s.effects) == 1 and s.effects[0] in h.effects]
+    n = sum(len(f.residual) for f in h.fits.values())
+    left = min(s.deviance for s in singles)
+    least = t.second_least * min(temper.values())
+    needed = max(t.second_share * (left - n), t.second_excess * (comparison.null.chi2 - n), least)
+    return left - h.deviance > needed
+
+
+def _distance(a: Hypothesis, b: Hypothesis, trust: Mapping[str, float], temper: Mapping[str, float]) -> float:
+    """How far apart two fitted explanations predict, in tempered σ, each block as far as it is trusted."""
+    square = 0.0
+    for k, share in trust.items():
+        square += share / temper[k] * float(np.sum(np.square(a.fits[k].residual - b.fits[k].residual)))
+    return float(np.sqrt(square))
+
+
+def _classes(
+    hypotheses: Sequence[Hypothesis],
+    score: FloatArray,
+    share: FloatArray,
+    weighed: Mapping[int, Weight],
+    temper: Mapping[str, float],
+    t: Thresholds,
+) -> list[Cause]:
+    """Group explanations that these data cannot split, all but the first of ``hypotheses``, which is none; within a
+    class the one with fewest parameters leads, unless it is worse by more than `Thresholds.lead`."""
+
+    def alike(lead: int, k: int) -> bool:
+        one, other = hypotheses[lead], hypotheses[k]
+        if score[lead] - score[k] >= t.evidence_tie or len(one.effects) != len(other.effects):
+            return False
+        left = sum(max(f.chi2 - len(f.residual), 0.0) / temper[b] for b, f in one.fits.items())
+        return _distance(one, other, weighed[id(one)].trust, temper) < max(t.separable, t.blunt * float(np.sqrt(left)))
+
+    order = [int(k) for k in np.argsort(-score) if k]
+    null = weighed[id(hypotheses[0])].evidence
+    causes = []
+    while order:
+        lead = order[0]
+        members = [k for k in order if k == lead or alike(lead, k)]
+        leaders = [k for k in members if score[lead] - score[k] <= t.lead]
+        simplest = min(leaders, key=lambda k: (sum(len(e.parameters) for e in hypotheses[k].effects), -score[k]))
+        order = [k for k in order if k not in members]
+        same = [k for k in order if concept(hypotheses[k]) == concept(hypotheses[simplest])]
+        order = [k for k in order if k not in same]
+        names = dict.fromkeys([concept(hypotheses[simplest]), *(concept(hypotheses[k]) for k in members)])
+        gain = 2 * (weighed[id(hypotheses[simplest])].evidence - null)
+        causes.append(
+            Cause(
+                hypotheses[simplest],
+                tuple(names),
+                float(sum(share[k] for k in (*members, *same))),
+                float(np.sqrt(max(gain, 0.0))),
+                tuple(hypotheses[k] for k in members),
+            )
+        )
+    return sorted(causes, key=lambda c: -c.probability)

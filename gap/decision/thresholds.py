@@ -1,0 +1,66 @@
+"""The numbers that settle a verdict, read from ``thresholds.yaml``, where each has a unit, a meaning and a source."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+import yaml
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """One value for each entry of ``thresholds.yaml``, in its unit; what it means is told there."""
+
+    prior_effect: float
+    prior_pair: float
+    prior_outside: float
+    mark: float
+    mark_share: float
+    detect: float
+    seen: float
+    seen_marked: float
+    quiet_gap: float
+    unusual_gap: float
+    sure_none: float
+    separable: float
+    blunt: float
+    evidence_tie: float
+    lead: float
+    transfer_lead: float
+    second_share: float
+    second_excess: float
+    second_least: float
+    unearned: float
+    unknown: float
+    unnamed: float
+    tolerances: float
+    least_fall: float
+    least_share: float
+    weakest: float
+    helps: float
+    worse_repeat: float
+    worse_elsewhere: float
+    carries_over: float
+    without_skin: float
+    overwhelming: float
+    surrogate: float
+    coverage: float
+
+
+@cache
+def provenance() -> dict[str, dict[str, Any]]:
+    """The entries of ``thresholds.yaml``: value, unit, meaning, source, and the value for rigs where it differs."""
+    text = files("gap.decision").joinpath("thresholds.yaml").read_text(encoding="utf-8")
+    return dict(yaml.safe_load(text))
+
+
+def thresholds(kind: str = "value") -> Thresholds:
+    """The thresholds of our instruments (``value``) or of a user's model (``rig``)."""
+    table = provenance()
+    return Thresholds(**{f.name: float(table[f.name].get(kind, table[f.name]["value"])) for f in fields(Thresholds)})
+
+
+INSTRUMENT, RIG = thresholds(), thresholds("rig")

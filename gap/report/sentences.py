@@ -1,0 +1,110 @@
+"""The diagnosis in three sentences, for whoever ran the measurement."""
+
+from __future__ import annotations
+
+from gap.data.signatures import HUM
+from gap.decision.posterior import Cause
+from gap.decision.transfer import plain_gap, shrink
+from gap.diagnosis import Diagnosis
+from gap.report.breakdown import breakdown
+from gap.report.parameters import of_cause
+from gap.report.words import SPLITS, quantity, significant, words
+
+UNKNOWN_NEXT = "The cause is not known: the pictures show where to look, and an effect of your own can be added."
+BOUNDS = "The bounds below say how strong each effect could still be."
+DOING = {"load": "loading", "unload": "unloading", "hold": "holding", "rest": "resting"}
+
+
+def sentences(d: Diagnosis) -> list[str]:
+    """How far off the simulation is, what explains it, and how that was tested."""
+    if d.verdict.verdict in ("none", "undetectable"):
+        return [_how_far(d), _nothing(d), *([BOUNDS] if d.bounds else [])]
+    if d.verdict.verdict == "unknown":
+        return [_how_far(d), _unknown(d), UNKNOWN_NEXT]
+    return [_how_far(d), _explained(d, d.verdict.causes[0]), _tested(d, d.verdict.causes[0])]
+
+
+def _within_noise(d: Diagnosis) -> bool:
+    return d.gap_before < d.thresholds.quiet_gap
+
+
+def _how_far(d: Diagnosis) -> str:
+    if _within_noise(d):
+        return f"Simulation and measurement agree to within the noise (gap {d.gap_before:.2f}, noise 1)."
+    by_phase = breakdown(d)["phase"]
+    worst = max(by_phase, key=lambda k: by_phase[k]["before"]) if len(by_phase) > 1 else ""
+    clearly = bool(worst) and by_phase[worst]["before"] > 1.2 * d.gap_before
+    mostly = f", mostly while {DOING.get(worst, worst)}" if clearly else ""
+    return f"The simulation is {significant(d.gap_before)} times the noise off{mostly}."
+
+
+def _nothing(d: Diagnosis) -> str:
+    if _within_noise(d):
+        if d.verdict.verdict == "none":
+            return "No effect of the library is needed to explain these recordings."
+        return "No effect stands out: if one acts, it is weaker than what these recordings can show."
+    if "rig" in d.problems:
+        return "A model that is wrong otherwise could do that as well: no effect stands out beyond it."
+    quiet = d.thresholds.quiet_gap
+    loud = [name for name, p in d.problems.items() if not p.open_law and plain_gap(d.null, {name}) >= quiet]
+    if not loud:
+        return "Skin of another law could do that as well: no effect stands out beyond it."
+    where = " and ".join(words(name) for name in loud)
+    return f"No effect stands out, though skin plays no part in {where}: more noise, or wider tolerances, would do it."
+
+
+def _unknown(d: Diagnosis) -> str:
+    if hum := [s.text for s in d.signatures if s.effect == HUM]:
+        return f"{'; '.join(hum)}: no effect of the library makes that."
+    if not d.verdict.causes:
+        return "Nothing in the library explains it."
+    what = " and ".join(words(e.name) for e in d.verdict.causes[0].effects)
+    nearest = f"Nothing in the library explains it: the best candidate, {what},"
+    rule = d.verdict.rules[0].partition(":")[0]
+    failed = {
+        "worse on repeats": "makes a withheld repeat worse",
+        "worse elsewhere": "makes withheld recordings of another waveform worse",
+        "does not carry over": "does not carry over to another waveform",
+    }
+    return f"{nearest} {failed.get(rule) or f'takes away only {_share(d):.0f} % of it'}."
+
+
+def _share(d: Diagnosis) -> float:
+    """Per cent of what stands above the noise that goes with the first cause, no more than all of it."""
+    return 100 * min(max(shrink(d.gap_before, d.gap_after) or 0.0, 0.0), 1.0)
+
+
+def _explained(d: Diagnosis, cause: Cause) -> str:
+    several = len(cause.effects) > 1
+    what = " and ".join(words(e.name) for e in cause.effects)
+    stage = ", ".join(dict.fromkeys(e.stage for e in cause.effects))
+    named = f"{what.capitalize()} ({'; '.join([stage, *numbers(d, cause)])})"
+    sure = f"(probability {cause.probability:.2f})"
+    if _within_noise(d):
+        return f"{named} {'stand' if several else 'stands'} out all the same, by {cause.detectability:.0f} σ {sure}."
+    return f"{named} {'explain' if several else 'explains'} {_share(d):.0f} % of it {sure}."
+
+
+def _tested(d: Diagnosis, cause: Cause) -> str:
+    if others := [words(n) for n in cause.names[1:]]:
+        return f"These data cannot tell it from {' or '.join(others)}."
+    if _within_noise(d):
+        return f"That nothing acts has probability {d.verdict.posterior.none:.2f}."
+    for split, on in SPLITS.items():
+        share = d.shrinks[0][split].value if split in d.shrinks[0] else None
+        if share is not None:
+            return f"On {on}, withheld from the fit, the gap shrinks by {100 * min(share, 1.0):.0f} %."
+    return f"In reality: {cause.effects[0].remedy}"
+
+
+def numbers(d: Diagnosis, cause: Cause, most: int = 2) -> list[str]:
+    """The first parameters of a cause as people write them: ``tau 0.31 s``."""
+    out, found = [], of_cause(d, cause)
+    for effect in cause.effects:
+        for p in effect.parameters[:most]:
+            entry = found[p.name if len(cause.effects) == 1 else f"{effect.name}.{p.name}"]
+            if "recording" in entry:
+                out.append(f"{quantity(entry['in_recording'], 's')} into {entry['recording']}")
+            elif p.unit != "choice":
+                out.append(f"{words(p.name)} {quantity(entry['value'], p.unit)}")
+    return out[: 2 * most]

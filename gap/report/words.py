@@ -1,0 +1,31 @@
+"""Names and numbers as people write them."""
+
+from __future__ import annotations
+
+PREFIXED = {"m": (("mm", 1e3, 1e-3), ("µm", 1e6, 0.0)), "s": (("s", 1.0, 0.1), ("ms", 1e3, 0.0)),
+            "Pa": (("mbar", 1e-2, 0.0),), "N": (("N", 1.0, 0.1), ("mN", 1e3, 0.0)),
+            "m/Pa": (("µm/mbar", 1e8, 0.0),), "N/m": (("N/mm", 1e-3, 0.0),)}  # fmt: skip
+"""For an SI unit: unit, factor, and the least magnitude (SI) for which people use it."""
+
+UNNAMED = ("1", "choice", "velocity", "position", "rate")
+"""Pure numbers, and what a rig's model does not tell the unit of."""
+
+SPLITS = {"waveform": "another waveform", "level": "another level", "direction": "another direction",
+          "repeat": "another repeat", "recording": "another recording"}  # fmt: skip
+
+
+def words(name: str) -> str:
+    """An effect's name as people say it."""
+    return name.replace("_", " ")
+
+
+def quantity(value: float, unit: str, se: float | None = None) -> str:
+    """A number as people write it: ``0.31 ± 0.02 s``, ``98.2 µm``; nothing after a pure number."""
+    shown, factor, _ = next((u for u in PREFIXED.get(unit, ()) if abs(value) >= u[2]), (unit, 1.0, 0.0))
+    spread = f" ± {significant(se * factor, 1)}" if se is not None else ""
+    return f"{significant(value * factor)}{spread} {'' if shown in UNNAMED else shown}".rstrip()
+
+
+def significant(x: float, digits: int = 3) -> str:
+    """``x`` to some significant digits, without a power of ten where people write none: ``40``, ``1320``."""
+    return f"{float(f'{x:.{digits}g}'):g}"
