@@ -12,13 +12,15 @@ from __future__ import annotations
 import platform
 import secrets
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from acquire import pseudonym
+from acquire.attendant import Attendant
 from acquire.engine import (
     Aborted,
     Outcome,
@@ -30,10 +32,12 @@ from acquire.engine import (
     WrongState,
     bring_to_rest,
 )
+from acquire.notify import Hook
 from acquire.plugins import instrument as descriptor
 from acquire.recording import RunInfo
 from acquire.recording.journal import iso_now
 from acquire.station import CALIBRATIONS, FRAME_SCALE, Calibration, Instrument, Station, simulated_station
+from acquire.status import forget_the_dead
 from acquire.supervisor import Supervisor
 from drivers.device import Identity, Status
 from protocols import Limits, Protocol, Setpoints, compile_protocol, dump, effective_limits, find, load, units
@@ -80,7 +84,8 @@ class Session:
     """Opens a station's instruments and runs protocols on them, several at once if asked to.
 
     ``speed`` scales the time of simulated instruments, ``out`` is the folder for recordings. ``watched`` are further
-    names that must keep calling `tick` or the instruments make themselves safe (a window, for example).
+    names that must keep calling `tick` or the instruments make themselves safe (a window, for example). ``notify`` are
+    the hooks called when a run ends, trips or stalls; those of the station are used where they are among them only.
     """
 
     def __init__(
@@ -92,6 +97,7 @@ class Session:
         watched: Iterable[str] = (),
         frame_size: tuple[int, int] = (640, 480),
         listener: Callable[[str, State, str], None] | None = None,
+        notify: Sequence[Hook] = (),
     ) -> None:
         if not 0 < speed <= MAX_SPEED:
             raise ValueError(f"the speed must be positive and at most {MAX_SPEED:g}, not {speed:g}")
@@ -103,6 +109,8 @@ class Session:
         self._listener = listener
         self._benches: dict[str, _Bench] = {}
         self._aborted = ""
+        self._notify = tuple(notify)
+        self._attendant: Attendant | None = None
 
     def __enter__(self) -> Session:
         return self
@@ -297,10 +305,16 @@ class Session:
 
     def close(self) -> None:
         """Abort what runs, make everything safe, switch simulated instruments off. Idempotent."""
-        for bench in self._benches.values():
-            bench.engine.abort("the session ended")
-        for name in list(self._benches):
-            self._close(name)
+        with ExitStack() as everything:  # whatever fails, the others are closed all the same
+            for name in list(self._benches):
+                everything.callback(self._close, name)
+            if self._attendant is not None:
+                everything.callback(self._attendant.close)
+                self._attendant = None
+            for engine in self.engines.values():
+                everything.callback(engine.close)
+            for engine in self.engines.values():
+                engine.abort("the session ended")
 
     # Inside -----------------------------------------------------------------------------------------------------------
 
@@ -322,7 +336,15 @@ class Session:
             self._close(name)  # another probe, another specimen
         if name not in self._benches:
             self._benches[name] = self._make(name, kind, entry, setup or (None, "skin"))
+            self._attend()
         return self._benches[name]
+
+    def _attend(self) -> None:
+        if self._attendant is None:
+            addresses = {name: entry.address for name, entry in self.station.instruments.items()}
+            forget_the_dead(addresses)
+            self._attendant = Attendant(self.station.name, lambda: self.engines, addresses, self._notify)
+            self._attendant.start()
 
     def _make(self, name: str, kind: str, entry: Instrument, setup: tuple[float | None, str]) -> _Bench:
         server = None

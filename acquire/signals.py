@@ -8,10 +8,13 @@ signal's number to a socket at once, whatever the main thread does, and a thread
 from __future__ import annotations
 
 import contextlib
+import logging
 import signal
 import socket
 import threading
 from collections.abc import Callable, Iterator
+
+log = logging.getLogger(__name__)
 
 PERSON = ("SIGINT", "SIGTERM", "SIGHUP")
 
@@ -29,7 +32,10 @@ def caught(act: Callable[[str], None]) -> Iterator[None]:
     def listen() -> None:
         while data := ours.recv(1):
             if data[0] in numbers:
-                act(signal.Signals(data[0]).name)
+                try:
+                    act(signal.Signals(data[0]).name)
+                except Exception:  # the next signal must still be heard
+                    log.exception("acting on a signal")
 
     listener = threading.Thread(target=listen, name="signals", daemon=True)
     listener.start()

@@ -15,6 +15,8 @@
           frame_scale: {value: 0.02 mm/px, provenance: assumed}
     subjects:
       P07: {pressure: {low: -300 mbar, high: 0 mbar}}
+    notify:                                     # used only with --notify station
+      - {on: [trip, stall], command: [notify-send, skinrig]}
 """
 
 from __future__ import annotations
@@ -29,6 +31,7 @@ from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_
 
 from acquire.engine.rules import BOUNDS, LONGEST_TRACKING, Rules, check_tracking
 from acquire.engine.rules import Tracking as TrackingRule
+from acquire.notify import Hook
 from drivers.instrument import WATCHDOG, WATCHDOG_BOUNDS, Entry
 from drivers.transports import host_of, is_loopback, kind_of
 from protocols import units
@@ -212,6 +215,7 @@ class Station(Model):
     name: Text = ""
     instruments: Annotated[dict[str, Instrument], Field(min_length=1)]
     subjects: dict[str, dict[str, Limit]] = Field(default={})
+    notify: tuple[Hook, ...] = ()
     _read: Source = PrivateAttr(default_factory=Source)
 
     @field_validator("subjects")

@@ -24,6 +24,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "run": ("acquire.cli.run", "run"),
     "check": ("acquire.cli.check", "check"),
     "safe": ("acquire.cli.safe", "safe"),
+    "status": ("acquire.cli.status", "status"),
     "devices": ("acquire.cli.devices", "devices"),
     "sim": ("acquire.cli.sim", "sim"),
     "show": ("acquire.cli.data", "show"),

@@ -4,6 +4,7 @@ Progress of long work: a bar on a terminal, plain lines elsewhere; on stderr, so
 
 from __future__ import annotations
 
+import contextlib
 import sys
 import time
 from contextlib import AbstractContextManager
@@ -43,10 +44,11 @@ class Stop:
             session.abort(self._reason)
 
     def _act(self, name: str) -> None:
-        print(f"acquire: {name}: stopping", file=sys.stderr, flush=True)
         self._reason = f"aborted by a person ({name})"
         if self._session is not None:
             self._session.abort(self._reason)
+        with contextlib.suppress(OSError):  # the terminal may be gone
+            print(f"acquire: {name}: stopping", file=sys.stderr, flush=True)
 
 
 class Reporter:
@@ -76,7 +78,11 @@ class Reporter:
             self._bar.stop()
 
     def update(self, progress: Progress) -> None:
-        """Show ``progress``."""
+        """Show ``progress``. Never raises: who no longer reads must not end a run."""
+        with contextlib.suppress(OSError):
+            self._show(progress)
+
+    def _show(self, progress: Progress) -> None:
         if self._bar is not None:
             self._bar.update(self._task, completed=progress.elapsed, what=in_words(progress))
         elif time.monotonic() - self._told >= LINES:

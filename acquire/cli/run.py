@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sys
 from pathlib import Path
@@ -37,17 +38,22 @@ def run(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the recording, or its file name (.h5).")] = Path(
         "runs"
     ),
+    notify: Annotated[
+        list[str] | None,
+        typer.Option(help="On end, trip and stall: a command line, a URL, or 'station' for its own; may be repeated."),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
     """Run a protocol and record it. Ctrl-C vents, keeps what was recorded and ends with status 5."""
     from acquire.cli.progress import Reporter, Stop
 
     with Stop() as stop:
+        from acquire.notify import hooks
         from acquire.session import Request, Session
 
         bench = bench_of(station, sim, tissue, tuple(effect or ()), seed)
         request = Request(subject, site, operator, repeat, specimen, notes)
-        with Session(bench, speed=speed, out=out) as session:
+        with Session(bench, speed=speed, out=out, notify=hooks(notify or (), bench.notify)) as session:
             stop.ends(session)
             engine, plan = session.prepare(protocol, request, name=instrument, out=out)
             if engine.found:
@@ -55,7 +61,8 @@ def run(
             with Reporter(plan.info.protocol_name, plan.setpoints.duration) as reporter:
                 outcome = session.carry_out(engine, plan, reporter.update)
                 reporter.update(engine.progress)
-        _tell(outcome, plan.info.id, plan.info.instrument, plan.setpoints.duration, as_json)
+        with contextlib.suppress(OSError):  # whether anybody reads it or not: the status says how it ended
+            _tell(outcome, plan.info.id, plan.info.instrument, plan.setpoints.duration, as_json)
     raise typer.Exit(_status(outcome))
 
 

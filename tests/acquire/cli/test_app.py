@@ -26,6 +26,7 @@ COMMANDS = (
     "fit",
     "gui",
     "safe",
+    "status",
     "gap",
 )
 
