@@ -291,10 +291,10 @@ def _texts(texts: Iterable[str]) -> Any:
 def _put(group: h5py.Group, name: str, value: Any, unit: str = "") -> h5py.Dataset:
     if isinstance(value, str):
         dataset = group.create_dataset(name, **_text(value))
-    elif np.size(value) > 1024:
-        dataset = group.create_dataset(
-            name, data=value, compression="gzip", compression_opts=1, shuffle=True, fletcher32=True
-        )
+    elif np.ndim(value) and np.size(value):
+        # Numbers never stand without a checksum; a few of them are not worth packing.
+        packed: dict[str, Any] = {"compression": "gzip", "compression_opts": 1} if np.size(value) > 1024 else {}
+        dataset = group.create_dataset(name, data=value, shuffle=bool(packed), fletcher32=True, **packed)
     else:
         dataset = group.create_dataset(name, data=value)
     dataset.attrs.create("units", **_text(unit))

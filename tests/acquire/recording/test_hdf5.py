@@ -215,3 +215,26 @@ def test_components_of_a_vector_are_plotted_together(tmp_path: Path) -> None:
     plot = nxload(write_recording(recording, tmp_path / "run.h5"))["entry/plot"]
     assert plot.nxsignal.nxname == "force_x"
     assert [str(name) for name in np.atleast_1d(plot.attrs["auxiliary_signals"])] == ["force_y"]
+
+
+def test_no_changed_byte_of_a_number_goes_unnoticed(tmp_path: Path) -> None:
+    """Short channels as well: each dataset of numbers has its checksum."""
+    path = write_recording(sample_recording(40, frames=2), tmp_path / "run.h5")
+    with h5py.File(path) as file:
+        bare: list[str] = []
+        file.visititems(
+            lambda name, item: bare.append(name) if isinstance(item, h5py.Dataset) and not _checked(item) else None
+        )
+        assert not bare
+    whole = path.read_bytes()
+    for channel in open_recording(path).streams.values():
+        spot = whole.find(np.asarray(channel.value[3:5]).tobytes())
+        assert spot > 0, "short channels are stored as they are"
+        path.write_bytes(whole[:spot] + b"\x55" + whole[spot + 1 :])
+        with pytest.raises(RecordingError, match=r"run\.h5"):
+            open_recording(path)
+
+
+def _checked(dataset: h5py.Dataset) -> bool:
+    """Whether a changed byte shows: texts and single values have no checksum, frames their own CRC."""
+    return dataset.ndim == 0 or dataset.name.endswith("frames/data") or bool(dataset.fletcher32)
