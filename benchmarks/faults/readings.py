@@ -74,7 +74,7 @@ def _frozen(campaign: Campaign, rig: Rig) -> Row:
         unseen += bool(problem)
         row.trial(None if problem else stopped - began)
     row.exception = (
-        f"{unseen} of {row.trials} were not seen: while the pressure is held, the frozen value is a right one; it is seen "
+        f"{unseen} of {row.trials} were not seen: in a hold the frozen value is a right one; it shows "
         "as soon as the set-point moves, and the limit of time under suction ends the run in any case"
     )
     return row
