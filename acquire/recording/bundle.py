@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from acquire.recording.bundle_schema import SUCTION, Bundle, Images, Source, TimeAxis
+from acquire.recording.bundle_schema import SUCTION, Bundle, Images, Source, StatedNoise, TimeAxis
 from acquire.recording.images import find_frames
 from acquire.recording.model import Event, FloatArray, Frames, Recording, RecordingError, RunInfo, SegmentRecord, Series
 from acquire.recording.segments import of_setpoints
@@ -152,7 +152,21 @@ class _Import:
             stage=source.stage if source.stage is not None else _stage(self.bundle.instrument, name),
             range=source.range,
             resolution=source.resolution or 0.0,
+            noise=self.noise((kind, name, "noise", "unit"), name, source.noise, unit),
         )
+
+    def noise(self, path: Key, channel: str, stated: StatedNoise | None, unit: str) -> float:
+        if stated is None:
+            return 0.0
+        try:
+            si, factor, _ = units.to_si(stated.unit)
+        except ValueError as error:
+            raise self.fault(path, f"channel {channel}: {error}") from error
+        if si != unit:
+            raise self.fault(
+                path, f"channel {channel}: noise in {stated.unit!r} is {si}, but this channel is in {unit}"
+            )
+        return factor * stated.value
 
     def table(self, path: Key, name: str, sheet: str | None) -> Table:
         file = self.inside(path, name)

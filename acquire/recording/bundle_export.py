@@ -95,6 +95,7 @@ def _tables(folder: Path, stem: str, group: Mapping[str, Series]) -> dict[str, A
             entry |= {"stage": series.stage} if series.stage else {}
             entry |= {"range": [float(x) for x in series.range]} if series.range else {}
             entry |= {"resolution": float(series.resolution)} if series.resolution else {}
+            entry |= {"noise": {"value": float(series.noise), "unit": series.unit or "1"}} if series.noise else {}
             entry |= {"allow_nan": True} if np.isnan(series.value).any() else {}
             if np.ndim(series.value) == 2:
                 entry["width"] = int(series.value.shape[1])

@@ -55,6 +55,13 @@ class TimeAxis(_Loose):
         return self
 
 
+class StatedNoise(_Loose):
+    """Standard deviation of one sample of a channel, as the laboratory knows it."""
+
+    value: Annotated[Number, Field(gt=0)]
+    unit: Short
+
+
 class Source(_Loose):
     """Where one channel or set-point is: file, column, unit, and its time."""
 
@@ -70,6 +77,7 @@ class Source(_Loose):
     stage: Short | None = None
     range: tuple[Number, Number] | None = Field(default=None, description="in SI")
     resolution: Number | None = Field(default=None, description="in SI")
+    noise: StatedNoise | None = Field(default=None, description="else a diagnosis reads it from the samples")
     seq: Short | None = Field(default=None, description="column of the device's sample counter")
     time_host: Short | None = Field(default=None, description="column of the host's clock, in s")
 

@@ -6,7 +6,7 @@ Layout (schema ``acquire-recording/1``); every dataset has ``units``, every stri
     /entry/run                          who, what and where; the protocol's text and its sha256; package versions
     /entry/instrument                   name (of the kind), device (by the station's name), station file,
                                         limits, calibration with provenance
-    /entry/streams/<channel>/{value,time,time_host,seq}    group attributes units, stage, range, resolution
+    /entry/streams/<channel>/{value,time,time_host,seq}    group attributes units, stage, range, resolution, noise
     /entry/frames/{data,time,seq,crc}   one chunk per frame
     /entry/derived/<name>/{value,time}  results of an analysis
     /entry/setpoints/{time,<quantity>}  what was commanded (a quantity with times of its own: <quantity>_time)
@@ -178,6 +178,8 @@ def _write_series(parent: h5py.Group, name: str, series: Series, shared: dict[tu
     if series.range is not None:
         group.attrs["range"] = np.asarray(series.range, float)
     group.attrs["resolution"] = float(series.resolution)
+    if series.noise:
+        group.attrs["noise"] = float(series.noise)
     _put(group, "value", np.asarray(series.value, float), series.unit)
     for axis, array, unit in (
         ("time", series.time, "s"),

@@ -143,6 +143,7 @@ class _Reader:
                 stage=self.attr(group, "stage", ""),
                 range=None if limits is None else (float(limits[0]), float(limits[1])),
                 resolution=float(group.attrs.get("resolution", 0.0)),
+                noise=float(group.attrs.get("noise", 0.0)),
             )
         return result
 

@@ -23,7 +23,8 @@ class Series:
     """One channel: ``value`` (n,) in SI ``unit`` at device time ``time`` (n,) s; a derived profile is (n, width).
 
     ``time_host`` (n,) s is the host's monotonic clock at arrival, ``seq`` (n,) the device's sample counter (for
-    imported data: the row number). ``stage`` is the stage of the forward chain that the channel observes.
+    imported data: the row number). ``stage`` is the stage of the forward chain that the channel observes. ``noise`` is
+    the standard deviation of a sample as the laboratory states it, 0 where it does not.
     """
 
     value: FloatArray
@@ -34,6 +35,7 @@ class Series:
     stage: str = ""
     range: tuple[float, float] | None = None
     resolution: float = 0.0
+    noise: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -250,4 +252,6 @@ def _series_difference(a: Mapping[str, Series], b: Mapping[str, Series], axes: t
                 return f"{name}: {item} differs"
         if a[name].unit != b[name].unit:
             return f"{name}: unit {a[name].unit!r} became {b[name].unit!r}"
+        if a[name].noise != b[name].noise:
+            return f"{name}: noise {a[name].noise!r} became {b[name].noise!r}"
     return ""

@@ -83,7 +83,8 @@ class Session:
         in SI; the command has ``kinks`` (k,) s."""
         series = [self.recordings[k].streams[channel] for k in members]
         runs = [(self.time(k, s), np.asarray(s.value, dtype=float)) for k, s in zip(members, series, strict=True)]
-        white = float(np.median([high_band_sigma(v) for _, v in runs]))
+        stated = [s.noise for s in series if s.noise > 0]
+        white = float(np.median(stated or [high_band_sigma(v) for _, v in runs]))
         step = max(grid_step(v) for _, v in runs)
         return white, float(np.sqrt(rounding_floor(white, step) ** 2 + slow_variance(runs, kinks, white)))
 

@@ -17,6 +17,9 @@ from gap.rig import generic_laws as laws
 from gap.rig.generic_laws import State
 from sim_devices.chain import FloatArray, Parameter
 
+INITIAL = "initial"
+"""Name of a parameter that says how a recording began: every recording has one of its own."""
+
 
 @dataclass(frozen=True)
 class GenericEffect:
@@ -174,12 +177,7 @@ GENERIC: tuple[GenericEffect, ...] = (
             _signed("level", 0.5),
             _shape("width", 0.03, 1.0, "signal", "half the travel of a loop of full height"),
             _between("exponent", 0.0, 3.0, "how much less small loops have"),
-            _between(
-                "history",
-                0.0,
-                1.0,
-                "how far it had come straight to its first value, as a share of that",
-            ),
+            Parameter(INITIAL, "signal", -1.0, 1.0, None, 0.0, meaning="how far it had come to its first value"),
             _shape("bend", 0.1, 30.0, "signal", "about where it saturates"),
         ),
         laws.own_hysteresis,

@@ -106,14 +106,14 @@ def _stops_kernel(
     memory: FloatArray,
     bounds: FloatArray,
     weights: FloatArray,
-    history: float,
+    initial: float,
 ) -> FloatArray:
-    """Weighted sum of stops (signal − play), each within its bound; they begin as after a move to here of ``history``
-    times the first value."""
+    """Weighted sum of stops (signal − play), each within its bound; they begin as after a move of ``initial`` to the
+    first value."""
     out = np.empty_like(y)
     if np.isnan(memory[0]):
         memory[0] = y[0]
-        memory[1:] = np.minimum(np.maximum(history * y[0], -bounds), bounds)
+        memory[1:] = np.minimum(np.maximum(initial, -bounds), bounds)
     last = memory[0]
     for i in range(y.size):
         total = 0.0
@@ -138,7 +138,7 @@ def own_hysteresis(state: State, time: Signal, y: Signal, related: Related, p: V
         bounds = p["width"] * 10.0 ** (-np.arange(STOPS) / STOPS_PER_DECADE)
         weights = bounds ** (p["exponent"] - 1.0)
         weights /= np.sum(weights * bounds)
-        state["bank"], state["total"] = (bounds, weights, p["history"]), float(weights.sum())
+        state["bank"], state["total"] = (bounds, weights, p["initial"]), float(weights.sum())
     bent = p["bend"] * np.tanh(y / p["bend"])
     loop = _remembering(_stops_kernel, state, STOPS + 1, time, bent, *state["bank"])
     return y + p["level"] * (state["total"] * (bent - y) - loop)

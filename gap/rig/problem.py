@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,10 +18,11 @@ from gap.inference.evidence import Fit
 from gap.inference.hypothesis import Active, Candidate, Evaluation, Start, from_unit, to_unit
 from gap.inference.least_squares import fit, predicted
 from gap.inference.problem import Problem
-from gap.rig.generic import GENERIC, GenericEffect, counted
+from gap.rig.generic import GENERIC, INITIAL, GenericEffect, counted
 from gap.rig.model import ForwardModel, ModelError, check_model
+from gap.rig.noise import moves, roughness, stated_noise
 from gap.rig.taps import Acting, Drag, Seen, Survey, scaled
-from sim_devices.chain import FloatArray
+from sim_devices.chain import FloatArray, Parameter
 
 MAX_ROWS = 40_000
 """Rows of one problem above which samples are thinned (after simulation) to keep a diagnosis within seconds."""
@@ -34,8 +36,6 @@ begins."""
 SEARCHED, SEARCH_WORK = 8, 4_000
 """Places from which a fit with an effect begins at most, and what one simulation at each may cost: a call of a tap
 counts 1, ten samples do."""
-STILL = 20
-"""Equal samples in a row that a channel with noise does not have."""
 END = 3e-3
 """Share of a parameter's range from its ends at which it is said to be there."""
 EDGE = 1e-3
@@ -71,10 +71,10 @@ class RigProblem:
         # Of the channel as recorded: what `observe` filters out is noise too.
         recorded = {c: [run[1][c] for run in self._runs] for c in model.channels}
         self._counts = {c: counts for c, v in recorded.items() if (counts := coarse_counts(np.concatenate(v)))}
-        self._sigma = {
-            c: float(np.median([high_band_sigma(_moving(v)) for v in values])) for c, values in recorded.items()
-        }
-        self._sigma |= {c: counts.sigma for c, counts in self._counts.items()}
+        self._stated = stated_noise(model, recordings)
+        everything = [data for _, data in self._runs]
+        self._sigma = {c: roughness(c, values, everything) for c, values in recorded.items()}
+        self._sigma |= {c: counts.sigma for c, counts in self._counts.items()} | self._stated
         total = sum(len(run[0]) for run in self._runs) * len(model.channels)
         self._stride = max(1, int(np.ceil(total / MAX_ROWS)))
         keep = [
@@ -87,9 +87,7 @@ class RigProblem:
         self.measured = np.concatenate(
             [m[k] for ms, ks in zip(measured, keep, strict=True) for m, k in zip(ms, ks, strict=True)]
         )
-        self.sigma = np.concatenate(
-            [np.full(len(k), self._sigma[c]) for ks in keep for c, k in zip(model.channels, ks, strict=True)]
-        )
+        self.sigma = self._by_row()
         self._start: FloatArray | None = None
         self.trusts = (0.6,)
         self.alternatives: Sequence[FloatArray] = (self.prior_sd,)
@@ -101,6 +99,11 @@ class RigProblem:
         library = self._library()
         self.candidates = tuple(c for c, _ in library)
         self._by_key = {c.key: e for c, e in library}
+
+    def _by_row(self) -> FloatArray:
+        """Noise (n,) of the measured values."""
+        kept = [(c, k) for ks in self._keep for c, k in zip(self.model.channels, ks, strict=True)]
+        return np.concatenate([np.full(len(k), self._sigma[c]) for c, k in kept])
 
     def _survey(self) -> tuple[list[list[FloatArray]], dict[str, Seen], int]:
         """Nominal prediction of every run at default parameters, what the taps saw, and what a simulation costs."""
@@ -191,13 +194,23 @@ class RigProblem:
                 unit = getattr(self.model, "units", {}).get(tap) or self._unit
                 if effect.name == "quantisation" and tap in self._counts:
                     effect = counted(self._counts[tap], unit)
-                parameters = tuple(scaled(p, seen[tap], measured, dt, duration, unit) for p in effect.parameters)
+                parameters = tuple(
+                    one
+                    for p in effect.parameters
+                    for one in self._of_each(scaled(p, seen[tap], measured, dt, duration, unit))
+                )
                 key = f"{effect.form or effect.name}@{tap}"
                 candidate = Candidate(
                     key, effect.name, stage, parameters, (self.name,), f"{effect.meaning} (at {tap})", effect.remedy
                 )
                 out.append((candidate, effect))
         return out
+
+    def _of_each(self, parameter: Parameter) -> list[Parameter]:
+        """A parameter of an effect; of the state in which a recording begins one for each."""
+        if parameter.name != INITIAL or len(self._runs) == 1:
+            return [parameter]
+        return [replace(parameter, name=f"{INITIAL}_{k}") for k in range(1, len(self._runs) + 1)]
 
     def start(self) -> FloatArray:
         """Where a fit of the model by itself begins: of several places in its parameters' ranges, the one from where
@@ -210,8 +223,27 @@ class RigProblem:
             costs = [float(np.sum(np.square(self._residual(place, {})))) for place in places]
             nearest = [places[k] for k in np.argsort(costs) if k][:CLOSEST]
             fits = [fit(self, nuisance=place, iterations=12) for place in (places[0], *nearest)]
-            self._start = min(fits, key=lambda f: f.objective).nuisance
+            best = min(fits, key=lambda f: f.objective)
+            self._start = best.nuisance
+            self._quieter(best)
         return self._start.copy()
+
+    def _quieter(self, alone: Fit) -> None:
+        """Lower the noise of a channel to the roughness of what the model by itself leaves of it: where it is excited
+        broadly, its own roughness is the signal's."""
+        if self._stride > 1 or hasattr(self.model, "observe"):
+            return  # what is thinned or filtered has no high band to read noise from
+        at = 0
+        left = {c: list[FloatArray]() for c in self.model.channels}
+        for keeps, measured in zip(self._keep, self._measured, strict=True):
+            for channel, keep, m in zip(self.model.channels, keeps, measured, strict=True):
+                residual = alone.residual[at : at + len(keep)] * self._sigma[channel]
+                left[channel].append(residual[moves(m[keep])])
+                at += len(keep)
+        for channel in set(left) - set(self._stated) - set(self._counts):
+            rough = float(np.median([high_band_sigma(v) for v in left[channel] if len(v)]))
+            self._sigma[channel] = min(self._sigma[channel], rough)
+        self.sigma = self._by_row()
 
     def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
         """Where else a fit with the last of some effects might begin: of several places in its prior, with the model's
@@ -264,19 +296,24 @@ class RigProblem:
         return np.asarray(ndtri(np.clip(units, EDGE, 1.0 - EDGE)))
 
     def _residual(self, nuisance: FloatArray, active: Active) -> FloatArray:
-        at: dict[str, list[tuple[GenericEffect, Mapping[str, float]]]] = {}
-        for candidate, values in active.items():
-            tap = candidate.key.split("@", 1)[1]
-            at.setdefault(tap, []).append((self._by_key[candidate.key], values))
         p = self.parameters(nuisance)
         parts = []
-        for (time, data), keeps, measured in zip(self._runs, self._keep, self._measured, strict=True):
-            made = self._simulated(time, data, p, Acting(at, time, self._seen))
+        for k, ((time, data), keeps, measured) in enumerate(zip(self._runs, self._keep, self._measured, strict=True)):
+            made = self._simulated(time, data, p, Acting(self._at_taps(active, k), time, self._seen))
             for channel, keep, m, foretold in zip(self.model.channels, keeps, measured, made, strict=True):
                 with np.errstate(over="ignore"):
                     parts.append((m[keep] - foretold[keep]) / self._sigma[channel])
         # A parameter set at which the model diverges is a very bad one, not an error.
         return np.clip(np.nan_to_num(np.concatenate(parts), nan=DIVERGED), -DIVERGED, DIVERGED)
+
+    def _at_taps(self, active: Active, k: int) -> dict[str, list[tuple[GenericEffect, Mapping[str, float]]]]:
+        """What acts at each tap in run ``k``."""
+        at: dict[str, list[tuple[GenericEffect, Mapping[str, float]]]] = {}
+        for candidate, values in active.items():
+            tap, own = candidate.key.split("@", 1)[1], f"{INITIAL}_{k + 1}"
+            here = {**values, INITIAL: values[own]} if own in values else values
+            at.setdefault(tap, []).append((self._by_key[candidate.key], here))
+        return at
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         residual = self._residual(nuisance, active)
@@ -305,14 +342,6 @@ def against_the_model(mark: Signature, problem: Problem, alone: Fit) -> bool:
         return True
     stands = np.split(foretold[at], np.flatnonzero(np.diff(at) > 1) + 1)
     return sum(len(s) * float(np.ptp(s)) for s in stands) > MOVING * len(at) * float(np.ptp(measured))
-
-
-def _moving(value: FloatArray) -> FloatArray:
-    """A channel (n,) without what stands exactly still for long, as at rest, and shows no noise there."""
-    edges = np.flatnonzero(np.r_[True, np.diff(value) != 0, True])
-    lengths = np.diff(edges)
-    moving = value[np.repeat(lengths < STILL, lengths)]
-    return moving if len(moving) >= STILL else value
 
 
 def _on_one_time_base(recording: Recording, model: ForwardModel) -> tuple[FloatArray, dict[str, FloatArray]]:

@@ -188,3 +188,14 @@ def test_export_of_channels_with_times_of_their_own(tmp_path: Path) -> None:
     slow = replace(slow, value=slow.value[::4], time=slow.time[::4], seq=np.arange(7, 757), time_host=None)
     recording = replace(recording, streams={"time": slow, "pressure": recording.streams["pressure"]})
     assert difference(recording, load(write_bundle(recording, tmp_path / "bundle"))) == ""
+
+
+def test_stated_noise_becomes_si_and_is_kept(tmp_path: Path) -> None:
+    stated = {"pressure": channel("p", "mbar", noise={"value": 0.7, "unit": "mbar"})}
+    recording = load(make(tmp_path / "b", channels=stated))
+    assert recording.stream("pressure").noise == pytest.approx(70.0)
+    assert difference(recording, load(write_recording(recording, tmp_path / "kept.h5"))) == ""
+    assert load(write_bundle(recording, tmp_path / "again")).stream("pressure").noise == pytest.approx(70.0)
+    wrong = {"pressure": channel("p", "mbar", noise={"value": 0.7, "unit": "mm"})}
+    with pytest.raises(RecordingError, match=r"recording\.yaml:\d+:\d+: .*noise in 'mm' is m, but this channel is in"):
+        load(make(tmp_path / "wrong", channels=wrong))

@@ -101,7 +101,7 @@ def test_a_leak_bleeds_what_is_held_until_a_move_makes_good_for_it() -> None:
 def test_hysteresis_loops_inside_others_close() -> None:
     corners = np.array([0.0, 1.0, 0.4, 0.8, 0.4, 0.8, -2.0, 2.0])
     signal = np.interp(np.linspace(0, 7, 701), np.arange(8), corners)
-    values = {"level": 0.1, "width": 0.5, "exponent": 1.0, "history": 0.0, "bend": 100.0}
+    values = {"level": 0.1, "width": 0.5, "exponent": 1.0, "initial": 0.0, "bend": 100.0}
     out = made("hysteresis", values, np.arange(701.0), signal)
     assert out[300] == pytest.approx(out[500], abs=1e-9)  # 0.8, twice
     assert out[200] == pytest.approx(out[400], abs=1e-9)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -12,6 +13,7 @@ import pytest
 
 from gap.decision.thresholds import INSTRUMENT
 from gap.diagnosis import diagnose
+from gap.inference.hypothesis import to_unit
 from gap.inference.least_squares import fit
 from gap.rig import generic_laws as laws
 from gap.rig.generic import GenericEffect
@@ -481,3 +483,81 @@ def test_what_diverges_to_huge_numbers_stays_finite_and_silent(stretched) -> Non
         assert np.isfinite(float(evaluation.residual @ evaluation.residual))
         assert np.all(np.isfinite(evaluation.jacobian.T @ evaluation.jacobian))
         assert np.all(np.isfinite(beyond.residual))
+
+
+class Driven:
+    """A first-order lag behind what drives it, on rows of 20 ms."""
+
+    name, channels = "follower", ("place",)
+    stages: ClassVar = {"place": "sensor"}
+    parameters = (Parameter("tau", "s", 0.02, 1.0, None, 0.2, "log"),)
+
+    def simulate(self, time, data, parameters, tap):
+        return {"place": tap("place", lagging(data["drive"], time[1] - time[0], parameters["tau"], 0.0))}
+
+
+def driven(recording, size: float, **more):
+    rng, time = np.random.default_rng(6), 0.02 * np.arange(4000)
+    drive = np.sign(rng.normal(size=800)).repeat(5)
+    place = lagging(drive, 0.02, 0.1, 0.0) + size * rng.normal(size=len(time))
+    made = recording({"place": place, "drive": drive}, time, instrument="follower")
+    return replace(made, streams={**made.streams, "place": replace(made.streams["place"], **more)})
+
+
+def test_a_broad_excitation_is_no_noise(recording) -> None:
+    """Its own roughness is the signal's: a residual ten times the noise passed for noise."""
+    problem = RigProblem([driven(recording, 2e-3)], Driven())
+    problem.start()
+    assert problem.sigma[0] == pytest.approx(2e-3, rel=0.3)
+
+
+def test_stated_noise_is_taken(recording) -> None:
+    told = RigProblem([driven(recording, 2e-3, noise=5e-3)], Driven())
+    told.start()
+    assert np.all(told.sigma == 5e-3)
+
+    class Quiet(Driven):
+        noise: ClassVar = {"place": 1e-3}
+
+    assert np.all(RigProblem([driven(recording, 2e-3, noise=5e-3)], Quiet()).sigma == 1e-3)
+    Quiet.noise = {"velocity": 1e-3}
+    with pytest.raises(ModelError, match="noise of 'velocity'"):
+        RigProblem([driven(recording, 2e-3)], Quiet())
+
+
+class Piezo:
+    name, channels = "piezo", ("travel",)
+    stages: ClassVar = {"charge": "actuator"}
+    parameters = (Parameter("gain", "m/V", 1e-7, 1e-5, None, 1e-6, "log"),)
+
+    def simulate(self, time, data, parameters, tap):
+        return {"travel": tap("charge", parameters["gain"] * data["voltage"])}
+
+
+def test_every_recording_begins_in_a_state_of_its_own(recording) -> None:
+    """A piezo whose recordings begin at other phases of a sine: no share of the first sample says how it got there."""
+    time = np.linspace(0.0, 4.0, 400)
+    runs = []
+    for k, phase in enumerate((0.0, np.pi / 2, np.pi, 4.0)):
+        voltage = 50.0 * np.sin(np.pi * np.r_[time - 8.0, time] + phase)  # two cycles before it is recorded
+        drive = 1e-6 * voltage
+        loop, stops = np.empty_like(drive), np.zeros(20)
+        widths = np.linspace(1e-6, 4e-5, 20)
+        for i in range(len(drive)):
+            stops = np.clip(stops + (drive[i] - drive[max(i - 1, 0)]), -widths, widths)
+            loop[i] = np.mean(stops)
+        made = (drive - 0.5 * loop)[400:] + 3e-8 * np.random.default_rng(k).normal(size=400)
+        runs.append(recording({"travel": made, "voltage": voltage[400:]}, time, instrument="piezo", name=f"p{k}"))
+    problem = RigProblem(runs, Piezo())
+    loops = next(c for c in problem.candidates if c.name == "hysteresis")
+    assert [p.name for p in loops.parameters if p.name.startswith("initial")] == [f"initial_{k}" for k in (1, 2, 3, 4)]
+    null = fit(problem)
+    begin = np.array([to_unit(p, p.default) for p in loops.parameters])
+    best = fit(problem, (loops,), begin, null.nuisance, 40)
+    assert np.sqrt(np.mean(null.residual**2)) > 30
+    assert np.sqrt(np.mean(best.residual**2)) < 4
+    found = [v for n, v in loops.values(best.unit).items() if n.startswith("initial")]
+    assert max(found) - min(found) > 1e-5  # of up to 5e-5 either way
+    alike = {**loops.values(best.unit), **dict.fromkeys([f"initial_{k}" for k in (1, 2, 3, 4)], 0.0)}
+    same = problem.evaluate(best.nuisance, {loops: alike}, want_jacobian=False).residual
+    assert np.sqrt(np.mean(same**2)) > 2 * np.sqrt(np.mean(best.residual**2))
