@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -57,12 +57,11 @@ def run(
             stop.ends(session)
             engine, plan = session.prepare(protocol, request, name=instrument, out=out)
             if engine.found:
-                print(f"acquire: {engine.found}", file=sys.stderr)
+                _say(f"acquire: {engine.found}", err=True)
             with Reporter(plan.info.protocol_name, plan.setpoints.duration) as reporter:
                 outcome = session.carry_out(engine, plan, reporter.update)
                 reporter.update(engine.progress)
-        with contextlib.suppress(OSError):  # whether anybody reads it or not: the status says how it ended
-            _tell(outcome, plan.info.id, plan.info.instrument, plan.setpoints.duration, as_json)
+        _tell(outcome, plan.info.id, plan.info.instrument, plan.setpoints.duration, as_json)
     raise typer.Exit(_status(outcome))
 
 
@@ -101,19 +100,28 @@ def _tell(outcome: Outcome, identity: str, instrument: str, duration: float, as_
             "duration": duration,
             "lost_samples": outcome.lost,
         }
-        typer.echo(json.dumps(result, indent=2))
+        _say(json.dumps(result, indent=2))
         return
+    if outcome.recording is not None:
+        _say(outcome.recording)
     if outcome.reason:
         told = outcome.reason.startswith(outcome.status)
-        print(outcome.reason if told else f"{outcome.status}: {outcome.reason}", file=sys.stderr)
+        _say(outcome.reason if told else f"{outcome.status}: {outcome.reason}", err=True)
     if outcome.lost:
-        print(f"{outcome.lost} samples were lost", file=sys.stderr)
-    if outcome.recording is not None:
-        typer.echo(outcome.recording)
-    elif outcome.journal is not None:
-        print(f"no recording; try: acquire recover {outcome.journal}", file=sys.stderr)
-    else:
-        print("no recording, and no journal: the data of this run are lost", file=sys.stderr)
+        _say(f"{outcome.lost} samples were lost", err=True)
+    if outcome.recording is None and outcome.journal is not None:
+        _say(f"no recording; try: acquire recover {outcome.journal}", err=True)
+    elif outcome.recording is None:
+        _say("no recording, and no journal: the data of this run are lost", err=True)
+
+
+def _say(text: object, *, err: bool = False) -> None:
+    """Say it, whether anybody reads it or not: the exit status is that of the run."""
+    try:
+        typer.echo(text, err=err)
+    except OSError:
+        if not err:  # what could not be said must not be tried again when the interpreter ends
+            sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - stays until then
 
 
 def _status(outcome: Outcome) -> int:

@@ -110,6 +110,18 @@ def test_while_finalising_the_run_is_complete_already(tmp_path: Path) -> None:
         door.wait_vented()
 
 
+def test_a_reader_that_leaves_ends_nothing(tmp_path: Path) -> None:
+    (tmp_path / "brief.yaml").write_text(BRIEF)
+    command = [*ACQUIRE, "run", str(tmp_path / "brief.yaml"), "--sim", "--speed", "20", "-o", str(tmp_path / "a.h5")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        process.stderr.close()
+        assert process.wait(30) == 0
+    assert open_recording(tmp_path / "a.h5").info.status == "completed"
+
+
 def test_before_anything_was_touched(tmp_path: Path) -> None:
     process = subprocess.Popen(
         [*ACQUIRE, "run", "demo-cutometer", "--sim", "-o", str(tmp_path / "out")],
