@@ -20,6 +20,8 @@ from gap.blind.laboratory import STYLES
 from gap.blind.lock import seal, unseal
 from gap.blind.vocabulary import CONCEPTS, INSTRUMENTS, UNKNOWN, stage_of
 
+pytestmark = pytest.mark.slow
+
 
 def read_key(path: Path, passphrase: str = "") -> list[Truth]:
     return [Truth(**t) for t in json.loads(unseal(path.read_bytes(), passphrase))["cases"]]
