@@ -126,6 +126,7 @@ class Dwells:
     def __init__(self, watch: Watch) -> None:
         self._watch = watch
         self._timers = {n: DwellTimer() for n, r in watch.limits.ranges.items() if math.isfinite(r.dwell)}
+        self.now: dict[str, tuple[float, float]] = {}  # per quantity the dwell in s, and the longest allowed
 
     def look(self, block: Block) -> Trip | None:
         """What is wrong with the next samples."""
@@ -142,7 +143,9 @@ class Dwells:
             # Only the ends of what lasts are told: the rest follows.
             edge = np.flatnonzero(np.diff(away))
             for k in np.unique([0, *edge, *(edge + 1), len(away) - 1]):
-                if timer.at(float(block.time[k]), bool(away[k])) > limit.dwell * (1 + self._watch.rules.margin):
+                dwell = timer.at(float(block.time[k]), bool(away[k]))
+                self.now[name] = dwell, limit.dwell
+                if dwell > limit.dwell * (1 + self._watch.rules.margin):
                     message = f"{name} is away from rest for longer than {limit.dwell:g} s"
                     return Trip("dwell", message, float(block.time[k]))
         return None

@@ -113,7 +113,7 @@ class RunEngine(ControlLoop):
         now = self.status.time if self.status else math.nan
         run = self._run
         progress = Progress(self.state, device_time=now) if run is None else run.progress(self.state, now)
-        return replace(progress, trip=self.trip)
+        return replace(progress, trip=self.trip, dwell=self._interlock.dwell)
 
     # What a person, a program or a window may do ----------------------------------------------------------------------
 

@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from acquire.engine.checks import CHECKS, Check, Commanded, Watch
+from acquire.engine.checks import CHECKS, Check, Commanded, Dwells, Watch
 from acquire.engine.freshness import Freshness
 from acquire.engine.host_clock import HostClock
 from acquire.engine.rules import Rules, Trip
@@ -72,6 +72,12 @@ class Interlock(threading.Thread):
         if self._watching and (new := self._freshness.take(link, item, time.monotonic())) is not None:
             self._blocks.append((link, new, status))
             self._wake.set()
+
+    @property
+    def dwell(self) -> dict[str, tuple[float, float]]:
+        """For how long each quantity with such a limit is away from rest, and may be, in s; empty between runs."""
+        found = next((check for check in self._checks if isinstance(check, Dwells)), None)
+        return dict(found.now) if found is not None and self._watching else {}
 
     @property
     def backlog(self) -> int:

@@ -45,7 +45,10 @@ class RunPlan:
 
 @dataclass(frozen=True)
 class Progress:
-    """Where a run stands. ``elapsed`` and ``duration`` are protocol time in s; ``segment`` counts from 0."""
+    """Where a run stands. ``elapsed`` and ``duration`` are protocol time in s; ``segment`` counts from 0.
+
+    ``dwell`` maps a quantity with such a limit to for how long it is away from rest, and may be, in s.
+    """
 
     state: State
     segment: int = 0
@@ -60,6 +63,7 @@ class Progress:
     lost: int = 0
     recorder_fill: float = 0.0
     trip: Trip | None = None
+    dwell: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

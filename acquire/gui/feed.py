@@ -73,6 +73,7 @@ class Feed:
             left=progress.segment_left,
             lost=progress.lost,
             fill=progress.recorder_fill,
+            dwell=dict(progress.dwell),
             disk=self._disk.left(sum(nbytes(item) for item in items), out),
             points=_points(blocks),
             latest={name: float(value[-1]) for block in blocks for name, value in block.values.items()},

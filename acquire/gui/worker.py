@@ -46,6 +46,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 PERIOD = 1 / 30  # s between two views
+OPENING = ("connect", "reset")  # commands that answer what an earlier host left behind, in words
 QUESTIONS = ("preview", "threshold")  # commands whose refusal is no fault of the instrument
 
 
@@ -187,11 +188,11 @@ class Worker:
             self._outbox.put(Reply(command.number, error=str(error) or repr(error), faults=_faults(error)))
             return
         if name and command.action not in QUESTIONS:
-            self._feed(name).error = ""
+            self._feed(name).error = value if command.action in OPENING else ""
         self._outbox.put(Reply(command.number, value))
 
-    def _connect(self, name: str, *, acknowledged: bool = False) -> None:
-        """Open an instrument.
+    def _connect(self, name: str, *, acknowledged: bool = False) -> str:
+        """Open an instrument; what an earlier host had left behind and was made safe, in words.
 
         One that cannot be reached latches nothing, as nothing was driven: it may be retried. One that says itself that
         it is in a fault waits for a person's reset, who has then ``acknowledged`` it.
@@ -202,7 +203,7 @@ class Worker:
         feed = self._feed(name)
         feed.opening = True
         try:
-            self.session.open(name, acknowledged=acknowledged)
+            return self.session.open(name, acknowledged=acknowledged).found
         except Exception as error:
             engine = self.session.engines.get(name)
             if engine is not None and engine.state is State.FAILED and not isinstance(error, Faulted):
@@ -211,14 +212,14 @@ class Worker:
         finally:
             feed.opening = False
 
-    def _reset(self, name: str) -> None:
+    def _reset(self, name: str) -> str:
         """Acknowledge an instrument's trip or failure, a person's, and open its links anew."""
         from acquire.engine import State
 
         engine = self.session.engine(name)
         if engine.state in (State.TRIPPED, State.FAILED):
             engine.reset()
-        self._connect(name, acknowledged=True)
+        return self._connect(name, acknowledged=True)
 
     def _use_threshold(self, name: str, gvt: float | None) -> None:
         """Read the camera's pictures at another threshold. During a run it is the plan's, and stays."""

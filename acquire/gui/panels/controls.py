@@ -13,6 +13,7 @@ from acquire.gui.panels.elided import Elided
 from acquire.words import clock
 
 PHASES = {"load": "loading", "hold": "holding", "unload": "unloading", "rest": "waiting"}
+AWAY = {"pressure": "under suction"}  # what a quantity's dwell is called; limits are in docs/safety.md
 STARTABLE = frozenset({"ready", "completed", "aborted"})
 
 
@@ -102,7 +103,11 @@ class ControlBar(QFrame):
         self._say(words)
         _set(self.countdown, clock(view.left) if view.state == "running" else "")
         left = clock(view.duration - view.elapsed)
-        _set(self.detail, f"step {view.segment + 1} of {view.segments} · {left} left of {clock(view.duration)}")
+        parts = [f"step {view.segment + 1} of {view.segments}", f"{left} left of {clock(view.duration)}"]
+        parts += [
+            f"{AWAY.get(name, 'away from rest')} {clock(t)} of {clock(most)}" for name, (t, most) in view.dwell.items()
+        ]
+        _set(self.detail, " · ".join(parts))
         self.bar.setValue(round(1000 * view.elapsed / view.duration) if view.duration else 0)
 
     def _say(self, words: str) -> None:

@@ -67,9 +67,8 @@ def connected(qtbot: QtBot, window: MainWindow, name: str) -> None:
 
 
 def press(qtbot: QtBot, widget: QWidget) -> None:
-    """Click a widget with the left button of the mouse; it must be there and enabled."""
-    assert widget.isVisible()
-    assert widget.isEnabled()
+    """Click a widget with the left button of the mouse, once it is there and enabled."""
+    qtbot.waitUntil(lambda: widget.isVisible() and widget.isEnabled(), timeout=PATIENCE)
     qtbot.mouseClick(widget, Qt.MouseButton.LeftButton)
 
 

@@ -76,6 +76,32 @@ instruments:
         assert not window.alarm.isVisible()
 
 
+def test_after_a_crash_the_next_run_starts_and_what_was_found_is_told(
+    qtbot: QtBot, make_window: MakeWindow, tmp_path: Path
+) -> None:
+    with serve("cutometer", "tcp", watchdog=1.0, speed=5.0) as there:
+        path = tmp_path / "station.yaml"
+        entry = f"{{address: '{there.entry.address}', simulated: true, watchdog: 1 s, interlock: {{stale: 5 s}}}}"
+        path.write_text(f"schema: station/1\ninstruments:\n  cutometer: {entry}\n")
+        window = make_window(station=path)
+        press(qtbot, window.instruments.rows["cutometer"].button)
+        qtbot.waitUntil(window.controls.start_button.isEnabled, timeout=PATIENCE)
+        press(qtbot, window.controls.start_button)
+        qtbot.waitUntil(lambda: there.back_door.truth().signals["line_pressure"] < -1e4, timeout=PATIENCE)
+        assert window.client.process.pid is not None
+        os.kill(window.client.process.pid, signal.SIGKILL)
+        there.back_door.wait_vented(5.0)  # by the device's own watchdog, which it remembers
+        qtbot.waitUntil(window.alarm.isVisible, timeout=PATIENCE)
+        press(qtbot, window.alarm.button)  # another worker
+        qtbot.waitUntil(lambda: "cutometer" in window.instruments.rows, timeout=PATIENCE)
+        row = window.instruments.rows["cutometer"]
+        press(qtbot, row.button)
+        qtbot.waitUntil(window.controls.start_button.isEnabled, timeout=PATIENCE)
+        assert "no heartbeat" in row.error.text()
+        assert "made safe" in row.error.toolTip()
+        assert not window.alarm.isVisible()
+
+
 def test_a_faulty_station_is_refused_and_nothing_opens_in_its_place(
     qtbot: QtBot, make_window: MakeWindow, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

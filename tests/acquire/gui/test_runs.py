@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from PySide6.QtCore import QPoint, QSettings, Qt
@@ -52,6 +54,8 @@ def test_from_click_to_recording(qtbot: QtBot, make_window: MakeWindow, store: Q
     if panel.robot is not None:
         assert "N" in panel.robot.numbers.text()
     assert window.controls.countdown.text()
+    away = "away from rest" if name == "microrobot" else "under suction"  # beside what is allowed
+    assert re.search(rf"{away} \d+:\d\d of \d+:00", window.controls.detail.text())
     least = window.minimumSizeHint()  # the emergency stop stays on a small laptop's screen, whatever the labels say
     assert least.width() <= 1280
     assert least.height() <= 720
