@@ -12,19 +12,29 @@ import yaml
 
 @dataclass(frozen=True)
 class Tolerance:
-    """``value`` in SI ``unit``, and where it is known from."""
+    """``value`` in SI ``unit``, and where it is known from; ``other`` is that of a sound instrument of another make,
+    where it is wider."""
 
     value: float
     unit: str
     source: str
+    other: float = 0.0
+
+    @property
+    def widest(self) -> float:
+        return max(self.value, self.other)
 
 
 @cache
 def tolerances(instrument: str) -> Mapping[str, Mapping[str, Tolerance]]:
-    """For each effect the tolerances of its parameters; none of an instrument that is not ours."""
+    """For each effect, or part of the instrument, the tolerances of its parameters; none of an instrument that is not
+    ours."""
     text = files("gap.data").joinpath("tolerances.yaml").read_text(encoding="utf-8")
     table = yaml.safe_load(text).get(instrument, {})
     return {
-        effect: {name: Tolerance(float(v["value"]), v["unit"], v["source"]) for name, v in parameters.items()}
-        for effect, parameters in table.items()
+        group: {
+            name: Tolerance(float(v["value"]), v["unit"], v["source"], float(v.get("other", 0.0)))
+            for name, v in parameters.items()
+        }
+        for group, parameters in table.items()
     }

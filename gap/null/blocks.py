@@ -18,6 +18,7 @@ from gap.data.labels import label_rows
 from gap.data.pauses import continues
 from gap.data.scatter import unlike
 from gap.data.session import SKIN, Command, Session
+from gap.data.tolerances import tolerances
 from gap.inference.evidence import Fit
 from gap.inference.hypothesis import Active, Candidate, Evaluation, Lateness, Rows, Start
 from gap.null.chains import Kept, Memo, needed
@@ -25,17 +26,12 @@ from sim_devices.chain import Chain, Effect, FloatArray
 from sim_devices.stages.operators import Retimed
 from sim_devices.stages.sampling import COMMANDS, RETIMED, command_at, time_grid
 
-SHIFT_SD = 0.25
-"""Of a sampling interval: how late a sound channel may be, which integrates, holds or stamps as it likes (assumed)."""
 SIMPLE_SHIFT = 1e-3
 """s: how late a channel may be that samples, neither holds nor integrates."""
 AFTER_KINK = 1e-3 * np.concatenate(
     [np.arange(1, 40), np.arange(40, 120, 2), np.arange(120, 300, 4), np.arange(300, 1000, 10)]
 )
 """s after a kink of the command: nodes so dense that straight lines between them are as good as the signal."""
-STAMP_SD = 2.5e-4
-"""s: how well a single stamp or the moment of a step is known (assumed). An integrator's step is as good as that,
-too."""
 BEFORE = 5e-3
 """s by which a recording begins before its first sample."""
 ELSEWHERE = (0.1, 0.9)
@@ -96,6 +92,7 @@ class Block(abc.ABC):
 
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect], without: Sequence[str] = ()) -> None:
         self.session, self.library = session, library
+        self.tolerances = tolerances(session.instrument)
         self.groups: list[tuple[Group, slice]] = []
         runs: list[int] = []
         parts = []
@@ -136,6 +133,11 @@ class Block(abc.ABC):
         self._grids, self._delayed = Kept(), Kept(2 * len(self.groups))
 
     @property
+    def shift_sd(self) -> float:
+        """How late a sound channel may be, s, which integrates, holds or stamps as it likes."""
+        return self.tolerances["sampling"]["shift"].value * self.dt
+
+    @property
     def resets(self) -> Sequence[float]:
         """Times (s) after the beginning of suction at which recordings jump."""
         return ()
@@ -156,7 +158,7 @@ class Block(abc.ABC):
     def blur_steep_parts(self, slope: FloatArray) -> None:
         """Add what uncertain stamps do to the noise where the signal, of ``slope`` (channels · n,) per s, is steep."""
         self.slope = slope
-        self.sigma = np.hypot(self.sigma, slope * STAMP_SD)
+        self.sigma = np.hypot(self.sigma, slope * self.tolerances["sampling"]["stamp"].value)
 
     def by_chance(self, key: str) -> bool:
         """Whether an effect counts as noise on steep parts, not as what it does in one draw."""

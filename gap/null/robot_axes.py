@@ -3,13 +3,13 @@ arithmetic, recomputed."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 
 import numpy as np
 
-from gap.data.session import CLOCK_SD
 from gap.data.smoothing import significant
+from gap.data.tolerances import Tolerance
 from gap.inference.evidence import Fit
 from gap.inference.hypothesis import Active, Candidate, Evaluation, Start
 from gap.inference.least_squares import fit
@@ -25,8 +25,6 @@ QUANTITIES = ("probe_x", "probe_y", "probe_z")
 AXES = numbered("axis_position")
 ROBOT_BINS = 0.3, 0.4
 """Growth and largest width (s) of the bins: the motion is slow."""
-STAMPS_SD = 1e-3
-"""s: how late or early all stamps, or all commands, may soundly be (assumed)."""
 SPRING = 200.0
 """N/m by which the load gives way where an axis is not where it was recorded: less than skin does, and enough that an
 axis whose coil is at its limit does not run away under the millinewtons that the load is not known better."""
@@ -109,8 +107,8 @@ class AxesBlock(Block):
     trust = 0.4  # the skin's force loads the axes, as far as the recorded force tells
     growth, widest = ROBOT_BINS
     floor = 0.5e-6  # m
-    SD = (0.1, 0.02, 0.1, STAMPS_SD, CLOCK_SD, 2e-3)
-    """Of the logarithms of the gains; s by which all is late; 1; s by which the load on the axes is."""
+    TOLERANCES = 6
+    """Logarithms of three gains; s by which all is late; 1, of the clock; s by which the load on the axes is late."""
     ZERO_SD = 2e-6  # m
     STEPS = (1e-2, 1e-2, 1e-2, 1e-3, 1e-6, 1e-3)
 
@@ -123,15 +121,23 @@ class AxesBlock(Block):
         self._made: dict[tuple[object, ...], FloatArray] = {}  # most effects leave the axes alone
         self._kept: dict[str, FloatArray] = {}
         self._runs = np.kron(np.eye(3), self.member)
-        self.prior_sd = np.concatenate([self.SD, np.full(self._runs.shape[1], self.ZERO_SD)])
+        self.prior_sd = self._prior(lambda t: t.widest)
         self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
-        self.alternatives = (self.prior_sd,)
+        self.alternatives = (self._prior(lambda t: t.value), self.prior_sd)
         self.controller = CONTROLLERS[0]
         fits = [pair for controller in CONTROLLERS for pair in self._tried(controller)]
         self._best, self.controller = min(fits, key=lambda pair: pair[0].objective)
         alone = [f for f, controller in fits if controller is self.controller and not f.hypothesis]
         self._start, self._strained = alone[0].nuisance, alone[0].penalty > STRAINED
         self._forget()
+
+    def _prior(self, width: Callable[[Tolerance], float]) -> FloatArray:
+        """Prior widths (p,) of a sound instrument, by the one of its tolerances that ``width`` takes."""
+        own, loop = self.tolerances, self.tolerances["loop"]
+        gains = [width(loop[name]) for name in ("proportional", "integral", "derivative")]
+        late = max(own["latency"]["delay"].value, self.shift_sd)
+        rest = [late, own["clock_skew"]["rate"].value, loop["load"].value]
+        return np.array([*gains, *rest, *[self.ZERO_SD] * self._runs.shape[1]])
 
     def reload(self, forces: Sequence[dict[str, Table]]) -> None:
         """Take the load from transducer forces, a table each for every group, instead of the smoothed record.
@@ -300,7 +306,7 @@ class AxesBlock(Block):
         return self._grids_ahead[group.specimen]
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
-        k = len(self.SD)
+        k = self.TOLERANCES
         difference = self.measured - self._predict(nuisance, active) - self._runs @ nuisance[k:]
         residual = self.whitened(difference, active)
         return Evaluation(residual, self._tolerances(nuisance, active) if want_jacobian else np.zeros((0, 0)))
@@ -310,7 +316,7 @@ class AxesBlock(Block):
         tolerances are narrow, so that a costly effect changes little in what they do."""
         if "jacobian" not in self._kept:
             nominal = self._predict(nuisance, {})
-            chain_part = np.empty((len(nominal), len(self.SD)))
+            chain_part = np.empty((len(nominal), self.TOLERANCES))
             for j, step in enumerate(self.STEPS):
                 moved = nuisance.copy()
                 moved[j] += step

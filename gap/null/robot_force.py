@@ -10,9 +10,9 @@ from gap.data.smoothing import deviation, significant
 from gap.inference.evidence import Fit
 from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Start
 from gap.inference.least_squares import fit, under
-from gap.null.blocks import SHIFT_SD, SIMPLE_SHIFT, Block, Group, GroupedSession, Table, compressed
+from gap.null.blocks import SIMPLE_SHIFT, Block, Group, GroupedSession, Table, compressed
 from gap.null.chains import needed, run
-from gap.null.robot_axes import AXES, ROBOT_BINS, STAMPS_SD, AxesBlock, recorded, specimen_chain, steepness
+from gap.null.robot_axes import AXES, ROBOT_BINS, AxesBlock, recorded, specimen_chain, steepness
 from gap.null.sheet_discrepancy import sheet_discrepancy
 from gap.null.sheet_law import FURTHER, LAWS, TISSUE, Law, rewired, sheet
 from sim_devices.chain import Chain, Effect, FloatArray, Operator
@@ -48,7 +48,6 @@ class ForceBlock(Block):
     LAWS: tuple[Law, ...] = LAWS  # the simple ones, then the usual one
     TRUST_SIMPLE = 0.25  # of a simple law, where the data prefer it
     GAIN_SD = 0.04  # of the tissue's stiffness between recordings
-    CALIBRATION_SD = 2e-3  # of each transducer
     ZERO_SD = 1.5e-3  # N: those of sound recordings scatter by 0.6 to 1.5 mN
     DISCREPANCY_SD = 0.02  # of the force, per basis function
     DISCREPANCY_SCALES = (0.03, 0.15, 0.5, 2.0, 8.0)
@@ -76,8 +75,8 @@ class ForceBlock(Block):
         runs = self.member.shape[1]
         sd = {
             "tissue": np.asarray(self.LAWS[-1].sd),
-            "shift": np.array([max(STAMPS_SD, SHIFT_SD * self.dt)]),
-            "calibration": np.full(3, self.CALIBRATION_SD),
+            "shift": np.array([max(self.tolerances["latency"]["delay"].value, self.shift_sd)]),
+            "calibration": np.full(3, self.tolerances["sensor_gain"]["error"].value),
             "gain": np.full(runs, self.GAIN_SD),
             "zero": np.full(3 * runs, self.ZERO_SD),
             "discrepancy": self.DISCREPANCY_SD * weights,

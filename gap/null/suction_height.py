@@ -22,7 +22,7 @@ from gap.inference.evidence import Fit
 from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Start
 from gap.inference.least_squares import fit, under
 from gap.inference.workers import each
-from gap.null.blocks import SHIFT_SD, SIMPLE_SHIFT, Block, Group, GroupedSession, Table, compressed
+from gap.null.blocks import SIMPLE_SHIFT, Block, Group, GroupedSession, Table, compressed
 from gap.null.chains import Kept, needed
 from gap.null.skin_laws import BASIC, CREEP, FURTHER, PARTS, TIMES, USUAL, Part, SkinLaw, bounded_exp, rewired
 from gap.null.suction_discrepancy import USUAL_MEMORY, Suction, elastic_freedom, suction_discrepancy
@@ -126,7 +126,7 @@ class HeightBlock(Block):
         n, r, z = len(self.PARTS) + 1, self._runs.shape[1], zeros.shape[1]
         self._curve_part = slice(n + r + z, n + r + z + curves.shape[1])
         zero = float(np.hypot(self.noise[0], self.ZERO_SD * size))
-        own = [SHIFT_SD * self.dt, *[self.GAIN_SD] * r, *[zero] * z, *[self.CURVE_SD] * curves.shape[1]]
+        own = [self.shift_sd, *[self.GAIN_SD] * r, *[zero] * z, *[self.CURVE_SD] * curves.shape[1]]
         tissue_sd = [part.sd for part in self.PARTS.values()]
         self.prior_sd = np.concatenate([tissue_sd, own, self.DISCREPANCY_SD * weights])
         self.prior_mean = np.zeros(len(self.prior_sd))

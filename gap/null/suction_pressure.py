@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from gap.data.session import CLOCK_SD
+from gap.data.tolerances import Tolerance
 from gap.inference.evidence import Fit
 from gap.inference.hypothesis import Active, Candidate, Evaluation, Lateness, Start
 from gap.inference.least_squares import fit
-from gap.null.blocks import SHIFT_SD, Block, Group, GroupedSession, Table
+from gap.null.blocks import Block, Group, GroupedSession, Table
 from gap.null.chains import needed
 from sim_devices.chain import Chain, Effect, FloatArray
 from sim_devices.stages import nominal
@@ -73,21 +73,23 @@ class PressureBlock(Block):
     name, channels = "pressure", ("pressure",)
     floor = 5.0  # Pa: a twentieth of the command's resolution
     LAGS = (0.015, 0.04, 0.1)
-    GAUGE_GAIN, GAUGE_ZERO = 2e-3, 20.0  # tolerances of a sound gauge: relative, Pa (assumed)
 
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect]) -> None:
         # An open probe holds no pressure: its record says nothing of the regulator.
         super().__init__(session, library, without=("open air",))
-        self.prior_sd = self._prior(0.02, 0.03, 0.001)
+        self.prior_sd = self._prior(lambda t: t.value)
         self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
         # As a sound instrument of the nominal kind, or a regulator of another time and damping.
-        self.alternatives = (self.prior_sd, self._prior(0.15, 0.3, 0.001))
+        self.alternatives = (self.prior_sd, self._prior(lambda t: t.widest))
         self._linear = np.column_stack([self._lag_columns(), self.measured, np.ones(len(self.stamps))])
         self.blur_steep_parts(self._slope())
 
-    def _prior(self, tau: float, zeta: float, lag: float) -> FloatArray:
-        lags = [lag] * len(self.LAGS)
-        return np.array([tau, zeta, SHIFT_SD * self.dt, CLOCK_SD, *lags, self.GAUGE_GAIN, self.GAUGE_ZERO])
+    def _prior(self, width: Callable[[Tolerance], float]) -> FloatArray:
+        """Prior widths (p,) of a sound instrument, by the one of its tolerances that ``width`` takes."""
+        own, regulator = self.tolerances, self.tolerances["regulator"]
+        loop = [width(regulator["time"]), width(regulator["damping"]), self.shift_sd, own["clock_skew"]["rate"].value]
+        lags = [width(regulator["further_lags"])] * len(self.LAGS)
+        return np.array([*loop, *lags, own["gauge_gain"]["error"].value, own["gauge_offset"]["offset"].value])
 
     def line(self, group: Group, time: FloatArray) -> Table:
         """What the regulator, as fitted to the recorded pressure, made of the command: times finer than ``time`` (n,)
