@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 
 from acquire.recording.model import Recording
+from gap.decision.posterior import concept
+from gap.decision.verdict import Verdict
 from gap.design import simulated as own
 from gap.design.plan import build
 from gap.inference.evidence import Hypothesis
@@ -24,6 +26,8 @@ from sim_devices.chain import Effect
 
 ENOUGH = 9.0
 """Δχ² that splits two explanations: three σ."""
+WORTH, RIVALS = 0.02, 3
+"""Probability from which an explanation is worth splitting from the first, and how many are at most."""
 
 
 def next_experiment(
@@ -108,3 +112,17 @@ def _cost(problem: Problem, h: Hypothesis) -> float:
     if there is None:
         return 0.0
     return fit(problem, there.hypothesis, there.unit, iterations=8).objective
+
+
+def advised(
+    recordings: Sequence[Recording], null: Hypothesis, verdict: Verdict, effects: Mapping[str, Effect]
+) -> Mapping[str, object]:
+    """The next experiment, where more than one explanation survives a verdict; nothing where none needs one."""
+    if verdict.verdict in ("none", "undetectable") or not verdict.causes:
+        return {}
+    first, *rest = verdict.causes
+    twins = [h for h in first.members if concept(h) != concept(first.hypothesis)][:1]
+    others = [null] if verdict.posterior.none > WORTH else []
+    others += [c.hypothesis for c in rest if c.probability > WORTH]
+    rivals = [first.hypothesis, *twins, *others][:RIVALS]
+    return next_experiment(recordings, rivals, effects) if len(rivals) > 1 else {}

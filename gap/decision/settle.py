@@ -1,0 +1,102 @@
+"""From compared explanations to a verdict: posterior, held-out tests of the leading ones, decision."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from gap.data.signatures import Signature
+from gap.data.tolerances import Tolerance
+from gap.decision.marks import explains_marks
+from gap.decision.posterior import Posterior, concept, posterior
+from gap.decision.thresholds import Thresholds
+from gap.decision.transfer import Shrink, best_elsewhere, in_changed_blocks, plain, plain_gap, transferred
+from gap.decision.verdict import Findings, Verdict, decide, in_tolerances, without_skin
+from gap.inference.evidence import Hypothesis
+from gap.inference.hypothesis import Candidate
+from gap.inference.workers import each
+from gap.search.compare import Comparison
+
+SHRUNK, TRANSFERRED, MEMBERS = 3, 2, 3
+"""How many causes are tried as a simulation by themselves, how many on what they were not fitted to, and how many
+members of the first one's class."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A hypothesis as a simulation by itself, and how far the gap shrinks with it, by split."""
+
+    answer: Hypothesis
+    shrinks: Mapping[str, Shrink]
+
+
+@dataclass(frozen=True)
+class Case:
+    """All that a verdict rests on: ``null`` is the simulation by itself, ``withheld`` the recordings (by number) that
+    each split leaves out, ``stated`` the instrument's tolerances. Trials are made once."""
+
+    comparison: Comparison
+    candidates: Sequence[Candidate]
+    marks: Sequence[Signature]
+    null: Hypothesis
+    withheld: Mapping[str, set[int]]
+    stated: Mapping[str, Mapping[str, Tolerance]]
+    _answers: dict[int, Hypothesis] = field(default_factory=dict, repr=False)
+    _carried: dict[int, Mapping[str, Shrink]] = field(default_factory=dict, repr=False)
+
+    def tried(self, hypotheses: Sequence[Hypothesis], transfers: int, jobs: int) -> list[Trial]:
+        """Trials of some hypotheses, the first ``transfers`` of them also on withheld recordings."""
+        problems = self.comparison.problems
+        new = [h for h in hypotheses if id(h) not in self._answers]
+        made = each(lambda h: plain(problems, h, self.null), new, jobs)
+        self._answers.update((id(h), answer) for h, answer in zip(new, made, strict=True))
+        new = [h for h in hypotheses[:transfers] if id(h) not in self._carried]
+        by_split = transferred(problems, self.null, [self._answers[id(h)] for h in new], self.withheld, jobs)
+        self._carried.update((id(h), by) for h, by in zip(new, by_split, strict=True))
+        gap = plain_gap(self.null)
+        trials = []
+        for k, h in enumerate(hypotheses):
+            answer, carried = self._answers[id(h)], self._carried[id(h)] if k < transfers else {}
+            trials.append(Trial(answer, {"fitted": Shrink(gap, plain_gap(answer)), **carried}))
+        return trials
+
+
+@dataclass(frozen=True)
+class Settled:
+    """A verdict, the posterior it was read from, and the trials of the first causes."""
+
+    verdict: Verdict
+    found: Posterior
+    trials: tuple[Trial, ...]
+
+
+def settle(case: Case, t: Thresholds, jobs: int = 1) -> Settled:
+    """The verdict on a case under some thresholds."""
+    found = posterior(case.comparison, case.candidates, t, case.marks, plain_gap(case.null))
+    if not found.causes:
+        return Settled(decide(Findings(found, t)), found, ())
+    found, trials = _with_best_leader(case, found, t, jobs)
+    first = found.causes[0]
+    findings = Findings(
+        posterior=found,
+        t=t,
+        fitted=in_changed_blocks(case.null, trials[0].answer),
+        held_out={split: s for split, s in trials[0].shrinks.items() if split != "fitted"},
+        without_skin=without_skin(first, case.comparison, found.temper),
+        tolerances=in_tolerances(first.hypothesis, case.stated),
+    )
+    return Settled(decide(findings), found, trials)
+
+
+def _with_best_leader(case: Case, found: Posterior, t: Thresholds, jobs: int) -> tuple[Posterior, tuple[Trial, ...]]:
+    """The posterior led by the member of the first class that meets withheld data best, unless a mark shows which it
+    is; and the trials of the first causes."""
+    first, *others = found.causes
+    rivals: dict[str, Hypothesis] = {}
+    for member in (first.hypothesis, *first.members):
+        rivals.setdefault(concept(member), member)
+    members = list(rivals.values())[:MEMBERS]
+    trials = case.tried([*members, *(c.hypothesis for c in others[: SHRUNK - 1])], len(members) + TRANSFERRED - 1, jobs)
+    held_out = [{k: s for k, s in trial.shrinks.items() if k != "fitted"} for trial in trials[: len(members)]]
+    best = 0 if explains_marks(first.at_marks, t) else best_elsewhere(held_out, t.transfer_lead)
+    return found.led_by(members[best]), (trials[best], *trials[len(members) :])
