@@ -83,8 +83,9 @@ class MainWindow(Layout):
 
     @property
     def live(self) -> bool:
-        """Whether an instrument acts on a person, or may begin to at any moment."""
-        return bool(self._asked_to_run) or any(view.state in LIVE for view in self.views.values())
+        """Whether an instrument acts on a person, or may begin to at any moment, or nobody knows."""
+        unknown = bool(self._gone) and self.client.process.is_alive()  # it hangs, and may go on
+        return unknown or bool(self._asked_to_run) or any(view.state in LIVE for view in self.views.values())
 
     @property
     def latched(self) -> bool:
@@ -94,13 +95,21 @@ class MainWindow(Layout):
     @property
     def ready(self) -> bool:
         """Whether START may be pressed, as far as the window knows."""
-        preview, row = self.prepare.preview, self.instruments.rows.get(self.current)
-        fits = preview is not None and row is not None and preview.instrument == row.info.kind
-        return fits and self._startable and self.subject.sound and self.recordings.listed
+        return not self.missing
 
     @property
-    def _startable(self) -> bool:
-        return not self._gone and not self.latches.holds(self.current)
+    def missing(self) -> str:
+        """What is to be done before START, in words; '' where nothing is."""
+        preview, row = self.prepare.preview, self.instruments.rows.get(self.current)
+        if self._gone or row is None:
+            return "connect an instrument"
+        if self.latches.holds(self.current):
+            return "reset the instrument"
+        if preview is None or preview.instrument != row.info.kind:
+            return "choose a protocol"
+        if not self.subject.sound:
+            return "write a pseudonym"
+        return "" if self.recordings.listed else "reading the folder …"
 
     def tick(self) -> None:
         """One turn of the timer: liveness, news, painting."""
@@ -126,7 +135,7 @@ class MainWindow(Layout):
     def _show_controls(self) -> None:
         row = self.instruments.rows.get(self.current)
         label = row.info.label if row is not None else ""
-        self.controls.show_view(self.views.get(self.current), label, ready=self.ready, fault=self._gone)
+        self.controls.show_view(self.views.get(self.current), label, missing=self.missing, fault=self._gone)
         several = len(self.latches.stopped) > 1
         if self._gone:
             self.alarm.say(self._gone, "Start it again")

@@ -58,33 +58,34 @@ class ControlBar(QFrame):
         layout.addSpacing(16)
         self.estop_button.setMinimumSize(170, 72)
         layout.addWidget(self.estop_button)
-        self.show_view(None, ready=False)
+        self.show_view(None, missing="connect an instrument")
 
-    def show_view(self, view: View | None, label: str = "", *, ready: bool, fault: str = "") -> None:
+    def show_view(self, view: View | None, label: str = "", *, missing: str, fault: str = "") -> None:
         """The state of the chosen instrument, which is called ``label``.
 
-        ``ready`` when a protocol without faults is chosen; ``fault`` says why nothing is known of the instruments.
+        ``missing`` says what is to be done before START, '' where nothing is; ``fault`` why nothing is known of the
+        instruments.
         """
         self._label = label
         state = view.state if view is not None else "off"
-        self.start_button.setEnabled(ready and state in STARTABLE)
+        self.start_button.setEnabled(not missing and state in STARTABLE)
         self.stop_button.setEnabled(state in LIVE)
         self.pause_button.setEnabled(state in ("running", "paused"))
         if self._paused != (state == "paused"):
             self._paused = state == "paused"
             self.pause_button.setText("RESUME" if self._paused else "PAUSE")
         if view is None or state not in LIVE:
-            self._idle(state, ready, fault)
+            self._idle(state, missing, fault)
         else:
             self._running(view)
 
-    def _idle(self, state: str, ready: bool, fault: str) -> None:
+    def _idle(self, state: str, missing: str, fault: str) -> None:
         if fault:
             words = "no connection to the instruments"
         elif state in NEEDS_RESET:
             words = "stopped: reset the instrument"
         elif state in STARTABLE:
-            words = "ready to start" if ready else "choose a protocol"
+            words = missing or "ready to start"
         else:
             words = "connect an instrument" if state in ("off", "idle") else "connecting …"
         self._say(words)

@@ -126,6 +126,7 @@ def test_a_pseudonym_is_no_path_and_no_name(qtbot: QtBot, make_window: MakeWindo
         window.subject.subject.selectAll()
         qtbot.keyClicks(window.subject.subject, text)
         assert not window.ready, text
+        assert window.missing == "write a pseudonym"
         assert window.subject.fault.isVisible()
         assert "letters, digits" in window.subject.fault.text()
         with pytest.raises(ValueError, match="is no pseudonym"):
