@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import platform
 import secrets
+import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
@@ -19,7 +20,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from acquire import pseudonym
+from acquire import latches, pseudonym
 from acquire.attendant import Attendant
 from acquire.engine import (
     Aborted,
@@ -111,6 +112,7 @@ class Session:
         self._aborted = ""
         self._notify = tuple(notify)
         self._attendant: Attendant | None = None
+        self._lock = threading.Lock()
 
     def __enter__(self) -> Session:
         return self
@@ -135,7 +137,12 @@ class Session:
         engine = self._bench(name, (opening, specimen)).engine
         if engine.state is State.IDLE:
             self._go_on()
+            latched = self._latched_at(name)
+            if latched and not acknowledged:
+                latches.check(name, latched)
             engine.connect(acknowledged=acknowledged)
+            if latched:
+                latches.acknowledge(latched)
         return engine
 
     def look(self, name: str) -> tuple[dict[str, Identity], Status | None]:
@@ -340,11 +347,12 @@ class Session:
         return self._benches[name]
 
     def _attend(self) -> None:
-        if self._attendant is None:
-            addresses = {name: entry.address for name, entry in self.station.instruments.items()}
-            forget_the_dead(addresses)
-            self._attendant = Attendant(self.station.name, lambda: self.engines, addresses, self._notify)
-            self._attendant.start()
+        with self._lock:  # instruments may be opened at once, each by a thread of its own
+            if self._attendant is None:
+                addresses = {name: entry.address for name, entry in self.station.instruments.items()}
+                forget_the_dead(addresses)
+                self._attendant = Attendant(self.station.name, lambda: self.engines, addresses, self._notify)
+                self._attendant.start()
 
     def _make(self, name: str, kind: str, entry: Instrument, setup: tuple[float | None, str]) -> _Bench:
         server = None
@@ -359,14 +367,28 @@ class Session:
         else:
             rig = descriptor(kind).open_rig(entry.entry(kind))
         supervisor = Supervisor(("engine", *self._watched))
-        listener = self._listener
         engine = RunEngine(
             rig,
             rules=entry.rules,
             heartbeat=supervisor,
-            listener=None if listener is None else lambda state, event: listener(name, state, event),
+            listener=lambda state, event: self._changed(name, state, event),
         )
         return _Bench(engine, supervisor, server, setup)
+
+    def _latched_at(self, name: str) -> str:
+        """The address under which an emergency stop of an instrument is kept; '' for a simulated one."""
+        entry = self._entry(name)
+        return "" if entry.simulated is not None else entry.address
+
+    def _changed(self, name: str, state: State, event: str) -> None:
+        """An engine's state has changed; called in its thread."""
+        trip = self._benches[name].engine.trip if name in self._benches else None
+        if (latched := self._latched_at(name)) and event == "trip" and trip is not None and trip.code == "estop":
+            latches.latch(latched, trip.message)
+        elif latched and event == "reset":
+            latches.acknowledge(latched)
+        if self._listener is not None:
+            self._listener(name, state, event)
 
     def _close(self, name: str) -> None:
         bench = self._benches.pop(name)

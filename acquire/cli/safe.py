@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -30,7 +31,10 @@ def safe(
 
     with Session(bench_of(station, sim, "", (), None)) as session:
         names = [instrument] if instrument else list(session.station.instruments)
-        rows = [_row(session, name) for name in names]
+        for name in names:
+            session.kind(name)  # a name that the station does not have is told before anything is touched
+        with ThreadPoolExecutor(len(names)) as hands:  # one that does not answer must not keep the others waiting
+            rows = list(hands.map(lambda name: _row(session, name), names))
     if as_json:
         typer.echo(json.dumps({"instruments": rows}, indent=2))
     for row in () if as_json else rows:
@@ -42,11 +46,10 @@ def safe(
 
 
 def _row(session: Session, name: str) -> dict[str, Any]:
-    """What has become of one instrument. Raises ValueError for a name the station does not have."""
+    """What has become of one instrument."""
     from acquire.engine import WrongState
     from drivers.device import DeviceError
 
-    session.kind(name)
     try:
         rest = session.make_safe(name)
     except (DeviceError, WrongState, ValueError) as error:

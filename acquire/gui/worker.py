@@ -15,7 +15,6 @@ from __future__ import annotations
 import contextlib
 import logging
 import queue
-import signal
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -38,6 +37,7 @@ from acquire.gui.messages import (
     Reply,
     Update,
 )
+from acquire.signals import caught
 
 if TYPE_CHECKING:
     from acquire.engine import RunEngine
@@ -58,10 +58,8 @@ def main(bench: BenchSettings, commands: Connection, updates: Connection, safety
         updates.send(Refused(str(error)))  # and never another bench in its place
         return
     worker = Worker(station, bench, commands, updates, safety)
-    with contextlib.suppress(ValueError):  # not in the main thread: in a test
-        signal.signal(signal.SIGINT, lambda *_: worker.stop("emergency stop by Ctrl-C"))
-        signal.signal(signal.SIGTERM, lambda *_: worker.end())
-    worker.run()
+    with caught(lambda name: worker.stop("emergency stop by Ctrl-C") if name == "SIGINT" else worker.end()):
+        worker.run()
 
 
 class Worker:

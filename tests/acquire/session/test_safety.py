@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
-from acquire.engine import RunEngine, State
+from acquire.cli.app import run
+from acquire.engine import Aborted, RunEngine, State
 from acquire.recording import open_recording
 from acquire.recording.recovery import recover
 from acquire.session import Session
-from acquire.station import simulated_station
+from acquire.station import load_station, simulated_station
 from sim_devices.servers import BackDoor, serve
 
 # What each instrument does while it acts on the skin, and how the truth shows it.
@@ -271,3 +274,61 @@ def test_acquire_safe_says_so_when_it_cannot(elsewhere: tuple[BackDoor, subproce
     lost = again(host, "safe")
     assert lost.returncode == 3
     assert "NOT SEEN TO BE SAFE: cutometer" in lost.stderr
+
+
+@pytest.fixture
+def vouched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[BackDoor, Path]]:
+    """An instrument elsewhere that the station takes for a real one, and a runtime folder of this test's own."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    tmp_path.chmod(0o700)
+    with serve("cutometer", "tcp", speed=SPEED) as server:
+        station = tmp_path / "station.yaml"
+        entry = f"{{address: '{server.entry.address}', i_have_verified_the_codec: true}}"
+        station.write_text(f"schema: station/1\ninstruments:\n  cutometer: {entry}\n")
+        yield server.back_door, station
+
+
+def test_an_emergency_stop_outlives_its_program_until_a_person_acknowledges_it(
+    vouched: tuple[BackDoor, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    door, station = vouched
+    with Session(load_station(station), out=tmp_path) as session:
+        engine, plan = session.prepare("cutometer-instant-300")
+        engine.arm(plan)
+        engine.start()
+        session.stop("red button")
+        assert engine.wait(10).status is State.TRIPPED
+    door.wait_vented()
+    for _ in range(2):  # once more is no acknowledgement
+        assert run(["run", "demo-cutometer", "--station", str(station), "-o", str(tmp_path)]) == 3
+        assert "red button" in capsys.readouterr().err
+    assert run(["safe", "--station", str(station)]) == 0
+    with Session(load_station(station), out=tmp_path) as session:
+        engine = session.open("cutometer")
+        session.stop("red button")
+        eventually(lambda: engine.state is State.TRIPPED)
+        engine.reset()  # a person's, in the same program
+    with Session(load_station(station), out=tmp_path) as session:
+        assert session.open("cutometer").state is State.READY
+
+
+def test_an_instrument_that_does_not_answer_keeps_no_other_waiting(
+    vouched: tuple[BackDoor, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    door, station = vouched
+    with socket.create_server(("127.0.0.1", 0)) as mute:
+        mute_at = f"{{instrument: cutometer, address: 'socket://127.0.0.1:{mute.getsockname()[1]}', simulated: true}}"
+        station.write_text(station.read_text().replace("  cutometer", f"  mute: {mute_at}\n  cutometer"))
+        with Session(load_station(station), out=tmp_path) as session, ThreadPoolExecutor(1) as hand:
+            stuck = hand.submit(session.open, "mute")
+            eventually(lambda: "mute" in session.engines and session.engine("mute").state is State.CONNECTING)
+            assert session.open("cutometer").state is State.READY
+            assert not stuck.done()
+            session.engine("mute").abort()
+            with pytest.raises(Aborted):
+                stuck.result(10)
+        assert run(["safe", "--station", str(station)]) == 3
+        out, err = capsys.readouterr()
+    assert "cutometer: safe" in out
+    assert "NOT SEEN TO BE SAFE: mute:" in err
+    assert door.truth().vented
