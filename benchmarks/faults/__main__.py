@@ -19,7 +19,7 @@ from pathlib import Path
 from benchmarks.faults.table import Campaign, Row, about, markdown, save, timed, told
 
 #: In this order; each is a module here with a function ``rows``.
-FAMILIES = ("links", "wire", "host", "readings", "files", "hostile")
+FAMILIES = ("links", "wire", "host", "disk", "readings", "bounds", "files", "fuzz", "hostile")
 
 
 def main() -> int:

@@ -11,18 +11,19 @@ import multiprocessing
 import os
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 
 import numpy as np
 
 from acquire.recording import load, open_recording, recover
-from benchmarks.faults.rig import WATCHDOG, Rig, Stillness, acts
+from benchmarks.faults.rig import WATCHDOG, Rig, Stillness, acts, hold
 from benchmarks.faults.table import Campaign, Row
 
 FULL = 100
 VENT = 0.3  # s after the last beat: the watchdog's 0.25 s and what the device takes to notice
+BEGINNING = 8192  # bytes of a journal's first record and its copy, at most
 LOSS = 0.1  # s of data that a killed host may lose
 BRIEF = """schema: protocol/1
 name: brief
@@ -56,6 +57,8 @@ class Hosts:
         self.said = self.folder / "said.txt"
         self.protocol = self.folder / "brief.yaml"
         self.protocol.write_text(BRIEF)
+        self.long = self.folder / "long.yaml"
+        self.long.write_text(hold("cutometer"))
         self._number = 0
         self.out = self.folder
         self.length = 0.0  # s that a whole run takes
@@ -67,20 +70,26 @@ class Hosts:
                 raise RuntimeError(f"a run without a fault ends with {process.exitcode}: {self.said.read_text()}")
             self.length = time.monotonic() - began
 
-    def start(self) -> ForkServerProcess:
-        """A run of the brief protocol, just begun."""
+    def start(
+        self, target: Callable[..., None] = host, *more: object, protocol: Path | None = None
+    ) -> ForkServerProcess:
+        """A run (of the brief protocol), just begun; ``target`` is what its process does, with ``more`` arguments."""
         self._number += 1
         self.out = self.folder / f"out-{self._number}"
-        arguments = ["run", str(self.protocol), "--station", str(self.rig.station), "-o", str(self.out)]
-        process = _CONTEXT.Process(target=host, args=(arguments, str(self.said)))
+        arguments = ["run", str(protocol or self.protocol), "--station", str(self.rig.station), "-o", str(self.out)]
+        process = _CONTEXT.Process(target=target, args=(arguments, str(self.said), *more))
         process.start()
         return process
 
-    def left(self) -> str:
-        """What is wrong with what the newest run left behind; its journals are recovered."""
+    def left(self, *, may_be_empty: bool = False) -> str:
+        """What is wrong with what the newest run left behind; its journals are recovered.
+
+        ``may_be_empty``: a journal that the disk did not even take the beginning of is no fault.
+        """
         problems = []
         for journal in self.out.glob("*.journal"):
-            if not journal.with_suffix(".h5").exists():
+            empty = may_be_empty and journal.stat().st_size < BEGINNING
+            if not empty and not journal.with_suffix(".h5").exists():
                 with _told(problems, journal):
                     recover(journal)
         for path in self.out.glob("*.h5"):
@@ -134,7 +143,7 @@ def _killed(campaign: Campaign, hosts: Hosts) -> Row:
         time.sleep(moment)
         still = Stillness()
         truth, began = hosts.rig.truth(), time.monotonic()
-        _send(process, signal.SIGKILL)
+        send(process, signal.SIGKILL)
         stopped, problem = hosts.rig.stopped()
         process.join()
         waited = still.close()
@@ -156,11 +165,11 @@ def _stopped(campaign: Campaign, hosts: Hosts) -> Row:
         time.sleep(moment)
         still = Stillness()
         truth, began = hosts.rig.truth(), time.monotonic()
-        _send(process, signal.SIGSTOP)
+        send(process, signal.SIGSTOP)
         stopped, problem = hosts.rig.stopped()
         waited = still.close()
         time.sleep(max(0.0, began + 2 * WATCHDOG - time.monotonic()))
-        _send(process, signal.SIGCONT)
+        send(process, signal.SIGCONT)
         process.join(30)
         # Before anything acts, and after the end of the run, there is nothing to trip.
         expected = {4} if acts(truth) and truth.state == "running" else STATUSES | {3}
@@ -180,7 +189,7 @@ def _signalled(campaign: Campaign, hosts: Hosts) -> Row:
         time.sleep(moment)
         still = Stillness()
         began = time.monotonic()
-        _send(process, signals[number % len(signals)])
+        send(process, signals[number % len(signals)])
         stopped, problem = hosts.rig.stopped()
         waited = still.close()
         process.join(30)
@@ -194,6 +203,6 @@ def _signalled(campaign: Campaign, hosts: Hosts) -> Row:
     return row
 
 
-def _send(process: ForkServerProcess, number: int) -> None:
+def send(process: ForkServerProcess, number: int) -> None:
     with contextlib.suppress(ProcessLookupError):
         os.kill(process.pid or 0, number)

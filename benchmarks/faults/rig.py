@@ -26,7 +26,7 @@ PROTOCOLS = {
 }
 
 
-def protocol(kind: str) -> str:
+def hold(kind: str) -> str:
     """A long hold: the instrument acts on the skin within a second and goes on."""
     return f"schema: protocol/1\nname: hold\ninstrument: {kind}\nsteps:\n{PROTOCOLS[kind]}\n"
 
@@ -114,9 +114,7 @@ class Rig:
         """An engine in a run, its instrument acting. Raises TimeoutError where that does not come about."""
         for _ in range(3):
             self._count += 1
-            engine, plan = self.session.prepare(
-                load(protocol(self.kind)), out=Path(self.folder.name) / f"{self._count}.h5"
-            )
+            engine, plan = self.session.prepare(load(hold(self.kind)), out=Path(self.folder.name) / f"{self._count}.h5")
             engine.arm(plan)
             engine.start()
             deadline = time.monotonic() + 10
