@@ -7,7 +7,7 @@ export OPENBLAS_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 export QT_QPA_PLATFORM ?= offscreen
 
-.PHONY: install system demo test test-fast lint gui screenshots benchmark pictures clean
+.PHONY: install system demo faults faults-ci test test-fast lint gui screenshots benchmark pictures clean
 
 $(BIN)/acquire: pyproject.toml solver/pyproject.toml
 	$(PYTHON) -c 'import sys; assert sys.version_info >= (3, 11), "skinrig needs Python 3.11 or newer"'
@@ -42,6 +42,14 @@ test-fast: install system
 	$(BIN)/python $(PYTEST) --dist loadgroup -m "not slow and not real_time" tests || status=1; \
 	$(BIN)/python $(PYTEST) --dist loadfile -m "not slow" solver/tests || status=1; \
 	exit $$status
+
+# Faults of every kind against simulated instruments (benchmarks/faults): all of it in hours, a tenth in minutes.
+FAULTS := -m benchmarks.faults --seed 1
+faults: install
+	$(BIN)/python $(FAULTS) --share 1 -o benchmarks/results/faults.json --docs docs/faults.md
+
+faults-ci: install
+	$(BIN)/python $(FAULTS) --share 0.1 --jobs 3
 
 lint: install
 	$(BIN)/ruff check .
