@@ -1,6 +1,6 @@
 """The fault campaign.
 
-    python -m benchmarks.faults [--share 0.1] [--seed 1] [--jobs 3] [--only links,host] [-o RESULT.json] [--docs TABLE.md]
+    python -m benchmarks.faults [--share 0.1] [--seed 1] [--jobs 3] [--only links,host] [-o RESULT.json]
 
 Faults of every kind, seeded, on simulated instruments in processes of their own; what happened to a person's skin is
 asked of the instrument, never of the host. A table of trials, failures and the worst figure is printed row by row; the
