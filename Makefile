@@ -26,12 +26,13 @@ system:
 demo: install
 	$(BIN)/python examples/demo/run_demo.py -o out/demo
 
-# Both runs always happen, and either fails the whole. What is skipped or run again is named (-rsR), what is slow is
+# The checks and both runs always happen, and any of them fails the whole. What is skipped or run again is named (-rsR), what is slow is
 # listed. Tests judged by the clock share one worker, in which nothing else runs at the same time.
 JOBS ?= 2
 PYTEST := -m pytest -n $(JOBS) --durations=25 -rsR
-test: install system lint
+test: install system
 	status=0; \
+	$(MAKE) --no-print-directory lint || status=1; \
 	$(BIN)/python $(PYTEST) --dist loadgroup tests || status=1; \
 	$(BIN)/python $(PYTEST) --dist loadfile solver/tests || status=1; \
 	exit $$status
