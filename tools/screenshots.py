@@ -23,6 +23,7 @@ from acquire.gui.window import MainWindow
 
 SIZE = (1440, 900)
 SPEED = 10.0
+TRIES = 4  # to connect, on a busy machine
 FAULTY = """\
 schema: protocol/1
 name: too-deep
@@ -77,9 +78,14 @@ class Photographer:
         """Choose and connect an instrument."""
         window = self.window
         window.instruments.choose(name)
-        if name not in window.views or window.views[name].state == "idle":
-            window.instruments.rows[name].button.click()
-        self.wait(lambda: window.controls.start_button.isEnabled())
+        row = window.instruments.rows[name]
+        for _ in range(TRIES):
+            if row.state in ("off", "idle"):
+                row.button.click()
+            self.wait(lambda: window.controls.start_button.isEnabled() or row.button.text() == "Retry")
+            if window.controls.start_button.isEnabled():
+                return
+        raise TimeoutError(f"{name}: {row.error.text()}")
 
     def run(self, name: str, until: float) -> None:
         """Start the chosen protocol and wait until ``until`` of it is done."""

@@ -17,7 +17,7 @@ from acquire.gui.panels.prepare import PreparePanel
 from acquire.gui.panels.subject import SubjectPanel
 from acquire.gui.recordings import Recordings
 
-SIDE = 396  # px, the column of instruments and subject
+SIDE = 408  # px, the column of instruments and subject
 
 
 class Layout(QMainWindow):

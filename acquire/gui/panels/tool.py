@@ -80,7 +80,7 @@ class ToolPanel(QWidget):
         self.next.clicked.connect(lambda: self._turn(+1))
         row = QHBoxLayout()
         row.addWidget(self.chosen, 1)
-        row.addWidget(self.field)
+        row.addWidget(self.field, 1)
         for button in (self.start, self.cancel, self.page):
             row.addWidget(button)
         progress = QHBoxLayout()
