@@ -6,30 +6,49 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from acquire.recording.model import Recording
+from acquire.recording.model import Recording, SegmentRecord
 from gap.inference.hypothesis import Rows
 from sim_devices.chain import FloatArray
 
+TRANSIENT = 0.5
+"""s for which a step counts as loading after it."""
 LABELS = ("channel", "phase", "level", "direction", "repeat")
 
 
 def phases(recording: Recording, time: FloatArray) -> list[str]:
-    """``load``, ``hold``, ``unload`` or ``rest`` at each ``time`` (n,) s, from the first set-point that moves.
+    """``load``, ``hold``, ``unload`` or ``rest`` at each ``time`` (n,) s: as the recording's segments say, else by the
+    first set-point that moves.
 
     Load is away from zero; without set-points everything is ``all``.
     """
+    if recording.segments:
+        return _of_segments(recording.segments, time)
     for series in recording.setpoints.values():
         if len(series.time) < 2 or np.ptp(series.value) == 0:
             continue
         span = float(np.ptp(series.value))
         size = np.abs(np.asarray(series.value, dtype=float))
-        # Over half a second: a step counts as loading while its transient lasts.
-        now, before = np.interp(time, series.time, size), np.interp(time - 0.5, series.time, size)
+        now, before = np.interp(time, series.time, size), np.interp(time - TRANSIENT, series.time, size)
         rise = now - before
         out = np.where(now < 0.01 * span, "rest", "hold")
         out = np.where(rise > 0.002 * span, "load", out)
         return list(np.where(rise < -0.002 * span, "unload", out))
     return ["all"] * len(time)
+
+
+def _of_segments(segments: Sequence[SegmentRecord], time: FloatArray) -> list[str]:
+    """The phase of the segment at each ``time`` (n,) s; a rest or hold is still what came before while the transient
+    lasts."""
+    begins = np.array([s.begin for s in segments])
+    at = np.clip(np.searchsorted(begins, time, side="right") - 1, 0, None)
+    out = np.array([s.phase for s in segments])[at]
+    moves = [s for s in segments if s.phase in ("load", "unload")]
+    if moves:
+        ends = np.array([s.end for s in moves])
+        last = np.searchsorted(ends, time, side="right") - 1
+        lasts = (last >= 0) & (time - ends[last] < TRANSIENT) & ~np.isin(out, ("load", "unload"))
+        out = np.where(lasts, np.array([s.phase for s in moves])[last], out)
+    return [str(phase) for phase in out]
 
 
 def level(recording: Recording) -> str:

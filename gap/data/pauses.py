@@ -71,8 +71,11 @@ def _cut(recording: Recording, begin: float, end: float, first: float, number: i
             seq = None if s.seq is None else s.seq[inside]
             streams[name] = replace(s, value=s.value[inside], time=s.time[inside], time_host=host, seq=seq)
     info = replace(recording.info, id=f"{recording.info.id} part {number}" if number > 1 else recording.info.id)
+    segments = tuple(s for s in recording.segments if s.end > first and s.begin < end)
     setpoints = {name: _between(s, first, end) for name, s in recording.setpoints.items()}
-    return replace(recording, info=info, streams=streams, setpoints=setpoints, frames=None, derived={})
+    return replace(
+        recording, info=info, streams=streams, setpoints=setpoints, segments=segments, frames=None, derived={}
+    )
 
 
 def _between(table: Series, first: float, last: float) -> Series:

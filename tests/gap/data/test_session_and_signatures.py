@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from acquire.recording.model import SegmentRecord
 from gap.data.labels import direction, level, phases
 from gap.data.noise import finest_step
 from gap.data.session import REST, Session
@@ -181,3 +182,18 @@ def test_a_servo_that_rests_short_of_its_set_points_is_not_clipped(recording) ->
     assert [s.effect for s in find([recording({"position": encoder}, TIME)], ("position",))] == []
     noisy = np.minimum(way + 1e-5 * rng.normal(size=len(way)), 0.0125)
     assert [s.effect for s in find([recording({"position": noisy}, TIME)], ("position",))] == ["saturation"]
+
+
+def test_phases_are_the_recorded_segments_where_there_are_any(recording) -> None:
+    r = recording({"pressure": 0 * TIME}, TIME, {"pressure": COMMAND})
+    ends, names = (1.0, 1.001, 6.0, 6.001, 10.0), ("rest", "load", "hold", "unload", "rest")
+    still = {"pressure": 0.0}
+    segments = tuple(
+        SegmentRecord(begin, end, phase, "0", still, still)
+        for begin, end, phase in zip((0.0, *ends), ends, names, strict=False)
+    )
+    asked = np.array([0.5, 1.1, 4.0, 6.2, 9.0])
+    expected = ["rest", "load", "hold", "unload", "rest"]
+    assert phases(replace(r, segments=segments), asked) == phases(r, asked) == expected
+    renamed = tuple(replace(s, phase="hold") for s in segments)
+    assert set(phases(replace(r, segments=renamed), asked)) == {"hold"}
