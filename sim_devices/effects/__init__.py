@@ -15,7 +15,7 @@ from itertools import product
 
 from protocols import units
 from sim_devices.chain import Chain, Effect, Parameter
-from sim_devices.effects import actuator, interface, processing, sensor, timing, tissue
+from sim_devices.effects import actuator, force_sensor, interface, processing, sensor, timing, tissue
 from sim_devices.effects.build import CHOICE
 
 GROUP = "acquire.effects"
@@ -113,7 +113,9 @@ def _fixed(effect: Effect, fixed: Mapping[str, float]) -> Effect:
 
 @cache
 def _all() -> tuple[tuple[Effect, ...], tuple[tuple[str, str], ...]]:
-    own = [e for module in (timing, actuator, interface, tissue, sensor, processing) for e in module.EFFECTS]
+    own = [
+        e for module in (timing, actuator, interface, tissue, sensor, force_sensor, processing) for e in module.EFFECTS
+    ]
     added, errors = _plugins(entry_points(group=GROUP))
     return (*own, *added), tuple(errors.items())
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from sim_devices.chain import Chain
+from sim_devices.chain import Chain, FloatArray
 from sim_devices.effects.build import (
     PRESSURE,
     ROBOT,
@@ -14,6 +14,7 @@ from sim_devices.effects.build import (
     choice,
     chosen,
     effect,
+    for_a_while,
     law_after,
     law_before,
     map_after,
@@ -66,7 +67,21 @@ def _overshoot(chain: Chain, v: Values) -> Chain:
     return law_after(chain, "regulator", "overshoot", "actuator", kernels.lead, (2 * v["overshoot"], 2 * tau))
 
 
+def leak_for_a_while(
+    time: FloatArray, u: FloatArray, share: float, exponent: float, reference: float, moment: float, duration: float
+) -> FloatArray:
+    """A leak (`laws.leak`) that is open for a while."""
+    return u + laws.spell(time, moment, duration) * (laws.leak(time, u, share, exponent, reference) - u)
+
+
 def _leak(chain: Chain, v: Values) -> Chain:
+    if chosen(v, "form") == 2:
+        # What leaks is missing at once; an integrating regulator makes up for it.
+        repaired = (1.0 - v["shortfall"], v["shortfall"], v["repair"])
+        return law_after(chain, "regulator", "leak", "actuator", kernels.prony, repaired)
+    if chosen(v, "form") == 3:
+        spell = (v["shortfall"], v["exponent"], PRESSURE, v["moment"], v["duration"])
+        return map_after(chain, "regulator", "leak", "actuator", leak_for_a_while, spell)
     if chosen(v, "form") == 1:
         slope = -v["shortfall"] * PRESSURE / (PRESSURE - BEND)
         return map_after(chain, "regulator", "leak", "actuator", laws.bent, (slope, BEND))
@@ -96,7 +111,8 @@ def _gauge_gain(chain: Chain, v: Values) -> Chain:
 def _gauge_offset(chain: Chain, v: Values) -> Chain:
     if chosen(v, "form") < 3:
         return _gauge(chain, v, 0.0, v["offset"])
-    return map_after(chain, "gauge", "gauge_shift", "actuator", laws.jump, (v["offset"], v["moment"]))
+    shift = (v["offset"], v["moment"], v["duration"])
+    return map_after(chain, "gauge", "gauge_shift", "actuator", laws.offset_for_a_while, shift)
 
 
 def _gauge(chain: Chain, v: Values, error: float, amount: float) -> Chain:
@@ -128,13 +144,21 @@ def _backlash(chain: Chain, v: Values) -> Chain:
 
 
 def _friction(chain: Chain, v: Values) -> Chain:
-    return chain.tuned("axes", coulomb=v["force"], presliding=v["presliding"])
+    return chain.tuned("axes", coulomb=v["force"], presliding=v["presliding"], alone=chosen(v, "axis"))
+
+
+def _saturation(chain: Chain, v: Values) -> Chain:
+    carried = v["carried"] * v["limit"] if chosen(v, "form") == 2 else 0.0
+    return chain.tuned("axes", force_limit=v["limit"], soft=float(chosen(v, "form") == 1), carried=carried)
 
 
 def _stribeck(chain: Chain, v: Values) -> Chain:
     return chain.tuned(
         "axes", stiction=v["stiction"], coulomb=v["stiction"] * v["coulomb_share"], stribeck_speed=v["speed"]
     )
+
+
+_AXIS = choice("axis", 0, "all axes", "axis 1", "axis 2", "axis 3")
 
 
 EFFECTS = (
@@ -182,8 +206,11 @@ EFFECTS = (
         "orifice and laminar leak laws; gap.md",
         (
             strength("shortfall", "1", 3e-4, 0.6, 0.1, "of 300 mbar at 300 mbar"),
-            shape("exponent", "1", -0.5, 1.5, 0.7, "-0.5 orifice, 0 laminar, above: a leak that opens", only=(0,)),
-            choice("form", 0, "a power of suction", "a valve that lifts at half of 300 mbar"),
+            shape("exponent", "1", -0.5, 1.5, 0.7, "-0.5 orifice, 0 laminar, above: a leak that opens", only=(0, 3)),
+            choice("form", 0, "a power of suction", "a valve that lifts at half of 300 mbar",
+                   "made up for by an integrating regulator", "open for a while"),
+            shape("repair", "s", 0.1, 20.0, 1.5, "within which it is made up for", log=True, only=(2,)),
+            *for_a_while(3),
         ),
         _leak,
     ),
@@ -220,8 +247,8 @@ EFFECTS = (
         "null shift of pressure sensors; gap.md",
         (
             signed("offset", "Pa", 5e3, 1e3, "reading minus truth"),
-            choice("form", 0, *WHERE, "in the record only, from one moment on"),
-            shape("moment", "s", 1.0, 3000.0, 3.0, "when it shifts", log=True, only=(3,)),
+            choice("form", 0, *WHERE, "in the record only, for a while"),
+            *for_a_while(3),
         ),
         _gauge_offset,
     ),
@@ -251,17 +278,18 @@ EFFECTS = (
         "amplifier current limits; gap.md",
         (
             strength("limit", "N", 0.02, FORCE_LIMIT, 0.25, "of one axis", null=FORCE_LIMIT),
-            choice("form", 0, "clipped", "approached gradually"),
+            choice("form", 0, "clipped", "approached gradually", "clipped, of a coil that carries a weight"),
+            shape("carried", "1", -0.9, 0.9, 0.4, "share of the limit that holds the weight", only=(2,)),
         ),
-        lambda chain, v: chain.tuned("axes", force_limit=v["limit"], soft=float(chosen(v, "form"))),
+        _saturation,
     ),
     effect(
         "viscous_drag", "actuator", ROBOT,
         "Drag of an axis in proportion to its speed.",
         "Other grease; feed the speed forward.",
         "slides and position sensors; gap.md",
-        (strength("drag", "N s/m", 1.0, 3e3, 200.0, "per axis"),),
-        lambda chain, v: chain.tuned("axes", drag=v["drag"]),
+        (strength("drag", "N s/m", 1.0, 3e3, 200.0, "per axis"), _AXIS),
+        lambda chain, v: chain.tuned("axes", drag=v["drag"], alone=chosen(v, "axis")),
     ),
     effect(
         "coulomb_friction", "actuator", ROBOT,
@@ -271,6 +299,7 @@ EFFECTS = (
         (
             strength("force", "N", 0.01, 5.0, 0.4, "of one axis"),
             shape("presliding", "m", 0.0, 60e-6, 0.0, "distance over which it builds up; 0: at once"),
+            _AXIS,
         ),
         _friction,
     ),

@@ -65,10 +65,23 @@ PHASE = Parameter("phase", "1", 0.0, 1.0, None, 0.0, "linear", "of going to and 
 """When a swing of form 2 begins."""
 
 
-def choice(name: str, default: int, *forms: str) -> Parameter:
-    """One of several forms or channels, by number."""
+MOMENT = ("moment", "s", 1.0, 3000.0, 3.0)
+DURATION = ("duration", "s", 0.5, 3000.0, 3.0)
+"""Name, unit, range and default of when something happens that does not last, and for how long."""
+
+
+def for_a_while(*only: int) -> tuple[Parameter, Parameter]:
+    """When something happens, and for how long, of the forms in which it is not there always."""
+    return (
+        shape(*MOMENT, "when it begins", log=True, only=only),
+        shape(*DURATION, "how long it lasts", log=True, only=only),
+    )
+
+
+def choice(name: str, default: int, *forms: str, only: tuple[int, ...] = ()) -> Parameter:
+    """One of several forms or channels, by number; where a channel belongs to some forms ``only``, these."""
     meaning = ", ".join(f"{i} {form}" for i, form in enumerate(forms))
-    return Parameter(name, CHOICE, 0.0, float(len(forms) - 1), None, float(default), "linear", meaning)
+    return Parameter(name, CHOICE, 0.0, float(len(forms) - 1), None, float(default), "linear", meaning, only)
 
 
 def chosen(values: Values, name: str) -> int:

@@ -18,6 +18,8 @@ from sim_devices.effects.build import (
     choice,
     chosen,
     effect,
+    for_a_while,
+    law_after,
     map_after,
     shape,
     strength,
@@ -148,6 +150,12 @@ def _rim_friction(chain: Chain, v: Values) -> Chain:
 def _rim_leak(chain: Chain, v: Values) -> Chain:
     if chosen(v, "form") == 1:
         return map_after(chain, "probe", "rim_leak", "interface", tilted_pressure, (v["share"] * PRESSURE,))
+    if chosen(v, "form") == 2:
+        spell = (-v["share"], v["moment"], v["duration"])
+        return map_after(chain, "probe", "rim_leak", "interface", laws.gain_for_a_while, spell)
+    if chosen(v, "form") == 3:
+        # Flow through the hose to a leak at its end: less suction than at the gauge, and later.
+        return law_after(chain, "probe", "rim_leak", "interface", kernels.prony, (0.0, 1.0 - v["share"], v["tau"]))
     return map_after(chain, "probe", "rim_leak", "interface", laws.leak, (v["share"], v["exponent"], PRESSURE))
 
 
@@ -214,8 +222,11 @@ EFFECTS = (
         "contact on hairy or curved sites; gap.md",
         (
             strength("share", "1", 2e-3, 0.6, 0.12, "of the suction at 300 mbar (form 1: of 300 mbar in the end)"),
-            choice("form", 0, "a power of suction", "until suction has sealed the rim"),
+            choice("form", 0, "a power of suction", "until suction has sealed the rim", "open for a while",
+                   "at the end of a long hose, which delays suction besides"),
             shape("exponent", "1", -0.5, 1.5, 0.5, "-0.5 orifice, 0 laminar, above: a leak that opens", only=(0,)),
+            *for_a_while(2),
+            shape("tau", "s", 0.01, 3.0, 0.2, "of the hose", log=True, only=(3,)),
         ),
         _rim_leak,
     ),

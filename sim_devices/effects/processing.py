@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from sim_devices.chain import Chain, FloatArray, Signals
+from sim_devices.chain import Chain, FloatArray, Parameter, Signals
 from sim_devices.effects.build import (
-    ALL,
     ROBOT,
     SUCTION,
     Values,
@@ -56,10 +55,15 @@ def _zeroing(chain: Chain, v: Values) -> Chain:
 def _tare(chain: Chain, v: Values) -> Chain:
     op: Any = chain["latency"]
     marks = op.marks if chosen(v, "form") == 1 else ()
+    anchor, names = "transducers", TRANSDUCERS
+    if chosen(v, "form") == 2:
+        k = chosen(v, "computed")
+        anchor, names = "force_matrix", xyz("force")[k : k + 1]
     return after(
         chain,
-        "transducers",
+        anchor,
         lambda s, t: Retare("wrong_zeroing", "processing", s, t, v["share"], v["delay"], marks),
+        *names,
     )
 
 
@@ -105,6 +109,10 @@ def one_gain(time: FloatArray, u: FloatArray, error: float, within: float, *mark
     return np.where((time >= edges[k - 1]) & (time < edges[k]), u * (1.0 + error), u)
 
 
+_COMPUTED = (*(("force_matrix", n) for n in xyz("force")), *(("probe_position", n) for n in xyz("probe")))
+"""Channels that are computed from others, behind the operator that does."""
+
+
 def _unit(chain: Chain, v: Values) -> Chain:
     first = chosen(v, "channel") == 0
     op: Any = chain["latency"]
@@ -113,10 +121,30 @@ def _unit(chain: Chain, v: Values) -> Chain:
     if chosen(v, "form") == 1:
         law = (one_gain, (error, v["within"], *op.marks))
     if chain.instrument == "microrobot":
+        if chosen(v, "form") == 2:
+            anchor, name = _COMPUTED[chosen(v, "computed")]
+            return map_after(chain, anchor, "wrong_unit", "processing", *law, name)
         anchor = "transducers" if first else "position_sensors"
         return map_after(chain, anchor, "wrong_unit", "processing", *law)
     signal = "pressure" if first else "apex_height"
     return on_recorded(chain, signal, lambda s, t: Map("wrong_unit", "processing", s, t, *law))
+
+
+def _wrong_unit(instruments: tuple[str, ...], further: tuple[str, ...] = (), *parameters: Parameter) -> Any:
+    return effect(
+        "wrong_unit", "processing", instruments,
+        "A channel is converted with the wrong unit.",
+        "Check one known value of each channel.",
+        "mmHg for mbar 1.333, gf for cN 0.981, inch for cm 2.54",
+        (
+            strength("factor", "1", 0.1, 10.0, 1.333, "stored against true", null=1.0),
+            choice("channel", 0, "pressure, or force", "height, or position", only=(0, 1)),
+            choice("form", 0, "throughout", "in one recording", *further),
+            shape("within", "s", 0.0, 5000.0, 0.0, "a moment of that recording", only=(1,)),
+            *parameters,
+        ),
+        _unit,
+    )  # fmt: skip
 
 
 EFFECTS = (
@@ -163,21 +191,14 @@ EFFECTS = (
         (
             strength("share", "1", 0.01, 1.0, 1.0, "of the force at that moment that is taken for zero"),
             shape("delay", "s", 0.01, 60.0, 2.0, "after the start", log=True),
-            choice("form", 0, "once in the session", "at each recording anew"),
+            choice("form", 0, "once in the session", "at each recording anew", "once, of one computed force"),
+            choice("computed", 0, "force x", "force y", "force z", only=(2,)),
         ),
         _tare,
     ),
-    effect(
-        "wrong_unit", "processing", ALL,
-        "A channel is converted with the wrong unit.",
-        "Check one known value of each channel.",
-        "mmHg for mbar 1.333, gf for cN 0.981, inch for cm 2.54",
-        (
-            strength("factor", "1", 0.1, 10.0, 1.333, "stored against true", null=1.0),
-            choice("channel", 0, "pressure, or force", "height, or position"),
-            choice("form", 0, "throughout", "in one recording"),
-            shape("within", "s", 0.0, 5000.0, 0.0, "a moment of that recording", only=(1,)),
-        ),
-        _unit,
+    _wrong_unit(SUCTION),
+    _wrong_unit(
+        ROBOT, ("one computed channel",),
+        choice("computed", 0, *(name.replace("_", " ") for _, name in _COMPUTED), only=(2,)),
     ),
 )  # fmt: skip

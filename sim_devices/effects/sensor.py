@@ -1,28 +1,26 @@
-"""Effects of what measures: optics and camera, transducers, position sensors."""
+"""Effects of what measures: optics and camera; those that height and force share, for `force_sensor` too."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from drivers.microrobot import forces
-from drivers.microrobot.kinematics import GEOMETRY
-from sim_devices.chain import Chain, Effect, FloatArray, Signals
+from sim_devices.chain import Chain, Effect, FloatArray, Parameter, Signals
 from sim_devices.effects.build import (
     ASPIRATION,
     CUTOMETER,
     PHASE,
     PRESSURE,
-    ROBOT,
     SUCTION,
     Values,
     choice,
     chosen,
     effect,
+    for_a_while,
     height_scale,
     law_after,
     map_after,
@@ -33,13 +31,15 @@ from sim_devices.effects.build import (
 )
 from sim_devices.stages import kernels, laws
 from sim_devices.stages.kernels import Kernel
-from sim_devices.stages.operators import Map, Wired, after, before
-from sim_devices.stages.robot import TRANSDUCERS, Linear, numbered
+from sim_devices.stages.operators import Map, Wired, after
+from sim_devices.stages.robot import TRANSDUCERS, numbered
 
 Law = Callable[..., Any]
-_HEIGHT, _FORCE = "optics", "transducers"
-_CHANNEL = choice("channel", 0, "transducer a", "b", "c", "all three")
-_COURSE = choice("form", 1, "linear in time", "towards a limit, as in warming up", "to and fro")
+_HEIGHT, FORCE = "optics", "transducers"
+CHANNEL = choice("channel", 0, "transducer a", "b", "c", "all three")
+_COURSES = ("linear in time", "towards a limit, as in warming up", "to and fro")
+_COURSE = choice("form", 1, *_COURSES)
+_EACH_COURSE = choice("form", 1, *_COURSES, "towards a limit, each transducer its own")
 
 
 def _transducers(v: Values) -> tuple[str, ...]:
@@ -52,7 +52,7 @@ def _mapped(name: str, law: Law, parameters: Callable[[Chain, Values], tuple[flo
 
     def install(chain: Chain, v: Values) -> Chain:
         names = _transducers(v) if robot else ()
-        return map_after(chain, _FORCE if robot else _HEIGHT, name, "sensor", law, parameters(chain, v), *names)
+        return map_after(chain, FORCE if robot else _HEIGHT, name, "sensor", law, parameters(chain, v), *names)
 
     return install
 
@@ -64,16 +64,32 @@ def _remembered(
 
     def install(chain: Chain, v: Values) -> Chain:
         names = _transducers(v) if robot else ()
-        return law_after(
-            chain, _FORCE if robot else _HEIGHT, name, "sensor", law, parameters(chain, v), *names, add=add
-        )
+        return law_after(chain, FORCE if robot else _HEIGHT, name, "sensor", law, parameters(chain, v), *names, add=add)
 
     return install
 
 
+def gain(name: str, robot: bool) -> Any:
+    """A wrong sensitivity, always or for a while."""
+
+    def install(chain: Chain, v: Values) -> Chain:
+        law: tuple[Law, tuple[float, ...]] = (laws.gain, (v["error"],))
+        if chosen(v, "form") == 1:
+            law = (laws.gain_for_a_while, (v["error"], v["moment"], v["duration"]))
+        names = _transducers(v) if robot else ()
+        return map_after(chain, FORCE if robot else _HEIGHT, name, "sensor", *law, *names)
+
+    return install
+
+
+GAIN_SHAPE = (choice("form", 0, "always", "for a while"), *for_a_while(1))
+
+
 def _offset(v: Values, amount: float) -> tuple[Law, tuple[float, ...]]:
-    """What adds ``amount``, always or from one moment on."""
-    return (laws.jump, (amount, v["moment"])) if chosen(v, "form") == 1 else (laws.offset, (amount,))
+    """What adds ``amount``, always or for a while."""
+    if chosen(v, "form") == 1:
+        return laws.offset_for_a_while, (amount, v["moment"], v["duration"])
+    return laws.offset, (amount,)
 
 
 def _offset_height(chain: Chain, v: Values) -> Chain:
@@ -82,7 +98,7 @@ def _offset_height(chain: Chain, v: Values) -> Chain:
 
 
 def _offset_force(chain: Chain, v: Values) -> Chain:
-    chain = map_after(chain, _FORCE, "sensor_offset", "sensor", *_offset(v, v["offset"]), *_transducers(v))
+    chain = map_after(chain, FORCE, "sensor_offset", "sensor", *_offset(v, v["offset"]), *_transducers(v))
     k = chosen(v, "channel")
     names = numbered("axis_position") if k == 3 else numbered("axis_position")[k : k + 1]
     return map_after(chain, "position_sensors", "position_offset", "sensor", *_offset(v, v["position"]), *names)
@@ -92,7 +108,7 @@ def _hysteresis(robot: bool) -> Any:
     def install(chain: Chain, v: Values) -> Chain:
         w, form = v["width"], chosen(v, "form")
         names = _transducers(v) if robot else ()
-        anchor = _FORCE if robot else _HEIGHT
+        anchor = FORCE if robot else _HEIGHT
         if form in (0, 3):
             law = kernels.play if form == 0 else kernels.soft_play
             return law_after(chain, anchor, "sensor_hysteresis", "sensor", law, (w,), *names)
@@ -106,8 +122,8 @@ def _hysteresis(robot: bool) -> Any:
     return install
 
 
-def _low_pass(chain: Chain, v: Values) -> Chain:
-    anchor = _FORCE if chain.instrument == "microrobot" else ("gauge" if chosen(v, "channel") == 1 else _HEIGHT)
+def low_pass(chain: Chain, v: Values) -> Chain:
+    anchor = FORCE if chain.instrument == "microrobot" else ("gauge" if chosen(v, "channel") == 1 else _HEIGHT)
     if chosen(v, "order") == 0:
         return law_after(chain, anchor, "sensor_low_pass", "sensor", kernels.low_pass, (v["tau"],))
     return law_after(chain, anchor, "sensor_low_pass", "sensor", kernels.second_order, (v["tau"] / 2, 1.0))
@@ -145,21 +161,6 @@ def _crosstalk_suction(chain: Chain, v: Values) -> Chain:
     return map_after(chain, _HEIGHT, "crosstalk", "sensor", mixed, parameters, reading=("line_pressure",))
 
 
-_ORDERED = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
-
-
-def _crosstalk_robot(chain: Chain, v: Values) -> Chain:
-    pair = chosen(v, "pair")
-    if pair >= len(_ORDERED):
-        into, source = divmod(pair - len(_ORDERED), 3)
-        parameters = (v["share"] * 1e3,)  # N/mm
-        axis = numbered("axis")[source]
-        return map_after(chain, _FORCE, "crosstalk", "sensor", mixed, parameters, TRANSDUCERS[into], reading=(axis,))
-    into, source = _ORDERED[pair]
-    other = chain["transducers"].writes[source]  # by its working name: what the transducer gives before other effects
-    return map_after(chain, _FORCE, "crosstalk", "sensor", mixed, (v["share"],), TRANSDUCERS[into], reading=(other,))
-
-
 def tilted_view(time: FloatArray, height: FloatArray, angle: float, hidden: float) -> FloatArray:
     """Height in a side view from ``angle`` above or below: foreshortened, its first ``hidden`` m behind the rim."""
     seen = height * math.cos(angle)
@@ -169,41 +170,6 @@ def tilted_view(time: FloatArray, height: FloatArray, angle: float, hidden: floa
 def _misaligned_view(chain: Chain, v: Values) -> Chain:
     hidden = v["rim"] * abs(math.sin(v["angle"])) * 8e-3
     return map_after(chain, _HEIGHT, "misalignment", "sensor", tilted_view, (v["angle"], hidden))
-
-
-def _misaligned_sensor(chain: Chain, v: Values) -> Chain:
-    c, s = math.cos(v["angle"]), math.sin(v["angle"])
-    turn = {
-        0: (c, s, 0.0, -s, c, 0.0, 0.0, 0.0, 1.0),
-        1: (1.0, 0.0, 0.0, 0.0, c, s, 0.0, -s, c),
-        2: (c, 0.0, -s, 0.0, 1.0, 0.0, s, 0.0, c),
-    }[chosen(v, "axis")]
-    return before(chain, _FORCE, lambda a, b: Linear("misalignment", "sensor", a, b, turn))
-
-
-def _geometry(chain: Chain, v: Values) -> Chain:
-    w, h = forces.TRANSDUCER_RADIUS * (1.0 + v["w_error"]), forces.PROBE_HEIGHT * (1.0 + v["h_error"])
-    return chain.tuned("transducers", matrix=tuple(np.linalg.inv(forces.matrix(w, h)).ravel()))
-
-
-def weighed(
-    time: FloatArray, fx: FloatArray, fy: FloatArray, fz: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray,
-    weight: float, rho: float,
-) -> tuple[FloatArray, FloatArray, FloatArray]:  # fmt: skip
-    """Force on the transducers with the head's weight, which turns in their frame as the platform tilts."""
-    gx, gy = (2 * a - b - c) / (3 * rho), (b - c) / (math.sqrt(3.0) * rho)
-    q = np.sqrt(1.0 + gx * gx + gy * gy)
-    return fx - weight * gx / q, fy - weight * gy / q, fz + weight * (1.0 / q - 1.0)
-
-
-def _gravity(chain: Chain, v: Values) -> Chain:
-    weight = 9.80665 * v["mass"] * (1.0 if chosen(v, "pointing") == 0 else -1.0)
-    parameters = (weight, GEOMETRY.axis_radius)
-
-    def make(source: tuple[str, ...], target: tuple[str, ...]) -> Wired:
-        return Map("gravity_load", "sensor", (*source, *numbered("axis")), target, weighed, parameters)
-
-    return before(chain, _FORCE, make)
 
 
 def proportional_or_saturating(time: FloatArray, u: FloatArray, bias: float, reach: float, form: float) -> FloatArray:
@@ -224,10 +190,53 @@ def _illumination(chain: Chain, v: Values) -> Chain:
     return map_after(chain, _HEIGHT, "illumination_drift", "sensor", fading, parameters)
 
 
-def _on_both(instruments: tuple[str, ...], scale: float, unit: str) -> list[Effect]:
+def _drift(chain: Chain, v: Values) -> Chain:
+    return map_after(
+        chain, _HEIGHT, "sensor_drift", "sensor", laws.drift, (v["amount"], v["tau"], v["form"], v["phase"])
+    )
+
+
+def _drift_of_each(chain: Chain, v: Values) -> Chain:
+    amounts, form = {name: v["amount"] for name in _transducers(v)}, v["form"]
+    if chosen(v, "form") == 3:
+        amounts, form = dict(zip(TRANSDUCERS, (v["amount"], v["amount_b"], v["amount_c"]), strict=True)), 1.0
+    for name, amount in amounts.items():
+        parameters = (amount, v["tau"], form, v["phase"])
+        chain = map_after(chain, FORCE, "sensor_drift", "sensor", laws.drift, parameters, name)
+    return chain
+
+
+def _flaw(scale: float) -> tuple[Parameter, ...]:
+    return (
+        shape("at", "m", 0.1 * scale, 4.0 * scale, 0.6 * scale, "height of the flaw", log=True, only=(1,)),
+        shape("width", "m", 0.03 * scale, scale, 0.2 * scale, "of the flaw", log=True, only=(1,)),
+    )
+
+
+def _bent_height(scale: float) -> Any:
+    def install(chain: Chain, v: Values) -> Chain:
+        law: tuple[Law, tuple[float, ...]] = (laws.quadratic, (v["error"], scale))
+        if chosen(v, "form") == 1:
+            law = (laws.flawed, (v["error"] * scale, v["at"], v["width"]))
+        return map_after(chain, _HEIGHT, "quadratic_error", "sensor", *law)
+
+    return install
+
+
+def _bent_position(chain: Chain, v: Values) -> Chain:
+    if chosen(v, "form") == 0:
+        names = _transducers(v)
+        return map_after(chain, FORCE, "quadratic_error", "sensor", laws.quadratic, (v["error"], 0.5), *names)
+    k = chosen(v, "channel")
+    sensors = numbered("axis_position")
+    names = sensors if k == 3 else sensors[k : k + 1]
+    return map_after(chain, "position_sensors", "quadratic_error", "sensor", laws.quadratic, (v["error"], 1e-3), *names)
+
+
+def on_both(instruments: tuple[str, ...], scale: float, unit: str) -> list[Effect]:
     """Effects that height (m) and transducer force (N) share; ``scale`` is the typical reading."""
     robot = unit == "N"
-    which = (_CHANNEL,) if robot else ()
+    which = (CHANNEL,) if robot else ()
     what = "force" if robot else "height"
     return [
         effect(
@@ -237,10 +246,10 @@ def _on_both(instruments: tuple[str, ...], scale: float, unit: str) -> list[Effe
             "datasheet: null ±15 mV, shift ±0.5 mV over 2 to 40 °C" if robot else "accuracy 3 % (assumed)",
             (
                 signed("offset", unit, 0.5 * scale, 0.1 * scale),
-                *((signed("position", "m", 3e-4, 0.0, "of the position sensor of the same number"), _CHANNEL)
+                *((signed("position", "m", 3e-4, 0.0, "of the position sensor of the same number"), CHANNEL)
                   if robot else ()),
-                choice("form", 0, "always", "from one moment on"),
-                shape("moment", "s", 1.0, 3000.0, 3.0, "when it jumps", log=True, only=(1,)),
+                choice("form", 0, "always", "for a while"),
+                *for_a_while(1),
             ),
             _offset_force if robot else _offset_height,
         ),
@@ -252,19 +261,26 @@ def _on_both(instruments: tuple[str, ...], scale: float, unit: str) -> list[Effe
             (
                 signed("amount", unit, 1.0 * scale, 0.2 * scale, "after a time tau (form 2: amplitude)"),
                 shape("tau", "s", 20.0, 3000.0, 200.0, log=True),
-                *which,
-                _COURSE,
+                *(replace(p, only=(0, 1, 2)) for p in which),
+                _EACH_COURSE if robot else _COURSE,
                 PHASE,
+                *((signed(f"amount_{leg}", unit, scale, 0.2 * scale * share, "of its own", only=(3,))
+                   for leg, share in zip("bc", (-0.5, 0.7), strict=True)) if robot else ()),
             ),
-            _mapped("sensor_drift", laws.drift, lambda c, v: (v["amount"], v["tau"], v["form"], v["phase"]), robot),
+            _drift_of_each if robot else _drift,
         ),
         effect(
             "quadratic_error", "sensor", instruments,
             f"Non-linear characteristic of the {what} sensor.",
             "Calibrate at three points or more.",
             "datasheet: linearity ±1.5 % of span" if robot else "calibration curve of the optics",
-            (signed("error", "1", 0.5, 0.12, f"relative, at {scale:g} {unit}"), *which),
-            _mapped("quadratic_error", laws.quadratic, lambda c, v: (v["error"], scale), robot),
+            (
+                signed("error", "1", 0.5, 0.12, f"relative, at {scale:g} {unit}"),
+                *which,
+                choice("form", 0, "bent", "of a position sensor, at 1 mm" if robot else "a flaw at one height"),
+                *(() if robot else _flaw(scale)),
+            ),
+            _bent_position if robot else _bent_height(scale),
         ),
         effect(
             "sensor_saturation", "sensor", instruments,
@@ -312,34 +328,22 @@ def _quantised(robot: bool) -> Any:
     return install
 
 
-_GAIN_MEANING, _GAIN_REMEDY = "Wrong sensitivity", "Calibrate with a known height or weight."
-_LAG = ("sensor_low_pass", "sensor")
+GAIN_MEANING, GAIN_REMEDY = "Wrong sensitivity", "Calibrate with a known height or weight."
+LAG = ("sensor_low_pass", "sensor")
 _INTO = choice("form", 0, "as suction stands", "while suction changes")
-_TAU = strength("tau", "s", 3e-4, 3.0, 0.2)
-_ORDER = choice("order", 0, "first order", "second order")
+TAU = strength("tau", "s", 3e-4, 3.0, 0.2)
+ORDER = choice("order", 0, "first order", "second order")
 
 EFFECTS = (
     effect(
-        "sensor_gain", "sensor", CUTOMETER, f"{_GAIN_MEANING} of height.", _GAIN_REMEDY, "accuracy 3 % (assumed)",
-        (signed("error", "1", 0.5, 0.1, "relative"),),
-        _mapped("sensor_gain", laws.gain, lambda c, v: (v["error"],), False),
+        "sensor_gain", "sensor", CUTOMETER, f"{GAIN_MEANING} of height.", GAIN_REMEDY, "accuracy 3 % (assumed)",
+        (signed("error", "1", 0.5, 0.1, "relative"), *GAIN_SHAPE), gain("sensor_gain", False),
     ),
+    *on_both(CUTOMETER, 0.3e-3, "m"),
+    *on_both(ASPIRATION, 1.5e-3, "m"),
     effect(
-        "sensor_gain", "sensor", ROBOT, f"{_GAIN_MEANING} of one transducer, or all.", _GAIN_REMEDY,
-        "datasheet: 0.10 to 0.14 mV/g",
-        (signed("error", "1", 0.5, 0.12, "relative"), _CHANNEL),
-        _mapped("sensor_gain", laws.gain, lambda c, v: (v["error"],), True),
-    ),
-    *_on_both(CUTOMETER, 0.3e-3, "m"),
-    *_on_both(ASPIRATION, 1.5e-3, "m"),
-    *_on_both(ROBOT, 0.5, "N"),
-    effect(
-        *_LAG, SUCTION, "The sensor's own lag or filter.", "Less filtering; the same filter on every channel.",
-        "gap.md", (_TAU, choice("channel", 0, "height", "pressure"), _ORDER), _low_pass,
-    ),
-    effect(
-        *_LAG, ROBOT, "The transducers' own lag or filter.", "Less filtering; the same filter on every channel.",
-        "gap.md", (_TAU, _ORDER), _low_pass,
+        *LAG, SUCTION, "The sensor's own lag or filter.", "Less filtering; the same filter on every channel.",
+        "gap.md", (TAU, choice("channel", 0, "height", "pressure"), ORDER), low_pass,
     ),
     effect(
         "crosstalk", "sensor", CUTOMETER, "Pressure leaks into the height reading.",
@@ -352,18 +356,6 @@ EFFECTS = (
         (signed("amount", "m", 1e-3, 2e-4, "at 300 mbar"), _INTO), _crosstalk_suction,
     ),
     effect(
-        "crosstalk", "sensor", ROBOT, "One transducer leaks into another.",
-        "Load one transducer at a time and fill in the matrix.", "frame stiffness; gap.md",
-        (
-            signed("share", "1", 0.5, 0.15, "of a position: N/mm"),
-            choice(
-                "pair", 0, "b into a", "c into a", "a into b", "c into b", "a into c", "b into c",
-                *(f"position {k} into {leg}" for leg in "abc" for k in "123"),
-            ),
-        ),
-        _crosstalk_robot,
-    ),
-    effect(
         "misalignment", "sensor", ASPIRATION, "The camera looks from above or below: part of the dome is hidden.",
         "Level the camera; image a known object.", "side view over a rim; gap.md",
         (
@@ -371,21 +363,6 @@ EFFECTS = (
             shape("rim", "1", 0.0, 0.3, 0.1, "share of the opening's shade that hides the dome"),
         ),
         _misaligned_view,
-    ),
-    effect(
-        "misalignment", "sensor", ROBOT, "The force sensor's axes are turned against the instrument's.",
-        "Align on a reference load in x.", "the frame is seated by a magnet (M)",
-        (signed("angle", "rad", 0.6, 0.15), choice("axis", 0, "about z", "about x", "about y")),
-        _misaligned_sensor,
-    ),
-    effect(
-        "wrong_geometry", "sensor", ROBOT, "h or w of the force matrix is not the real one.",
-        "Measure h and w; calibrate with a lateral load.", "h is assumed (devices.md)",
-        (
-            signed("h_error", "1", 0.5, 0.15, "real h against assumed"),
-            signed("w_error", "1", 0.5, 0.0, "real w against assumed"),
-        ),
-        _geometry,
     ),
     effect(
         "threshold_bias", "sensor", ASPIRATION, "Grey-value threshold set too high or too low.",
@@ -410,8 +387,7 @@ EFFECTS = (
     effect(
         "scale_error", "sensor", SUCTION, "Millimetres per pixel (or the height calibration) are wrong.",
         "Image a gauge block at the dome's place.", "0.02 mm/px (assumed)",
-        (signed("error", "1", 0.5, 0.1, "relative"),),
-        _mapped("scale_error", laws.gain, lambda c, v: (v["error"],), False),
+        (signed("error", "1", 0.5, 0.1, "relative"), *GAIN_SHAPE), gain("scale_error", False),
     ),
     effect(
         "illumination_drift", "sensor", SUCTION, "The light source fades or warms up.",
@@ -424,11 +400,5 @@ EFFECTS = (
             PHASE,
         ),
         _illumination,
-    ),
-    effect(
-        "gravity_load", "sensor", ROBOT, "The moving head's weight enters the transducers as it tilts.",
-        "Weigh the head, subtract its turning weight; counterbalance.", "head mass unknown",
-        (strength("mass", "kg", 1e-3, 0.3, 0.05), choice("pointing", 0, "tip down", "tip up")),
-        _gravity,
     ),
 )  # fmt: skip

@@ -9,7 +9,9 @@ from typing import Any
 from sim_devices.chain import Chain
 from sim_devices.effects.build import (
     ALL,
+    MOMENT,
     PHASE,
+    ROBOT,
     SUCTION,
     Values,
     choice,
@@ -23,7 +25,7 @@ from sim_devices.effects.build import (
     strength,
 )
 from sim_devices.stages import RATES, kernels
-from sim_devices.stages.operators import Delay, Law, Polled, Wandering, after
+from sim_devices.stages.operators import Delay, Gap, Law, Polled, Wandering, after
 from sim_devices.stages.robot import TRANSDUCERS, numbered
 
 GROWING = 100.0
@@ -123,13 +125,36 @@ def _desynchronised(chain: Chain, v: Values) -> Chain:
 def _dropped(chain: Chain, v: Values) -> Chain:
     if chosen(v, "form") == 0:
         return _repeated(chain, v)
-    # Stamped as if none were missing: the record's clock loses what each lost sample took.
     op: Any = chain["latency"]
+    if chosen(v, "form") > 1:
+        # All channels together move against the commands; height alone, against pressure too.
+        anchor = "latency" if chosen(v, "form") == 2 else "optics"
+        burst = (v["lost"], v["moment"], op.marks)
+        return after(chain, anchor, lambda s, t: Gap("dropped_samples", "timing", s, t, *burst))
+    # Stamped as if none were missing: the record's clock loses what each lost sample took.
     return chain.tuned("latency", skew=op.skew - v["fraction"])
 
 
 def _jitter(chain: Chain, v: Values) -> Chain:
     return _at_sensors(chain, v, "jitter", kernels.jittered, v["sigma"], v["seed"])
+
+
+def _lost_samples(instruments: tuple[str, ...], *further: str) -> Any:
+    return effect(
+        "dropped_samples", "timing", instruments,
+        "Samples are lost: the last value is repeated, or the time axis closes up.",
+        "Number the samples and store the gaps; give the link more buffer.",
+        "overrun serial buffers, cameras without frame numbers; gap.md",
+        (
+            strength("fraction", "1", 1e-5, 0.5, 0.1, "of the samples", only=(0, 1)),
+            strength("lost", "s", 0.01, 3.0, 0.2, "that the burst takes", only=(2, 3)),
+            choice("form", 0, "the last value is repeated", "the samples after it move up, in all channels",
+                   "a burst in one recording, all channels move up", *further),
+            *(replace(p, only=(0,)) for p in (_CHANNEL, _SEED, _RATE)),
+            shape(*MOMENT, "when the burst is lost", log=True, only=(2, 3)),
+        ),
+        _dropped, _scattered, sparse=True,
+    )  # fmt: skip
 
 
 EFFECTS = (
@@ -174,18 +199,8 @@ EFFECTS = (
         ),
         _late, _scattered, sparse=True,
     ),
-    effect(
-        "dropped_samples", "timing", ALL,
-        "Samples are lost: the last value is repeated, or the time axis closes up.",
-        "Number the samples and store the gaps; give the link more buffer.",
-        "overrun serial buffers; gap.md",
-        (
-            strength("fraction", "1", 1e-5, 0.5, 0.1, "of the samples"),
-            choice("form", 0, "the last value is repeated", "the samples after it move up, in all channels"),
-            *(replace(p, only=(0,)) for p in (_CHANNEL, _SEED, _RATE)),
-        ),
-        _dropped, _scattered, sparse=True,
-    ),
+    _lost_samples(SUCTION, "a burst in one recording, the height alone moves up"),
+    _lost_samples(ROBOT),
     effect(
         "desynchronisation", "timing", SUCTION,
         "Height (image or optics) lags or leads the pressure channel.",

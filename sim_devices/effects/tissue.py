@@ -19,6 +19,7 @@ from sim_devices.effects.build import (
     choice,
     chosen,
     effect,
+    for_a_while,
     height_scale,
     law_after,
     map_after,
@@ -215,10 +216,14 @@ def _pulse_robot(chain: Chain, v: Values) -> Chain:
 
 
 def _tone(chain: Chain, v: Values) -> Chain:
-    parameters = (v["change"], v["tau"], v["form"], v["phase"])
-    if _is_robot(chain):
-        return map_after(chain, "tissue", "muscle_tone_change", "tissue", laws.gain_drift, parameters)
-    return map_after(chain, "softening", "muscle_tone_change", "tissue", laws.stiffness_drift, parameters)
+    parameters: tuple[float, ...] = (v["change"], v["tau"], v["form"], v["phase"])
+    stronger: Callable[..., FloatArray] = laws.gain_drift
+    stiffer: Callable[..., FloatArray] = laws.stiffness_drift
+    if chosen(v, "form") == 3:
+        parameters = (v["change"], v["moment"], v["duration"])
+        stronger, stiffer = laws.gain_for_a_while, laws.softer_for_a_while
+    anchor, law = ("tissue", stronger) if _is_robot(chain) else ("softening", stiffer)
+    return map_after(chain, anchor, "muscle_tone_change", "tissue", law, parameters)
 
 
 def _pulse(instruments: tuple[str, ...], unit: str, low: float, high: float, default: float, install: Any) -> Any:
@@ -356,9 +361,10 @@ EFFECTS = (
         "muscle activity; gap.md",
         (
             signed("change", "1", 0.6, 0.3, "relative stiffness in the end (form 2: amplitude)"),
-            shape("tau", "s", 10.0, 2000.0, 150.0, "time it takes (form 2: period)", log=True),
-            choice("form", 1, "linear in time", "towards a new level", "to and fro"),
+            shape("tau", "s", 10.0, 2000.0, 150.0, "time it takes (form 2: period)", log=True, only=(0, 1, 2)),
+            choice("form", 1, "linear in time", "towards a new level", "to and fro", "for a while"),
             PHASE,
+            *for_a_while(3),
         ),
         _tone,
     ),

@@ -28,6 +28,7 @@ FORCE_LIMIT = 10.0
 SUBSTEP = 1e-3
 """s, where a nonlinearity is present."""
 _END_STOP = 6e-3  # m from the centre; only what can lose control of an axis gets there
+_RUBBING = [4, 5, 6, 8]  # of a loop's parameters: drag, dry friction, stiction, presliding
 _STATE = 8  # [0] started [1] time [2] target [3] load [4] integral [5] position [6] velocity [7] presliding friction
 
 
@@ -37,8 +38,10 @@ class AxisLoop(Wired):
 
     ``rate`` (1/s) sets the gains. The rest are imperfections, zero when there are none: ``drag`` N s/m; ``coulomb`` N,
     ``stiction`` N above it near standstill with Stribeck speed ``stribeck_speed`` m/s, ``presliding`` m (0: none);
-    ``force_limit`` N, met abruptly, or approached as by tanh if ``soft`` is 1; ``windup`` 0 (integrator frozen while
-    the force is limited) to 1 (runs on); relative change of the force constant ``slope`` 1/m and ``curvature`` 1/m².
+    ``force_limit`` N, met abruptly, or approached as by tanh if ``soft`` is 1; ``carried`` N of a coil's force hold a
+    weight, so that the limit is nearer one way; ``windup`` 0 (integrator frozen while the force is limited) to 1
+    (runs on); relative change of the force constant ``slope`` 1/m and ``curvature`` 1/m². Drag and dry friction are of
+    the axis ``alone`` (1 to 3), or of all (0).
     ``spring`` N/m holds each axis towards zero: what loops through a tissue take for its stiffness
     (``robot.closed_loop``), so that only the difference is iterated.
     """
@@ -56,6 +59,8 @@ class AxisLoop(Wired):
     slope: float = 0.0
     curvature: float = 0.0
     spring: float = 0.0
+    carried: float = 0.0
+    alone: int = 0
 
     def fresh(self) -> Any:
         p, m = self.rate, self.mass
@@ -63,17 +68,21 @@ class AxisLoop(Wired):
         values = (
             m, 3 * m * p**2, m * p**3, 3 * m * p, self.drag, self.coulomb, self.stiction, self.stribeck_speed,
             self.presliding, self.force_limit, self.windup, self.slope, self.curvature, self.spring,
-            math.inf if linear else (0.25 * SUBSTEP if self.presliding else SUBSTEP), self.soft,
+            math.inf if linear else (0.25 * SUBSTEP if self.presliding else SUBSTEP), self.soft, self.carried,
         )  # fmt: skip
         return np.zeros((len(self.target), _STATE)), np.array(values)
 
     def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
         rows, parameters = state
+        smooth = parameters.copy()
+        smooth[_RUBBING] = 0.0
         n = len(self.target)
-        for row, source, load, target in zip(rows, self.source[:n], self.source[n:], self.target, strict=True):
+        wires = zip(rows, self.source[:n], self.source[n:], self.target, strict=True)
+        for axis, (row, source, load, target) in enumerate(wires, start=1):
             out = np.empty(len(time))
             push = signals[load] if load in signals else np.zeros(len(time))
-            _advance_axis(row, time, signals[source], push, parameters, out)
+            own = parameters if self.alone in (0, axis) else smooth
+            _advance_axis(row, time, signals[source], push, own, out)
             signals[target] = out
 
 
@@ -129,7 +138,7 @@ def _advance_axis(
                 # Only a coil at its limit forbids one long step: then once more, in short ones.
                 before = kp * (s[2] - x) + ki * integral - kd * v
                 behind = kp * (target[i] - s[5]) + ki * s[4] - kd * s[6]
-                if longest < math.inf or attempt == 1 or max(abs(before), abs(behind)) <= limit:
+                if longest < math.inf or attempt == 1 or max(abs(before), abs(behind)) <= limit - abs(p[16]):
                     break
                 s[4], s[5], s[6] = integral, x, v
                 steps = max(math.ceil(dt / SUBSTEP * (1.0 - 1e-9)), 1)
@@ -154,7 +163,7 @@ def _run(
     ``linear``: nothing but the linear loop.
     """
     kp, ki, kd, drag, coulomb, stiction, v_s, presliding = p[1], p[2], p[3], p[4], p[5], p[6], p[7], p[8]
-    limit, windup, slope, curvature, spring, soft = p[9], p[10], p[11], p[12], p[13], p[15]
+    limit, windup, slope, curvature, spring, soft, carried = p[9], p[10], p[11], p[12], p[13], p[15], p[16]
     rho = (target - s[2]) / (h * steps)
     lam = (load - s[3]) / (h * steps) - spring * rho
     for k in range(steps):
@@ -163,9 +172,9 @@ def _run(
         if not linear:
             error = r0 - s[5] + 0.5 * h * (rho - s[6])  # at the middle of the step, about its mean
             force = kp * error + ki * (s[4] + 0.5 * h * error) - kd * s[6]
-            real = force * max(1.0 + slope * s[5] + curvature * s[5] * s[5], 0.05)
+            real = force * max(1.0 + slope * s[5] + curvature * s[5] * s[5], 0.05) + carried
             limited = abs(real) >= limit and soft == 0.0
-            extra = (limit * math.tanh(real / limit) if soft > 0.0 else min(max(real, -limit), limit)) - force
+            extra = (limit * math.tanh(real / limit) if soft > 0.0 else min(max(real, -limit), limit)) - carried - force
         load0 = s[3] + (load - s[3]) / steps * k - spring * (r0 + lam / ki)
         ip0 = ((kd + drag) * rho - load0 - extra + kp * lam / ki) / ki
         d0, d1, d2 = w * (s[4] - ip0), s[5] - (r0 + lam / ki), (s[6] - rho) / w

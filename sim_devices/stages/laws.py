@@ -25,6 +25,31 @@ def jump(time: FloatArray, u: FloatArray, amount: float, moment: float) -> Float
     return u + amount * (time >= moment)
 
 
+def spell(time: FloatArray, moment: float, duration: float) -> FloatArray:
+    """1 from ``moment`` on for ``duration`` s, else 0."""
+    return ((time >= moment) & (time < moment + duration)).astype(float)
+
+
+def offset_for_a_while(time: FloatArray, u: FloatArray, amount: float, moment: float, duration: float) -> FloatArray:
+    """u + amount for a while."""
+    return u + amount * spell(time, moment, duration)
+
+
+def gain_for_a_while(time: FloatArray, u: FloatArray, error: float, moment: float, duration: float) -> FloatArray:
+    """u (1 + error) for a while."""
+    return u * (1.0 + error * spell(time, moment, duration))
+
+
+def softer_for_a_while(time: FloatArray, u: FloatArray, change: float, moment: float, duration: float) -> FloatArray:
+    """u / (1 + change) for a while: the response of something stiffer, where the denominator stays above 0.05."""
+    return u / np.maximum(1.0 + change * spell(time, moment, duration), 0.05)
+
+
+def flawed(time: FloatArray, u: FloatArray, amount: float, at: float, width: float) -> FloatArray:
+    """u + amount about one value ``at`` of it, within some ``width``: a scratch on a scale."""
+    return u + amount * np.exp(-(((u - at) / width) ** 2))
+
+
 def fading_offset(time: FloatArray, u: FloatArray, amount: float, tau: float, *marks: float) -> FloatArray:
     """u + amount exp(-(t - t0)/tau), t0 the latest of ``marks``, or 0."""
     since = np.array([0.0, *sorted(marks)])

@@ -150,6 +150,30 @@ class Delay(Retimed):
 
 
 @dataclass(frozen=True)
+class Gap(Retimed):
+    """Samples of ``lost`` s are missing from ``moment`` on, and those behind them moved up until the next of ``marks``
+    (s), when another recording begins: what a stamp shows happened ``lost`` s after it."""
+
+    lost: float = 0.0
+    moment: float = 0.0
+    marks: tuple[float, ...] = ()
+
+    @property
+    def moves(self) -> bool:
+        return self.lost != 0.0
+
+    def _within(self, time: FloatArray) -> FloatArray:
+        end = min((m for m in self.marks if m > self.moment), default=np.inf)
+        return np.asarray((time >= self.moment) & (time < end))
+
+    def seen(self, time: FloatArray) -> FloatArray:
+        return time + self.lost * self._within(time)
+
+    def shows(self, moments: FloatArray) -> FloatArray:
+        return moments - self.lost * self._within(moments - self.lost)
+
+
+@dataclass(frozen=True)
 class Polled(Retimed):
     """The source is looked at every ``period`` s only, at ``phase`` (0 to 1 of it), and held in between."""
 
