@@ -26,7 +26,8 @@ class GenericEffect:
     """``act(state, time, values, related, p)`` returns the changed values; ``needs`` names the related signal it acts
     with. What ``resists`` motion adds to a tapped resistance and is taken from a tapped net force. A ``form`` tells
     apart effects that are one concept of one name. What is ``of_turns`` shows only where the signal it acts with turns
-    back: on one way it is nothing but a bent characteristic.
+    back: on one way it is nothing but a bent characteristic. What ``looks_ahead`` needs whole series: it can act
+    on an input, which is known beforehand, not inside a model's own integration.
 
     Parameters of unit ``signal`` have priors relative to the range of the signal, ``velocity`` and ``position``
     relative to those of the related one; they are scaled when the effect meets its rig.
@@ -44,6 +45,7 @@ class GenericEffect:
     resists: bool = False
     form: str = ""
     of_turns: bool = False
+    looks_ahead: bool = False
 
 
 def _rel(name: str, low: float, high: float, unit: str = "signal", meaning: str = "") -> Parameter:
@@ -174,7 +176,7 @@ GENERIC: tuple[GenericEffect, ...] = (
         "a rate-independent loop of the signal with itself",
         "close the loop on the output, or drive with charge",
         (
-            _signed("level", 0.5),
+            _rel("level", 1e-3, 0.5),  # below zero it would run ahead of its input: no material does
             _shape("width", 0.03, 1.0, "signal", "half the travel of a loop of full height"),
             _between("exponent", 0.0, 3.0, "how much less small loops have"),
             Parameter(INITIAL, "signal", -1.0, 1.0, None, 0.0, meaning="how far it had come to its first value"),
@@ -204,6 +206,15 @@ GENERIC: tuple[GenericEffect, ...] = (
         "stamp at the source",
         (_rel("time", 0.01, 200.0, "dt"),),
         laws.delay,
+    ),
+    GenericEffect(
+        "delay",
+        "the signal is early: what it is compared with comes late",
+        "stamp at the source",
+        (_rel("time", 0.01, 200.0, "dt"),),
+        laws.advance,
+        form="advance",
+        looks_ahead=True,
     ),
     GenericEffect(
         "low_pass",

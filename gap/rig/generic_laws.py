@@ -181,6 +181,11 @@ def delay(state: State, time: Signal, y: Signal, related: Related, p: Values) ->
     return values[k - 1] + share * (values[k] - values[k - 1])
 
 
+def advance(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
+    """Straight lines between samples of a whole series; after the last of them its value. A single sample stays."""
+    return y if isinstance(y, float) else np.interp(time + p["time"], time, y)
+
+
 @numba.njit(cache=True)
 def _lags_kernel(
     time: FloatArray,

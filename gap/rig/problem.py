@@ -186,6 +186,8 @@ class RigProblem:
                     continue
                 if effect.of_turns and not seen[tap].turns(effect.needs):
                     continue
+                if effect.looks_ahead and not seen[tap].whole:
+                    continue
                 size = max(abs(seen[tap].low), abs(seen[tap].high))
                 if size < 1e-9 * measured and not effect.needs:
                     continue  # a tap that carries nothing nominally can only gain something from a related signal

@@ -45,9 +45,9 @@ class Way:
 
 @dataclass
 class Seen:
-    """What a nominal run shows of a tap: the scale of its signal and of the related ones, and how many values of it
-    there are to a sample. ``opposes`` says that motion is resisted by what is added, not by what is taken away.
-    ``ways`` has the ways of the signal (under ``""``) and of the related ones in each run."""
+    """What a nominal run shows of a tap: the scale of its signal and of the related ones, how many values of it there
+    are to a sample, and whether it takes ``whole`` series. ``opposes`` says that motion is resisted by what is added,
+    not by what is taken away. ``ways`` has those of the signal (under ``""``) and of the related ones in each run."""
 
     low: float = np.inf
     high: float = -np.inf
@@ -55,6 +55,7 @@ class Seen:
     related: dict[str, float] = field(default_factory=dict)
     values: int = 0
     calls: int = 1
+    whole: bool = False
     opposes: bool = True
     ways: dict[str, list[Way]] = field(default_factory=dict)
 
@@ -89,6 +90,7 @@ class Survey:
         for key, going in {"": y, **related}.items():
             seen.ways.setdefault(key, [Way()])[-1].go(np.atleast_1d(np.asarray(going, dtype=float)))
         if y.size == self.time.size and y.size > 1:
+            seen.whole = True
             seen.rate = max(seen.rate, float(np.nanquantile(np.abs(np.diff(y) / np.diff(self.time)), 0.99)))
         for key, other in related.items():
             seen.related[key] = max(seen.related.get(key, 0.0), float(np.nanmax(np.abs(other))))

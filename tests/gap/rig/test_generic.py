@@ -30,7 +30,16 @@ def test_an_effect_without_strength_does_nothing(effect: GenericEffect) -> None:
     assert acted(effect, values) == pytest.approx(SIGNAL, abs=1e-6)
 
 
-@pytest.mark.parametrize("effect", GENERIC, ids=lambda e: e.form or e.name)
+def test_an_input_may_be_early_and_hysteresis_never_leads() -> None:
+    early = next(e for e in GENERIC if e.looks_ahead)
+    ahead = acted(early, {"time": 0.1})
+    assert ahead[:-100] == pytest.approx(np.interp(TIME[:-100] + 0.1, TIME, SIGNAL))
+    assert early.act({}, 1.0, 2.0, {}, {"time": 0.1}) == 2.0  # inside an integration nothing is known beforehand
+    level = next(e for e in GENERIC if e.name == "hysteresis").parameters[0]
+    assert level.low > 0.0
+
+
+@pytest.mark.parametrize("effect", [e for e in GENERIC if not e.looks_ahead], ids=lambda e: e.form or e.name)
 def test_chunks_and_single_samples_join_without_a_seam(effect: GenericEffect) -> None:
     values = {p.name: p.default for p in effect.parameters}
     if effect.name == "slew_limit":
@@ -49,7 +58,7 @@ def test_chunks_and_single_samples_join_without_a_seam(effect: GenericEffect) ->
 
 
 def test_known_forms() -> None:
-    named = {e.name: e for e in GENERIC}
+    named = {e.form or e.name: e for e in GENERIC}
     v = RELATED["velocity"]
     friction = acted(named["coulomb_friction"], {"level": 3.0, "sharpness": 1e-9, "asymmetry": 0.0}) - SIGNAL
     assert friction == pytest.approx(3.0 * np.sign(v))

@@ -176,6 +176,45 @@ def test_dropped_samples_repeat_noise_and_all() -> None:
     assert 0.05 < np.mean(np.diff(pressure[hold]) == 0) < 0.3
 
 
+def test_a_burst_moves_up_what_follows_in_its_recording_alone() -> None:
+    time, inputs, chain = session("cutometer")
+    lost = {"form": 3, "lost": 0.5, "moment": 5.0}
+    height = effects("cutometer")["dropped_samples"].apply(chain, lost).run(time, inputs)["apex_height"]
+    nominal_height = reference("cutometer")["apex_height"]
+    inside, behind = (time >= 5.0) & (time < 13.0), time >= 320.0
+    np.testing.assert_array_equal(height[time < 5.0], nominal_height[time < 5.0])
+    np.testing.assert_allclose(height[inside], np.interp(time[inside] + 0.5, time, nominal_height))
+    np.testing.assert_array_equal(height[behind], nominal_height[behind])
+
+
+def test_a_spell_ends() -> None:
+    time, inputs, chain = session("cutometer")
+    spell = {"form": 2, "share": 0.3, "moment": 3.0, "duration": 1.0}
+    height = effects("cutometer")["rim_leak"].apply(chain, spell).run(time, inputs)["apex_height"]
+    off = np.abs(height - reference("cutometer")["apex_height"])
+    assert off[time < 3.0].max() == 0.0
+    assert off[(time > 3.1) & (time < 4.0)].min() > 1e-6
+    assert off[(time > 60.0)].max() < 0.05 * off.max()
+
+
+def test_friction_may_be_one_axis_alone() -> None:
+    time, inputs, chain = session("microrobot")
+    rough = effects("microrobot")["coulomb_friction"].apply(chain, {"axis": 2}).run(time, inputs)
+    off = [np.abs(rough[n] - reference("microrobot")[n]).max() for n in numbered("axis_position")]
+    assert max(off[0], off[2]) < 1e-12
+    assert off[1] > 1e-6
+
+
+def test_a_carried_weight_brings_one_limit_nearer() -> None:
+    time, inputs, chain = session("microrobot")
+    saturation, quiet = effects("microrobot")["force_saturation"], {n: np.zeros_like(v) for n, v in inputs.items()}
+    for sign in (1.0, -1.0):
+        push = {**quiet, "load_1": sign * 0.3 * np.minimum(time, 1.0)}
+        form = {"form": 2, "limit": 0.5, "carried": 0.6}  # 0.2 N are left one way, 0.8 N the other
+        moved = np.abs(saturation.apply(chain, form).run(time, push)["axis_position_1"]).max()
+        assert (moved > 1e-3) == (sign < 0)
+
+
 @pytest.mark.parametrize(("instrument", "effect"), [c for c in CASES if len(variants(c.values[1])) > 1])
 def test_no_two_forms_are_the_same(instrument: str, effect: Effect) -> None:
     """Neither by default nor elsewhere in the prior: each form that is offered does something of its own."""
