@@ -21,12 +21,18 @@ Force = Annotated[bool, typer.Option("--force", help="Replace what is there.")]
 def show(
     run: Run,
     png: Annotated[Path | None, typer.Option(help="Draw the recording into this file (.png, .svg, .pdf).")] = None,
+    verify: Annotated[
+        bool, typer.Option("--verify", help="Read every value and check it; 2 if any is damaged.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Say what a recording holds: channels, curve parameters, quality, events."""
     from acquire.recording import load
     from acquire.report.summary import in_words, summarise
 
+    if verify:
+        _verify(run, as_json)
+        return
     recording = load(run)
     summary = summarise(recording)
     if png is not None:
@@ -35,6 +41,19 @@ def show(
         save(overview(recording), png)
         summary["png"] = str(png)
     typer.echo(json.dumps(summary, indent=2, ensure_ascii=False) if as_json else in_words(summary))
+
+
+def _verify(run: Path, as_json: bool) -> None:
+    from acquire.cli.app import BAD_INPUT
+    from acquire.recording import faults
+
+    found = faults(run)
+    if as_json:
+        typer.echo(json.dumps({"sound": not found, "faults": found}, indent=2, ensure_ascii=False))
+    else:
+        typer.echo("\n".join(found) or "sound: every value matches its checksum")
+    if found:
+        raise typer.Exit(BAD_INPUT)
 
 
 def export(
@@ -105,16 +124,20 @@ def import_(
 
 
 def recover(
-    journal: Annotated[Path, typer.Argument(help="The journal that a crash left (.journal).")],
+    journal: Annotated[Path, typer.Argument(help="The journal that a crash left, or a damaged recording (.h5).")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="The recording; default: beside the journal.")] = None,
     as_json: Json = False,
 ) -> None:
-    """Make a recording of what a crash left; the journal stays. A whole recording is never touched."""
+    """Make a recording of what a crash left, or of what is sound in a damaged one; what was there stays."""
     from acquire.recording import recover as make
+    from acquire.recording import salvage, write_recording
 
     if not journal.is_file():
         raise FileNotFoundError(f"{journal}: no such file")
-    _say([make(journal, out)], as_json)
+    if journal.suffix == ".journal":
+        _say([make(journal, out)], as_json)
+    else:
+        _say([write_recording(salvage(journal), out or journal.with_stem(f"{journal.stem}-salvaged"))], as_json)
 
 
 def ls(

@@ -6,7 +6,7 @@ from pathlib import Path
 from acquire.recording.bundle import read_bundle
 from acquire.recording.bundle_export import write_bundle
 from acquire.recording.hdf5 import write_recording
-from acquire.recording.hdf5_reader import open_head, open_info, open_recording
+from acquire.recording.hdf5_reader import faults, open_head, open_info, open_recording, salvage
 from acquire.recording.journal import JournalFull, JournalWriter
 from acquire.recording.journal_reader import read_journal
 from acquire.recording.lock import JournalBusy
@@ -28,6 +28,7 @@ __all__ = [
     "Series",
     "counted",
     "decide",
+    "faults",
     "finalise",
     "left_out",
     "load",
@@ -37,6 +38,7 @@ __all__ = [
     "read_bundle",
     "read_journal",
     "recover",
+    "salvage",
     "write_bundle",
     "write_recording",
 ]

@@ -29,6 +29,7 @@ import h5py
 import numpy as np
 
 from acquire.files import PRIVATE, whole_file
+from acquire.recording import checksum
 from acquire.recording.hdf5_reader import (
     ENTRY_FIELDS,
     EVENT_COLUMNS,
@@ -136,6 +137,7 @@ def _write(file: h5py.File, recording: Recording, check: Callable[[], None] = la
     if plot:
         entry.attrs.create("default", **_text("plot"))
         _write_plot(_group(entry, "plot", "NXdata"), streams, recording, plot)
+    entry.attrs[checksum.OF_ALL] = np.uint32(checksum.of_structure(entry))
 
 
 def _write_run(group: h5py.Group, info: RunInfo) -> None:
@@ -300,6 +302,8 @@ def _put(group: h5py.Group, name: str, value: Any, unit: str = "") -> h5py.Datas
     else:
         dataset = group.create_dataset(name, data=value)
     dataset.attrs.create("units", **_text(unit))
+    # Of the values as the file gives them back: a list has become an array, a text bytes of fixed width.
+    dataset.attrs[checksum.OF_DATA] = np.uint32(checksum.of_data(dataset[()]))
     return dataset
 
 

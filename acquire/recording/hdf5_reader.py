@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 import h5py
 import numpy as np
 
+from acquire.recording.checksum import OF_ALL, OF_DATA, of_data, of_structure
 from acquire.recording.guard import check_file, check_readable_whole
 from acquire.recording.lazy import Hdf5Frames
 from acquire.recording.model import Event, Frames, Recording, RecordingError, RunInfo, SegmentRecord, Series
@@ -24,6 +26,7 @@ SCHEMA = "acquire-recording/1"
 ENTRY_FIELDS = ("start_time", "end_time", "status", "trip_reason")
 EVENT_COLUMNS = ("time", "level", "code", "text", "count")  # earlier versions wrote no count
 TEXTS = ("level", "code", "text", "phase", "step")  # columns of tables that are texts, as are all labels
+DAMAGE, STRUCTURE = "damage", "checksum"  # codes of events
 RUN_FIELDS = ("id", "subject", "site", "operator", "specimen", "notes", "protocol", "protocol_name")
 
 
@@ -51,6 +54,30 @@ def _reviewed(recording: Recording, path: Path | str) -> Recording:
     return replace(recording, decisions=decisions(path, recording.info.id))
 
 
+def salvage(path: Path | str) -> Recording:
+    """What is sound in a damaged recording; an event of code ``damage`` names everything that is not.
+
+    Raises as `open_recording` where too little is left to be a recording.
+    """
+    return _read(Path(path), _Reader.salvaged)
+
+
+def faults(path: Path | str) -> list[str]:
+    """What is damaged in a recording, every value and every frame read: nothing in a sound one.
+
+    Raises as `open_recording` where too little is left to be a recording.
+    """
+    recording = salvage(path)
+    found = [event.text for event in recording.events if event.code in (DAMAGE, STRUCTURE)]
+    if recording.frames is not None:
+        for index in range(len(recording.frames.time)):
+            try:
+                recording.frames.data[index]
+            except (RecordingError, OSError) as error:
+                found.append(str(error))
+    return found
+
+
 def read_open(file: h5py.File, path: Path) -> Recording:
     """The recording in an open ``file``; ``path`` is named in errors. Raises as `open_recording`."""
     check_file(file, path)
@@ -71,10 +98,28 @@ class _Reader:
     def __init__(self, file: h5py.File, path: Path) -> None:
         self.path = path
         self.cache: dict[int, Any] = {}
+        self.damage: list[str] | None = None  # where what is damaged is to be left out, what that is
         self.entry = self.group(file, "entry")
         schema = self.attr(self.entry, "schema", "")
         if schema != SCHEMA:
             raise RecordingError(f"{path}: /entry has schema {schema!r}, expected {SCHEMA!r}")
+
+    def salvaged(self) -> Recording:
+        self.damage = []
+        recording = self.recording()
+        told = (Event(0.0, "error", DAMAGE, text) for text in dict.fromkeys(self.damage))
+        return replace(recording, events=(*recording.events, *told))
+
+    def sound(self, read: Callable[[], T], otherwise: T) -> T:
+        """What ``read`` gives; where that is damaged and may be left out, ``otherwise``."""
+        if self.damage is None:
+            return read()
+        try:
+            with refusing(self.path, RecordingError, "damaged"):
+                return read()
+        except RecordingError as error:
+            self.damage.append(str(error).removeprefix(f"{self.path}: "))
+            return otherwise
 
     def recording(self) -> Recording:
         plot = ""
@@ -82,13 +127,18 @@ class _Reader:
             plot = self.attr(self.group(self.entry, "plot"), "signal", "")
         # Earlier versions recorded samples in the order in which they came.
         streams, told, _ = ordered(self.series("streams"), tell=False)
+        none: tuple[Event, ...] = ()
+        events = self.sound(self.events, none)
+        if OF_ALL in self.entry.attrs and int(self.entry.attrs[OF_ALL]) != of_structure(self.entry):
+            text = "names or attributes differ from what was written: the file was edited, or is damaged"
+            told.append(Event(0.0, "warning", STRUCTURE, text))
         return Recording(
             info=self.info(),
             streams=streams,
-            setpoints=self.setpoints(),
-            segments=self.segments(),
-            frames=self.frames(),
-            events=(*self.events(), *told),
+            setpoints=self.sound(self.setpoints, {}),
+            segments=self.sound(self.segments, ()),
+            frames=self.sound(self.frames, None),
+            events=(*events, *told),
             derived=self.series("derived"),
             plot=plot,
         )
@@ -102,7 +152,7 @@ class _Reader:
         for name, dataset in self.datasets(instrument, "calibration"):
             value = self.text(dataset) if dataset.dtype.kind == "S" else self.array(dataset)
             facts = {"value": value.item() if np.ndim(value) == 0 and not isinstance(value, str) else value}
-            facts |= {"unit" if k == "units" else k: self.attr(dataset, k, "") for k in dataset.attrs}
+            facts |= {"unit" if k == "units" else k: self.attr(dataset, k, "") for k in dataset.attrs if k != OF_DATA}
             calibration[name] = facts
         limits = {}
         for name, dataset in self.datasets(instrument, "limits"):
@@ -123,29 +173,32 @@ class _Reader:
     def series(self, kind: str) -> dict[str, Series]:
         result = {}
         for name, group in self.members(self.entry, kind):
-            if not isinstance(group, h5py.Group):
-                raise RecordingError(f"{self.path}: {group.name} is not a group")
-            value = np.asarray(self.array(self.dataset(group, "value")), float)
-            axes = {axis: self.array(group[axis]) for axis in ("time", "time_host", "seq") if axis in group}
-            for axis, array in {"time": None, **axes}.items():
-                if array is None or np.shape(array) != np.shape(value)[:1]:
-                    have = "missing" if array is None else f"of shape {np.shape(array)}"
-                    raise RecordingError(
-                        f"{self.path}: {group.name}/{axis} is {have}, but value is of shape {value.shape}"
-                    )
-            limits = group.attrs.get("range")
-            result[name] = Series(
-                value=value,
-                time=axes["time"],
-                unit=self.attr(group, "units", ""),
-                time_host=axes.get("time_host"),
-                seq=axes.get("seq"),
-                stage=self.attr(group, "stage", ""),
-                range=None if limits is None else (float(limits[0]), float(limits[1])),
-                resolution=float(group.attrs.get("resolution", 0.0)),
-                noise=float(group.attrs.get("noise", 0.0)),
-            )
+            series = self.sound(partial(self.one, group), None)
+            if series is not None:
+                result[name] = series
         return result
+
+    def one(self, group: h5py.Group) -> Series | None:
+        if not isinstance(group, h5py.Group):
+            raise RecordingError(f"{self.path}: {group.name} is not a group")
+        value = np.asarray(self.array(self.dataset(group, "value")), float)
+        axes = {axis: self.array(group[axis]) for axis in ("time", "time_host", "seq") if axis in group}
+        for axis, array in {"time": None, **axes}.items():
+            if array is None or np.shape(array) != np.shape(value)[:1]:
+                have = "missing" if array is None else f"of shape {np.shape(array)}"
+                raise RecordingError(f"{self.path}: {group.name}/{axis} is {have}, but value is of shape {value.shape}")
+        limits = group.attrs.get("range")
+        return Series(
+            value=value,
+            time=axes["time"],
+            unit=self.attr(group, "units", ""),
+            time_host=axes.get("time_host"),
+            seq=axes.get("seq"),
+            stage=self.attr(group, "stage", ""),
+            range=None if limits is None else (float(limits[0]), float(limits[1])),
+            resolution=float(group.attrs.get("resolution", 0.0)),
+            noise=float(group.attrs.get("noise", 0.0)),
+        )
 
     def setpoints(self) -> dict[str, Series]:
         result = {}
@@ -224,13 +277,16 @@ class _Reader:
         address = h5py.h5o.get_info(dataset.id).addr
         if address not in self.cache:
             check_readable_whole(dataset, self.path)
-            self.cache[address] = dataset[()]
+            value = dataset[()]
+            if OF_DATA in dataset.attrs and int(dataset.attrs[OF_DATA]) != of_data(value):
+                raise RecordingError(f"{self.path}: {dataset.name} does not match its checksum: it is damaged")
+            self.cache[address] = value
         return self.cache[address]
 
     def text(self, dataset: h5py.Dataset) -> str:
         if dataset.dtype.kind != "S" or dataset.shape != ():
             raise RecordingError(f"{self.path}: {dataset.name} is not a text")
-        return bytes(self.array(dataset)).decode()
+        return self.sound(lambda: bytes(self.array(dataset)).decode(), "")
 
     @staticmethod
     def attr(item: Any, name: str, default: Any) -> Any:

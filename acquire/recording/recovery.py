@@ -11,7 +11,8 @@ from acquire.files import sync_folder, told
 from acquire.recording.hdf5 import write_recording
 from acquire.recording.hdf5_reader import open_recording
 from acquire.recording.journal import JournalWriter
-from acquire.recording.journal_reader import JournalBytes, read_content
+from acquire.recording.journal_bytes import JournalBytes
+from acquire.recording.journal_reader import read_content
 from acquire.recording.lock import held
 from acquire.recording.model import Event, Recording, RecordingError, missing_in
 
@@ -53,6 +54,8 @@ def recover(journal: Path | str, path: Path | str | None = None, *, keep: bool =
     something else; CannotWrite, FileNotFoundError.
     """
     journal = Path(journal)
+    if journal.suffix != ".journal":
+        raise RecordingError(f"{journal}: not a journal (.journal)")
     path = journal.with_suffix(".h5") if path is None else Path(path)
     with held(journal, patience=1.0) as descriptor:
         data = JournalBytes(journal, descriptor)
