@@ -96,7 +96,8 @@ def main(arguments: list[str]) -> None:
     import atheris
 
     with tempfile.TemporaryDirectory(prefix="faults-") as name:
-        known = targets(Path(name))
+        with atheris.instrument_imports(include=["acquire", "drivers", "protocols"]):
+            known = targets(Path(name))
         decode, seeds = known[arguments[1]]
         corpus = Path(name) / "corpus"
         corpus.mkdir()
