@@ -65,6 +65,7 @@ class Request:
     repeat: int = 1
     specimen: str = "skin"
     notes: str = ""
+    consent: str = ""  # a reference to the subject's consent, never a name
     gvt: float | None = None
 
     def __post_init__(self) -> None:
@@ -230,6 +231,7 @@ class Session:
             repeat=request.repeat,
             specimen=request.specimen,
             notes=request.notes,
+            consent=request.consent,
             versions=versions(),
             station=self.station.text(),
             limits=limits.values(),

@@ -29,7 +29,8 @@ def run(
     specimen: Annotated[str, typer.Option(help="skin, or a reference: 'rigid block', 'open air'.")] = "skin",
     repeat: Annotated[int, typer.Option(parser=whole(1), help="Which repeat of this measurement it is, from 1.")] = 1,
     operator: Annotated[str, typer.Option(help="Who measures.")] = "",
-    notes: Annotated[str, typer.Option(help="Anything worth keeping.")] = "",
+    notes: Annotated[str, typer.Option(help="Anything worth keeping; no names.")] = "",
+    consent: Annotated[str, typer.Option(help="Which consent of the subject covers the recording, such as C12.")] = "",
     effect: Annotated[
         list[str] | None, typer.Option(help="Simulated non-ideality, such as regulator_lag:tau=0.3s; may be repeated.")
     ] = None,
@@ -52,7 +53,7 @@ def run(
         from acquire.session import Request, Session
 
         bench = bench_of(station, sim, tissue, tuple(effect or ()), seed)
-        request = Request(subject, site, operator, repeat, specimen, notes)
+        request = Request(subject, site, operator, repeat, specimen, notes, consent)
         with Session(bench, speed=speed, out=out, notify=hooks(notify or (), bench.notify)) as session:
             stop.ends(session)
             engine, plan = session.prepare(protocol, request, name=instrument, out=out)

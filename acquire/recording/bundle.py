@@ -117,6 +117,7 @@ class _Import:
             versions=run.versions,
             station=run.station,
             device=run.device,
+            consent=run.consent,
             limits=run.limits,
             calibration=run.calibration,
         )

@@ -126,6 +126,7 @@ class Run(_Loose):
     calibration: dict[Name, dict[str, Any]] = Field(default={})
     station: str = ""
     device: Short = ""
+    consent: Short = ""
     plot: Short = ""
 
 

@@ -145,6 +145,7 @@ def _write_run(group: h5py.Group, info: RunInfo) -> None:
         _put(group, name, getattr(info, name))
     _put(group, "protocol_sha256", hashlib.sha256(info.protocol.encode()).hexdigest())
     group["protocol"].attrs.create("sha256", **_text(hashlib.sha256(info.protocol.encode()).hexdigest()))
+    _put(group, "consent", info.consent)
     _put(group, "repeat", np.int64(info.repeat), "1")
     versions = _group(group, "versions", "NXcollection")
     for name, version in info.versions.items():

@@ -166,6 +166,7 @@ class _Reader:
             versions={name: self.text(dataset) for name, dataset in self.datasets(run, "versions")},
             limits=limits,
             calibration=calibration,
+            consent=self.text(self.dataset(run, "consent")) if "consent" in run else "",
             **{name: self.text(self.dataset(run, name)) for name in RUN_FIELDS},
             **{name: self.text(self.dataset(self.entry, name)) for name in ENTRY_FIELDS},
         )

@@ -38,6 +38,7 @@ class _Identity(BaseModel):
     instrument: Annotated[Line, Field(min_length=1, max_length=80)]
     subject: Line
     site: Line
+    consent: Line
     operator: Line
     specimen: Line
     protocol_name: Line

@@ -152,6 +152,7 @@ class RunInfo:
     repeat: int = 1
     specimen: str = "skin"
     notes: str = ""
+    consent: str = ""  # which consent of the subject covers this; empty: nobody said
     versions: Mapping[str, str] = field(default_factory=dict)
     station: str = ""  # the station file verbatim (YAML)
     device: str = ""  # the station's name of the instrument

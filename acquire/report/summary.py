@@ -47,6 +47,7 @@ def summarise(recording: Recording) -> dict[str, Any]:
         "left_out": left_out(recording),
         "decisions": [vars(decision) for decision in recording.decisions],
         "notes": info.notes,
+        "consent": info.consent or "not stated",
         "duration": end - begin,
         "channels": {name: _channel(series) for name, series in recording.streams.items()},
         "setpoints": list(recording.setpoints),

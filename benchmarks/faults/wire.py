@@ -9,7 +9,7 @@ import numpy as np
 
 from acquire.engine import State
 from acquire.recording import Recording, open_recording
-from benchmarks.faults.rig import Rig, Stillness
+from benchmarks.faults.rig import STALE, WATCHDOG, Rig, Stillness
 from benchmarks.faults.table import Campaign, Row
 from sim_devices.servers.proxy import DELIMITERS, Damage, Proxy
 
@@ -42,8 +42,9 @@ def _bytes(campaign: Campaign) -> Row:
 
     with Rig("cutometer", seed=campaign.seed, between=between) as rig:
         wire = proxies["control"].to_host
-        for number in range(campaign.count(FULL)):
-            damage = DAMAGES[number % len(DAMAGES)]
+        count = campaign.count(FULL)
+        while row.trials < count:
+            damage = DAMAGES[row.trials % len(DAMAGES)]
             engine = rig.begin()
             time.sleep(0.5)  # held, no longer settling
             still, began = Stillness(), time.monotonic()
@@ -58,6 +59,8 @@ def _bytes(campaign: Campaign) -> Row:
             engine.abort("enough")
             outcome = rig.over(engine)
             figure, problem = float("nan"), ""
+            if waited > WATCHDOG / 2 and "no heartbeat" in outcome.reason:
+                continue  # vented because this computer stood still, and rightly: no trial of a cable
             if state is not State.RUNNING:
                 problem = f"ended {outcome.status}: {outcome.reason}"
             elif outcome.recording is None:
@@ -100,12 +103,8 @@ def _uncounted(recording: Recording, damage: str, done: int) -> str:
 
 
 def _camera(campaign: Campaign) -> Row:
-    row = Row(
-        "camera stalls",
-        "flagged ≤ 0.5 s (and its stale limit), the run stops, frame numbers true",
-        "s to the vent",
-        1.0,
-    )
+    must = f"the run stops within {STALE:g} s (its stale limit) and 0.5 s, frame numbers true"
+    row = Row("camera stalls", must, "s to the vent", STALE + 0.5)
     proxies: dict[str, Proxy] = {}
 
     def between(addresses: Mapping[str, str]) -> Mapping[str, str]:

@@ -41,11 +41,13 @@ def test_a_run_leaves_a_recording_that_tells_everything(
 ) -> None:
     options = ["--sim", "--speed", "50", "--subject", "P07", "--site", "cheek", "--repeat", "2", "--operator", "kim"]
     options += ["--tissue", "cheek", "--seed", "5", "--effect", "gauge_gain:error=0.05", "--notes", "warm", "--json"]
+    options += ["--consent", "C12"]
     assert run(["run", brief, *options, "-o", str(tmp_path / "out")]) == 0
     told = json.loads(capsys.readouterr().out)
     assert (told["status"], told["lost_samples"], told["instrument"]) == ("completed", 0, "cutometer")
     recording = open_recording(told["recording"])
     info = recording.info
+    assert info.consent == "C12"
     assert (info.subject, info.site, info.repeat, info.operator, info.notes) == ("P07", "cheek", 2, "kim", "warm")
     assert info.protocol == BRIEF
     assert info.protocol_name == "brief"

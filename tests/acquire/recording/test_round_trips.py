@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -19,12 +20,15 @@ from acquire.recording import (
     Series,
     load,
     open_recording,
+    read_bundle,
     read_journal,
     write_bundle,
     write_recording,
 )
 from acquire.recording.model import difference
+from acquire.report.summary import summarise
 from drivers.signals import Block, Channel
+from tests.acquire.recording.samples import sample_recording
 
 texts = st.text(st.characters(blacklist_categories=("Cs", "Cc")), max_size=20)
 names = st.from_regex(r"[a-z][a-z0-9_]{0,12}", fullmatch=True).filter(lambda n: n not in ("time", "seq", "time_host"))
@@ -81,3 +85,12 @@ def test_journal(tmp_path_factory: pytest.TempPathFactory, series: Series, cuts:
     assert np.array_equal(found.time, series.time)
     assert np.array_equal(found.seq, series.seq)
     assert (found.unit, found.stage) == (series.unit, series.stage)
+
+
+def test_consent_is_a_fact_of_the_recording(tmp_path: Path) -> None:
+    sample = sample_recording(20, frames=0)
+    recording = replace(sample, info=replace(sample.info, consent="C12, images included"))
+    file = write_recording(recording, tmp_path / "run.h5")
+    again = read_bundle(write_bundle(open_recording(file), tmp_path / "bundle"))
+    assert again.info.consent == "C12, images included"
+    assert summarise(sample)["consent"] == "not stated"
