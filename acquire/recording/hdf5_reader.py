@@ -278,9 +278,12 @@ class _Reader:
         address = h5py.h5o.get_info(dataset.id).addr
         if address not in self.cache:
             check_readable_whole(dataset, self.path)
-            value = dataset[()]
+            try:
+                value = dataset[()]
+            except OSError as error:  # a filter found damage
+                raise RecordingError(f"{self.path}: {dataset.name} is damaged: {error}") from error
             if OF_DATA in dataset.attrs and int(dataset.attrs[OF_DATA]) != of_data(value):
-                raise RecordingError(f"{self.path}: {dataset.name} does not match its checksum: it is damaged")
+                raise RecordingError(f"{self.path}: {dataset.name} is damaged: it does not match its checksum")
             self.cache[address] = value
         return self.cache[address]
 

@@ -118,7 +118,7 @@ def test_a_damaged_stream_is_named_and_the_others_are_saved(tmp_path: Path, caps
     spoil(path, "entry/streams/apex_height/value")
     spoil(path, "entry/frames/data")
     assert run(["show", str(path)]) == 2
-    assert "/entry/streams/apex_height/value does not match its checksum" in capsys.readouterr().err
+    assert "/entry/streams/apex_height/value is damaged" in capsys.readouterr().err
     assert run(["show", "--verify", "--json", str(path)]) == 2
     told = json.loads(capsys.readouterr().out)
     assert not told["sound"]
@@ -133,9 +133,8 @@ def test_salvage_makes_a_file_of_what_is_sound(tmp_path: Path) -> None:
     assert run(["recover", str(path)]) == 0
     saved = load(tmp_path / "run-salvaged.h5")
     assert list(saved.streams) == ["pressure"]
-    assert [event.text for event in saved.events if event.code == "damage"] == [
-        "/entry/streams/apex_height/value does not match its checksum: it is damaged"
-    ]
+    (told,) = (event.text for event in saved.events if event.code == "damage")
+    assert "/entry/streams/apex_height/value is damaged" in told
     assert len(path.read_bytes()) == len(before)
 
 
