@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from acquire.engine import Rules, Tracking
-from acquire.session import Session, calibration
+from acquire.provenance import calibration
+from acquire.session import Session
 from acquire.station import Station, load_station, simulated_station
 from drivers.instrument import Entry
 from protocols import ProtocolError, load
