@@ -17,6 +17,7 @@ from acquire.engine.link import LinkThread
 from acquire.engine.links import Links
 from acquire.engine.loop import ControlLoop
 from acquire.engine.plan import Outcome, Progress, RunPlan
+from acquire.engine.plausibility import RIGID
 from acquire.engine.queues import DisplayQueue
 from acquire.engine.rules import Rules, Trip
 from acquire.engine.state import State, StateMachine, WrongState
@@ -316,7 +317,8 @@ class RunEngine(ControlLoop):
             raise
         names = tuple(link.source.name for link in self._links)
         gappy = frozenset(c.name for source in self.rig.sources for c in source.channels)
-        self._interlock.watch(plan.limits, names, run.feeder.commanded, plan.path.parent, gappy)
+        yields = plan.info.specimen not in RIGID
+        self._interlock.watch(plan.limits, names, run.feeder.commanded, plan.path.parent, gappy, yields)
 
     def _wait_for_data(self) -> None:
         """Wait until the device has been heard for long enough, and every link once more: a silent one is found now."""
