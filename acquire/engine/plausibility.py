@@ -23,9 +23,9 @@ CHANCE, FREEZE, LEARNT = 1e-12, 0.5, 30
 NOISY = 0.4
 #: A channel's recent past in s, with which its newest values are compared.
 RECENT = 0.2
-#: Suction in Pa, of a set-point, to which skin must respond, by how much (m) and within which time (s); after the
-#: release it must lose this share of its height. All assumed, far below what the softest to stiffest sites do.
-PULL, RISE, RESPONSE, RECOVERY = 10_000.0, 20e-6, 2.0, 0.15
+#: Suction in Pa, of a set-point, to which skin must respond, by how much (m: less than a step of the coarsest height
+#: sensor) and within which time (s); after the release of a clear height (m) it must lose this share of it. Assumed.
+PULL, RISE, RESPONSE, CLEAR, RECOVERY = 10_000.0, 8e-6, 2.0, 80e-6, 0.15
 #: Specimens that do not come up under suction, or not as skin does.
 RIGID = ("rigid block", "open air")
 
@@ -187,7 +187,7 @@ class Response:
             return None
         self._judged = True
         rise, left = self._peak - self._start, _middle(self._recent) - self._start
-        if not rise >= 3 * RISE or left <= (1 - RECOVERY) * rise:
+        if not rise >= CLEAR or left <= (1 - RECOVERY) * rise:
             return None
         text = f"apex_height keeps {left:.3g} of {rise:.3g} m although vented for {RESPONSE:g} s"
         return Trip("response", f"{text}: is there still suction?", time)
