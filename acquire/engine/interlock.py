@@ -16,7 +16,7 @@ from pathlib import Path
 from acquire.engine.checks import LIMITS, Check, Dwells, Targets, Watch
 from acquire.engine.freshness import Freshness
 from acquire.engine.host_clock import HostClock
-from acquire.engine.plausibility import PLAUSIBILITY
+from acquire.engine.plausibility import PLAUSIBILITY, Pictures
 from acquire.engine.rules import Rules, Trip
 from drivers.device import Status
 from drivers.signals import Block, FloatArray, Frame
@@ -38,6 +38,7 @@ class Interlock(threading.Thread):
         self._blocks: collections.deque[tuple[str, Block | Frame, Status | None]] = collections.deque()
         self._wake = threading.Event()
         self._checks: tuple[Check, ...] = ()
+        self._pictures = Pictures()
         self._commanded: Commanded | None = None
         self._freshness = Freshness((), rules, 0.0)
         self._clock = HostClock(rules.stale)
@@ -61,6 +62,7 @@ class Interlock(threading.Thread):
         The first link is the driven device's. For ``gappy`` and ``yields`` see `Watch`.
         """
         watch = Watch(limits, self.rules, gappy, yields)
+        self._pictures = Pictures()
         self._commanded = commanded
         self._checks = tuple(check(watch) for check in (*LIMITS, *(PLAUSIBILITY if self.rules.plausible else ())))
         self._freshness = Freshness(links, self.rules, time.monotonic())
@@ -121,7 +123,9 @@ class Interlock(threading.Thread):
                     self.fire(Trip("host", fault))
                 while self._blocks and self._watching:
                     link, item, status = self._blocks.popleft()
-                    if isinstance(item, Block) and len(item):
+                    if isinstance(item, Frame):
+                        self._check_picture(item)
+                    elif len(item):
                         self._check(item, status)
                     self._check_status(link, status)
                 if self._watching:
@@ -139,6 +143,10 @@ class Interlock(threading.Thread):
             if trip := check.look(block, targets):
                 self.fire(trip)
                 return
+
+    def _check_picture(self, frame: Frame) -> None:
+        if self.rules.plausible and (trip := self._pictures.look(frame)):
+            self.fire(trip)
 
     def _check_status(self, link: str, status: Status | None) -> None:
         if status is not None and (status.state == "fault" or status.fault):

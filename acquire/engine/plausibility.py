@@ -13,11 +13,13 @@ import numpy as np
 
 from acquire.engine.checks import Bools, Check, Lasting, Targets, Twice, Watch
 from acquire.engine.rules import Trip
-from drivers.signals import REFERENCE, Block, FloatArray
+from drivers.signals import REFERENCE, Block, FloatArray, Frame
 
 #: Chance of a streak of equal readings below which a channel counts as frozen, the least time in s of such a streak
 #: (polls and converters repeat some), and how many readings must have shown how the channel's noise looks.
 CHANCE, FREEZE, LEARNT = 1e-12, 0.5, 30
+#: So many equal pictures are too many, if they last as long.
+SAME_PICTURES = 5
 #: White noise turns at two readings of three. A channel that turns at fewer than this share of them is smoothed, or its
 #: resolution hides the noise: then nothing can be said.
 NOISY = 0.4
@@ -54,10 +56,11 @@ class Frozen:
     """A channel whose noise vanishes is no longer measured: its last reading is repeated.
 
     The noise is learnt from the run itself, while nothing is commanded to move. Zero, where converters clip, does not
-    count.
+    count. A height that is made of pictures is left out: `Pictures` looks at these themselves.
     """
 
     def __init__(self, watch: Watch) -> None:
+        self._left_out = watch.gappy
         self._noise: dict[str, _Noise] = {}
         self._target: dict[str, float] = {}  # the last one of each quantity
 
@@ -69,6 +72,8 @@ class Frozen:
             still &= (target == before) | (np.isnan(target) & np.isnan(before))
             self._target[quantity] = float(target[-1])
         for name, values in block.values.items():
+            if name in self._left_out:
+                continue
             noise = self._noise.setdefault(name, _Noise())
             self._learn(noise, values, block.time, still)
             if noise.again > noise.streak and block.time[-1] - noise.since >= FREEZE:
@@ -92,6 +97,24 @@ class Frozen:
         noise.equal += int((counted & equal[: end + 1]).sum()) + noise.again
         noise.turns += int((counted & turns[: end + 1]).sum())
         noise.again, noise.since = len(values) - 1 - end, float(when[end])
+
+
+class Pictures:
+    """A camera's pictures are never twice the same: their noise would have to be."""
+
+    def __init__(self) -> None:
+        self._first: Frame | None = None
+        self._again = 0
+
+    def look(self, frame: Frame) -> Trip | None:
+        """What is wrong with the next picture."""
+        if self._first is None or not np.array_equal(frame.image, self._first.image):
+            self._first, self._again = frame, 0
+            return None
+        self._again += 1
+        if self._again < SAME_PICTURES or frame.time - self._first.time < FREEZE:
+            return None
+        return Trip("frozen", f"the camera shows one picture {self._again + 1} times running", frame.time)
 
 
 class Jumps:
@@ -137,12 +160,11 @@ class Response:
     """Skin that is pulled comes up, and skin that is released comes down again.
 
     A height that stays is a dead sensor, or suction that is not there; one that stays after the release is suction that
-    the gauge does not show.
+    the gauge does not show. A height that is made of pictures is a preview, and stops nothing.
     """
 
     def __init__(self, watch: Watch) -> None:
-        self._yields = watch.yields
-        self._begun = False
+        self._asked = watch.yields and "apex_height" not in watch.gappy
         self._rest: deque[tuple[float, float]] = deque()  # the last second's heights at rest
         self._recent: deque[tuple[float, float]] = deque()  # the last heights
         self._start = math.nan  # height at rest before the pull
@@ -152,7 +174,7 @@ class Response:
 
     def look(self, block: Block, targets: Targets) -> Trip | None:
         """What is wrong with the next samples, for which ``targets`` are commanded."""
-        if not self._yields or "apex_height" not in block.values:
+        if not self._asked or "apex_height" not in block.values:
             return None
         target = targets.get("pressure", np.full(len(block), math.nan))
         for sample in zip(block.time.tolist(), block.values["apex_height"].tolist(), target.tolist(), strict=True):
@@ -161,17 +183,11 @@ class Response:
         return None
 
     def _sample(self, time: float, height: float, target: float) -> Trip | None:
-        if not math.isfinite(height):
+        if math.isnan(target):
+            self._forget()
+        if not (math.isfinite(height) and math.isfinite(target)):
             return None
         _remember(self._recent, time, height, RESPONSE / 4)
-        if math.isnan(target):
-            # Before the first set-point it is at rest; later (paused, or between two segments) nobody knows since when.
-            if self._begun:
-                self._forget()
-            else:
-                _remember(self._rest, time, height, RESPONSE / 2)
-            return None
-        self._begun = True
         if target == 0:
             return self._resting(time, height)
         if abs(target) >= PULL:

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from acquire.engine.checks import LIMITS, Watch
-from acquire.engine.plausibility import PLAUSIBILITY
+from acquire.engine.plausibility import PLAUSIBILITY, Pictures
 from acquire.engine.rules import Rules, Trip
-from drivers.signals import Block, FloatArray
+from drivers.signals import Block, FloatArray, Frame
 from protocols.limits import Limits, Range
 
 RATE = 100.0
@@ -113,6 +113,22 @@ def test_a_height_that_does_not_follow_trips() -> None:
     trip = look(downward)
     assert trip is not None
     assert trip.code == "response"
+
+
+def test_a_height_made_of_pictures_stops_nothing() -> None:
+    dead = {**sound(), "apex_height": np.zeros(len(TIME))}
+    assert look(dead, gappy=frozenset({"apex_height"})) is None
+
+
+def test_one_picture_for_ever_trips() -> None:
+    random = np.random.default_rng(0)
+    pictures = Pictures()
+    images = [random.integers(0, 255, (8, 8), np.uint8) for _ in range(30)]
+    assert not any(pictures.look(Frame(image, k, k / 25, 0.0)) for k, image in enumerate(images))
+    assert not any(pictures.look(Frame(images[k // 4], k, k / 25, 0.0)) for k in range(30, 60)), "a slow camera"
+    trips = [pictures.look(Frame(images[0], k, k / 25, 0.0)) for k in range(60, 90)]
+    first = next(trip for trip in trips if trip)
+    assert (first.code, first.time) == ("frozen", pytest.approx(60 / 25 + 0.52, abs=0.05))
 
 
 def test_a_gauge_that_says_vented_while_the_skin_stays_up_trips() -> None:
