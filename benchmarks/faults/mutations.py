@@ -190,18 +190,8 @@ def main(arguments: list[str]) -> int:
     for hazard in arguments or REMOVALS:
         removal = REMOVALS[hazard]
         began = time.monotonic()
-        command = [
-            sys.executable,
-            "-m",
-            "pytest",
-            "-x",
-            "-q",
-            "-p",
-            "benchmarks.faults.mutations",
-            "-p",
-            "no:rerunfailures",
-        ]
-        command += ["-p", "no:cacheprovider", removal.test]
+        plugins = ("-p", "benchmarks.faults.mutations", "-p", "no:cacheprovider", "--reruns", "0")
+        command = [sys.executable, "-m", "pytest", "-x", "-q", *plugins, removal.test]
         environment = os.environ | {VARIABLE: hazard}
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
         failed = done.returncode == 1 and "FAILED" in done.stdout
