@@ -139,9 +139,9 @@ REMOVALS = {
         ("acquire.engine.interlock:Interlock._check_status",),
     ),
     "H36": Removal(
-        "trip on tracking",
-        f"{ENGINE}::test_a_trip_vents_latches_and_needs_a_reset",
-        ("acquire.engine.checks:Following.look",),
+        "readings are asked to be plausible",
+        "tests/acquire/engine/test_plausibility.py::test_a_gauge_that_fails_in_a_hold_trips",
+        ("acquire.engine.plausibility:Frozen.look", "acquire.engine.plausibility:Jumps.look"),
     ),
     "H37": Removal(
         "journals are locked",
