@@ -21,7 +21,8 @@ import cv2
 import h5py
 import numpy as np
 
-from acquire.recording import open_recording
+from acquire.recording import JournalWriter, RunInfo, finalise, open_recording
+from drivers.signals import Frame
 
 COUNT = 60  # frames that are measured
 RUN = 6000  # frames of four minutes at 25 Hz
@@ -39,6 +40,9 @@ def main() -> None:
             tell(label, *hdf5(frames, Path(name) / "x.h5", options), frames, readers)
         tell("PNG, Huffman only", *png(frames), frames, "any, one file a frame")
         tell("FFV1 in AVI", *ffv1(frames, Path(name) / "x.avi"), frames, "video players, no HDF5 reader")
+        ready(frames[:5], Path(name), 1e-5)  # compiles the kernels
+        file, contour = ready(frames, Path(name), 0.0), ready(frames, Path(name), 2e-5)
+        print(f"from the end of such a run to its file: {RUN * file:.0f} s, with the contour {RUN * contour:.0f} s")
         bits = noise_bits(data)
         print(
             f"noise of a still scene: {bits:.2f} bits/px, so {8 / bits:.2f} x and {gigabytes(frames, 8 / bits):.2f} GB"
@@ -107,6 +111,14 @@ def ffv1(frames: np.ndarray, path: Path) -> tuple[int, float, float]:
 
     writing = seconds(write)
     return (path.stat().st_size, writing, seconds(read)) if path.exists() else (0, 0.0, 0.0)
+
+
+def ready(frames: np.ndarray, folder: Path, scale: float) -> float:
+    """Seconds of processor time a frame from the end of a run to its verified file; without ``scale`` no contour."""
+    journal = JournalWriter(folder / f"{scale}.journal", RunInfo("ready", "aspiration", ""), frame_scale=scale)
+    for index in range(5 * len(frames)):
+        journal.frame(Frame(frames[index % len(frames)], index, index / 25.0, index / 25.0))
+    return seconds(lambda: finalise(journal, folder / f"{scale}.h5")) / (5 * len(frames))
 
 
 def noise_bits(data: Any) -> float:
