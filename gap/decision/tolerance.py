@@ -34,7 +34,8 @@ def _by_parameters(h: Hypothesis, stated: Stated) -> float:
         fitted = next((f for f in h.fits.values() if e in f.hypothesis), None)
         known = stated.get(e.name, {})
         strengths = [p for p in e.parameters if p.null is not None]
-        if fitted is None or not strengths or any(p.name not in known for p in strengths):
+        # What happens at one moment is no tolerance: an instrument is off all the time.
+        if e.event or fitted is None or not strengths or any(p.name not in known for p in strengths):
             return float(np.inf)
         values = fitted.active[e]
         sizes += [abs(values[p.name] - (p.null or 0.0)) / known[p.name].value for p in strengths]

@@ -208,6 +208,10 @@ def test_an_effect_within_twice_a_stated_tolerance_is_no_finding(linear, candida
 
     assert large({})[0] == np.inf
     assert large({"wave": {"a": Tolerance(size, "1", "test")}}) == pytest.approx((1.0, 0.0))
+    jump = replace(h.effects[0], event=True)  # what happens at one moment is no tolerance
+    jumping = Hypothesis((jump,), {"linear": replace(h.fits["linear"], hypothesis=(jump,))})
+    stated = {"wave": {"a": Tolerance(size, "1", "test")}}
+    assert in_tolerances(comparison.problems, comparison.null, jumping, stated, found.temper)[0] == np.inf
     assert judge(comparison, known, tolerances=1.0).verdict == "undetectable"
     assert judge(comparison, known, tolerances=3.0).verdict == "effect"
     assert judge(comparison, known, tolerances=1.0, beyond=9.0).verdict == "effect"
