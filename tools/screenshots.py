@@ -64,10 +64,7 @@ class Photographer:
         deadline = time.monotonic() + timeout
         while not condition():
             if time.monotonic() > deadline:
-                rows = [
-                    f"{row.info.name} {row.state} {row.error.text()}" for row in self.window.instruments.rows.values()
-                ]
-                raise TimeoutError(f"the window did not get there: {'; '.join(rows)}; {self.window.missing}")
+                raise TimeoutError(f"the window did not get there: {self.window.statusBar().currentMessage()}")
             QTest.qWait(10)
 
     def shoot(self, name: str) -> None:

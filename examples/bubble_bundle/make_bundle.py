@@ -59,11 +59,8 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, default=Path("out/bubbles"), help="folder for the bundles")
     parser.add_argument("--data", type=Path, help="folder of the images (default: in SKINRIG_DATA)")
     arguments = parser.parse_args()
-    try:
-        for name in BUNDLES:
-            print(make_bundle(name, arguments.output / name, arguments.data))
-    except (OSError, ValueError) as error:
-        parser.exit(2, f"{parser.prog}: {error}\n")
+    for name in BUNDLES:
+        print(make_bundle(name, arguments.output / name, arguments.data))
 
 
 if __name__ == "__main__":

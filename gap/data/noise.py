@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,11 @@ from scipy.ndimage import gaussian_filter1d
 
 from sim_devices.chain import FloatArray
 
+BLOCKS = (4, 8, 16, 32)
+"""Lengths of block, in samples, for which a correlation is looked for."""
+FEWEST_BLOCKS = 16
+CHANCE = 1.5
+"""Standard errors of a variance that are chance's."""
 STILL = 40
 """Samples over which a channel on a grid must hardly move for its noise to be read there."""
 
@@ -149,6 +155,23 @@ def correlation_time(residual: FloatArray, limit: int = 2000) -> float:
     below = np.flatnonzero(rho < 0.05)
     end = int(below[0]) if len(below) else len(rho)
     return max(1.0, float(1.0 + 2.0 * np.sum(rho[1:end])))
+
+
+def long_run_share(runs: Sequence[FloatArray]) -> float:
+    """How many times larger the variance of sums over neighbouring samples is than were they independent, ≥ 1, for the
+    length of block where that is most and surest.
+
+    A small correlation over many samples, which `correlation_time` cuts off, is what imitates a smooth effect.
+    """
+    square = float(np.mean(np.square(np.concatenate(runs)))) if len(runs) else 0.0
+    most = 1.0
+    for length in BLOCKS:
+        sums = [v[: len(v) // length * length].reshape(-1, length).sum(axis=1) for v in runs]
+        summed = np.concatenate(sums or [np.zeros(0)])
+        if square > 0 and len(summed) >= FEWEST_BLOCKS:
+            ratio = float(np.mean(np.square(summed))) / (length * square)
+            most = max(most, ratio * (1.0 - CHANCE * np.sqrt(2.0 / len(summed))))
+    return most
 
 
 def denoised(time: FloatArray, remainder: FloatArray, width: float = 0.25) -> FloatArray:

@@ -12,7 +12,7 @@ import numpy as np
 from gap.data.tolerances import Tolerance
 from gap.inference.evidence import Fit
 from gap.inference.hypothesis import Active, Candidate, Evaluation, Lateness, Start
-from gap.inference.least_squares import fit
+from gap.inference.least_squares import fit, under
 from gap.null.blocks import Block, Group, GroupedSession, Table
 from gap.null.chains import needed
 from sim_devices.chain import Chain, Effect, FloatArray
@@ -67,7 +67,7 @@ class PressureBlock(Block):
     """Command -> recorded pressure.
 
     Nuisance: the regulator's time constant and damping, the sampling convention (a shift within one sample), and
-    three quick lags that other regulators than the nominal second-order one would add.
+    three quick lags and a lead that other regulators than the nominal second-order one would add.
     """
 
     name, channels = "pressure", ("pressure",)
@@ -81,15 +81,20 @@ class PressureBlock(Block):
         self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
         # As a sound instrument of the nominal kind, or a regulator of another time and damping.
         self.alternatives = (self.prior_sd, self._prior(lambda t: t.widest))
-        self._linear = np.column_stack([self._lag_columns(), self.measured, np.ones(len(self.stamps))])
+        self._linear = np.column_stack([self._loop_columns(), np.ones(len(self.stamps))])
         self.blur_steep_parts(self._slope())
+        self.prior_sd = max(self.alternatives, key=self._probability)
 
     def _prior(self, width: Callable[[Tolerance], float]) -> FloatArray:
         """Prior widths (p,) of a sound instrument, by the one of its tolerances that ``width`` takes."""
         own, regulator = self.tolerances, self.tolerances["regulator"]
         loop = [width(regulator["time"]), width(regulator["damping"]), self.shift_sd, own["clock_skew"]["rate"].value]
-        lags = [width(regulator["further_lags"])] * len(self.LAGS)
-        return np.array([*loop, *lags, own["gauge_gain"]["error"].value, own["gauge_offset"]["offset"].value])
+        further = [*[width(regulator["further_lags"])] * len(self.LAGS), width(regulator["lead"])]
+        return np.array([*loop, *further, own["gauge_gain"]["error"].value, own["gauge_offset"]["offset"].value])
+
+    def _probability(self, sd: FloatArray) -> float:
+        """log evidence of instruments of prior widths ``sd`` (p,), without an effect."""
+        return fit(under(self, self.prior_mean, sd)).log_evidence(1.0, (sd,))
 
     def line(self, group: Group, time: FloatArray) -> Table:
         """What the regulator, as fitted to the recorded pressure, made of the command: times finer than ``time`` (n,)
@@ -99,7 +104,8 @@ class PressureBlock(Block):
         chain = chain.tuned("regulator", tau=REGULATOR_TAU * float(np.exp(c[0])), zeta=float(np.exp(c[1])))
         fine, value = commanded_line(chain, group, time, self.early)
         further = zip(c[4 : 4 + len(self.LAGS)], self.LAGS, strict=True)
-        return fine, value + sum(k * (evaluate(low_pass, fine, value, tau) - value) for k, tau in further)
+        led = float(c[4 + len(self.LAGS)]) * np.gradient(value, fine)
+        return fine, value + led + sum(k * (evaluate(low_pass, fine, value, tau) - value) for k, tau in further)
 
     def early(self, time: FloatArray) -> FloatArray:
         """How far the record's stamps ``time`` (n,) are before the command's clock, s."""
@@ -120,9 +126,13 @@ class PressureBlock(Block):
         later[2], earlier[2] = 1e-3, -1e-3
         return (self._predict(later, {}) - self._predict(earlier, {})) / 2e-3
 
-    def _lag_columns(self) -> FloatArray:
-        """What a further lag behind the nominal regulator would change (n, lags), Pa."""
-        out = np.zeros((len(self.stamps), len(self.LAGS)))
+    def _loop_columns(self) -> FloatArray:
+        """What further lags behind the nominal regulator would change, a lead of one second (of a set-point that is fed
+        forward, or weighed) and a gauge's gain of one, (n, lags + 2), Pa.
+
+        A gain of the record itself would shrink its noise.
+        """
+        out = np.zeros((len(self.stamps), len(self.LAGS) + 2))
         for g, at in self.groups:
             kinks = g.commands["pressure"].kinks
             fine = np.unique(np.concatenate([self.stamps[at], (kinks[:, None] + REFINEMENT).ravel()]))
@@ -131,6 +141,8 @@ class PressureBlock(Block):
             direct = simulate(partial, g.tables(), {"pressure": fine})["pressure"]
             for j, tau in enumerate(self.LAGS):
                 out[at, j] = np.interp(self.stamps[at], fine, evaluate(low_pass, fine, direct, tau) - direct)
+            out[at, -2] = np.interp(self.stamps[at], fine, np.gradient(direct, fine))
+            out[at, -1] = np.interp(self.stamps[at], fine, direct)
         return out
 
     def _predict(self, nuisance: FloatArray, active: Active) -> FloatArray:

@@ -14,7 +14,7 @@ from functools import partial
 
 import numpy as np
 
-from gap.data.noise import correlation_time
+from gap.data.noise import correlation_time, long_run_share
 from gap.inference.evidence import Fit, Hypothesis
 from gap.inference.hypothesis import Candidate
 from gap.inference.least_squares import fit, under
@@ -83,8 +83,9 @@ class Comparison:
 
 
 def _mean_correlation(residual: FloatArray, recording: np.ndarray) -> float:
-    times = [correlation_time(residual[recording == r]) for r in np.unique(recording)]
-    return float(np.mean(times)) if times else 1.0
+    runs = [residual[recording == r] for r in np.unique(recording)]
+    times = [correlation_time(run) for run in runs]
+    return max(float(np.mean(times)), long_run_share(runs)) if times else 1.0
 
 
 def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) -> tuple[dict[str, Fit], int]:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from gap.data.noise import long_run_share
 from gap.data.session import Session
 from gap.data.slow_noise import slow_variance
 
@@ -65,3 +66,11 @@ def test_bins_of_a_sensor_with_slow_noise_count_as_they_scatter(recording) -> No
     assert 0.8 < np.sqrt(np.mean(wide**2)) < 1.2
     naive = np.concatenate([b.value[b.count > 15] / (white / np.sqrt(b.count[b.count > 15])) for b in bins])
     assert np.sqrt(np.mean(naive**2)) > 1.3
+
+
+def test_a_faint_correlation_over_many_samples_counts() -> None:
+    """What is cut off at a correlation of .05 sample by sample makes sums of 16 twice as uncertain."""
+    rng = np.random.default_rng(0)
+    slow = [0.25 * np.repeat(rng.normal(size=10), 32) for _ in range(9)]
+    assert long_run_share([rng.normal(size=320) + v for v in slow]) > 1.8
+    assert long_run_share([rng.normal(size=320) for _ in range(9)]) < 1.15
