@@ -33,6 +33,7 @@ class BenchSettings:
     tissue: str = "forearm"
     seed: int | None = None
     frame_size: tuple[int, int] = (640, 480)
+    notify: tuple[str, ...] = ()  # who is told of ends, trips and stalls, as `acquire.notify.hooks` reads it
 
 
 @dataclass(frozen=True)

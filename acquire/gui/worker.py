@@ -68,6 +68,7 @@ class Worker:
     def __init__(
         self, station: Station, bench: BenchSettings, commands: Connection, updates: Connection, safety: Connection
     ) -> None:
+        from acquire.notify import hooks
         from acquire.session import Session
 
         self._commands, self._updates, self._safety = commands, updates, safety
@@ -76,7 +77,12 @@ class Worker:
         self._feeds: dict[str, Feed] = {}
         self._hands: dict[str, ThreadPoolExecutor] = {}
         self.session = Session(
-            station, speed=bench.speed, out=bench.out, watched=(WINDOW,), frame_size=bench.frame_size
+            station,
+            speed=bench.speed,
+            out=bench.out,
+            watched=(WINDOW,),
+            frame_size=bench.frame_size,
+            notify=hooks(bench.notify, station.notify),
         )
 
     def run(self) -> None:

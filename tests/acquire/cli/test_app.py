@@ -107,3 +107,6 @@ def test_a_faulty_station_opens_no_window(tmp_path: Path, capsys: pytest.Capture
     for command in (["gui"], ["safe"], ["devices"], ["run", "demo-cutometer"]):
         assert app.run([*command, "--station", str(station)]) == 2
         assert "station.yaml:3:" in capsys.readouterr().err
+    station.write_text("schema: station/1\ninstruments:\n  cutometer: {simulated: true}\n")
+    assert app.run(["gui", "--station", str(station), "--notify", "station"]) == 2
+    assert "has no 'notify'" in capsys.readouterr().err
