@@ -50,7 +50,7 @@ faults: install
 	$(BIN)/python $(FAULTS) --share 1 -o benchmarks/results/faults.json --docs docs/faults.md
 
 faults-ci: install
-	$(BIN)/python $(FAULTS) --share 0.1 --jobs 3
+	$(BIN)/python $(FAULTS) --share 0.1 --jobs 4
 
 lint: install
 	$(BIN)/ruff check .

@@ -9,19 +9,18 @@ The command line and tests host one; so does the worker process behind the windo
 
 from __future__ import annotations
 
-import platform
 import secrets
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from acquire import latches, pseudonym
+from acquire import pseudonym
 from acquire.attendant import Attendant
+from acquire.bench import Bench, SetUp
 from acquire.engine import (
     Aborted,
     Outcome,
@@ -35,20 +34,20 @@ from acquire.engine import (
 )
 from acquire.notify import Hook
 from acquire.plugins import instrument as descriptor
+from acquire.provenance import calibration, settled, versions
 from acquire.recording import RunInfo
 from acquire.recording.journal import iso_now
-from acquire.station import CALIBRATIONS, FRAME_SCALE, Calibration, Instrument, Station, simulated_station
+from acquire.station import Instrument, Station, simulated_station
 from acquire.status import forget_the_dead
 from acquire.supervisor import Supervisor
 from drivers.device import Identity, Status
-from protocols import Limits, Protocol, Setpoints, compile_protocol, dump, effective_limits, find, load, units
+from protocols import Limits, Protocol, Setpoints, compile_protocol, dump, effective_limits, find, load
 
 if TYPE_CHECKING:
     from drivers.device import Rig
-    from sim_devices.servers import BackDoor, Server
+    from sim_devices.servers import BackDoor
 
 MAX_SPEED = 1e5
-PACKAGES = ("skinrig", "numpy", "scipy", "numba", "h5py", "pyserial", "pyusb")
 
 
 @dataclass(frozen=True)
@@ -72,16 +71,6 @@ class Request:
         pseudonym.check(self.subject)
 
 
-@dataclass
-class _Bench:
-    """One open instrument."""
-
-    engine: RunEngine
-    supervisor: Supervisor
-    server: Server | None
-    setup: tuple[float | None, str]  # opening and specimen that the simulated one was made for
-
-
 class Session:
     """Opens a station's instruments and runs protocols on them, several at once if asked to.
 
@@ -103,13 +92,13 @@ class Session:
     ) -> None:
         if not 0 < speed <= MAX_SPEED:
             raise ValueError(f"the speed must be positive and at most {MAX_SPEED:g}, not {speed:g}")
-        self.station = _settled(station or simulated_station())
+        self.station = settled(station or simulated_station())
         self.out = Path(out)
         self._speed = speed
         self._watched = tuple(watched)
         self._frame_size = frame_size
         self._listener = listener
-        self._benches: dict[str, _Bench] = {}
+        self._benches: dict[str, Bench] = {}
         self._aborted = ""
         self._notify = tuple(notify)
         self._attendant: Attendant | None = None
@@ -135,16 +124,11 @@ class Session:
         ``acknowledged``: a person has looked at whatever fault the instrument latched. Raises ValueError (station,
         plugin), DeviceError, Aborted.
         """
-        engine = self._bench(name, (opening, specimen)).engine
-        if engine.state is State.IDLE:
+        bench = self._bench(name, (opening, specimen))
+        if bench.engine.state is State.IDLE:
             self._go_on()
-            latched = self._latched_at(name)
-            if latched and not acknowledged:
-                latches.check(name, latched)
-            engine.connect(acknowledged=acknowledged)
-            if latched:
-                latches.acknowledge(latched)
-        return engine
+            bench.connect(acknowledged=acknowledged)
+        return bench.engine
 
     def look(self, name: str) -> tuple[dict[str, Identity], Status | None]:
         """Who answers on each link of an instrument and what its device says of itself; changes nothing.
@@ -338,15 +322,27 @@ class Session:
             raise ValueError(f"no instrument {name!r} in the station; it has {', '.join(self.station.instruments)}")
         return self.station.instruments[name]
 
-    def _bench(self, name: str, setup: tuple[float | None, str] | None = None) -> _Bench:
+    def _bench(self, name: str, set_up: SetUp | None = None) -> Bench:
         """The open instrument ``name``; a simulated one is made anew where it is set up otherwise than asked."""
         entry, kind = self._entry(name), self.kind(name)
-        if name in self._benches and entry.here and setup not in (None, self._benches[name].setup):
+        if name in self._benches and entry.here and set_up not in (None, self._benches[name].set_up):
             self._close(name)  # another probe, another specimen
         if name not in self._benches:
-            self._benches[name] = self._make(name, kind, entry, setup or (None, "skin"))
+            self._benches[name] = Bench(
+                name,
+                kind,
+                entry,
+                set_up or (None, "skin"),
+                speed=self._speed,
+                frame_size=self._frame_size,
+                watched=self._watched,
+                listener=self._listener,
+            )
             self._attend()
         return self._benches[name]
+
+    def _close(self, name: str) -> None:
+        self._benches.pop(name).close()
 
     def _attend(self) -> None:
         with self._lock:  # instruments may be opened at once, each by a thread of its own
@@ -356,49 +352,6 @@ class Session:
                 self._attendant = Attendant(self.station.name, lambda: self.engines, addresses, self._notify)
                 self._attendant.start()
 
-    def _make(self, name: str, kind: str, entry: Instrument, setup: tuple[float | None, str]) -> _Bench:
-        server = None
-        if entry.here:
-            from acquire import simulation
-
-            opening, specimen = setup
-            server = simulation.start(
-                kind, entry, speed=self._speed, opening=opening, specimen=specimen, frame_size=self._frame_size
-            )
-            rig = server.open_rig()
-        else:
-            rig = descriptor(kind).open_rig(entry.entry(kind))
-        supervisor = Supervisor(("engine", *self._watched))
-        engine = RunEngine(
-            rig,
-            rules=entry.rules,
-            heartbeat=supervisor,
-            listener=lambda state, event: self._changed(name, state, event),
-        )
-        return _Bench(engine, supervisor, server, setup)
-
-    def _latched_at(self, name: str) -> str:
-        """The address under which an emergency stop of an instrument is kept; '' for a simulated one."""
-        entry = self._entry(name)
-        return "" if entry.simulated is not None else entry.address
-
-    def _changed(self, name: str, state: State, event: str) -> None:
-        """An engine's state has changed; called in its thread."""
-        trip = self._benches[name].engine.trip if name in self._benches else None
-        if (latched := self._latched_at(name)) and event == "trip" and trip is not None and trip.code == "estop":
-            latches.latch(latched, trip.message)
-        elif latched and event == "reset":
-            latches.acknowledge(latched)
-        if self._listener is not None:
-            self._listener(name, state, event)
-
-    def _close(self, name: str) -> None:
-        bench = self._benches.pop(name)
-        bench.engine.close()
-        bench.supervisor.close()
-        if bench.server is not None:
-            bench.server.close()
-
 
 def _wait(engine: RunEngine, watch: Callable[[Progress], None] | None) -> Outcome:
     while True:
@@ -407,36 +360,6 @@ def _wait(engine: RunEngine, watch: Callable[[Progress], None] | None) -> Outcom
         except TimeoutError:
             if watch is not None:
                 watch(engine.progress)
-
-
-def versions() -> dict[str, str]:
-    """Versions of what a recording depends on."""
-    found = {"python": platform.python_version(), "platform": platform.platform()}
-    for package in PACKAGES:
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            continue
-    return found
-
-
-def calibration(entry: Instrument, protocol: Protocol) -> dict[str, dict[str, Any]]:
-    """Name -> value (SI), unit, provenance, note: from the station, and what the protocol says of the setup."""
-    result: dict[str, dict[str, Any]] = {}
-    for name, known in entry.calibration.items():
-        unit = units.KINDS[CALIBRATIONS[name]][0]
-        result[name] = {
-            "value": entry.calibrated(name),
-            "unit": unit,
-            "provenance": known.provenance,
-            "note": known.note,
-        }
-    for name, kind in CALIBRATIONS.items():
-        value = getattr(protocol.setup, name, None)
-        if value is not None:
-            unit = units.KINDS[kind][0]
-            result[name] = {"value": value, "unit": unit, "provenance": "documented", "note": "by the protocol"}
-    return result
 
 
 def _with_threshold(plan: RunPlan, rig: Rig, gvt: float | None) -> RunPlan:
@@ -459,18 +382,3 @@ def _with_threshold(plan: RunPlan, rig: Rig, gvt: float | None) -> RunPlan:
             facts |= {"apex": settings.apex, "tissue": settings.tissue}
             plan = replace(plan, info=replace(plan.info, calibration={**plan.info.calibration, "gvt": facts}))
     return plan
-
-
-def _settled(station: Station) -> Station:
-    """The station with all that recordings should tell: seeds of simulations, the assumed scale of cameras."""
-    from acquire.simulation import settled
-
-    instruments = {}
-    for name, entry in station.instruments.items():
-        if entry.here and entry.simulated is not None:
-            entry = entry.model_copy(update={"simulated": settled(entry.simulated)})
-        if (entry.instrument or name) == "aspiration" and "frame_scale" not in entry.calibration:
-            scale = Calibration(value=FRAME_SCALE, provenance="assumed", note="default")
-            entry = entry.model_copy(update={"calibration": {**entry.calibration, "frame_scale": scale}})
-        instruments[name] = entry
-    return station.model_copy(update={"instruments": instruments})

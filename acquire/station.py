@@ -76,8 +76,10 @@ class Interlock(Model):
     lag: Annotated[float, _within("lag")] | None = None
     disk: Annotated[int, _within("disk")] | None = None
     tracking: dict[str, Tracking] = Field(default={})
+    agreement: dict[str, Tracking] = Field(default={}, description="of a second gauge with the first")
+    plausible: Annotated[bool, Field(strict=True)] | None = None
 
-    @field_validator("tracking")
+    @field_validator("tracking", "agreement")
     @classmethod
     def _check(cls, tracking: dict[str, Tracking]) -> dict[str, Tracking]:
         for quantity, rule in tracking.items():
@@ -86,9 +88,10 @@ class Interlock(Model):
 
     def rules(self) -> Rules:
         """The rules, with everything that is not said here at its default."""
-        said = {name: getattr(self, name) for name in self.model_fields_set - {"tracking"}}
-        tracking = {q: t.rule(q) for q, t in self.tracking.items()}
-        return Rules(**{k: v for k, v in said.items() if v is not None}, tracking={**Rules().tracking, **tracking})
+        said = {name: value for name, value in self if name in Rules.__dataclass_fields__ and value is not None}
+        for name in ("tracking", "agreement"):
+            said[name] = {**getattr(Rules(), name), **{q: t.rule(q) for q, t in said[name].items()}}
+        return Rules(**said)
 
 
 class Calibration(Model):

@@ -42,7 +42,8 @@ def runtime_folder() -> Path:
 
 def whoami() -> dict[str, Any]:
     """This process for others to read: its id, program, and when it claimed something."""
-    program = " ".join([Path(sys.argv[0]).name or "python", *sys.argv[1:2]]) if sys.argv else "python"
+    name = Path(sys.argv[0]).name if sys.argv else ""
+    program = " ".join(["python" if name in ("", "-c") else name, *sys.argv[1:2]])
     return {"pid": os.getpid(), "program": program[:80], "since": time.strftime("%Y-%m-%d %H:%M:%S")}
 
 

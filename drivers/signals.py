@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+#: What the name of a second gauge adds to that of the first.
+REFERENCE = "_reference"
 
 
 @dataclass(frozen=True)

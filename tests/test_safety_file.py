@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
+
+from benchmarks.faults.mutations import REMOVALS
 
 ROOT = Path(__file__).parent.parent
 TEXT = (ROOT / "docs/safety.md").read_text(encoding="utf-8")
@@ -73,3 +77,16 @@ def test_every_package_is_listed() -> None:
     needed = {re.split(r"[\[<>=!~ ]", requirement)[0].lower() for requirement in used}
     listed = {name.strip().lower() for row in rows("package") for name in row[0].split(",")}
     assert listed == needed
+
+
+@pytest.mark.parametrize("hazard", REMOVALS)
+def test_a_control_that_is_removed_belongs_to_its_hazard(hazard: str) -> None:
+    """The patch of `benchmarks.faults.mutations` still finds what it removes, and its test is the hazard's."""
+    removal = REMOVALS[hazard]
+    assert removal.test.rpartition("::")[2] in HAZARDS[hazard][5]
+    for place in removal.patched:
+        module, _, path = place.partition(":")
+        found: Any = importlib.import_module(module)
+        for name in path.split("."):
+            found = getattr(found, name)
+        assert callable(found)

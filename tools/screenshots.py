@@ -64,7 +64,10 @@ class Photographer:
         deadline = time.monotonic() + timeout
         while not condition():
             if time.monotonic() > deadline:
-                raise TimeoutError(f"the window did not get there: {self.window.statusBar().currentMessage()}")
+                rows = [
+                    f"{row.info.name} {row.state} {row.error.text()}" for row in self.window.instruments.rows.values()
+                ]
+                raise TimeoutError(f"the window did not get there: {'; '.join(rows)}; {self.window.missing}")
             QTest.qWait(10)
 
     def shoot(self, name: str) -> None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import secrets
-import signal
 import threading
 from typing import Annotated
 
 import typer
 
 from acquire.cli.numbers import Speed, whole
+from acquire.signals import caught
 
 
 def sim(
@@ -39,10 +39,11 @@ def sim(
         raise ValueError(f"a simulated instrument is served on tcp or pty, not on {link!r}")
     simulation = Simulation(tissue=tissue, effects=tuple(effect or ()), seed=seed)
     over = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: over.set())
     word = secrets.token_urlsafe(16) if token else ""
-    with serve(name, link, chain=chain(name, simulation), speed=speed, seed=seed, port=port, token=word) as server:
+    with (
+        caught(lambda _: over.set()),
+        serve(name, link, chain=chain(name, simulation), speed=speed, seed=seed, port=port, token=word) as server,
+    ):
         entry = {"address": server.entry.address, "simulated": True}
         if server.entry.sources:
             entry["sources"] = dict(server.entry.sources)

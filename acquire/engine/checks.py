@@ -7,7 +7,7 @@ away may be a disturbance on a wire: what depends on one value trips when the ne
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -19,18 +19,22 @@ from drivers.signals import Block, FloatArray
 from protocols.limits import PROBE, DwellTimer, Limits
 
 Bools = NDArray[np.bool_]
-#: Set-points (n,) per quantity at device times (n,) s; NaN where they are not known.
-Commanded = Callable[[FloatArray], Mapping[str, FloatArray]]
+#: Set-points (n,) per quantity at the device times of a block's samples; NaN where they are not known.
+Targets = Mapping[str, FloatArray]
 
 
 @dataclass(frozen=True)
 class Watch:
-    """A run to be watched: its limits, its rules, what is commanded, and the ``gappy`` channels, which may be NaN."""
+    """A run to be watched: its limits and rules.
+
+    The ``gappy`` channels may be NaN: a camera does not find a contour in every picture. A specimen that ``yields``
+    comes up under suction.
+    """
 
     limits: Limits
     rules: Rules
-    commanded: Commanded | None = None
     gappy: frozenset[str] = frozenset()
+    yields: bool = True
 
 
 class Check(Protocol):
@@ -38,8 +42,8 @@ class Check(Protocol):
 
     def __init__(self, watch: Watch) -> None: ...
 
-    def look(self, block: Block) -> Trip | None:
-        """What is wrong with the next samples."""
+    def look(self, block: Block, targets: Targets) -> Trip | None:
+        """What is wrong with the next samples, for which ``targets`` are commanded."""
 
 
 class Twice:
@@ -62,8 +66,8 @@ class Values:
         self._watch = watch
         self._twice = Twice()
 
-    def look(self, block: Block) -> Trip | None:
-        """What is wrong with the next samples."""
+    def look(self, block: Block, targets: Targets) -> Trip | None:
+        """What is wrong with the next samples, for which ``targets`` are commanded."""
         for name, values in block.values.items():
             bad = ~np.isfinite(values)
             if bad.any() and name not in self._watch.gappy:
@@ -94,8 +98,8 @@ class Rates:
         self._twice = Twice()
         self._tails: dict[str, tuple[FloatArray, FloatArray]] = {}
 
-    def look(self, block: Block) -> Trip | None:
-        """What is wrong with the next samples."""
+    def look(self, block: Block, targets: Targets) -> Trip | None:
+        """What is wrong with the next samples, for which ``targets`` are commanded."""
         for name, values in block.values.items():
             if math.isfinite(self._watch.limits[name].rate) and (trip := self._too_fast(name, values, block.time)):
                 return trip
@@ -128,9 +132,8 @@ class Dwells:
         self._timers = {n: DwellTimer() for n, r in watch.limits.ranges.items() if math.isfinite(r.dwell)}
         self.now: dict[str, tuple[float, float]] = {}  # per quantity the dwell in s, and the longest allowed
 
-    def look(self, block: Block) -> Trip | None:
-        """What is wrong with the next samples."""
-        commanded = self._watch.commanded(block.time) if self._watch.commanded and self._timers else {}
+    def look(self, block: Block, targets: Targets) -> Trip | None:
+        """What is wrong with the next samples, for which ``targets`` are commanded."""
         for name, timer in self._timers.items():
             measured = _way(block) if name == PROBE else block.values.get(name)
             if measured is None:
@@ -138,8 +141,8 @@ class Dwells:
             limit = self._watch.limits[name]
             away = np.abs(measured) > self._watch.rules.margin * (limit.high - limit.low)
             for quantity in AXES if name == PROBE else (name,):
-                if quantity in commanded:
-                    away |= np.nan_to_num(commanded[quantity]) != 0
+                if quantity in targets:
+                    away |= np.nan_to_num(targets[quantity]) != 0
             # Only the ends of what lasts are told: the rest follows.
             edge = np.flatnonzero(np.diff(away))
             for k in np.unique([0, *edge, *(edge + 1), len(away) - 1]):
@@ -151,38 +154,44 @@ class Dwells:
         return None
 
 
+class Lasting:
+    """Remembers across blocks since when something holds without a break."""
+
+    def __init__(self) -> None:
+        self._since: dict[str, float] = {}
+
+    def __call__(self, name: str, holds: Bools, when: FloatArray, duration: float) -> bool:
+        """Whether it has held (n,) for longer than ``duration`` s at the last of the device times (n,) s."""
+        breaks = np.flatnonzero(~holds)
+        if len(breaks) and breaks[-1] == len(holds) - 1:
+            self._since.pop(name, None)
+            return False
+        if len(breaks) or name not in self._since:
+            self._since[name] = float(when[breaks[-1] + 1 if len(breaks) else 0])
+        return bool(when[-1] - self._since[name] > duration)
+
+
 class Following:
     """What is measured follows its set-point."""
 
     def __init__(self, watch: Watch) -> None:
         self._watch = watch
-        self._off_since: dict[str, float] = {}
+        self._lasting = Lasting()
 
-    def look(self, block: Block) -> Trip | None:
-        """What is wrong with the next samples."""
-        rules = {q: r for q, r in self._watch.rules.tracking.items() if q in block.values}
-        if not rules or self._watch.commanded is None:
-            return None
-        commanded = self._watch.commanded(block.time)
-        for quantity, rule in rules.items():
-            if quantity not in commanded:
+    def look(self, block: Block, targets: Targets) -> Trip | None:
+        """What is wrong with the next samples, for which ``targets`` are commanded."""
+        for quantity, rule in self._watch.rules.tracking.items():
+            if quantity not in targets or quantity not in block.values:
                 continue
+            error = block.values[quantity] - targets[quantity]
             # NaN where the set-point is not known: not off, so that the count begins anew.
-            off = np.abs(block.values[quantity] - commanded[quantity]) > rule.error
-            near = np.flatnonzero(~off)
-            if len(near) and near[-1] == len(off) - 1:
-                self._off_since.pop(quantity, None)
-                continue
-            if len(near) or quantity not in self._off_since:
-                self._off_since[quantity] = float(block.time[near[-1] + 1 if len(near) else 0])
-            if block.time[-1] - self._off_since[quantity] > rule.duration:
-                error = float(block.values[quantity][-1] - commanded[quantity][-1])
-                message = f"{quantity} is off its set-point by {error:.6g} (SI) since {rule.duration:g} s"
+            if self._lasting(quantity, np.abs(error) > rule.error, block.time, rule.duration):
+                message = f"{quantity} is off its set-point by {error[-1]:.6g} (SI) since {rule.duration:g} s"
                 return Trip("tracking", message, float(block.time[-1]))
         return None
 
 
-CHECKS: tuple[type[Check], ...] = (Values, Rates, Dwells, Following)
+LIMITS: tuple[type[Check], ...] = (Values, Rates, Dwells, Following)
 
 
 def _way(block: Block) -> FloatArray | None:

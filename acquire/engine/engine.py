@@ -4,35 +4,28 @@ from __future__ import annotations
 
 import logging
 import math
-import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError, Future
 from dataclasses import replace
-from typing import TypeVar
 
-from acquire.engine.absence import Absence
 from acquire.engine.active import ActiveRun
+from acquire.engine.connection import Connection
 from acquire.engine.link import LinkThread
-from acquire.engine.links import Links
-from acquire.engine.loop import ControlLoop
 from acquire.engine.plan import Outcome, Progress, RunPlan
+from acquire.engine.plausibility import RIGID
 from acquire.engine.queues import DisplayQueue
 from acquire.engine.rules import Rules, Trip
 from acquire.engine.state import State, StateMachine, WrongState
 from acquire.supervisor import Heartbeat
-from drivers.device import DeviceError, Faulted, Identity, LinkLost, Rig, Status
-from drivers.signals import Block, Channel, Frame
+from drivers.device import Rig, Status
+from drivers.signals import Block, Frame
 
 log = logging.getLogger(__name__)
-T = TypeVar("T")
 
 BACKLOG = 200  # blocks that may wait for the interlock before links are read more slowly
-SETTLE = 0.25  # s of device time that must have been heard before arming: a tare is made of it
-CONNECT = 15.0  # s of wall time within which a link must be open
 
 
-class RunEngine(ControlLoop):
+class RunEngine(Connection):
     """Runs protocols on one `Rig`; see `StateMachine` for the states.
 
     Every method may be called from any thread. `connect`, `arm`, `start`, `pause`, `resume`, `reset` and `disconnect`
@@ -51,14 +44,9 @@ class RunEngine(ControlLoop):
         heartbeat: Heartbeat | None = None,
         listener: Callable[[State, str], None] | None = None,
     ) -> None:
-        super().__init__(rig.device.name, StateMachine(self._changed), rules or Rules(), heartbeat)
-        self.rig = rig
+        super().__init__(rig, StateMachine(self._changed), rules or Rules(), heartbeat)
         self.display: DisplayQueue[Block | Frame] = DisplayQueue()
-        self.identities: dict[str, Identity] = {}
         self._listener = listener
-        self._links = Links(rig, self, heartbeat.permissions if heartbeat is not None else None)
-        self._lost: deque[str] = deque()  # links that went away where nothing was live
-        self._absence: Absence | None = None
         self._outcome: Future[Outcome] = Future()
         self._run: ActiveRun | None = None
         self._thread.start()
@@ -67,35 +55,9 @@ class RunEngine(ControlLoop):
     # What anybody may ask ---------------------------------------------------------------------------------------------
 
     @property
-    def state(self) -> State:
-        """The present state."""
-        return self._machine.state
-
-    @property
-    def channels(self) -> tuple[Channel, ...]:
-        """The channels of the device and its further sources."""
-        return tuple(c for source in (self.rig.device, *self.rig.sources) for c in source.channels)
-
-    @property
     def trip(self) -> Trip | None:
         """The trip that is latched."""
         return self._interlock.trip
-
-    @property
-    def status(self) -> Status | None:
-        """The device's last status."""
-        return self._links.status
-
-    @property
-    def found(self) -> str:
-        """What `connect` found left behind by an earlier host and made safe, in words; '' where all was well."""
-        return self._links.found
-
-    @property
-    def away(self) -> str:
-        """Why no link is open although one was, and when it is tried again, in words; '' where nothing is missing."""
-        absence = self._absence
-        return absence.words if absence is not None else ""
 
     @property
     def outcome(self) -> Outcome | None:
@@ -116,14 +78,6 @@ class RunEngine(ControlLoop):
         return replace(progress, trip=self.trip, dwell=self._interlock.dwell)
 
     # What a person, a program or a window may do ----------------------------------------------------------------------
-
-    def connect(self, *, acknowledged: bool = False) -> None:
-        """Open every link and make safe what an earlier host left behind (`found` says what that was).
-
-        Raises DeviceError; the state is then ``failed``. A fault that the device latched is such an error, unless a
-        person has ``acknowledged`` it.
-        """
-        self._do(lambda: self._connect(acknowledged))
 
     def arm(self, plan: RunPlan) -> None:
         """Check the plan against its limits, open its journal, hand the limits to the device.
@@ -161,14 +115,6 @@ class RunEngine(ControlLoop):
         """Acknowledge a trip or failure: a person's. The links are closed; `connect` opens them anew."""
         self._do(self._reset)
 
-    def make_safe(self) -> None:
-        """Vent and stop where no run is on, and wait until the device says so. Raises WrongState, DeviceError."""
-        self._do(self._confirm_safe)
-
-    def disconnect(self) -> None:
-        """Close the links."""
-        self._do(self._disconnect)
-
     def wait(self, timeout: float | None = None) -> Outcome:
         """Wait for the end of the run and its recording. Raises TimeoutError."""
         return self._outcome.result(timeout)
@@ -201,15 +147,6 @@ class RunEngine(ControlLoop):
         run = self._run
         return (run is not None and run.fill > 0.5) or self._interlock.backlog > BACKLOG
 
-    def lost(self, link: LinkThread, error: Exception) -> None:
-        """A link failed: a trip where a person may be attached, else something to try again."""
-        log.warning("%s: %s", link.source.name, error)
-        if self._machine.can("lose"):
-            self._lost.append(str(error))
-            self._wake.set()
-        else:
-            self._interlock.fire(Trip("link", str(error), link.status.time if link.status else math.nan))
-
     # The engine's thread ----------------------------------------------------------------------------------------------
 
     def _turn(self) -> None:
@@ -233,66 +170,7 @@ class RunEngine(ControlLoop):
             return True
         return False
 
-    def _look_for_links(self) -> None:
-        """Where nothing is live: close what a link was lost of, and try it again when that is due."""
-        if self._lost and self._machine.can("lose"):
-            self._absence = Absence(self._lost[0])
-            self._links.close()
-            self._machine.fire("lose")
-        self._lost.clear()
-        if self._absence is not None and self.state is State.IDLE and time.monotonic() >= self._absence.due:
-            self._try_again(self._absence)
-
-    def _try_again(self, absence: Absence) -> None:
-        before = dict(self.identities)
-        self._machine.fire("connect")
-        try:
-            self._open_links(acknowledged=False)
-        except CancelledError:
-            self._links.close()
-            raise
-        except (DeviceError, OSError) as error:
-            self._links.close()
-            if isinstance(error, Faulted):
-                self._end("fail", str(error))
-            else:
-                absence.failed(str(error))
-                self._machine.fire("abort")
-            return
-        if self.identities != before:
-            self._end("fail", f"another instrument answers than before the link was lost: {self.identities}")
-            return
-        log.warning("%s: the link is back after %.1f s", self._name, time.monotonic() - absence.since)
-        self._absence = None
-        self._machine.fire("connected")
-
-    def _ask(self, action: Callable[[], T], link: LinkThread | None = None) -> T:
-        """Have ``action`` carried out by a link's thread (the device's by default), beating meanwhile."""
-        return self._await((link or self._links.device).ask(action))
-
     # Steps ------------------------------------------------------------------------------------------------------------
-
-    def _connect(self, acknowledged: bool) -> None:
-        if self.state is State.READY:
-            return  # a lost link has come back meanwhile
-        self._machine.fire("connect")
-        self._absence = None
-        try:
-            self._open_links(acknowledged=acknowledged)
-        except CancelledError:
-            self._links.close()
-            raise
-        except Exception as error:
-            self._end("fail", str(error))
-            self._links.close()
-            if isinstance(error, DeviceError):
-                raise
-            raise LinkLost(f"{self._name}: {error}") from error
-        self._machine.fire("connected")
-
-    def _open_links(self, *, acknowledged: bool) -> None:
-        for name, identity in self._links.open(acknowledged=acknowledged).items():
-            self.identities[name] = self._await(identity, CONNECT)
 
     def _arm(self, plan: RunPlan) -> None:
         if not self._machine.can("arm"):
@@ -316,14 +194,8 @@ class RunEngine(ControlLoop):
             raise
         names = tuple(link.source.name for link in self._links)
         gappy = frozenset(c.name for source in self.rig.sources for c in source.channels)
-        self._interlock.watch(plan.limits, names, run.feeder.commanded, plan.path.parent, gappy)
-
-    def _wait_for_data(self) -> None:
-        """Wait until the device has been heard for long enough, and every link once more: a silent one is found now."""
-        device = self._links.device
-        before = [(link, link.latest) for link in self._links]
-        self._wait_until(lambda: device.latest - device.first >= SETTLE, "deliver samples")
-        self._wait_until(lambda: all(link.latest > then for link, then in before), "deliver data on every link")
+        yields = plan.info.specimen not in RIGID
+        self._interlock.watch(plan.limits, names, run.feeder.commanded, plan.path.parent, gappy, yields)
 
     def _start(self) -> None:
         self._machine.fire("start")
@@ -346,18 +218,6 @@ class RunEngine(ControlLoop):
         self._interlock.reset()
         self._links.close()
 
-    def _confirm_safe(self) -> None:
-        if not self._machine.can("disconnect"):
-            raise WrongState(f"cannot make safe while {self.state}")
-        self._ask(self.rig.device.make_safe)
-        self._wait_until(lambda: self.status is not None and self.status.state == "safe", "say that it is safe")
-
-    def _disconnect(self) -> None:
-        if self._absence is None or self.state is not State.IDLE:
-            self._machine.fire("disconnect")
-        self._absence = None
-        self._links.close()
-
     def _drive(self) -> None:
         """One turn of a running protocol."""
         if self.status is None:
@@ -370,10 +230,6 @@ class RunEngine(ControlLoop):
 
     def _broken(self, error: Exception) -> None:
         self._end("fail", f"{type(error).__name__}: {error}")
-
-    def _ended(self) -> None:
-        self._absence = None
-        self._links.close()
 
     # Ends -------------------------------------------------------------------------------------------------------------
 
@@ -391,11 +247,6 @@ class RunEngine(ControlLoop):
                 self._run.note("error", "unconfirmed", "the device did not confirm that it is safe", self._now())
             outcome = self._run.finish(state, reason, tuple(self._links))
             self._outcome.set_result(replace(outcome, trip=self.trip))
-
-    def _tripped(self, trip: Trip) -> None:
-        """The interlock tripped, in whatever thread: stop first, think later."""
-        self._links.make_safe()
-        self._wake.set()
 
     def _changed(self, state: State, event: str) -> None:
         log.info("%s: %s -> %s", self.rig.instrument, event, state)

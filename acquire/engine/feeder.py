@@ -178,12 +178,17 @@ class Feeder:
         """The device was told to skip the running segment: it is not watched any longer."""
         self._skipping = True
 
-    def commanded(self, time: FloatArray) -> dict[str, FloatArray]:
+    def commanded(self, time: FloatArray, status: Status | None = None) -> dict[str, FloatArray]:
         """Set-points at device times ``time`` (n,) s; NaN where the host cannot know (long ago, not yet, or paused).
 
+        Nor can it where ``status``, which came with the samples of these times, is ahead of what was followed so far:
+        the device may have been told to skip or to hold. While it is armed everything is at rest.
         May be called from another thread: it reads one snapshot.
         """
-        out = {q: np.full(np.shape(time), np.nan) for q in self._rest}
+        armed = status is not None and status.state == "armed"
+        out = {q: np.full(np.shape(time), rest if armed else np.nan) for q, rest in self._rest.items()}
+        if armed or (status is not None and (status.state != "running" or status.executed != self._ended)):
+            return out
         for piece in self._known:
             inside = (time >= piece.begin) & (time < piece.end)
             if inside.any():

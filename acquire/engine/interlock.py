@@ -13,13 +13,17 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from acquire.engine.checks import CHECKS, Check, Commanded, Dwells, Watch
+from acquire.engine.checks import LIMITS, Check, Dwells, Targets, Watch
 from acquire.engine.freshness import Freshness
 from acquire.engine.host_clock import HostClock
+from acquire.engine.plausibility import PLAUSIBILITY, Pictures
 from acquire.engine.rules import Rules, Trip
 from drivers.device import Status
-from drivers.signals import Block, Frame
+from drivers.signals import Block, FloatArray, Frame
 from protocols.limits import Limits
+
+#: Set-points at device times (n,) s as far as they are known, given what the device said with the samples of then.
+Commanded = Callable[[FloatArray, Status | None], Targets]
 
 
 class Interlock(threading.Thread):
@@ -34,6 +38,8 @@ class Interlock(threading.Thread):
         self._blocks: collections.deque[tuple[str, Block | Frame, Status | None]] = collections.deque()
         self._wake = threading.Event()
         self._checks: tuple[Check, ...] = ()
+        self._pictures = Pictures()
+        self._commanded: Commanded | None = None
         self._freshness = Freshness((), rules, 0.0)
         self._clock = HostClock(rules.stale)
         self._folder: Path | None = None
@@ -49,14 +55,16 @@ class Interlock(threading.Thread):
         commanded: Commanded | None = None,
         folder: Path | None = None,
         gappy: frozenset[str] = frozenset(),
+        yields: bool = True,
     ) -> None:
-        """Begin to watch ``limits`` per channel, freshness of ``links``, ``commanded(time)``, space at ``folder``.
+        """Begin to watch ``limits`` per channel, freshness of ``links``, what is ``commanded``, space at ``folder``.
 
-        The first link is the driven device's. The ``gappy`` channels may be NaN: a camera does not find a contour in
-        every picture.
+        The first link is the driven device's. For ``gappy`` and ``yields`` see `Watch`.
         """
-        watch = Watch(limits, self.rules, commanded, gappy)
-        self._checks = tuple(check(watch) for check in CHECKS)
+        watch = Watch(limits, self.rules, gappy, yields)
+        self._pictures = Pictures()
+        self._commanded = commanded
+        self._checks = tuple(check(watch) for check in (*LIMITS, *(PLAUSIBILITY if self.rules.plausible else ())))
         self._freshness = Freshness(links, self.rules, time.monotonic())
         self._clock = HostClock(self.rules.stale)
         self._folder = folder
@@ -115,8 +123,10 @@ class Interlock(threading.Thread):
                     self.fire(Trip("host", fault))
                 while self._blocks and self._watching:
                     link, item, status = self._blocks.popleft()
-                    if isinstance(item, Block) and len(item):
-                        self._check(item)
+                    if isinstance(item, Frame):
+                        self._check_picture(item)
+                    elif len(item):
+                        self._check(item, status)
                     self._check_status(link, status)
                 if self._watching:
                     self._check_freshness()
@@ -127,11 +137,16 @@ class Interlock(threading.Thread):
                 self.fire(Trip("interlock", f"the interlock failed: {error!r}"))
                 self._watching = False
 
-    def _check(self, block: Block) -> None:
+    def _check(self, block: Block, status: Status | None) -> None:
+        targets = self._commanded(block.time, status) if self._commanded is not None else {}
         for check in self._checks:
-            if trip := check.look(block):
+            if trip := check.look(block, targets):
                 self.fire(trip)
                 return
+
+    def _check_picture(self, frame: Frame) -> None:
+        if self.rules.plausible and (trip := self._pictures.look(frame)):
+            self.fire(trip)
 
     def _check_status(self, link: str, status: Status | None) -> None:
         if status is not None and (status.state == "fault" or status.fault):

@@ -28,6 +28,7 @@ from protocols.setpoints import Setpoints
 
 log = logging.getLogger(__name__)
 
+BEHIND = 0.05  # of the queue filled: frames are then not compressed, so that none is lost
 LOOK = 1.0  # s of wall time between two looks whether the journal is still there
 
 
@@ -158,7 +159,7 @@ class Recorder(threading.Thread):
             self._writer.block(item)
         elif isinstance(item, Frame):
             self._count(("frames",), np.array([item.seq]))
-            self._writer.frame(item)
+            self._writer.frame(item, quickly=self._queue.fill > BEHIND)
         elif isinstance(item, Event):
             self._writer.event(item)
         elif isinstance(item, Commanded):

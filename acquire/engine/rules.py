@@ -40,7 +40,9 @@ class Rules:
     lie on the limit, and a regulator overshoots a little); its rate of change over ``rate_window`` s trips above the
     limit widened by ``rate_margin``; its time away from rest above the dwell widened by ``margin``. ``stale`` is the
     longest time without a new sample of a link in s of wall time, ``lag`` the share by which the device's clock may be
-    slower than the host's, ``disk`` the least free space in bytes. All defaults are assumed.
+    slower than the host's, ``disk`` the least free space in bytes. ``tracking`` bounds what is measured against what is
+    commanded, ``agreement`` two gauges of one quantity against each other. ``plausible`` is whether values are asked to
+    be plausible as well (`acquire.engine.plausibility`). All defaults are assumed.
     """
 
     margin: float = 0.1
@@ -56,12 +58,15 @@ class Rules:
         }
     )
 
+    agreement: Mapping[str, Tracking] = field(default_factory=lambda: {"pressure": Tracking(2_000.0, 0.3)})
+    plausible: bool = True
+
     def __post_init__(self) -> None:
         for name, (least, most) in BOUNDS.items():
             value = getattr(self, name)
             if not least <= value <= most:  # NaN is not
                 raise ValueError(f"{name}: {value:g} is out of {least:g} … {most:g}")
-        for quantity, rule in self.tracking.items():
+        for quantity, rule in (*self.tracking.items(), *self.agreement.items()):
             check_tracking(quantity, rule)
 
 
@@ -79,9 +84,9 @@ def check_tracking(quantity: str, rule: Tracking) -> None:
 class Trip:
     """Why a run was stopped by the interlock. ``time`` is device time in s where it is known, else NaN.
 
-    ``code`` is one of ``value``, ``rate``, ``nan``, ``dwell``, ``tracking`` (a measured channel), ``stale``, ``clock``,
-    ``link``, ``device`` (a link or a device), ``host``, ``disk``, ``recorder``, ``supervisor``, ``interlock`` (this
-    computer), ``estop`` (a person).
+    ``code`` is one of ``value``, ``rate``, ``nan``, ``dwell``, ``tracking`` (a measured channel), ``frozen``, ``jump``,
+    ``response``, ``reference`` (one that cannot be true), ``stale``, ``clock``, ``link``, ``device`` (a link or a
+    device), ``host``, ``disk``, ``recorder``, ``supervisor``, ``interlock`` (this computer), ``estop`` (a person).
     """
 
     code: str

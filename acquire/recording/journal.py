@@ -29,6 +29,7 @@ from typing import Any
 import numpy as np
 
 from acquire.files import PRIVATE
+from acquire.recording.lazy import pack
 from acquire.recording.lock import lock
 from acquire.recording.model import Event, RecordingError, RunInfo
 from drivers.signals import Block, Channel, Frame
@@ -55,6 +56,7 @@ class Kind(IntEnum):
     FRAME = 4
     EVENT = 5  # JSON
     SETPOINTS = 6  # JSON: from ``start`` on, these break points replace what was commanded
+    PACKED_FRAME = 8  # as FRAME, the pixels' CRC32 and their zlib stream in place of the pixels
     END = 7  # JSON: status, trip reason, end time
 
 
@@ -155,10 +157,15 @@ class JournalWriter:
             *(np.ascontiguousarray(value, "<f8").data.cast("B") for value in block.values.values()),
         )
 
-    def frame(self, frame: Frame) -> None:
-        """Append one camera frame."""
+    def frame(self, frame: Frame, *, quickly: bool = False) -> None:
+        """Append one camera frame, compressed without loss; ``quickly`` as it is."""
         image = np.ascontiguousarray(frame.image, np.uint8)
-        self._append(Kind.FRAME, FRAME.pack(frame.seq, frame.time, frame.time_host, *image.shape), image.data.cast("B"))
+        stamps = FRAME.pack(frame.seq, frame.time, frame.time_host, *image.shape)
+        packed = None if quickly else pack(image)
+        if packed is not None and packed.packed:
+            self._append(Kind.PACKED_FRAME, stamps, CRC.pack(packed.crc), packed.content)
+        else:
+            self._append(Kind.FRAME, stamps, image.data.cast("B"))
 
     def event(self, event: Event) -> None:
         """Append an event."""

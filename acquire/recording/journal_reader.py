@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from acquire.recording.journal import BLOCK, CRC, FRAME, HEADER, MAGIC, Kind
 from acquire.recording.journal_bytes import JournalBytes, Window
-from acquire.recording.lazy import LazyFrames
+from acquire.recording.lazy import LazyFrames, Packed, unpack
 from acquire.recording.model import Event, FloatArray, Frames, Recording, RecordingError, RunInfo, SegmentRecord, Series
 from acquire.recording.order import ordered, ordered_frames
 from acquire.recording.segments import before
@@ -92,17 +92,29 @@ def _whole_record(window: Window, position: int) -> tuple[Kind, memoryview] | No
 
 @dataclass(frozen=True)
 class JournalFrames(LazyFrames):
-    """Frames inside a journal: pixels of frame i begin at byte ``offsets[i]``."""
+    """Frames inside a journal: frame i is ``lengths[i]`` bytes from ``offsets[i]`` on; ``crcs[i]`` is -1 for pixels,
+    else the CRC32 of those that are packed there.
+    """
 
     data: JournalBytes
     shape: tuple[int, int, int]
     offsets: NDArray[np.int64]
+    lengths: NDArray[np.int64]
+    crcs: NDArray[np.int64]
+    packs = False
+
+    def stored(self, index: int) -> Packed:
+        content = self.data.read(int(self.offsets[index]), int(self.lengths[index]))
+        crc = int(self.crcs[index])
+        return Packed(content, crc, True) if crc >= 0 else Packed(content, zlib.crc32(content), False)
 
     def load(self, indices: NDArray[np.intp]) -> NDArray[np.uint8]:
-        size = self.shape[1] * self.shape[2]
         frames = np.empty((len(indices), *self.shape[1:]), np.uint8)
-        for k, index in enumerate(indices):
-            pixels = self.data.read(int(self.offsets[index]), size)
+        for k, index in enumerate(indices.tolist()):
+            stored = self.stored(index)
+            pixels = unpack(stored.content, frames[k].size) if stored.packed else stored.content
+            if zlib.crc32(pixels) != stored.crc:
+                raise RecordingError(f"{self.data.path}: frame {index} does not match its CRC: the journal is damaged")
             frames[k] = np.frombuffer(pixels, np.uint8).reshape(self.shape[1:])
         return frames
 
@@ -122,7 +134,7 @@ class _Content:
         self.homeless: list[tuple[int, int, bytes]] = []  # blocks that came before their layout: layout, samples, data
         self.frame_stamps: list[tuple[int, float, float]] = []
         self.frame_shape: tuple[int, int] = (0, 0)
-        self.frame_offsets: list[int] = []
+        self.frame_places: list[tuple[int, int, int]] = []  # offset, length, CRC32 (-1: not packed)
         self.events: list[Event] = []
         self.setpoints: list[_Commanded] = []
 
@@ -137,8 +149,8 @@ class _Content:
             if kind is Kind.BLOCK:
                 layout, samples = BLOCK.unpack_from(payload)
                 self._block(layout, samples, bytes(payload[BLOCK.size :]))
-            elif kind is Kind.FRAME:
-                self._frame(payload, offset)
+            elif kind in (Kind.FRAME, Kind.PACKED_FRAME):
+                self._frame(payload, offset, packed=kind is Kind.PACKED_FRAME)
             else:
                 self._text(kind, json.loads(bytes(payload)))
         except (ValueError, TypeError, LookupError, AttributeError, struct.error, RecursionError) as error:
@@ -152,9 +164,11 @@ class _Content:
         rows = np.frombuffer(data, "<f8").reshape(3 + len(self.layouts[layout]), samples)
         self.blocks.setdefault(layout, []).append(rows)
 
-    def _frame(self, payload: memoryview, offset: int) -> None:
+    def _frame(self, payload: memoryview, offset: int, *, packed: bool) -> None:
         seq, time, host, height, width = FRAME.unpack_from(payload)
-        if len(payload) != FRAME.size + height * width:
+        crc = CRC.unpack_from(payload, FRAME.size)[0] if packed else -1
+        begin = FRAME.size + (CRC.size if packed else 0)
+        if not packed and len(payload) != FRAME.size + height * width:
             raise ValueError(f"frame {seq} has not as many pixels as its size says")
         self.frame_shape = self.frame_shape if self.frame_stamps else (height, width)
         if (height, width) != self.frame_shape:
@@ -162,7 +176,7 @@ class _Content:
             self._left_out("error", "frame_size", f"{text}; left out", time)
             return
         self.frame_stamps.append((seq, time, host))
-        self.frame_offsets.append(offset + FRAME.size)
+        self.frame_places.append((offset + begin, len(payload) - begin, crc))
 
     def _text(self, kind: Kind, content: Any) -> None:
         if kind is Kind.INFO and self.info is None:
@@ -251,7 +265,7 @@ class _Content:
         if not self.frame_stamps:
             return None
         shape = (len(self.frame_stamps), *self.frame_shape)
-        data = JournalFrames(self.data, shape, np.array(self.frame_offsets))
+        data = JournalFrames(self.data, shape, *np.array(self.frame_places, np.int64).T)
         time = np.array([stamp[1] for stamp in self.frame_stamps])
         seq = np.array([stamp[0] for stamp in self.frame_stamps], np.int64)
         return Frames(data, time, float(self.first["frame_scale"]), seq)

@@ -24,7 +24,7 @@ from pathlib import Path
 from benchmarks.faults.table import Campaign, Row, about, markdown, save, timed, told
 
 #: In this order; each is a module here with a function ``rows``.
-FAMILIES = ("links", "wire", "host", "disk", "readings", "bounds", "files", "fuzz", "hostile")
+FAMILIES = ("links", "wire", "host", "disk", "readings", "bounds", "files", "fuzz", "hostile", "soak")
 
 
 def main() -> int:

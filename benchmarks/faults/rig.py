@@ -74,7 +74,7 @@ class Rig:
         *,
         seed: int = 1,
         between: Callable[[Mapping[str, str]], Mapping[str, str]] | None = None,
-        interlock: str = "",
+        watchdog: float = WATCHDOG,
     ) -> None:
         self.kind = kind
         self.folder = tempfile.TemporaryDirectory(prefix="faults-")
@@ -82,7 +82,7 @@ class Rig:
         addresses = {"address": self.server.entry.address, **dict(self.server.entry.sources)}
         self.addresses = dict(between(addresses) if between else addresses)
         self.station = Path(self.folder.name) / "station.yaml"
-        self.station.write_text(station(kind, self.addresses, interlock))
+        self.station.write_text(station(kind, self.addresses, watchdog))
         self.session = Session(load_station(self.station), out=Path(self.folder.name))
         self._count = 0
 
@@ -137,7 +137,7 @@ class Rig:
         return outcome
 
 
-def station(kind: str, addresses: Mapping[str, str], interlock: str = "") -> str:
+def station(kind: str, addresses: Mapping[str, str], watchdog: float = WATCHDOG) -> str:
     """A station file for an instrument that is simulated in another process."""
     sources = ", ".join(f"{name}: '{where}'" for name, where in addresses.items() if name != "address")
     lines = [
@@ -145,7 +145,7 @@ def station(kind: str, addresses: Mapping[str, str], interlock: str = "") -> str
         f"instruments:\n  {kind}:",
         f"    address: '{addresses['address']}'",
         "    simulated: true",
-        f"    watchdog: {WATCHDOG} s",
-        f"    interlock: {{stale: {STALE} s{interlock}}}",
+        f"    watchdog: {watchdog} s",
+        f"    interlock: {{stale: {STALE} s}}",
     ]
     return "\n".join([*lines, *([f"    sources: {{{sources}}}"] if sources else [])]) + "\n"

@@ -1,17 +1,19 @@
 """ETH aspiration device: a pressure controller on a serial link and a camera that sees the tissue bubble from the side.
 
-Options of a station entry: ``baudrate`` (115200); of the camera ``frame_scale`` (0.02 mm/px, assumed), and of the live
-apex height ``gvt`` (grey-value threshold; none: proposed), ``apex`` (up or down), ``tissue`` (dark or bright).
+Options of a station entry: ``baudrate`` (115200), ``pressure_reference`` (false: whether a second gauge is fitted); of
+the camera ``frame_scale`` (0.02 mm/px, assumed), and of the live apex height ``gvt`` (grey-value threshold; none:
+proposed), ``apex`` (up or down), ``tissue`` (dark or bright).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 from drivers.device import Rig, Source
 from drivers.instrument import Entry, Instrument, permit
-from drivers.options import take
+from drivers.options import reference, take
 from drivers.signals import Channel
 from protocols import units
 from protocols.limits import Limits, Range
@@ -35,17 +37,20 @@ def open_rig(entry: Entry) -> Rig:
     from drivers.transports import open_transport
 
     permit(entry, "this driver's dialect is assumed and was never verified on a real controller")
-    options = take(entry, baudrate=115200, frame_scale="0.02 mm/px", gvt=None, apex="up", tissue="dark")
+    options = take(
+        entry, baudrate=115200, pressure_reference=False, frame_scale="0.02 mm/px", gvt=None, apex="up", tissue="dark"
+    )
+    channels = (PRESSURE, *reference(PRESSURE, options))
     device = StreamDevice(
         "aspiration",
         open_link=lambda: open_transport(entry.address, baudrate=options["baudrate"]),
-        codec=PressureCodec,
-        channels=(PRESSURE,),
+        codec=partial(PressureCodec, reference=options["pressure_reference"]),
+        channels=channels,
         quantities=("pressure",),
         capacity=CAPACITY,
         watchdog=entry.watchdog,
         simulated=entry.simulated,
-        convert=lambda raw: {PRESSURE.name: raw[:, 0]},
+        convert=lambda raw: {c.name: raw[:, k] for k, c in enumerate(channels)},
     )
     unknown = sorted(set(entry.sources) - set(INSTRUMENT.sources))
     if unknown:

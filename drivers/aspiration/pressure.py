@@ -6,7 +6,7 @@ values) has no queue, no sequence numbers and no checksum; this dialect keeps it
 never run on real hardware.
 
 One line a sample: ``A -30000.00 1250 50000000 431 R,3,12,49200000,`` — pressure in Pa, sample number, device time in
-µs, packet number, status.
+µs, packet number, status. A second gauge's pressure stands behind the first one's, after a slash.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _NO_READING = "---"
 
 
 class PressureCodec(LineCodec):
-    """One end of the pressure controller's link. Raw channel: pressure (Pa)."""
+    """One end of the pressure controller's link. Raw channel: pressure (Pa), with a ``reference`` also its pressure."""
 
     REQUEST, REPLY, SAMPLE = "$", "!", "A"
     TERMINATOR = b"\r"
@@ -38,6 +38,10 @@ class PressureCodec(LineCodec):
         msg.Safe: "E",
     }
 
+    def __init__(self, reference: bool = False) -> None:
+        super().__init__()
+        self._channels = 2 if reference else 1
+
     def sample_lines(self, samples: msg.Samples) -> list[str]:
         """A line a sample; a block without samples is a line with neither value nor number."""
         status = f"{samples.packet} {write_status(samples.status)}"
@@ -45,8 +49,8 @@ class PressureCodec(LineCodec):
         if not len(stamps):
             return [f" {_NO_READING} - {round(samples.status.time * 1e6)} {status}"]
         return [
-            f" {_NO_READING if np.isnan(p) else format(p, '+.2f')} {samples.first + k} {t} {status}"
-            for k, (p, t) in enumerate(zip(samples.values[:, 0], stamps, strict=True))
+            f" {'/'.join(map(_written, row))} {samples.first + k} {t} {status}"
+            for k, (row, t) in enumerate(zip(samples.values, stamps, strict=True))
         ]
 
     def parse_sample(self, text: str) -> msg.Samples:
@@ -54,6 +58,12 @@ class PressureCodec(LineCodec):
         time = int(stamp) / 1e6
         status = read_status(rest, time)
         if number == "-":
-            return msg.Samples(0, np.empty(0), np.empty((0, 1)), status, int(packet))
-        pressure = np.nan if value == _NO_READING else float(value)
-        return msg.Samples(int(number), np.array([time]), np.array([[pressure]]), status, int(packet))
+            return msg.Samples(0, np.empty(0), np.empty((0, self._channels)), status, int(packet))
+        row = [np.nan if part == _NO_READING else float(part) for part in value.split("/")]
+        if len(row) != self._channels:
+            raise ValueError(f"{len(row)} pressures instead of {self._channels}")
+        return msg.Samples(int(number), np.array([time]), np.array([row]), status, int(packet))
+
+
+def _written(pressure: float) -> str:
+    return _NO_READING if np.isnan(pressure) else f"{pressure:+.2f}"

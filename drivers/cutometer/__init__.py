@@ -1,13 +1,15 @@
 """Cutometer MPA 580: suction probe with optical apex height, on a serial link.
 
-Options of a station entry: ``baudrate`` (115200).
+Options of a station entry: ``baudrate`` (115200), ``pressure_reference`` (false: whether a second gauge is fitted).
 """
 
 from __future__ import annotations
 
+from functools import partial
+
 from drivers.device import Rig
 from drivers.instrument import Entry, Instrument, permit
-from drivers.options import take
+from drivers.options import reference, take
 from drivers.signals import Channel
 from protocols.limits import Limits, Range
 
@@ -32,7 +34,8 @@ def open_rig(entry: Entry) -> Rig:
     from drivers.stream import StreamDevice
     from drivers.transports import open_transport
 
-    options = take(entry, baudrate=115200)
+    options = take(entry, baudrate=115200, pressure_reference=False)
+    channels = (*CHANNELS, *reference(CHANNELS[0], options))
     permit(
         entry,
         "the wire protocol of the real instrument is not public and this driver's dialect was never verified on one; "
@@ -41,13 +44,13 @@ def open_rig(entry: Entry) -> Rig:
     device = StreamDevice(
         "cutometer",
         open_link=lambda: open_transport(entry.address, baudrate=options["baudrate"], usb_backend=entry.usb_backend),
-        codec=CutometerCodec,
-        channels=CHANNELS,
+        codec=partial(CutometerCodec, reference=options["pressure_reference"]),
+        channels=channels,
         quantities=("pressure",),
         capacity=CAPACITY,
         watchdog=entry.watchdog,
         simulated=entry.simulated,
-        convert=lambda raw: {c.name: raw[:, k] for k, c in enumerate(CHANNELS)},
+        convert=lambda raw: {c.name: raw[:, k] for k, c in enumerate(channels)},
     )
     return Rig("cutometer", device)
 

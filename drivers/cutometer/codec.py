@@ -4,9 +4,10 @@ The wire protocol of the Cutometer MPA 580 is not public. This dialect is this p
 ever tried on the instrument, and the driver refuses a real port unless the station vouches for it. Everything that
 is assumed about the wire is in this file.
 
-Lines end in CR. A sample line holds a block: ``#packet,first,t0,t1,status;hex`` with times in µs and, for each
+Lines end in CR. A sample line holds a block: ``#packet,first,t0,t1,status;channels;hex`` with times in µs and, for each
 sample, 24 hexadecimal digits: µs after t0 (unsigned), pressure in 0.01 Pa and apex height in nm (two's complement;
-80000000 says "no reading", which is not a number). At 100 samples/s this fits 115200 baud four times over.
+80000000 says "no reading", which is not a number); with a second gauge 8 more for its pressure. At 100 samples/s this
+fits 115200 baud four times over.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ from drivers import messages as msg
 from drivers.lines import LineCodec, read_status, write_status
 from drivers.signals import FloatArray
 
-#: Value of one count of each raw channel: pressure in Pa, apex height in m.
-COUNTS = np.array([0.01, 1e-9])
+#: Value of one count of each raw channel: pressure in Pa, apex height in m, pressure of a second gauge in Pa.
+COUNTS = np.array([0.01, 1e-9, 0.01])
 #: Segments that the instrument's queue holds (assumed).
 CAPACITY = 64
 _NO_READING = np.int32(-(2**31))
@@ -26,7 +27,7 @@ _MOST = 2**31 - 1
 
 
 class CutometerCodec(LineCodec):
-    """One end of a Cutometer link. Raw channels: pressure (Pa), apex height (m)."""
+    """One end of a Cutometer link. Raw channels: pressure (Pa), apex height (m), with a ``reference`` its pressure."""
 
     REQUEST, REPLY, SAMPLE = "@", "=", "#"
     TERMINATOR = b"\r"
@@ -42,27 +43,33 @@ class CutometerCodec(LineCodec):
         msg.Safe: "SAFE",
     }
 
+    def __init__(self, reference: bool = False) -> None:
+        super().__init__()
+        self._counts = COUNTS if reference else COUNTS[:2]
+
     def sample_lines(self, samples: msg.Samples) -> list[str]:
         start = round(float(samples.time[0]) * 1e6) if len(samples.time) else round(samples.status.time * 1e6)
-        table = np.empty((len(samples.time), 3), dtype=">i4")
+        table = np.empty((len(samples.time), 1 + len(self._counts)), dtype=">i4")
         table[:, 0] = np.rint(samples.time * 1e6).astype(np.int64) - start
-        table[:, 1:] = _counts(samples.values)
+        table[:, 1:] = _counts(samples.values, self._counts)
         end = round(samples.status.time * 1e6)
         return [
-            f"{samples.packet},{samples.first},{start},{end},{write_status(samples.status)};{table.tobytes().hex()}"
+            f"{samples.packet},{samples.first},{start},{end},{write_status(samples.status)};{len(self._counts)};{table.tobytes().hex()}"
         ]
 
     def parse_sample(self, text: str) -> msg.Samples:
-        head, digits = text.split(";")
+        head, channels, digits = text.split(";")
+        if int(channels) != len(self._counts):
+            raise ValueError(f"{channels} channels instead of {len(self._counts)}")
         packet, first, start, end, status = head.split(",", 4)
-        table = np.frombuffer(bytes.fromhex(digits), dtype=">i4").reshape(-1, 3)
-        values = table[:, 1:] * COUNTS
+        table = np.frombuffer(bytes.fromhex(digits), dtype=">i4").reshape(-1, 1 + len(self._counts))
+        values = table[:, 1:] * self._counts
         values[table[:, 1:] == _NO_READING] = np.nan
         time = (int(start) + table[:, 0].view(">u4").astype(np.int64)) / 1e6
         return msg.Samples(int(first), time, values, read_status(status, int(end) / 1e6), int(packet))
 
 
-def _counts(values: FloatArray) -> FloatArray:
+def _counts(values: FloatArray, count: FloatArray) -> FloatArray:
     """Raw values in counts; beyond the range of the wire they stay at its end, as a converter's do."""
-    counts = np.clip(np.rint(values / COUNTS), -_MOST, _MOST)
+    counts = np.clip(np.rint(values / count), -_MOST, _MOST)
     return np.where(np.isnan(values), float(_NO_READING), counts)

@@ -59,8 +59,11 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, default=Path("out/bubbles"), help="folder for the bundles")
     parser.add_argument("--data", type=Path, help="folder of the images (default: in SKINRIG_DATA)")
     arguments = parser.parse_args()
-    for name in BUNDLES:
-        print(make_bundle(name, arguments.output / name, arguments.data))
+    try:
+        for name in BUNDLES:
+            print(make_bundle(name, arguments.output / name, arguments.data))
+    except (OSError, ValueError) as error:
+        parser.exit(2, f"{parser.prog}: {error}\n")
 
 
 if __name__ == "__main__":

@@ -49,8 +49,11 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, default=Path("out/tanks"), help="folder for the bundles")
     parser.add_argument("--data", type=Path, help="folder of the table (default: in SKINRIG_DATA)")
     arguments = parser.parse_args()
-    for name in PARTS:
-        print(make_bundle(name, arguments.output / name, arguments.data))
+    try:
+        for name in PARTS:
+            print(make_bundle(name, arguments.output / name, arguments.data))
+    except (OSError, ValueError) as error:
+        parser.exit(2, f"{parser.prog}: {error}\n")
 
 
 if __name__ == "__main__":

@@ -68,8 +68,11 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, default=Path("out/emps"), help="folder for the bundles")
     parser.add_argument("--data", type=Path, help="folder of the .mat files (default: in SKINRIG_DATA)")
     arguments = parser.parse_args()
-    for name in RECORDS:
-        print(write_bundle(recording(name, arguments.data), arguments.output / name))
+    try:
+        for name in RECORDS:
+            print(write_bundle(recording(name, arguments.data), arguments.output / name))
+    except (OSError, ValueError) as error:
+        parser.exit(2, f"{parser.prog}: {error}\n")
 
 
 if __name__ == "__main__":

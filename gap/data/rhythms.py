@@ -5,6 +5,8 @@ A fit finds a rhythm, or a moment, only from close by; a grid over its prior wou
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -157,3 +159,15 @@ def _peaks(power: FloatArray, apart: int, most: int = LINES) -> list[int]:
         if len(out) == most:
             break
     return out
+
+
+def in_common(delays: Sequence[float], within: float) -> tuple[float, ...]:
+    """Means of the ``delays`` (s) that several recordings have in common, but for ``within``; the most common first."""
+    groups: list[list[float]] = []
+    for delay in sorted(delays):
+        if groups and delay - groups[-1][-1] <= within:
+            groups[-1].append(delay)
+        else:
+            groups.append([delay])
+    common = sorted((g for g in groups if len(g) > 1), key=len, reverse=True)
+    return tuple(float(np.mean(g)) for g in common)

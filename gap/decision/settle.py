@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from gap.data.signatures import Signature
-from gap.data.tolerances import Tolerance
 from gap.decision.marks import explains_marks
 from gap.decision.posterior import Posterior, concept, posterior
 from gap.decision.thresholds import Thresholds
+from gap.decision.tolerance import Stated, in_tolerances
 from gap.decision.transfer import Shrink, best_elsewhere, in_changed_blocks, plain, plain_gap, transferred
-from gap.decision.verdict import Findings, Verdict, decide, in_tolerances, without_skin
+from gap.decision.verdict import Findings, Verdict, decide, without_skin
 from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import Candidate
 from gap.inference.workers import each
@@ -40,7 +40,7 @@ class Case:
     marks: Sequence[Signature]
     null: Hypothesis
     withheld: Mapping[str, set[int]]
-    stated: Mapping[str, Mapping[str, Tolerance]]
+    stated: Stated
     _answers: dict[int, Hypothesis] = field(default_factory=dict, repr=False)
     _carried: dict[int, Mapping[str, Shrink]] = field(default_factory=dict, repr=False)
 
@@ -76,14 +76,16 @@ def settle(case: Case, t: Thresholds, jobs: int = 1) -> Settled:
     if not found.causes:
         return Settled(decide(Findings(found, t)), found, ())
     found, trials = _with_best_leader(case, found, t, jobs)
-    first = found.causes[0]
+    first, comparison = found.causes[0], case.comparison
+    sizes = in_tolerances(comparison.problems, comparison.null, first.hypothesis, case.stated, found.temper)
     findings = Findings(
         posterior=found,
         t=t,
         fitted=in_changed_blocks(case.null, trials[0].answer),
         held_out={split: s for split, s in trials[0].shrinks.items() if split != "fitted"},
-        without_skin=without_skin(first, case.comparison, found.temper),
-        tolerances=in_tolerances(first.hypothesis, case.stated),
+        without_skin=without_skin(first, comparison, found.temper),
+        tolerances=sizes[0],
+        beyond=sizes[1],
     )
     return Settled(decide(findings), found, trials)
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gap.data.tolerances import Tolerance
 from gap.decision.marks import explains_marks
 from gap.decision.posterior import Cause, Posterior, misfit
 from gap.decision.thresholds import Thresholds
@@ -22,7 +21,8 @@ VERDICTS = ("effect", "several", "none", "unknown", "undetectable")
 class Findings:
     """All that the rules look at. ``fitted`` is the gap in the channels that the first cause changes, ``held_out`` on
     recordings that its parameters were not fitted to, by split; ``without_skin``, the nats that blocks without skin
-    give the first cause; ``tolerances``, how many stated tolerances it is large (inf where none is stated)."""
+    give the first cause; ``tolerances``, how many stated tolerances it is large (inf where none is stated), and
+    ``beyond``, the tempered σ by which it does what no tolerance could."""
 
     posterior: Posterior
     t: Thresholds
@@ -30,6 +30,7 @@ class Findings:
     held_out: Mapping[str, Shrink] = field(default_factory=dict)
     without_skin: float = np.inf
     tolerances: float = np.inf
+    beyond: float = 0.0
 
     @property
     def first(self) -> Cause:
@@ -172,7 +173,7 @@ RULES: tuple[Rule, ...] = (
     ),
     Rule(
         "within tolerance",
-        lambda f: f.tolerances <= f.t.tolerances,
+        lambda f: f.tolerances <= f.t.tolerances and f.beyond < f.seen,
         Findings.quiet,
         lambda f: f"{f.tolerances:.1f} stated tolerances <= {f.t.tolerances:g}",
     ),
@@ -243,18 +244,3 @@ def without_skin(cause: Cause, comparison: Comparison, temper: Mapping[str, floa
             one, other = (f.log_evidence(temper[block], problem.alternatives) for f in fits)
             nats += problem.trusts[0] * (one - other)
     return nats if any(p.open_law for p in comparison.problems.values()) else np.inf
-
-
-def in_tolerances(h: Hypothesis, stated: Mapping[str, Mapping[str, Tolerance]]) -> float:
-    """How many stated tolerances a hypothesis' effects are large, the largest; inf where one has none stated."""
-    sizes = [np.inf] if not h.effects else []
-    for e in h.effects:
-        fitted = next((f for f in h.fits.values() if e in f.hypothesis), None)
-        known = stated.get(e.name, {})
-        values = {} if fitted is None else fitted.active[e]
-        strengths = [p for p in e.parameters if p.null is not None]
-        sizes += [
-            abs(values[p.name] - (p.null or 0.0)) / known[p.name].value if p.name in known and values else np.inf
-            for p in strengths
-        ] or [np.inf]
-    return float(max(sizes))

@@ -18,8 +18,9 @@ import numpy as np
 from gap.inference.evidence import Fit
 from gap.null.blocks import Group, GroupedSession
 from gap.null.chains import needed, run
+from gap.null.fe_law import relaxing_shares
 from gap.null.fe_solver import Experiment, FeModel, fe_model
-from gap.null.fe_tissue import Anchored, relaxing_shares
+from gap.null.fe_tissue import Anchored
 from gap.null.robot_axes import AxesBlock, specimen_chain
 from gap.null.robot_force import ForceBlock
 from gap.null.sheet_law import Law

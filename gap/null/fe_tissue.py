@@ -29,6 +29,7 @@ from gap.inference.least_squares import fit
 from gap.inference.problem import Problem
 from gap.null.blocks import Block, Group, GroupedSession
 from gap.null.chains import needed
+from gap.null.fe_law import FREE, TIMES, creep, moduli, moduli_slopes
 from gap.null.fe_solver import Experiment, FeModel, fe_model
 from gap.null.skin_laws import Part, SkinLaw
 from gap.null.suction_height import HeightBlock
@@ -40,14 +41,6 @@ from sim_devices.stages.sampling import REFINEMENT, simulate
 from sim_devices.stages.suction import OPENING
 from sim_devices.stages.tissues import SuctionTissue
 
-TIMES = (0.2, 2.5, 30.0)
-"""Relaxation times to begin from, s (assumed)."""
-SHARES = (0.3, 0.3, 0.4)
-"""Relaxing moduli over the one that stays, to begin from (assumed)."""
-BENDS = (0.5, 0.05)
-"""c20/G and c30/G to begin from (assumed: stiffening as of skin)."""
-FREE = ("G", "c20", "c30", "g1", "g2", "g3", "tau1", "tau2", "tau3")
-"""Parameters of the model that are fitted, through `moduli`."""
 ANCHORS = 5
 """Linearisations at most."""
 NEAR = 0.25
@@ -56,57 +49,6 @@ MESH = 0.5
 """Density of the mesh: the apex is about 2 % off the finest one's, which the modulus takes up."""
 CURVE_POINTS = 25
 TABLE_POINTS = 600
-
-
-def relaxing_shares(start: FloatArray, x: FloatArray) -> FloatArray:
-    """Prony shares (k,), positive and below 1 together, at logs ``x`` (k,) of the relaxing moduli over ``start``."""
-    relaxing = start * np.exp(np.clip(x, -6.0, 6.0))
-    return np.asarray(relaxing / (1.0 + relaxing.sum()))
-
-
-def moduli(x: FloatArray, base: float) -> dict[str, float]:
-    """Parameters of the Yeoh law at ``x`` (9,): logs of scale, c20/G, c30/G, relaxing moduli and their times, each
-    over its start.
-
-    Every modulus is in proportion to the scale; relaxing shares are positive and below 1 together.
-    """
-    x = np.clip(x, -6.0, 6.0)
-    modulus = base * float(np.exp(x[0]))
-    shares = relaxing_shares(np.array(SHARES), x[3:6])
-    times = np.array(TIMES) * np.exp(x[6:9])
-    out = {
-        "G": modulus,
-        "c20": BENDS[0] * modulus * float(np.exp(x[1])),
-        "c30": BENDS[1] * modulus * float(np.exp(x[2])),
-    }
-    for i, (g, tau) in enumerate(zip(shares, times, strict=True), start=1):
-        out |= {f"g{i}": float(g), f"tau{i}": float(tau)}
-    return out | {"friction": 0.0, "spring_force": 0.0}
-
-
-def moduli_slopes(x: FloatArray, base: float, step: float = 1e-6) -> FloatArray:
-    """Derivative of the `FREE` parameters by ``x``, (9, 9)."""
-    out = np.empty((len(FREE), len(x)))
-    for k in range(len(x)):
-        up, down = x.copy(), x.copy()
-        up[k] += step
-        down[k] -= step
-        high, low = moduli(up, base), moduli(down, base)
-        out[:, k] = [(high[s] - low[s]) / (2 * step) for s in FREE]
-    return out
-
-
-def creep(shares: FloatArray, times: FloatArray) -> tuple[float, ...]:
-    """The creep that undoes a relaxation 1 - sum g_i (1 - exp(-t / tau_i)), as parameters of ``kernels.prony``.
-
-    With y_i the load s lagged by tau_i, p = s - sum g_i y_i; so s = p + g·y with y' = (1 p + (1 gᵀ - I) y) / tau,
-    whose matrix is similar to a symmetric one: its modes are the creep's.
-    """
-    root = np.sqrt(shares / times)
-    symmetric = np.outer(root, root) - np.diag(1.0 / times)
-    values, vectors = np.linalg.eigh(symmetric)
-    weights = np.square(vectors.T @ root) / -values
-    return (1.0, *(float(v) for pair in zip(weights, -1.0 / values, strict=True) for v in pair))
 
 
 @dataclass(frozen=True)
@@ -244,6 +186,11 @@ class FeHeightBlock(Anchored, HeightBlock):
         flow, soft = self._tissue.residual + c["residual"], self._tissue.softening + c["softening"]
         return replace(self._tissue, creep=(), times=(), residual=flow, softening=soft)
 
+    def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:
+        units = {"g": "1", "tau": "s"}
+        law = moduli(nuisance[: len(FREE)], self._base)
+        return {name: (float(value), units.get(name.rstrip("0123456789"), "Pa")) for name, value in law.items()}
+
     def _law_chain(self, group: Group, nuisance: FloatArray) -> Chain:
         chain = chain_of(self.session, group, self.tissue(nuisance))
         if not group.skin or self._anchor is None:
@@ -365,7 +312,7 @@ class FeHeightBlock(Anchored, HeightBlock):
         self, chain: Chain, group: Group, active: Active, time: FloatArray, line: tuple[FloatArray, FloatArray]
     ) -> FloatArray:
         """What the skin meets under the active effects, (n,) Pa."""
-        given = {"line_pressure": self._fed(chain, group, active, line)}
+        given = {"line_pressure": self._fed.beside(chain, group, active, line)}
         reduced = replace(chain, operators=needed(chain, ("skin_pressure",), given))
         return simulate(reduced, group.tables(), {"skin_pressure": time}, given)["skin_pressure"]
 

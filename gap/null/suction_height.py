@@ -11,32 +11,25 @@ must earn its freedom (`Problem.alternatives`).
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 
-from gap.data.noise import denoised
+from gap.data.rhythms import in_common
 from gap.inference.evidence import Fit
 from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Start
 from gap.inference.least_squares import fit, under
 from gap.inference.workers import each
 from gap.null.blocks import SIMPLE_SHIFT, Block, Group, GroupedSession, Table, compressed
-from gap.null.chains import Kept, needed
-from gap.null.skin_laws import BASIC, CREEP, FURTHER, PARTS, TIMES, USUAL, Part, SkinLaw, bounded_exp, rewired
+from gap.null.skin_laws import BASIC, CREEP, FURTHER, PARTS, TIMES, USUAL, Part, SkinLaw, rewired
 from gap.null.suction_discrepancy import USUAL_MEMORY, Suction, elastic_freedom, suction_discrepancy
-from gap.null.suction_pressure import NO_TISSUE, PressureBlock, chain_of, commanded_line, sound_chain
+from gap.null.suction_feed import FedPressure
+from gap.null.suction_pressure import PressureBlock, chain_of
+from gap.null.suction_skin import Loaded
 from sim_devices.chain import Chain, Effect, FloatArray
-from sim_devices.effects.tissue import power_law_creep
-from sim_devices.stages.sampling import simulate
-from sim_devices.stages.suction import elastic_height
 from sim_devices.stages.tissues import SuctionTissue, suction_tissue
 
-LOGARITHM = 1e-4
-"""Exponent of an elastic curve that is as good as a logarithm; below nought curves have an end."""
-FRACTION = 0.25
-"""Exponent of power-law creep from which fits begin."""
 ENOUGH = 1.05
 """χ² per sample of a law at which nothing less simple is tried."""
 QUICK = 10
@@ -49,33 +42,13 @@ SAME = 0.02
 """s within which recordings jump equally late."""
 TAKEN = 300.0
 """Nats by which a law that is not linear may be better and still have taken on an effect (of δ 25)."""
-TOLD = 4
-"""Creep times that are told one by one; a power law stands for many."""
 Try = tuple[SkinLaw, FloatArray, int]
 """A fit of the simulation by itself: the law, the nuisance (p,) to begin from, iterations."""
-
-
-@lru_cache(maxsize=64)
-def _reach(suction: float, knee: float, exponent: float) -> float:
-    """Elastic height at a ``suction`` (Pa) for a compliance of 1 m/Pa, m."""
-    return float(elastic_height(np.zeros(1), np.array([-suction]), 1.0, knee, exponent)[0])
 
 
 def _probability(alone: tuple[Fit, SkinLaw]) -> float:
     """log evidence of a law fitted alone."""
     return alone[0].log_evidence(1.0, (alone[0].prior_sd,))
-
-
-def _agreed(delays: Sequence[float], within: float) -> tuple[float, ...]:
-    """Means of the ``delays`` (s) that several recordings have in common, but for ``within``; the most common first."""
-    groups: list[list[float]] = []
-    for delay in sorted(delays):
-        if groups and delay - groups[-1][-1] <= within:
-            groups[-1].append(delay)
-        else:
-            groups.append([delay])
-    common = sorted((g for g in groups if len(g) > 1), key=len, reverse=True)
-    return tuple(float(np.mean(g)) for g in common)
 
 
 class HeightBlock(Block):
@@ -108,12 +81,12 @@ class HeightBlock(Block):
         super().__init__(session, library)
         self._tissue = suction_tissue("forearm")
         self._pressure = pressure
-        self._line = [self._smoothed(g) for g, _ in self.groups]
+        self._fed = FedPressure(session, pressure)
+        self._line = [self._fed.smoothed(g) for g, _ in self.groups]
         strongest = (-float(p.min()) for (g, _), (_, p) in zip(self.groups, self._line, strict=True) if g.skin)
         self._strongest = max(strongest, default=0.0) or 1e3  # Pa; without skin any will do
         self._runs = self.member
         self._onsets = np.array([self._onset(k) for k in self.runs])
-        self._fed_before = Kept(8)
         self._start: FloatArray | None = None
         self._tries: list[Try] = []
         self._size = 1.0
@@ -151,7 +124,7 @@ class HeightBlock(Block):
             at = self.session.breaks(self.channels[0], k)
             before = kinks[np.maximum(np.searchsorted(kinks, at) - 1, 0)]
             late += (at[at > before + ANSWER] - self._onset(k)).tolist()
-        return _agreed([delay for delay in late if delay > 0], SAME)
+        return in_common([delay for delay in late if delay > 0], SAME)
 
     def breaks(self, k: int) -> Sequence[float]:
         return [self._onset(k) + delay for delay in self.resets]
@@ -210,28 +183,6 @@ class HeightBlock(Block):
         kinks = super().kinks(group)
         return kinks if self._pressure is None else kinks - self._pressure.early(kinks)
 
-    def _smoothed(self, group: Group) -> Table:
-        """Recorded pressure of a group as a table, without its gauge noise; the command where none was recorded."""
-        times, values = [], []
-        for k in group.members:
-            series = self.session.recordings[k].streams.get("pressure")
-            if series is not None:
-                value = np.asarray(series.value, dtype=float)
-                good = np.isfinite(value)
-                times.append(self.session.time(k, series)[good])
-                values.append(value[good])
-        if not times:
-            return group.tables()["pressure"]
-        time, value = np.concatenate(times), np.concatenate(values)
-        if self._pressure is None:
-            fine, base = commanded_line(
-                chain_of(self.session, group, NO_TISSUE, command_step=0.0), group, time, np.zeros_like
-            )
-        else:
-            (fine, base), value = self._pressure.line(group, time), self._pressure.true(value)
-        remainder = denoised(time, value - np.interp(time, fine, base))
-        return fine, base + np.interp(fine, time, remainder)
-
     def _by_group(
         self, basis: Callable[..., tuple[FloatArray, FloatArray]], *more: Any
     ) -> tuple[FloatArray, FloatArray]:
@@ -244,51 +195,20 @@ class HeightBlock(Block):
             parts.append(columns * float(g.skin))
         return np.vstack(parts), weights
 
+    @property
+    def _at(self) -> Loaded:
+        return Loaded(self._tissue, self._size, self._strongest)
+
     def tissue(self, nuisance: FloatArray) -> SuctionTissue:
         """The reduced tissue at a nuisance vector."""
-        c = dict(zip(self.PARTS, nuisance, strict=False))
-        base = self._tissue
-        knee = base.knee * bounded_exp(c["knee"])
-        exponent = float(np.clip(base.exponent + c["exponent"], -3.0, 3.0))
-        exponent = exponent if abs(exponent) > LOGARITHM else LOGARITHM
-        fraction = float(np.clip(FRACTION * bounded_exp(c["fraction"]), 0.03, 0.9))
-        memory = [
-            (c[f"creep{i + 1}"], tau * bounded_exp(c[f"time{i + 1}"]))
-            for i, tau in enumerate(base.times)
-            if abs(c[f"creep{i + 1}"]) > FROZEN
-        ]
-        memory += power_law_creep(c["power"], fraction) if c["power"] else []
-        # The compliance is that at the strongest suction: knee and exponent then bend the curve and do not scale it.
-        return replace(
-            base,
-            compliance=self._reaching(nuisance) / _reach(self._strongest, knee, exponent),
-            knee=knee,
-            exponent=exponent,
-            creep=tuple(g for g, _ in memory),
-            times=tuple(tau for _, tau in memory),
-            residual=c["residual"],
-            softening=base.softening + c["softening"],
-        )
+        return self._at.tissue(self._named(nuisance))
+
+    def _named(self, nuisance: FloatArray) -> dict[str, float]:
+        """The skin's parameters in a nuisance vector, by name."""
+        return dict(zip(self.PARTS, nuisance.tolist(), strict=False))
 
     def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:
-        tissue = self.tissue(nuisance)
-        creep: dict[str, tuple[float, str]] = {}
-        for k, (amount, time) in enumerate(zip(tissue.creep, tissue.times, strict=True), start=1):
-            creep |= {f"creep_{k}": (amount, "1"), f"creep_time_{k}": (time, "s")}
-        return {
-            "elastic_height": (self._reaching(nuisance), "m"),
-            "compliance": (tissue.compliance, "m/Pa"),
-            "knee": (tissue.knee, "Pa"),
-            "elastic_exponent": (tissue.exponent, "1"),
-            **(creep if len(tissue.creep) <= TOLD else {"creep": (sum(tissue.creep), "1")}),
-            "residual": (tissue.residual, "1"),
-        }
-
-    def _reaching(self, nuisance: FloatArray) -> float:
-        """Elastic height at the strongest suction, m."""
-        base = self._tissue
-        size = base.compliance * self._size * max(1.0 + float(nuisance[0]), 1e-3)
-        return size * _reach(self._strongest, base.knee, base.exponent)
+        return self._at.quantities(self._named(nuisance))
 
     def start(self) -> FloatArray:
         """The simulation by itself, fitted alone; the tissue's parameters are then the prior's mean.
@@ -441,7 +361,7 @@ class HeightBlock(Block):
         chain = chain_of(self.session, group, self.tissue(nuisance))
         if not group.skin:
             return chain
-        return rewired(chain, dict(zip(self.PARTS, nuisance, strict=False)), self._strongest, self._reaching(nuisance))
+        return rewired(chain, self._named(nuisance), self._strongest, self._at.reaching(self._named(nuisance)))
 
     def _chain_height(self, nuisance: FloatArray, active: Active) -> FloatArray:
         """Apex height of the chain (n,) m, before run scatter and discrepancy."""
@@ -449,26 +369,9 @@ class HeightBlock(Block):
         out = np.empty(len(self.stamps))
         for (g, at), line in zip(self.groups, self._line, strict=True):
             chain = self.with_effects(self._law_chain(g, nuisance), active)
-            out[at] = self.simulated(chain, g, at, shift, {"line_pressure": self._fed(chain, g, active, line)})[0]
+            given = {"line_pressure": self._fed.beside(chain, g, active, line)}
+            out[at] = self.simulated(chain, g, at, shift, given)[0]
         return out
-
-    def _fed(self, chain: Chain, group: Group, active: Active, line: Table) -> Table:
-        """The true pressure, where ``line`` is the recorded one: as it is for an actuator's effect, less the gauge's
-        error for its own."""
-        wanted = ("line_pressure", "pressure")
-        sound = sound_chain(self.session.instrument, self.session.marks)
-        if all(c.stage == "tissue" for c in active):
-            return line
-        if needed(chain, wanted[1:], wanted[:1]) == needed(sound, wanted[1:], wanted[:1]):
-            return line
-        partial = replace(chain, operators=needed(chain, wanted))
-        time, pressure = line
-
-        def corrected() -> Table:
-            made = simulate(partial, group.tables(), dict.fromkeys(wanted, time))
-            return time, pressure + (made["line_pressure"] - made["pressure"])
-
-        return self._fed_before.get((group.specimen, id(time), partial), corrected)
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         n, r = len(self.PARTS) + 1, self._runs.shape[1]

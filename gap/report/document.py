@@ -8,6 +8,7 @@ import numpy as np
 
 from gap.decision.posterior import Cause, Posterior, misfit
 from gap.diagnosis import Diagnosis
+from gap.report.assumed import assumed
 from gap.report.breakdown import breakdown
 from gap.report.parameters import of_cause, of_model, rounded
 from gap.report.sentences import sentences
@@ -46,6 +47,7 @@ def as_json(d: Diagnosis) -> dict[str, Any]:
         "signatures": [{"effect": s.effect, "channel": s.channel, "text": s.text} for s in d.signatures],
         "next_experiment": dict(d.next_experiment),
         "next_experiment_note": "" if d.advised else NOT_ASKED,
+        "assumed": assumed(d),
         "remarks": list(d.remarks),
         "recordings": [r.info.id for r in d.recordings],
         "cost": {"seconds": rounded(d.seconds), "simulations": d.comparison.simulations, "fe_solves": d.fe_solves},

@@ -14,10 +14,11 @@ from typing import Any
 
 from drivers.device import Rig
 from drivers.instrument import Entry
+from drivers.signals import REFERENCE
 from sim_devices.chain import Chain
 from sim_devices.clock import Clock, ScaledClock
 from sim_devices.servers.backdoor import BackDoor, Truth
-from sim_devices.servers.bench import BENCHES, USB_ID
+from sim_devices.servers.bench import BENCHES, USB_ID, with_reference
 from sim_devices.servers.instrument import SimInstrument
 from sim_devices.servers.links import Link, PtyLink, TcpLink
 from sim_devices.servers.ports import Render
@@ -88,7 +89,9 @@ def serve(
     link = link or _LINKS_OF[instrument][0]
     if link not in _LINKS_OF[instrument]:
         raise ValueError(f"the simulated {instrument} has no link {link!r}; it has {', '.join(_LINKS_OF[instrument])}")
-    bench = BENCHES[instrument]
+    bench, options = BENCHES[instrument], dict(options or {})
+    if options.get(f"pressure{REFERENCE}") is True and instrument != "microrobot":
+        bench = with_reference(bench, seed)
     if chain is None:
         from sim_devices.stages import noisy, nominal
 
@@ -104,7 +107,6 @@ def serve(
         render = render or Scene(frame_size, FRAME_SCALE, rim, seed=seed)
     sim = SimInstrument(bench, chain, clock or ScaledClock(speed), control, frames, render)
     extra: dict[str, Any] = {} if watchdog is None else {"watchdog": watchdog}
-    options = dict(options or {})
     if instrument == "microrobot":
         # The host turns forces on the transducers into the force on the probe: an effect there is a wrong matrix here.
         options.setdefault("force_matrix", [float(m) for m in chain["force_matrix"].matrix])  # type: ignore[attr-defined]

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import cast
 
 import numpy as np
 
@@ -19,12 +21,14 @@ from drivers.microrobot.codec import RAW as ROBOT_RAW
 from drivers.microrobot.codec import MicrorobotCodec
 from drivers.microrobot.forces import Calibration, transducer_volts
 from drivers.microrobot.processing import TARE_SAMPLES
-from drivers.signals import FloatArray
+from drivers.signals import REFERENCE, FloatArray
 from drivers.stream import Codec
 from sim_devices.chain import Signals
 
 #: Vendor and product id of the virtual controller: from the range that pid.codes keeps for tests.
 USB_ID = (0x1209, 0x0001)
+#: Standard deviation of a second pressure gauge, Pa (assumed).
+REFERENCE_NOISE = 30.0
 #: Nominal sensitivity; the nulls are within the data sheet's 15 mV, and the magnet seat presses on each leg.
 TRANSDUCERS = Calibration(null=(0.031, 0.022, 0.027))
 
@@ -80,6 +84,18 @@ def _vented(signals: Mapping[str, float]) -> bool:
 def _centred(signals: Mapping[str, float]) -> bool:
     """Every axis within 0.1 mm of the centre pose."""
     return all(abs(signals[f"axis_{k}"]) < 1e-4 for k in (1, 2, 3))
+
+
+def with_reference(bench: Bench, seed: int) -> Bench:
+    """The bench of a suction instrument with a second gauge at the line, without the first one's effects."""
+    noise, codec = np.random.default_rng([seed, 7]), cast("Callable[..., Codec]", bench.codec)
+
+    def measure(signals: Signals) -> FloatArray:
+        line = signals["line_pressure"]
+        return np.column_stack([bench.measure(signals), line + REFERENCE_NOISE * noise.standard_normal(len(line))])
+
+    raw = (*bench.raw, f"pressure{REFERENCE}")
+    return replace(bench, codec=partial(codec, reference=True), raw=raw, measure=measure)
 
 
 BENCHES: dict[str, Bench] = {

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pytest
@@ -22,10 +24,24 @@ CODECS = {
     "cutometer": (CutometerCodec, 1, 2),
     "aspiration": (PressureCodec, 1, 1),
     "microrobot": (MicrorobotCodec, 3, 6),
+    "cutometer with reference": (partial(CutometerCodec, reference=True), 1, 3),
+    "aspiration with reference": (partial(PressureCodec, reference=True), 1, 2),
 }
 #: Range and resolution of each raw channel on the wire; None: 32 bit floating point.
-STEPS = {"cutometer": COUNTS, "aspiration": np.array([0.01]), "microrobot": None}
-LIMIT = {"cutometer": np.array([1e5, 0.5]), "aspiration": np.array([1e5]), "microrobot": np.full(6, 10.0)}
+STEPS = {
+    "cutometer": COUNTS[:2],
+    "aspiration": np.array([0.01]),
+    "microrobot": None,
+    "cutometer with reference": COUNTS,
+    "aspiration with reference": np.array([0.01]),
+}
+LIMIT = {
+    "cutometer": np.array([1e5, 0.5]),
+    "aspiration": np.array([1e5]),
+    "microrobot": np.full(6, 10.0),
+    "cutometer with reference": np.array([1e5, 0.5, 1e5]),
+    "aspiration with reference": np.array([1e5, 1e5]),
+}
 
 numbers = st.floats(-1e6, 1e6, allow_nan=False)
 text = st.text(max_size=40)
@@ -182,7 +198,7 @@ def test_the_cutometer_line_is_what_the_codec_says_it_is() -> None:
         msg.Samples(7, np.array([1.99, 2.0]), np.array([[-3e4, 2e-4], [math.nan, 0.0]]), status, 31)
     )
     body = (
-        b"#31,7,1990000,2000000,R,3,4,1500000,;"
+        b"#31,7,1990000,2000000,R,3,4,1500000,;2;"
         + b"00000000ffd23940"
         + b"00030d40"
         + b"00002710"
@@ -197,6 +213,17 @@ def test_the_pressure_line_is_what_the_codec_says_it_is() -> None:
     status = Status(50.0, "running", 3, 12, "", 49.2)
     line = PressureCodec().encode(msg.Samples(1250, np.array([50.0]), np.array([[-3e4]]), status, 431))
     assert line.startswith(b"A -30000.00 1250 50000000 431 R,3,12,49200000,*")
+
+
+@pytest.mark.parametrize("make", [CutometerCodec, PressureCodec])
+def test_a_gauge_too_many_or_too_few_makes_no_false_sample(make: Callable[..., Codec]) -> None:
+    for reference in (False, True):
+        width = (2 if make is CutometerCodec else 1) + reference
+        for count in range(1, 9):
+            sent = msg.Samples(0, np.arange(count) / 100, np.ones((count, width)), Status(0.0, "idle", 0, 0))
+            receiver = make(reference=not reference)
+            assert receiver.decode(make(reference=reference).encode(sent)) == []
+            assert "instead of" in receiver.tally.last_fault
 
 
 def test_a_sample_beyond_the_wire_stays_at_its_end() -> None:

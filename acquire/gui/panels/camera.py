@@ -12,7 +12,6 @@ from acquire.gui import theme
 from acquire.gui.fresh import Reading
 from acquire.gui.messages import LIVE, Picture, View
 from acquire.gui.plots import plot
-from acquire.words import shown
 
 CONTOUR = "#ffd400"  # seen on black and on white
 APEX = "apex_height"  # the channel: how far the apex has risen above the tissue at rest
@@ -91,7 +90,7 @@ class CameraPanel(QWidget):
     def tell(self) -> None:
         """The apex in large type, grey where it is past or none is found."""
         reading, age = self._height, self._height.age
-        text = f"apex {shown(reading.value, 'm')}" if reading.known else "apex –  no contour"
+        text = f"apex {1e3 * reading.value:z.3f} mm" if reading.known else "apex –  no contour"
         faint = bool(age) or not reading.known
         _tell(self.apex, f"{text}  · {age}" if age else text, f"color: {theme.current().faint}" if faint else "")
 

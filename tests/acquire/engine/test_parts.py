@@ -220,9 +220,9 @@ def test_a_rate_is_seen_across_blocks(look: Look) -> None:
 
 
 def test_tracking_counts_only_lasting_errors(look: Look) -> None:
-    rules = Rules(tracking={"pressure": Tracking(100.0, 0.25)})
+    rules = Rules(tracking={"pressure": Tracking(100.0, 0.25)}, plausible=False)
 
-    def commanded(time: object) -> dict[str, object]:
+    def commanded(time: object, status: object) -> dict[str, object]:
         return {"pressure": np.full(np.shape(time), -1000.0)}
 
     errors = [block(10 * k, pressure=-500.0) for k in range(2)]
@@ -244,7 +244,7 @@ def test_too_long_away_from_rest_trips(look: Look) -> None:
     assert 1.6 <= trip.time < 2.0
     commanded = {"pressure": np.full(100, -100.0)}  # what hardly shows counts too if it is commanded
 
-    def asked(time: FloatArray) -> dict[str, FloatArray]:
+    def asked(time: FloatArray, status: object) -> dict[str, FloatArray]:
         return {q: v[: len(time)] for q, v in commanded.items()}
 
     still = [block(100 * k, 100, pressure=0.0) for k in range(2)]
@@ -309,7 +309,7 @@ def test_a_camera_may_miss_a_contour_but_a_gauge_may_not_fail(look: Look) -> Non
 
 
 def test_an_interlock_that_fails_trips(look: Look) -> None:
-    def commanded(time: object) -> dict[str, object]:
+    def commanded(time: object, status: object) -> dict[str, object]:
         raise ZeroDivisionError("a bug")
 
     trip = look([block(0, pressure=0.0)], Limits(), commanded=commanded)

@@ -18,7 +18,7 @@ from acquire.gui import theme
 from acquire.gui.messages import BenchSettings
 from acquire.gui.window import MainWindow
 
-PATIENCE = 25_000  # ms; a worker starts in seconds, on a busy machine in many
+PATIENCE = 60_000  # ms; a worker starts in seconds, on a busy machine in many
 MakeWindow = Callable[..., MainWindow]
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from acquire.catalogue import catalogue
 from acquire.cli.app import run
+from acquire.engine.recorder import Recorder
 from acquire.recording import (
     JournalBusy,
     JournalWriter,
@@ -134,3 +135,12 @@ def test_one_damaged_record_does_not_cost_the_others(tmp_path: Path) -> None:
     assert recording.info.subject == "P07"
     assert np.array_equal(recording.stream("pressure").value, np.arange(200))
     assert "journal_damage" in {event.code for event in recording.events}
+
+
+def test_two_programs_on_one_target(tmp_path: Path) -> None:
+    first = Recorder(tmp_path / "run.h5", INFO, (), print)
+    with pytest.raises(FileExistsError, match=r"run\.journal: exists already; another run is being recorded there"):
+        Recorder(tmp_path / "run.h5", INFO, (), print)
+    os.close(first._writer.descriptor)  # the first one is killed
+    with pytest.raises(FileExistsError, match=r"left by a crash: acquire recover .*run\.journal"):
+        Recorder(tmp_path / "run.h5", INFO, (), print)

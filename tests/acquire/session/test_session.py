@@ -142,9 +142,7 @@ def test_a_session_says_what_it_cannot_do(tmp_path: Path) -> None:
         Session(speed=0)
     address = "schema: station/1\ninstruments:\n  cutometer: {address: 'socket://127.0.0.1:9', simulated: true}\n"
     with Session(load_station(address), out=tmp_path) as session:
-        session._benches["cutometer"] = session._make(
-            "cutometer", "cutometer", session._entry("cutometer"), (None, "skin")
-        )
+        session._bench("cutometer")
         with pytest.raises(ValueError, match="not simulated here"):
             session.back_door("cutometer")
 

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from acquire.engine import Rules, Tracking
-from acquire.session import Session, calibration
+from acquire.provenance import calibration
+from acquire.session import Session
 from acquire.station import Station, load_station, simulated_station
 from drivers.instrument import Entry
 from protocols import ProtocolError, load
@@ -27,6 +28,8 @@ instruments:
       stale: 2 s
       disk: 1000000
       tracking: {pressure: {error: 20 mbar, duration: 1 s}}
+      agreement: {pressure: {error: 10 mbar, duration: 500 ms}}
+      plausible: false
     calibration:
       contact_force: {value: 0.55 N, provenance: measured, note: weighed}
   bubble:
@@ -47,6 +50,8 @@ def test_everything_a_station_may_say() -> None:
     rules = cutometer.interlock.rules()
     assert (rules.margin, rules.stale, rules.disk) == (0.2, 2.0, 1000000)
     assert rules.tracking["pressure"] == Tracking(2000.0, 1.0)
+    assert rules.agreement["pressure"] == Tracking(1000.0, 0.5)
+    assert not rules.plausible
     assert "probe_x" in rules.tracking
     assert rules.rate_margin == bubble.interlock.rules().rate_margin
     assert station.find("aspiration") == "bubble"
@@ -97,14 +102,14 @@ def test_recordings_tell_seed_and_assumed_scale() -> None:
         (("low: -450 mbar", "lowest: -450 mbar"), ":9:", "lowest"),
         (("margin: 0.2", "margin: lots"), ":11:", "number"),
         (("error: 20 mbar", "error: 20 N"), ":14:", "no unit of pressure"),
-        (("provenance: measured", "provenance: guessed"), ":16:", "guessed"),
-        (("contact_force:", "colour:"), ":16:", "colour"),
-        (("value: 0.55 N", "value: 0.55 mm"), ":16:", "no unit of force"),
-        (("simulated: {tissue: cheek, effects: [leak], seed: 3}", "limits: {}"), ":18:", "needs an address"),
-        (("seed: 3", "seed: many"), ":19:", "integer"),
+        (("provenance: measured", "provenance: guessed"), ":18:", "guessed"),
+        (("contact_force:", "colour:"), ":18:", "colour"),
+        (("value: 0.55 N", "value: 0.55 mm"), ":18:", "no unit of force"),
+        (("simulated: {tissue: cheek, effects: [leak], seed: 3}", "limits: {}"), ":20:", "needs an address"),
+        (("seed: 3", "seed: many"), ":21:", "integer"),
         (
             ("simulated: {tissue: cheek", "address: /dev/x\n    simulated: {tissue: cheek"),
-            ":18:",
+            ":20:",
             "simulated elsewhere",
         ),
         (("/dev/ttyUSB0", "spy:///dev/ttyUSB0?file=/tmp/x"), ":5:", "is no link"),
@@ -115,7 +120,7 @@ def test_recordings_tell_seed_and_assumed_scale() -> None:
         (("/dev/ttyUSB0", "notes.txt"), ":5:", "is no link"),
         (("/dev/ttyUSB0", "socket://192.0.2.7:4001"), ":5:", "say 'host: 192.0.2.7' too"),
         (("options: {baud", "sources: {camera: 'spy://x'}\n    options: {baud"), ":8:", "is no link"),
-        (("P07: {pressure: {low: -300 mbar}}", "P07: {pressure: -300 mbar}"), ":21:", "keys and values"),
+        (("P07: {pressure: {low: -300 mbar}}", "P07: {pressure: -300 mbar}"), ":23:", "keys and values"),
         (("instruments:", "instrument:"), ":3:", "did you mean 'instruments'"),
     ],
 )

@@ -117,7 +117,7 @@ def test_a_closed_link_is_a_lost_link(link: Transport) -> None:
 
 @posix
 def test_a_link_is_opened_by_one_program_only_and_says_by_which(peer: Peer, link: Transport) -> None:
-    with pytest.raises(LinkLost, match=rf"pytest.* \(process {os.getpid()}, since .*\) drives this instrument"):
+    with pytest.raises(LinkLost, match=rf"py.* \(process {os.getpid()}, since .*\) drives this instrument"):
         open_transport(peer.address.replace("127.0.0.1", "localhost"))
     link.close()
     Claim(peer.address).release()

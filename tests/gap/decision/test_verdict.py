@@ -13,8 +13,9 @@ from gap.decision.limits import confusable
 from gap.decision.marks import explains_marks, made_by
 from gap.decision.posterior import posterior
 from gap.decision.thresholds import INSTRUMENT, Thresholds, provenance
+from gap.decision.tolerance import Stated, in_tolerances
 from gap.decision.transfer import Shrink, best_elsewhere, plain
-from gap.decision.verdict import RULES, Findings, Verdict, decide, in_tolerances, weakest, without_skin
+from gap.decision.verdict import RULES, Findings, Verdict, decide, weakest, without_skin
 from gap.inference.evidence import Hypothesis
 from gap.inference.least_squares import fit
 from gap.search.compare import Comparison, compare
@@ -125,7 +126,7 @@ def weak_wave(linear, candidate, strength: float, *more: Parameter, event: bool 
     noise = np.random.default_rng(0).normal(size=len(T))
     y = DESIGN @ [2.0, 1.0] + strength * SHAPES["wave"] / 5 + noise
     problem = linear(y, DESIGN, {"wave": lambda v: v["a"] * SHAPES["wave"]}, np.full(2, 100.0))
-    known = [replace(candidate("wave", Parameter("a", "1", -60.0, 60.0), *more), event=event)]
+    known = [replace(candidate("wave", Parameter("a", "1", -60.0, 60.0, 0.0), *more), event=event)]
     return compare([problem], known), known
 
 
@@ -198,21 +199,39 @@ def test_a_claim_lowers_the_gap_that_it_explains(linear, candidate, before, afte
 
 def test_an_effect_within_twice_a_stated_tolerance_is_no_finding(linear, candidate) -> None:
     comparison, known = weak_wave(linear, candidate, 2.5)
-    h = posterior(comparison, known, INSTRUMENT).causes[0].hypothesis
+    found = posterior(comparison, known, INSTRUMENT)
+    h = found.causes[0].hypothesis
     size = abs(h.fits["linear"].active[h.effects[0]]["a"])
 
-    def stated(value: float) -> float:
-        return in_tolerances(h, {"wave": {"a": Tolerance(value, "1", "test")}})
+    def large(stated: Stated) -> tuple[float, float]:
+        return in_tolerances(comparison.problems, comparison.null, h, stated, found.temper)
 
-    strong = Parameter("a", "1", -60.0, 60.0, 0.0)
-    assert in_tolerances(h, {}) == np.inf
-    h = replace(h, effects=(replace(h.effects[0], parameters=(strong,)),))
-    h.fits["linear"].hypothesis = h.effects
-    assert stated(size) == pytest.approx(1.0)
-    assert judge(comparison, known, tolerances=stated(size)).verdict == "undetectable"
-    assert judge(comparison, known, tolerances=stated(size / 3)).verdict == "effect"
+    assert large({})[0] == np.inf
+    assert large({"wave": {"a": Tolerance(size, "1", "test")}}) == pytest.approx((1.0, 0.0))
+    jump = replace(h.effects[0], event=True)  # what happens at one moment is no tolerance
+    jumping = Hypothesis((jump,), {"linear": replace(h.fits["linear"], hypothesis=(jump,))})
+    stated = {"wave": {"a": Tolerance(size, "1", "test")}}
+    assert in_tolerances(comparison.problems, comparison.null, jumping, stated, found.temper)[0] == np.inf
+    assert judge(comparison, known, tolerances=1.0).verdict == "undetectable"
+    assert judge(comparison, known, tolerances=3.0).verdict == "effect"
+    assert judge(comparison, known, tolerances=1.0, beyond=9.0).verdict == "effect"
     assert tolerances("cutometer")["gauge_gain"]["error"].value == 5e-3
     assert tolerances("some rig") == {}
+
+
+def test_a_channel_may_be_a_little_bent_but_not_late(linear, candidate) -> None:
+    """A function of the channel's own value is its scale's; a delay is not, however small."""
+    line = 3.0 + 40.0 * T
+    made = {"bend": lambda v: v["a"] * (T - 0.5) ** 2, "wave": lambda v: v["a"] * SHAPES["wave"]}
+    stated = {"channels": {"-": Tolerance(1.0, "1", "test")}}
+    for name, strength, small in (("bend", 4.0, True), ("bend", 40.0, False), ("wave", 0.9, False)):
+        y = line + made[name]({"a": strength}) + 0.1 * np.random.default_rng(0).normal(size=len(T))
+        problem = linear(y, DESIGN, made, np.full(2, 100.0))
+        known = [candidate(name, Parameter("a", "1", -60.0, 60.0, 0.0))]
+        comparison = compare([problem], known)
+        h = comparison.hypotheses[0]
+        times, beyond = in_tolerances(comparison.problems, comparison.null, h, stated, {"linear": 0.01})
+        assert (times <= INSTRUMENT.tolerances and beyond < INSTRUMENT.seen) == small, (name, strength)
 
 
 def test_probabilities_are_one_simplex_and_do_not_contradict_the_verdict(verdict_on) -> None:

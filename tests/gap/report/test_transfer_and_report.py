@@ -161,6 +161,7 @@ def test_the_report_keeps_its_contract(report: dict) -> None:
     assert report["model"]["gain"]["value"] == pytest.approx(2.0, rel=0.05)
     assert 0 < report["model"]["gain"]["se"] < 0.1
     assert "--advise" in report["next_experiment_note"]
+    assert any("straight lines" in s for s in report["assumed"])
     assert all(isinstance(group, list) for group in report["indistinguishable"])
     assert isinstance(report["next_experiment"], Mapping)
     assert set(report["cost"]) == {"seconds", "simulations", "fe_solves"}

@@ -27,6 +27,7 @@ FREE: dict[str, tuple[str, ...]] = {
     ),
     "finger_section": ("subcutis.E", "dermis.E", "epidermis.E"),
 }
+MAX_LENGTH = 256 * 1024  # characters of a specification
 _HELD = re.compile(r"bulk|gbar2?|tau2?")  # of a sheet: paper M held them
 VISCOUS = re.compile(r"(.*\.)?(g\d|tau\d?|gbar2?|Gamma\d|n|r\d)")
 
@@ -178,13 +179,20 @@ def load_spec(path: Path | str, model: str = "") -> Spec:
     Raises SpecError that names file, line and field; FileNotFoundError.
     """
     path = Path(path)
-    text = path.read_text(encoding="utf-8")
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise SpecError(f"{path}: not UTF-8 text") from None
+    if len(text) > MAX_LENGTH:
+        raise SpecError(f"{path}: more than {MAX_LENGTH} characters")
     try:
         tree, data = yaml.compose(text, Loader=yaml.SafeLoader), yaml.safe_load(text)
-    except yaml.YAMLError as error:
+    except RecursionError:
+        raise SpecError(f"{path}: nested too deeply") from None
+    except (yaml.YAMLError, ValueError) as error:
         mark = getattr(error, "problem_mark", None)
         line = f":{mark.line + 1}" if mark else ""
-        raise SpecError(f"{path}{line}: not YAML: {getattr(error, 'problem', error)}") from None
+        raise SpecError(f"{path}{line}: not YAML: {getattr(error, 'problem', None) or error}") from None
     try:
         return read_spec({"model": model, **data} if isinstance(data, dict) else data)
     except SpecError as error:

@@ -1,0 +1,72 @@
+"""Whether an effect is no more than what an instrument may be off: then it is no finding."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from gap.data.tolerances import Tolerance
+from gap.inference.evidence import Hypothesis
+from gap.inference.least_squares import predicted
+from gap.inference.problem import Problem
+
+Stated = Mapping[str, Mapping[str, Tolerance]]
+"""Tolerances of parameters by effect; under `CHANNELS` those of channels as functions of their own values."""
+CHANNELS = "channels"
+DEGREE = 3
+"""Of the polynomial that a channel's error is of its own value: zero, gain, and a bend with one turn."""
+
+
+def in_tolerances(
+    problems: Mapping[str, Problem], null: Hypothesis, h: Hypothesis, stated: Stated, temper: Mapping[str, float]
+) -> tuple[float, float]:
+    """How many stated tolerances a hypothesis is large, by its parameters or by what it does to the channels' own
+    scales, whichever is smaller (inf where none is stated); and by how many tempered σ it shows beyond that."""
+    by_parameters = _by_parameters(h, stated)
+    by_channels, beyond = _by_channels(problems, null, h, stated.get(CHANNELS, {}), temper)
+    return (by_parameters, 0.0) if by_parameters <= by_channels else (by_channels, beyond)
+
+
+def _by_parameters(h: Hypothesis, stated: Stated) -> float:
+    sizes = [] if h.effects else [np.inf]
+    for e in h.effects:
+        fitted = next((f for f in h.fits.values() if e in f.hypothesis), None)
+        known = stated.get(e.name, {})
+        strengths = [p for p in e.parameters if p.null is not None]
+        # What happens at one moment is no tolerance: an instrument is off all the time.
+        if e.event or fitted is None or not strengths or any(p.name not in known for p in strengths):
+            return float(np.inf)
+        values = fitted.active[e]
+        sizes += [abs(values[p.name] - (p.null or 0.0)) / known[p.name].value for p in strengths]
+    return float(max(sizes))
+
+
+def _by_channels(
+    problems: Mapping[str, Problem],
+    null: Hypothesis,
+    h: Hypothesis,
+    stated: Mapping[str, Tolerance],
+    temper: Mapping[str, float],
+) -> tuple[float, float]:
+    """The largest change that is a function of the channel's own value alone, in tolerances; and the rest, in σ."""
+    if not stated or not h.effects:
+        return float(np.inf), 0.0
+    largest, rest = 0.0, 0.0
+    for block, problem in problems.items():
+        nominal, changed = predicted(problem, null.fits[block]), predicted(problem, h.fits[block])
+        sigma = problem.sigma * np.sqrt(temper[block])
+        codes, names = problem.rows.labels["channel"]
+        for k, name in enumerate(names):
+            at = codes == k
+            change = (changed - nominal)[at]
+            if name not in stated:
+                rest += float(np.sum(np.square(change / sigma[at])))
+                continue
+            span = max(float(np.ptp(nominal[at])), 1e-300)
+            powers = np.vander((nominal[at] - nominal[at].mean()) / span, DEGREE + 1)
+            weights = np.linalg.lstsq(powers / sigma[at, None], change / sigma[at], rcond=None)[0]
+            static = powers @ weights
+            largest = max(largest, float(np.max(np.abs(static))) / stated[name].value)
+            rest += float(np.sum(np.square((change - static) / sigma[at])))
+    return largest, float(np.sqrt(rest))

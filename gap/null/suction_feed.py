@@ -1,0 +1,65 @@
+"""The pressure that meets the skin: as recorded, without the gauge's noise, and as an actuator's or gauge's effect has
+it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from gap.data.noise import denoised
+from gap.inference.hypothesis import Active
+from gap.null.blocks import Group, GroupedSession, Table
+from gap.null.chains import Kept, needed
+from gap.null.suction_pressure import NO_TISSUE, PressureBlock, chain_of, commanded_line, sound_chain
+from sim_devices.chain import Chain
+from sim_devices.stages.sampling import simulate
+
+
+class FedPressure:
+    """Recorded pressures of a session as inputs of the skin; ``pressure`` is the fitted block of the gauge, where its
+    channel was recorded."""
+
+    def __init__(self, session: GroupedSession, pressure: PressureBlock | None) -> None:
+        self.session, self._pressure = session, pressure
+        self._before = Kept(8)
+
+    def smoothed(self, group: Group) -> Table:
+        """Recorded pressure of a group as a table, without its gauge noise; the command where none was recorded."""
+        times, values = [], []
+        for k in group.members:
+            series = self.session.recordings[k].streams.get("pressure")
+            if series is not None:
+                value = np.asarray(series.value, dtype=float)
+                good = np.isfinite(value)
+                times.append(self.session.time(k, series)[good])
+                values.append(value[good])
+        if not times:
+            return group.tables()["pressure"]
+        time, value = np.concatenate(times), np.concatenate(values)
+        if self._pressure is None:
+            fine, base = commanded_line(
+                chain_of(self.session, group, NO_TISSUE, command_step=0.0), group, time, np.zeros_like
+            )
+        else:
+            (fine, base), value = self._pressure.line(group, time), self._pressure.true(value)
+        remainder = denoised(time, value - np.interp(time, fine, base))
+        return fine, base + np.interp(fine, time, remainder)
+
+    def beside(self, chain: Chain, group: Group, active: Active, line: Table) -> Table:
+        """The true pressure, where ``line`` is the recorded one: as it is for an actuator's effect, less the gauge's
+        error for its own."""
+        wanted = ("line_pressure", "pressure")
+        sound = sound_chain(self.session.instrument, self.session.marks)
+        if all(c.stage == "tissue" for c in active):
+            return line
+        if needed(chain, wanted[1:], wanted[:1]) == needed(sound, wanted[1:], wanted[:1]):
+            return line
+        partial = replace(chain, operators=needed(chain, wanted))
+        time, pressure = line
+
+        def corrected() -> Table:
+            made = simulate(partial, group.tables(), dict.fromkeys(wanted, time))
+            return time, pressure + (made["line_pressure"] - made["pressure"])
+
+        return self._before.get((group.specimen, id(time), partial), corrected)

@@ -1,0 +1,74 @@
+"""What people read: no skin where there is none, no share of the noise, times on the plots' clock."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from gap.decision.posterior import Cause
+from gap.decision.thresholds import INSTRUMENT
+from gap.decision.transfer import Shrink
+from gap.inference.evidence import Hypothesis
+from gap.inference.least_squares import fit
+from gap.report.document import probable_set
+from gap.report.parameters import of_cause
+from gap.report.sentences import sentences
+from sim_devices.chain import Parameter
+
+T = np.linspace(0.0, 1.0, 200)
+
+
+def diagnosis(linear, verdict: str, excess: float, open_law: bool, **more):
+    """As much of a diagnosis as sentences look at: one block, ``excess`` times the noise off."""
+    y = excess * np.random.default_rng(0).normal(size=len(T))
+    problem = linear(y, np.ones((len(T), 1)), {}, np.full(1, 1e-6), name="pressure")
+    problem.open_law = open_law
+    null = Hypothesis((), {"pressure": fit(problem)})
+    gap = float(np.sqrt(np.mean(y**2)))
+    posterior = SimpleNamespace(none=0.9, outside=0.1, causes=())
+    said = SimpleNamespace(verdict=verdict, causes=(), posterior=posterior, rules=("not seen: …",))
+    return SimpleNamespace(
+        problems={"pressure": problem}, null=null, best=null, gap_before=gap, gap_after=gap, verdict=said,
+        signatures=(), bounds={}, shrinks=(), thresholds=INSTRUMENT, **more,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("open_law", "skin"), [(True, True), (False, False)])
+def test_a_pressure_is_never_laid_to_skin(linear, open_law: bool, skin: bool) -> None:
+    told = " ".join(sentences(diagnosis(linear, "undetectable", 1.5, open_law)))
+    assert ("Skin of another law" in told) == skin
+    assert skin or "skin plays no part in pressure" in told
+
+
+def test_the_set_is_the_smallest_with_nine_tenths() -> None:
+    empty = Hypothesis((), {})
+    causes = (Cause(empty, ("leak", "gain"), 0.6, 9.0), Cause(empty, ("drift",), 0.15, 9.0))
+    posterior = SimpleNamespace(causes=causes, none=0.05, outside=0.2)
+    assert probable_set(posterior, 0.9) == ["leak", "gain", "outside", "drift"]
+    assert probable_set(posterior, 0.7) == ["leak", "gain", "outside"]
+    assert probable_set(SimpleNamespace(causes=(), none=0.95, outside=0.05), 0.9) == ["none"]
+
+
+def test_an_event_is_told_on_the_clock_of_its_recording(linear, candidate, recording) -> None:
+    jump = Parameter("moment", "s", 0.0, 200.0)
+    problem = linear(T, np.ones((len(T), 1)), {"shift": lambda v: v["moment"] * 0 * T}, runs=2)
+    effect = replace(candidate("shift", jump), event=True)
+    fitted = fit(problem, (effect,), np.array([0.65]), iterations=0)
+    cause = Cause(Hypothesis((effect,), {"linear": fitted}), ("shift",), 0.9, 9.0)
+    runs = [recording({"flow": T}, T, name=name) for name in ("r01", "r02")]
+    d = SimpleNamespace(
+        problems={"linear": problem}, recordings=runs,
+        verdict=SimpleNamespace(posterior=SimpleNamespace(temper={"linear": 1.0})),
+    )  # fmt: skip
+    entry = of_cause(d, cause)["moment"]
+    assert entry["value"] == pytest.approx(130.0)
+    assert entry["recording"] == "r02"  # which begins at 100 s of the session
+    assert entry["in_recording"] == pytest.approx(30.0)
+
+
+def test_shrinks_near_the_noise_are_not_told() -> None:
+    assert Shrink(1.01, 1.29).value is None
+    assert Shrink(2.0, 1.1).value == pytest.approx(0.9)
