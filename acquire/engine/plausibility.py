@@ -211,7 +211,9 @@ class Response:
     def _pulling(self, time: float) -> Trip | None:
         if not self._pulled:
             self._pulled, self._judged, self._since = True, False, time
-            self._start = _middle(self._rest) if len(self._rest) > 2 else math.nan
+            start = _middle(self._rest) if len(self._rest) > 2 else math.nan
+            # Skin that has not come down yet need not come up: the sensor may be at its end.
+            self._start = start if abs(start) < CLEAR else math.nan
             self._peak = -math.inf
         if time - self._since < RESPONSE:
             return None

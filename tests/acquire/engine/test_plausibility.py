@@ -109,6 +109,8 @@ def test_a_height_that_does_not_follow_trips() -> None:
     assert trip is not None
     assert (trip.code, trip.time) == ("response", pytest.approx(EDGES[0] + 2.0, abs=0.05))
     assert look(dead, yields=False) is None, "a rigid block does not come up"
+    up = {**values, "apex_height": np.full(len(TIME), 1e-4)}
+    assert look(up) is None, "skin that never came down need not come up"
     downward = {**values, "apex_height": -values["apex_height"]}
     trip = look(downward)
     assert trip is not None
