@@ -28,7 +28,7 @@ from protocols.setpoints import Setpoints
 
 log = logging.getLogger(__name__)
 
-BEHIND = 0.05  # of the queue filled: frames are then not compressed, so that none is lost
+BEHIND = 0.25  # of the queue filled: frames are then not compressed, so that none is lost
 LOOK = 1.0  # s of wall time between two looks whether the journal is still there
 
 
