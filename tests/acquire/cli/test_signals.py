@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from acquire.recording import open_recording
+from acquire.recording.recovery import recover
 from sim_devices.servers import BackDoor, serve
 
 pytestmark = pytest.mark.real_time
@@ -108,6 +109,25 @@ def test_while_finalising_the_run_is_complete_already(tmp_path: Path) -> None:
         told, _ = ended(process, 0)
         assert open_recording(told).info.status == "completed"
         door.wait_vented()
+
+
+@pytest.mark.parametrize("phase", ["arming", "finalising"])
+def test_killed_in_the_other_phases_the_next_run_starts(tmp_path: Path, phase: str) -> None:
+    with host(tmp_path, 1.0) as (door, process, out):
+        eventually(lambda: bool(list(out.glob("*.journal"))))
+        if phase == "finalising":
+            eventually(lambda: door.truth().state == "running")
+            eventually(lambda: door.truth().state == "safe")
+        process.kill()
+        process.wait()
+        door.wait_vented()
+        args = process.args
+        assert isinstance(args, list)
+        again = subprocess.run([*args[:-1], str(out / "next.h5")], capture_output=True, text=True, timeout=60)
+        assert again.returncode == 0, again.stderr
+        assert open_recording(out / "next.h5").info.status == "completed"
+        (journal,) = out.glob("*.journal")
+        assert open_recording(recover(journal)).info.status == "recovered"
 
 
 def test_a_reader_that_leaves_ends_nothing(tmp_path: Path) -> None:
