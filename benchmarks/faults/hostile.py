@@ -443,12 +443,14 @@ def rows(campaign: Campaign) -> Iterator[Row]:
                 "s of processor time",
                 SECONDS,
             )
+            most = 0.0
             for number in range(max(2, round(count * weight / sum(WEIGHTS.values())))):
                 result = worker.ask(name, number, campaign.seed)
-                problem = result["problem"]
+                problem, most = result["problem"], max(most, result["memory"])
                 if not problem and result["memory"] > MEMORY:
                     problem = f"{result['memory']:.0f} MB"
                 row.trial(result["seconds"], problem and f"{name} {number}: {problem}")
+            row.must += f" (worst {most:.0f} MB)"
             yield row
     finally:
         worker.close()

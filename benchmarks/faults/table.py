@@ -92,10 +92,23 @@ def told(row: Row) -> str:
     return "\n".join(lines)
 
 
+HEAD = """# The fault campaign
+
+Seeded faults on simulated instruments, each in a process of its own; whether it is vented is asked of the instrument.
+`make faults` runs all of it (hours) and writes this page, `make faults-ci` a tenth (minutes, part of `.ci/run`). Times
+count from the fault to the instrument's safe state, less what this computer kept every thread waiting.
+
+Tried by tests instead: the window frozen or killed (`tests/acquire/gui/test_safety.py`), clocks that are set and a
+computer that was suspended (`tests/acquire/engine/test_stops.py`), disks that are read-only, slow or taken away
+(`tests/acquire/engine/test_recorder.py`). `python -m benchmarks.faults.mutations` shows that the tests of
+[the safety file](safety.md) fail without the controls they are for.
+"""
+
+
 def markdown(rows: Sequence[Row], about: str) -> str:
     """The table for the documentation."""
     titles = ("fault", "must hold", "trials", "failures", "worst", "stated exception")
-    lines = [about, "", f"| {' | '.join(titles)} |", "|" + "---|" * len(titles)]
+    lines = [HEAD, about, "", f"| {' | '.join(titles)} |", "|" + "---|" * len(titles)]
     for row in rows:
         cells = (row.fault, row.must, str(row.trials), str(len(row.failures)), row.worst, row.exception)
         lines.append(f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |")

@@ -1,0 +1,61 @@
+"""The fault campaign judges: a row fails when it should, and its inputs are the same for the same seed."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.faults.hostile import TABLE, _judged
+from benchmarks.faults.mutate import record, spoil_journal, spoiled
+from benchmarks.faults.table import Campaign, Row, markdown, save, told
+
+
+def test_a_row_fails_by_its_limit_and_by_a_problem() -> None:
+    row = Row("cable", "vented", "s", 0.5)
+    row.trial(0.4)
+    row.trial(0.6)
+    row.trial(math.nan)
+    row.trial(0.1, "no recording")
+    row.trial()
+    assert row.trials == 5
+    assert len(row.failures) == 3
+    assert "FAIL cable: 5 trials, 3 failures" in told(row)
+    assert "| cable | vented | 5 | 3 |" in markdown([row], "somewhere")
+
+
+@pytest.mark.parametrize(
+    ("status", "said", "touched", "word"),
+    [
+        (0, "", [], ""),
+        (2, "acquire: a.csv:3: no number", [], ""),
+        (1, "a.csv", [], "status 1"),
+        (2, "", [], "without a word"),
+        (2, "no number", [], "names no file"),
+        (2, "a.csv\nTraceback (most recent call last)", [], "a traceback"),
+        (0, "", ["/etc/passwd"], "wrote or changed"),
+    ],
+)
+def test_how_a_hostile_file_is_answered_is_judged(status: int, said: str, touched: list[str], word: str) -> None:
+    found = _judged(status, said, ["a.csv"], touched)
+    assert word in found
+    assert bool(found) == bool(word)
+
+
+def test_the_same_seed_spoils_alike() -> None:
+    journal = b"".join(record(kind, n, json.dumps({"a": n}).encode()) for n, kind in enumerate((1, 2, 5, 7)))
+    for spoil, data in ((spoiled, TABLE.encode()), (spoil_journal, journal)):
+        once = [spoil(data, np.random.default_rng([1, k])) for k in range(20)]
+        assert once == [spoil(data, np.random.default_rng([1, k])) for k in range(20)]
+        assert sum(one != data for one in once) > 10
+
+
+def test_results_are_kept(tmp_path: Path) -> None:
+    row = Row("cable", "vented")
+    row.trial(0.123456)
+    save([row], Campaign(7, 0.1), 3.0, tmp_path / "results" / "faults.json")
+    kept = json.loads((tmp_path / "results" / "faults.json").read_text())
+    assert (kept["seed"], kept["share"], kept["rows"][0]["figures"]) == (7, 0.1, [0.1235])
