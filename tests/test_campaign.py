@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.faults.hostile import TABLE, _judged
+from benchmarks.faults.hostile import _judged
+from benchmarks.faults.inputs import TABLE
 from benchmarks.faults.mutate import record, spoil_journal, spoiled
 from benchmarks.faults.table import Campaign, Row, markdown, save, told
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from acquire.recording import Recording, RecordingError, open_recording, read_journal
-from benchmarks.faults.hostile import Samples
+from benchmarks.faults.inputs import Samples
 from benchmarks.faults.mutate import HEADER
 from benchmarks.faults.table import Campaign, Row
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.faults.hostile import BUNDLE, PROTOCOL, STATION, Samples
+from benchmarks.faults.inputs import BUNDLE, PROTOCOL, STATION, Samples
 from benchmarks.faults.mutate import spoil_journal, spoiled
 from benchmarks.faults.table import Campaign, Row
 
