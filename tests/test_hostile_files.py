@@ -231,6 +231,17 @@ def test_links_that_lead_nowhere_or_elsewhere(name: str, target: str, tmp_path: 
         load(path)
 
 
+@pytest.mark.parametrize("name", ["streams/pressure/time", "streams/pressure/seq"])
+def test_what_holds_no_numbers_is_refused(name: str, tmp_path: Path) -> None:
+    path = write_recording(sample_recording(50, frames=0), tmp_path / "run.h5")
+    with h5py.File(path, "r+") as file:
+        count = len(file[f"entry/{name}"])
+        del file[f"entry/{name}"]
+        file[f"entry/{name}"] = np.zeros(count, [("time", "f8"), ("text", "S4")])
+    with pytest.raises(RecordingError, match=rf"run\.h5: /entry/{name} holds .*, not numbers"):
+        load(path)
+
+
 # Tables that we write ------------------------------------------------------------------------------------------------
 
 NAMES = ["a,b", '=cmd|"calc"!A1', "+1", "-x", "@sum", "'=x", "''=x", '"', "a;b", "tab\there", "#n", "ü", "'quoted'"]

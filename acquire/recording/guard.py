@@ -30,8 +30,8 @@ def check_file(file: h5py.File, path: Path) -> None:
             if isinstance(link, h5py.ExternalLink):
                 raise RecordingError(f"{path}: {where} is an external link to {link.filename!r}; refused")
             if isinstance(link, h5py.SoftLink):
-                # Its target is met on its own hard link, or it does not exist: nothing to read either way.
-                continue
+                # A recording has none, and one that leads back up would be followed for ever.
+                raise RecordingError(f"{path}: {where} is a soft link to {link.path!r}; refused")
             item = group[name]
             address = h5py.h5o.get_info(item.id).addr
             if address in seen:

@@ -156,7 +156,7 @@ class _Reader:
             calibration[name] = facts
         limits = {}
         for name, dataset in self.datasets(instrument, "limits"):
-            low, high = self.array(dataset)
+            low, high = self.numbers(dataset)
             limits[name] = (float(low), float(high))
         return RunInfo(
             instrument=self.text(self.dataset(instrument, "name")),
@@ -182,8 +182,8 @@ class _Reader:
     def one(self, group: h5py.Group) -> Series | None:
         if not isinstance(group, h5py.Group):
             raise RecordingError(f"{self.path}: {group.name} is not a group")
-        value = np.asarray(self.array(self.dataset(group, "value")), float)
-        axes = {axis: self.array(group[axis]) for axis in ("time", "time_host", "seq") if axis in group}
+        value = np.asarray(self.numbers(self.dataset(group, "value")), float)
+        axes = {axis: self.numbers(self.dataset(group, axis)) for axis in ("time", "time_host", "seq") if axis in group}
         for axis, array in {"time": None, **axes}.items():
             if array is None or np.shape(array) != np.shape(value)[:1]:
                 have = "missing" if array is None else f"of shape {np.shape(array)}"
@@ -207,7 +207,7 @@ class _Reader:
             axis = self.attr(dataset, "axes", "")
             if not axis:
                 continue
-            value, time = self.array(dataset), self.array(self.dataset(dataset.parent, axis))
+            value, time = self.numbers(dataset), self.numbers(self.dataset(dataset.parent, axis))
             if np.shape(value) != np.shape(time):
                 raise RecordingError(
                     f"{self.path}: {dataset.name} is of shape {np.shape(value)}, its time of {np.shape(time)}"
@@ -220,7 +220,7 @@ class _Reader:
             return None
         group = self.group(self.entry, "frames")
         data = self.dataset(group, "data")
-        time, seq, crc = (self.array(self.dataset(group, name)) for name in ("time", "seq", "crc"))
+        time, seq, crc = (self.numbers(self.dataset(group, name)) for name in ("time", "seq", "crc"))
         if data.ndim != 3 or data.dtype != np.uint8 or not len(data) == len(time) == len(seq) == len(crc):
             raise RecordingError(
                 f"{self.path}: {data.name} of shape {data.shape} ({data.dtype}) does not fit its time, seq and crc"
@@ -273,6 +273,12 @@ class _Reader:
         if not isinstance(item, h5py.Dataset):
             raise RecordingError(f"{self.path}: {parent.name.rstrip('/')}/{name} is missing or not a dataset")
         return item
+
+    def numbers(self, dataset: h5py.Dataset) -> Any:
+        """An array of real numbers: nothing else is measured, commanded or counted."""
+        if dataset.dtype.kind not in "fiu":
+            raise RecordingError(f"{self.path}: {dataset.name} holds {dataset.dtype}, not numbers")
+        return self.array(dataset)
 
     def array(self, dataset: h5py.Dataset) -> Any:
         address = h5py.h5o.get_info(dataset.id).addr

@@ -109,7 +109,6 @@ REMOVALS = {
     "H16": Removal("the instrument's watchdog", f"{SAFETY}::test_a_frozen_engine", (WATCHDOG,), _no),
     "H17": Removal("the instrument's watchdog", f"{SAFETY}::test_a_window_that_no_longer_answers", (WATCHDOG,), _no),
     "H19": Removal("the instrument's watchdog", f"{SAFETY}::test_a_killed_host", (WATCHDOG,), _no),
-    "H20": Removal("the instrument's watchdog", f"{SAFETY}::test_a_dead_supervisor", (WATCHDOG,), _no),
     "H22": Removal("abort", f"{SAFETY}::test_abort", ("acquire.engine.engine:RunEngine.abort",)),
     "H29": Removal(
         "a real port needs the station's word",
