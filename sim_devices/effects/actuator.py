@@ -7,6 +7,7 @@ from typing import Any
 
 from sim_devices.chain import Chain, FloatArray
 from sim_devices.effects.build import (
+    LONGEST,
     PRESSURE,
     ROBOT,
     SUCTION,
@@ -247,8 +248,8 @@ EFFECTS = (
         "null shift of pressure sensors; gap.md",
         (
             signed("offset", "Pa", 5e3, 1e3, "reading minus truth"),
-            choice("form", 0, *WHERE, "in the record only, for a while"),
-            *for_a_while(3),
+            choice("form", 0, *WHERE, "in the record only, from one moment on, or for a while"),
+            *for_a_while(3, lasting=LONGEST),
         ),
         _gauge_offset,
     ),

@@ -66,15 +66,16 @@ PHASE = Parameter("phase", "1", 0.0, 1.0, None, 0.0, "linear", "of going to and 
 
 
 MOMENT = ("moment", "s", 1.0, 3000.0, 3.0)
-DURATION = ("duration", "s", 0.5, 3000.0, 3.0)
-"""Name, unit, range and default of when something happens that does not last, and for how long."""
+"""Name, unit, range and default of when something happens."""
+LONGEST = 3000.0
+"""s that an event lasts at most: to the end of any session."""
 
 
-def for_a_while(*only: int) -> tuple[Parameter, Parameter]:
-    """When something happens, and for how long, of the forms in which it is not there always."""
+def for_a_while(*only: int, lasting: float = 3.0) -> tuple[Parameter, Parameter]:
+    """When something happens, and for how long, of the forms in which it is not there always; ``lasting`` s usually."""
     return (
         shape(*MOMENT, "when it begins", log=True, only=only),
-        shape(*DURATION, "how long it lasts", log=True, only=only),
+        shape("duration", "s", 0.5, LONGEST, lasting, "how long it lasts", log=True, only=only),
     )
 
 

@@ -13,6 +13,7 @@ from sim_devices.chain import Chain, Effect, FloatArray, Parameter, Signals
 from sim_devices.effects.build import (
     ASPIRATION,
     CUTOMETER,
+    LONGEST,
     PHASE,
     PRESSURE,
     SUCTION,
@@ -248,8 +249,8 @@ def on_both(instruments: tuple[str, ...], scale: float, unit: str) -> list[Effec
                 signed("offset", unit, 0.5 * scale, 0.1 * scale),
                 *((signed("position", "m", 3e-4, 0.0, "of the position sensor of the same number"), CHANNEL)
                   if robot else ()),
-                choice("form", 0, "always", "for a while"),
-                *for_a_while(1),
+                choice("form", 0, "always", "from one moment on, or for a while"),
+                *for_a_while(1, lasting=LONGEST),
             ),
             _offset_force if robot else _offset_height,
         ),
