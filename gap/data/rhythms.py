@@ -143,6 +143,34 @@ def jumps(time: FloatArray, residual: FloatArray, recording: NDArray[np.int64]) 
     return out
 
 
+def spells(time: FloatArray, residual: FloatArray, recording: NDArray[np.int64]) -> list[tuple[float, float]]:
+    """Moments, s, at which a residual (n,) becomes most different for a while within a recording, and how long that
+    lasts, s; the clearest first, at most `LINES`."""
+    found = []
+    for k in np.unique(recording):
+        at = np.flatnonzero(recording == k)
+        at = at[np.argsort(time[at], kind="stable")]
+        if len(at) > 12:
+            gain, first, behind = _window_gain(residual[at])
+            stamps = time[at]
+            begin = 0.5 * (stamps[first - 1] + stamps[first])
+            found.append((gain, float(begin), float(0.5 * (stamps[behind - 1] + stamps[behind]) - begin)))
+    return [(begin, length) for _, begin, length in sorted(found, reverse=True)[:LINES]]
+
+
+def _window_gain(residual: FloatArray) -> tuple[float, int, int]:
+    """χ² that a level of its own within a window takes off a residual (n,) whose mean is free, at most; and the
+    window's first sample and the one behind it."""
+    n, total = len(residual), np.concatenate([[0.0], np.cumsum(residual - residual.mean())])
+    best = (-1.0, 1, 2)
+    for first in range(1, n - 1):
+        size = np.arange(1, n - first)
+        gain = (total[first + 1 : n] - total[first]) ** 2 * n / (size * (n - size))
+        k = int(np.argmax(gain))
+        best = max(best, (float(gain[k]), first, first + 1 + k))
+    return best
+
+
 def _step_gain(residual: FloatArray) -> FloatArray:
     """χ² (n - 1,) that a step after each sample takes off a residual (n,) whose mean is free."""
     before = np.arange(1, len(residual))

@@ -2,7 +2,7 @@
 
 A fit finds what is narrow (a rhythm, a moment, one recording) only from close by. Effects say by the names of their
 parameters that they are such: a ``phase`` with a ``frequency``, an ``interval``, a ``period`` or a ``tau``; a
-``moment``; a ``within``; in processing, a ``delay``.
+``moment``, which may have a ``duration``; a ``within``; in processing, a ``delay``.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from itertools import product
 
 import numpy as np
 
-from gap.data.rhythms import jumps, lines, looks, wanderings
+from gap.data.rhythms import jumps, lines, looks, spells, wanderings
 from gap.inference.evidence import Fit, Hypothesis
 from gap.inference.hypothesis import Candidate, Lateness, to_unit
 from gap.inference.problem import Problem
@@ -77,7 +77,12 @@ def _places(candidate: Candidate, problem: Problem, base: Fit) -> tuple[Sequence
     parameters = {p.name: p for p in candidate.parameters}
     time, recording, residual = problem.rows.time, problem.rows.recording, base.residual
     if "moment" in parameters:
-        return [{"moment": m} for m in jumps(time, residual, recording)], False
+        moments = jumps(time, residual, recording)
+        if "duration" not in parameters:
+            return [{"moment": m} for m in moments], False
+        lasting = [{"moment": m, "duration": parameters["duration"].high} for m in moments]
+        passing = [{"moment": m, "duration": length} for m, length in spells(time, residual, recording)]
+        return lasting + passing, False
     if "within" in parameters:
         return [{"within": float(np.median(time[recording == k]))} for k in np.unique(recording)], False
     if "delay" in parameters and candidate.stage == "processing" and problem.resets:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gap.data.rhythms import jumps, lines, looks, wanderings
+from gap.data.rhythms import jumps, lines, looks, spells, wanderings
 from gap.inference.hypothesis import Lateness
 
 
@@ -68,3 +68,12 @@ def test_jumps_within_a_recording_and_between_two_are_found() -> None:
     inside, _, between = jumps(time, residual, recording)
     assert inside == pytest.approx(149.5, abs=1.0)
     assert between == pytest.approx(199.5)
+
+
+def test_a_spell_is_found_with_its_end() -> None:
+    time, recording = np.arange(0.0, 60.0, 0.2), np.repeat([0, 1], 150)
+    residual = np.random.default_rng(1).normal(size=300)
+    residual[100:130] += 4.0
+    (moment, length), *_ = spells(time, residual, recording)
+    assert moment == pytest.approx(19.9)
+    assert length == pytest.approx(6.0)
