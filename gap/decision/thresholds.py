@@ -21,6 +21,7 @@ class Thresholds:
     mark_share: float
     detect: float
     seen: float
+    seen_event: float
     seen_marked: float
     quiet_gap: float
     unusual_gap: float

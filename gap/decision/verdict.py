@@ -39,7 +39,9 @@ class Findings:
     @property
     def seen(self) -> float:
         """Detectability that the first cause needs."""
-        return self.t.seen_marked if self.first.marked else self.t.seen
+        if self.first.marked:
+            return self.t.seen_marked
+        return self.t.seen_event if any(e.event for e in self.first.effects) else self.t.seen
 
     @property
     def shows_itself(self) -> bool:

@@ -176,8 +176,16 @@ def test_what_makes_withheld_recordings_worse_is_not_claimed(linear, candidate, 
 
 
 def test_nothing_foretells_an_event_in_a_repeat(linear, candidate) -> None:
-    comparison, known = weak_wave(linear, candidate, 2.5, event=True)
+    comparison, known = weak_wave(linear, candidate, 4.0, event=True)
     assert judge(comparison, known, held_out={"repeat": Shrink(2.0, 4.0)}).verdict == "effect"
+
+
+def test_an_event_must_stand_out_further_since_it_may_begin_anywhere(linear, candidate) -> None:
+    for event, said in ((False, "effect"), (True, "undetectable")):
+        comparison, known = weak_wave(linear, candidate, 2.4, event=event)
+        verdict = judge(comparison, known)
+        assert INSTRUMENT.seen < verdict.causes[0].detectability < INSTRUMENT.seen_event
+        assert verdict.verdict == said
 
 
 @pytest.mark.parametrize(
