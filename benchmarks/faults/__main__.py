@@ -5,7 +5,8 @@
 Faults of every kind, seeded, on simulated instruments in processes of their own; what happened to a person's skin is
 asked of the instrument, never of the host. A table of trials, failures and the worst figure is printed row by row; the
 exit status is 1 if a row has a failure. ``--share 1`` makes at least 100 trials a row and takes hours, 0.1 (what
-continuous integration runs) minutes. Most rows wait for something: ``--jobs`` families run side by side.
+continuous integration runs) minutes. Most rows wait for something: ``--jobs`` families run side by side. What fails
+beside others is tried once more with the computer to itself, and the output says so: a starved host trips rightly.
 """
 
 from __future__ import annotations
@@ -62,9 +63,19 @@ def _here(families: Sequence[str], campaign: Campaign) -> Iterator[Row]:
 
 
 def _beside(families: Sequence[str], campaign: Campaign, jobs: int) -> Iterator[Row]:
-    """Rows of families that run in processes of their own, ``jobs`` at a time; in the order of the families."""
-    with tempfile.TemporaryDirectory(prefix="faults-") as name, ThreadPoolExecutor(jobs) as pool:
-        for rows in pool.map(lambda family: _one(family, campaign, Path(name) / f"{family}.json"), families):
+    """Rows of families that run in processes of their own, ``jobs`` at a time, in the order of the families; then of
+    those with failures once more, alone."""
+    with tempfile.TemporaryDirectory(prefix="faults-") as name:
+        with ThreadPoolExecutor(jobs) as pool:
+            found = pool.map(lambda family: _one(family, campaign, Path(name) / f"{family}.json"), families)
+            beside = dict(zip(families, found, strict=True))
+        for family, rows in beside.items():
+            failed = [row for row in rows if row.failures]
+            if failed:
+                print(f"{family}: {len(failed)} rows failed beside other families, tried again alone", flush=True)
+                for row in failed:
+                    print(f"  {told(row)}", flush=True)
+                rows = _one(family, campaign, Path(name) / f"{family}-again.json")
             yield from rows
 
 

@@ -36,6 +36,7 @@ class Thresholds:
     second_least: float
     unearned: float
     unknown: float
+    patched: float
     unnamed: float
     tolerances: float
     least_fall: float

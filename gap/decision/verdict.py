@@ -124,6 +124,12 @@ def _worse_on_repeats(f: Findings) -> bool:
     return not any(e.event for e in f.first.effects) and _worse("repeat", lambda f: f.t.worse_repeat)(f)
 
 
+def _patched(f: Findings) -> bool:
+    """Several effects, one of them for a while, that do not get near the noise: such patches repair anything a bit."""
+    events = any(e.event for e in f.first.effects)
+    return len(f.first.effects) > 1 and events and f.posterior.gap_after > f.t.patched and not f.shows_itself
+
+
 def _repairs_skin(f: Findings) -> bool:
     """A device effect that does not carry over to another waveform may be what skin of another law leaves."""
     carried = f.held_out.get("waveform")
@@ -172,6 +178,12 @@ RULES: tuple[Rule, ...] = (
             f"the best explanation leaves {100 * f.posterior.unexplained:.0f} % of the excess, "
             f"a gap of {f.posterior.gap_after:.2f}"
         ),
+    ),
+    Rule(
+        "patched",
+        _patched,
+        _always("unknown"),
+        lambda f: f"several effects, one for a while, leave a gap of {f.posterior.gap_after:.2f} > {f.t.patched:g}",
     ),
     Rule(
         "within tolerance",

@@ -64,8 +64,10 @@ def test_a_strong_effect_is_named_with_its_stage(instrument: str, effect: str, v
     if (
         instrument != "microrobot" and not by_chance
     ):  # whose recomputed channels, exact to their rounding, thin its gap out
-        assert first["shrink"]["fitted"] > 0.8
-        assert first["shrink"]["waveform"] > 0.8
+        # Pressure that rings faster than it is sampled cannot be fed to the skin as it was: heights keep a gap.
+        least = 0.5 if effect == "overshoot" else 0.8
+        assert first["shrink"]["fitted"] > least
+        assert first["shrink"]["waveform"] > least
 
 
 @pytest.mark.parametrize("instrument", ["cutometer", "aspiration"])

@@ -180,6 +180,17 @@ def test_nothing_foretells_an_event_in_a_repeat(linear, candidate) -> None:
     assert judge(comparison, known, held_out={"repeat": Shrink(2.0, 4.0)}).verdict == "effect"
 
 
+def test_patches_that_leave_a_gap_are_no_explanation(linear, candidate) -> None:
+    comparison, known = weak_wave(linear, candidate, 4.0)
+    found = posterior(comparison, known, INSTRUMENT, ())
+    first = found.causes[0]
+    for event, gap, rule in ((False, 3.0, "claimed"), (True, 1.5, "claimed"), (True, 3.0, "patched")):
+        effects = tuple(replace(e, event=event) for e in 2 * first.effects)
+        pair = replace(first, hypothesis=replace(first.hypothesis, effects=effects))
+        patched = replace(found, causes=(pair,), gap_after=gap, unexplained=0.0)
+        assert decide(Findings(patched, INSTRUMENT)).rules[0].startswith(rule)
+
+
 def test_an_event_must_stand_out_further_since_it_may_begin_anywhere(linear, candidate) -> None:
     for event, said in ((False, "effect"), (True, "undetectable")):
         comparison, known = weak_wave(linear, candidate, 2.4, event=event)

@@ -146,11 +146,11 @@ def test_the_tip_keeps_to_the_clock_of_the_commands() -> None:
 
 def test_what_the_transducers_get_wrong_misleads_the_load_on_the_axes() -> None:
     """Behind a free stiffness nobody sees a wrong gain of all transducers; the axes do, which bear the true force."""
-    effect = library("microrobot")["sensor_gain[channel=3]"]
+    effect = library("microrobot")["sensor_gain[channel=3,form=0]"]
     legs = [own.direction_cycles(a, 0.0, 1.2e-3, 1.5, 6) for a in (0.0, 0.3 * np.pi, 0.5 * np.pi)]
     recordings = own.robot_session(np.random.default_rng(5), [(effect, {"error": 0.3})], legs=legs)
-    axes = AxesBlock(GroupedSession(recordings, QUANTITIES), {"sensor_gain[channel=3]": effect})
-    candidate = Candidate("sensor_gain[channel=3]", effect.name, effect.stage, effect.parameters, ("axes",))
+    axes = AxesBlock(GroupedSession(recordings, QUANTITIES), {"sensor_gain[channel=3,form=0]": effect})
+    candidate = Candidate("sensor_gain[channel=3,form=0]", effect.name, effect.stage, effect.parameters, ("axes",))
     null = fit(axes)
     found = fit(axes, (candidate,), np.array([0.55]), null.nuisance)
     assert abs(candidate.values(found.unit)["error"] - 0.3) < 3 * np.sqrt(found.covariance[0, 0])
