@@ -37,6 +37,10 @@ class Watch:
     yields: bool = True
 
 
+UNKNOWN = 0.25
+"""s without a known set-point after which a deviation from it is a new one."""
+
+
 class Check(Protocol):
     """Looks at one run."""
 
@@ -170,6 +174,10 @@ class Lasting:
             self._since[name] = float(when[breaks[-1] + 1 if len(breaks) else 0])
         return bool(when[-1] - self._since[name] > duration)
 
+    def forget(self, name: str) -> None:
+        """Begin anew."""
+        self._since.pop(name, None)
+
 
 class Following:
     """What is measured follows its set-point."""
@@ -177,15 +185,23 @@ class Following:
     def __init__(self, watch: Watch) -> None:
         self._watch = watch
         self._lasting = Lasting()
+        self._compared: dict[str, float] = {}  # device time of the last sample whose set-point was known
 
     def look(self, block: Block, targets: Targets) -> Trip | None:
         """What is wrong with the next samples, for which ``targets`` are commanded."""
         for quantity, rule in self._watch.rules.tracking.items():
             if quantity not in targets or quantity not in block.values:
                 continue
-            error = block.values[quantity] - targets[quantity]
-            # NaN where the set-point is not known: not off, so that the count begins anew.
-            if self._lasting(quantity, np.abs(error) > rule.error, block.time, rule.duration):
+            known = np.isfinite(targets[quantity])
+            if not known.any():
+                continue
+            error, when = (block.values[quantity] - targets[quantity])[known], block.time[known]
+            # Between two segments a set-point is unknown for a sample or two, which says nothing; after a pause the
+            # count begins anew.
+            if when[0] - self._compared.get(quantity, -math.inf) > UNKNOWN:
+                self._lasting.forget(quantity)
+            self._compared[quantity] = float(when[-1])
+            if self._lasting(quantity, np.abs(error) > rule.error, when, rule.duration):
                 message = f"{quantity} is off its set-point by {error[-1]:.6g} (SI) since {rule.duration:g} s"
                 return Trip("tracking", message, float(block.time[-1]))
         return None

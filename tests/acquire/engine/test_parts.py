@@ -234,6 +234,18 @@ def test_tracking_counts_only_lasting_errors(look: Look) -> None:
     assert (trip.code, trip.message.split(" since")[0]) == ("tracking", "pressure is off its set-point by 500 (SI)")
 
 
+@pytest.mark.parametrize(("unknown", "trips"), [(2, True), (40, False)])
+def test_a_set_point_unknown_between_segments_does_not_end_a_deviation(look: Look, unknown: int, trips: bool) -> None:
+    rules = Rules(tracking={"pressure": Tracking(100.0, 0.25)}, plausible=False)
+
+    def commanded(time: FloatArray, status: object) -> dict[str, FloatArray]:
+        known = (time < 0.2) | (time > 0.2 + 0.01 * unknown)  # 100 samples a second
+        return {"pressure": np.where(known, -1000.0, np.nan)}
+
+    blocks = [block(5 * k, 5, pressure=-500.0) for k in range(8 + unknown // 5)]
+    assert (look(blocks, Limits(), rules, commanded=commanded) is not None) == trips
+
+
 def test_too_long_away_from_rest_trips(look: Look) -> None:
     limits = Limits({"pressure": Range(-10e3, 0.0, dwell=1.0)})
     away, rest = np.full(50, -5e3), np.zeros(50)
