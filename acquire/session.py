@@ -12,9 +12,9 @@ from __future__ import annotations
 import secrets
 import threading
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -42,9 +42,11 @@ from acquire.status import forget_the_dead
 from acquire.supervisor import Supervisor
 from drivers.device import Identity, Status
 from protocols import Limits, Protocol, Setpoints, compile_protocol, dump, effective_limits, find, load
+from protocols import specimens as references
 
 if TYPE_CHECKING:
     from drivers.device import Rig
+    from protocols.specimens import Stated
     from sim_devices.servers import BackDoor
 
 MAX_SPEED = 1e5
@@ -55,6 +57,7 @@ class Request:
     """Who and what a run is for. ``repeat`` counts repeats of the same measurement, from 1.
 
     ``gvt`` is the grey-value threshold at which a camera's contours are read; None for the station's or a proposed one.
+    ``specimen_properties`` are the numbers known of a reference specimen, as `protocols.specimens.stated` reads them.
     Raises ValueError for a ``subject`` that is no pseudonym (see `acquire.pseudonym`).
     """
 
@@ -66,6 +69,7 @@ class Request:
     notes: str = ""
     consent: str = ""  # a reference to the subject's consent, never a name
     gvt: float | None = None
+    specimen_properties: Mapping[str, Stated] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         pseudonym.check(self.subject)
@@ -196,6 +200,7 @@ class Session:
     def plan(self, name: str, protocol: Protocol, request: Request | None = None, out: Path | None = None) -> RunPlan:
         """Everything the engine needs for a run. ``out`` is a folder, or a file name that ends in ``.h5``."""
         request = request or Request()
+        references.check_complete(request.specimen, protocol.instrument, request.specimen_properties)
         setpoints, limits = self.compile(name, protocol, request.subject)
         entry = self._entry(name)
         start = iso_now()
@@ -214,6 +219,7 @@ class Session:
             operator=request.operator,
             repeat=request.repeat,
             specimen=request.specimen,
+            specimen_properties=request.specimen_properties,
             notes=request.notes,
             consent=request.consent,
             versions=versions(),

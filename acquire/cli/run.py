@@ -26,7 +26,10 @@ def run(
     speed: Speed = 1.0,
     subject: Annotated[str, typer.Option(help="Pseudonym of the subject, such as P07.")] = "",
     site: Annotated[str, typer.Option(help="Where on the body, such as forehead.")] = "",
-    specimen: Annotated[str, typer.Option(help="skin, or a reference: 'rigid block', 'open air'.")] = "skin",
+    specimen: Annotated[str, typer.Option(help="skin, or a reference such as 'rigid block', 'gauge step'.")] = "skin",
+    specimen_property: Annotated[
+        list[str] | None, typer.Option(help="Of a reference, such as 'height=1.000±0.002 mm'; may be repeated.")
+    ] = None,
     repeat: Annotated[int, typer.Option(parser=whole(1), help="Which repeat of this measurement it is, from 1.")] = 1,
     operator: Annotated[str, typer.Option(help="Who measures.")] = "",
     notes: Annotated[str, typer.Option(help="Anything worth keeping; no names.")] = "",
@@ -51,9 +54,11 @@ def run(
     with Stop() as stop:
         from acquire.notify import hooks
         from acquire.session import Request, Session
+        from protocols.specimens import assignments, stated
 
         bench = bench_of(station, sim, tissue, tuple(effect or ()), seed)
-        request = Request(subject, site, operator, repeat, specimen, notes, consent)
+        known = stated(specimen, assignments(specimen_property or []))
+        request = Request(subject, site, operator, repeat, specimen, notes, consent, specimen_properties=known)
         with Session(bench, speed=speed, out=out, notify=hooks(notify or (), bench.notify)) as session:
             stop.ends(session)
             engine, plan = session.prepare(protocol, request, name=instrument, out=out)

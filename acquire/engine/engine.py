@@ -12,13 +12,13 @@ from acquire.engine.active import ActiveRun
 from acquire.engine.connection import Connection
 from acquire.engine.link import LinkThread
 from acquire.engine.plan import Outcome, Progress, RunPlan
-from acquire.engine.plausibility import RIGID
 from acquire.engine.queues import DisplayQueue
 from acquire.engine.rules import Rules, Trip
 from acquire.engine.state import State, StateMachine, WrongState
 from acquire.supervisor import Heartbeat
 from drivers.device import Rig, Status
 from drivers.signals import Block, Frame
+from protocols import specimens
 
 log = logging.getLogger(__name__)
 
@@ -194,7 +194,7 @@ class RunEngine(Connection):
             raise
         names = tuple(link.source.name for link in self._links)
         gappy = frozenset(c.name for source in self.rig.sources for c in source.channels)
-        yields = plan.info.specimen not in RIGID
+        yields = specimens.yields(plan.info.specimen)
         self._interlock.watch(plan.limits, names, run.feeder.commanded, plan.path.parent, gappy, yields)
 
     def _start(self) -> None:

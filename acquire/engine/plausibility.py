@@ -28,8 +28,6 @@ RECENT = 0.2
 #: Suction in Pa, of a set-point, to which skin must respond, by how much (m: less than a step of the coarsest height
 #: sensor) and within which time (s); after the release of a clear height (m) it must lose this share of it. Assumed.
 PULL, RISE, RESPONSE, CLEAR, RECOVERY = 10_000.0, 8e-6, 2.0, 80e-6, 0.15
-#: Specimens that do not come up under suction, or not as skin does.
-RIGID = ("rigid block", "open air")
 
 
 @dataclass

@@ -21,11 +21,12 @@ from acquire.recording.model import Event, FloatArray, Frames, Recording, Record
 from acquire.recording.segments import of_setpoints
 from acquire.recording.segments import read_csv as read_segments
 from acquire.recording.tables import Table, evenly
-from protocols import units
+from protocols import specimens, units
 from protocols.errors import ProtocolError
 from protocols.files import contents, in_words, inside, is_file
 from protocols.source import Key, read
 from protocols.source import Source as Yaml
+from protocols.specimens import Stated
 from protocols.text import validate
 
 OURS = (*SUCTION, "microrobot")
@@ -113,6 +114,7 @@ class _Import:
             operator=bundle.operator,
             repeat=bundle.repeat,
             specimen=bundle.specimen,
+            specimen_properties=self.properties(),
             notes=bundle.notes,
             versions=run.versions,
             station=run.station,
@@ -121,6 +123,20 @@ class _Import:
             limits=run.limits,
             calibration=run.calibration,
         )
+
+    def properties(self) -> dict[str, Stated]:
+        bundle = self.bundle
+        try:
+            specimens.check(bundle.specimen, bundle.instrument)
+        except ValueError as error:
+            raise self.fault(("specimen",), str(error)) from None
+        result: dict[str, Stated] = {}
+        for key, given in bundle.specimen_properties.items():
+            try:
+                result |= specimens.stated(bundle.specimen, {key: given})
+            except ValueError as error:
+                raise self.fault(("specimen_properties", key), str(error)) from None
+        return result
 
     # Tables ------------------------------------------------------------------------------------------------------
 

@@ -17,7 +17,17 @@ from acquire.recording.model import FloatArray, Frames, Recording, RecordingErro
 from acquire.recording.segments import write_csv as write_segments
 from acquire.recording.tables import write_table
 
-_OWN_KEYS = ("instrument", "protocol", "subject", "site", "repeat", "specimen", "operator", "notes")
+_OWN_KEYS = (
+    "instrument",
+    "protocol",
+    "subject",
+    "site",
+    "repeat",
+    "specimen",
+    "specimen_properties",
+    "operator",
+    "notes",
+)
 
 
 def write_bundle(recording: Recording, folder: Path | str) -> Path:
@@ -41,6 +51,7 @@ def _write(recording: Recording, folder: Path) -> None:
         (folder / "protocol.yaml").write_text(info.protocol, encoding="utf-8", newline="")
         about["protocol"] = "protocol.yaml"
     about |= {key: getattr(info, key) for key in _OWN_KEYS if key not in ("instrument", "protocol")}
+    about["specimen_properties"] = {key: known.plain() for key, known in info.specimen_properties.items()}
     about["channels"] = _tables(folder, "data", recording.streams)
     about["setpoints"] = _tables(folder, "setpoints", recording.setpoints)
     if recording.segments:

@@ -150,6 +150,7 @@ class Bundle(_Loose):
     site: Short = ""
     repeat: Whole = 1
     specimen: Short = "skin"
+    specimen_properties: dict[Name, Any] = Field(default={}, description="read by `protocols.specimens.stated`")
     operator: Short = ""
     notes: str = ""
     channels: dict[Name, Source] = Field(default={})

@@ -56,6 +56,7 @@ class ColumnMap(Model):
     site: Short = ""
     operator: Short = ""
     specimen: Short = "skin"
+    specimen_properties: dict[Short, Any] = Field(default={})
     notes: str = ""
     sheet: Short | None = None
 
@@ -99,7 +100,8 @@ def _one(export: Path, mapping: ColumnMap, source: Yaml, match: str | None, numb
         )
         for name, channel in mapping.channels.items()
     }
-    about = {key: getattr(mapping, key) for key in ("instrument", "subject", "site", "operator", "specimen", "notes")}
+    keys = ("instrument", "subject", "site", "operator", "specimen", "specimen_properties", "notes")
+    about = {key: getattr(mapping, key) for key in keys}
     bundle = Bundle(
         schema=SCHEMA,
         repeat=number,

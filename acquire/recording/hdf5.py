@@ -4,6 +4,7 @@ Layout (schema ``acquire-recording/1``); every dataset has ``units``, every stri
 
     /entry                              NXentry; schema, start_time, end_time, status, trip_reason, default plot
     /entry/run                          who, what and where; the protocol's text and its sha256; package versions
+    /entry/run/specimen_properties/<key>  what is known of a reference specimen; attributes units, se
     /entry/instrument                   name (of the kind), device (by the station's name), station file,
                                         limits, calibration with provenance
     /entry/streams/<channel>/{value,time,time_host,seq}    group attributes units, stage, range, resolution, noise
@@ -146,6 +147,10 @@ def _write_run(group: h5py.Group, info: RunInfo) -> None:
     _put(group, "protocol_sha256", hashlib.sha256(info.protocol.encode()).hexdigest())
     group["protocol"].attrs.create("sha256", **_text(hashlib.sha256(info.protocol.encode()).hexdigest()))
     _put(group, "consent", info.consent)
+    properties = _group(group, "specimen_properties", "NXcollection")
+    for name, known in info.specimen_properties.items():
+        dataset = _put(properties, name, np.asarray(known.value), known.unit)
+        dataset.attrs["se"] = float(known.se)
     _put(group, "repeat", np.int64(info.repeat), "1")
     versions = _group(group, "versions", "NXcollection")
     for name, version in info.versions.items():

@@ -19,6 +19,7 @@ from acquire.recording.order import ordered
 from acquire.recording.review import decisions
 from acquire.recording.segments import from_columns
 from protocols.files import is_file, refusing, shortened
+from protocols.specimens import Stated
 
 T = TypeVar("T")
 
@@ -154,6 +155,10 @@ class _Reader:
             facts = {"value": value.item() if np.ndim(value) == 0 and not isinstance(value, str) else value}
             facts |= {"unit" if k == "units" else k: self.attr(dataset, k, "") for k in dataset.attrs if k != OF_DATA}
             calibration[name] = facts
+        properties = {}
+        for name, dataset in self.datasets(run, "specimen_properties"):
+            value = tuple(float(v) for v in np.atleast_1d(self.numbers(dataset)))
+            properties[name] = Stated(value, float(dataset.attrs.get("se", 0.0)), self.attr(dataset, "units", ""))
         limits = {}
         for name, dataset in self.datasets(instrument, "limits"):
             low, high = self.numbers(dataset)
@@ -166,6 +171,7 @@ class _Reader:
             versions={name: self.text(dataset) for name, dataset in self.datasets(run, "versions")},
             limits=limits,
             calibration=calibration,
+            specimen_properties=properties,
             consent=self.text(self.dataset(run, "consent")) if "consent" in run else "",
             **{name: self.text(self.dataset(run, name)) for name in RUN_FIELDS},
             **{name: self.text(self.dataset(self.entry, name)) for name in ENTRY_FIELDS},

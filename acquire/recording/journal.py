@@ -98,7 +98,10 @@ class JournalWriter:
         self._layouts: dict[tuple[str, ...], int] = {}
         self._first = {
             "format": "acquire-journal/1",
-            "info": {item.name: getattr(info, item.name) for item in fields(info)},
+            "info": {
+                **{item.name: getattr(info, item.name) for item in fields(info)},
+                "specimen_properties": {key: known.plain() for key, known in info.specimen_properties.items()},
+            },
             "channels": [asdict(channel) for channel in channels],
             "frame_scale": frame_scale,
         }

@@ -20,6 +20,7 @@ from acquire.recording.model import Event, FloatArray, Frames, Recording, Record
 from acquire.recording.order import ordered, ordered_frames
 from acquire.recording.segments import before
 from protocols.files import refusing
+from protocols.specimens import stated
 
 MAX_PAYLOAD = 2**30  # no record is longer; a damaged length is not believed
 
@@ -182,7 +183,8 @@ class _Content:
         if kind is Kind.INFO and self.info is None:
             info = RunInfo(**content["info"])
             limits = {name: (float(a), float(b)) for name, (a, b) in info.limits.items()}
-            self.first, self.info = content, replace(info, limits=limits)
+            properties = stated(info.specimen, info.specimen_properties)
+            self.first, self.info = content, replace(info, limits=limits, specimen_properties=properties)
         elif kind is Kind.LAYOUT:
             self.layouts[content["layout"]] = tuple(content["channels"])
         elif kind is Kind.EVENT:

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from protocols.specimens import Stated
+
 FloatArray = NDArray[np.float64]
 
 
@@ -151,6 +153,7 @@ class RunInfo:
     operator: str = ""
     repeat: int = 1
     specimen: str = "skin"
+    specimen_properties: Mapping[str, Stated] = field(default_factory=dict)
     notes: str = ""
     consent: str = ""  # which consent of the subject covers this; empty: nobody said
     versions: Mapping[str, str] = field(default_factory=dict)
@@ -210,6 +213,8 @@ def difference(a: Recording, b: Recording) -> str:
         x, y = getattr(a.info, item.name), getattr(b.info, item.name)
         if not isinstance(x, Mapping) and x != y:
             return f"{item.name}: {x!r} became {y!r}"
+    if dict(a.info.specimen_properties) != dict(b.info.specimen_properties):
+        return "specimen_properties differ"
     for kind in ("streams", "setpoints", "derived"):
         axes = ("value", "time") if kind == "setpoints" else ("value", "time", "time_host", "seq")
         problem = _series_difference(getattr(a, kind), getattr(b, kind), axes)

@@ -19,9 +19,9 @@ from PySide6.QtWidgets import (
 
 from acquire import pseudonym
 from acquire.gui.messages import Measurement
+from protocols.specimens import SKIN, SPECIMENS, Stated, assignments, stated
 
 SITES = ("forehead", "cheek", "jaw", "parotid", "forearm", "upper arm", "neck", "fingertip")
-SPECIMENS = ("skin", "rigid block", "open air")
 
 
 class SubjectPanel(QGroupBox):
@@ -47,7 +47,9 @@ class SubjectPanel(QGroupBox):
         self.repeat.setRange(1, 9999)
         self.repeat.setToolTip("Counted from the finished runs in the folder; a number set by hand holds for one run.")
         self.specimen = QComboBox()
-        self.specimen.addItems(SPECIMENS)
+        self.specimen.addItems((SKIN, *SPECIMENS))
+        self.properties = QLineEdit()
+        self.properties.setToolTip("What is known of the specimen, with its uncertainty; several separated by ';'")
         self.operator = QLineEdit()
         self.operator.setPlaceholderText("who measures")
         self.notes = QLineEdit()
@@ -66,8 +68,13 @@ class SubjectPanel(QGroupBox):
         form.addRow("Site", self.site)
         form.addRow("Repeat", self.repeat)
         form.addRow("Specimen", self.specimen)
+        form.addRow("Known of it", self.properties)
         form.addRow("Operator", self.operator)
         form.addRow("Notes", self.notes)
+        self._form = form
+        self.specimen.currentTextChanged.connect(self._mounted)
+        self.properties.textChanged.connect(lambda _: self._check(self.subject.text()))
+        self._mounted(SKIN)
         self._what = Measurement("", "", "")  # that the repeat was counted of
         self._by_hand: Measurement | None = None  # of which a person set the repeat
 
@@ -87,9 +94,15 @@ class SubjectPanel(QGroupBox):
             "site": self.site.currentText().strip(),
             "repeat": self.repeat.value(),
             "specimen": self.specimen.currentText(),
+            "specimen_properties": self.known(),
             "operator": self.operator.text().strip(),
             "notes": self.notes.text().strip(),
         }
+
+    def known(self) -> dict[str, Stated]:
+        """What is known of the specimen. Raises ValueError that names the key."""
+        texts = [text for text in self.properties.text().split(";") if text.strip()]
+        return stated(self.specimen.currentText(), assignments(texts))
 
     def count(self, what: Measurement, repeat: int, *, anew: bool = False) -> None:
         """The next repeat of ``what``; one set by hand stays, unless ``anew`` (a run of it has ended)."""
@@ -104,6 +117,14 @@ class SubjectPanel(QGroupBox):
     def _set_by_hand(self) -> None:
         self._by_hand = self._what
 
+    def _mounted(self, specimen: str) -> None:
+        """Another specimen: the line for its numbers is there where it has any."""
+        of = SPECIMENS[specimen].properties if specimen in SPECIMENS else ()
+        self.properties.setText("")
+        self.properties.setPlaceholderText("; ".join(f"{item.key}={item.example}" for item in of))
+        self._form.setRowVisible(self.properties, bool(of))
+        self._check(self.subject.text())
+
     def _renew(self) -> None:
         self.subject.setText(pseudonym.fresh())
         self.settled.emit()
@@ -111,6 +132,7 @@ class SubjectPanel(QGroupBox):
     def _check(self, text: str) -> None:
         try:
             pseudonym.check(text.strip())
+            self.known()
             self.fault.hide()
         except ValueError as error:
             self.fault.setText(str(error))
