@@ -8,14 +8,12 @@ from typing import TYPE_CHECKING
 from acquire import latches
 from acquire.engine import RunEngine, State
 from acquire.plugins import instrument as descriptor
+from acquire.simulation import Mounted
 from acquire.station import Instrument
 from acquire.supervisor import Supervisor
 
 if TYPE_CHECKING:
     from sim_devices.servers import Server
-
-#: Opening (m; None: the instrument's own) and specimen that a simulated instrument is made for.
-SetUp = tuple[float | None, str]
 
 
 class Bench:
@@ -26,7 +24,7 @@ class Bench:
         name: str,
         kind: str,
         entry: Instrument,
-        set_up: SetUp,
+        set_up: Mounted,
         *,
         speed: float = 1.0,
         frame_size: tuple[int, int] = (640, 480),
@@ -43,10 +41,7 @@ class Bench:
         if entry.here:
             from acquire import simulation
 
-            opening, specimen = set_up
-            self.server = simulation.start(
-                kind, entry, speed=speed, opening=opening, specimen=specimen, frame_size=frame_size
-            )
+            self.server = simulation.start(kind, entry, speed=speed, mounted=set_up, frame_size=frame_size)
             rig = self.server.open_rig()
         else:
             rig = descriptor(kind).open_rig(entry.entry(kind))

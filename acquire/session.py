@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 from acquire import pseudonym
 from acquire.attendant import Attendant
-from acquire.bench import Bench, SetUp
+from acquire.bench import Bench
 from acquire.engine import (
     Aborted,
     Outcome,
@@ -37,10 +37,12 @@ from acquire.plugins import instrument as descriptor
 from acquire.provenance import calibration, settled, versions
 from acquire.recording import RunInfo
 from acquire.recording.journal import iso_now
+from acquire.simulation import Mounted
 from acquire.station import Instrument, Station, simulated_station
 from acquire.status import forget_the_dead
 from acquire.supervisor import Supervisor
 from drivers.device import Identity, Status
+from drivers.signals import REFERENCE
 from protocols import Limits, Protocol, Setpoints, compile_protocol, dump, effective_limits, find, load
 from protocols import specimens as references
 
@@ -120,15 +122,13 @@ class Session:
         """The kind of the station's instrument ``name``. Raises ValueError."""
         return self._entry(name).instrument or name
 
-    def open(
-        self, name: str, *, opening: float | None = None, specimen: str = "skin", acknowledged: bool = False
-    ) -> RunEngine:
-        """The engine of an instrument, connected; a simulated one is switched on, with ``opening`` (m), ``specimen``.
+    def open(self, name: str, mounted: Mounted = Mounted(), *, acknowledged: bool = False) -> RunEngine:
+        """The engine of an instrument, connected; a simulated one is switched on, with what is ``mounted`` in it.
 
         ``acknowledged``: a person has looked at whatever fault the instrument latched. Raises ValueError (station,
         plugin), DeviceError, Aborted.
         """
-        bench = self._bench(name, (opening, specimen))
+        bench = self._bench(name, mounted)
         if bench.engine.state is State.IDLE:
             self._go_on()
             bench.connect(acknowledged=acknowledged)
@@ -246,7 +246,10 @@ class Session:
         name = name or self.station.find(protocol.instrument)
         request = request or Request()
         plan = self.plan(name, protocol, request, out)
-        engine = self.open(name, opening=protocol.setup.opening, specimen=request.specimen)
+        known = tuple(request.specimen_properties.items())
+        engine = self.open(name, Mounted(protocol.setup.opening, request.specimen, known))
+        if request.specimen == references.MANOMETER and not _compares(engine.rig):
+            raise ValueError(f"specimen: {name} has no second gauge; with one its options are pressure_reference: true")
         return engine, _with_threshold(plan, engine.rig, request.gvt)
 
     def run(
@@ -328,7 +331,7 @@ class Session:
             raise ValueError(f"no instrument {name!r} in the station; it has {', '.join(self.station.instruments)}")
         return self.station.instruments[name]
 
-    def _bench(self, name: str, set_up: SetUp | None = None) -> Bench:
+    def _bench(self, name: str, set_up: Mounted | None = None) -> Bench:
         """The open instrument ``name``; a simulated one is made anew where it is set up otherwise than asked."""
         entry, kind = self._entry(name), self.kind(name)
         if name in self._benches and entry.here and set_up not in (None, self._benches[name].set_up):
@@ -338,7 +341,7 @@ class Session:
                 name,
                 kind,
                 entry,
-                set_up or (None, "skin"),
+                set_up or Mounted(),
                 speed=self._speed,
                 frame_size=self._frame_size,
                 watched=self._watched,
@@ -357,6 +360,10 @@ class Session:
                 forget_the_dead(addresses)
                 self._attendant = Attendant(self.station.name, lambda: self.engines, addresses, self._notify)
                 self._attendant.start()
+
+
+def _compares(rig: Rig) -> bool:
+    return any(channel.name == f"pressure{REFERENCE}" for channel in rig.device.channels)
 
 
 def _wait(engine: RunEngine, watch: Callable[[Progress], None] | None) -> Outcome:

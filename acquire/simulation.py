@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 import secrets
-from dataclasses import replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from acquire.station import Instrument, Simulation
+from protocols.specimens import MANOMETER, SKIN, Stated
 
 if TYPE_CHECKING:
     from sim_devices.chain import Chain
     from sim_devices.servers import Server
 
-#: Stiffness of a reference specimen relative to skin: a rigid block does not follow, open air does not resist.
-SPECIMENS = {"skin": 1.0, "rigid block": 1e6, "open air": 1e-6}
+
+@dataclass(frozen=True)
+class Mounted:
+    """What a simulated instrument is made for: the probe's ``opening`` (m; None: its own), and the specimen in it with
+    its properties (as `protocols.specimens.stated` gives them)."""
+
+    opening: float | None = None
+    specimen: str = SKIN
+    properties: tuple[tuple[str, Stated], ...] = ()
 
 
 def settled(simulation: Simulation) -> Simulation:
@@ -23,22 +31,27 @@ def settled(simulation: Simulation) -> Simulation:
     return simulation.model_copy(update={"seed": secrets.randbelow(2**31)})
 
 
-def chain(kind: str, simulation: Simulation, *, opening: float | None = None, specimen: str = "skin") -> Chain:
+def chain(kind: str, simulation: Simulation, mounted: Mounted = Mounted()) -> Chain:
     """The forward chain of a simulated instrument with its tissue, noise and effects.
 
-    ``opening`` is the probe's diameter in m (suction). Raises ValueError for an unknown tissue, effect or specimen.
+    Effects of the tissue leave a reference specimen as it is. Raises ValueError for an unknown tissue, effect or
+    specimen.
     """
-    from sim_devices.stages import noisy, nominal
+    from sim_devices.stages import noisy, nominal, specimens
 
-    options: dict[str, Any] = {"tissue": _specimen(kind, simulation.tissue, specimen)}
-    if opening is not None and kind != "microrobot":
-        options["opening"] = opening
+    options: dict[str, Any] = {"tissue": simulation.tissue}
+    if mounted.opening is not None and kind != "microrobot":
+        options["opening"] = mounted.opening
     result = noisy(nominal(kind, **options), simulation.seed or 0)
+    on_skin = mounted.specimen == SKIN
+    if not on_skin:
+        result = specimens.mounted(result, mounted.specimen, dict(mounted.properties))
     for text in simulation.effects:
         from sim_devices.effects import parse_effect
 
         effect, values = parse_effect(text, kind)
-        result = effect.apply(result, values)
+        if on_skin or effect.stage != "tissue":
+            result = effect.apply(result, values)
     _compiled(kind, result)
     return result
 
@@ -59,8 +72,7 @@ def start(
     entry: Instrument,
     *,
     speed: float = 1.0,
-    opening: float | None = None,
-    specimen: str = "skin",
+    mounted: Mounted = Mounted(),
     frame_size: tuple[int, int] = (640, 480),
 ) -> Server:
     """Switch on the simulated instrument of a station's entry. Close the result to switch it off."""
@@ -68,35 +80,18 @@ def start(
 
     assert entry.simulated is not None
     simulation = settled(entry.simulated)
+    second = {"pressure_reference": True} if mounted.specimen == MANOMETER else {}
     # TCP works on every system and copes with any load; pseudo-terminals do neither.
     automatic = "usb" if kind == "microrobot" else "tcp"
     link = automatic if simulation.link == "auto" else simulation.link
     return serve(
         kind,
         link,
-        chain=chain(kind, simulation, opening=opening, specimen=specimen),
+        chain=chain(kind, simulation, mounted),
         speed=speed,
         seed=simulation.seed or 0,
         frame_size=frame_size,
-        options=entry.driver_options,
+        options={**entry.driver_options, **second},
         watchdog=entry.watchdog,
         token=secrets.token_urlsafe(16),
     )
-
-
-def _specimen(kind: str, tissue: str, specimen: str) -> Any:
-    """The tissue, or a reference specimen in its place."""
-    if specimen not in SPECIMENS:
-        raise ValueError(f"no simulated specimen {specimen!r}; there is {', '.join(SPECIMENS)}")
-    if specimen == "skin":
-        return tissue
-    from sim_devices.stages import tissues
-
-    if kind == "microrobot":
-        sheet = tissues.sheet_tissue(tissue)
-        a, b, c = (k * SPECIMENS[specimen] for k in sheet.stiffness)
-        return replace(sheet, stiffness=(a, b, c))
-    if specimen == "open air":
-        raise ValueError("a suction probe in open air holds no pressure: simulate 'rigid block' or 'skin'")
-    skin = tissues.suction_tissue(tissue)
-    return replace(skin, compliance=skin.compliance / SPECIMENS[specimen])

@@ -15,7 +15,7 @@ from typing import Any
 
 from protocols import units
 
-SKIN = "skin"
+SKIN, MANOMETER = "skin", "manometer"
 SUCTION = ("cutometer", "aspiration")
 ROBOT = ("microrobot",)
 _MOST = 20  # properties of one specimen
@@ -136,7 +136,7 @@ SPECIMENS: dict[str, Specimen] = {
             yields=True,
         ),
         Specimen(
-            "manometer",
+            MANOMETER,
             SUCTION,
             (),
             "the pressure at the probe, by a second gauge",

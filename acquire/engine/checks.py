@@ -28,13 +28,14 @@ class Watch:
     """A run to be watched: its limits and rules.
 
     The ``gappy`` channels may be NaN: a camera does not find a contour in every picture. A specimen that ``yields``
-    comes up under suction.
+    comes up under suction. Two gauges are ``compared`` unless it is a manometer, there to show by how much they differ.
     """
 
     limits: Limits
     rules: Rules
     gappy: frozenset[str] = frozenset()
     yields: bool = True
+    compared: bool = True
 
 
 UNKNOWN = 0.25

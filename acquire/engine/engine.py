@@ -194,8 +194,9 @@ class RunEngine(Connection):
             raise
         names = tuple(link.source.name for link in self._links)
         gappy = frozenset(c.name for source in self.rig.sources for c in source.channels)
-        yields = specimens.yields(plan.info.specimen)
-        self._interlock.watch(plan.limits, names, run.feeder.commanded, plan.path.parent, gappy, yields)
+        specimen = plan.info.specimen
+        flags = specimens.yields(specimen), specimen != specimens.MANOMETER
+        self._interlock.watch(plan.limits, names, run.feeder.commanded, plan.path.parent, gappy, *flags)
 
     def _start(self) -> None:
         self._machine.fire("start")

@@ -56,12 +56,13 @@ class Interlock(threading.Thread):
         folder: Path | None = None,
         gappy: frozenset[str] = frozenset(),
         yields: bool = True,
+        compared: bool = True,
     ) -> None:
         """Begin to watch ``limits`` per channel, freshness of ``links``, what is ``commanded``, space at ``folder``.
 
-        The first link is the driven device's. For ``gappy`` and ``yields`` see `Watch`.
+        The first link is the driven device's. For ``gappy``, ``yields`` and ``compared`` see `Watch`.
         """
-        watch = Watch(limits, self.rules, gappy, yields)
+        watch = Watch(limits, self.rules, gappy, yields, compared)
         self._pictures = Pictures()
         self._commanded = commanded
         self._checks = tuple(check(watch) for check in (*LIMITS, *(PLAUSIBILITY if self.rules.plausible else ())))

@@ -233,7 +233,7 @@ class Agreement:
     """Two gauges of one quantity agree: ``NAME`` and ``NAME_reference``."""
 
     def __init__(self, watch: Watch) -> None:
-        self._rules = watch.rules.agreement
+        self._rules = watch.rules.agreement if watch.compared else {}
         self._lasting = Lasting()
 
     def look(self, block: Block, targets: Targets) -> Trip | None:

@@ -26,6 +26,7 @@ from sim_devices.servers.links import Link
 from sim_devices.servers.ports import CameraPort, ControlPort, Port, Render
 from sim_devices.servers.timeline import commanded, grid
 from sim_devices.stages import runner
+from sim_devices.stages.specimens import SPECIMEN
 
 #: Samples are sent about this often (wall time, s).
 BLOCK_WALL = 0.01
@@ -192,7 +193,8 @@ class SimInstrument:
             else:
                 self.firmware.handle(body, wall)
                 if isinstance(body, msg.Arm) and isinstance(self._runner, Runner):
-                    self._runner.restart(self.bench.zeroing)
+                    for name in (self.bench.zeroing, SPECIMEN):  # the zero is taken, a person slides the step in
+                        self._runner.restart(name)
         except Refused as refusal:
             return msg.Reply(request.number, refused=str(refusal))
         # Status goes ahead of the answer, so that a host never acts on what was true before its command.
