@@ -27,6 +27,12 @@ def fit(
     cluster: Annotated[
         str, typer.Option(help="Scheduler of a dask.distributed cluster, such as tcp://host:8786.")
     ] = "",
+    fields: Annotated[
+        Path | None, typer.Option(help="Folder for displacement, stress, stretch and history (VTU, XDMF) of the fit.")
+    ] = None,
+    times: Annotated[
+        str, typer.Option(help="When --fields are wanted, such as '0.5,5,60': seconds from the first sample.")
+    ] = "",
     everything: Annotated[bool, typer.Option("--all", help=ALL)] = False,
     list_models: Annotated[bool, typer.Option("--list", help="List the models and their parameters.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result on stdout.")] = False,
@@ -43,10 +49,12 @@ def fit(
         raise ValueError("a fit needs at least one recording")
     if not (model or spec):
         raise ValueError(f"a fit needs --model or --spec; models are {', '.join(solver.models())}")
+    moments = _times(times)
     recordings = counting([load(run) for run in runs], everything=everything)
     try:
         with _Bar() as bar:
             result = solver.fit(recordings, spec, model=model, jobs=jobs, cluster=cluster, progress=bar.update)
+            written = result.write_fields(fields, moments) if fields else []
     except ImportError as error:  # an extra of the solver: its message says which
         raise ValueError(str(error)) from error
     folder = output or (None if as_json else Path("fit-report"))
@@ -59,6 +67,16 @@ def fit(
         typer.echo(json.dumps(data, indent=1))
     else:
         typer.echo(f"{result.in_words()}\n\n{folder}/fit.html\n{folder}/fit.json")
+        if written:
+            typer.echo(f"{fields}: {len(written)} files of fields, to be opened by their .pvd or .xdmf")
+
+
+def _times(text: str) -> tuple[float, ...]:
+    """Seconds from a list with commas."""
+    try:
+        return tuple(float(part.strip().removesuffix("s")) for part in text.split(",") if part.strip())
+    except ValueError:
+        raise ValueError(f"--times {text!r}: expected seconds with commas between them, such as 0.5,5,60") from None
 
 
 def _solver(model: str) -> Any:

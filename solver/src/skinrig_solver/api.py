@@ -137,6 +137,8 @@ class Experiment:
     geometry : options of the problem (opening radius, layer thicknesses, rim fillet, hole radius, pre-stress mode, …);
         each problem documents its own and refuses names it does not know
     label : shown in reports and error messages
+    snapshots : times [s] at which fields are wanted with stress, stretch and history. Without any, a model gives the
+        deformed mesh only, at times of its own choice
     """
 
     instrument: Instrument
@@ -144,6 +146,7 @@ class Experiment:
     drive: Mapping[str, Array]
     geometry: Mapping[str, Any] = field(default_factory=dict)
     label: str = ""
+    snapshots: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         time = np.ascontiguousarray(self.time, dtype=np.float64)
@@ -162,15 +165,21 @@ class Experiment:
             drive[name] = array
         object.__setattr__(self, "time", time)
         object.__setattr__(self, "drive", drive)
+        for moment in self.snapshots:
+            if not time[0] <= moment <= time[-1]:
+                raise ValueError(f"{who}: snapshot at {moment} s lies outside {time[0]:.6g} to {time[-1]:.6g} s")
         object.__setattr__(self, "geometry", dict(self.geometry))
 
 
 @dataclass(frozen=True)
 class Field:
-    """A mesh with its deformed position at one time, for pictures.
+    """A mesh with its deformed position at one time, and what else is known at its nodes.
 
-    ``nodes`` (k, 2 or 3) reference positions [m]; ``displacement`` same shape [m]; ``cells`` (e, c) corner nodes in
-    drawing order; ``layer`` (e,) index into ``layer_names``; ``time`` [s].
+    ``nodes`` (k, 2 or 3) reference positions [m]; ``displacement`` same shape [m]; ``cells`` (e, 9) nodes of
+    biquadratic quadrilaterals in VTK's order (four corners, four mid-sides, centre); ``layer`` (e,) index into
+    ``layer_names``; ``time`` [s]. ``values`` maps a name to a scalar (k,) or a symmetric tensor (k, 6: xx, yy, zz, xy,
+    yz, xz) at the nodes, SI; in an axisymmetric body x is the radius, y the axis and z the hoop direction. Layers share
+    no nodes, so that values may jump between them.
     """
 
     nodes: Array
@@ -179,6 +188,7 @@ class Field:
     layer: NDArray[np.int64]
     layer_names: tuple[str, ...]
     time: float
+    values: Mapping[str, Array] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

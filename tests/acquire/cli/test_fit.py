@@ -30,6 +30,11 @@ class Result:
         path.write_text("<!doctype html>")
         return path
 
+    def write_fields(self, folder: Path, times: tuple[float, ...]) -> list[Path]:
+        folder.mkdir()
+        (folder / "times").write_text(str(times))
+        return [folder / "times"]
+
 
 class Solver:
     """A plugin that reports what it was asked."""
@@ -86,12 +91,24 @@ def test_result_goes_to_files_or_to_stdout(
     assert json.loads(capsys.readouterr().out)["schema"] == "skinrig-fit/1"
 
 
+def test_fields_go_to_their_folder_at_the_times_named(
+    monkeypatch: pytest.MonkeyPatch, run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with_solvers(monkeypatch, WORKING)
+    folder, out = tmp_path / "fields", tmp_path / "out"
+    asked = ["fit", str(run), "--model", "suction", "-o", str(out), "--fields", str(folder), "--times", "0.5, 5 s,60"]
+    assert app.run(asked) == app.DONE
+    assert (folder / "times").read_text() == "(0.5, 5.0, 60.0)"
+    assert "1 files of fields" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (["--model", "suction"], "at least one recording"),
         (["RUN"], "needs --model or --spec; models are sheet, suction"),
         (["RUN", "--model", "none"], "there is no 'none'"),
+        (["RUN", "--model", "suction", "--times", "soon"], "--times 'soon': expected seconds"),
         (["missing.h5", "--model", "suction"], "missing.h5"),
         (["--list", "--model", "nope"], "no model 'nope'"),
     ],

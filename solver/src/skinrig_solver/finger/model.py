@@ -9,8 +9,9 @@ from time import perf_counter
 
 import numpy as np
 
-from ..api import Array, Cost, Experiment, Field, ModelInfo, Parameter, Result
+from ..api import Array, Cost, Experiment, ModelInfo, Parameter, Result
 from ..fem.body import Body
+from ..fem.snapshots import Snapshots
 from ..fem.types import Directions, Load
 from ..materials.yeoh_qlv import yeoh_qlv
 from ..suction.march import Run
@@ -61,17 +62,19 @@ class FingerSection:
                 law = tuple(np.where(np.array(columns) == k, modulus, -1) for k in range(len(LAYERS)))
                 directions = Directions(law, np.zeros(len(columns)), np.zeros(len(columns)))
             run = Run(body, [_layer(name, values[f"{name}.E"]) for name in LAYERS], directions)
-            rise, slopes, fields = [0.0], [np.zeros(len(columns))], []
+            rise, slopes = [0.0], [np.zeros(len(columns))]
+            times = experiment.snapshots or (pieces[-1].stop,)
+            snapshots = Snapshots(run, times, interpolation(pieces, np.array(times)), bool(experiment.snapshots))
 
             def visit(time: float) -> None:
                 rise.append(float(run.state.u[centre, 1]))
                 if run.tangents is not None:
                     slopes.append(run.tangents.du[body.number[centre, 1]].copy())
+                snapshots.visit()
 
             for piece in pieces:
                 run.advance(piece, Load, visit)
-            mesh, corners = body.mesh, body.mesh.elements[:, [0, 2, 8, 6]]
-            fields.append(Field(mesh.nodes, run.state.u.copy(), corners, mesh.layer, LAYERS, pieces[-1].stop))
+            fields = snapshots.fields()
         weights = interpolation(pieces, experiment.time)
         derivative: Array | None = None
         if columns:
@@ -83,7 +86,7 @@ class FingerSection:
             parameters=tuple(sensitivities),
             sensitivities=None if derivative is None else {"deflection": derivative},
             cost=Cost(1, perf_counter() - started, run.newton, run.steps, run.cuts, body.size),
-            fields=tuple(fields),
+            fields=fields,
         )
 
 

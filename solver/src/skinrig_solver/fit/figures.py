@@ -1,4 +1,4 @@
-"""Pictures of a fit: curves with residuals, correlations, profiles, the deformed mesh. As SVG or PNG data addresses."""
+"""Pictures of a fit: curves with residuals, correlations, profiles. As PNG data addresses."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..api import Array, Field
 from . import units
 from .result import Curve, FitResult
 from .statistics import CONFIDENCE, Estimate
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DATA, MODEL, SHADE, GRID = "#9db4c6", "#c0392b", "#5d6d7e", "#e3e7ea"
-LAYERS = ("#f2c9a5", "#e8a0a0", "#b86b6b", "#c9c9d9", "#d9d2b0")
 STYLE: dict[Any, Any] = {
     "font.size": 9.5, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.color": GRID,
     "axes.edgecolor": "#7f8c8d", "axes.labelcolor": "#2c3e50", "legend.frameon": False, "svg.fonttype": "none",
@@ -30,7 +28,8 @@ SHOWN = {
 POINTS = 3000  # a curve of more samples is drawn by every so many-th
 
 
-def _figure(width: float, height: float) -> Figure:
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure of a size in inches, independent of any window system."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), layout="constrained")
@@ -56,9 +55,9 @@ def curves(result: FitResult, label: str) -> Figure:
     """One recording: its drive, then each channel measured and fitted with the residual below."""
     own = [c for c in result.curves if c.label == label]
     drive = result.drives[label]
-    figure = _figure(10.4, 1.5 + 2.6 * len(own))
+    figure = new_figure(10.4, 1.5 + 4.4 * len(own))
     axes = figure.subplots(
-        1 + 2 * len(own), 1, sharex=True, height_ratios=[1.0, *(x for _ in own for x in (2.4, 0.9))], squeeze=False
+        1 + 2 * len(own), 1, sharex=True, height_ratios=[1.0, *(x for _ in own for x in (2.4, 2.4))], squeeze=False
     )[:, 0]
     step = -(-own[0].time.size // POINTS)
     for name, values in drive.items():
@@ -97,7 +96,7 @@ def correlations(result: FitResult) -> Figure:
     """The correlation matrix of the identified parameters."""
     names = [e.free.symbol for e in result.estimates]
     size = 1.6 + 0.42 * len(names)
-    figure = _figure(size + 0.9, size)
+    figure = new_figure(size + 0.9, size)
     axis = figure.subplots()
     image = axis.imshow(result.correlation, vmin=-1, vmax=1, cmap="RdBu_r")
     axis.set_xticks(range(len(names)), names, rotation=60, ha="right", rotation_mode="anchor")
@@ -115,7 +114,7 @@ def profile_plots(found: list[Estimate]) -> Figure:
     """Rise of chi-squared along each parameter, beside what the linear theory expects."""
     columns = min(4, len(found))
     rows = -(-len(found) // columns)
-    figure = _figure(2.7 * columns, 2.3 * rows)
+    figure = new_figure(2.7 * columns, 2.3 * rows)
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
     for axis in axes[len(found) :]:
         axis.set_visible(False)
@@ -135,63 +134,4 @@ def profile_plots(found: list[Estimate]) -> Figure:
         axis.set_title(f"{estimate.free.symbol}{f', {unit}' if unit else ''}", fontsize=9)
     axes[0].legend(fontsize=7)
     axes[0].set_ylabel("rise of χ²")
-    return figure
-
-
-def mesh(field: Field) -> Figure:
-    """The deformed mesh: a plane or axisymmetric section by layer, a sheet by how far its points moved."""
-    position = 1e3 * (field.nodes + field.displacement[:, : field.nodes.shape[1]])
-    if field.nodes.shape[1] == 2 and field.displacement.shape[1] == 2 and len(field.layer_names) >= 1:
-        return _section(field, position)
-    return _sheet(field)
-
-
-def _section(field: Field, position: Array) -> Figure:
-    from matplotlib.collections import PolyCollection
-
-    # what moves is a small part of a wide section: draw to where the displacement has died away
-    moved = np.linalg.norm(field.displacement, axis=1)
-    reach = np.abs(position[moved > 0.2 * moved.max(initial=0.0), 0]).max(initial=1.0) * 2.0
-    depth = max(-np.min(position[:, 1]), 1e-6)
-    figure = _figure(8.0, float(np.clip(8.0 * (depth + position[:, 1].max()) / (2 * reach), 2.2, 7.0)))
-    axis = figure.subplots()
-    corners = position[field.cells]
-    for side in (1.0, -1.0):
-        for number, name in enumerate(field.layer_names):
-            own = corners[field.layer == number] * (side, 1.0)
-            axis.add_collection(
-                PolyCollection(
-                    list(own),
-                    facecolor=LAYERS[number % len(LAYERS)],
-                    edgecolor="#6b5b53",
-                    lw=0.25,
-                    label=name if side > 0 else None,
-                )
-            )
-    axis.set_xlim(-reach, reach)
-    axis.set_ylim(position[:, 1].min(), position[:, 1].max() + 0.06 * depth)
-    axis.set_aspect("equal")
-    axis.grid(False)
-    axis.set_xlabel("mm")
-    axis.set_ylabel("mm")
-    axis.legend(loc="lower right", fontsize=8, frameon=True)
-    return figure
-
-
-def _sheet(field: Field) -> Figure:
-    from matplotlib.collections import PolyCollection
-
-    plane = 1e3 * (field.nodes[:, :2] + field.displacement[:, :2])
-    moved = 1e3 * np.linalg.norm(field.displacement, axis=1)
-    figure = _figure(6.4, 5.2)
-    axis = figure.subplots()
-    shapes = PolyCollection(list(plane[field.cells]), array=moved[field.cells].mean(axis=1), cmap="magma_r", lw=0.3)
-    shapes.set_edgecolor("#6b5b53")
-    axis.add_collection(shapes)
-    axis.autoscale_view()
-    axis.set_aspect("equal")
-    axis.grid(False)
-    axis.set_xlabel("x, mm")
-    axis.set_ylabel("y, mm")
-    figure.colorbar(shapes, ax=axis, shrink=0.8, label="displacement, mm")
     return figure

@@ -30,7 +30,7 @@ def render(result: FitResult) -> str:
         import matplotlib as mpl
     except ImportError as error:
         raise ImportError(f"a fit's page needs {error.name}: pip install 'skinrig-solver[report]'") from error
-    from . import figures
+    from . import figures, sections
 
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("skinrig_solver.fit", "."),
@@ -56,7 +56,14 @@ def render(result: FitResult) -> str:
                     "note": result.notes[label],
                     "curves": figures.as_image(figures.curves(result, label)),
                     "meshes": [
-                        {"time": field.time, "image": figures.as_image(figures.mesh(field))} for field in fields[:1]
+                        {
+                            "time": field.time,
+                            "image": figures.as_image(sections.mesh(field)),
+                            "quantities": figures.as_image(sections.quantities(field))
+                            if sections.has_quantities(field)
+                            else "",
+                        }
+                        for field in fields[:1]
                     ],
                 }
                 for label, fields in result.fields.items()

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..api import Array, Field, ModelInfo
+from ..api import Array, Experiment, Field, Model, ModelInfo
 from . import units
 from .spec import Spec
 from .statistics import Estimate
@@ -67,8 +67,8 @@ class FitResult:
     ``trusted`` is False where the model leaves more than noise of the data (statistics.misfit): no parameter is then
     called identifiable.
 
-    ``correlation`` (m, m) and ``covariance`` (m, m; natural units) are in the order of ``estimates``. ``drives`` and
-    ``fields`` are keyed by the recording's label.
+    ``correlation`` (m, m) and ``covariance`` (m, m; natural units) are in the order of ``estimates``. ``drives``,
+    ``fields`` and ``experiments`` are keyed by the recording's label; ``model`` is the one that was fitted.
     """
 
     info: ModelInfo
@@ -82,6 +82,8 @@ class FitResult:
     curves: tuple[Curve, ...]
     drives: Mapping[str, Mapping[str, Array]]
     fields: Mapping[str, tuple[Field, ...]]
+    experiments: Mapping[str, Experiment]
+    model: Model
     notes: Mapping[str, str]
     starts: tuple[Start, ...]
     stages: tuple[str, ...]
@@ -161,6 +163,12 @@ class FitResult:
         from .page import write_page
 
         return write_page(self, path)
+
+    def write_fields(self, folder: Path | str, times: Sequence[float] = ()) -> list[Path]:
+        """Write the fitted model's fields as VTU and XDMF: see `skinrig_solver.fit.pictures.write_fields`."""
+        from .pictures import write_fields
+
+        return write_fields(self, Path(folder), times)
 
 
 def _plain(value: Any) -> Any:

@@ -15,6 +15,7 @@ from ..registry import models
 from .cases import Case, cases, matches
 from .multistart import Found, Search, elsewhere
 from .optimisers import FitError, Optimum
+from .pictures import pictures
 from .problem import Evaluation, Problem, Tally
 from .profile import profiles
 from .result import Curve, Effort, FitResult, Start
@@ -212,7 +213,9 @@ def _result(
         objective=best.objective,
         curves=tuple(curves),
         drives={case.label: case.experiment.drive for case in problem.cases},
-        fields={case.label: result.fields for case, result in zip(problem.cases, best.results, strict=True)},
+        fields=pictures(problem, values),
+        experiments={case.label: case.experiment for case in problem.cases},
+        model=models()[problem.model] if isinstance(problem.model, str) else problem.model,
         notes={case.label: case.note for case in problem.cases},
         starts=starts,
         stages=stages,

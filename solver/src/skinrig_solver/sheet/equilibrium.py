@@ -10,6 +10,7 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from ..api import Array, Field, SolverError
 from ..laws import Law
+from ..nodal import VTK, Split, quantities, six
 from .kernels import assemble, differentiate
 from .mesh import Mesh
 from .prestress import Prestress
@@ -218,9 +219,28 @@ class Sheet:
         self.u, self.c33, self.probe, self.f, self.elastic, self._predictor = before
         return (moved - slopes) / distance
 
-    def picture(self, time: float) -> Field:
-        """Mesh and position relative to the probe's rest, for pictures; z is zero on a membrane's mesh."""
+    def picture(self, time: float, whole: bool = False) -> Field:
+        """Mesh and position relative to the probe's rest, for pictures; z is zero on a membrane's mesh.
+
+        ``whole`` adds stress and stretch of a membrane, as they act at this instant: the pre-stress is in them, the
+        relaxation is not where it acts on the force alone.
+        """
         nodes = np.zeros((len(self.mesh.nodes), 3))
         nodes[:, : self.mesh.dimension] = self.mesh.nodes
-        layer = np.zeros(len(self.mesh.corners), dtype=np.int64)
-        return Field(nodes, self.u.copy(), self.mesh.corners, layer, ("skin",), time)
+        layer = np.zeros(len(self.mesh.surface), dtype=np.int64)
+        values = {}
+        if whole and self.mesh.dimension == 2:
+            nodal = Split.of(self.mesh.cells, layer).at_nodes(self._at_points())
+            values = quantities(nodal[:, :9], nodal[:, 9:])
+        return Field(nodes, self.u.copy(), self.mesh.surface[:, VTK], layer, ("skin",), time, values)
+
+    def _at_points(self) -> Array:
+        """F (9) and Cauchy stress (6) at a membrane's Gauss points: (9 e, 15)."""
+        plane = self.F0 + np.einsum("eai,eqaj->eqij", self.u[self.mesh.cells], self.gradients)
+        normal = np.cross(plane[..., 0], plane[..., 1])
+        normal *= (np.sqrt(self.c33) / np.linalg.norm(normal, axis=-1))[..., None]
+        F = np.concatenate([plane, normal[..., None]], axis=-1).reshape(-1, 3, 3)
+        acting = (self.scale * self.elastic + self.extra).reshape(-1, 6)
+        S = acting[:, [[0, 3, 5], [3, 1, 4], [5, 4, 2]]]
+        cauchy = F @ S @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]
+        return np.concatenate([F.reshape(-1, 9), six(cauchy)], axis=1)

@@ -52,7 +52,7 @@ class Mesh:
     gradients : (e, q, a, 2 or 3) shape function gradients [1/m] at the Gauss points
     weights : (e, q) area [m^2] or volume [m^3] of each Gauss point
     probe, support : (n,) masks of the nodes under the probe's edge and on the hole's edge
-    corners : (c, 4) mid-plane corner nodes in drawing order
+    surface : (c, 9) mid-plane nodes of each element; node 3 j + i has i along the radius and j around
     """
 
     nodes: Array
@@ -61,7 +61,7 @@ class Mesh:
     weights: Array
     probe: NDArray[np.bool_]
     support: NDArray[np.bool_]
-    corners: NDArray[np.int64]
+    surface: NDArray[np.int64]
 
     @property
     def dimension(self) -> int:
@@ -94,7 +94,7 @@ def ring(inner: float, outer: float, radial: int, around: int, layers: int = 0, 
     patches = np.stack(
         [grid[i + a, (j + b) % angle.size] for a in range(3) for b in range(3)], axis=1
     )  # local node 3 a + b: a radial, b around
-    corners = patches[:, [0, 6, 8, 2]].astype(np.int64)
+    surface = patches.reshape(-1, 3, 3).transpose(0, 2, 1).reshape(-1, 9).astype(np.int64)
     if layers == 0:
         nodes, cells = plane, patches
     else:
@@ -108,7 +108,7 @@ def ring(inner: float, outer: float, radial: int, around: int, layers: int = 0, 
             ]
         )
         on_probe, on_support = np.tile(on_probe, levels), np.tile(on_support, levels)
-        corners = corners + layers * len(plane)
+        surface = surface + layers * len(plane)
 
     local, weights = _lagrange(nodes.shape[1])
     jacobian = np.einsum("ead,qal->eqdl", nodes[cells], local)
@@ -121,5 +121,5 @@ def ring(inner: float, outer: float, radial: int, around: int, layers: int = 0, 
         np.abs(determinant) * weights,
         on_probe,
         on_support,
-        corners,
+        surface,
     )

@@ -75,6 +75,10 @@ class SheetModel:
             force, derivatives = response.force(experiment.time, positions, bool(columns))
             if columns:
                 slopes = {channel: derivatives[columns, :, k].T for k, channel in enumerate(CHANNELS)}
+        if experiment.snapshots:
+            fields = response.pictures(experiment.time, positions, experiment.snapshots)
+        else:
+            fields = () if response.field is None else (response.field,)
         work = response.work
         return Result(
             experiment.time,
@@ -82,7 +86,7 @@ class SheetModel:
             tuple(sensitivities),
             slopes,
             Cost(1, perf_counter() - began, work.iterations, work.steps, work.cuts, 3 * len(options.mesh().nodes)),
-            () if response.field is None else (response.field,),
+            fields,
             {f"prestretch_{axis}": float(x) for axis, x in zip("xy", response.state.stretches, strict=True)},
             tuple(
                 f"s{axis} = {values[f's{axis}']:.3g} Pa stretches the sheet to {x:.2f} times its length along {axis}; "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -108,6 +108,15 @@ class Response:
         self.work.cuts += sheet.work.cuts
         self.field = sheet.picture(time)
         return _Table(np.array(forces), np.array(tangents), np.array(derivatives), np.array(sideways))
+
+    def pictures(self, time: Array, positions: Array, moments: Sequence[float]) -> tuple[Field, ...]:
+        """Fields at ``moments`` [s] of the probe's path (n, 3): the elastic sheet with the probe where it is then."""
+        found = []
+        for moment in moments:
+            sheet = self.sheet()
+            sheet.move(np.array([np.interp(moment, time, way) for way in positions.T]), moment)
+            found.append(sheet.picture(moment, whole=True))
+        return tuple(found)
 
     def force(self, time: Array, positions: Array, sensitivities: bool) -> tuple[Array, Array]:
         """Relaxed force (n, 3) and derivatives (m + 6, n, 3) by the law's parameters, sx, sy and the relaxation's."""

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from ..api import Array, Cost, Experiment, Field, ModelInfo, Result
+from ..api import Array, Cost, Experiment, ModelInfo, Result
 from ..fem.body import Body
+from ..fem.snapshots import Snapshots
 from ..fem.types import Directions, Load, Rim
 from ..law import Law
 from .geometry import SuctionGeometry
@@ -60,9 +61,10 @@ class SuctionModel:
                 raise ValueError("the sensitivity to spring_force exists only for a positive force")
         pressure = experiment.drive["pressure"]
         pieces = segments(experiment.time, pressure, geometry.rise_time, geometry.steps)
-        with _LOCK:
-            recorder = self._march(geometry, values, tuple(sensitivities), pieces)
         weights = interpolation(pieces, experiment.time)
+        with _LOCK:
+            recorder = self._march(geometry, values, tuple(sensitivities), pieces, experiment.snapshots)
+            fields = recorder.snapshots.fields()
         run = recorder.run
         return Result(
             time=experiment.time,
@@ -70,12 +72,17 @@ class SuctionModel:
             parameters=tuple(sensitivities),
             sensitivities={"apex_height": weights @ np.array(recorder.derivative)} if sensitivities else None,
             cost=Cost(1, perf_counter() - started, run.newton, run.steps, run.cuts, run.body.size),
-            fields=tuple(recorder.fields),
+            fields=fields,
             notes={"zero_displacement": recorder.bulge_at_start, "probe_height": run.state.height},
         )
 
     def _march(
-        self, geometry: SuctionGeometry, values: Mapping[str, float], wanted: tuple[str, ...], pieces: list[Segment]
+        self,
+        geometry: SuctionGeometry,
+        values: Mapping[str, float],
+        wanted: tuple[str, ...],
+        pieces: list[Segment],
+        moments: tuple[float, ...],
     ) -> _Recorder:
         body = _body(self.law, geometry)
         layers = [name for name, _ in geometry.layers]
@@ -105,10 +112,11 @@ class SuctionModel:
             preload = Segment(start - geometry.preload_time, start, 0.0, spring, PRELOAD_STEPS, 1.0)
             run.advance(preload, lambda force: Load(0.0, None, force, friction, force / spring), lambda _: None)
         held = None if floating and spring > 0.0 else run.state.height
-        recorder = _Recorder(run, body, geometry.zero_at_start, max(pieces, key=lambda s: abs(s.drive_stop)).stop)
+        times = moments or (max(pieces, key=lambda s: abs(s.drive_stop)).stop, pieces[-1].stop)
+        snapshots = Snapshots(run, times, interpolation(pieces, np.array(times)), bool(moments))
+        recorder = _Recorder(run, body, geometry.zero_at_start, snapshots)
         for piece in pieces:
             run.advance(piece, lambda p: Load(p, held, spring - p * area, friction), recorder.visit)
-        recorder.fields.append(recorder.picture())
         return recorder
 
 
@@ -116,27 +124,23 @@ PRELOAD_STEPS = 4
 
 
 class _Recorder:
-    """Collects the apex height above the rim, its derivatives, and pictures at full load and at the end."""
+    """Collects the apex height above the rim, its derivatives, and fields."""
 
-    def __init__(self, run: Run, body: Body, zeroed: bool, picture_time: float) -> None:
-        self.run, self.body, self.picture_time = run, body, picture_time
+    def __init__(self, run: Run, body: Body, zeroed: bool, snapshots: Snapshots) -> None:
+        self.run, self.body, self.snapshots = run, body, snapshots
         top = body.mesh.edges["top"][0, 0]
         self.apex = int(top)
         self.equation = int(body.number[self.apex, 1])
-        self.time = -np.inf
         self.bulge_at_start = self._bulge()
         self.zero = self.bulge_at_start if zeroed else 0.0
         self.zero_derivative = self._derivative() if zeroed else 0.0 * self._derivative()
         self.height: list[float] = [self._bulge() - self.zero]
         self.derivative: list[Array] = [self._derivative() - self.zero_derivative]
-        self.fields: list[Field] = []
 
     def visit(self, time: float) -> None:
-        self.time = time
         self.height.append(self._bulge() - self.zero)
         self.derivative.append(self._derivative() - self.zero_derivative)
-        if time == self.picture_time:
-            self.fields.append(self.picture())
+        self.snapshots.visit()
 
     def _bulge(self) -> float:
         return float(self.run.state.u[self.apex, 1]) - self.run.state.height
@@ -147,11 +151,6 @@ class _Recorder:
             return np.zeros(0)
         derivative: Array = tangents.du[self.equation] - tangents.du[-1]
         return derivative
-
-    def picture(self) -> Field:
-        mesh = self.body.mesh
-        corners = mesh.elements[:, [0, 2, 8, 6]]
-        return Field(mesh.nodes, self.run.state.u.copy(), corners, mesh.layer, mesh.layer_names, self.time)
 
 
 @lru_cache(maxsize=16)
