@@ -1,7 +1,9 @@
 """Do fits find the truth? Simulated noisy recordings of the three instruments, fitted from wrong starts.
 
-Run with ``python benchmarks/recovery.py [seeds [instrument…]]``: prints, for each instrument, in how many seeds every
-parameter that the report calls identifiable lies within three of its standard errors, and what a fit costs. The
+    python benchmarks/recovery.py FOLDER [--minutes 15] [--seeds 20] [setting…]   # fits what FOLDER lacks
+    python benchmarks/recovery.py FOLDER --table                                  # prints what FOLDER holds
+
+Every fit is one file in FOLDER: a run may be stopped and goes on where it was, and several may share a folder. The
 recordings come from the same forward models, so this is a test of the identification, not of the models.
 """
 
@@ -12,15 +14,20 @@ import os
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")  # before numpy is imported
 
-import sys
+import argparse
+import fcntl
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from math import radians
+from pathlib import Path
+from time import monotonic
 from typing import Any
 
 import numpy as np
 
 from skinrig_solver import Experiment, models
-from skinrig_solver.fit import FitResult, fit
+from skinrig_solver.fit import FitError, FitResult, fit
 from skinrig_solver.fit.cases import DRIVES, MEASURED_AS
 
 UNIT = {"pressure": "Pa", "apex_height": "m"}
@@ -120,47 +127,125 @@ class Setting:
 
 
 YEOH = {"G": 2.0e4, "c20": 1.0e4, "g1": 0.2, "tau1": 0.8}
+SKIN = {"skin.mu0": 0.086e6, "skin.Gamma2": 67.3, "skin.r2": 6.91, "smas.mu0": 0.004e6}
+CUTOMETER = suction_steps("cutometer", (-1.5e4, -3.0e4), 4.0, 50.0, "cutometer")
+ASPIRATION = suction_steps("aspiration", (-1.0e4, -2.0e4), 6.0, 25.0, "aspiration")
+ROBOT = triangles([(1, 0, 0), (0, 1, 0), (0.7, 0.7, 0), (0.8, 0, 0.6)], 1.2e-3, 20.0, "microrobot")
+
+
+def _robot(law: str, **truth: float) -> Setting:
+    return Setting(f"microrobot {law}", f"sheet_{law}", (ROBOT,), truth)
+
+
 SETTINGS = (
-    Setting(
-        "cutometer",
-        "suction_yeoh_qlv",
-        (suction_steps("cutometer", (-1.5e4, -3.0e4), 4.0, 50.0, "cutometer"),),
-        YEOH,
-    ),
-    Setting(
-        "aspiration",
-        "suction_yeoh_qlv",
-        (suction_steps("aspiration", (-1.0e4, -2.0e4), 6.0, 25.0, "aspiration"),),
-        YEOH,
-    ),
+    Setting("cutometer", "suction_yeoh_qlv", (CUTOMETER,), YEOH),
+    Setting("aspiration", "suction_yeoh_qlv", (ASPIRATION,), YEOH),
     Setting(
         "microrobot",
         "sheet_ogden",
-        (triangles([(1, 0, 0), (0, 1, 0), (0.7, 0.7, 0), (0.8, 0, 0.6)], 1.2e-3, 20.0, "microrobot"),),
+        (ROBOT,),
         {"mu1": 29.16e3, "mu2": 2.15, "alpha2": 40.09, "sx": 84e3, "sy": 61e3},
     ),
 )
+# Beside the settings of the tests: every other law, at rows of the papers' tables (chains as in docs/validation).
+ALL = (
+    *SETTINGS,
+    Setting("cutometer plastic", "suction_rubin_bodner", (CUTOMETER,), SKIN),
+    Setting("aspiration plastic", "suction_rubin_bodner", (ASPIRATION,), SKIN),
+    Setting("cutometer plastic γ", "suction_rubin_bodner_gamma", (CUTOMETER,), SKIN),
+    Setting("aspiration plastic γ", "suction_rubin_bodner_gamma", (ASPIRATION,), SKIN),
+    _robot("tong_fung", A1=40.636, A2=21.837, a1=12.754e3, a3=38.046e3, sx=92e3, sy=49e3),
+    _robot("bischoff", n=6.632e23, a=0.8529, b=1.272, sx=25e3, sy=23e3),
+    _robot("fung", c=0.3118e3, mu1=7.169e3, mu2=7.142e3, sx=7e3, sy=3e3),
+    _robot("gasser", mu=14.08e3, k1=11.01e3, theta=radians(30.82), sx=26e3, sy=18e3),
+    _robot("yeoh", c10=15e3, c20=5e3, sx=40e3, sy=30e3),
+)
 
 
-def main(seeds: int, names: Sequence[str]) -> None:
-    print(f"1 % noise, starts 30 % off, {seeds} seeds; within 3 standard errors: every parameter called identifiable")
-    for setting in (s for s in SETTINGS if s.name in names or not names):
-        inside, worst, named, runs, seconds = 0, 0.0, 0, [], []
-        for seed in range(seeds):
-            result = setting.run(seed)
-            errors = setting.errors(result)
-            largest = max((abs(x) for x in errors.values()), default=np.inf)
-            inside += largest <= 3.0
-            worst = max(worst, largest)
-            named += len(errors)
-            runs.append(result.effort.forward_runs)
-            seconds.append(result.effort.seconds)
+def verdict(setting: Setting, result: FitResult) -> dict[str, Any]:
+    """One fit in plain data. ``outcome``: 'found' (every parameter called identifiable lies within three standard
+    errors of the truth), 'told' (not to be trusted, or nothing called identifiable), or 'wrong'."""
+    errors = setting.errors(result)
+    farthest = max((abs(x) for x in errors.values()), default=0.0)
+    told = not result.trusted or not errors
+    return {
+        "outcome": "told" if told else "found" if farthest <= 3.0 else "wrong",
+        "farthest": farthest,
+        "errors": errors,
+        "vaf": result.vaf,
+        "starts": len(result.starts),
+        "runs": result.effort.forward_runs,
+        "seconds": result.effort.seconds,
+        "warnings": result.warnings,
+    }
+
+
+def one(setting: Setting, seed: int, noise: float, wrong: float) -> dict[str, Any]:
+    """The verdict of one fit; a start at which the model cannot be run is told as well."""
+    try:
+        return verdict(setting, setting.run(seed, noise, wrong))
+    except FitError as error:
+        return {"outcome": "told", "farthest": 0.0, "errors": {}, "starts": 1, "runs": 0, "seconds": 0.0,
+                "warnings": [str(error)]}  # fmt: skip
+
+
+def fill(folder: Path, settings: Sequence[Setting], seeds: int, noise: float, wrong: float, minutes: float) -> None:
+    """Fit whatever is not in the folder yet, until the time is up. A lock on each file keeps others off it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    until = monotonic() + 60.0 * minutes
+    for seed in range(seeds):
+        for setting in settings:
+            if monotonic() > until:
+                return
+            path = folder / f"{setting.name.replace(' ', '-')}-{seed:02d}.json"
+            with open(path, "a+") as file:
+                try:
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except BlockingIOError:
+                    continue
+                if path.stat().st_size == 0:
+                    found = {"setting": setting.name, "seed": seed, **one(setting, seed, noise, wrong)}
+                    file.write(json.dumps(found, indent=1))
+                    print(f"{setting.name:22s} seed {seed:2d}: {found['outcome']}, {found['farthest']:.1f}", flush=True)
+
+
+def table(folder: Path) -> None:
+    """What the folder holds, as a table in Markdown."""
+    fits = [json.loads(text) for path in sorted(folder.glob("*.json")) if (text := path.read_text())]
+    print(
+        "| setting | model | free | seeds | found | told | trusted and wrong | farthest found | identifiable | runs |"
+    )
+    print("|---|---|---|---|---|---|---|---|---|---|")
+    for setting in ALL:
+        own = [f for f in fits if f["setting"] == setting.name]
+        if not own:
+            continue
+        count = {name: sum(f["outcome"] == name for f in own) for name in ("found", "told", "wrong")}
+        wrong = ", ".join(f"seed {f['seed']}: {f['farthest']:.1f}" for f in own if f["outcome"] == "wrong")
+        farthest = max((f["farthest"] for f in own if f["outcome"] == "found"), default=0.0)
         print(
-            f"{setting.name:11s}{setting.model:20s} {inside:2d} of {seeds} seeds, largest {worst:.1f} standard errors; "
-            f"{named / seeds:.1f} of {len(setting.truth)} identifiable; "
-            f"{np.median(runs):.0f} forward runs, {np.median(seconds):.1f} s"
+            f"| {setting.name} | `{setting.model}` | {', '.join(setting.truth)} | {len(own)} | {count['found']} | "
+            f"{count['told']} | {count['wrong']}{f' ({wrong})' if wrong else ''} | {farthest:.1f} | "
+            f"{np.mean([len(f['errors']) for f in own]):.1f} of {len(setting.truth)} | "
+            f"{np.median([f['runs'] for f in own]):.0f} |"
         )
 
 
+def main() -> None:
+    ask = argparse.ArgumentParser(description="Fits of simulated recordings from wrong starts")
+    ask.add_argument("folder", type=Path)
+    ask.add_argument("settings", nargs="*", help=f"of {', '.join(s.name for s in ALL)}; all without one")
+    ask.add_argument("--seeds", type=int, default=20)
+    ask.add_argument("--noise", type=float, default=0.02, help="of each channel's largest value")
+    ask.add_argument("--wrong", type=float, default=0.5, help="share of the truth by which every start is off")
+    ask.add_argument("--minutes", type=float, default=np.inf, help="after which no further fit begins")
+    ask.add_argument("--table", action="store_true", help="print what the folder holds, fit nothing")
+    told = ask.parse_args()
+    if told.table:
+        return table(told.folder)
+    chosen = [s for s in ALL if s.name in told.settings or not told.settings]
+    fill(told.folder, chosen, told.seeds, told.noise, told.wrong, told.minutes)
+
+
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 20, sys.argv[2:])
+    main()

@@ -46,6 +46,13 @@ class Sym:
         """Double contraction."""
         return self.rr * other.rr + self.zz * other.zz + self.tt * other.tt + 2.0 * (self.rz * other.rz)
 
+    def square(self, metric: Sym) -> Expr:
+        """tr (S M S M): the squared norm of S as the metric M measures it."""
+        rr, rz = self.rr * metric.rr + self.rz * metric.rz, self.rr * metric.rz + self.rz * metric.zz
+        zr, zz = self.rz * metric.rr + self.zz * metric.rz, self.rz * metric.rz + self.zz * metric.zz
+        tt = self.tt * metric.tt
+        return rr * rr + zz * zz + tt * tt + 2.0 * (rz * zr)
+
     def inverse(self) -> Sym:
         plane = self.rr * self.zz - self.rz * self.rz
         return Sym(self.zz / plane, -(self.rz / plane), self.rr / plane, 1.0 / self.tt)

@@ -103,8 +103,13 @@ def test_rubin_bodner_without_flow_is_hyperelastic(mode: str) -> None:
     assert np.allclose(Point(RUBIN_BODNER, frozen).step(F, 0.1), expected, rtol=1e-6, atol=1e-4)
 
 
-def test_rubin_bodner_integrates_its_rate_equations() -> None:
-    """Simple shear at a constant rate, then hold: against an adaptive integration of the equations as written."""
+@pytest.mark.parametrize("law", [RUBIN_BODNER, RUBIN_BODNER_GAMMA], ids=lambda law: law.name)
+def test_rubin_bodner_integrates_its_rate_equations(law: Law) -> None:
+    """Simple shear at a constant rate, then hold: against an adaptive integration of the equations as written.
+
+    Observed orders: 1.84 to 1.87 (the overstress is singular at rest, where the first step starts), and 1.92 to 1.99
+    with the factor γ; 0.6 and 0.7 % are left by eight steps, where the implicit rule of first order left 3.2 %.
+    """
     rate, ramp, hold = 0.6, 0.5, 2.0
     p = {**SKIN, "r3": 1e-5}  # so that a held point, whose strain rate is rounding, is clearly on the slow branch
 
@@ -117,11 +122,12 @@ def test_rubin_bodner_integrates_its_rate_equations() -> None:
         G = (p["Gamma1"] + p["Gamma2"] * strain_rate) * np.exp(-0.5 * (beta / gamma) ** (2.0 * p["n"]))
         flow = G * (b - 3.0 / np.trace(np.linalg.inv(b)) * np.eye(3))
         K = (p["r1"] * p["r3"] + p["r2"] * strain_rate) / (p["r3"] + strain_rate)
+        K *= gamma if law is RUBIN_BODNER_GAMMA else 1.0
         return np.append((L @ b + b @ L.T - flow).ravel(), K * G - p["r4"] * beta)
 
     start = np.append(np.eye(3).ravel(), 0.0)
-    first = solve_ivp(rates, (0.0, ramp), start, rtol=1e-8, atol=1e-10, method="LSODA")
-    last = solve_ivp(rates, (ramp, ramp + hold), first.y[:, -1], rtol=1e-8, atol=1e-10, method="LSODA")
+    first = solve_ivp(rates, (0.0, ramp), start, rtol=1e-9, atol=1e-12, method="LSODA")
+    last = solve_ivp(rates, (ramp, ramp + hold), first.y[:, -1], rtol=1e-9, atol=1e-12, method="LSODA")
 
     def expected(y: Array, shear: float) -> float:
         b, F = y[:9].reshape(3, 3), np.array([[1.0, shear, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
@@ -130,8 +136,8 @@ def test_rubin_bodner_integrates_its_rate_equations() -> None:
         return float(p["mu0"] * np.exp(p["q"] * g) * (p["m2"] * total[0, 1] + p["m5"] * b[0, 1]))
 
     errors = []
-    for steps in (100, 200, 400):
-        point = Point(RUBIN_BODNER, p)
+    for steps in (8, 16, 32):
+        point = Point(law, p)
         for i in range(1, steps + 1):
             tau = point.step(np.array([[1.0, rate * ramp * i / steps, 0.0], [0, 1, 0], [0, 0, 1.0]]), ramp / steps)
         loaded = tau[0, 1] / expected(first.y[:, -1], rate * ramp) - 1.0
@@ -139,9 +145,32 @@ def test_rubin_bodner_integrates_its_rate_equations() -> None:
             tau = point.step(np.array([[1.0, rate * ramp, 0.0], [0, 1, 0], [0, 0, 1.0]]), hold / steps)
         relaxed = tau[0, 1] / expected(last.y[:, -1], rate * ramp) - 1.0
         errors.append((abs(loaded), abs(relaxed)))
-    errors_array = np.array(errors)
-    assert np.all(errors_array[-1] < 0.01)
-    assert np.all(errors_array[2] < 0.7 * errors_array[0])  # first order: halved twice, less noise
+    assert max(errors[0]) < 0.01
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    assert np.all((orders > 1.8) & (orders < 2.1))
+
+
+def test_a_long_step_of_relaxation_ends_near_what_short_ones_reach() -> None:
+    """The rate of flow falls by orders of magnitude within the step: a mean of rates would relax far too much."""
+    values, F = {**SKIN, "r3": 1e-5, "Gamma1": 5.0}, MODES["simple shear"](1.3)
+
+    def lost(steps: int) -> float:
+        point = Point(RUBIN_BODNER, values)
+        loaded = point.step(F, 1e-3)[0, 1]
+        for _ in range(steps):
+            tau = point.step(F, 100.0 / steps)
+        return float(loaded - tau[0, 1])
+
+    assert lost(1) == pytest.approx(lost(256), rel=0.1)
+
+
+@pytest.mark.parametrize("change", [{"n": 5.0}, {"n": 0.05}, {"Gamma1": 1e4}, {"Gamma2": 1e5}, {"r1": 1e4, "r2": 1e4}])
+@pytest.mark.parametrize("law", [RUBIN_BODNER, RUBIN_BODNER_GAMMA], ids=lambda law: law.name)
+def test_rubin_bodner_is_finite_at_the_ends_of_its_bounds(law: Law, change: dict[str, float]) -> None:
+    point = Point(law, {**SKIN, **change})
+    for shear, dt in ((1e-9, 1e-3), (0.1, 0.01), (0.3, 0.1), (0.3, 60.0), (0.0, 0.1), (-0.2, 0.1), (-0.2, 1e4)):
+        assert np.isfinite(point.step(MODES["simple shear"](1.0 + shear), dt)).all()
+        assert np.isfinite(point.state).all()
 
 
 @pytest.mark.parametrize(("law", "values"), LAWS)

@@ -8,10 +8,14 @@ Evolution: ḃ'_de = l b' + b' lᵀ − ⅔ (d:I) b' − Γ (b' − 3/(tr b'⁻�
 β̇ = (r1 r3 + r2 ε̇)/(r3 + ε̇) Γ − r4 β^r5, r5 = 1 in every layer (r4 β here). Some authors write a factor γ in the
 first term: that is a law of its own, ``RUBIN_BODNER_GAMMA``.
 
-Integration: fully implicit over the relative deformation gradient, after M. B. Rubin and O. Papes (J. Mech. Mater.
-Struct. 6, 2011): the trial b'* = F' A F'ᵀ of the convected A relaxes its deviator by 1/(1 + Γ dt), where Γ dt solves
-a monotone scalar equation; its trace follows from det = 1. The state (A, the unimodular C'⁻¹ of the step's start, and
-β) is referential, so superposed rotations change nothing. Objective to rounding, first order in time.
+Integration: over a step flow and deformation act in turn, half the flow, the deformation, the other half (Strang
+1968). Both are exact in what they keep: the flow at fixed strain shrinks the deviator of b'_de by exp(−∫Γ dt), its
+trace follows from det = 1, and β grows by K ∫Γ dt. ∫Γ dt over each half solves a monotone scalar equation in which
+ln Γ is the mean of its values at the half's start and end: second order, and without overshoot where Γ collapses
+within a step, since a mean of logarithms leans to the smaller value. ε̇ dt comes from ¼ (b' − b'⁻¹) of the step's own
+deformation, which is exact to second order. The state (A, b'_de pulled back; D, the unimodular C'⁻¹ of the step's
+start; and β) is referential, so superposed rotations change nothing (as in M. B. Rubin and O. Papes, J. Mech. Mater.
+Struct. 6, 2011, whose rule is of first order).
 """
 
 from __future__ import annotations
@@ -33,21 +37,34 @@ def _sym(state: Values, name: str) -> Sym:
     return Sym(*(state[f"{name}_{c}"] for c in ("rr", "rz", "zz", "tt")))
 
 
-def overstress(x: Expr, beta0: Expr, rate: Expr, trial: Expr, n: Expr, by_gamma: bool) -> Expr:
-    """(β/γ)^2n with γ = trial/(1 + x) and β = β0 + rate x, or β0 + rate γ x."""
-    gamma = trial / (1.0 + x)
-    hardening = rate * gamma if by_gamma else rate
-    return exp(2.0 * n * log((beta0 + hardening * x) / gamma))
+def decay(x: Expr) -> Expr:
+    """exp(−x) to second order, positive and without overflow for every x >= 0."""
+    return 1.0 / (1.0 + x * (1.0 + 0.5 * x))
 
 
-def relaxation(y: Expr, amplitude: Expr, beta0: Expr, rate: Expr, trial: Expr, n: Expr) -> Expr:
-    """y − ln amplitude + ½ (β/γ)^2n with y = ln Γ dt: increasing and convex, so Newton from above is monotone."""
-    return y - log(amplitude) + 0.5 * overstress(exp(y), beta0, rate, trial, n, False)
+def overstress(x: Expr, beta: Expr, rate: Expr, gamma: Expr, n: Expr, by_gamma: bool) -> Expr:
+    """(β/γ)^2n after a flow x = ∫Γ dt that began at β and γ; β grows by ``rate`` x, or by ``rate`` ∫γ Γ dt."""
+    shrink = decay(x)
+    grown = rate * gamma * (1.0 - shrink) if by_gamma else rate * x
+    return exp(2.0 * n * log((beta + grown) / (gamma * shrink)))
 
 
-def relaxation_gamma(y: Expr, amplitude: Expr, beta0: Expr, rate: Expr, trial: Expr, n: Expr) -> Expr:
+def relaxation(y: Expr, amplitude: Expr, beta: Expr, rate: Expr, gamma: Expr, n: Expr) -> Expr:
+    """y − ln amplitude + ½ of the mean overstress, y = ln x: increasing and convex, so Newton's path is monotone."""
+    return (
+        y
+        - log(amplitude)
+        + 0.25 * (overstress(lift(0.0), beta, rate, gamma, n, False) + overstress(exp(y), beta, rate, gamma, n, False))
+    )
+
+
+def relaxation_gamma(y: Expr, amplitude: Expr, beta: Expr, rate: Expr, gamma: Expr, n: Expr) -> Expr:
     """`relaxation` for hardening that carries a factor γ."""
-    return y - log(amplitude) + 0.5 * overstress(exp(y), beta0, rate, trial, n, True)
+    return (
+        y
+        - log(amplitude)
+        + 0.25 * (overstress(lift(0.0), beta, rate, gamma, n, True) + overstress(exp(y), beta, rate, gamma, n, True))
+    )
 
 
 def unimodular_trace(third: Expr, norm: Expr, det: Expr) -> Expr:
@@ -55,32 +72,48 @@ def unimodular_trace(third: Expr, norm: Expr, det: Expr) -> Expr:
     return third * third * third - 0.5 * norm * third + det - 1.0
 
 
+def _flow(norm: Expr, det: Expr, beta: Expr, amplitude: Expr, rate: Expr, n: Expr, by_gamma: bool) -> tuple[Expr, ...]:
+    """Flow at fixed strain of a tensor whose deviator has the given square and determinant.
+
+    Returns the factor by which the deviator shrinks, the third of the trace that det = 1 asks for then, and β.
+    """
+    gamma = sqrt(0.375 * norm + TINY)
+    args = (beta + 1e-12, rate, gamma, n)
+    first = overstress(lift(0.0), *args, by_gamma)
+    upper = log(amplitude) - 0.5 * first  # β/γ grows with x: the root lies below
+    lower = log(amplitude) - 0.25 * (first + overstress(exp(upper), *args, by_gamma))
+    x = exp(root(relaxation_gamma if by_gamma else relaxation, lower, upper, upper, (amplitude, *args), ROOT))
+    shrink = decay(x)
+    grown = rate * gamma * (1.0 - shrink) if by_gamma else rate * x
+    norm, det = norm * shrink * shrink, det * shrink * shrink * shrink
+    bound = 1.0 + 0.5 * norm
+    return shrink, root(unimodular_trace, 0.0, bound, bound, (norm, det), ROOT), beta + grown
+
+
 def _response(
     by_gamma: bool, F: Tensor, theta: Expr, state: Values, p: Values, dt: Expr
 ) -> tuple[Tensor, Expr, dict[str, Expr]]:
     unimodular = F.unimodular()
     b = unimodular.push(identity())
-    trial = unimodular.push(_sym(state, "A"))
-    step = unimodular.push(_sym(state, "D"))  # b' of the deformation since the step's start; ε̇ dt ≈ its half deviator
-    strain = sqrt(step.dev().inner(step.dev()) / 6.0 + TINY)
-
-    deviator = trial.dev()
-    norm = deviator.inner(deviator)
-    gamma_trial = sqrt(0.375 * norm + TINY)
-    amplitude = p["Gamma1"] * dt + p["Gamma2"] * strain
+    elastic = unimodular.push(_sym(state, "A"))
+    step = unimodular.push(_sym(state, "D"))  # b' of the deformation since the step's start
+    turned = step.inverse()
+    change = (step - turned).dev()
+    strain = sqrt(change.inner(change) / 24.0 + TINY)  # sqrt(2/3) |¼ (b' − b'⁻¹)|
+    half = 0.5 * (p["Gamma1"] * dt + p["Gamma2"] * strain)
     hardening = (p["r1"] * p["r3"] * dt + p["r2"] * strain) / (p["r3"] * dt + strain)
-    decay = 1.0 / (1.0 + p["r4"] * dt)
-    args = (state["beta"] * decay + 1e-12, hardening * decay, gamma_trial, p["n"])
-    upper = log(amplitude) - 0.5 * overstress(lift(0.0), *args, by_gamma)  # β/γ grows with x: the root lies below
-    lower = log(amplitude) - 0.5 * overstress(exp(upper), *args, by_gamma)
-    x = exp(root(relaxation_gamma if by_gamma else relaxation, lower, upper, upper, (amplitude, *args), ROOT))
-    shrink = 1.0 / (1.0 + x)
-    if by_gamma:
-        hardening = hardening * gamma_trial * shrink
-    beta = (state["beta"] + hardening * x) * decay
+
+    # the first half flows at the strain of the step's start, where the metric is D
+    deviator = elastic - step * (elastic.inner(turned) / 3.0)
+    shrink, third, beta = _flow(
+        deviator.square(turned), deviator.det(), state["beta"], half, hardening, p["n"], by_gamma
+    )
+
+    # the second half at the strain of its end
+    deviator = (deviator * shrink + step * third).dev()
+    beta = beta * exp(-(p["r4"] * dt))
+    shrink, third, beta = _flow(deviator.inner(deviator), deviator.det(), beta, half, hardening, p["n"], by_gamma)
     deviator = deviator * shrink
-    norm = norm * shrink * shrink
-    third = root(unimodular_trace, 0.0, 1.0 + 0.5 * norm, trial.trace() / 3.0, (norm, deviator.det()), ROOT)
     b_de = deviator + identity() * third
 
     g = 2.0 * p["m1"] * (theta - 1.0 - log(theta)) + p["m2"] * (b.trace() - 3.0) + p["m5"] * (3.0 * third - 3.0)
