@@ -240,7 +240,7 @@ def main() -> None:
     ask.add_argument("--wrong", type=float, default=0.5, help="share of the truth by which every start is off")
     ask.add_argument("--minutes", type=float, default=np.inf, help="after which no further fit begins")
     ask.add_argument("--table", action="store_true", help="print what the folder holds, fit nothing")
-    told = ask.parse_args()
+    told = ask.parse_intermixed_args()
     if told.table:
         return table(told.folder)
     chosen = [s for s in ALL if s.name in told.settings or not told.settings]

@@ -162,7 +162,7 @@ def test_a_step_stays_one_step_however_hard_it_is_to_solve() -> None:
         (
             -5e4,
             {"G": 21870.0, "c20": -2366.0},
-            "unstable, shear stress falls with shear beyond I1 - 3 = 0.77",
+            r"unstable.* beyond I1 - 3 = 0\.77",
         ),
         (-1e4, {"c20": -0.9e6}, r"did not converge .*; the energy is unstable beyond I1 - 3 = 0.00185"),
         (-1e4, {"g1": 0.5, "g2": 0.4, "g3": 0.2}, "relaxing fractions add up to 1.1, and must stay below 1"),

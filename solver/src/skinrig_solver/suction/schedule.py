@@ -15,8 +15,8 @@ from scipy.linalg import solveh_banded
 
 from ..api import Array
 
-GROWTH = 2.3  # of successive steps at constant drive
-RAMP_STEPS = 8  # for a ramp over the whole range of the drive
+GROWTH = 2.5  # of successive steps at constant drive
+RAMP_STEPS = 6  # for a ramp over the whole range of the drive
 CORNER = 4e-3  # of the drive's range: how far a sample may lie from the polyline
 
 
