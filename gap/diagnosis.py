@@ -21,7 +21,6 @@ from gap.decision.settle import Case, settle
 from gap.decision.thresholds import INSTRUMENT, RIG, Thresholds
 from gap.decision.transfer import Shrink, plain, plain_gap
 from gap.decision.verdict import Verdict, undetectable
-from gap.design.next_experiment import advised
 from gap.effects import library
 from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import Candidate
@@ -41,7 +40,7 @@ Tell = Callable[[str, float], None]
 @dataclass(frozen=True)
 class Diagnosis:
     """Everything a report needs. ``shrinks`` maps the first causes to their shrinkage by split; ``remarks`` are plain
-    words; ``advised`` is whether the next experiment was asked for."""
+    words."""
 
     recordings: tuple[Recording, ...]
     problems: Mapping[str, Problem]
@@ -52,8 +51,6 @@ class Diagnosis:
     bounds: Mapping[str, float]  # effect -> strength (SI) that would have been seen
     confusable: tuple[tuple[str, ...], ...]
     remarks: tuple[str, ...]
-    next_experiment: Mapping[str, object]
-    advised: bool
     seconds: float
     null: Hypothesis  # the simulation by itself, without an effect and
     best: Hypothesis  # with the first cause, if there is one
@@ -80,7 +77,6 @@ def diagnose(
     thresholds: Thresholds | None = None,
     user_effects: Sequence[Path] = (),
     solver: str = "",
-    advise: bool = False,
     quick: bool = False,
     jobs: int = 1,
     tell: Tell = lambda stage, share: None,
@@ -88,9 +84,8 @@ def diagnose(
     """Diagnose recordings of one session together; ``model`` is needed for an instrument that is not ours.
 
     ``user_effects`` are files with further effects, ``solver`` a finite-element model to take the tissue from;
-    ``advise`` also looks for the experiment that would split what remains, which simulates whole sessions; ``quick``
-    fits few effects and no pairs. ``jobs`` processes share the fits, but for a solver's, which is a process by itself;
-    the diagnosis is the same. ``tell`` hears of each stage when it begins.
+    ``quick`` fits few effects and no pairs. ``jobs`` processes share the fits, but for a solver's, which is a process
+    by itself; the diagnosis is the same. ``tell`` hears of each stage when it begins.
 
     Raises DiagnosisError, gap.ModelError.
     """
@@ -105,10 +100,6 @@ def diagnose(
     if solver:
         verdict, solves, words = _checked(comparison, verdict, t)
         told += words
-    advice: Mapping[str, object] = {}
-    if advise and model is None:
-        tell("planning the next experiment", 1.0)
-        advice = advised(recordings, comparison.null, verdict, library(recordings[0].info.instrument, user_effects))
     return Diagnosis(
         recordings=tuple(recordings),
         problems=comparison.problems,
@@ -119,8 +110,6 @@ def diagnose(
         bounds=bounds(comparison, settled.found.temper),
         confusable=confusable(comparison, settled.found.temper),
         remarks=tuple(told),
-        next_experiment=advice,
-        advised=advise,
         seconds=clock.perf_counter() - begin,
         null=case.null,
         best=settled.trials[0].answer if settled.trials else case.null,

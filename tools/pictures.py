@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from acquire.cli.gap import load_all
+from acquire.cli.inputs import load_all
 from acquire.recording import open_recording
 from acquire.report.figures import overview
 from gap.diagnosis import Diagnosis, diagnose

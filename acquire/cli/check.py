@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from protocols import Limits, Protocol
+    from protocols import Limits
 
 BAD_INPUT = 2
 
@@ -50,7 +50,7 @@ def _check(name: str, station: Path | None, png: Path | None, as_json: bool) -> 
 
     path = find(name)
     protocol = load(path)
-    given = _limits(protocol, station)
+    given = limits_of(protocol.instrument, station)
     setpoints = compile_protocol(protocol, given)
     limits = effective_limits(protocol, given)
     summary = summarise(protocol, setpoints, limits)
@@ -62,16 +62,16 @@ def _check(name: str, station: Path | None, png: Path | None, as_json: bool) -> 
         typer.echo(in_words(summary))
 
 
-def _limits(protocol: Protocol, station: Path | None) -> Limits:
-    """What the instrument's hardware stands and, if there is a station, what it allows its first such instrument."""
+def limits_of(kind: str, station: Path | None) -> Limits:
+    """What an instrument's hardware stands and, if there is a station, what it allows its first of the kind."""
     from acquire.plugins import instrument
     from acquire.station import load_station
 
-    limits: Limits = instrument(protocol.instrument).limits
+    limits: Limits = instrument(kind).limits
     if station is None:
         return limits
     bench = load_station(station)
-    return limits.intersect(bench.instruments[bench.find(protocol.instrument)].station_limits)
+    return limits.intersect(bench.instruments[bench.find(kind)].station_limits)
 
 
 def _list(as_json: bool) -> None:

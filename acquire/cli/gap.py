@@ -7,10 +7,13 @@ import os
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from acquire.cli.gap_blind import blind
+from acquire.cli.gap_next import advice, next_experiment
+from acquire.cli.inputs import found, load_all
 from acquire.cli.numbers import MOST_JOBS, whole
 from acquire.cli.review import ALL, counting
 
@@ -21,8 +24,8 @@ if TYPE_CHECKING:
 app = typer.Typer(
     no_args_is_help=True, help="Why simulation and measurement differ: where, which effect, how far it shrinks."
 )
-blind = typer.Typer(no_args_is_help=True, help="Check the diagnosis on cases whose effect is withheld.")
 app.add_typer(blind, name="blind")
+app.command("next")(next_experiment)
 
 
 @app.command()
@@ -34,9 +37,7 @@ def diagnose(
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder for gap.json and gap.html.")] = None,
     everything: Annotated[bool, typer.Option("--all", help=ALL)] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report on stdout.")] = False,
-    advise: Annotated[
-        bool, typer.Option("--advise", help="Also look for the experiment that would split what remains (slow).")
-    ] = False,
+    advise: Annotated[bool, typer.Option("--advise", help="Also say which experiment is worth most.")] = False,
     quick: Annotated[bool, typer.Option("--quick", help="A first look: few effects are fitted, and no pairs.")] = False,
     jobs: Annotated[
         int,
@@ -59,12 +60,13 @@ def diagnose(
             forward,
             user_effects=effects or (),
             solver=solver,
-            advise=advise,
             quick=quick,
             jobs=jobs,
             tell=stages,
         )
-    report = report_of(diagnosis)
+    report = report_of(diagnosis) | {"recording_files": [str(p.resolve()) for p in found(runs)]}
+    if advise and forward is None:
+        report |= advice(report, recordings)
     folder = output or (None if as_json else Path("gap-report"))
     if folder:
         write_text(folder / "gap.json", json.dumps(report, indent=1) + "\n")
@@ -78,23 +80,6 @@ def diagnose(
         if report["next_experiment_note"]:
             print(f"note: next experiment: {report['next_experiment_note']}", file=sys.stderr)
         print(f"\n{diagnosis.seconds:.0f} s\n{folder}/gap.html\n{folder}/gap.json")
-
-
-def load_all(paths: list[Path]) -> list[Any]:
-    """Recordings at ``paths``: files, bundles, or folders that hold any number of either."""
-    from acquire.recording import load
-
-    found: list[Path] = []
-    for path in paths:
-        if path.is_dir() and not (path / "recording.yaml").exists():
-            bundles = sorted(p.parent for p in path.rglob("recording.yaml"))
-            inside = bundles + sorted(p for p in path.rglob("*.h5"))
-            if not inside:
-                raise FileNotFoundError(f"{path}: no recording (*.h5) and no bundle (recording.yaml) in this folder")
-            found += inside
-        else:
-            found.append(path)
-    return [load(path) for path in found]
 
 
 @app.command()
@@ -153,53 +138,3 @@ def plan(
 
     result = make_plan(protocols)
     print(json.dumps(result.as_json(), indent=1) if as_json else result.as_text())
-
-
-@blind.command("make")
-def blind_make(
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the cases.")],
-    tier: Annotated[str, typer.Option(help="T0 … T6.")] = "T3",
-    n: Annotated[int, typer.Option("--n", "-n", parser=whole(1), help="How many cases.")] = 20,
-    seed: Annotated[int, typer.Option(parser=whole(), help="Seed of the set.")] = 1,
-    instrument: Annotated[list[str] | None, typer.Option(help="Only these instruments (may be repeated).")] = None,
-    passphrase: Annotated[str, typer.Option(help="What the key is encrypted with.")] = "",
-    style: Annotated[str, typer.Option(help="wide: laboratories as they differ; dense: the nominal one.")] = "wide",
-) -> None:
-    """Write cases whose names, metadata and order say nothing, and their key apart, encrypted."""
-    from gap.blind import make
-    from gap.blind.vocabulary import INSTRUMENTS
-
-    chosen = instrument or INSTRUMENTS
-    if tier == "T0":
-        from gap.design.simulated_cases import make_own
-
-        key = make_own(n, seed, output, passphrase, chosen)
-    else:
-        key = make(tier, n, seed, output, chosen, passphrase, style=style)
-    print(f"{output}\n{key}")
-
-
-@blind.command("diagnose")
-def blind_diagnose(
-    cases: Annotated[Path, typer.Argument(help="Folder made by `blind make`.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the reports.")],
-    jobs: Annotated[int, typer.Option(parser=whole(1, MOST_JOBS), help="Processes.")] = 1,
-) -> None:
-    """Diagnose every case of a set into one report each."""
-    from gap.batch import diagnose_cases
-
-    diagnose_cases(cases, output, jobs)
-
-
-@blind.command("score")
-def blind_score(
-    reports: Annotated[Path, typer.Argument(help="Folder of reports.")],
-    keys: Annotated[list[Path], typer.Argument(help="The key file, or those of several sets (tiers) together.")],
-    passphrase: Annotated[str, typer.Option(help="What the key was encrypted with.")] = "",
-    as_json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
-) -> None:
-    """Compare reports with the key: every figure beside its target."""
-    from gap.blind import score
-
-    card = score(reports, keys, passphrase)
-    print(json.dumps(card.as_json(), indent=1) if as_json else card.as_text())

@@ -50,7 +50,7 @@ def main() -> None:
     for truth in json.loads(unseal(key.read_bytes(), ""))["cases"]:
         whole = [load(p) for p in sorted((cases / truth["case"]).iterdir())]
         recordings = [replace(r, streams={"pressure": r.streams["pressure"]}) for r in whole]
-        report = as_json(diagnose(recordings, advise=False))
+        report = as_json(diagnose(recordings))
         first = report["causes"][0] if report["causes"] else None
         claimed = report["verdict"] in ("effect", "several") and first is not None and first["probability"] > 0.5
         named = "+".join(first["effects"]) if claimed and first is not None else ""

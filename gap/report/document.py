@@ -15,7 +15,7 @@ from gap.report.sentences import sentences
 
 SCHEMA = "gap-report/1"
 SET_BASIS = "cumulative posterior probability; not conformal, as no calibration table exists yet"
-NOT_ASKED = "not looked for: it simulates whole sessions. Ask with --advise"
+NOT_ASKED = "not looked for: ask with --advise, or with acquire gap next"
 
 
 def as_json(d: Diagnosis) -> dict[str, Any]:
@@ -45,8 +45,8 @@ def as_json(d: Diagnosis) -> dict[str, Any]:
         "indistinguishable": [list(g) for g in d.confusable],
         "undetectable_below": {k: rounded(b) for k, b in d.bounds.items() if np.isfinite(b)},
         "signatures": [{"effect": s.effect, "channel": s.channel, "text": s.text} for s in d.signatures],
-        "next_experiment": dict(d.next_experiment),
-        "next_experiment_note": "" if d.advised else NOT_ASKED,
+        "next_experiment": {},
+        "next_experiment_note": NOT_ASKED,
         "assumed": assumed(d),
         "remarks": list(d.remarks),
         "recordings": [r.info.id for r in d.recordings],

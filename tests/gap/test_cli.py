@@ -225,3 +225,23 @@ def test_the_effects_of_any_rig_are_listed(capsys) -> None:
     status, text, _ = called(capsys, "gap", "effects", "rig")
     assert status == 0
     assert "low_pass" in text
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "is not JSON"),
+        ('{"schema": "other/1"}', "is not of schema gap-report/1"),
+        ('{"schema": "gap-report/1"}', "has no list of causes"),
+        ('{"schema": "gap-report/1", "causes": []}', "does not say where its recordings are"),
+        ('{"schema": "gap-report/1", "causes": [], "recording_files": ["gone"]}', "its recording gone is not there"),
+    ],
+)
+def test_no_next_experiment_from_what_is_no_report(capsys, tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "gap.json"
+    path.write_text(text)
+    status, _, err = called(capsys, "gap", "next", path, "-o", tmp_path / "next")
+    assert status == 2
+    assert f"{path}: " in err
+    assert message in err
+    assert not (tmp_path / "next").exists()

@@ -1,0 +1,63 @@
+"""``acquire gap blind``: check the diagnosis on cases whose effect is withheld."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from acquire.cli.numbers import MOST_JOBS, whole
+
+blind = typer.Typer(no_args_is_help=True, help="Check the diagnosis on cases whose effect is withheld.")
+
+
+@blind.command("make")
+def blind_make(
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the cases.")],
+    tier: Annotated[str, typer.Option(help="T0 … T6.")] = "T3",
+    n: Annotated[int, typer.Option("--n", "-n", parser=whole(1), help="How many cases.")] = 20,
+    seed: Annotated[int, typer.Option(parser=whole(), help="Seed of the set.")] = 1,
+    instrument: Annotated[list[str] | None, typer.Option(help="Only these instruments (may be repeated).")] = None,
+    passphrase: Annotated[str, typer.Option(help="What the key is encrypted with.")] = "",
+    style: Annotated[str, typer.Option(help="wide: laboratories as they differ; dense: the nominal one.")] = "wide",
+) -> None:
+    """Write cases whose names, metadata and order say nothing, and their key apart, encrypted."""
+    from gap.blind import make
+    from gap.blind.vocabulary import INSTRUMENTS
+
+    chosen = instrument or INSTRUMENTS
+    if tier == "T0":
+        from gap.design.simulated_cases import make_own
+
+        key = make_own(n, seed, output, passphrase, chosen)
+    else:
+        key = make(tier, n, seed, output, chosen, passphrase, style=style)
+    print(f"{output}\n{key}")
+
+
+@blind.command("diagnose")
+def blind_diagnose(
+    cases: Annotated[Path, typer.Argument(help="Folder made by `blind make`.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the reports.")],
+    jobs: Annotated[int, typer.Option(parser=whole(1, MOST_JOBS), help="Processes.")] = 1,
+) -> None:
+    """Diagnose every case of a set into one report each."""
+    from gap.batch import diagnose_cases
+
+    diagnose_cases(cases, output, jobs)
+
+
+@blind.command("score")
+def blind_score(
+    reports: Annotated[Path, typer.Argument(help="Folder of reports.")],
+    keys: Annotated[list[Path], typer.Argument(help="The key file, or those of several sets (tiers) together.")],
+    passphrase: Annotated[str, typer.Option(help="What the key was encrypted with.")] = "",
+    as_json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
+) -> None:
+    """Compare reports with the key: every figure beside its target."""
+    from gap.blind import score
+
+    card = score(reports, keys, passphrase)
+    print(json.dumps(card.as_json(), indent=1) if as_json else card.as_text())

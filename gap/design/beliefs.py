@@ -1,0 +1,175 @@
+"""What a report leaves possible, as draws: effects with parameters, each with its share of the probability.
+
+A class that a report names is drawn about its leader's parameters; its other members, whose parameters no report has,
+are moved until they leave in the session what the leader leaves. Effects that a report does not name may act all the
+same, too weak or too well hidden by skin to show: they are drawn from their priors, and those kept that the session
+could not have seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gap.design.bench import Acting, Bench
+from gap.design.information import Known
+from gap.inference.hypothesis import from_unit, to_unit
+from sim_devices.chain import Effect, FloatArray
+
+NONE = "none"
+CAUSES, MEMBERS, DRAWS = 5, 3, 6
+"""How many causes of a report are drawn, how many members of each, and how often each."""
+TRIES = 3
+"""Draws from the prior of each effect that the report does not name."""
+UNSEEN = 3.5
+"""Tempered σ in the session below which an effect would not have been named."""
+STEP = 0.02
+"""Quantile by which a parameter is moved for a derivative."""
+
+
+@dataclass(frozen=True)
+class Draw:
+    """One possibility: its ``label`` (an effect, ``a + b``, or none), what acts, and its ``weight``."""
+
+    label: str
+    acting: Acting
+    weight: float
+    change: FloatArray  # (n,) of the session's rows
+
+
+class Beliefs:
+    """Draws from a report about the session of a bench."""
+
+    def __init__(
+        self,
+        report: Mapping[str, Any],
+        bench: Bench,
+        known: Known,
+        sound: FloatArray,
+        effects: Mapping[str, Effect],
+        rng: np.random.Generator,
+    ) -> None:
+        self._bench, self._known, self._sound, self._rng = bench, known, sound, rng
+        self._effects = effects
+        self._named = {e.name: [f for f in effects.values() if f.name == e.name] for e in effects.values()}
+        self.draws: list[Draw] = []
+        self._causes(report.get("causes", []))
+        named = {n for d in self.draws for n in d.label.split(" + ")}
+        rest = max(1.0 - sum(d.weight for d in self.draws), 0.0)
+        none = float(report.get("none_probability", rest))
+        self._hidden(named, none, max(rest - none, 0.0))
+
+    def _change(self, acting: Acting) -> FloatArray:
+        return self._bench.changed(self._bench.session, acting, self._sound)
+
+    def _causes(self, causes: Sequence[Mapping[str, Any]]) -> None:
+        for cause in causes[:CAUSES]:
+            probability = float(cause.get("probability", 0.0))
+            leader = self._leader(cause)
+            if leader is None or probability < 0.005:
+                continue
+            label = " + ".join(sorted(cause["effects"]))
+            drawn: dict[str, list[tuple[Acting, FloatArray]]] = {label: [(a, self._change(a)) for a in leader]}
+            target = drawn[label][0][1]
+            likely = {label: 0.0}
+            for name in [n for n in cause.get("class", []) if n != label and n in self._named][: MEMBERS - 1]:
+                found, off = self._imitating(name, target)
+                drawn[name], likely[name] = found, off
+            shares = np.exp(-0.5 * np.square(np.minimum(list(likely.values()), 3.0)))
+            shares /= shares.sum()
+            for (name, found), share in zip(drawn.items(), shares, strict=True):
+                each = probability * float(share) / len(found)
+                self.draws += [Draw(name, acting, each, change) for acting, change in found]
+
+    def _leader(self, cause: Mapping[str, Any]) -> list[Acting] | None:
+        """The effects of a cause about its fitted parameters, the first at them."""
+        keys = cause.get("where", cause["effects"])
+        forms = [
+            self._effects.get(key) or next(iter(self._named.get(name, [])), None)
+            for key, name in zip(keys, cause["effects"], strict=True)
+        ]
+        known = [e for e in forms if e is not None]
+        if len(known) < len(forms):
+            return None
+        given = cause.get("parameters", {})
+        out: list[Acting] = []
+        for k in range(DRAWS):
+            acting = []
+            for e in known:
+                values = {}
+                for p in e.parameters:
+                    said = given.get(p.name if len(known) == 1 else f"{e.name}.{p.name}", {})
+                    value, se = float(said.get("value", p.default)), float(said.get("se", 0.0) or 0.0)
+                    u = to_unit(p, value)
+                    wide = min(max(abs(to_unit(p, value + se) - u), abs(to_unit(p, value - se) - u)), 0.2)
+                    values[p.name] = from_unit(p, u + (wide * float(self._rng.standard_normal()) if k else 0.0))
+                acting.append((e, values))
+            out.append(acting)
+        return out
+
+    def _imitating(self, name: str, target: FloatArray) -> tuple[list[tuple[Acting, FloatArray]], float]:
+        """Draws of the effect ``name`` that leave in the session what ``target`` (n,) leaves, and by how many tempered
+        σ they do not."""
+        best: tuple[float, Effect, FloatArray] | None = None
+        for form in self._named[name][:2]:
+            for unit in [np.full(len(form.parameters), 0.5), *self._rng.random((4, len(form.parameters)))]:
+                off = float(self._known.distance(self._at(form, unit)[1] - target))
+                if best is None or off < best[0]:
+                    best = (off, form, unit)
+        assert best is not None
+        off, form, unit = best
+        for _ in range(3):  # Gauss-Newton, a shorter step where a whole one leads away
+            here = self._at(form, unit)[1]
+            left, slopes = self._known.left(here - target), self._slopes(form, unit, here)
+            normal = slopes.T @ slopes + 12.0 * np.eye(len(unit))
+            step = np.linalg.solve(normal, -slopes.T @ left)
+            for share in (1.0, 0.3):
+                moved = np.clip(unit + np.clip(share * step, -0.3, 0.3), 0.0, 1.0)
+                there = float(self._known.distance(self._at(form, moved)[1] - target))
+                if there < off:
+                    off, unit = there, moved
+                    break
+            else:
+                break
+        here = self._at(form, unit)[1]
+        slopes = self._slopes(form, unit, here)
+        root = np.linalg.cholesky(np.linalg.inv(slopes.T @ slopes + 12.0 * np.eye(len(unit))))
+        units = [unit, *(np.clip(unit + root @ self._rng.standard_normal(len(unit)), 0, 1) for _ in range(DRAWS - 1))]
+        return [self._at(form, u) for u in units], off
+
+    def _at(self, form: Effect, unit: FloatArray) -> tuple[Acting, FloatArray]:
+        acting = [(form, {p.name: from_unit(p, float(u)) for p, u in zip(form.parameters, unit, strict=True)})]
+        return acting, self._change(acting)
+
+    def _slopes(self, form: Effect, unit: FloatArray, here: FloatArray) -> FloatArray:
+        columns = []
+        for k in range(len(unit)):
+            moved = unit.copy()
+            step = STEP if unit[k] < 0.5 else -STEP
+            moved[k] += step
+            columns.append(self._known.left(self._at(form, moved)[1] - here) / step)
+        return np.stack(columns, axis=1)
+
+    def _hidden(self, named: set[str], none: float, outside: float) -> None:
+        """No effect, and effects that the session could not have seen; these share what is ``outside``, too."""
+        concepts = [n for n in self._named if n not in named]
+        kept: list[tuple[str, Acting, FloatArray, float]] = []
+        for name in concepts:
+            for _ in range(TRIES):
+                form = self._named[name][int(self._rng.integers(len(self._named[name])))]
+                acting, change = self._at(form, self._rng.random(len(form.parameters)))
+                seen = float(self._known.distance(change))
+                if seen < UNSEEN:
+                    kept.append((name, acting, change, float(np.exp(-0.5 * seen**2))))
+        total = sum(w for *_, w in kept)
+        if not kept:
+            self.draws.append(Draw(NONE, (), none + outside, np.zeros_like(self._sound)))
+            return
+        # One effect is as probable as none, all of them together, before anything is measured.
+        share = total / (TRIES * max(len(concepts), 1))
+        hidden = outside + none * share / (1.0 + share)
+        self.draws.append(Draw(NONE, (), none / (1.0 + share), np.zeros_like(self._sound)))
+        self.draws += [Draw(name, acting, hidden * w / total, change) for name, acting, change, w in kept]

@@ -1,0 +1,346 @@
+"""A session and an experiment as rows of a linear model: simulated channels, what nuisance could change in them, noise.
+
+The instrument is the simulator's, the skin the forearm's scaled to what was recorded. What an observer does not know of
+either is spanned by columns with Gaussian priors: tolerances of the instrument, zero and gain of every recording, and
+whatever skin of any law could do (`gap.design.anylaw`). Columns of one name are the same unknown in session and
+experiment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
+
+import numpy as np
+
+from acquire.recording.model import Recording
+from gap.data.binning import bin_edges, bin_means
+from gap.data.labels import direction, level
+from gap.data.session import SKIN, Session
+from gap.data.waveform import waveform
+from gap.design.anylaw import remembered
+from gap.design.simulated import Leg
+from sim_devices.chain import Chain, Effect, FloatArray
+from sim_devices.stages import nominal
+from sim_devices.stages.robot import TRANSDUCERS, closed_loop, numbered, xyz
+from sim_devices.stages.sampling import simulate
+from sim_devices.stages.suction import OPENING, with_tissue
+from sim_devices.stages.tissues import SheetTissue, SuctionTissue, for_opening, sheet_tissue, suction_tissue
+
+SUCTION_CHANNELS = ("pressure", "apex_height")
+ROBOT_CHANNELS = (*numbered("axis_position"), *TRANSDUCERS, *xyz("probe"), *xyz("force"))
+COMPUTED = 2.0**0.5
+"""Noise of a computed channel counts so many times: it is that of the measured ones once more."""
+RATE = {"cutometer": 100.0, "aspiration": 25.0, "microrobot": 40.0}
+"""Simulated samples a second, before they are averaged in bins."""
+SUBSTEPS = 2
+"""Steps of the robot's closed loop for each of its samples."""
+BROAD = 0.5
+"""Prior of a column of any law of skin, in parts of the skin's largest answer."""
+MOST = 4
+"""Recordings of a robot's session on skin that are simulated."""
+SCATTER, ZERO = 0.05, 3.0
+"""Run-to-run scatter of skin (relative), and of a recording's zero, in noises of one sample (assumed)."""
+CURVED = ("reference membrane",)
+"""Specimens whose elastic curve is not known, but has no memory."""
+
+Acting: TypeAlias = Sequence[tuple[Effect, Mapping[str, float]]]
+Column: TypeAlias = tuple[str, ...]
+"""The name of an unknown."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """Recordings of one simulation: ``legs`` beginning at ``starts`` (s on the session's clock), sampled at ``stamps``,
+    averaged in bins; ``sigma`` (n,) is the noise of the rows, channel by channel, recording by recording."""
+
+    name: str
+    legs: tuple[Leg, ...]
+    starts: tuple[float, ...]
+    stamps: tuple[FloatArray, ...] = field(repr=False)
+    edges: tuple[FloatArray, ...] = field(repr=False)
+    sigma: FloatArray = field(repr=False)
+
+    @property
+    def skin(self) -> FloatArray:
+        """Which recordings are of skin, 1 or 0 each."""
+        return np.array([float(leg.specimen == SKIN) for leg in self.legs])
+
+
+class Bench:
+    """An instrument, its noise and this session's skin, on which sessions are simulated without noise."""
+
+    def __init__(self, recordings: Sequence[Recording]) -> None:
+        self.instrument = recordings[0].info.instrument
+        self.robot = self.instrument == "microrobot"
+        self.channels = ROBOT_CHANNELS if self.robot else SUCTION_CHANNELS
+        recordings = telling(recordings) if self.robot else recordings
+        session = Session(recordings)
+        legs = [leg_of(r) for r in recordings]
+        starts = [session.span(k)[0] for k in range(len(legs))]
+        self.noise = {c: _noise(session, c) for c in self.channels}
+        self.skin = scaled(self.instrument, recordings, legs)
+        self.session = self.part("session", legs, starts)
+        self.end = max(s + leg.duration for s, leg in zip(starts, legs, strict=True))
+
+    def part(self, name: str, legs: Sequence[Leg], starts: Sequence[float]) -> Part:
+        """The rows of some recordings."""
+        rate = RATE[self.instrument]
+        stamps = [s + np.arange(0.0, leg.duration, 1 / rate) for s, leg in zip(starts, legs, strict=True)]
+        edges, counts = [], []
+        for leg, start, at in zip(legs, starts, stamps, strict=True):
+            kinks = start + np.unique(np.concatenate([t for t, _ in leg.quantity_tables.values()]))
+            edges.append(bin_edges(at[0], at[-1], kinks[:200], 1 / rate))
+            counts.append(bin_means(at, np.zeros_like(at), edges[-1]).count)
+        sigma = [np.sqrt(white**2 / n + floor**2) for white, floor in self.noise.values() for n in counts]
+        return Part(name, tuple(legs), tuple(starts), tuple(stamps), tuple(edges), np.concatenate(sigma))
+
+    def rows(self, part: Part, signals: Sequence[Mapping[str, FloatArray]]) -> FloatArray:
+        """Signals of every recording as whitened rows (n,); a channel that is missing is nought."""
+        rows = [
+            bin_means(at, signal[c] if c in signal else np.zeros_like(at), edges).value
+            for c in self.channels
+            for signal, at, edges in zip(signals, part.stamps, part.edges, strict=True)
+        ]
+        return np.asarray(np.concatenate(rows) / part.sigma)
+
+    def simulate(
+        self, part: Part, acting: Acting = (), tuned: Mapping[str, Mapping[str, float]] = {}
+    ) -> list[dict[str, FloatArray]]:
+        """Channels of every recording, without noise; ``tuned`` are other parameters of the chain's operators."""
+        made: list[dict[str, FloatArray]] = [{} for _ in part.legs]
+        for specimen in dict.fromkeys(leg.specimen for leg in part.legs):
+            members = [k for k, leg in enumerate(part.legs) if leg.specimen == specimen]
+            chain = self._chain(specimen, tuple(part.starts[k] for k in members))
+            for operator, values in tuned.items():
+                chain = chain.tuned(operator, **values)
+            for effect, values in acting:
+                chain = effect.apply(chain, values)
+            for k, signals in zip(members, self._run(chain, part, members), strict=True):
+                made[k] = signals
+        return made
+
+    def changed(self, part: Part, acting: Acting, sound: FloatArray) -> FloatArray:
+        """What effects change in the rows (n,) of a part, whose rows without them are ``sound``."""
+        rows = self.rows(part, self.simulate(part, acting)) - sound
+        return np.nan_to_num(rows, nan=0.0, posinf=1e6, neginf=-1e6)
+
+    def _chain(self, specimen: str, marks: tuple[float, ...]) -> Chain:
+        if self.robot:
+            sheet = self.skin if specimen == SKIN else sheet_tissue(specimen)
+            return nominal("microrobot", tissue=sheet, marks=marks)
+        tissue = self.skin if specimen == SKIN else suction_tissue(specimen)
+        assert isinstance(tissue, SuctionTissue)
+        chain = nominal(self.instrument, marks=marks)
+        return with_tissue(chain, for_opening(tissue, OPENING[self.instrument]))
+
+    def _run(self, chain: Chain, part: Part, members: Sequence[int]) -> list[dict[str, FloatArray]]:
+        legs = [(part.starts[k], part.legs[k].quantity_tables) for k in members]
+        tables = {
+            q: (np.concatenate([start + t[q][0] for start, t in legs]), np.concatenate([t[q][1] for _, t in legs]))
+            for q in legs[0][1]
+        }
+        at = np.concatenate([part.stamps[k] for k in members])
+        if self.robot:
+            step = 1 / (SUBSTEPS * RATE["microrobot"])
+            fine = (at[:, None] + step * np.arange(SUBSTEPS)).ravel()
+            inputs = {f"command_{q[-1]}": np.interp(fine, t, v) for q, (t, v) in tables.items()}
+            run = closed_loop(chain, fine, inputs)
+            signals = {c: run[c][::SUBSTEPS] for c in self.channels}
+        else:
+            signals = dict(simulate(chain, tables, dict.fromkeys(self.channels, at)))
+        ends = np.cumsum([len(part.stamps[k]) for k in members])
+        return [
+            {c: v[end - len(part.stamps[k]) : end] for c, v in signals.items()}
+            for k, end in zip(members, ends, strict=True)
+        ]
+
+    # ---- what is not known -------------------------------------------------------------------------------------
+
+    def unknowns(self, part: Part) -> dict[Column, tuple[FloatArray, float]]:
+        """Whitened columns (n,) by which each unknown changes the rows of a part, and its prior's width: 1 but for
+        those of skin's law."""
+        sound = self.simulate(part)
+        columns = self._tolerances(part, sound) | self._of_recordings(part, sound) | self._of_specimens(part, sound)
+        return {name: (self.rows(part, made), 1.0) for name, made in columns.items()}
+
+    def _tolerances(
+        self, part: Part, sound: Sequence[Mapping[str, FloatArray]]
+    ) -> dict[Column, list[dict[str, FloatArray]]]:
+        def late(seconds: float, only: Sequence[str] = ()) -> list[dict[str, FloatArray]]:
+            return [
+                {c: -seconds * np.gradient(v, at) for c, v in s.items() if not only or c in only}
+                for s, at in zip(sound, part.stamps, strict=True)
+            ]
+
+        def scaled(channel: str, share: float) -> list[dict[str, FloatArray]]:
+            return [{channel: share * s[channel]} for s in sound]
+
+        skewed = [
+            {c: -2e-5 * (at - part.starts[0]) * np.gradient(v, at) for c, v in s.items()}
+            for s, at in zip(sound, part.stamps, strict=True)
+        ]
+        out: dict[Column, list[dict[str, FloatArray]]] = {("latency",): late(1e-3), ("skew",): skewed}
+        tuned: dict[str, tuple[str, dict[str, float]]]
+        if self.robot:
+            out |= {("gain", c): _with_forces(scaled(c, 5e-3)) for c in TRANSDUCERS}
+            out |= {
+                ("offset", c): _with_forces([{c: np.full(len(at), 5e-3)} for at in part.stamps]) for c in TRANSDUCERS
+            }
+            tuned = {
+                "loop": ("axes", {"rate": 110.0}),
+                "drag": ("axes", {"drag": 0.3}),
+                "mass": ("axes", {"mass": 0.066}),
+            }
+        else:
+            out[("height late",)] = late(1e-3, ("apex_height",))
+            out[("gauge gain",)] = scaled("pressure", 5e-3)
+            out[("gauge zero",)] = [{"pressure": np.full(len(at), 100.0)} for at in part.stamps]
+            tuned = {"regulator": ("regulator", {"tau": 0.0424}), "damping": ("regulator", {"zeta": 1.1})}
+        for name, (operator, values) in tuned.items():
+            moved = self.simulate(part, tuned={operator: values})
+            out[(name,)] = [{c: m[c] - s[c] for c in s} for m, s in zip(moved, sound, strict=True)]
+        return out
+
+    def _of_recordings(
+        self, part: Part, sound: Sequence[Mapping[str, FloatArray]]
+    ) -> dict[Column, list[dict[str, FloatArray]]]:
+        """Zero of every recording and, of skin, its gain."""
+        answers = TRANSDUCERS if self.robot else ("apex_height",)
+        out: dict[Column, list[dict[str, FloatArray]]] = {}
+        for k, (leg, signals, at) in enumerate(zip(part.legs, sound, part.stamps, strict=True)):
+
+            def only(made: dict[str, FloatArray], k: int = k) -> list[dict[str, FloatArray]]:
+                return [made if i == k else {} for i in range(len(part.legs))]
+
+            if not self.robot:
+                out[(part.name, "zero", str(k))] = only({c: np.full(len(at), ZERO * self.noise[c][0]) for c in answers})
+            if leg.specimen == SKIN:
+                gains = [{c: SCATTER * signals[c] for c in (*answers, *(xyz("force") if self.robot else ()))}]
+                out[(part.name, "gain", str(k))] = only(gains[0])
+        return out
+
+    def _of_specimens(
+        self, part: Part, sound: Sequence[Mapping[str, FloatArray]]
+    ) -> dict[Column, list[dict[str, FloatArray]]]:
+        """What skin of any law, or a membrane of any curve, could do."""
+        out: dict[Column, list[dict[str, FloatArray]]] = {}
+        for specimen in (SKIN, *CURVED):
+            members = [k for k, leg in enumerate(part.legs) if leg.specimen == specimen]
+            if not members:
+                continue
+            causes = xyz("probe") if self.robot else ("pressure",)
+            answers = xyz("force") if self.robot else ("apex_height",)
+            times = [part.stamps[k] for k in members]
+            given = [np.stack([sound[k][c] / self._sizes[c] for c in causes]) for k in members]
+            for axis, answer in enumerate(answers):
+                own = [sound[k][answer] / self._sizes[answer] for k in members]
+                for number, feature in enumerate(remembered(times, given, own, memory=specimen == SKIN)):
+                    made: list[dict[str, FloatArray]] = [{} for _ in part.legs]
+                    for k, values in zip(members, feature, strict=True):
+                        made[k] = {answer: BROAD * self._sizes[answer] * values}
+                    out[(specimen, str(axis), str(number))] = _with_transducers(made) if self.robot else made
+        return out
+
+    @property
+    def _sizes(self) -> Mapping[str, float]:
+        """The largest value of each channel on this session's skin, for columns of equal meaning in every part."""
+        if not hasattr(self, "_largest"):
+            skin = [
+                s for s, leg in zip(self.simulate(self.session), self.session.legs, strict=True) if leg.specimen == SKIN
+            ]
+            self._largest = {
+                c: max((float(np.max(np.abs(s[c]))) for s in skin), default=0.0) or 1.0 for c in self.channels
+            }
+            for names in (xyz("probe"), xyz("force")) if self.robot else ():
+                self._largest |= dict.fromkeys(names, max(self._largest[n] for n in names))
+        return self._largest
+
+
+def _with_forces(made: list[dict[str, FloatArray]]) -> list[dict[str, FloatArray]]:
+    """What changes in the forces, which are computed from the transducers."""
+    matrix = _force_matrix()
+    for signals in made:
+        zero = np.zeros(len(next(iter(signals.values()))))
+        legs = np.stack([signals.get(c, zero) for c in TRANSDUCERS])
+        signals.update(zip(xyz("force"), matrix @ legs, strict=True))
+    return made
+
+
+def _with_transducers(made: list[dict[str, FloatArray]]) -> list[dict[str, FloatArray]]:
+    """What changes in the transducers where the forces do."""
+    inverse = np.linalg.inv(_force_matrix())
+    for signals in made:
+        if signals:
+            zero = np.zeros(len(next(iter(signals.values()))))
+            forces = np.stack([signals.get(c, zero) for c in xyz("force")])
+            signals.update(zip(TRANSDUCERS, inverse @ forces, strict=True))
+    return made
+
+
+def _force_matrix() -> FloatArray:
+    from drivers.microrobot import forces
+
+    return np.asarray(forces.matrix(forces.TRANSDUCER_RADIUS, forces.PROBE_HEIGHT))
+
+
+def leg_of(recording: Recording) -> Leg:
+    """A recording's command as a leg of a simulated session."""
+    times = [s.time for s in recording.streams.values() if len(s.time)]
+    begin, end = min(float(t[0]) for t in times), max(float(t[-1]) for t in times)
+    tables = {
+        q: (np.asarray(s.time, float) - begin, np.asarray(s.value, float)) for q, s in recording.setpoints.items()
+    }
+    return Leg(tables, end - begin, recording.info.specimen or SKIN, recording.info.repeat)
+
+
+def telling(recordings: Sequence[Recording]) -> list[Recording]:
+    """Recordings whose command and specimen none before them had, `MOST` of skin at most: repeats tell little of which
+    effect it is, and a robot's recording takes long to simulate."""
+    kept: list[Recording] = []
+    seen: set[tuple[str, ...]] = set()
+    skin = 0
+    for r in recordings:
+        kind = (r.info.specimen, direction(r), level(r), waveform(r))
+        skin += r.info.specimen == SKIN and kind not in seen
+        if kind not in seen and (r.info.specimen != SKIN or skin <= MOST):
+            kept.append(r)
+        seen.add(kind)
+    return kept
+
+
+def _noise(session: Session, channel: str) -> tuple[float, float]:
+    """Noise of one sample of a channel and the part that averaging does not lower, by the recordings, SI."""
+    members = [k for k, r in enumerate(session.recordings) if channel in r.streams]
+    if not members:
+        return np.inf, 0.0  # not measured: its rows say nothing
+    white, floor = session.sigma(channel, members, np.zeros(0))
+    times = COMPUTED if channel in (*xyz("probe"), *xyz("force")) else 1.0
+    return max(white, 1e-12) * times, floor * times
+
+
+def scaled(instrument: str, recordings: Sequence[Recording], legs: Sequence[Leg]) -> SuctionTissue | SheetTissue:
+    """The forearm's skin made as compliant as what was recorded."""
+    skin = [k for k, leg in enumerate(legs) if leg.specimen == SKIN]
+    if instrument == "microrobot":
+        sheet = sheet_tissue("forearm")
+        ratios = []
+        for k in skin:
+            path = np.sqrt(sum(np.square(recordings[k].streams[c].value) for c in xyz("probe")))
+            force = np.sqrt(sum(np.square(recordings[k].streams[c].value) for c in xyz("force")))
+            ratios.append(float(np.nanmax(force) / max(np.nanmax(path), 1e-9)))
+        factor = float(np.clip(np.median(ratios) / np.mean(sheet.stiffness), 0.1, 10.0)) if ratios else 1.0
+        return replace(sheet, stiffness=tuple(k * factor for k in sheet.stiffness))  # type: ignore[arg-type]
+    tissue = suction_tissue("forearm")
+    ratios = []
+    for k in skin:
+        if "apex_height" in recordings[k].streams:
+            deepest = float(np.max(np.abs(legs[k].quantity_tables["pressure"][1])))
+            height = float(np.nanmax(recordings[k].streams["apex_height"].value))
+            there = for_opening(tissue, OPENING[instrument])
+            q = deepest / there.knee
+            elastic = there.compliance * there.knee * ((1 + q) ** there.exponent - 1) / there.exponent
+            ratios.append(height / max(1.4 * elastic, 1e-12))
+    factor = float(np.clip(np.median(ratios), 0.1, 10.0)) if ratios else 1.0
+    return replace(tissue, compliance=tissue.compliance * factor)

@@ -1,0 +1,130 @@
+"""The next experiment: of those that can be done, the one that is expected to tell most of the cause in a minute."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from acquire.recording.model import Recording
+from gap.design.beliefs import Beliefs, Draw
+from gap.design.bench import Bench
+from gap.design.catalogue import catalogue
+from gap.design.experiment import Experiment, stopped
+from gap.design.information import Known, Worth, worth
+from gap.effects.load import library
+from protocols import Limits
+from sim_devices.chain import Effect
+
+CERTAIN = 0.95
+"""Probability of one cause from which nothing more is asked for."""
+LEAST_BITS, LEAST_GAIN = 0.05, 0.01
+"""Information (bits) and gain in the probability of a right answer that an experiment must promise, either."""
+FORM_ERROR = 2.0
+"""Divides χ²: effects do not have quite the form in which they are simulated."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What was chosen, or the reason why nothing is: one of ``experiment`` and ``reason`` is empty. ``considered`` is
+    every experiment with its worth, the best first."""
+
+    instrument: str
+    experiment: Experiment | None
+    reason: str
+    probability: float
+    considered: tuple[tuple[Experiment, Worth], ...]
+
+    @property
+    def text(self) -> str:
+        """The choice in a sentence."""
+        e = self.experiment
+        if e is None:
+            return f"Stop: {self.reason}."
+        split = f" It separates {_listed(e.separates)}." if e.separates else ""
+        return (
+            f"Measure {e.waveform} on {e.specimen} ({e.minutes:.1f} min): the right cause then has a probability of "
+            f"{e.right_after:.2f}, and {e.right_before:.2f} without it.{split}"
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """The contents of ``experiment.yaml``."""
+        if self.experiment is None:
+            return stopped(self.instrument, self.reason, self.probability)
+        table = [
+            {"specimen": e.specimen, "waveform": e.waveform, "minutes": round(e.minutes, 2),
+             "information": round(w.information, 3), "probability_right": round(w.after, 3)}
+            for e, w in self.considered
+        ]  # fmt: skip
+        return {**self.experiment.as_dict(), "considered": table}
+
+
+def choose(
+    report: Mapping[str, Any],
+    recordings: Sequence[Recording],
+    limits: Limits,
+    effects: Mapping[str, Effect] | None = None,
+    specimens: Sequence[str] = (),
+    seed: int = 1,
+) -> Choice:
+    """The next experiment after a ``gap-report/1`` on ``recordings`` of one session.
+
+    ``specimens`` are those at hand (default: all that are known). Information about the cause is integrated over what
+    the report leaves possible (`gap.design.beliefs`), over the instrument's tolerances and over skin of any law. Equal
+    arguments give an equal choice.
+    """
+    instrument = recordings[0].info.instrument
+    top = max((float(c.get("probability", 0.0)) for c in report.get("causes", [])), default=0.0)
+    alone = [
+        c for c in report.get("causes", []) if float(c.get("probability", 0.0)) == top and len(c.get("class", [])) < 2
+    ]
+    if top >= CERTAIN and alone:
+        return Choice(instrument, None, f"{' and '.join(alone[0]['effects'])} is certain ({top:.2f})", top, ())
+    rng = np.random.default_rng(seed)
+    bench = Bench(recordings)
+    asked = catalogue(instrument, bench.session.legs, limits, specimens, seed)
+    if not asked:
+        return Choice(instrument, None, "no experiment is within the limits", top, ())
+    sound = bench.rows(bench.session, bench.simulate(bench.session))
+    parts = [bench.part(f"experiment {k}", [e.leg], [bench.end + e.rest_before]) for k, e in enumerate(asked)]
+    there = [bench.unknowns(part) for part in parts]
+    gap = float((report.get("gap") or {}).get("after") or 1.0)
+    known = Known(bench.unknowns(bench.session), [name for u in there for name in u], FORM_ERROR * max(gap, 1.0) ** 2)
+    draws = Beliefs(report, bench, known, sound, library(instrument) if effects is None else effects, rng).draws
+    weights, labels = np.array([d.weight for d in draws]), [d.label for d in draws]
+    in_session = np.stack([d.change for d in draws], axis=1)
+    valued = []
+    for experiment, part, unknowns in zip(asked, parts, there, strict=True):
+        base = bench.rows(part, bench.simulate(part))
+        changes = [bench.changed(part, d.acting, base) if d.acting else np.zeros_like(base) for d in draws]
+        points = known.seen(unknowns, in_session, np.stack(changes, axis=1))
+        value = worth(points, weights, labels, np.random.default_rng(seed))
+        split = _separated(points, draws)
+        valued.append((experiment.valued(value.information, value.before, value.after, split), value))
+    valued.sort(key=lambda pair: -pair[1].information / pair[0].minutes)
+    best, value = valued[0]
+    if value.information < LEAST_BITS and value.after - value.before < LEAST_GAIN:
+        reason = f"nothing considered would tell more: at most {value.information:.2f} bits of the cause"
+        return Choice(instrument, None, reason, value.before, tuple(valued))
+    return Choice(instrument, best, "", value.after, tuple(valued))
+
+
+def _listed(names: Sequence[str]) -> str:
+    first, *others = (n.replace("_", " ") for n in names)
+    return f"{first} from {', '.join(others)}"
+
+
+def _separated(points: np.ndarray, draws: Sequence[Draw], apart: float = 3.0, most: int = 8) -> tuple[str, ...]:
+    """The most probable explanations (and none) that the experiment shows three σ from the most probable one."""
+    share: dict[str, float] = {}
+    for d in draws:
+        share[d.label] = share.get(d.label, 0.0) + d.weight
+    ranked = sorted(share, key=lambda name: -share[name])
+    middle = {
+        n: np.mean([p for p, d in zip(points, draws, strict=True) if d.label == n], axis=0) for n in ranked[:most]
+    }
+    first = ranked[0]
+    others = [n for n in ranked[1:most] if float(np.linalg.norm(middle[n] - middle[first])) > apart]
+    return (first, *others) if others else ()
