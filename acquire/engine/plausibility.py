@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from acquire.engine.checks import Bools, Check, Lasting, Targets, Twice, Watch
+from acquire.engine.checks import UNKNOWN, Bools, Check, Lasting, Targets, Twice, Watch
 from acquire.engine.rules import Trip
 from drivers.signals import REFERENCE, Block, FloatArray, Frame
 
@@ -118,7 +118,8 @@ class Pictures:
 class Jumps:
     """What is measured does not leave its set-point at once, unless the set-point itself has just moved fast.
 
-    A quantity with a `Tracking` rule may jump by half its error; the rule's duration is the time to settle.
+    A quantity with a `Tracking` rule may jump by half its error; the rule's duration is the time to settle. Where a
+    segment ends the set-point is unknown for some samples: these are passed over, and are no move.
     """
 
     def __init__(self, watch: Watch) -> None:
@@ -130,16 +131,21 @@ class Jumps:
     def look(self, block: Block, targets: Targets) -> Trip | None:
         """What is wrong with the next samples, for which ``targets`` are commanded."""
         for quantity, target in targets.items():
-            known = quantity in block.values and quantity in self._watch.rules.tracking
-            if known and (trip := self._look(quantity, block.time, block.values[quantity] - target, target)):
+            if quantity not in block.values or quantity not in self._watch.rules.tracking:
+                continue
+            known = ~np.isnan(target)
+            deviation = block.values[quantity] - target
+            if known.any() and (trip := self._look(quantity, block.time[known], deviation[known], target[known])):
                 return trip
         return None
 
     def _look(self, quantity: str, when: FloatArray, deviation: FloatArray, target: FloatArray) -> Trip | None:
         rule = self._watch.rules.tracking[quantity]
         past = self._past.setdefault(quantity, deque())
+        if (np.diff(when, prepend=past[-1][0] if past else -math.inf) > UNKNOWN).any():
+            past.clear()
         usual = float(np.median([d for _, d, _ in past])) if past else math.nan
-        moved = ~(np.abs(target - (past[0][2] if past else math.nan)) <= rule.error / 2)  # True where not known
+        moved = ~(np.abs(target - (past[0][2] if past else math.nan)) <= rule.error / 2)  # True without a past
         if moved.any():
             self._moved[quantity] = float(when[moved][-1])
         settled = when - self._moved.get(quantity, -math.inf) > rule.duration
@@ -169,6 +175,7 @@ class Response:
         self._since = math.nan  # device time at which pull or rest began
         self._pulled = self._judged = False
         self._peak = -math.inf
+        self._known = math.nan  # device time at which a set-point was last known
 
     def look(self, block: Block, targets: Targets) -> Trip | None:
         """What is wrong with the next samples, for which ``targets`` are commanded."""
@@ -181,9 +188,13 @@ class Response:
         return None
 
     def _sample(self, time: float, height: float, target: float) -> Trip | None:
+        # Where a segment ends the set-point is unknown for some samples; only for longer may anything have happened.
         if math.isnan(target):
-            self._forget()
-        if not (math.isfinite(height) and math.isfinite(target)):
+            if not time - self._known <= UNKNOWN:
+                self._forget()
+            return None
+        self._known = time
+        if not math.isfinite(height):
             return None
         _remember(self._recent, time, height, RESPONSE / 4)
         if target == 0:

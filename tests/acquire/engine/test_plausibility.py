@@ -40,7 +40,7 @@ def sound(sigma: float = 30.0, step: float = 10.0, seed: int = 0) -> dict[str, F
     }
 
 
-def look(values: Mapping[str, FloatArray], size: int = 4, **more: object) -> Trip | None:
+def look(values: Mapping[str, FloatArray], size: int = 4, target: FloatArray = TARGET, **more: object) -> Trip | None:
     watch = Watch(Limits({"pressure": Range(-50e3, 0.0)}), Rules(), **more)  # type: ignore[arg-type]
     checks = [check(watch) for check in (*LIMITS, *PLAUSIBILITY)]
     for first in range(0, len(TIME), size):
@@ -48,7 +48,7 @@ def look(values: Mapping[str, FloatArray], size: int = 4, **more: object) -> Tri
         seq = np.arange(len(TIME))[part]
         block = Block({n: v[part] for n, v in values.items()}, seq, TIME[part], TIME[part])
         for check in checks:
-            if trip := check.look(block, {"pressure": TARGET[part]}):
+            if trip := check.look(block, {"pressure": target[part]}):
                 return trip
     return None
 
@@ -87,6 +87,27 @@ def test_a_gauge_that_fails_in_a_hold_trips(harm: str) -> None:
     assert trip is not None
     assert trip.code == code
     assert HARM <= trip.time <= HARM + within
+
+
+def between_segments(every: float = 1.0, unknown: float = 0.05) -> FloatArray:
+    """The set-point of segments of ``every`` s: at their ends the host does not know it for a moment."""
+    return np.where(TIME % every < unknown, np.nan, TARGET)
+
+
+@pytest.mark.parametrize("size", [1, 4, 50])
+def test_an_unknown_set_point_between_segments_hides_nothing(size: int) -> None:
+    for harm in ("stuck at rest", "offset"):
+        change, code, within = HARMS[harm]
+        values = sound()
+        trip = look({**values, "pressure": change(values["pressure"])}, size, between_segments())
+        assert trip is not None
+        assert trip.code == code
+        assert trip.time <= HARM + within + 0.06
+    trip = look({**sound(), "apex_height": np.zeros(len(TIME))}, size, between_segments())
+    assert trip is not None
+    assert trip.code == "response"
+    assert look(sound(), size, between_segments()) is None
+    assert look(sound(), size, between_segments(1.0, 0.5)) is None
 
 
 def test_one_spike_is_passed_over_and_two_are_not() -> None:
