@@ -139,12 +139,14 @@ class JournalWriter:
 
     def same_disk(self) -> bool:
         """Whether the journal's folder is where it was; not where its disk was taken away."""
-        try:
-            return os.stat(self.path.parent).st_dev == self._disk
-        except FileNotFoundError:
-            return True  # deleted, and made anew by whoever writes there
-        except OSError:
-            return False
+        for folder in self.path.absolute().parents:
+            try:
+                return os.stat(folder).st_dev == self._disk
+            except FileNotFoundError:
+                continue  # deleted, and made anew by whoever writes there; or its disk is gone: its parent's is another
+            except OSError:
+                return False
+        return False
 
     def block(self, block: Block) -> None:
         """Append the samples of several channels that share their stamps."""

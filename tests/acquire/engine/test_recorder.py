@@ -15,7 +15,7 @@ import pytest
 from acquire.cli.app import run
 from acquire.engine import RunEngine, RunPlan, State
 from acquire.files import CannotWrite
-from acquire.recording import RecordingError, RunInfo, open_recording
+from acquire.recording import JournalWriter, RecordingError, RunInfo, open_recording
 from protocols.setpoints import Setpoints
 from tests.acquire.engine.helpers import LIMITS, LONG, SHORT, eventually, running
 
@@ -60,6 +60,16 @@ def test_a_disk_that_was_taken_away(
     outcome = engine.wait(10.0)
     assert (outcome.status, outcome.recording) == (State.TRIPPED, shelter / planned.path.name)
     assert whole(shelter / planned.path.name)
+
+
+def test_what_is_left_of_a_disk_that_was_taken_away_is_another_one(tmp_path: Path) -> None:
+    """Its folders are not made anew on the disk below, where nobody would find them once it is back."""
+    folder = tmp_path / "disk" / "out"
+    with JournalWriter(folder / "run.journal", RunInfo("run", "fake", "2024-01-01T00:00:00+00:00")) as writer:
+        shutil.rmtree(tmp_path / "disk")
+        assert writer.same_disk()
+        writer._disk += 1  # as its own device number was while it was there
+        assert not writer.same_disk()
 
 
 def test_a_run_without_a_recording_has_not_completed(
