@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QApplication, QInputDialog, QLineEdit, QTableWidge
 from pytestqt.qtbot import QtBot
 
 from acquire.gui.window import MainWindow
-from acquire.recording import Event, Recording, RunInfo, Series, left_out, open_recording, write_recording
+from acquire.recording import Event, Recording, RunInfo, Series, open_recording, write_recording
 from acquire.session import Request
 from tests.acquire.gui.conftest import PATIENCE, MakeWindow, connected, press, state
 
@@ -172,6 +172,8 @@ def test_stopped_tripped_and_paused_runs_do_not_count_until_a_person_says_so(
     press(qtbot, browser.count)
     assert not window.recordings.analyst.busy
     assert {path.name: path.read_bytes() for path in runs.glob("*.h5")} == before
+    from acquire.recording import left_out  # here, so that the other tests can be tried on revisions without it
+
     assert left_out(open_recording(runs / "good.h5")) == "left out: the device slipped"
     # What is shown says so.
     click_row(qtbot, table, "tripped")
