@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.faults.__main__ import FAMILIES, _one, clocked, parts
 from benchmarks.faults.hostile import _judged
 from benchmarks.faults.inputs import TABLE
 from benchmarks.faults.mutate import record, spoil_journal, spoiled
-from benchmarks.faults.table import Campaign, Row, markdown, save, told
+from benchmarks.faults.table import Campaign, Row, load, markdown, save, told
 
 
 def test_a_row_fails_by_its_limit_and_by_a_problem() -> None:
@@ -54,9 +55,25 @@ def test_the_same_seed_spoils_alike() -> None:
         assert sum(one != data for one in once) > 10
 
 
-def test_results_are_kept(tmp_path: Path) -> None:
-    row = Row("cable", "vented")
-    row.trial(0.123456)
-    save([row], Campaign(7, 0.1), 3.0, tmp_path / "results" / "faults.json")
-    kept = json.loads((tmp_path / "results" / "faults.json").read_text())
-    assert (kept["seed"], kept["share"], kept["rows"][0]["figures"]) == (7, 0.1, [0.1235])
+def test_results_are_kept_and_merged(tmp_path: Path) -> None:
+    """What is known is not measured again; another share or seed is another campaign."""
+    rows = {"links/pulled": [Row("cable", "vented", part="links/pulled", revision="abc", load=0.5)]}
+    rows["links/pulled"][0].trial(0.123456, "hm")
+    path, campaign = tmp_path / "results" / "faults.json", Campaign(7, 0.1)
+    save(rows, campaign, path)
+    (kept,) = load(path, campaign)["links/pulled"]
+    assert (kept.figures, kept.failures, kept.revision, kept.load) == ([0.1235], ["hm"], "abc", 0.5)
+    assert not load(path, Campaign(8, 0.1))
+    assert not load(path, Campaign(7, 1.0))
+    assert not load(tmp_path / "none.json", campaign)
+
+
+def test_every_part_has_a_name_and_a_judge() -> None:
+    named = parts()
+    assert {name.partition("/")[0] for name in named} == set(FAMILIES)
+    assert all(isinstance(clocked(name), bool) for name in named)
+
+
+def test_a_part_that_dies_is_a_failed_row(tmp_path: Path) -> None:
+    (row,) = _one("links/no-such-part", Campaign(1, 0.1), tmp_path / "a.json")
+    assert row.failures

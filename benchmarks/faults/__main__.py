@@ -1,31 +1,46 @@
 """The fault campaign.
 
-    python -m benchmarks.faults [--share 0.1] [--seed 1] [--jobs 3] [--only links,host] [-o RESULT.json]
+    python -m benchmarks.faults [--share 0.1] [--seed 1] [--jobs 3] [--only links,host/killed] [-o RESULT.json]
 
 Faults of every kind, seeded, on simulated instruments in processes of their own; what happened to a person's skin is
 asked of the instrument, never of the host. A table of trials, failures and the worst figure is printed row by row; the
-exit status is 1 if a row has a failure. ``--share 1`` makes at least 100 trials a row and takes hours, 0.1 (what
-continuous integration runs) minutes. Most rows wait for something: ``--jobs`` families run side by side. What fails
-beside others is tried once more with the computer to itself, and the output says so: a starved host trips rightly.
+exit status is 1 if a row has a failure. ``--share 1`` makes at least 100 trials a row, 0.1 is what continuous
+integration runs.
+
+The campaign is made of parts (``--list``), each in a process of its own, ``--jobs`` side by side. What a result file
+holds already is not run again (``--again`` does), so that a campaign can be interrupted, or run in pieces: each row
+says its revision and load. What fails beside others, and is judged by the clock, is tried once more with the computer
+to itself, and the output says so: a starved host trips rightly.
 """
 
 from __future__ import annotations
 
 import argparse
 import importlib
-import json
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from pathlib import Path
 
-from benchmarks.faults.table import Campaign, Row, about, markdown, save, timed, told
+from benchmarks.faults.table import Campaign, Part, Row, about, load, markdown, save, timed, told
 
-#: In this order; each is a module here with a function ``rows``.
+#: In this order; each is a module here with ``PARTS``, and ``CLOCKED`` where the clock judges.
 FAMILIES = ("links", "wire", "host", "disk", "readings", "bounds", "files", "fuzz", "hostile", "soak")
+BUDGET = 300.0  # s of processor time that fuzzing a target may take in the full campaign
+
+
+def parts() -> dict[str, Part]:
+    """All parts by name, ``family/part``."""
+    modules = {family: importlib.import_module(f"benchmarks.faults.{family}") for family in FAMILIES}
+    return {f"{family}/{name}": part for family, module in modules.items() for name, part in module.PARTS.items()}
+
+
+def clocked(part: str) -> bool:
+    """Whether the clock judges a part."""
+    return bool(importlib.import_module(f"benchmarks.faults.{part.partition('/')[0]}").CLOCKED)
 
 
 def main() -> int:
@@ -33,60 +48,81 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.faults", description="The fault campaign.")
     parser.add_argument("--share", type=float, default=1.0, help="share of the full number of trials")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--jobs", type=int, default=1, help="families side by side")
-    parser.add_argument("--only", default="", help=f"families, separated by commas: {','.join(FAMILIES)}")
-    parser.add_argument("-o", "--output", type=Path, default=None, help="results as JSON")
+    parser.add_argument("--jobs", type=int, default=1, help="parts side by side")
+    parser.add_argument("--only", default="", help="families and parts, separated by commas; see --list")
+    parser.add_argument("--again", action="store_true", help="run what the result file holds already")
+    parser.add_argument("--list", action="store_true", help="name the parts")
+    parser.add_argument("-o", "--output", type=Path, default=None, help="results as JSON; merged with what is there")
     parser.add_argument("--docs", type=Path, default=None, help="the table as Markdown")
+    parser.add_argument("--here", action="store_true", help=argparse.SUPPRESS)  # one part, in this process
     given = parser.parse_args()
-    chosen = given.only.split(",") if given.only else FAMILIES
-    if unknown := set(chosen) - set(FAMILIES):
-        parser.error(f"no family {', '.join(sorted(unknown))}")
-    campaign = Campaign(given.seed, given.share)
+    known = parts()
+    chosen = [part for part in known if not given.only or {part, part.partition("/")[0]} & set(given.only.split(","))]
+    if given.list or not chosen:
+        print("\n".join(known))
+        return int(not chosen)
+    campaign = Campaign(given.seed, given.share, BUDGET * given.share**2)
+    if given.here:
+        (part,) = chosen
+        save({part: list(timed(known[part](campaign), part))}, campaign, given.output)
+        return 0
+    return _run(chosen, list(known), campaign, given)
+
+
+def _run(chosen: Sequence[str], order: Sequence[str], campaign: Campaign, given: argparse.Namespace) -> int:
     began = time.monotonic()
-    done: list[Row] = []
-    for row in _beside(chosen, campaign, given.jobs) if given.jobs > 1 else _here(chosen, campaign):
-        print(told(row), flush=True)
-        done.append(row)
-    seconds = time.monotonic() - began
-    failures = sum(len(row.failures) for row in done)
-    print(f"{sum(row.trials for row in done)} trials, {failures} failures, {seconds:.0f} s")
-    if given.output:
-        save(done, campaign, seconds, given.output)
+    done = load(given.output, campaign) if given.output else {}
+    due = [part for part in chosen if given.again or part not in done]
+    failed = 0
+    for part, rows in _measured(_longest_first(due, done), campaign, given.jobs):
+        for row in rows:
+            print(told(row), flush=True)
+        failed += sum(len(row.failures) for row in rows)
+        done[part] = rows
+        done = {name: done[name] for name in order if name in done}
+        if given.output:
+            save(done, campaign, given.output)
+    print(f"{len(due)} parts of {len(order)}, {failed} failures, {time.monotonic() - began:.0f} s")
     if given.docs:
-        given.docs.write_text(markdown(done, about(campaign, seconds)), encoding="utf-8")
-    return int(failures > 0)
+        rows = [row for found in done.values() for row in found]
+        given.docs.write_text(markdown(rows, about(campaign, rows)), encoding="utf-8")
+    return int(failed > 0)
 
 
-def _here(families: Sequence[str], campaign: Campaign) -> Iterator[Row]:
-    for family in families:
-        yield from timed(importlib.import_module(f"benchmarks.faults.{family}").rows(campaign))
+def _longest_first(due: Sequence[str], done: dict[str, list[Row]]) -> list[str]:
+    """What the clock judges before all else, so that what computes fills the gaps; then by what it took last time."""
+    return sorted(due, key=lambda part: (not clocked(part), -sum(row.seconds for row in done.get(part, []))))
 
 
-def _beside(families: Sequence[str], campaign: Campaign, jobs: int) -> Iterator[Row]:
-    """Rows of families that run in processes of their own, ``jobs`` at a time, in the order of the families; then of
-    those with failures once more, alone."""
-    with tempfile.TemporaryDirectory(prefix="faults-") as name:
-        with ThreadPoolExecutor(jobs) as pool:
-            found = pool.map(lambda family: _one(family, campaign, Path(name) / f"{family}.json"), families)
-            beside = dict(zip(families, found, strict=True))
-        for family, rows in beside.items():
-            failed = [row for row in rows if row.failures]
-            if failed:
-                print(f"{family}: {len(failed)} rows failed beside other families, tried again alone", flush=True)
-                for row in failed:
-                    print(f"  {told(row)}", flush=True)
-                rows = _one(family, campaign, Path(name) / f"{family}-again.json")
-            yield from rows
+def _measured(due: Sequence[str], campaign: Campaign, jobs: int) -> Iterator[tuple[str, list[Row]]]:
+    """Parts with their rows, each when it is done; at last, and once more, those that failed beside others."""
+    again = []
+    with tempfile.TemporaryDirectory(prefix="faults-") as name, ThreadPoolExecutor(jobs) as pool:
+        results = {part: Path(name) / f"{number}.json" for number, part in enumerate(due)}
+        futures: dict[Future[list[Row]], str] = {pool.submit(_one, p, campaign, results[p]): p for p in due}
+        for future in as_completed(futures):
+            part, rows = futures[future], future.result()
+            if jobs > 1 and clocked(part) and any(row.failures for row in rows):
+                again.append(part)
+                print(f"{part} failed beside other parts, and is tried again alone:", flush=True)
+                print("\n".join(f"  {told(row)}" for row in rows if row.failures), flush=True)
+            else:
+                yield part, rows
+        for part in again:
+            yield part, _one(part, campaign, results[part])
 
 
-def _one(family: str, campaign: Campaign, result: Path) -> list[Row]:
-    """The rows of one family; a family that ends without them is a failed row."""
-    options = ["--share", str(campaign.share), "--seed", str(campaign.seed), "-o", str(result)]
-    command = [sys.executable, "-m", "benchmarks.faults", "--only", family, *options]
+def _one(part: str, campaign: Campaign, result: Path) -> list[Row]:
+    """The rows of one part, in a process of its own; one that ends without them is a failed row."""
+    result.unlink(missing_ok=True)
+    options = ["--share", str(campaign.share), "--seed", str(campaign.seed), "--only", part, "-o", str(result)]
+    patience = [] if clocked(part) else ["nice", "-n", "10"]
+    command = [*patience, sys.executable, "-m", "benchmarks.faults", "--here", *options]
     process = subprocess.run(command, capture_output=True, text=True, check=False)
-    if not result.exists():
-        return [Row(family, "the family runs to its end", trials=1, failures=[process.stderr[-1000:]])]
-    return [Row(**row) for row in json.loads(result.read_text())["rows"]]
+    rows = load(result, campaign).get(part)
+    if rows:
+        return rows
+    return [Row(part, "the part runs to its end", trials=1, failures=[process.stderr[-1000:]], part=part)]
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from acquire.session import Session
 from acquire.station import load_station
-from benchmarks.faults.table import Campaign, Row
+from benchmarks.faults.table import Campaign, Part, Row
 from protocols import load
 
 FULL = 2000
@@ -66,3 +66,7 @@ def _refusal(kind: str, step: str, duration: float, limits: dict[str, str]) -> s
     except ValueError as error:
         return str(error)
     return ""
+
+
+CLOCKED = False
+PARTS: dict[str, Part] = {"limits": rows}

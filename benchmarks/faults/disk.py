@@ -1,31 +1,27 @@
-"""Disks that are full, journals that are unlinked or moved, and two programs on one instrument or journal."""
+"""Disks that are full, slow, read-only or taken away, journals that are unlinked, two programs on one instrument."""
 
 from __future__ import annotations
 
 import contextlib
+import errno
+import os
 import resource
 import signal
+import subprocess
 import time
-from collections.abc import Iterator
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
+from random import Random
 
-from acquire.recording import RecordingError, open_recording, recover
-from benchmarks.faults.host import Hosts, host, send
-from benchmarks.faults.rig import Rig
-from benchmarks.faults.table import Campaign, Row
+import numpy as np
+
+from acquire.recording import RecordingError, load, open_recording, recover
+from acquire.recording.journal import MAGIC
+from benchmarks.faults.host import Hosts, host, part, send
+from benchmarks.faults.table import Campaign, Part, Row
 
 FULL = 100
-VENTED = 2.0  # s after the disk refused: the check once a second, and the vent
-
-
-def rows(campaign: Campaign) -> Iterator[Row]:
-    """Disks, then doubles."""
-    with Rig("cutometer", seed=campaign.seed) as rig:
-        hosts = Hosts(rig)
-        yield _full(campaign, hosts)
-        yield _unlinked(campaign, hosts)
-        yield _doubles(campaign, hosts)
+MOUNT = ("mount", "-t", "tmpfs", "-o", "size=260m,mode=700", "skinrig-campaign")
 
 
 def limited(arguments: list[str], said: str, size: int) -> None:
@@ -54,18 +50,133 @@ def _unlinked(campaign: Campaign, hosts: Hosts) -> Row:
     row = Row("journal unlinked or its folder moved away during a run", must, "s to the end of the run")
     for number in range(campaign.count(FULL)):
         process = hosts.start()
-        deadline = time.monotonic() + 20
-        while not (journals := list(hosts.out.glob("*.journal"))) and time.monotonic() < deadline:
-            time.sleep(0.01)
+        journal = hosts.journal()
         time.sleep(0.1 + 0.01 * (number % 50))
         began = time.monotonic()
         with contextlib.suppress(FileNotFoundError):
             if number % 2:
                 hosts.out.rename(hosts.out.with_name(f"moved-{number}"))
-            else:
-                journals[0].unlink()
+            elif journal is not None:
+                journal.unlink()
         problem = _ended(hosts, process, set())
         row.trial(time.monotonic() - began, problem)
+    return row
+
+
+def _mounted(campaign: Campaign, hosts: Hosts) -> Row:
+    """A disk of its own for each run: filled to the last byte, or taken away, in the midst of it."""
+    must = "vented, status not 0, all that was journalled is there: recovered, or saved on another disk"
+    row = Row("a mounted disk filled up, or taken away, during a run", must, "s to the end of the run")
+    for number in range(campaign.count(FULL)):
+        disk, shelter = hosts.folder / "disk", hosts.folder / f"home-{number}"
+        disk.mkdir(exist_ok=True)
+        if subprocess.run([*MOUNT, str(disk)], capture_output=True, check=False).returncode:
+            row.exception = "not tried: this computer lets nobody but its owner mount disks"
+            return row
+        try:
+            process = hosts.start(elsewhere, str(shelter), out=disk / "out")
+            problem = "" if hosts.journal() else "no journal"
+            time.sleep(0.2 + 0.01 * (number % 50))
+            began = time.monotonic()
+            if number % 2:
+                subprocess.run(["umount", "-l", str(disk)], check=True)
+                problem = problem or _ended(hosts, process, {4}) or _saved(shelter)
+            else:
+                filler = disk / "filler"
+                _fill(filler)
+                problem = problem or _stopped(hosts, process)
+                filler.unlink()
+                problem = problem or hosts.left()
+            row.trial(time.monotonic() - began, problem and f"{('filled', 'taken away')[number % 2]}: {problem}")
+        finally:
+            subprocess.run(["umount", "-l", str(disk)], capture_output=True, check=False)
+    return row
+
+
+def _fill(path: Path) -> None:
+    """Take all the space there is."""
+    with contextlib.suppress(OSError), path.open("wb", buffering=0) as file:
+        while True:
+            file.write(bytes(1 << 20))
+    with contextlib.suppress(OSError), path.open("ab", buffering=0) as file:
+        while True:
+            file.write(b"x")
+
+
+def elsewhere(arguments: list[str], said: str, home: str) -> None:
+    """In the host's process: a person's own data are at ``home``."""
+    os.environ["XDG_DATA_HOME"] = home
+    host(arguments, said)
+
+
+def _saved(shelter: Path) -> str:
+    found = list(shelter.rglob("*.h5"))
+    return "" if len(found) == 1 and _sound(found[0]) else f"{len(found)} recordings were saved on the other disk"
+
+
+def refusing(arguments: list[str], said: str, after: float) -> None:
+    """In the host's process: ``after`` s from now the disk is read-only (nothing more can be written to a journal)."""
+    write, due = os.write, time.monotonic() + after
+
+    def refuse(file: int, data: bytes) -> int:
+        if bytes(data[:4]) == MAGIC and time.monotonic() > due:
+            raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+        return write(file, data)
+
+    os.write = refuse
+    host(arguments, said)
+
+
+def _read_only(campaign: Campaign, hosts: Hosts) -> Row:
+    """A folder of a disk that is read-only is refused before; journals that can no longer be written end the run."""
+    must = "before: refused, named, nothing moves (2); in a run: vented, status not 0, what was written is recovered"
+    row = Row("disk read-only before a run (/sys), and from some moment of it on (writes refused)", must)
+    for number in range(campaign.count(FULL)):
+        if number % 4 == 0:
+            process = hosts.start(out=Path("/sys/nowhere"))
+            process.join(30)
+            said = hosts.said.read_text()
+            problem = "" if process.exitcode == 2 and "/sys/nowhere" in said else f"status {process.exitcode}: {said}"
+        else:
+            after = (0.2 + 0.6 * (number % 50) / 50) * hosts.length
+            problem = _stopped(hosts, hosts.start(refusing, after)) or hosts.left(may_be_empty=True)
+        row.trial(problem=problem)
+    return row
+
+
+def _stopped(hosts: Hosts, process: ForkServerProcess) -> str:
+    """What is wrong with the end of a run whose disk took no more."""
+    _, problem = hosts.rig.stopped(20.0)
+    process.join(30)
+    said = hosts.said.read_text()
+    ended = process.exitcode in {2, 3, 4} or (process.exitcode == 0 and any(map(_sound, hosts.out.glob("*.h5"))))
+    return problem or ("" if ended and "Traceback" not in said else f"status {process.exitcode}: {said[-200:]}")
+
+
+def stalling(arguments: list[str], said: str, seed: int) -> None:
+    """In the host's process: one of ten times that data go onto the disk takes a second."""
+    sync, random = os.fdatasync, Random(seed)
+
+    def stall(file: int) -> None:
+        time.sleep(1.0 if random.random() < 0.1 else 0.0)
+        sync(file)
+
+    os.fdatasync = stall
+    host(arguments, said)
+
+
+def _slow(campaign: Campaign, hosts: Hosts) -> Row:
+    row = Row("disk stalls for a second, one write of ten", "completes, and no sample is missing", "s to the recording")
+    for number in range(campaign.count(FULL)):
+        began = time.monotonic()
+        process = hosts.start(stalling, campaign.seed + number)
+        process.join(60)
+        problem = f"status {process.exitcode}: {hosts.said.read_text()[-200:]}" if process.exitcode else ""
+        for path in hosts.out.glob("*.h5"):
+            seq = load(path).streams["pressure"].seq
+            if seq is None or (np.diff(seq) != 1).any():
+                problem = problem or "samples are missing"
+        row.trial(time.monotonic() - began, problem or hosts.left())
     return row
 
 
@@ -94,22 +205,19 @@ def _sound(path: Path) -> bool:
 
 
 def _doubles(campaign: Campaign, hosts: Hosts) -> Row:
-    row = Row("two programs on one instrument, one journal", "the second is refused and says whose it is")
+    row = Row("two programs on one instrument, one journal, one target", "the second is refused and says whose it is")
     for number in range(campaign.count(FULL)):
-        first = hosts.start(protocol=hosts.long)
-        out = hosts.out
-        deadline = time.monotonic() + 20
-        while not (journals := list(out.glob("*.journal"))) and time.monotonic() < deadline:
-            time.sleep(0.01)
-        problem = "" if journals else "the first run did not begin"
-        if number % 2 == 0:
-            second = hosts.start()
-            second.join(20)
-            said = hosts.said.read_text()
-            if second.exitcode != 3 or "drives this instrument" not in said:
-                problem = problem or f"a second run ends with {second.exitcode}: {said[-200:]}"
-        elif journals:
-            problem = _recovered(journals[0])
+        first, out = hosts.start(protocol=hosts.long), hosts.out
+        journal = hosts.journal()
+        if journal is None:
+            problem = "the first run did not begin"
+        elif number % 3 == 0:
+            problem = _refused(hosts, hosts.start(), 3, "drives this instrument")
+        elif number % 3 == 1:
+            problem = _recovered(journal)
+        else:  # another instrument, so that only the target is the same
+            second = hosts.start(simulated, out=journal.with_suffix(".h5"))
+            problem = _refused(hosts, second, 2, journal.name)
         send(first, signal.SIGINT)
         first.join(30)
         if not problem and (first.exitcode != 5 or not [path for path in out.glob("*.h5") if _sound(path)]):
@@ -118,9 +226,34 @@ def _doubles(campaign: Campaign, hosts: Hosts) -> Row:
     return row
 
 
+def simulated(arguments: list[str], said: str) -> None:
+    """In the host's process: on an instrument of its own."""
+    where = arguments.index("--station")
+    host([*arguments[:where], "--sim", *arguments[where + 2 :]], said)
+
+
+def _refused(hosts: Hosts, second: ForkServerProcess, status: int, words: str) -> str:
+    second.join(30)
+    said = hosts.said.read_text()
+    if second.exitcode == status and words in said:
+        return ""
+    return f"a second run ends with {second.exitcode}: {said[-200:]}"
+
+
 def _recovered(journal: Path) -> str:
     try:
         recover(journal)
     except RecordingError as error:
         return "" if journal.name in str(error) else f"the journal is not named: {error}"
     return "the journal of a run that goes on was recovered"
+
+
+CLOCKED = True
+PARTS: dict[str, Part] = {
+    "full": part(_full),
+    "mounted": part(_mounted),
+    "read-only": part(_read_only),
+    "slow": part(_slow),
+    "unlinked": part(_unlinked),
+    "doubles": part(_doubles),
+}

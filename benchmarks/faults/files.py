@@ -11,7 +11,7 @@ import numpy as np
 from acquire.recording import Recording, RecordingError, open_recording, read_journal
 from benchmarks.faults.inputs import Samples
 from benchmarks.faults.mutate import HEADER
-from benchmarks.faults.table import Campaign, Row
+from benchmarks.faults.table import Campaign, Part, Row
 
 FULL = 2000
 KIND, BLOCK = 8, 3  # where a record says its kind, and that of samples (ten each in the sound journal)
@@ -133,3 +133,7 @@ def _different(recording: Recording, sound: Recording) -> str:
         return ""
     same = np.array_equal(np.asarray(recording.frames.data), np.asarray(sound.frames.data))
     return "" if same else "frames differ and nothing says so"
+
+
+CLOCKED = False
+PARTS: dict[str, Part] = {"damaged": rows}

@@ -1,4 +1,4 @@
-"""The host killed, stopped or told to end in every phase: connecting, arming, running, finalising.
+"""The host killed, stopped or told to end in every phase (connecting, arming, running, finalising), its clock set.
 
 The host is ``acquire run`` in a process of its own (forked from one that has imported everything, so that a trial costs
 its run and not Python's start); the instrument is another's.
@@ -17,14 +17,16 @@ from pathlib import Path
 
 import numpy as np
 
+from acquire.engine import host_clock
 from acquire.recording import load, open_recording, recover
 from benchmarks.faults.rig import WATCHDOG, Rig, Stillness, acts, hold
-from benchmarks.faults.table import Campaign, Row
+from benchmarks.faults.table import Campaign, Part, Row
 
 FULL = 100
 VENT = 0.3  # s after the last beat: the watchdog's 0.25 s and what the device takes to notice
 BEGINNING = 8192  # bytes of a journal's first record and its copy, at most
 LOSS = 0.1  # s of data that a killed host may lose
+DAY = 86400.0  # s
 BRIEF = """schema: protocol/1
 name: brief
 instrument: cutometer
@@ -71,15 +73,23 @@ class Hosts:
             self.length = time.monotonic() - began
 
     def start(
-        self, target: Callable[..., None] = host, *more: object, protocol: Path | None = None
+        self, target: Callable[..., None] = host, *more: object, protocol: Path | None = None, out: Path | None = None
     ) -> ForkServerProcess:
-        """A run (of the brief protocol), just begun; ``target`` is what its process does, with ``more`` arguments."""
+        """A run (of the brief protocol, into a new folder), just begun; ``target`` is what its process does, with
+        ``more`` arguments."""
         self._number += 1
-        self.out = self.folder / f"out-{self._number}"
+        self.out = out or self.folder / f"out-{self._number}"
         arguments = ["run", str(protocol or self.protocol), "--station", str(self.rig.station), "-o", str(self.out)]
         process = _CONTEXT.Process(target=target, args=(arguments, str(self.said), *more))
         process.start()
         return process
+
+    def journal(self) -> Path | None:
+        """The journal of the newest run, as soon as there is one; None if there is none within 20 s."""
+        deadline = time.monotonic() + 20
+        while not (journals := list(self.out.glob("*.journal"))) and time.monotonic() < deadline:
+            time.sleep(0.01)
+        return journals[0] if journals else None
 
     def left(self, *, may_be_empty: bool = False) -> str:
         """What is wrong with what the newest run left behind; its journals are recovered.
@@ -111,18 +121,11 @@ def _told(problems: list[str], path: Path) -> Iterator[None]:
         problems.append(f"{path.name}: {type(error).__name__}: {error}")
 
 
-def rows(campaign: Campaign) -> Iterator[Row]:
-    """Kill -9, SIGSTOP and polite signals, each at moments over the whole of a run."""
+@contextlib.contextmanager
+def hosts(campaign: Campaign) -> Iterator[Hosts]:
+    """Hosts for one part."""
     with Rig("cutometer", seed=campaign.seed) as rig:
-        hosts = Hosts(rig)
-        yield _killed(campaign, hosts)
-        yield _stopped(campaign, hosts)
-        yield _signalled(campaign, hosts)
-        row = Row("the next run after all of these", "starts and completes")
-        process = hosts.start()
-        process.join(60)
-        row.trial(problem=f"status {process.exitcode}: {hosts.said.read_text()[-200:]}" if process.exitcode else "")
-        yield row
+        yield Hosts(rig)
 
 
 def _moments(campaign: Campaign, name: str, length: float) -> list[float]:
@@ -141,13 +144,14 @@ def _killed(campaign: Campaign, hosts: Hosts) -> Row:
     for moment in _moments(campaign, "killed", hosts.length):
         process = hosts.start()
         time.sleep(moment)
+        early = f"the run before it was killed ends with {process.exitcode}" if process.exitcode else ""
         still = Stillness()
         truth, began = hosts.rig.truth(), time.monotonic()
         send(process, signal.SIGKILL)
         stopped, problem = hosts.rig.stopped()
         process.join()
         waited = still.close()
-        problem = problem or hosts.left()
+        problem = early or problem or hosts.left()
         if not problem and acts(truth):
             lost = truth.time - hosts.last_sample()
             if not lost <= LOSS + waited:
@@ -203,6 +207,84 @@ def _signalled(campaign: Campaign, hosts: Hosts) -> Row:
     return row
 
 
+def clocks(arguments: list[str], said: str, name: str, after: float) -> None:
+    """In the host's process: ``after`` s from now its clock is set, or it finds that the computer was suspended."""
+    now, boot, due = time.time, host_clock.boot_time, time.monotonic() + after
+    if name == "suspended":
+        host_clock.boot_time = lambda: boot() + (30.0 if time.monotonic() > due else 0.0)
+    else:
+        step = DAY if name == "forward" else -DAY
+        time.time = lambda: now() + (step if time.monotonic() > due else 0.0)
+    host(arguments, said)
+
+
+def _clocked(campaign: Campaign, hosts: Hosts) -> Row:
+    must = "a clock that is set changes nothing (0, its end after its start, times rise); a suspension trips (4)"
+    row = Row("wall clock set by a day, either way; computer suspended for 30 s (told so by its clock)", must)
+    names = ("forward", "back", "suspended")
+    moments = campaign.random("clocks").uniform(0.3, 0.6, campaign.count(FULL)) * hosts.length
+    for number, moment in enumerate(moments):
+        name = names[number % len(names)]
+        process = hosts.start(clocks, name, float(moment))
+        _, problem = hosts.rig.stopped(20.0)
+        process.join(30)
+        recordings = list(hosts.out.glob("*.h5"))
+        if not problem and process.exitcode != (4 if name == "suspended" else 0):
+            problem = f"status {process.exitcode}: {hosts.said.read_text()[-200:]}"
+        elif not problem and len(recordings) != 1:
+            problem = f"{len(recordings)} recordings"
+        problem = problem or _times(recordings[0])
+        row.trial(problem=problem and f"{name} after {moment:.2f} s: {problem}")
+    return row
+
+
+def _times(path: Path) -> str:
+    """What is wrong with the times in a recording."""
+    recording = load(path)
+    host = recording.streams["pressure"].time_host
+    if not recording.info.end_time > recording.info.start_time:
+        return f"it ends at {recording.info.end_time}, having begun at {recording.info.start_time}"
+    return "" if host is not None and (np.diff(host) >= 0).all() else "host times go back"
+
+
 def send(process: ForkServerProcess, number: int) -> None:
     with contextlib.suppress(ProcessLookupError):
         os.kill(process.pid or 0, number)
+
+
+def _next(campaign: Campaign, hosts: Hosts) -> Row:
+    """After a kill, a stop and a signal in the midst of a run."""
+    row = Row("the next run after a kill, SIGSTOP, SIGTERM", "starts and completes")
+    for number in range(campaign.count(FULL)):
+        process = hosts.start()
+        time.sleep(hosts.length / 2)
+        send(process, (signal.SIGKILL, signal.SIGSTOP, signal.SIGTERM)[number % 3])
+        if number % 3 == 1:
+            time.sleep(2 * WATCHDOG)
+            send(process, signal.SIGCONT)
+        process.join(30)
+        following = hosts.start()
+        following.join(60)
+        said = hosts.said.read_text()[-200:]
+        row.trial(problem=f"status {following.exitcode}: {said}" if following.exitcode else "")
+    return row
+
+
+def part(row: Callable[[Campaign, Hosts], Row]) -> Part:
+    """A part of one row that is made with hosts."""
+
+    def rows(campaign: Campaign) -> Iterator[Row]:
+        with hosts(campaign) as them:
+            yield row(campaign, them)
+
+    return rows
+
+
+CLOCKED = True
+PARTS: dict[str, Part] = {
+    "killed": part(_killed),
+    "stopped": part(_stopped),
+    "signalled": part(_signalled),
+    "clocks": part(_clocked),
+    "next": part(_next),
+}

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.faults.inputs import Kind, Samples, kinds
-from benchmarks.faults.table import Campaign, Row
+from benchmarks.faults.table import Campaign, Part, Row
 
 WEIGHTS = {
     **{
@@ -240,6 +240,9 @@ def rows(campaign: Campaign) -> Iterator[Row]:
     finally:
         worker.close()
 
+
+CLOCKED = False
+PARTS: dict[str, Part] = {"files": rows}
 
 if __name__ == "__main__":
     sys.exit(main(sys.argv[1:]))

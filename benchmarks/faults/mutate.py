@@ -11,6 +11,7 @@ import zipfile
 import zlib
 from collections.abc import Callable
 from pathlib import Path
+from random import Random as QuickRandom
 
 import h5py
 import numpy as np
@@ -110,6 +111,32 @@ def _numbers(out: bytearray, random: Random) -> None:
 _STEPS: list[Callable[[bytearray, Random], None]] = [
     _flip, _set, _token, _replace, _replace, _delete, _truncate, _repeat, _numbers,
 ]  # fmt: skip
+
+
+def spoil_message(data: bytes, random: QuickRandom) -> bytes:
+    """A message of an instrument with one to three mutations: quick, as there are millions."""
+    out = bytearray(data)
+    for _ in range(1 + int(random.random() * 3)):
+        spot = int(random.random() * len(out))
+        match int(random.random() * 7):
+            case 0 if out:
+                out[spot] ^= 1 << int(random.random() * 8)
+            case 1 if out:
+                out[spot] = int(random.random() * 256)
+            case 2:
+                out[spot:spot] = random.randbytes(1 + int(random.random() * 8))
+            case 3:
+                del out[spot : spot + 1 + int(random.random() * 8)]
+            case 4:
+                del out[spot:]
+            case 5:
+                out[spot:spot] = out[spot : spot + 1 + int(random.random() * 24)]
+            case _:
+                out[spot:spot] = _NUMBERS[int(random.random() * len(_NUMBERS))]
+    return bytes(out)
+
+
+_NUMBERS = (b"nan", b"inf", b"-1", b"1e999", b"9" * 30, b"\0" * 4, b"\xff" * 4, b"\xff" * 8, b"\x80", b"\r", b"=", b",")
 
 
 def spoil_workbook(data: bytes, random: Random) -> bytes:

@@ -1,83 +1,158 @@
-"""Readings that are wrong: not finite, spiking, stuck, frozen, scaled, offset, drifting, of the other sign."""
+"""Readings that are wrong: not finite, spiking, stuck, frozen, scaled, offset, drifting, of the other sign; heights
+that do not follow; two gauges that disagree."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
 
 from acquire.engine import State
+from acquire.engine.plausibility import FREEZE, RESPONSE
+from acquire.engine.rules import Rules
+from acquire.recording import open_recording
 from benchmarks.faults.rig import Rig, Stillness
-from benchmarks.faults.table import Campaign, Row
+from benchmarks.faults.table import Campaign, Part, Row
 
 FULL = 100
 #: Two control cycles (20 ms each), the answer of the device, and the block of samples that carries the reading.
 TWO_CYCLES = 0.04 + 0.06
-TRACKING = 3.0  # s that a deviation from the set-point may last: a regulator needs its time
-FROZEN = 2.0  # s in which a frozen value might be noticed
-HOLD = "pressure is held at -200 mbar"
-#: Group -> kinds with their amounts (Pa; a factor), the limit in s, and why some are not noticed at once.
-GROUPS: tuple[tuple[str, tuple[tuple[str, float], ...], float, str], ...] = (
-    ("NaN, Inf", (("nan", 0.0), ("inf", 0.0)), TWO_CYCLES, ""),
-    ("stuck beyond a limit, offset beyond a limit", (("stuck", 30e3), ("offset", -60e3)), TWO_CYCLES, ""),
-    (
-        "stuck, scaled, offset, sign-swapped within the limits",
-        (("stuck", 0.0), ("scale", 0.3), ("offset", 15e3), ("sign", 1.0)),
-        TRACKING + 1.0,
-        "one gauge cannot tell its own error from a regulator's lag: a deviation above 100 mbar trips after 3 s of "
-        "tracking; a smaller one is not seen without a second gauge",
-    ),
-    ("drifting by 60 mbar/s", (("drift", 6e3),), TRACKING + 3.0, "a drift trips 3 s after it has reached 100 mbar"),
+TRACKING = Rules().tracking["pressure"]
+AGREEMENT = Rules().agreement["pressure"]
+MOVING = 0.4  # s after the instrument begins to act: the set-point has just moved
+HELD = TRACKING.duration + 0.5  # s after that: no longer settling
+DRIFT = 6e3  # Pa/s
+SLACK = 0.3  # s beyond what a rule itself takes: blocks of samples, the way to the device and its answer
+LIFT, UP = 3.0, 2.0  # s for which the skin is pulled up, and after which its height freezes
+LIFTS = (
+    "- {type: wait, duration: 1.5 s}\n- {type: group, repeat: 6, steps: "
+    f"[{{type: hold, suction: 200 mbar, duration: {LIFT} s}}, {{type: wait, duration: 4 s}}]}}"
 )
 
 
-def rows(campaign: Campaign) -> Iterator[Row]:
-    """A row a group, on the Cutometer's pressure; and spikes, which must not trip."""
-    with Rig("cutometer", seed=campaign.seed) as rig:
-        for name, kinds, limit, exception in GROUPS:
-            row = Row(f"reading: {name}", f"trips in time ({HOLD})", "s to the safe command", limit, exception)
-            for number in range(campaign.count(FULL)):
-                _trial(row, rig, *kinds[number % len(kinds)])
-            yield row
-        yield _frozen(campaign, rig)
-        row = Row("reading: one sample spikes", "one sample alone does not trip; it is recorded")
+@dataclass(frozen=True)
+class Group:
+    """Kinds of distortion with their amounts (Pa, m; a factor) that must trip, by one of ``codes``, within ``limit`` s.
+
+    They begin ``after`` s of acting (None: before the run), on ``channel``.
+    """
+
+    name: str
+    kinds: tuple[tuple[str, float], ...]
+    codes: tuple[str, ...]
+    limit: float
+    after: float | None = HELD
+    exception: str = ""
+    channel: str = "pressure"
+    reference: bool = False
+    steps: str = ""
+
+
+SMALLER = (
+    f"less than {TRACKING.error / 100:g} mbar in a moving run is not seen by one gauge: a leak, a lag and a wrong "
+    "gauge look alike"
+)
+GROUPS: dict[str, Group] = {
+    "no-number": Group("NaN, Inf", (("nan", 0.0), ("inf", 0.0)), ("nan", "value"), TWO_CYCLES, MOVING),
+    "beyond": Group(
+        "stuck beyond a limit, offset beyond a limit",
+        (("stuck", 30e3), ("offset", -60e3)),
+        ("value", "jump"),
+        TWO_CYCLES,
+        MOVING,
+    ),
+    "jumping": Group(
+        "stuck, scaled, offset, sign-swapped within the limits, in a hold",
+        (("stuck", 0.0), ("scale", 0.3), ("offset", 6e3), ("offset", -6e3), ("sign", 1.0)),
+        ("jump", "value"),
+        TWO_CYCLES,
+        exception="a jump of less than 50 mbar is not seen by one gauge",
+    ),
+    "moving": Group(
+        "the same just after the set-point moved",
+        (("stuck", 0.0), ("scale", 0.3), ("offset", 15e3)),
+        ("tracking", "jump", "value"),
+        TRACKING.duration + SLACK,
+        MOVING,
+        SMALLER,
+    ),
+    "drifting": Group(
+        "drifting by 60 mbar/s",
+        (("drift", DRIFT), ("drift", -DRIFT)),
+        ("tracking", "value"),
+        TRACKING.error / DRIFT + TRACKING.duration + SLACK,
+        MOVING,
+        exception="a drift slower than the run is not seen by one gauge",
+    ),
+    "frozen": Group("frozen in a hold", (("frozen", 0.0),), ("frozen",), FREEZE + SLACK, 1.0),
+    "reference": Group(
+        "off by 40 mbar, by a fifth, against a second gauge",
+        (("offset", 4e3), ("offset", -4e3), ("scale", 0.8)),
+        ("reference",),
+        AGREEMENT.duration + SLACK,
+        MOVING,
+        exception="both gauges wrong alike",
+        reference=True,
+    ),
+    "dead-height": Group(
+        "height that does not rise with the suction",
+        (("stuck", 0.0),),
+        ("response",),
+        RESPONSE + SLACK,
+        None,
+        "where no rest goes before the pull; a height that freezes while it is up (until the release: the next row)",
+        "apex_height",
+        steps=LIFTS,
+    ),
+    "stays-up": Group(
+        "height that stays up after the release",
+        (("frozen", 0.0),),
+        ("response",),
+        LIFT - UP + RESPONSE + SLACK,
+        UP,
+        "skin that rose by less than 80 µm; counted from the freezing, a second before the release",
+        "apex_height",
+        steps=LIFTS,
+    ),
+}
+
+
+def rows(group: Group, campaign: Campaign) -> Iterator[Row]:
+    """The row of one group, on the Cutometer's pressure held at -200 mbar."""
+    row = Row(f"reading: {group.name}", "trips in time, by its name", "s to the safe command", group.limit)
+    row.exception = group.exception
+    with Rig("cutometer", seed=campaign.seed, reference=group.reference) as rig:
         for number in range(campaign.count(FULL)):
-            _spike(row, rig, -60e3 if number % 2 else 60e3)
-        yield row
+            _trial(row, rig, group, *group.kinds[number % len(group.kinds)])
+    yield row
 
 
-def _trial(row: Row, rig: Rig, kind: str, amount: float) -> None:
-    engine = rig.begin()
-    time.sleep(0.4)  # held, no longer settling
-    still = Stillness()
-    began = time.monotonic()
-    rig.call("distort", channel="pressure", kind=kind, amount=amount)
+def _trial(row: Row, rig: Rig, group: Group, kind: str, amount: float) -> None:
+    def distort() -> None:
+        rig.call("distort", channel=group.channel, kind=kind, amount=amount)
+
+    before: Callable[[], None] = distort if group.after is None else lambda: None
+    engine = rig.begin(group.steps, before)
+    time.sleep(group.after or 0.0)
+    still, began = Stillness(), time.monotonic()
+    if group.after is not None:
+        distort()
     stopped, problem = rig.stopped(row.limit + 3)
     waited = still.close()
     outcome = rig.over(engine)
-    if not problem and outcome.status is not State.TRIPPED:
+    if not problem and (outcome.trip is None or outcome.trip.code not in group.codes):
         problem = f"ended {outcome.status}: {outcome.reason}"
     row.trial(max(0.0, stopped - began - waited), problem and f"{kind} {amount:g}: {problem}")
 
 
-def _frozen(campaign: Campaign, rig: Rig) -> Row:
-    """A value that stands still while nothing is to move: only noise that is missing could tell."""
-    row = Row("reading: frozen in a hold", f"trips within {FROZEN:g} s, or is an exception", "s to the safe command")
-    unseen = 0
-    for _ in range(campaign.count(FULL)):
-        engine = rig.begin()
-        time.sleep(0.4)
-        began = time.monotonic()
-        rig.call("distort", channel="pressure", kind="frozen")
-        stopped, problem = rig.stopped(FROZEN)
-        engine.abort("enough")
-        rig.over(engine)
-        unseen += bool(problem)
-        row.trial(None if problem else stopped - began)
-    row.exception = (
-        f"{unseen} of {row.trials} were not seen: in a hold the frozen value is a right one; it shows "
-        "as soon as the set-point moves, and the limit of time under suction ends the run in any case"
-    )
-    return row
+def spikes(campaign: Campaign) -> Iterator[Row]:
+    """One sample alone, far away."""
+    row = Row("reading: one sample spikes", "one sample alone does not trip; it is recorded")
+    with Rig("cutometer", seed=campaign.seed) as rig:
+        for number in range(campaign.count(FULL)):
+            _spike(row, rig, -60e3 if number % 2 else 60e3)
+    yield row
 
 
 def _spike(row: Row, rig: Rig, amount: float) -> None:
@@ -89,9 +164,11 @@ def _spike(row: Row, rig: Rig, amount: float) -> None:
     outcome = rig.over(engine)
     seen = False
     if outcome.recording is not None:
-        from acquire.recording import open_recording
-
         value = open_recording(outcome.recording).streams["pressure"].value
         seen = bool((abs(value) > 55e3).any() if amount < 0 else (value > 20e3).any())
     problem = f"ended {state}: {outcome.reason}" if state is not State.RUNNING else "" if seen else "not recorded"
     row.trial(problem=problem)
+
+
+CLOCKED = True
+PARTS: dict[str, Part] = {**{name: partial(rows, group) for name, group in GROUPS.items()}, "spikes": spikes}

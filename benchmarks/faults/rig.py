@@ -28,7 +28,12 @@ PROTOCOLS = {
 
 def hold(kind: str) -> str:
     """A long hold: the instrument acts on the skin within a second and goes on."""
-    return f"schema: protocol/1\nname: hold\ninstrument: {kind}\nsteps:\n{PROTOCOLS[kind]}\n"
+    return protocol(kind, PROTOCOLS[kind])
+
+
+def protocol(kind: str, steps: str) -> str:
+    """A protocol of these steps."""
+    return f"schema: protocol/1\nname: hold\ninstrument: {kind}\nsteps:\n{steps}\n"
 
 
 def acts(truth: Truth) -> bool:
@@ -65,7 +70,8 @@ class Stillness:
 class Rig:
     """One instrument's simulator in its own process and a session on it, over TCP. Use as a context manager.
 
-    ``between`` puts something between the two (a proxy): given the addresses by link, it returns others.
+    ``between`` puts something between the two (a proxy): given the addresses by link, it returns others. ``reference``
+    is a second gauge; ``speed`` scales the instrument's time.
     """
 
     def __init__(
@@ -75,14 +81,18 @@ class Rig:
         seed: int = 1,
         between: Callable[[Mapping[str, str]], Mapping[str, str]] | None = None,
         watchdog: float = WATCHDOG,
+        reference: bool = False,
+        speed: float = 1.0,
     ) -> None:
         self.kind = kind
         self.folder = tempfile.TemporaryDirectory(prefix="faults-")
-        self.server = RemoteServer(kind, link="tcp", seed=seed, frame_size=(160, 120))
+        self.server = RemoteServer(
+            kind, link="tcp", seed=seed, frame_size=(160, 120), reference=int(reference), speed=speed
+        )
         addresses = {"address": self.server.entry.address, **dict(self.server.entry.sources)}
         self.addresses = dict(between(addresses) if between else addresses)
         self.station = Path(self.folder.name) / "station.yaml"
-        self.station.write_text(station(kind, self.addresses, watchdog))
+        self.station.write_text(station(kind, self.addresses, watchdog, reference))
         self.session = Session(load_station(self.station), out=Path(self.folder.name))
         self._count = 0
 
@@ -110,12 +120,17 @@ class Rig:
             return time.monotonic(), str(error)
         return moment, ""
 
-    def begin(self) -> RunEngine:
-        """An engine in a run, its instrument acting. Raises TimeoutError where that does not come about."""
+    def begin(self, steps: str = "", before: Callable[[], object] = lambda: None) -> RunEngine:
+        """An engine in a run of ``steps`` (a long hold), its instrument acting; ``before`` is done when it is armed.
+
+        Raises TimeoutError where that does not come about.
+        """
+        text = protocol(self.kind, steps) if steps else hold(self.kind)
         for _ in range(3):
             self._count += 1
-            engine, plan = self.session.prepare(load(hold(self.kind)), out=Path(self.folder.name) / f"{self._count}.h5")
+            engine, plan = self.session.prepare(load(text), out=Path(self.folder.name) / f"{self._count}.h5")
             engine.arm(plan)
+            before()
             engine.start()
             deadline = time.monotonic() + 10
             while engine.state is State.RUNNING and time.monotonic() < deadline:
@@ -137,7 +152,7 @@ class Rig:
         return outcome
 
 
-def station(kind: str, addresses: Mapping[str, str], watchdog: float = WATCHDOG) -> str:
+def station(kind: str, addresses: Mapping[str, str], watchdog: float = WATCHDOG, reference: bool = False) -> str:
     """A station file for an instrument that is simulated in another process."""
     sources = ", ".join(f"{name}: '{where}'" for name, where in addresses.items() if name != "address")
     lines = [
@@ -148,4 +163,6 @@ def station(kind: str, addresses: Mapping[str, str], watchdog: float = WATCHDOG)
         f"    watchdog: {watchdog} s",
         f"    interlock: {{stale: {STALE} s}}",
     ]
-    return "\n".join([*lines, *([f"    sources: {{{sources}}}"] if sources else [])]) + "\n"
+    lines += [f"    sources: {{{sources}}}"] if sources else []
+    lines += ["    options: {pressure_reference: true}"] if reference else []
+    return "\n".join(lines) + "\n"

@@ -1,18 +1,21 @@
-"""Rows of the campaign's table: how trials are counted, printed and kept."""
+"""Rows of the campaign's table: how trials are counted, printed, kept and merged."""
 
 from __future__ import annotations
 
 import json
 import os
 import platform
+import subprocess
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 SHOWN = 3  # failures that a row tells
+#: What a row is a statement about.
+SOURCES = ("acquire", "drivers", "protocols", "sim_devices", "benchmarks/faults")
 
 
 @dataclass
@@ -20,7 +23,8 @@ class Row:
     """One fault: how often it was tried, how often the instrument or a recording did not do what it must.
 
     ``figures`` are what was measured of each trial, in ``unit``, with at most ``limit`` allowed (inf: told only).
-    ``exception`` says which of the fault's kinds cannot be noticed, and why.
+    ``exception`` says which of the fault's kinds cannot be noticed, and why. ``part`` of the campaign made the row in
+    ``seconds``, under a ``load`` (the host's, of one minute, at its end), of the sources at ``revision``.
     """
 
     fault: str
@@ -33,6 +37,8 @@ class Row:
     figures: list[float] = field(default_factory=list)
     seconds: float = 0.0
     load: float = 0.0
+    part: str = ""
+    revision: str = ""
 
     def trial(self, figure: float | None = None, problem: str = "") -> None:
         """Count one trial; it failed if there is a ``problem`` or the ``figure`` is above the limit."""
@@ -55,10 +61,11 @@ class Row:
 
 @dataclass(frozen=True)
 class Campaign:
-    """What a family of rows is given: its seed and the share of the full number of trials."""
+    """What a part is given: its seed, the share of the full number of trials, and what fuzzing one target may cost."""
 
     seed: int
     share: float
+    budget: float = float("inf")  # s of processor time
 
     def count(self, full: int, least: int = 3) -> int:
         """How many trials of ``full`` are made."""
@@ -69,18 +76,32 @@ class Campaign:
         return np.random.default_rng([self.seed, *name.encode()])
 
 
-#: A family yields its rows, each when it is done.
-Family = Callable[[Campaign], Iterator[Row]]
+#: Makes rows, each when it is done.
+Part = Callable[[Campaign], Iterable[Row]]
 
 
-def timed(rows: Iterator[Row]) -> Iterator[Row]:
-    """Rows with how long each took and the host's load at its end."""
+def timed(rows: Iterable[Row], part: str) -> Iterator[Row]:
+    """Rows with how long each took, the host's load at its end, and of what they are."""
     began = time.monotonic()
     for row in rows:
         row.seconds = time.monotonic() - began
         row.load = os.getloadavg()[0]
+        row.part, row.revision = part, revision()
         yield row
         began = time.monotonic()
+
+
+def revision() -> str:
+    """The commit of the sources, with a '+' where they were changed since; '' without git."""
+    root = Path(__file__).parents[2]
+
+    def git(*words: str) -> str:
+        return subprocess.run(["git", "-C", str(root), *words], capture_output=True, text=True, check=True).stdout
+
+    try:
+        return git("rev-parse", "--short=7", "HEAD").strip() + ("+" if git("status", "-s", "--", *SOURCES) else "")
+    except (OSError, subprocess.CalledProcessError):
+        return ""
 
 
 def told(row: Row) -> str:
@@ -95,44 +116,62 @@ def told(row: Row) -> str:
 HEAD = """# The fault campaign
 
 Seeded faults on simulated instruments, each in a process of its own; whether it is vented is asked of the instrument.
-`make faults` runs all of it (hours) and writes this page, `make faults-ci` a tenth (minutes, part of `.ci/run`). Times
-count from the fault to the instrument's safe state, less what this computer kept every thread waiting.
+`make faults` runs all of it and writes this page, `make faults-ci` a tenth (minutes, part of `.ci/run`). Times
+count from the fault to the instrument's safe state, less what this computer kept every thread waiting. Parts that were
+run at different times are one table: each row has its revision and the computer's load at its end.
 
-Tried by tests instead: the window frozen or killed (`tests/acquire/gui/test_safety.py`), clocks that are set and a
-computer that was suspended (`tests/acquire/engine/test_stops.py`), disks that are read-only, slow or taken away
-(`tests/acquire/engine/test_recorder.py`). `python -m benchmarks.faults.mutations` shows that the tests of
-[the safety file](safety.md) fail without the controls they are for.
+Tried by tests instead, each with a real window or clock: a window frozen by its own process, closed or killed while a
+person looks (`tests/acquire/gui/test_safety.py`), a computer that was suspended (`tests/acquire/engine/test_stops.py`).
+[The safety file](safety.md#without-the-control) shows that its tests fail without the controls they are for.
 """
 
 
 def markdown(rows: Sequence[Row], about: str) -> str:
     """The table for the documentation."""
-    titles = ("fault", "must hold", "trials", "failures", "worst", "stated exception")
+    titles = ("fault", "must hold", "trials", "failures", "worst", "stated exception", "s", "load", "at")
     lines = [HEAD, about, "", f"| {' | '.join(titles)} |", "|" + "---|" * len(titles)]
     for row in rows:
-        cells = (row.fault, row.must, str(row.trials), str(len(row.failures)), row.worst, row.exception)
+        counts = (str(row.trials), str(len(row.failures)), row.worst, row.exception)
+        cells = (row.fault, row.must, *counts, f"{row.seconds:.0f}", f"{row.load:.1f}", row.revision)
         lines.append(f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |")
     return "\n".join(lines) + "\n"
 
 
-def about(campaign: Campaign, seconds: float) -> str:
+def about(campaign: Campaign, rows: Sequence[Row]) -> str:
     """On what the campaign ran, in a sentence."""
-    load = ", ".join(f"{value:.1f}" for value in os.getloadavg())
+    trials, failures = sum(row.trials for row in rows), sum(len(row.failures) for row in rows)
+    minutes = sum(row.seconds for row in rows) / 60
     return (
-        f"`python -m benchmarks.faults --share {campaign.share:g} --seed {campaign.seed}`: {seconds / 60:.0f} min on "
-        f"{os.cpu_count()} cores ({platform.machine()}, Python {platform.python_version()}); load at the end {load}."
+        f"`python -m benchmarks.faults --share {campaign.share:g} --seed {campaign.seed}`: {trials} trials, {failures} "
+        f"failures; {minutes:.0f} min of parts, some side by side, on {os.cpu_count()} cores ({platform.machine()}, "
+        f"Python {platform.python_version()})."
     )
 
 
-def save(rows: Sequence[Row], campaign: Campaign, seconds: float, path: Path) -> None:
-    """All rows, figures included, as JSON."""
+def save(rows: Mapping[str, Sequence[Row]], campaign: Campaign, path: Path) -> None:
+    """The rows of each part, figures included, as JSON."""
     path.parent.mkdir(parents=True, exist_ok=True)
     content = {
         "seed": campaign.seed,
         "share": campaign.share,
-        "seconds": round(seconds, 1),
         "cores": os.cpu_count(),
-        "load": os.getloadavg(),
-        "rows": [asdict(row) | {"figures": [float(f"{x:.4g}") for x in row.figures]} for row in rows],
+        "rows": [
+            asdict(row) | {"figures": [float(f"{x:.4g}") for x in row.figures]}
+            for part in rows.values()
+            for row in part
+        ],
     }
-    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    path.write_text(json.dumps(content, indent=None).replace('}, {"fault"', '},\n{"fault"') + "\n", encoding="utf-8")
+
+
+def load(path: Path, campaign: Campaign) -> dict[str, list[Row]]:
+    """Rows by part, as they were saved; none where they are of another campaign, or there are none."""
+    if not path.exists():
+        return {}
+    content = json.loads(path.read_text(encoding="utf-8"))
+    if (content["seed"], content["share"]) != (campaign.seed, campaign.share):
+        return {}
+    found: dict[str, list[Row]] = {}
+    for one in content["rows"]:
+        found.setdefault(one["part"], []).append(Row(**one))
+    return found

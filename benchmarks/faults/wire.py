@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 
 import numpy as np
 
 from acquire.engine import State
 from acquire.recording import Recording, open_recording
 from benchmarks.faults.rig import STALE, WATCHDOG, Rig, Stillness
-from benchmarks.faults.table import Campaign, Row
-from sim_devices.servers.proxy import DELIMITERS, Damage, Proxy
+from benchmarks.faults.table import Campaign, Part, Row
+from sim_devices.servers.proxy import DELIMITERS, Damage, Proxy, Wire
 
 FULL = 100
 SHARE, LASTS = 0.3, 0.3  # share of messages that are damaged, for so many s
@@ -21,13 +23,7 @@ DAMAGES = ("flip", "truncate", "drop", "repeat", "swap", "late", "garbage")
 COUNTED = ("flip", "truncate", "garbage")  # these leave bytes that make no message; the others leave gaps or doubles
 
 
-def rows(campaign: Campaign) -> Iterator[Row]:
-    """A row for damaged bytes, one for cameras."""
-    yield _bytes(campaign)
-    yield _camera(campaign)
-
-
-def _bytes(campaign: Campaign) -> Row:
+def _bytes(campaign: Campaign) -> Iterator[Row]:
     row = Row(
         "bytes flipped, cut, lost, repeated, swapped, late, invented (30 % of messages for 0.3 s)",
         f"no false sample, time never goes back, a sample again ≤ {RESYNC * 1e3:g} ms later, counted in the file",
@@ -73,7 +69,7 @@ def _bytes(campaign: Campaign) -> Row:
             row.trial(max(0.0, figure), problem and f"{damage}: {problem}")
         for proxy in proxies.values():
             proxy.close()
-    return row
+    yield row
 
 
 def _resumed(recording: Recording, moment: float) -> float:
@@ -102,39 +98,75 @@ def _uncounted(recording: Recording, damage: str, done: int) -> str:
     return ""
 
 
-def _camera(campaign: Campaign) -> Row:
+def _stalls(campaign: Campaign) -> Iterator[Row]:
     must = f"the run stops within {STALE:g} s (its stale limit) and 0.5 s, frame numbers true"
     row = Row("camera stalls", must, "s to the vent", STALE + 0.5)
-    proxies: dict[str, Proxy] = {}
-
-    def between(addresses: Mapping[str, str]) -> Mapping[str, str]:
-        result = dict(addresses)
-        for name, address in addresses.items():
-            if name != "address":
-                proxies[name] = Proxy(address, seed=campaign.seed)
-                result[name] = proxies[name].address
-        return result
-
-    with Rig("aspiration", seed=campaign.seed, between=between) as rig:
-        (camera,) = proxies.values()
+    with _camera(campaign) as (rig, wire):
         for _ in range(campaign.count(FULL)):
             engine = rig.begin()
             time.sleep(0.3)
             still, began = Stillness(), time.monotonic()
-            camera.to_host.mute = True
+            wire.mute = True
             stopped, problem = rig.stopped(5.0)
             waited = still.close()
-            camera.to_host.mute = False
+            wire.mute = False
             outcome = rig.over(engine)
             if not problem and outcome.status is not State.TRIPPED:
                 problem = f"ended {outcome.status}: {outcome.reason}"
-            if not problem and (outcome.recording is None or not _frames_true(open_recording(outcome.recording))):
-                problem = "frames are not in their order"
-            row.trial(max(0.0, stopped - began - waited), problem)
-        camera.close()
-    return row
+            row.trial(max(0.0, stopped - began - waited), problem or _frames(outcome.recording))
+    yield row
 
 
-def _frames_true(recording: Recording) -> bool:
-    frames = recording.frames
-    return frames is not None and frames.seq is not None and bool((np.diff(frames.seq) > 0).all())
+def _drops(campaign: Campaign) -> Iterator[Row]:
+    must = "the run goes on; frame numbers true, their times rise, every frame that is missing is counted in the file"
+    row = Row("camera drops frames (30 % for 0.5 s)", must)
+    with _camera(campaign) as (rig, wire):
+        for _ in range(campaign.count(FULL)):
+            engine = rig.begin()
+            time.sleep(0.3)
+            before = wire.done["drop"]
+            wire.damage = Damage(drop=SHARE)
+            time.sleep(0.5)
+            wire.damage = Damage()
+            time.sleep(0.3)
+            state = engine.state
+            engine.abort("enough")
+            outcome = rig.over(engine)
+            problem = "" if state is State.RUNNING else f"ended {outcome.status}: {outcome.reason}"
+            row.trial(problem=problem or _frames(outcome.recording, wire.done["drop"] > before))
+    yield row
+
+
+@contextlib.contextmanager
+def _camera(campaign: Campaign) -> Iterator[tuple[Rig, Wire]]:
+    """An instrument with a camera, and the camera's wire."""
+    proxies: list[Proxy] = []
+
+    def between(addresses: Mapping[str, str]) -> Mapping[str, str]:
+        proxies.append(Proxy(addresses["camera"], seed=campaign.seed))
+        return {**addresses, "camera": proxies[0].address}
+
+    with Rig("aspiration", seed=campaign.seed, between=between) as rig:
+        yield rig, proxies[0].to_host
+    proxies[0].close()
+
+
+def _frames(path: Path | None, dropped: bool = False) -> str:
+    """What is wrong with the recorded frames, some of which were ``dropped`` on the way."""
+    if path is None:
+        return "no recording"
+    recording = open_recording(path)
+    if recording.frames is None or recording.frames.seq is None:
+        return "no frames"
+    steps = np.diff(recording.frames.seq)
+    if (steps <= 0).any() or (np.diff(recording.frames.time) <= 0).any():
+        return "frames are not in their order"
+    gaps = int((steps - 1).sum())
+    told = sum(event.count for event in recording.events if event.code == "lost" and "frames" in event.text)
+    if gaps != told or bool(gaps) != dropped:
+        return f"the frames' numbers leave out {gaps}, events tell of {told}"
+    return ""
+
+
+CLOCKED = True
+PARTS: dict[str, Part] = {"bytes": _bytes, "camera-stalls": _stalls, "camera-drops": _drops}

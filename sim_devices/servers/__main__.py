@@ -12,6 +12,7 @@ import json
 import sys
 from typing import Any
 
+from drivers.signals import REFERENCE
 from sim_devices.servers import LINKS, Server, Truth, serve
 from sim_devices.servers.bench import BENCHES
 from sim_devices.servers.usb import VirtualUsb
@@ -27,6 +28,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--port", type=int, default=0, help="TCP port (0: any free one)")
     parser.add_argument("--frame-size", type=int, nargs=2, default=(640, 480), metavar=("WIDTH", "HEIGHT"))
     parser.add_argument("--watchdog", type=float, default=None, help="s of wall time")
+    parser.add_argument("--reference", type=int, choices=(0, 1), default=0, help="whether it has a second gauge")
     given = parser.parse_args(arguments)
     try:
         server = serve(
@@ -37,6 +39,7 @@ def main(arguments: list[str] | None = None) -> int:
             port=given.port,
             frame_size=tuple(given.frame_size),
             watchdog=given.watchdog,
+            options={f"pressure{REFERENCE}": True} if given.reference else None,
         )
     except (ValueError, OSError) as error:
         parser.exit(2, f"{parser.prog}: {error}\n")

@@ -54,8 +54,8 @@ class RemoteBackDoor:
 class RemoteServer:
     """A simulated instrument in a process of its own, as `serve` starts one in this process.
 
-    ``options`` are the command's: ``link``, ``speed``, ``seed``, ``port``, ``frame_size``, ``watchdog``. Raises
-    RuntimeError when it does not start.
+    ``options`` are the command's: ``link``, ``speed``, ``seed``, ``port``, ``frame_size``, ``watchdog``, ``reference``.
+    Raises RuntimeError when it does not start.
     """
 
     def __init__(self, instrument: str, **options: Any) -> None:
