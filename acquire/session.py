@@ -14,7 +14,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -37,6 +37,7 @@ from acquire.plugins import instrument as descriptor
 from acquire.provenance import calibration, settled, versions
 from acquire.recording import RunInfo
 from acquire.recording.journal import iso_now
+from acquire.sight import see, with_region
 from acquire.simulation import Mounted
 from acquire.station import Instrument, Station, simulated_station
 from acquire.status import forget_the_dead
@@ -250,7 +251,9 @@ class Session:
         engine = self.open(name, Mounted(protocol.setup.opening, request.specimen, known))
         if request.specimen == references.MANOMETER and not _compares(engine.rig):
             raise ValueError(f"specimen: {name} has no second gauge; with one its options are pressure_reference: true")
-        return engine, _with_threshold(plan, engine.rig, request.gvt)
+        plan = see(plan, engine.rig, request.gvt)
+        whole = (protocol.setup.frames or self._entry(name).frames) == "full"
+        return engine, plan if whole else with_region(plan, engine.rig)
 
     def run(
         self,
@@ -373,25 +376,3 @@ def _wait(engine: RunEngine, watch: Callable[[Progress], None] | None) -> Outcom
         except TimeoutError:
             if watch is not None:
                 watch(engine.progress)
-
-
-def _with_threshold(plan: RunPlan, rig: Rig, gvt: float | None) -> RunPlan:
-    """The plan with the grey-value threshold that its contours are read at, live and in the recording alike.
-
-    It belongs to the plan: it is settled before the run and stays to its end. Where no proposal is sure yet, one is
-    made from the recorded frames. Heights count from the tissue as it is now.
-    """
-    from drivers.aspiration.camera import Camera
-
-    for source in rig.sources:
-        if not isinstance(source, Camera) or source.measure is None:
-            continue
-        source.measure.use(gvt)
-        source.measure.rest()
-        settings = source.measure.settings
-        if settings.gvt is not None:
-            how = ("measured", "proposed before the run") if source.measure.proposes else ("documented", "set")
-            facts = {"value": settings.gvt, "unit": "1", "provenance": how[0], "note": how[1]}
-            facts |= {"apex": settings.apex, "tissue": settings.tissue}
-            plan = replace(plan, info=replace(plan.info, calibration={**plan.info.calibration, "gvt": facts}))
-    return plan

@@ -13,6 +13,7 @@
         simulated: {tissue: cheek}
         calibration:
           frame_scale: {value: 0.02 mm/px, provenance: assumed}
+        frames: full                            # every pixel of every camera frame, not the edge's region alone
     subjects:
       P07: {pressure: {low: -300 mbar, high: 0 mbar}}
     notify:                                     # used only with --notify station
@@ -128,6 +129,7 @@ class Instrument(Model):
     limits: dict[str, Limit] = Field(default={})
     interlock: Interlock = Interlock()
     calibration: dict[str, Calibration] = Field(default={})
+    frames: Literal["region", "full"] = Field(default="region", description="how much of each camera frame is recorded")
 
     @model_validator(mode="after")
     def _check(self) -> Instrument:

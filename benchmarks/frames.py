@@ -1,10 +1,12 @@
-"""Lossless ways to store camera frames: size, processor time to write and to read.
+"""Lossless ways to store camera frames: size, processor time to write and to read; and a run as it is recorded.
 
     python benchmarks/frames.py [RECORDING.h5]
 
 Without a recording, a simulated aspiration run is made. LZ4 and bitshuffle are measured where `hdf5plugin` is installed
 (`pip install hdf5plugin`); their files need it, or its filters, in every reader. The last line is the least size that
-any lossless way can reach on these frames: the entropy of the noise between two frames of a still scene.
+any lossless way can reach on whole frames: the entropy of the noise between two frames of a still scene. Then four
+minutes of such frames are recorded, whole and by region, with the contour that is read in each: bytes of the file, and
+seconds from the end of the run until it is there.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +25,14 @@ import h5py
 import numpy as np
 
 from acquire.recording import JournalWriter, RunInfo, finalise, open_recording
-from drivers.signals import Frame
+from acquire.recording.region import Keeper
+from drivers.aspiration.live import LiveApex
+from drivers.signals import Frame, Region
 
 COUNT = 60  # frames that are measured
-RUN = 6000  # frames of four minutes at 25 Hz
+RATE = 25.0
+RUN = 6000  # frames of four minutes
+SCALE = 2e-5  # m/px
 
 
 def main() -> None:
@@ -40,13 +47,15 @@ def main() -> None:
             tell(label, *hdf5(frames, Path(name) / "x.h5", options), frames, readers)
         tell("PNG, Huffman only", *png(frames), frames, "any, one file a frame")
         tell("FFV1 in AVI", *ffv1(frames, Path(name) / "x.avi"), frames, "video players, no HDF5 reader")
-        ready(frames[:5], Path(name), 1e-5)  # compiles the kernels
-        file, contour = ready(frames, Path(name), 0.0), ready(frames, Path(name), 2e-5)
-        print(f"from the end of such a run to its file: {RUN * file:.0f} s, with the contour {RUN * contour:.0f} s")
         bits = noise_bits(data)
         print(
             f"noise of a still scene: {bits:.2f} bits/px, so {8 / bits:.2f} x and {gigabytes(frames, 8 / bits):.2f} GB"
         )
+        read, region = looked(frames)
+        for label, kept in (("whole frames", None), (f"rows {region.top} to {region.top + region.height - 1}", region)):
+            size, wait, work = recorded(read, Path(name), kept)
+            print(f"recorded as {label}: {size / 1e9:.2f} GB", end="", flush=True)
+            print(f", the file {wait:.1f} s after the end ({work:.1f} s of processor time)")
 
 
 def filters() -> list[tuple[str, dict[str, Any], str]]:
@@ -113,12 +122,35 @@ def ffv1(frames: np.ndarray, path: Path) -> tuple[int, float, float]:
     return (path.stat().st_size, writing, seconds(read)) if path.exists() else (0, 0.0, 0.0)
 
 
-def ready(frames: np.ndarray, folder: Path, scale: float) -> float:
-    """Seconds of processor time a frame from the end of a run to its verified file; without ``scale`` no contour."""
-    journal = JournalWriter(folder / f"{scale}.journal", RunInfo("ready", "aspiration", ""), frame_scale=scale)
-    for index in range(5 * len(frames)):
-        journal.frame(Frame(frames[index % len(frames)], index, index / 25.0, index / 25.0))
-    return seconds(lambda: finalise(journal, folder / f"{scale}.h5")) / (5 * len(frames))
+def looked(frames: np.ndarray) -> tuple[list[Frame], Region]:
+    """The frames with the contour that is read in each as it comes, and the region for an opening of 8 mm."""
+    live = LiveApex(SCALE)
+    live(frames[0])
+    region = live.region(4e-3)
+    assert region is not None, "no sure contour in the first frame"
+    read = []
+    for image in frames:
+        live(image)
+        read.append(Frame(image, 0, 0.0, 0.0, live.latest))
+    return read, region
+
+
+def recorded(frames: list[Frame], folder: Path, region: Region | None) -> tuple[int, float, float]:
+    """Bytes of the file of four minutes, and s of wall and processor time until it is there."""
+    contour = frames[0].contour
+    assert contour is not None
+    info = RunInfo("ready", "aspiration", "", calibration={"gvt": {"value": contour.gvt, "unit": "1"}})
+    journal = JournalWriter(folder / "ready.journal", info, frame_scale=SCALE, region=region)
+    keeper = Keeper(region)
+    for index in range(RUN):
+        frame = replace(frames[index % len(frames)], seq=index, time=index / RATE)
+        journal.frame(frame, whole=keeper.whole(frame))
+    began, worked = time.monotonic(), time.process_time()
+    path = finalise(journal, folder / "ready.h5")
+    wait, work = time.monotonic() - began, time.process_time() - worked
+    size = path.stat().st_size
+    path.unlink()
+    return size, wait, work
 
 
 def noise_bits(data: Any) -> float:
@@ -156,7 +188,10 @@ def simulated(folder: Path) -> Path:
     from acquire.session import Session
     from acquire.station import simulated_station
 
-    with Session(simulated_station("forearm", (), 0), speed=8, out=folder) as session:
+    station = simulated_station("forearm", (), 0)
+    entry = station.instruments["aspiration"].model_copy(update={"frames": "full"})
+    station = station.model_copy(update={"instruments": {"aspiration": entry}})
+    with Session(station, speed=8, out=folder) as session:
         outcome = session.run("demo-aspiration")
     assert outcome.recording is not None, outcome.reason
     return outcome.recording

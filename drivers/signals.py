@@ -8,9 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from drivers.contour import Contour
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -65,10 +69,43 @@ class Block:
 
 
 @dataclass(frozen=True)
+class Region:
+    """A rectangle of an image in px: columns from ``left``, rows from ``top``. Raises ValueError for an empty one."""
+
+    left: int
+    top: int
+    width: int
+    height: int
+
+    def __post_init__(self) -> None:
+        if min(self.left, self.top) < 0 or min(self.width, self.height) < 1:
+            raise ValueError(f"{self} is no region of an image")
+
+    @property
+    def place(self) -> tuple[slice, slice]:
+        """Its rows and columns, to index an image with."""
+        return slice(self.top, self.top + self.height), slice(self.left, self.left + self.width)
+
+    def fits(self, shape: tuple[int, ...]) -> bool:
+        """Whether it lies inside an image of ``shape`` (height, width)."""
+        return self.top + self.height <= shape[0] and self.left + self.width <= shape[1]
+
+    def cut(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """``image`` (height, width) with zeros outside."""
+        cut = np.zeros_like(image)
+        cut[self.place] = image[self.place]
+        return cut
+
+
+@dataclass(frozen=True)
 class Frame:
-    """One camera image (height, width) of 8 bit grey, with the same three stamps as a sample."""
+    """One camera image (height, width) of 8 bit grey, with the same three stamps as a sample.
+
+    ``contour`` is what was read in it when it came; None where nobody looked.
+    """
 
     image: NDArray[np.uint8]
     seq: int
     time: float
     time_host: float
+    contour: Contour | None = None

@@ -41,6 +41,10 @@ class Setup(Model):
     opening: Size | None = Field(default=None, description="diameter of the probe's opening (suction)")
     sampling: Frequency | None = Field(default=None, description="samples per second")
     frame_rate: Frequency | None = Field(default=None, description="camera frames per second (aspiration)")
+    frames: Literal["region", "full"] | None = Field(
+        default=None,
+        description="how much of each camera frame is recorded: the region of the edge, or all (aspiration)",
+    )
     contact_force: Force | None = Field(default=None, description="force of the probe on the skin (suction)")
     hole_radius: Size | None = Field(default=None, description="radius of the support plate's hole (microrobot)")
 
@@ -95,7 +99,7 @@ class Protocol(Model):
     def _check_setup(self) -> Protocol:
         foreign: tuple[str, ...] = ("hole_radius",) if "pressure" in self.quantities else ("opening", "contact_force")
         if self.instrument != "aspiration":
-            foreign += ("frame_rate",)
+            foreign += ("frame_rate", "frames")
         for name in foreign:
             if getattr(self.setup, name) is not None:
                 raise ValueError(f"setup.{name}: the {self.instrument} has none")

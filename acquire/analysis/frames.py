@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from acquire.analysis.cycles import suction_cycles
+from acquire.recording.lazy import LazyFrames
 from acquire.recording.model import Event, Frames, Recording, Series
 
 if TYPE_CHECKING:
-    from drivers.aspiration.contour import Contour, Settings
+    from drivers.aspiration.contour import Settings
+    from drivers.contour import Contour
 
 CHANNEL = "apex_height"
 
@@ -31,9 +33,11 @@ def with_contour(recording: Recording, settings: Settings | None = None) -> Reco
     frames = recording.frames
     if frames is None or not len(frames.time) or not frames.scale:
         return recording
+    # What was read live is what would be read again, unless it is to be read otherwise.
+    live = frames.data.contour if settings is None and isinstance(frames.data, LazyFrames) else None
     settings = settings or Settings(**_known(recording))
     before = _frames_before_suction(recording, frames)
-    found = analyse_frames(frames.data, frames.scale, replace(settings, initial_frames=max(before, 1)))
+    found = analyse_frames(frames.data, frames.scale, replace(settings, initial_frames=max(before, 1)), live)
     zero = found["initial_height"] if before and np.isfinite(found["initial_height"]) else 0.0
 
     def series(value: Any, unit: str = "m") -> Series:
@@ -50,6 +54,8 @@ def with_contour(recording: Recording, settings: Settings | None = None) -> Reco
     known = dict(recording.info.calibration.get("gvt", {}))
     provenance = known.get("provenance", "documented" if settings.gvt is not None else "measured")
     how = "set" if provenance == "documented" else "proposed"
+    # How sure a proposal before the run was is not known here.
+    sure = f", confidence {found['gvt_confidence']:.2f}" if settings.gvt is None else ""
     seen = {"apex": settings.apex, "tissue": settings.tissue}
     calibration = {
         **recording.info.calibration,
@@ -57,7 +63,8 @@ def with_contour(recording: Recording, settings: Settings | None = None) -> Reco
         "initial_height": {"value": float(zero), "unit": "m", "provenance": "measured"},
     }
     text = (
-        f"grey-value threshold {found['gvt']:.0f}, {how}, confidence {found['gvt_confidence']:.2f}; heights count from "
+        f"grey-value threshold {found['gvt']:.0f}, {how}{sure}; {len(frames.time) - found['reread']} of "
+        f"{len(frames.time)} frames were read during the run; heights count from "
     )
     text += f"the tissue before suction, {1e3 * zero:.3f} mm above the foot" if zero else "the foot of the bubble"
     return replace(

@@ -67,7 +67,7 @@ class ActiveRun:
         self.recording = True
         self._device = device
         self._discarded = {source.name: source.discarded for source in (device, *rig.sources)}
-        self._recorder = Recorder(plan.path, plan.info, channels, on_failure, plan.frame_scale)
+        self._recorder = Recorder(plan.path, plan.info, channels, on_failure, plan.frame_scale, region=plan.region)
         self._recorder.start()
         self._first = math.nan  # device time of `begin`
         self._start_at = math.nan  # device time at which the queue is to be started; NaN when it need not be

@@ -11,6 +11,7 @@ from acquire.engine.rules import Trip
 from acquire.engine.state import State
 from acquire.recording import RunInfo
 from acquire.recording.identity import check_identity
+from drivers.signals import Region
 from protocols.limits import Limits
 from protocols.setpoints import Setpoints
 
@@ -22,7 +23,7 @@ class RunPlan:
     ``limits`` are those of hardware, station, protocol and subject, intersected. ``path`` is the recording to be made
     (HDF5; its journal lies beside it). ``rest`` is the vented or centred value of each quantity (default 0).
     ``baseline`` and ``tail`` are how long (s of device time) is recorded before the first set-point and after the end.
-    ``frame_scale`` is in m/px.
+    ``frame_scale`` is in m/px; ``region`` is that of which most frames are kept, None for whole frames.
     """
 
     setpoints: Setpoints
@@ -33,6 +34,7 @@ class RunPlan:
     baseline: float = 0.2
     tail: float = 0.5
     frame_scale: float = 0.0
+    region: Region | None = None
 
     def __post_init__(self) -> None:
         """Raises ValueError for a text or number that could not be recorded: before anybody is touched."""

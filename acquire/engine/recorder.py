@@ -23,7 +23,8 @@ from acquire.recording.journal import JournalWriter
 from acquire.recording.lock import is_live
 from acquire.recording.order import Missing
 from acquire.recording.recovery import finalise
-from drivers.signals import Block, Channel, Frame, IntArray
+from acquire.recording.region import Keeper
+from drivers.signals import Block, Channel, Frame, IntArray, Region
 from protocols.setpoints import Setpoints
 
 log = logging.getLogger(__name__)
@@ -60,8 +61,9 @@ class Recorder(threading.Thread):
         on_failure: Callable[[str], None],
         frame_scale: float = 0.0,
         capacity: int = 256 << 20,
+        region: Region | None = None,
     ) -> None:
-        """Creates the journal beside ``path``.
+        """Creates the journal beside ``path``; of most frames only the ``region`` is kept, where there is one.
 
         Raises FileExistsError if ``path`` or its journal exists, RecordingError if ``info`` cannot be recorded,
         CannotWrite.
@@ -75,7 +77,8 @@ class Recorder(threading.Thread):
         self.lost = 0  # samples and frames missing in the sequence numbers so far
         self.result: Future[Path] = Future()
         self._units = {channel.name: channel.unit for channel in channels}
-        self._writer = _journal(self.journal, info, channels, frame_scale)
+        self._writer = _journal(self.journal, info, channels, frame_scale, region)
+        self._keeper = Keeper(region)
         self._queue: RecordQueue[Item] = RecordQueue(capacity)
         self._on_failure = on_failure
         self._failed = False  # nothing more can be kept
@@ -159,7 +162,7 @@ class Recorder(threading.Thread):
             self._writer.block(item)
         elif isinstance(item, Frame):
             self._count(("frames",), np.array([item.seq]))
-            self._writer.frame(item, quickly=self._queue.fill > BEHIND)
+            self._writer.frame(item, quickly=self._queue.fill > BEHIND, whole=self._keeper.whole(item))
         elif isinstance(item, Event):
             self._writer.event(item)
         elif isinstance(item, Commanded):
@@ -180,10 +183,12 @@ class Recorder(threading.Thread):
             self._on_failure(reason)
 
 
-def _journal(path: Path, info: RunInfo, channels: tuple[Channel, ...], frame_scale: float) -> JournalWriter:
+def _journal(
+    path: Path, info: RunInfo, channels: tuple[Channel, ...], frame_scale: float, region: Region | None
+) -> JournalWriter:
     try:
         with told(path):
-            return JournalWriter(path, info, channels, frame_scale=frame_scale)
+            return JournalWriter(path, info, channels, frame_scale=frame_scale, region=region)
     except FileExistsError:
         why = "another run is being recorded there" if is_live(path) else f"left by a crash: acquire recover {path}"
         raise FileExistsError(f"{path}: exists already; {why}") from None

@@ -18,7 +18,6 @@ from drivers.signals import Block, FloatArray, Frame
 
 if TYPE_CHECKING:
     from acquire.engine import RunEngine
-    from drivers.device import Rig
     from protocols import Setpoints
 
 FINE = 0.05  # s of device time that one pair of points stands for
@@ -78,7 +77,7 @@ class Feed:
             points=_points(blocks),
             latest={name: float(value[-1]) for block in blocks for name, value in block.values.items()},
             path=_path(blocks),
-            picture=_picture(engine.rig, frames[-1]) if frames else None,
+            picture=_picture(frames[-1]) if frames else None,
         )
 
     def _origin_by(self, status: Status) -> float:
@@ -87,12 +86,9 @@ class Feed:
         return status.began - float(self._edges[status.executed]) if known else math.nan
 
 
-def _picture(rig: Rig, newest: Frame) -> Picture:
-    """The newest frame made small, with the contour that the recorded height is read from."""
-    from drivers.aspiration.camera import Camera
-
-    seen = next((source.seen for source in rig.sources if isinstance(source, Camera) and source.seen), (newest, None))
-    frame, contour = seen
+def _picture(frame: Frame) -> Picture:
+    """A frame made small, with the contour that the recorded height is read from."""
+    contour = frame.contour
     step = -(-frame.image.shape[1] // WIDEST)
     small = np.ascontiguousarray(frame.image[::step, ::step])
     if contour is None:

@@ -8,7 +8,8 @@ Layout (schema ``acquire-recording/1``); every dataset has ``units``, every stri
     /entry/instrument                   name (of the kind), device (by the station's name), station file,
                                         limits, calibration with provenance
     /entry/streams/<channel>/{value,time,time_host,seq}    group attributes units, stage, range, resolution, noise
-    /entry/frames/{data,time,seq,crc}   one chunk per frame
+    /entry/frames/{data,time,seq,crc}   one chunk per frame; where only a region of most was kept: attributes
+                                        region (left, top, width, height), kept; dataset whole
     /entry/derived/<name>/{value,time}  results of an analysis
     /entry/setpoints/{time,<quantity>}  what was commanded (a quantity with times of its own: <quantity>_time)
     /entry/setpoints/segments           compound: begin, end, phase, step, start_, finish_<quantity>, label_<name>
@@ -22,6 +23,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
@@ -224,6 +226,11 @@ def _write_frames(group: h5py.Group, frames: Frames, check: Callable[[], None]) 
     _put(group, "time", np.asarray(frames.time, float), "s")
     _put(group, "seq", np.arange(count) if frames.seq is None else np.asarray(frames.seq, np.int64), "1")
     _put(group, "crc", crc, "1")
+    if isinstance(frames.data, LazyFrames) and frames.data.kept is not None:
+        kept = frames.data.kept
+        group.attrs["region"] = np.array(astuple(kept.region), np.int64)
+        group.attrs.create("kept", **_text(kept.words))
+        _put(group, "whole", kept.whole.astype(np.uint8), "1")
 
 
 def _write_setpoints(group: h5py.Group, setpoints: Mapping[str, Series], segments: Sequence[SegmentRecord]) -> None:
@@ -325,6 +332,8 @@ def _verify(recording: Recording, path: Path) -> None:
         raise RecordingError(f"{path}: what was written does not read back: {problem}")
     if recording.frames is None or written.frames is None:
         return
+    if getattr(recording.frames.data, "kept", None) != written.frames.data.kept:
+        raise RecordingError(f"{path}: what was written does not read back: the region of the frames differs")
     if isinstance(recording.frames.data, LazyFrames) and not recording.frames.data.packs:
         _verify_chunks(recording.frames.data, path)
         return

@@ -16,8 +16,10 @@ from acquire.recording.guard import check_file, check_readable_whole
 from acquire.recording.lazy import Hdf5Frames
 from acquire.recording.model import Event, Frames, Recording, RecordingError, RunInfo, SegmentRecord, Series
 from acquire.recording.order import ordered
+from acquire.recording.region import Kept
 from acquire.recording.review import decisions
 from acquire.recording.segments import from_columns
+from drivers.signals import Region
 from protocols.files import is_file, refusing, shortened
 from protocols.specimens import Stated
 
@@ -231,8 +233,18 @@ class _Reader:
             raise RecordingError(
                 f"{self.path}: {data.name} of shape {data.shape} ({data.dtype}) does not fit its time, seq and crc"
             )
-        lazy = Hdf5Frames(self.path, data.shape, crc)
+        lazy = Hdf5Frames(self.path, data.shape, crc, self.kept(group, data.shape))
         return Frames(data=lazy, time=time, scale=float(group.attrs.get("scale", 0.0)), seq=seq)
+
+    def kept(self, group: h5py.Group, shape: tuple[int, int, int]) -> Kept | None:
+        """None where all of every frame was kept."""
+        if "region" not in group.attrs:
+            return None
+        region = Region(*(int(x) for x in group.attrs["region"]))
+        whole = self.numbers(self.dataset(group, "whole"))
+        if not region.fits(shape[1:]) or np.shape(whole) != shape[:1]:
+            raise RecordingError(f"{self.path}: {group.name}: {region} and its {np.shape(whole)} do not fit {shape}")
+        return Kept(region, whole != 0)
 
     def events(self) -> tuple[Event, ...]:
         if "events" not in self.entry:

@@ -32,7 +32,8 @@ from acquire.files import PRIVATE
 from acquire.recording.lazy import pack
 from acquire.recording.lock import lock
 from acquire.recording.model import Event, RecordingError, RunInfo
-from drivers.signals import Block, Channel, Frame
+from drivers.contour import Contour
+from drivers.signals import Block, Channel, Frame, Region
 from protocols.setpoints import Setpoints
 
 MAGIC = b"SRJ1"
@@ -40,6 +41,8 @@ HEADER = struct.Struct("<4sIBQ")
 CRC = struct.Struct("<I")
 BLOCK = struct.Struct("<HI")  # layout, samples; then seq i64, time f8, time_host f8, one f8 row per channel
 FRAME = struct.Struct("<qddII")  # seq, time, time_host, height, width; then the pixels
+CONTOUR = struct.Struct("<q8d")  # seq, then `CONTOUR_FIELDS` and the band; then the profile, one f8 a column
+CONTOUR_FIELDS = ("gvt", "apex_column", "apex_row", "foot_row", "height", "confidence")
 SYNC_INTERVAL = 0.05  # s of wall time between two fdatasync at most, while data or `sync` calls arrive
 MAX_TEXT = 2000  # characters of an event or of the reason for an end
 REPEAT = 10.0  # s of wall time between two copies of the run's identity and the blocks' layouts
@@ -50,13 +53,15 @@ _CLOCK = (1577836800.0, 4102444800.0)  # s since 1970: a clock before 2020 or af
 class Kind(IntEnum):
     """Types of records."""
 
-    INFO = 1  # JSON: format, RunInfo, channels, frame scale; the first record, and repeated
+    INFO = 1  # JSON: format, RunInfo, channels, frame scale, region of frames; the first record, and repeated
     LAYOUT = 2  # JSON: number and channel names of the blocks that follow; repeated
     BLOCK = 3
     FRAME = 4
     EVENT = 5  # JSON
     SETPOINTS = 6  # JSON: from ``start`` on, these break points replace what was commanded
     PACKED_FRAME = 8  # as FRAME, the pixels' CRC32 and their zlib stream in place of the pixels
+    PACKED_PART = 9  # as PACKED_FRAME, with zeros outside the region
+    CONTOUR = 10  # read in a frame when it came
     END = 7  # JSON: status, trip reason, end time
 
 
@@ -67,8 +72,10 @@ class JournalFull(RecordingError):
 class JournalWriter:
     """Writes one run's journal. One thread at a time; every method is a single write and returns at once.
 
-    ``frame_scale`` is in m/px (0: not known). Raises FileExistsError rather than touch an existing journal, and
-    `JournalFull` from any method when the disk is full: the torn record is then taken back, no more data are accepted.
+    ``frame_scale`` is in m/px (0: not known); of frames that are not kept whole only the ``region`` is kept. Raises
+    FileExistsError rather than touch an existing journal, and `JournalFull` from any method when the disk is full: the
+    torn record is then taken back, no more data are accepted.
+
     Only the owner of the file may read it, because it names a subject. The lock is held until `close`.
     """
 
@@ -79,6 +86,7 @@ class JournalWriter:
         channels: Iterable[Channel] = (),
         *,
         frame_scale: float = 0.0,
+        region: Region | None = None,
         sync_interval: float = SYNC_INTERVAL,
     ) -> None:
         self.path = Path(path)
@@ -104,7 +112,9 @@ class JournalWriter:
             },
             "channels": [asdict(channel) for channel in channels],
             "frame_scale": frame_scale,
+            "region": asdict(region) if region is not None else None,
         }
+        self._region = region
         self._json(Kind.INFO, self._first)
         self.sync(force=True)
 
@@ -162,15 +172,22 @@ class JournalWriter:
             *(np.ascontiguousarray(value, "<f8").data.cast("B") for value in block.values.values()),
         )
 
-    def frame(self, frame: Frame, *, quickly: bool = False) -> None:
-        """Append one camera frame, compressed without loss; ``quickly`` as it is."""
+    def frame(self, frame: Frame, *, quickly: bool = False, whole: bool = True) -> None:
+        """Append one camera frame with its contour, compressed without loss; ``quickly`` as it is.
+
+        Of a frame that need not be ``whole`` only the region is kept.
+        """
         image = np.ascontiguousarray(frame.image, np.uint8)
         stamps = FRAME.pack(frame.seq, frame.time, frame.time_host, *image.shape)
-        packed = None if quickly else pack(image)
+        part = None if whole else self._region
+        packed = None if quickly else pack(image if part is None else part.cut(image))
         if packed is not None and packed.packed:
-            self._append(Kind.PACKED_FRAME, stamps, CRC.pack(packed.crc), packed.content)
+            kind = Kind.PACKED_FRAME if part is None else Kind.PACKED_PART
+            self._append(kind, stamps, CRC.pack(packed.crc), packed.content)
         else:
             self._append(Kind.FRAME, stamps, image.data.cast("B"))
+        if frame.contour is not None:
+            self._contour(frame.seq, frame.contour)
 
     def event(self, event: Event) -> None:
         """Append an event."""
@@ -230,6 +247,11 @@ class JournalWriter:
         finally:
             os.close(self._file)
             self._file = -1
+
+    def _contour(self, seq: int, contour: Contour) -> None:
+        numbers = (*(getattr(contour, name) for name in CONTOUR_FIELDS), *contour.band)
+        profile = np.ascontiguousarray(contour.profile, "<f8").data.cast("B")
+        self._append(Kind.CONTOUR, CONTOUR.pack(seq, *numbers), profile)
 
     def _layout(self, names: tuple[str, ...]) -> None:
         self._json(Kind.LAYOUT, {"layout": self._layouts[names], "channels": names})

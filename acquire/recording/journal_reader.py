@@ -6,19 +6,22 @@ import json
 import struct
 import zlib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from acquire.recording.journal import BLOCK, CRC, FRAME, HEADER, MAGIC, Kind
+from acquire.recording.journal import BLOCK, CONTOUR, CONTOUR_FIELDS, CRC, FRAME, HEADER, MAGIC, Kind
 from acquire.recording.journal_bytes import JournalBytes, Window
 from acquire.recording.lazy import LazyFrames, Packed, unpack
 from acquire.recording.model import Event, FloatArray, Frames, Recording, RecordingError, RunInfo, SegmentRecord, Series
 from acquire.recording.order import ordered, ordered_frames
+from acquire.recording.region import Kept
 from acquire.recording.segments import before
+from drivers.contour import Contour
+from drivers.signals import Region
 from protocols.files import refusing
 from protocols.specimens import stated
 
@@ -102,6 +105,8 @@ class JournalFrames(LazyFrames):
     offsets: NDArray[np.int64]
     lengths: NDArray[np.int64]
     crcs: NDArray[np.int64]
+    kept: Kept | None = None
+    contours: Mapping[int, bytes] = field(default_factory=dict)  # record of the contour in frame i, where there is one
     packs = False
 
     def stored(self, index: int) -> Packed:
@@ -118,6 +123,14 @@ class JournalFrames(LazyFrames):
                 raise RecordingError(f"{self.data.path}: frame {index} does not match its CRC: the journal is damaged")
             frames[k] = np.frombuffer(pixels, np.uint8).reshape(self.shape[1:])
         return frames
+
+    def contour(self, index: int) -> Contour | None:
+        if index not in self.contours:
+            return None
+        record = self.contours[index]
+        _, *numbers, low, high = CONTOUR.unpack_from(record)
+        profile = np.frombuffer(record, "<f8", offset=CONTOUR.size)
+        return Contour(**dict(zip(CONTOUR_FIELDS, numbers, strict=True)), band=(low, high), profile=profile)
 
 
 class _Content:
@@ -136,6 +149,8 @@ class _Content:
         self.frame_stamps: list[tuple[int, float, float]] = []
         self.frame_shape: tuple[int, int] = (0, 0)
         self.frame_places: list[tuple[int, int, int]] = []  # offset, length, CRC32 (-1: not packed)
+        self.frame_whole: list[bool] = []
+        self.contours: dict[int, bytes] = {}  # by the index of their frame
         self.events: list[Event] = []
         self.setpoints: list[_Commanded] = []
 
@@ -150,8 +165,10 @@ class _Content:
             if kind is Kind.BLOCK:
                 layout, samples = BLOCK.unpack_from(payload)
                 self._block(layout, samples, bytes(payload[BLOCK.size :]))
-            elif kind in (Kind.FRAME, Kind.PACKED_FRAME):
-                self._frame(payload, offset, packed=kind is Kind.PACKED_FRAME)
+            elif kind in (Kind.FRAME, Kind.PACKED_FRAME, Kind.PACKED_PART):
+                self._frame(payload, offset, packed=kind is not Kind.FRAME, whole=kind is not Kind.PACKED_PART)
+            elif kind is Kind.CONTOUR:
+                self._contour(bytes(payload))
             else:
                 self._text(kind, json.loads(bytes(payload)))
         except (ValueError, TypeError, LookupError, AttributeError, struct.error, RecursionError) as error:
@@ -165,7 +182,15 @@ class _Content:
         rows = np.frombuffer(data, "<f8").reshape(3 + len(self.layouts[layout]), samples)
         self.blocks.setdefault(layout, []).append(rows)
 
-    def _frame(self, payload: memoryview, offset: int, *, packed: bool) -> None:
+    def _contour(self, record: bytes) -> None:
+        """It follows its frame; one whose frame is damaged or left out is of no use."""
+        seq = CONTOUR.unpack_from(record)[0]
+        if (len(record) - CONTOUR.size) % 8:
+            raise ValueError(f"the contour of frame {seq} is cut")
+        if self.frame_stamps and self.frame_stamps[-1][0] == seq:
+            self.contours[len(self.frame_stamps) - 1] = record
+
+    def _frame(self, payload: memoryview, offset: int, *, packed: bool, whole: bool) -> None:
         seq, time, host, height, width = FRAME.unpack_from(payload)
         crc = CRC.unpack_from(payload, FRAME.size)[0] if packed else -1
         begin = FRAME.size + (CRC.size if packed else 0)
@@ -178,6 +203,7 @@ class _Content:
             return
         self.frame_stamps.append((seq, time, host))
         self.frame_places.append((offset + begin, len(payload) - begin, crc))
+        self.frame_whole.append(whole)
 
     def _text(self, kind: Kind, content: Any) -> None:
         if kind is Kind.INFO and self.info is None:
@@ -212,6 +238,8 @@ class _Content:
         if frames is not None:
             frames, told, all_kept = ordered_frames(frames)
             self._note(told, all_kept)
+            if frames.data.kept is not None:
+                self.events.append(Event(float(frames.time[0]), "info", "region", frames.data.kept.words))
         return Recording(
             info=replace(self.info, **(self.end or {"status": "recovered", "trip_reason": "", "end_time": ""})),
             streams=streams,
@@ -267,10 +295,15 @@ class _Content:
         if not self.frame_stamps:
             return None
         shape = (len(self.frame_stamps), *self.frame_shape)
-        data = JournalFrames(self.data, shape, *np.array(self.frame_places, np.int64).T)
+        places = np.array(self.frame_places, np.int64).T
+        data = JournalFrames(self.data, shape, places[0], places[1], places[2], self.kept(), self.contours)
         time = np.array([stamp[1] for stamp in self.frame_stamps])
         seq = np.array([stamp[0] for stamp in self.frame_stamps], np.int64)
         return Frames(data, time, float(self.first["frame_scale"]), seq)
+
+    def kept(self) -> Kept | None:
+        region = self.first.get("region")  # earlier versions kept whole frames
+        return Kept(Region(**region), np.array(self.frame_whole)) if region else None
 
     def segments(self) -> tuple[SegmentRecord, ...]:
         result: list[SegmentRecord] = []

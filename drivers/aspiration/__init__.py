@@ -61,7 +61,8 @@ def open_rig(entry: Entry) -> Rig:
 
 def _camera(name: str, address: str, options: Mapping[str, Any]) -> Source:
     from drivers.aspiration.camera import FramedCamera, UvcCamera
-    from drivers.aspiration.contour import LiveApex, Settings
+    from drivers.aspiration.contour import Settings
+    from drivers.aspiration.live import LiveApex
 
     settings = Settings(gvt=options["gvt"], apex=options["apex"], tissue=options["tissue"])
     kind = UvcCamera if address.startswith("uvc:") else FramedCamera

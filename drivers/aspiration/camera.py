@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -13,15 +14,16 @@ from drivers.aspiration import framelink
 from drivers.aspiration.framelink import FrameDecoder, Picture
 from drivers.claims import Claim
 from drivers.device import Identity, LinkLost, ProtocolFault, Source
-from drivers.signals import Block, Channel, Frame
+from drivers.signals import Block, Channel, Frame, Region
 from drivers.transports import Transport, open_transport
 
 if TYPE_CHECKING:
-    from drivers.aspiration.contour import Contour, Settings
+    from drivers.aspiration.contour import Settings
+    from drivers.contour import Contour
 
 
 class Measure(Protocol):
-    """From an image to the apex height in m, not a number where no contour is found (see `contour.LiveApex`)."""
+    """From an image to the apex height in m, not a number where no contour is found (see `live.LiveApex`)."""
 
     def __call__(self, image: NDArray[np.uint8], /) -> float:
         """Measure one frame."""
@@ -37,6 +39,13 @@ class Measure(Protocol):
     @property
     def proposes(self) -> bool:
         """Whether that threshold is proposed, not set."""
+
+    @property
+    def looked(self) -> bool:
+        """Whether a frame was read with what was asked for last."""
+
+    def region(self, highest: float) -> Region | None:
+        """Where in a frame the edge can be while the apex is at most ``highest`` m above the rim; None: anywhere."""
 
     def use(self, gvt: float | None) -> None:
         """Another threshold from the next frame on; None for a proposed one. From any thread."""
@@ -56,14 +65,13 @@ _WITHIN_FRAME = 0.005
 class Camera(Source):
     """A source of frames and, with ``measure``, of the apex height measured in each.
 
-    ``seen`` is the newest frame with the contour that its height was read from: what is shown is what is recorded.
+    A frame carries the contour that its height was read from: what is shown is what is recorded.
     """
 
     def __init__(self, name: str, channels: tuple[Channel, ...], measure: Measure | None) -> None:
         self.name = name
         self._channels = channels if measure else ()
         self.measure = measure
-        self.seen: tuple[Frame, Contour | None] | None = None
 
     @property
     def channels(self) -> tuple[Channel, ...]:
@@ -79,15 +87,17 @@ class Camera(Source):
     def _deliver(self, frames: list[Frame]) -> Sequence[Block | Frame]:
         if not frames or self.measure is None:
             return frames
-        heights = np.array([self.measure(frame.image) for frame in frames])
-        self.seen = frames[-1], self.measure.latest
+        heights, read = [], []
+        for frame in frames:
+            heights.append(self.measure(frame.image))
+            read.append(replace(frame, contour=self.measure.latest))
         block = Block(
-            values={self._channels[0].name: heights},
+            values={self._channels[0].name: np.array(heights)},
             seq=np.array([frame.seq for frame in frames]),
             time=np.array([frame.time for frame in frames]),
             time_host=np.array([frame.time_host for frame in frames]),
         )
-        return [*frames, block]
+        return [*read, block]
 
 
 class FramedCamera(Camera):

@@ -11,8 +11,8 @@ Rows and columns count pixel middles, row 0 on top, whatever way the apex points
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 from drivers.aspiration import apex as caps
 from drivers.aspiration import background, segment
 from drivers.aspiration.threshold import LEAST_AREA, propose
+from drivers.contour import Contour
 
 FloatArray = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
 _BAND_SEARCH = 12  # px in which the edge at GVT ± delta is looked for
 _MARGIN = 6.0  # px from the upper border within which an apex is not believed
-_SURE = 0.5  # confidence from which a proposed GVT is used live
 _SOFT = 0.35  # of the usual grey step across the edge; columns below it are not trusted
 
 
@@ -49,47 +49,6 @@ class Settings:
     background: Literal["estimate", "none"] | NDArray[Any] = "estimate"
     roi: tuple[int, int, int, int] | None = None
     initial_frames: int = 5
-
-
-@dataclass(frozen=True)
-class Contour:
-    """What one frame shows, in px of the frame.
-
-    ``apex_column``, ``apex_row``, ``foot_row`` (where the bubble stands: the rim plane, or the neck above a needle);
-    ``height`` from foot to apex and ``band`` (low, high) of it at GVT ± delta; ``profile`` (width,) the row of the edge
-    in each column and ``sides`` (2, height) the columns of its left and right edge in each row, NaN for none.
-    ``confidence`` 0 … 1; ``flags`` name what was noticed: ``no_tissue``, ``noise``, ``cut_off``, ``reflections``,
-    ``satellites``, ``gaps``, ``low_contrast``, ``border``.
-    """
-
-    gvt: float
-    apex_column: float = np.nan
-    apex_row: float = np.nan
-    foot_row: float = np.nan
-    height: float = np.nan
-    band: tuple[float, float] = (np.nan, np.nan)
-    profile: FloatArray = field(default_factory=lambda: np.empty(0), repr=False)
-    sides: FloatArray = field(default_factory=lambda: np.empty((2, 0)), repr=False)
-    confidence: float = 0.0
-    flags: tuple[str, ...] = ()
-
-    def outline(self) -> FloatArray:
-        """The whole contour as points (n, 2) of column and row, from the left of the foot over the apex to its right.
-
-        Overhanging and steep parts come from ``sides``, the cap from ``profile``.
-        """
-        if not np.isfinite(self.height):
-            return np.empty((0, 2))
-        rows = np.arange(self.sides.shape[1])
-        below = (rows - self.apex_row) * np.sign(self.foot_row - self.apex_row)
-        flank = (below > 0.3 * self.height) & (below <= self.height)
-        order = np.argsort(-below[flank])
-        left, right = (np.column_stack([side[flank], rows[flank]])[order] for side in self.sides)
-        columns = np.arange(len(self.profile), dtype=float)
-        on_cap = np.abs(self.profile - self.apex_row) <= 0.3 * self.height
-        cap = np.column_stack([columns[on_cap], self.profile[on_cap]])
-        points = np.vstack([left, cap, right[::-1]])
-        return points[np.isfinite(points).all(axis=1)]
 
 
 class Pipeline:
@@ -151,8 +110,16 @@ def analyse_frame(image: Image, settings: Settings | None = None) -> Contour:
     return Pipeline.prepare([image], settings).measure(image)
 
 
-def analyse_frames(frames: Any, scale: float, settings: Settings | None = None) -> dict[str, Any]:
+def analyse_frames(
+    frames: Any,
+    scale: float,
+    settings: Settings | None = None,
+    known: Callable[[int], Contour | None] | None = None,
+) -> dict[str, Any]:
     """Height, apex displacement and profile over time; ``frames`` (n, height, width), ``scale`` m/px.
+
+    ``known(index)`` is the contour that was read in a frame before, by the same settings; where it was read at the
+    threshold in use it is not read again (``reread`` of the result counts the frames that were).
 
     The light is that of the first frame; the GVT, if not set, the median of proposals for five frames. All in m:
 
@@ -169,7 +136,9 @@ def analyse_frames(frames: Any, scale: float, settings: Settings | None = None) 
         raise ValueError(f"the scale must be positive, not {scale}")
     some = [np.asarray(frames[k]) for k in sorted({round(k) for k in np.linspace(0, n - 1, 5)})] if n else []
     pipeline = Pipeline.prepare(some, settings)
-    found = [pipeline.measure(np.asarray(frames[k])) for k in range(n)]
+    had = [known(k) if known is not None else None for k in range(n)]
+    kept = [contour if contour is not None and contour.gvt == pipeline.gvt else None for contour in had]
+    found = [contour or pipeline.measure(np.asarray(frames[k])) for k, contour in enumerate(kept)]
     beginning = found[: settings.initial_frames]
     feet = np.array([c.foot_row for c in beginning])
     foot = float(np.nanmedian(feet)) if np.isfinite(feet).any() else np.nan
@@ -191,70 +160,8 @@ def analyse_frames(frames: Any, scale: float, settings: Settings | None = None) 
         "gvt": pipeline.gvt,
         "gvt_confidence": pipeline.gvt_confidence,
         "flags": [c.flags for c in found],
+        "reread": kept.count(None),
     }
-
-
-class LiveApex:
-    """Measures frames as they come: call it with an image to get the displacement of the apex in m.
-
-    The first frame with a sure GVT gives the light and the initial height; before that, and where there is no contour,
-    the result is NaN. ``latest`` is the last contour, for the overlay; `reset` begins anew. ``scale`` is in m/px.
-    `use` and `rest` may be called from any thread; they take effect at the next frame.
-    """
-
-    def __init__(self, scale: float, settings: Settings | None = None) -> None:
-        if not scale > 0:
-            raise ValueError(f"the scale must be positive, not {scale}")
-        self._scale = scale
-        self._own = self._asked = self._used = settings or Settings()
-        self._rests = self._rested = 0
-        _compile()
-        self.reset()
-
-    @property
-    def settings(self) -> Settings:
-        """How frames are read, with the GVT in use; it is None while no proposal is sure."""
-        asked, pipeline = self._asked, self.pipeline
-        if asked.gvt is None and asked is self._used and pipeline is not None and pipeline.gvt_confidence >= _SURE:
-            return replace(asked, gvt=pipeline.gvt)
-        return asked
-
-    @property
-    def proposes(self) -> bool:
-        """Whether the GVT is proposed, not set."""
-        return self._asked.gvt is None
-
-    def use(self, gvt: float | None) -> None:
-        """Read the frames that follow at another GVT, None for that of the settings, and take their heights anew."""
-        asked = self._own if gvt is None else replace(self._own, gvt=gvt)
-        if asked.gvt != self._asked.gvt:
-            self._asked = asked
-
-    def rest(self) -> None:
-        """The next frame shows the tissue at rest: heights count from there."""
-        self._rests += 1
-
-    def reset(self) -> None:
-        """Forget light, GVT and initial height (the tissue or the lamp was moved)."""
-        self.pipeline: Pipeline | None = None
-        self.latest: Contour | None = None
-        self._rest_row = np.nan
-
-    def __call__(self, image: Image) -> float:
-        if self._used is not self._asked:
-            self._used = self._asked
-            self.reset()
-        if self._rested != self._rests:
-            self._rested, self._rest_row = self._rests, np.nan
-        if self.pipeline is None or self.pipeline.gvt_confidence < _SURE:
-            self.pipeline = Pipeline.prepare([image], self._used)
-        self.latest = self.pipeline.measure(image)
-        if self.pipeline.gvt_confidence < _SURE:
-            return np.nan
-        if np.isnan(self._rest_row):
-            self._rest_row = self.latest.apex_row
-        sign = 1.0 if self._used.apex == "up" else -1.0
-        return float(sign * (self._rest_row - self.latest.apex_row) * self._scale)
 
 
 @dataclass(frozen=True)
@@ -325,7 +232,7 @@ def _read(grey: segment.Grey, gvt: float, delta: float, tissue: _Tissue) -> Cont
     )
 
 
-def _compile() -> None:
+def compile_kernels() -> None:
     """Run every kernel once, so that the first frame of a measurement does not wait for the compiler."""
     rows, columns = np.mgrid[:64, :64]
     dome = np.where(rows > 32 + (columns - 32) ** 2 / 60, 20, 200).astype(np.uint8)

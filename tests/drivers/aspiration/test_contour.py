@@ -9,7 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.aspiration.background import estimate, from_flat_field
-from drivers.aspiration.contour import Contour, LiveApex, Pipeline, Settings, analyse_frame, analyse_frames
+from drivers.aspiration.contour import Pipeline, Settings, analyse_frame, analyse_frames
+from drivers.aspiration.live import LiveApex
+from drivers.contour import Contour
 from sim_devices.stages.scene import Light, Scene, background
 from tests.conftest import Folder
 from tests.standins import example
