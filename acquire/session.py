@@ -73,6 +73,7 @@ class Request:
     consent: str = ""  # a reference to the subject's consent, never a name
     gvt: float | None = None
     specimen_properties: Mapping[str, Stated] = field(default_factory=dict)
+    experiment: str = ""  # id of the experiment that it answers
 
     def __post_init__(self) -> None:
         pseudonym.check(self.subject)
@@ -223,6 +224,7 @@ class Session:
             specimen_properties=request.specimen_properties,
             notes=request.notes,
             consent=request.consent,
+            experiment=request.experiment,
             versions=versions(),
             station=self.station.text(),
             limits=limits.values(),

@@ -34,6 +34,9 @@ def diagnose(
     model: Annotated[str, typer.Option(help="Forward model of any other rig, as file.py:Name.")] = "",
     effects: Annotated[list[Path] | None, typer.Option(help="Python file(s) with further effects.")] = None,
     solver: Annotated[str, typer.Option(help="Finite-element model of the solver plugin to use as tissue.")] = "",
+    experiment: Annotated[
+        list[Path] | None, typer.Option(help="Folder(s) of `gap next` whose answers are among the recordings.")
+    ] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder for gap.json and gap.html.")] = None,
     everything: Annotated[bool, typer.Option("--all", help=ALL)] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report on stdout.")] = False,
@@ -50,8 +53,12 @@ def diagnose(
     from gap import as_json as report_of
     from gap import diagnose as run
     from gap import load_model, write_page
+    from gap.design.answers import asked_for, believed
 
-    recordings = counting(load_all(runs), everything=everything)
+    files = found(runs)
+    recordings, answers = believed(counting(load_all(runs), everything=everything), asked_for(experiment or (), files))
+    if not recordings:
+        raise ValueError(f"nothing is left to diagnose: {answers[0].text}")
     print(f"diagnosing {len(recordings)} recordings of {recordings[0].info.instrument}", file=sys.stderr)
     forward = load_model(model) if model else None
     with Stages(sys.stderr) as stages:
@@ -64,7 +71,9 @@ def diagnose(
             jobs=jobs,
             tell=stages,
         )
-    report = report_of(diagnosis) | {"recording_files": [str(p.resolve()) for p in found(runs)]}
+    report = report_of(diagnosis) | {"recording_files": [str(p.resolve()) for p in files]}
+    report["experiments"] = [a.as_dict() for a in answers]
+    report["remarks"] += [a.text for a in answers if a.fault]
     if advise and forward is None:
         report |= advice(report, recordings)
     folder = output or (None if as_json else Path("gap-report"))

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from acquire.cli.check import limits_of
-from acquire.cli.inputs import load_all
+from acquire.cli.inputs import found, load_all
 from acquire.cli.numbers import whole
 from acquire.cli.review import ALL, counting
 
@@ -32,12 +32,14 @@ def next_experiment(
     import yaml
 
     from acquire.files import write_text
+    from gap.design.answers import asked_for, believed
     from gap.design.choice import choose
     from gap.design.experiment import EXPERIMENT, write
     from gap.effects import library
 
     said = read_report(report)
-    session = counting(load_all(recordings or files_of(said, report)), everything=everything)
+    files = found(recordings or files_of(said, report))
+    session, _ = believed(counting(load_all(files), everything=everything), asked_for((), files))
     instrument = session[0].info.instrument
     known = library(instrument, effects or ())
     choice = choose(said, session, limits_of(instrument, station), known, specimen or (), seed)

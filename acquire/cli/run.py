@@ -34,6 +34,7 @@ def run(
     operator: Annotated[str, typer.Option(help="Who measures.")] = "",
     notes: Annotated[str, typer.Option(help="Anything worth keeping; no names.")] = "",
     consent: Annotated[str, typer.Option(help="Which consent of the subject covers the recording, such as C12.")] = "",
+    experiment: Annotated[str, typer.Option(help="Id of the experiment (`acquire gap next`) that it answers.")] = "",
     effect: Annotated[
         list[str] | None, typer.Option(help="Simulated non-ideality, such as regulator_lag:tau=0.3s; may be repeated.")
     ] = None,
@@ -58,7 +59,9 @@ def run(
 
         bench = bench_of(station, sim, tissue, tuple(effect or ()), seed)
         known = stated(specimen, assignments(specimen_property or []))
-        request = Request(subject, site, operator, repeat, specimen, notes, consent, specimen_properties=known)
+        request = Request(
+            subject, site, operator, repeat, specimen, notes, consent, specimen_properties=known, experiment=experiment
+        )
         with Session(bench, speed=speed, out=out, notify=hooks(notify or (), bench.notify)) as session:
             stop.ends(session)
             engine, plan = session.prepare(protocol, request, name=instrument, out=out)

@@ -115,6 +115,7 @@ class _Import:
             repeat=bundle.repeat,
             specimen=bundle.specimen,
             specimen_properties=self.properties(),
+            experiment=bundle.experiment,
             notes=bundle.notes,
             versions=run.versions,
             station=run.station,

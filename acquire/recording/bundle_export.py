@@ -25,6 +25,7 @@ _OWN_KEYS = (
     "repeat",
     "specimen",
     "specimen_properties",
+    "experiment",
     "operator",
     "notes",
 )

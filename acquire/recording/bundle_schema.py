@@ -151,6 +151,7 @@ class Bundle(_Loose):
     repeat: Whole = 1
     specimen: Short = "skin"
     specimen_properties: dict[Name, Any] = Field(default={}, description="read by `protocols.specimens.stated`")
+    experiment: Short = Field(default="", description="id of the experiment (gap-experiment/1) that this answers")
     operator: Short = ""
     notes: str = ""
     channels: dict[Name, Source] = Field(default={})

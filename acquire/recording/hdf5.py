@@ -33,6 +33,7 @@ import numpy as np
 from acquire.files import PRIVATE, whole_file
 from acquire.recording import checksum
 from acquire.recording.hdf5_reader import (
+    ADDED_FIELDS,
     ENTRY_FIELDS,
     EVENT_COLUMNS,
     RUN_FIELDS,
@@ -148,7 +149,8 @@ def _write_run(group: h5py.Group, info: RunInfo) -> None:
         _put(group, name, getattr(info, name))
     _put(group, "protocol_sha256", hashlib.sha256(info.protocol.encode()).hexdigest())
     group["protocol"].attrs.create("sha256", **_text(hashlib.sha256(info.protocol.encode()).hexdigest()))
-    _put(group, "consent", info.consent)
+    for name in ADDED_FIELDS:
+        _put(group, name, getattr(info, name))
     properties = _group(group, "specimen_properties", "NXcollection")
     for name, known in info.specimen_properties.items():
         dataset = _put(properties, name, np.asarray(known.value), known.unit)

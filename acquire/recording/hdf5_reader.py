@@ -31,6 +31,7 @@ EVENT_COLUMNS = ("time", "level", "code", "text", "count")  # earlier versions w
 TEXTS = ("level", "code", "text", "phase", "step")  # columns of tables that are texts, as are all labels
 DAMAGE, STRUCTURE = "damage", "checksum"  # codes of events
 RUN_FIELDS = ("id", "subject", "site", "operator", "specimen", "notes", "protocol", "protocol_name")
+ADDED_FIELDS = ("consent", "experiment")  # which the first recordings do not have
 
 
 def open_recording(path: Path | str) -> Recording:
@@ -174,7 +175,7 @@ class _Reader:
             limits=limits,
             calibration=calibration,
             specimen_properties=properties,
-            consent=self.text(self.dataset(run, "consent")) if "consent" in run else "",
+            **{name: self.text(self.dataset(run, name)) if name in run else "" for name in ADDED_FIELDS},
             **{name: self.text(self.dataset(run, name)) for name in RUN_FIELDS},
             **{name: self.text(self.dataset(self.entry, name)) for name in ENTRY_FIELDS},
         )

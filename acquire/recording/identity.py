@@ -39,6 +39,7 @@ class _Identity(BaseModel):
     subject: Line
     site: Line
     consent: Line
+    experiment: Line
     operator: Line
     specimen: Line
     protocol_name: Line

@@ -156,6 +156,7 @@ class RunInfo:
     specimen_properties: Mapping[str, Stated] = field(default_factory=dict)
     notes: str = ""
     consent: str = ""  # which consent of the subject covers this; empty: nobody said
+    experiment: str = ""  # id of the experiment (gap-experiment/1) that this answers; empty: of none
     versions: Mapping[str, str] = field(default_factory=dict)
     station: str = ""  # the station file verbatim (YAML)
     device: str = ""  # the station's name of the instrument

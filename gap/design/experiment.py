@@ -10,6 +10,7 @@ import csv
 import hashlib
 import io
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -63,9 +64,12 @@ class Experiment:
 
     @property
     def id(self) -> str:
-        """Twelve hexadecimal digits of what is asked for: an answer to anything else has another."""
-        asked = [self.instrument, self.specimen, self.waveform, list(self.steps), self.repeats, self.seed]
-        return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()[:12]
+        """Says what is asked for, so that an answer can be checked without these files: `fault_by_id`."""
+        said = "_".join([self.instrument, *self.specimen.split()])
+        asked = [self.waveform, list(self.steps), dict(self.specimen_properties), self.repeats, self.seed]
+        of = _digest(json.dumps(asked, sort_keys=True))
+        said += f"-{peak(self.leg.quantity_tables):.6g}-{self.leg.duration:.4g}-{of}"
+        return f"{said}-{_digest(said)}"
 
     def valued(self, information: float, before: float, after: float, separates: tuple[str, ...]) -> Experiment:
         """The same with what it is expected to tell."""
@@ -94,6 +98,15 @@ class Experiment:
             },
             "seed": self.seed,
         }
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:6]
+
+
+def peak(quantities: Mapping[str, tuple[FloatArray, FloatArray]]) -> float:
+    """The largest value that is commanded, Pa or m."""
+    return max((float(np.max(np.abs(v), initial=0.0)) for _, v in quantities.values()), default=0.0)
 
 
 def stopped(instrument: str, reason: str, probability: float = 0.0) -> dict[str, Any]:
@@ -179,6 +192,31 @@ def _table(path: Path) -> dict[str, tuple[FloatArray, FloatArray]]:
     if not np.isfinite(values).all() or np.any(np.diff(values[:, 0]) < 0):
         raise ExperimentError(f"{path}: times must not fall, and every value must be a number")
     return {names[c]: (values[:, 0], values[:, 1 + k]) for k, c in enumerate(header[1:])}
+
+
+_ID = re.compile(
+    r"(?P<said>(?P<on>[a-z]+(_[a-z]+)+)-(?P<peak>\d+(\.\d+)?)-(?P<duration>\d+(\.\d+)?)-[0-9a-f]{6})-(?P<seal>[0-9a-f]{6})"
+)
+
+
+def fault_by_id(recording: Recording) -> str:
+    """The same by an experiment's id alone, which says specimen, largest set-point and duration."""
+    found = _ID.fullmatch(recording.info.experiment)
+    if found is None or _digest(found["said"]) != found["seal"]:
+        return "no experiment of that id is known"
+    instrument, *specimen = found["on"].split("_")
+    series = recording.setpoints.values()
+    done = {str(k): (np.asarray(s.time, float), np.asarray(s.value, float)) for k, s in enumerate(series)}
+    wanted = Asked("", instrument, " ".join(specimen), {}, "")
+    if other := fault(recording, wanted):
+        return other
+    size, asked = peak(done), float(found["peak"])
+    if abs(size - asked) > SAME * max(asked, 1e-12):
+        return f"its largest set-point is {size:.4g}, and {asked:.4g} was asked for"
+    length = max((float(t[-1] - t[0]) for t, _ in done.values() if len(t)), default=0.0)
+    if length < LONGER * float(found["duration"]):
+        return f"it lasts {length:.3g} s, and {found['duration']} s were asked for"
+    return ""
 
 
 def fault(recording: Recording, asked: Asked) -> str:

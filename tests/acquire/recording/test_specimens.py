@@ -48,6 +48,16 @@ def test_file_bundle_and_journal_keep_them(on_a_weight: Recording, tmp_path: Pat
         assert (mass.attrs["units"], mass.attrs["se"]) == (b"kg", 2e-5)
 
 
+def test_file_bundle_and_journal_keep_the_experiment(on_a_weight: Recording, tmp_path: Path) -> None:
+    answer = replace(on_a_weight, info=replace(on_a_weight.info, experiment="microrobot_dead_weight.0.10.a.b"))
+    named = answer.info.experiment
+    assert open_recording(write_recording(answer, tmp_path / "weight.h5")).info.experiment == named
+    assert read_bundle(write_bundle(answer, tmp_path / "bundle")).info.experiment == named
+    with JournalWriter(tmp_path / "weight.journal", answer.info):
+        pass
+    assert read_journal(tmp_path / "weight.journal").info.experiment == named
+
+
 BUNDLE = """\
 schema: recording-bundle/1
 instrument: {instrument}

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import yaml
 
 from acquire.cli.check import limits_of
 from gap.design import simulated as own
+from gap.design.answers import asked_for, believed
 from gap.design.anylaw import lagged
 from gap.design.catalogue import catalogue
 from gap.design.choice import choose
@@ -101,6 +104,24 @@ def test_an_answer_to_another_experiment_is_told_by_specimen_and_set_points(tmp_
     assert fault(_answer(asked), wanted) == ""
     assert "'rigid block' was asked for" in fault(_answer(asked, specimen="skin"), wanted)
     assert "% of their range off" in fault(_answer(asked, size=0.5), wanted)
+
+
+def test_answers_are_believed_by_their_files_or_by_what_their_id_says(tmp_path) -> None:
+    asked = next(e for e in catalogue("cutometer", LEGS, LIMITS) if e.specimen == "rigid block")
+    write(asked, tmp_path)
+
+    def named(recording, name):
+        return replace(recording, info=replace(recording.info, experiment=name))
+
+    good, on_skin, weak = (named(_answer(asked, **c), asked.id) for c in ({}, {"specimen": "skin"}, {"size": 0.5}))
+    strange = named(_answer(asked), asked.id.replace("rigid", "frigid"))
+    plain = _answer(asked)
+    for known in (asked_for([tmp_path], []), {}):
+        kept, answers = believed([plain, good, on_skin, weak, strange], known)
+        assert kept == [plain, good]
+        assert [bool(a.fault) for a in answers] == [False, True, True, True]
+        assert "'rigid block' was asked for" in answers[1].text
+        assert "no experiment of that id is known" in answers[3].text
 
 
 def test_a_choice_splits_a_lag_of_the_sensor_from_skin_and_stops_when_certain() -> None:
