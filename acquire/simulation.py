@@ -34,8 +34,8 @@ def settled(simulation: Simulation) -> Simulation:
 def chain(kind: str, simulation: Simulation, mounted: Mounted = Mounted()) -> Chain:
     """The forward chain of a simulated instrument with its tissue, noise and effects.
 
-    Effects of the tissue leave a reference specimen as it is. Raises ValueError for an unknown tissue, effect or
-    specimen.
+    Effects that a reference specimen does not meet leave it as it is. Raises ValueError for an unknown tissue, effect
+    or specimen.
     """
     from sim_devices.stages import noisy, nominal, specimens
 
@@ -43,14 +43,13 @@ def chain(kind: str, simulation: Simulation, mounted: Mounted = Mounted()) -> Ch
     if mounted.opening is not None and kind != "microrobot":
         options["opening"] = mounted.opening
     result = noisy(nominal(kind, **options), simulation.seed or 0)
-    on_skin = mounted.specimen == SKIN
-    if not on_skin:
+    if mounted.specimen != SKIN:
         result = specimens.mounted(result, mounted.specimen, dict(mounted.properties))
     for text in simulation.effects:
         from sim_devices.effects import parse_effect
 
         effect, values = parse_effect(text, kind)
-        if on_skin or effect.stage != "tissue":
+        if specimens.meets(effect, mounted.specimen):
             result = effect.apply(result, values)
     _compiled(kind, result)
     return result

@@ -7,21 +7,25 @@ specimen. Rests between recordings are simulated too, so that slow effects see t
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
 from acquire.recording.model import Recording, RunInfo, Series
+from protocols.specimens import MANOMETER, SKIN, SPECIMENS, Stated
 from sim_devices.chain import Chain, Effect, FloatArray
 from sim_devices.stages import RATES, noisy, nominal
 from sim_devices.stages.robot import TRANSDUCERS, closed_loop, numbered, xyz
 from sim_devices.stages.sampling import simulate
-from sim_devices.stages.suction import with_tissue
+from sim_devices.stages.specimens import meets, mounted
+from sim_devices.stages.suction import OPENING, with_tissue
 from sim_devices.stages.tissues import SheetTissue, SuctionTissue, for_opening, sheet_tissue, suction_tissue
 
 ROBOT_RATE = 100.0
 """Samples per second that robot sessions keep: the motion is slow, the files stay small."""
+MANOMETER_NOISE = 30.0
+"""Pa: standard deviation of a second gauge's sample (assumed)."""
 ROBOT_SUBSTEPS = 5
 """Simulated steps for each sample kept: a loop that is solved on its samples alone is late by part of one."""
 
@@ -32,8 +36,14 @@ class Leg:
 
     quantity_tables: Mapping[str, tuple[FloatArray, FloatArray]]
     duration: float
-    specimen: str = "skin"
+    specimen: str = SKIN
     repeat: int = 1
+    known: Mapping[str, Stated] = field(default_factory=dict)  # of a reference specimen
+
+    @property
+    def label(self) -> str:
+        """What it is measured on, with what is known of that: such recordings are simulated together."""
+        return f"{self.specimen} {sorted((key, str(stated)) for key, stated in self.known.items())}"
 
 
 def step_hold(level: float, hold: float, rest: float, lead: float = 1.0) -> Leg:
@@ -81,20 +91,25 @@ def suction_session(
     rate = RATES[instrument]
     stamps = [s + np.arange(0.0, leg.duration, 1 / rate) for s, leg in zip(starts, legs, strict=True)]
     made: list[dict[str, FloatArray]] = [{} for _ in legs]
-    for specimen in dict.fromkeys(leg.specimen for leg in legs):
-        members = [k for k, leg in enumerate(legs) if leg.specimen == specimen]
-        law = tissue if specimen == "skin" else suction_tissue(specimen)
-        chain = _chain(instrument, law, tuple(float(starts[k]) for k in members), effects)
-        chain = noisy(chain, int(rng.integers(1 << 30)), scatter=0.0)
+    for label in dict.fromkeys(leg.label for leg in legs):
+        members = [k for k, leg in enumerate(legs) if leg.label == label]
+        leg = legs[members[0]]
+        chain = nominal(instrument, marks=tuple(float(starts[k]) for k in members))
+        law = tissue if leg.specimen in (SKIN, *SPECIMENS) else suction_tissue(leg.specimen)
+        chain = with_tissue(chain, for_opening(law, OPENING[instrument]))
+        chain = noisy(_mounted(chain, leg, effects), int(rng.integers(1 << 30)), scatter=0.0)
+        wanted = ("pressure", "apex_height", *(["pressure_reference"] if leg.specimen == MANOMETER else []))
         time = np.concatenate([starts[k] + legs[k].quantity_tables["pressure"][0] for k in members])
         value = np.concatenate([legs[k].quantity_tables["pressure"][1] for k in members])
         at = np.concatenate([stamps[k] for k in members])
-        signals = simulate(chain, {"pressure": (time, value)}, {"pressure": at, "apex_height": at})
+        signals = simulate(chain, {"pressure": (time, value)}, dict.fromkeys(wanted, at))
         ends = np.cumsum([len(stamps[k]) for k in members])
         for k, end in zip(members, ends, strict=True):
             part = slice(end - len(stamps[k]), end)
-            gain = 1 + scatter * rng.standard_normal() if specimen == "skin" else 1.0
-            made[k] = {"pressure": signals["pressure"][part], "apex_height": signals["apex_height"][part] * gain}
+            gain = 1 + scatter * rng.standard_normal() if leg.specimen == SKIN else 1.0
+            made[k] = {name: signals[name][part] * (gain if name == "apex_height" else 1.0) for name in wanted}
+            if "pressure_reference" in made[k]:
+                made[k]["pressure_reference"] += MANOMETER_NOISE * rng.standard_normal(end - part.start)
     begin = datetime(2026, 1, 1, tzinfo=UTC)
     return [
         _recording(instrument, leg, made[k], stamps[k], float(starts[k]), begin + timedelta(seconds=float(starts[k])))
@@ -102,16 +117,13 @@ def suction_session(
     ]
 
 
-def _chain(
-    instrument: str,
-    tissue: SuctionTissue,
-    marks: tuple[float, ...],
-    effects: Sequence[tuple[Effect, Mapping[str, float]]],
-) -> Chain:
-    opening = 2e-3 if instrument == "cutometer" else 8e-3
-    chain = with_tissue(nominal(instrument, marks=marks), for_opening(tissue, opening))
+def _mounted(chain: Chain, leg: Leg, effects: Sequence[tuple[Effect, Mapping[str, float]]]) -> Chain:
+    """The chain on a leg's specimen, with the effects that show on it."""
+    if leg.specimen in SPECIMENS:
+        chain = mounted(chain, leg.specimen, leg.known)
     for effect, values in effects:
-        chain = effect.apply(chain, values)
+        if meets(effect, leg.specimen):
+            chain = effect.apply(chain, values)
     return chain
 
 
@@ -151,13 +163,13 @@ def robot_session(
     stamps = [s + np.arange(0.0, leg.duration, 1 / ROBOT_RATE) for s, leg in zip(starts, legs, strict=True)]
     names = (*numbered("axis_position"), *TRANSDUCERS, *xyz("probe"), *xyz("force"))
     made: list[dict[str, FloatArray]] = [{} for _ in legs]
-    for specimen in dict.fromkeys(leg.specimen for leg in legs):
-        members = [k for k, leg in enumerate(legs) if leg.specimen == specimen]
-        law = (tissue or sheet_tissue("forearm")) if specimen == "skin" else sheet_tissue(specimen)
+    for label in dict.fromkeys(leg.label for leg in legs):
+        members = [k for k, leg in enumerate(legs) if leg.label == label]
+        leg = legs[members[0]]
+        skin = tissue or sheet_tissue("forearm")
+        law = skin if leg.specimen in (SKIN, *SPECIMENS) else sheet_tissue(leg.specimen)
         chain = nominal("microrobot", tissue=law)
-        for effect, values in effects:
-            chain = effect.apply(chain, values)
-        chain = noisy(chain, int(rng.integers(1 << 30)), scatter=0.0)
+        chain = noisy(_mounted(chain, leg, effects), int(rng.integers(1 << 30)), scatter=0.0)
         fine = np.concatenate([_fine(stamps[k]) for k in members])
         inputs = {}
         for quantity, signal in (("probe_x", "command_x"), ("probe_y", "command_y"), ("probe_z", "command_z")):
@@ -168,7 +180,7 @@ def robot_session(
         signals = {name: values[::ROBOT_SUBSTEPS] for name, values in closed_loop(chain, fine, inputs).items()}
         ends = np.cumsum([len(stamps[k]) for k in members])
         for k, end in zip(members, ends, strict=True):
-            gain = 1 + scatter * rng.standard_normal() if specimen == "skin" else 1.0
+            gain = 1 + scatter * rng.standard_normal() if leg.specimen == SKIN else 1.0
             made[k] = {
                 n: signals[n][end - len(stamps[k]) : end] * (gain if n.startswith(("transducer", "force")) else 1.0)
                 for n in names
@@ -190,7 +202,10 @@ def _recording(
 ) -> Recording:
     streams = {
         name: Series(
-            value, time, "N" if "force" in name else "Pa" if name == "pressure" else "m", seq=np.arange(len(time))
+            value,
+            time,
+            _unit(name),
+            seq=np.arange(len(time)),
         )
         for name, value in channels.items()
     }
@@ -198,9 +213,13 @@ def _recording(
     setpoints = {q: Series(v, t + start, unit) for q, (t, v) in leg.quantity_tables.items()}
     info = RunInfo(
         id=f"simulated-{start:.0f}", instrument=instrument, start_time=begin.isoformat(), subject="P00", site="forearm",
-        specimen=leg.specimen, repeat=leg.repeat,
+        specimen=leg.specimen, specimen_properties=leg.known, repeat=leg.repeat,
     )  # fmt: skip
     return Recording(info, streams, setpoints)
+
+
+def _unit(channel: str) -> str:
+    return "N" if "force" in channel else "Pa" if channel.startswith("pressure") else "m"
 
 
 def session(

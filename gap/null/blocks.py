@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from acquire.recording.model import Recording
+from acquire.recording.model import Recording, RunInfo
 from gap.data.binning import GROWTH, WIDEST
 from gap.data.labels import label_rows
 from gap.data.pauses import continues
@@ -22,9 +22,11 @@ from gap.data.tolerances import tolerances
 from gap.inference.evidence import Fit
 from gap.inference.hypothesis import Active, Candidate, Evaluation, Lateness, Rows, Start
 from gap.null.chains import Kept, Memo, needed
+from protocols.specimens import SPECIMENS, Stated
 from sim_devices.chain import Chain, Effect, FloatArray
 from sim_devices.stages.operators import Retimed
 from sim_devices.stages.sampling import COMMANDS, RETIMED, command_at, time_grid
+from sim_devices.stages.specimens import meets
 
 SIMPLE_SHIFT = 1e-3
 """s: how late a channel may be that samples, neither holds nor integrates."""
@@ -42,15 +44,26 @@ Table = tuple[FloatArray, FloatArray]
 
 @dataclass(frozen=True)
 class Group:
-    """Recordings of one specimen and the commands over them."""
+    """Recordings of one specimen and the commands over them.
+
+    ``specimen`` tells it from every other group (two gauge steps are two), ``name`` is that of its kind, ``known`` what
+    is known of it.
+    """
 
     specimen: str
     members: tuple[int, ...]
     commands: Mapping[str, Command]
+    name: str = SKIN
+    known: Mapping[str, Stated] = field(default_factory=dict)
 
     @property
     def skin(self) -> bool:
-        return self.specimen == SKIN
+        return self.name == SKIN
+
+    @property
+    def reference(self) -> bool:
+        """Whether it is a reference specimen: no law of a person's is in the way."""
+        return self.name in SPECIMENS
 
     def tables(self) -> dict[str, Table]:
         """Commands as tables for the simulation."""
@@ -63,15 +76,31 @@ class GroupedSession(Session):
     def __init__(self, recordings: Sequence[Recording], quantities: Sequence[str]) -> None:
         super().__init__(recordings)
         self.instrument = recordings[0].info.instrument
-        specimens = [r.info.specimen or SKIN for r in recordings]
+        labels = [_label(r.info) for r in recordings]
         self.groups = []
-        for name in dict.fromkeys(specimens):
-            members = tuple(k for k, s in enumerate(specimens) if s == name)
-            self.groups.append(Group(name, members, {q: self.command(q, members) for q in quantities}))
+        for label in dict.fromkeys(labels):
+            members = tuple(k for k, s in enumerate(labels) if s == label)
+            info = recordings[members[0]].info
+            commands = {q: self.command(q, members) for q in quantities}
+            self.groups.append(Group(label, members, commands, info.specimen or SKIN, info.specimen_properties))
         self.kinks = np.unique(np.concatenate([c.kinks for g in self.groups for c in g.commands.values()]))
         # What a first sample is, is of its own recording, be the clocks some milliseconds apart.
         armed = [k for k, r in enumerate(recordings) if not continues(r)]
         self.marks = tuple(self.span(k)[0] - BEFORE for k in armed)
+
+    def onset(self, k: int) -> float:
+        """When suction is first commanded in recording ``k``, s; its begin where it never is."""
+        group = next(g for g in self.groups if k in g.members)
+        time, value = group.commands["pressure"].time, group.commands["pressure"].value
+        begin, end = self.span(k)
+        acting = np.flatnonzero((value != 0) & (time >= begin) & (time <= end))
+        return float(time[max(acting[0] - 1, 0)]) if len(acting) else begin
+
+
+def _label(info: RunInfo) -> str:
+    """What tells a specimen from others: its name and, of a reference, what is known of it."""
+    known = info.specimen_properties if info.specimen in SPECIMENS else {}
+    return ", ".join([info.specimen or SKIN, *(f"{key} {stated}" for key, stated in known.items())])
 
 
 class Block(abc.ABC):
@@ -98,7 +127,7 @@ class Block(abc.ABC):
         parts = []
         at = 0
         for group in session.groups:
-            if group.specimen in without:
+            if group.name in without:
                 continue
             begin = at
             for k in group.members:
@@ -205,10 +234,10 @@ class Block(abc.ABC):
         """Which recording each stamp belongs to, (n, recordings) of 0 and 1."""
         return (self.run[:, None] == np.asarray(self.runs)[None, :]).astype(float)
 
-    def with_effects(self, chain: Chain, active: Active) -> Chain:
-        """The chain with the active effects."""
+    def with_effects(self, chain: Chain, active: Active, group: Group) -> Chain:
+        """The chain of a group with the active effects, those that its specimen meets."""
         for candidate, values in active.items():
-            if not self.by_chance(candidate.key):
+            if not self.by_chance(candidate.key) and meets(self.library[candidate.key], group.name):
                 chain = self.library[candidate.key].apply(chain, values)
         return chain
 

@@ -242,7 +242,7 @@ class FeForceBlock(Anchored, ForceBlock):
         for (g, _), (grid, axes) in zip(self.groups, self._grids_of, strict=True):
             if not g.skin:
                 continue
-            chain = self.with_effects(self._law_chain(g, fitted.nuisance), fitted.active)
+            chain = self.with_effects(self._law_chain(g, fitted.nuisance), fitted.active, g)
             made = run(needed(chain, xyz("skin"), axes), grid, axes)
             skin = np.stack([made[s] for s in xyz("skin")])
             errors.append(gradients(skin / self._reach) @ differing)

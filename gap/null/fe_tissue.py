@@ -298,7 +298,7 @@ class FeHeightBlock(Anchored, HeightBlock):
         for (g, at), (t, p) in zip(self.groups, self._line, strict=True):
             if not g.skin:
                 continue
-            chain = self.with_effects(self._law_chain(g, fitted.nuisance), fitted.active)
+            chain = self.with_effects(self._law_chain(g, fitted.nuisance), fitted.active, g)
             time = self._solve_times(g, at, t)
             pressure = self._skin_pressure(chain, g, fitted.active, time, (t, p))
             full, _ = self._solved(x, time, pressure)

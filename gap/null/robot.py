@@ -16,6 +16,7 @@ from gap.inference.problem import Problem
 from gap.null.blocks import Block, GroupedSession, candidates_for
 from gap.null.robot_axes import AXES, QUANTITIES, ArithmeticBlock, AxesBlock
 from gap.null.robot_force import ForceBlock, RoughForceBlock
+from gap.null.robot_reference import ReferenceForceBlock
 from sim_devices.chain import Effect
 from sim_devices.stages.robot import TRANSDUCERS, xyz
 
@@ -56,7 +57,11 @@ def robot_problems(
         rough = RoughForceBlock(session, effects, axes)
         if [g for g, _ in rough.groups] == [g for g, _ in axes.groups]:
             axes.reload(rough.denoised())
-        blocks.append(force(session, effects, axes))
+        shown = {g.reference for g in session.groups if g.name != "rigid post"}
+        if True in shown:  # ahead of the skin: what an effect is on a reference goes on to it
+            blocks.append(ReferenceForceBlock(session, effects, axes))
+        if False in shown:
+            blocks.append(force(session, effects, axes))
     if not blocks:
         raise ValueError(f"recording {recordings[0].info.id} has neither axis positions nor transducer forces")
     return blocks, tuple(_within_reach(c, blocks) for c in candidates_for(effects, blocks))

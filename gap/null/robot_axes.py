@@ -19,6 +19,7 @@ from gap.null.robot_loop import CONTROLLERS, Controller
 from sim_devices.chain import Chain, Effect, FloatArray, Operator
 from sim_devices.stages import nominal
 from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
+from sim_devices.stages.specimens import SHEETS, sheet_of, with_weight
 from sim_devices.stages.tissues import SheetTissue, sheet_tissue
 
 QUANTITIES = ("probe_x", "probe_y", "probe_z")
@@ -49,7 +50,12 @@ def specimen_chain(group: Group, tissue: SheetTissue, marks: tuple[float, ...] =
 
     ``marks`` (s): when recordings start, for effects that begin anew with each.
     """
-    return _sound(tissue if group.skin else _specimen(group.specimen), marks)
+    if group.name == "dead weight":
+        if not {"mass", "direction"} <= group.known.keys():
+            raise ValueError("a dead weight tells nothing without its mass and direction")
+        mass, direction = group.known["mass"].scalar, group.known["direction"].value
+        return with_weight(_sound(sheet_tissue("open air"), marks), mass, direction)
+    return _sound(tissue if group.skin else _specimen(group), marks)
 
 
 @lru_cache(maxsize=64)
@@ -57,9 +63,11 @@ def _sound(tissue: SheetTissue, marks: tuple[float, ...]) -> Chain:
     return nominal("microrobot", tissue=tissue, marks=marks)
 
 
-def _specimen(name: str) -> SheetTissue:
+def _specimen(group: Group) -> SheetTissue:
+    if group.name in SHEETS:
+        return sheet_of(group.name, group.known["k"].scalar if "k" in group.known else 0.0)
     try:
-        return sheet_tissue(name)
+        return sheet_tissue(group.name)
     except ValueError:
         return sheet_tissue("silicone")
 
@@ -216,7 +224,7 @@ class AxesBlock(Block):
         if key and key != self._undone[0]:
             loads = []
             for (g, _), forces, axes in zip(self.groups, self._forces, self._seen, strict=True):
-                chain = self.with_effects(specimen_chain(g, sheet_tissue("forearm"), self.session.marks), active)
+                chain = self.with_effects(specimen_chain(g, sheet_tissue("forearm"), self.session.marks), active, g)
                 loads.append(self._load(g, forces, axes, chain))
             self._undone = key, loads
         return (self._undone[1] if key else self._loads), key
@@ -225,7 +233,7 @@ class AxesBlock(Block):
         """Whether an effect falsifies what the transducers say of the load."""
         given = (*xyz("reaction"), *numbered("axis"))
         chain = specimen_chain(self.groups[0][0], sheet_tissue("forearm"), self.session.marks)
-        changed = self.with_effects(chain, {candidate: values})
+        changed = self.with_effects(chain, {candidate: values}, self.groups[0][0])
         return needed(changed, TRANSDUCERS, given) != needed(chain, TRANSDUCERS, given)
 
     def greatest(self) -> float:
@@ -242,7 +250,7 @@ class AxesBlock(Block):
             specimen_chain(group, sheet_tissue("forearm"), self.session.marks), np.exp(np.clip(nuisance[:3], -3, 3))
         )
         spring = SPRING if self._loads[0] else 0.0
-        return self.with_effects(chain.tuned("axes", spring=spring), active)
+        return self.with_effects(chain.tuned("axes", spring=spring), active, group)
 
     def _predict(self, nuisance: FloatArray, active: Active) -> FloatArray:
         out = np.empty((3, len(self.stamps)))
@@ -364,7 +372,7 @@ class ArithmeticBlock(Block):
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         out = np.empty((3, len(self.stamps)))
         for (g, at), given in zip(self.groups, self._given, strict=True):
-            chain = self.with_effects(specimen_chain(g, sheet_tissue("forearm"), self.session.marks), active)
+            chain = self.with_effects(specimen_chain(g, sheet_tissue("forearm"), self.session.marks), active, g)
             signals = {n: v for n, (_, v) in given.items()}
             made = run(needed(chain, self.channels, signals), self.stamps[at], signals)
             out[:, at] = np.stack([made[c] for c in self.channels])

@@ -15,6 +15,7 @@ from gap.null.chains import needed, run
 from gap.null.robot_axes import AXES, ROBOT_BINS, AxesBlock, recorded, specimen_chain, steepness
 from gap.null.sheet_discrepancy import sheet_discrepancy
 from gap.null.sheet_law import FURTHER, LAWS, TISSUE, Law, rewired, sheet
+from protocols.specimens import SPECIMENS
 from sim_devices.chain import Chain, Effect, FloatArray, Operator
 from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
 from sim_devices.stages.tissues import SheetTissue, sheet_tissue
@@ -39,7 +40,7 @@ class ForceBlock(Block):
     """
 
     name, channels = "force", TRANSDUCERS
-    TRUSTS = (0.25, 0.15, 0.1, 0.08, 0.06)
+    TRUSTS: tuple[float, ...] = (0.25, 0.15, 0.1, 0.08, 0.06)
     """In the evidence, for each of `DISCREPANCY_SCALES`: the farther the sheet is from the reduced one, the more of
     what is left may be the sheet's and look like a device's."""
     growth, widest = ROBOT_BINS
@@ -50,11 +51,11 @@ class ForceBlock(Block):
     GAIN_SD = 0.04  # of the tissue's stiffness between recordings
     ZERO_SD = 1.5e-3  # N: those of sound recordings scatter by 0.6 to 1.5 mN
     DISCREPANCY_SD = 0.02  # of the force, per basis function
-    DISCREPANCY_SCALES = (0.03, 0.15, 0.5, 2.0, 8.0)
+    DISCREPANCY_SCALES: tuple[float, ...] = (0.03, 0.15, 0.5, 2.0, 8.0)
     DISCREPANCY_SIZE = 400
 
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect], axes: AxesBlock) -> None:
-        super().__init__(session, library)
+        super().__init__(session, library, self.left_out(session))
         smooth = [recorded(self, g, TRANSDUCERS, TRANSDUCERS, smooth=True) for g, _ in self.groups]
         self.blur_steep_parts(steepness(self, smooth, TRANSDUCERS))
         self._tissue = sheet_tissue("forearm")
@@ -72,13 +73,12 @@ class ForceBlock(Block):
         size = max(float(np.ptp(self.measured)), 10 * float(np.median(self.sigma)))
         columns, weights = compressed(*self._discrepancy_columns(), self.DISCREPANCY_SIZE)
         self._basis = columns * size
-        runs = self.member.shape[1]
         sd = {
             "tissue": np.asarray(self.LAWS[-1].sd),
             "shift": np.array([max(self.tolerances["latency"]["delay"].value, self.shift_sd)]),
             "calibration": np.full(3, self.tolerances["sensor_gain"]["error"].value),
-            "gain": np.full(runs, self.GAIN_SD),
-            "zero": np.full(3 * runs, self.ZERO_SD),
+            "gain": self._gain_sd(),
+            "zero": np.tile(self._zero_sd(), 3),
             "discrepancy": self.DISCREPANCY_SD * weights,
         }
         ends = np.cumsum([len(v) for v in sd.values()])
@@ -92,6 +92,19 @@ class ForceBlock(Block):
         self._alone: tuple[FloatArray, FloatArray] | None = None  # widths and fit of a simple law that is not the null
         self._probability = -np.inf  # log evidence of the null
         self._skin_at_nodes: dict[str, Mapping[str, FloatArray]] = {}
+
+    def left_out(self, session: GroupedSession) -> tuple[str, ...]:
+        """Names of the specimens that say nothing here: a reference block has them, and what stands against a post by
+        micrometres that nobody measures."""
+        return tuple(SPECIMENS)
+
+    def _gain_sd(self) -> FloatArray:
+        """By recording (r,): how far its stiffness is another."""
+        return np.full(len(self.runs), self.GAIN_SD)
+
+    def _zero_sd(self) -> FloatArray:
+        """By recording (r,), N: how far a transducer's zero is off."""
+        return np.full(len(self.runs), self.ZERO_SD)
 
     @property
     def trusts(self) -> Sequence[float]:
@@ -281,7 +294,7 @@ class ForceBlock(Block):
         shift = nuisance[self._parts["shift"]][0]
         out = np.empty((3, len(self.stamps)))
         for (g, at), (grid, axes) in zip(self.groups, self._grids_of, strict=True):
-            operators = needed(self.with_effects(self._law_chain(g, nuisance), active), TRANSDUCERS, axes)
+            operators = needed(self.with_effects(self._law_chain(g, nuisance), active, g), TRANSDUCERS, axes)
             ahead = self._ahead_of[g.specimen]
             given: Mapping[str, FloatArray] = axes
             if operators[: len(ahead)] == ahead:  # what moves the skin is the same every time
@@ -341,7 +354,11 @@ def _settled(fitted: Fit) -> bool:
 
 
 class RoughForceBlock(ForceBlock):
-    """The same with few other sheets: good enough to take the noise out of the forces that load the axes."""
+    """The same with few other sheets, and on all specimens: good enough to take the noise out of the forces that load
+    the axes."""
 
     LAWS = LAWS[-1:]
     DISCREPANCY_SIZE = 60
+
+    def left_out(self, session: GroupedSession) -> tuple[str, ...]:
+        return ("rigid post",)

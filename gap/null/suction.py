@@ -10,6 +10,7 @@ from gap.inference.problem import Problem
 from gap.null.blocks import Block, GroupedSession, candidates_for
 from gap.null.suction_height import HeightBlock
 from gap.null.suction_pressure import PressureBlock
+from gap.null.suction_reference import ManometerBlock, ReferenceBlock
 from sim_devices.chain import Effect
 
 
@@ -35,7 +36,12 @@ def suction_problems(
     if any("pressure" in r.streams for r in recordings):
         pressure = PressureBlock(session, effects)
         blocks.append(pressure)
-    if any("apex_height" in r.streams for r in recordings):
+    if any("pressure_reference" in r.streams for r in recordings):
+        blocks.append(ManometerBlock(session, effects))
+    shown = {g.reference for g in session.groups for k in g.members if "apex_height" in recordings[k].streams}
+    if True in shown:  # ahead of the skin: what an effect is on a reference goes on to it
+        blocks.append(ReferenceBlock(session, effects, pressure))
+    if False in shown:
         skin = height(session, effects, pressure)
         skin.jobs = jobs
         blocks.append(skin)

@@ -27,6 +27,7 @@ from gap.null.suction_discrepancy import USUAL_MEMORY, Suction, elastic_freedom,
 from gap.null.suction_feed import FedPressure
 from gap.null.suction_pressure import PressureBlock, chain_of
 from gap.null.suction_skin import Loaded
+from protocols.specimens import SPECIMENS
 from sim_devices.chain import Chain, Effect, FloatArray
 from sim_devices.stages.tissues import SuctionTissue, suction_tissue
 
@@ -78,7 +79,7 @@ class HeightBlock(Block):
     def __init__(
         self, session: GroupedSession, library: Mapping[str, Effect], pressure: PressureBlock | None = None
     ) -> None:
-        super().__init__(session, library)
+        super().__init__(session, library, without=tuple(SPECIMENS))
         self._tissue = suction_tissue("forearm")
         self._pressure = pressure
         self._fed = FedPressure(session, pressure)
@@ -86,7 +87,7 @@ class HeightBlock(Block):
         strongest = (-float(p.min()) for (g, _), (_, p) in zip(self.groups, self._line, strict=True) if g.skin)
         self._strongest = max(strongest, default=0.0) or 1e3  # Pa; without skin any will do
         self._runs = self.member
-        self._onsets = np.array([self._onset(k) for k in self.runs])
+        self._onsets = np.array([self.session.onset(k) for k in self.runs])
         self._start: FloatArray | None = None
         self._tries: list[Try] = []
         self._size = 1.0
@@ -123,11 +124,11 @@ class HeightBlock(Block):
                 continue
             at = self.session.breaks(self.channels[0], k)
             before = kinks[np.maximum(np.searchsorted(kinks, at) - 1, 0)]
-            late += (at[at > before + ANSWER] - self._onset(k)).tolist()
+            late += (at[at > before + ANSWER] - self.session.onset(k)).tolist()
         return in_common([delay for delay in late if delay > 0], SAME)
 
     def breaks(self, k: int) -> Sequence[float]:
-        return [self._onset(k) + delay for delay in self.resets]
+        return [self.session.onset(k) + delay for delay in self.resets]
 
     def _priors(self) -> tuple[FloatArray, ...]:
         """Prior widths (p,) of the simple laws, and of the usual one beside each size of the discrepancy."""
@@ -164,14 +165,6 @@ class HeightBlock(Block):
             if part.of == name and (name not in law.amounts or part.sd == FROZEN):
                 out[k] = part.begin if name in law.amounts else 0.0
         return out
-
-    def _onset(self, k: int) -> float:
-        """When suction is first commanded in recording ``k``, s; its begin where it never is."""
-        group = next(g for g in self.session.groups if k in g.members)
-        time, value = group.commands["pressure"].time, group.commands["pressure"].value
-        begin, end = self.session.span(k)
-        acting = np.flatnonzero((value != 0) & (time >= begin) & (time <= end))
-        return float(time[max(acting[0] - 1, 0)]) if len(acting) else begin
 
     def tables(self, group: Group) -> dict[str, Table]:
         """The commands by the record's clock: a zero that is taken milliseconds off is off by as many micrometres."""
@@ -368,7 +361,7 @@ class HeightBlock(Block):
         shift = nuisance[len(self.PARTS)]
         out = np.empty(len(self.stamps))
         for (g, at), line in zip(self.groups, self._line, strict=True):
-            chain = self.with_effects(self._law_chain(g, nuisance), active)
+            chain = self.with_effects(self._law_chain(g, nuisance), active, g)
             given = {"line_pressure": self._fed.beside(chain, g, active, line)}
             out[at] = self.simulated(chain, g, at, shift, given)[0]
         return out

@@ -33,7 +33,7 @@ NO_TISSUE = SuctionTissue(0.0, creep=(), times=(), residual=0.0, softening=0.0)
 
 def chain_of(session: GroupedSession, group: Group, tissue: SuctionTissue, **options: Any) -> Chain:
     """The nominal chain for a group: ``tissue`` if it is skin, else what its specimen is."""
-    law = tissue if group.skin else _specimen(group.specimen)
+    law = tissue if group.skin else _specimen(group.name)
     chain = sound_chain(session.instrument, session.marks, **options)
     laws = {op.name: op for op in tissue_operators(law)}
     return replace(chain, operators=tuple(laws.get(op.name, op) for op in chain.operators))
@@ -153,7 +153,7 @@ class PressureBlock(Block):
             # Bins average over the staircase of the command's resolution: simulate its mean.
             chain = chain_of(self.session, g, NO_TISSUE, command_step=0.0).tuned("regulator", tau=tau, zeta=zeta)
             shift = nuisance[2] + nuisance[3] * (self.stamps[at] - self.stamps[0])
-            out[at] = self.simulated(self.with_effects(chain, active), g, at, shift)[0]
+            out[at] = self.simulated(self.with_effects(chain, active, g), g, at, shift)[0]
         return out + self._linear @ nuisance[4:]
 
     def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:

@@ -91,7 +91,7 @@ def with_reference(bench: Bench, seed: int) -> Bench:
     noise, codec = np.random.default_rng([seed, 7]), cast("Callable[..., Codec]", bench.codec)
 
     def measure(signals: Signals) -> FloatArray:
-        line = signals["line_pressure"]
+        line = signals["pressure_reference"]
         return np.column_stack([bench.measure(signals), line + REFERENCE_NOISE * noise.standard_normal(len(line))])
 
     raw = (*bench.raw, f"pressure{REFERENCE}")

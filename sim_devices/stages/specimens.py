@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from protocols.specimens import GRAVITY, SPECIMENS, Stated
-from sim_devices.chain import Chain, FloatArray, Signals
+from sim_devices.chain import Chain, Effect, FloatArray, Signals
 from sim_devices.stages.operators import Wired, after
 from sim_devices.stages.suction import OPENING, with_tissue
 from sim_devices.stages.tissues import SheetTissue, SuctionTissue, for_opening, sheet_tissue, suction_tissue
@@ -26,6 +26,11 @@ MEMBRANE = SuctionTissue(6.0e-9, knee=15e3, exponent=0.55, creep=(), times=(), r
 """Elastic curve of the simulated reference membrane: stiffening like a taut sheet of rubber (assumed)."""
 LOSS_TIME = 0.3
 """s: time constant of the little that the simulated membrane loses (assumed)."""
+SHEETS = ("open air", "rigid post", "reference spring")
+"""What the robot's probe meets as it meets a sheet of skin."""
+YIELDING = ("reference membrane", "reference spring", "rigid post")
+OF_SKIN = ("probe_recoil", "support_slip")
+"""Specimens that load the interface, and effects there that are skin's all the same."""
 POST = 2e5
 """N/m: stiffness of post, glue and frame together, as the simulated robot meets them (assumed)."""
 
@@ -56,6 +61,17 @@ def mounted(chain: Chain, specimen: str, properties: Mapping[str, Stated]) -> Ch
     if chain.instrument == "microrobot":
         return chain.tuned("tissue", tissue=sheet_of(specimen, known.get("k", 0.0)))
     return with_tissue(chain, suction_tissue("rigid block"))  # the manometer's adapter closes the probe as a block does
+
+
+def meets(effect: Effect, specimen: str) -> bool:
+    """Whether an effect shows on a specimen at all.
+
+    What a person's tissue does it does not do on a reference; and only what gives way as skin does shows most of what
+    happens between probe and skin.
+    """
+    if specimen not in SPECIMENS or effect.stage not in ("tissue", "interface"):
+        return True
+    return effect.stage == "interface" and specimen in YIELDING and effect.name not in OF_SKIN
 
 
 def sheet_of(specimen: str, stiffness: float = 0.0) -> SheetTissue:

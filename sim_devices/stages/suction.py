@@ -58,16 +58,19 @@ class Zeroing(Wired):
     each recording of a session: the reading is zeroed there and at the first suction after it, ``delay`` s late. With
     ``anew`` > 0 every suction that follows ``anew`` s or more of rest is zeroed too. If it is ``averaged``, the zero is
     the mean over the delay and is taken off from the mark on, as in processing afterwards: as far back as the samples
-    of one call reach.
+    of one call reach. With ``held`` the zero is that of a flat surface, taken before.
     """
 
     marks: tuple[float, ...] = ()
     delay: float = 0.0
     anew: float = 0.0
     averaged: bool = False
+    held: bool = False
 
     def fresh(self) -> Any:
-        return np.zeros(ZERO_STATE), np.array([*sorted(self.marks), np.inf])
+        state = np.zeros(ZERO_STATE)
+        state[1] = 3.0 if self.held else 0.0
+        return state, np.array([*(() if self.held else sorted(self.marks)), np.inf])
 
     def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
         height, pressure = (signals[s] for s in self.source)
@@ -180,6 +183,7 @@ def nominal_suction(
             Regulator("regulator", "actuator", ("setpoint_pressure",), ("line_pressure",), tau, zeta, lowest=lowest),
             Pass("probe", "interface", ("line_pressure",), ("skin_pressure",)),
             *tissue_operators(skin),
+            Pass("manometer", "sensor", ("line_pressure",), ("pressure_reference",)),
             Map("gauge", "sensor", ("line_pressure",), analog("pressure"), laws.affine, (0.0, 0.0)),
             Noise("gauge_noise", "sensor", analog("pressure"), ("pressure",)),
             Pass("optics", "sensor", ("bulge",), analog("raw_height")),

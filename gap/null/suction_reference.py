@@ -1,0 +1,203 @@
+"""Reference specimens under a suction probe: what the instrument shows where no person's law is in the way.
+
+On a block and a manometer's adapter the height is 0, on a gauge step it is the step's, on the membrane a monotone and
+nearly memoryless function of pressure, the same in all its recordings. So the height's gain, zero, lag and friction are
+the instrument's, as they are when the same effects are fitted to skin. The manometer tells the true pressure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from gap.inference.hypothesis import Active, Evaluation
+from gap.null.blocks import Block, Group, GroupedSession, Table
+from gap.null.suction_discrepancy import KNEES
+from gap.null.suction_feed import FedPressure
+from gap.null.suction_pressure import NO_TISSUE, PressureBlock, chain_of
+from protocols.specimens import MEMORY
+from sim_devices.chain import Chain, Effect, FloatArray
+from sim_devices.stages.kernels import evaluate, low_pass
+from sim_devices.stages.suction import elastic_height
+
+STEP, MEMBRANE = "gauge step", "reference membrane"
+MOVING = 1.5
+"""s about the moment at which a step is slid in or out that are left out."""
+BEND_SD = 0.02
+"""Of the membrane's greatest height, by which its curve may differ from one of three parameters, per function."""
+MEMORIES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
+"""s: of the little memory that a membrane may have."""
+IGNORED = 1e3
+"""Factor on the noise of what is left out."""
+
+
+class ReferenceBlock(Block):
+    """Apex height on reference specimens.
+
+    Nuisance: the sampling convention; the height's gain within its tolerance; each recording's zero; a step's height
+    within its uncertainty; the membrane's curve, and as much memory as it states.
+    """
+
+    name, channels = "reference", ("apex_height",)
+    LINEAR_FROM = 1  # of the nuisance: behind the shift
+
+    def __init__(
+        self, session: GroupedSession, library: Mapping[str, Effect], pressure: PressureBlock | None = None
+    ) -> None:
+        others = {g.name for g in session.groups if not g.reference}
+        super().__init__(session, library, without=tuple(others))
+        fed = FedPressure(session, pressure)
+        self._pressure = pressure
+        self._fed = fed
+        self._line = [fed.smoothed(g) for g, _ in self.groups]
+        self._bulge = [self._solid(g, at) for g, at in self.groups]
+        self._curve = self._membrane_curve()
+        later, earlier = (self._chain_height(np.array([s]), {}) for s in (1e-3, -1e-3))
+        self.blur_steep_parts((later - earlier) / 2e-3)
+        columns, widths = self._columns()
+        self._added = np.column_stack(columns)
+        self.prior_sd = np.concatenate([[self.shift_sd], widths])
+        self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
+        self.alternatives = (self.prior_sd,)
+
+    def tables(self, group: Group) -> dict[str, Table]:
+        """The commands by the record's clock, as the zero is taken."""
+        if self._pressure is None:
+            return group.tables()
+        return {q: (t - self._pressure.early(t), value) for q, (t, value) in group.tables().items()}
+
+    def kinks(self, group: Group) -> FloatArray:
+        kinks = super().kinks(group)
+        return kinks if self._pressure is None else kinks - self._pressure.early(kinks)
+
+    def _solid(self, group: Group, at: slice) -> Table | None:
+        """Height of a solid over a group's time, m; None of a membrane. A step is there from when the record shows half
+        of it on, and the moments in which it is moved are left out."""
+        begin, end = self.stamps[at][[0, -1]]
+        if group.name == MEMBRANE:
+            return None
+        if group.name != STEP or "height" not in group.known:
+            return np.array([begin, end]), np.zeros(2)
+        height = group.known["height"].scalar
+        there = self.measured[at] > 0.5 * height
+        moved = np.flatnonzero(np.diff(there.astype(int)) != 0)
+        if not there.any():  # nor is it there at all: what is known is wrong, and the misfit will tell
+            there = np.ones_like(there)
+        edges = 0.5 * (self.stamps[at][moved] + self.stamps[at][moved + 1])
+        near = np.min(np.abs(self.stamps[at][:, None] - edges), axis=1, initial=np.inf) < MOVING
+        self.sigma[at][near] *= IGNORED
+        return self.stamps[at], np.where(there, height, 0.0)
+
+    def _membrane_curve(self) -> tuple[float, float, float]:
+        """Compliance (m/Pa), knee (Pa) and exponent of the membrane's curve, fitted to what it shows."""
+        parts = [
+            (np.interp(self.stamps[at], *line), self.measured[at])
+            for (g, at), line in zip(self.groups, self._line, strict=True)
+            if g.name == MEMBRANE
+        ]
+        if not parts:
+            return 0.0, 1e4, 1.0
+        pressure, height = (np.concatenate(p) for p in zip(*parts, strict=True))
+        top, deepest = max(float(height.max()), 1e-6), max(-float(pressure.min()), 1.0)
+
+        def off(x: FloatArray) -> FloatArray:
+            shape = elastic_height(pressure, pressure, 1.0, deepest * np.exp(x[1]), x[2])
+            return (x[0] * shape / max(float(shape.max()), 1e-30) * top + x[3] * top - height) / top
+
+        start = np.array([1.0, 0.0, 0.6, 0.0])
+        low, high = (-np.inf, -4.0, 0.05, -0.2), (np.inf, 4.0, 3.0, 0.2)
+        x = least_squares(off, start, bounds=(low, high), loss="soft_l1", f_scale=0.01).x
+        knee = deepest * float(np.exp(x[1]))
+        unit = float(elastic_height(pressure, pressure, 1.0, knee, float(x[2])).max())
+        return float(x[0]) * top / unit, knee, float(x[2])
+
+    def _columns(self) -> tuple[list[FloatArray], list[float]]:
+        """What is simply added to the prediction, each (n,) m, and the widths of their priors."""
+        n = len(self.stamps)
+        height = self._chain_height(np.zeros(1), {})
+        on_step = np.zeros(n)
+        columns, widths = [], []
+        for g, at in self.groups:
+            if g.name == STEP:
+                on_step[at] = height[at]
+        columns.append(on_step)
+        widths.append(self.tolerances["sensor_gain"]["error"].value)
+        for j, k in enumerate(self.runs):
+            # Whether a reading is zeroed when it begins, at the first suction or at both, instruments do not agree.
+            columns += [self.member[:, j], self.member[:, j] * (self.stamps < self.session.onset(k))]
+            widths += [float(np.hypot(self.noise[0], 1e-6))] * 2
+            known = self.session.recordings[k].info.specimen_properties
+            if "height" in known:
+                columns.append(self.member[:, j] * on_step)
+                widths.append(max(known["height"].se / max(known["height"].scalar, 1e-9), 1e-6))
+        for (g, at), (time, pressure) in zip(self.groups, self._line, strict=True):
+            if g.name == MEMBRANE:
+                memory = g.known["memory"].scalar if "memory" in g.known else MEMORY.otherwise
+                for column, width in self._freedom(time, pressure, memory):
+                    full = np.zeros(n)
+                    full[at] = np.interp(self.stamps[at], time, column)
+                    columns.append(full)
+                    widths.append(width)
+        return columns, widths
+
+    def _freedom(self, time: FloatArray, pressure: FloatArray, memory: float) -> list[tuple[FloatArray, float]]:
+        """What else a membrane of so much memory may do: other curves, and lags of its height, with their widths."""
+        u = np.maximum(-pressure, 0.0)
+        u = u / (float(u.max()) or 1.0)
+        height = elastic_height(time, pressure, *self._curve)
+        top = float(np.max(np.abs(height), initial=1e-9))
+        curves = [u, u**2, u**3, np.sqrt(u), *(np.minimum(u, k) / k for k in KNEES[3:])]
+        out = [(curve * top, BEND_SD) for curve in curves]
+        return out + [(evaluate(low_pass, time, height, tau) - height, 0.5 * memory) for tau in MEMORIES]
+
+    def _chain_of(self, group: Group) -> Chain:
+        chain = chain_of(self.session, group, NO_TISSUE)
+        if group.name == STEP:
+            return chain.tuned("zeroing", held=True)
+        if group.name == MEMBRANE:
+            return chain.tuned("elastic", parameters=self._curve)
+        return chain
+
+    def _chain_height(self, nuisance: FloatArray, active: Active) -> FloatArray:
+        """Apex height of the chain, (n,) m."""
+        out = np.empty(len(self.stamps))
+        for (g, at), line, solid in zip(self.groups, self._line, self._bulge, strict=True):
+            chain = self.with_effects(self._chain_of(g), active, g)
+            given = {"line_pressure": self._fed.beside(chain, g, active, line)}
+            if solid is not None:
+                given["bulge"] = solid
+            out[at] = self.simulated(chain, g, at, nuisance[0], given)[0]
+        return out
+
+    def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:
+        return {"height_gain_error": (float(nuisance[1]), "1"), "height_shift": (float(nuisance[0]), "s")}
+
+    def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
+        height = self._chain_height(nuisance, active)
+        residual = self.whitened(self.measured - height - self._added @ nuisance[1:], active)
+        if not want_jacobian:
+            return Evaluation(residual, np.zeros((0, 0)))
+        moved = nuisance.copy()
+        moved[0] += 0.05 * self.dt
+        shifted = (self._chain_height(moved, active) - height) / (0.05 * self.dt)
+        return Evaluation(residual, self.whitened(np.column_stack([shifted, self._added]), active))
+
+
+class ManometerBlock(PressureBlock):
+    """Command -> true pressure at the probe, by a second gauge.
+
+    The loop closes over the instrument's own gauge, whose error only the second one tells.
+    """
+
+    name, channels = "manometer", ("pressure_reference",)
+
+    def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:
+        return {
+            "pressure_gauge_gain_error": (-float(nuisance[-2]), "1"),
+            "pressure_gauge_zero": (-float(nuisance[-1]), "Pa"),
+        }
+
+
+__all__ = ["ManometerBlock", "ReferenceBlock"]

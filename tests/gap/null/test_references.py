@@ -1,0 +1,117 @@
+"""Reference specimens in a diagnosis: what they tie down is named, and what they are not is no finding."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from acquire.recording.model import Recording
+from gap import diagnose
+from gap.design import simulated as own
+from gap.diagnosis import Diagnosis
+from gap.effects.load import library
+from gap.inference.least_squares import fit
+from gap.null.robot import robot_problems
+from gap.null.suction import suction_problems
+from protocols.specimens import stated
+from sim_devices.effects import effects
+
+SKIN = [own.step_hold(-20e3, 6.0, 4.0), own.triangle(-20e3, 4.0, 1, 4.0)]
+STEPS = [
+    replace(own.step_hold(0.0, 4.0, 4.0), specimen="gauge step", known=stated("gauge step", {"height": h}))
+    for h in ("0.500 mm", "1.000 mm")
+]
+MEMBRANE = [replace(leg, specimen="reference membrane") for leg in (own.step_hold(-20e3, 3.0, 3.0), SKIN[1])]
+MANOMETER = [replace(own.step_hold(-20e3, 3.0, 3.0), specimen="manometer")]
+
+
+def suction(name: str = "", values: Mapping[str, float] | None = None, *, references: bool = True) -> list[Recording]:
+    acting = [(effects("aspiration")[name], values or {})] if name else []
+    legs = SKIN + (STEPS + MEMBRANE + MANOMETER if references else [])
+    return own.suction_session("aspiration", np.random.default_rng(11), acting, legs=legs)
+
+
+ROBOT = [own.direction_cycles(0.0, 0.0, 1.2e-3, 4.0, 1), own.direction_cycles(1.57, 0.0, 1.2e-3, 4.0, 1)]
+SPRING = [
+    replace(leg, specimen="reference spring", known=stated("reference spring", {"k": "400 N/m"})) for leg in ROBOT
+]
+WEIGHT = [
+    replace(
+        own.direction_cycles(0.0, 0.0, 1e-4, 4.0, 1),
+        specimen="dead weight",
+        known=stated("dead weight", {"mass": "20 g", "direction": direction}),
+    )
+    for direction in ("0, 0, -1", "1, 0, 0")
+]
+
+
+def robot(name: str = "", values: Mapping[str, float] | None = None) -> list[Recording]:
+    acting = [(effects("microrobot")[name], values or {})] if name else []
+    return own.robot_session(np.random.default_rng(11), acting, legs=[*ROBOT, *SPRING, *WEIGHT])
+
+
+def test_a_sound_instrument_s_references_are_at_the_noise() -> None:
+    problems, candidates = suction_problems(suction(), library("aspiration"))
+    assert [p.name for p in problems] == ["pressure", "manometer", "reference", "height"]
+    for block in problems[:3]:
+        assert fit(block).chi2 < 1.25 * len(block.measured)
+    creep = next(c for c in candidates if c.name == "slow_creep")
+    lag = next(c for c in candidates if c.name == "sensor_low_pass")
+    assert creep.blocks == ("height",)  # a person's tissue does it
+    assert lag.blocks == ("reference", "height")  # and the reference speaks first
+
+
+def test_a_robot_s_references_are_at_the_noise() -> None:
+    problems, _ = robot_problems(robot(), library("microrobot"))
+    reference = next(p for p in problems if p.name == "reference")
+    assert fit(reference).chi2 < 1.25 * len(reference.measured)
+
+
+def test_what_is_known_of_a_specimen_is_a_tolerance() -> None:
+    """A spring 10 % softer than stated, within an uncertainty of 1 % or of 20 %."""
+    chi2 = []
+    for uncertainty in ("1 %", "20 %"):
+        said = stated("reference spring", {"k": f"440 N/m ± {uncertainty}"})
+        recordings = [
+            replace(r, info=replace(r.info, specimen_properties=said)) if r.info.specimen == "reference spring" else r
+            for r in robot()
+        ]
+        problems, _ = robot_problems(recordings, library("microrobot"))
+        reference = next(p for p in problems if p.name == "reference")
+        fitted = fit(reference)
+        chi2.append(fitted.chi2 + fitted.penalty)
+    assert chi2[0] > chi2[1] + 100
+
+
+def named(diagnosis: Diagnosis) -> set[str]:
+    first = diagnosis.verdict.posterior.causes[0]
+    return set(first.names) if diagnosis.verdict.verdict == "effect" else set()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [
+        ("sensor_gain", {"error": 0.08}),
+        ("sensor_low_pass", {"tau": 0.15}),
+        ("gauge_gain", {"error": 0.06}),
+        ("rim_friction", {"width": 3e-5}),
+    ],
+)
+def test_references_name_what_skin_alone_leaves_open(effect: str, values: dict[str, float]) -> None:
+    assert effect in named(diagnose(suction(effect, values), quick=True))
+    alone = diagnose(suction(effect, values, references=False), quick=True)
+    others = {n for c in alone.verdict.posterior.causes if c.probability > 0.02 for n in c.names}
+    assert named(alone) != {effect} or others - {effect}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [("sensor_gain", {"error": 0.08}), ("crosstalk", {"share": 0.05}), ("sensor_low_pass", {"tau": 0.1})],
+)
+def test_the_robot_s_references_name(effect: str, values: dict[str, float]) -> None:
+    assert effect in named(diagnose(robot(effect, values), quick=True))
