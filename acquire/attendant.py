@@ -118,7 +118,7 @@ class Attendant(threading.Thread):
             "duration": round(progress.duration, 3),
             "lost": progress.lost,
             "recording": outcome.recording if outcome is not None else None,
-            "journal": plan.path.with_suffix(".journal") if outcome is None else outcome.journal,
+            "journal": plan.path.with_suffix(".journal").absolute() if outcome is None else outcome.journal,
         }
 
 

@@ -1,7 +1,8 @@
 """What runs on this computer, for other terminals: every session keeps a file that says so, locked while it lives.
 
 The files lie in the user's runtime folder and are private. A file whose lock is free was left by a program that ended
-without a word. Not on Windows, which has no such locks.
+without a word: it is told as long as a journal of its runs waits to be recovered, and forgotten after that. Not on
+Windows, which has no such locks.
 """
 
 from __future__ import annotations
@@ -82,12 +83,17 @@ class Report:
 
 
 def reports() -> list[Report]:
-    """Every session of this user on this computer, and those that ended without a word. Changes nothing."""
+    """Every session of this user on this computer, and those that ended without a word and left a journal.
+
+    The files of others that ended so are removed; nothing else is changed.
+    """
     found = []
     for path in sorted(runtime_folder().glob("session-*.json")):
         with contextlib.suppress(OSError):
             content, alive = _read(path)
-            if content is not None:
+            if content is not None and not alive and not _left(content):
+                path.unlink()
+            elif content is not None:
                 found.append(Report(content, alive, max(0.0, time.monotonic() - float(content["heard"]))))
     return found
 
@@ -102,6 +108,12 @@ def forget_the_dead(instruments: Mapping[str, str], *, now: float | None = None)
             theirs = {(row["name"], row["address"]) for row in content["instruments"]}
             if theirs <= set(instruments.items()) or (now or time.time()) - path.stat().st_mtime > _KEPT:
                 path.unlink()
+
+
+def _left(content: Mapping[str, Any]) -> bool:
+    """Whether a session that ended left a journal. One whose folder is not named may be anywhere."""
+    journals = [Path(row["journal"]) for row in content["instruments"] if row.get("journal")]
+    return any(not journal.is_absolute() or journal.exists() for journal in journals)
 
 
 def _read(path: Path) -> tuple[dict[str, Any] | None, bool]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 
@@ -32,6 +32,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if real_time:
             item.add_marker(pytest.mark.flaky(reruns=1))
         item.add_marker(pytest.mark.xdist_group("real_time" if real_time else place))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def own_folders(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Folders of the tests' own for what programs keep per user: `acquire status` lists nothing that a test killed."""
+    with pytest.MonkeyPatch.context() as patch:
+        for variable in ("XDG_RUNTIME_DIR", "XDG_DATA_HOME"):
+            folder = tmp_path_factory.mktemp(variable.lower())
+            folder.chmod(0o700)
+            patch.setenv(variable, str(folder))
+        yield
 
 
 @pytest.fixture(scope="session")

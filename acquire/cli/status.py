@@ -1,4 +1,4 @@
-"""``acquire status``: what runs on this computer, seen from another terminal. Reads only."""
+"""``acquire status``: what runs on this computer, seen from another terminal."""
 
 from __future__ import annotations
 

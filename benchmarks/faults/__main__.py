@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
 import subprocess
 import sys
 import tempfile
@@ -64,7 +65,9 @@ def main() -> int:
     campaign = Campaign(given.seed, given.share, BUDGET * given.share**2)
     if given.here:
         (part,) = chosen
-        save({part: list(timed(known[part](campaign), part))}, campaign, given.output)
+        with tempfile.TemporaryDirectory() as folder:
+            os.environ["XDG_RUNTIME_DIR"] = folder  # what programs that are killed here leave per user is nobody's
+            save({part: list(timed(known[part](campaign), part))}, campaign, given.output)
         return 0
     return _run(chosen, list(known), campaign, given)
 

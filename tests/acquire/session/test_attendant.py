@@ -19,6 +19,7 @@ from acquire import attendant
 from acquire.cli.app import run
 from acquire.engine import State
 from acquire.notify import Hook, Notifier, hooks
+from acquire.recording import recover
 from acquire.session import Session
 from acquire.station import load_station, simulated_station
 from drivers.claims import runtime_folder
@@ -92,6 +93,20 @@ def test_a_program_that_was_killed_is_named_with_its_journal(
     assert f"acquire recover {journal}" in words
     assert run(["safe", "--sim"]) == 0  # who sees to its instruments takes it off the list
     assert shown(capsys) == []
+
+
+def test_what_left_no_journal_is_forgotten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = [sys.executable, "-c", "from acquire.cli import main; main()", "run", "demo-cutometer", "--sim"]
+    with subprocess.Popen([*command, "-o", "out"], stderr=subprocess.PIPE, cwd=tmp_path) as process:
+        until(lambda: any(r["state"] == "running" for s in shown(capsys) for r in s["instruments"]))
+        process.kill()
+    (journal,) = (Path(row["journal"]) for one in shown(capsys) for row in one["instruments"])
+    assert journal.is_absolute()  # it is found from wherever one asks
+    recover(journal).unlink()
+    assert shown(capsys)  # the journal is still there
+    journal.unlink()
+    assert shown(capsys) == []
+    assert not list(runtime_folder().glob("session-*"))
 
 
 def test_an_end_is_told_with_the_recording(
