@@ -30,7 +30,9 @@ from gap.rig.problem import RigProblem, against_the_model
 from gap.search.compare import Comparison, Effort, compare
 
 EFFORTS = {
-    "microrobot": Effort(quick_fits=5, least_hope=8.0, refit_singles=7, imitators=1, pair_bases=1, refit_pairs=2)
+    "microrobot": Effort(
+        quick_fits=5, least_hope=8.0, far_fits=8, refit_singles=7, imitators=1, pair_bases=1, refit_pairs=2
+    )
 }
 """How wide to search where simulations are slow."""
 Tell = Callable[[str, float], None]

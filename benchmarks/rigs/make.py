@@ -17,6 +17,7 @@ import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -25,8 +26,8 @@ from scipy.optimize import least_squares
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from acquire.recording import Recording, RunInfo, Series, write_bundle
-from benchmarks.rigs import models
-from benchmarks.rigs.worlds import drives, loops, series, static
+from benchmarks.rigs import machine_models, models
+from benchmarks.rigs.worlds import drives, loops, machines, series, static
 from benchmarks.rigs.worlds.tools import Run, Step, World, passed, spread
 
 FRICTION = ("coulomb_friction", "stribeck_friction", "dahl_friction")
@@ -89,6 +90,17 @@ CASES = {
         Case("tow", drives.tow, "Tow", ("quadratic_drag",), (), ("actuator",), (0.02, 1)),
         Case("stage", drives.stage_damped, "Stage", ("viscous_drag",), (), ("actuator",), (0.004, 1)),
         Case("balance", static.balance, "Balance", ("gain",), (), ("sensor",), (0.005, 0.2)),
+        Case("geared_servo", machines.geared_servo, "GearedServo", ("backlash",), LOOP,
+             ("actuator", "interface", "sensor"), (0.004, 0.3)),
+        Case("loggers", machines.loggers, "Loggers", ("delay",), LAG, ("timing",), (0.3, 8)),
+        Case("rack", machines.rack, "Rack", FRICTION[:2], FRICTION, ("actuator",), (0.02, 1)),
+        Case("damper", machines.damper, "Damper", ("quadratic_drag",), (), ("actuator",), (0.02, 0.6)),
+        Case("propeller", machines.propeller, "Propeller", ("low_pass",), LAG, ("actuator", "sensor"), (0.01, 0.3)),
+        Case("battery", machines.battery, "Battery", ("creep",), ("low_pass",), ("actuator", "sensor"), (0.02, 1)),
+        Case("swing", machines.swing, "Swing", ("quadratic_drag",), (), ("actuator",), (0.05, 1)),
+        Case("plucked", machines.plucked, "Plucked", ("cubic_stiffness",), BENT, ("actuator",), (0.02, 0.6)),
+        Case("sticky_valve", machines.sticky_valve, "FlowLoop", (*LOOP, "dead_zone"), FRICTION,
+             ("actuator",), (0.3, 6)),
         Case("servo_null", drives.servo_coasting, "Servo"),
         Case("joint_null", drives.joint_rubbing, "JointWithFriction", near=FRICTION),
         Case("cylinder_null", drives.cylinder_greased, "Cylinder"),
@@ -101,6 +113,10 @@ CASES = {
         Case("piezo_null", static.piezo_null, "Piezo"),
         Case("load_cell_null", static.load_cell_null, "LoadCell"),
         Case("two_axis_null", static.two_axis_null, "TwoAxis"),
+        Case("loggers_null", machines.loggers_null, "Loggers", near=LAG),
+        Case("propeller_null", machines.propeller_null, "Propeller", near=LAG),
+        Case("battery_null", machines.battery_null, "Battery"),
+        Case("sticky_valve_null", machines.sticky_valve_null, "FlowLoop", near=LAG),
     )
 }  # fmt: skip
 
@@ -185,6 +201,11 @@ def fitted(
     return best, at
 
 
+def owner(model: str) -> ModuleType:
+    """The file that has a model."""
+    return machine_models if hasattr(machine_models, model) and not hasattr(models, model) else models
+
+
 def make(output: Path, names: list[str], seeds: list[int]) -> None:
     """Write bundles and key of the cases that ``output`` lacks."""
     path = output / "key.json"
@@ -200,11 +221,12 @@ def make(output: Path, names: list[str], seeds: list[int]) -> None:
             for k, run in enumerate(world.runs):
                 write_bundle(recording(run, case, k), output / "cases" / label / f"run{k + 1}")
             made = clock.perf_counter()
-            model = getattr(models, case.model)()
+            model = getattr(owner(case.model), case.model)()
             before, at = fitted(world, model, {})
             after = fitted(world, model, dict(world.truth), at)[0] if world.truth else before
+            source = f"{Path(str(owner(case.model).__file__)).name}:{case.model}"
             key[label] = {
-                "model": case.model, "exact": case.exact, "near": case.near, "stages": case.stages, "size": size,
+                "model": source, "exact": case.exact, "near": case.near, "stages": case.stages, "size": size,
                 "before": before, "after": after, "recordings": len(world.runs),
                 "samples": sum(r.n for r in world.runs) * len(model.channels),
             }  # fmt: skip

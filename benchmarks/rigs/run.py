@@ -23,7 +23,7 @@ from gap.diagnosis import diagnose
 from gap.report.document import as_json
 from gap.rig.model import load_model
 
-MODELS = Path(__file__).with_name("models.py")
+MODELS = Path(__file__).parent
 SLOW = 20.0
 """Seconds above which a case counts as slow."""
 BINS = ((1, 1.5, "barely visible"), (1.5, 4, "visible"), (4, 15, "strong"), (15, float("inf"), "dominating"))
@@ -44,7 +44,7 @@ def diagnosed(job: tuple[Path, str, Path, int]) -> str:
     begin = clock.perf_counter()
     try:
         runs = [load(p) for p in sorted(folder.iterdir())]
-        report = as_json(diagnose(runs, model=load_model(f"{MODELS}:{model}")))
+        report = as_json(diagnose(runs, model=load_model(f"{MODELS}/{model}")))
     except Exception as error:
         report = {"verdict": "crash", "causes": [], "error": f"{type(error).__name__}: {error}",
                   "trace": traceback.format_exc()}  # fmt: skip

@@ -10,7 +10,7 @@ import scipy.linalg as sla
 from numpy.typing import NDArray
 
 from gap.inference.evidence import UNIFORM_PRECISION, Belief, Fit, split
-from gap.inference.hypothesis import Candidate, Evaluation
+from gap.inference.hypothesis import FROZEN, Candidate, Evaluation
 from gap.inference.linear import bordered, factorise
 from gap.inference.problem import Problem
 from sim_devices.chain import FloatArray
@@ -68,10 +68,20 @@ def fit(
             columns[:, k] = (residual - simulated(c, moved).residual) / step
         return columns
 
+    moves = sd > FROZEN
+
+    def gram_of(jac: FloatArray) -> FloatArray:
+        """Jᵀ J of what moves."""
+        if moves.all():
+            return np.asarray(jac.T @ jac)
+        out = np.zeros((len(c), len(c)))
+        out[np.ix_(moves, moves)] = jac[:, moves].T @ jac[:, moves]
+        return out
+
     here = simulated(c, u, want_jacobian=jacobian is None)
     residual, fresh = here.residual, jacobian is None
     jac = here.jacobian if jacobian is None else jacobian
-    gram = jac.T @ jac if gram is None or fresh else gram
+    gram = gram_of(jac) if gram is None or fresh else gram
     effect = by_effect(residual, c, u)
     best = cost(residual, c, u)
     damping = 1e-3
@@ -89,7 +99,7 @@ def fit(
                 moved[k] += share
                 gradient[p + k] -= 0.5 * (wider(moved) - noise) / share
         # Parameters at a bound that the step would leave stay there.
-        fixed = np.zeros(len(gradient), bool)
+        fixed = np.append(~moves, np.zeros(len(u), bool))
         fixed[p:] = ((u <= 0) & (gradient[p:] < 0)) | ((u >= 1) & (gradient[p:] > 0))
         free = ~fixed
         improved = False
@@ -109,7 +119,7 @@ def fit(
             break
         if not improved:  # an old Jacobian may be to blame
             jac = simulated(c, u, want_jacobian=True).jacobian
-            gram, fresh, damping = jac.T @ jac, True, 1e-3
+            gram, fresh, damping = gram_of(jac), True, 1e-3
             continue
         gain = best - value
         # While the linear model foretells the gain, its costly nuisance part is good enough for another step.
@@ -120,9 +130,11 @@ def fit(
         effect, fresh = by_effect(residual, c, u), stale
         if stale:
             jac = simulated(c, u, want_jacobian=True).jacobian
-            gram = jac.T @ jac
+            gram = gram_of(jac)
         if gain < tolerance * max(best, 1.0) * 0.1 + 0.02:
             break
+    if not moves.all():
+        gram = jac.T @ jac
     noise = wider(u) + unearned(residual, problem.widening(split(hypothesis, u)), problem.rows.recording)
     return _finish(hypothesis, c, u, residual, jac, gram, effect, mean, sd, believed, simulations, noise)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from gap.inference.hypothesis import Active, Candidate, Evaluation, Start
 from gap.inference.least_squares import fit
 from gap.null.blocks import Block, Group, GroupedSession, Table
 from gap.null.chains import needed, run
+from gap.null.robot_load import SPRING, RecordedLoad
 from gap.null.robot_loop import CONTROLLERS, Controller
 from sim_devices.chain import Chain, Effect, FloatArray, Operator
 from sim_devices.stages import nominal
@@ -26,13 +28,6 @@ QUANTITIES = ("probe_x", "probe_y", "probe_z")
 AXES = numbered("axis_position")
 ROBOT_BINS = 0.3, 0.4
 """Growth and largest width (s) of the bins: the motion is slow."""
-SPRING = 200.0
-"""N/m by which the load gives way where an axis is not where it was recorded: less than skin does, and enough that an
-axis whose coil is at its limit does not run away under the millinewtons that the load is not known better."""
-THIN = 2
-"""Of the record's samples, each how many-th the load is taken at: the loop evens out what is between."""
-UNDOINGS = 2
-"""Steps in which the error of the transducers is undone: what is left of a relative error of 0.3 is its third power."""
 STRAINED = 60.0
 """Penalty of the loop's tolerances above which the quick fit asks for drag."""
 EARLY = 0.1
@@ -41,6 +36,8 @@ KINK = 1e-6
 """s, within which a speed changes."""
 LOOP_STEP = 0.04
 """s; the loop is exact between kinks, so this only has to resolve what is not linear in it."""
+SOMEWHERE = 0.3
+"""Quantile of its prior at which an effect does something: most do nothing in the middle of a range about nought."""
 AFTER_KINK = np.concatenate([np.arange(0.004, 0.1, 0.004), np.arange(0.1, 0.3, 0.01)])
 """s after a kink: nodes for the loop's answer, which straight lines over `LOOP_STEP` would miss by several µm."""
 
@@ -128,6 +125,7 @@ class AxesBlock(Block):
         self._grids_ahead: dict[str, tuple[FloatArray, tuple[Operator, ...], dict[str, FloatArray]]] = {}
         self._made: dict[tuple[object, ...], FloatArray] = {}  # most effects leave the axes alone
         self._kept: dict[str, FloatArray] = {}
+        self._misleading: dict[str, bool] = {}
         self._runs = np.kron(np.eye(3), self.member)
         self.prior_sd = self._prior(lambda t: t.widest)
         self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
@@ -162,7 +160,9 @@ class AxesBlock(Block):
     def _forget(self) -> None:
         """What was made for another load or controller."""
         groups = zip(self.groups, self._forces, self._seen, strict=True)
-        self._loads = [self._load(g, forces, axes) for (g, _), forces, axes in groups]
+        centred, tissue = self.controller.centred, sheet_tissue("forearm")
+        self._read = [RecordedLoad(specimen_chain(g, tissue), f, axes, centred) for (g, _), f, axes in groups]
+        self._loads = [read.load() for read in self._read]
         self._undone: tuple[tuple[object, ...], Sequence[dict[str, Table]]] = (), ()
         self._made.clear()
         self._kept.clear()
@@ -191,59 +191,32 @@ class AxesBlock(Block):
         # Strained tolerances have taken on what they could of an effect.
         return Start(self.prior_mean, self.prior_sd, self.prior_mean, unit) if self._strained else None
 
-    def _load(
-        self, group: Group, forces: Mapping[str, Table], axes: Mapping[str, Table], chain: Chain | None = None
-    ) -> dict[str, Table]:
-        """Transducer forces as load on the axes, N, that gives way as `SPRING`; less the errors that the transducers of
-        ``chain`` make. The recorded tip force is not asked: its matrix may be wrong."""
-        if len(forces) < 3:
-            return {}
-        time = np.unique(axes["axis_1"][0])[::THIN]
-        signals = {name: np.interp(time, *table) for name, table in {**forces, **axes}.items()}
-        sound = specimen_chain(group, sheet_tissue("forearm"))
-
-        def reaction() -> dict[str, FloatArray]:
-            made = run(needed(sound, xyz("force"), TRANSDUCERS), time, {n: signals[n] for n in TRANSDUCERS})
-            return {f"reaction_{a}": made[f"force_{a}"] for a in "xyz"}
-
-        read = {n: signals[n] for n in TRANSDUCERS}
-        erring = () if chain is None else needed(chain, TRANSDUCERS, (*xyz("reaction"), *axes))
-        for _ in range(UNDOINGS if erring else 0):
-            given = reaction() | {name: signals[name] for name in axes}
-            made = run(erring, time, given)
-            signals |= {n: signals[n] + read[n] - made[n] for n in TRANSDUCERS}
-        where = {name: 0.0 * signals[name] if self.controller.centred else signals[name] for name in axes}
-        pushing = reaction() | where
-        made = run(needed(sound, numbered("axis_load"), pushing), time, pushing)
-        return {f"pushed_{k}": (time, made[f"axis_load_{k}"] + SPRING * signals[f"axis_{k}"]) for k in "123"}
-
     def _loads_under(self, active: Active) -> tuple[Sequence[dict[str, Table]], tuple[object, ...]]:
         """The loads of all groups once errors of the transducers among the effects are undone, and what tells them from
         others."""
-        key = tuple((c.key, *sorted(v.items())) for c, v in active.items() if self._misleads(c, v))
+        key = tuple((c.key, *sorted(v.items())) for c, v in active.items() if self._misleads(c))
         if key and key != self._undone[0]:
             loads = []
-            for (g, _), forces, axes in zip(self.groups, self._forces, self._seen, strict=True):
-                chain = self.with_effects(specimen_chain(g, sheet_tissue("forearm"), self.session.marks), active, g)
-                loads.append(self._load(g, forces, axes, chain))
+            for (g, _), read in zip(self.groups, self._read, strict=True):
+                chain = specimen_chain(g, sheet_tissue("forearm"), self.session.marks)
+                loads.append(read.load(self.with_effects(chain, active, g)))
             self._undone = key, loads
         return (self._undone[1] if key else self._loads), key
 
-    def _misleads(self, candidate: Candidate, values: Mapping[str, float]) -> bool:
+    def _misleads(self, candidate: Candidate) -> bool:
         """Whether an effect falsifies what the transducers say of the load."""
-        given = (*xyz("reaction"), *numbered("axis"))
-        chain = specimen_chain(self.groups[0][0], sheet_tissue("forearm"), self.session.marks)
-        changed = self.with_effects(chain, {candidate: values}, self.groups[0][0])
-        return needed(changed, TRANSDUCERS, given) != needed(chain, TRANSDUCERS, given)
+        if candidate.key not in self._misleading:
+            given = (*xyz("reaction"), *numbered("axis"))
+            chain = specimen_chain(self.groups[0][0], sheet_tissue("forearm"), self.session.marks)
+            values = candidate.values(np.full(len(candidate.parameters), SOMEWHERE))
+            changed = self.with_effects(chain, {candidate: values}, self.groups[0][0])
+            misled = needed(changed, TRANSDUCERS, given) != needed(chain, TRANSDUCERS, given)
+            self._misleading[candidate.key] = misled
+        return self._misleading[candidate.key]
 
     def greatest(self) -> float:
         """The greatest force that a coil has to hold in the session, N; 0 where that is not known."""
-        forces = [
-            push - SPRING * np.interp(time, *axes[name.replace("pushed", "axis")])
-            for load, axes in zip(self._loads, self._seen, strict=True)
-            for name, (time, push) in load.items()
-        ]
-        return max((float(np.max(np.abs(f))) for f in forces), default=0.0)
+        return max(read.greatest() for read in self._read)
 
     def _loop(self, group: Group, nuisance: FloatArray, active: Active) -> Chain:
         chain = self.controller.installed(
@@ -304,9 +277,7 @@ class AxesBlock(Block):
             corners = tables["probe_x"][0]
             spans = [self.session.span(k) for k in group.members]
             begin, end = min(spans[0][0], corners[0]) - EARLY, spans[-1][1] + EARLY
-            after = (self.session.kinks[:, None] + AFTER_KINK).ravel()
-            grid = np.unique(np.concatenate([np.arange(begin, end, LOOP_STEP), corners, corners + KINK, after]))
-            grid = grid[(grid >= begin) & (grid <= end) & (np.diff(grid, prepend=-np.inf) > 0.5 * KINK)]
+            grid = _loop_grid(self.session.kinks, corners, begin, end)
             commands = {f"command_{a}": np.interp(grid, *tables[f"probe_{a}"]) for a in "xyz"}
             chain = specimen_chain(group, sheet_tissue("forearm"), self.session.marks)
             ahead = needed(chain, numbered("target"), commands)
@@ -331,6 +302,18 @@ class AxesBlock(Block):
                 chain_part[:, j] = (self._predict(moved, {}) - nominal) / step
             self._kept["jacobian"] = np.hstack([chain_part, self._runs])
         return self.whitened(self._kept["jacobian"], active)
+
+
+def _loop_grid(kinks: FloatArray, corners: FloatArray, begin: float, end: float) -> FloatArray:
+    """Nodes for a loop from ``begin`` to ``end`` s: the same steps after every kink, as the exponential of each length
+    is computed once, and the command's ``corners``."""
+    steps = np.arange(AFTER_KINK[-1], end - begin, LOOP_STEP)
+    offsets = np.concatenate([[0.0, KINK], AFTER_KINK[:-1], steps])
+    starts = [begin, *kinks[(kinks > begin) & (kinks < end)].tolist(), end]
+    parts = [a + offsets[offsets < b - a] for a, b in pairwise(starts)]
+    grid = np.unique(np.concatenate([*parts, corners, corners + KINK, [end]]))
+    grid = grid[(grid >= begin) & (grid <= end)]
+    return np.asarray(grid[np.diff(grid, prepend=-np.inf) > 0.5 * KINK])
 
 
 class ArithmeticBlock(Block):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -11,12 +12,12 @@ from gap.inference.evidence import Fit
 from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Start
 from gap.inference.least_squares import fit, under
 from gap.null.blocks import SIMPLE_SHIFT, Block, Group, GroupedSession, Table, compressed
-from gap.null.chains import needed, run
+from gap.null.chains import Kept, Memo, needed, run
 from gap.null.robot_axes import AXES, ROBOT_BINS, AxesBlock, recorded, specimen_chain, steepness
 from gap.null.sheet_discrepancy import sheet_discrepancy
 from gap.null.sheet_law import FURTHER, LAWS, TISSUE, Law, rewired, sheet
 from protocols.specimens import SPECIMENS
-from sim_devices.chain import Chain, Effect, FloatArray, Operator
+from sim_devices.chain import Chain, Effect, FloatArray
 from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
 from sim_devices.stages.tissues import SheetTissue, sheet_tissue
 
@@ -28,8 +29,8 @@ FEW, PROMISING = 10, 3
 """First steps of the further laws' fits, and how many go on after them."""
 CLEARLY = 5.0
 """Nats by which a simple law must be more probable than all else to be the only one."""
-PLAIN = 1e-6
-"""Prior width of a discrepancy that the simulation by itself does not have."""
+LATELY = 4
+"""Skins, and linear parts of predictions, that are kept."""
 
 
 class ForceBlock(Block):
@@ -52,7 +53,7 @@ class ForceBlock(Block):
     ZERO_SD = 1.5e-3  # N: those of sound recordings scatter by 0.6 to 1.5 mN
     DISCREPANCY_SD = 0.02  # of the force, per basis function
     DISCREPANCY_SCALES: tuple[float, ...] = (0.03, 0.15, 0.5, 2.0, 8.0)
-    DISCREPANCY_SIZE = 400
+    DISCREPANCY_SIZE = 200
 
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect], axes: AxesBlock) -> None:
         super().__init__(session, library, self.left_out(session))
@@ -60,7 +61,6 @@ class ForceBlock(Block):
         self.blur_steep_parts(steepness(self, smooth, TRANSDUCERS))
         self._tissue = sheet_tissue("forearm")
         self._nominal = {g.specimen: specimen_chain(g, self._tissue, session.marks) for g, _ in self.groups}
-        self._ahead_of = {name: needed(c, xyz("skin"), numbered("axis")) for name, c in self._nominal.items()}
         self._axes = [self._smoothed(g, axes) for g, _ in self.groups]
         self._grids_of = [self._grid_of(g, at, axes) for (g, at), axes in zip(self.groups, self._axes, strict=True)]
         self._zeros = np.kron(np.eye(3), self.member)
@@ -91,7 +91,8 @@ class ForceBlock(Block):
         self._start: FloatArray | None = None
         self._alone: tuple[FloatArray, FloatArray] | None = None  # widths and fit of a simple law that is not the null
         self._probability = -np.inf  # log evidence of the null
-        self._skin_at_nodes: dict[str, Mapping[str, FloatArray]] = {}
+        self._memos = [Memo(grid) for grid, _ in self._grids_of]
+        self._skins, self._linear = Kept(LATELY), Kept(LATELY)
 
     def left_out(self, session: GroupedSession) -> tuple[str, ...]:
         """Names of the specimens that say nothing here: a reference block has them, and what stands against a post by
@@ -117,7 +118,7 @@ class ForceBlock(Block):
     @property
     def plain_sd(self) -> FloatArray:
         sd = self.prior_sd.copy()
-        sd[self._parts["discrepancy"]] = PLAIN
+        sd[self._parts["discrepancy"]] = FROZEN
         return sd
 
     def _simple(self, law: Law) -> FloatArray:
@@ -282,24 +283,13 @@ class ForceBlock(Block):
         chain = chain.tuned("tissue", tissue=self.tissue(nuisance))
         return rewired(chain, nuisance, self._typical, self._strongest)
 
-    def _moved(
-        self, group: Group, operators: Sequence[Operator], grid: FloatArray, axes: Mapping[str, FloatArray]
-    ) -> Mapping[str, FloatArray]:
-        """All signals up to the skin of a group's nominal chain at its nodes, made once."""
-        if group.specimen not in self._skin_at_nodes:
-            self._skin_at_nodes[group.specimen] = run(operators, grid, axes)
-        return self._skin_at_nodes[group.specimen]
-
     def _chain_forces(self, nuisance: FloatArray, active: Active) -> FloatArray:
         shift = nuisance[self._parts["shift"]][0]
         out = np.empty((3, len(self.stamps)))
-        for (g, at), (grid, axes) in zip(self.groups, self._grids_of, strict=True):
-            operators = needed(self.with_effects(self._law_chain(g, nuisance), active, g), TRANSDUCERS, axes)
-            ahead = self._ahead_of[g.specimen]
-            given: Mapping[str, FloatArray] = axes
-            if operators[: len(ahead)] == ahead:  # what moves the skin is the same every time
-                operators, given = operators[len(ahead) :], self._moved(g, ahead, grid, axes)
-            made = run(operators, grid, given)
+        for (g, at), (grid, axes), memo in zip(self.groups, self._grids_of, self._memos, strict=True):
+            key = g.specimen, nuisance[self._parts["tissue"]].tobytes()
+            chain = self._skins.get(key, partial(self._law_chain, g, nuisance))
+            made = memo.run(needed(self.with_effects(chain, active, g), TRANSDUCERS, axes), axes)
             ends = self._ends[:, at] + shift
             out[:, at] = np.stack([np.interp(ends, grid, made[c]).mean(axis=0) for c in TRANSDUCERS])
         return out.ravel()
@@ -320,26 +310,27 @@ class ForceBlock(Block):
             out.append(tables)
         return out
 
-    def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
+    def _beside_the_chain(self, nuisance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """By what a nuisance vector multiplies the chain's forces, and what it adds to them, (3 · n,) each."""
         part = {name: nuisance[where] for name, where in self._parts.items()}
         gain = 1 + self._gains @ part["gain"] + self._legs @ part["calibration"]
+        return gain, self._zeros @ part["zero"] + self._basis @ part["discrepancy"]
+
+    def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
+        n = self._parts["shift"].stop
+        gain, more = self._linear.get(nuisance[n:].tobytes(), partial(self._beside_the_chain, nuisance))
         forces = self._chain_forces(nuisance, active)
-        predicted = forces * gain + self._zeros @ part["zero"] + self._basis @ part["discrepancy"]
-        residual = self.whitened(self.measured - predicted, active)
+        residual = self.whitened(self.measured - forces * gain - more, active)
         if not want_jacobian:
             return Evaluation(residual, np.zeros((0, 0)))
-        n = self._parts["shift"].stop
-        chain_part = np.empty((len(residual), n))
-        for k in range(n):
-            if self.prior_sd[k] <= FROZEN:
-                chain_part[:, k] = 0.0
-                continue
+        jacobian = np.zeros((len(residual), len(nuisance)))
+        for k in np.flatnonzero(self.prior_sd[:n] > FROZEN):
             moved = nuisance.copy()
             step = 1e-3 if k < n - 1 else 0.1 * self.dt
             moved[k] += step
-            chain_part[:, k] = (self._chain_forces(moved, active) - forces) / step * gain
+            jacobian[:, k] = (self._chain_forces(moved, active) - forces) / step * gain
         scaled = np.hstack([self._legs, self._gains]) * forces[:, None]
-        jacobian = np.hstack([chain_part, scaled, self._zeros, self._basis])
+        jacobian[:, n:] = np.hstack([scaled, self._zeros, self._basis])
         return Evaluation(residual, self.whitened(jacobian, active))
 
 

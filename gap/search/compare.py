@@ -142,6 +142,7 @@ class Effort:
 
     quick_fits: int = 16  # screened effects that get a few steps of a fit, where straight lines may mislead
     least_hope: float = 0.0  # fall of χ², at any size, below which an effect gets none for being far from linear
+    far_fits: int = 40  # at most so many get some for that, the most hopeful ones
     refit_singles: int = 9
     imitators: int = 3  # of the best, that are refitted besides
     pair_bases: int = 2
@@ -170,7 +171,9 @@ def compare(
     comparison = Comparison(blocks, Hypothesis((), fits), simulations=sum(f.simulations for f in fits.values()))
     usable = [c for c in candidates if set(c.blocks) <= set(blocks)]
     tell(f"screening {len(usable)} effects", 0.25)
-    comparison.screened, n = screen(blocks, comparison.null, usable, (), effort.quick_fits, jobs, effort.least_hope)
+    comparison.screened, n = screen(
+        blocks, comparison.null, usable, (), effort.quick_fits, jobs, effort.least_hope, effort.far_fits
+    )
     comparison.simulations += n
     chosen = _shortlist(comparison.screened, effort.refit_singles)
     apart, n = from_sound(blocks, comparison.null, comparison.screened)

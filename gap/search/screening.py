@@ -97,13 +97,14 @@ def screen(
     quick_fits: int = 0,
     jobs: int = 1,
     least_hope: float = 0.0,
+    far_fits: int = 0,
 ) -> tuple[list[Screened], int]:
     """Every candidate on top of ``base``, by the linear nuisance refit; best first. Also the number of simulations.
 
     The traces of candidates that are ``known`` from another base are used again: a second effect adds nearly what it
-    changes alone, and whatever looks worth it is refitted. The best ``quick_fits``, and those whose weakest strength is
-    still far from linear and whose traces would bring ``least_hope`` at any size, are fitted a little. Candidates are
-    simulated and fitted by ``jobs`` processes.
+    changes alone, and whatever looks worth it is refitted. The best ``quick_fits`` are fitted a little, and so are
+    ``far_fits`` of those whose weakest strength is still far from linear and whose traces would bring ``least_hope`` at
+    any size. Candidates are simulated and fitted by ``jobs`` processes.
     """
     before = {s.candidate: s for s in known}
     lenses = {b: [_Lens.of(f, sd) for sd in problems[b].alternatives] for b, f in base.fits.items()}
@@ -134,8 +135,8 @@ def screen(
         seen = list(zip(units, np.sqrt(np.maximum(along, 0.0)).tolist(), strict=True))
         out.append(Screened(candidate, units, gain, starts, widths, seen, traces, sure, hope))
     out.sort(key=lambda s: -s.gain)
-    hopeful = [s.hope >= least_hope and min(d for _, d in s.detectability) > STEEP for s in out]
-    unsure = [s for k, s in enumerate(out) if k < quick_fits or (quick_fits and hopeful[k])]
+    far = [s for s in out[quick_fits:] if s.hope >= least_hope and min(d for _, d in s.detectability) > STEEP]
+    unsure = out[:quick_fits] + sorted(far, key=lambda s: -s.hope)[:far_fits]
     for s, (gain, starts, n) in zip(unsure, each(partial(_quick_fit, problems, base), unsure, jobs), strict=True):
         simulations += n
         if gain > s.gain:

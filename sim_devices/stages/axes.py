@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 
 from sim_devices.chain import FloatArray, Signals
+from sim_devices.stages.kernels import SAME, STEPS, place
 from sim_devices.stages.operators import Wired
 
 MASS = 0.060
@@ -29,6 +30,8 @@ SUBSTEP = 1e-3
 """s, where a nonlinearity is present."""
 _END_STOP = 6e-3  # m from the centre; only what can lose control of an axis gets there
 _RUBBING = [4, 5, 6, 8]  # of a loop's parameters: drag, dry friction, stiction, presliding
+_LONGEST = 14  # and the longest substep, s
+_SETTLED = 1e-3  # relative difference to dry friction at full slip below which it is that
 _STATE = 8  # [0] started [1] time [2] target [3] load [4] integral [5] position [6] velocity [7] presliding friction
 
 
@@ -76,6 +79,8 @@ class AxisLoop(Wired):
         rows, parameters = state
         smooth = parameters.copy()
         smooth[_RUBBING] = 0.0
+        if not (self.slope or self.curvature or self.soft):
+            smooth[_LONGEST] = math.inf
         n = len(self.target)
         wires = zip(rows, self.source[:n], self.source[n:], self.target, strict=True)
         for axis, (row, source, load, target) in enumerate(wires, start=1):
@@ -121,7 +126,8 @@ def _advance_axis(
     a[0, 1], a[1, 2] = -w, w
     a[2, 0], a[2, 1], a[2, 2] = ki / (m * w * w), -(kp + spring) / (m * w), -(kd + drag) / m
     bound = 3.0 * w + (kd + drag) / m + spring / (m * w)
-    e, last = np.eye(3), -1.0
+    known, exponentials = np.zeros(STEPS), np.empty((STEPS, 3, 3))
+    dry_only = longest < math.inf and p[11] == 0.0 and p[12] == 0.0 and p[15] == 0.0
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2], s[3] = 1.0, t[0], target[0], load[0]
     for i in range(t.size):
@@ -129,11 +135,11 @@ def _advance_axis(
         if dt > 1e-7:
             integral, x, v = s[4], s[5], s[6]
             steps = max(math.ceil(dt / longest * (1.0 - 1e-9)), 1)
-            for attempt in range(2):
+            if dry_only and _steady(s, p, w, a, bound, known, exponentials, target[i], load[i], dt):
+                steps = 0
+            for attempt in range(2 if steps else 0):
                 h = dt / steps
-                if abs(h - last) > 1e-9 * last:
-                    _exponential(a, h, bound, e)
-                    last = h
+                e = _of_length(h, a, bound, known, exponentials)
                 _run(s, p, w, e, target[i], load[i], h, steps, longest == math.inf and attempt == 0)
                 # Only a coil at its limit forbids one long step: then once more, in short ones.
                 before = kp * (s[2] - x) + ki * integral - kd * v
@@ -144,6 +150,73 @@ def _advance_axis(
                 steps = max(math.ceil(dt / SUBSTEP * (1.0 - 1e-9)), 1)
         s[1], s[2], s[3] = t[i], target[i], load[i]
         y[i] = s[5]
+
+
+@njit(cache=True)
+def _of_length(h: float, a: FloatArray, bound: float, known: FloatArray, kept: FloatArray) -> FloatArray:
+    """exp(a h), kept with others by its length."""
+    j = place(h)
+    if abs(h - known[j]) > SAME * h:
+        known[j] = h
+        _exponential(a, h, bound, kept[j])
+    return kept[j]
+
+
+@njit(cache=True)
+def _steady(
+    s: FloatArray,
+    p: FloatArray,
+    w: float,
+    a: FloatArray,
+    bound: float,
+    known: FloatArray,
+    kept: FloatArray,
+    target: float,
+    load: float,
+    dt: float,
+) -> bool:
+    """One long step where dry friction does not change within it: the axis stays where it is, or slides one way.
+
+    Returns whether it was taken; else ``s`` is as before."""
+    kp, ki, kd, drag, coulomb, stiction, v_s, presliding = p[1], p[2], p[3], p[4], p[5], p[6], p[7], p[8]
+    limit, spring = p[9] - abs(p[16]), p[13]
+    x, v = s[5], s[6]
+    if v == 0.0:
+        if presliding > 0.0:
+            return False
+        integral = s[4] + dt * (0.5 * (s[2] + target) - x)
+        before = kp * (s[2] - x) + ki * s[4]
+        behind = kp * (target - x) + ki * integral
+        pull = max(abs(before + s[3] - spring * x), abs(behind + load - spring * x))
+        if pull >= coulomb + stiction or max(abs(before), abs(behind)) > limit:
+            return False
+        s[4] = integral
+        return True
+    if abs(v) < 3.0 * v_s and stiction > 0.0:
+        return False
+    dry = coulomb if v > 0.0 else -coulomb
+    if presliding > 0.0 and abs(s[7] - dry) > _SETTLED * coulomb:
+        return False
+    e = _of_length(dt, a, bound, known, kept)
+    rho = (target - s[2]) / dt
+    lam = (load - s[3]) / dt - spring * rho
+    load0 = s[3] - dry - spring * (s[2] + lam / ki)
+    ip0 = ((kd + drag) * rho - load0 + kp * lam / ki) / ki
+    d0, d1, d2 = w * (s[4] - ip0), x - (s[2] + lam / ki), (v - rho) / w
+    integral = ip0 - lam * dt / ki + (e[0, 0] * d0 + e[0, 1] * d1 + e[0, 2] * d2) / w
+    x_new = target + lam / ki + e[1, 0] * d0 + e[1, 1] * d1 + e[1, 2] * d2
+    v_new = rho + w * (e[2, 0] * d0 + e[2, 1] * d1 + e[2, 2] * d2)
+    least = 3.0 * v_s if stiction > 0.0 else 0.0
+    middle = (x_new - x) / dt  # the mean speed: a turn within the step shows in it
+    way = 1.0 if v > 0.0 else -1.0
+    if min(way * v_new, way * middle) <= least:
+        return False
+    before = kp * (s[2] - x) + ki * s[4] - kd * v
+    behind = kp * (target - x_new) + ki * integral - kd * v_new
+    if max(abs(before), abs(behind)) > limit or abs(x_new) > _END_STOP:
+        return False
+    s[4], s[5], s[6] = integral, x_new, v_new
+    return True
 
 
 @njit(cache=True, inline="always")

@@ -118,6 +118,21 @@ def test_dry_friction_sticks_and_costs_the_right_force() -> None:
     assert np.abs(signals["axis_1"]).max() < 1e-8
 
 
+@pytest.mark.parametrize("rubbing", [{"coulomb": 0.1}, {"coulomb": 0.1, "presliding": 1e-5}])
+def test_long_steps_of_steady_friction_are_as_good_as_short_ones(rubbing: dict[str, float]) -> None:
+    loop = AxisLoop("axes", "actuator", ("target_1", "load_1"), ("axis_1",), **rubbing)
+    corners = np.array([0.0, 0.5, 1.0, 1.6, 2.4, 3.0])
+    after = np.concatenate([np.arange(0, 0.1, 0.004), np.arange(0.1, 0.8, 0.04)])
+    coarse = np.unique(np.concatenate([c + after[after < 0.8] for c in corners] + [corners, corners + 1e-6]))
+    there = []
+    for time in (coarse, np.union1d(coarse, np.arange(0.0, 3.6, 2.5e-4))):
+        to_and_fro = np.interp(time, corners, 1e-3 * np.array([0, 0, 1, 1, -0.5, -0.5]))
+        signals = {"target_1": to_and_fro, "load_1": 0.02 * np.sin(2 * np.pi * time)}
+        loop.advance(loop.fresh(), time, signals)
+        there.append(np.interp(coarse, time, signals["axis_1"]))
+    np.testing.assert_allclose(there[0], there[1], atol=1e-6)
+
+
 def test_the_tissue_has_a_potential_and_the_glue_yields() -> None:
     still = {**command("x", np.zeros(2)), **dict.fromkeys(numbered("load"), np.zeros(2))}
     chain = nominal("microrobot")
