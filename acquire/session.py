@@ -14,7 +14,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -35,6 +35,7 @@ from acquire.engine import (
 from acquire.notify import Hook
 from acquire.plugins import instrument as descriptor
 from acquire.provenance import calibration, settled, versions
+from acquire.qualifications import SERIAL
 from acquire.recording import RunInfo
 from acquire.recording.journal import iso_now
 from acquire.sight import see, with_region
@@ -255,6 +256,7 @@ class Session:
             raise ValueError(f"specimen: {name} has no second gauge; with one its options are pressure_reference: true")
         plan = see(plan, engine.rig, request.gvt)
         whole = (protocol.setup.frames or self._entry(name).frames) == "full"
+        plan = _with_serial(plan, engine)
         return engine, plan if whole else with_region(plan, engine.rig)
 
     def run(
@@ -365,6 +367,15 @@ class Session:
                 forget_the_dead(addresses)
                 self._attendant = Attendant(self.station.name, lambda: self.engines, addresses, self._notify)
                 self._attendant.start()
+
+
+def _with_serial(plan: RunPlan, engine: RunEngine) -> RunPlan:
+    """The plan of a run that tells which instrument answered."""
+    identity = engine.identities.get(engine.rig.device.name)
+    if identity is None or not identity.serial:
+        return plan
+    told = {"value": identity.serial, "unit": "", "provenance": "documented", "note": "said by the instrument"}
+    return replace(plan, info=replace(plan.info, calibration={**plan.info.calibration, SERIAL: told}))
 
 
 def _compares(rig: Rig) -> bool:

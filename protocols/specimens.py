@@ -124,7 +124,7 @@ SPECIMENS: dict[str, Specimen] = {
             (HEIGHT,),
             "height of a solid, at no suction",
             ("sensor_gain", "quadratic_error", "threshold_bias", "scale_error"),
-            "Lay the probe on the gauge step, the step in the middle of the opening. No suction is applied.",
+            "Lay the probe on a flat; once the run has begun, slide the gauge step under its opening.",
         ),
         Specimen(
             "reference membrane",

@@ -16,6 +16,7 @@ from typing import Annotated, Any
 import typer
 
 DONE, BAD_INPUT, DEVICE, TRIPPED, ABORTED = 0, 2, 3, 4, 5
+NOT_PASSED = 6  # of `acquire qualify`: it was done, and the instrument or a reference did not pass
 INTERRUPTED = 130  # of the library below, after a KeyboardInterrupt
 BUG = 1  # an exception nobody foresaw: a fault of this program, shown with its traceback
 
@@ -35,6 +36,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "ls": ("acquire.cli.data", "ls"),
     "review": ("acquire.cli.review", "review"),
     "fit": ("acquire.cli.fit", "fit"),
+    "qualify": ("acquire.cli.qualify", "qualify"),
     "gui": ("acquire.cli.gui", "gui"),
 }
 # Groups of commands: name -> (module, typer application).
@@ -68,7 +70,8 @@ def application() -> typer.Typer:
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run the command line (``sys.argv`` by default) and return its exit status.
 
-    0 done, 2 bad input, 3 device or link, 4 tripped, 5 aborted by a person; 1 is a fault of this program.
+    0 done, 2 bad input, 3 device or link, 4 tripped, 5 aborted by a person, 6 not passed (`acquire qualify`); 1 is a
+    fault of this program.
     """
     try:
         application()(args=None if arguments is None else list(arguments), prog_name="acquire")

@@ -13,12 +13,13 @@ import yaml
 @dataclass(frozen=True)
 class Tolerance:
     """``value`` in SI ``unit``, and where it is known from; ``other`` is that of a sound instrument of another make,
-    where it is wider."""
+    where it is wider; ``nominal`` is what it is a tolerance about."""
 
     value: float
     unit: str
     source: str
     other: float = 0.0
+    nominal: float = 0.0
 
     @property
     def widest(self) -> float:
@@ -33,7 +34,9 @@ def tolerances(instrument: str) -> Mapping[str, Mapping[str, Tolerance]]:
     table = yaml.safe_load(text).get(instrument, {})
     return {
         group: {
-            name: Tolerance(float(v["value"]), v["unit"], v["source"], float(v.get("other", 0.0)))
+            name: Tolerance(
+                float(v["value"]), v["unit"], v["source"], float(v.get("other", 0.0)), float(v.get("nominal", 0.0))
+            )
             for name, v in parameters.items()
         }
         for group, parameters in table.items()

@@ -22,6 +22,8 @@ KNOWN = Law((FROZEN,) * len(TISSUE), ((0.0,) * len(TISSUE),))
 LEVER = 2.3
 """Greatest force of a transducer over the force across the probe that makes it: 2h/(√3 w) but for a hair."""
 POST = "rigid post"
+LOOSE = 0.3
+"""Of a stiffness or mass, were it not known."""
 
 
 class ReferenceForceBlock(ForceBlock):
@@ -57,6 +59,18 @@ class ReferenceForceBlock(ForceBlock):
             if {"mass", "direction"} <= known.keys():
                 across = known["mass"].scalar * GRAVITY * known["direction"].se
                 out[j] = np.hypot(out[j], LEVER * across)
+        return out
+
+    def loosened(self) -> Mapping[str, tuple[FloatArray, tuple[int, ...]]]:
+        """For each specimen with a number, the prior widths (p,) were that number unknown, and its recordings."""
+        out = {}
+        gains = self._parts["gain"].start
+        for g, _ in self.groups:
+            if {"k", "mass"} & g.known.keys():
+                widths = self.prior_sd.copy()
+                members = tuple(k for k in g.members if k in self.runs)
+                widths[[gains + self.runs.index(k) for k in members]] = LOOSE
+                out[g.specimen] = widths, members
         return out
 
     def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:

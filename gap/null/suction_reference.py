@@ -8,6 +8,7 @@ the instrument's, as they are when the same effects are fitted to skin. The mano
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -29,8 +30,24 @@ BEND_SD = 0.02
 """Of the membrane's greatest height, by which its curve may differ from one of three parameters, per function."""
 MEMORIES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
 """s: of the little memory that a membrane may have."""
+LOOSE, BENT = 0.2, 1e-4
+"""Were a specimen not what it says: share of a step's height or of a membrane's that creeps; m by which a block gives
+way at the strongest suction."""
+CREEPS = 0.3
+"""s: shorter lags of a membrane are taken for the sensor's, longer ones may be a membrane's that creeps."""
 IGNORED = 1e3
 """Factor on the noise of what is left out."""
+
+
+@dataclass(frozen=True)
+class _Column:
+    """Something added to the height: ``values`` (n,) m times a number of prior width ``sd``; ``loose`` is the width
+    were the specimen it is ``of`` not what it says."""
+
+    values: FloatArray
+    sd: float
+    of: str = ""
+    loose: float = 0.0
 
 
 class ReferenceBlock(Block):
@@ -56,9 +73,11 @@ class ReferenceBlock(Block):
         self._curve = self._membrane_curve()
         later, earlier = (self._chain_height(np.array([s]), {}) for s in (1e-3, -1e-3))
         self.blur_steep_parts((later - earlier) / 2e-3)
-        columns, widths = self._columns()
-        self._added = np.column_stack(columns)
-        self.prior_sd = np.concatenate([[self.shift_sd], widths])
+        columns = self._columns()
+        self._added = np.column_stack([c.values for c in columns])
+        self._of = [c.of for c in columns]
+        self._loose = np.array([c.loose for c in columns])
+        self.prior_sd = np.array([self.shift_sd, *(c.sd for c in columns)])
         self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
         self.alternatives = (self.prior_sd,)
 
@@ -113,44 +132,66 @@ class ReferenceBlock(Block):
         unit = float(elastic_height(pressure, pressure, 1.0, knee, float(x[2])).max())
         return float(x[0]) * top / unit, knee, float(x[2])
 
-    def _columns(self) -> tuple[list[FloatArray], list[float]]:
-        """What is simply added to the prediction, each (n,) m, and the widths of their priors."""
+    def _columns(self) -> list[_Column]:
+        """What is simply added to the prediction."""
         n = len(self.stamps)
         height = self._chain_height(np.zeros(1), {})
         on_step = np.zeros(n)
-        columns, widths = [], []
+        solid: dict[int, bool] = {}
         for g, at in self.groups:
             if g.name == STEP:
                 on_step[at] = height[at]
-        columns.append(on_step)
-        widths.append(self.tolerances["sensor_gain"]["error"].value)
+            solid |= dict.fromkeys(g.members, g.name not in (STEP, MEMBRANE))
+        labels = {k: g.specimen for g, _ in self.groups for k in g.members}
+        columns = [_Column(on_step, self.tolerances["sensor_gain"]["error"].value)]
+        zero = float(np.hypot(self.noise[0], 1e-6))
         for j, k in enumerate(self.runs):
+            member = self.member[:, j]
             # Whether a reading is zeroed when it begins, at the first suction or at both, instruments do not agree.
-            columns += [self.member[:, j], self.member[:, j] * (self.stamps < self.session.onset(k))]
-            widths += [float(np.hypot(self.noise[0], 1e-6))] * 2
+            columns += [_Column(member, zero), _Column(member * (self.stamps < self.session.onset(k)), zero)]
             known = self.session.recordings[k].info.specimen_properties
             if "height" in known:
-                columns.append(self.member[:, j] * on_step)
-                widths.append(max(known["height"].se / max(known["height"].scalar, 1e-9), 1e-6))
+                share = max(known["height"].se / max(known["height"].scalar, 1e-9), 1e-6)
+                columns.append(_Column(member * on_step, share, labels[k], LOOSE))
         for (g, at), (time, pressure) in zip(self.groups, self._line, strict=True):
-            if g.name == MEMBRANE:
-                memory = g.known["memory"].scalar if "memory" in g.known else MEMORY.otherwise
-                for column, width in self._freedom(time, pressure, memory):
-                    full = np.zeros(n)
-                    full[at] = np.interp(self.stamps[at], time, column)
-                    columns.append(full)
-                    widths.append(width)
-        return columns, widths
+            bend = np.zeros(n)
+            bend[at] = np.interp(self.stamps[at], time, pressure) / min(float(pressure.min()), -1.0)
+            if solid[g.members[0]]:
+                columns.append(_Column(bend, 1e-9, g.specimen, BENT))
+            elif g.name == MEMBRANE:
+                columns += self._freedom(g, at, time, pressure)
+        return columns
 
-    def _freedom(self, time: FloatArray, pressure: FloatArray, memory: float) -> list[tuple[FloatArray, float]]:
-        """What else a membrane of so much memory may do: other curves, and lags of its height, with their widths."""
+    def _freedom(self, group: Group, at: slice, time: FloatArray, pressure: FloatArray) -> list[_Column]:
+        """What a membrane may do beside its curve of three parameters: other curves, and lags within its memory."""
+        memory = group.known["memory"].scalar if "memory" in group.known else MEMORY.otherwise
         u = np.maximum(-pressure, 0.0)
         u = u / (float(u.max()) or 1.0)
         height = elastic_height(time, pressure, *self._curve)
         top = float(np.max(np.abs(height), initial=1e-9))
+
+        def column(values: FloatArray, sd: float, loose: float) -> _Column:
+            full = np.zeros(len(self.stamps))
+            full[at] = np.interp(self.stamps[at], time, values)
+            return _Column(full, sd, group.specimen, loose)
+
         curves = [u, u**2, u**3, np.sqrt(u), *(np.minimum(u, k) / k for k in KNEES[3:])]
-        out = [(curve * top, BEND_SD) for curve in curves]
-        return out + [(evaluate(low_pass, time, height, tau) - height, 0.5 * memory) for tau in MEMORIES]
+        lags = {tau: evaluate(low_pass, time, height, tau) - height for tau in MEMORIES}
+        return [
+            *(column(curve * top, BEND_SD, BEND_SD) for curve in curves),
+            *(column(lag, 0.5 * memory, LOOSE if tau >= CREEPS else 0.5 * memory) for tau, lag in lags.items()),
+        ]
+
+    def loosened(self) -> Mapping[str, tuple[FloatArray, tuple[int, ...]]]:
+        """For each specimen, the prior widths (p,) were it not what it says, and the numbers of its recordings."""
+        out = {}
+        for g, _ in self.groups:
+            own = np.array([of == g.specimen for of in self._of])
+            if own.any():
+                widths = self.prior_sd.copy()
+                widths[1:][own] = self._loose[own]
+                out[g.specimen] = widths, g.members
+        return out
 
     def _chain_of(self, group: Group) -> Chain:
         chain = chain_of(self.session, group, NO_TISSUE)

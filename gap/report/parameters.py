@@ -82,19 +82,27 @@ def of_model(d: Diagnosis) -> dict[str, dict[str, Any]]:
 
 
 def _errors(problem: Problem, f: Fit, temper: float) -> Mapping[str, float]:
-    """Standard errors of a problem's quantities, by the curvature of a fit, whose χ² counts as much as it is true."""
+    """Standard errors of a problem's quantities."""
+    names, matrix = covariance(problem, f, temper)
+    return dict(zip(names, np.sqrt(np.maximum(np.diag(matrix), 0.0)).tolist(), strict=True))
+
+
+def covariance(problem: Problem, f: Fit, temper: float) -> tuple[tuple[str, ...], FloatArray]:
+    """Names of a problem's quantities and their covariance (q, q), by the curvature of a fit, whose χ² counts as much
+    as it is true."""
     free = np.flatnonzero(f.prior_sd > FROZEN)
     at = {key: value for key, (value, _) in problem.quantities(f.nuisance).items()}
     if not at or not len(free):
-        return dict.fromkeys(at, 0.0)
+        return tuple(at), np.zeros((len(at), len(at)))
     precision = np.where(np.isfinite(f.prior_sd), 1.0 / np.square(f.prior_sd), 0.0)
-    covariance = np.linalg.pinv((f.gram / temper + np.diag(precision))[np.ix_(free, free)], hermitian=True)
+    spread = np.linalg.pinv((f.gram / temper + np.diag(precision))[np.ix_(free, free)], hermitian=True)
     slopes: dict[str, FloatArray] = {key: np.zeros(len(free)) for key in at}
     for j, k in enumerate(free):
-        step = STEP * float(np.sqrt(np.maximum(covariance[j, j], 1e-300)))
+        step = STEP * float(np.sqrt(np.maximum(spread[j, j], 1e-300)))
         moved = f.nuisance.copy()
         moved[k] += step
         for key, (value, _) in problem.quantities(moved).items():
             if key in slopes:
                 slopes[key][j] = (value - at[key]) / step
-    return {key: float(max(float(s @ covariance @ s), 0.0) ** 0.5) for key, s in slopes.items()}
+    rows = np.array(list(slopes.values()))
+    return tuple(slopes), np.asarray(rows @ spread @ rows.T)

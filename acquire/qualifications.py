@@ -1,0 +1,162 @@
+"""Qualifications of instruments (schema ``qualification/1``): what a file holds, where they are kept, which one counts.
+
+A file is written by ``acquire qualify`` and read by a diagnosis and by whoever starts a run.
+"""
+
+from __future__ import annotations
+
+import re
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import yaml
+from platformdirs import user_data_dir
+from pydantic import Field, model_validator
+
+from acquire.files import write_text
+from acquire.recording.model import RecordingError
+from protocols.errors import ProtocolError
+from protocols.fields import Model
+from protocols.source import read
+from protocols.text import validate
+
+SCHEMA: Final = "qualification/1"
+VALID_DAYS = 180
+"""How long a qualification holds (assumed: half a year, as for a balance in daily use)."""
+SERIAL = "serial_number"
+"""Name of the calibration entry of a recording that tells the instrument's serial number."""
+
+
+class Parameter(Model):
+    """One number of the instrument (SI): ``value`` and standard error, and how far from ``nominal`` it may be."""
+
+    value: float
+    se: float
+    unit: str
+    nominal: float = 0.0
+    tolerance: float | None = None
+    passed: bool | None = None
+
+
+class Bound(Model):
+    """The strength (SI) of an effect that would have been seen, in its ``parameter``."""
+
+    parameter: str
+    value: float
+    unit: str
+
+
+class Finding(Model):
+    """An effect that the references show: its ``effect`` and the class of those they cannot tell from it."""
+
+    effect: str
+    indistinguishable: tuple[str, ...] = Field(default=(), alias="class")
+    probability: float
+    parameters: dict[str, dict[str, Any]] = Field(default={})
+    meaning: str = ""
+    remedy: str = ""
+
+
+class Covariance(Model):
+    """Covariance of parameters, in the order of ``names``."""
+
+    names: tuple[str, ...]
+    matrix: tuple[tuple[float, ...], ...]
+
+
+class Qualification(Model):
+    """The whole of a file."""
+
+    version: Literal["qualification/1"] = Field(alias="schema")
+    instrument: str
+    device: str = ""
+    serial: str = ""
+    date: datetime
+    valid_days: float = VALID_DAYS
+    passed: bool
+    verdict: str
+    sentences: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    doubts: tuple[str, ...] = ()
+    parameters: dict[str, Parameter] = Field(default={})
+    covariance: Covariance | None = None
+    effects: dict[str, Bound] = Field(default={})
+    noise: dict[str, dict[str, Any]] = Field(default={})
+    checked: tuple[str, ...] = ()
+    not_checked: tuple[str, ...] = ()
+    recordings: tuple[str, ...] = ()
+    minutes: float = 0.0
+    software: dict[str, str] = Field(default={})
+
+    @model_validator(mode="after")
+    def _dated(self) -> Qualification:
+        if self.date.tzinfo is None:
+            raise ValueError("date: a time zone is missing, such as +00:00")
+        return self
+
+    @property
+    def expires(self) -> datetime:
+        """When it holds no longer."""
+        return self.date + timedelta(days=self.valid_days)
+
+    def against(self, instrument: str, serial: str = "", now: datetime | None = None) -> str:
+        """Why it is not to be believed of an instrument; '' where it is."""
+        if instrument != self.instrument:
+            return f"it is of a {self.instrument}, not of a {instrument}"
+        if serial and self.serial and serial != self.serial:
+            return f"it is of serial number {self.serial}, not of {serial}"
+        if (now or datetime.now(UTC)) > self.expires:
+            return f"it expired on {self.expires:%Y-%m-%d}"
+        if self.doubts:
+            return f"its references are in doubt: {self.doubts[0]}"
+        return ""
+
+
+def load_qualification(path: Path | str) -> Qualification:
+    """The qualification in a file. Raises RecordingError that names file and line, OSError."""
+    path = Path(path)
+    try:
+        data, source = read(path)
+        return validate(Qualification, data, source)
+    except ProtocolError as error:
+        raise RecordingError(str(error)) from error
+
+
+def dump(qualification: Qualification) -> str:
+    """The file's text."""
+    plain = qualification.model_dump(mode="json", by_alias=True, exclude_none=True)
+    return yaml.safe_dump(plain, sort_keys=False, allow_unicode=True, width=110)
+
+
+def folder_of(instrument: str, serial: str, root: Path | None = None) -> Path:
+    """Where the history of an instrument is kept: a folder of the user's, or one in ``root``."""
+    name = re.sub(r"[^A-Za-z0-9_.-]+", "-", f"{instrument}-{serial or 'unknown'}")
+    return (root or Path(user_data_dir("skinrig")) / "qualifications") / name
+
+
+def keep(qualification: Qualification, root: Path | None = None) -> Path:
+    """Add a qualification to its instrument's history."""
+    folder = folder_of(qualification.instrument, qualification.serial, root)
+    return write_text(folder / f"{qualification.date:%Y%m%dT%H%M%S}.yaml", dump(qualification))
+
+
+def history(instrument: str, serial: str, root: Path | None = None) -> list[Qualification]:
+    """Qualifications of an instrument, oldest first; a file that does not read as one is left out."""
+    found = []
+    for path in sorted(folder_of(instrument, serial, root).glob("*.yaml")):
+        try:
+            found.append(load_qualification(path))
+        except (RecordingError, OSError):
+            continue
+    return sorted(found, key=lambda q: q.date)
+
+
+def due(instrument: str, serial: str, root: Path | None = None, now: datetime | None = None) -> str:
+    """A warning for who starts a run: the newest qualification does not hold. '' where it does, or never was one."""
+    known = history(instrument, serial, root)
+    if not known:
+        return ""
+    newest = known[-1]
+    why = newest.against(instrument, serial, now) or ("" if newest.passed else "it was not passed")
+    return f"the last qualification of {instrument} {serial} does not hold: {why}; see acquire qualify" if why else ""

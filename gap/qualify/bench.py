@@ -1,0 +1,70 @@
+"""Measuring the standard set: one recording for each step, a person in between; what is there already is kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+
+from acquire.engine import Aborted, Progress, State, Tripped
+from acquire.recording import Recording, open_recording
+from acquire.session import Request, Session
+from gap.qualify.steps import Step
+
+Ask = Callable[[int, Step], None]
+"""Tells a person the step with this number, and returns when it is mounted; raises Aborted where it is not to be."""
+
+
+class NotMeasured(Tripped):
+    """A step's run did not come to its end; the message says which and why."""
+
+
+def recording_of(step: Step, folder: Path) -> Path:
+    """Where the recording of a step is kept."""
+    return folder / f"{step.name}.h5"
+
+
+def done(step: Step, folder: Path) -> bool:
+    """Whether a step has been measured to its end, on the same specimen."""
+    path = recording_of(step, folder)
+    if not path.is_file():
+        return False
+    info = open_recording(path).info
+    same = info.specimen == step.specimen and dict(info.specimen_properties) == dict(step.known)
+    if not same:
+        raise ValueError(
+            f"{path}: is of a {info.specimen} with other numbers than step {step.name}; take another folder"
+        )
+    return info.status == "completed"
+
+
+def measure(
+    session: Session,
+    name: str,
+    steps: Sequence[Step],
+    folder: Path,
+    ask: Ask,
+    watch: Callable[[Step, Progress], None] = lambda step, progress: None,
+    operator: str = "",
+) -> list[Recording]:
+    """Recordings of ``steps`` on the station's instrument ``name``, in ``folder``; those that are there are not made
+    again.
+
+    Raises NotMeasured, Aborted, ValueError, DeviceError.
+    """
+    for number, step in enumerate(steps, start=1):
+        if done(step, folder):
+            continue
+        path = recording_of(step, folder)
+        if path.exists():  # of a run that did not come to its end
+            path = path.rename(path.with_name(f"{path.stem}-unfinished-{path.stat().st_mtime_ns}.h5"))
+        ask(number, step)
+        notes = f"qualification: {step.name}"
+        request = Request(operator=operator, specimen=step.specimen, specimen_properties=step.known, notes=notes)
+        path = recording_of(step, folder)
+        outcome = session.run(step.protocol, request, name=name, out=path, watch=partial(watch, step))
+        if outcome.status is State.ABORTED:
+            raise Aborted(outcome.reason or "aborted by a person")
+        if outcome.status is not State.COMPLETED:
+            raise NotMeasured(f"step {step.name}: {outcome.status}: {outcome.reason}")
+    return [open_recording(recording_of(step, folder)) for step in steps]

@@ -1,0 +1,155 @@
+"""Qualification: the file and when it is believed, the standard set, and the judgement by references."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acquire.cli.app import NOT_PASSED, run
+from acquire.qualifications import SCHEMA, Parameter, Qualification, due, dump, history, keep, load_qualification
+from acquire.recording import RecordingError
+from acquire.recording.model import Recording
+from gap.design import simulated as own
+from gap.diagnosis import DiagnosisError
+from gap.qualify.judge import qualify
+from gap.qualify.page import chart
+from gap.qualify.steps import STANDARD, steps_of
+from protocols import find, load
+from protocols.specimens import stated
+
+NOW = datetime(2026, 5, 1, tzinfo=UTC)
+
+
+def qualification(**other: object) -> Qualification:
+    parameters = {"height_gain_error": Parameter(value=0.01, se=0.001, unit="1", tolerance=0.03, passed=True)}
+    given = {
+        "schema": SCHEMA,
+        "instrument": "cutometer",
+        "serial": "C7",
+        "date": NOW,
+        "passed": True,
+        "verdict": "none",
+    }
+    return Qualification(**{**given, "parameters": parameters, **other})
+
+
+def test_a_file_comes_back(tmp_path: Path) -> None:
+    (tmp_path / "q.yaml").write_text(dump(qualification()))
+    assert load_qualification(tmp_path / "q.yaml") == qualification()
+    (tmp_path / "bad.yaml").write_text(dump(qualification()).replace("passed: true", "passed: perhaps", 1))
+    with pytest.raises(RecordingError, match=r"bad\.yaml:\d+.*perhaps|bad\.yaml:\d+"):
+        load_qualification(tmp_path / "bad.yaml")
+
+
+@pytest.mark.parametrize(
+    ("instrument", "serial", "days", "words"),
+    [
+        ("cutometer", "C7", 1, ""),
+        ("cutometer", "", 1, ""),
+        ("aspiration", "C7", 1, "of a cutometer, not of a aspiration"),
+        ("cutometer", "C8", 1, "serial number C7, not of C8"),
+        ("cutometer", "C7", 200, "expired on 2026-10-28"),
+    ],
+)
+def test_when_it_is_believed(instrument: str, serial: str, days: int, words: str) -> None:
+    why = qualification().against(instrument, serial, NOW + timedelta(days=days))
+    assert words in why
+    assert bool(words) == bool(why)
+    assert "doubt" in qualification(doubts=("dead weight",)).against("cutometer", "C7", NOW)
+
+
+def test_a_run_is_warned_only_where_there_once_was_one(tmp_path: Path) -> None:
+    assert due("cutometer", "C7", tmp_path, NOW) == ""
+    keep(qualification(), tmp_path)
+    assert due("cutometer", "C7", tmp_path, NOW + timedelta(days=2)) == ""
+    assert "expired" in due("cutometer", "C7", tmp_path, NOW + timedelta(days=400))
+    keep(qualification(date=NOW + timedelta(days=1), passed=False), tmp_path)
+    assert "not passed" in due("cutometer", "C7", tmp_path, NOW + timedelta(days=2))
+    assert [q.passed for q in history("cutometer", "C7", tmp_path)] == [True, False]
+
+
+def test_the_control_chart_shows_every_qualification() -> None:
+    points = [
+        (qualification(), Parameter(value=v, se=0.001, unit="1", tolerance=0.03, passed=v < 0.03)) for v in (0.01, 0.04)
+    ]
+    svg = chart(points)
+    assert svg.count("<circle") == 2
+    assert svg.count("stroke-dasharray") == 2
+    assert "#b00" in svg.rpartition("<circle")[2]
+
+
+def test_the_standard_set_is_short_and_its_numbers_can_be_a_laboratory_s_own() -> None:
+    from protocols import Limits, compile_protocol
+
+    wide = Limits.parse(
+        {"pressure": {"low": "-700 mbar", "high": "0 mbar"}, "probe": {"low": "0 mm", "high": "3 mm", "rate": "9 mm/s"}}
+    )
+    for steps in STANDARD.values():
+        assert sum(compile_protocol(load(find(s.protocol)), wide).duration for s in steps) < 300
+    steps = {s.name: s for s in steps_of("cutometer", ["step-high.height=1.003±0.001 mm"])}
+    assert steps["step-high"].known["height"].scalar == pytest.approx(1.003e-3)
+    assert steps["step-low"].known["height"].scalar == pytest.approx(0.5e-3)
+    for wrong, words in (("step.height=1 mm", "STEP.KEY=VALUE"), ("block.height=1 mm", "block: height: no property")):
+        with pytest.raises(ValueError, match=words):
+            steps_of("cutometer", [wrong])
+
+
+def references(**said: str) -> list[Recording]:
+    """A sound aspiration device on two steps and the membrane; ``said`` is what is claimed of the specimens instead."""
+    legs = [
+        replace(own.step_hold(0.0, 4.0, 4.0), specimen="gauge step", known=stated("gauge step", {"height": h}))
+        for h in ("0.500 mm", "1.000 mm")
+    ]
+    legs.append(replace(own.step_hold(-20e3, 3.0, 3.0), specimen="reference membrane"))
+    made = own.suction_session("aspiration", np.random.default_rng(4), legs=legs)
+    if "height" in said:
+        known = stated("gauge step", said)
+        made[1] = replace(made[1], info=replace(made[1].info, specimen_properties=known))
+    return made
+
+
+def test_only_references_of_one_instrument_qualify() -> None:
+    skin = own.suction_session("aspiration", np.random.default_rng(4), legs=[own.step_hold(-20e3, 3.0, 3.0)])
+    with pytest.raises(DiagnosisError, match="no recording of a reference specimen"):
+        qualify(skin)
+    one, other = references()[:2]
+    other = replace(other, info=replace(other.info, instrument="cutometer"))
+    with pytest.raises(DiagnosisError, match="several instruments"):
+        qualify([one, other])
+
+
+@pytest.mark.slow
+def test_a_wrong_reference_is_doubted_and_not_the_instrument() -> None:
+    judged = qualify(references(height="1.100±0.002 mm"))
+    q = judged.qualification
+    assert not q.passed
+    assert not q.findings
+    assert any("gauge step" in text and "0.0011" in text for text in q.doubts)
+    assert q.against("aspiration")
+    sound = qualify(references()).qualification
+    assert sound.passed
+    assert not sound.doubts
+
+
+@pytest.mark.slow
+def test_the_command_passes_a_sound_instrument_names_a_fault_and_goes_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    common = ["--sim", "--yes", "--speed", "50", "--seed", "3", "--jobs", "1"]
+    sound = tmp_path / "sound"
+    assert run(["qualify", "cutometer", *common, "-o", str(sound), "--history", str(tmp_path / "h")]) == 0
+    made = {p: p.stat().st_mtime_ns for p in (sound / "recordings").glob("*.h5")}
+    assert len(made) == len(STANDARD["cutometer"])
+    assert run(["qualify", "cutometer", *common, "-o", str(sound), "--history", str(tmp_path / "h")]) == 0
+    assert {p: p.stat().st_mtime_ns for p in made} == made  # nothing was measured again
+    assert "2 qualifications in the history" in (sound / "qualification.html").read_text()
+    capsys.readouterr()
+    faulty = ["--effect", "sensor_gain:error=0.08", "-o", str(tmp_path / "faulty"), "--json"]
+    assert run(["qualify", "cutometer", *common, *faulty]) == NOT_PASSED
+    said = json.loads(capsys.readouterr().out)
+    assert "sensor_gain" in said["findings"][0]["class"]
