@@ -82,12 +82,13 @@ class Evaluation:
 
 class Start(NamedTuple):
     """Where a fit begins: the prior's mean and width (p,) as the effects would have them, the nuisance (p,), and the
-    effects' parameters in prior quantiles (k,)."""
+    effects' parameters in prior quantiles (k,); and the Jacobian (n, p) there under that prior, where it is known."""
 
     mean: FloatArray
     sd: FloatArray
     nuisance: FloatArray
     unit: FloatArray
+    jacobian: FloatArray | None = None
 
 
 @dataclass(frozen=True)

@@ -30,10 +30,8 @@ from sim_devices.stages.specimens import meets
 
 SIMPLE_SHIFT = 1e-3
 """s: how late a channel may be that samples, neither holds nor integrates."""
-AFTER_KINK = 1e-3 * np.concatenate(
-    [np.arange(1, 40), np.arange(40, 120, 2), np.arange(120, 300, 4), np.arange(300, 1000, 10)]
-)
-"""s after a kink of the command: nodes so dense that straight lines between them are as good as the signal."""
+AFTER_KINK = 1e-3 * np.concatenate([np.arange(1, 13), 13.0 * 1.08 ** np.arange(57)])
+"""s after a kink of the command: nodes so dense that straight lines between them are within .02 σ of the signal."""
 BEFORE = 5e-3
 """s by which a recording begins before its first sample."""
 ELSEWHERE = (0.1, 0.9)

@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
+import numpy as np
 from numba import njit
 
 from gap.inference.hypothesis import FROZEN
@@ -109,6 +110,28 @@ FURTHER = (
     SkinLaw(("sheet",)),
 )
 """Those that are tried where no basic one is at the noise."""
+
+
+def switched(parts: Mapping[str, Part], nuisance: FloatArray, law: SkinLaw) -> FloatArray:
+    """``nuisance`` (p,), whose first are the ``parts``, with nothing of the amounts that a law lacks, and with what it
+    cannot be without."""
+    out = nuisance.copy()
+    for k, (name, part) in enumerate(parts.items()):
+        if part.of == name and (name not in law.amounts or part.sd == FROZEN):
+            out[k] = part.begin if name in law.amounts else 0.0
+    return out
+
+
+def guesses(parts: Mapping[str, Part], size: int) -> list[FloatArray]:
+    """Nuisance vectors (``size``,), whose first are the ``parts``, from which fits begin: of skin that is as quick as
+    usual, quicker and slower."""
+    times = np.array([name in TIMES for name in parts])
+    out = []
+    for at in (0.0, -0.8, 0.8):
+        guess = np.zeros(size)
+        guess[: len(times)] = [part.begin for part in parts.values()] + at * times
+        out.append(guess)
+    return out
 
 
 def bounded_exp(x: float) -> float:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Star
 from gap.inference.least_squares import fit, under
 from gap.inference.workers import each
 from gap.null.blocks import SIMPLE_SHIFT, Block, Group, GroupedSession, Table, compressed
-from gap.null.skin_laws import BASIC, CREEP, FURTHER, PARTS, TIMES, USUAL, Part, SkinLaw, rewired
+from gap.null.skin_laws import BASIC, CREEP, FURTHER, PARTS, USUAL, Part, SkinLaw, guesses, rewired, switched
 from gap.null.suction_discrepancy import USUAL_MEMORY, Suction, elastic_freedom, suction_discrepancy
 from gap.null.suction_feed import FedPressure
 from gap.null.suction_pressure import PressureBlock, chain_of
@@ -35,6 +35,8 @@ ENOUGH = 1.05
 """χ² per sample of a law at which nothing less simple is tried."""
 QUICK = 10
 """Steps of a fit after which its evidence, which looks ahead along a straight line, says where it leads."""
+SHORT = 6
+"""The same of a fit with an effect."""
 FAR = 4.0
 """χ² per sample of the best law from which on fits with an effect begin anew under every basic one."""
 ANSWER = 0.15
@@ -43,8 +45,16 @@ SAME = 0.02
 """s within which recordings jump equally late."""
 TAKEN = 300.0
 """Nats by which a law that is not linear may be better and still have taken on an effect (of δ 25)."""
-Try = tuple[SkinLaw, FloatArray, int]
-"""A fit of the simulation by itself: the law, the nuisance (p,) to begin from, iterations."""
+
+
+class Try(NamedTuple):
+    """A fit of the simulation by itself: the law, the nuisance (p,) to begin from, iterations, and a fit near there of
+    the same law whose Jacobian may do."""
+
+    law: SkinLaw
+    begin: FloatArray
+    iterations: int
+    near: Fit | None = None
 
 
 def _probability(alone: tuple[Fit, SkinLaw]) -> float:
@@ -156,15 +166,7 @@ class HeightBlock(Block):
         """The prior's mean (p,) under a law: of each amount none."""
         mean = np.zeros(len(self.prior_sd))
         mean[: len(self.PARTS)] = [0.0 if p.of == name else p.begin for name, p in self.PARTS.items()]
-        return self._switched(mean, law)
-
-    def _switched(self, nuisance: FloatArray, law: SkinLaw) -> FloatArray:
-        """``nuisance`` (p,) with nothing of the amounts that a law lacks, and with what it cannot be without."""
-        out = nuisance.copy()
-        for k, (name, part) in enumerate(self.PARTS.items()):
-            if part.of == name and (name not in law.amounts or part.sd == FROZEN):
-                out[k] = part.begin if name in law.amounts else 0.0
-        return out
+        return switched(self.PARTS, mean, law)
 
     def tables(self, group: Group) -> dict[str, Table]:
         """The commands by the record's clock: a zero that is taken milliseconds off is off by as many micrometres."""
@@ -211,7 +213,7 @@ class HeightBlock(Block):
         if self._start is None:
             found, law = self._best_alone()
             self._bend(found.nuisance)
-            self._start = self._alone((), np.zeros(0), [(law, found.nuisance, 30)])[0][0].nuisance
+            self._start = self._alone((), np.zeros(0), [Try(law, found.nuisance, 30)])[0][0].nuisance
             self._hold(self.prior_mean, self._start)
             anchored = [part.anchored for part in self.PARTS.values()]
             for sd in (self.prior_sd, *self._widths):
@@ -226,32 +228,32 @@ class HeightBlock(Block):
 
         Fits begin from slower and quicker skin too: creep times have local optima.
         """
-        guesses = self._guesses()
+        begins = self._guesses()
         alone = [
             found
             for law in self.SIMPLE_LAWS
-            for found in self._race([(law, g) for g in (guesses if law.timed else guesses[:1])])
+            for found in self._race([(law, g) for g in (begins if law.timed else begins[:1])])
         ]
         basic, plain = max(alone, key=_probability)
         if not self._enough(alone):
-            alone += self._race([(law, guesses[0]) for law in self.FURTHER_LAWS], 2)
+            alone += self._race([(law, begins[0]) for law in self.FURTHER_LAWS], 2)
         simple, best = max(alone, key=_probability)
         self.laws = tuple(dict.fromkeys([best, *(law.beside(best.nonlinear) for law in self.SIMPLE_LAWS)]))
         # Above the noise the null has taken on what it could of an effect: with one, fits begin anew, too. What is not
         # linear may be nothing but an effect.
-        self._tries = [(best, simple.nuisance, 25)]
+        self._tries = [Try(best, simple.nuisance, 25, simple)]
         if not self._enough([(simple, best)]):
-            self._tries.append((best, guesses[0], 25))
+            self._tries.append(Try(best, begins[0], 25))
         if best != plain and _probability((simple, best)) < _probability((basic, plain)) + TAKEN:
-            self._tries.append((plain, guesses[0], 25))
+            self._tries.append(Try(plain, begins[0], 25))
         if not self._enough(alone):
             self._bend(simple.nuisance)
-            alone += self._race([(self._full, g) for g in (simple.nuisance, *guesses)])
+            alone += self._race([(self._full, g) for g in (simple.nuisance, *begins)])
         found, law = max(alone, key=_probability)
         if not law.simple:
-            self._tries.append((law, guesses[0], 15))
+            self._tries.append(Try(law, begins[0], 15))
         if found.chi2 > FAR * len(self.measured):  # which law it is, such a fit does not tell
-            self._tries += [(law, g, QUICK) for law in self.SIMPLE_LAWS for g in guesses]
+            self._tries += [Try(law, g, QUICK) for law in self.SIMPLE_LAWS for g in begins]
         return found, law
 
     def _bend(self, nuisance: FloatArray) -> None:
@@ -264,9 +266,9 @@ class HeightBlock(Block):
 
     def _race(self, entered: Sequence[tuple[SkinLaw, FloatArray]], kept: int = 1) -> list[tuple[Fit, SkinLaw]]:
         """Laws fitted alone, each from a nuisance (p,): all a few steps, the most probable to convergence."""
-        first = self._alone((), np.zeros(0), [(law, begin, QUICK) for law, begin in entered], self.jobs)
+        first = self._alone((), np.zeros(0), [Try(law, begin, QUICK) for law, begin in entered], self.jobs)
         best = sorted(first, key=_probability, reverse=True)[:kept]
-        return self._alone((), np.zeros(0), [(law, f.nuisance, 40) for f, law in best], self.jobs)
+        return self._alone((), np.zeros(0), [Try(law, f.nuisance, 40, f) for f, law in best], self.jobs)
 
     def _enough(self, alone: Sequence[tuple[Fit, SkinLaw]]) -> bool:
         """Whether some law is at the noise, so that nothing less simple is tried."""
@@ -281,13 +283,7 @@ class HeightBlock(Block):
 
     def _guesses(self) -> list[FloatArray]:
         """Nuisance vectors (p,) to begin from."""
-        times = np.array([name in TIMES for name in self.PARTS])
-        out = []
-        for at in (0.0, -0.8, 0.8):
-            guess = np.zeros(len(self.prior_mean))
-            guess[: len(times)] = [part.begin for part in self.PARTS.values()] + at * times
-            out.append(guess)
-        return out
+        return guesses(self.PARTS, len(self.prior_mean))
 
     @property
     def _offset(self) -> int:
@@ -313,23 +309,31 @@ class HeightBlock(Block):
         wide[: len(self.PARTS)] = [part.sd for part in self.PARTS.values()]
 
         def fitted(one: Try) -> tuple[Fit, SkinLaw]:
-            law, guess, iterations = one
-            problem = under(self, self._mean(law), self._sd(wide, law))
-            return fit(problem, hypothesis, unit, self._switched(guess, law), iterations), law
+            problem = under(self, self._mean(one.law), self._sd(wide, one.law))
+            begin, near = switched(self.PARTS, one.begin, one.law), one.near
+            jacobian, gram = (near.jacobian, near.gram) if near else (None, None)
+            return fit(problem, hypothesis, unit, begin, one.iterations, jacobian=jacobian, gram=gram), one.law
 
-        found = each(fitted, [one for one in tries if one[0].simple], jobs)
+        found = each(fitted, [one for one in tries if one.law.simple], jobs)
         if not self._enough(found):
-            found += each(fitted, [one for one in tries if not one[0].simple], jobs)
+            found += each(fitted, [one for one in tries if not one.law.simple], jobs)
         return found
 
     def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
+        """Where the tissue alone would go with an effect; a second one begins where the first left the tissue."""
+        if len(hypothesis) > 1:
+            return None
         self.start()
         guess = self._guesses()[0]
-        tries = self._tries or [*((law, guess, 25) for law in self.SIMPLE_LAWS), (self.USUAL_LAW, guess, 15)]
-        found, law = max(self._alone(hypothesis, unit, tries), key=_probability)
+        tries = self._tries or [*(Try(law, guess, 25) for law in self.SIMPLE_LAWS), Try(self.USUAL_LAW, guess, 15)]
+        if len(tries) > 1:
+            first = self._alone(hypothesis, unit, [t._replace(iterations=SHORT) for t in tries])
+            best, law = max(first, key=_probability)
+            unit, tries = best.unit, [Try(law, best.nuisance, 25, best)]
+        found, law = self._alone(hypothesis, unit, tries)[0]
         mean = self.prior_mean.copy()
         self._hold(mean, found.nuisance)
-        return Start(mean, self.alternatives[self._place(law)], found.nuisance, found.unit)
+        return Start(mean, self.alternatives[self._place(law)], found.nuisance, found.unit, found.jacobian)
 
     def _place(self, law: SkinLaw) -> int:
         """Which of the `alternatives` stands for a law that was fitted alone."""
@@ -341,7 +345,7 @@ class HeightBlock(Block):
         """Tissue and shift (t,) at a size of the compliance that gives the largest height measured."""
         c = np.zeros(len(self.PARTS) + 1)
         c[:-1] = [part.begin for part in self.PARTS.values()]
-        c = self._switched(c, self.USUAL_LAW)
+        c = switched(self.PARTS, c, self.USUAL_LAW)
         self._size = 1.0
         skin = np.concatenate([np.full(at.stop - at.start, g.skin) for g, at in self.groups])
         top = float(np.max(np.abs(self._chain_height(c, {})[skin]), initial=0.0))

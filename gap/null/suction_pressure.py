@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -15,9 +15,11 @@ from gap.inference.hypothesis import Active, Candidate, Evaluation, Lateness, St
 from gap.inference.least_squares import fit, under
 from gap.null.blocks import Block, Group, GroupedSession, Table
 from gap.null.chains import needed
-from sim_devices.chain import Chain, Effect, FloatArray
+from gap.null.skin_laws import bounded_exp
+from sim_devices.chain import Chain, Effect, FloatArray, Signals
 from sim_devices.stages import nominal
 from sim_devices.stages.kernels import evaluate, low_pass
+from sim_devices.stages.operators import Wired, after
 from sim_devices.stages.sampling import REFINEMENT, simulate
 from sim_devices.stages.suction import REGULATOR_TAU, tissue_operators
 from sim_devices.stages.tissues import SuctionTissue, suction_tissue
@@ -28,6 +30,8 @@ LATE = 5.0
 """σ by which some kink must be late for lateness to be looked into."""
 MOVES = 1e-3 * np.array([0.5, 1, 2, 3, 5, 8, 12, 18, 26, 36, 50, 70, 95, 130, 180, 250, 350])
 """s by which the response to a kink is moved to see where it fits."""
+QUIET = 1e-6
+"""Share of what the most telling kink says of lateness below which one says nothing."""
 NO_TISSUE = SuctionTissue(0.0, creep=(), times=(), residual=0.0, softening=0.0)
 
 
@@ -43,6 +47,20 @@ def chain_of(session: GroupedSession, group: Group, tissue: SuctionTissue, **opt
 def sound_chain(instrument: str, marks: tuple[float, ...], **options: Any) -> Chain:
     """The nominal chain of an instrument that is armed anew at ``marks`` (s)."""
     return nominal(instrument, marks=marks, **options)
+
+
+@dataclass(frozen=True)
+class FurtherLags(Wired):
+    """What a regulator of another structure adds to a second-order one: ``shares`` (share, s) of its response come with
+    a further lag each, and its slope comes ``lead`` s ahead, of a set-point that is fed forward or weighed."""
+
+    shares: tuple[tuple[float, float], ...]
+    lead: float
+
+    def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
+        u = signals[self.source[0]]
+        lagged = sum(k * (evaluate(low_pass, time, u, tau) - u) for k, tau in self.shares if k)
+        signals[self.target[0]] = u + self.lead * np.gradient(u, time) + lagged
 
 
 def _specimen(name: str) -> SuctionTissue:
@@ -81,7 +99,6 @@ class PressureBlock(Block):
         self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
         # As a sound instrument of the nominal kind, or a regulator of another time and damping.
         self.alternatives = (self.prior_sd, self._prior(lambda t: t.widest))
-        self._linear = np.column_stack([self._loop_columns(), np.ones(len(self.stamps))])
         self.blur_steep_parts(self._slope())
         self.prior_sd = max(self.alternatives, key=self._probability)
 
@@ -99,13 +116,19 @@ class PressureBlock(Block):
     def line(self, group: Group, time: FloatArray) -> Table:
         """What the regulator, as fitted to the recorded pressure, made of the command: times finer than ``time`` (n,)
         s, and Pa."""
-        c = self._fitted
+        return commanded_line(self._regulated(group, self._fitted), group, time, self.early)
+
+    def _regulated(self, group: Group, nuisance: FloatArray) -> Chain:
+        """A group's nominal chain with the regulator at a nuisance vector."""
+        # Bins average over the staircase of the command's resolution: simulate its mean.
         chain = chain_of(self.session, group, NO_TISSUE, command_step=0.0)
-        chain = chain.tuned("regulator", tau=REGULATOR_TAU * float(np.exp(c[0])), zeta=float(np.exp(c[1])))
-        fine, value = commanded_line(chain, group, time, self.early)
-        further = zip(c[4 : 4 + len(self.LAGS)], self.LAGS, strict=True)
-        led = float(c[4 + len(self.LAGS)]) * np.gradient(value, fine)
-        return fine, value + led + sum(k * (evaluate(low_pass, fine, value, tau) - value) for k, tau in further)
+        chain = chain.tuned("regulator", tau=REGULATOR_TAU * bounded_exp(nuisance[0]), zeta=bounded_exp(nuisance[1]))
+        shares = tuple(nuisance[4 : 4 + len(self.LAGS)].tolist())
+        lead = float(nuisance[4 + len(self.LAGS)])
+        if not lead and not any(shares):
+            return chain
+        lags = tuple(zip(shares, self.LAGS, strict=True))
+        return after(chain, "regulator", lambda s, t: FurtherLags("further_lags", "actuator", s, t, lags, lead))
 
     def early(self, time: FloatArray) -> FloatArray:
         """How far the record's stamps ``time`` (n,) are before the command's clock, s."""
@@ -126,35 +149,14 @@ class PressureBlock(Block):
         later[2], earlier[2] = 1e-3, -1e-3
         return (self._predict(later, {}) - self._predict(earlier, {})) / 2e-3
 
-    def _loop_columns(self) -> FloatArray:
-        """What further lags behind the nominal regulator would change, a lead of one second (of a set-point that is fed
-        forward, or weighed) and a gauge's gain of one, (n, lags + 2), Pa.
-
-        A gain of the record itself would shrink its noise.
-        """
-        out = np.zeros((len(self.stamps), len(self.LAGS) + 2))
-        for g, at in self.groups:
-            kinks = g.commands["pressure"].kinks
-            fine = np.unique(np.concatenate([self.stamps[at], (kinks[:, None] + REFINEMENT).ravel()]))
-            chain = chain_of(self.session, g, NO_TISSUE, command_step=0.0)
-            partial = replace(chain, operators=needed(chain, ("pressure",)))
-            direct = simulate(partial, g.tables(), {"pressure": fine})["pressure"]
-            for j, tau in enumerate(self.LAGS):
-                out[at, j] = np.interp(self.stamps[at], fine, evaluate(low_pass, fine, direct, tau) - direct)
-            out[at, -2] = np.interp(self.stamps[at], fine, np.gradient(direct, fine))
-            out[at, -1] = np.interp(self.stamps[at], fine, direct)
-        return out
-
     def _predict(self, nuisance: FloatArray, active: Active) -> FloatArray:
-        """Recorded pressure (n,) Pa."""
-        tau, zeta = REGULATOR_TAU * np.exp(nuisance[0]), float(np.exp(nuisance[1]))
+        """Recorded pressure (n,) Pa, by a gauge without an error: its gain would shrink the noise of a record."""
         out = np.empty(len(self.stamps))
         for g, at in self.groups:
-            # Bins average over the staircase of the command's resolution: simulate its mean.
-            chain = chain_of(self.session, g, NO_TISSUE, command_step=0.0).tuned("regulator", tau=tau, zeta=zeta)
             shift = nuisance[2] + nuisance[3] * (self.stamps[at] - self.stamps[0])
-            out[at] = self.simulated(self.with_effects(chain, active, g), g, at, shift)[0]
-        return out + self._linear @ nuisance[4:]
+            chain = self.with_effects(self._regulated(g, nuisance), active, g)
+            out[at] = self.simulated(chain, g, at, shift)[0]
+        return out
 
     def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:
         return {
@@ -181,7 +183,8 @@ class PressureBlock(Block):
             return np.bincount(number, values, len(kinks) + 1)[:-1].astype(float)
 
         known = over(slope**2)
-        if not np.any(over(slope * fitted.residual) ** 2 > LATE**2 * known):
+        telling = known > QUIET * np.max(known)
+        if not np.any(telling & (over(slope * fitted.residual) ** 2 > LATE**2 * known)):
             return None
         moved = np.concatenate([-MOVES[::-1], [0.0], MOVES])
         rows = []
@@ -193,7 +196,7 @@ class PressureBlock(Block):
         chi2 = np.array([over(r**2) for r in rows])
         best = np.clip(np.argmin(chi2, axis=0), 1, len(moved) - 2)
         late, sd = np.zeros(len(kinks)), np.full(len(kinks), np.inf)
-        for k in np.flatnonzero(known > 0):
+        for k in np.flatnonzero(telling):
             at, j = number == k, best[k]
             change = (rows[j + 1][at] - rows[j - 1][at]) / (moved[j + 1] - moved[j - 1])
             square = float(change @ change)
@@ -205,14 +208,15 @@ class PressureBlock(Block):
         return Lateness(kinks[good], late[good], sd[good])
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
-        predicted = self._predict(nuisance, active)
-        residual = self.whitened(self.measured - predicted, active)
+        made = self._predict(nuisance, active)
+        gain, zero = nuisance[-2:]
+        residual = self.whitened(self.measured - made * (1.0 + gain) - zero, active)
         if not want_jacobian:
             return Evaluation(residual, np.zeros((0, 0)))
-        jacobian = np.empty((len(residual), len(nuisance)))
-        for k, step in enumerate((1e-3, 1e-3, 0.05 * self.dt, 1e-6)):
+        jacobian = np.ones((len(residual), len(nuisance)))
+        for k, step in enumerate((1e-3, 1e-3, 0.05 * self.dt, 1e-6, *[1e-3] * len(self.LAGS), 1e-4)):
             moved = nuisance.copy()
             moved[k] += step
-            jacobian[:, k] = (self._predict(moved, active) - predicted) / step
-        jacobian[:, 4:] = self._linear
+            jacobian[:, k] = (self._predict(moved, active) - made) * (1.0 + gain) / step
+        jacobian[:, -2] = made
         return Evaluation(residual, self.whitened(jacobian, active))

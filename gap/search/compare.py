@@ -29,6 +29,9 @@ ALIKE = 0.85
 HOPELESS = 4.0
 """Fall of χ² in the screening below which an effect is not refitted."""
 
+LEAST_TEMPER = 0.5
+"""Share of the assumed variance of the noise that is believed at least: less may be a nuisance that followed it."""
+
 
 @dataclass(frozen=True)
 class Weight:
@@ -71,14 +74,16 @@ class Comparison:
     def temper(self) -> dict[str, float]:
         """Per block: how much of χ² to believe, from the best hypothesis' own misfit and its correlation in time.
 
-        1 when the best residual is white at the noise floor. Untempered evidence turns wrong as effects grow: the
-        form error of the right effect is then worth hundreds of nats to a spurious one.
+        1 when the best residual is white at the noise floor, less where the noise turns out to be less than assumed.
+        Untempered evidence turns wrong as effects grow: the form error of the right effect is then worth hundreds of
+        nats to a spurious one.
         """
         out = {}
         for name in self.problems:
             best = min((h.fits[name] for h in (self.null, *self.hypotheses)), key=lambda f: f.chi2)
-            misfit = max(1.0, best.chi2 / max(len(best.residual) - len(best.nuisance), 1))
-            out[name] = misfit * _mean_correlation(best.residual, self.problems[name].rows.recording)
+            misfit = best.chi2 / max(len(best.residual) - len(best.nuisance), 1)
+            correlation = _mean_correlation(best.residual, self.problems[name].rows.recording)
+            out[name] = max(misfit * correlation, LEAST_TEMPER)
         return out
 
 
@@ -114,8 +119,8 @@ def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) ->
             if len(tries) == 1 and (moved := problem.anchored(hypothesis, start)) is not None:
                 width = screened.widths[block]
                 for sd in (moved.sd,) if width is moved.sd else (width, moved.sd):
-                    there = under(problem, moved.mean, sd)
-                    tries.append(fit(there, hypothesis, moved.unit, moved.nuisance, 5, belief=belief))
+                    there, near = under(problem, moved.mean, sd), moved.jacobian if sd is moved.sd else None
+                    tries.append(fit(there, hypothesis, moved.unit, moved.nuisance, 5, jacobian=near, belief=belief))
         best = max(tries, key=lambda f: f.log_evidence(1.0, problem.alternatives))
         if screened.sure:  # where the data show it to be, once more: on the way to the right skin it may have left
             there = under(problem, best.prior_mean, best.prior_sd)
@@ -140,14 +145,15 @@ def _refit_all(comparison: Comparison, parts: Sequence[tuple[Hypothesis, Screene
 class Effort:
     """How wide the search is."""
 
-    quick_fits: int = 16  # screened effects that get a few steps of a fit, where straight lines may mislead
-    least_hope: float = 0.0  # fall of χ², at any size, below which an effect gets none for being far from linear
-    far_fits: int = 40  # at most so many get some for that, the most hopeful ones
+    quick_fits: int = 10  # screened effects that get a few steps of a fit, where straight lines may mislead
+    least_hope: float = 8.0  # fall of χ², at any size, below which an effect gets none for being far from linear
+    far_fits: int = 12  # at most so many get some for that, the most hopeful ones
     refit_singles: int = 9
     imitators: int = 3  # of the best, that are refitted besides
     pair_bases: int = 2
     refit_pairs: int = 3  # second effects, of different names, for each of the bases
     pair_gain: float = 12.0  # tempered fall of χ² below which a second effect is not even refitted
+    pair_evidence: float = 3.0  # nats that the best single effect must have earned
 
     def quicker(self) -> Effort:
         """A narrower search: few refits, no pairs."""
@@ -251,7 +257,10 @@ def _imitators(comparison: Comparison, others: Sequence[Screened]) -> list[Scree
 def _pairs(comparison: Comparison, candidates: Sequence[Candidate], effort: Effort, jobs: int) -> None:
     temper = comparison.temper()
     weight = comparison.weighed(temper)
-    singles = sorted(comparison.hypotheses, key=lambda h: -weight[id(h)].evidence)[: effort.pair_bases]
+    earned = {id(h): weight[id(h)].evidence - weight[id(comparison.null)].evidence for h in comparison.hypotheses}
+    singles = sorted(comparison.hypotheses, key=lambda h: -earned[id(h)])[: effort.pair_bases]
+    if not singles or earned[id(singles[0])] < effort.pair_evidence:
+        return
     tried: set[frozenset[str]] = set()
     parts = []
     for base in singles:

@@ -227,3 +227,27 @@ def test_lateness_of_each_command_is_measured() -> None:
     np.testing.assert_allclose(late.late[sharp], 0.03, atol=3e-3)
     sound, _ = blocks(session())
     assert sound.lateness(fit(sound)) is None
+
+
+def test_skin_is_fed_what_the_fitted_regulator_makes() -> None:
+    """Further lags and a lead follow the regulator as it is fitted, not the nominal one."""
+    pressure, _ = blocks(session())
+    c = np.zeros(len(pressure.prior_mean))
+    c[:2], c[4:8] = (-0.6, 0.5), (0.02, -0.05, 0.1, 0.01)
+    pressure.__dict__["_fitted"] = c
+    group, at = pressure.groups[0]
+    time, value = pressure.line(group, pressure.stamps[at])
+    ends = pressure._ends[:, at]
+    fed = np.interp(ends, time, value).mean(axis=0)
+    np.testing.assert_allclose(fed, pressure._predict(c, {})[at], atol=30.0)  # half a sample's noise
+
+
+def test_noise_that_is_less_than_assumed_lowers_the_temper() -> None:
+    pressure, _ = blocks(session())
+    comparison = compare([pressure], [])
+    known = comparison.temper()["pressure"]
+    assert 0.7 < known < 1.3
+    null = comparison.null.fits["pressure"]
+    half = replace(null, residual=0.8 * null.residual, chi2=0.64 * null.chi2)
+    comparison.null.fits["pressure"] = half
+    assert comparison.temper()["pressure"] == pytest.approx(0.64 * known)
