@@ -46,12 +46,39 @@ def whole_file(path: Path | str, *, mode: int = SHARED, overwrite: bool = True) 
         with told(path), file:
             yield file
             file.flush()
-            os.fsync(file.fileno())
-            if not os.path.samestat(os.fstat(file.fileno()), os.lstat(partial)):
-                raise CannotWrite(f"{path}: cannot be written: another program replaced {partial.name}")
+            _keep(file, partial, path, overwrite)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def nameless(folder: Path, mode: int = PRIVATE) -> BinaryIO:
+    """A new file in ``folder`` that is gone when it is closed, or its process dies, unless `named` names it.
+
+    Raises OSError where the system or the disk has no such files (Linux has).
+    """
+    kind = getattr(os, "O_TMPFILE", 0)
+    if not kind:
+        raise OSError(errno.ENOTSUP, os.strerror(errno.ENOTSUP))
+    return os.fdopen(os.open(folder, os.O_RDWR | kind, mode), "r+b", buffering=0)
+
+
+@contextlib.contextmanager
+def named(file: BinaryIO, path: Path) -> Iterator[Path]:
+    """Where a `nameless` file lies meanwhile; it becomes ``path`` when the block ends without an error.
+
+    Raises FileExistsError if ``path`` exists, CannotWrite where the disk refuses.
+    """
+    partial = _partial(path)
+    try:
         with told(path):
-            _name(partial, path, overwrite)
-            sync_folder(path.parent)
+            # Only with a folder's descriptor does Python follow the link that stands for an open file.
+            folder = os.open("/proc/self/fd", os.O_RDONLY)
+            try:
+                os.link(str(file.fileno()), partial, src_dir_fd=folder, follow_symlinks=True)
+            finally:
+                os.close(folder)
+            yield partial
+            _keep(file, partial, path, overwrite=False)
     finally:
         partial.unlink(missing_ok=True)
 
@@ -127,6 +154,15 @@ def _make_folder(folder: Path) -> None:
 def _partial(path: Path) -> Path:
     # Not the whole name: together with the random part it might be too long for the disk.
     return path.with_name(f".{path.name[:60]}-{secrets.token_hex(6)}{PARTIAL}")
+
+
+def _keep(file: BinaryIO, partial: Path, path: Path, overwrite: bool) -> None:
+    """Put the open ``file``, which lies at ``partial``, onto the disk and give it its final name."""
+    os.fsync(file.fileno())
+    if not os.path.samestat(os.fstat(file.fileno()), os.lstat(partial)):
+        raise CannotWrite(f"{path}: cannot be written: another program replaced {partial.name}")
+    _name(partial, path, overwrite)
+    sync_folder(path.parent)
 
 
 def _name(partial: Path, path: Path, overwrite: bool) -> None:

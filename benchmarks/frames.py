@@ -25,6 +25,7 @@ import h5py
 import numpy as np
 
 from acquire.recording import JournalWriter, RunInfo, finalise, open_recording
+from acquire.recording.draft import Drafting
 from acquire.recording.region import Keeper
 from drivers.aspiration.live import LiveApex
 from drivers.signals import Frame, Region
@@ -33,6 +34,7 @@ COUNT = 60  # frames that are measured
 RATE = 25.0
 RUN = 6000  # frames of four minutes
 SCALE = 2e-5  # m/px
+OLD = 30  # s after which the system itself puts onto the disk what was written
 
 
 def main() -> None:
@@ -141,12 +143,15 @@ def recorded(frames: list[Frame], folder: Path, region: Region | None) -> tuple[
     assert contour is not None
     info = RunInfo("ready", "aspiration", "", calibration={"gvt": {"value": contour.gvt, "unit": "1"}})
     journal = JournalWriter(folder / "ready.journal", info, frame_scale=SCALE, region=region)
-    keeper = Keeper(region)
+    keeper, drafting = Keeper(region), Drafting(folder)
     for index in range(RUN):
         frame = replace(frames[index % len(frames)], seq=index, time=index / RATE)
-        journal.frame(frame, whole=keeper.whole(frame))
+        drafting.add(frame.image.shape, journal.frame(frame, whole=keeper.whole(frame)))
+        if index == RUN - OLD * RATE and drafting.draft is not None:
+            os.fsync(drafting.draft.raw.fileno())
     began, worked = time.monotonic(), time.process_time()
-    path = finalise(journal, folder / "ready.h5")
+    path = finalise(journal, folder / "ready.h5", draft=drafting.draft)
+    drafting.close()
     wait, work = time.monotonic() - began, time.process_time() - worked
     size = path.stat().st_size
     path.unlink()

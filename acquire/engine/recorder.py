@@ -18,6 +18,7 @@ from platformdirs import user_data_dir
 from acquire.engine.queues import Overflow, RecordQueue
 from acquire.files import CannotWrite, told
 from acquire.recording import Event, RunInfo
+from acquire.recording.draft import Drafting
 from acquire.recording.hdf5 import rehearse
 from acquire.recording.journal import JournalWriter
 from acquire.recording.lock import is_live
@@ -79,6 +80,7 @@ class Recorder(threading.Thread):
         self._units = {channel.name: channel.unit for channel in channels}
         self._writer = _journal(self.journal, info, channels, frame_scale, region)
         self._keeper = Keeper(region)
+        self._drafting = Drafting(path.parent)
         self._queue: RecordQueue[Item] = RecordQueue(capacity)
         self._on_failure = on_failure
         self._failed = False  # nothing more can be kept
@@ -132,6 +134,7 @@ class Recorder(threading.Thread):
             log.error("%s: %s", self.path, error)
             self.result.set_exception(error)
         finally:
+            self._drafting.close()
             self._writer.close()
 
     def _save(self) -> Path:
@@ -143,10 +146,10 @@ class Recorder(threading.Thread):
         *first, last = folders
         for folder in first:
             try:
-                return finalise(self._writer, folder / name)
+                return finalise(self._writer, folder / name, draft=self._drafting.draft)
             except CannotWrite as error:
                 log.error("%s; trying elsewhere", error)
-        return finalise(self._writer, last / name)
+        return finalise(self._writer, last / name, draft=self._drafting.draft)
 
     def _look_after(self) -> None:
         """Whether the journal can still be found; a person is told while there is time to act."""
@@ -162,7 +165,8 @@ class Recorder(threading.Thread):
             self._writer.block(item)
         elif isinstance(item, Frame):
             self._count(("frames",), np.array([item.seq]))
-            self._writer.frame(item, quickly=self._queue.fill > BEHIND, whole=self._keeper.whole(item))
+            kept = self._writer.frame(item, quickly=self._queue.fill > BEHIND, whole=self._keeper.whole(item))
+            self._drafting.add(item.image.shape, kept)
         elif isinstance(item, Event):
             self._writer.event(item)
         elif isinstance(item, Commanded):

@@ -30,8 +30,9 @@ from typing import Any
 import h5py
 import numpy as np
 
-from acquire.files import PRIVATE, whole_file
+from acquire.files import PRIVATE, named, whole_file
 from acquire.recording import checksum
+from acquire.recording.draft import Draft
 from acquire.recording.hdf5_reader import (
     ADDED_FIELDS,
     ENTRY_FIELDS,
@@ -67,6 +68,23 @@ def write_recording(recording: Recording, path: Path | str, *, overwrite: bool =
             _verify(recording, Path(partial.name))
     except FileExistsError as error:
         raise RecordingError(str(error)) from None
+    return path
+
+
+def complete(draft: Draft, recording: Recording, path: Path) -> Path:
+    """Write to ``draft``, which has the frames of ``recording``, everything else; verify it and name it ``path``.
+
+    Raises as `write_recording`; the draft is of no use then.
+    """
+    _check_consistent(recording)
+    try:
+        _write(draft.file, recording, draft.sink.check, draft)
+        draft.file.close()
+        draft.sink.check()
+        with named(draft.raw, path) as partial:
+            _verify(recording, partial)
+    finally:
+        draft.close()
     return path
 
 
@@ -113,8 +131,10 @@ def _check_consistent(recording: Recording) -> None:
         )
 
 
-def _write(file: h5py.File, recording: Recording, check: Callable[[], None] = lambda: None) -> None:
-    """Write everything; ``check()`` raises when the disk failed."""
+def _write(
+    file: h5py.File, recording: Recording, check: Callable[[], None] = lambda: None, draft: Draft | None = None
+) -> None:
+    """Write everything but the frames that a ``draft`` has already; ``check()`` raises when the disk failed."""
     info, plot = recording.info, recording.default_plot
     file.attrs.create("NX_class", **_text("NXroot"))
     file.attrs.create("default", **_text("entry"))
@@ -135,7 +155,7 @@ def _write(file: h5py.File, recording: Recording, check: Callable[[], None] = la
         for name, series in recording.derived.items():
             _write_series(derived, name, series, shared)
     if recording.frames is not None:
-        _write_frames(_group(entry, "frames", "NXdata"), recording.frames, check)
+        _write_frames(_group(entry, "frames", "NXdata"), recording.frames, check, draft)
     _write_setpoints(_group(entry, "setpoints", "NXcollection"), recording.setpoints, recording.segments)
     _write_events(entry, recording.events)
     if plot:
@@ -207,19 +227,21 @@ def _write_series(parent: h5py.Group, name: str, series: Series, shared: dict[tu
             shared[key] = _put(group, axis, np.asarray(array, np.int64 if axis == "seq" else float), unit)
 
 
-def _write_frames(group: h5py.Group, frames: Frames, check: Callable[[], None]) -> None:
+def _write_frames(group: h5py.Group, frames: Frames, check: Callable[[], None], draft: Draft | None) -> None:
     count, height, width = np.shape(frames.data)
     group.attrs.create("signal", **_text("data"))
     group.attrs.create("axes", _texts(("time", ".", ".")))
     group.attrs["scale"] = float(frames.scale)
     group.attrs.create("scale_units", **_text("m/px"))
-    how: dict[str, Any] = (
-        {"chunks": (1, height, width), "compression": "gzip", "compression_opts": LEVEL} if count else {}
-    )
-    data = group.create_dataset("data", (count, height, width), np.uint8, **how)
+    if draft is not None:
+        data, crc = draft.frames(group), np.array(draft.crc, np.uint32)
+    else:
+        how: dict[str, Any] = (
+            {"chunks": (1, height, width), "compression": "gzip", "compression_opts": LEVEL} if count else {}
+        )
+        data, crc = group.create_dataset("data", (count, height, width), np.uint8, **how), np.empty(count, np.uint32)
     data.attrs.create("units", **_text("1"))
-    crc = np.empty(count, np.uint32)
-    for index in range(count):
+    for index in range(count if draft is None else 0):
         frame = frames.data.stored(index) if isinstance(frames.data, LazyFrames) else pack(frames.data[index])
         crc[index] = frame.crc
         # A mask says which filters were skipped: the only one, where a frame is stored as it is.

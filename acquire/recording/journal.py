@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 
 from acquire.files import PRIVATE
-from acquire.recording.lazy import pack
+from acquire.recording.lazy import Packed, pack
 from acquire.recording.lock import lock
 from acquire.recording.model import Event, RecordingError, RunInfo
 from drivers.contour import Contour
@@ -172,22 +172,25 @@ class JournalWriter:
             *(np.ascontiguousarray(value, "<f8").data.cast("B") for value in block.values.values()),
         )
 
-    def frame(self, frame: Frame, *, quickly: bool = False, whole: bool = True) -> None:
+    def frame(self, frame: Frame, *, quickly: bool = False, whole: bool = True) -> Packed:
         """Append one camera frame with its contour, compressed without loss; ``quickly`` as it is.
 
-        Of a frame that need not be ``whole`` only the region is kept.
+        Of a frame that need not be ``whole`` only the region is kept. The result is what was kept.
         """
         image = np.ascontiguousarray(frame.image, np.uint8)
         stamps = FRAME.pack(frame.seq, frame.time, frame.time_host, *image.shape)
         part = None if whole else self._region
         packed = None if quickly else pack(image if part is None else part.cut(image))
-        if packed is not None and packed.packed:
+        if packed is None or not packed.packed:
+            pixels = image.tobytes()
+            packed = Packed(pixels, zlib.crc32(pixels), False)
+            self._append(Kind.FRAME, stamps, pixels)
+        else:
             kind = Kind.PACKED_FRAME if part is None else Kind.PACKED_PART
             self._append(kind, stamps, CRC.pack(packed.crc), packed.content)
-        else:
-            self._append(Kind.FRAME, stamps, image.data.cast("B"))
         if frame.contour is not None:
             self._contour(frame.seq, frame.contour)
+        return packed
 
     def event(self, event: Event) -> None:
         """Append an event."""

@@ -2,27 +2,34 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
 from acquire.files import sync_folder, told
-from acquire.recording.hdf5 import write_recording
+from acquire.recording.draft import Draft
+from acquire.recording.hdf5 import complete, write_recording
 from acquire.recording.hdf5_reader import open_recording
 from acquire.recording.journal import JournalWriter
 from acquire.recording.journal_bytes import JournalBytes
-from acquire.recording.journal_reader import read_content
+from acquire.recording.journal_reader import JournalFrames, read_content
 from acquire.recording.lock import held
 from acquire.recording.model import Event, Recording, RecordingError, missing_in
 
+log = logging.getLogger(__name__)
 
-def finalise(journal: JournalWriter | Path | str, path: Path | str, *, keep: bool = False) -> Path:
+
+def finalise(
+    journal: JournalWriter | Path | str, path: Path | str, *, keep: bool = False, draft: Draft | None = None
+) -> Path:
     """Write what a run put into ``journal`` to the recording ``path`` (verified, then renamed); the result is its path.
 
     The journal is closed, and removed if all of it is in the recording (unless ``keep``). If there is a file at
     ``path`` by now, it stays, and the recording is named ``<path>-2`` and so on. Data are read through the writer's
-    open file, so that a run is saved whose journal was deleted meanwhile. A journal given by its path is recovered.
+    open file, so that a run is saved whose journal was deleted meanwhile. A journal given by its path is recovered. A
+    ``draft`` that has the frames already saves most of the time.
 
     Raises RecordingError, CannotWrite: the journal then stays, and stays open.
     """
@@ -33,7 +40,7 @@ def finalise(journal: JournalWriter | Path | str, path: Path | str, *, keep: boo
     try:
         recording, whole = read_content(data)
         target = _free(Path(path))
-        write_recording(_with_contour(recording), target)
+        _write(_with_contour(recording), target, draft)
     finally:
         data.close()
     remove = whole and not keep and not journal.gone()
@@ -41,6 +48,20 @@ def finalise(journal: JournalWriter | Path | str, path: Path | str, *, keep: boo
     if remove:
         _remove(journal.path)
     return target
+
+
+def _write(recording: Recording, path: Path, draft: Draft | None) -> None:
+    """Write by the draft if that is of use, else as a whole."""
+    frames = recording.frames
+    if draft is not None and frames is not None and isinstance(frames.data, JournalFrames):
+        same = len(draft) == len(frames.data) and draft.folder == path.parent  # in the order in which they came
+        try:
+            if same:
+                complete(draft, recording, path)
+                return
+        except (OSError, RuntimeError, ValueError) as error:
+            log.warning("%s: the draft is of no use: %s", path, error)
+    write_recording(recording, path)
 
 
 def recover(journal: Path | str, path: Path | str | None = None, *, keep: bool = True) -> Path:

@@ -75,7 +75,7 @@ def test_what_is_left_of_a_disk_that_was_taken_away_is_another_one(tmp_path: Pat
 def test_a_run_without_a_recording_has_not_completed(
     engine: RunEngine, plan: Plan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def refuse(*args: object) -> None:
+    def refuse(*args: object, **more: object) -> None:
         raise CannotWrite("run.h5: cannot be written: No space left on device")
 
     monkeypatch.setattr("acquire.engine.recorder.finalise", refuse)
