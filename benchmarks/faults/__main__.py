@@ -30,7 +30,7 @@ from benchmarks.faults.table import Campaign, Part, Row, about, load, markdown, 
 
 #: In this order; each is a module here with ``PARTS``, and ``CLOCKED`` where the clock judges.
 FAMILIES = ("links", "wire", "host", "disk", "readings", "bounds", "files", "fuzz", "hostile", "soak")
-BUDGET = 300.0  # s of processor time that fuzzing a target may take in the full campaign
+BUDGET = 120.0  # s of processor time that fuzzing a target slower than a codec may take in the full campaign
 
 
 def parts() -> dict[str, Part]:

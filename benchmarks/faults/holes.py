@@ -78,8 +78,8 @@ HOLES: dict[int, tuple[str, tuple[str, ...]]] = {
 }
 #: Options of pytest that do not depend on what a revision's pyproject.toml says.
 OPTIONS = (
-    *("-q", "--tb=line", "--reruns", "0", "--timeout", "120", "-p", "no:cacheprovider", "-p", "no:xdist"),
-    *("-o", "addopts=--import-mode=importlib", "-o", "markers=real_time\nslow"),
+    *("-q", "--tb=line", "--timeout", "120", "-p", "no:cacheprovider", "-p", "no:rerunfailures"),
+    *("-o", "addopts=--import-mode=importlib", "-o", "markers=real_time\nslow\nflaky"),
 )
 
 
