@@ -21,6 +21,7 @@ import time
 import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, fields, replace
+from datetime import datetime
 from enum import IntEnum
 from pathlib import Path
 from types import TracebackType
@@ -102,7 +103,7 @@ class JournalWriter:
         self._dirty = False
         self._sync_interval = sync_interval
         self._synced = self._repeated = self._began = time.monotonic()
-        self._wall = time.time()
+        self._wall = max(time.time(), _seconds(info.start_time))  # the clock may have been set since that was said
         self._layouts: dict[tuple[str, ...], int] = {}
         self._first = {
             "format": "acquire-journal/1",
@@ -311,6 +312,14 @@ def iso_now() -> str:
     if not _CLOCK[0] <= now < _CLOCK[1]:
         raise RecordingError(f"this computer's clock says {iso_time(now)}: set it before anything is recorded")
     return iso_time(now)
+
+
+def _seconds(moment: str) -> float:
+    """Seconds since 1970 of an ISO 8601 time; 0 where it is none."""
+    try:
+        return datetime.fromisoformat(moment).timestamp()
+    except ValueError:
+        return 0.0
 
 
 def iso_time(seconds: float) -> str:

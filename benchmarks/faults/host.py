@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from acquire.engine import host_clock
+from acquire.engine import RunEngine, host_clock
 from acquire.recording import load, open_recording, recover
 from benchmarks.faults.rig import WATCHDOG, Rig, Stillness, acts, hold
 from benchmarks.faults.table import Campaign, Part, Row
@@ -208,10 +208,17 @@ def _signalled(campaign: Campaign, hosts: Hosts) -> Row:
 
 
 def clocks(arguments: list[str], said: str, name: str, after: float) -> None:
-    """In the host's process: ``after`` s from now its clock is set, or it finds that the computer was suspended."""
-    now, boot, due = time.time, host_clock.boot_time, time.monotonic() + after
+    """In the host's process: ``after`` s from now its clock is set, or from the run's start on the computer seems to
+    have been suspended."""
+    now, boot, start, due = time.time, host_clock.boot_time, RunEngine.start, time.monotonic() + after
     if name == "suspended":
-        host_clock.boot_time = lambda: boot() + (30.0 if time.monotonic() > due else 0.0)
+
+        def started(engine: RunEngine) -> None:
+            due = time.monotonic() + 0.1
+            host_clock.boot_time = lambda: boot() + (30.0 if time.monotonic() > due else 0.0)
+            start(engine)
+
+        RunEngine.start = started  # type: ignore[method-assign]
     else:
         step = DAY if name == "forward" else -DAY
         time.time = lambda: now() + (step if time.monotonic() > due else 0.0)
@@ -222,8 +229,7 @@ def _clocked(campaign: Campaign, hosts: Hosts) -> Row:
     must = "a clock that is set changes nothing (0, its end after its start, times rise); a suspension trips (4)"
     row = Row("wall clock set by a day, either way; computer suspended for 30 s (told so by its clock)", must)
     names = ("forward", "back", "suspended")
-    moments = campaign.random("clocks").uniform(0.3, 0.6, campaign.count(FULL)) * hosts.length
-    for number, moment in enumerate(moments):
+    for number, moment in enumerate(_moments(campaign, "clocks", hosts.length)):
         name = names[number % len(names)]
         process = hosts.start(clocks, name, float(moment))
         _, problem = hosts.rig.stopped(20.0)

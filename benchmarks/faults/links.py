@@ -76,7 +76,7 @@ def _trial(row: Row, rig: Rig, fault: Fault) -> None:
     rig.call(fault.method, **dict(fault.arguments))
     moment, problem = rig.stopped(row.limit + 5)
     waited = still.close()
-    engine.wait(20)
+    rig.ended(engine)
     rig.call("heal")
     rig.call("plug")
     latched = engine.state is State.TRIPPED  # whatever is well again

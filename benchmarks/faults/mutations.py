@@ -271,9 +271,8 @@ REMOVALS = {
 }
 
 
-def remove(hazard: str) -> None:
-    """Take the control of a hazard out of this process. Raises AttributeError when it is not there any more."""
-    removal = REMOVALS[hazard]
+def remove(removal: Removal) -> None:
+    """Take a control out of this process. Raises AttributeError when it is not there any more."""
     for place in removal.patched:
         module, _, path = place.partition(":")
         owner: Any = importlib.import_module(module)
@@ -288,7 +287,7 @@ def remove(hazard: str) -> None:
 def pytest_configure() -> None:
     """As a plugin of pytest: remove the control that the environment names."""
     if hazard := os.environ.get(VARIABLE):
-        remove(hazard)
+        remove(REMOVALS[hazard])
 
 
 def noticed(hazard: str) -> str:

@@ -142,9 +142,17 @@ class Rig:
             self.over(engine)
         raise TimeoutError(f"{self.kind} did not act in three runs: is this computer too busy?")
 
+    def ended(self, engine: RunEngine) -> Outcome:
+        """The end of a run; one that goes on although nothing acts any more is ended."""
+        try:
+            return engine.wait(5)
+        except TimeoutError:
+            engine.abort("the run went on")
+            return engine.wait(20)
+
     def over(self, engine: RunEngine) -> Outcome:
         """The end of a run; the instrument is then ready for the next one."""
-        outcome = engine.wait(20)
+        outcome = self.ended(engine)
         self.call("heal")
         self.call("plug")
         if engine.state is State.TRIPPED:

@@ -7,6 +7,7 @@ import os
 import shutil
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -177,6 +178,17 @@ def test_a_clock_that_is_set_during_a_run_does_not_end_it_before_its_start(
     monkeypatch.undo()
     end = open_recording(planned.path).info.end_time
     assert end[:4] == time.strftime("%Y", time.gmtime(before))
+
+
+def test_a_clock_that_is_set_back_before_arming_neither(engine: RunEngine, plan: Plan) -> None:
+    planned = plan(SHORT)
+    later = time.strftime("%Y-%m-%dT%H:%M:%S+00:00", time.gmtime(time.time() + 86400))
+    engine.connect()
+    engine.arm(replace(planned, info=replace(planned.info, start_time=later)))
+    engine.start()
+    assert engine.wait(20.0).status is State.COMPLETED
+    info = open_recording(planned.path).info
+    assert info.end_time > info.start_time
 
 
 def test_a_disk_that_refuses_the_journal(engine: RunEngine, plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,183 @@
+"""Each part of the campaign fails when a control is taken out: ``python -m benchmarks.faults.proofs [PART …]``.
+
+The control is removed in all processes of a part (host, simulator, hosts that are killed): each Python that starts
+there does so by a ``sitecustomize`` of our own. A part then has to end with failures; the exit status is 1 if one has
+none. A few trials are enough for that.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from benchmarks.faults.mutations import VALUES, WATCHDOG, Removal, remove
+
+ROOT = Path(__file__).parents[2]
+VARIABLE = "REMOVED_FOR_PART"
+SITE = f"import sys; sys.path.insert(0, {str(ROOT)!r}); from benchmarks.faults import proofs; proofs.start()"
+SHARE = 0.03
+
+
+def _yes(*args: object, **kwargs: object) -> bool:
+    return True
+
+
+def _no(*args: object, **kwargs: object) -> bool:
+    return False
+
+
+def _none(*args: object, **kwargs: object) -> tuple[()]:
+    return ()
+
+
+def _text(*args: object, **kwargs: object) -> str:
+    return ""
+
+
+def _zero(*args: object, **kwargs: object) -> int:
+    return 0
+
+
+def _refuse(*args: object, **kwargs: object) -> None:
+    raise ValueError("nothing is recorded")
+
+
+def _as_it_is(self: object, name: str, holds: Any) -> Any:
+    return holds
+
+
+def _small(queue: Callable[..., Any]) -> Callable[..., Any]:
+    return lambda capacity=0: queue(1 << 10)
+
+
+def _fragile(decodes: Callable[..., Any]) -> Callable[..., Any]:
+    """A decoder that falls over a byte."""
+
+    def decode(self: Any, data: bytes) -> Any:
+        if data[-1:] == b"\xff":
+            raise KeyError(data)
+        return decodes(self, data)
+
+    return decode
+
+
+def _fragile_reader(reads: Callable[..., Any]) -> Callable[..., Any]:
+    def read(text: Any, *args: Any, **kwargs: Any) -> Any:
+        if "!!python" in str(text) or "inf" in str(text):
+            raise KeyError(text)
+        return reads(text, *args, **kwargs)
+
+    return read
+
+
+STALE = Removal("only new samples count", "", ("acquire.engine.freshness:Freshness.fault",))
+VENTS = Removal("the instrument's watchdog", "", (WATCHDOG,), _no)
+GAPS = Removal("gaps are told", "", ("acquire.recording.order:Arrangement.events",), _none)
+KEPT = Removal(
+    "a run without a recording has not completed",
+    "",
+    ("acquire.cli.run:_status", "acquire.engine.recorder:finalise", "acquire.cli.run:_tell"),
+    _zero,
+)
+YAML = Removal("one kind of error", "", ("protocols.text:validate",), instead=_fragile_reader)
+
+
+def _check(name: str) -> Removal:
+    return Removal(f"the check {name}", "", (f"acquire.engine.{name}.look",))
+
+
+#: Part -> the control without which it has to fail.
+PROOFS: dict[str, Removal] = {
+    "links/pulled": VENTS,
+    "links/stale": STALE,
+    "links/starved": Removal("an empty queue vents", "", ("sim_devices.servers.firmware:Firmware._watch_queue",)),
+    "wire/bytes": Removal("samples in their order", "", ("acquire.recording.order:_rising",), instead=lambda old: _all),
+    "wire/camera-stalls": STALE,
+    "wire/camera-drops": GAPS,
+    "host/killed": VENTS,
+    "host/stopped": VENTS,
+    "host/signalled": Removal("abort", "", ("acquire.session:Session.abort", "acquire.engine.engine:RunEngine.abort")),
+    "host/clocks": Removal("time between two turns", "", ("acquire.engine.host_clock:HostClock.fault",), _text),
+    "host/next": Removal("connecting makes safe", "", ("acquire.engine.link:LinkThread._settle",)),
+    "disk/full": KEPT,
+    "disk/mounted": KEPT,
+    "disk/read-only": KEPT,
+    "disk/slow": Removal("room in the recorder's queue", "", ("acquire.engine.recorder:RecordQueue",), instead=_small),
+    "disk/unlinked": KEPT,
+    "disk/doubles": Removal("journals are locked", "", ("acquire.recording.lock:_lock",)),
+    "readings/no-number": Removal("trip on a value", "", (VALUES,)),
+    "readings/beyond": Removal("trip on a value", "", (VALUES, "acquire.engine.plausibility:Jumps.look")),
+    "readings/jumping": _check("plausibility:Jumps"),
+    "readings/moving": _check("checks:Following"),
+    "readings/drifting": Removal("trip on tracking", "", (VALUES, "acquire.engine.checks:Following.look")),
+    "readings/frozen": _check("plausibility:Frozen"),
+    "readings/reference": _check("plausibility:Agreement"),
+    "readings/dead-height": _check("plausibility:Response"),
+    "readings/stays-up": _check("plausibility:Response"),
+    "readings/spikes": Removal("two samples, not one", "", ("acquire.engine.checks:Twice.__call__",), _as_it_is),
+    "bounds/limits": Removal("limits are compared", "", ("protocols.limits:Limits.violations",), _none),
+    "files/damaged": Removal("checksums", "", ("zlib:crc32",), _zero),
+    "fuzz/cutometer": Removal("one kind of error", "", ("drivers.lines:LineCodec.decode",), instead=_fragile),
+    "fuzz/pressure": Removal("one kind of error", "", ("drivers.lines:LineCodec.decode",), instead=_fragile),
+    "fuzz/robot": Removal(
+        "one kind of error", "", ("drivers.microrobot.codec:MicrorobotCodec.decode",), instead=_fragile
+    ),
+    "fuzz/frames": Removal(
+        "one kind of error", "", ("drivers.aspiration.framelink:FrameDecoder.feed",), instead=_fragile
+    ),
+    "fuzz/journal": Removal("checksums", "", ("acquire.recording.journal_reader:json.loads",), _refuse),
+    "fuzz/YAML-protocol": YAML,
+    "fuzz/YAML-station": YAML,
+    "fuzz/YAML-bundle": YAML,
+    "hostile/files": Removal("documented status", "", ("acquire.cli.app:exit_status",), lambda error: 1),
+    "soak/hour": GAPS,
+}
+
+
+def _all(time: Any) -> Any:
+    import numpy as np
+
+    return np.arange(len(time))
+
+
+def start() -> None:
+    """In every Python of a part: remove the control that the environment names."""
+    if part := os.environ.get(VARIABLE):
+        remove(PROOFS[part])
+
+
+def failures(part: str) -> str:
+    """The first failure of a part without its control, or '' when it has none."""
+    with tempfile.TemporaryDirectory(prefix="proofs-") as name:
+        (Path(name) / "sitecustomize.py").write_text(SITE)
+        path = os.pathsep.join((name, str(ROOT), os.environ.get("PYTHONPATH", "")))
+        command = [sys.executable, "-m", "benchmarks.faults", "--only", part, "--share", str(SHARE)]
+        environment = os.environ | {VARIABLE: part, "PYTHONPATH": path}
+        done = subprocess.run(command, env=environment, cwd=ROOT, capture_output=True, text=True, check=False)
+    told = [line.strip() for line in done.stdout.splitlines() if line.startswith("       ")]
+    return told[0] if done.returncode == 1 and told else ""
+
+
+def main(arguments: list[str]) -> int:
+    """Print the table; exit status."""
+    unproved = 0
+    print("| part | control removed | its first failure |\n|---|---|---|")
+    for part in arguments or PROOFS:
+        began = time.monotonic()
+        failure = failures(part)
+        unproved += not failure
+        print(
+            f"| {part} | {PROOFS[part].control} | {failure[:110] or 'NONE'} |  {time.monotonic() - began:.0f} s",
+            flush=True,
+        )
+    return int(unproved > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
