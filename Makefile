@@ -48,7 +48,7 @@ test-fast: install system
 # is not measured again: remove the file, or say AGAIN=--again.
 FAULTS := -m benchmarks.faults --seed 1
 faults: install
-	$(BIN)/python $(FAULTS) --share 1 --jobs 3 $(AGAIN) -o benchmarks/results/faults.json --docs docs/faults.md
+	$(BIN)/python $(FAULTS) --share 1 --jobs 4 $(AGAIN) -o benchmarks/results/faults.json --docs docs/faults.md
 
 faults-ci: install
 	$(BIN)/python $(FAULTS) --share 0.1 --jobs 4

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from benchmarks.faults.__main__ import FAMILIES, _one, clocked, parts
 from benchmarks.faults.hostile import _judged
 from benchmarks.faults.inputs import TABLE
 from benchmarks.faults.mutate import record, spoil_journal, spoiled
+from benchmarks.faults.proofs import PROOFS
 from benchmarks.faults.table import Campaign, Row, load, markdown, save, told
 
 
@@ -72,6 +75,17 @@ def test_every_part_has_a_name_and_a_judge() -> None:
     named = parts()
     assert {name.partition("/")[0] for name in named} == set(FAMILIES)
     assert all(isinstance(clocked(name), bool) for name in named)
+
+
+def test_every_part_has_a_control_without_which_it_fails() -> None:
+    """`benchmarks.faults.proofs` still finds what it takes out."""
+    assert set(PROOFS) == set(parts())
+    for removal in PROOFS.values():
+        for place in removal.patched:
+            module, _, path = place.partition(":")
+            found: Any = importlib.import_module(module)
+            for name in path.split("."):
+                found = getattr(found, name)
 
 
 def test_a_part_that_dies_is_a_failed_row(tmp_path: Path) -> None:

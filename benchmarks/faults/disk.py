@@ -154,11 +154,11 @@ def _stopped(hosts: Hosts, process: ForkServerProcess) -> str:
 
 
 def stalling(arguments: list[str], said: str, seed: int) -> None:
-    """In the host's process: one of ten times that data go onto the disk takes a second."""
+    """In the host's process: one of twenty times that data go onto the disk takes a second."""
     sync, random = os.fdatasync, Random(seed)
 
     def stall(file: int) -> None:
-        time.sleep(1.0 if random.random() < 0.1 else 0.0)
+        time.sleep(1.0 if random.random() < 0.05 else 0.0)
         sync(file)
 
     os.fdatasync = stall
@@ -166,7 +166,9 @@ def stalling(arguments: list[str], said: str, seed: int) -> None:
 
 
 def _slow(campaign: Campaign, hosts: Hosts) -> Row:
-    row = Row("disk stalls for a second, one write of ten", "completes, and no sample is missing", "s to the recording")
+    row = Row(
+        "disk stalls for a second, one write of twenty", "completes, and no sample is missing", "s to the recording"
+    )
     for number in range(campaign.count(FULL)):
         began = time.monotonic()
         process = hosts.start(stalling, campaign.seed + number)

@@ -61,6 +61,8 @@ class Hosts:
         self.protocol.write_text(BRIEF)
         self.long = self.folder / "long.yaml"
         self.long.write_text(hold("cutometer"))
+        self.short = self.folder / "short.yaml"
+        self.short.write_text(BRIEF.replace("1.2 s", "0.2 s"))
         self._number = 0
         self.out = self.folder
         self.length = 0.0  # s that a whole run takes
@@ -259,17 +261,19 @@ def send(process: ForkServerProcess, number: int) -> None:
 
 
 def _next(campaign: Campaign, hosts: Hosts) -> Row:
-    """After a kill, a stop and a signal in the midst of a run."""
-    row = Row("the next run after a kill, SIGSTOP, SIGTERM", "starts and completes")
+    """After a kill, a stop and a signal while suction acts."""
+    row = Row("the next run after a kill, SIGSTOP, SIGTERM under suction", "starts and completes")
     for number in range(campaign.count(FULL)):
         process = hosts.start()
-        time.sleep(hosts.length / 2)
+        deadline = time.monotonic() + 20
+        while not acts(hosts.rig.truth()) and time.monotonic() < deadline:
+            time.sleep(0.01)
         send(process, (signal.SIGKILL, signal.SIGSTOP, signal.SIGTERM)[number % 3])
         if number % 3 == 1:
             time.sleep(2 * WATCHDOG)
             send(process, signal.SIGCONT)
         process.join(30)
-        following = hosts.start()
+        following = hosts.start(protocol=hosts.short)
         following.join(60)
         said = hosts.said.read_text()[-200:]
         row.trial(problem=f"status {following.exitcode}: {said}" if following.exitcode else "")

@@ -15,7 +15,9 @@ from benchmarks.faults.table import Campaign, Part, Row
 from protocols import load
 
 HOUR, SHORTEST = 3600.0, 60.0  # s of the instrument's time; the length grows with the square of the share
-SPEED = 6.0  # of the instrument's time: its rates are those of its own clock, so that an hour's samples pass in minutes
+SPEED = (
+    10.0  # of the instrument's time: its rates are those of its own clock, so that an hour's samples pass in minutes
+)
 EVERY = 1.0  # s of the instrument's time between two faults
 GROWTH = 0.05  # of the memory after a fifth of the run, at its end
 PATIENT = 1.0  # s of watchdog: a busy computer is not what is tried here
