@@ -1,7 +1,9 @@
 """A body on a mesh: unknowns, one time step by Newton's method, and the parameter derivatives of that step.
 
-Unknowns of the linear system are the free displacements and, where a probe is present, its height; θ, p and the contact
-pressure λ are eliminated point- or element-wise (see `kernels`, `surface`).
+Unknowns of the linear system are the free displacements of nodes that elements share and, where a probe is present, its
+height; θ, p, the elements' middle nodes and the contact pressure λ are eliminated (see `kernels`, `surface`).
+
+Newton's method keeps a factorised tangent over iterations and steps while its corrections contract well enough.
 """
 
 from __future__ import annotations
@@ -21,7 +23,11 @@ from .linear import Factor, Pattern
 from .mesh import GAUSS2, GAUSS3, WEIGHT3, Index, Mesh, line_shapes
 from .types import Contactness, Directions, Load, Rim, State, Tangents
 
-MAX_NEWTON = 14
+MAX_NEWTON = 14  # tangents in a step
+OLD = 0.1  # of it: the share accepted after a correction with an old tangent, which no square makes smaller
+CHEAP = 3  # iterations that an old tangent may still need: three cost about as much as a new one
+CONTRACTION = 0.1  # of successive corrections with an old tangent, as long as none has been seen
+NEAR = 1e-2  # of the length scale: a step that is expected to move the body less begins with the last one's tangent
 TOLERANCE = 1e-6  # error accepted after a step, relative to the length scale: last correction times its contraction
 SHAPE_STEP = 1e-5  # of the nodes, relative to the length scale, in differences of the residual
 
@@ -58,10 +64,14 @@ class Body:
         self.law, self.loaded, self.rim, self.scale = law, loaded, rim, scale
         self.contactness = contactness or Contactness()
         self.code = law.kernels()
+        middle = np.zeros(len(fixed), dtype=bool)
+        middle[mesh.elements[:, kernels.MIDDLE // 2]] = True
+        middle &= ~fixed.any(axis=1)
+        # the middle nodes' unknowns come first, then those of the linear system, the probe's height last
+        first, rest = (np.argwhere(~fixed & nodes[:, None]) for nodes in (middle, ~middle))
         number = np.full(fixed.shape, -1, dtype=np.int64)
-        number[~fixed] = np.arange(np.count_nonzero(~fixed))
-        self.free = ~fixed
-        self.displacements = int(number.max()) + 1
+        number[tuple(np.concatenate([first, rest]).T)] = np.arange(len(first) + len(rest))
+        self.middles, self.displacements = len(first), len(first) + len(rest)
         self.size = self.displacements + (rim is not None)
         self.number = number
         self.equations = number[mesh.elements].reshape(-1, 18)
@@ -71,7 +81,7 @@ class Body:
             probe = np.full((len(rim.edges), 1), self.displacements)
             self.contact_equations = np.hstack([number[rim.edges].reshape(-1, 6), probe])
             groups.append(self.contact_equations)
-        self.pattern = Pattern(self.size, groups)
+        self.pattern = Pattern(self.size - self.middles, [np.maximum(g - self.middles, -1) for g in groups])
         self.scatter, self.load_scatter = self.pattern.scatter[:2]
         self.factor = Factor(self.pattern, backend)
         self.shapes2, self.slopes2 = line_shapes(GAUSS2)
@@ -80,9 +90,11 @@ class Body:
         self.kin, self.stress = np.empty((points, 6)), np.zeros((points, 6))
         self.tangent, self.by_kin = np.zeros((points, 6, 6)), np.zeros((points, len(law.rest), 6))
         self.memory = np.full((points, self.code.ROOTS), np.nan)
-        self.Theta, self.Pi = np.empty((elements, 3, 18)), np.empty((elements, 3, 18))
-        self.theta0, self.pi0 = np.empty((elements, 3)), np.empty((elements, 3))
+        self.scratch = np.empty((points, len(law.rest)))
+        self.eliminated = kernels.Eliminated.of(elements)
         self.values, self.residual = np.empty(self.pattern.nnz), np.empty(self.size)
+        self.spare = np.empty(self.pattern.nnz)  # takes what surfaces add to a tangent that is not wanted
+        self.drift = np.inf  # how far the solution has moved since the tangent was factorised [m]
         if rim is not None:
             self.gap, self.work = np.empty((2 * len(rim.edges), 12)), np.empty((2 * len(rim.edges), 6))
         self._moved: dict[tuple[int, float], Mesh] = {}
@@ -109,6 +121,7 @@ class Body:
     def rest(self) -> State:
         """The undeformed, stress-free body with the probe touching it."""
         self.memory[:] = np.nan  # a run must not depend on the one before
+        self.drift = np.inf
         self._moved.clear()
         elements = len(self.mesh.elements)
         theta = np.zeros((elements, 3))
@@ -128,36 +141,53 @@ class Body:
     ) -> tuple[State, int, float]:
         """The state after dt [s] under ``load``; ``parameters`` one array a layer in the law's order.
 
-        ``guess`` starts the iteration. Returns the state, the number of Newton iterations and the last correction [m];
-        the factorised tangent of the last iteration stays in ``factor``. Raises ``SolverError`` where Newton's method
-        does not converge.
+        ``guess`` starts the iteration. Returns the state, the number of Newton iterations, and how far [m] it lies
+        from where the tangent in ``factor`` was taken. Raises ``SolverError`` where Newton's method does not converge.
         """
         new = guess.copy()
         new.history = old.history
         trouble = {"pressure": load.pressure} | ({"probe_force": load.force} if load.height is None else {})
-        best, previous = np.inf, 0.0
-        for iteration in range(1, MAX_NEWTON + 1):
+        best, previous, tangents, iteration = np.inf, np.inf, 0, 0
+        # an old tangent serves where the body creeps; a step that moves it far, or goes a new way, changes contact
+        reuse = guess is not old and float(np.abs(guess.u - old.u).max()) <= NEAR * self.scale
+        reuse &= np.isfinite(self.drift)
+        renew = not reuse
+        self.drift = np.inf if renew else self.scale  # a tangent of another step is not this one's
+        while tangents < MAX_NEWTON:
+            iteration += 1
             bad = self._kinematics(new)
             if bad >= 0:
                 raise SolverError("an element inverted", time=time, load=trouble, element=bad)
-            self._assemble(old, new, load, dt, parameters)
             try:
-                self.factor.update(self.values)
-                delta = -self.factor.solve(self.residual)
+                if renew:
+                    tangents += 1
+                    self._assemble(old, new, load, dt, parameters)
+                    self._factorise()
+                else:
+                    self._residual(old, new, load, dt, parameters)
+                delta = self._solved(self.residual)
             except np.linalg.LinAlgError as error:
                 raise SolverError(str(error), time=time, load=trouble) from error
             size = float(np.max(np.abs(delta)))
             if not np.isfinite(size):
                 raise SolverError("the solution is not finite", time=time, load=trouble)
-            if iteration > 6 and size > 2.0 * best:
+            if tangents > 6 and size > 2.0 * best:
                 break
+            if not renew and size > min(previous, NEAR * self.scale):
+                reuse, renew, previous = False, True, np.inf  # an old tangent that leads astray
+                new = guess.copy()
+                new.history = old.history
+                continue
             # far from the solution a full step may fold elements: move no node further than the length scale
             self._advance(new, delta, min(1.0, 0.5 * self.scale / size) if size > 0 else 1.0)
-            contraction = min(1.0, size / previous) if iteration > 1 and previous > 0.0 else 1.0
-            if size * contraction <= TOLERANCE * self.scale:
+            self.drift += size
+            seen = min(1.0, size / previous)
+            if size * (seen or 1.0) <= TOLERANCE * self.scale * (1.0 if renew else OLD):
                 self._commit(old, new, load, dt, parameters, time)
-                return new, iteration, size
+                return new, iteration, self.drift
             best, previous = min(best, size), size
+            expected = seen if 0.0 < seen < 1.0 else CONTRACTION
+            renew = not reuse or size * expected**CHEAP > TOLERANCE * self.scale
         worst = int(np.argmax(np.abs(delta)))
         owner = np.argwhere(self.equations == worst)
         raise SolverError(
@@ -171,7 +201,20 @@ class Body:
         """Factorise the tangent at a converged state, for derivatives that are exact to rounding."""
         self._kinematics(new)
         self._assemble(old, new, load, dt, parameters)
+        self._factorise()
+
+    def _factorise(self) -> None:
+        self.drift = np.inf  # stays so where the matrix is singular
         self.factor.update(self.values)
+        self.drift = 0.0
+
+    def _solved(self, force: Array) -> Array:
+        """−K⁻¹ force for condensed right-hand sides (equations,) or (equations, m), middle nodes included."""
+        force = force.reshape(self.size, -1)
+        delta = np.empty_like(force)
+        delta[self.middles :] = -self.factor.solve(force[self.middles :])
+        kernels.expand(self.equations, self.eliminated.L, self.eliminated.inverse, force, delta)
+        return delta
 
     def _workspace(self, history: Array) -> tuple[Array, Array, Array]:
         """dstress, dkin and the next history: kept between steps, since fresh megabytes cost page faults."""
@@ -197,7 +240,7 @@ class Body:
                 self._use(self._moved[key])
                 self._kinematics(new)
                 self._assemble(old, new, load, dt, parameters)
-                sides.append((self.residual.copy(), self.theta0.copy(), self.kin.copy()))
+                sides.append((self.residual.copy(), self.eliminated.theta0.copy(), self.kin.copy()))
             force, theta0, kin = ((up - down) / (2.0 * step) for up, down in zip(*sides, strict=True))
             kin[:, 5] += (theta0 @ mesh.points.linear.T).ravel()
             partials.append(ShapePartial(column, force, kin))
@@ -241,7 +284,9 @@ class Body:
                 self.by_kin,
             )
         force = np.zeros((self.size, m))
-        kernels.partial_forces(pts.gradients, pts.weights, pts.linear, self.Theta, dstress, self.equations, force)
+        kernels.partial_forces(
+            pts.gradients, pts.weights, pts.linear, self.eliminated.Theta, dstress, self.equations, force
+        )
         rough = self.rim is not None and load.friction > 0.0
         if rough:
             surface.friction_partials(
@@ -251,10 +296,11 @@ class Body:
         if self.rim is not None:
             # a held probe stays where the derivative of its height was left; a pressed one balances the spring
             force[-1] = -tangents.du[-1] if load.height is not None else force[-1] + load.force_slope * directions.force
+        kernels.condense(self.equations, self.eliminated.C, force)
         for move in moves:
             force[: self.displacements, move.column] += move.force[: self.displacements]
-        du = np.ascontiguousarray(-self.factor.solve(force))
-        kernels.partial_kinematics(pts.gradients, pts.linear, self.Theta, self.equations, du, dkin)
+        du = self._solved(force)
+        kernels.partial_kinematics(pts.gradients, pts.linear, self.eliminated.Theta, self.equations, du, dkin)
         for move in moves:
             dkin[:, :, move.column] += move.kin
         kernels.add_products(self.by_kin, dkin, history)
@@ -285,6 +331,7 @@ class Body:
         )
 
     def _assemble(self, old: State, new: State, load: Load, dt: float, parameters: Sequence[Array]) -> None:
+        """Condensed tangent and residual."""
         pts = self.mesh.points
         for (a, b), par in zip(self.mesh.layer_points(), parameters, strict=True):
             self.code.stress_tangent(a, b, self.kin, old.history, par, dt, self.memory, self.stress, self.tangent)
@@ -292,42 +339,57 @@ class Body:
         self.residual[:] = 0.0
         kernels.assemble(
             pts.gradients, pts.weights, pts.linear, pts.inverse_mass, self.kin, self.stress, self.tangent, new.p,
-            self.scatter, self.equations, self.values, self.residual, self.Theta, self.theta0, self.Pi, self.pi0,
+            self.scatter, self.equations, self.values, self.residual, self.eliminated,
         )  # fmt: skip
+        self._surfaces(old, new, load, self.values)
+
+    def _residual(self, old: State, new: State, load: Load, dt: float, parameters: Sequence[Array]) -> None:
+        """The residual as the last tangent condenses it."""
+        pts = self.mesh.points
+        for (a, b), par in zip(self.mesh.layer_points(), parameters, strict=True):
+            self.code.stress(a, b, self.kin, old.history, par, dt, self.memory, self.stress, self.scratch)
+        self.residual[:] = 0.0
+        kernels.residual(
+            pts.gradients, pts.weights, pts.linear, pts.inverse_mass, self.kin, self.stress, new.p, self.equations,
+            self.residual, self.eliminated,
+        )  # fmt: skip
+        self._surfaces(old, new, load, self.spare)
+
+    def _surfaces(self, old: State, new: State, load: Load, values: Array) -> None:
         positions = self.mesh.nodes + new.u
         surface.follower(
             self.loaded, positions, self.shapes3, self.slopes3, WEIGHT3, load.pressure, self.mesh.axisymmetric,
-            self.load_scatter, self.load_equations, self.values, self.residual,
+            self.load_scatter, self.load_equations, values, self.residual,
         )  # fmt: skip
         if self.rim is not None:
-            self._contact(old, new, load)
+            self._contact(old, new, load, values)
 
-    def _contact(self, old: State, new: State, load: Load) -> None:
+    def _contact(self, old: State, new: State, load: Load, values: Array) -> None:
         self._gaps(new)
         surface.contact(
             self.shapes2, self.contact_weights, self.gap, new.lam, new.shear, old.slip, self.contactness.stiffness,
-            self.contactness.width, load.friction, self.pattern.scatter[2], self.contact_equations, self.values,
+            self.contactness.width, load.friction, self.pattern.scatter[2], self.contact_equations, values,
             self.residual, self.work,
         )  # fmt: skip
-        probe = self.size - 1
         if load.height is None:
-            self.residual[probe] += load.force  # the probe's own equilibrium, downwards positive
+            self.residual[-1] += load.force  # the probe's own equilibrium, downwards positive
         else:
-            row = slice(self.pattern.indptr[probe], self.pattern.indptr[probe + 1])
-            self.values[row] = 0.0
-            self.values[self.pattern.diagonal[probe]] = 1.0
-            self.residual[probe] = new.height - load.height
+            values[self.pattern.indptr[-2] :] = 0.0
+            values[self.pattern.diagonal[-1]] = 1.0
+            self.residual[-1] = new.height - load.height
 
     def _advance(self, state: State, delta: Array, factor: float) -> None:
-        du = np.zeros_like(state.u)
-        du[self.free] = factor * delta[: self.displacements]
+        du: Array = factor * np.append(delta[: self.displacements], 0.0)[self.number]  # −1: held at zero
         state.u += du
         if factor < 1.0:  # a shortened step keeps θ, p and λ: they follow at the next full one
             return
-        kernels.update(self.mesh.elements, du, self.Theta, self.theta0, self.Pi, self.pi0, state.theta, state.p)
+        own = self.eliminated
+        kernels.update(self.mesh.elements, du, own.Theta, own.theta0, own.Pi, own.pi0, state.theta, state.p)
         if self.rim is not None:
-            state.height += float(delta[-1])
-            surface.advance(self.shapes2, self.gap, self.work, self.contact_equations, delta, state.lam, state.shear)
+            state.height += float(delta[-1, 0])
+            surface.advance(
+                self.shapes2, self.gap, self.work, self.contact_equations, delta[:, 0], state.lam, state.shear
+            )
 
     def _commit(self, old: State, new: State, load: Load, dt: float, parameters: Sequence[Array], time: float) -> None:
         """History at the end of the step."""

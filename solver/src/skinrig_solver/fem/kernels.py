@@ -5,9 +5,17 @@ Newton step updates linearly; their increments are eliminated element by element
 
     Θ = M⁻¹ Gᵀ,  δθ = Θ δu + θ0,  δp = Π δu + π0,  Π = M⁻¹ (K_θu + K_θθ Θ),
     K = K_uu + K_uθ Θ + Θᵀ (K_θu + K_θθ Θ),  R = R_u + K_uθ θ0 + Θᵀ (K_θθ θ0 + R_θ).
+
+So are those of the node in the element's middle (unknowns 8 and 9 of its 18, i), which only its own element knows:
+
+    K_bb − C K_ib,  R_b − C R_i,  C = K_bi K_ii⁻¹,  δu_i = −K_ii⁻¹ R_i − L δu_b,  L = K_ii⁻¹ K_ib.
+
+A residual alone, with the rest as it was at the last tangent, makes an iteration with that tangent: `residual`.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -16,6 +24,27 @@ from ..api import Array
 from .mesh import Index
 
 FLAGS = {"contract", "reassoc", "arcp", "nsz"}
+MIDDLE = 8  # first of the two unknowns of an element's middle node
+
+
+class Eliminated(NamedTuple):
+    """What recovers the eliminated unknowns: Theta, Pi (E, 3, 18), theta0, pi0 (E, 3) for θ and p; Kut (E, 3, 18) and
+    Ktt (E, 3, 3) = K_θθ for further residuals; C (E, 18, 2), L (E, 2, 18) and inverse (E, 2, 2) of the middle node."""
+
+    Theta: Array
+    Pi: Array
+    theta0: Array
+    pi0: Array
+    Kut: Array
+    Ktt: Array
+    C: Array
+    L: Array
+    inverse: Array
+
+    @staticmethod
+    def of(elements: int) -> Eliminated:
+        shapes = [(3, 18), (3, 18), (3,), (3,), (3, 18), (3, 3), (18, 2), (2, 18), (2, 2)]
+        return Eliminated(*(np.zeros((elements, *shape)) for shape in shapes))
 
 
 @njit(cache=True, fastmath=FLAGS)
@@ -54,21 +83,19 @@ def assemble(
     equations: Index,
     values: Array,
     residual: Array,
-    Theta: Array,
-    theta0: Array,
-    Pi: Array,
-    pi0: Array,
+    out: Eliminated,
 ) -> None:
     """Add the condensed tangent to ``values`` (CSR data) and the condensed residual to ``residual``.
 
-    ``scatter`` (E, 18, 18) positions in ``values`` and ``equations`` (E, 18) rows, −1 where fixed. ``Theta``, ``Pi``
-    (E, 3, 18) and ``theta0``, ``pi0`` (E, 3) recover the increments of θ and p.
+    ``scatter`` (E, 18, 18) positions in ``values``, −1 where fixed or eliminated, and ``equations`` (E, 18) rows of
+    ``residual``, −1 where fixed; the middle nodes' rows get their residual as it is.
     """
     K, AB = np.empty((18, 18)), np.empty((5, 18))
-    G, Kut, Ktu = np.empty((3, 18)), np.empty((3, 18)), np.empty((3, 18))
+    G, Ktu = np.empty((3, 18)), np.empty((3, 18))
     R, cof = np.empty(18), np.empty(18)
-    Rt, Rp, Ktt = np.empty(3), np.empty(3), np.empty((3, 3))
+    Rt, Rp = np.empty(3), np.empty(3)
     for e in range(weights.shape[0]):
+        Kut, Ktt = out.Kut[e], out.Ktt[e]
         K[:] = 0.0
         G[:] = 0.0
         Kut[:] = 0.0
@@ -136,7 +163,10 @@ def assemble(
                 Rp[i] += ni * rp
                 for j in range(3):
                     Ktt[i, j] += ni * linear[k, j] * ktt
-        _condense(inverse_mass[e], G, Kut, Ktu, Ktt, Rt, Rp, K, R, Theta[e], theta0[e], Pi[e], pi0[e])
+        _condense(inverse_mass[e], G, Kut, Ktu, Ktt, Rt, Rp, K, R, out.Theta[e], out.theta0[e], out.Pi[e], out.pi0[e])
+        if equations[e, MIDDLE] >= 0 and equations[e, MIDDLE + 1] >= 0:
+            _without_middle(K, out.C[e], out.L[e], out.inverse[e])
+            _residual_without_middle(out.C[e], R)
         for i in range(18):
             row = equations[e, i]
             if row >= 0:
@@ -181,6 +211,114 @@ def _condense(
             R[i] += Kut[n, i] * theta0[n] + Theta[n, i] * rest[n]
             for j in range(18):
                 K[i, j] += Kut[n, i] * Theta[n, j] + Theta[n, i] * lower[n, j]
+
+
+@njit(cache=True, fastmath=FLAGS)
+def _without_middle(K: Array, C: Array, L: Array, inverse: Array) -> None:
+    m = MIDDLE
+    det = K[m, m] * K[m + 1, m + 1] - K[m, m + 1] * K[m + 1, m]
+    inverse[0, 0], inverse[0, 1] = K[m + 1, m + 1] / det, -K[m, m + 1] / det
+    inverse[1, 0], inverse[1, 1] = -K[m + 1, m] / det, K[m, m] / det
+    for j in range(18):
+        L[0, j] = inverse[0, 0] * K[m, j] + inverse[0, 1] * K[m + 1, j]
+        L[1, j] = inverse[1, 0] * K[m, j] + inverse[1, 1] * K[m + 1, j]
+        C[j, 0] = K[j, m] * inverse[0, 0] + K[j, m + 1] * inverse[1, 0]
+        C[j, 1] = K[j, m] * inverse[0, 1] + K[j, m + 1] * inverse[1, 1]
+    for i in range(18):
+        if i != m and i != m + 1:
+            for j in range(18):
+                K[i, j] -= C[i, 0] * K[m, j] + C[i, 1] * K[m + 1, j]
+    for j in (m, m + 1):
+        C[j, :] = 0.0
+        L[:, j] = 0.0
+
+
+@njit(cache=True, fastmath=FLAGS)
+def _residual_without_middle(C: Array, R: Array) -> None:
+    for i in range(18):
+        R[i] -= C[i, 0] * R[MIDDLE] + C[i, 1] * R[MIDDLE + 1]
+
+
+@njit(cache=True, fastmath=FLAGS)
+def residual(
+    gradients: Array,
+    weights: Array,
+    linear: Array,
+    inverse_mass: Array,
+    kin: Array,
+    stress: Array,
+    pressure: Array,
+    equations: Index,
+    out: Array,
+    old: Eliminated,
+) -> None:
+    """Add the condensed residual to ``out``, with the element matrices of the last `assemble`."""
+    R, Rt, Rp, rest = np.empty(18), np.empty(3), np.empty(3), np.empty(3)
+    for e in range(weights.shape[0]):
+        R[:] = 0.0
+        Rt[:] = 0.0
+        Rp[:] = 0.0
+        for k in range(9):
+            g, w = 9 * e + k, weights[e, k]
+            a, b, c, d, t, theta = kin[g, 0], kin[g, 1], kin[g, 2], kin[g, 3], kin[g, 4], kin[g, 5]
+            p = pressure[e, 0] + linear[k, 1] * pressure[e, 1] + linear[k, 2] * pressure[e, 2]
+            plane = a * d - b * c
+            s0, s1 = w * (stress[g, 0] + p * d * t), w * (stress[g, 1] - p * c * t)
+            s2, s3 = w * (stress[g, 2] - p * b * t), w * (stress[g, 3] + p * a * t)
+            s4 = w * (stress[g, 4] + p * plane)
+            for i in range(9):
+                gr, gz, gt = gradients[e, k, i, 0], gradients[e, k, i, 1], gradients[e, k, i, 2]
+                R[2 * i] += s0 * gr + s1 * gz + s4 * gt
+                R[2 * i + 1] += s2 * gr + s3 * gz
+            rt, rp = w * (stress[g, 5] - p), w * (plane * t - theta)
+            for i in range(3):
+                Rt[i] += linear[k, i] * rt
+                Rp[i] += linear[k, i] * rp
+        theta0, pi0, inverse, Ktt = old.theta0[e], old.pi0[e], inverse_mass[e], old.Ktt[e]
+        for i in range(3):
+            theta0[i] = inverse[i, 0] * Rp[0] + inverse[i, 1] * Rp[1] + inverse[i, 2] * Rp[2]
+        for i in range(3):
+            rest[i] = Rt[i] + Ktt[i, 0] * theta0[0] + Ktt[i, 1] * theta0[1] + Ktt[i, 2] * theta0[2]
+        for i in range(3):
+            pi0[i] = inverse[i, 0] * rest[0] + inverse[i, 1] * rest[1] + inverse[i, 2] * rest[2]
+            for j in range(18):
+                R[j] += old.Kut[e, i, j] * theta0[i] + old.Theta[e, i, j] * rest[i]
+        _residual_without_middle(old.C[e], R)
+        for i in range(18):
+            if equations[e, i] >= 0:
+                out[equations[e, i]] += R[i]
+
+
+@njit(cache=True, fastmath=FLAGS)
+def condense(equations: Index, C: Array, force: Array) -> None:
+    """Carry the middle nodes' part of right-hand sides ``force`` (equations, m) to the other nodes."""
+    for e in range(equations.shape[0]):
+        m0, m1 = equations[e, MIDDLE], equations[e, MIDDLE + 1]
+        if m0 < 0 or m1 < 0:
+            continue
+        for i in range(18):
+            row = equations[e, i]
+            if row >= 0 and row != m0 and row != m1:
+                for j in range(force.shape[1]):
+                    force[row, j] -= C[e, i, 0] * force[m0, j] + C[e, i, 1] * force[m1, j]
+
+
+@njit(cache=True, fastmath=FLAGS)
+def expand(equations: Index, L: Array, inverse: Array, force: Array, delta: Array) -> None:
+    """Fill in the middle nodes' part of solutions ``delta`` of K δ = −force, both (equations, m)."""
+    for e in range(equations.shape[0]):
+        m0, m1 = equations[e, MIDDLE], equations[e, MIDDLE + 1]
+        if m0 < 0 or m1 < 0:
+            continue
+        for j in range(force.shape[1]):
+            delta[m0, j] = -(inverse[e, 0, 0] * force[m0, j] + inverse[e, 0, 1] * force[m1, j])
+            delta[m1, j] = -(inverse[e, 1, 0] * force[m0, j] + inverse[e, 1, 1] * force[m1, j])
+        for i in range(18):
+            row = equations[e, i]
+            if row >= 0 and row != m0 and row != m1:
+                for j in range(force.shape[1]):
+                    delta[m0, j] -= L[e, 0, i] * delta[row, j]
+                    delta[m1, j] -= L[e, 1, i] * delta[row, j]
 
 
 @njit(cache=True, fastmath=FLAGS)

@@ -19,6 +19,7 @@ from .pictures import pictures
 from .problem import Evaluation, Problem, Tally
 from .profile import profiles
 from .result import Curve, Effort, FitResult, Start
+from .ridge import widened
 from .spec import Spec, SpecError, Stage, load_spec, read_spec
 from .statistics import doubts, estimates, misfit, uncertainty, vaf
 from .variables import Variables
@@ -163,7 +164,7 @@ def _result(
     stages: tuple[str, ...],
 ) -> FitResult:
     best = optimum.evaluation
-    known = uncertainty(problem, best)
+    known = widened(problem, best, uncertainty(problem, best))
     first = {f.symbol: f.start for f in variables.free}
     found = [
         replace(e, free=replace(e.free, start=first[e.free.symbol]))  # where the fit began, not its last stage

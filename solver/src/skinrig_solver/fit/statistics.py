@@ -65,7 +65,8 @@ def uncertainty(problem: Problem, optimum: Evaluation) -> Uncertainty:
 
     The covariance is the sandwich H^-1 M H^-1 with H = J^T J and M = sum over curves of s^2 J^T W J, where s^2 is each
     curve's own residual variance, times the number of samples that count as one where residuals are correlated in time
-    (White 1980; Sokal's integrated autocorrelation time). It is right for any weights. Parameters on a bound are held.
+    (White 1980; Sokal's integrated autocorrelation time). It is right for any weights. A parameter on a bound has no
+    error of its own, but widens the others' as if it were free: noise put it there, and the others followed it.
     """
     assert optimum.jacobian is not None
     variables = problem.variables
@@ -73,12 +74,12 @@ def uncertainty(problem: Problem, optimum: Evaluation) -> Uncertainty:
     margin = AT_BOUND * (upper - lower)
     sides = np.where(optimum.z <= lower + margin, -1, np.where(optimum.z >= upper - margin, 1, 0))
     inner = np.flatnonzero(sides == 0)
-    jacobian = optimum.jacobian[:, inner]
+    jacobian = optimum.jacobian
     weight = np.concatenate([c.weight[k] / c.scale[k] for c in problem.cases for k in c.data])
     used = weight > 0.0
     dof = max(int(used.sum()) - len(inner), 1)
     noise, persistence = [], []
-    middle = np.zeros((len(inner), len(inner)))
+    middle = np.zeros((jacobian.shape[1], jacobian.shape[1]))
     for _, _, where in problem.groups():
         w = weight[where]
         plain = np.divide(optimum.residual[where], w, out=np.zeros_like(w), where=w > 0.0)
@@ -90,12 +91,11 @@ def uncertainty(problem: Problem, optimum: Evaluation) -> Uncertainty:
         rows = jacobian[where] * w[:, None]
         middle += variance * together * rows.T @ rows
     covariance, blind = _sandwich(jacobian, middle)
-    whole = np.full((variables.start.size, variables.start.size), np.nan)
-    whole[np.ix_(inner, inner)] = covariance
+    blind = np.intersect1d(blind, inner)
+    covariance[sides != 0, :] = covariance[:, sides != 0] = np.nan
     deviation = np.sqrt(np.diag(covariance))
     with np.errstate(invalid="ignore"):
-        correlation = np.full_like(whole, np.nan)
-        correlation[np.ix_(inner, inner)] = np.clip(covariance / np.outer(deviation, deviation), -1.0, 1.0)
+        correlation = np.clip(covariance / np.outer(deviation, deviation), -1.0, 1.0)
     names = [variables.symbols[k] for k in inner]
     on_bound = tuple("" if s == 0 else "lower" if s < 0 else "upper" for s in sides)
     warnings = [
@@ -106,10 +106,10 @@ def uncertainty(problem: Problem, optimum: Evaluation) -> Uncertainty:
         )
         if side
     ]
-    warnings += [f"the data say nothing about {_listed([names[k] for k in blind])}"] if len(blind) else []
+    warnings += [f"the data say nothing about {_listed([variables.symbols[k] for k in blind])}"] if len(blind) else []
     warnings += _pairs(names, correlation[np.ix_(inner, inner)])
     warnings += _curves(problem, persistence)
-    return Uncertainty(whole, correlation, tuple(noise), tuple(persistence), on_bound, tuple(warnings))
+    return Uncertainty(covariance, correlation, tuple(noise), tuple(persistence), on_bound, tuple(warnings))
 
 
 def _sandwich(jacobian: Array, middle: Array) -> tuple[Array, NDArray[np.intp]]:
