@@ -189,6 +189,7 @@ class ActiveRun:
             device_time=now,
             lost=self._recorder.lost,
             recorder_fill=self._recorder.fill,
+            written=self._recorder.written,
         )
 
     # End --------------------------------------------------------------------------------------------------------------

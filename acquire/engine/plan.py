@@ -49,7 +49,8 @@ class RunPlan:
 class Progress:
     """Where a run stands. ``elapsed`` and ``duration`` are protocol time in s; ``segment`` counts from 0.
 
-    ``dwell`` maps a quantity with such a limit to for how long it is away from rest, and may be, in s.
+    ``written`` is how many bytes the run takes on the disk so far. ``dwell`` maps a quantity with such a limit to for how
+    long it is away from rest, and may be, in s.
     """
 
     state: State
@@ -64,6 +65,7 @@ class Progress:
     device_time: float = math.nan
     lost: int = 0
     recorder_fill: float = 0.0
+    written: int = 0
     trip: Trip | None = None
     dwell: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 

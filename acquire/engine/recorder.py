@@ -95,6 +95,12 @@ class Recorder(threading.Thread):
         """How full the queue is, 0 … 1."""
         return self._queue.fill
 
+    @property
+    def written(self) -> int:
+        """Bytes that the run takes on the disk so far: the journal, and the frames in the recording's draft."""
+        draft = self._drafting.draft
+        return self._writer.size + (draft.size if draft is not None else 0)
+
     def put(self, item: Block | Frame | Event | Commanded) -> None:
         """Record ``item``. What does not fit ends the run: nothing is dropped in silence."""
         try:

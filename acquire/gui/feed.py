@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from acquire.engine.queues import nbytes
 from acquire.gui.messages import PATH, Picture, View
 from acquire.gui.thinning import extremes
 from drivers.device import Status
@@ -73,7 +72,7 @@ class Feed:
             lost=progress.lost,
             fill=progress.recorder_fill,
             dwell=dict(progress.dwell),
-            disk=self._disk.left(sum(nbytes(item) for item in items), out),
+            disk=self._disk.left(progress.written, out),
             points=_points(blocks),
             latest={name: float(value[-1]) for block in blocks for name, value in block.values.items()},
             path=_path(blocks),
@@ -97,22 +96,21 @@ def _picture(frame: Frame) -> Picture:
 
 
 class Disk:
-    """How long the disk lasts at the rate at which data arrive."""
+    """How long the disk lasts at the rate at which the run is written."""
 
     def __init__(self) -> None:
         self._looked = time.monotonic()
-        self._bytes = 0
+        self._written = 0
         self._left = math.nan
 
-    def left(self, arrived: int, folder: Path) -> float:
-        """Seconds until the disk is full; NaN while nothing arrives."""
-        self._bytes += arrived
+    def left(self, written: int, folder: Path) -> float:
+        """Seconds until the disk is full, ``written`` being the bytes of the run so far; NaN while nothing is added."""
         now = time.monotonic()
         if now - self._looked >= 1.0:
-            rate = self._bytes / (now - self._looked)
+            rate = (written - self._written) / (now - self._looked)
             there = next(parent for parent in (folder, *folder.resolve().parents) if parent.exists())
-            self._left = shutil.disk_usage(there).free / rate if rate else math.nan
-            self._looked, self._bytes = now, 0
+            self._left = shutil.disk_usage(there).free / rate if rate > 0 else math.nan
+            self._looked, self._written = now, written
         return self._left
 
 

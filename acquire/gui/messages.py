@@ -136,7 +136,7 @@ class View:
     ``points`` maps channel to (time, value), thinned by extremes, ``latest`` to its newest value (NaN: not measurable);
     ``path`` (n, 6) is tip position (m) and force (N); ``origin`` the device time at which the protocol began (NaN: not
     yet). ``run`` counts runs: another one clears the plots. Times are in s; ``left`` is what remains of the running
-    segment, ``disk`` how long the disk lasts at the present rate (NaN: nothing arrives); ``dwell`` maps a quantity to
+    segment, ``disk`` how long the disk lasts at the present rate (NaN: none); ``dwell`` maps a quantity to
     for how long it is away from rest, and may be.
     """
 

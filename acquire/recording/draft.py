@@ -36,6 +36,11 @@ class Draft:
         self.sink = Sink(self.raw)
         self.file = h5py.File(self.sink, "w", track_order=True)
 
+    @property
+    def size(self) -> int:
+        """Bytes written so far."""
+        return self.sink.size
+
     def __len__(self) -> int:
         return len(self.crc)
 

@@ -25,6 +25,11 @@ class Sink:
         self._error: OSError | None = None
         self._kept: list[tuple[int, bytes]] = []
 
+    @property
+    def size(self) -> int:
+        """Length of the file."""
+        return self._size
+
     def check(self) -> None:
         """Raises the OSError that the disk gave, if it gave one."""
         if self._error is not None:

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import math
 import os
+import shutil
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from acquire.engine.recorder import Recorder
+from acquire.gui.feed import Disk
 from acquire.gui.reading import KEPT, RECOVERED, recovered
 from acquire.recording import JournalWriter, RunInfo, open_recording
+from drivers.signals import Frame
 
 
 def crashed(path: Path, torn: int) -> Path:
@@ -40,3 +46,23 @@ def test_damaged_journals_are_removed_in_the_end(tmp_path: Path) -> None:
     os.utime(journal, (old, old))  # the count begins with the recovery
     recovered(journal)
     assert sorted(p.name for p in tmp_path.glob(f"*{RECOVERED}")) == [f"new{RECOVERED}", f"without{RECOVERED}"]
+
+
+def test_the_disk_lasts_by_what_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not by what arrives: a camera's pictures are kept in a third of their bytes."""
+    clock = [100.0]
+    monkeypatch.setattr("acquire.gui.feed.time.monotonic", lambda: clock[0])
+    disk, free = Disk(), shutil.disk_usage(tmp_path).free
+    assert math.isnan(disk.left(0, tmp_path))
+    clock[0] += 2.0
+    assert disk.left(2_000_000, tmp_path / "not" / "made") == pytest.approx(free / 1e6, rel=0.2)
+    clock[0] += 2.0
+    assert math.isnan(disk.left(2_000_000, tmp_path))
+    recorder = Recorder(tmp_path / "run.h5", RunInfo("r", "aspiration", "2026-01-01T12:00:00+00:00"), (), print)
+    before = recorder.written
+    recorder.start()
+    for number in range(20):
+        recorder.put(Frame(np.full((480, 640), number, np.uint8), number, number / 25.0, 0.0))
+    recorder.finish("completed", "").result(30)
+    recorder.join()
+    assert 0 < recorder.written - before < 20 * 480 * 640 / 10
