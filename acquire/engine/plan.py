@@ -49,8 +49,8 @@ class RunPlan:
 class Progress:
     """Where a run stands. ``elapsed`` and ``duration`` are protocol time in s; ``segment`` counts from 0.
 
-    ``written`` is how many bytes the run takes on the disk so far. ``dwell`` maps a quantity with such a limit to for how
-    long it is away from rest, and may be, in s.
+    ``written`` is how many bytes the run takes on the disk so far. ``dwell`` maps a quantity with such a limit to for
+    how long it is away from rest, and may be, in s.
     """
 
     state: State
