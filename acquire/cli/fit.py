@@ -33,6 +33,10 @@ def fit(
     times: Annotated[
         str, typer.Option(help="When --fields are wanted, such as '0.5,5,60': seconds from the first sample.")
     ] = "",
+    posterior: Annotated[
+        bool,
+        typer.Option("--posterior", help="Draw from the parameters' posterior, by the priors of --spec."),
+    ] = False,
     everything: Annotated[bool, typer.Option("--all", help=ALL)] = False,
     list_models: Annotated[bool, typer.Option("--list", help="List the models and their parameters.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result on stdout.")] = False,
@@ -53,7 +57,10 @@ def fit(
     recordings = counting([load(run) for run in runs], everything=everything)
     try:
         with _Bar() as bar:
-            result = solver.fit(recordings, spec, model=model, jobs=jobs, cluster=cluster, progress=bar.update)
+            options = {"posterior": True} if posterior else {}  # solvers that draw none need not know the word
+            result = solver.fit(
+                recordings, spec, model=model, jobs=jobs, cluster=cluster, progress=bar.update, **options
+            )
             written = result.write_fields(fields, moments) if fields else []
     except ImportError as error:  # an extra of the solver: its message says which
         raise ValueError(str(error)) from error

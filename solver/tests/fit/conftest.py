@@ -57,12 +57,12 @@ class Dashpot:
         )
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def dashpot() -> Dashpot:
     return Dashpot()
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def record(dashpot: Dashpot) -> Callable[..., Recording]:
     """record(truth, noise=, seed=, instrument=) -> a noisy recording of steps and ramps of suction."""
 

@@ -22,7 +22,7 @@ def test_identifiable_parameters_are_found_within_three_standard_errors(setting:
     assert len(errors) >= 4
     assert max(abs(x) for x in errors.values()) < 3.0
     page = result.write_page(tmp_path / "fit.html").read_text()
-    assert page.count("data:image/png;base64,") >= 3  # correlations, curves, deformed mesh
+    assert page.count("data:image/png;base64,") == 4  # correlations, curves, deformed mesh, stress and stretch
 
 
 def test_a_start_half_wrong_is_no_trap() -> None:

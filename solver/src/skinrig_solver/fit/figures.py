@@ -7,6 +7,7 @@ import io
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from . import units
 from .result import Curve, FitResult
@@ -14,6 +15,8 @@ from .statistics import CONFIDENCE, Estimate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from .posterior import Posterior
 
 DATA, MODEL, SHADE, GRID = "#9db4c6", "#c0392b", "#5d6d7e", "#e3e7ea"
 STYLE: dict[Any, Any] = {
@@ -67,6 +70,9 @@ def curves(result: FitResult, label: str) -> Figure:
     if len(drive) > 1:
         axes[0].legend(ncols=len(drive), fontsize=8, loc="upper right")
     for k, curve in enumerate(own):
+        if result.posterior is not None:
+            band = result.posterior.bands[result.curves.index(curve)]
+            _band(axes[1 + 2 * k], curve, band, step)
         _compare(axes[1 + 2 * k], axes[2 + 2 * k], curve, step)
     axes[-1].set_xlabel("time, s")
     return figure
@@ -74,6 +80,12 @@ def curves(result: FitResult, label: str) -> Figure:
 
 def _fitted(curve: Curve) -> str:
     return f"fitted, VAF {100 * curve.vaf:.2f} %" if np.isfinite(curve.vaf) else "fitted"
+
+
+def _band(axis: Any, curve: Curve, band: NDArray[np.float64], step: int) -> None:
+    factor, _ = _axis(curve.channel)
+    low, high = factor * band[0, ::step], factor * band[2, ::step]
+    axis.fill_between(curve.time[::step], low, high, color=MODEL, alpha=0.15, lw=0, label="95 % of the predictive")
 
 
 def _compare(above: Any, below: Any, curve: Curve, step: int) -> None:
@@ -90,6 +102,55 @@ def _compare(above: Any, below: Any, curve: Curve, step: int) -> None:
     if idle.any():
         for axis in (above, below):
             axis.fill_between(time, 0, 1, where=idle, transform=axis.get_xaxis_transform(), color=GRID, alpha=0.6, lw=0)
+
+
+def pairs(found: Posterior) -> Figure:
+    """The draws: each parameter's density, and each pair's cloud."""
+    count = len(found.marginals)
+    size = 1.7 * count + 0.6
+    figure = new_figure(size, size)
+    axes: Any = figure.subplots(count, count, squeeze=False)
+    scaled = [units.readable(m.quantiles[2], m.unit) for m in found.marginals]
+    for i, j in np.ndindex(count, count):
+        axis = axes[i, j]
+        across = found.draws[:, j] / scaled[j][1]
+        axis.grid(False)
+        if j > i:
+            axis.set_visible(False)
+        elif i == j:
+            axis.hist(across, bins=40, color=DATA)
+            axis.axvline(found.marginals[i].laplace_value / scaled[i][1], color=MODEL, lw=0.9)
+            axis.set_yticks([])
+        else:
+            axis.plot(across, found.draws[:, i] / scaled[i][1], ".", ms=1.2, alpha=0.35, color=SHADE)
+        axis.tick_params(labelsize=7, labelbottom=i == count - 1, labelleft=j == 0 and i > 0)
+        if i == count - 1:
+            axis.set_xlabel(_with_unit(found.marginals[j].free.symbol, scaled[j][0]), fontsize=8)
+        if j == 0 and i > 0:
+            axis.set_ylabel(_with_unit(found.marginals[i].free.symbol, scaled[i][0]), fontsize=8)
+    return figure
+
+
+def _with_unit(symbol: str, unit: str) -> str:
+    return f"{symbol}, {unit}" if unit else symbol
+
+
+def likelihoods(found: Posterior) -> Figure:
+    """Profile likelihood of each parameter on the emulator."""
+    columns = min(4, len(found.marginals))
+    rows = -(-len(found.marginals) // columns)
+    figure = new_figure(2.7 * columns, 2.0 * rows)
+    axes = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axis in axes[len(found.marginals) :]:
+        axis.set_visible(False)
+    for axis, marginal in zip(axes, found.marginals, strict=False):
+        unit, factor = units.readable(marginal.quantiles[2], marginal.unit)
+        axis.plot(marginal.profile[:, 0] / factor, marginal.profile[:, 1], color=MODEL, lw=1.1)
+        axis.axhline(CONFIDENCE, color=SHADE, lw=0.7, ls="--")
+        axis.set_ylim(0, 2.5 * CONFIDENCE)
+        axis.set_title(_with_unit(marginal.free.symbol, unit), fontsize=9)
+    axes[0].set_ylabel("rise of χ²")
+    return figure
 
 
 def correlations(result: FitResult) -> Figure:

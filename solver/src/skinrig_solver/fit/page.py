@@ -50,6 +50,9 @@ def render(result: FitResult) -> str:
             held=_held(result),
             correlations=figures.as_image(figures.correlations(result)) if len(result.estimates) > 1 else "",
             profiles=figures.as_image(figures.profile_plots(profiled)) if profiled else "",
+            posterior=result.posterior,
+            pairs=figures.as_image(figures.pairs(result.posterior)) if result.posterior else "",
+            likelihoods=figures.as_image(figures.likelihoods(result.posterior)) if result.posterior else "",
             recordings=[
                 {
                     "label": label,

@@ -11,13 +11,14 @@ import numpy as np
 
 from ..api import Array, Experiment, Field, Model, ModelInfo
 from . import units
+from .posterior import Posterior
 from .spec import Spec
 from .statistics import Estimate
 
 SCHEMA = "skinrig-fit/1"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Curve:
     """One compared channel of one recording: arrays (n,) in SI, ``vaf`` in 1, ``noise`` its residual deviation."""
 
@@ -92,6 +93,7 @@ class FitResult:
     trusted: bool
     warnings: tuple[str, ...]
     effort: Effort
+    posterior: Posterior | None = None
 
     def as_dict(self, curves: bool = True) -> dict[str, Any]:
         """Plain data for JSON: SI numbers, None for what is not finite; ``curves`` adds the arrays."""
@@ -115,6 +117,7 @@ class FitResult:
                 "stages": self.stages,
                 "cost": self.effort.__dict__,
             }
+            | ({} if self.posterior is None else {"posterior": self.posterior.as_dict()})
         )
         return plain
 
@@ -156,7 +159,8 @@ class FitResult:
             error = "?" if not np.isfinite(e.standard_error) else units.show(e.standard_error, e.unit, 2)
             state = f"at its {e.at} bound" if e.at else "" if e.identifiable else "not identifiable"
             lines.append(f"  {e.free.symbol:<{size}}  {units.show(e.value, e.unit):>12} ± {error:<12} {state}".rstrip())
-        return "\n".join(lines + [f"! {warning}" for warning in self.warnings])
+        lines += [f"! {warning}" for warning in self.warnings]
+        return "\n".join(lines if self.posterior is None else [*lines, "", self.posterior.in_words()])
 
     def write_page(self, path: Path | str) -> Path:
         """Write one self-contained HTML page. Raises ImportError naming what the page needs; OSError."""

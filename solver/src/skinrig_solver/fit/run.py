@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..api import Model
+from ..api import Model, ModelInfo
 from ..registry import models
 from .cases import Case, cases, matches
 from .multistart import Found, Search, elsewhere
@@ -22,7 +22,11 @@ from .result import Curve, Effort, FitResult, Start
 from .ridge import widened
 from .spec import Spec, SpecError, Stage, load_spec, read_spec
 from .statistics import doubts, estimates, misfit, uncertainty, vaf
+from .target import Noise
 from .variables import Variables
+
+if TYPE_CHECKING:
+    from .posterior import Posterior
 
 
 @dataclass(frozen=True)
@@ -46,6 +50,7 @@ def fit(
     model: str | Model = "",
     executor: Executor | None = None,
     progress: Observer | None = None,
+    posterior: bool = False,
 ) -> FitResult:
     """Identify a model's free parameters from one or several recordings together.
 
@@ -56,6 +61,7 @@ def fit(
     model : a model's name, needed where the specification has none; or a Model that is not registered under any
     executor : runs the recordings of an evaluation, or the starts of a multi-start fit, side by side
     progress : called with a `Progress` after every evaluation that this process sees
+    posterior : also draw from the posterior (see posterior.py); needs the extra ``posterior``
 
     Raises
     ------
@@ -65,7 +71,7 @@ def fit(
         The model cannot be run at the start.
     """
     named, forward = (model, model) if isinstance(model, str) else (model.info.name, model)
-    spec = _read(spec, named)
+    spec = _read(spec, named, None if isinstance(model, str) else model.info)
     forward = forward or spec.model
     chosen = models()[forward] if isinstance(forward, str) else forward
     variables = spec.variables(chosen.info)
@@ -85,7 +91,8 @@ def fit(
     problem, optimum, starts = _last_stage(search)
     ended = optimum.reason if len(starts) == 1 else f"best of {len(starts)} starts"
     stages.append(f"{stage.name}: {', '.join(moving.symbols)}; {ended}")
-    return _result(problem, optimum, spec, variables, starts, tuple(stages))
+    result = _result(problem, optimum, spec, variables, starts, tuple(stages))
+    return replace(result, posterior=_posterior(problem, optimum, spec, executor, watch)) if posterior else result
 
 
 def _last_stage(search: Search) -> tuple[Problem, Optimum, tuple[Start, ...]]:
@@ -108,17 +115,25 @@ def _last_stage(search: Search) -> tuple[Problem, Optimum, tuple[Start, ...]]:
     return problem, replace(best, evaluation=problem.evaluate(best.evaluation.z)), tuple(start for _, start in found)
 
 
+def _posterior(problem: Problem, optimum: Optimum, spec: Spec, executor: Executor | None, watch: _Watch) -> Posterior:
+    from .posterior import posterior  # emcee is an extra
+
+    best = optimum.evaluation
+    noise = Noise.of(uncertainty(problem, best))
+    return posterior(problem, best.z, noise, spec.seed, executor, watch.tell(problem.tally))
+
+
 def _explains(problem: Problem, optimum: Optimum) -> bool:
     """Whether a fit leaves nothing that another minimum could explain: white residuals and little variance."""
     best = optimum.evaluation
     return not misfit(uncertainty(problem, best), vaf(best.residual, problem.scaled_data()))
 
 
-def _read(spec: Spec | Mapping[str, Any] | Path | str | None, model: str) -> Spec:
+def _read(spec: Spec | Mapping[str, Any] | Path | str | None, model: str, info: ModelInfo | None) -> Spec:
     if spec is None:
-        return read_spec({"model": model})
+        return read_spec({"model": model}, info)
     if not isinstance(spec, Spec):
-        spec = read_spec({"model": model, **spec}) if isinstance(spec, Mapping) else load_spec(spec, model)
+        spec = read_spec({"model": model, **spec}, info) if isinstance(spec, Mapping) else load_spec(spec, model, info)
     if model not in ("", spec.model):
         raise SpecError(f"model: the specification is for {spec.model}, not for {model}")
     return spec
@@ -132,6 +147,15 @@ class _Watch:
 
     def begin(self, what: str) -> None:
         self.what, self.first, self.best = what, np.nan, np.inf
+
+    def tell(self, tally: Tally) -> Callable[[str], None]:
+        """An observer of steps that have no objective."""
+
+        def told(what: str) -> None:
+            if self.observer is not None:
+                self.observer(Progress(what, tally.evaluations, tally.forward_runs, np.nan, tally.seconds))
+
+        return told
 
     def __call__(self, evaluation: Evaluation, tally: Tally) -> None:
         if np.isnan(self.first):

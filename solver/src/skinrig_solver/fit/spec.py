@@ -12,6 +12,7 @@ import yaml
 
 from ..api import ModelInfo
 from . import units
+from .priors import read_prior
 from .variables import Free, Tied, Variables
 
 Optimiser = Literal["trust-region", "slsqp", "nelder-mead"]
@@ -173,8 +174,8 @@ def free_by_default(info: ModelInfo) -> tuple[str, ...]:
     return FREE.get(info.name.removesuffix("_gamma"), info.symbols)
 
 
-def load_spec(path: Path | str, model: str = "") -> Spec:
-    """Read a specification file, of ``model`` where it names none.
+def load_spec(path: Path | str, model: str = "", info: ModelInfo | None = None) -> Spec:
+    """Read a specification file, of ``model`` where it names none; ``info`` of a model that is not registered.
 
     Raises SpecError that names file, line and field; FileNotFoundError.
     """
@@ -194,7 +195,7 @@ def load_spec(path: Path | str, model: str = "") -> Spec:
         line = f":{mark.line + 1}" if mark else ""
         raise SpecError(f"{path}{line}: not YAML: {getattr(error, 'problem', None) or error}") from None
     try:
-        return read_spec({"model": model, **data} if isinstance(data, dict) else data)
+        return read_spec({"model": model, **data} if isinstance(data, dict) else data, info)
     except SpecError as error:
         named = str(error).split(":")[0]
         raise SpecError(f"{path}:{_line(tree, named.split('.'))}: {error}") from error
@@ -216,8 +217,11 @@ def _line(node: Any, names: Sequence[str]) -> int:
     return line
 
 
-def read_spec(data: Any) -> Spec:
-    """A Spec from plain data, as YAML gives it; numbers may carry units ('12 kPa'). Raises SpecError."""
+def read_spec(data: Any, info: ModelInfo | None = None) -> Spec:
+    """A Spec from plain data, as YAML gives it; numbers may carry units ('12 kPa').
+
+    ``info`` describes the model where it is not registered under its name. Raises SpecError.
+    """
     if not isinstance(data, Mapping):
         raise SpecError("model: a specification is a mapping with at least a model")
     known = set(Spec.__dataclass_fields__)
@@ -230,7 +234,7 @@ def read_spec(data: Any) -> Spec:
     for name in ("parameters", "geometry", "channels", "recordings"):
         if not isinstance(data.get(name, {}), Mapping):
             raise SpecError(f"{name}: must be a mapping")
-    info = _info(data["model"])
+    info = info or _info(data["model"])
     values["parameters"] = {s: _parameter(info, str(s), v) for s, v in data.get("parameters", {}).items()}
     values["channels"] = {c: _number(w, "", f"channels.{c}") for c, w in data.get("channels", {}).items()}
     values["recordings"] = tuple(_options(str(p), o) for p, o in data.get("recordings", {}).items())
@@ -293,13 +297,14 @@ def _parameter(info: ModelInfo, symbol: str, given: Any) -> float | Free | Tied 
     if "tied" in given:
         entry = _keys(given, where, "tied", "factor")
         return Tied(symbol, str(entry["tied"]), _number(entry.get("factor", 1.0), "", where))
-    entry = _keys(given, where, "start", "lower", "upper", "scale")
+    entry = _keys(given, where, "start", "lower", "upper", "scale", "prior")
     numbers = {k: _number(entry[k], parameter.unit, where) for k in ("start", "lower", "upper") if k in entry}
     scale = entry.get("scale", parameter.scale)
     if scale not in ("linear", "log"):
         raise SpecError(f"{where}: scale {scale!r} is neither linear nor log")
     try:
-        return Free.of(parameter, log=scale == "log", **numbers)
+        prior = read_prior(entry["prior"], parameter.unit, "prior") if "prior" in entry else None
+        return Free.of(parameter, log=scale == "log", prior=prior, **numbers)
     except ValueError as error:
         raise SpecError(f"{where}: {error}") from None
 

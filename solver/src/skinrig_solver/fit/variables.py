@@ -8,17 +8,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..api import Array, ModelInfo, Parameter
+from .priors import Prior
 
 
 @dataclass(frozen=True)
 class Free:
-    """A parameter to identify: ``lower < upper`` and ``start`` between them, in SI; ``log`` steps in its logarithm."""
+    """A parameter to identify: ``lower < upper`` and ``start`` between them, in SI; ``log`` steps in its logarithm.
+
+    ``prior`` counts in posteriors only; without one every coordinate between the bounds is alike.
+    """
 
     symbol: str
     start: float
     lower: float
     upper: float
     log: bool
+    prior: Prior | None = None
 
     def __post_init__(self) -> None:
         if not self.lower < self.upper:
@@ -27,6 +32,8 @@ class Free:
             raise ValueError(f"{self.symbol}: start {self.start} is outside [{self.lower}, {self.upper}]")
         if self.log and not self.lower > 0.0:
             raise ValueError(f"{self.symbol}: a log scale needs a positive lower bound, got {self.lower}")
+        if self.prior is not None and not self.prior.mass(self.lower, self.upper) > 0.0:
+            raise ValueError(f"{self.symbol}: its prior has no probability between {self.lower} and {self.upper}")
 
     @classmethod
     def of(
@@ -36,13 +43,14 @@ class Free:
         lower: float | None = None,
         upper: float | None = None,
         log: bool | None = None,
+        prior: Prior | None = None,
     ) -> Free:
         """The model's own default and bounds of a fit where nothing is given."""
         stable = parameter.lower if parameter.fit_lower is None else parameter.fit_lower
         lower = stable if lower is None else lower
         upper = parameter.upper if upper is None else upper
         start = min(max(parameter.default, lower), upper) if start is None else start
-        free = cls(parameter.symbol, start, lower, upper, parameter.scale == "log" if log is None else log)
+        free = cls(parameter.symbol, start, lower, upper, parameter.scale == "log" if log is None else log, prior)
         return free.within(parameter)
 
     def within(self, parameter: Parameter) -> Free:
