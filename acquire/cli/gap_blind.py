@@ -22,6 +22,9 @@ def blind_make(
     instrument: Annotated[list[str] | None, typer.Option(help="Only these instruments (may be repeated).")] = None,
     passphrase: Annotated[str, typer.Option(help="What the key is encrypted with.")] = "",
     style: Annotated[str, typer.Option(help="wide: laboratories as they differ; dense: the nominal one.")] = "wide",
+    references: Annotated[
+        str, typer.Option(help="Reference recordings: some (in two of five cases), none, or the standard set.")
+    ] = "some",
 ) -> None:
     """Write cases whose names, metadata and order say nothing, and their key apart, encrypted."""
     from gap.blind import make
@@ -33,8 +36,21 @@ def blind_make(
 
         key = make_own(n, seed, output, passphrase, chosen)
     else:
-        key = make(tier, n, seed, output, chosen, passphrase, style=style)
+        key = make(tier, n, seed, output, chosen, passphrase, style=style, references=references)
     print(f"{output}\n{key}")
+
+
+@blind.command("answer")
+def blind_answer(
+    case: Annotated[Path, typer.Argument(help="A case of `blind make`; its key must be beside the set.")],
+    experiment: Annotated[Path, typer.Argument(help="Folder of `gap next`.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="New folder for the recording (a bundle).")],
+    passphrase: Annotated[str, typer.Option(help="What the key was encrypted with.")] = "",
+) -> None:
+    """Do an experiment on the case's hidden rig. What the rig cannot do is refused."""
+    from gap.blind import perform
+
+    print(perform(case, experiment, output, passphrase))
 
 
 @blind.command("diagnose")

@@ -5,6 +5,7 @@ enforces it): what is shared is the public vocabulary of effect names, the bundl
 """
 
 from .cases import Hidden, Truth, make, write_key
+from .rig import Refused, perform
 from .scoring import Scorecard, score
 
-__all__ = ["Hidden", "Scorecard", "Truth", "make", "score", "write_key"]
+__all__ = ["Hidden", "Refused", "Scorecard", "Truth", "make", "perform", "score", "write_key"]

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from .cases import make
 from .laboratory import STYLES
+from .rig import REFERENCES, perform
 from .scoring import score
 from .vocabulary import INSTRUMENTS
 
@@ -25,6 +26,12 @@ def main(arguments: list[str] | None = None) -> int:
     m.add_argument("--instrument", action="append", choices=INSTRUMENTS, help="may be repeated (default: all)")
     m.add_argument("--passphrase", default="")
     m.add_argument("--style", choices=STYLES, default="wide", help="laboratories as they differ, or the README's one")
+    m.add_argument("--references", choices=REFERENCES, default="some", help="reference recordings of a case")
+    a = commands.add_parser("answer", help="do an experiment on a case's hidden rig")
+    a.add_argument("case", type=Path)
+    a.add_argument("experiment", type=Path)
+    a.add_argument("-o", "--out", type=Path, required=True)
+    a.add_argument("--passphrase", default="")
     s = commands.add_parser("score", help="compare reports with the sealed keys")
     s.add_argument("reports", type=Path)
     s.add_argument("key", type=Path, nargs="+")
@@ -34,8 +41,10 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         if given.command == "make":
             key = make(given.tier, given.n, given.seed, given.out, given.instrument or INSTRUMENTS, given.passphrase,
-                       style=given.style)  # fmt: skip
+                       style=given.style, references=given.references)  # fmt: skip
             print(f"{given.n} cases in {given.out}, key in {key}")
+        elif given.command == "answer":
+            print(perform(given.case, given.experiment, given.out, given.passphrase))
         else:
             card = score(given.reports, given.key, given.passphrase)
             print(card.as_text())

@@ -15,6 +15,7 @@ from .signals import Array
 # Column, unit, units per SI unit, decimals
 _COLUMNS: dict[str, tuple[str, str, float, int]] = {
     "pressure": ("p", "mbar", 1e-2, 3),
+    "pressure_reference": ("p_ref", "mbar", 1e-2, 3),
     "apex_height": ("h", "mm", 1e3, 4),
     **{name: (name, "mm", 1e3, 4) for name in robot.AXES},
     **{name: (name, "N", 1.0, 4) for name in robot.LEGS},
@@ -22,7 +23,6 @@ _COLUMNS: dict[str, tuple[str, str, float, int]] = {
     **{name: (name, "N", 1.0, 5) for name in robot.FORCE},
 }
 _LOGGED = {"pause": "vented and held", "resume": "resumed at the beginning of the interrupted segment"}
-_COMMAND_RATE = {"cutometer": 100.0, "aspiration": 100.0, "microrobot": 20.0}
 
 
 def write_csv(path: Path, header: list[str], columns: list[Array], decimals: list[int]) -> None:
@@ -32,21 +32,12 @@ def write_csv(path: Path, header: list[str], columns: list[Array], decimals: lis
     path.write_text(",".join(header) + "\n" + (line * len(table)) % tuple(table.ravel().tolist()))
 
 
-def _command(session: Session, r: Recording) -> tuple[Array, dict[str, Array]]:
-    """Times and commanded values of a recording: the laboratory's table, or a grid and every corner, so that linear
-    between rows is exact."""
-    if r.table:
-        times, value = np.array(r.table).T
-        t = np.round(r.start + times, 4)
-    else:
-        rate = _COMMAND_RATE[session.instrument]
-        grid = r.start + np.arange(int(r.duration * rate) + 1) / rate
-        corners = r.start + np.array([c[0] for c in r.corners])
-        t = np.unique(np.round(np.concatenate([grid, corners]), 4))
-        value = r.command(t)
-    if session.instrument == "microrobot":
-        return t, {name: value * d for name, d in zip(robot.PROBE, r.direction, strict=True)}
-    return t, {"pressure": -value}
+def _stated(r: Recording) -> dict[str, object]:
+    """What is stated of a reference specimen, as bundles write it."""
+    return {
+        key: {"value": value[0] if len(value) == 1 else list(value), "se": se, "unit": unit}
+        for key, (value, se, unit) in r.properties
+    }
 
 
 def write_recording(
@@ -55,11 +46,11 @@ def write_recording(
     """Write recording ``index`` of a session as a bundle (``recording-bundle/1``) into the new ``folder``."""
     folder.mkdir(parents=True)
     r = session.recordings[index]
-    names, more = list(channels), session.lab.decimals
+    names, more = [n for n in channels if len(channels[n][index])], session.lab.decimals
     data = [session.stamps(index)] + [channels[n][index] * _COLUMNS[n][2] for n in names]
     digits = [4] + [_COLUMNS[n][3] + more for n in names]
     write_csv(folder / "data.csv", ["t"] + [_COLUMNS[n][0] for n in names], data, digits)
-    t, commands = _command(session, r)
+    t, commands = session.commanded(index)
     scaled = [v * _COLUMNS[n][2] for n, v in commands.items()]
     write_csv(folder / "command.csv", ["t"] + [_COLUMNS[n][0] for n in commands], [t, *scaled], [4] + [5] * len(scaled))
 
@@ -79,10 +70,12 @@ def write_recording(
             "site": site,
             "repeat": r.repeat,
             "specimen": r.specimen,
+            "specimen_properties": _stated(r),
             "channels": {n: entry(n, "data.csv") for n in names},
             "setpoints": {n: entry(n, "command.csv") for n in commands},
         }
-        | ({"events": log} if log else {}),
+        | ({"events": log} if log else {})
+        | ({"experiment": r.experiment} if r.experiment else {}),
         sort_keys=False,
     )
     (folder / "recording.yaml").write_text(text)

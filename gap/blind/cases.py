@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,8 +15,10 @@ from .bundle import write_recording
 from .forms import Form
 from .laboratory import STYLES
 from .lock import seal
+from .rig import REFERENCES, as_plain
 from .session import Session, robot_session, suction_session
 from .session_wide import wide_robot, wide_suction
+from .specimens import standard
 from .strength import Subject, scatter_of
 from .vocabulary import INSTRUMENTS, UNKNOWN, stage_of
 
@@ -58,6 +61,7 @@ class Truth:
     reference: bool
     delta_free: float = 0.0
     style: str = "dense"
+    rig: dict[str, Any] = field(default_factory=dict, repr=False)
 
 
 def _forms(instrument: str, tier: str, style: str) -> list[Form]:
@@ -79,10 +83,14 @@ def _session(instrument: str, style: str, rng: np.random.Generator, reference: b
     return robot_session(rng, reference) if is_robot else suction_session(instrument, rng, reference)
 
 
-def _subject(instrument: str, tier: str, style: str, rng: np.random.Generator) -> tuple[Subject, bool]:
-    reference = bool(rng.random() < REFERENCE)
+def _subject(
+    instrument: str, tier: str, style: str, rng: np.random.Generator, references: str = "some"
+) -> tuple[Subject, bool]:
+    reference = bool(rng.random() < REFERENCE) and references == "some"
     is_robot = instrument == "microrobot"
     session = _session(instrument, style, rng, reference)
+    if references == "standard":
+        session, reference = standard(session), True
     laws = list((robot_tissue if is_robot else tissue).LAWS)
     law = str(rng.choice(laws[1:])) if tier in ("T3", "T6") else laws[0]
     person = robot_tissue.draw(rng) if is_robot else tissue.draw(instrument, rng)
@@ -151,13 +159,15 @@ def make(
     passphrase: str = "",
     progress: Callable[[int, int], None] | None = None,
     style: str = "wide",
+    references: str = "some",
 ) -> Path:
     """Write ``n`` blind cases of ``tier`` into the new folder ``out`` and their sealed key beside it.
 
     The instruments take turns. Each case is ``case-<hex>/r01 ...``, recordings of one session in order; the key is
     ``<out>-key/key.bin``, sealed with ``passphrase`` (see ``write_key``). Returns the key's path.
-    ``style`` is ``wide`` (laboratories as they differ) or ``dense`` (README.md's instrument to the letter). Equal
-    arguments give equal cases. Raises ValueError for an unknown tier, style or instrument, FileExistsError if ``out``
+    ``style`` is ``wide`` (laboratories as they differ) or ``dense`` (README.md's instrument to the letter);
+    ``references`` are of ``some`` kinds in two of five cases, ``none``, or the ``standard`` set. Equal arguments give
+    equal cases. Raises ValueError for an unknown tier, style, references or instrument, FileExistsError if ``out``
     or the key exists.
     """
     out = Path(out)
@@ -167,6 +177,8 @@ def make(
         raise ValueError(f"unknown tier {tier!r}: one of T0, {', '.join(TIERS)}")
     if style not in STYLES:
         raise ValueError(f"unknown style {style!r}: one of {', '.join(STYLES)}")
+    if references not in REFERENCES:
+        raise ValueError(f"unknown references {references!r}: one of {', '.join(REFERENCES)}")
     if unknown := [i for i in instruments if i not in INSTRUMENTS]:
         raise ValueError(f"unknown instrument {unknown[0]!r}: one of {', '.join(INSTRUMENTS)}")
     if n < 1 or not instruments:
@@ -183,7 +195,8 @@ def make(
     truths = []
     # Written in the order of their names, so that time stamps of files follow nothing but the names.
     for k, (case, child) in enumerate(zip(sorted(names), root.spawn(n), strict=True)):
-        truths.append(_make_case(out / case, str(turns[k]), tier, style, decks, np.random.default_rng(child)))
+        own = np.random.default_rng(child)
+        truths.append(_make_case(out / case, str(turns[k]), tier, style, decks, own, references))
         if progress:
             progress(k + 1, n)
     manifest = {"schema": "blind-manifest/1", "cases": [{"case": t.case, "instrument": t.instrument} for t in truths]}
@@ -203,10 +216,16 @@ def write_key(path: Path, truths: Sequence[Truth], passphrase: str = "") -> None
 
 
 def _make_case(
-    folder: Path, instrument: str, tier: str, style: str, decks: dict[str, _Deck], rng: np.random.Generator
+    folder: Path,
+    instrument: str,
+    tier: str,
+    style: str,
+    decks: dict[str, _Deck],
+    rng: np.random.Generator,
+    references: str,
 ) -> Truth:
     looks = rng.spawn(1)[0]
-    subject, reference = _subject(instrument, tier, style, rng)
+    subject, reference = _subject(instrument, tier, style, rng, references)
     hidden = _hide(subject, tier, decks[instrument], rng)
     knobs = {k: v for h in hidden for k, v in h.knobs.items()}
     total = hidden[0].delta if len(hidden) == 1 else subject.detectability(knobs) if hidden else 0.0
@@ -216,5 +235,6 @@ def _make_case(
     for k in range(len(subject.session.recordings)):
         write_recording(folder / f"r{k + 1:02d}", subject.session, k, channels, person, site)
     return Truth(
-        folder.name, tier, instrument, hidden, total, subject.law, dict(subject.tissue), reference, free, style
-    )
+        folder.name, tier, instrument, hidden, total, subject.law, dict(subject.tissue), reference, free, style,
+        as_plain(subject, knobs, person, site),
+    )  # fmt: skip

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from . import spells
+from . import specimens, spells
 from .instants import Knobs, taken
 from .robot_axes import SUBSTEPS, Loop, drawn_after, limited, loops
 from .robot_kinematics import (
@@ -26,7 +26,7 @@ from .robot_kinematics import (
     tip_and_tilt,
 )
 from .robot_tissue import SPAN, Parameters, columns, resist
-from .session import Session
+from .session import Recording, Session
 from .signals import Array, bristle, coarsened, lag, play, spectrum, uneven_lag, wander
 from .suction import Channels
 
@@ -169,9 +169,9 @@ def _skin_effects(s: Session, u: Array, f: Array, k: float, fx: Knobs) -> Array:
     if a := get("locking", 0.0):
         f = f / (1 - np.minimum(a * size / SPAN, 0.8) ** 3)
     if a := get("tone", 0.0):
-        f = f * (1 + a * s.t / s.t[-1])[:, None]
+        f = f * (1 + a * s.t / s.length)[:, None]
     if a := get("tone_step", 0.0):
-        f = f * (1 + a / (1 + np.exp(-(s.t - get("tone_at", 0.5) * s.t[-1]) / get("tone_width", 3.0))))[:, None]
+        f = f * (1 + a / (1 + np.exp(-(s.t - get("tone_at", 0.5) * s.length) / get("tone_width", 3.0))))[:, None]
     return f
 
 
@@ -242,16 +242,29 @@ def simulate(
     u, normal = tip_and_tilt(np.ascontiguousarray(_platform(q, fx)), PIVOTS, TIP)
     resisted = factor * _reaction(s, skin * u, law, tissue, fx, np.random.default_rng(seed))
     traces = {"skin": (q, _tared(_legs(s, -resisted, normal, q, fx)))}
-    free = np.zeros_like(ref)
-    for on in {r.specimen for r in s.recordings} - {"skin"}:
-        q = _axes(s, ref, base, free, np.zeros((3, 3)), fx)
-        _, normal = tip_and_tilt(np.ascontiguousarray(_platform(q, fx)), PIVOTS, TIP)
-        traces[on] = (q, _tared(_legs(s, free, normal, q, fx)))
+    for r in {r.specimen: r for r in s.recordings if r.specimen != "skin"}.values():
+        traces[r.specimen] = _on_reference(s, r, ref, base, fx, seed)
     if delay := fx.get("tare_late", 0.0):  # one tare for the session: it is in every recording
         r = next(r for r in s.recordings if r.specimen == "skin")
         tare = _at(s, r.start + r.onset + delay, traces["skin"][1])
         traces = {on: (q, legs - tare) for on, (q, legs) in traces.items()}
     return _record(s, traces, fx, seed, noisy)
+
+
+def _on_reference(s: Session, r: Recording, ref: Array, base: Array, fx: Knobs, seed: int) -> tuple[Array, Array]:
+    """Axis positions and transducers (N, 3) with a reference specimen on the probe all the time, tared without it."""
+    k, hung = specimens.spring_of(r, s.instrument, seed), specimens.weight_of(r, s.instrument, seed)
+    j = jacobian_at_centre()
+    pulled = hung - k * tip(base)
+    q = _axes(s, ref, base, pulled @ j, k * j.T @ j, fx)
+    u, normal = tip_and_tilt(np.ascontiguousarray(_platform(q, fx)), PIVOTS, TIP)
+    legs = _legs(s, hung - k * u, normal, q, fx)
+    if np.any(hung):  # tared before the weight is hung
+        free = np.zeros_like(ref)
+        bare = _axes(s, ref, base, free, np.zeros((3, 3)), fx)
+        _, upright = tip_and_tilt(np.ascontiguousarray(_platform(bare, fx)), PIVOTS, TIP)
+        return q, legs - _legs(s, free, upright, bare, fx)[0]
+    return q, _tared(legs)
 
 
 def _axes(s: Session, ref: Array, base: Array, load: Array, tangent: Array, fx: Knobs) -> Array:

@@ -17,6 +17,7 @@ STEP = 2.5e-3  # s, integration step of the suction chain during a recording
 REST_STEP = 0.05  # s, between recordings, where nothing is commanded
 JUMP = 1e-3  # s, a commanded step is a ramp this long
 MBAR = 100.0  # Pa
+_COMMAND_RATE = {"cutometer": 100.0, "aspiration": 100.0, "microrobot": 20.0}  # rows a second
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,8 @@ class Recording:
 
     ``onset`` is when the first loading is commanded, in seconds from the start. For the robot ``direction`` is the
     unit vector of the commanded motion. ``table`` are the set-points as the laboratory has them, where they are not
-    ``corners``, and ``events`` (time from start, code) what its log says.
+    ``corners``, and ``events`` (time from start, code) what its log says. ``properties`` are what is stated of a
+    reference specimen (see ``specimens``), ``experiment`` is the id of what it answers.
     """
 
     start: float
@@ -38,6 +40,8 @@ class Recording:
     direction: tuple[float, float, float] = (0.0, 0.0, 0.0)
     table: tuple[tuple[float, float], ...] = ()
     events: tuple[tuple[float, str], ...] = ()
+    properties: tuple[tuple[str, tuple[tuple[float, ...], float, str]], ...] = ()
+    experiment: str = ""
 
     def command(self, t: Array) -> Array:
         """Commanded value at session times ``t`` (linear between corners, 0 or last value outside)."""
@@ -49,7 +53,8 @@ class Recording:
 class Session:
     """All recordings of a case in order, the laboratory, and the simulation grid ``t`` (N,), steps ``dt``.
 
-    ``before`` are corners (session's clock) of a loading that nobody recorded.
+    ``before`` are corners (session's clock) of a loading that nobody recorded. ``span`` is the end of what was planned
+    first, s; 0 where nothing was recorded after it.
     """
 
     instrument: str
@@ -58,11 +63,17 @@ class Session:
     t: Array = field(repr=False)
     dt: Array = field(repr=False)
     before: tuple[tuple[float, float], ...] = ()
+    span: float = 0.0
 
     @property
     def rate(self) -> float:
         """Samples a second."""
         return self.lab.rate
+
+    @property
+    def length(self) -> float:
+        """s that whatever goes on through the session takes."""
+        return self.span or float(self.t[-1])
 
     def stamps(self, k: int) -> Array:
         """Time stamps (n,) of recording k on the session's clock [s]."""
@@ -87,6 +98,23 @@ class Session:
             times += [r.start + c[0] for c in r.corners]
             values += [c[1] for c in r.corners]
         return np.interp(t, [*times, 1e9], [*values, 0.0])
+
+    def commanded(self, k: int) -> tuple[Array, dict[str, Array]]:
+        """Times and commanded values of recording k: the laboratory's table, or a grid and every corner, so that linear
+        between rows is exact."""
+        r = self.recordings[k]
+        if r.table:
+            times, value = np.array(r.table).T
+            t = np.round(r.start + times, 4)
+        else:
+            rate = _COMMAND_RATE[self.instrument]
+            rows = r.start + np.arange(int(r.duration * rate) + 1) / rate
+            corners = r.start + np.array([c[0] for c in r.corners])
+            t = np.unique(np.round(np.concatenate([rows, corners]), 4))
+            value = r.command(t)
+        if self.instrument == "microrobot":
+            return t, {f"probe_{axis}": value * d for axis, d in zip("xyz", r.direction, strict=True)}
+        return t, {"pressure": -value}
 
     def per_recording(self, values: Sequence[float] | Array) -> Array:
         """A step function of time on the grid: ``values[k]`` from the start of recording k to the next start."""

@@ -12,7 +12,7 @@ from copy import deepcopy
 import numpy as np
 from numba import njit
 
-from . import spells
+from . import specimens, spells
 from .controllers import controlled
 from .instants import Knobs, taken
 from .session import Session
@@ -165,9 +165,9 @@ def skin_height(s: Session, p: Array, law: str, tissue: Parameters, fx: Knobs, r
         phase = np.pi * get("pulse_hz", 0.25) * s.t + 0.6 * np.sin(0.21 * s.t)
         h = h + a * np.abs(np.sin(phase + get("pulse_phase", 0.0))) ** 3 * (0.5 + h / size) * skin
     if a := get("tone", 0.0):
-        h = h * (1 - a * s.t / s.t[-1])
+        h = h * (1 - a * s.t / s.length)
     if a := get("tone_step", 0.0):
-        h = h * (1 - a / (1 + np.exp(-(s.t - get("tone_at", 0.5) * s.t[-1]) / get("tone_width", 3.0))))
+        h = h * (1 - a / (1 + np.exp(-(s.t - get("tone_at", 0.5) * s.length) / get("tone_width", 3.0))))
     if a := get("restless", 0.0):  # outside the vocabulary: the subject moves, randomly
         h = h + a * wander(s.t, rng, 0.05, 1.5) * skin
     if a := get("sweat", 0.0):  # outside: sweat softens the horny layer the longer the probe stands on it
@@ -267,9 +267,15 @@ def simulate(
     felt = spells.probe_suction(s, skin_suction(s, p, fx), fx)
     skin = spells.skin_height(s, skin_height(s, felt, law, tissue, fx, rng), tissue["amplitude"], fx)
     skin = skin * s.per_recording(scatter)
-    apex = {r.specimen: skin if r.specimen == "skin" else np.zeros_like(skin) for r in s.recordings}
+    apex = {"skin": skin}
+    for r in s.recordings:
+        if r.specimen != "skin":
+            here = specimens.height(s, r, felt, tissue["amplitude"], seed)
+            inside = (s.t >= r.start) & (s.t <= r.start + r.duration)
+            apex[r.specimen] = np.where(inside, here, apex.get(r.specimen, 0.0))
     heights = {on: _read(s, p, h, fx, deepcopy(rng)) for on, h in apex.items()}
     out: Channels = {"pressure": [], "apex_height": []}
+    second = spells.probe_suction(s, p, fx)
     for k, r in enumerate(s.recordings):
         h = heights[r.specimen]
         rows = np.random.default_rng((seed, k))
@@ -290,6 +296,10 @@ def simulate(
         height = _digits(height, optics.step, fx, noisy)
         if noisy:
             pressure = np.round(pressure / gauge.step) * gauge.step
+        if any(r.specimen == "manometer" for r in s.recordings):
+            there = s.sampled(when.main, second, {}) if r.specimen == "manometer" else np.zeros(0)
+            noise = 0.3 * gauge.rms * np.random.default_rng((seed, k, 5)).standard_normal(there.size)
+            out.setdefault("pressure_reference", []).append(-(there + noise * noisy)[when.row] if there.size else there)
         out["pressure"].append(-_units(pressure, "pressure", k, fx)[when.row])
         out["apex_height"].append(_units(height, "height", k, fx)[when.row])
     return out
