@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from acquire.cli.gap_blind import blind
+from acquire.cli.gap_loop import loop
 from acquire.cli.gap_next import advice, next_experiment
 from acquire.cli.inputs import found, load_all
 from acquire.cli.numbers import MOST_JOBS, whole
@@ -26,6 +27,7 @@ app = typer.Typer(
 )
 app.add_typer(blind, name="blind")
 app.command("next")(next_experiment)
+app.command("loop")(loop)
 
 
 @app.command()

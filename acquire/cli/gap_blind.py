@@ -53,6 +53,22 @@ def blind_answer(
     print(perform(case, experiment, output, passphrase))
 
 
+@blind.command("loop")
+def blind_loop(
+    cases: Annotated[Path, typer.Argument(help="Folder made by `blind make`; its key must be beside it.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the reports after 0, 1, 2 … experiments.")],
+    policy: Annotated[str, typer.Option(help="Who chooses: ours, random or fixed.")] = "ours",
+    most: Annotated[int, typer.Option(parser=whole(1, 20), help="Experiments of a case at most.")] = 3,
+    seed: Annotated[int, typer.Option(parser=whole(), help="Seed of what is drawn.")] = 1,
+    passphrase: Annotated[str, typer.Option(help="What the key is encrypted with.")] = "",
+    jobs: Annotated[int, typer.Option(parser=whole(1, MOST_JOBS), help="Processes that share a case's fits.")] = 1,
+) -> None:
+    """Run the loop on every case's hidden rig; print how often the answer is right after 0, 1, 2 … experiments."""
+    from gap.loop.blind import as_text, loop_cases
+
+    print(as_text(loop_cases(cases, output, policy, most, seed, passphrase, jobs)))
+
+
 @blind.command("diagnose")
 def blind_diagnose(
     cases: Annotated[Path, typer.Argument(help="Folder made by `blind make`.")],

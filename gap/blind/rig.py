@@ -198,16 +198,17 @@ class _Joined(Session):
         return t, dict(zip(robot.PROBE, v.T, strict=True))
 
 
-def perform(case: Path, experiment: Path, out: Path, passphrase: str = "") -> Path:
+def perform(case: Path, experiment: Path, out: Path, passphrase: str = "", history: Path | None = None) -> Path:
     """The answer of a blind ``case`` (a folder made by `make`) to an ``experiment`` (a folder of its files), as a
-    bundle in the new folder ``out``. Earlier answers of the case are part of its history.
+    bundle in the new folder ``out``. Earlier answers of the case are part of its ``history``, a sealed file that is
+    beside the key unless another is named.
 
     Raises Refused, FileNotFoundError without the key, FileExistsError if ``out`` exists.
     """
     if out.exists():
         raise FileExistsError(f"{out} exists")
     keys = case.resolve().parent.with_name(case.resolve().parent.name + "-key")
-    path, now = keys / "key.bin", keys / f"{case.name}.bin"
+    path, now = keys / "key.bin", history or keys / f"{case.name}.bin"
     if not path.exists():
         raise FileNotFoundError(f"{path}: the key of {case} is not there")
     if now.exists():
@@ -221,6 +222,7 @@ def perform(case: Path, experiment: Path, out: Path, passphrase: str = "") -> Pa
     asked = read(experiment, subject.session.instrument)
     done = answer(subject, plain["knobs"], asked, out, plain["person"], plain["site"])
     later = as_plain(done, plain["knobs"], plain["person"], plain["site"])
+    now.parent.mkdir(parents=True, exist_ok=True)
     now.write_bytes(seal(json.dumps(later).encode(), passphrase))
     for name in ("experiment.yaml", "setpoints.csv"):
         (out / name).write_bytes((experiment / name).read_bytes())

@@ -19,16 +19,21 @@ from gap.data.binning import bin_edges, bin_means
 from gap.data.labels import direction, level
 from gap.data.session import SKIN, Session
 from gap.data.waveform import waveform
-from gap.design.anylaw import remembered
-from gap.design.simulated import Leg
+from gap.design.anylaw import lagged, remembered
+from gap.design.simulated import MANOMETER_NOISE, Leg
+from protocols.specimens import MANOMETER, SPECIMENS
 from sim_devices.chain import Chain, Effect, FloatArray
 from sim_devices.stages import nominal
 from sim_devices.stages.robot import TRANSDUCERS, closed_loop, numbered, xyz
 from sim_devices.stages.sampling import simulate
+from sim_devices.stages.specimens import meets, mounted
 from sim_devices.stages.suction import OPENING, with_tissue
 from sim_devices.stages.tissues import SheetTissue, SuctionTissue, for_opening, sheet_tissue, suction_tissue
 
-SUCTION_CHANNELS = ("pressure", "apex_height")
+SECOND, STEP = "pressure_reference", "gauge step"
+SLID = 6.0
+"""s after the beginning by which a gauge step lies under the probe (assumed)."""
+SUCTION_CHANNELS = ("pressure", "apex_height", SECOND)
 ROBOT_CHANNELS = (*numbered("axis_position"), *TRANSDUCERS, *xyz("probe"), *xyz("force"))
 COMPUTED = 2.0**0.5
 """Noise of a computed channel counts so many times: it is that of the measured ones once more."""
@@ -46,6 +51,7 @@ CURVED = ("reference membrane",)
 """Specimens whose elastic curve is not known, but has no memory."""
 
 Acting: TypeAlias = Sequence[tuple[Effect, Mapping[str, float]]]
+Signals: TypeAlias = Sequence[Mapping[str, FloatArray]]
 Column: TypeAlias = tuple[str, ...]
 """The name of an unknown."""
 
@@ -92,7 +98,10 @@ class Bench:
         for leg, start, at in zip(legs, starts, stamps, strict=True):
             kinks = start + np.unique(np.concatenate([t for t, _ in leg.quantity_tables.values()]))
             edges.append(bin_edges(at[0], at[-1], kinks[:200], 1 / rate))
-            counts.append(bin_means(at, np.zeros_like(at), edges[-1]).count)
+            bins = bin_means(at, np.zeros_like(at), edges[-1])
+            # Nobody knows the very moment at which a step is slid in: until then its rows say nothing.
+            unclear = (leg.specimen == STEP) & (bins.time < start + SLID)
+            counts.append(np.where(unclear, 1e-12, bins.count))
         sigma = [np.sqrt(white**2 / n + floor**2) for white, floor in self.noise.values() for n in counts]
         return Part(name, tuple(legs), tuple(starts), tuple(stamps), tuple(edges), np.concatenate(sigma))
 
@@ -110,13 +119,15 @@ class Bench:
     ) -> list[dict[str, FloatArray]]:
         """Channels of every recording, without noise; ``tuned`` are other parameters of the chain's operators."""
         made: list[dict[str, FloatArray]] = [{} for _ in part.legs]
-        for specimen in dict.fromkeys(leg.specimen for leg in part.legs):
-            members = [k for k, leg in enumerate(part.legs) if leg.specimen == specimen]
-            chain = self._chain(specimen, tuple(part.starts[k] for k in members))
+        for label in dict.fromkeys(leg.label for leg in part.legs):
+            members = [k for k, leg in enumerate(part.legs) if leg.label == label]
+            leg = part.legs[members[0]]
+            chain = self._chain(leg, tuple(part.starts[k] for k in members))
             for operator, values in tuned.items():
                 chain = chain.tuned(operator, **values)
             for effect, values in acting:
-                chain = effect.apply(chain, values)
+                if meets(effect, leg.specimen):
+                    chain = effect.apply(chain, values)
             for k, signals in zip(members, self._run(chain, part, members), strict=True):
                 made[k] = signals
         return made
@@ -126,14 +137,17 @@ class Bench:
         rows = self.rows(part, self.simulate(part, acting)) - sound
         return np.nan_to_num(rows, nan=0.0, posinf=1e6, neginf=-1e6)
 
-    def _chain(self, specimen: str, marks: tuple[float, ...]) -> Chain:
-        if self.robot:
-            sheet = self.skin if specimen == SKIN else sheet_tissue(specimen)
-            return nominal("microrobot", tissue=sheet, marks=marks)
-        tissue = self.skin if specimen == SKIN else suction_tissue(specimen)
-        assert isinstance(tissue, SuctionTissue)
-        chain = nominal(self.instrument, marks=marks)
-        return with_tissue(chain, for_opening(tissue, OPENING[self.instrument]))
+    def _chain(self, leg: Leg, marks: tuple[float, ...]) -> Chain:
+        """The instrument without an effect, on what a leg is measured on."""
+        reference = leg.specimen in SPECIMENS
+        if isinstance(self.skin, SheetTissue):
+            own = reference or leg.specimen == SKIN
+            chain = nominal("microrobot", tissue=self.skin if own else sheet_tissue(leg.specimen), marks=marks)
+        else:
+            tissue = self.skin if reference or leg.specimen == SKIN else suction_tissue(leg.specimen)
+            chain = nominal(self.instrument, marks=marks)
+            chain = with_tissue(chain, for_opening(tissue, OPENING[self.instrument]))
+        return mounted(chain, leg.specimen, leg.known) if reference else chain
 
     def _run(self, chain: Chain, part: Part, members: Sequence[int]) -> list[dict[str, FloatArray]]:
         legs = [(part.starts[k], part.legs[k].quantity_tables) for k in members]
@@ -149,7 +163,9 @@ class Bench:
             run = closed_loop(chain, fine, inputs)
             signals = {c: run[c][::SUBSTEPS] for c in self.channels}
         else:
-            signals = dict(simulate(chain, tables, dict.fromkeys(self.channels, at)))
+            second = part.legs[members[0]].specimen == MANOMETER
+            wanted = [c for c in self.channels if c != SECOND or second]
+            signals = dict(simulate(chain, tables, dict.fromkeys(wanted, at)))
         ends = np.cumsum([len(part.stamps[k]) for k in members])
         return [
             {c: v[end - len(part.stamps[k]) : end] for c, v in signals.items()}
@@ -163,6 +179,7 @@ class Bench:
         those of skin's law."""
         sound = self.simulate(part)
         columns = self._tolerances(part, sound) | self._of_recordings(part, sound) | self._of_specimens(part, sound)
+        columns |= self._of_references(part, sound)
         return {name: (self.rows(part, made), 1.0) for name, made in columns.items()}
 
     def _tolerances(
@@ -243,6 +260,28 @@ class Bench:
                     out[(specimen, str(axis), str(number))] = _with_transducers(made) if self.robot else made
         return out
 
+    def _of_references(self, part: Part, sound: Signals) -> dict[Column, list[dict[str, FloatArray]]]:
+        """What is not known exactly of reference specimens: their stated uncertainties, a second gauge's tolerance."""
+        out: dict[Column, list[dict[str, FloatArray]]] = {}
+        for label in dict.fromkeys(leg.label for leg in part.legs if leg.specimen in SPECIMENS):
+            members = {k for k, leg in enumerate(part.legs) if leg.label == label}
+            leg = part.legs[min(members)]
+            answers = (*TRANSDUCERS, *xyz("force")) if self.robot else ("apex_height",)
+            for key, stated in leg.known.items():
+                share = stated.se / max(float(np.linalg.norm(stated.value)), 1e-12)
+                made = [{c: share * s[c] for c in answers} if k in members else {} for k, s in enumerate(sound)]
+                out[(label, key)] = made
+            if leg.specimen in CURVED:  # its little memory, which is known as a bound
+                memory = leg.known["memory"].scalar if "memory" in leg.known else 0.01
+                late = [s["apex_height"] - lagged([at], [s["apex_height"]], 0.3)[0]
+                        for s, at in zip(sound, part.stamps, strict=True)]  # fmt: skip
+                lost = [{"apex_height": memory * v} if k in members else {} for k, v in enumerate(late)]
+                out[(label, "loss")] = lost
+            if leg.specimen == MANOMETER:
+                second = [{SECOND: 1e-3 * s[SECOND]} if k in members else {} for k, s in enumerate(sound)]
+                out[(label, "gain")] = second
+        return out
+
     @property
     def _sizes(self) -> Mapping[str, float]:
         """The largest value of each channel on this session's skin, for columns of equal meaning in every part."""
@@ -251,7 +290,7 @@ class Bench:
                 s for s, leg in zip(self.simulate(self.session), self.session.legs, strict=True) if leg.specimen == SKIN
             ]
             self._largest = {
-                c: max((float(np.max(np.abs(s[c]))) for s in skin), default=0.0) or 1.0 for c in self.channels
+                c: max((float(np.max(np.abs(s[c]))) for s in skin if c in s), default=0.0) or 1.0 for c in self.channels
             }
             for names in (xyz("probe"), xyz("force")) if self.robot else ():
                 self._largest |= dict.fromkeys(names, max(self._largest[n] for n in names))
@@ -292,7 +331,8 @@ def leg_of(recording: Recording) -> Leg:
     tables = {
         q: (np.asarray(s.time, float) - begin, np.asarray(s.value, float)) for q, s in recording.setpoints.items()
     }
-    return Leg(tables, end - begin, recording.info.specimen or SKIN, recording.info.repeat)
+    info = recording.info
+    return Leg(tables, end - begin, info.specimen or SKIN, info.repeat, info.specimen_properties)
 
 
 def telling(recordings: Sequence[Recording]) -> list[Recording]:
@@ -313,8 +353,8 @@ def telling(recordings: Sequence[Recording]) -> list[Recording]:
 def _noise(session: Session, channel: str) -> tuple[float, float]:
     """Noise of one sample of a channel and the part that averaging does not lower, by the recordings, SI."""
     members = [k for k, r in enumerate(session.recordings) if channel in r.streams]
-    if not members:
-        return np.inf, 0.0  # not measured: its rows say nothing
+    if not members:  # not measured: its rows say nothing, but for a second gauge's, which an experiment may add
+        return (MANOMETER_NOISE, 0.0) if channel == SECOND else (np.inf, 0.0)
     white, floor = session.sigma(channel, members, np.zeros(0))
     times = COMPUTED if channel in (*xyz("probe"), *xyz("force")) else 1.0
     return max(white, 1e-12) * times, floor * times

@@ -11,7 +11,7 @@ from gap.data.session import SKIN
 from gap.design.experiment import Experiment, protocol_of
 from gap.design.simulated import Leg
 from protocols import Limits, Protocol, ProtocolError, compile_protocol
-from sim_devices.stages.tissues import SPECIMENS
+from protocols.specimens import SPECIMENS, Stated, stated
 
 Steps = tuple[Mapping[str, Any], ...]
 
@@ -33,15 +33,14 @@ def catalogue(
         return []
     found = []
     for specimen, waveform, steps in _robot(size) if instrument == "microrobot" else _suction(size):
-        if specimen not in (SKIN, *SPECIMENS) or (specimens and specimen not in specimens):
+        if specimens and specimen not in specimens:
             continue
         leg = _compiled(instrument, steps, specimen, limits)
         if leg is not None:
             rest = REST.get(specimen, AT_ONCE)
             minutes = HANDLING.get(specimen, MOUNTING) + (rest + leg.duration) / 60.0
-            found.append(
-                Experiment(instrument, specimen, waveform, steps, leg, rest_before=rest, minutes=minutes, seed=seed)
-            )
+            known = {key: value.plain() for key, value in leg.known.items()}
+            found.append(Experiment(instrument, specimen, waveform, steps, leg, known, 1, rest, minutes, seed=seed))
     return found
 
 
@@ -53,7 +52,19 @@ def _compiled(instrument: str, steps: Steps, specimen: str, limits: Limits) -> L
     except ProtocolError:
         return None
     time, values = setpoints.table()
-    return Leg({q: (time, v) for q, v in values.items()}, setpoints.duration, specimen)
+    tables = {q: (time, v) for q, v in values.items()}
+    return Leg(tables, setpoints.duration, specimen, known=usual(specimen, instrument))
+
+
+def usual(specimen: str, instrument: str) -> Mapping[str, Stated]:
+    """What is usually known of a reference specimen; a laboratory's own may say something else."""
+    numbers = {
+        "gauge step": {"height": "0.300±0.002 mm" if instrument == "cutometer" else "2.000±0.002 mm"},
+        "reference membrane": {"memory": "0.01"},
+        "reference spring": {"k": "400±4 N/m"},
+        "dead weight": {"mass": "20.00±0.02 g", "direction": "0, 0, -1 ± 0.01"},
+    }
+    return stated(specimen, numbers.get(specimen, {})) if specimen in SPECIMENS else {}
 
 
 def _suction(top: float) -> Iterator[tuple[str, str, Steps]]:
@@ -86,7 +97,7 @@ def _suction(top: float) -> Iterator[tuple[str, str, Steps]]:
     for name in ("a step", "three quick triangles", "a staircase"):
         yield "rigid block", name, waveforms[name]
         yield "manometer", name, waveforms[name]
-    yield "gauge step", "at rest", (rest(10),)
+    yield "gauge step", "at rest", (rest(12),)
 
 
 def _robot(size: float) -> Iterator[tuple[str, str, Steps]]:

@@ -43,6 +43,8 @@ class Choice:
         e = self.experiment
         if e is None:
             return f"Stop: {self.reason}."
+        if not self.considered:
+            return f"Measure {e.waveform} on {e.specimen} ({e.minutes:.1f} min)."
         split = f" It separates {_listed(e.separates)}." if e.separates else ""
         return (
             f"Measure {e.waveform} on {e.specimen} ({e.minutes:.1f} min): the right cause then has a probability of "

@@ -70,6 +70,8 @@ def test_the_catalogue_stays_within_limits_and_within_the_session() -> None:
     assert min(float(e.leg.quantity_tables["pressure"][1].min()) for e in every) >= -30e3
     station = Limits.parse({"pressure": {"low": "-150 mbar", "high": "0 mbar"}})
     weak = catalogue("cutometer", LEGS, LIMITS.intersect(station))
+    step = next(e for e in every if e.specimen == "gauge step")
+    assert step.as_dict()["specimen_properties"]["height"] == {"value": 0.3e-3, "se": 2e-6, "unit": "m"}
     assert {e.waveform for e in weak if e.specimen == "skin"} == {"a step of a third"}
     assert {e.specimen for e in catalogue("cutometer", LEGS, LIMITS, ["rigid block"])} == {"rigid block"}
     assert len({e.id for e in every}) == len(every)
@@ -142,4 +144,4 @@ def test_a_choice_splits_a_lag_of_the_sensor_from_skin_and_stops_when_certain() 
     sure = {"schema": "gap-report/1", "causes": [cause | {"class": ["sensor_low_pass"], "probability": 0.97}]}
     assert choose(sure, session, LIMITS, some).as_dict()["stop"] is True
     within = Limits.parse({"pressure": {"low": "-1 mbar", "high": "0 mbar"}})
-    assert "no experiment is within the limits" in choose(report, session, within, some).reason
+    assert "no experiment is within the limits" in choose(report, session, within, some, ["skin"]).reason

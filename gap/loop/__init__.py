@@ -1,0 +1,1 @@
+"""The closed loop: diagnose, ask for the experiment that is worth most, measure, and go on."""

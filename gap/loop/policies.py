@@ -1,0 +1,73 @@
+"""Who chooses the next experiment: ours, chance, or a fixed order. The latter two are for comparison."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from acquire.recording.model import Recording
+from gap.data.session import SKIN
+from gap.design.bench import leg_of
+from gap.design.catalogue import catalogue
+from gap.design.choice import Choice, choose
+from gap.design.experiment import Experiment
+from protocols import Limits
+
+Policy = Callable[[Mapping[str, Any], Sequence[Recording], Limits, int], Choice]
+"""From a report, its recordings, limits and a number (which experiment it is, from 0) to a choice."""
+SUCTION = ("rigid block", "reference membrane", "gauge step", SKIN)
+ROBOT = ("open air", "reference spring", "dead weight", SKIN)
+"""Specimens in the order of a laboratory that always does the same."""
+
+
+def ours(seed: int, specimens: Sequence[str] = ()) -> Policy:
+    """The experiment that is expected to tell most in a minute; ``specimens`` are those at hand, if not all."""
+    return lambda report, recordings, limits, k: choose(report, recordings, limits, None, specimens, seed + k)
+
+
+def by_chance(seed: int, specimens: Sequence[str] = ()) -> Policy:
+    """Any experiment of the catalogue."""
+
+    def policy(report: Mapping[str, Any], recordings: Sequence[Recording], limits: Limits, k: int) -> Choice:
+        every = _every(recordings, limits, specimens, seed + k)
+        which = np.random.default_rng([seed, k]).permutation(len(every))[:1]
+        return _chosen([every[int(i)] for i in which], recordings)
+
+    return policy
+
+
+def in_order(seed: int, specimens: Sequence[str] = ()) -> Policy:
+    """The first waveform on each specimen in turn."""
+
+    def policy(report: Mapping[str, Any], recordings: Sequence[Recording], limits: Limits, k: int) -> Choice:
+        order = ROBOT if recordings[0].info.instrument == "microrobot" else SUCTION
+        every = _every(recordings, limits, specimens, seed + k)
+        return _chosen([e for e in every if e.specimen == order[k % len(order)]], recordings)
+
+    return policy
+
+
+POLICIES: Mapping[str, Callable[[int, Sequence[str]], Policy]] = {
+    "ours": ours, "random": by_chance, "fixed": in_order,
+}  # fmt: skip
+
+
+def policy_of(name: str) -> Callable[[int, Sequence[str]], Policy]:
+    """The policy of a name. Raises ValueError that lists what there is."""
+    if name not in POLICIES:
+        raise ValueError(f"unknown policy {name!r}: one of {', '.join(POLICIES)}")
+    return POLICIES[name]
+
+
+def _every(recordings: Sequence[Recording], limits: Limits, specimens: Sequence[str], seed: int) -> list[Experiment]:
+    legs = [leg_of(r) for r in recordings]
+    return catalogue(recordings[0].info.instrument, legs, limits, specimens, seed)
+
+
+def _chosen(some: Sequence[Experiment], recordings: Sequence[Recording]) -> Choice:
+    instrument = recordings[0].info.instrument
+    if not some:
+        return Choice(instrument, None, "no experiment is within the limits", 0.0, ())
+    return Choice(instrument, some[0], "", 0.0, ())

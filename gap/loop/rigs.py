@@ -1,0 +1,103 @@
+"""What can be measured on: an instrument of the project's simulator, or the hidden rig of a blind case."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from acquire.recording import load, write_bundle
+from acquire.recording.model import Recording
+from gap.batch import session_paths
+from gap.blind import perform
+from gap.data.session import SKIN
+from gap.design import simulated as own
+from gap.design.bench import Acting
+from gap.design.experiment import Experiment, write
+from gap.effects.load import library
+from gap.inference.hypothesis import from_unit
+from sim_devices.effects import parse_effect
+
+
+class Rig(Protocol):
+    """Something that has recorded a session and goes on recording."""
+
+    @property
+    def session(self) -> list[Recording]:
+        """The recordings that there are at first."""
+        ...
+
+    def answer(self, experiment: Experiment, folder: Path) -> Recording:
+        """Do an experiment; its files and its recording go into ``folder``."""
+        ...
+
+
+class SimulatedRig:
+    """An instrument of ours with effects hidden in it, and a person. Every answer is one more recording of the same
+    session."""
+
+    PAUSE = 20.0
+
+    def __init__(self, instrument: str, acting: Acting, seed: int, legs: Sequence[own.Leg] = ()) -> None:
+        rng = np.random.default_rng(seed)
+        self._instrument, self._acting, self._seed = instrument, acting, seed
+        usual = own.robot_legs(rng) if instrument == "microrobot" else own.suction_legs(instrument, rng)
+        self._legs = list(legs) or [leg for leg in usual if leg.specimen == SKIN]
+
+    def _record(self) -> list[Recording]:
+        rng = np.random.default_rng([self._seed, 1])
+        if self._instrument == "microrobot":
+            return own.robot_session(rng, self._acting, legs=self._legs)
+        return own.suction_session(self._instrument, rng, self._acting, legs=self._legs, pause=self.PAUSE)
+
+    @property
+    def session(self) -> list[Recording]:
+        return self._record()
+
+    def answer(self, experiment: Experiment, folder: Path) -> Recording:
+        last = self._legs[-1]  # vented, or at the centre, while the rest lasts
+        waited = replace(last, duration=last.duration + max(experiment.rest_before - self.PAUSE, 0.0))
+        self._legs = [*self._legs[:-1], waited, experiment.leg]
+        done = self._record()[-1]
+        done = replace(done, info=replace(done.info, experiment=experiment.id))
+        write(experiment, folder)
+        write_bundle(done, folder / "answer")
+        return done
+
+
+class BlindRig:
+    """The hidden rig of a blind case; ``work`` is a folder for what it has recorded since."""
+
+    def __init__(self, case: Path, work: Path, passphrase: str = "") -> None:
+        self._case, self._work, self._passphrase = case, work, passphrase
+
+    @property
+    def session(self) -> list[Recording]:
+        return [load(p) for p in session_paths(self._case)]
+
+    def answer(self, experiment: Experiment, folder: Path) -> Recording:
+        write(experiment, folder)
+        out, history = folder / "answer", self._work / f"{self._case.name}.bin"
+        return load(perform(self._case, folder, out, self._passphrase, history))
+
+
+def drawn(instrument: str, seed: int) -> Acting:
+    """An effect of the instrument or its hold on the skin, its parameters from their priors."""
+    rng = np.random.default_rng([seed, 2])
+    known = [e for e in library(instrument).values() if e.stage != "tissue" and not e.event]
+    effect = known[int(rng.integers(len(known)))]
+    return [(effect, {p.name: from_unit(p, float(rng.uniform(0.3, 0.8))) for p in effect.parameters})]
+
+
+def named(effects: Sequence[str], instrument: str) -> Acting:
+    """Effects as the command line says them; nothing for ``none``. Raises ValueError."""
+    return [parse_effect(text, instrument) for text in effects if text != "none"]
+
+
+def hidden_in_words(acting: Acting) -> str:
+    """What acts, with its parameters."""
+    said = [f"{e.name} ({', '.join(f'{k} {v:.4g}' for k, v in values.items())})" for e, values in acting]
+    return " and ".join(said) or "nothing"
