@@ -84,13 +84,9 @@ def test_the_control_chart_shows_every_qualification() -> None:
 
 
 def test_the_standard_set_is_short_and_its_numbers_can_be_a_laboratory_s_own() -> None:
-    from protocols import Limits, compile_protocol
-
-    wide = Limits.parse(
-        {"pressure": {"low": "-700 mbar", "high": "0 mbar"}, "probe": {"low": "0 mm", "high": "3 mm", "rate": "9 mm/s"}}
-    )
-    for steps in STANDARD.values():
-        assert sum(compile_protocol(load(find(s.protocol)), wide).duration for s in steps) < 300
+    with Session(simulated_station()) as session:
+        for name, steps in STANDARD.items():
+            assert sum(session.compile(name, load(find(s.protocol)))[0].duration for s in steps) < 300
     steps = {s.name: s for s in steps_of("cutometer", ["step-high.height=1.003±0.001 mm"])}
     assert steps["step-high"].known["height"].scalar == pytest.approx(1.003e-3)
     assert steps["step-low"].known["height"].scalar == pytest.approx(0.5e-3)
