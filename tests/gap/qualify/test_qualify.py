@@ -14,6 +14,8 @@ from acquire.cli.app import NOT_PASSED, run
 from acquire.qualifications import SCHEMA, Parameter, Qualification, due, dump, history, keep, load_qualification
 from acquire.recording import RecordingError
 from acquire.recording.model import Recording
+from acquire.session import Session
+from acquire.station import simulated_station
 from gap.design import simulated as own
 from gap.diagnosis import DiagnosisError
 from gap.qualify.judge import qualify
