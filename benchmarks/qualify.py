@@ -120,10 +120,8 @@ def main(instruments: list[str]) -> None:
             s = said_of(instrument, fault)
             told.append(s)
             words = "passed" if s.passed else f"not passed: {', '.join(s.named) or '; '.join(s.doubts) or 'parameters'}"
-            print(
-                f"{instrument:<11} {fault or 'sound':<18} {'right' if s.right else 'WRONG':<6} {words} ({s.seconds:.0f} s)",
-                flush=True,
-            )
+            right = "right" if s.right else "WRONG"
+            print(f"{instrument:<11} {fault or 'sound':<18} {right:<6} {words} ({s.seconds:.0f} s)", flush=True)
     faults = [s for s in told if s.fault]
     print(f"\nfaults named {sum(s.right for s in faults)} of {len(faults)}; ", end="")
     print(f"sound ones passed {sum(s.right for s in told if not s.fault)} of {len(told) - len(faults)}")

@@ -17,6 +17,9 @@ from gap.data.splits import splits, splits_of_a_rig
 from gap.data.tolerances import tolerances
 from gap.decision.limits import bounds, confusable
 from gap.decision.marks import made_by
+from gap.decision.posterior import Posterior
+from gap.decision.qualified import Qualified, inform
+from gap.decision.qualified import read as read_qualification
 from gap.decision.settle import Case, settle
 from gap.decision.thresholds import INSTRUMENT, RIG, Thresholds
 from gap.decision.transfer import Shrink, plain, plain_gap
@@ -58,6 +61,8 @@ class Diagnosis:
     best: Hypothesis  # with the first cause, if there is one
     thresholds: Thresholds
     fe_solves: int = 0
+    qualified: Qualified | None = None
+    unqualified: Posterior | None = None  # as it would be without the qualification
 
     @property
     def gap_before(self) -> float:
@@ -82,12 +87,14 @@ def diagnose(
     quick: bool = False,
     jobs: int = 1,
     tell: Tell = lambda stage, share: None,
+    qualification: Path | None = None,
 ) -> Diagnosis:
     """Diagnose recordings of one session together; ``model`` is needed for an instrument that is not ours.
 
     ``user_effects`` are files with further effects, ``solver`` a finite-element model to take the tissue from;
     ``quick`` fits few effects and no pairs. ``jobs`` processes share the fits, but for a solver's, which is a process
-    by itself; the diagnosis is the same. ``tell`` hears of each stage when it begins.
+    by itself; the diagnosis is the same. ``tell`` hears of each stage when it begins. ``qualification`` is the file of
+    one of this instrument; where it is another's or has expired, it is told and not believed.
 
     Raises DiagnosisError, gap.ModelError.
     """
@@ -96,7 +103,9 @@ def diagnose(
     t = thresholds or (INSTRUMENT if model is None else RIG)
     recordings = without_pauses(in_order(recordings))
     effort = effort or EFFORTS.get(recordings[0].info.instrument, Effort())
-    case, told = gathered(recordings, model, effort.quicker() if quick else effort, user_effects, solver, jobs, tell)
+    qualified = read_qualification(qualification, recordings) if qualification is not None else None
+    effort = effort.quicker() if quick else effort
+    case, told = gathered(recordings, model, effort, user_effects, solver, jobs, tell, qualified)
     settled = settle(case, t, jobs)
     verdict, comparison, solves = settled.verdict, case.comparison, 0
     if solver:
@@ -117,6 +126,8 @@ def diagnose(
         best=settled.trials[0].answer if settled.trials else case.null,
         thresholds=t,
         fe_solves=solves,
+        qualified=qualified,
+        unqualified=case.posterior(t, qualified=False) if qualified is not None else None,
     )
 
 
@@ -128,11 +139,16 @@ def gathered(
     solver: str = "",
     jobs: int = 1,
     tell: Tell = lambda stage, share: None,
+    qualified: Qualified | None = None,
 ) -> tuple[Case, list[str]]:
     """All that the verdict on recordings rests on, every fit done; and remarks on the data."""
     tell("reading the recordings", 0.0)
     told = remarks(recordings, one_clock=model is None)
     problems, candidates = _problems(recordings, model, user_effects, solver, jobs)
+    if qualified is not None and qualified.believed:
+        inform(problems, qualified)
+    elif qualified is not None:
+        told.append(f"qualification {qualified.file} is not believed: {qualified.reason}")
     marks = signatures.find(recordings, model.channels if model else None)
     suspects = [c for c in candidates if any(made_by(s, c) for s in marks)]
     comparison = compare(problems, candidates, effort, suspects, jobs, tell)
@@ -148,6 +164,7 @@ def gathered(
         null=plain(comparison.problems, comparison.null),
         withheld=splits(recordings) if model is None else splits_of_a_rig(recordings),
         stated=tolerances(recordings[0].info.instrument) if model is None else {},
+        qualified=qualified,
     )
     return case, told
 

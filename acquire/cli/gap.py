@@ -43,6 +43,9 @@ def diagnose(
     everything: Annotated[bool, typer.Option("--all", help=ALL)] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report on stdout.")] = False,
     advise: Annotated[bool, typer.Option("--advise", help="Also say which experiment is worth most.")] = False,
+    qualification: Annotated[
+        Path | None, typer.Option(help="Qualification of this instrument (acquire qualify), as a prior.")
+    ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="A first look: few effects are fitted, and no pairs.")] = False,
     jobs: Annotated[
         int,
@@ -72,6 +75,7 @@ def diagnose(
             quick=quick,
             jobs=jobs,
             tell=stages,
+            qualification=qualification,
         )
     report = report_of(diagnosis) | {"recording_files": [str(p.resolve()) for p in files]}
     report["experiments"] = [a.as_dict() for a in answers]

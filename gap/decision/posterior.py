@@ -7,7 +7,7 @@ left no explanation reaches says how probable it is that the cause is outside th
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -133,14 +133,16 @@ def posterior(
     t: Thresholds,
     signatures: Sequence[Signature] = (),
     gap: float | None = None,
+    beforehand: Callable[[Hypothesis], float] = lambda h: 0.0,
 ) -> Posterior:
     """The posterior of a comparison. ``gap`` is the simulation's own (default: as compared), ``signatures`` are the
-    channels' own marks."""
+    channels' own marks, ``beforehand`` the nats of a hypothesis by what is known of the instrument."""
     temper = comparison.temper()
     weighed = comparison.weighed(temper)
     every = [comparison.null, *comparison.hypotheses]
     marks = np.array([_mark_nats(h, comparison, weighed, signatures, t) for h in every])
-    score = _log_priors(every, candidates, t) + np.array([weighed[id(h)].evidence for h in every]) + marks
+    prior = _log_priors(every, candidates, t) + np.array([beforehand(h) for h in every])
+    score = prior + np.array([weighed[id(h)].evidence for h in every]) + marks
     score = _with_earned_pairs(score, every, comparison, t, temper)
     # Whether anything acts is one question, what it would be another: of what is weak the second often has an answer.
     acts = 1.0 - float(softmax(score)[0])

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from gap.data.signatures import Signature
 from gap.decision.marks import explains_marks
 from gap.decision.posterior import Posterior, concept, posterior
+from gap.decision.qualified import Qualified
 from gap.decision.thresholds import Thresholds
 from gap.decision.tolerance import Stated, in_tolerances
 from gap.decision.transfer import Shrink, best_elsewhere, in_changed_blocks, plain, plain_gap, transferred
@@ -41,6 +42,7 @@ class Case:
     null: Hypothesis
     withheld: Mapping[str, set[int]]
     stated: Stated
+    qualified: Qualified | None = None
     _answers: dict[int, Hypothesis] = field(default_factory=dict, repr=False)
     _carried: dict[int, Mapping[str, Shrink]] = field(default_factory=dict, repr=False)
 
@@ -60,6 +62,12 @@ class Case:
             trials.append(Trial(answer, {"fitted": Shrink(gap, plain_gap(answer)), **carried}))
         return trials
 
+    def posterior(self, t: Thresholds, *, qualified: bool = True) -> Posterior:
+        """The posterior, with or without what a qualification says beforehand."""
+        known = self.qualified if qualified else None
+        beforehand = known.nats if known is not None else lambda h: 0.0
+        return posterior(self.comparison, self.candidates, t, self.marks, plain_gap(self.null), beforehand)
+
 
 @dataclass(frozen=True)
 class Settled:
@@ -72,7 +80,7 @@ class Settled:
 
 def settle(case: Case, t: Thresholds, jobs: int = 1) -> Settled:
     """The verdict on a case under some thresholds."""
-    found = posterior(case.comparison, case.candidates, t, case.marks, plain_gap(case.null))
+    found = case.posterior(t)
     if not found.causes:
         return Settled(decide(Findings(found, t)), found, ())
     found, trials = _with_best_leader(case, found, t, jobs)

@@ -14,6 +14,8 @@ from gap.inference.problem import Problem
 Stated = Mapping[str, Mapping[str, Tolerance]]
 """Tolerances of parameters by effect; under `CHANNELS` those of channels as functions of their own values."""
 CHANNELS = "channels"
+STRAINED = 40.0
+"""Fall of the nuisance's penalty beside an effect from which on tolerances were strained without: over 6 of them."""
 DEGREE = 3
 """Of the polynomial that a channel's error is of its own value: zero, gain, and a bend with one turn."""
 
@@ -22,7 +24,11 @@ def in_tolerances(
     problems: Mapping[str, Problem], null: Hypothesis, h: Hypothesis, stated: Stated, temper: Mapping[str, float]
 ) -> tuple[float, float]:
     """How many stated tolerances a hypothesis is large, by its parameters or by what it does to the channels' own
-    scales, whichever is smaller (inf where none is stated); and by how many tempered σ it shows beyond that."""
+    scales, whichever is smaller (inf where none is stated); and by how many tempered σ it shows beyond that.
+
+    It is inf, too, where the simulation by itself strains tolerances to take on what the hypothesis explains."""
+    if any(null.fits[b].penalty - h.fits[b].penalty > STRAINED for b in problems):
+        return np.inf, 0.0
     by_parameters = _by_parameters(h, stated)
     by_channels, beyond = _by_channels(problems, null, h, stated.get(CHANNELS, {}), temper)
     return (by_parameters, 0.0) if by_parameters <= by_channels else (by_channels, beyond)

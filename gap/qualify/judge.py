@@ -56,8 +56,8 @@ def qualify(
     if len(serials) > 1 or (serial and serials - {serial}):
         raise DiagnosisError(f"recordings of several serial numbers ({', '.join(sorted(serials | {serial} - {''}))})")
     d = diagnose(references, quick=not full, jobs=jobs, tell=tell)
-    fits = d.comparison.null.fits
-    doubted = [str(x) for x in doubts(d.problems, fits, d.best.fits if _claimed(d) else fits)]
+    singles = [h for h in d.comparison.hypotheses if len(h.effects) == 1]
+    doubted = [str(x) for x in doubts(d.problems, d.comparison.null, singles)]
     parameters, spread = _parameters(d)
     findings = [] if doubted else _findings(d)
     off = [name for name, p in parameters.items() if p.passed is False]

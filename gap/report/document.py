@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from gap.decision.posterior import Cause, Posterior, misfit
+from gap.decision.qualified import moved
 from gap.diagnosis import Diagnosis
 from gap.report.assumed import assumed
 from gap.report.breakdown import breakdown
@@ -41,7 +42,7 @@ def as_json(d: Diagnosis) -> dict[str, Any]:
         "set_basis": SET_BASIS,
         "unexplained": rounded(p.unexplained),
         "model": of_model(d),
-        "qualification": None,
+        "qualification": qualification(d),
         "indistinguishable": [list(g) for g in d.confusable],
         "undetectable_below": {k: rounded(b) for k, b in d.bounds.items() if np.isfinite(b)},
         "signatures": [{"effect": s.effect, "channel": s.channel, "text": s.text} for s in d.signatures],
@@ -52,6 +53,28 @@ def as_json(d: Diagnosis) -> dict[str, Any]:
         "recordings": [r.info.id for r in d.recordings],
         "cost": {"seconds": rounded(d.seconds), "simulations": d.comparison.simulations, "fe_solves": d.fe_solves},
     }
+
+
+def qualification(d: Diagnosis) -> dict[str, Any] | None:
+    """What an earlier qualification said, gained, and what has changed since; None where none was given."""
+    known = d.qualified
+    if known is None:
+        return None
+    q = known.qualification
+    said: dict[str, Any] = {
+        "file": known.file, "instrument": q.instrument, "serial": q.serial, "date": q.date.isoformat(),
+        "believed": known.believed, "reason": known.reason,
+    }  # fmt: skip
+    if not known.believed or d.unqualified is None:
+        return said
+    p, t = d.verdict.posterior, d.thresholds
+    without, beside = probable_set(d.unqualified, t.coverage), probable_set(p, t.coverage)
+    changed = moved(d.problems, d.comparison.null.fits, known)
+    if d.verdict.claims and p.causes:
+        changed += known.changes(p.causes[0].hypothesis)
+    gained = [name for name in without if name not in beside]
+    text = f"ruled out: {', '.join(gained)}" if gained else "the set of explanations is the same without it"
+    return said | {"set_without": without, "gained": gained, "gained_text": text, "changed": changed}
 
 
 def unknown_probability(verdict: str, p: Posterior) -> float:

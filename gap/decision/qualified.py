@@ -1,0 +1,141 @@
+"""What an earlier qualification of the instrument says beforehand: priors of its parameters, effects that it lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+
+from acquire.qualifications import SERIAL, Parameter, Qualification, load_qualification
+from acquire.recording.model import Recording
+from gap.inference.evidence import Fit, Hypothesis
+from gap.inference.hypothesis import FROZEN
+from gap.inference.problem import Problem
+
+CHANGED = 0.05
+"""Probability that an effect which a qualification would have seen has come since (assumed)."""
+DRIFT = 0.1
+"""Of a parameter's tolerance: how far it may have drifted since (assumed)."""
+CLEARLY = 4.0
+"""Standard deviations from where a parameter was, from which on it has changed."""
+
+
+@dataclass(frozen=True)
+class Qualified:
+    """A qualification, its ``file``, and why it is not believed ('' where it is)."""
+
+    qualification: Qualification
+    file: str
+    reason: str = ""
+
+    @property
+    def believed(self) -> bool:
+        return not self.reason
+
+    def nats(self, h: Hypothesis) -> float:
+        """What a hypothesis loses by effects that the qualification would have seen, at the strength they have here."""
+        return sum(np.log(CHANGED) for _ in self._unseen(h)) if self.believed else 0.0
+
+    def changes(self, h: Hypothesis) -> list[str]:
+        """Effects of a hypothesis that were not there when the instrument was qualified, in words."""
+        bounds = self.qualification.effects
+        said = []
+        for name in self._unseen(h):
+            b = bounds[name]
+            said.append(f"{name} has come since: it was below {b.parameter} {b.value:.3g} {b.unit}")
+        return said
+
+    def _unseen(self, h: Hypothesis) -> Iterable[str]:
+        known = {f.effect for f in self.qualification.findings}
+        for e in h.effects:
+            bound = self.qualification.effects.get(e.name)
+            if bound is None or e.name in known:
+                continue
+            values = next(f.active[e] for f in h.fits.values() if e in f.hypothesis)
+            null = next((p.null or 0.0 for p in e.parameters if p.name == bound.parameter), None)
+            if null is not None and abs(values[bound.parameter] - null) > bound.value:
+                yield e.name
+
+
+def read(path: Path, recordings: Sequence[Recording]) -> Qualified:
+    """The qualification in a file, and whether it may be believed of the instrument of ``recordings``, on their day.
+
+    Raises RecordingError, OSError.
+    """
+    q = load_qualification(path)
+    serials = {str(r.info.calibration[SERIAL]["value"]) for r in recordings if SERIAL in r.info.calibration}
+    days = [day for r in recordings if (day := _day(r.info.start_time)) is not None]
+    reasons = [q.against(recordings[0].info.instrument, serial, max(days, default=None)) for serial in serials or {""}]
+    return Qualified(q, str(path), next(filter(None, reasons), ""))
+
+
+def _day(text: str) -> datetime | None:
+    try:
+        day = datetime.fromisoformat(text)
+    except ValueError:
+        return None
+    return day if day.tzinfo else None
+
+
+def inform(problems: Sequence[Problem], qualified: Qualified) -> list[str]:
+    """Narrow the priors of the problems' nuisance to where the qualification found the instrument; which parameters."""
+    told = []
+    for problem in problems:
+        for name, known in qualified.qualification.parameters.items():
+            at = _place(problem, name)
+            if at is None:
+                continue
+            k, mean, slope = at
+            target = _solved(problem, name, known, k, mean, slope)
+            sd = float(np.hypot(known.se, DRIFT * (known.tolerance or 0.0)) / abs(slope))
+            if sd >= problem.prior_sd[k]:
+                continue
+            problem.prior_mean[k] = target
+            for widths in {id(w): w for w in (problem.prior_sd, *problem.alternatives)}.values():
+                widths[k] = min(widths[k], sd)
+            told.append(name)
+    return list(dict.fromkeys(told))
+
+
+def moved(problems: Mapping[str, Problem], fits: Mapping[str, Fit], qualified: Qualified) -> list[str]:
+    """Parameters that are clearly not where the qualification found them, in words."""
+    said = []
+    for block, problem in problems.items():
+        for name, known in qualified.qualification.parameters.items():
+            at = _place(problem, name)
+            if at is None:
+                continue
+            k, _, _ = at
+            away = (fits[block].nuisance[k] - problem.prior_mean[k]) / problem.prior_sd[k]
+            if abs(away) > CLEARLY:
+                value, unit = problem.quantities(fits[block].nuisance)[name]
+                said.append(f"{name} was {known.value:.4g} and is {value:.4g} {unit}")
+    return list(dict.fromkeys(said))
+
+
+def _place(problem: Problem, name: str) -> tuple[int, float, float] | None:
+    """Which nuisance a quantity is read from, its prior mean, and the quantity's slope; None where that is not one."""
+    mean = problem.prior_mean
+    here = problem.quantities(mean)
+    if name not in here:
+        return None
+    found = []
+    for k in np.flatnonzero(problem.prior_sd > FROZEN):
+        other = mean.copy()
+        other[k] += 1e-4 * problem.prior_sd[k]
+        slope = (problem.quantities(other)[name][0] - here[name][0]) / (1e-4 * problem.prior_sd[k])
+        if slope:
+            found.append((int(k), float(mean[k]), float(slope)))
+    return found[0] if len(found) == 1 else None
+
+
+def _solved(problem: Problem, name: str, known: Parameter, k: int, mean: float, slope: float) -> float:
+    """The nuisance at which the quantity is what the qualification found."""
+    there = problem.prior_mean.copy()
+    there[k] = mean
+    for _ in range(5):
+        there[k] += (known.value - problem.quantities(there)[name][0]) / slope
+    return float(there[k])
