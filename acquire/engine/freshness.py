@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -64,10 +65,9 @@ class Freshness:
                 last = "" if math.isnan(link.latest) else f"; the last is of device time {link.latest:.6g} s"
                 what = "delivers nothing" if link.arrived <= link.heard else "repeats what is known, with no new sample"
                 return Trip("stale", f"{name} {what} for {silence:.2f} s{last}", link.latest)
-        device = next(iter(self._links.values()), None)
-        if device is not None:
+        for name, device in itertools.islice(self._links.items(), 1):
             wall, time = now - device.began, device.latest - device.first
             if time < (1 - self._rules.lag) * wall - self._rules.stale:  # False before the first sample
-                message = f"the device's clock is slow: {time:.2f} s went by in {wall:.2f} s"
+                message = f"{name}'s clock is slow: {time:.2f} s went by in {wall:.2f} s"
                 return Trip("clock", message, device.latest)
         return None

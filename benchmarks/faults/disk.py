@@ -64,9 +64,9 @@ def _unlinked(campaign: Campaign, hosts: Hosts) -> Row:
 
 
 def _mounted(campaign: Campaign, hosts: Hosts) -> Row:
-    """A disk of its own for each run: filled to the last byte, or taken away, in the midst of it."""
-    must = "vented, status not 0, all that was journalled is there: recovered, or saved on another disk"
-    row = Row("a mounted disk filled up, or taken away, during a run", must, "s to the end of the run")
+    """A disk of its own for each run: full before, or filled to the last byte, or taken away, in the midst of it."""
+    must = "full before: refused (2); else vented, status not 0, all that was journalled recovered or on another disk"
+    row = Row("a mounted disk full before a run, filled up, or taken away during it", must, "s to the end of the run")
     for number in range(campaign.count(FULL)):
         disk, shelter = hosts.folder / "disk", hosts.folder / f"home-{number}"
         disk.mkdir(exist_ok=True)
@@ -74,23 +74,41 @@ def _mounted(campaign: Campaign, hosts: Hosts) -> Row:
             row.exception = "not tried: this computer lets nobody but its owner mount disks"
             return row
         try:
-            process = hosts.start(elsewhere, str(shelter), out=disk / "out")
-            problem = "" if hosts.journal() else "no journal"
-            time.sleep(0.2 + 0.01 * (number % 50))
             began = time.monotonic()
-            if number % 2:
-                subprocess.run(["umount", "-l", str(disk)], check=True)
-                problem = problem or _ended(hosts, process, {4}) or _saved(shelter)
-            else:
-                filler = disk / "filler"
-                _fill(filler)
-                problem = problem or _stopped(hosts, process)
-                filler.unlink()
-                problem = problem or hosts.left()
-            row.trial(time.monotonic() - began, problem and f"{('filled', 'taken away')[number % 2]}: {problem}")
+            problem = KINDS[number % len(KINDS)](hosts, disk, shelter, 0.2 + 0.01 * (number % 50))
+            row.trial(time.monotonic() - began, problem and f"{KINDS[number % len(KINDS)].__name__}: {problem}")
         finally:
             subprocess.run(["umount", "-l", str(disk)], capture_output=True, check=False)
     return row
+
+
+def full_before(hosts: Hosts, disk: Path, shelter: Path, delay: float) -> str:
+    _fill(disk / "filler")
+    process = hosts.start(elsewhere, str(shelter), out=disk / "out")
+    process.join(30)
+    said = hosts.said.read_text()
+    return "" if process.exitcode == 2 and " MB free" in said else f"status {process.exitcode}: {said[-200:]}"
+
+
+def filled(hosts: Hosts, disk: Path, shelter: Path, delay: float) -> str:
+    process = hosts.start(elsewhere, str(shelter), out=disk / "out")
+    problem = "" if hosts.journal() else "no journal"
+    time.sleep(delay)
+    _fill(disk / "filler")
+    problem = problem or _stopped(hosts, process)
+    (disk / "filler").unlink()
+    return problem or hosts.left()
+
+
+def taken_away(hosts: Hosts, disk: Path, shelter: Path, delay: float) -> str:
+    process = hosts.start(elsewhere, str(shelter), out=disk / "out")
+    problem = "" if hosts.journal() else "no journal"
+    time.sleep(delay)
+    subprocess.run(["umount", "-l", str(disk)], check=True)
+    return problem or _ended(hosts, process, {4}) or _saved(shelter)
+
+
+KINDS = (full_before, filled, taken_away)
 
 
 def _fill(path: Path) -> None:

@@ -88,6 +88,8 @@ def _trial(row: Row, rig: Rig, fault: Fault) -> None:
         problem = f"ended {outcome.status}: {outcome.reason}"
     elif not latched:
         problem = "the trip did not latch"
+    elif not any(source.name in trip.message for source in (engine.rig.device, *engine.rig.sources)):
+        problem = f"the trip names no link: {trip.message}"
     elif trip.code not in fault.codes:
         problem = f"tripped by {trip.code} ({trip.message})"
     elif outcome.recording is None or open_recording(outcome.recording).info.status != "tripped":
