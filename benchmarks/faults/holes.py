@@ -78,7 +78,7 @@ HOLES: dict[int, tuple[str, tuple[str, ...]]] = {
 }
 #: Options of pytest that do not depend on what a revision's pyproject.toml says.
 OPTIONS = (
-    *("-q", "--tb=line", "--timeout", "120", "-p", "no:cacheprovider", "-p", "no:rerunfailures"),
+    *("-q", "--tb=line", "--timeout", "90", "-p", "no:cacheprovider", "-p", "no:rerunfailures"),
     *("-o", "addopts=--import-mode=importlib", "-o", "markers=real_time\nslow\nflaky"),
 )
 
@@ -99,8 +99,10 @@ def failing(revision: str) -> dict[str, list[str]]:
         try:
             shutil.rmtree(tree / "tests")
             shutil.copytree(ROOT / "tests", tree / "tests")
-            window = tree / GUI / "conftest.py"  # what is not there does not come by waiting
-            window.write_text(re.sub(r"PATIENCE = \d+_000", "PATIENCE = 15_000", window.read_text()))
+            window = tree / GUI / "conftest.py"
+            # What is not there does not come by waiting; a window of then asks before it closes, and nobody answers.
+            text = re.sub(r"PATIENCE = \d+_000", "PATIENCE = 15_000", window.read_text())
+            window.write_text(text.replace("        window.close()\n", ""))
             tests = [test for _, tests in HOLES.values() for test in tests]
             environment = os.environ | {"PYTHONPATH": f"{tree}{os.pathsep}{tree / 'solver/src'}"}
             command = [sys.executable, "-m", "pytest", *OPTIONS, "-rf", *tests]
