@@ -85,7 +85,7 @@ def settle(case: Case, t: Thresholds, jobs: int = 1) -> Settled:
         return Settled(decide(Findings(found, t)), found, ())
     found, trials = _with_best_leader(case, found, t, jobs)
     first, comparison = found.causes[0], case.comparison
-    sizes = in_tolerances(comparison.problems, comparison.null, first.hypothesis, case.stated, found.temper)
+    sizes = in_tolerances(comparison.problems, comparison.null, first.members, case.stated, found.temper, t.seen)
     findings = Findings(
         posterior=found,
         t=t,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -21,17 +21,22 @@ DEGREE = 3
 
 
 def in_tolerances(
-    problems: Mapping[str, Problem], null: Hypothesis, h: Hypothesis, stated: Stated, temper: Mapping[str, float]
+    problems: Mapping[str, Problem],
+    null: Hypothesis,
+    members: Sequence[Hypothesis],
+    stated: Stated,
+    temper: Mapping[str, float],
+    seen: float = np.inf,
 ) -> tuple[float, float]:
-    """How many stated tolerances a hypothesis is large, by its parameters or by what it does to the channels' own
-    scales, whichever is smaller (inf where none is stated); and by how many tempered σ it shows beyond that.
+    """How many stated tolerances the smallest of hypotheses that cannot be told apart is large, by its parameters or by
+    what it does to the channels' own scales (inf where none is stated); and by how many tempered σ, less than ``seen``
+    if possible, it shows beyond that.
 
-    It is inf, too, where the simulation by itself strains tolerances to take on what the hypothesis explains."""
-    if any(null.fits[b].penalty - h.fits[b].penalty > STRAINED for b in problems):
-        return np.inf, 0.0
-    by_parameters = _by_parameters(h, stated)
-    by_channels, beyond = _by_channels(problems, null, h, stated.get(CHANNELS, {}), temper)
-    return (by_parameters, 0.0) if by_parameters <= by_channels else (by_channels, beyond)
+    It is inf, too, where the simulation by itself strains tolerances to take on what a hypothesis explains."""
+    fair = [h for h in members if all(null.fits[b].penalty - h.fits[b].penalty <= STRAINED for b in problems)]
+    sizes = [(_by_parameters(h, stated), 0.0) for h in fair]
+    sizes += [_by_channels(problems, null, h, stated.get(CHANNELS, {}), temper) for h in fair]
+    return min(sizes, key=lambda size: size[0] if size[1] < seen else np.inf, default=(np.inf, 0.0))
 
 
 def _by_parameters(h: Hypothesis, stated: Stated) -> float:

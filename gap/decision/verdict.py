@@ -21,8 +21,8 @@ VERDICTS = ("effect", "several", "none", "unknown", "undetectable")
 class Findings:
     """All that the rules look at. ``fitted`` is the gap in the channels that the first cause changes, ``held_out`` on
     recordings that its parameters were not fitted to, by split; ``without_skin``, the nats that blocks without skin
-    give the first cause; ``tolerances``, how many stated tolerances it is large (inf where none is stated), and
-    ``beyond``, the tempered σ by which it does what no tolerance could."""
+    give the first cause; ``tolerances``, how many stated tolerances the smallest member of its class is large (inf
+    where none is stated), and ``beyond``, the tempered σ by which that does what no tolerance could."""
 
     posterior: Posterior
     t: Thresholds

@@ -12,6 +12,7 @@ from gap.data.tolerances import Tolerance, tolerances
 from gap.decision.limits import confusable
 from gap.decision.marks import explains_marks, made_by
 from gap.decision.posterior import posterior
+from gap.decision.settle import Case, settle
 from gap.decision.thresholds import INSTRUMENT, Thresholds, provenance
 from gap.decision.tolerance import Stated, in_tolerances
 from gap.decision.transfer import Shrink, best_elsewhere, plain
@@ -101,6 +102,18 @@ def test_a_second_effect_must_earn_its_place(verdict_on) -> None:
     assert {e.name for e in doubtful.causes[1].effects} == {"bump", "late"}  # what to look for next, and no more
     assert doubtful.causes[1].probability < 0.05
     assert len(verdict_on(("bump", "late"), {"bump": 15.0, "late": 4.0}).causes[0].effects) == 2
+
+
+@pytest.mark.parametrize(("tolerance", "said"), [(1.0, "effect"), (5.0, "undetectable")])
+def test_what_cannot_be_told_from_a_tolerance_is_no_finding(linear, candidate, tolerance, said) -> None:
+    y = DESIGN @ [2.0, 1.0] + 2.5 * SHAPES["bump"] + np.random.default_rng(0).normal(size=len(T))
+    effects = {n: (lambda v, n=n: v["a"] * SHAPES[n]) for n in ("bump", "twin")}
+    known = [candidate(n, Parameter("a", "1", -30.0, 30.0, null=0.0)) for n in effects]
+    comparison = compare([linear(y, DESIGN, effects, np.full(2, 100.0))], known)
+    for name in effects:  # whichever of the two leads
+        stated = {name: {"a": Tolerance(tolerance, "1", "test")}}
+        case = Case(comparison, known, (), plain(comparison.problems, comparison.null), {}, stated)
+        assert settle(case, INSTRUMENT).verdict.verdict == said
 
 
 def test_what_the_library_lacks_is_unknown_and_not_the_nearest_name(verdict_on) -> None:
@@ -223,14 +236,14 @@ def test_an_effect_within_twice_a_stated_tolerance_is_no_finding(linear, candida
     size = abs(h.fits["linear"].active[h.effects[0]]["a"])
 
     def large(stated: Stated) -> tuple[float, float]:
-        return in_tolerances(comparison.problems, comparison.null, h, stated, found.temper)
+        return in_tolerances(comparison.problems, comparison.null, [h], stated, found.temper)
 
     assert large({})[0] == np.inf
     assert large({"wave": {"a": Tolerance(size, "1", "test")}}) == pytest.approx((1.0, 0.0))
     jump = replace(h.effects[0], event=True)  # what happens at one moment is no tolerance
     jumping = Hypothesis((jump,), {"linear": replace(h.fits["linear"], hypothesis=(jump,))})
     stated = {"wave": {"a": Tolerance(size, "1", "test")}}
-    assert in_tolerances(comparison.problems, comparison.null, jumping, stated, found.temper)[0] == np.inf
+    assert in_tolerances(comparison.problems, comparison.null, [jumping], stated, found.temper)[0] == np.inf
     assert judge(comparison, known, tolerances=1.0).verdict == "undetectable"
     assert judge(comparison, known, tolerances=3.0).verdict == "effect"
     assert judge(comparison, known, tolerances=1.0, beyond=9.0).verdict == "effect"
@@ -249,7 +262,7 @@ def test_a_channel_may_be_a_little_bent_but_not_late(linear, candidate) -> None:
         known = [candidate(name, Parameter("a", "1", -60.0, 60.0, 0.0))]
         comparison = compare([problem], known)
         h = comparison.hypotheses[0]
-        times, beyond = in_tolerances(comparison.problems, comparison.null, h, stated, {"linear": 0.01})
+        times, beyond = in_tolerances(comparison.problems, comparison.null, [h], stated, {"linear": 0.01})
         assert (times <= INSTRUMENT.tolerances and beyond < INSTRUMENT.seen) == small, (name, strength)
 
 
