@@ -14,6 +14,7 @@ import typer
 from acquire.cli.gap_blind import blind
 from acquire.cli.gap_loop import loop
 from acquire.cli.gap_next import advice, next_experiment
+from acquire.cli.gap_selfcheck import cited, selfcheck
 from acquire.cli.inputs import found, load_all
 from acquire.cli.numbers import MOST_JOBS, whole
 from acquire.cli.review import ALL, counting
@@ -28,6 +29,7 @@ app = typer.Typer(
 app.add_typer(blind, name="blind")
 app.command("next")(next_experiment)
 app.command("loop")(loop)
+app.command("selfcheck")(selfcheck)
 
 
 @app.command()
@@ -38,6 +40,10 @@ def diagnose(
     solver: Annotated[str, typer.Option(help="Finite-element model of the solver plugin to use as tissue.")] = "",
     experiment: Annotated[
         list[Path] | None, typer.Option(help="Folder(s) of `gap next` whose answers are among the recordings.")
+    ] = None,
+    self_check: Annotated[
+        Path | None,
+        typer.Option("--selfcheck", help="JSON of `gap selfcheck` on this session, for the report to cite."),
     ] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder for gap.json and gap.html.")] = None,
     everything: Annotated[bool, typer.Option("--all", help=ALL)] = False,
@@ -78,6 +84,9 @@ def diagnose(
             qualification=qualification,
         )
     report = report_of(diagnosis) | {"recording_files": [str(p.resolve()) for p in files]}
+    if self_check:
+        report["selfcheck"] = cited(self_check, report["recordings"], report["causes"])
+        report["sentences"] += [report["selfcheck"]["text"]]
     report["experiments"] = [a.as_dict() for a in answers]
     report["remarks"] += [a.text for a in answers if a.fault]
     if advise and forward is None:

@@ -1,0 +1,148 @@
+"""What a session like this one could have told: each effect put into it at its just-visible size, and looked for.
+
+Linearised: what an effect changes in the session's rows, less what unknowns (tolerances, zeros and gains, skin of any
+law) could take up, is a direction of so many σ. Noise is added to it, and of all effects' directions the one that
+explains most is taken. The strength at which it is `VISIBLE` σ long is the least that such a session shows.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from acquire.recording.model import Recording
+from gap.design.bench import Acting, Bench
+from gap.design.choice import FORM_ERROR
+from gap.design.information import Known
+from gap.inference.hypothesis import from_unit, to_unit
+from sim_devices.chain import Effect, FloatArray, Parameter
+
+VISIBLE, SEEN = 5.0, 3.0
+"""Tempered σ of an effect that is just visible, and from which anything is called an effect."""
+DRAWS = 200
+FORMS = 2
+"""Forms of an effect that are tried."""
+
+
+@dataclass(frozen=True)
+class Checked:
+    """An effect: the least ``strength`` (in ``unit``, of ``parameter``) that shows, None where none in its range does;
+    how often it was then ``recovered``, and the effects (or none) it was taken for."""
+
+    effect: str
+    stage: str
+    parameter: str
+    unit: str
+    strength: float | None
+    delta: float
+    recovered: float
+    taken_for: Mapping[str, float]
+
+    def as_dict(self) -> dict[str, Any]:
+        return {
+            "effect": self.effect, "stage": self.stage, "parameter": self.parameter, "unit": self.unit,
+            "minimum_visible": None if self.strength is None else float(f"{self.strength:.3g}"),
+            "delta": round(self.delta, 2), "recovery": round(self.recovered, 3),
+            "taken_for": {k: round(v, 3) for k, v in self.taken_for.items()},
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Trace:
+    effect: Effect
+    acting: Acting
+    strength: float | None
+    left: FloatArray
+    size: float
+
+
+def selfcheck(recordings: Sequence[Recording], effects: Mapping[str, Effect], seed: int = 1) -> list[Checked]:
+    """Every effect (the best-seen of its forms) in sessions like ``recordings``, in the order of their names."""
+    bench = Bench(recordings)
+    sound = bench.rows(bench.session, bench.simulate(bench.session))
+    known = Known(bench.unknowns(bench.session), (), FORM_ERROR)
+    forms: dict[str, list[Effect]] = {}
+    for effect in effects.values():
+        forms.setdefault(effect.name, []).append(effect)
+    found: dict[str, list[_Trace]] = {}
+    for name, several in sorted(forms.items()):
+        found[name] = [_just_visible(bench, known, sound, e) for e in several[:FORMS]]
+    return _recovered(found, np.random.default_rng(seed))
+
+
+def _just_visible(bench: Bench, known: Known, sound: FloatArray, effect: Effect) -> _Trace:
+    """An effect at the strength that is `VISIBLE`, else at its strongest; shapes at their defaults."""
+    strength = next((p for p in effect.parameters if p.null is not None), None)
+    values = {p.name: p.default for p in effect.parameters}
+
+    def at(size: float) -> _Trace:
+        there = values | ({strength.name: size} if strength else {})
+        acting = [(effect, there)]
+        left = known.left(bench.changed(bench.session, acting, sound))
+        return _Trace(effect, acting, size, left, float(np.linalg.norm(left)))
+
+    if strength is None:
+        return at(0.0)
+    u, away = _strongest(strength)
+    best = at(from_unit(strength, u))
+    if best.size < VISIBLE:
+        return _Trace(effect, best.acting, None, best.left, best.size)
+    low, high = to_unit(strength, strength.null or 0.0) if away else 0.0, u
+    for _ in range(7):  # bisection in quantiles of the prior
+        middle = at(from_unit(strength, 0.5 * (low + high)))
+        if middle.size >= VISIBLE:
+            high, best = 0.5 * (low + high), middle
+        else:
+            low = 0.5 * (low + high)
+        if best.size < 1.2 * VISIBLE:
+            break
+    return best
+
+
+def _strongest(p: Parameter) -> tuple[float, bool]:
+    """Quantile of the strongest value, and whether the value that does nothing lies inside the range."""
+    inside = p.null is not None and p.low < p.null < p.high
+    return 1.0, inside or (p.null is not None and p.null >= p.high)
+
+
+def _recovered(found: Mapping[str, Sequence[_Trace]], rng: np.random.Generator) -> list[Checked]:
+    traces = [t for several in found.values() for t in several if t.size > 1e-6]
+    names = np.array([t.effect.name for t in traces])
+    ways = np.stack([t.left / t.size for t in traces]) if traces else np.zeros((0, 0))
+    cosines = ways @ ways.T
+    values, vectors = np.linalg.eigh(cosines) if traces else (np.zeros(0), np.zeros((0, 0)))
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    out = []
+    for name, several in found.items():
+        best = max(several, key=lambda t: (t.strength is not None, t.size))
+        strength = next((p for p in best.effect.parameters if p.null is not None), None)
+        parameter, unit = (strength.name, strength.unit) if strength else ("", "")
+        taken: Counter[str] = Counter()
+        mine = [k for k, t in enumerate(traces) if t is best]
+        if mine:
+            size = min(best.size, VISIBLE)
+            seen = size * cosines[mine[0]] + rng.standard_normal((DRAWS, len(traces))) @ root.T
+            first = np.argmax(np.abs(seen), axis=1)
+            for k, height in zip(first, np.abs(seen).max(axis=1), strict=True):
+                taken[str(names[k]) if height > SEEN else "none"] += 1
+        else:
+            taken["none"] = DRAWS
+        shares = {k: n / DRAWS for k, n in taken.most_common(4) if k != name}
+        out.append(
+            Checked(name, best.effect.stage, parameter, unit, best.strength, best.size, taken[name] / DRAWS, shares)
+        )
+    return out
+
+
+def as_text(checked: Sequence[Checked]) -> str:
+    """The table, in plain text."""
+    lines = [f"{'effect':<36}{'shows from':>16}{'found':>8}  taken for"]
+    for c in checked:
+        least = "never" if c.strength is None else f"{c.strength:.3g} {c.unit}" if c.parameter else "always"
+        others = ", ".join(f"{k} {v:.2f}" for k, v in c.taken_for.items() if v >= 0.05)
+        lines.append(f"{c.effect:<36}{least:>16}{c.recovered:>8.2f}  {others}")
+    return "\n".join(lines)
