@@ -90,12 +90,34 @@ def settle(case: Case, t: Thresholds, jobs: int = 1) -> Settled:
         posterior=found,
         t=t,
         fitted=in_changed_blocks(case.null, trials[0].answer),
-        held_out={split: s for split, s in trials[0].shrinks.items() if split != "fitted"},
+        held_out=_withheld(trials[0]),
+        rival=_rival(case, found, t, jobs),
         without_skin=without_skin(first, comparison, found.temper),
         tolerances=sizes[0],
         beyond=sizes[1],
     )
     return Settled(decide(findings), found, trials)
+
+
+def _withheld(trial: Trial) -> Mapping[str, Shrink]:
+    return {split: s for split, s in trial.shrinks.items() if split != "fitted"}
+
+
+def _rival(case: Case, found: Posterior, t: Thresholds, jobs: int) -> Mapping[str, Shrink]:
+    """Held-out tests of the next cause that shares no effect with the first one's class, and has no more of them, so
+    that it is not better for being more flexible; none where nobody asks."""
+    first = {name for h in (found.causes[0].hypothesis, *found.causes[0].members) for name in _concepts(h)}
+    size = len(found.causes[0].effects)
+    others = [
+        h for h in (c.hypothesis for c in found.causes[1:]) if not first & _concepts(h) and len(h.effects) <= size
+    ]
+    if not others or t.rival_lead >= 1.0:
+        return {}
+    return _withheld(case.tried(others[:1], 1, jobs)[0])
+
+
+def _concepts(h: Hypothesis) -> set[str]:
+    return {e.name for e in h.effects}
 
 
 def _with_best_leader(case: Case, found: Posterior, t: Thresholds, jobs: int) -> tuple[Posterior, tuple[Trial, ...]]:
@@ -107,6 +129,6 @@ def _with_best_leader(case: Case, found: Posterior, t: Thresholds, jobs: int) ->
         rivals.setdefault(concept(member), member)
     members = list(rivals.values())[:MEMBERS]
     trials = case.tried([*members, *(c.hypothesis for c in others[: SHRUNK - 1])], len(members) + TRANSFERRED - 1, jobs)
-    held_out = [{k: s for k, s in trial.shrinks.items() if k != "fitted"} for trial in trials[: len(members)]]
+    held_out = [_withheld(trial) for trial in trials[: len(members)]]
     best = 0 if explains_marks(first.at_marks, t) else best_elsewhere(held_out, t.transfer_lead)
     return found.led_by(members[best]), (trials[best], *trials[len(members) :])

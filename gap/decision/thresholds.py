@@ -46,6 +46,8 @@ class Thresholds:
     worse_repeat: float
     worse_elsewhere: float
     carries_over: float
+    carried_share: float
+    rival_lead: float
     without_skin: float
     overwhelming: float
     surrogate: float

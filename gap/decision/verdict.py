@@ -20,14 +20,16 @@ VERDICTS = ("effect", "several", "none", "unknown", "undetectable")
 @dataclass(frozen=True)
 class Findings:
     """All that the rules look at. ``fitted`` is the gap in the channels that the first cause changes, ``held_out`` on
-    recordings that its parameters were not fitted to, by split; ``without_skin``, the nats that blocks without skin
-    give the first cause; ``tolerances``, how many stated tolerances the smallest member of its class is large (inf
-    where none is stated), and ``beyond``, the tempered σ by which that does what no tolerance could."""
+    recordings that its parameters were not fitted to, by split, and ``rival`` the same of the next cause of other
+    effects; ``without_skin``, the nats that blocks without skin give the first cause; ``tolerances``, how many stated
+    tolerances the smallest member of its class is large (inf where none is stated), and ``beyond``, the tempered σ by
+    which that does what no tolerance could."""
 
     posterior: Posterior
     t: Thresholds
     fitted: Shrink | None = None
     held_out: Mapping[str, Shrink] = field(default_factory=dict)
+    rival: Mapping[str, Shrink] = field(default_factory=dict)
     without_skin: float = np.inf
     tolerances: float = np.inf
     beyond: float = 0.0
@@ -142,6 +144,19 @@ def _repairs_skin(f: Findings) -> bool:
     return not any(e.stage == "tissue" for h in f.first.members for e in h.effects)
 
 
+def _stays_behind(f: Findings) -> bool:
+    """Little of what the first cause takes away where it was fitted is taken away on any withheld recording."""
+    fitted = f.fitted.value if f.fitted is not None else None
+    carried = [s.value for s in f.withheld.values() if s.value is not None]
+    return fitted is not None and bool(carried) and max(carried) < f.t.carried_share * fitted
+
+
+def _outdone(f: Findings) -> bool:
+    """Other effects than the first cause's meet every withheld recording better."""
+    pairs = [(s, f.rival[split]) for split, s in f.withheld.items() if split in f.rival]
+    return bool(pairs) and all(other.after < (1.0 - f.t.rival_lead) * max(s.after, 1.0) for s, other in pairs)
+
+
 def _told(split: str) -> Callable[[Findings], str]:
     return lambda f: f"gap {f.held_out[split].before:.2f} -> {f.held_out[split].after:.2f} on a withheld {split}"
 
@@ -201,6 +216,18 @@ RULES: tuple[Rule, ...] = (
         _told("waveform"),
     ),
     Rule("does not carry over", _repairs_skin, _always("unknown"), _told("waveform")),
+    Rule(
+        "stays behind",
+        _stays_behind,
+        Findings.spoiled,
+        lambda f: ", ".join(_told(k)(f) for k in f.withheld),
+    ),
+    Rule(
+        "outdone by a rival",
+        _outdone,
+        _always("unknown"),
+        lambda f: ", ".join(f"{_told(k)(f)}, a rival {f.rival[k].after:.2f}" for k in f.withheld if k in f.rival),
+    ),
     Rule(
         "claimed",
         lambda f: True,

@@ -51,7 +51,8 @@ def fit(
         return 0.0 if times is None else 2.0 * float(np.sum(np.log(times)))
 
     def cost(residual: FloatArray, c: FloatArray, u: FloatArray) -> float:
-        return float(residual @ residual + np.sum(precision * np.square(c - mean))) + believed.cost(u) + wider(u)
+        with np.errstate(over="ignore"):  # a trial that diverges is a bad one
+            return float(residual @ residual + np.sum(precision * np.square(c - mean))) + believed.cost(u) + wider(u)
 
     def simulated(c: FloatArray, u: FloatArray, want_jacobian: bool = False) -> Evaluation:
         nonlocal simulations

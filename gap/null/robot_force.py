@@ -12,7 +12,7 @@ from gap.inference.evidence import Fit
 from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Start
 from gap.inference.least_squares import fit, under
 from gap.null.blocks import SIMPLE_SHIFT, Block, Group, GroupedSession, Table, compressed
-from gap.null.chains import Kept, Memo, needed, run
+from gap.null.chains import Kept, Memo, needed, run, undone
 from gap.null.robot_axes import AXES, ROBOT_BINS, AxesBlock, recorded, specimen_chain, steepness
 from gap.null.sheet_discrepancy import sheet_discrepancy
 from gap.null.sheet_law import FURTHER, LAWS, TISSUE, Law, rewired, sheet
@@ -283,13 +283,37 @@ class ForceBlock(Block):
         chain = chain.tuned("tissue", tissue=self.tissue(nuisance))
         return rewired(chain, nuisance, self._typical, self._strongest)
 
+    def _true_axes(
+        self, group: Group, grid: FloatArray, axes: Mapping[str, FloatArray], active: Active
+    ) -> Mapping[str, FloatArray]:
+        """A group's axes at its nodes, where processing spoils what is recorded of them: a sensor's small error looks
+        like another stiffness, an exchange of channels like nothing that skin does."""
+        spoiling = {c: values for c, values in active.items() if c.stage == "processing"}
+        if not spoiling:
+            return axes
+        nominal, names = self._nominal[group.specimen], numbered("axis")
+        erring = needed(self.with_effects(nominal, spoiling, group), AXES, axes)
+        if erring == needed(nominal, AXES, axes):
+            return axes
+
+        def made(true: FloatArray) -> FloatArray:
+            signals = run(erring, grid, dict(zip(names, true, strict=True)))
+            return np.stack([signals[n] for n in AXES])
+
+        def make() -> Mapping[str, FloatArray]:
+            return dict(zip(names, undone(made, np.stack([axes[n] for n in names])), strict=True))
+
+        found: Mapping[str, FloatArray] = self._linear.get((group.specimen, erring), make)
+        return found
+
     def _chain_forces(self, nuisance: FloatArray, active: Active) -> FloatArray:
         shift = nuisance[self._parts["shift"]][0]
         out = np.empty((3, len(self.stamps)))
         for (g, at), (grid, axes), memo in zip(self.groups, self._grids_of, self._memos, strict=True):
             key = g.specimen, nuisance[self._parts["tissue"]].tobytes()
             chain = self._skins.get(key, partial(self._law_chain, g, nuisance))
-            made = memo.run(needed(self.with_effects(chain, active, g), TRANSDUCERS, axes), axes)
+            operators = needed(self.with_effects(chain, active, g), TRANSDUCERS, axes)
+            made = memo.run(operators, self._true_axes(g, grid, axes, active))
             ends = self._ends[:, at] + shift
             out[:, at] = np.stack([np.interp(ends, grid, made[c]).mean(axis=0) for c in TRANSDUCERS])
         return out.ravel()

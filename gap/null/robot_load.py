@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from gap.null.blocks import Table
-from gap.null.chains import needed, run
+from gap.null.chains import needed, run, undone
 from sim_devices.chain import Chain, FloatArray
 from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
 
@@ -17,8 +17,6 @@ SPRING = 200.0
 axis whose coil is at its limit does not run away under the millinewtons that the load is not known better."""
 THIN = 2
 """Of the record's samples, each how many-th the load is taken at: the loop evens out what is between."""
-UNDOINGS = 2
-"""Steps in which the error of the transducers is undone: what is left of a relative error of 0.3 is its third power."""
 
 
 class RecordedLoad:
@@ -60,12 +58,14 @@ class RecordedLoad:
         not known."""
         if not self.known:
             return {}
-        force = self._read
         operators = () if erring is None else needed(erring, TRANSDUCERS, (*xyz("reaction"), *self.axes))
-        for _ in range(UNDOINGS if operators else 0):
+
+        def made(force: FloatArray) -> FloatArray:
             reaction = dict(zip(xyz("reaction"), self._matrix @ force, strict=True))
-            made = run(operators, self.time, reaction | self.axes)
-            force = force + self._read - np.stack([made[n] for n in TRANSDUCERS])
+            signals = run(operators, self.time, reaction | self.axes)
+            return np.stack([signals[n] for n in TRANSDUCERS])
+
+        force = undone(made, self._read) if operators else self._read
         return dict(zip(numbered("pushed"), ((self.time, push) for push in self._pushes(force)), strict=True))
 
     def _pushes(self, force: FloatArray) -> FloatArray:

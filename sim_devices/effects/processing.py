@@ -21,7 +21,7 @@ from sim_devices.effects.build import (
     strength,
 )
 from sim_devices.stages import laws
-from sim_devices.stages.operators import Map, Wired, after
+from sim_devices.stages.operators import Map, Wired, after, before
 from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
 from sim_devices.stages.suction import ZERO_STATE, zeroed
 
@@ -83,7 +83,9 @@ _SWAPPED = (
     ("force_matrix", xyz("force")),
     ("probe_position", xyz("probe")),
 )
-"""Behind which operator channels may be exchanged."""
+"""Behind which operator channels may be exchanged,"""
+_MIXED_UP = (("force_matrix", TRANSDUCERS), ("probe_position", numbered("axis_position")))
+"""and ahead of which: recorded rightly, and mixed up where others are computed from them."""
 
 
 def exchanged(time: FloatArray, a: FloatArray, b: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
@@ -92,14 +94,14 @@ def exchanged(time: FloatArray, a: FloatArray, b: FloatArray, share: float) -> t
 
 
 def _swap(chain: Chain, v: Values) -> Chain:
-    which = chosen(v, "pair")
-    anchor, names = _SWAPPED[which // 3]
-    i, j = _PAIRS[which % 3]
+    which, number = divmod(chosen(v, "pair"), len(_PAIRS))
+    anchor, names = (*_SWAPPED, *_MIXED_UP)[which]
+    i, j = _PAIRS[number]
 
     def make(source: tuple[str, ...], target: tuple[str, ...]) -> Wired:
         return Map("axis_swap", "processing", source, target, exchanged, (v["share"],))
 
-    return after(chain, anchor, make, names[i], names[j])
+    return (after if which < len(_SWAPPED) else before)(chain, anchor, make, names[i], names[j])
 
 
 def one_gain(time: FloatArray, u: FloatArray, error: float, within: float, *marks: float) -> FloatArray:
@@ -168,7 +170,9 @@ EFFECTS = (
         (
             strength("share", "1", 0.01, 1.0, 1.0, "1: wholly exchanged"),
             choice("pair", 0, "transducers a, b", "b, c", "a, c", "position sensors 1, 2", "2, 3", "1, 3",
-                   "forces x, y", "y, z", "x, z", "tip x, y", "y, z", "x, z"),
+                   "forces x, y", "y, z", "x, z", "tip x, y", "y, z", "x, z",
+                   "transducers a, b ahead of the matrix", "b, c", "a, c",
+                   "positions 1, 2 ahead of the tip", "2, 3", "1, 3"),
         ),
         _swap,
     ),

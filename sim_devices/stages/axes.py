@@ -127,7 +127,7 @@ def _advance_axis(
     a[2, 0], a[2, 1], a[2, 2] = ki / (m * w * w), -(kp + spring) / (m * w), -(kd + drag) / m
     bound = 3.0 * w + (kd + drag) / m + spring / (m * w)
     known, exponentials = np.zeros(STEPS), np.empty((STEPS, 3, 3))
-    dry_only = longest < math.inf and p[11] == 0.0 and p[12] == 0.0 and p[15] == 0.0
+    dry_only = longest < math.inf and p[6] == 0.0 and p[11] == 0.0 and p[12] == 0.0 and p[15] == 0.0
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2], s[3] = 1.0, t[0], target[0], load[0]
     for i in range(t.size):
@@ -178,7 +178,7 @@ def _steady(
     """One long step where dry friction does not change within it: the axis stays where it is, or slides one way.
 
     Returns whether it was taken; else ``s`` is as before."""
-    kp, ki, kd, drag, coulomb, stiction, v_s, presliding = p[1], p[2], p[3], p[4], p[5], p[6], p[7], p[8]
+    kp, ki, kd, drag, coulomb, presliding = p[1], p[2], p[3], p[4], p[5], p[8]
     limit, spring = p[9] - abs(p[16]), p[13]
     x, v = s[5], s[6]
     if v == 0.0:
@@ -188,12 +188,10 @@ def _steady(
         before = kp * (s[2] - x) + ki * s[4]
         behind = kp * (target - x) + ki * integral
         pull = max(abs(before + s[3] - spring * x), abs(behind + load - spring * x))
-        if pull >= coulomb + stiction or max(abs(before), abs(behind)) > limit:
+        if pull >= coulomb or max(abs(before), abs(behind)) > limit:
             return False
         s[4] = integral
         return True
-    if abs(v) < 3.0 * v_s and stiction > 0.0:
-        return False
     dry = coulomb if v > 0.0 else -coulomb
     if presliding > 0.0 and abs(s[7] - dry) > _SETTLED * coulomb:
         return False
@@ -206,10 +204,9 @@ def _steady(
     integral = ip0 - lam * dt / ki + (e[0, 0] * d0 + e[0, 1] * d1 + e[0, 2] * d2) / w
     x_new = target + lam / ki + e[1, 0] * d0 + e[1, 1] * d1 + e[1, 2] * d2
     v_new = rho + w * (e[2, 0] * d0 + e[2, 1] * d1 + e[2, 2] * d2)
-    least = 3.0 * v_s if stiction > 0.0 else 0.0
     middle = (x_new - x) / dt  # the mean speed: a turn within the step shows in it
     way = 1.0 if v > 0.0 else -1.0
-    if min(way * v_new, way * middle) <= least:
+    if min(way * v_new, way * middle) <= 0.0:
         return False
     before = kp * (s[2] - x) + ki * s[4] - kd * v
     behind = kp * (target - x_new) + ki * integral - kd * v_new

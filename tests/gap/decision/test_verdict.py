@@ -13,7 +13,7 @@ from gap.decision.limits import confusable
 from gap.decision.marks import explains_marks, made_by
 from gap.decision.posterior import posterior
 from gap.decision.settle import Case, settle
-from gap.decision.thresholds import INSTRUMENT, Thresholds, provenance
+from gap.decision.thresholds import INSTRUMENT, RIG, Thresholds, provenance
 from gap.decision.tolerance import Stated, in_tolerances
 from gap.decision.transfer import Shrink, best_elsewhere, plain
 from gap.decision.verdict import RULES, Findings, Verdict, decide, weakest, without_skin
@@ -437,3 +437,26 @@ def test_the_member_that_meets_another_waveform_best_leads_its_class(linear, can
     found = posterior(compare([linear(y, DESIGN, made, np.full(2, 100.0))], known), known, INSTRUMENT)
     second = next(h for h in found.causes[0].members if h is not found.causes[0].hypothesis)
     assert found.led_by(second).causes[0].names == found.causes[0].names[::-1]
+
+
+def _named(linear, candidate) -> Comparison:
+    y = DESIGN @ [2.0, 1.0] + 8.0 * SHAPES["bump"] + np.random.default_rng(0).normal(size=len(T))
+    problem = linear(y, DESIGN, {n: (lambda v, n=n: v["a"] * SHAPES[n]) for n in ("bump", "late")}, np.full(2, 100.0))
+    return compare([problem], [candidate(n, Parameter("a", "1", -30.0, 30.0)) for n in ("bump", "late")])
+
+
+def test_a_claim_on_a_rig_carries_over_and_no_rival_does_better(linear, candidate) -> None:
+    comparison = _named(linear, candidate)
+    known = [h.effects[0] for h in comparison.hypotheses]
+    fitted, good, poor = Shrink(5.0, 1.2), Shrink(5.0, 1.4), Shrink(5.0, 4.5)
+
+    def said(held_out: Shrink, rival: Shrink | None = None, t: Thresholds = RIG) -> str:
+        others = {"rival": {"waveform": rival}} if rival else {}
+        v = judge(comparison, known, t, fitted=fitted, held_out={"waveform": held_out}, **others)
+        return v.rules[0].split(":")[0]
+
+    assert said(good) == "claimed"
+    assert said(poor) == "stays behind"
+    assert said(good, rival=Shrink(5.0, 1.38)) == "claimed"
+    assert said(good, rival=Shrink(5.0, 1.1)) == "outdone by a rival"
+    assert said(good, rival=Shrink(5.0, 1.1), t=INSTRUMENT) == "claimed"

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gap.null.chains import Kept, Memo, needed
+from gap.null.chains import Kept, Memo, needed, undone
 from sim_devices.chain import FloatArray, Signals
 from sim_devices.stages import nominal
 from sim_devices.stages.operators import Map, Wired
@@ -77,3 +77,9 @@ def test_it_gives_what_the_chain_gives() -> None:
     for _ in range(2):
         again = memo.run(needed(suction, ("apex_height",)), {"command_pressure": command})
         np.testing.assert_array_equal(again["apex_height"], direct["apex_height"])
+
+
+def test_errors_of_sensors_are_undone_small_ones_and_exchanges() -> None:
+    true = np.random.default_rng(0).normal(size=(3, 50))
+    assert np.allclose(undone(lambda x: 1.1 * x + 0.02, 1.1 * true + 0.02), true, atol=5e-3)
+    assert np.allclose(undone(lambda x: x[[1, 0, 2]], true[[1, 0, 2]]), true)

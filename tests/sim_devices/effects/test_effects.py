@@ -205,6 +205,18 @@ def test_friction_may_be_one_axis_alone() -> None:
     assert off[1] > 1e-6
 
 
+def test_channels_may_be_mixed_up_only_where_others_are_computed_from_them() -> None:
+    time, inputs, chain = session("microrobot")
+    swap = effects("microrobot")["axis_swap"]
+    mixed = swap.apply(chain, {"share": 1.0, "pair": 12.0}).run(time, inputs)
+    sound = reference("microrobot")
+    for name in TRANSDUCERS:
+        np.testing.assert_array_equal(mixed[name], sound[name])
+    matrix = chain["force_matrix"].fresh()
+    expected = matrix @ np.stack([sound[TRANSDUCERS[k]] for k in (1, 0, 2)])
+    np.testing.assert_allclose(np.stack([mixed[n] for n in xyz("force")]), expected, atol=1e-9)
+
+
 def test_a_carried_weight_brings_one_limit_nearer() -> None:
     time, inputs, chain = session("microrobot")
     saturation, quiet = effects("microrobot")["force_saturation"], {n: np.zeros_like(v) for n, v in inputs.items()}
