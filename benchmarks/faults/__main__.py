@@ -93,8 +93,8 @@ def _run(chosen: Sequence[str], order: Sequence[str], campaign: Campaign, given:
 
 
 def _longest_first(due: Sequence[str], done: dict[str, list[Row]]) -> list[str]:
-    """What the clock judges before all else; then by what it took last time."""
-    return sorted(due, key=lambda part: (not clocked(part), -sum(row.seconds for row in done.get(part, []))))
+    """What the clock judges before all else; by what it took last time, or the last families (the soak) first."""
+    return sorted(reversed(due), key=lambda part: (not clocked(part), -sum(row.seconds for row in done.get(part, []))))
 
 
 def _measured(due: Sequence[str], campaign: Campaign, jobs: int) -> Iterator[tuple[str, list[Row]]]:
