@@ -2,9 +2,11 @@
 
     python benchmarks/blind/run.py --n 100 --seed 2027 --jobs 2 -o out/blind
     python benchmarks/blind/run.py --tiers T2 T3 --n 300 --instrument cutometer
+    python benchmarks/blind/run.py --tiers T2 T6 --n 14 --seed 7 8 --record benchmarks/results
 
 Cases and reports stay in the folder: a run that was broken off goes on where it stopped, and reports made before are
-not made again. What is printed also goes to ``figures.txt`` and ``figures.json``.
+not made again. What is printed also goes to ``figures.txt`` and ``figures.json``, and by ``--record`` to ``blind_*`` in
+another folder.
 """
 
 from __future__ import annotations
@@ -13,6 +15,8 @@ import argparse
 import json
 import sys
 import time
+from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 
 from gap.batch import diagnose_cases
@@ -24,10 +28,13 @@ from gap.design.simulated_cases import make_own
 TIERS = ("T0", "T1", "T2", "T3", "T4", "T5", "T6")
 
 
-def run(output: Path, tiers: list[str], n: int, seed: int, instruments: list[str], jobs: int, style: str) -> Scorecard:
-    """Make what is missing of the cases of ``tiers``, diagnose what has no report, score all together."""
+def run(
+    output: Path, tiers: list[str], n: int, seeds: Sequence[int], instruments: list[str], jobs: int, style: str
+) -> Scorecard:
+    """Make what is missing of the ``n`` cases for each of ``seeds`` and ``tiers``, diagnose what has no report, score
+    all."""
     keys = []
-    for tier in tiers:
+    for seed, tier in product(seeds, tiers):
         cases, key = output / f"{tier}-{seed}", output / f"{tier}-{seed}-key" / "key.bin"
         if not key.exists():
             begin = time.perf_counter()
@@ -46,19 +53,29 @@ def run(output: Path, tiers: list[str], n: int, seed: int, instruments: list[str
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--tiers", nargs="+", default=list(TIERS), choices=TIERS, metavar="TIER", help="T0 ... T6")
-    parser.add_argument("--n", type=int, default=100, help="cases for each tier")
-    parser.add_argument("--seed", type=int, default=int(time.time()), help="of the sets (default: the clock, so fresh)")
+    parser.add_argument("--n", type=int, default=100, help="cases for each tier and seed")
+    clock = [int(time.time())]
+    parser.add_argument("--seed", nargs="+", type=int, default=clock, help="of the sets (default: the clock, so fresh)")
     parser.add_argument("--instrument", nargs="+", default=list(INSTRUMENTS), choices=INSTRUMENTS, metavar="NAME")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--style", choices=STYLES, default="wide", help="laboratories as they differ, or one of them")
     parser.add_argument("-o", "--output", type=Path, default=Path("out/blind"))
+    parser.add_argument("--record", type=Path, help="folder for the figures, beside the command that made them")
     given = parser.parse_args()
     card = run(given.output, given.tiers, given.n, given.seed, given.instrument, given.jobs, given.style)
-    drawn = f"{given.style} style, seed {given.seed}, {given.n} cases of each of {', '.join(given.tiers)}"
-    heading = f"{drawn}; {', '.join(given.instrument)}"
-    text = f"{heading}\n{card.as_text()}\n"
+    seeds = ", ".join(map(str, given.seed))
+    drawn = f"{given.style} style, seed {seeds}, {given.n} cases of each of {', '.join(given.tiers)}"
+    text = f"{drawn}; {', '.join(given.instrument)}\n{card.as_text()}\n"
+    figures = json.dumps(card.as_json(), indent=1) + "\n"
     (given.output / "figures.txt").write_text(text)
-    (given.output / "figures.json").write_text(json.dumps(card.as_json(), indent=1) + "\n")
+    (given.output / "figures.json").write_text(figures)
+    if given.record:
+        name = "blind_" + "_".join(given.instrument)
+        told = {"tiers": given.tiers, "n": [given.n], "seed": given.seed, "instrument": given.instrument}
+        flags = " ".join(f"--{flag} {' '.join(map(str, values))}" for flag, values in told.items())
+        command = f"python benchmarks/blind/run.py {flags} --style {given.style}"
+        (given.record / f"{name}.md").write_text(f"`{command}`\n\n```\n{text}```\n")
+        (given.record / f"{name}.json").write_text(figures)
     print(text)
 
 

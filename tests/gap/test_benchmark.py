@@ -33,7 +33,7 @@ def benchmark() -> ModuleType:
 
 
 def test_a_small_benchmark_prints_the_whole_table_and_resumes(benchmark: ModuleType, tmp_path: Path) -> None:
-    arguments = (["T0", "T3"], 1, 3, ["aspiration"], 1, "dense")
+    arguments = (["T0", "T3"], 1, [3], ["aspiration"], 1, "dense")
     card = benchmark.run(tmp_path, *arguments)
     text = card.as_text()
     assert (card.cases, card.missing) == (2, 0)
