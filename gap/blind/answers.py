@@ -81,10 +81,13 @@ class Case:
 
     @property
     def covered(self) -> bool | None:
-        """Whether the report's set holds what is hidden; None without a set."""
+        """Whether the report's set holds what is hidden; None without a set. ``outside`` in it stands for what none of
+        the report's classes names."""
         if self.report is None or self.report.chosen is None:
             return None
-        return set(self.effects) <= set(self.report.chosen)
+        chosen = {part for name in self.report.chosen for part in name.split(" + ")}
+        nowhere = not any(set(self.effects) <= cause.names for cause in self.report.causes)
+        return set(self.effects) <= chosen or (nowhere and "outside" in chosen)
 
     def hit(self, top: int) -> bool:
         """Whether the hidden effects are all among the ``top`` causes, or in their classes."""

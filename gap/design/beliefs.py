@@ -22,8 +22,8 @@ from sim_devices.chain import Effect, FloatArray
 NONE = "none"
 CAUSES, MEMBERS, DRAWS = 5, 3, 6
 """How many causes of a report are drawn, how many members of each, and how often each."""
-TRIES = 3
-"""Draws from the prior of each effect that the report does not name."""
+TRIES = {False: 6, True: 2}
+"""Draws from the prior of each effect that the report does not name, for suction and for the robot, which is slow."""
 UNSEEN = 3.5
 """Tempered σ in the session below which an effect would not have been named."""
 STEP = 0.02
@@ -157,8 +157,9 @@ class Beliefs:
         """No effect, and effects that the session could not have seen; these share what is ``outside``, too."""
         concepts = [n for n in self._named if n not in named]
         kept: list[tuple[str, Acting, FloatArray, float]] = []
+        tries = TRIES[self._bench.robot]
         for name in concepts:
-            for _ in range(TRIES):
+            for _ in range(tries):
                 form = self._named[name][int(self._rng.integers(len(self._named[name])))]
                 acting, change = self._at(form, self._rng.random(len(form.parameters)))
                 seen = float(self._known.distance(change))
@@ -169,7 +170,7 @@ class Beliefs:
             self.draws.append(Draw(NONE, (), none + outside, np.zeros_like(self._sound)))
             return
         # One effect is as probable as none, all of them together, before anything is measured.
-        share = total / (TRIES * max(len(concepts), 1))
+        share = total / (tries * max(len(concepts), 1))
         hidden = outside + none * share / (1.0 + share)
         self.draws.append(Draw(NONE, (), none / (1.0 + share), np.zeros_like(self._sound)))
         self.draws += [Draw(name, acting, hidden * w / total, change) for name, acting, change, w in kept]

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from gap.data.session import SKIN
+from gap.decision.conformal import COVERAGE, NONE, OUTSIDE, Entry, chosen, threshold
 from gap.decision.posterior import Cause, Posterior, misfit
 from gap.decision.qualified import moved
 from gap.diagnosis import Diagnosis
@@ -15,13 +17,15 @@ from gap.report.parameters import of_cause, of_model, rounded
 from gap.report.sentences import sentences
 
 SCHEMA = "gap-report/1"
-SET_BASIS = "cumulative posterior probability; not conformal, as no calibration table exists yet"
+UNCALIBRATED = "cumulative posterior probability; not conformal, as nothing is calibrated on such a rig"
+CALIBRATED = ("cutometer", "aspiration", "microrobot")
 NOT_ASKED = "not looked for: ask with --advise, or with acquire gap next"
 
 
 def as_json(d: Diagnosis) -> dict[str, Any]:
     """The report as plain JSON types; the contract of gap-report/1."""
     p = d.verdict.posterior
+    names, basis = conformal_set(d)
     return {
         "schema": SCHEMA,
         "verdict": d.verdict.verdict,
@@ -38,8 +42,8 @@ def as_json(d: Diagnosis) -> dict[str, Any]:
         "none_probability": rounded(p.none),
         "outside_probability": rounded(p.outside),
         "unknown_probability": rounded(unknown_probability(d.verdict.verdict, p)),
-        "set": probable_set(p, d.thresholds.coverage),
-        "set_basis": SET_BASIS,
+        "set": names,
+        "set_basis": basis,
         "unexplained": rounded(p.unexplained),
         "model": of_model(d),
         "qualification": qualification(d),
@@ -81,6 +85,19 @@ def unknown_probability(verdict: str, p: Posterior) -> float:
     """How surely the gap is not one of the library's, if anything acts: above a half just where that is the verdict."""
     share = misfit(p.unexplained, p.gap_after)
     return 0.55 + 0.45 * share if verdict == "unknown" else min(share, 0.5)
+
+
+def conformal_set(d: Diagnosis) -> tuple[list[str], str]:
+    """The classes, ``none`` and ``outside`` among which the right one is in nine sessions of ten; and on what that
+    rests. A rig of a user's has no calibration: there it is the most probable that have nine tenths together."""
+    p, first = d.verdict.posterior, d.recordings[0].info
+    entries: list[Entry] = [(c.probability, c.names) for c in p.causes]
+    entries += [(p.none, (NONE,)), (p.outside, (OUTSIDE,))]
+    if first.instrument not in CALIBRATED:
+        return probable_set(p, d.thresholds.coverage), UNCALIBRATED
+    t = threshold(first.instrument, any(r.info.specimen != SKIN for r in d.recordings))
+    basis = f"split-conformal, {100 * COVERAGE:.0f} %: {t.n} simulated sessions ({t.group}), score up to {t.score:.3f}"
+    return chosen(entries, t), basis
 
 
 def probable_set(p: Posterior, coverage: float) -> list[str]:
