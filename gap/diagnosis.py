@@ -6,6 +6,7 @@ import time as clock
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from threadpoolctl import threadpool_limits
 
@@ -31,6 +32,9 @@ from gap.inference.problem import Problem
 from gap.rig.model import ForwardModel
 from gap.rig.problem import RigProblem, against_the_model
 from gap.search.compare import Comparison, Effort, compare
+
+if TYPE_CHECKING:
+    from gap.null.doubts import Doubt
 
 EFFORTS = {
     "microrobot": Effort(
@@ -61,6 +65,7 @@ class Diagnosis:
     best: Hypothesis  # with the first cause, if there is one
     thresholds: Thresholds
     fe_solves: int = 0
+    doubts: tuple[str, ...] = ()  # reference specimens that are not what they say, left out
     qualified: Qualified | None = None
     unqualified: Posterior | None = None  # as it would be without the qualification
 
@@ -106,6 +111,12 @@ def diagnose(
     qualified = read_qualification(qualification, recordings) if qualification is not None else None
     effort = effort.quicker() if quick else effort
     case, told = gathered(recordings, model, effort, user_effects, solver, jobs, tell, qualified)
+    doubted = wrong_references(case.comparison)
+    kept = [r for k, r in enumerate(recordings) if not any(k in d.runs for d in doubted)]
+    if doubted and kept:  # what is not what it says must not be believed
+        recordings = kept
+        case, told = gathered(recordings, model, effort, user_effects, solver, jobs, tell, qualified)
+        told += [f"left out, {d}" for d in doubted]
     settled = settle(case, t, jobs)
     verdict, comparison, solves = settled.verdict, case.comparison, 0
     if solver:
@@ -126,6 +137,7 @@ def diagnose(
         best=settled.trials[0].answer if settled.trials else case.null,
         thresholds=t,
         fe_solves=solves,
+        doubts=tuple(map(str, doubted)),
         qualified=qualified,
         unqualified=case.posterior(t, qualified=False) if qualified is not None else None,
     )
@@ -167,6 +179,14 @@ def gathered(
         qualified=qualified,
     )
     return case, told
+
+
+def wrong_references(comparison: Comparison) -> list[Doubt]:
+    """Reference specimens that misfit more than any single effect explains."""
+    from gap.null.doubts import doubts
+
+    singles = [h for h in comparison.hypotheses if len(h.effects) == 1]
+    return doubts(comparison.problems, comparison.null, singles)
 
 
 def _checked(comparison: Comparison, verdict: Verdict, t: Thresholds) -> tuple[Verdict, int, list[str]]:

@@ -40,6 +40,13 @@ class Property:
     high: float = math.inf
     example: str = ""
     otherwise: float = math.nan  # where none is stated; NaN: a run needs it
+    shown: str = ""  # unit for people
+
+    def in_words(self, stated: Stated) -> str:
+        """What is stated, in the unit that people use."""
+        factor = units.to_si(self.shown)[1] if self.shown else 1.0
+        value = ", ".join(f"{v / factor:.6g}" for v in stated.value)
+        return f"{self.key} {value} ± {stated.se / factor:.2g} {self.shown or self.unit}".removesuffix(" 1")
 
     def default_se(self, value: tuple[float, ...]) -> float:
         """Standard uncertainty where none is stated, in ``unit`` (rad for a direction)."""
@@ -98,11 +105,11 @@ class Specimen:
 
 
 HEIGHT = Property(
-    "height", "m", "height of the solid above the probe's rim", 2e-6, 0.0, 1, 0.0, 20e-3, "1.000±0.002 mm"
+    "height", "m", "height of the solid above the probe's rim", 2e-6, 0.0, 1, 0.0, 20e-3, "1.000±0.002 mm", shown="mm"
 )
 MEMORY = Property("memory", "1", "largest share of the work that a cycle loses", 0.0, 0.0, 1, 0.0, 0.5, "0.01", 0.01)
 STIFFNESS = Property("k", "N/m", "stiffness, the same in all directions", 0.0, 0.01, 1, 1.0, 1e6, "400±4 N/m")
-MASS = Property("mass", "kg", "mass that hangs on the probe", 0.0, 1e-3, 1, 1e-5, 1.0, "20.00±0.02 g")
+MASS = Property("mass", "kg", "mass that hangs on the probe", 0.0, 1e-3, 1, 1e-5, 1.0, "20.00±0.02 g", shown="g")
 DIRECTION = Property(
     "direction", "1", "unit vector of the weight on the probe", 0.01, 0.0, 3, -1.01, 1.01, "0, 0, -1 ± 0.01"
 )

@@ -180,6 +180,13 @@ def tools(folder: Path, runs: Path, store: QSettings) -> None:
     at.wait(lambda: not window.recordings.fit.running, timeout=900)
     window.recordings.fit.next.click()
     at.shoot("fit")
+    window.tabs.setCurrentWidget(window.qualify)
+    window.qualify.start.click()
+    for _ in range(5):
+        at.wait(lambda: window.qualify.waiting, timeout=120)
+        window.qualify.go_on.click()
+    at.wait(lambda: not window.qualify.running, timeout=600)
+    at.shoot("qualify")
     at.close()
 
 

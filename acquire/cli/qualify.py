@@ -119,9 +119,7 @@ def _measured(
             def ask(number: int, step: Step) -> None:
                 typer.echo(f"step {number} of {len(steps)}, {step.name}: {step.instruction}", err=True)
                 if not yes:
-                    typer.echo(
-                        "Enter when it is mounted; q and Enter to stop (what is measured is kept): ", err=True, nl=False
-                    )
+                    typer.echo("Enter when it is mounted; q to stop, and to go on later: ", err=True, nl=False)
                     answer = sys.stdin.readline()
                     if not answer or answer.strip().lower() in ("q", "quit"):
                         raise Aborted("stopped by a person; the same command goes on from here")

@@ -67,6 +67,14 @@ class Tool(QObject):
         self._process.finished.connect(lambda code, status: self.ended.emit(code))
         self._process.start(sys.executable, ["-c", "from acquire.cli import main; main()", *arguments])
 
+    def answer(self, text: str) -> None:
+        """What a person says to it, as typed."""
+        self._process.write(text.encode())
+
+    def terminate(self) -> None:
+        """Ask it to end as Ctrl-C would: an instrument that runs is vented first; ``ended`` follows."""
+        self._process.terminate()
+
     def cancel(self) -> None:
         """End it now; ``ended`` follows."""
         self._process.kill()

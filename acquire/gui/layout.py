@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QHBoxLayout, QMainWindow, QScrollArea, QStackedWidget, QTabWidget, QVBoxLayout, QWidget
 
+from acquire.gui.messages import BenchSettings
 from acquire.gui.panels.banner import Banner
 from acquire.gui.panels.controls import ControlBar
 from acquire.gui.panels.health import Health
 from acquire.gui.panels.instruments import InstrumentsPanel
 from acquire.gui.panels.prepare import PreparePanel
+from acquire.gui.panels.qualify import QualifyPanel
 from acquire.gui.panels.subject import SubjectPanel
 from acquire.gui.recordings import Recordings
 
@@ -23,19 +24,21 @@ SIDE = 408  # px, the column of instruments and subject
 class Layout(QMainWindow):
     """Commands and alarms across the top, the bench and the subject at the left, the pages beside them."""
 
-    def __init__(self, out: Path) -> None:
+    def __init__(self, bench: BenchSettings) -> None:
         super().__init__()
         self.setWindowTitle("skinrig")
         self.instruments, self.subject = InstrumentsPanel(), SubjectPanel()
         self.controls, self.health = ControlBar(), Health()
         self.alarm, self.prepare = Banner("alarm", "Reset"), PreparePanel()
         self.measure = QStackedWidget()
-        self.recordings = Recordings(out, lambda: self.subject.operator.text().strip(), self)
+        self.qualify = QualifyPanel(bench)
+        self.recordings = Recordings(bench.out, lambda: self.subject.operator.text().strip(), self)
         kept = self.recordings
         self.tabs = QTabWidget()
         for widget, title in (
             (self.prepare, "Protocol"), (self.measure, "Measure"), (kept.result, "Result"),
             (kept.browser, "Recordings"), (kept.diagnosis, "Diagnosis"), (kept.fit, "Fit"),
+            (self.qualify, "Qualify"),
         ):  # fmt: skip
             self.tabs.addTab(widget, title)
         row = QHBoxLayout()

@@ -28,7 +28,7 @@ class MainWindow(Layout):
     """
 
     def __init__(self, bench: BenchSettings, store: QSettings | None = None) -> None:
-        super().__init__(bench.out)
+        super().__init__(bench)
         self.store = store or QSettings(settings.ORGANISATION, settings.APPLICATION)
         self.kept = settings.load(self.store)
         self.bench = bench
@@ -192,7 +192,7 @@ class MainWindow(Layout):
         path = "" if simulated else dialogs.ask_file(self, "Station file", "Station (*.yaml *.yml)")
         if path or simulated:
             self.kept.station = path
-            self.bench = replace(self.bench, station=Path(path) if path else None)
+            self.bench = self.qualify.bench = replace(self.bench, station=Path(path) if path else None)
             self.client.close()
             self._connect_bench()
 
@@ -323,7 +323,7 @@ class MainWindow(Layout):
             return
         if path := dialogs.ask_folder(self, "Folder for recordings", self.bench.out):
             self.kept.out = path
-            self.bench = replace(self.bench, out=Path(path))
+            self.bench = self.qualify.bench = replace(self.bench, out=Path(path))
             self.client.close()
             self._connect_bench()
             self.recordings.open_folder(self.bench.out)
@@ -346,6 +346,7 @@ class MainWindow(Layout):
         self.estop.remove()
         self.client.close()
         self.recordings.close()
+        self.qualify.close_tool()
         self.kept.operator = self.subject.operator.text()
         self.kept.geometry = self.saveGeometry()
         settings.save(self.store, self.kept)

@@ -14,7 +14,6 @@ from acquire.recording.model import Recording
 from gap.data.tolerances import Tolerance, tolerances
 from gap.decision.posterior import Cause
 from gap.diagnosis import Diagnosis, DiagnosisError, Tell, diagnose
-from gap.null.doubts import doubts
 from gap.qualify.steps import STANDARD
 from gap.report.parameters import covariance, of_cause, rounded
 from protocols.specimens import SPECIMENS
@@ -56,8 +55,7 @@ def qualify(
     if len(serials) > 1 or (serial and serials - {serial}):
         raise DiagnosisError(f"recordings of several serial numbers ({', '.join(sorted(serials | {serial} - {''}))})")
     d = diagnose(references, quick=not full, jobs=jobs, tell=tell)
-    singles = [h for h in d.comparison.hypotheses if len(h.effects) == 1]
-    doubted = [str(x) for x in doubts(d.problems, d.comparison.null, singles)]
+    doubted = list(d.doubts)
     parameters, spread = _parameters(d)
     findings = [] if doubted else _findings(d)
     off = [name for name, p in parameters.items() if p.passed is False]
@@ -175,7 +173,8 @@ def _noise(d: Diagnosis) -> dict[str, dict[str, object]]:
 
 
 def _labelled(r: Recording) -> str:
-    numbers = ", ".join(f"{key} {value}" for key, value in r.info.specimen_properties.items())
+    known = r.info.specimen_properties
+    numbers = ", ".join(SPECIMENS[r.info.specimen].property(key).in_words(value) for key, value in known.items())
     return f"{r.info.specimen} ({numbers})" if numbers else r.info.specimen
 
 

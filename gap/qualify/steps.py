@@ -20,8 +20,9 @@ class Step:
     @property
     def instruction(self) -> str:
         """What the person at the bench is to do."""
-        numbers = ", ".join(f"{key} {value}" for key, value in self.known.items())
-        return SPECIMENS[self.specimen].instruction + (f" ({numbers})" if numbers else "")
+        reference = SPECIMENS[self.specimen]
+        numbers = ", ".join(reference.property(key).in_words(value) for key, value in self.known.items())
+        return reference.instruction + (f" ({numbers})" if numbers else "")
 
 
 def _step(name: str, specimen: str, protocol: str, **known: object) -> Step:

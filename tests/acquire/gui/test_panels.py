@@ -130,3 +130,45 @@ def test_words() -> None:
     assert (clock(95.0), clock(4000.0), clock(float("nan"))) == ("1:35", "1:06:40", "–")
     assert (span(90.0), span(7200.0), span(86400.0 * 40)) == ("90 s", "2 h", "40 d")
     assert pictures("<p>nothing</p>") == []
+
+
+def test_the_qualification_waits_for_each_specimen(
+    qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each step is told, the tool hears that it is mounted, and the end is said."""
+    from PySide6.QtCore import QObject, Signal
+
+    from acquire.gui.messages import BenchSettings
+    from acquire.gui.panels import qualify
+
+    class Scripted(QObject):
+        said, ended = Signal(str), Signal(int)
+
+        def __init__(self, arguments: list[str], parent: QObject | None = None) -> None:
+            super().__init__(parent)
+            self.arguments, self.heard = arguments, ""
+
+        def answer(self, text: str) -> None:
+            self.heard += text
+
+        def close(self) -> None: ...
+
+    monkeypatch.setattr(qualify, "Tool", Scripted)
+    panel = qualify.QualifyPanel(BenchSettings(out=tmp_path, speed=50))
+    qtbot.addWidget(panel)
+    panel.instrument.setCurrentText("microrobot")
+    assert not panel.waiting
+    panel.start.click()
+    tool = panel._tool
+    assert isinstance(tool, Scripted)
+    assert tool.arguments[:3] == ["qualify", "microrobot", "--sim"]
+    tool.said.emit("step 2 of 5, spring: Join the probe's tip to the reference spring.")
+    assert panel.waiting
+    assert "<b>2 spring</b>" in panel.steps.text()
+    assert "Join" in panel.instruction.text()
+    panel.go_on.click()
+    assert tool.heard == "\n"
+    assert not panel.waiting
+    tool.ended.emit(6)
+    assert panel.instruction.text() == "Not passed."
+    assert not panel.running
