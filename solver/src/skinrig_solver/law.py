@@ -14,7 +14,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from types import ModuleType
 
@@ -58,10 +58,7 @@ class Law:
 
 @cache
 def _load(law: Law) -> ModuleType:
-    own = getattr(law.response, "func", law.response)  # behind functools.partial
-    files = [trace.__file__, tensor.__file__, __file__, inspect.getfile(own)]
-    sources = [Path(file).read_text(encoding="utf-8") for file in files]
-    key = hashlib.sha256("\0".join([law.name, *sources]).encode()).hexdigest()[:16]
+    key = hashlib.sha256("\0".join([law.name, *law.parameters, *_sources(law)]).encode()).hexdigest()[:16]
     path = _cache_folder() / f"law_{law.name}_{key}.py"
     if not path.exists():
         handle, scratch = tempfile.mkstemp(dir=path.parent, suffix=".part")
@@ -74,6 +71,26 @@ def _load(law: Law) -> ModuleType:
     module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)  # numba's cache looks the module up by name
     spec.loader.exec_module(module)
     return module
+
+
+def _sources(law: Law) -> list[str]:
+    """Whatever the generated module depends on: texts of the files behind a law's functions, or the module itself.
+
+    The latter costs a trace; it is for functions that have no file, such as those of a notebook's cell.
+    """
+    try:
+        own = {inspect.getfile(function) for function in _functions(law.response)}
+        files = [trace.__file__, tensor.__file__, __file__, *sorted(own)]
+        return [Path(file).read_text(encoding="utf-8") for file in files]
+    except (OSError, TypeError):
+        return [source(law)]
+
+
+def _functions(response: Callable[..., object]) -> list[Callable[..., object]]:
+    """A function, or those that functools.partial binds together."""
+    if not isinstance(response, partial):
+        return [response]
+    return [f for part in (response.func, *response.args) if callable(part) for f in _functions(part)]
 
 
 def _cache_folder() -> Path:

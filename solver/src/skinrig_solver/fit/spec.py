@@ -26,6 +26,11 @@ FREE: dict[str, tuple[str, ...]] = {
     "suction_rubin_bodner": tuple(
         f"{layer}.{name}" for layer in ("skin", "smas") for name in ("mu0", "q", "n", "m2", "Gamma1", "Gamma2", "r2")
     ),
+    "suction_yeoh_2": ("skin.G", "skin.c20", "fat.G", "skin.g1", "skin.tau1"),
+    "suction_yeoh_3": ("skin.G", "skin.c20", "fat.G", "skin.g1", "skin.tau1"),
+    "suction_neo_hooke": ("G", "g1", "tau1", "g2", "tau2"),
+    "suction_mooney_rivlin": ("c10", "c01", "g1", "tau1", "g2", "tau2"),
+    "suction_fibres": ("G", "k1", "k2", "g1", "tau1", "g2", "tau2"),
     "finger_section": ("subcutis.E", "dermis.E", "epidermis.E"),
 }
 MAX_LENGTH = 256 * 1024  # characters of a specification

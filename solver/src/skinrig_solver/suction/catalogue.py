@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ..api import ModelInfo, Parameter
+from ..law import Law
+from ..materials.hyperelastic import dispersed_fibres, hyperelastic, mooney_rivlin, neo_hooke
 from ..materials.rubin_bodner import RUBIN_BODNER, RUBIN_BODNER_GAMMA
 from ..materials.yeoh_qlv import yeoh_qlv
 from .models import SuctionModel
@@ -65,6 +67,101 @@ YEOH_SUCTION = SuctionModel(
         "aspiration": {"opening_radius": 4e-3, "layers": {"tissue": 9.7e-3}, "radius": 72.5e-3},
     },
 )
+
+
+def _prony(prefix: str, terms: int) -> tuple[Parameter, ...]:
+    """Relaxing fractions and times, a decade apart."""
+    found = []
+    for i in range(1, terms + 1):
+        share, time = 0.15 if i == 1 else 0.10, 0.5 * 10.0 ** (i - 1)
+        found += [
+            Parameter(f"{prefix}g{i}", "", 0.0, 0.9, share, f"relaxing fraction, Prony term {i}", "assumed"),
+            Parameter(f"{prefix}tau{i}", S, 1e-3, 1e4, time, f"time constant, Prony term {i}", "assumed", "log"),
+        ]
+    return tuple(found)
+
+
+def _modulus(symbol: str, default: float, meaning: str) -> Parameter:
+    return Parameter(symbol, PA, 1e2, 1e7, default, meaning, "assumed", "log")
+
+
+def _poisson(prefix: str = "") -> Parameter:
+    return Parameter(f"{prefix}nu", "", 0.3, 0.49999, 0.49, "Poisson's ratio of the bulk modulus", "assumed")
+
+
+def one_layer(name: str, law: Law, parameters: tuple[Parameter, ...], description: str, source: str) -> SuctionModel:
+    """A model of one tissue in paper F's set-up: ``law`` as `materials.hyperelastic` makes it, with two Prony terms or
+    as many as it has, and the law's own ``parameters``; the rest is the same for all."""
+    terms = sum(symbol.startswith("tau") for symbol in law.parameters)
+    shared = (_poisson(), *_prony("", terms), _thickness(), *_interface(0.35, 0.55, "paper F"))
+    info = ModelInfo(name, "suction", parameters + shared, ("apex_height",), description, source)
+    return SuctionModel(info, law, ("tissue",), YEOH_SUCTION.defaults)
+
+
+NEO_HOOKE_SUCTION = one_layer(
+    "suction_neo_hooke",
+    hyperelastic("neo_hooke", ("G",), neo_hooke, lambda p: p["G"], 2),
+    (_modulus("G", 3e4, "instantaneous shear modulus"),),
+    "One layer, neo-Hooke elasticity with two Prony terms",
+    "Rivlin 1948; default values assumed",
+)
+MOONEY_SUCTION = one_layer(
+    "suction_mooney_rivlin",
+    hyperelastic("mooney_rivlin", ("c10", "c01"), mooney_rivlin, lambda p: 2.0 * (p["c10"] + p["c01"]), 2),
+    (
+        _modulus("c10", 1.2e4, "coefficient of the first invariant"),
+        Parameter("c01", PA, 0.0, 1e7, 3e3, "coefficient of the second invariant", "assumed"),
+    ),
+    "One layer, Mooney-Rivlin elasticity with two Prony terms",
+    "Mooney 1940, Rivlin 1948; default values assumed",
+)
+FIBRE_SUCTION = one_layer(
+    "suction_fibres",
+    hyperelastic("dispersed_fibres", ("G", "k1", "k2", "h"), dispersed_fibres, lambda p: p["G"], 2),
+    (
+        _modulus("G", 1.5e4, "shear modulus of the matrix"),
+        Parameter("k1", PA, 0.0, 1e7, 2e4, "fibre modulus", "assumed"),
+        Parameter("k2", "", 1e-3, 100.0, 1.0, "fibre stiffening", "assumed", "log"),
+        Parameter("h", "", 1.0 / 3.0, 0.5, 0.45, "fibres in the skin's plane: 1/2 all, 1/3 alike in space", "assumed"),
+    ),
+    "One layer, neo-Hooke matrix and fibres dispersed about the skin's plane, two Prony terms",
+    "Gasser, Ogden and Holzapfel 2006; default values assumed",
+)
+
+
+def _yeoh_layer(layer: str, modulus: float, c20: float) -> tuple[Parameter, ...]:
+    higher = (_yeoh(f"{layer}.c{i}0", c20 if i == 2 else 0.0, word) for i, word in _ORDERS)
+    return (
+        _modulus(f"{layer}.G", modulus, "instantaneous shear modulus, 2 c10"),
+        _poisson(f"{layer}."),
+        *higher,
+        *_prony(f"{layer}.", 1),
+        _thickness(f"{layer}."),
+    )
+
+
+_ORDERS = ((2, "second"), (3, "third"), (4, "fourth"), (5, "fifth"))
+_STACK = {"skin": (4e4, 2e4, 1.5e-3), "fat": (3e3, 1e3, 3.5e-3), "muscle": (1e4, 5e3, 5e-3)}  # G, c20, thickness
+
+
+def _layered(name: str, layers: tuple[str, ...]) -> SuctionModel:
+    thickness = {layer: _STACK[layer][2] for layer in layers}  # assumed
+    parameters = tuple(p for layer in layers for p in _yeoh_layer(layer, *_STACK[layer][:2]))
+    words = " over ".join(layers)
+    info = ModelInfo(
+        name,
+        "suction",
+        parameters + _interface(0.35, 0.55, "paper F"),
+        ("apex_height",),
+        f"{words[0].upper()}{words[1:]}, each Yeoh elasticity with one Prony term",
+        "paper F's law in layers; default values assumed",
+    )
+    instruments = {n: {**options, "layers": thickness} for n, options in YEOH_SUCTION.defaults.items()}
+    return SuctionModel(info, yeoh_qlv(1), layers, instruments)
+
+
+YEOH_TWO_LAYERS = _layered("suction_yeoh_2", ("skin", "fat"))
+YEOH_THREE_LAYERS = _layered("suction_yeoh_3", ("skin", "fat", "muscle"))
 
 
 def _layer(layer: str, **v: float) -> tuple[Parameter, ...]:
