@@ -62,11 +62,14 @@ def blind_loop(
     seed: Annotated[int, typer.Option(parser=whole(), help="Seed of what is drawn.")] = 1,
     passphrase: Annotated[str, typer.Option(help="What the key is encrypted with.")] = "",
     jobs: Annotated[int, typer.Option(parser=whole(1, MOST_JOBS), help="Processes that share a case's fits.")] = 1,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Quick diagnoses: few effects are fitted, and no pairs.")
+    ] = False,
 ) -> None:
     """Run the loop on every case's hidden rig; print how often the answer is right after 0, 1, 2 … experiments."""
     from gap.loop.blind import as_text, loop_cases
 
-    print(as_text(loop_cases(cases, output, policy, most, seed, passphrase, jobs)))
+    print(as_text(loop_cases(cases, output, policy, most, seed, passphrase, jobs, quick)))
 
 
 @blind.command("diagnose")

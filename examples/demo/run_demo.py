@@ -1,9 +1,10 @@
-"""Three simulated instruments measure skin; then a fault is hidden in one of them, and found.
+"""Three simulated instruments measure skin; a fault is hidden in one of them, and found; another takes one more
+measurement.
 
     python examples/demo/run_demo.py -o out/demo
 
 Nothing here but the commands a person would type: each is printed before it runs. The instruments are simulated and
-run faster than real time, but the drivers speak real bytes to them. Ends with status 1 if the diagnosis does not name
+run faster than real time, but the drivers speak real bytes to them. Ends with status 1 if a diagnosis does not name
 the hidden effect.
 """
 
@@ -12,6 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -21,6 +23,8 @@ ACQUIRE = Path(sys.executable).with_name("acquire")
 INSTRUMENTS = {"cutometer": 20, "aspiration": 5, "microrobot": 5}  # simulated seconds per second
 SESSION = (("hold-150", 1), ("hold-300", 1), ("hold-450", 1), ("hold-450", 2), ("triangle", 1))
 """Protocols of the session that the effect hides in, and which repeat each is."""
+FADING = "illumination_drift"
+"""Light that fades, which on skin looks as if the muscle below grew tense."""
 
 
 def acquire(*arguments: object) -> None:
@@ -61,6 +65,20 @@ def hide_and_find(out: Path, effect: str) -> Path:
     return out / "gap"
 
 
+def ask_and_split(out: Path) -> Path:
+    """Hide an effect that skin alone cannot tell from one of the person's; let one experiment split them. Returns the
+    page. Raises SystemExit where it does not."""
+    folder = out / "loop"
+    if folder.exists():
+        shutil.rmtree(folder)
+    acquire("gap", "loop", "cutometer", "--effect", f"{FADING}:change=0.5", "--quick", "--most", 1, "-o", folder)
+    before, after = (json.loads((folder / f"report-{k}.json").read_text())["causes"][0]["class"] for k in (0, 1))
+    print(f"\nbefore the experiment: {' or '.join(before)}\nafter it:              {' or '.join(after)}")
+    if not (len(before) > 1 and FADING in before and after == [FADING]):
+        raise SystemExit("the experiment did not split the class")
+    return folder / "loop.html"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("-o", "--output", type=Path, default=Path("out/demo"), help="folder for everything")
@@ -75,9 +93,11 @@ def main() -> None:
     causes = json.loads((gap / "gap.json").read_text())["causes"]
     named = causes[0]["class"] if causes else []
     print(f"\nhidden: {arguments.effect}\nfound:  {', '.join(named) or 'nothing'}")
-    print(f"\nrecordings  {out}/*.h5 and {out}/session/*.h5\nsummary     {page}\ndiagnosis   {gap / 'gap.html'}")
     if hidden not in named:
         raise SystemExit(f"the diagnosis did not name {hidden}")
+    loop = ask_and_split(out)
+    print(f"\nrecordings  {out}/*.h5 and {out}/session/*.h5\nsummary     {page}\ndiagnosis   {gap / 'gap.html'}")
+    print(f"loop        {loop}")
 
 
 if __name__ == "__main__":

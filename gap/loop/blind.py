@@ -19,12 +19,20 @@ from gap.loop.run import run
 
 
 def loop_cases(
-    cases: Path, out: Path, policy: str, most: int = 3, seed: int = 1, passphrase: str = "", jobs: int = 1
+    cases: Path,
+    out: Path,
+    policy: str,
+    most: int = 3,
+    seed: int = 1,
+    passphrase: str = "",
+    jobs: int = 1,
+    quick: bool = False,
 ) -> Mapping[int, Mapping[str, tuple[float, int]]]:
     """Run the loop on every case of a folder; the answers after k experiments go to ``out/k/<case>.json``.
 
-    A case that stopped keeps its last report. Returns figures (value, n) by number of experiments; a case that has its
-    reports is not run again. Raises FileNotFoundError, ValueError.
+    ``quick`` diagnoses fit few effects and no pairs. A case that stopped keeps its last report. Returns figures
+    (value, n) by number of experiments; a case that has its reports is not run again. Raises FileNotFoundError,
+    ValueError.
     """
     chooser = policy_of(policy)
     folders = sorted(p for p in cases.iterdir() if p.is_dir())
@@ -32,7 +40,7 @@ def loop_cases(
         raise FileNotFoundError(f"{cases}: no case folder in it")
     for number, case in enumerate(folders):
         if not (out / str(most) / f"{case.name}.json").exists():
-            _one(case, out, chooser, most, seed, passphrase, jobs)
+            _one(case, out, chooser, most, seed, passphrase, jobs, quick)
             print(f"{number + 1}/{len(folders)} {case.name}", file=sys.stderr, flush=True)
     key = cases.resolve().with_name(cases.resolve().name + "-key") / "key.bin"
     found = {}
@@ -50,6 +58,7 @@ def _one(
     seed: int,
     passphrase: str,
     jobs: int,
+    quick: bool,
 ) -> None:
     work = out / "work" / case.name
     if work.exists():
@@ -57,7 +66,7 @@ def _one(
     rig = BlindRig(case, work, passphrase)
     kind = rig.session[0].info.instrument
     policy = chooser(seed, (SKIN, *specimens_of(kind)))
-    steps = run(rig, policy, instrument(kind).limits, work, most, jobs=jobs)
+    steps = run(rig, policy, instrument(kind).limits, work, most, quick, jobs)
     for k in range(most + 1):
         report = steps[min(k, len(steps) - 1)].report
         write_text(out / str(k) / f"{case.name}.json", json.dumps(report) + "\n")
