@@ -182,7 +182,9 @@ class Body:
             self._advance(new, delta, min(1.0, 0.5 * self.scale / size) if size > 0 else 1.0)
             self.drift += size
             seen = min(1.0, size / previous)
-            if size * (seen or 1.0) <= TOLERANCE * self.scale * (1.0 if renew else OLD):
+            # one small correction may be chance where tangents serve twice: none counts as contracting better
+            left = size * (max(seen, CONTRACTION) if reuse else seen or 1.0)
+            if left <= TOLERANCE * self.scale * (1.0 if renew else OLD):
                 self._commit(old, new, load, dt, parameters, time)
                 return new, iteration, self.drift
             best, previous = min(best, size), size
