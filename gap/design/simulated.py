@@ -24,6 +24,8 @@ from sim_devices.stages.tissues import SheetTissue, SuctionTissue, for_opening, 
 
 ROBOT_RATE = 100.0
 """Samples per second that robot sessions keep: the motion is slow, the files stay small."""
+SETTLING = 100
+"""Samples for which a robot has settled under a weight before a recording begins."""
 MANOMETER_NOISE = 30.0
 """Pa: standard deviation of a second gauge's sample (assumed)."""
 ROBOT_SUBSTEPS = 5
@@ -170,14 +172,17 @@ def robot_session(
         law = skin if leg.specimen in (SKIN, *SPECIMENS) else sheet_tissue(leg.specimen)
         chain = nominal("microrobot", tissue=law)
         chain = noisy(_mounted(chain, leg, effects), int(rng.integers(1 << 30)), scatter=0.0)
-        fine = np.concatenate([_fine(stamps[k]) for k in members])
+        # A weight hangs there before it is recorded: the axes have settled under it.
+        lead = SETTLING if leg.specimen == "dead weight" else 0
+        before = stamps[members[0]][0] - np.arange(lead, 0, -1) / ROBOT_RATE
+        fine = np.concatenate([_fine(before), *(_fine(stamps[k]) for k in members)])
         inputs = {}
         for quantity, signal in (("probe_x", "command_x"), ("probe_y", "command_y"), ("probe_z", "command_z")):
             time = np.concatenate([starts[k] + legs[k].quantity_tables[quantity][0] for k in members])
             inputs[signal] = np.interp(
                 fine, time, np.concatenate([legs[k].quantity_tables[quantity][1] for k in members])
             )
-        signals = {name: values[::ROBOT_SUBSTEPS] for name, values in closed_loop(chain, fine, inputs).items()}
+        signals = {name: values[::ROBOT_SUBSTEPS][lead:] for name, values in closed_loop(chain, fine, inputs).items()}
         ends = np.cumsum([len(stamps[k]) for k in members])
         for k, end in zip(members, ends, strict=True):
             gain = 1 + scatter * rng.standard_normal() if leg.specimen == SKIN else 1.0
