@@ -89,7 +89,7 @@ PROOFS: dict[str, Removal] = {
     "links/pulled": VENTS,
     "links/stale": STALE,
     "links/starved": Removal("an empty queue vents", "", ("sim_devices.servers.firmware:Firmware._watch_queue",)),
-    "wire/bytes": Removal("samples in their order", "", ("acquire.recording.order:_rising",), instead=lambda old: _all),
+    "wire/bytes": Removal("discarded bytes are told", "", ("acquire.engine.active:ActiveRun._tell_discarded",)),
     "wire/camera-stalls": STALE,
     "wire/camera-drops": GAPS,
     "host/killed": VENTS,
@@ -124,12 +124,6 @@ PROOFS: dict[str, Removal] = {
     "hostile/files": Removal("documented status", "", ("acquire.cli.app:exit_status",), lambda error: 1),
     "soak/hour": GAPS,
 }
-
-
-def _all(time: Any) -> Any:
-    import numpy as np
-
-    return np.arange(len(time))
 
 
 def start() -> None:

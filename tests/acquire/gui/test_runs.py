@@ -107,6 +107,25 @@ def one_apex(recording: Recording) -> None:
     assert np.mean(inside[np.isfinite(low.value)]) > 0.9
 
 
+def test_the_threshold_that_is_shown_is_the_recording_s(qtbot: QtBot, make_window: MakeWindow) -> None:
+    window = make_window()
+    connected(qtbot, window, "aspiration")
+    camera = window.measure.currentWidget().camera
+    assert camera is not None
+    window.tabs.setCurrentWidget(window.measure)
+    qtbot.waitUntil(lambda: "mm" in camera.apex.text(), timeout=PATIENCE)
+    camera.proposed.setChecked(False)
+    camera.slider.setValue(camera.slider.value() + 10)
+    qtbot.mouseClick(window.controls.start_button, Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: state(window, "aspiration") == "running", timeout=PATIENCE)
+    for _ in range(5):
+        qtbot.keyClick(camera.slider, Qt.Key.Key_Right)
+    qtbot.waitUntil(lambda: window.recordings.result.result is not None, timeout=PATIENCE)
+    result = window.recordings.result.result
+    assert result is not None
+    assert open_recording(result.path).info.calibration["gvt"]["value"] == camera.slider.value()
+
+
 def test_pause_resume_stop(qtbot: QtBot, make_window: MakeWindow) -> None:
     window = make_window(speed=5.0)
     connected(qtbot, window, "cutometer")
