@@ -91,7 +91,8 @@ class DwellTimer:
                 self._rest = time
             self._last = time
             return 0.0
-        if math.isnan(self._since) or time - self._rest >= 0.9 * RELIEF:  # NaN compares false
+        # The rest lasted until the moment before, not until this one. NaN compares false.
+        if math.isnan(self._since) or self._last - self._rest >= 0.9 * RELIEF:
             self._since = self._last if math.isfinite(self._last) else time
         self._rest, self._last = math.nan, time
         return time - self._since

@@ -31,7 +31,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         real_time = item.get_closest_marker("real_time") is not None
         if real_time:
             item.add_marker(pytest.mark.flaky(reruns=1))
-        item.add_marker(pytest.mark.xdist_group("real_time" if real_time else place))
+        if item.config.pluginmanager.hasplugin("xdist"):  # absent with -p no:xdist
+            item.add_marker(pytest.mark.xdist_group("real_time" if real_time else place))
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from protocols.limits import Limits, Range
+from protocols.limits import DwellTimer, Limits, Range
 from protocols.setpoints import Segment, Setpoints, Until
 
 
@@ -95,3 +95,18 @@ def test_parsed_from_text() -> None:
         Limits.parse({"pressure": {"lowest": "-3 mbar"}})
     with pytest.raises(ValueError, match="unknown channel"):
         Limits.parse({"presure": {"low": "-3 mbar"}})
+
+
+def test_a_rest_ends_at_the_last_moment_of_rest_however_coarse_the_moments() -> None:
+    """Half a second of rest before half a second of ramp is no rest of a second."""
+    timer = DwellTimer()
+    told = [
+        timer.at(2.0 * k + t, away)
+        for k in range(3)
+        for t, away in ((0.0, False), (0.5, True), (1.0, True), (1.5, False))
+    ]
+    assert max(told) > 4.0
+    timer = DwellTimer()
+    for moment, away in ((0.0, False), (0.5, True), (1.5, False), (2.5, False)):
+        timer.at(moment, away)
+    assert timer.at(3.0, True) == 0.5  # that was one
