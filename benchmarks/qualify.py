@@ -49,7 +49,8 @@ ROBOT = {
 }
 FAULTS: Mapping[str, Mapping[str, Mapping[str, float]]] = {
     "cutometer": SUCTION,
-    "aspiration": SUCTION,
+    # Its height is read in pictures: a wrong gain is a wrong scale.
+    "aspiration": {("scale_error" if name == "sensor_gain" else name): values for name, values in SUCTION.items()},
     "microrobot": ROBOT,
 }
 

@@ -95,7 +95,7 @@ def named(diagnosis: Diagnosis) -> set[str]:
 @pytest.mark.parametrize(
     ("effect", "values"),
     [
-        ("sensor_gain", {"error": 0.08}),
+        ("scale_error", {"error": 0.08}),
         ("sensor_low_pass", {"tau": 0.15}),
         ("gauge_gain", {"error": 0.06}),
         ("rim_friction", {"width": 3e-5}),
