@@ -41,6 +41,8 @@ def fit(
     c = problem.start() if nuisance is None else nuisance.copy()
     u = np.full(sum(len(h.parameters) for h in hypothesis), 0.5) if unit is None else unit.astype(float).copy()
     mean, sd = problem.prior_mean, problem.prior_sd
+    moves = sd > FROZEN
+    c[~moves] = mean[~moves]  # what is frozen stays there, wherever another law left it
     precision = np.where(np.isfinite(sd), 1.0 / np.square(sd), 0.0)
     believed = Belief.none(len(u)) if belief is None else belief
     fine = [p.fine for h in hypothesis for p in h.parameters]
@@ -68,8 +70,6 @@ def fit(
             moved[k] += step
             columns[:, k] = (residual - simulated(c, moved).residual) / step
         return columns
-
-    moves = sd > FROZEN
 
     def gram_of(jac: FloatArray) -> FloatArray:
         """Jᵀ J of what moves."""

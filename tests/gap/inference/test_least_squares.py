@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from gap.inference.evidence import Belief
+from gap.inference.hypothesis import FROZEN
 from gap.inference.least_squares import fit, unearned
 from gap.inference.linear import Projector
 from sim_devices.chain import Parameter
@@ -170,3 +171,12 @@ def test_noise_that_goes_together_earns_nothing_by_being_wide() -> None:
     strong = np.full(400, 20.0)
     costs = [unearned(rng.normal(size=400), strong, recording) for _ in range(20)]
     assert sum(cost == 0.0 for cost in costs) > 15
+
+
+def test_what_is_frozen_is_at_its_mean_wherever_a_fit_begins(linear) -> None:
+    """Another law may have left a parameter where this one, which lacks it, must not have it."""
+    t = np.linspace(0.0, 1.0, 50)
+    problem = linear(2.0 * t, np.column_stack([t, np.ones_like(t)]), sd=np.array([10.0, FROZEN]))
+    found = fit(problem, nuisance=np.array([0.5, 0.2]))
+    assert found.nuisance == pytest.approx([2.0, 0.0], abs=0.02)
+    assert found.penalty < 1.0
