@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -78,7 +79,14 @@ class Bench:
     """An instrument, its noise and this session's skin, on which sessions are simulated without noise."""
 
     def __init__(self, recordings: Sequence[Recording]) -> None:
+        """Raises ValueError for an instrument that is not ours, or a recording without set-points."""
         self.instrument = recordings[0].info.instrument
+        if self.instrument not in RATE:
+            raise ValueError(
+                f"{self.instrument!r} is none of our instruments, which can be simulated: {', '.join(RATE)}"
+            )
+        if missing := [r.info.id for r in recordings if not any(len(s.time) for s in r.setpoints.values())]:
+            raise ValueError(f"recording {missing[0]} has no set-points: what was commanded is not known")
         self.robot = self.instrument == "microrobot"
         self.channels = ROBOT_CHANNELS if self.robot else SUCTION_CHANNELS
         recordings = telling(recordings) if self.robot else recordings
@@ -282,19 +290,17 @@ class Bench:
                 out[(label, "gain")] = second
         return out
 
-    @property
+    @cached_property
     def _sizes(self) -> Mapping[str, float]:
         """The largest value of each channel on this session's skin, for columns of equal meaning in every part."""
-        if not hasattr(self, "_largest"):
-            skin = [
-                s for s, leg in zip(self.simulate(self.session), self.session.legs, strict=True) if leg.specimen == SKIN
-            ]
-            self._largest = {
-                c: max((float(np.max(np.abs(s[c]))) for s in skin if c in s), default=0.0) or 1.0 for c in self.channels
-            }
-            for names in (xyz("probe"), xyz("force")) if self.robot else ():
-                self._largest |= dict.fromkeys(names, max(self._largest[n] for n in names))
-        return self._largest
+        every = zip(self.simulate(self.session), self.session.legs, strict=True)
+        skin = [s for s, leg in every if leg.specimen == SKIN]
+        largest = {
+            c: max((float(np.max(np.abs(s[c]))) for s in skin if c in s), default=0.0) or 1.0 for c in self.channels
+        }
+        for names in (xyz("probe"), xyz("force")) if self.robot else ():
+            largest |= dict.fromkeys(names, max(largest[n] for n in names))
+        return largest
 
 
 def _with_forces(made: list[dict[str, FloatArray]]) -> list[dict[str, FloatArray]]:

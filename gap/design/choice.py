@@ -22,6 +22,8 @@ CERTAIN = 0.95
 """Probability of one cause from which nothing more is asked for."""
 LEAST_BITS, LEAST_GAIN = 0.05, 0.01
 """Information (bits) and gain in the probability of a right answer that an experiment must promise, either."""
+POSSIBLE = 1e-5
+"""Probability of a draw below which it is left out."""
 FORM_ERROR = 2.0
 """Divides χ²: effects do not have quite the form in which they are simulated."""
 
@@ -94,7 +96,10 @@ def choose(
     there = [bench.unknowns(part) for part in parts]
     gap = float((report.get("gap") or {}).get("after") or 1.0)
     known = Known(bench.unknowns(bench.session), [name for u in there for name in u], FORM_ERROR * max(gap, 1.0) ** 2)
-    draws = Beliefs(report, bench, known, sound, library(instrument) if effects is None else effects, rng).draws
+    drawn = Beliefs(report, bench, known, sound, library(instrument) if effects is None else effects, rng).draws
+    draws = [d for d in drawn if d.weight > POSSIBLE]
+    if not draws:
+        return Choice(instrument, None, "the report leaves nothing possible that could be simulated", top, ())
     weights, labels = np.array([d.weight for d in draws]), [d.label for d in draws]
     in_session = np.stack([d.change for d in draws], axis=1)
     valued = []

@@ -141,6 +141,8 @@ def test_a_choice_splits_a_lag_of_the_sensor_from_skin_and_stops_when_certain() 
     )
     again = choose(report, session, LIMITS, some)
     assert again.as_dict() == choice.as_dict()
+    never_none = report | {"none_probability": 0.0, "outside_probability": 0.0}
+    assert np.isfinite(choose(never_none, session, LIMITS, some, ["rigid block"]).probability)
     sure = {"schema": "gap-report/1", "causes": [cause | {"class": ["sensor_low_pass"], "probability": 0.97}]}
     assert choose(sure, session, LIMITS, some).as_dict()["stop"] is True
     within = Limits.parse({"pressure": {"low": "-1 mbar", "high": "0 mbar"}})

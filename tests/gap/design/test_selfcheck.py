@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -48,6 +49,14 @@ def test_effects_of_one_trace_are_taken_for_each_other() -> None:
         found["sensor_gain"].taken_for.get("scale_error", 0.0),
     )
     assert max(both) > 0.3 or found["scale_error"].strength is None
+
+
+def test_what_cannot_be_simulated_is_told() -> None:
+    session = own.suction_session("cutometer", np.random.default_rng(2), legs=LEGS)
+    with pytest.raises(ValueError, match="is none of our instruments"):
+        selfcheck([replace(r, info=replace(r.info, instrument="other")) for r in session], EFFECTS)
+    with pytest.raises(ValueError, match="has no set-points"):
+        selfcheck([session[0], replace(session[1], setpoints={})], EFFECTS)
 
 
 def test_a_report_cites_the_self_check_of_its_session_and_no_other(tmp_path) -> None:
