@@ -156,7 +156,7 @@ def _read_only(campaign: Campaign, hosts: Hosts) -> Row:
             said = hosts.said.read_text()
             problem = "" if process.exitcode == 2 and "/sys/nowhere" in said else f"status {process.exitcode}: {said}"
         else:
-            after = (0.2 + 0.6 * (number % 50) / 50) * hosts.length
+            after = (0.4 + 0.5 * (7 * number % 50) / 50) * hosts.length
             problem = _stopped(hosts, hosts.start(refusing, after)) or hosts.left(may_be_empty=True)
         row.trial(problem=problem)
     return row
