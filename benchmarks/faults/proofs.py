@@ -22,7 +22,7 @@ from benchmarks.faults.mutations import VALUES, WATCHDOG, Removal, remove
 ROOT = Path(__file__).parents[2]
 VARIABLE = "REMOVED_FOR_PART"
 SITE = f"import sys; sys.path.insert(0, {str(ROOT)!r}); from benchmarks.faults import proofs; proofs.start()"
-SHARE = 0.03
+SHARE, OF_HOSTS = 0.03, 0.08  # of the campaign; a host is killed at any moment, and few of a few act
 
 
 def _yes(*args: object, **kwargs: object) -> bool:
@@ -137,7 +137,8 @@ def failures(part: str) -> str:
     with tempfile.TemporaryDirectory(prefix="proofs-") as name:
         (Path(name) / "sitecustomize.py").write_text(SITE)
         path = os.pathsep.join((name, str(ROOT), os.environ.get("PYTHONPATH", "")))
-        command = [sys.executable, "-m", "benchmarks.faults", "--only", part, "--share", str(SHARE)]
+        command = [sys.executable, "-m", "benchmarks.faults", "--only", part]
+        command += ["--share", str(OF_HOSTS if part.startswith("host/") else SHARE)]
         environment = os.environ | {VARIABLE: part, "PYTHONPATH": path}
         done = subprocess.run(command, env=environment, cwd=ROOT, capture_output=True, text=True, check=False)
     told = [line.strip() for line in done.stdout.splitlines() if line.startswith("       ")]
