@@ -182,7 +182,7 @@ def tools(folder: Path, runs: Path, store: QSettings) -> None:
     at.shoot("fit")
     window.tabs.setCurrentWidget(window.qualify)
     window.qualify.start.click()
-    for _ in range(5):
+    for _ in range(6):
         at.wait(lambda: window.qualify.waiting, timeout=120)
         window.qualify.go_on.click()
     at.wait(lambda: not window.qualify.running, timeout=600)

@@ -33,7 +33,7 @@ def qualify(
     ] = None,
     known: Annotated[
         list[str] | None,
-        typer.Option("--property", help="Of your reference, such as 'step-high.height=1.003±0.002 mm'; may repeat."),
+        typer.Option("--property", help="Of your reference, such as 'step-high.height=1.503±0.002 mm'; may repeat."),
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not wait for Enter at each step.")] = False,
     speed: Speed = 1.0,

@@ -13,6 +13,8 @@ from gap.null.suction_reference import ReferenceBlock
 
 LEAST = 40.0
 """Fall of χ² and prior together that a specimen's doubt must bring: chance never does."""
+TIE = 10.0
+"""Fall by which an effect must do better to be believed: one that shows on a single specimen may be the specimen's."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,7 @@ def doubts(problems: Mapping[str, Problem], null: Hypothesis, tried: Sequence[Hy
         for label, (widths, runs) in problem.loosened().items():
             free = fit(under(problem, problem.prior_mean, widths), nuisance=alone.nuisance, iterations=8)
             fall = alone.objective - free.objective
-            if fall > max(LEAST, explained):
+            if fall > max(LEAST, explained - TIE):
                 found.append(Doubt(label, fall, runs))
     found.sort(key=lambda doubt: -doubt.fall)
     # One wrong reference strains what it shares with the others: only the worst is named, and those as bad.

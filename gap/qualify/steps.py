@@ -33,7 +33,8 @@ def _suction(instrument: str) -> tuple[Step, ...]:
     return (
         _step("block", "rigid block", f"qualify-block-{instrument}"),
         _step("step-low", "gauge step", f"qualify-step-{instrument}", height="0.500±0.002 mm"),
-        _step("step-high", "gauge step", f"qualify-step-{instrument}", height="1.000±0.002 mm"),
+        _step("step-mid", "gauge step", f"qualify-step-{instrument}", height="1.000±0.002 mm"),
+        _step("step-high", "gauge step", f"qualify-step-{instrument}", height="1.500±0.002 mm"),
         _step("membrane", "reference membrane", f"qualify-membrane-{instrument}", memory=0.01),
         _step("manometer", "manometer", f"qualify-manometer-{instrument}"),
     )

@@ -89,8 +89,8 @@ def test_the_standard_set_is_short_and_its_numbers_can_be_a_laboratory_s_own() -
     with Session(simulated_station()) as session:
         for name, steps in STANDARD.items():
             assert sum(session.compile(name, load(find(s.protocol)))[0].duration for s in steps) < 300
-    steps = {s.name: s for s in steps_of("cutometer", ["step-high.height=1.003±0.001 mm"])}
-    assert steps["step-high"].known["height"].scalar == pytest.approx(1.003e-3)
+    steps = {s.name: s for s in steps_of("cutometer", ["step-high.height=1.503±0.001 mm"])}
+    assert steps["step-high"].known["height"].scalar == pytest.approx(1.503e-3)
     assert steps["step-low"].known["height"].scalar == pytest.approx(0.5e-3)
     for wrong, words in (("step.height=1 mm", "STEP.KEY=VALUE"), ("block.height=1 mm", "block: height: no property")):
         with pytest.raises(ValueError, match=words):
@@ -101,7 +101,7 @@ def references(**said: str) -> list[Recording]:
     """A sound aspiration device on two steps and the membrane; ``said`` is what is claimed of the specimens instead."""
     legs = [
         replace(own.step_hold(0.0, 4.0, 4.0), specimen="gauge step", known=stated("gauge step", {"height": h}))
-        for h in ("0.500 mm", "1.000 mm")
+        for h in ("0.500 mm", "1.000 mm", "1.500 mm")
     ]
     legs.append(replace(own.step_hold(-20e3, 3.0, 3.0), specimen="reference membrane"))
     made = own.suction_session("aspiration", np.random.default_rng(4), legs=legs)
