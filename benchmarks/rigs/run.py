@@ -93,7 +93,7 @@ def row(name: str, truth: dict[str, Any], report: dict[str, Any]) -> str:
     effects = "+".join(cause.get("where", [])) or report.get("error", "")[:50]
     rest = [n for n in cause.get("class", []) if n not in cause.get("effects", [])]
     shrink = cause.get("shrink", {})
-    shown = "/".join(f"{shrink[k]:.2f}" for k in ("fitted", "waveform", "repeat") if k in shrink)
+    shown = "/".join(f"{shrink[k]:.2f}" for k in ("fitted", "waveform", "repeat") if shrink.get(k) is not None)
     return (
         f"{name:18} {'/'.join(truth['exact'][:1]) or 'none':22} {truth['size']:8.3g} {truth['before']:7.2f}"
         f" {truth['after']:5.2f} {report['verdict']:12} {cause.get('probability', 0):5.2f} {shown:>14}"

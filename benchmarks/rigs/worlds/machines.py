@@ -243,8 +243,8 @@ def sticky_valve(rng: np.random.Generator, size: float) -> World:
             error = gain * goal[i] - flow
             total += error / gain * h
             op[i] = 0.4 * error / gain + 0.06 * total if kind == "loop" else goal[i]
-            flow += h / tau * (gain * (move(op[i]) if size else op[i]) - flow)
             y[i] = flow
+            flow += h / tau * (gain * (move(op[i]) if size else op[i]) - flow)
         run.put("flow", y + drifting(run, 0.05 * gain), "1", 0.15 * gain, 0.3, step=0.1 * gain)
         run.put("demand", op, "1", 0.0, step=0.02)
         runs.append(run)
