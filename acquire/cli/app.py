@@ -35,12 +35,11 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "recover": ("acquire.cli.data", "recover"),
     "ls": ("acquire.cli.data", "ls"),
     "review": ("acquire.cli.review", "review"),
-    "fit": ("acquire.cli.fit", "fit"),
     "qualify": ("acquire.cli.qualify", "qualify"),
     "gui": ("acquire.cli.gui", "gui"),
 }
 # Groups of commands: name -> (module, typer application).
-GROUPS: dict[str, tuple[str, str]] = {"gap": ("acquire.cli.gap", "app")}
+GROUPS: dict[str, tuple[str, str]] = {"gap": ("acquire.cli.gap", "app"), "fit": ("acquire.cli.fit", "app")}
 
 _BROKEN: dict[str, str] = {}  # command -> why its module did not load
 

@@ -9,13 +9,27 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+import typer.core
 
+from acquire.cli.fit_plan import plan
 from acquire.cli.numbers import MOST_JOBS, whole
 from acquire.cli.review import ALL, counting
+
+
+class _RunsOrPlan(typer.core.TyperGroup):
+    """`acquire fit RUN...` beside `acquire fit plan`: words that name no command are the fit's own."""
+
+    def parse_args(self, context: Any, arguments: list[str]) -> list[str]:
+        return super().parse_args(context, arguments if arguments[:1] == ["plan"] else ["runs", *arguments])
+
+
+app = typer.Typer(cls=_RunsOrPlan, help="Identify a model's parameters; `fit plan`: what to measure next.")
+app.command("plan")(plan)
 
 LINES = 5.0  # s between two lines of progress where there is no terminal
 
 
+@app.command("runs")
 def fit(
     runs: Annotated[
         list[Path] | None, typer.Argument(help="Recordings (.h5) or bundles' folders, fitted together.")
@@ -42,7 +56,7 @@ def fit(
     as_json: Annotated[bool, typer.Option("--json", help="Print the result on stdout.")] = False,
 ) -> None:
     """Identify a model's parameters from recordings, and say how well they are known."""
-    solver = _solver(model)
+    solver = solver_for(model)
     if list_models:
         _list(solver, model, as_json)
         return
@@ -86,7 +100,7 @@ def _times(text: str) -> tuple[float, ...]:
         raise ValueError(f"--times {text!r}: expected seconds with commas between them, such as 0.5,5,60") from None
 
 
-def _solver(model: str) -> Any:
+def solver_for(model: str) -> Any:
     """The installed solver, by preference one that has ``model``; ends with status 2 and says what is missing."""
     from acquire.cli.app import BAD_INPUT
     from acquire.plugins import plugins

@@ -32,3 +32,19 @@ class SkinrigSolver:
 
         with workers(jobs, cluster) as executor:
             return fit(recordings, spec, executor=executor, **options)
+
+    def plan(
+        self, fitted: Mapping[str, Any], parameter: str, experiments: Mapping[str, tuple[Experiment, float]]
+    ) -> list[Any]:
+        """What further experiments promise for a parameter: see :func:`skinrig_solver.fit.plan.plan`.
+
+        ``fitted`` is the data of a ``fit.json``; ``experiments`` maps a name to an experiment and its minutes.
+        """
+        from .fit.plan import Candidate, known, plan
+
+        candidates = [Candidate(name, run, minutes) for name, (run, minutes) in experiments.items()]
+        return plan(str(fitted.get("model")), known(fitted), candidates, parameter)
+
+    def experiment(self, *arguments: Any, **options: Any) -> Experiment:
+        """An :class:`skinrig_solver.api.Experiment`, for callers that do not import this package."""
+        return Experiment(*arguments, **options)

@@ -21,6 +21,7 @@ from .surrogate import Check, Told, emulated
 from .target import Emulated, Noise, Target
 from .variables import Free
 
+CHAINS = 4  # at most: a chain that leaves the emulator's region too often asks for a wider one
 BANDS = 400  # draws behind a predictive band
 GRID = 21  # points of a profile
 KEPT = 500  # draws written to JSON
@@ -140,9 +141,14 @@ def posterior(
     began = perf_counter()
     target = Target(problem, noise, executor)
     emulator, draws, check = emulated(target, z, seed, told)
-    density = Emulated(target, emulator, strict=False)
-    told("drawing from the posterior")
-    chain = sample(density, draws, seed + 1)
+    for again in range(CHAINS):
+        target.begin_chain()
+        told("drawing from the posterior")
+        density = Emulated(target, emulator, strict=False)
+        chain = sample(density, draws, seed + 1)
+        if not target.dropped or again == CHAINS - 1:
+            break
+        emulator, draws, check = emulated(target, z, seed, told, chain.draws)  # the posterior reaches farther
     best = _maximum(Emulated(target, emulator, strict=True), chain.draws[np.argmax(chain.log_density)])
     marginals = _marginals(density, chain, best)
     strict = Emulated(target, emulator, strict=True)

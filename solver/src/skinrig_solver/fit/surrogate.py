@@ -45,15 +45,20 @@ class Check:
         return self.density_error <= GOOD
 
 
-def emulated(target: Target, z: Array, seed: int, told: Told) -> tuple[Emulator, Array, Check]:
+def emulated(
+    target: Target, z: Array, seed: int, told: Told, around: Array | None = None
+) -> tuple[Emulator, Array, Check]:
     """An emulator of the region that the posterior fills, draws from it, and how right it is at held-out ones.
 
     The region follows the draws from round to round, and each round's held-out solves train the next one's emulator.
+    It begins around the density's maximum near z (m,), or where the draws ``around`` of a chain lie, for which an
+    earlier one was too small.
     """
     random = np.random.default_rng(seed)
     m = z.size
     told("training the emulator")
-    region = _first_region(target, _towards_maximum(target, z))
+    spent = target.full_solves
+    region = _first_region(target, _towards_maximum(target, z)) if around is None else _region_of(around, target)
     wanted = max(4, int(np.ceil(1.3 * len(Basis.of(m, 2 if m > 8 else 3).orders) / (m + 1))))
     target.solve(region.points(_scattered(wanted, region, seed)))
     check = Check(np.inf, np.inf, 0, 0, 0, 0, 0)
@@ -65,7 +70,7 @@ def emulated(target: Target, z: Array, seed: int, told: Told) -> tuple[Emulator,
         check = _check(target, emulator, held_out, number)
         told(f"emulator, round {number}: log density off by {check.density_error:.2g} at held-out solves")
         fits = _fits(region, draws)
-        if (check.good and fits) or target.full_solves + CHECKS > MOST_SOLVES:
+        if (check.good and fits) or target.full_solves - spent + CHECKS > MOST_SOLVES:
             break
         if check.density_error > ROUGH:  # its draws are no guide to where the posterior lies
             target.solve(region.points(_scattered(wanted // 2, region, seed + number)))

@@ -19,7 +19,7 @@ from .variables import Variables
 
 NEARLY_ALL = 0.9999  # of a normal density's mass: so far an emulator's region reaches
 MATTERS = 0.999  # of it: a point beyond the region that would lie within so much is run in full
-FULL_RUNS = 200  # of points beyond the region, in one chain; the others have no density then
+FULL_RUNS = 60  # of points beyond the region, in one chain; the others have no density then
 STEP = 1e-4  # of a coordinate, in differences of the log prior
 
 
@@ -69,6 +69,10 @@ class Target:
     @property
     def variables(self) -> Variables:
         return self.problem.variables
+
+    def begin_chain(self) -> None:
+        """Count anew what lies beyond the emulator's region."""
+        self.beyond = self.dropped = self.evaluations = 0
 
     def solve(self, points: Array) -> list[Solve | None]:
         """Full solves at points (b, m), side by side on the executor, kept for training; None where one failed."""
