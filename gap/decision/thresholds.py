@@ -47,6 +47,7 @@ class Thresholds:
     worse_elsewhere: float
     carries_over: float
     carried_share: float
+    untested_gap: float
     rival_lead: float
     without_skin: float
     overwhelming: float

@@ -108,9 +108,17 @@ def _lowers_nothing(f: Findings) -> bool:
     return after >= before * (1.0 - f.t.least_fall) or before**2 - after**2 < f.t.least_share * excess
 
 
+def _helps(f: Findings) -> bool:
+    return any(s.value is not None and s.value > f.t.helps for s in f.withheld.values())
+
+
 def _faint(f: Findings) -> bool:
-    helps = any(s.value is not None and s.value > f.t.helps for s in f.withheld.values())
-    return weakest(f.first.hypothesis, f.t.weakest) and not helps
+    return weakest(f.first.hypothesis, f.t.weakest) and not _helps(f)
+
+
+def _untested(f: Findings) -> bool:
+    """Next to nothing stands above the noise, and no withheld recording says that it is the effect's."""
+    return f.fitted is not None and f.fitted.before <= f.t.untested_gap and not f.shows_itself and not _helps(f)
 
 
 def _worse(split: str, limit: Callable[[Findings], float]) -> Callable[[Findings], bool]:
@@ -207,6 +215,7 @@ RULES: tuple[Rule, ...] = (
         lambda f: f"{f.tolerances:.1f} stated tolerances <= {f.t.tolerances:g}",
     ),
     Rule("takes nothing away", _lowers_nothing, Findings.spoiled, _fall),
+    Rule("within the noise", _untested, Findings.quiet, _fall),
     Rule("as weak as may be", _faint, Findings.spoiled, lambda f: "at the low end of its range, and no use elsewhere"),
     Rule("worse on repeats", _worse_on_repeats, _always("unknown"), _told("repeat")),
     Rule(

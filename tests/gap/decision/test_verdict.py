@@ -460,3 +460,13 @@ def test_a_claim_on_a_rig_carries_over_and_no_rival_does_better(linear, candidat
     assert said(good, rival=Shrink(5.0, 1.38)) == "claimed"
     assert said(good, rival=Shrink(5.0, 1.1)) == "outdone by a rival"
     assert said(good, rival=Shrink(5.0, 1.1), t=INSTRUMENT) == "claimed"
+
+
+def test_nothing_is_claimed_on_a_rig_within_its_noise_that_no_withheld_recording_shows(linear, candidate) -> None:
+    comparison = _named(linear, candidate)
+    known = [h.effects[0] for h in comparison.hypotheses]
+    tests = {"fitted": Shrink(1.03, 1.0)}
+    assert judge(comparison, known, RIG, **tests).rules[0].startswith("within the noise")
+    assert judge(comparison, known, INSTRUMENT, **tests).claims
+    elsewhere = {"waveform": Shrink(1.2, 1.0)}
+    assert judge(comparison, known, RIG, **tests, held_out=elsewhere).claims
