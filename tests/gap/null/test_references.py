@@ -109,9 +109,6 @@ def test_references_name_what_skin_alone_leaves_open(effect: str, values: dict[s
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("effect", "values"),
-    [("sensor_gain", {"error": 0.08}), ("crosstalk", {"share": 0.05}), ("sensor_low_pass", {"tau": 0.1})],
-)
+@pytest.mark.parametrize(("effect", "values"), [("sensor_gain", {"error": 0.08}), ("crosstalk", {"share": 0.05})])
 def test_the_robot_s_references_name(effect: str, values: dict[str, float]) -> None:
     assert effect in named(diagnose(robot(effect, values), quick=True))
