@@ -16,7 +16,7 @@ from acquire.engine.queues import DisplayQueue
 from acquire.engine.rules import Rules, Trip
 from acquire.engine.state import State, StateMachine, WrongState
 from acquire.supervisor import Heartbeat
-from drivers.device import Rig, Status
+from drivers.device import Refused, Rig, Status
 from drivers.signals import Block, Frame
 from protocols import specimens
 
@@ -223,7 +223,11 @@ class RunEngine(Connection):
         """One turn of a running protocol."""
         if self.status is None:
             return
-        trip = self._active.drive(self.status, self._ask)
+        try:
+            trip = self._active.drive(self.status, self._ask)
+        except Refused as error:
+            # A device that takes no more of a run has left it: its own fault arrives with the next samples.
+            trip = Trip("device", str(error), self._now())
         if trip is not None:
             self._interlock.fire(trip)
         elif self._active.feeder.finished:

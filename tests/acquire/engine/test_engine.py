@@ -70,6 +70,15 @@ def test_the_queue_is_fed_and_never_overfed(engine: RunEngine, device: FakeDevic
     assert device.calls.count("enqueue") > 5
 
 
+def test_a_device_that_refuses_more_of_a_run_trips_it(engine: RunEngine, device: FakeDevice, plan: Plan) -> None:
+    running(engine, plan(Setpoints(tuple(ramp(0.3, -30e3, -30e3) for _ in range(500)))))
+    device.raise_on["enqueue"] = Refused("fake refused enqueue: not armed (fault)")
+    outcome = engine.wait(5)
+    assert outcome.status is State.TRIPPED
+    assert "refused enqueue" in outcome.reason
+    assert device.vented
+
+
 def test_abort_vents_at_once_and_keeps_the_recording(engine: RunEngine, device: FakeDevice, plan: Plan) -> None:
     running(engine, plan(LONG))
     engine.abort("enough")
