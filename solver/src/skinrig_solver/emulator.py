@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -35,9 +36,13 @@ class Region:
     lower: Array
     upper: Array
 
+    @cached_property
+    def _inverse(self) -> Array:
+        return np.asarray(np.linalg.inv(self.shape).T / self.radius)
+
     def units(self, z: Array) -> Array:
         """Points (b, m) in the region's own coordinates u = x / radius: within the unit ball inside."""
-        return np.asarray(np.linalg.solve(self.shape, (z - self.centre).T).T / self.radius)
+        return np.asarray((z - self.centre) @ self._inverse)
 
     def points(self, u: Array) -> Array:
         """The inverse of `units`, moved into the box."""

@@ -21,7 +21,8 @@ from .surrogate import Check, Told, emulated
 from .target import Emulated, Noise, Target
 from .variables import Free
 
-CHAINS = 4  # at most: a chain that leaves the emulator's region too often asks for a wider one
+CHAINS = 3  # at most: a chain that leaves the emulator's region too often asks for a wider one
+LOST = 0.005  # of the evaluations, beyond the region and worth a draw but not run in full: too often
 BANDS = 400  # draws behind a predictive band
 GRID = 21  # points of a profile
 KEPT = 500  # draws written to JSON
@@ -65,6 +66,7 @@ class Posterior:
     noise: Noise
     full_solves: int
     beyond: int
+    left_out: int
     evaluations: int
     seconds: float
     microseconds: float
@@ -99,6 +101,7 @@ class Posterior:
                 "full_solves": self.full_solves,
                 "evaluations": self.evaluations,
                 "beyond": self.beyond,
+                "left_out": self.left_out,
                 "microseconds_a_curve": self.microseconds,
             },
             "log_evidence": dict(zip(("value", "error", "laplace"), self.log_evidence, strict=True)),
@@ -121,7 +124,7 @@ class Posterior:
         lines.append(
             f"  emulator of degree {check.degree}: {self.microseconds:.0f} µs a curve, off by at most "
             f"{check.curve_error:.2g} noise deviations at {check.held_out} held-out solves; "
-            f"{self.beyond} of {self.evaluations} evaluations in full"
+            f"{self.beyond} of {self.evaluations} evaluations beyond it, {self.beyond - self.left_out} run in full"
         )
         return "\n".join(lines + [f"! {warning}" for warning in self.warnings])
 
@@ -146,7 +149,7 @@ def posterior(
         told("drawing from the posterior")
         density = Emulated(target, emulator, strict=False)
         chain = sample(density, draws, seed + 1)
-        if not target.dropped or again == CHAINS - 1:
+        if target.lost <= LOST or again == CHAINS - 1:
             break
         emulator, draws, check = emulated(target, z, seed, told, chain.draws)  # the posterior reaches farther
     best = _maximum(Emulated(target, emulator, strict=True), chain.draws[np.argmax(chain.log_density)])
@@ -162,7 +165,7 @@ def posterior(
         correlation = np.atleast_2d(np.corrcoef(chain.draws.T))
     return Posterior(
         marginals, _values(problem, chain.draws), correlation, chain, check, bands, evidence, noise,
-        target.full_solves, target.beyond, target.evaluations, perf_counter() - began, micro,
+        target.full_solves, target.beyond, target.dropped, target.evaluations, perf_counter() - began, micro,
         tuple(_doubts(target, chain, check)),
     )  # fmt: skip
 
@@ -279,7 +282,7 @@ def _doubts(target: Target, chain: Chain, check: Check) -> Sequence[str]:
             f"the emulator is off by {check.density_error:.2g} in the log density at held-out solves after "
             f"{target.full_solves} full ones: the posterior's shape is a guess to that extent"
         )
-    if target.dropped:
+    if target.lost > LOST:
         words.append(
             f"{target.beyond} of {target.evaluations} evaluations lay beyond the emulator's region, too many to be run "
             f"in full: {target.dropped} were left out, so the posterior may be cut short there"

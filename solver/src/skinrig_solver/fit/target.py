@@ -51,6 +51,7 @@ class Target:
     failed_solves: int = 0
     beyond: int = 0  # points outside the emulator's region that were run in full
     dropped: int = 0  # of them, those that had to go without: the chain is cut there
+    mattered: int = 0  # of those run in full, those that turned out to be worth a draw
     evaluations: int = 0
     solves: list[Solve] = field(default_factory=list)
 
@@ -72,7 +73,12 @@ class Target:
 
     def begin_chain(self) -> None:
         """Count anew what lies beyond the emulator's region."""
-        self.beyond = self.dropped = self.evaluations = 0
+        self.beyond = self.dropped = self.mattered = self.evaluations = 0
+
+    @property
+    def lost(self) -> float:
+        """Share of the evaluations that had to go without a density and would have had one worth a draw."""
+        return self.dropped * self.mattered / max(self.beyond - self.dropped, 1) / max(self.evaluations, 1)
 
     def solve(self, points: Array) -> list[Solve | None]:
         """Full solves at points (b, m), side by side on the executor, kept for training; None where one failed."""
@@ -167,7 +173,8 @@ class Emulated:
     def _in_full(self, z: Array, prior: Array) -> Array:
         """Points that even the extrapolated emulator does not rule out are run in full."""
         guess = prior + self.log_likelihood(z)
-        near = np.flatnonzero(guess > self._best - 0.5 * reach(z.shape[1], MATTERS) ** 2)
+        least = self._best - 0.5 * reach(z.shape[1], MATTERS) ** 2
+        near = np.flatnonzero(guess > least)
         found = np.full(len(z), -np.inf)
         self.target.beyond += near.size
         allowed = max(0, FULL_RUNS - (self.target.beyond - near.size))
@@ -176,6 +183,7 @@ class Emulated:
         for k, solve in zip(near, self.target.solve(z[near]), strict=True):
             if solve is not None:
                 found[k] = prior[k] + self.target.log_likelihood(solve.curve[None])[0]
+        self.target.mattered += int(np.count_nonzero(found > least))
         return found
 
 
