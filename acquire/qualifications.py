@@ -29,7 +29,10 @@ SERIAL = "serial_number"
 
 
 class Parameter(Model):
-    """One number of the instrument (SI): ``value`` and standard error, and how far from ``nominal`` it may be."""
+    """One number of the instrument (SI): ``value`` and standard error, and how far from ``nominal`` it may be.
+
+    ``like`` names the effect that moves it so, where nothing tells the two apart.
+    """
 
     value: float
     se: float
@@ -37,6 +40,7 @@ class Parameter(Model):
     nominal: float = 0.0
     tolerance: float | None = None
     passed: bool | None = None
+    like: str = ""
 
 
 class Bound(Model):

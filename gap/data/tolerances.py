@@ -13,13 +13,14 @@ import yaml
 @dataclass(frozen=True)
 class Tolerance:
     """``value`` in SI ``unit``, and where it is known from; ``other`` is that of a sound instrument of another make,
-    where it is wider; ``nominal`` is what it is a tolerance about."""
+    where it is wider; ``nominal`` is what it is a tolerance about, ``like`` the effect that would look the same."""
 
     value: float
     unit: str
     source: str
     other: float = 0.0
     nominal: float = 0.0
+    like: str = ""
 
     @property
     def widest(self) -> float:
@@ -35,7 +36,12 @@ def tolerances(instrument: str) -> Mapping[str, Mapping[str, Tolerance]]:
     return {
         group: {
             name: Tolerance(
-                float(v["value"]), v["unit"], v["source"], float(v.get("other", 0.0)), float(v.get("nominal", 0.0))
+                float(v["value"]),
+                v["unit"],
+                v["source"],
+                float(v.get("other", 0.0)),
+                float(v.get("nominal", 0.0)),
+                v.get("like", ""),
             )
             for name, v in parameters.items()
         }

@@ -58,7 +58,7 @@ def qualify(
     doubted = list(d.doubts)
     parameters, spread = _parameters(d)
     findings = [] if doubted else _findings(d)
-    off = [name for name, p in parameters.items() if p.passed is False]
+    off = [f"{n} ({p.like} would look so)" if p.like else n for n, p in parameters.items() if p.passed is False]
     info = references[-1].info
     document = Qualification(
         schema=SCHEMA,
@@ -143,6 +143,7 @@ def _judged(value: float, se: float, unit: str, tolerance: Tolerance) -> Paramet
         nominal=tolerance.nominal,
         tolerance=tolerance.value,
         passed=abs(value - tolerance.nominal) <= tolerance.value,
+        like=tolerance.like,
     )
 
 
