@@ -71,7 +71,8 @@ def ask_and_split(out: Path) -> Path:
     folder = out / "loop"
     if folder.exists():
         shutil.rmtree(folder)
-    acquire("gap", "loop", "cutometer", "--effect", f"{FADING}:change=0.5", "--quick", "--most", 1, "-o", folder)
+    hidden, at_hand = ("--effect", f"{FADING}:change=0.5"), ("--specimen", "gauge step", "--specimen", "rigid block")
+    acquire("gap", "loop", "cutometer", *hidden, *at_hand, "--quick", "--most", 1, "-o", folder)
     before, after = (json.loads((folder / f"report-{k}.json").read_text())["causes"][0]["class"] for k in (0, 1))
     print(f"\nbefore the experiment: {' or '.join(before)}\nafter it:              {' or '.join(after)}")
     if not (len(before) > 1 and FADING in before and after == [FADING]):

@@ -74,14 +74,10 @@ class Beliefs:
             label = " + ".join(sorted(cause["effects"]))
             drawn: dict[str, list[tuple[Acting, FloatArray]]] = {label: [(a, self._change(a)) for a in leader]}
             target = drawn[label][0][1]
-            likely = {label: 0.0}
             for name in [n for n in cause.get("class", []) if n != label and n in self._named][: MEMBERS - 1]:
-                found, off = self._imitating(name, target)
-                drawn[name], likely[name] = found, off
-            shares = np.exp(-0.5 * np.square(np.minimum(list(likely.values()), 3.0)))
-            shares /= shares.sum()
-            for (name, found), share in zip(drawn.items(), shares, strict=True):
-                each = probability * float(share) / len(found)
+                drawn[name] = self._imitating(name, target)
+            for name, found in drawn.items():  # fits, better than ours, could not split them: each is as probable
+                each = probability / (len(drawn) * len(found))
                 self.draws += [Draw(name, acting, each, change) for acting, change in found]
 
     def _leader(self, cause: Mapping[str, Any]) -> list[Acting] | None:
@@ -110,11 +106,10 @@ class Beliefs:
             out.append(acting)
         return out
 
-    def _imitating(self, name: str, target: FloatArray) -> tuple[list[tuple[Acting, FloatArray]], float]:
-        """Draws of the effect ``name`` that leave in the session what ``target`` (n,) leaves, and by how many tempered
-        σ they do not."""
+    def _imitating(self, name: str, target: FloatArray) -> list[tuple[Acting, FloatArray]]:
+        """Draws of the effect ``name`` that leave in the session what ``target`` (n,) leaves, as nearly as it can."""
         best: tuple[float, Effect, FloatArray] | None = None
-        for form in self._named[name][:2]:
+        for form in self._named[name][: 2 if self._bench.robot else None]:
             for unit in [np.full(len(form.parameters), 0.5), *self._rng.random((4, len(form.parameters)))]:
                 off = float(self._known.distance(self._at(form, unit)[1] - target))
                 if best is None or off < best[0]:
@@ -138,7 +133,7 @@ class Beliefs:
         slopes = self._slopes(form, unit, here)
         root = np.linalg.cholesky(np.linalg.inv(slopes.T @ slopes + 12.0 * np.eye(len(unit))))
         units = [unit, *(np.clip(unit + root @ self._rng.standard_normal(len(unit)), 0, 1) for _ in range(DRAWS - 1))]
-        return [self._at(form, u) for u in units], off
+        return [self._at(form, u) for u in units]
 
     def _at(self, form: Effect, unit: FloatArray) -> tuple[Acting, FloatArray]:
         acting = [(form, {p.name: from_unit(p, float(u)) for p, u in zip(form.parameters, unit, strict=True)})]
