@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..api import Array
 from .problem import Evaluation, Problem
@@ -50,7 +51,7 @@ def widened(problem: Problem, optimum: Evaluation, known: Uncertainty) -> Uncert
     return replace(known, covariance=covariance)
 
 
-def _across(there: Evaluation, finite: Array, size: Array, along: Array) -> Array:
+def _across(there: Evaluation, finite: NDArray[np.intp], size: Array, along: Array) -> Array:
     """The Gauss–Newton step across the ridge, in the optimiser's coordinates."""
     assert there.jacobian is not None
     _, _, others = np.linalg.svd(along[None, :])
