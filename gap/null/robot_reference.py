@@ -7,11 +7,13 @@ so gains, crosstalk, lag and axes of the transducers are the instrument's.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
+from scipy.linalg import null_space
 
-from gap.inference.hypothesis import FROZEN
-from gap.null.blocks import GroupedSession
+from gap.inference.hypothesis import FROZEN, Active
+from gap.null.blocks import Block, GroupedSession
 from gap.null.robot_force import ForceBlock
 from gap.null.sheet_law import TISSUE, Law
 from protocols.specimens import GRAVITY, SPECIMENS
@@ -19,8 +21,6 @@ from sim_devices.chain import FloatArray
 
 KNOWN = Law((FROZEN,) * len(TISSUE), ((0.0,) * len(TISSUE),))
 """No freedom of a tissue's."""
-LEVER = 2.3
-"""Greatest force of a transducer over the force across the probe that makes it: 2h/(√3 w) but for a hair."""
 POST = "rigid post"
 LOOSE = 0.3
 """Of a stiffness or mass, were it not known."""
@@ -36,7 +36,7 @@ class ReferenceForceBlock(ForceBlock):
     name = "reference"
     LAWS = (KNOWN,)
     DISCREPANCY_SCALES = (1.0,)
-    DISCREPANCY_SIZE = 1
+    DISCREPANCY_SIZE = 100
     TRUSTS = (0.9,)
 
     def left_out(self, session: GroupedSession) -> tuple[str, ...]:
@@ -51,15 +51,33 @@ class ReferenceForceBlock(ForceBlock):
                     out[j] = max(known[key].se / known[key].scalar, 1e-6)
         return out
 
-    def _zero_sd(self) -> FloatArray:
-        """That of the zeros, and what a weight's direction may be off: a force across it that does not change."""
-        out = np.full(len(self.runs), self.ZERO_SD)
-        for j, k in enumerate(self.runs):
-            known = self.session.recordings[k].info.specimen_properties
-            if {"mass", "direction"} <= known.keys():
-                across = known["mass"].scalar * GRAVITY * known["direction"].se
-                out[j] = np.hypot(out[j], LEVER * across)
-        return out
+    def _discrepancy_columns(self) -> tuple[FloatArray, FloatArray]:
+        """What a weight's direction may be off: forces across it, constant in each of its recordings, (3 n, q)."""
+        size = max(float(np.ptp(self.measured)), 10 * float(np.median(self.sigma)))
+        columns = [np.zeros(len(self.measured))]
+        for g, at in self.groups:
+            if not {"mass", "direction"} <= g.known.keys():
+                continue
+            weight, direction = g.known["mass"].scalar * GRAVITY, g.known["direction"]
+            transducers: Any = self._nominal[g.specimen]["transducers"]
+            across = null_space(np.array([direction.value]))
+            legs = np.array(transducers.matrix).reshape(3, 3) @ across * weight * direction.se
+            for j in range(2):
+                column = np.zeros((3, len(self.stamps)))
+                column[:, at] = legs[:, j : j + 1]
+                columns.append(column.ravel() / (size * self.DISCREPANCY_SD))
+        return np.column_stack(columns), np.ones(len(columns))
+
+    @property
+    def open_law(self) -> bool:  # type: ignore[override]
+        return False
+
+    @property
+    def plain_sd(self) -> FloatArray:
+        return self.prior_sd
+
+    def widening(self, active: Active) -> FloatArray | None:
+        return Block.widening(self, active)
 
     def loosened(self) -> Mapping[str, tuple[FloatArray, tuple[int, ...]]]:
         """For each specimen with a number, the prior widths (p,) were that number unknown, and its recordings."""
