@@ -53,8 +53,9 @@ def looks(lateness: Lateness) -> list[tuple[float, float, float]]:
         return []
     sound = _Sound(time, sd)
     spread = float(np.ptp(late - sound.part(late)))
-    # Lateness fills the interval: one much longer than its range would agree with any.
-    least, most = max(spread / 1.2, QUICKEST_LOOK), min(SPARSE * spread, SLOWEST_LOOK)
+    # Lateness fills the interval: one much longer than its range would agree with any. Some of it may look like skew.
+    widest = max(spread, float(np.ptp(late)))
+    least, most = max(spread / 1.2, QUICKEST_LOOK), min(SPARSE * widest, SLOWEST_LOOK)
     if least >= most:
         return []
     step = 0.1 / float(np.ptp(time))

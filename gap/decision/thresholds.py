@@ -37,6 +37,7 @@ class Thresholds:
     unearned: float
     unknown: float
     patched: float
+    unfinished_pair: float
     unnamed: float
     tolerances: float
     least_fall: float

@@ -140,6 +140,12 @@ def _patched(f: Findings) -> bool:
     return len(f.first.effects) > 1 and events and f.posterior.gap_after > f.t.patched and not f.shows_itself
 
 
+def _unfinished(f: Findings) -> bool:
+    """Two effects that leave a gap where they act: two of the library's forms repair one of another form."""
+    left = f.fitted.after if f.fitted is not None else 0.0
+    return len(f.first.effects) > 1 and left > f.t.unfinished_pair and not f.shows_itself
+
+
 def _repairs_skin(f: Findings) -> bool:
     """A device effect that does not carry over to another waveform may be what skin of another law leaves."""
     carried = f.held_out.get("waveform")
@@ -207,6 +213,12 @@ RULES: tuple[Rule, ...] = (
         _patched,
         _always("unknown"),
         lambda f: f"several effects, one for a while, leave a gap of {f.posterior.gap_after:.2f} > {f.t.patched:g}",
+    ),
+    Rule(
+        "unfinished pair",
+        _unfinished,
+        _always("unknown"),
+        lambda f: f"several effects leave a gap > {f.t.unfinished_pair:g} where they act: {_fall(f)}",
     ),
     Rule(
         "within tolerance",

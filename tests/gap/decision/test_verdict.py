@@ -204,6 +204,17 @@ def test_patches_that_leave_a_gap_are_no_explanation(linear, candidate) -> None:
         assert decide(Findings(patched, INSTRUMENT)).rules[0].startswith(rule)
 
 
+@pytest.mark.parametrize(("effects", "left", "said"), [(1, 1.53, "effect"), (2, 1.53, "unknown"), (2, 1.1, "several")])
+def test_a_pair_is_named_only_where_it_leaves_no_gap(linear, candidate, effects, left, said) -> None:
+    """Preconditioning of another form was told drag and a change of tone, which left 1.53 of 2.60."""
+    comparison, known = weak_wave(linear, candidate, 2.5)
+    found = posterior(comparison, known, INSTRUMENT)
+    first = found.causes[0]
+    several = replace(first, hypothesis=replace(first.hypothesis, effects=effects * first.effects))
+    findings = Findings(replace(found, causes=(several,)), INSTRUMENT, fitted=Shrink(2.6, left))
+    assert decide(findings).verdict == said
+
+
 def test_an_event_must_stand_out_further_since_it_may_begin_anywhere(linear, candidate) -> None:
     for event, said in ((False, "effect"), (True, "undetectable")):
         comparison, known = weak_wave(linear, candidate, 2.4, event=event)
