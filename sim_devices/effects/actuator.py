@@ -27,7 +27,7 @@ from sim_devices.stages import kernels, laws
 from sim_devices.stages.axes import FORCE_LIMIT
 
 BEND = PRESSURE / 2
-"""Pa above which a gauge of two slopes is wrong, or a valve lifts."""
+"""Pa above which a gauge of two slopes is wrong, or a valve lifts, where nothing else is said."""
 SLOW_PATH = 1 / 3
 """Share of the flow that lags behind a regulator of two paths."""
 
@@ -84,8 +84,8 @@ def _leak(chain: Chain, v: Values) -> Chain:
         spell = (v["shortfall"], v["exponent"], PRESSURE, v["moment"], v["duration"])
         return map_after(chain, "regulator", "leak", "actuator", leak_for_a_while, spell)
     if chosen(v, "form") == 1:
-        slope = -v["shortfall"] * PRESSURE / (PRESSURE - BEND)
-        return map_after(chain, "regulator", "leak", "actuator", laws.bent, (slope, BEND))
+        slope = -v["shortfall"] * PRESSURE / (PRESSURE - v["knee"])
+        return map_after(chain, "regulator", "leak", "actuator", laws.bent, (slope, v["knee"]))
     parameters = (v["shortfall"], v["exponent"], PRESSURE)
     return map_after(chain, "regulator", "leak", "actuator", laws.leak, parameters)
 
@@ -106,7 +106,7 @@ def _dead_band(chain: Chain, v: Values) -> Chain:
 def _gauge_gain(chain: Chain, v: Values) -> Chain:
     if chosen(v, "form") < 3:
         return _gauge(chain, v, v["error"], 0.0)
-    return map_after(chain, "gauge", "gauge_bend", "actuator", laws.bent, (v["error"], BEND))
+    return map_after(chain, "gauge", "gauge_bend", "actuator", laws.bent, (v["error"], v["knee"]))
 
 
 def _gauge_offset(chain: Chain, v: Values) -> Chain:
@@ -208,8 +208,9 @@ EFFECTS = (
         (
             strength("shortfall", "1", 3e-4, 0.6, 0.1, "of 300 mbar at 300 mbar"),
             shape("exponent", "1", -0.5, 1.5, 0.7, "-0.5 orifice, 0 laminar, above: a leak that opens", only=(0, 3)),
-            choice("form", 0, "a power of suction", "a valve that lifts at half of 300 mbar",
+            choice("form", 0, "a power of suction", "a valve that lifts at some pressure",
                    "made up for by an integrating regulator", "open for a while"),
+            shape("knee", "Pa", 2e3, 25e3, BEND, "at which the valve lifts", only=(1,)),
             shape("repair", "s", 0.1, 20.0, 1.5, "within which it is made up for", log=True, only=(2,)),
             *for_a_while(3),
         ),
@@ -260,7 +261,8 @@ EFFECTS = (
         "span error of pressure sensors; gap.md",
         (
             signed("error", "1", 0.4, 0.1, "relative error of the reading"),
-            choice("form", 0, *WHERE, "in the record, from half of 300 mbar on"),
+            choice("form", 0, *WHERE, "in the record, beyond a knee"),
+            shape("knee", "Pa", 2e3, 25e3, BEND, "pressure beyond which the slope is wrong", only=(3,)),
         ),
         _gauge_gain,
     ),
