@@ -93,12 +93,14 @@ class Connection(ControlLoop):
 
     def lost(self, link: LinkThread, error: Exception) -> None:
         """A link failed: a trip where a person may be attached, else something to try again."""
-        log.warning("%s: %s", link.source.name, error)
+        name, text = link.source.name, str(error)
+        text = text if name in text else f"{name}: {text}"  # a transport knows its address alone
+        log.warning("%s", text)
         if self._machine.can("lose"):
-            self._lost.append(str(error))
+            self._lost.append(text)
             self._wake.set()
         else:
-            self._interlock.fire(Trip("link", str(error), link.status.time if link.status else math.nan))
+            self._interlock.fire(Trip("link", text, link.status.time if link.status else math.nan))
 
     # In the loop's thread ---------------------------------------------------------------------------------------------
 

@@ -70,6 +70,14 @@ def test_the_queue_is_fed_and_never_overfed(engine: RunEngine, device: FakeDevic
     assert device.calls.count("enqueue") > 5
 
 
+def test_the_trip_of_a_closed_link_names_its_source(engine: RunEngine, device: FakeDevice, plan: Plan) -> None:
+    running(engine, plan(LONG))
+    device.raise_on["beat"] = LinkLost("link socket://127.0.0.1:4000: the other end closed it")
+    outcome = engine.wait(5)
+    assert outcome.status is State.TRIPPED
+    assert outcome.reason == "link: fake: link socket://127.0.0.1:4000: the other end closed it"
+
+
 def test_a_device_that_refuses_more_of_a_run_trips_it(engine: RunEngine, device: FakeDevice, plan: Plan) -> None:
     running(engine, plan(Setpoints(tuple(ramp(0.3, -30e3, -30e3) for _ in range(500)))))
     device.raise_on["enqueue"] = Refused("fake refused enqueue: not armed (fault)")
