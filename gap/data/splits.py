@@ -9,22 +9,27 @@ import numpy as np
 from acquire.recording.model import Recording
 from gap.data.labels import direction, level
 from gap.data.waveform import waveform
+from protocols.specimens import SPECIMENS
 
 
 def splits(recordings: Sequence[Recording]) -> dict[str, set[int]]:
-    """Which recordings to withhold, for each kind of split that the session allows."""
+    """Which recordings to withhold, for each kind of split that the session allows.
+
+    A reference specimen is measured once, and is what an effect is learnt from: none is withheld.
+    """
+    measured = {k: r for k, r in enumerate(recordings) if r.info.specimen not in SPECIMENS}
     keys: dict[str, Callable[[Recording], str]] = {"level": level, "direction": direction, "waveform": waveform}
     out: dict[str, set[int]] = {}
     for name, key in keys.items():
         groups: dict[str, set[int]] = {}
-        for k, r in enumerate(recordings):
+        for k, r in measured.items():
             groups.setdefault(key(r), set()).add(k)
         if len(groups) > 1:
             # Withhold the smaller part, but never the top level: that would be extrapolation.
             ordered = sorted(groups.items(), key=lambda kv: (len(kv[1]), kv[0]))
             out[name] = ordered[0][1] if name != "level" else sorted(groups.items(), key=_leading_number)[0][1]
     conditions: dict[tuple[str, str, str], list[int]] = {}
-    for k, r in enumerate(recordings):
+    for k, r in measured.items():
         conditions.setdefault((level(r), direction(r), waveform(r)), []).append(k)
     repeats = {members[-1] for members in conditions.values() if len(members) > 1}
     if repeats and len(repeats) < len(recordings):

@@ -41,6 +41,7 @@ class Thresholds:
     unnamed: float
     tolerances: float
     least_fall: float
+    small_fall: float
     least_share: float
     weakest: float
     helps: float

@@ -121,6 +121,13 @@ def _untested(f: Findings) -> bool:
     return f.fitted is not None and f.fitted.before <= f.t.untested_gap and not f.shows_itself and not _helps(f)
 
 
+def _small(f: Findings) -> bool:
+    """Hardly anything is taken away, and withheld recordings do not say that it is the effect's."""
+    if f.fitted is None or f.shows_itself or not f.withheld or _helps(f):
+        return False
+    return f.fitted.after > f.fitted.before * (1.0 - f.t.small_fall)
+
+
 def _worse(split: str, limit: Callable[[Findings], float]) -> Callable[[Findings], bool]:
     def holds(f: Findings) -> bool:
         s = f.held_out.get(split)
@@ -227,6 +234,12 @@ RULES: tuple[Rule, ...] = (
         lambda f: f"{f.tolerances:.1f} stated tolerances <= {f.t.tolerances:g}",
     ),
     Rule("takes nothing away", _lowers_nothing, Findings.spoiled, _fall),
+    Rule(
+        "takes little away",
+        _small,
+        Findings.spoiled,
+        lambda f: ", ".join([_fall(f), *(_told(k)(f) for k in f.withheld)]),
+    ),
     Rule("within the noise", _untested, Findings.quiet, _fall),
     Rule("as weak as may be", _faint, Findings.spoiled, lambda f: "at the low end of its range, and no use elsewhere"),
     Rule("worse on repeats", _worse_on_repeats, _always("unknown"), _told("repeat")),

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import null_space
 
 from gap.inference.hypothesis import FROZEN, Active
-from gap.null.blocks import Block, GroupedSession
+from gap.null.blocks import Block, Group, GroupedSession, Table
 from gap.null.robot_force import ForceBlock
 from gap.null.sheet_law import TISSUE, Law
 from protocols.specimens import GRAVITY, SPECIMENS
@@ -24,6 +24,8 @@ KNOWN = Law((FROZEN,) * len(TISSUE), ((0.0,) * len(TISSUE),))
 POST = "rigid post"
 LOOSE = 0.3
 """Of a stiffness or mass, were it not known."""
+HANGING = (60.0, 20.0, 5.0, 1.0)
+"""s before its recording at which a specimen acts already: a sensor's lag has passed when a weight is recorded."""
 
 
 class ReferenceForceBlock(ForceBlock):
@@ -41,6 +43,12 @@ class ReferenceForceBlock(ForceBlock):
 
     def left_out(self, session: GroupedSession) -> tuple[str, ...]:
         return (POST, *{g.name for g in session.groups if g.name not in SPECIMENS})
+
+    def _grid_of(self, group: Group, at: slice, axes: Mapping[str, Table]) -> tuple[FloatArray, dict[str, FloatArray]]:
+        grid, values = super()._grid_of(group, at, axes)
+        before = grid[0] - np.array(HANGING)
+        held = {name: np.concatenate([np.full(len(before), v[0]), v]) for name, v in values.items()}
+        return np.concatenate([before, grid]), held
 
     def _gain_sd(self) -> FloatArray:
         out = np.full(len(self.runs), 1e-6)
@@ -75,6 +83,10 @@ class ReferenceForceBlock(ForceBlock):
     @property
     def plain_sd(self) -> FloatArray:
         return self.prior_sd
+
+    @property
+    def sound(self) -> FloatArray:  # type: ignore[override]
+        return self.prior_mean
 
     def widening(self, active: Active) -> FloatArray | None:
         return Block.widening(self, active)

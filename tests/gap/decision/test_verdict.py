@@ -204,6 +204,22 @@ def test_patches_that_leave_a_gap_are_no_explanation(linear, candidate) -> None:
         assert decide(Findings(patched, INSTRUMENT)).rules[0].startswith(rule)
 
 
+@pytest.mark.parametrize(
+    ("after", "elsewhere", "said"),
+    [
+        (0.93, (0.93, 0.93), "undetectable"),
+        (0.93, (1.3, 1.1), "effect"),
+        (0.85, (0.93, 0.9), "effect"),
+        (0.93, None, "effect"),
+    ],
+)
+def test_what_takes_little_away_must_help_elsewhere(linear, candidate, after, elsewhere, said) -> None:
+    """Uneven counts were told a lag, which took .02 of a gap of .95 and nothing of a withheld waveform's."""
+    comparison, known = weak_wave(linear, candidate, 2.5)
+    held_out = {} if elsewhere is None else {"waveform": Shrink(*elsewhere)}
+    assert judge(comparison, known, fitted=Shrink(0.95, after), held_out=held_out).verdict == said
+
+
 @pytest.mark.parametrize(("effects", "left", "said"), [(1, 1.53, "effect"), (2, 1.53, "unknown"), (2, 1.1, "several")])
 def test_a_pair_is_named_only_where_it_leaves_no_gap(linear, candidate, effects, left, said) -> None:
     """Preconditioning of another form was told drag and a change of tone, which left 1.53 of 2.60."""

@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from gap.decision.thresholds import INSTRUMENT
+from gap.decision.thresholds import INSTRUMENT, RIG
 from gap.diagnosis import diagnose
 from gap.inference.hypothesis import to_unit
 from gap.inference.least_squares import fit
@@ -217,7 +217,8 @@ def test_a_second_effect_is_not_made_of_what_the_model_itself_lacks(recording) -
     rest = np.sin(900 * time) + np.sin(1300 * time + 1) + np.sin(1700 * time + 2)
     noise = 3e-4 * np.random.default_rng(7).normal(size=len(time))
     run = recording({"out": lagged + tail + 1.5e-3 * rest + noise}, time, {"dac": (time, volts)}, instrument="ladder")
-    assert diagnose([run], Ladder(), thresholds=INSTRUMENT).verdict.verdict == "several"
+    eager = replace(INSTRUMENT, unfinished_pair=RIG.unfinished_pair)
+    assert diagnose([run], Ladder(), thresholds=eager).verdict.verdict == "several"
     verdict = diagnose([run], Ladder()).verdict
     assert verdict.verdict == "effect"
     assert {"delay", "low_pass"} & set(verdict.causes[0].names)
