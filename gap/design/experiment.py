@@ -235,22 +235,20 @@ def fault(recording: Recording, asked: Asked) -> str:
 
 
 def _off(time: FloatArray, value: FloatArray, asked_time: FloatArray, asked: FloatArray) -> float:
-    """rms difference of a command from what was asked for, in parts of its range, at the best shift of its start."""
+    """rms difference of a command from what was asked for, in parts of its range, at the best shift of its start.
+
+    Where rest was asked for, any set-point but nought is wholly off.
+    """
+    size = float(np.max(np.abs(asked)))
+    if size == 0:
+        return float(np.any(value))
+    begun = int(np.argmax(np.abs(value) > 0.01 * size))
+    if abs(value[begun]) <= 0.01 * size:  # it never began
+        return 1.0
     grid = np.arange(asked_time[0], asked_time[-1], 0.02)
     wanted = np.interp(grid, asked_time, asked)
-    size = float(np.max(np.abs(asked)))
-    begun = np.flatnonzero(np.abs(value) > 0.01 * size) if size > 0 else np.zeros(0, int)
-    if not len(begun) or size == 0:
-        return (
-            float(np.sqrt(np.mean(np.square(np.interp(time, time, value)))) / max(size, 1e-12))
-            if size
-            else float(np.max(np.abs(value), initial=0.0) > 0)
-        )
-    first = (
-        float(np.interp(0.01 * size, np.abs(value[begun[0] - 1 : begun[0] + 1]), time[begun[0] - 1 : begun[0] + 1]))
-        if begun[0]
-        else float(time[0])
-    )
+    around = slice(max(begun - 1, 0), begun + 1)
+    first = float(np.interp(0.01 * size, np.abs(value[around]), time[around]))
     onset = grid[int(np.argmax(np.abs(wanted) > 0.01 * size))]
     shifts = first - onset + np.linspace(-0.3, 0.3, 31)
     return min(float(np.sqrt(np.mean(np.square(np.interp(grid + s, time, value) - wanted)))) for s in shifts) / size

@@ -55,9 +55,10 @@ class Known:
         return np.asarray(sla.cho_solve(self._factor, self._jacobian.T @ change / self._temper))
 
     def left(self, change: FloatArray) -> FloatArray:
-        """What the unknowns cannot take up of a change, in tempered σ: its square is the penalty on χ²."""
-        taken = change - self._jacobian @ self.unknown(change)
-        return np.asarray(taken / np.sqrt(self._temper))
+        """What the unknowns cannot take up of a change (n,), in tempered σ, and how far they move for what they do, in
+        widths of their priors, (n + p,): its length is the `distance`."""
+        unknown = self.unknown(change)
+        return np.concatenate([(change - self._jacobian @ unknown) / np.sqrt(self._temper), unknown])
 
     def distance(self, change: FloatArray) -> FloatArray:
         """How far changes (n,) or (n, k) stand out in the session, in tempered σ: δ² = Δᵀ P Δ."""

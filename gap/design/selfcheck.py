@@ -87,26 +87,25 @@ def _just_visible(bench: Bench, known: Known, sound: FloatArray, effect: Effect)
 
     if strength is None:
         return at(0.0)
-    u, away = _strongest(strength)
-    best = at(from_unit(strength, u))
+    weak, strong = _range(strength)
+    best = at(from_unit(strength, strong))
     if best.size < VISIBLE:
         return _Trace(effect, best.acting, None, best.left, best.size)
-    low, high = to_unit(strength, strength.null or 0.0) if away else 0.0, u
     for _ in range(7):  # bisection in quantiles of the prior
-        middle = at(from_unit(strength, 0.5 * (low + high)))
+        middle = at(from_unit(strength, 0.5 * (weak + strong)))
         if middle.size >= VISIBLE:
-            high, best = 0.5 * (low + high), middle
+            strong, best = 0.5 * (weak + strong), middle
         else:
-            low = 0.5 * (low + high)
+            weak = 0.5 * (weak + strong)
         if best.size < 1.2 * VISIBLE:
             break
     return best
 
 
-def _strongest(p: Parameter) -> tuple[float, bool]:
-    """Quantile of the strongest value, and whether the value that does nothing lies inside the range."""
-    inside = p.null is not None and p.low < p.null < p.high
-    return 1.0, inside or (p.null is not None and p.null >= p.high)
+def _range(strength: Parameter) -> tuple[float, float]:
+    """Quantiles of the weakest and of the strongest value: a limit is strongest where it is lowest."""
+    weak = to_unit(strength, strength.null or 0.0)
+    return weak, 0.0 if weak == 1.0 else 1.0
 
 
 def _recovered(found: Mapping[str, Sequence[_Trace]], rng: np.random.Generator) -> list[Checked]:

@@ -3,16 +3,17 @@ it."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from gap.data.noise import denoised
 from gap.inference.hypothesis import Active
-from gap.null.blocks import Group, GroupedSession, Table
+from gap.null.blocks import Block, Group, GroupedSession, Table
 from gap.null.chains import Kept, needed
 from gap.null.suction_pressure import NO_TISSUE, PressureBlock, chain_of, commanded_line, sound_chain
-from sim_devices.chain import Chain
+from sim_devices.chain import Chain, Effect, FloatArray
 from sim_devices.stages.sampling import simulate
 
 
@@ -63,3 +64,29 @@ class FedPressure:
             return time, pressure + (made["line_pressure"] - made["pressure"])
 
         return self._before.get((group.specimen, id(time), partial), corrected)
+
+
+class FedBlock(Block):
+    """A block whose chain is fed the recorded pressure; commands are placed on the record's clock."""
+
+    def __init__(
+        self,
+        session: GroupedSession,
+        library: Mapping[str, Effect],
+        pressure: PressureBlock | None,
+        without: Sequence[str],
+    ) -> None:
+        super().__init__(session, library, without)
+        self._pressure = pressure
+        self._fed = FedPressure(session, pressure)
+        self._line = [self._fed.smoothed(g) for g, _ in self.groups]
+
+    def tables(self, group: Group) -> dict[str, Table]:
+        """The commands by the record's clock: a zero that is taken milliseconds off is off by as many micrometres."""
+        if self._pressure is None:
+            return group.tables()
+        return {q: (t - self._pressure.early(t), value) for q, (t, value) in group.tables().items()}
+
+    def kinks(self, group: Group) -> FloatArray:
+        kinks = super().kinks(group)
+        return kinks if self._pressure is None else kinks - self._pressure.early(kinks)

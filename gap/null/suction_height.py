@@ -21,10 +21,10 @@ from gap.inference.evidence import Fit
 from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Start
 from gap.inference.least_squares import fit, under
 from gap.inference.workers import each
-from gap.null.blocks import SIMPLE_SHIFT, Block, Group, GroupedSession, Table, compressed
+from gap.null.blocks import SIMPLE_SHIFT, Group, GroupedSession, compressed
 from gap.null.skin_laws import BASIC, CREEP, FURTHER, PARTS, USUAL, Part, SkinLaw, guesses, rewired, switched
 from gap.null.suction_discrepancy import USUAL_MEMORY, Suction, elastic_freedom, suction_discrepancy
-from gap.null.suction_feed import FedPressure
+from gap.null.suction_feed import FedBlock
 from gap.null.suction_pressure import PressureBlock, chain_of
 from gap.null.suction_skin import Loaded
 from protocols.specimens import SPECIMENS
@@ -62,7 +62,7 @@ def _probability(alone: tuple[Fit, SkinLaw]) -> float:
     return alone[0].log_evidence(1.0, (alone[0].prior_sd,))
 
 
-class HeightBlock(Block):
+class HeightBlock(FedBlock):
     """Recorded pressure -> apex height.
 
     Nuisance: the reduced tissue's parameters; per recording a gain (the skin's scatter from run to run), a zero and
@@ -89,11 +89,8 @@ class HeightBlock(Block):
     def __init__(
         self, session: GroupedSession, library: Mapping[str, Effect], pressure: PressureBlock | None = None
     ) -> None:
-        super().__init__(session, library, without=tuple(SPECIMENS))
+        super().__init__(session, library, pressure, without=tuple(SPECIMENS))
         self._tissue = suction_tissue("forearm")
-        self._pressure = pressure
-        self._fed = FedPressure(session, pressure)
-        self._line = [self._fed.smoothed(g) for g, _ in self.groups]
         strongest = (-float(p.min()) for (g, _), (_, p) in zip(self.groups, self._line, strict=True) if g.skin)
         self._strongest = max(strongest, default=0.0) or 1e3  # Pa; without skin any will do
         self._runs = self.member
@@ -167,16 +164,6 @@ class HeightBlock(Block):
         mean = np.zeros(len(self.prior_sd))
         mean[: len(self.PARTS)] = [0.0 if p.of == name else p.begin for name, p in self.PARTS.items()]
         return switched(self.PARTS, mean, law)
-
-    def tables(self, group: Group) -> dict[str, Table]:
-        """The commands by the record's clock: a zero that is taken milliseconds off is off by as many micrometres."""
-        if self._pressure is None:
-            return group.tables()
-        return {q: (t - self._pressure.early(t), value) for q, (t, value) in group.tables().items()}
-
-    def kinks(self, group: Group) -> FloatArray:
-        kinks = super().kinks(group)
-        return kinks if self._pressure is None else kinks - self._pressure.early(kinks)
 
     def _by_group(
         self, basis: Callable[..., tuple[FloatArray, FloatArray]], *more: Any

@@ -14,9 +14,9 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from gap.inference.hypothesis import Active, Evaluation
-from gap.null.blocks import Block, Group, GroupedSession, Table
+from gap.null.blocks import Group, GroupedSession, Table
 from gap.null.suction_discrepancy import KNEES
-from gap.null.suction_feed import FedPressure
+from gap.null.suction_feed import FedBlock
 from gap.null.suction_pressure import NO_TISSUE, PressureBlock, chain_of
 from protocols.specimens import MEMORY
 from sim_devices.chain import Chain, Effect, FloatArray
@@ -50,7 +50,7 @@ class _Column:
     loose: float = 0.0
 
 
-class ReferenceBlock(Block):
+class ReferenceBlock(FedBlock):
     """Apex height on reference specimens.
 
     Nuisance: the sampling convention; the height's gain within its tolerance; each recording's zero; a step's height
@@ -64,11 +64,7 @@ class ReferenceBlock(Block):
         self, session: GroupedSession, library: Mapping[str, Effect], pressure: PressureBlock | None = None
     ) -> None:
         others = {g.name for g in session.groups if not g.reference}
-        super().__init__(session, library, without=tuple(others))
-        fed = FedPressure(session, pressure)
-        self._pressure = pressure
-        self._fed = fed
-        self._line = [fed.smoothed(g) for g, _ in self.groups]
+        super().__init__(session, library, pressure, without=tuple(others))
         self._bulge = [self._solid(g, at) for g, at in self.groups]
         self._curve = self._membrane_curve()
         later, earlier = (self._chain_height(np.array([s]), {}) for s in (1e-3, -1e-3))
@@ -80,16 +76,6 @@ class ReferenceBlock(Block):
         self.prior_sd = np.array([self.shift_sd, *(c.sd for c in columns)])
         self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
         self.alternatives = (self.prior_sd,)
-
-    def tables(self, group: Group) -> dict[str, Table]:
-        """The commands by the record's clock, as the zero is taken."""
-        if self._pressure is None:
-            return group.tables()
-        return {q: (t - self._pressure.early(t), value) for q, (t, value) in group.tables().items()}
-
-    def kinks(self, group: Group) -> FloatArray:
-        kinks = super().kinks(group)
-        return kinks if self._pressure is None else kinks - self._pressure.early(kinks)
 
     def _solid(self, group: Group, at: slice) -> Table | None:
         """Height of a solid over a group's time, m; None of a membrane. A step is there from when the record shows half
@@ -239,6 +225,3 @@ class ManometerBlock(PressureBlock):
             "pressure_gauge_gain_error": (-float(nuisance[-2]), "1"),
             "pressure_gauge_zero": (-float(nuisance[-1]), "Pa"),
         }
-
-
-__all__ = ["ManometerBlock", "ReferenceBlock"]

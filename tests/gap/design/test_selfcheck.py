@@ -10,6 +10,7 @@ import pytest
 
 from acquire.cli.gap_selfcheck import cited
 from gap.design import simulated as own
+from gap.design.catalogue import usual
 from gap.design.selfcheck import VISIBLE, as_text, selfcheck
 from gap.effects import library
 
@@ -27,8 +28,6 @@ def test_a_leak_shows_early_and_a_lag_of_the_sensor_hides_in_skin_unless_there_i
     on_skin = checked(LEGS)
     assert on_skin["leak"].strength < 0.01
     assert on_skin["leak"].recovered > 0.8
-    from gap.design.catalogue import usual
-
     known = usual("reference membrane", "cutometer")
     quick = own.triangle(-30e3, 2.0, 3, 3.0)
     membrane = own.Leg(quick.quantity_tables, quick.duration, "reference membrane", known=known)
@@ -40,6 +39,14 @@ def test_a_leak_shows_early_and_a_lag_of_the_sensor_hides_in_skin_unless_there_i
     )
     assert all(c.strength is None or c.delta >= VISIBLE for c in on_skin.values())
     assert "leak" in as_text(list(on_skin.values()))
+
+
+def test_a_limit_is_strongest_where_it_is_lowest() -> None:
+    rest = {"pressure": (np.array([0.0, 12.0]), np.zeros(2))}
+    step = own.Leg(rest, 12.0, "gauge step", known=usual("gauge step", "cutometer"))
+    session = own.suction_session("cutometer", np.random.default_rng(2), legs=[*LEGS, step])
+    (saturation,) = selfcheck(session, {"limit": library("cutometer")["sensor_saturation[form=0]"]})
+    assert 0.2e-3 < saturation.strength < 0.3e-3  # the step is 0.3 mm high
 
 
 def test_effects_of_one_trace_are_taken_for_each_other() -> None:
