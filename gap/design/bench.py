@@ -1,16 +1,12 @@
-"""A session and an experiment as rows of a linear model: simulated channels, what nuisance could change in them, noise.
+"""A session and an experiment as rows: simulated channels and their noise.
 
-The instrument is the simulator's, the skin the forearm's scaled to what was recorded. What an observer does not know of
-either is spanned by columns with Gaussian priors: tolerances of the instrument, zero and gain of every recording, and
-whatever skin of any law could do (`gap.design.anylaw`). Columns of one name are the same unknown in session and
-experiment.
+The instrument is the simulator's, the skin the forearm's scaled to what was recorded.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -20,7 +16,6 @@ from gap.data.binning import bin_edges, bin_means
 from gap.data.labels import direction, level
 from gap.data.session import SKIN, Session
 from gap.data.waveform import waveform
-from gap.design.anylaw import lagged, remembered
 from gap.design.simulated import MANOMETER_NOISE, Leg
 from protocols.specimens import MANOMETER, SPECIMENS
 from sim_devices.chain import Chain, Effect, FloatArray
@@ -42,19 +37,10 @@ RATE = {"cutometer": 100.0, "aspiration": 25.0, "microrobot": 40.0}
 """Simulated samples a second, before they are averaged in bins."""
 SUBSTEPS = 2
 """Steps of the robot's closed loop for each of its samples."""
-BROAD = 0.5
-"""Prior of a column of any law of skin, in parts of the skin's largest answer."""
 MOST = 4
 """Recordings of a robot's session on skin that are simulated."""
-SCATTER, ZERO = 0.05, 3.0
-"""Run-to-run scatter of skin (relative), and of a recording's zero, in noises of one sample (assumed)."""
-CURVED = ("reference membrane",)
-"""Specimens whose elastic curve is not known, but has no memory."""
 
 Acting: TypeAlias = Sequence[tuple[Effect, Mapping[str, float]]]
-Signals: TypeAlias = Sequence[Mapping[str, FloatArray]]
-Column: TypeAlias = tuple[str, ...]
-"""The name of an unknown."""
 
 
 @dataclass(frozen=True)
@@ -179,155 +165,6 @@ class Bench:
             {c: v[end - len(part.stamps[k]) : end] for c, v in signals.items()}
             for k, end in zip(members, ends, strict=True)
         ]
-
-    # ---- what is not known -------------------------------------------------------------------------------------
-
-    def unknowns(self, part: Part) -> dict[Column, tuple[FloatArray, float]]:
-        """Whitened columns (n,) by which each unknown changes the rows of a part, and its prior's width: 1 but for
-        those of skin's law."""
-        sound = self.simulate(part)
-        columns = self._tolerances(part, sound) | self._of_recordings(part, sound) | self._of_specimens(part, sound)
-        columns |= self._of_references(part, sound)
-        return {name: (self.rows(part, made), 1.0) for name, made in columns.items()}
-
-    def _tolerances(
-        self, part: Part, sound: Sequence[Mapping[str, FloatArray]]
-    ) -> dict[Column, list[dict[str, FloatArray]]]:
-        def late(seconds: float, only: Sequence[str] = ()) -> list[dict[str, FloatArray]]:
-            return [
-                {c: -seconds * np.gradient(v, at) for c, v in s.items() if not only or c in only}
-                for s, at in zip(sound, part.stamps, strict=True)
-            ]
-
-        def scaled(channel: str, share: float) -> list[dict[str, FloatArray]]:
-            return [{channel: share * s[channel]} for s in sound]
-
-        skewed = [
-            {c: -2e-5 * (at - part.starts[0]) * np.gradient(v, at) for c, v in s.items()}
-            for s, at in zip(sound, part.stamps, strict=True)
-        ]
-        out: dict[Column, list[dict[str, FloatArray]]] = {("latency",): late(1e-3), ("skew",): skewed}
-        tuned: dict[str, tuple[str, dict[str, float]]]
-        if self.robot:
-            out |= {("gain", c): _with_forces(scaled(c, 5e-3)) for c in TRANSDUCERS}
-            out |= {
-                ("offset", c): _with_forces([{c: np.full(len(at), 5e-3)} for at in part.stamps]) for c in TRANSDUCERS
-            }
-            tuned = {
-                "loop": ("axes", {"rate": 110.0}),
-                "drag": ("axes", {"drag": 0.3}),
-                "mass": ("axes", {"mass": 0.066}),
-            }
-        else:
-            out[("height late",)] = late(1e-3, ("apex_height",))
-            out[("gauge gain",)] = scaled("pressure", 5e-3)
-            out[("gauge zero",)] = [{"pressure": np.full(len(at), 100.0)} for at in part.stamps]
-            tuned = {"regulator": ("regulator", {"tau": 0.0424}), "damping": ("regulator", {"zeta": 1.1})}
-        for name, (operator, values) in tuned.items():
-            moved = self.simulate(part, tuned={operator: values})
-            out[(name,)] = [{c: m[c] - s[c] for c in s} for m, s in zip(moved, sound, strict=True)]
-        return out
-
-    def _of_recordings(
-        self, part: Part, sound: Sequence[Mapping[str, FloatArray]]
-    ) -> dict[Column, list[dict[str, FloatArray]]]:
-        """Zero of every recording and, of skin, its gain."""
-        answers = TRANSDUCERS if self.robot else ("apex_height",)
-        out: dict[Column, list[dict[str, FloatArray]]] = {}
-        for k, (leg, signals, at) in enumerate(zip(part.legs, sound, part.stamps, strict=True)):
-
-            def only(made: dict[str, FloatArray], k: int = k) -> list[dict[str, FloatArray]]:
-                return [made if i == k else {} for i in range(len(part.legs))]
-
-            if not self.robot:
-                out[(part.name, "zero", str(k))] = only({c: np.full(len(at), ZERO * self.noise[c][0]) for c in answers})
-            if leg.specimen == SKIN:
-                gains = [{c: SCATTER * signals[c] for c in (*answers, *(xyz("force") if self.robot else ()))}]
-                out[(part.name, "gain", str(k))] = only(gains[0])
-        return out
-
-    def _of_specimens(
-        self, part: Part, sound: Sequence[Mapping[str, FloatArray]]
-    ) -> dict[Column, list[dict[str, FloatArray]]]:
-        """What skin of any law, or a membrane of any curve, could do."""
-        out: dict[Column, list[dict[str, FloatArray]]] = {}
-        for specimen in (SKIN, *CURVED):
-            members = [k for k, leg in enumerate(part.legs) if leg.specimen == specimen]
-            if not members:
-                continue
-            causes = xyz("probe") if self.robot else ("pressure",)
-            answers = xyz("force") if self.robot else ("apex_height",)
-            times = [part.stamps[k] for k in members]
-            given = [np.stack([sound[k][c] / self._sizes[c] for c in causes]) for k in members]
-            for axis, answer in enumerate(answers):
-                own = [sound[k][answer] / self._sizes[answer] for k in members]
-                for number, feature in enumerate(remembered(times, given, own, memory=specimen == SKIN)):
-                    made: list[dict[str, FloatArray]] = [{} for _ in part.legs]
-                    for k, values in zip(members, feature, strict=True):
-                        made[k] = {answer: BROAD * self._sizes[answer] * values}
-                    out[(specimen, str(axis), str(number))] = _with_transducers(made) if self.robot else made
-        return out
-
-    def _of_references(self, part: Part, sound: Signals) -> dict[Column, list[dict[str, FloatArray]]]:
-        """What is not known exactly of reference specimens: their stated uncertainties, a second gauge's tolerance."""
-        out: dict[Column, list[dict[str, FloatArray]]] = {}
-        for label in dict.fromkeys(leg.label for leg in part.legs if leg.specimen in SPECIMENS):
-            members = {k for k, leg in enumerate(part.legs) if leg.label == label}
-            leg = part.legs[min(members)]
-            answers = (*TRANSDUCERS, *xyz("force")) if self.robot else ("apex_height",)
-            for key, stated in leg.known.items():
-                share = stated.se / max(float(np.linalg.norm(stated.value)), 1e-12)
-                made = [{c: share * s[c] for c in answers} if k in members else {} for k, s in enumerate(sound)]
-                out[(label, key)] = made
-            if leg.specimen in CURVED:  # its little memory, which is known as a bound
-                memory = leg.known["memory"].scalar if "memory" in leg.known else 0.01
-                late = [s["apex_height"] - lagged([at], [s["apex_height"]], 0.3)[0]
-                        for s, at in zip(sound, part.stamps, strict=True)]  # fmt: skip
-                lost = [{"apex_height": memory * v} if k in members else {} for k, v in enumerate(late)]
-                out[(label, "loss")] = lost
-            if leg.specimen == MANOMETER:
-                second = [{SECOND: 1e-3 * s[SECOND]} if k in members else {} for k, s in enumerate(sound)]
-                out[(label, "gain")] = second
-        return out
-
-    @cached_property
-    def _sizes(self) -> Mapping[str, float]:
-        """The largest value of each channel on this session's skin, for columns of equal meaning in every part."""
-        every = zip(self.simulate(self.session), self.session.legs, strict=True)
-        skin = [s for s, leg in every if leg.specimen == SKIN]
-        largest = {
-            c: max((float(np.max(np.abs(s[c]))) for s in skin if c in s), default=0.0) or 1.0 for c in self.channels
-        }
-        for names in (xyz("probe"), xyz("force")) if self.robot else ():
-            largest |= dict.fromkeys(names, max(largest[n] for n in names))
-        return largest
-
-
-def _with_forces(made: list[dict[str, FloatArray]]) -> list[dict[str, FloatArray]]:
-    """What changes in the forces, which are computed from the transducers."""
-    matrix = _force_matrix()
-    for signals in made:
-        zero = np.zeros(len(next(iter(signals.values()))))
-        legs = np.stack([signals.get(c, zero) for c in TRANSDUCERS])
-        signals.update(zip(xyz("force"), matrix @ legs, strict=True))
-    return made
-
-
-def _with_transducers(made: list[dict[str, FloatArray]]) -> list[dict[str, FloatArray]]:
-    """What changes in the transducers where the forces do."""
-    inverse = np.linalg.inv(_force_matrix())
-    for signals in made:
-        if signals:
-            zero = np.zeros(len(next(iter(signals.values()))))
-            forces = np.stack([signals.get(c, zero) for c in xyz("force")])
-            signals.update(zip(TRANSDUCERS, inverse @ forces, strict=True))
-    return made
-
-
-def _force_matrix() -> FloatArray:
-    from drivers.microrobot import forces
-
-    return np.asarray(forces.matrix(forces.TRANSDUCER_RADIUS, forces.PROBE_HEIGHT))
 
 
 def leg_of(recording: Recording) -> Leg:

@@ -14,6 +14,7 @@ from gap.design.bench import Bench
 from gap.design.catalogue import catalogue
 from gap.design.experiment import Experiment, stopped
 from gap.design.information import Known, Worth, worth
+from gap.design.unknowns import Unknowns
 from gap.effects.load import library
 from protocols import Limits
 from sim_devices.chain import Effect
@@ -80,26 +81,46 @@ def choose(
     arguments give an equal choice.
     """
     instrument = recordings[0].info.instrument
-    top = max((float(c.get("probability", 0.0)) for c in report.get("causes", [])), default=0.0)
-    alone = [
-        c for c in report.get("causes", []) if float(c.get("probability", 0.0)) == top and len(c.get("class", [])) < 2
-    ]
-    if top >= CERTAIN and alone:
-        return Choice(instrument, None, f"{' and '.join(alone[0]['effects'])} is certain ({top:.2f})", top, ())
-    rng = np.random.default_rng(seed)
+    top, certain = _leading(report)
+    if certain:
+        return Choice(instrument, None, f"{certain} is certain ({top:.2f})", top, ())
     bench = Bench(recordings)
     asked = catalogue(instrument, bench.session.legs, limits, specimens, seed)
     if not asked:
         return Choice(instrument, None, "no experiment is within the limits", top, ())
+    known = library(instrument) if effects is None else effects
+    valued = _valued(report, bench, asked, known, seed)
+    if not valued:
+        return Choice(instrument, None, "the report leaves nothing possible that could be simulated", top, ())
+    best, value = valued[0]
+    if value.information < LEAST_BITS and value.after - value.before < LEAST_GAIN:
+        reason = f"nothing considered would tell more: at most {value.information:.2f} bits of the cause"
+        return Choice(instrument, None, reason, value.before, valued)
+    return Choice(instrument, best, "", value.after, valued)
+
+
+def _leading(report: Mapping[str, Any]) -> tuple[float, str]:
+    """The greatest probability of a cause; and that cause in words, where it is certain and alone in its class."""
+    causes = [(float(c.get("probability", 0.0)), c) for c in report.get("causes", [])]
+    top = max((probability for probability, _ in causes), default=0.0)
+    alone = [c for probability, c in causes if probability == top and len(c.get("class", [])) < 2]
+    return top, " and ".join(alone[0]["effects"]) if alone and top >= CERTAIN else ""
+
+
+def _valued(
+    report: Mapping[str, Any], bench: Bench, asked: Sequence[Experiment], effects: Mapping[str, Effect], seed: int
+) -> tuple[tuple[Experiment, Worth], ...]:
+    """Experiments with what each is expected to tell, the most a minute first; none where nothing is possible."""
     sound = bench.rows(bench.session, bench.simulate(bench.session))
     parts = [bench.part(f"experiment {k}", [e.leg], [bench.end + e.rest_before]) for k, e in enumerate(asked)]
-    there = [bench.unknowns(part) for part in parts]
+    unknown = Unknowns(bench)
+    there = [unknown.of(part) for part in parts]
     gap = float((report.get("gap") or {}).get("after") or 1.0)
-    known = Known(bench.unknowns(bench.session), [name for u in there for name in u], FORM_ERROR * max(gap, 1.0) ** 2)
-    drawn = Beliefs(report, bench, known, sound, library(instrument) if effects is None else effects, rng).draws
+    known = Known(unknown.of(bench.session), [name for u in there for name in u], FORM_ERROR * max(gap, 1.0) ** 2)
+    drawn = Beliefs(report, bench, known, sound, effects, np.random.default_rng(seed)).draws
     draws = [d for d in drawn if d.weight > POSSIBLE]
     if not draws:
-        return Choice(instrument, None, "the report leaves nothing possible that could be simulated", top, ())
+        return ()
     weights, labels = np.array([d.weight for d in draws]), [d.label for d in draws]
     in_session = np.stack([d.change for d in draws], axis=1)
     valued = []
@@ -110,12 +131,7 @@ def choose(
         value = worth(points, weights, labels, np.random.default_rng(seed))
         split = _separated(points, draws)
         valued.append((experiment.valued(value.information, value.before, value.after, split), value))
-    valued.sort(key=lambda pair: -pair[1].information / pair[0].minutes)
-    best, value = valued[0]
-    if value.information < LEAST_BITS and value.after - value.before < LEAST_GAIN:
-        reason = f"nothing considered would tell more: at most {value.information:.2f} bits of the cause"
-        return Choice(instrument, None, reason, value.before, tuple(valued))
-    return Choice(instrument, best, "", value.after, tuple(valued))
+    return tuple(sorted(valued, key=lambda pair: -pair[1].information / pair[0].minutes))
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -15,14 +15,15 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg as sla
 
-from gap.design.bench import Column
+from gap.design.unknowns import Column
 from gap.inference.linear import factorise
 from sim_devices.chain import FloatArray
 
 DRAWS = 600
 """Simulated outcomes from which information and chance of a right answer are reckoned."""
 
-Unknowns = Mapping[Column, tuple[FloatArray, float]]
+Columns = Mapping[Column, FloatArray]
+"""Whitened columns (n,) of unknowns, each for one width of its prior."""
 
 
 @dataclass(frozen=True)
@@ -38,14 +39,14 @@ class Worth:
 class Known:
     """The session: the precision of the unknowns after it, and what it says of them under each explanation."""
 
-    def __init__(self, unknowns: Unknowns, more: Sequence[Column] = (), temper: float = 1.0) -> None:
+    def __init__(self, unknowns: Columns, more: Sequence[Column] = (), temper: float = 1.0) -> None:
         self.names = [*unknowns, *(m for m in more if m not in unknowns)]
-        rows = len(next(iter(unknowns.values()))[0])
+        rows = len(next(iter(unknowns.values())))
         self._temper = temper
         self._jacobian = np.zeros((rows, len(self.names)))
         for k, name in enumerate(self.names):
             if name in unknowns:
-                self._jacobian[:, k] = unknowns[name][0] * unknowns[name][1]
+                self._jacobian[:, k] = unknowns[name]
         normal = self._jacobian.T @ self._jacobian / temper
         normal[np.diag_indices_from(normal)] += 1.0
         self._factor = factorise(normal)
@@ -65,14 +66,14 @@ class Known:
         square = np.sum(change * (change - self._jacobian @ self.unknown(change)), axis=0) / self._temper
         return np.asarray(np.sqrt(np.maximum(square, 0.0)))
 
-    def seen(self, there: Unknowns, in_session: FloatArray, in_experiment: FloatArray) -> FloatArray:
+    def seen(self, there: Columns, in_session: FloatArray, in_experiment: FloatArray) -> FloatArray:
         """Explanations as the experiment would show them, whitened (k, r ≤ k): what each changes in the session (n, k)
         is taken up by the unknowns, as the session demands, and what these then do in the experiment is taken off what
         it changes there (m, k)."""
         jacobian = np.zeros((in_experiment.shape[0], len(self.names)))
         for k, name in enumerate(self.names):
             if name in there:
-                jacobian[:, k] = there[name][0] * there[name][1]
+                jacobian[:, k] = there[name]
         mean = in_experiment - jacobian @ self.unknown(in_session)
         mean = (mean - mean.mean(axis=1, keepdims=True)) / np.sqrt(self._temper)
         # V = 1 + J C Jᵀ with C the unknowns' covariance: V⁻¹ by Woodbury's identity.

@@ -18,6 +18,7 @@ from acquire.recording.model import Recording
 from gap.design.bench import Acting, Bench
 from gap.design.choice import FORM_ERROR
 from gap.design.information import Known
+from gap.design.unknowns import Unknowns
 from gap.inference.hypothesis import from_unit, to_unit
 from sim_devices.chain import Effect, FloatArray, Parameter
 
@@ -64,7 +65,7 @@ def selfcheck(recordings: Sequence[Recording], effects: Mapping[str, Effect], se
     """Every effect (the best-seen of its forms) in sessions like ``recordings``, in the order of their names."""
     bench = Bench(recordings)
     sound = bench.rows(bench.session, bench.simulate(bench.session))
-    known = Known(bench.unknowns(bench.session), (), FORM_ERROR)
+    known = Known(Unknowns(bench).of(bench.session), (), FORM_ERROR)
     forms: dict[str, list[Effect]] = {}
     for effect in effects.values():
         forms.setdefault(effect.name, []).append(effect)

@@ -21,8 +21,6 @@ from sim_devices.chain import FloatArray
 
 OF_SKIN = ("height", "force")
 """Blocks whose parameters are a person's."""
-SURE = 0.5
-"""Probability from which an effect is a finding, be it in a class or as the first of several."""
 
 
 @dataclass(frozen=True)
@@ -85,12 +83,8 @@ def qualify(
     return Judged(document, d)
 
 
-def _claimed(d: Diagnosis) -> bool:
-    return d.verdict.verdict in ("effect", "several") and bool(d.verdict.posterior.causes)
-
-
 def _findings(d: Diagnosis) -> list[Finding]:
-    return [_finding(d, d.verdict.posterior.causes[0])] if _claimed(d) else []
+    return [_finding(d, d.verdict.causes[0])] if d.verdict.claims else []
 
 
 def _finding(d: Diagnosis, cause: Cause) -> Finding:

@@ -45,11 +45,18 @@ def test_draws_of_one_cause_are_not_told_apart() -> None:
     assert blurred.information == pytest.approx(0.0, abs=0.01)
 
 
+def test_what_is_left_is_as_long_as_it_is_detectable() -> None:
+    rng = np.random.default_rng(4)
+    known = Known({("a",): rng.normal(size=30), ("b",): 20.0 * rng.normal(size=30)}, temper=2.0)
+    change = rng.normal(size=30)
+    assert np.linalg.norm(known.left(change)) == pytest.approx(float(known.distance(change)))
+
+
 def test_an_unknown_shared_with_the_session_is_known_better_in_the_experiment() -> None:
     """An unknown of unit variance, seen in n rows of the session, has 1/(n + 1) of it left in the experiment."""
     ones = np.ones(9)
-    known = Known({("gain",): (ones, 1.0)})
-    there = {("gain",): (np.ones(1), 1.0)}
+    known = Known({("gain",): ones})
+    there = {("gain",): np.ones(1)}
     points = known.seen(there, np.zeros((9, 2)), np.array([[0.0, 1.0]]))
     assert np.linalg.norm(points[1] - points[0]) == pytest.approx(1.0 / np.sqrt(1.0 + 1.0 / 10.0))
     # An effect that looks in both like the unknown is not seen at all, but for the prior's resistance.

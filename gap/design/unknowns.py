@@ -1,0 +1,194 @@
+"""What an observer does not know of an instrument and of what it measures, as columns of a linear model.
+
+Tolerances of the instrument, zero and gain of every recording, what is stated of reference specimens with some
+uncertainty, and whatever skin of any law could do (`gap.design.anylaw`). Columns of one name are the same unknown in
+session and experiment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from drivers.microrobot import forces
+from gap.data.session import SKIN
+from gap.data.tolerances import tolerances
+from gap.design.anylaw import lagged, remembered
+from gap.design.bench import SECOND, Bench, Part
+from protocols.specimens import MANOMETER, SPECIMENS
+from sim_devices.chain import FloatArray
+from sim_devices.stages.axes import LOOP_RATE
+from sim_devices.stages.axes import MASS as AXIS_MASS
+from sim_devices.stages.robot import TRANSDUCERS, xyz
+
+TRANSDUCER_ZERO, MASS = 5e-3, 0.1
+"""N: how far a transducer's zero is off; and how far an axis' moving mass, relative (assumed)."""
+BROAD = 0.5
+"""Prior of a column of any law of skin, in parts of the skin's largest answer."""
+SCATTER, ZERO = 0.05, 3.0
+"""Run-to-run scatter of skin (relative), and of a recording's zero, in noises of one sample (assumed)."""
+CURVED = ("reference membrane",)
+"""Specimens whose elastic curve is not known, but has no memory."""
+Signals: TypeAlias = Sequence[Mapping[str, FloatArray]]
+Changes: TypeAlias = list[dict[str, FloatArray]]
+"""What changes in the channels of every recording."""
+Column: TypeAlias = tuple[str, ...]
+"""The name of an unknown."""
+
+
+class Unknowns:
+    """The unknowns of sessions on a bench."""
+
+    def __init__(self, bench: Bench) -> None:
+        self.bench, self.tolerances = bench, tolerances(bench.instrument)
+
+    def of(self, part: Part) -> dict[Column, FloatArray]:
+        """Whitened columns (n,) by which each unknown, one width of its prior off, changes the rows of a part."""
+        sound = self.bench.simulate(part)
+        columns = self._tolerances(part, sound) | self._of_recordings(part, sound) | self._of_specimens(part, sound)
+        columns |= self._of_references(part, sound)
+        return {name: self.bench.rows(part, made) for name, made in columns.items()}
+
+    def _tolerances(self, part: Part, sound: Signals) -> dict[Column, Changes]:
+        """What a sound instrument may be off (`gap.data.tolerances`), each by its stated value."""
+
+        def late(seconds: Callable[[FloatArray], Any], only: Sequence[str] = ()) -> Changes:
+            return [
+                {c: -seconds(at) * np.gradient(v, at) for c, v in s.items() if not only or c in only}
+                for s, at in zip(sound, part.stamps, strict=True)
+            ]
+
+        def scaled(channel: str, share: float) -> Changes:
+            return [{channel: share * s[channel]} for s in sound]
+
+        def off(channel: str, amount: float) -> Changes:
+            return [{channel: np.full(len(at), amount)} for at in part.stamps]
+
+        known = {group: {name: t.value for name, t in stated.items()} for group, stated in self.tolerances.items()}
+        out: dict[Column, Changes] = {
+            ("latency",): late(lambda at: known["latency"]["delay"]),
+            ("skew",): late(lambda at: known["clock_skew"]["rate"] * (at - part.starts[0])),
+        }
+        if self.bench.robot:
+            for c in TRANSDUCERS:
+                out[("gain", c)] = _with_forces(scaled(c, known["sensor_gain"]["error"]))
+                out[("offset", c)] = _with_forces(off(c, TRANSDUCER_ZERO))
+            rate, mass = 1 + known["loop"]["proportional"], 1 + MASS
+            tuned = {"loop": ("axes", "rate", LOOP_RATE * rate), "mass": ("axes", "mass", AXIS_MASS * mass),
+                     "drag": ("axes", "drag", known["viscous_drag"]["drag"])}  # fmt: skip
+        else:
+            out[("height late",)] = late(lambda at: known["desynchronisation"]["shift"], ("apex_height",))
+            out[("gauge gain",)] = scaled("pressure", known["gauge_gain"]["error"])
+            out[("gauge zero",)] = off("pressure", known["gauge_offset"]["offset"])
+            stated = self.tolerances["quantities"]
+            tuned = {
+                name: ("regulator", operator, stated[quantity].nominal + stated[quantity].value)
+                for name, operator, quantity in (
+                    ("regulator", "tau", "regulator_time"), ("damping", "zeta", "regulator_damping")
+                )
+            }  # fmt: skip
+        for name, (operator, parameter, value) in tuned.items():
+            moved = self.bench.simulate(part, tuned={operator: {parameter: value}})
+            out[(name,)] = [{c: m[c] - s[c] for c in s} for m, s in zip(moved, sound, strict=True)]
+        return out
+
+    def _of_recordings(self, part: Part, sound: Sequence[Mapping[str, FloatArray]]) -> dict[Column, Changes]:
+        """Zero of every recording and, of skin, its gain."""
+        answers = TRANSDUCERS if self.bench.robot else ("apex_height",)
+        out: dict[Column, Changes] = {}
+        for k, (leg, signals, at) in enumerate(zip(part.legs, sound, part.stamps, strict=True)):
+
+            def only(made: dict[str, FloatArray], k: int = k) -> Changes:
+                return [made if i == k else {} for i in range(len(part.legs))]
+
+            if not self.bench.robot:
+                out[(part.name, "zero", str(k))] = only(
+                    {c: np.full(len(at), ZERO * self.bench.noise[c][0]) for c in answers}
+                )
+            if leg.specimen == SKIN:
+                gains = [{c: SCATTER * signals[c] for c in (*answers, *(xyz("force") if self.bench.robot else ()))}]
+                out[(part.name, "gain", str(k))] = only(gains[0])
+        return out
+
+    def _of_specimens(self, part: Part, sound: Sequence[Mapping[str, FloatArray]]) -> dict[Column, Changes]:
+        """What skin of any law, or a membrane of any curve, could do."""
+        out: dict[Column, Changes] = {}
+        for specimen in (SKIN, *CURVED):
+            members = [k for k, leg in enumerate(part.legs) if leg.specimen == specimen]
+            if not members:
+                continue
+            causes = xyz("probe") if self.bench.robot else ("pressure",)
+            answers = xyz("force") if self.bench.robot else ("apex_height",)
+            times = [part.stamps[k] for k in members]
+            given = [np.stack([sound[k][c] / self._sizes[c] for c in causes]) for k in members]
+            for axis, answer in enumerate(answers):
+                own = [sound[k][answer] / self._sizes[answer] for k in members]
+                for number, feature in enumerate(remembered(times, given, own, memory=specimen == SKIN)):
+                    made: Changes = [{} for _ in part.legs]
+                    for k, values in zip(members, feature, strict=True):
+                        made[k] = {answer: BROAD * self._sizes[answer] * values}
+                    out[(specimen, str(axis), str(number))] = _with_transducers(made) if self.bench.robot else made
+        return out
+
+    def _of_references(self, part: Part, sound: Signals) -> dict[Column, Changes]:
+        """What is not known exactly of reference specimens: their stated uncertainties, a second gauge's tolerance."""
+        out: dict[Column, Changes] = {}
+        for label in dict.fromkeys(leg.label for leg in part.legs if leg.specimen in SPECIMENS):
+            members = {k for k, leg in enumerate(part.legs) if leg.label == label}
+            leg = part.legs[min(members)]
+            answers = (*TRANSDUCERS, *xyz("force")) if self.bench.robot else ("apex_height",)
+            for key, stated in leg.known.items():
+                share = stated.se / max(float(np.linalg.norm(stated.value)), 1e-12)
+                made = [{c: share * s[c] for c in answers} if k in members else {} for k, s in enumerate(sound)]
+                out[(label, key)] = made
+            if leg.specimen in CURVED:  # its little memory, which is known as a bound
+                memory = leg.known["memory"].scalar if "memory" in leg.known else 0.01
+                late = [s["apex_height"] - lagged([at], [s["apex_height"]], 0.3)[0]
+                        for s, at in zip(sound, part.stamps, strict=True)]  # fmt: skip
+                lost = [{"apex_height": memory * v} if k in members else {} for k, v in enumerate(late)]
+                out[(label, "loss")] = lost
+            if leg.specimen == MANOMETER:
+                second = [{SECOND: 1e-3 * s[SECOND]} if k in members else {} for k, s in enumerate(sound)]
+                out[(label, "gain")] = second
+        return out
+
+    @cached_property
+    def _sizes(self) -> Mapping[str, float]:
+        """The largest value of each channel on this session's skin, for columns of equal meaning in every part."""
+        every = zip(self.bench.simulate(self.bench.session), self.bench.session.legs, strict=True)
+        skin = [s for s, leg in every if leg.specimen == SKIN]
+        largest = {
+            c: max((float(np.max(np.abs(s[c]))) for s in skin if c in s), default=0.0) or 1.0
+            for c in self.bench.channels
+        }
+        for names in (xyz("probe"), xyz("force")) if self.bench.robot else ():
+            largest |= dict.fromkeys(names, max(largest[n] for n in names))
+        return largest
+
+
+def _with_forces(made: Changes) -> Changes:
+    """What changes in the forces, which are computed from the transducers."""
+    matrix = _force_matrix()
+    for signals in made:
+        zero = np.zeros(len(next(iter(signals.values()))))
+        legs = np.stack([signals.get(c, zero) for c in TRANSDUCERS])
+        signals.update(zip(xyz("force"), matrix @ legs, strict=True))
+    return made
+
+
+def _with_transducers(made: Changes) -> Changes:
+    """What changes in the transducers where the forces do."""
+    inverse = np.linalg.inv(_force_matrix())
+    for signals in made:
+        if signals:
+            zero = np.zeros(len(next(iter(signals.values()))))
+            forces = np.stack([signals.get(c, zero) for c in xyz("force")])
+            signals.update(zip(TRANSDUCERS, inverse @ forces, strict=True))
+    return made
+
+
+def _force_matrix() -> FloatArray:
+    return np.asarray(forces.matrix(forces.TRANSDUCER_RADIUS, forces.PROBE_HEIGHT))
