@@ -14,7 +14,7 @@ from benchmarks.faults.mutate import HEADER
 from benchmarks.faults.table import Campaign, Part, Row
 
 FULL = 2000
-KIND, BLOCK = 8, 3  # where a record says its kind, and that of samples (ten each in the sound journal)
+BLOCK = 3  # kind of a record of samples (ten each in the sound journal)
 
 
 def rows(campaign: Campaign) -> Iterator[Row]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from .forms import Draw, Form
 
 CUT, ASP = ("cutometer",), ("aspiration",)
-BOTH = CUT + ASP
 
 
 def _book(concept: str, name: str, knob: str, strong: float, **draws: Draw) -> Form:

@@ -78,13 +78,6 @@ class Laboratory:
     uneven: float = 0.0
     decimals: int = 0
 
-    def noise_of(self, channel: str) -> Noise:
-        """The noise of a channel, by its name in a recording."""
-        for kind in ("axis", "leg"):
-            if channel.startswith({"axis": "axis_position", "leg": "transducer_force"}[kind]):
-                return self.noise[kind]
-        return self.noise[channel]
-
 
 _SUCTION = {
     "latency_tolerance": 1e-3,  # s, of a command

@@ -58,7 +58,6 @@ class ReferenceBlock(FedBlock):
     """
 
     name, channels = "reference", ("apex_height",)
-    LINEAR_FROM = 1  # of the nuisance: behind the shift
 
     def __init__(
         self, session: GroupedSession, library: Mapping[str, Effect], pressure: PressureBlock | None = None

@@ -43,6 +43,22 @@ def rubbing(level: float, v0: float, uneven: float) -> Callable[..., float]:
     return f
 
 
+def play(gap: float) -> Callable[[float], Step]:
+    """Backlash of full width ``gap``; at first in its middle."""
+
+    def make(dt: float) -> Step:
+        p = np.nan
+
+        def step(y: float, **_: float) -> float:
+            nonlocal p
+            p = y if np.isnan(p) else min(max(p, y - gap / 2), y + gap / 2)
+            return p
+
+        return step
+
+    return make
+
+
 def plays(weights: Array, radii: Array) -> Callable[[float], Step]:
     """Prandtl-Ishlinskii: a sum of play operators on the signal."""
 

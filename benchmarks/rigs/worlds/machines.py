@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from benchmarks.rigs.worlds.drives import inverse
-from benchmarks.rigs.worlds.effects import late, lugre, memoryless, relaxing
+from benchmarks.rigs.worlds.effects import late, lugre, memoryless, play, relaxing
 from benchmarks.rigs.worlds.tools import FINE, Array, Run, Step, World, levels, lti, multisine, ode, passed, spread
 
 
@@ -36,17 +36,7 @@ def geared_servo(rng: np.random.Generator, size: float) -> World:
         run.command("command", u, "1")
         runs.append(run)
 
-    def make(dt: float) -> Step:
-        p = np.nan
-
-        def step(y: float, **_: float) -> float:
-            nonlocal p
-            p = y if np.isnan(p) else min(max(p, y - size / 2), y + size / 2)
-            return p
-
-        return step
-
-    return World(runs, {"gear": make})
+    return World(runs, {"gear": play(size)})
 
 
 def loggers(rng: np.random.Generator, size: float) -> World:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.rigs.worlds.effects import dead, late, memoryless
+from benchmarks.rigs.worlds.effects import dead, late, memoryless, play
 from benchmarks.rigs.worlds.tools import FINE, Array, Run, Step, World, chirp, levels, lti, multisine, ode, soft, spread
 
 
@@ -70,17 +70,7 @@ def gear(rng: np.random.Generator, size: float) -> World:
         run.put("motor_angle", angle, "1", 1e-4, 0.0, step=2e-4)
         runs.append(run)
 
-    def make(dt: float) -> Step:
-        p = np.nan
-
-        def step(y: float, **_: float) -> float:
-            nonlocal p
-            p = y if np.isnan(p) else min(max(p, y - gap / 2), y + gap / 2)
-            return p
-
-        return step
-
-    return World(runs, {"motor_angle": make})
+    return World(runs, {"motor_angle": play(gap)})
 
 
 def dryer(rng: np.random.Generator, size: float, n: int = 1000) -> World:
