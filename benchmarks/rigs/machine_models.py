@@ -4,7 +4,6 @@ without the hidden effect.
 Used as ``--model benchmarks/rigs/machine_models.py:Name``.
 """
 
-# ruff: noqa: RUF012  (a user's model is plain Python)
 from __future__ import annotations
 
 import sys
@@ -14,7 +13,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from benchmarks.rigs.models import Cylinder, Inverse, first_order, lin, log, second_order
+from benchmarks.rigs.nominal.drives import Cylinder, Inverse
+from benchmarks.rigs.nominal.dynamics import first_order, lin, log, second_order
 
 
 class GearedServo:
