@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 from drivers.microrobot import forces
 from drivers.microrobot.kinematics import GEOMETRY
 from sim_devices.chain import Chain, FloatArray
-from sim_devices.effects.build import ROBOT, Values, choice, chosen, effect, map_after, signed, strength
-from sim_devices.effects.sensor import (
+from sim_devices.effects.any_sensor import (
     CHANNEL,
     FORCE,
     GAIN_MEANING,
@@ -25,6 +24,7 @@ from sim_devices.effects.sensor import (
     mixed,
     on_both,
 )
+from sim_devices.effects.build import ROBOT, Values, choice, chosen, effect, map_after, signed, strength
 from sim_devices.stages.operators import Map, Wired, after, before
 from sim_devices.stages.robot import TRANSDUCERS, Linear, numbered
 

@@ -1,0 +1,258 @@
+"""Effects that height and transducer force share: gain, offset, drift, curvature, clipping, steps, hysteresis, lag."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from sim_devices.chain import Chain, Effect, FloatArray, Parameter
+from sim_devices.effects.build import (
+    LONGEST,
+    PHASE,
+    Values,
+    choice,
+    chosen,
+    effect,
+    for_a_while,
+    law_after,
+    map_after,
+    on_recorded,
+    shape,
+    signed,
+    strength,
+)
+from sim_devices.stages import kernels, laws
+from sim_devices.stages.operators import Map
+from sim_devices.stages.robot import TRANSDUCERS, numbered
+
+Law = Callable[..., Any]
+HEIGHT, FORCE = "optics", "transducers"
+CHANNEL = choice("channel", 0, "transducer a", "b", "c", "all three")
+_COURSES = ("linear in time", "towards a limit, as in warming up", "to and fro")
+COURSE = choice("form", 1, *_COURSES)
+_EACH_COURSE = choice("form", 1, *_COURSES, "towards a limit, each transducer its own")
+
+
+def _transducers(v: Values) -> tuple[str, ...]:
+    k = chosen(v, "channel")
+    return TRANSDUCERS if k == 3 else TRANSDUCERS[k : k + 1]
+
+
+def _mapped(name: str, law: Law, parameters: Callable[[Chain, Values], tuple[float, ...]], robot: bool) -> Any:
+    """Install a law on the height, or on the transducers that the values choose."""
+
+    def install(chain: Chain, v: Values) -> Chain:
+        names = _transducers(v) if robot else ()
+        return map_after(chain, FORCE if robot else HEIGHT, name, "sensor", law, parameters(chain, v), *names)
+
+    return install
+
+
+def gain(name: str, robot: bool) -> Any:
+    """A wrong sensitivity, always or for a while."""
+
+    def install(chain: Chain, v: Values) -> Chain:
+        law: tuple[Law, tuple[float, ...]] = (laws.gain, (v["error"],))
+        if chosen(v, "form") == 1:
+            law = (laws.gain_for_a_while, (v["error"], v["moment"], v["duration"]))
+        names = _transducers(v) if robot else ()
+        return map_after(chain, FORCE if robot else HEIGHT, name, "sensor", *law, *names)
+
+    return install
+
+
+GAIN_SHAPE = (choice("form", 0, "always", "for a while"), *for_a_while(1))
+
+
+def _offset(v: Values, amount: float) -> tuple[Law, tuple[float, ...]]:
+    """What adds ``amount``, always or for a while."""
+    if chosen(v, "form") == 1:
+        return laws.offset_for_a_while, (amount, v["moment"], v["duration"])
+    return laws.offset, (amount,)
+
+
+def _offset_height(chain: Chain, v: Values) -> Chain:
+    # Behind the zeroing: in front of it a constant would vanish.
+    return map_after(chain, "zeroing", "sensor_offset", "sensor", *_offset(v, v["offset"]))
+
+
+def _offset_force(chain: Chain, v: Values) -> Chain:
+    chain = map_after(chain, FORCE, "sensor_offset", "sensor", *_offset(v, v["offset"]), *_transducers(v))
+    k = chosen(v, "channel")
+    names = numbered("axis_position") if k == 3 else numbered("axis_position")[k : k + 1]
+    return map_after(chain, "position_sensors", "position_offset", "sensor", *_offset(v, v["position"]), *names)
+
+
+def _hysteresis(robot: bool) -> Any:
+    def install(chain: Chain, v: Values) -> Chain:
+        w, form = v["width"], chosen(v, "form")
+        names = _transducers(v) if robot else ()
+        anchor = FORCE if robot else HEIGHT
+        if form in (0, 3):
+            law = kernels.play if form == 0 else kernels.soft_play
+            return law_after(chain, anchor, "sensor_hysteresis", "sensor", law, (w,), *names)
+        law, parameters = (
+            (kernels.prandtl, (w, -w / 3, 2 * w, -w / 3, 4 * w, -w / 3))
+            if form == 1
+            else (kernels.bouc_wen, (-w, 2 * w, 2.0))
+        )
+        return law_after(chain, anchor, "sensor_hysteresis", "sensor", law, parameters, *names, add=True)
+
+    return install
+
+
+def low_pass(chain: Chain, v: Values) -> Chain:
+    anchor = FORCE if chain.instrument == "microrobot" else ("gauge" if chosen(v, "channel") == 1 else HEIGHT)
+    if chosen(v, "order") == 0:
+        return law_after(chain, anchor, "sensor_low_pass", "sensor", kernels.low_pass, (v["tau"],))
+    return law_after(chain, anchor, "sensor_low_pass", "sensor", kernels.second_order, (v["tau"] / 2, 1.0))
+
+
+def mixed(time: FloatArray, u: FloatArray, other: FloatArray, share: float) -> FloatArray:
+    """A channel with ``share`` of another added."""
+    return u + share * other
+
+
+def _drift(chain: Chain, v: Values) -> Chain:
+    return map_after(
+        chain, HEIGHT, "sensor_drift", "sensor", laws.drift, (v["amount"], v["tau"], v["form"], v["phase"])
+    )
+
+
+def _drift_of_each(chain: Chain, v: Values) -> Chain:
+    amounts, form = {name: v["amount"] for name in _transducers(v)}, v["form"]
+    if chosen(v, "form") == 3:
+        amounts, form = dict(zip(TRANSDUCERS, (v["amount"], v["amount_b"], v["amount_c"]), strict=True)), 1.0
+    for name, amount in amounts.items():
+        parameters = (amount, v["tau"], form, v["phase"])
+        chain = map_after(chain, FORCE, "sensor_drift", "sensor", laws.drift, parameters, name)
+    return chain
+
+
+def _flaw(scale: float) -> tuple[Parameter, ...]:
+    return (
+        shape("at", "m", 0.1 * scale, 4.0 * scale, 0.6 * scale, "height of the flaw", log=True, only=(1,)),
+        shape("width", "m", 0.03 * scale, scale, 0.2 * scale, "of the flaw", log=True, only=(1,)),
+    )
+
+
+def _bent_height(scale: float) -> Any:
+    def install(chain: Chain, v: Values) -> Chain:
+        law: tuple[Law, tuple[float, ...]] = (laws.quadratic, (v["error"], scale))
+        if chosen(v, "form") == 1:
+            law = (laws.flawed, (v["error"] * scale, v["at"], v["width"]))
+        return map_after(chain, HEIGHT, "quadratic_error", "sensor", *law)
+
+    return install
+
+
+def _bent_position(chain: Chain, v: Values) -> Chain:
+    if chosen(v, "form") == 0:
+        names = _transducers(v)
+        return map_after(chain, FORCE, "quadratic_error", "sensor", laws.quadratic, (v["error"], 0.5), *names)
+    k = chosen(v, "channel")
+    sensors = numbered("axis_position")
+    names = sensors if k == 3 else sensors[k : k + 1]
+    return map_after(chain, "position_sensors", "quadratic_error", "sensor", laws.quadratic, (v["error"], 1e-3), *names)
+
+
+def on_both(instruments: tuple[str, ...], scale: float, unit: str) -> list[Effect]:
+    """Effects that height (m) and transducer force (N) share; ``scale`` is the typical reading."""
+    robot = unit == "N"
+    which = (CHANNEL,) if robot else ()
+    what = "force" if robot else "height"
+    return [
+        effect(
+            "sensor_offset", "sensor", instruments,
+            f"Constant error of {what}{' or position' if robot else ''}.",
+            "Zero against a known state; read the zero again at the end.",
+            "datasheet: null ±15 mV, shift ±0.5 mV over 2 to 40 °C" if robot else "accuracy 3 % (assumed)",
+            (
+                signed("offset", unit, 0.5 * scale, 0.1 * scale),
+                *((signed("position", "m", 3e-4, 0.0, "of the position sensor of the same number"), CHANNEL)
+                  if robot else ()),
+                choice("form", 0, "always", "from one moment on, or for a while"),
+                *for_a_while(1, lasting=LONGEST),
+            ),
+            _offset_force if robot else _offset_height,
+        ),
+        effect(
+            "sensor_drift", "sensor", instruments,
+            f"The {what} reading wanders slowly with time (temperature).",
+            "Warm up; re-zero between recordings; record the temperature.",
+            "datasheet: 5.5 % / 25 °C, null shift" if robot else "light source and electronics; gap.md",
+            (
+                signed("amount", unit, 1.0 * scale, 0.2 * scale, "after a time tau (form 2: amplitude)"),
+                shape("tau", "s", 20.0, 3000.0, 200.0, log=True),
+                *(replace(p, only=(0, 1, 2)) for p in which),
+                _EACH_COURSE if robot else COURSE,
+                PHASE,
+                *((signed(f"amount_{leg}", unit, scale, 0.2 * scale * share, "of its own", only=(3,))
+                   for leg, share in zip("bc", (-0.5, 0.7), strict=True)) if robot else ()),
+            ),
+            _drift_of_each if robot else _drift,
+        ),
+        effect(
+            "quadratic_error", "sensor", instruments,
+            f"Non-linear characteristic of the {what} sensor.",
+            "Calibrate at three points or more.",
+            "datasheet: linearity ±1.5 % of span" if robot else "calibration curve of the optics",
+            (
+                signed("error", "1", 0.5, 0.12, f"relative, at {scale:g} {unit}"),
+                *which,
+                choice("form", 0, "bent", "of a position sensor, at 1 mm" if robot else "a flaw at one height"),
+                *(() if robot else _flaw(scale)),
+            ),
+            _bent_position if robot else _bent_height(scale),
+        ),
+        effect(
+            "sensor_saturation", "sensor", instruments,
+            f"The {what} reading stops at a limit.",
+            "Another range; reject clipped samples.",
+            "gap.md",
+            (
+                strength("limit", unit, 0.05 * scale, 30 * scale, 0.4 * scale, null=30 * scale),
+                *which,
+                choice("form", 0, "clipped", "bent"),
+            ),
+            _mapped("sensor_saturation", laws.saturation, lambda c, v: (v["limit"], v["form"]), robot),
+        ),
+        effect(
+            "sensor_quantisation", "sensor", instruments,
+            f"Coarser steps of {what} than the nominal resolution.",
+            "A finer converter, a range that fits, dither.",
+            "paper: 6 mN, 50 µm" if robot else "0.01 mm (assumed)",
+            (strength("step", unit, 0.003 * scale, 0.6 * scale, 0.08 * scale),),
+            _quantised(robot),
+        ),
+        effect(
+            "sensor_hysteresis", "sensor", instruments,
+            f"The {what} reading depends on the direction of change.",
+            "Approach each value from one side; another sensor.",
+            "Prandtl 1928, Bouc 1967, Dahl 1968, Wen 1976 for the forms",
+            (
+                strength("width", unit, 0.002 * scale, 0.4 * scale, 0.05 * scale, "half width"),
+                *which,
+                choice("form", 0, "play", "Prandtl-Ishlinskii", "Bouc-Wen", "Dahl"),
+            ),
+            _hysteresis(robot),
+        ),
+    ]  # fmt: skip
+
+
+def _quantised(robot: bool) -> Any:
+    def install(chain: Chain, v: Values) -> Chain:
+        for signal in TRANSDUCERS if robot else ("apex_height",):
+            chain = on_recorded(
+                chain, signal, lambda s, t: Map("sensor_quantisation", "sensor", s, t, laws.quantisation, (v["step"],))
+            )
+        return chain
+
+    return install
+
+
+GAIN_MEANING, GAIN_REMEDY = "Wrong sensitivity", "Calibrate with a known height or weight."
+LAG = ("sensor_low_pass", "sensor")
+TAU = strength("tau", "s", 3e-4, 3.0, 0.2)
+ORDER = choice("order", 0, "first order", "second order")

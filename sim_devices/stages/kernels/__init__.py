@@ -1,0 +1,88 @@
+"""Compiled laws with memory, from one time series to another: the building blocks of stages, effects and user rigs.
+
+Every kernel has the signature ``kernel(s, t, u, p, y)``: state ``s`` (``STATE``,), zeros for rest and changed in place;
+times ``t`` (n,) s, strictly increasing, of any spacing; input ``u`` (n,), piecewise linear between samples; parameters
+``p``; output ``y`` (n,). Calls join without a seam. Linear memory is integrated exactly (first-order hold), so that the
+step hardly matters; rate-independent laws are exact for inputs that are monotone within a step. Before the first sample
+the input was zero.
+
+>>> import numpy as np
+>>> t = np.array([0.0, 1e-9, 1.0])
+>>> evaluate(low_pass, t, np.array([0.0, 1.0, 1.0]), 0.5).round(4).tolist()
+[0.0, 0.0, 0.8647]
+"""
+
+from __future__ import annotations
+
+from sim_devices.stages.kernels.base import (
+    SAME,
+    STATE,
+    STEPS,
+    TERMS,
+    FloatArray,
+    Kernel,
+    evaluate,
+    hash_uniform,
+    hold_weights,
+    place,
+)
+from sim_devices.stages.kernels.history import by_loadings, emptying_store, exposure_gain, mullins, yield_flow
+from sim_devices.stages.kernels.hysteresis import (
+    bouc_wen,
+    friction,
+    play,
+    play_within,
+    prandtl,
+    slipping,
+    soft_play,
+    sticking,
+)
+from sim_devices.stages.kernels.lags import (
+    hurried,
+    lead,
+    low_pass,
+    oscillation,
+    prony,
+    rate_limit,
+    second_order,
+    uneven_low_pass,
+)
+from sim_devices.stages.kernels.sampling import faulty_samples, jittered, late_by_any, slope_so_far
+
+__all__ = [
+    "SAME",
+    "STATE",
+    "STEPS",
+    "TERMS",
+    "FloatArray",
+    "Kernel",
+    "bouc_wen",
+    "by_loadings",
+    "emptying_store",
+    "evaluate",
+    "exposure_gain",
+    "faulty_samples",
+    "friction",
+    "hash_uniform",
+    "hold_weights",
+    "hurried",
+    "jittered",
+    "late_by_any",
+    "lead",
+    "low_pass",
+    "mullins",
+    "oscillation",
+    "place",
+    "play",
+    "play_within",
+    "prandtl",
+    "prony",
+    "rate_limit",
+    "second_order",
+    "slipping",
+    "slope_so_far",
+    "soft_play",
+    "sticking",
+    "uneven_low_pass",
+    "yield_flow",
+]

@@ -1,0 +1,103 @@
+"""Kernels that earlier load has changed: stores that empty, softening, flow."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from sim_devices.stages.kernels.base import SAME, STEPS, FloatArray, place
+
+
+@njit(cache=True)
+def exposure_gain(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """A gain that load builds up and rest restores: y = u (1 + a w), w -> |u|/ref within tau_up, back within tau_down.
+
+    ``p`` = (a, ref, tau_up s, tau_down s). Emptying stores (a < 0), softening by loading (a > 0).
+    """
+    if s[0] == 0.0 and t.size:
+        s[0], s[1], s[2] = 1.0, t[0], abs(u[0])
+    last, before, w = s[1], s[2], s[3]
+    known, up, down = np.zeros(STEPS), np.empty(STEPS), np.empty(STEPS)
+    for i in range(t.size):
+        now, dt = abs(u[i]), t[i] - last
+        mean = 0.5 * (before + now) / p[1]
+        if dt > 0.0:
+            j = place(dt)
+            if abs(dt - known[j]) > SAME * dt:
+                known[j], up[j], down[j] = dt, math.exp(-dt / p[2]), math.exp(-dt / p[3])
+            w = mean + (w - mean) * (up[j] if mean > w else down[j])
+        last, before, y[i] = t[i], now, u[i] * (1.0 + p[0] * w)
+    s[1], s[2], s[3] = last, before, w
+
+
+@njit(cache=True)
+def emptying_store(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """A store that runs empty: y = u (1 - a (E - 1)+), where E' = (|u| - kept) / (ref tau) while a pump, which alone
+    keeps ``kept``, cannot follow, and E falls back to 0 within tau_back while it can.
+
+    ``p`` = (a, ref, kept, tau s, tau_back s).
+    """
+    if s[0] == 0.0 and t.size:
+        s[0], s[1], s[2] = 1.0, t[0], abs(u[0])
+    for i in range(t.size):
+        now, dt = abs(u[i]), t[i] - s[1]
+        missing = 0.5 * (s[2] + now) - p[2]
+        s[3] = s[3] + missing * dt / (p[1] * p[3]) if missing > 0.0 else s[3] * math.exp(-dt / p[4])
+        s[1], s[2] = t[i], now
+        y[i] = u[i] * (1.0 - min(p[0] * max(s[3] - 1.0, 0.0), 1.0))
+
+
+@njit(cache=True)
+def yield_flow(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """Slow flow under load that comes back slower: y = u + r, r -> k (u - y0)+ within tau_up, back within tau_down.
+
+    ``p`` = (k, y0, tau_up s, tau_down s); odd in u.
+    """
+    if s[0] == 0.0 and t.size:
+        s[0], s[1], s[2] = 1.0, t[0], u[0]
+    last, before, r = s[1], s[2], s[3]
+    known, up, down = np.zeros(STEPS), np.empty(STEPS), np.empty(STEPS)
+    for i in range(t.size):
+        dt, mean = t[i] - last, 0.5 * (before + u[i])
+        goal = p[0] * math.copysign(max(abs(mean) - p[1], 0.0), mean)
+        if dt > 0.0:
+            j = place(dt)
+            if abs(dt - known[j]) > SAME * dt:
+                known[j], up[j], down[j] = dt, math.exp(-dt / p[2]), math.exp(-dt / p[3])
+            r = goal + (r - goal) * (up[j] if abs(goal) > abs(r) else down[j])
+        last, before, y[i] = t[i], u[i], u[i] + r
+    s[1], s[2], s[3] = last, before, r
+
+
+@njit(cache=True)
+def mullins(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """Softening by the greatest load so far: y = u (1 + a (1 - |u|/m)), m the maximum, forgotten within tau.
+
+    ``p`` = (a, tau s).
+    """
+    if s[0] == 0.0 and t.size:
+        s[0], s[1] = 1.0, t[0]
+    for i in range(t.size):
+        now = abs(u[i])
+        s[3] = max(s[3] * math.exp(-(t[i] - s[1]) / p[1]), now)
+        s[1] = t[i]
+        y[i] = u[i] * (1.0 + p[0] * (1.0 - now / s[3])) if s[3] > 0.0 else u[i]
+
+
+@njit(cache=True)
+def by_loadings(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """A gain that changes with every loading that is over: y = u (1 + a (1 - exp(-n/N))), n their number.
+
+    A loading begins at two fifths of the greatest load so far and ends at a quarter. ``p`` = (a, N).
+    """
+    for i in range(t.size):
+        now = abs(u[i])
+        s[1] = max(s[1], now)
+        if s[0] == 0.0 and now > 0.4 * s[1]:
+            s[0] = 1.0
+        elif s[0] == 1.0 and now < 0.25 * s[1]:
+            s[0] = 0.0
+            s[2] += 1.0
+        y[i] = u[i] * (1.0 - p[0] * math.expm1(-s[2] / p[1]))

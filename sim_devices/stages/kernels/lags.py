@@ -1,0 +1,161 @@
+"""Kernels that follow their input late: lags, resonance, limits of rate, linear memory."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from sim_devices.stages.kernels.base import SAME, STEPS, FloatArray, hold_weights, place
+
+
+@njit(cache=True)
+def low_pass(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """First-order lag, tau y' = u - y. ``p`` = (tau s,)."""
+    if s[0] == 0.0 and t.size:
+        s[0], s[1], s[2] = 1.0, t[0], u[0]
+    last, e, a, b = -1.0, 1.0, 0.0, 0.0
+    for i in range(t.size):
+        dt = t[i] - s[1]
+        if abs(dt - last) > 1e-9 * last:
+            e, a, b = hold_weights(dt, p[0])
+            last = dt
+        s[3] = e * s[3] + a * s[2] + b * u[i] if dt > 0.0 or p[0] <= 0.0 else s[3]
+        s[1], s[2] = t[i], u[i]
+        y[i] = s[3]
+
+
+@njit(cache=True)
+def uneven_low_pass(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """First-order lag that rises within one time and falls within another. ``p`` = (tau up, tau down), s; from 0."""
+    if s[0] == 0.0 and t.size:
+        s[0], s[1], s[2] = 1.0, t[0], u[0]
+    for i in range(t.size):
+        e, a, b = hold_weights(t[i] - s[1], p[0] if 0.5 * (s[2] + u[i]) > s[3] else p[1])
+        s[3] = e * s[3] + a * s[2] + b * u[i]
+        s[1], s[2] = t[i], u[i]
+        y[i] = s[3]
+
+
+@njit(cache=True)
+def oscillation(dt: float, w: float, z: float) -> tuple[float, float, float, float]:
+    """Matrix (by rows) that takes (y, y') of y'' + 2 z w y' + w² y = 0 over ``dt`` s."""
+    d2 = w * w * (z * z - 1.0)
+    d = math.sqrt(abs(d2))
+    if d * dt < 1e-6:
+        c = math.exp(-z * w * dt)
+        q = dt * c
+    elif d2 > 0.0:
+        slow, fast = math.exp((d - z * w) * dt), math.exp(-(d + z * w) * dt)
+        c, q = 0.5 * (slow + fast), 0.5 * (slow - fast) / d
+    else:
+        decay = math.exp(-z * w * dt)
+        c, q = decay * math.cos(d * dt), decay * math.sin(d * dt) / d
+    return c + z * w * q, q, -w * w * q, c - z * w * q
+
+
+@njit(cache=True)
+def second_order(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """Second-order lag, tau² y'' + 2 zeta tau y' + y = u. ``p`` = (tau s, zeta)."""
+    if s[0] == 0.0 and t.size:
+        s[0], s[1], s[2] = 1.0, t[0], u[0]
+    w, z = 1.0 / max(p[0], 1e-9), p[1]
+    last, e = -1.0, (1.0, 0.0, 0.0, 1.0)
+    for i in range(t.size):
+        dt = t[i] - s[1]
+        if dt * w > 1e-7:
+            if abs(dt - last) > 1e-9 * last:
+                last, e = dt, oscillation(dt, w, z)
+            rate = (u[i] - s[2]) / dt
+            lag = rate * 2.0 * z / w  # a ramp is followed this far behind
+            x, v = s[3] - (s[2] - lag), s[4] - rate
+            s[3] = u[i] - lag + e[0] * x + e[1] * v
+            s[4] = rate + e[2] * x + e[3] * v
+        else:
+            s[3] += s[4] * dt
+        s[1], s[2] = t[i], u[i]
+        y[i] = s[3]
+
+
+@njit(cache=True)
+def hurried(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """Second-order lag whose own rate is limited: tau² y'' + 2 zeta tau y' + y = u, -down <= y' <= up.
+
+    ``p`` = (tau s, zeta, up 1/s, down 1/s). Exact while it is free; the limit acts at the ends of eighths of tau.
+    """
+    if s[0] == 0.0 and t.size:
+        s[0], s[1], s[2] = 1.0, t[0], u[0]
+    w, z = 1.0 / max(p[0], 1e-9), p[1]
+    last, e = -1.0, (1.0, 0.0, 0.0, 1.0)
+    for i in range(t.size):
+        dt = t[i] - s[1]
+        parts = min(max(math.ceil(8.0 * dt * w), 1), 256)
+        h = dt / parts
+        if h * w > 1e-7:
+            if abs(h - last) > 1e-9 * last:
+                last, e = h, oscillation(h, w, z)
+            rate = (u[i] - s[2]) / dt
+            lag = rate * 2.0 * z / w
+            for k in range(parts):
+                before = s[2] + k / parts * (u[i] - s[2])
+                x, v = s[3] - (before - lag), s[4] - rate
+                free = rate + e[2] * x + e[3] * v
+                held = min(max(free, -p[3]), p[2])
+                if free == held:
+                    s[3] = before + rate * h - lag + e[0] * x + e[1] * v
+                else:
+                    s[3] += 0.5 * (s[4] + held) * h
+                s[4] = held
+        else:
+            s[3] += s[4] * dt
+        s[1], s[2] = t[i], u[i]
+        y[i] = s[3]
+
+
+@njit(cache=True)
+def rate_limit(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """Slew limit. ``p`` = (fastest rise, fastest fall), both positive, in the signal's unit per second."""
+    if s[0] == 0.0 and t.size:
+        s[0], s[1] = 1.0, t[0]
+    for i in range(t.size):
+        dt = t[i] - s[1]
+        s[3] = min(max(u[i], s[3] - p[1] * dt), s[3] + p[0] * dt)
+        s[1] = t[i]
+        y[i] = s[3]
+
+
+@njit(cache=True)
+def lead(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """What moves is exaggerated: y = u + a (u - lag of u). ``p`` = (a, tau s)."""
+    low_pass(s, t, u, p[1:2], y)
+    for i in range(t.size):
+        y[i] = u[i] + p[0] * (u[i] - y[i])
+
+
+@njit(cache=True)
+def prony(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """Linear memory, y = g0 u + sum g_i lag(u, tau_i).
+
+    ``p`` = (g0, g1, tau1 s, g2, tau2 s, ...), at most ``TERMS`` pairs.
+    """
+    if s[0] == 0.0 and t.size:
+        s[0], s[1], s[2] = 1.0, t[0], u[0]
+    n = (p.size - 1) // 2
+    last, before, lagged = s[1], s[2], s[3 : 3 + n].copy()
+    known, e, a, b = np.zeros(STEPS), np.empty((STEPS, n)), np.empty((STEPS, n)), np.empty((STEPS, n))
+    for i in range(t.size):
+        dt, now = t[i] - last, u[i]
+        if dt > 0.0:
+            j = place(dt)
+            if abs(dt - known[j]) > SAME * dt:
+                known[j] = dt
+                for k in range(n):
+                    e[j, k], a[j, k], b[j, k] = hold_weights(dt, p[2 + 2 * k])
+            for k in range(n):
+                lagged[k] = e[j, k] * lagged[k] + a[j, k] * before + b[j, k] * now
+        out = p[0] * now
+        for k in range(n):
+            out += p[1 + 2 * k] * lagged[k]
+        last, before, y[i] = t[i], now, out
+    s[1], s[2], s[3 : 3 + n] = last, before, lagged
