@@ -1,11 +1,8 @@
-"""Rigs of a user's own: taps, models, and what is wrong with a model."""
+"""Rigs of a user's own: taps, and the effects that are found at them."""
 
 from __future__ import annotations
 
-import math
-import warnings
 from dataclasses import replace
-from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
@@ -16,58 +13,14 @@ from gap.diagnosis import diagnose
 from gap.inference.hypothesis import to_unit
 from gap.inference.least_squares import fit
 from gap.rig import generic_laws as laws
-from gap.rig.generic import GenericEffect
-from gap.rig.model import ModelError, load_model
-from gap.rig.problem import DIVERGED, RigProblem
+from gap.rig.problem import RigProblem
 from gap.rig.taps import Way
 from sim_devices.chain import Parameter
+from tests.gap.rig.springs import TIME, Spring, lagging
 
 pytestmark = pytest.mark.slow
 
-TIME = np.linspace(0.0, 4.0, 801)
 SLOW_MODE = {"tau": 2.0, "exponent": 0.4, "settled": 0.0}
-
-
-def lagging(goal: np.ndarray, step: float, tau: float, begin: float) -> np.ndarray:
-    """What follows ``goal`` (n,), at every ``step`` s, within ``tau`` s from ``begin`` on."""
-    x, out = begin, np.empty_like(goal)
-    for k, there in enumerate(goal):
-        out[k] = x
-        x = there + (x - there) * np.exp(-step / tau)
-    return out
-
-
-class Spring:
-    """Force = stiffness · extension, with a tap on the force and one on the sensor."""
-
-    name = "spring"
-    channels = ("force",)
-    stages: ClassVar = {"spring_force": "actuator", "force": "sensor"}
-    units: ClassVar = {"spring_force": "N", "force": "N"}
-    parameters = (Parameter("stiffness", "N/m", 1.0, 1e3, None, 30.0, "log"),)
-    effects = (
-        GenericEffect(
-            "hum", "mains hum", "shield",
-            (Parameter("size", "signal", 1e-3, 1.0, 0.0, 0.05, "log"),),
-            lambda state, time, y, related, p: y + p["size"] * np.sin(2 * np.pi * 1.3 * time),
-        ),
-    )  # fmt: skip
-
-    def simulate(self, time, data, parameters, tap):
-        x = data["extension"]
-        force = tap("spring_force", parameters["stiffness"] * x, position=x, velocity=np.gradient(x, time))
-        return {"force": tap("force", force)}
-
-
-@pytest.fixture
-def stretched(recording):
-    def make(change=lambda force, x, v: force, seed: int = 0):
-        x = 0.1 * np.sin(2 * TIME) * np.exp(-0.1 * TIME)
-        force = change(20.0 * x, x, np.gradient(x, TIME))
-        noise = 5e-3 * np.random.default_rng(seed).normal(size=len(TIME))
-        return recording({"force": force + noise, "extension": x}, TIME, instrument="spring", name=f"s{seed}")
-
-    return make
 
 
 def test_a_rig_is_its_model_plus_taps(stretched) -> None:
@@ -348,182 +301,6 @@ def test_time_stands_still_at_a_tap_that_is_called_several_times_a_sample(record
     drift = next(c for c in problem.candidates if c.key == "drift@net")
     moved = problem.evaluate(np.zeros(1), {}).residual - problem.evaluate(np.zeros(1), {drift: {"rate": 1e-6}}).residual
     assert moved * problem.sigma == pytest.approx(1e-6 * TIME, abs=1e-12)
-
-
-def test_coarse_counts_are_the_gap_and_not_its_noise(stretched) -> None:
-    rng = np.random.default_rng(3)
-    smooth = stretched(lambda force, x, v: 0 * force)  # noise of 5e-3 only
-    coarse = stretched(lambda force, x, v: 0.12 * np.round(force / 0.12) + 1e-3 * rng.normal(size=len(x)))
-    fine = smooth.streams["force"].value
-    coarse.streams["force"].value[:] -= fine  # what is left has the noise on its counts alone
-    problem = RigProblem([coarse], Spring())
-    assert problem.sigma[0] == pytest.approx(1e-3, rel=0.1)
-    right = problem.coordinates({"stiffness": 20.0})
-    step = next(c for c in problem.candidates if c.key == "quantisation@force")
-    assert step.parameters[0].default == pytest.approx(0.12, rel=0.02)
-    before = problem.evaluate(right, {}).residual
-    after = problem.evaluate(right, {step: {"step": step.parameters[0].default}}).residual
-    assert np.std(before) > 25
-    assert np.mean(np.abs(after) < 3) > 0.97  # all but the samples next to an edge
-
-
-def write(folder: Path, text: str) -> Path:
-    path = folder / "rig.py"
-    path.write_text(text)
-    return path
-
-
-COMPLETE = """
-class Rig:
-    name, channels, stages, parameters = "rig", ("force",), {stages}, ()
-    def simulate(self, time, data, parameters, tap):
-        return {made}
-"""
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("x = 1", "defines no Rig"),
-        ("import nothing_of_this_name", "fails on import: ModuleNotFoundError"),
-        ("class Rig:\n    name = 'rig'", "lacks channels, stages, parameters, simulate"),
-    ],
-)
-def test_a_model_that_cannot_be_used_is_named_with_its_file(tmp_path: Path, text: str, message: str) -> None:
-    path = write(tmp_path, text)
-    with pytest.raises(ModelError, match=message) as error:
-        load_model(f"{path}:Rig")
-    assert f"{path}:Rig" in str(error.value)
-
-
-def test_a_model_is_given_as_file_and_name(tmp_path: Path) -> None:
-    with pytest.raises(ModelError, match=r"give it as file\.py:Name"):
-        load_model("rig.py")
-    with pytest.raises(ModelError, match="there is no file"):
-        load_model(f"{tmp_path}/none.py:Rig")
-
-
-@pytest.mark.parametrize(
-    ("stages", "made", "message"),
-    [
-        ("{}", "{'other': time}", "model rig: simulate returned no force"),
-        ("{}", "{'force': tap('somewhere', time)}", "model rig: taps somewhere have no stage"),
-        ("{}", "{'force': time * float('nan')}", "model rig: no sample has both"),
-    ],
-)
-def test_what_a_model_does_wrong_is_told(tmp_path: Path, stretched, stages: str, made: str, message: str) -> None:
-    path = write(tmp_path, COMPLETE.replace("{stages}", stages).replace("{made}", made))
-    with pytest.raises(ModelError, match=message):
-        RigProblem([stretched()], load_model(f"{path}:Rig"))
-
-
-def test_a_model_that_diverges_is_a_bad_fit_and_no_crash(stretched) -> None:
-    class Explosive(Spring):
-        def simulate(self, time, data, parameters, tap):
-            force = parameters["stiffness"] * data["extension"]
-            return {"force": force if parameters["stiffness"] < 40 else np.full_like(force, np.inf)}
-
-    problem = RigProblem([stretched()], Explosive())
-    assert np.all(np.isfinite(problem.evaluate(np.array([5.0]), {}).residual))
-
-
-def test_a_model_that_fails_away_from_its_defaults_is_a_bad_fit_there(stretched) -> None:
-    class Rooted(Spring):
-        def simulate(self, time, data, parameters, tap):
-            return {"force": math.sqrt(40.0 - parameters["stiffness"]) * data["extension"]}
-
-    problem = RigProblem([stretched()], Rooted())
-    assert np.all(problem.evaluate(problem.coordinates({"stiffness": 50.0}), {}).residual == DIVERGED)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("{'force': data['velocity']}", r"simulate fails: KeyError: 'velocity' \(data: force, extension\)"),
-        ("{'force': time[:5]}", r"simulate returned force of shape \(5,\), not \(801,\)"),
-    ],
-)
-def test_what_a_simulation_cannot_do_is_told_with_what_there_is(tmp_path: Path, stretched, text, message) -> None:
-    path = write(tmp_path, COMPLETE.replace("{stages}", "{}").replace("{made}", text))
-    with pytest.raises(ModelError, match=message):
-        RigProblem([stretched()], load_model(f"{path}:Rig"))
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"channels": "force"}, "channels should be a tuple of names"),
-        ({"channels": ("pressure",)}, "recording s0 has no channel pressure; it has force, extension"),
-        ({"stages": {"spring_force": "motor", "force": "sensor"}}, "stage 'motor'; there are timing, command"),
-        ({"parameters": (Parameter("k", "N/m", 0.0, 9.0, None, 1.0, "log"),)}, "parameter k has the range 0 … 9"),
-        ({"parameters": (Parameter("k", "N/m", 1.0, 9.0, None, 20.0),)}, "the default 20"),
-    ],
-)
-def test_a_model_whose_words_make_no_sense_is_told_so(stretched, change: dict, message: str) -> None:
-    with pytest.raises(ModelError, match=message):
-        RigProblem([stretched()], type("Odd", (Spring,), change)())
-
-
-def test_what_diverges_to_huge_numbers_stays_finite_and_silent(stretched) -> None:
-    class Explosive(Spring):
-        def simulate(self, time, data, parameters, tap):
-            force = parameters["stiffness"] * data["extension"]
-            return {"force": force * (1e250 if parameters["stiffness"] > 40 else 1.0) * np.exp(0 * force)}
-
-    class Overflowing(Spring):
-        def simulate(self, time, data, parameters, tap):
-            grown = 10.0 ** (400 if parameters["stiffness"] > 40 else 1)
-            return {"force": grown * data["extension"]}
-
-    for model in (Explosive(), Overflowing()):
-        problem = RigProblem([stretched()], model)
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            evaluation = problem.evaluate(np.array([5.0]), {})
-            beyond = problem.evaluate(np.array([1e6]), {})
-        assert np.isfinite(float(evaluation.residual @ evaluation.residual))
-        assert np.all(np.isfinite(evaluation.jacobian.T @ evaluation.jacobian))
-        assert np.all(np.isfinite(beyond.residual))
-
-
-class Driven:
-    """A first-order lag behind what drives it, on rows of 20 ms."""
-
-    name, channels = "follower", ("place",)
-    stages: ClassVar = {"place": "sensor"}
-    parameters = (Parameter("tau", "s", 0.02, 1.0, None, 0.2, "log"),)
-
-    def simulate(self, time, data, parameters, tap):
-        return {"place": tap("place", lagging(data["drive"], time[1] - time[0], parameters["tau"], 0.0))}
-
-
-def driven(recording, size: float, **more):
-    rng, time = np.random.default_rng(6), 0.02 * np.arange(4000)
-    drive = np.sign(rng.normal(size=800)).repeat(5)
-    place = lagging(drive, 0.02, 0.1, 0.0) + size * rng.normal(size=len(time))
-    made = recording({"place": place, "drive": drive}, time, instrument="follower")
-    return replace(made, streams={**made.streams, "place": replace(made.streams["place"], **more)})
-
-
-def test_a_broad_excitation_is_no_noise(recording) -> None:
-    """Its own roughness is the signal's: a residual ten times the noise passed for noise."""
-    problem = RigProblem([driven(recording, 2e-3)], Driven())
-    problem.start()
-    assert problem.sigma[0] == pytest.approx(2e-3, rel=0.3)
-
-
-def test_stated_noise_is_taken(recording) -> None:
-    told = RigProblem([driven(recording, 2e-3, noise=5e-3)], Driven())
-    told.start()
-    assert np.all(told.sigma == 5e-3)
-
-    class Quiet(Driven):
-        noise: ClassVar = {"place": 1e-3}
-
-    assert np.all(RigProblem([driven(recording, 2e-3, noise=5e-3)], Quiet()).sigma == 1e-3)
-    Quiet.noise = {"velocity": 1e-3}
-    with pytest.raises(ModelError, match="noise of 'velocity'"):
-        RigProblem([driven(recording, 2e-3)], Quiet())
 
 
 class Piezo:

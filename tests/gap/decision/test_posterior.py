@@ -1,0 +1,168 @@
+"""The posterior on small linear problems: classes, who leads one, marks as evidence, one simplex."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gap.data.signatures import Signature
+from gap.decision.limits import confusable
+from gap.decision.marks import explains_marks, made_by
+from gap.decision.posterior import posterior
+from gap.decision.thresholds import INSTRUMENT
+from gap.decision.transfer import Shrink, best_elsewhere, plain
+from gap.inference.evidence import Hypothesis
+from gap.inference.least_squares import fit
+from gap.search.compare import compare
+from sim_devices.chain import Parameter
+from tests.gap.decision.waves import DESIGN, SHAPES, T, judge, total, weak_wave
+
+
+def test_effects_with_equal_traces_are_one_class(verdict_on) -> None:
+    v = verdict_on(("bump", "late", "twin"), {"bump": 8.0})
+    assert v.verdict == "effect"
+    assert set(v.causes[0].names) == {"bump", "twin"}
+    assert v.causes[0].probability > 0.8  # together: never a coin toss between them
+
+
+def test_forms_of_one_concept_share_its_prior(verdict_on) -> None:
+    v = verdict_on(("bump[form=0]", "bump[form=1]", "late"), {"bump": 8.0})
+    assert v.causes[0].names == ("bump",)
+    assert v.causes[0].probability > 0.8
+
+
+def test_probabilities_are_one_simplex_and_do_not_contradict_the_verdict(verdict_on) -> None:
+    strange = 8.0 * np.sign(np.sin(23 * T))
+    cases = [
+        verdict_on(("bump", "late"), {}),
+        verdict_on(("bump", "late"), {"bump": 0.7}),
+        verdict_on(("bump", "late", "twin"), {"bump": 8.0}),
+        verdict_on(("bump", "late"), {}, extra=strange),
+        verdict_on(("bump", "late"), {"bump": 6.0}, extra=strange),
+    ]
+    for v in cases:
+        assert total(v) == pytest.approx(1.0)
+        if v.verdict == "unknown":
+            assert v.posterior.outside > 0.5
+            assert v.posterior.none < 0.5
+    assert {v.verdict for v in cases} >= {"effect", "unknown"}
+
+
+def test_nothing_is_sure_of_none_beside_a_large_gap(linear, candidate) -> None:
+    """Skin of another law may leave a gap of 11 and no effect: that is outside the library, not nothing."""
+    comparison, known = weak_wave(linear, candidate, 0.0)
+    near, far = (posterior(comparison, known, INSTRUMENT, gap=gap) for gap in (1.0, 11.0))
+    assert near.none > 0.9
+    assert far.none < 0.01
+    assert far.outside > 0.9
+
+
+def test_a_mark_is_no_verdict_where_it_explains_nothing(verdict_on) -> None:
+    marks = (Signature("late", "height", 30.0, "late's mark"),)
+    silent = verdict_on(("bump", "late"), {}, marks=marks)
+    assert silent.verdict in ("none", "undetectable")
+    assert silent.causes[0].probability < 0.5
+    assert verdict_on(("bump", "late"), {"bump": 8.0}, marks=marks).causes[0].names == ("bump",)
+
+
+def test_a_mark_must_explain_what_stands_out_where_it_is() -> None:
+    assert explains_marks(Shrink(9.0, 2.0), INSTRUMENT)
+    assert not explains_marks(Shrink(9.0, 8.9), INSTRUMENT)
+    assert not explains_marks(Shrink(1.05, 0.2), INSTRUMENT)  # nothing stands out there
+    assert not explains_marks(None, INSTRUMENT)
+
+
+def test_a_mark_helps_what_it_explains(verdict_on) -> None:
+    faint = {"late": 1.3}
+    marks = (Signature("late", "height", 30.0, "late's mark"),)
+    alone, marked = (
+        verdict_on(("bump", "late"), faint, seed=2),
+        verdict_on(("bump", "late"), faint, marks=marks, seed=2),
+    )
+    assert alone.verdict not in ("effect", "several")
+    assert marked.verdict == "effect"
+
+
+def test_a_signature_decides_between_equals(verdict_on) -> None:
+    marks = (Signature("twin", "height", 30.0, "twin's mark"),)
+    v = verdict_on(("bump", "late", "twin"), {"bump": 8.0}, marks=marks)
+    assert v.causes[0].names[0] == "twin"
+
+
+def test_a_prior_for_no_effect_wins_on_weak_evidence(verdict_on) -> None:
+    doubtful = {"bump": 0.9}
+    sure_of_none = replace(INSTRUMENT, prior_effect=1e-6, prior_pair=1e-9)
+    assert verdict_on(("bump", "late"), doubtful, sure_of_none).verdict in ("none", "undetectable")
+
+
+def test_whose_mark_a_signature_is(candidate) -> None:
+    mark = Signature("saturation", "level", 30.0, "")
+    assert made_by(mark, candidate("sensor_saturation"))
+    assert made_by(mark, candidate("saturation"))
+    assert not made_by(mark, candidate("drift"))
+
+
+@pytest.mark.parametrize(("rules", "leader"), [(replace(INSTRUMENT, lead=3.0), "bump"), (INSTRUMENT, "rich")])
+def test_the_simplest_leads_its_class_unless_it_is_much_worse(linear, candidate, rules, leader: str) -> None:
+    aside = SHAPES["late"] / np.linalg.norm(SHAPES["late"])
+    made = {
+        "bump": lambda v: v["a"] * SHAPES["bump"],
+        "rich": lambda v: v["a"] * SHAPES["bump"] + v["b"] * aside,
+    }
+    noise = np.random.default_rng(3).normal(size=len(T))
+    noise -= (noise @ aside) * aside
+    y = DESIGN @ [2.0, 1.0] + 8.0 * SHAPES["bump"] + 2.9 * aside + noise
+    known = [
+        candidate("bump", Parameter("a", "1", -30.0, 30.0)),
+        candidate("rich", Parameter("a", "1", -30.0, 30.0), Parameter("b", "1", -4.0, 4.0)),
+    ]
+    verdict = judge(compare([linear(y, DESIGN, made, np.full(2, 100.0))], known), known, rules)
+    assert verdict.causes[0].names[0] == leader
+    assert set(verdict.causes[0].names) == {"bump", "rich"}
+
+
+def test_what_cannot_be_told_apart_is_so_in_its_best_form(linear, candidate) -> None:
+    """A leak of one form is a gain, but not the leak that these data show."""
+    made = {
+        "leak[form=0]": lambda v: v["a"] * SHAPES["bump"],
+        "leak[form=1]": lambda v: v["a"] * SHAPES["wave"],
+        "gain": lambda v: 2.0 * v["a"] * SHAPES["wave"],
+        "drag": lambda v: 3.0 * v["a"] * SHAPES["bump"],
+    }
+    known = [candidate(name, Parameter("a", "1", -30.0, 30.0)) for name in made]
+    noise = np.random.default_rng(4).normal(size=len(T))
+    y = DESIGN @ [2.0, 1.0] + 8.0 * SHAPES["bump"] + 0.5 * SHAPES["wave"] + noise
+    comparison = compare([linear(y, DESIGN, made, np.full(2, 100.0))], known, suspects=known)
+    assert {h.name for h in comparison.hypotheses} >= set(made)
+    assert confusable(comparison, comparison.temper()) == (("drag", "leak"),)
+
+
+def test_a_model_with_one_effect_more_is_never_above_the_simulation_by_itself(linear, candidate) -> None:
+    """A fit that stopped in a dead end: the plain refit starts from the plain null as well."""
+    y = DESIGN @ [2.0, 1.0] + np.random.default_rng(5).normal(size=len(T))
+    problem = linear(y, DESIGN, {"wave": lambda v: v["a"] * SHAPES["wave"]}, np.full(2, 100.0))
+    known = candidate("wave", Parameter("a", "1", 0.0, 60.0, 0.0))
+    null = Hypothesis((), {"linear": fit(problem)})
+    lost = fit(problem, (known,), np.array([0.9]), iterations=0)
+    problem.plain_sd = problem.prior_sd * 0.999
+    answer = plain({"linear": problem}, Hypothesis((known,), {"linear": lost}), null)
+    assert answer.fits["linear"].objective <= null.fits["linear"].objective + 0.02
+    problem.plain_sd = problem.prior_sd
+    answer = plain({"linear": problem}, Hypothesis((known,), {"linear": lost}), null)
+    assert answer.fits["linear"].objective <= null.fits["linear"].objective + 0.02
+
+
+def test_the_member_that_meets_another_waveform_best_leads_its_class(linear, candidate) -> None:
+    good, bad = {"waveform": Shrink(2.0, 1.2), "repeat": Shrink(2.0, 1.3)}, {"waveform": Shrink(2.0, 2.6)}
+    assert best_elsewhere([bad, good], 0.02) == 1
+    assert best_elsewhere([good, bad], 0.02) == 0
+    assert best_elsewhere([good, {"waveform": Shrink(2.0, 1.19)}], 0.02) == 0  # no better than refits differ
+    assert best_elsewhere([{}, {}], 0.02) == 0
+    made = {"bump": lambda v: v["a"] * SHAPES["bump"], "twin": lambda v: v["a"] * SHAPES["twin"]}
+    y = DESIGN @ [2.0, 1.0] + 8.0 * SHAPES["bump"] + np.random.default_rng(3).normal(size=len(T))
+    known = [candidate(name, Parameter("a", "1", -30.0, 30.0)) for name in made]
+    found = posterior(compare([linear(y, DESIGN, made, np.full(2, 100.0))], known), known, INSTRUMENT)
+    second = next(h for h in found.causes[0].members if h is not found.causes[0].hypothesis)
+    assert found.led_by(second).causes[0].names == found.causes[0].names[::-1]
