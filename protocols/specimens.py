@@ -45,8 +45,7 @@ class Property:
     def in_words(self, stated: Stated) -> str:
         """What is stated, in the unit that people use."""
         factor = units.to_si(self.shown)[1] if self.shown else 1.0
-        value = ", ".join(f"{v / factor:.6g}" for v in stated.value)
-        return f"{self.key} {value} ± {stated.se / factor:.2g} {self.shown or self.unit}".removesuffix(" 1")
+        return f"{self.key} {_written(stated.value, stated.se, factor)} {self.shown or self.unit}".removesuffix(" 1")
 
     def default_se(self, value: tuple[float, ...]) -> float:
         """Standard uncertainty where none is stated, in ``unit`` (rad for a direction)."""
@@ -75,8 +74,13 @@ class Stated:
         return {"value": value, "se": self.se, "unit": self.unit}
 
     def __str__(self) -> str:
-        value = ", ".join(f"{v:.6g}" for v in self.value)
-        return f"{value} ± {self.se:.2g}{'' if self.unit == '1' else ' ' + self.unit}"
+        return _written(self.value, self.se) + ("" if self.unit == "1" else f" {self.unit}")
+
+
+def _written(value: tuple[float, ...], se: float, factor: float = 1.0) -> str:
+    """Components and standard error over ``factor``; an exact value stands alone."""
+    numbers = ", ".join(f"{v / factor:.6g}" for v in value)
+    return f"{numbers} ± {se / factor:.2g}" if se else numbers
 
 
 @dataclass(frozen=True)

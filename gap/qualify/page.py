@@ -9,9 +9,13 @@ from acquire.files import write_text
 from acquire.qualifications import Parameter, Qualification, dump, history, keep
 from gap.qualify.judge import Judged
 from gap.report.figures import overview
+from gap.report.pages import render
+from gap.report.words import quantity
 
-WIDTH, HEIGHT, MARGIN = 520.0, 90.0, 14.0
+WIDTH, HEIGHT, MARGIN = 340.0, 56.0, 12.0
 """Of a control chart, px."""
+GOOD, BAD = "#0b6e99", "#c0392b"
+"""Colours of a value within its tolerance, and beyond."""
 
 
 def save(judged: Judged, file: Path, *, keep_in_history: bool = False, root: Path | None = None) -> Path:
@@ -26,39 +30,37 @@ def save(judged: Judged, file: Path, *, keep_in_history: bool = False, root: Pat
 
 def page(judged: Judged, known: Sequence[Qualification]) -> str:
     """The page as text; ``known`` are all qualifications of this instrument, oldest first, this one the last."""
-    from jinja2 import Environment, PackageLoader
-
-    environment = Environment(loader=PackageLoader("gap.qualify", "templates"), autoescape=True)
     q = judged.qualification
     charts = {name: chart([(k, k.parameters[name]) for k in known if name in k.parameters]) for name in q.parameters}
     picture = overview(judged.diagnosis, "with the effect" if q.findings else "")
-    return environment.get_template("qualification.html").render(q=q, charts=charts, known=known, picture=picture)
+    return render("gap.qualify", "qualification.html", q=q, charts=charts, known=known, picture=picture)
 
 
 def chart(points: Sequence[tuple[Qualification, Parameter]]) -> str:
-    """A control chart as SVG: a parameter of each qualification with two standard errors, between its tolerances."""
+    """A control chart as SVG markup: a parameter of each qualification, oldest first, with two standard errors, between
+    its tolerances."""
+    from markupsafe import Markup, escape
+
     if not points:
-        return ""
+        return Markup()
     p = points[-1][1]
-    reach = p.tolerance or max((abs(x.value - p.nominal) + 2 * x.se for _, x in points), default=1.0) or 1.0
-    reach = max(1.2 * reach, *(1.1 * (abs(x.value - p.nominal) + 2 * x.se) for _, x in points))
+    widest = max(abs(x.value - p.nominal) + 2 * x.se for _, x in points)
+    reach = max(1.2 * (p.tolerance or 0.0), 1.1 * widest) or 1.0
 
-    def y(value: float) -> float:
-        return HEIGHT / 2 - (value - p.nominal) / reach * (HEIGHT / 2 - 4)
+    def y(value: float) -> str:
+        return f"{HEIGHT / 2 - (value - p.nominal) / reach * (HEIGHT / 2 - 4):.1f}"
 
+    def level(value: float, look: str) -> str:
+        return f'<line x1="0" x2="{WIDTH:g}" y1="{y(value)}" y2="{y(value)}" stroke="{look}/>'
+
+    parts = [level(p.nominal, '#a8b4c0"')]
+    if p.tolerance:
+        parts += [level(p.nominal + side * p.tolerance, f'{BAD}" stroke-dasharray="5 4"') for side in (-1, 1)]
     step = (WIDTH - 2 * MARGIN) / max(len(points) - 1, 1)
-    parts = [f'<line x1="0" x2="{WIDTH:g}" y1="{y(p.nominal):.1f}" y2="{y(p.nominal):.1f}" stroke="#999"/>']
-    for limit in (-1, 1) if p.tolerance else ():
-        at = y(p.nominal + limit * (p.tolerance or 0.0))
-        dashes = 'stroke="#b00" stroke-dasharray="5 4"'
-        parts.append(f'<line x1="0" x2="{WIDTH:g}" y1="{at:.1f}" y2="{at:.1f}" {dashes}/>')
     for k, (q, x) in enumerate(points):
-        at = MARGIN + k * step
-        low, high = y(x.value - 2 * x.se), y(x.value + 2 * x.se)
-        colour = "#b00" if x.passed is False else "#06c"
-        parts.append(f'<line x1="{at:.1f}" x2="{at:.1f}" y1="{low:.1f}" y2="{high:.1f}" stroke="{colour}"/>')
-        title = f"{q.date:%Y-%m-%d}: {x.value:.4g} ± {x.se:.2g} {x.unit}"
-        parts.append(
-            f'<circle cx="{at:.1f}" cy="{y(x.value):.1f}" r="4" fill="{colour}"><title>{title}</title></circle>'
-        )
-    return f'<svg viewBox="0 0 {WIDTH:g} {HEIGHT:g}" width="{WIDTH:g}" role="img">{"".join(parts)}</svg>'
+        at, colour = f"{MARGIN + k * step:.1f}", BAD if x.passed is False else GOOD
+        ends = f'y1="{y(x.value - 2 * x.se)}" y2="{y(x.value + 2 * x.se)}"'
+        told = escape(f"{q.date:%Y-%m-%d}: {quantity(x.value, x.unit, x.se)}")
+        parts.append(f'<line x1="{at}" x2="{at}" {ends} stroke="{colour}"/>')
+        parts.append(f'<circle cx="{at}" cy="{y(x.value)}" r="4" fill="{colour}"><title>{told}</title></circle>')
+    return Markup(f'<svg viewBox="0 0 {WIDTH:g} {HEIGHT:g}" width="{WIDTH:g}" role="img">{"".join(parts)}</svg>')

@@ -10,6 +10,7 @@ from acquire.files import write_text
 from gap.diagnosis import Diagnosis
 from gap.report.document import as_json
 from gap.report.figures import overview, residuals, where
+from gap.report.pages import render
 from gap.report.words import quantity, words
 
 
@@ -33,17 +34,15 @@ SHOWN = 0.005
 
 def page(d: Diagnosis) -> str:
     """The report page as text."""
-    from jinja2 import Environment, PackageLoader
-
-    environment = Environment(loader=PackageLoader("gap.report", "templates"), autoescape=True)
-    environment.filters |= {"words": words, "quantity": quantity}
     report = as_json(d)
     first = d.recordings[0].info
     title = " · ".join(x for x in (first.instrument, first.subject, first.site) if x)
     label = _label(d)
     tested = report["causes"][: len(d.shrinks)]
     causes = [c for k, c in enumerate(tested) if k == 0 or c["probability"] > SHOWN]
-    return environment.get_template("gap.html").render(
+    return render(
+        "gap.report",
+        "gap.html",
         r=report,
         title=title,
         causes=causes,
@@ -80,4 +79,4 @@ def _bounds(d: Diagnosis) -> list[tuple[str, str, str]]:
         if p is not None and np.isfinite(value) and value <= max(abs(p.low), abs(p.high)):
             name = key.partition("[")[0].replace("@", " at ")
             worst[name] = max(worst.get(name, (0.0, "", "")), (value, p.unit, p.name))
-    return [(words(name), words(p), quantity(value, unit)) for name, (value, unit, p) in sorted(worst.items())]
+    return [(words(name), words(p), quantity(value, unit, name=p)) for name, (value, unit, p) in sorted(worst.items())]

@@ -99,3 +99,11 @@ def test_assignments() -> None:
     for wrong, words in ((["mass"], "expected KEY=VALUE"), (["mass=1 g", "mass=2 g"], "given twice")):
         with pytest.raises(ValueError, match=words):
             assignments(wrong)
+
+
+def test_an_exact_number_stands_without_an_error() -> None:
+    assert str(Stated((0.01,), 0.0, "1")) == "0.01"
+    assert str(Stated((0.4,), 0.02, "N")) == "0.4 ± 0.02 N"
+    height = SPECIMENS["gauge step"].property("height")
+    assert height.in_words(Stated((1e-3,), 0.0, "m")) == "height 1 mm"
+    assert height.in_words(Stated((1e-3,), 2e-6, "m")) == "height 1 ± 0.002 mm"

@@ -19,7 +19,7 @@ from acquire.station import simulated_station
 from gap.design import simulated as own
 from gap.diagnosis import DiagnosisError
 from gap.qualify.judge import qualify
-from gap.qualify.page import chart
+from gap.qualify.page import BAD, chart
 from gap.qualify.steps import STANDARD, steps_of
 from protocols import find, load
 from protocols.specimens import stated
@@ -82,7 +82,8 @@ def test_the_control_chart_shows_every_qualification() -> None:
     svg = chart(points)
     assert svg.count("<circle") == 2
     assert svg.count("stroke-dasharray") == 2
-    assert "#b00" in svg.rpartition("<circle")[2]
+    assert BAD in svg.rpartition("<circle")[2]
+    assert "<script>" not in chart([(points[0][0], points[0][1].model_copy(update={"unit": "<script>"}))])
 
 
 def test_the_standard_set_is_short_and_its_numbers_can_be_a_laboratory_s_own() -> None:
