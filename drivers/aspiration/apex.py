@@ -88,59 +88,79 @@ def fit(profile: FloatArray, first: int, last: int) -> tuple[float, float, float
         return nothing
     half = 0.5 * (width - 1)
     middle = first + half
+    x, y = _edge(profile, first, last)
+    if len(x) < 8:
+        return nothing
+    weight = np.ones(len(x))
+    shift = y.min()
+    coefficients = np.zeros(_TERMS)
+    scatter = 0.0
+    residual = np.empty(len(x))
+    for _ in range(_ROUNDS):
+        _fit_weighted(x, y, shift, weight, coefficients)
+        for i in range(len(x)):
+            residual[i] = y[i] - shift - _value(coefficients, x[i])
+        scatter = max(1.4826 * np.sort(np.abs(residual))[len(x) // 2], 0.02)
+        for i in range(len(x)):
+            u = residual[i] / (4.685 * scatter)
+            weight[i] = (1 - u * u) ** 2 if abs(u) < 1 else 0.0
+        if weight.sum() < _TERMS + 2:
+            return nothing
+    at, best = _least(coefficients, 4 * width)
+    return middle + half * at, best + shift, scatter, float((weight > 0.1).sum()) / width
+
+
+@njit(cache=True)
+def _edge(profile: FloatArray, first: int, last: int) -> tuple[FloatArray, FloatArray]:
+    """Columns ``first`` to ``last`` of a profile that have an edge: places from -1 to 1 and rows, (n,) each."""
+    half = 0.5 * (last - first - 1)
     n = 0
     for c in range(first, last):
         if np.isfinite(profile[c]):
             n += 1
-    if n < 8:
-        return nothing
     x = np.empty(n)
     y = np.empty(n)
     k = 0
     for c in range(first, last):
         if np.isfinite(profile[c]):
-            x[k] = (c - middle) / half
+            x[k] = (c - (first + half)) / half
             y[k] = profile[c]
             k += 1
-    weight = np.ones(n)
-    shift = y.min()
-    coefficients = np.zeros(_TERMS)
-    scatter = 0.0
-    residual = np.empty(n)
-    for _ in range(_ROUNDS):
-        matrix = np.zeros((_TERMS, _TERMS))
-        right = np.zeros(_TERMS)
-        powers = np.empty(2 * _TERMS - 1)
-        moments = np.zeros(2 * _TERMS - 1)
-        for i in range(n):
-            powers[0] = weight[i]
-            for p in range(1, 2 * _TERMS - 1):
-                powers[p] = powers[p - 1] * x[i]
-            moments += powers
-            for p in range(_TERMS):
-                right[p] += powers[p] * (y[i] - shift)
+    return x, y
+
+
+@njit(cache=True)
+def _fit_weighted(x: FloatArray, y: FloatArray, shift: float, weight: FloatArray, coefficients: FloatArray) -> None:
+    """Polynomial through ``y - shift`` (n,) at ``x`` (n,) with weights (n,): fills ``coefficients``."""
+    matrix = np.zeros((_TERMS, _TERMS))
+    right = np.zeros(_TERMS)
+    powers = np.empty(2 * _TERMS - 1)
+    moments = np.zeros(2 * _TERMS - 1)
+    for i in range(len(x)):
+        powers[0] = weight[i]
+        for p in range(1, 2 * _TERMS - 1):
+            powers[p] = powers[p - 1] * x[i]
+        moments += powers
         for p in range(_TERMS):
-            for q in range(_TERMS):
-                matrix[p, q] = moments[p + q]
-            matrix[p, p] += 1e-9 * n
-        _solve(matrix, right, coefficients)
-        for i in range(n):
-            residual[i] = y[i] - shift - _value(coefficients, x[i])
-        scatter = max(1.4826 * np.sort(np.abs(residual))[n // 2], 0.02)
-        for i in range(n):
-            u = residual[i] / (4.685 * scatter)
-            weight[i] = (1 - u * u) ** 2 if abs(u) < 1 else 0.0
-        if weight.sum() < _TERMS + 2:
-            return nothing
+            right[p] += powers[p] * (y[i] - shift)
+    for p in range(_TERMS):
+        for q in range(_TERMS):
+            matrix[p, q] = moments[p + q]
+        matrix[p, p] += 1e-9 * len(x)
+    _solve(matrix, right, coefficients)
+
+
+@njit(cache=True)
+def _least(coefficients: FloatArray, steps: int) -> tuple[float, float]:
+    """Where between -1 and 1 a polynomial is least, on a grid of ``steps`` parts, and its value there."""
     at = -1.0
     best = _value(coefficients, at)
-    steps = 4 * width
     for k in range(1, steps + 1):
         here = -1.0 + 2.0 * k / steps
         value = _value(coefficients, here)
         if value < best:
             at, best = here, value
-    return middle + half * at, best + shift, scatter, float((weight > 0.1).sum()) / width
+    return at, best
 
 
 @njit(cache=True)

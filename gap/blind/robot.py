@@ -81,8 +81,8 @@ def _platform(q: Array, fx: Knobs) -> Array:
     return q
 
 
-def _reaction(s: Session, u: Array, law: str, tissue: Parameters, fx: Knobs, rng: np.random.Generator) -> Array:
-    """Interface and tissue: resisting force (N, 3) [N] to a probe displacement u (N, 3) [m]."""
+def _felt(s: Session, u: Array, fx: Knobs, rng: np.random.Generator) -> Array:
+    """Displacement (N, 3) [m] that the skin feels where the probe moves by u (N, 3): with slip and flow."""
     get = fx.get
     if a := get("slip", 0.0):
         u = u - a * columns(play, u, get("slip_at", 0.5) * SPAN)
@@ -97,6 +97,12 @@ def _reaction(s: Session, u: Array, law: str, tissue: Parameters, fx: Knobs, rng
         u = u - a * columns(drawn_after, u, s.dt, 0.25 * SPAN, 0.4, 1.0)
     if a := get("residual_power", 0.0):
         u = u - a * columns(drawn_after, u / SPAN, s.dt, 0.0, 0.4, 3.0) * SPAN
+    return u
+
+
+def _compliant(s: Session, u: Array, law: str, tissue: Parameters, fx: Knobs) -> Array:
+    """Force (N, 3) [N] of the skin without its effects, through whatever gives between it and the platform."""
+    get = fx.get
     f = resist(law, u, s.dt, tissue)
     if a := get("glue", 0.0):  # the glue's compliance [m/N], by fixed point on the skin's displacement
         for _ in range(2):
@@ -112,6 +118,14 @@ def _reaction(s: Session, u: Array, law: str, tissue: Parameters, fx: Knobs, rng
             s.dt,
             tissue,
         )
+    return f
+
+
+def _reaction(s: Session, u: Array, law: str, tissue: Parameters, fx: Knobs, rng: np.random.Generator) -> Array:
+    """Interface and tissue: resisting force (N, 3) [N] to a probe displacement u (N, 3) [m]."""
+    get = fx.get
+    u = _felt(s, u, fx, rng)
+    f = _compliant(s, u, law, tissue, fx)
     f = spells.resistance(s, u, _skin_effects(s, u, f, tissue["stiffness"], fx), fx)
     if a := get("pulse", 0.0):
         direction = np.array([0.3, 0.2, 1.0])
@@ -125,10 +139,9 @@ def _reaction(s: Session, u: Array, law: str, tissue: Parameters, fx: Knobs, rng
     return f
 
 
-def _skin_effects(s: Session, u: Array, f: Array, k: float, fx: Knobs) -> Array:
-    """Tissue effects on the force f (N, 3) [N]; ``k`` is the person's stiffness [N/m]."""
+def _remembering(s: Session, size: Array, f: Array, fx: Knobs) -> Array:
+    """Force f (N, 3) [N] with creep and with what earlier displacement, of ``size`` (N, 1) [m], has changed."""
     get = fx.get
-    size = np.linalg.norm(u, axis=1, keepdims=True)
     if a := get("creep", 0.0):
         f = f - a * columns(lag, f, s.dt, get("creep_tau", 60.0))
     if a := get("creep_oneway", 0.0):
@@ -146,6 +159,12 @@ def _skin_effects(s: Session, u: Array, f: Array, k: float, fx: Knobs) -> Array:
             inside = (s.t >= r.start) & (s.t < r.start + r.duration)
             worked = np.cumsum(np.where(inside, size[:, 0], 0.0) * s.dt) / SPAN
             f = f * (1 + a * np.where(inside, np.exp(-worked / get("softening", 4.0)), 0.0))[:, None]
+    return f
+
+
+def _stiffening(s: Session, u: Array, size: Array, f: Array, k: float, fx: Knobs) -> Array:
+    """Force f (N, 3) [N] with fibres and layers that only a great displacement u (N, 3) reaches."""
+    get = fx.get
     if a := get("deep", 0.0):
         f = f + a * k * np.maximum(size - get("deep_at", 0.6) * SPAN, 0) * u / (size + 1e-9)
     if a := get("deep_smooth", 0.0):
@@ -168,6 +187,14 @@ def _skin_effects(s: Session, u: Array, f: Array, k: float, fx: Knobs) -> Array:
         f = f * (1 + a * (size / SPAN) ** 4)
     if a := get("locking", 0.0):
         f = f / (1 - np.minimum(a * size / SPAN, 0.8) ** 3)
+    return f
+
+
+def _skin_effects(s: Session, u: Array, f: Array, k: float, fx: Knobs) -> Array:
+    """Tissue effects on the force f (N, 3) [N]; ``k`` is the person's stiffness [N/m]."""
+    get = fx.get
+    size = np.linalg.norm(u, axis=1, keepdims=True)
+    f = _stiffening(s, u, size, _remembering(s, size, f, fx), k, fx)
     if a := get("tone", 0.0):
         f = f * (1 + a * s.t / s.length)[:, None]
     if a := get("tone_step", 0.0):
@@ -175,8 +202,8 @@ def _skin_effects(s: Session, u: Array, f: Array, k: float, fx: Knobs) -> Array:
     return f
 
 
-def _legs(s: Session, f: Array, normal: Array, q: Array, fx: Knobs) -> Array:
-    """Transducers: compressions (N, 3) [N] for the skin's force on the probe f (N, 3), tared by the caller."""
+def _on_the_head(s: Session, f: Array, normal: Array, fx: Knobs) -> Array:
+    """Force (N, 3) [N] in the head's own axes, with the head's weight, for the skin's force on the probe f (N, 3)."""
     get = fx.get
     if a := get("turned", 0.0):
         c, si = np.cos(a), np.sin(a)
@@ -188,10 +215,23 @@ def _legs(s: Session, f: Array, normal: Array, q: Array, fx: Knobs) -> Array:
         f = f + 9.81 * m * normal * np.array([1.0, 1.0, 0.0])
     if m := get("head_overhang", 0.0):
         f = f + 9.81 * m * (normal - np.array([0, 0, 1.0])) * np.array([1.6, 0.7, 1.0])
-    f = spells.head(s, f, fx)
+    return spells.head(s, f, fx)
+
+
+def _legs(s: Session, f: Array, normal: Array, q: Array, fx: Knobs) -> Array:
+    """Transducers: compressions (N, 3) [N] for the skin's force on the probe f (N, 3), tared by the caller."""
+    get = fx.get
+    f = _on_the_head(s, f, normal, fx)
     real = force_matrix(LEG_HEIGHT * (1 + get("h_error", 0.0)), LEG_RADIUS * (1 + get("w_error", 0.0)))
     x = f @ np.linalg.inv(real).T
     x = x * (1 + np.array([get(f"leg_tolerance_{i}", 0.0) for i in range(3)]))
+    x = _disturbed(s, _read(s, x, fx), q, fx)
+    return spells.transducers(s, np.asarray(x), fx)
+
+
+def _read(s: Session, x: Array, fx: Knobs) -> Array:
+    """Compressions x (N, 3) [N] through the transducers' own gain, curvature, play and lag."""
+    get = fx.get
     k = int(get("leg", 0))
     if a := get("leg_gain", 0.0):
         x[:, k] *= 1 + a
@@ -209,6 +249,13 @@ def _legs(s: Session, f: Array, normal: Array, q: Array, fx: Knobs) -> Array:
         x = columns(lag, x, s.dt, tau)
     if tau := get("low_pass_twice", 0.0):
         x = columns(lag, columns(lag, x, s.dt, 0.35 * tau), s.dt, 0.65 * tau)
+    return x
+
+
+def _disturbed(s: Session, x: Array, q: Array, fx: Knobs) -> Array:
+    """Readings x (N, 3) [N] with crosstalk, drift and interference; q (N, 3) [m] are the axes."""
+    get = fx.get
+    k = int(get("leg", 0))
     if a := get("leg_into_leg", 0.0):
         x[:, (k + 1) % 3] += a * x[:, k]
     if a := get("axis_into_leg", 0.0):
@@ -221,7 +268,7 @@ def _legs(s: Session, f: Array, normal: Array, q: Array, fx: Knobs) -> Array:
         x[:, k] += a * np.sin(2 * np.pi * get("hum_hz", 7.3) * s.t) * (np.sin(0.37 * s.t) > 0.3)
     if a := get("cable", 0.0):  # outside: a cable drags on the head, elastic with dry friction inside
         x = x + a * (columns(bristle, q, 4e-4) + q / 1e-3) * np.roll([1.0, 0.2, -0.6], k)
-    return spells.transducers(s, np.asarray(x), fx)
+    return x
 
 
 def simulate(

@@ -38,6 +38,51 @@ class Loop(NamedTuple):
 
 
 @njit(cache=True)
+def _coil_force(a, e, de, at, h, c, integral, warm):  # type: ignore[no-untyped-def]
+    """Force [N] of axis ``a`` at ``at`` [m] for its error ``e`` [m] and speed error ``de`` [m/s]; moves its states."""
+    u = c.kp * e + c.ki * integral[a] + c.kd * de
+    if c.soft > 0.0:
+        u = c.soft * np.tanh(u / c.soft)
+    held = c.limit > 0.0 and abs(u + c.weight) > c.limit
+    if held:
+        u = (c.limit if u + c.weight > 0 else -c.limit) - c.weight
+    if not held:
+        integral[a] += h * e
+    elif c.windup > 0.0:
+        integral[a] += h * e * (1.0 if e * u > 0.0 else c.windup)
+    if c.vary > 0.0:
+        u *= 1.0 - c.vary * (at / 5e-3) ** 2
+    if c.one_sided > 0.0:
+        u *= 1.0 - c.one_sided * max(at, 0.0) / 5e-3
+    if c.heating > 0.0:
+        warm[a] += h * (u * u - warm[a]) / 20.0
+        u *= max(1.0 - c.heating * warm[a], 0.2)
+    return u
+
+
+@njit(cache=True)
+def _less_friction(a, f, push, v, h, c, dry, stribeck, z):  # type: ignore[no-untyped-def]
+    """Force ``f`` [N] on axis ``a`` less its dry friction under the load ``push`` [N] at the speed ``v`` [m/s].
+
+    Friction is the force that would just stop the mass, if that is within its bound; bristles keep theirs in ``z``.
+    """
+    bound = dry + c.binding * abs(push)
+    if c.friction_law == 1:
+        bound += (c.stribeck + stribeck) * np.exp(-abs(v) / c.stribeck_speed)
+    elif c.friction_law == 2:
+        bound += c.stribeck / (1.0 + (v / c.stribeck_speed) ** 2)
+    if c.friction_law == 3:
+        goal = 1.0 if v > 0 else -1.0
+        give = max(c.bristle, dry / STIFFEST)
+        z[a] = goal + (z[a] - goal) * np.exp(-abs(v) * h / give)
+        f -= dry * z[a]
+    elif bound > 0.0:
+        stop = c.mass * v / h + f
+        f -= min(max(stop, -bound), bound)
+    return f
+
+
+@njit(cache=True)
 def loops(ref, load, base, tangent, h, c, dry, one):  # type: ignore[no-untyped-def]
     """Three PID loops under a load (N, 3) [N], each a mass with its friction; returns axis positions (N, 3) [m].
 
@@ -62,42 +107,14 @@ def loops(ref, load, base, tangent, h, c, dry, one):  # type: ignore[no-untyped-
                 r = ref[i - 1, a] + (ref[i, a] - ref[i - 1, a]) * w
                 vr = (ref[i, a] - ref[i - 1, a]) / (n * h)
                 e = r - q[a]
-                u = c.kp * e + c.ki * integral[a] + c.kd * (vr * (1.0 - c.unfed) - v[a])
-                if c.soft > 0.0:
-                    u = c.soft * np.tanh(u / c.soft)
-                held = c.limit > 0.0 and abs(u + c.weight) > c.limit
-                if held:
-                    u = (c.limit if u + c.weight > 0 else -c.limit) - c.weight
-                if not held:
-                    integral[a] += h * e
-                elif c.windup > 0.0:
-                    integral[a] += h * e * (1.0 if e * u > 0.0 else c.windup)
-                if c.vary > 0.0:
-                    u *= 1.0 - c.vary * (q[a] / 5e-3) ** 2
-                if c.one_sided > 0.0:
-                    u *= 1.0 - c.one_sided * max(q[a], 0.0) / 5e-3
-                if c.heating > 0.0:
-                    warm[a] += h * (u * u - warm[a]) / 20.0
-                    u *= max(1.0 - c.heating * warm[a], 0.2)
+                u = _coil_force(a, e, vr * (1.0 - c.unfed) - v[a], q[a], h, c, integral, warm)
                 f = u + push
                 drag = c.drag + one[0, a]
                 if c.thin > 0.0:
                     drag += c.thin / np.sqrt(1e-3 * max(abs(v[a]), 1e-5))
                 if c.cogging > 0.0:
                     f += c.cogging * np.sin(2 * np.pi * q[a] / c.cog_pitch)
-                bound = dry[a] + c.binding * abs(push)
-                if c.friction_law == 1:
-                    bound += (c.stribeck + one[1, a]) * np.exp(-abs(v[a]) / c.stribeck_speed)
-                elif c.friction_law == 2:
-                    bound += c.stribeck / (1.0 + (v[a] / c.stribeck_speed) ** 2)
-                if c.friction_law == 3:
-                    goal = 1.0 if v[a] > 0 else -1.0
-                    give = max(c.bristle, dry[a] / STIFFEST)
-                    z[a] = goal + (z[a] - goal) * np.exp(-abs(v[a]) * h / give)
-                    f -= dry[a] * z[a]
-                elif bound > 0.0:
-                    stop = c.mass * v[a] / h + f
-                    f -= min(max(stop, -bound), bound)
+                f = _less_friction(a, f, push, v[a], h, c, dry[a], one[1, a], z)
                 f = (f - drag * v[a]) / (1.0 + h * drag / c.mass)
                 v[a] += h * f / c.mass
                 q[a] += h * v[a]

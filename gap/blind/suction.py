@@ -118,15 +118,9 @@ def skin_suction(s: Session, p: Array, fx: Knobs) -> Array:
     return p
 
 
-def skin_height(s: Session, p: Array, law: str, tissue: Parameters, fx: Knobs, rng: np.random.Generator) -> Array:
-    """Tissue stage with its effects: apex height (N,) [m] of the skin for felt suction ``p``.
-
-    While a block stands under the probe the skin is unloaded, yet it still remembers: its height is then nobody's.
-    """
+def _within_deep_layers(s: Session, p: Array, ref: float, fx: Knobs) -> Array:
+    """Suction p (N,) [Pa] less the part that deep layers carry; ``ref`` [Pa] is the law's reference."""
     get = fx.get
-    skin = s.per_recording([float(r.specimen == "skin") for r in s.recordings])
-    p = p * skin
-    ref, size = tissue["reference"], tissue["amplitude"]
     if a := get("deep", 0.0):
         p = p - a * np.maximum(p - get("deep_at", 0.6) * ref, 0.0)
     if a := get("deep_smooth", 0.0):
@@ -135,7 +129,12 @@ def skin_height(s: Session, p: Array, law: str, tissue: Parameters, fx: Knobs, r
             np.exp(-get("deep_at", 0.6) * ref / w)
         )
         p = p - a * lag(over, s.dt, 0.8)
-    h = LAWS[law](p, s.dt, tissue)
+    return p
+
+
+def _creeping(s: Session, p: Array, h: Array, ref: float, size: float, fx: Knobs) -> Array:
+    """Height h (N,) [m] with creep and with flow that stays."""
+    get = fx.get
     if a := get("creep", 0.0):
         h = h + a * lag(h, s.dt, get("creep_tau", 60.0))
     if a := get("creep_oneway", 0.0):
@@ -149,6 +148,12 @@ def skin_height(s: Session, p: Array, law: str, tissue: Parameters, fx: Knobs, r
     if a := get("residual_work", 0.0):
         x = (p / ref) ** 3
         h = h + size * a * (np.cumsum(x * s.dt) / 40.0) / (1 + np.cumsum(x * s.dt) / 40.0)
+    return h
+
+
+def _softened(s: Session, p: Array, h: Array, ref: float, size: float, fx: Knobs) -> Array:
+    """Height h (N,) [m] with what earlier loading has changed, and with stiffening at great heights."""
+    get = fx.get
     if a := get("first_loadings", 0.0):
         k = np.cumsum([r.specimen == "skin" for r in s.recordings]) - 1
         h = h * s.per_recording(1 - a * np.exp(-np.maximum(k, 0) / get("series", 1.2)))
@@ -159,6 +164,14 @@ def skin_height(s: Session, p: Array, law: str, tissue: Parameters, fx: Knobs, r
         h = h / (1 + a * (h / size) ** 2)
     if a := get("locking", 0.0):
         h = size / a * (1 - np.exp(-a * h / size))
+    return h
+
+
+def _alive(
+    s: Session, p: Array, h: Array, skin: Array, ref: float, size: float, fx: Knobs, rng: np.random.Generator
+) -> Array:
+    """Height h (N,) [m] with pulse, breath, tone, movement, sweat, blood; ``skin`` (N,) is 1 where it is skin."""
+    get = fx.get
     if a := get("pulse", 0.0):
         h = h + a * np.sin(2 * np.pi * get("pulse_hz", 1.1) * s.t + get("pulse_phase", 0.0)) * skin
     if a := get("breath", 0.0):
@@ -176,6 +189,20 @@ def skin_height(s: Session, p: Array, law: str, tissue: Parameters, fx: Knobs, r
     if a := get("blood", 0.0):  # outside: vessels fill under suction and empty at a threshold pressure
         h = h + a * size * lag((p > 0.25 * ref).astype(float), s.dt, get("blood_tau", 6.0))
     return h
+
+
+def skin_height(s: Session, p: Array, law: str, tissue: Parameters, fx: Knobs, rng: np.random.Generator) -> Array:
+    """Tissue stage with its effects: apex height (N,) [m] of the skin for felt suction ``p``.
+
+    While a block stands under the probe the skin is unloaded, yet it still remembers: its height is then nobody's.
+    """
+    skin = s.per_recording([float(r.specimen == "skin") for r in s.recordings])
+    ref, size = tissue["reference"], tissue["amplitude"]
+    p = _within_deep_layers(s, p * skin, ref, fx)
+    h = LAWS[law](p, s.dt, tissue)
+    h = _creeping(s, p, h, ref, size, fx)
+    h = _softened(s, p, h, ref, size, fx)
+    return _alive(s, p, h, skin, ref, size, fx, rng)
 
 
 def probe_height(s: Session, p: Array, h: Array, fx: Knobs) -> Array:
@@ -196,12 +223,9 @@ def probe_height(s: Session, p: Array, h: Array, fx: Knobs) -> Array:
     return h
 
 
-def read_height(s: Session, p: Array, h: Array, fx: Knobs, rng: np.random.Generator) -> Array:
-    """Height sensor on the grid, before zeroing (N,) [m]; h is not yet zeroed, its resting value is near 0."""
+def _seen(h: Array, size: float, fx: Knobs) -> Array:
+    """Height h (N,) [m] through optics that bend, cut off or look askew; ``size`` [m] is a typical height."""
     get = fx.get
-    size = {"cutometer": 0.3e-3, "aspiration": 2e-3}[s.instrument]
-    after = s.per_recording([float(k >= get("from_recording", 0.0)) for k in range(len(s.recordings))])
-    h = h * (1 + get("gain", 0.0)) * (1 + get("gain_later", 0.0) * after)
     if a := get("quadratic", 0.0):
         h = h + a * h * (h / size - 1)
     if a := get("waves", 0.0):
@@ -220,6 +244,12 @@ def read_height(s: Session, p: Array, h: Array, fx: Knobs, rng: np.random.Genera
         h = h * np.cos(a) - np.sin(a) * (np.sqrt(size**2 + np.maximum(h, 0) ** 2) - size)
     if a := get("askew_foreshortened", 0.0):
         h = h * np.cos(a) / (1 + np.sin(a) * h / (4 * size))
+    return h
+
+
+def _late(s: Session, h: Array, size: float, fx: Knobs) -> Array:
+    """Height h (N,) [m] through a sensor with play or lag."""
+    get = fx.get
     if a := get("play_height", 0.0):
         h = play(h, a)
     if a := get("preisach", 0.0):
@@ -228,6 +258,12 @@ def read_height(s: Session, p: Array, h: Array, fx: Knobs, rng: np.random.Genera
         h = lag(h, s.dt, tau)
     if tau := get("low_pass_twice", 0.0):
         h = lag(lag(h, s.dt, 0.35 * tau), s.dt, 0.65 * tau)
+    return h
+
+
+def _wandering(s: Session, h: Array, size: float, fx: Knobs, rng: np.random.Generator) -> Array:
+    """Height h (N,) [m] with zero and scale that change with time."""
+    get = fx.get
     minutes = s.t / 60.0
     h = h + get("drift", 0.0) * minutes
     if a := get("warm_up", 0.0):
@@ -240,6 +276,17 @@ def read_height(s: Session, p: Array, h: Array, fx: Knobs, rng: np.random.Genera
     if a := get("lamp", 0.0):
         since = s.t - s.per_recording([r.start for r in s.recordings])
         h = h * (1 + a * np.exp(-since / get("lamp_tau", 6.0))) + 0.1 * a * size * np.exp(-since / get("lamp_tau", 6.0))
+    return h
+
+
+def read_height(s: Session, p: Array, h: Array, fx: Knobs, rng: np.random.Generator) -> Array:
+    """Height sensor on the grid, before zeroing (N,) [m]; h is not yet zeroed, its resting value is near 0."""
+    get = fx.get
+    size = {"cutometer": 0.3e-3, "aspiration": 2e-3}[s.instrument]
+    after = s.per_recording([float(k >= get("from_recording", 0.0)) for k in range(len(s.recordings))])
+    h = h * (1 + get("gain", 0.0)) * (1 + get("gain_later", 0.0) * after)
+    h = _late(s, _seen(h, size, fx), size, fx)
+    h = _wandering(s, h, size, fx, rng)
     h = h + get("from_pressure", 0.0) * p / 300e2
     if a := get("from_flow", 0.0):
         h = h + a * np.gradient(lag(p, s.dt, 0.05), s.t) / 300e2

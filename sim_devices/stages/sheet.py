@@ -56,6 +56,32 @@ def _elastic(ux: float, uy: float, uz: float, p: FloatArray) -> tuple[float, flo
     return factor * fx, factor * fy, factor * fz
 
 
+Triple = tuple[float, float, float]
+
+
+@njit(cache=True)
+def _through_glue(
+    at: Triple, u: Triple, f: Triple, past: Triple, now: float, soft: float, p: FloatArray
+) -> tuple[float, float, float, float, float, float]:
+    """Displacement of the skin and its force, where the probe is ``at`` and glue gives between them (Newton)."""
+    glue_t, glue_n = p[10], p[11]
+    (ux, uy, uz), (fx, fy, fz) = u, f
+    stiff_t, stiff_n = 1.0 + glue_t * max(p[0], p[2]) * now, 1.0 + glue_n * p[3] * now
+    for _ in range(40):
+        rx = at[0] + glue_t * (soft * fx * now - past[0]) - ux
+        ry = at[1] + glue_t * (soft * fy * now - past[1]) - uy
+        rz = at[2] + glue_n * (soft * fz * now - past[2]) - uz
+        if abs(rx) + abs(ry) + abs(rz) < 1e-10:
+            break
+        grow = 1.0 + (ux * ux * p[0] + uy * uy * p[2] + uz * uz * p[3]) / p[4]
+        factor = grow ** p[5] * (1.0 + 2.0 * p[5])
+        ux += rx / (1.0 + (stiff_t - 1.0) * factor)
+        uy += ry / (1.0 + (stiff_t - 1.0) * factor)
+        uz += rz / (1.0 + (stiff_n - 1.0) * factor)
+        fx, fy, fz = _elastic(ux, uy, uz, p)
+    return ux, uy, uz, fx, fy, fz
+
+
 @njit(cache=True)
 def _advance_sheet(
     s: FloatArray,
@@ -70,8 +96,8 @@ def _advance_sheet(
 ) -> None:
     n = g.size
     e, a, b = np.ones(n), np.zeros(n), np.zeros(n)
-    soft_a, soft_f, soft_up, soft_down, glue_t, glue_n = p[6], p[7], p[8], p[9], p[10], p[11]
-    glued = glue_t > 0.0 or glue_n > 0.0
+    soft_a, soft_f, soft_up, soft_down = p[6], p[7], p[8], p[9]
+    glued = p[10] > 0.0 or p[11] > 0.0
     if s[0] == 0.0 and t.size:
         s[0], s[1] = 1.0, t[0]
     last, up, down = -1.0, 1.0, 1.0
@@ -101,19 +127,9 @@ def _advance_sheet(
             ux, uy, uz = s[6], s[7], s[8]
         fx, fy, fz = _elastic(ux, uy, uz, p)
         if glued:
-            stiff_t, stiff_n = 1.0 + glue_t * max(p[0], p[2]) * now, 1.0 + glue_n * p[3] * now
-            for _ in range(40):
-                rx = x[i] + glue_t * (soft * fx * now - past_x) - ux
-                ry = y[i] + glue_t * (soft * fy * now - past_y) - uy
-                rz = z[i] + glue_n * (soft * fz * now - past_z) - uz
-                if abs(rx) + abs(ry) + abs(rz) < 1e-10:
-                    break
-                grow = 1.0 + (ux * ux * p[0] + uy * uy * p[2] + uz * uz * p[3]) / p[4]
-                factor = grow ** p[5] * (1.0 + 2.0 * p[5])
-                ux += rx / (1.0 + (stiff_t - 1.0) * factor)
-                uy += ry / (1.0 + (stiff_t - 1.0) * factor)
-                uz += rz / (1.0 + (stiff_n - 1.0) * factor)
-                fx, fy, fz = _elastic(ux, uy, uz, p)
+            ux, uy, uz, fx, fy, fz = _through_glue(
+                (x[i], y[i], z[i]), (ux, uy, uz), (fx, fy, fz), (past_x, past_y, past_z), now, soft, p
+            )
             s[6], s[7], s[8] = ux, uy, uz
         fx, fy, fz = soft * fx, soft * fy, soft * fz
         f[0, i], f[1, i], f[2, i] = now * fx - past_x, now * fy - past_y, now * fz - past_z
