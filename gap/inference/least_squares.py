@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg as sla
@@ -37,107 +38,170 @@ def fit(
     (n, p) from near the start, with its ``gram`` JᵀJ, good for as long as it foretells what happens. ``tolerance`` is
     the relative gain below which it stops. ``belief`` is what other data say of the effects.
     """
-    hypothesis = tuple(hypothesis)
     c = problem.start() if nuisance is None else nuisance.copy()
-    u = np.full(sum(len(h.parameters) for h in hypothesis), 0.5) if unit is None else unit.astype(float).copy()
-    mean, sd = problem.prior_mean, problem.prior_sd
-    moves = sd > FROZEN
-    c[~moves] = mean[~moves]  # what is frozen stays there, wherever another law left it
-    precision = np.where(np.isfinite(sd), 1.0 / np.square(sd), 0.0)
-    believed = Belief.none(len(u)) if belief is None else belief
-    fine = [p.fine for h in hypothesis for p in h.parameters]
-    simulations = 0
-
-    def wider(u: FloatArray) -> float:
-        times = problem.widening(split(hypothesis, u))
-        return 0.0 if times is None else 2.0 * float(np.sum(np.log(times)))
-
-    def cost(residual: FloatArray, c: FloatArray, u: FloatArray) -> float:
-        with np.errstate(over="ignore"):  # a trial that diverges is a bad one
-            return float(residual @ residual + np.sum(precision * np.square(c - mean))) + believed.cost(u) + wider(u)
-
-    def simulated(c: FloatArray, u: FloatArray, want_jacobian: bool = False) -> Evaluation:
-        nonlocal simulations
-        simulations += 1
-        return problem.evaluate(c, split(hypothesis, u), want_jacobian)
-
-    def by_effect(residual: FloatArray, c: FloatArray, u: FloatArray) -> FloatArray:
-        """The Jacobian of the effects' parameters, where the residual is known."""
-        columns = np.empty((len(residual), len(u)))
-        for k in range(len(u)):
-            step = fine[k] if u[k] < 0.5 else -fine[k]
-            moved = u.copy()
-            moved[k] += step
-            columns[:, k] = (residual - simulated(c, moved).residual) / step
-        return columns
-
-    def gram_of(jac: FloatArray) -> FloatArray:
-        """Jᵀ J of what moves."""
-        if moves.all():
-            return np.asarray(jac.T @ jac)
-        out = np.zeros((len(c), len(c)))
-        out[np.ix_(moves, moves)] = jac[:, moves].T @ jac[:, moves]
-        return out
-
-    here = simulated(c, u, want_jacobian=jacobian is None)
+    aim = _Objective(problem, tuple(hypothesis), belief)  # a start may choose the priors
+    u = np.full(aim.size, 0.5) if unit is None else unit.astype(float).copy()
+    c[~aim.moves] = aim.mean[~aim.moves]  # what is frozen stays there, wherever another law left it
+    here = aim.simulated(c, u, want_jacobian=jacobian is None)
     residual, fresh = here.residual, jacobian is None
     jac = here.jacobian if jacobian is None else jacobian
-    gram = gram_of(jac) if gram is None or fresh else gram
-    effect = by_effect(residual, c, u)
-    best = cost(residual, c, u)
+    gram = aim.gram_of(jac) if gram is None or fresh else gram
+    effect = aim.by_effect(residual, c, u)
+    best = aim.cost(residual, c, u)
     damping = 1e-3
     for _ in range(iterations):
-        normal = bordered(gram, jac, effect)
-        p = len(c)
-        normal[np.arange(p), np.arange(p)] += precision
-        normal[p:, p:] += believed.precision
-        gradient = np.concatenate([jac.T @ residual, effect.T @ residual])
-        gradient[:p] -= precision * (c - mean)
-        gradient[p:] -= believed.precision @ (u - believed.mean)
-        if noise := wider(u):
-            for k, share in enumerate(fine):
-                moved = u.copy()
-                moved[k] += share
-                gradient[p + k] -= 0.5 * (wider(moved) - noise) / share
-        # Parameters at a bound that the step would leave stay there.
-        fixed = np.append(~moves, np.zeros(len(u), bool))
-        fixed[p:] = ((u <= 0) & (gradient[p:] < 0)) | ((u >= 1) & (gradient[p:] > 0))
-        free = ~fixed
-        improved = False
-        for _attempt in range(6):
-            damped = normal[np.ix_(free, free)]
-            damped[np.diag_indices_from(damped)] *= 1.0 + damping
-            step = np.zeros(len(gradient))
-            step[free] = sla.cho_solve(factorise(damped), gradient[free])
-            c_new, u_new = c + step[:p], np.clip(u + np.clip(step[p:], -0.3, 0.3), 0.0, 1.0)
-            trial = simulated(c_new, u_new)
-            value = cost(trial.residual, c_new, u_new)
-            if np.isfinite(value) and value < best:
-                improved = True
-                break
-            damping = max(damping * 8.0, 1e-4)
-        if not improved and fresh:
+        normal, gradient = aim.normal_equations(residual, c, u, jac, gram, effect)
+        step, trial, damping = aim.descend(normal, gradient, c, u, best, damping)
+        if trial is None and fresh:
             break
-        if not improved:  # an old Jacobian may be to blame
-            jac = simulated(c, u, want_jacobian=True).jacobian
-            gram, fresh, damping = gram_of(jac), True, 1e-3
+        if trial is None:  # an old Jacobian may be to blame
+            jac = aim.simulated(c, u, want_jacobian=True).jacobian
+            gram, fresh, damping = aim.gram_of(jac), True, 1e-3
             continue
-        gain = best - value
+        gain = best - trial.cost
         # While the linear model foretells the gain, its costly nuisance part is good enough for another step.
         foretold = float(2 * gradient @ step - step @ normal @ step)
         stale = not 0.75 < gain / max(foretold, 1e-12) < 1.3
-        c, u, best, residual = c_new, u_new, value, trial.residual
+        c, u, best, residual = trial.nuisance, trial.unit, trial.cost, trial.residual
         damping *= 0.2
-        effect, fresh = by_effect(residual, c, u), stale
+        effect, fresh = aim.by_effect(residual, c, u), stale
         if stale:
-            jac = simulated(c, u, want_jacobian=True).jacobian
-            gram = gram_of(jac)
+            jac = aim.simulated(c, u, want_jacobian=True).jacobian
+            gram = aim.gram_of(jac)
         if gain < tolerance * max(best, 1.0) * 0.1 + 0.02:
             break
-    if not moves.all():
-        gram = jac.T @ jac
-    noise = wider(u) + unearned(residual, problem.widening(split(hypothesis, u)), problem.rows.recording)
-    return _finish(hypothesis, c, u, residual, jac, gram, effect, mean, sd, believed, simulations, noise)
+    return aim.finished(c, u, residual, jac, gram if aim.moves.all() else jac.T @ jac, effect)
+
+
+class _Trial(NamedTuple):
+    """A step that was tried and lowers the objective."""
+
+    nuisance: FloatArray
+    unit: FloatArray
+    residual: FloatArray
+    cost: float
+
+
+class _Objective:
+    """χ² + priors of one problem under a hypothesis, with its derivatives; counts its simulations."""
+
+    def __init__(self, problem: Problem, hypothesis: tuple[Candidate, ...], belief: Belief | None) -> None:
+        self.problem, self.hypothesis = problem, hypothesis
+        self.fine = [p.fine for h in hypothesis for p in h.parameters]
+        self.size = len(self.fine)
+        self.mean, self.sd = problem.prior_mean, problem.prior_sd
+        self.moves = self.sd > FROZEN
+        self.precision = np.where(np.isfinite(self.sd), 1.0 / np.square(self.sd), 0.0)
+        self.believed = Belief.none(self.size) if belief is None else belief
+        self.simulations = 0
+
+    def wider(self, u: FloatArray) -> float:
+        """Log-determinant of the noise that effects widen, twice."""
+        times = self.problem.widening(split(self.hypothesis, u))
+        return 0.0 if times is None else 2.0 * float(np.sum(np.log(times)))
+
+    def cost(self, residual: FloatArray, c: FloatArray, u: FloatArray) -> float:
+        with np.errstate(over="ignore"):  # a trial that diverges is a bad one
+            prior = np.sum(self.precision * np.square(c - self.mean))
+            return float(residual @ residual + prior) + self.believed.cost(u) + self.wider(u)
+
+    def simulated(self, c: FloatArray, u: FloatArray, want_jacobian: bool = False) -> Evaluation:
+        self.simulations += 1
+        return self.problem.evaluate(c, split(self.hypothesis, u), want_jacobian)
+
+    def by_effect(self, residual: FloatArray, c: FloatArray, u: FloatArray) -> FloatArray:
+        """The Jacobian (n, k) of the effects' parameters, where the residual is known."""
+        columns = np.empty((len(residual), len(u)))
+        for k in range(len(u)):
+            step = self.fine[k] if u[k] < 0.5 else -self.fine[k]
+            moved = u.copy()
+            moved[k] += step
+            columns[:, k] = (residual - self.simulated(c, moved).residual) / step
+        return columns
+
+    def gram_of(self, jac: FloatArray) -> FloatArray:
+        """Jᵀ J (p, p) of the nuisance parameters that move."""
+        if self.moves.all():
+            return np.asarray(jac.T @ jac)
+        out = np.zeros((len(self.mean), len(self.mean)))
+        out[np.ix_(self.moves, self.moves)] = jac[:, self.moves].T @ jac[:, self.moves]
+        return out
+
+    def normal_equations(
+        self, residual: FloatArray, c: FloatArray, u: FloatArray, jac: FloatArray, gram: FloatArray, effect: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Matrix (p + k, p + k) and right-hand side (p + k,) of a Gauss-Newton step."""
+        p = len(c)
+        normal = bordered(gram, jac, effect)
+        normal[np.arange(p), np.arange(p)] += self.precision
+        normal[p:, p:] += self.believed.precision
+        gradient = np.concatenate([jac.T @ residual, effect.T @ residual])
+        gradient[:p] -= self.precision * (c - self.mean)
+        gradient[p:] -= self.believed.precision @ (u - self.believed.mean)
+        if noise := self.wider(u):
+            for k, share in enumerate(self.fine):
+                moved = u.copy()
+                moved[k] += share
+                gradient[p + k] -= 0.5 * (self.wider(moved) - noise) / share
+        return normal, gradient
+
+    def descend(
+        self, normal: FloatArray, gradient: FloatArray, c: FloatArray, u: FloatArray, best: float, damping: float
+    ) -> tuple[FloatArray, _Trial | None, float]:
+        """A step (p + k,) that lowers the objective below ``best``, what it leads to, and the damping it took; nothing
+        after six attempts, each damped more."""
+        p = len(c)
+        # Parameters at a bound that the step would leave stay there.
+        fixed = np.append(~self.moves, np.zeros(len(u), bool))
+        fixed[p:] = ((u <= 0) & (gradient[p:] < 0)) | ((u >= 1) & (gradient[p:] > 0))
+        free = ~fixed
+        step = np.zeros(len(gradient))
+        for _ in range(6):
+            damped = normal[np.ix_(free, free)]
+            damped[np.diag_indices_from(damped)] *= 1.0 + damping
+            step[free] = sla.cho_solve(factorise(damped), gradient[free])
+            c_new, u_new = c + step[:p], np.clip(u + np.clip(step[p:], -0.3, 0.3), 0.0, 1.0)
+            residual = self.simulated(c_new, u_new).residual
+            value = self.cost(residual, c_new, u_new)
+            if np.isfinite(value) and value < best:
+                return step, _Trial(c_new, u_new, residual, value), damping
+            damping = max(damping * 8.0, 1e-4)
+        return step, None, damping
+
+    def finished(
+        self, c: FloatArray, u: FloatArray, residual: FloatArray, jac: FloatArray, gram: FloatArray, effect: FloatArray
+    ) -> Fit:
+        """Curvature, evidence terms and covariance at the optimum."""
+        belief = self.believed
+        times = self.problem.widening(split(self.hypothesis, u))
+        normal = gram.copy()
+        normal[np.diag_indices_from(normal)] += self.precision
+        penalty = float(np.sum(self.precision * np.square(c - self.mean))) + belief.cost(u)
+        covariance = np.zeros((len(u), len(u)))
+        if len(c):
+            factor = factorise(normal)
+            schur = effect.T @ effect - (effect.T @ jac) @ sla.cho_solve(factor, jac.T @ effect)
+        else:
+            schur = effect.T @ effect
+        if len(u):
+            covariance = np.linalg.inv(schur + belief.precision + np.eye(len(u)) * UNIFORM_PRECISION)
+        return Fit(
+            hypothesis=self.hypothesis,
+            nuisance=c,
+            unit=u,
+            residual=residual,
+            chi2=float(residual @ residual),
+            penalty=penalty,
+            covariance=covariance,
+            simulations=self.simulations,
+            jacobian=jac,
+            gram=gram,
+            effect_jacobian=effect,
+            prior_mean=self.mean.copy(),
+            prior_sd=self.sd.copy(),
+            belief=belief,
+            wider=self.wider(u) + unearned(residual, times, self.problem.rows.recording),
+        )
 
 
 def unearned(residual: FloatArray, times: FloatArray | None, recording: NDArray[np.int64]) -> float:
@@ -155,52 +219,6 @@ def unearned(residual: FloatArray, times: FloatArray | None, recording: NDArray[
     together = max(common, 0.0) / max(own, 1e-300)
     earned = float(np.square(residual) @ (np.square(times) - 1.0) - 2.0 * np.sum(np.log(times)))
     return max(earned, 0.0) * 2.0 * together / (1.0 + together)
-
-
-def _finish(
-    hypothesis: tuple[Candidate, ...],
-    c: FloatArray,
-    u: FloatArray,
-    residual: FloatArray,
-    jac: FloatArray,
-    gram: FloatArray,
-    effect: FloatArray,
-    mean: FloatArray,
-    sd: FloatArray,
-    belief: Belief,
-    simulations: int,
-    wider: float,
-) -> Fit:
-    """Curvature, evidence terms and covariance at the optimum."""
-    precision = np.where(np.isfinite(sd), 1.0 / np.square(sd), 0.0)
-    normal = gram.copy()
-    normal[np.diag_indices_from(normal)] += precision
-    penalty = float(np.sum(precision * np.square(c - mean))) + belief.cost(u)
-    covariance = np.zeros((len(u), len(u)))
-    if len(c):
-        factor = factorise(normal)
-        schur = effect.T @ effect - (effect.T @ jac) @ sla.cho_solve(factor, jac.T @ effect)
-    else:
-        schur = effect.T @ effect
-    if len(u):
-        covariance = np.linalg.inv(schur + belief.precision + np.eye(len(u)) * UNIFORM_PRECISION)
-    return Fit(
-        hypothesis=hypothesis,
-        nuisance=c,
-        unit=u,
-        residual=residual,
-        chi2=float(residual @ residual),
-        penalty=penalty,
-        covariance=covariance,
-        simulations=simulations,
-        jacobian=jac,
-        gram=gram,
-        effect_jacobian=effect,
-        prior_mean=mean.copy(),
-        prior_sd=sd.copy(),
-        belief=belief,
-        wider=wider,
-    )
 
 
 def predicted(problem: Problem, f: Fit) -> FloatArray:

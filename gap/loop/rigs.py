@@ -19,6 +19,7 @@ from gap.design.bench import Acting
 from gap.design.experiment import Experiment, write
 from gap.effects.load import library
 from gap.inference.hypothesis import from_unit
+from gap.report.words import quantity, words
 from sim_devices.effects import parse_effect
 
 
@@ -99,5 +100,9 @@ def named(effects: Sequence[str], instrument: str) -> Acting:
 
 def hidden_in_words(acting: Acting) -> str:
     """What acts, with its parameters."""
-    said = [f"{e.name} ({', '.join(f'{k} {v:.4g}' for k, v in values.items())})" for e, values in acting]
+    said = []
+    for effect, values in acting:
+        units = {p.name: p.unit for p in effect.parameters}
+        shown = [f"{words(k)} {quantity(v, units.get(k, '1'), name=k)}" for k, v in values.items()]
+        said.append(f"{words(effect.name)} ({', '.join(shown)})")
     return " and ".join(said) or "nothing"
