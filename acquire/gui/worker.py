@@ -19,7 +19,6 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from acquire.gui import answers
@@ -46,7 +45,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 PERIOD = 1 / 30  # s between two views
-OPENING = ("connect", "reset")  # commands that answer what an earlier host left behind, in words
+TELLING = ("connect", "reset", "run")  # commands that answer in words what a person should know, '' for nothing
 QUESTIONS = ("preview", "threshold")  # commands whose refusal is no fault of the instrument
 
 
@@ -192,7 +191,7 @@ class Worker:
             self._outbox.put(Reply(command.number, error=str(error) or repr(error), faults=_faults(error)))
             return
         if name and command.action not in QUESTIONS:
-            self._feed(name).error = value if command.action in OPENING else ""
+            self._feed(name).error = value if command.action in TELLING else ""
         self._outbox.put(Reply(command.number, value))
 
     def _connect(self, name: str, *, acknowledged: bool = False) -> str:
@@ -238,8 +237,10 @@ class Worker:
             if isinstance(source, Camera) and source.measure is not None:
                 source.measure.use(gvt)
 
-    def _run(self, name: str, protocol: str, **request: Any) -> Path:
-        """Arm and start; the result is where the recording will be. Its end is told by `Finished`."""
+    def _run(self, name: str, protocol: str, **request: Any) -> str:
+        """Arm and start; a warning where the instrument's last qualification does not hold. The run's end is told by
+        `Finished`."""
+        from acquire.qualifications import SERIAL, due
         from acquire.session import Request
 
         engine, plan = self.session.prepare(protocol, Request(**request), name=name)
@@ -248,7 +249,7 @@ class Worker:
         feed.begin(plan.setpoints)
         engine.start()
         threading.Thread(target=self._await, args=(name, engine, plan.info), name=f"await-{name}", daemon=True).start()
-        return plan.path
+        return due(plan.info.instrument, str(plan.info.calibration.get(SERIAL, {}).get("value", "")))
 
     def _await(self, name: str, engine: RunEngine, info: RunInfo) -> None:
         outcome = engine.wait()

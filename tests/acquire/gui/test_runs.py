@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from datetime import UTC, datetime
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from pytestqt.qtbot import QtBot
 
 from acquire.gui import settings
 from acquire.gui.panels.camera import CameraPanel
+from acquire.qualifications import SCHEMA, Qualification, keep
 from acquire.recording import Recording, open_recording
 from tests.acquire.gui.conftest import PATIENCE, MakeWindow, connected, state
 
@@ -124,6 +127,24 @@ def test_the_threshold_that_is_shown_is_the_recording_s(qtbot: QtBot, make_windo
     result = window.recordings.result.result
     assert result is not None
     assert open_recording(result.path).info.calibration["gvt"]["value"] == camera.slider.value()
+
+
+def test_a_run_after_the_qualification_expired_is_warned_of(
+    qtbot: QtBot, make_window: MakeWindow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    window = make_window(speed=5.0)
+    connected(qtbot, window, "cutometer")
+    row = window.instruments.rows["cutometer"]
+    assert not row.error.text()
+    old = datetime(2020, 1, 1, tzinfo=UTC)
+    said = {"instrument": "cutometer", "serial": "SIM-C1", "date": old, "passed": True, "verdict": "none"}
+    keep(Qualification(**{"schema": SCHEMA, **said}))
+    window.controls.start_button.click()
+    qtbot.waitUntil(lambda: "expired on 2020-06-29" in row.error.text(), timeout=PATIENCE)
+    assert state(window, "cutometer") in ("armed", "running")
+    window.controls.stop_button.click()
+    qtbot.waitUntil(lambda: window.recordings.result.result is not None, timeout=PATIENCE)
 
 
 def test_pause_resume_stop(qtbot: QtBot, make_window: MakeWindow) -> None:
