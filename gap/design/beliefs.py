@@ -22,7 +22,7 @@ from sim_devices.chain import Effect, FloatArray
 NONE = "none"
 CAUSES, MEMBERS, DRAWS = 5, 3, 6
 """How many causes of a report are drawn, how many members of each, and how often each."""
-TRIES = {False: 6, True: 2}
+TRIES = {False: 4, True: 2}
 """Draws from the prior of each effect that the report does not name, for suction and for the robot, which is slow."""
 UNSEEN = 3.5
 """Tempered σ in the session below which an effect would not have been named."""

@@ -5,6 +5,7 @@ The instrument is the simulator's, the skin the forearm's scaled to what was rec
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias
@@ -33,7 +34,7 @@ SUCTION_CHANNELS = ("pressure", "apex_height", SECOND)
 ROBOT_CHANNELS = (*numbered("axis_position"), *TRANSDUCERS, *xyz("probe"), *xyz("force"))
 COMPUTED = 2.0**0.5
 """Noise of a computed channel counts so many times: it is that of the measured ones once more."""
-RATE = {"cutometer": 100.0, "aspiration": 25.0, "microrobot": 40.0}
+RATE = {"cutometer": 50.0, "aspiration": 25.0, "microrobot": 40.0}
 """Simulated samples a second, before they are averaged in bins."""
 SUBSTEPS = 2
 """Steps of the robot's closed loop for each of its samples."""
@@ -75,28 +76,28 @@ class Bench:
             raise ValueError(f"recording {missing[0]} has no set-points: what was commanded is not known")
         self.robot = self.instrument == "microrobot"
         self.channels = ROBOT_CHANNELS if self.robot else SUCTION_CHANNELS
-        recordings = telling(recordings) if self.robot else recordings
         session = Session(recordings)
-        legs = [leg_of(r) for r in recordings]
-        starts = [session.span(k)[0] for k in range(len(legs))]
         self.noise = {c: _noise(session, c) for c in self.channels}
-        self.skin = scaled(self.instrument, recordings, legs)
-        self.session = self.part("session", legs, starts)
-        self.end = max(s + leg.duration for s, leg in zip(starts, legs, strict=True))
+        self.end = max(session.span(k)[1] for k in range(len(recordings)))
+        kept = telling(recordings)
+        legs = [leg_of(recordings[k]) for k in kept]
+        self.skin = scaled(self.instrument, [recordings[k] for k in kept], legs)
+        self.session = self.part("session", legs, [session.span(k)[0] for k in kept], list(kept.values()))
 
-    def part(self, name: str, legs: Sequence[Leg], starts: Sequence[float]) -> Part:
-        """The rows of some recordings."""
+    def part(self, name: str, legs: Sequence[Leg], starts: Sequence[float], times: Sequence[int] = ()) -> Part:
+        """The rows of some recordings, each of which counts ``times`` (default: once)."""
         rate = RATE[self.instrument]
         stamps = [s + np.arange(0.0, leg.duration, 1 / rate) for s, leg in zip(starts, legs, strict=True)]
         edges, counts = [], []
-        for leg, start, at in zip(legs, starts, stamps, strict=True):
+        for leg, start, at, often in zip(legs, starts, stamps, times or [1] * len(legs), strict=True):
             kinks = start + np.unique(np.concatenate([t for t, _ in leg.quantity_tables.values()]))
             edges.append(bin_edges(at[0], at[-1], kinks[:200], 1 / rate))
             bins = bin_means(at, np.zeros_like(at), edges[-1])
             # Nobody knows the very moment at which a step is slid in: until then its rows say nothing.
             unclear = (leg.specimen == STEP) & (bins.time < start + SLID)
-            counts.append(np.where(unclear, 1e-12, bins.count))
-        sigma = [np.sqrt(white**2 / n + floor**2) for white, floor in self.noise.values() for n in counts]
+            counts.append((np.where(unclear, 1e-12, bins.count), often))
+        noise = self.noise.values()
+        sigma = [np.sqrt((white**2 / n + floor**2) / often) for white, floor in noise for n, often in counts]
         return Part(name, tuple(legs), tuple(starts), tuple(stamps), tuple(edges), np.concatenate(sigma))
 
     def rows(self, part: Part, signals: Sequence[Mapping[str, FloatArray]]) -> FloatArray:
@@ -178,19 +179,18 @@ def leg_of(recording: Recording) -> Leg:
     return Leg(tables, end - begin, info.specimen or SKIN, info.repeat, info.specimen_properties)
 
 
-def telling(recordings: Sequence[Recording]) -> list[Recording]:
-    """Recordings whose command and specimen none before them had, `MOST` of skin at most: repeats tell little of which
-    effect it is, and a robot's recording takes long to simulate."""
-    kept: list[Recording] = []
-    seen: set[tuple[str, ...]] = set()
-    skin = 0
-    for r in recordings:
+def telling(recordings: Sequence[Recording]) -> dict[int, int]:
+    """Numbers of the recordings whose command and specimen none before them had (`MOST` of a robot's on skin at most),
+    and how many there are of each: a repeat would take as long to simulate, and tells the same again."""
+    first: dict[tuple[str, ...], int] = {}
+    often: Counter[tuple[str, ...]] = Counter()
+    for k, r in enumerate(recordings):
         kind = (r.info.specimen, direction(r), level(r), waveform(r))
-        skin += r.info.specimen == SKIN and kind not in seen
-        if kind not in seen and (r.info.specimen != SKIN or skin <= MOST):
-            kept.append(r)
-        seen.add(kind)
-    return kept
+        slow = r.info.instrument == "microrobot" and r.info.specimen == SKIN
+        if kind not in first and not (slow and sum(f[0] == SKIN for f in first) >= MOST):
+            first[kind] = k
+        often[kind] += 1
+    return {k: often[kind] for kind, k in first.items()}
 
 
 def _noise(session: Session, channel: str) -> tuple[float, float]:

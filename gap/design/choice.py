@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from acquire.recording.model import Recording
+from gap.decision.thresholds import INSTRUMENT
 from gap.design.beliefs import Beliefs, Draw
 from gap.design.bench import Bench
 from gap.design.catalogue import catalogue
@@ -20,11 +21,11 @@ from protocols import Limits
 from sim_devices.chain import Effect
 
 CERTAIN = 0.95
-"""Probability of one cause from which nothing more is asked for."""
+"""Share of all that the library could name from which one cause is certain, and nothing more is asked for."""
 LEAST_BITS, LEAST_GAIN = 0.05, 0.01
 """Information (bits) and gain in the probability of a right answer that an experiment must promise, either."""
-POSSIBLE = 1e-5
-"""Probability of a draw below which it is left out."""
+POSSIBLE = 0.98
+"""Share of the probability that the draws hold which are simulated; the least probable ones are left out."""
 FORM_ERROR = 2.0
 """Divides χ²: effects do not have quite the form in which they are simulated."""
 
@@ -81,9 +82,9 @@ def choose(
     arguments give an equal choice.
     """
     instrument = recordings[0].info.instrument
-    top, certain = _leading(report)
-    if certain:
-        return Choice(instrument, None, f"{certain} is certain ({top:.2f})", top, ())
+    if (done := certain(report, instrument)) is not None:
+        return done
+    top = _leading(report)[0]
     bench = Bench(recordings)
     asked = catalogue(instrument, bench.session.legs, limits, specimens, seed)
     if not asked:
@@ -99,12 +100,21 @@ def choose(
     return Choice(instrument, best, "", value.after, valued)
 
 
+def certain(report: Mapping[str, Any], instrument: str) -> Choice | None:
+    """The choice of no further experiment, where one cause is certain and alone in its class; else None."""
+    top, cause = _leading(report)
+    # However good the data, the library may lack the cause: no probability can be higher than the rest.
+    if not cause or top < CERTAIN * (1.0 - INSTRUMENT.prior_outside):
+        return None
+    return Choice(instrument, None, f"{cause} is certain ({top:.2f})", top, ())
+
+
 def _leading(report: Mapping[str, Any]) -> tuple[float, str]:
-    """The greatest probability of a cause; and that cause in words, where it is certain and alone in its class."""
+    """The greatest probability of a cause; and that cause in words, where it is alone in its class."""
     causes = [(float(c.get("probability", 0.0)), c) for c in report.get("causes", [])]
     top = max((probability for probability, _ in causes), default=0.0)
     alone = [c for probability, c in causes if probability == top and len(c.get("class", [])) < 2]
-    return top, " and ".join(alone[0]["effects"]) if alone and top >= CERTAIN else ""
+    return top, " and ".join(alone[0]["effects"]) if alone else ""
 
 
 def _valued(
@@ -117,8 +127,7 @@ def _valued(
     there = [unknown.of(part) for part in parts]
     gap = float((report.get("gap") or {}).get("after") or 1.0)
     known = Known(unknown.of(bench.session), [name for u in there for name in u], FORM_ERROR * max(gap, 1.0) ** 2)
-    drawn = Beliefs(report, bench, known, sound, effects, np.random.default_rng(seed)).draws
-    draws = [d for d in drawn if d.weight > POSSIBLE]
+    draws = _probable(Beliefs(report, bench, known, sound, effects, np.random.default_rng(seed)).draws)
     if not draws:
         return ()
     weights, labels = np.array([d.weight for d in draws]), [d.label for d in draws]
@@ -132,6 +141,13 @@ def _valued(
         split = _separated(points, draws)
         valued.append((experiment.valued(value.information, value.before, value.after, split), value))
     return tuple(sorted(valued, key=lambda pair: -pair[1].information / pair[0].minutes))
+
+
+def _probable(drawn: Sequence[Draw]) -> list[Draw]:
+    """The fewest draws that hold `POSSIBLE` of the probability."""
+    ranked = sorted((d for d in drawn if d.weight > 0.0), key=lambda d: -d.weight)
+    before = np.cumsum([0.0, *(d.weight for d in ranked)])
+    return [d for d, held in zip(ranked, before, strict=False) if held < POSSIBLE * before[-1]]
 
 
 def _listed(names: Sequence[str]) -> str:

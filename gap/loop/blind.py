@@ -5,17 +5,22 @@ from __future__ import annotations
 import json
 import shutil
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from acquire.files import write_text
 from acquire.plugins import instrument
-from gap.blind import score
+from gap.blind.answers import Case, load
+from gap.blind.scoring import evaluate
 from gap.blind.specimens import specimens_of
 from gap.data.session import SKIN
-from gap.loop.policies import Policy, policy_of
+from gap.loop.policies import policy_of
 from gap.loop.rigs import BlindRig
-from gap.loop.run import run
+from gap.loop.run import Step, run
+
+STEPS = "steps"
+"""Folder beside those of the reports: what each experiment was, and what it cost."""
 
 
 def loop_cases(
@@ -34,42 +39,79 @@ def loop_cases(
     (value, n) by number of experiments; a case that has its reports is not run again. Raises FileNotFoundError,
     ValueError.
     """
-    chooser = policy_of(policy)
+    policy_of(policy)
     folders = sorted(p for p in cases.iterdir() if p.is_dir())
     if not folders:
         raise FileNotFoundError(f"{cases}: no case folder in it")
     for number, case in enumerate(folders):
-        if not (out / str(most) / f"{case.name}.json").exists():
-            _one(case, out, chooser, most, seed, passphrase, jobs, quick)
-            print(f"{number + 1}/{len(folders)} {case.name}", file=sys.stderr, flush=True)
-    key = cases.resolve().with_name(cases.resolve().name + "-key") / "key.bin"
+        loop_case(case, out, policy, most, seed, passphrase, jobs, quick)
+        print(f"{number + 1}/{len(folders)} {case.name}", file=sys.stderr, flush=True)
     found = {}
     for k in range(most + 1):
-        card = score(out / str(k), [key], passphrase)
+        card = evaluate(answered(out, k, key_of(cases), passphrase))
         found[k] = {f.name: (f.value, f.n) for f in card.figures}
     return found
 
 
-def _one(
+def loop_case(
     case: Path,
     out: Path,
-    chooser: Callable[[int, Sequence[str]], Policy],
-    most: int,
-    seed: int,
-    passphrase: str,
-    jobs: int,
-    quick: bool,
+    policy: str,
+    most: int = 3,
+    seed: int = 1,
+    passphrase: str = "",
+    jobs: int = 1,
+    quick: bool = False,
+    alone: Path | None = None,
 ) -> None:
+    """Run the loop on one case, unless it has its reports: those after k experiments go to ``out/k/<case>.json``, what
+    was asked for and what it cost to ``out/steps/<case>.json``. Reports on sessions alone are taken from the folder
+    ``alone``, or left there: they are the same for every policy."""
+    chooser = policy_of(policy)
+    if (out / str(most) / f"{case.name}.json").exists():
+        return
     work = out / "work" / case.name
     if work.exists():
         shutil.rmtree(work)  # of a run that was broken off
     rig = BlindRig(case, work, passphrase)
     kind = rig.session[0].info.instrument
-    policy = chooser(seed, (SKIN, *specimens_of(kind)))
-    steps = run(rig, policy, instrument(kind).limits, work, most, quick, jobs)
+    before = alone / f"{case.name}.json" if alone is not None else None
+    first = json.loads(before.read_text(encoding="utf-8")) if before is not None and before.exists() else None
+    choose = chooser(seed, (SKIN, *specimens_of(kind)))
+    steps = run(rig, choose, instrument(kind).limits, work, most, quick, jobs, first=first)
+    if before is not None and first is None:
+        write_text(before, json.dumps(steps[0].report) + "\n")
+    write_text(out / STEPS / f"{case.name}.json", json.dumps(_told(steps), indent=1) + "\n")
     for k in range(most + 1):
         report = steps[min(k, len(steps) - 1)].report
         write_text(out / str(k) / f"{case.name}.json", json.dumps(report) + "\n")
+
+
+def _told(steps: Sequence[Step]) -> list[dict[str, Any]]:
+    """What was asked for after each report, and what it cost: seconds of this process, minutes of bench time."""
+    rows = []
+    for step in steps:
+        asked = step.choice.experiment if step.choice is not None else None
+        rows.append(
+            {
+                "specimen": asked.specimen if asked else "",
+                "waveform": asked.waveform if asked else "",
+                "minutes": asked.minutes if asked else 0.0,
+                "stopped": step.choice.reason if step.choice is not None else "",
+                "seconds": {"diagnosis": step.seconds[0], "choice": step.seconds[1]},
+            }
+        )
+    return rows
+
+
+def key_of(cases: Path) -> Path:
+    """The sealed key beside a folder of cases."""
+    return cases.resolve().with_name(cases.resolve().name + "-key") / "key.bin"
+
+
+def answered(out: Path, k: int, key: Path, passphrase: str = "", only: Collection[str] = ()) -> list[Case]:
+    """Truth and answer of the cases (``only`` those named) after ``k`` experiments. Raises ValueError."""
+    return [c for c in load(out / str(k), [key], passphrase) if not only or c.name in only]
 
 
 def as_text(found: Mapping[int, Mapping[str, tuple[float, int]]]) -> str:

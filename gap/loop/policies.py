@@ -1,4 +1,5 @@
-"""Who chooses the next experiment: ours, chance, or a fixed order. The latter two are for comparison."""
+"""Who chooses the next experiment: ours, chance, or a fixed order. The latter two are for comparison. All stop once a
+cause is certain."""
 
 from __future__ import annotations
 
@@ -11,7 +12,7 @@ from acquire.recording.model import Recording
 from gap.data.session import SKIN
 from gap.design.bench import leg_of
 from gap.design.catalogue import catalogue
-from gap.design.choice import Choice, choose
+from gap.design.choice import Choice, certain, choose
 from gap.design.experiment import Experiment
 from protocols import Limits
 
@@ -31,6 +32,8 @@ def by_chance(seed: int, specimens: Sequence[str] = ()) -> Policy:
     """Any experiment of the catalogue."""
 
     def policy(report: Mapping[str, Any], recordings: Sequence[Recording], limits: Limits, k: int) -> Choice:
+        if (done := certain(report, recordings[0].info.instrument)) is not None:
+            return done
         every = _every(recordings, limits, specimens, seed + k)
         which = np.random.default_rng([seed, k]).permutation(len(every))[:1]
         return _chosen([every[int(i)] for i in which], recordings)
@@ -42,6 +45,8 @@ def in_order(seed: int, specimens: Sequence[str] = ()) -> Policy:
     """The first waveform on each specimen in turn."""
 
     def policy(report: Mapping[str, Any], recordings: Sequence[Recording], limits: Limits, k: int) -> Choice:
+        if (done := certain(report, recordings[0].info.instrument)) is not None:
+            return done
         order = ROBOT if recordings[0].info.instrument == "microrobot" else SUCTION
         every = _every(recordings, limits, specimens, seed + k)
         return _chosen([e for e in every if e.specimen == order[k % len(order)]], recordings)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time as clock
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,10 +26,12 @@ MOST = 3
 
 @dataclass(frozen=True)
 class Step:
-    """A report, and what was chosen after it (nothing after the last one)."""
+    """A report, and what was chosen after it (nothing after the last one); ``seconds`` of this process that diagnosis
+    and choice took."""
 
     report: Mapping[str, Any]
     choice: Choice | None
+    seconds: tuple[float, float] = (0.0, 0.0)
 
     @property
     def beliefs(self) -> list[tuple[str, float]]:
@@ -48,19 +51,23 @@ def run(
     quick: bool = False,
     jobs: int = 1,
     tell: Callable[[str], None] = lambda text: None,
+    first: Mapping[str, Any] | None = None,
 ) -> list[Step]:
     """Diagnose what a rig has recorded, let it answer up to ``most`` experiments, and diagnose after each.
 
-    Experiment k and its answer go into ``folder/experiment-k``, reports into ``folder/report-k.json``.
+    Experiment k and its answer go into ``folder/experiment-k``, reports into ``folder/report-k.json``. ``first`` is the
+    report on the session alone, where there is one already.
     """
     recordings: list[Recording] = list(rig.session)
     steps: list[Step] = []
     for k in range(most + 1):
-        report = as_json(diagnose(recordings, quick=quick, jobs=jobs))
+        begin = clock.process_time()
+        report = first if first is not None and k == 0 else as_json(diagnose(recordings, quick=quick, jobs=jobs))
+        diagnosed = clock.process_time()
         write_text(folder / f"report-{k}.json", json.dumps(report, indent=1) + "\n")
         tell(" ".join(report["sentences"]))
         choice = policy(report, recordings, limits, k) if k < most else None
-        steps.append(Step(report, choice))
+        steps.append(Step(report, choice, (diagnosed - begin, clock.process_time() - diagnosed)))
         if choice is None or choice.experiment is None:
             break
         tell(choice.text)
