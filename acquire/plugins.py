@@ -44,6 +44,20 @@ def _load(group: str, entry: EntryPoint) -> Plugin:
         return Plugin(group, entry.name, entry.value, error=f"{type(error).__name__}: {error}")
 
 
+def solver(model: str = "") -> Any:
+    """The installed solver, by preference one that has ``model``. Raises ValueError that says what is missing."""
+    found = plugins("acquire.solvers").values()
+    working = [plugin.object for plugin in found if plugin.working]
+    if not working:
+        broken = "".join(f"{p.name} ({p.value}) does not load: {p.error}. " for p in found)
+        raise ValueError(
+            f"{broken}no solver plugin (entry point acquire.solvers). skinrig's own is in the folder solver: "
+            "pip install ./solver"
+        )
+    made = [make() for make in working]
+    return next((s for s in made if model in s.models()), made[0])
+
+
 @functools.cache
 def _instruments() -> dict[str, Plugin]:
     return plugins("acquire.instruments")

@@ -5,7 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-FOLDERS = ("acquire", "benchmarks", "drivers", "examples", "gap", "protocols", "sim_devices", "tests", "tools")
+FOLDERS = (
+    "acquire",
+    "benchmarks",
+    "drivers",
+    "examples",
+    "gap",
+    "protocols",
+    "sim_devices",
+    "skinrig",
+    "tests",
+    "tools",
+)
 MOST = 400  # lines
 
 

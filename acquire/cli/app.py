@@ -11,6 +11,7 @@ import os
 import sys
 import traceback
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -37,6 +38,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "review": ("acquire.cli.review", "review"),
     "qualify": ("acquire.cli.qualify", "qualify"),
     "gui": ("acquire.cli.gui", "gui"),
+    "doctor": ("acquire.cli.doctor", "doctor"),
 }
 # Groups of commands: name -> (module, typer application).
 GROUPS: dict[str, tuple[str, str]] = {"gap": ("acquire.cli.gap", "app"), "fit": ("acquire.cli.fit", "app")}
@@ -73,7 +75,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     fault of this program.
     """
     try:
-        application()(args=None if arguments is None else list(arguments), prog_name="acquire")
+        application()(args=None if arguments is None else list(arguments), prog_name=_called())
     except SystemExit as stop:
         if stop.code == INTERRUPTED:
             print("acquire: aborted", file=sys.stderr)
@@ -92,6 +94,12 @@ def run(arguments: Sequence[str] | None = None) -> int:
         print("\n".join(_told(f"acquire: {_message(error)}")), file=sys.stderr)
         return status
     return DONE
+
+
+def _called() -> str:
+    """The command's name as it was typed: acquire, or skinrig."""
+    name = Path(sys.argv[0]).stem if sys.argv else ""
+    return name if name == "skinrig" else "acquire"
 
 
 def exit_status(error: BaseException) -> int:

@@ -102,24 +102,19 @@ def _times(text: str) -> tuple[float, ...]:
 
 def solver_for(model: str) -> Any:
     """The installed solver, by preference one that has ``model``; ends with status 2 and says what is missing."""
+    from acquire import plugins
     from acquire.cli.app import BAD_INPUT
-    from acquire.plugins import plugins
 
-    found = plugins("acquire.solvers")
-    for plugin in found.values():
+    for plugin in plugins.plugins("acquire.solvers").values():
         if not plugin.working:
             print(
                 f"acquire fit: the solver {plugin.name} ({plugin.value}) does not load: {plugin.error}", file=sys.stderr
             )
-    working = [plugin.object() for plugin in found.values() if plugin.working]
-    if not working:
-        print(
-            "acquire fit is not installed: no solver plugin (entry point acquire.solvers). "
-            "skinrig's own is in the folder solver: pip install ./solver",
-            file=sys.stderr,
-        )
-        raise typer.Exit(BAD_INPUT)
-    return next((solver for solver in working if model in solver.models()), working[0])
+    try:
+        return plugins.solver(model)
+    except ValueError as error:
+        print(f"acquire fit is not installed: {error}", file=sys.stderr)
+        raise typer.Exit(BAD_INPUT) from None
 
 
 def _list(solver: Any, model: str, as_json: bool) -> None:
