@@ -20,6 +20,9 @@ GROWTH = 0.08
 WIDEST = 0.25
 """s; a pulse of 1.2 Hz keeps 86 % of its amplitude in it."""
 
+GUARD = 2
+"""Samples before a kink that stand alone: stamps may be a sampling period early and more, and then the last ones of a
+hold show the kink's response already, which two nodes of a wide bin's times do not foretell."""
 JUMP, ALONE = 15.0, 5.0
 """A jump is so many times the noise, and the changes next to it."""
 MANY = 8
@@ -47,7 +50,8 @@ def bin_edges(
     for start, stop in pairwise(inside):
         t = start
         while stop - t > 0.5 * dt:
-            t += min(max(dt, growth * (t - start)), widest)
+            alone = stop - GUARD * dt
+            t = min(t + min(max(dt, growth * (t - start)), widest), max(alone, t + dt))
             if stop - t < 0.5 * dt:
                 t = stop
             edges.append(float(t))
