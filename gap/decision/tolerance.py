@@ -61,7 +61,9 @@ def _by_channels(
     temper: Mapping[str, float],
 ) -> tuple[float, float]:
     """The largest change that is a function of the channel's own value alone, in tolerances; and the rest, in σ."""
-    if not stated or not h.effects:
+    # What scatters samples moves no prediction.
+    by_chance = any(problem.widening(h.fits[b].active) is not None for b, problem in problems.items())
+    if not stated or not h.effects or by_chance:
         return float(np.inf), 0.0
     largest, rest = 0.0, 0.0
     for block, problem in problems.items():

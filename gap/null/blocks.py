@@ -76,6 +76,7 @@ class GroupedSession(Session):
         self.instrument = recordings[0].info.instrument
         labels = [_label(r.info) for r in recordings]
         self.groups = []
+        self._recorded: dict[tuple[str, str], dict[str, Table]] = {}
         for label in dict.fromkeys(labels):
             members = tuple(k for k, s in enumerate(labels) if s == label)
             info = recordings[members[0]].info
@@ -85,6 +86,17 @@ class GroupedSession(Session):
         # What a first sample is, is of its own recording, be the clocks some milliseconds apart.
         armed = [k for k, r in enumerate(recordings) if not continues(r)]
         self.marks = tuple(self.span(k)[0] - BEFORE for k in armed)
+
+    def recorded(self, channel: str, group: Group) -> dict[str, Table]:
+        """A channel of a group's recordings as a table, always the same one; nothing where it was not recorded."""
+        key = (channel, group.specimen)
+        if key not in self._recorded:
+            found = [(k, s) for k in group.members if (s := self.recordings[k].streams.get(channel)) is not None]
+            value = np.concatenate([np.asarray(s.value, dtype=float) for _, s in found] or [np.zeros(0)])
+            time = np.concatenate([self.time(k, s) for k, s in found] or [np.zeros(0)])
+            good = np.isfinite(value)
+            self._recorded[key] = {channel: (time[good], value[good])} if np.any(good) else {}
+        return self._recorded[key]
 
     def onset(self, k: int) -> float:
         """When suction is first commanded in recording ``k``, s; its begin where it never is."""

@@ -27,17 +27,10 @@ class FedPressure:
 
     def smoothed(self, group: Group) -> Table:
         """Recorded pressure of a group as a table, without its gauge noise; the command where none was recorded."""
-        times, values = [], []
-        for k in group.members:
-            series = self.session.recordings[k].streams.get("pressure")
-            if series is not None:
-                value = np.asarray(series.value, dtype=float)
-                good = np.isfinite(value)
-                times.append(self.session.time(k, series)[good])
-                values.append(value[good])
-        if not times:
+        recorded = self.session.recorded("pressure", group)
+        if not recorded:
             return group.tables()["pressure"]
-        time, value = np.concatenate(times), np.concatenate(values)
+        time, value = recorded["pressure"]
         if self._pressure is None:
             fine, base = commanded_line(
                 chain_of(self.session, group, NO_TISSUE, command_step=0.0), group, time, np.zeros_like
@@ -54,13 +47,15 @@ class FedPressure:
         sound = sound_chain(self.session.instrument, self.session.marks)
         if all(c.stage == "tissue" for c in active):
             return line
-        if needed(chain, wanted[1:], wanted[:1]) == needed(sound, wanted[1:], wanted[:1]):
+        height = self.session.recorded("apex_height", group)  # which a gauge may read, too
+        known = (wanted[0], *height)
+        if needed(chain, wanted[1:], known) == needed(sound, wanted[1:], known):
             return line
-        partial = replace(chain, operators=needed(chain, wanted))
+        partial = replace(chain, operators=needed(chain, wanted, height))
         time, pressure = line
 
         def corrected() -> Table:
-            made = simulate(partial, group.tables(), dict.fromkeys(wanted, time))
+            made = simulate(partial, group.tables(), dict.fromkeys(wanted, time), height)
             return time, pressure + (made["line_pressure"] - made["pressure"])
 
         return self._before.get((group.specimen, id(time), partial), corrected)

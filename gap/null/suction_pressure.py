@@ -155,7 +155,8 @@ class PressureBlock(Block):
         for g, at in self.groups:
             shift = nuisance[2] + nuisance[3] * (self.stamps[at] - self.stamps[0])
             chain = self.with_effects(self._regulated(g, nuisance), active, g)
-            out[at] = self.simulated(chain, g, at, shift)[0]
+            # What a gauge may read beside pressure is as recorded.
+            out[at] = self.simulated(chain, g, at, shift, self.session.recorded("apex_height", g))[0]
         return out
 
     def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:

@@ -208,7 +208,8 @@ def _traced(
 
     if len(strengths) == 1:
         at = strengths[0]
-        middle = [k for k, u in enumerate(units) if all(u[j] == 0.5 for j in range(len(u)) if j != at)] or [0]
+        middle = [k for k, u in enumerate(units) if all(u[j] == 0.5 for j in range(len(u)) if j != at)]
+        middle = middle or [k for k, u in enumerate(units) if np.array_equal(np.delete(u, at), np.delete(units[0], at))]
         below = max((units[k][at] for k in middle if shown(k) < SMALL[0]), default=None)
         above = min((units[k][at] for k in middle if shown(k) > SMALL[1]), default=None)
         if below is not None and above is not None and not any(SMALL[0] <= shown(k) <= SMALL[1] for k in middle):

@@ -2,7 +2,7 @@
 
 A fit finds what is narrow (a rhythm, a moment, one recording) only from close by. Effects say by the names of their
 parameters that they are such: a ``phase`` with a ``frequency``, an ``interval``, a ``period`` or a ``tau``; a
-``moment``, which may have a ``duration``; a ``within``; in processing, a ``delay``.
+``moment``, which may have a ``duration``; a ``within``; a ``capacity``; in processing, a ``delay``.
 """
 
 from __future__ import annotations
@@ -25,6 +25,9 @@ SHAPES = (0.2, 0.5, 0.8)
 MAX_GRID = 9
 AGREED = 0.85
 """Share of the commands' lateness that looks at equal intervals must explain to be refitted wherever they rank."""
+
+FULL = (1.05, 1.25)
+"""Capacities that are looked at, as multiples of what was measured at most: far above none shows, below all is lost."""
 
 Place = Mapping[str, float]
 """Values of some of an effect's parameters."""
@@ -83,6 +86,9 @@ def _places(candidate: Candidate, problem: Problem, base: Fit) -> tuple[Sequence
         lasting = [{"moment": m, "duration": parameters["duration"].high} for m in moments]
         passing = [{"moment": m, "duration": length} for m, length in spells(time, residual, recording)]
         return lasting + passing, False
+    if "capacity" in parameters:
+        most = float(np.max(np.abs(problem.measured)))
+        return [{"capacity": share * most} for share in FULL], False
     if "within" in parameters:
         return [{"within": float(np.median(time[recording == k]))} for k in np.unique(recording)], False
     if "delay" in parameters and candidate.stage == "processing" and problem.resets:

@@ -91,6 +91,9 @@ def _leak(chain: Chain, v: Values) -> Chain:
 
 
 def _depletion(chain: Chain, v: Values) -> Chain:
+    if chosen(v, "form") == 2:
+        limit = (v["draw"], PRESSURE, v["capacity"], v["bleed"], v["fill"])
+        return law_after(chain, "regulator", "reservoir_depletion", "actuator", kernels.limited_store, limit)
     if chosen(v, "form") == 1:
         store = (v["sag"], PRESSURE, v["pump"] * PRESSURE, v["reserve"], v["reserve"] * v["refill"])
         return law_after(chain, "regulator", "reservoir_depletion", "actuator", kernels.emptying_store, store)
@@ -222,12 +225,18 @@ EFFECTS = (
         "A larger reservoir, a pump that runs, pauses to refill.",
         "the aspiration device's air reservoir (W)",
         (
-            strength("sag", "1", 3e-4, 0.6, 0.1, "of the pressure, at 300 mbar held for long (form 1: as long again)"),
-            choice("form", 0, "all along", "once the store is empty, which a pump keeps from it up to some suction"),
+            strength("sag", "1", 3e-4, 0.6, 0.1, "of the pressure, at 300 mbar held for long (form 1: as long again)",
+                     only=(0, 1)),
+            strength("draw", "1", 1e-3, 1.0, 0.05, "of the store, to 300 mbar once", only=(2,)),
+            choice("form", 0, "all along", "once the store is empty, which a pump keeps from it up to some suction",
+                   "suction is no larger than what the store has left"),
+            shape("capacity", "Pa", 3e3, 90e3, 33e3, "suction of a full store", log=True, only=(2,)),
+            shape("bleed", "1/s", 0.03, 3.0, 0.3, "what a held suction draws, of itself", log=True, only=(2,)),
+            shape("fill", "s", 3.0, 300.0, 30.0, "within which a pump fills the store", log=True, only=(2,)),
             shape("reserve", "s", 0.1, 20.0, 2.0, "how long the store keeps 300 mbar", log=True, only=(1,)),
             shape("pump", "1", 0.02, 1.2, 0.2, "of 300 mbar, what the pump keeps alone", log=True, only=(1,)),
             shape("tau", "s", 2.0, 300.0, 30.0, "time to empty", log=True, only=(0,)),
-            shape("refill", "1", 0.05, 5.0, 0.5, "time to refill against time to empty", log=True),
+            shape("refill", "1", 0.05, 5.0, 0.5, "time to refill against time to empty", log=True, only=(0, 1)),
         ),
         _depletion,
     ),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -35,12 +35,13 @@ from sim_devices.effects.build import (
     effect,
     height_scale,
     map_after,
+    on_recorded,
     shape,
     signed,
     strength,
 )
 from sim_devices.stages import kernels, laws
-from sim_devices.stages.operators import Wired, after
+from sim_devices.stages.operators import Map, Wired, after, last_writer
 
 FLOW_TIME = 0.1
 """s over which a change of suction counts as flow."""
@@ -62,7 +63,18 @@ class Flow(Wired):
         signals[self.target[0]] = height + self.gain * (pressure - before)
 
 
+def _height_into_pressure(chain: Chain, share: float) -> Chain:
+    """``share`` Pa/m of the height in the pressure reading: last of all, where both are there."""
+    chain = on_recorded(
+        chain, "pressure", lambda s, t: Map("crosstalk", "sensor", (*s, "apex_height"), t, mixed, (share,))
+    )
+    added = chain[last_writer(chain, "pressure")]
+    return replace(chain, operators=(*(op for op in chain.operators if op is not added), added))
+
+
 def _crosstalk_suction(chain: Chain, v: Values) -> Chain:
+    if chosen(v, "form") == 2:
+        return _height_into_pressure(chain, v["pressure"] / 1e-3)
     parameters = (-v["amount"] / PRESSURE,)
     if chosen(v, "form") == 1:
         return after(chain, HEIGHT, lambda s, t: Flow("crosstalk", "sensor", (*s, "line_pressure"), t, *parameters))
@@ -98,7 +110,8 @@ def _illumination(chain: Chain, v: Values) -> Chain:
     return map_after(chain, HEIGHT, "illumination_drift", "sensor", fading, parameters)
 
 
-_INTO = choice("form", 0, "as suction stands", "while suction changes")
+_INTO = choice("form", 0, "as suction stands", "while suction changes", "of height into the pressure reading")
+_BACK = signed("pressure", "Pa", 5e3, 500.0, "that 1 mm of height adds to its reading", only=(2,))
 EFFECTS = (
     effect(
         "sensor_gain", "sensor", CUTOMETER, f"{GAIN_MEANING} of height.", GAIN_REMEDY, "accuracy 3 % (assumed)",
@@ -111,14 +124,14 @@ EFFECTS = (
         "gap.md", (TAU, choice("channel", 0, "height", "pressure"), ORDER), low_pass,
     ),
     effect(
-        "crosstalk", "sensor", CUTOMETER, "Pressure leaks into the height reading.",
+        "crosstalk", "sensor", CUTOMETER, "Pressure leaks into the height reading, or height into that of pressure.",
         "Record height under suction on a rigid block.", "windows and housings bend under suction",
-        (signed("amount", "m", 2e-4, 3e-5, "at 300 mbar"), _INTO), _crosstalk_suction,
+        (signed("amount", "m", 2e-4, 3e-5, "at 300 mbar", only=(0, 1)), _BACK, _INTO), _crosstalk_suction,
     ),
     effect(
-        "crosstalk", "sensor", ASPIRATION, "Pressure leaks into the height reading.",
+        "crosstalk", "sensor", ASPIRATION, "Pressure leaks into the height reading, or height into that of pressure.",
         "Record height under suction on a rigid block.", "the camera or mirror moves under suction",
-        (signed("amount", "m", 1e-3, 2e-4, "at 300 mbar"), _INTO), _crosstalk_suction,
+        (signed("amount", "m", 1e-3, 2e-4, "at 300 mbar", only=(0, 1)), _BACK, _INTO), _crosstalk_suction,
     ),
     effect(
         "misalignment", "sensor", ASPIRATION, "The camera looks from above or below: part of the dome is hidden.",

@@ -28,8 +28,6 @@ from sim_devices.stages import RATES, kernels
 from sim_devices.stages.operators import Delay, Gap, Law, Polled, Wandering, after
 from sim_devices.stages.robot import TRANSDUCERS, numbered
 
-GROWING = 100.0
-"""s after which a growing desynchronisation is quoted."""
 _SEED = shape("seed", "choice", 0, 9, 1, "which samples are hit: another number, other samples")
 _RATE = shape("rate", "Hz", 0, 2000, 0, "sampling rate; 0: the instrument's own")
 
@@ -118,8 +116,9 @@ def _desynchronised(chain: Chain, v: Values) -> Chain:
         return delayed(chain, "desynchronisation", "timing", shift, "optics")
     op: Any = chain["latency"]
     marks = op.marks if form == 3 else ()
-    growth = shift / GROWING
-    return after(chain, "optics", lambda s, t: Delay("desynchronisation", "timing", s, t, skew=growth, marks=marks))
+    return after(
+        chain, "optics", lambda s, t: Delay("desynchronisation", "timing", s, t, skew=v["growth"], marks=marks)
+    )
 
 
 def _dropped(chain: Chain, v: Values) -> Chain:
@@ -207,9 +206,11 @@ EFFECTS = (
         "Trigger camera and gauge together, or align them on a step of suction.",
         "separate camera and pressure streams; gap.md",
         (
-            signed("shift", "s", 0.4, 0.08, "positive: height is late"),
+            signed("shift", "s", 0.4, 0.08, "positive: height is late", only=(0, 1)),
+            signed("growth", "s/s", 0.03, 8e-4, "of the height's lateness, whose frames are counted at a wrong rate",
+                   only=(2, 3)),
             choice("form", 0, "negative: pressure is late", "negative: height is stamped early",
-                   "reached after 100 s of session", "reached after 100 s of recording"),
+                   "growing through the session", "growing through each recording"),
         ),
         _desynchronised,
     ),

@@ -26,7 +26,14 @@ from sim_devices.stages.kernels.base import (
     hold_weights,
     place,
 )
-from sim_devices.stages.kernels.history import by_loadings, emptying_store, exposure_gain, mullins, yield_flow
+from sim_devices.stages.kernels.history import (
+    by_loadings,
+    emptying_store,
+    exposure_gain,
+    limited_store,
+    mullins,
+    yield_flow,
+)
 from sim_devices.stages.kernels.hysteresis import (
     bouc_wen,
     friction,
@@ -69,6 +76,7 @@ __all__ = [
     "jittered",
     "late_by_any",
     "lead",
+    "limited_store",
     "low_pass",
     "mullins",
     "oscillation",

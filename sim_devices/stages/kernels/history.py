@@ -50,6 +50,25 @@ def emptying_store(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y
 
 
 @njit(cache=True)
+def limited_store(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """A store that suction cannot exceed: y = max(u, -c S), of which what grows in y, and a bleed b |y| dt, take the
+    share a/ref, and which fills up again, S -> 1 within tau. Suction is negative.
+
+    ``p`` = (a, ref, c, b 1/s, tau s).
+    """
+    if s[0] == 0.0 and t.size:
+        s[0], s[1], s[2], s[3] = 1.0, t[0], u[0], 1.0
+    for i in range(t.size):
+        dt = t[i] - s[1]
+        full = 1.0 - (1.0 - s[3]) * math.exp(-dt / p[4])
+        now = max(u[i], -p[2] * full)
+        drawn = max(s[2] - now, 0.0) + p[3] * max(-0.5 * (now + s[2]), 0.0) * dt
+        s[3] = max(full - p[0] * drawn / p[1], 0.0)
+        s[1], s[2] = t[i], max(u[i], -p[2] * s[3])
+        y[i] = s[2]
+
+
+@njit(cache=True)
 def yield_flow(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Slow flow under load that comes back slower: y = u + r, r -> k (u - y0)+ within tau_up, back within tau_down.
 

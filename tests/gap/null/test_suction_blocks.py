@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from acquire.recording.model import Recording
+from gap.decision.tolerance import CHANNELS, in_tolerances
 from gap.design import simulated as own
 from gap.effects.load import library
+from gap.inference.evidence import Hypothesis
 from gap.inference.least_squares import fit, predicted, under
 from gap.null.blocks import GroupedSession, candidates_for
 from gap.null.skin_laws import BASIC, SkinLaw
@@ -172,6 +174,8 @@ CYCLES = [own.step_hold(-level, 2.0, 1.7) for level in (20e3, 12e3, 16e3, 9e3, 2
         ("slew_limit[form=1]", {"span_time": 0.25}),
         ("regulator_lag[form=3]", {"tau": 0.006}),
         ("reservoir_depletion[form=1]", {"sag": 0.1, "reserve": 0.4, "pump": 0.1}),
+        ("reservoir_depletion[form=2]", {"draw": 0.08, "capacity": 21e3, "bleed": 0.3, "fill": 60.0}),
+        ("crosstalk[form=2]", {"pressure": 200.0}),
         ("gauge_offset[form=3]", {"offset": 120.0, "moment": 40.0}),
         ("wrong_unit[channel=0,form=1]", {"factor": 1.02, "within": 5.0}),
         ("jitter[channel=1]", {"sigma": 4e-3}),
@@ -213,6 +217,29 @@ def test_effects_of_chance_widen_the_noise_where_the_signal_is_steep() -> None:
     assert widths is not None
     np.testing.assert_allclose(pressure.measured - predicted(pressure, late), late.residual * pressure.sigma * widths)
     assert pressure.widening({}) is None
+
+
+def test_a_scatter_of_instants_is_beyond_every_tolerance_of_a_value() -> None:
+    """It moves no prediction, which says nothing of how large it is."""
+    pressure, _ = blocks(session())
+    candidate = next(c for c in candidates_for(library("aspiration"), [pressure]) if c.name == "jitter")
+    null = Hypothesis((), {"pressure": fit(pressure)})
+    scattered = Hypothesis((candidate,), {"pressure": fit(pressure, (candidate,), np.array([0.7]), iterations=2)})
+    stated = {CHANNELS: pressure.tolerances["channels"]}
+    size, _ = in_tolerances({"pressure": pressure}, null, [scattered], stated, {"pressure": 1.0})
+    assert size == np.inf
+
+
+def test_a_gauge_that_reads_the_height_is_taken_out_of_what_skin_is_fed() -> None:
+    _, height = blocks(session())
+    candidate = next(c for c in candidates_for(library("aspiration"), [height]) if c.key == "crosstalk[form=2]")
+    active = {candidate: {"pressure": 400.0}}  # Pa that a height of 1 mm adds
+    (group, _), line = height.groups[0], height._line[0]
+    time, fed = height._fed.beside(height.with_effects(height._law_chain(group, height.prior_mean), active, group),
+                                   group, active, line)  # fmt: skip
+    read = np.interp(time, *height.session.recorded("apex_height", group)["apex_height"])
+    assert np.max(read) > 2e-4
+    np.testing.assert_allclose(line[1] - fed, 400.0 * read / 1e-3, atol=2.0)
 
 
 def test_lateness_of_each_command_is_measured() -> None:

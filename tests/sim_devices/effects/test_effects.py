@@ -238,3 +238,28 @@ def test_no_two_forms_are_the_same(instrument: str, effect: Effect) -> None:
         made[key] = np.concatenate([run[n] / floor(n) for run in runs for n in MEASURED[instrument]])
     for one, other in itertools.combinations(made, 2):
         assert np.abs(made[one] - made[other]).max() > 1.0, f"{one} and {other}"
+
+
+def test_frames_counted_at_a_wrong_rate_come_ever_later_in_each_recording() -> None:
+    time, inputs, chain = session("aspiration")
+    growing = variants(effects("aspiration")["desynchronisation"])["desynchronisation[form=3]"]
+    out = growing.apply(chain, {"growth": 0.01}).run(time, inputs)["apex_height"]
+    for begin in (0.0, 320.0):
+        at = begin + np.array([1.5, 8.5, 11.5])
+        late = np.interp(at - 0.01 * (at - begin), time, reference("aspiration")["apex_height"])
+        np.testing.assert_allclose(np.interp(at, time, out), late, atol=3e-6)
+
+
+def test_suction_never_exceeds_what_its_store_has_left() -> None:
+    time, inputs, chain = session("cutometer")
+    limited = variants(effects("cutometer")["reservoir_depletion"])["reservoir_depletion[form=2]"]
+    full = reference("cutometer")["line_pressure"]
+    values = {"draw": 0.1, "capacity": 41e3, "bleed": 0.5, "fill": 30.0}
+    line = limited.apply(chain, values).run(time, inputs)["line_pressure"]
+    assert np.all(line >= full - 1e-6)
+    hold = (time > 3.0) & (time < 6.0)
+    assert np.all(np.diff(line[hold]) >= 0.0)  # sags as the bleed draws on
+    low = (time > 6.5) & (time < 8.0)
+    np.testing.assert_allclose(line[low], full[low], atol=1.0)
+    again = np.interp(326.0, time, line)
+    assert again < np.interp(6.0, time, line) + 50.0  # filled up over five minutes
