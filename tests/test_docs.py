@@ -26,3 +26,15 @@ def test_links_lead_somewhere(page: Path) -> None:
 def test_commands_exist(page: Path) -> None:
     named = re.findall(r"(?:^|`|; )acquire ([a-z]+)", page.read_text(encoding="utf-8"), flags=re.MULTILINE)
     assert set(named) <= set(COMMANDS) | set(GROUPS)
+
+
+def test_decisions_are_numbered_short_and_indexed() -> None:
+    folder = ROOT / "docs/decisions"
+    records = sorted(p for p in folder.glob("*.md") if p.name != "README.md")
+    assert [int(p.name[:4]) for p in records] == list(range(1, len(records) + 1))
+    index = (folder / "README.md").read_text(encoding="utf-8")
+    for number, record in enumerate(records, 1):
+        lines = record.read_text(encoding="utf-8").splitlines()
+        assert len(lines) <= 40, record.name
+        assert lines[0].startswith(f"# {number}. "), record.name
+        assert f"[{lines[0].lstrip('# ')}]({record.name})" in index, record.name
