@@ -14,6 +14,7 @@ import typer.core
 from acquire.cli.fit_plan import plan
 from acquire.cli.numbers import MOST_JOBS, whole
 from acquire.cli.review import ALL, counting
+from acquire.cli.solver import solver_for
 
 
 class _RunsOrPlan(typer.core.TyperGroup):
@@ -98,23 +99,6 @@ def _times(text: str) -> tuple[float, ...]:
         return tuple(float(part.strip().removesuffix("s")) for part in text.split(",") if part.strip())
     except ValueError:
         raise ValueError(f"--times {text!r}: expected seconds with commas between them, such as 0.5,5,60") from None
-
-
-def solver_for(model: str) -> Any:
-    """The installed solver, by preference one that has ``model``; ends with status 2 and says what is missing."""
-    from acquire import plugins
-    from acquire.cli.app import BAD_INPUT
-
-    for plugin in plugins.plugins("acquire.solvers").values():
-        if not plugin.working:
-            print(
-                f"acquire fit: the solver {plugin.name} ({plugin.value}) does not load: {plugin.error}", file=sys.stderr
-            )
-    try:
-        return plugins.solver(model)
-    except ValueError as error:
-        print(f"acquire fit is not installed: {error}", file=sys.stderr)
-        raise typer.Exit(BAD_INPUT) from None
 
 
 def _list(solver: Any, model: str, as_json: bool) -> None:

@@ -29,7 +29,7 @@ def plan(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout.")] = False,
 ) -> None:
     """Which further experiment narrows a parameter most per minute."""
-    from acquire.cli.fit import solver_for
+    from acquire.cli.solver import solver_for
 
     data = _fit(fitted)
     solver = solver_for(str(data.get("model")))

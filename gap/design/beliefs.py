@@ -16,6 +16,7 @@ import numpy as np
 
 from gap.design.bench import Acting, Bench
 from gap.design.information import Known
+from gap.effects.load import forms_by_name
 from gap.inference.hypothesis import from_unit, to_unit
 from sim_devices.chain import Effect, FloatArray
 
@@ -54,7 +55,7 @@ class Beliefs:
     ) -> None:
         self._bench, self._known, self._sound, self._rng = bench, known, sound, rng
         self._effects = effects
-        self._named = {e.name: [f for f in effects.values() if f.name == e.name] for e in effects.values()}
+        self._named = forms_by_name(effects)
         self.draws: list[Draw] = []
         self._causes(report.get("causes", []))
         named = {n for d in self.draws for n in d.label.split(" + ")}

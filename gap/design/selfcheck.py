@@ -19,6 +19,7 @@ from gap.design.bench import Acting, Bench
 from gap.design.choice import FORM_ERROR
 from gap.design.information import Known
 from gap.design.unknowns import Unknowns
+from gap.effects.load import forms_by_name
 from gap.inference.hypothesis import from_unit, to_unit
 from sim_devices.chain import Effect, FloatArray, Parameter
 
@@ -66,11 +67,8 @@ def selfcheck(recordings: Sequence[Recording], effects: Mapping[str, Effect], se
     bench = Bench(recordings)
     sound = bench.rows(bench.session, bench.simulate(bench.session))
     known = Known(Unknowns(bench).of(bench.session), (), FORM_ERROR)
-    forms: dict[str, list[Effect]] = {}
-    for effect in effects.values():
-        forms.setdefault(effect.name, []).append(effect)
     found: dict[str, list[_Trace]] = {}
-    for name, several in sorted(forms.items()):
+    for name, several in sorted(forms_by_name(effects).items()):
         found[name] = [_just_visible(bench, known, sound, e) for e in several[:FORMS]]
     return _recovered(found, np.random.default_rng(seed))
 

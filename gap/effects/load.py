@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from sim_devices.chain import Effect
@@ -24,6 +24,14 @@ def library(instrument: str, files: Sequence[Path] = ()) -> dict[str, Effect]:
             raise ValueError(f"{path}: it defines no effect for instrument {instrument}")
         found.update({key: form for effect in fitting.values() for key, form in variants(effect).items()})
     return found
+
+
+def forms_by_name(effects: Mapping[str, Effect]) -> dict[str, list[Effect]]:
+    """All forms of each effect by its name, in the order of ``effects``, which has them by key."""
+    forms: dict[str, list[Effect]] = {}
+    for effect in effects.values():
+        forms.setdefault(effect.name, []).append(effect)
+    return forms
 
 
 def _from_file(path: Path) -> list[Effect]:
