@@ -13,6 +13,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from .lock import unseal
 from .vocabulary import CONCEPTS
 
+NEGLIGIBLE = 0.005
+"""Probability of a cause below which ``outside`` in a report's set stands for it, too (docs/gap.md)."""
 TOSS = 0.2
 """Probability from which a second cause counts as named."""
 
@@ -82,11 +84,12 @@ class Case:
     @property
     def covered(self) -> bool | None:
         """Whether the report's set holds what is hidden; None without a set. ``outside`` in it stands for what none of
-        the report's classes names."""
+        the report's classes names, but for negligible ones."""
         if self.report is None or self.report.chosen is None:
             return None
         chosen = {part for name in self.report.chosen for part in name.split(" + ")}
-        nowhere = not any(set(self.effects) <= cause.names for cause in self.report.causes)
+        weighty = [c for k, c in enumerate(self.report.ranked) if k == 0 or c.probability >= NEGLIGIBLE]
+        nowhere = not any(set(self.effects) <= cause.names for cause in weighty)
         return set(self.effects) <= chosen or (nowhere and "outside" in chosen)
 
     def hit(self, top: int) -> bool:

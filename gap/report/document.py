@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from gap.data.session import SKIN
-from gap.decision.conformal import COVERAGE, NONE, OUTSIDE, Entry, chosen, threshold
+from gap.decision.conformal import COVERAGE, chosen, shares, threshold
 from gap.decision.posterior import Cause, Posterior, misfit
 from gap.decision.qualified import moved
 from gap.diagnosis import Diagnosis
@@ -88,11 +88,10 @@ def unknown_probability(verdict: str, p: Posterior) -> float:
 
 
 def conformal_set(d: Diagnosis) -> tuple[list[str], str]:
-    """The classes, ``none`` and ``outside`` among which the right one is in nine sessions of ten; and on what that
+    """The effects, ``none`` and ``outside`` among which the right one is in nine sessions of ten; and on what that
     rests. A rig of a user's has no calibration: there it is the most probable that have nine tenths together."""
     p, first = d.verdict.posterior, d.recordings[0].info
-    entries: list[Entry] = [(c.probability, c.names) for c in p.causes]
-    entries += [(p.none, (NONE,)), (p.outside, (OUTSIDE,))]
+    entries = shares([(c.probability, c.names) for c in p.causes], p.none, p.outside)
     if first.instrument not in CALIBRATED:
         return probable_set(p, d.thresholds.coverage), UNCALIBRATED
     t = threshold(first.instrument, any(r.info.specimen != SKIN for r in d.recordings))
