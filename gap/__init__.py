@@ -15,17 +15,19 @@ if TYPE_CHECKING:
     from gap.report.document import as_json
     from gap.report.html import write_page
     from gap.rig import ForwardModel, GenericEffect, ModelError, load_model
+    from gap.terms.term import save_term
 
 _HOMES = {
     "diagnose": "gap.diagnosis", "Diagnosis": "gap.diagnosis", "DiagnosisError": "gap.diagnosis",
     "plan": "gap.design.plan", "Plan": "gap.design.plan",
     "as_json": "gap.report.document", "write_page": "gap.report.html",
+    "save_term": "gap.terms.term",
     "ForwardModel": "gap.rig", "GenericEffect": "gap.rig", "ModelError": "gap.rig", "load_model": "gap.rig",
 }  # fmt: skip
 
 __all__ = [
     "Diagnosis", "DiagnosisError", "ForwardModel", "GenericEffect", "ModelError", "Plan", "as_json", "diagnose",
-    "load_model", "plan", "write_page",
+    "load_model", "plan", "save_term", "write_page",
 ]  # fmt: skip
 
 

@@ -25,13 +25,14 @@ from gap.decision.settle import Case, settle
 from gap.decision.thresholds import INSTRUMENT, RIG, Thresholds
 from gap.decision.transfer import Shrink, plain, plain_gap
 from gap.decision.verdict import Verdict, undetectable
-from gap.effects import library
+from gap.effects.load import generic, library
 from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import Candidate
 from gap.inference.problem import Problem
 from gap.rig.model import ForwardModel
 from gap.rig.problem import RigProblem, against_the_model
 from gap.search.compare import Comparison, Effort, compare
+from gap.terms.propose import Proposal, best_term
 
 if TYPE_CHECKING:
     from gap.null.doubts import Doubt
@@ -68,6 +69,7 @@ class Diagnosis:
     doubts: tuple[str, ...] = ()  # reference specimens that are not what they say, left out
     qualified: Qualified | None = None
     unqualified: Posterior | None = None  # as it would be without the qualification
+    term: Proposal | None = None  # for a gap that no known effect explains
 
     @property
     def gap_before(self) -> float:
@@ -93,13 +95,15 @@ def diagnose(
     jobs: int = 1,
     tell: Tell = lambda stage, share: None,
     qualification: Path | None = None,
+    propose_term: bool = True,
 ) -> Diagnosis:
     """Diagnose recordings of one session together; ``model`` is needed for an instrument that is not ours.
 
     ``user_effects`` are files with further effects, ``solver`` a finite-element model to take the tissue from;
     ``quick`` fits few effects and no pairs. ``jobs`` processes share the fits, but for a solver's, which is a process
     by itself; the diagnosis is the same. ``tell`` hears of each stage when it begins. ``qualification`` is the file of
-    one of this instrument; where it is another's or has expired, it is told and not believed.
+    one of this instrument; where it is another's or has expired, it is told and not believed. With ``propose_term`` a
+    term is looked for where no known effect explains the gap.
 
     Raises DiagnosisError, gap.ModelError.
     """
@@ -122,6 +126,10 @@ def diagnose(
     if solver:
         verdict, solves, words = _checked(comparison, verdict, t)
         told += words
+    proposal = None
+    if propose_term and not solver and verdict.verdict == "unknown":
+        tell("looking for a term", 0.95)
+        proposal = best_term(case, t, jobs)
     return Diagnosis(
         recordings=tuple(recordings),
         problems=comparison.problems,
@@ -140,6 +148,7 @@ def diagnose(
         doubts=tuple(map(str, doubted)),
         qualified=qualified,
         unqualified=case.posterior(t, qualified=False) if qualified is not None else None,
+        term=proposal,
     )
 
 
@@ -206,7 +215,7 @@ def _problems(
     if model is not None:
         if solver:
             raise DiagnosisError("a solver's tissue is for suction probes and the micro-robot, not for a --model rig")
-        rig = RigProblem(recordings, model)
+        rig = RigProblem(recordings, model, generic(user_effects))
         return [rig], rig.candidates
     instrument = recordings[0].info.instrument
     if instrument in ("cutometer", "aspiration"):

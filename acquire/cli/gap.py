@@ -20,6 +20,7 @@ from acquire.cli.numbers import MOST_JOBS, whole
 from acquire.cli.review import ALL, counting
 
 if TYPE_CHECKING:
+    from gap import Diagnosis
     from gap.rig.generic import GenericEffect
     from sim_devices.chain import Effect
 
@@ -44,6 +45,10 @@ def diagnose(
     self_check: Annotated[
         Path | None,
         typer.Option("--selfcheck", help="JSON of `gap selfcheck` on this session, for the report to cite."),
+    ] = None,
+    term: Annotated[
+        Path | None,
+        typer.Option(help="Where no effect fits: save the proposed term here, as a file for --effects."),
     ] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder for gap.json and gap.html.")] = None,
     everything: Annotated[bool, typer.Option("--all", help=ALL)] = False,
@@ -95,6 +100,8 @@ def diagnose(
     if folder:
         write_text(folder / "gap.json", json.dumps(report, indent=1) + "\n")
         write_page(diagnosis, folder / "gap.html")
+    if term:
+        report["remarks"] += [_saved(diagnosis, term)]
     if as_json:
         print(json.dumps(report, indent=1))
     else:
@@ -104,6 +111,20 @@ def diagnose(
         if report["next_experiment_note"]:
             print(f"note: next experiment: {report['next_experiment_note']}", file=sys.stderr)
         print(f"\n{diagnosis.seconds:.0f} s\n{folder}/gap.html\n{folder}/gap.json")
+
+
+def _saved(diagnosis: Diagnosis, path: Path) -> str:
+    """Save the proposed term of a diagnosis as a user's effect, if there is one; what was done."""
+    from gap.terms.term import save_term
+
+    proposal = diagnosis.term
+    if proposal is None:
+        return f"no term to save in {path}: a term is looked for where the verdict is unknown, on suction and rigs"
+    if proposal.term is None or not proposal.helps:
+        return f"no term to save in {path}: {proposal.reason}"
+    first = diagnosis.recordings[0].info
+    save_term(proposal.term, path, first.instrument, f"Proposed for recordings {first.id} and those of its session.")
+    return f"the proposed term is in {path}: try it with --effects {path}"
 
 
 @app.command()

@@ -5,7 +5,9 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
+from gap.rig.generic import GenericEffect
 from sim_devices.chain import Effect
 
 
@@ -34,7 +36,23 @@ def forms_by_name(effects: Mapping[str, Effect]) -> dict[str, list[Effect]]:
     return forms
 
 
+def generic(files: Sequence[Path]) -> list[GenericEffect]:
+    """What users' ``files`` add to the effects that any rig can have. Raises ValueError that names the file."""
+    found = []
+    for path in files:
+        added = [v for v in _values(path) if isinstance(v, GenericEffect)]
+        if not added:
+            raise ValueError(f"{path}: it defines no gap.GenericEffect for a --model's taps")
+        found += added
+    return found
+
+
 def _from_file(path: Path) -> list[Effect]:
+    return [value for value in _values(path) if isinstance(value, Effect)]
+
+
+def _values(path: Path) -> list[Any]:
+    """What a file of Python has at its top level."""
     if not path.is_file():
         raise ValueError(f"{path}: there is no such file of effects")
     spec = importlib.util.spec_from_file_location(f"skinrig_effects_{path.stem}", path)
@@ -45,4 +63,4 @@ def _from_file(path: Path) -> list[Effect]:
         spec.loader.exec_module(module)
     except Exception as error:
         raise ValueError(f"{path}: fails on import: {type(error).__name__}: {error}") from error
-    return [value for value in vars(module).values() if isinstance(value, Effect)]
+    return list(vars(module).values())

@@ -7,8 +7,10 @@ form a group and are simulated together, rests included, so that slow effects se
 from __future__ import annotations
 
 import abc
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 
@@ -170,6 +172,12 @@ class Block(abc.ABC):
         )
         self.rows = self._labelled()
         self._grids, self._delayed = Kept(), Kept(2 * len(self.groups))
+
+    def knowing(self, further: Mapping[str, Effect]) -> Self:
+        """The same block with further effects, by their candidates' keys."""
+        out = copy.copy(self)
+        out.library = {**self.library, **further}
+        return out
 
     @property
     def shift_sd(self) -> float:

@@ -15,6 +15,7 @@ from gap.report.assumed import assumed
 from gap.report.breakdown import breakdown
 from gap.report.parameters import of_cause, of_model, rounded
 from gap.report.sentences import sentences
+from gap.report.terms import of_term
 
 SCHEMA = "gap-report/1"
 UNCALIBRATED = "cumulative posterior probability; not conformal, as nothing is calibrated on such a rig"
@@ -47,6 +48,7 @@ def as_json(d: Diagnosis) -> dict[str, Any]:
         "unexplained": rounded(p.unexplained),
         "model": of_model(d),
         "qualification": qualification(d),
+        "term": of_term(d),
         "indistinguishable": [list(g) for g in d.confusable],
         "undetectable_below": {k: rounded(b) for k, b in d.bounds.items() if np.isfinite(b)},
         "signatures": [{"effect": s.effect, "channel": s.channel, "text": s.text} for s in d.signatures],

@@ -8,6 +8,7 @@ from gap.decision.transfer import plain_gap, shrink
 from gap.diagnosis import Diagnosis
 from gap.report.breakdown import breakdown
 from gap.report.parameters import of_cause
+from gap.report.terms import text
 from gap.report.words import SPLITS, quantity, significant, words
 
 UNKNOWN_NEXT = "The cause is not known: the pictures show where to look, and an effect of your own can be added."
@@ -20,7 +21,7 @@ def sentences(d: Diagnosis) -> list[str]:
     if d.verdict.verdict in ("none", "undetectable"):
         return [_how_far(d), _nothing(d), *([BOUNDS] if d.bounds else [])]
     if d.verdict.verdict == "unknown":
-        return [_how_far(d), _unknown(d), UNKNOWN_NEXT]
+        return [_how_far(d), _unknown(d), text(d.term) if d.term is not None else UNKNOWN_NEXT]
     return [_how_far(d), _explained(d, d.verdict.causes[0]), _tested(d, d.verdict.causes[0])]
 
 

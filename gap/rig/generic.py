@@ -27,7 +27,8 @@ class GenericEffect:
     with. What ``resists`` motion adds to a tapped resistance and is taken from a tapped net force. A ``form`` tells
     apart effects that are one concept of one name. What is ``of_turns`` shows only where the signal it acts with turns
     back: on one way it is nothing but a bent characteristic. What ``looks_ahead`` needs whole series: it can act
-    on an input, which is known beforehand, not inside a model's own integration.
+    on an input, which is known beforehand, not inside a model's own integration. ``taps`` are the only ones it fits;
+    none named: all.
 
     Parameters of unit ``signal`` have priors relative to the range of the signal, ``velocity`` and ``position``
     relative to those of the related one; they are scaled when the effect meets its rig.
@@ -46,6 +47,7 @@ class GenericEffect:
     form: str = ""
     of_turns: bool = False
     looks_ahead: bool = False
+    taps: tuple[str, ...] = ()
 
 
 def _rel(name: str, low: float, high: float, unit: str = "signal", meaning: str = "") -> Parameter:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -58,9 +59,12 @@ class RigProblem:
     resets: Sequence[float] = ()
     open_law = False
 
-    def __init__(self, recordings: Sequence[Recording], model: ForwardModel) -> None:
+    def __init__(
+        self, recordings: Sequence[Recording], model: ForwardModel, further: Sequence[GenericEffect] = ()
+    ) -> None:
         check_model(model, recordings)
         self.model = model
+        self._effects = (*GENERIC, *getattr(model, "effects", ()), *further)
         self._unit = recordings[0].stream(model.channels[0]).unit
         self._runs = [_on_one_time_base(r, model) for r in recordings]
         self.prior_mean = np.zeros(len(model.parameters))
@@ -99,6 +103,17 @@ class RigProblem:
         library = self._library()
         self.candidates = tuple(c for c, _ in library)
         self._by_key = {c.key: e for c, e in library}
+
+    @property
+    def seen(self) -> Mapping[str, Seen]:
+        """What a nominal run shows of each tap."""
+        return self._seen
+
+    def knowing(self, further: Mapping[str, GenericEffect]) -> RigProblem:
+        """The same problem with further effects, by their candidates' keys."""
+        out = copy.copy(self)
+        out._by_key = {**self._by_key, **further}
+        return out
 
     def _by_row(self) -> FloatArray:
         """Noise (n,) of the measured values."""
@@ -181,7 +196,9 @@ class RigProblem:
         for tap, stage in self.model.stages.items():
             if tap not in seen:
                 continue
-            for effect in (*GENERIC, *getattr(self.model, "effects", ())):
+            for effect in self._effects:
+                if effect.taps and tap not in effect.taps:
+                    continue
                 if effect.needs and effect.needs not in seen[tap].related:
                     continue
                 if effect.of_turns and not seen[tap].turns(effect.needs):

@@ -82,12 +82,12 @@ class Comparison:
         for name in self.problems:
             best = min((h.fits[name] for h in (self.null, *self.hypotheses)), key=lambda f: f.chi2)
             misfit = best.chi2 / max(len(best.residual) - len(best.nuisance), 1)
-            correlation = _mean_correlation(best.residual, self.problems[name].rows.recording)
+            correlation = mean_correlation(best.residual, self.problems[name].rows.recording)
             out[name] = max(misfit * correlation, LEAST_TEMPER)
         return out
 
 
-def _mean_correlation(residual: FloatArray, recording: np.ndarray) -> float:
+def mean_correlation(residual: FloatArray, recording: np.ndarray) -> float:
     runs = [residual[recording == r] for r in np.unique(recording)]
     times = [correlation_time(run) for run in runs]
     return max(float(np.mean(times)), long_run_share(runs)) if times else 1.0
