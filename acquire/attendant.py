@@ -22,7 +22,7 @@ RUNNING, PAUSED, WRITING, AWAY = 10.0, 120.0, 30.0, 60.0
 
 @dataclass
 class _Seen:
-    """What was last seen of one engine."""
+    """The last state seen of one engine."""
 
     outcome: Outcome | None = None
     trip: Trip | None = None
@@ -123,7 +123,7 @@ class Attendant(threading.Thread):
 
 
 def _course(engine: RunEngine) -> tuple[tuple[object, ...], float, str]:
-    """What changes while all goes well, how long (s) it may stay the same (0: for ever), and what it is then."""
+    """A sign that all goes well, how long (s) it may stay the same (0: for ever), and its name."""
     state = engine.state
     if state is State.RUNNING:
         progress = engine.progress

@@ -1,4 +1,4 @@
-"""What commonly goes wrong with an installation: files of other packages, libraries, permissions, versions, threads.
+"""Common faults of an installation: files of other packages, libraries, permissions, versions, threads.
 
 >>> all(c.remedy for c in examine() if c.level != "ok")
 True

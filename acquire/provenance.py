@@ -1,4 +1,4 @@
-"""What a recording tells of where its numbers come from: versions, calibrations, and what was settled by default."""
+"""Provenance of a recording's numbers: versions, calibrations, and what was settled by default."""
 
 from __future__ import annotations
 

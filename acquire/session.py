@@ -172,7 +172,7 @@ class Session:
         return {name: bench.engine for name, bench in list(self._benches.items())}  # another thread may open one
 
     def back_door(self, name: str) -> BackDoor:
-        """What is really so at an open simulated instrument, for tests. Raises ValueError for a real one."""
+        """The true state of an open simulated instrument, for tests. Raises ValueError for a real one."""
         server = self._benches[name].server
         if server is None:
             raise ValueError(f"{name} is not simulated here")

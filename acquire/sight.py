@@ -1,4 +1,4 @@
-"""What a camera has to tell before a run: the threshold its contours are read at, and where the edge can be."""
+"""A camera's settings before a run: the threshold its contours are read at, and where the edge can be."""
 
 from __future__ import annotations
 

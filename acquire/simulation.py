@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Mounted:
-    """What a simulated instrument is made for: the probe's ``opening`` (m; None: its own), and the specimen in it with
+    """The set-up of a simulated instrument: the probe's ``opening`` (m; None: its own), and the specimen in it with
     its properties (as `protocols.specimens.stated` gives them)."""
 
     opening: float | None = None

@@ -201,7 +201,7 @@ class Instrument(Model):
         return {**self.options, "frame_scale": scale.value} if scale else dict(self.options)
 
     def entry(self, kind: str) -> Entry:
-        """What the driver of an instrument at an address is given."""
+        """The arguments for the driver of an instrument at an address."""
         return Entry(
             instrument=kind,
             address=self.address,

@@ -1,4 +1,4 @@
-"""What runs on this computer, for other terminals: every session keeps a file that says so, locked while it lives.
+"""Sessions on this computer, for other terminals: every session keeps a file that says so, locked while it lives.
 
 The files lie in the user's runtime folder and are private. A file whose lock is free was left by a program that ended
 without a word: it is told as long as a journal of its runs waits to be recovered, and forgotten after that. Not on
@@ -68,7 +68,7 @@ class StatusFile:
 
 @dataclass(frozen=True)
 class Report:
-    """What one session says of itself: ``content`` as written, whether it lives, for how long (s) it said nothing."""
+    """The status of one session: ``content`` as written, whether it lives, for how long (s) it said nothing."""
 
     content: Mapping[str, Any]
     alive: bool

@@ -24,7 +24,7 @@ PATIENCE = 0.15  # s of silence of one that must be alive after which permission
 
 
 class Heartbeat(Protocol):
-    """What the engine needs of a `Supervisor`."""
+    """The part of a `Supervisor` that the engine needs."""
 
     @property
     def alive(self) -> bool:

@@ -46,7 +46,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Row:
-    """What came of a case: whether the two diagnoses agree, whether each is right, seconds of processor time."""
+    """The result of a case: whether the two diagnoses agree, whether each is right, seconds of processor time."""
 
     tissue: str
     verdict: bool

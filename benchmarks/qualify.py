@@ -57,7 +57,7 @@ FAULTS: Mapping[str, Mapping[str, Mapping[str, float]]] = {
 
 @dataclass(frozen=True)
 class Said:
-    """What a qualification said of one instrument: ``fault`` is '' for a sound one."""
+    """The result of one qualification: ``fault`` is '' for a sound one."""
 
     instrument: str
     fault: str

@@ -1,4 +1,4 @@
-"""What recording costs, and how much faster than real time a simulated run goes.
+"""The cost of recording, and how much faster than real time a simulated run goes.
 
     python benchmarks/recording.py [SECONDS]
 

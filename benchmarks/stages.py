@@ -1,4 +1,4 @@
-"""What the forward chains cost, one core: ``python benchmarks/stages.py``.
+"""The cost of the forward chains, one core: ``python benchmarks/stages.py``.
 
 Nanoseconds per sample of each operator, whole sessions without and with each effect, and how much faster than real time
 a running instrument could go.

@@ -14,7 +14,7 @@ _SURE = 0.5  # confidence from which an edge is believed to be where it was foun
 
 @dataclass(frozen=True)
 class Contour:
-    """What one frame shows, in px of the frame.
+    """The contour in one frame, in px of the frame.
 
     ``apex_column``, ``apex_row``, ``foot_row`` (where the bubble stands: the rim plane, or the neck above a needle);
     ``height`` from foot to apex and ``band`` (low, high) of it at GVT ± delta; ``profile`` (width,) the row of the edge

@@ -1,4 +1,4 @@
-"""What the run engine needs of an instrument: a driven device, maybe a camera, behind one interface each.
+"""The run engine's view of an instrument: a driven device, maybe a camera, behind one interface each.
 
 Segments are executed by the device from a bounded queue of its own, in device time, as motion controllers and
 pressure controllers do: the host's scheduling then never shapes the waveform. The host feeds the queue ahead.
@@ -102,7 +102,7 @@ class Source(abc.ABC):
 
     @abc.abstractmethod
     def read(self, timeout: float) -> Sequence[Block | Frame]:
-        """What has arrived within ``timeout`` s of wall time, maybe nothing. Raises LinkLost, ProtocolFault."""
+        """Messages that arrived within ``timeout`` s of wall time, maybe nothing. Raises LinkLost, ProtocolFault."""
 
     @abc.abstractmethod
     def make_safe(self) -> None:

@@ -1,4 +1,4 @@
-"""What host and device say to each other, before any codec turns it into bytes.
+"""Messages between host and device, before any codec turns it into bytes.
 
 Every instrument speaks the same few messages in a dialect of its own. A request carries a number and is answered by a
 `Reply` with the same number; a host that hears nothing sends the same request again, and a device that has
@@ -141,7 +141,7 @@ Message = Request | Beat | Reply | Samples
 
 @dataclass
 class Tally:
-    """What a decoder saw: ``accepted`` messages, and bytes ``discarded`` on the way back into step."""
+    """A decoder's counts: ``accepted`` messages, and bytes ``discarded`` on the way back into step."""
 
     accepted: int = 0
     discarded: int = 0

@@ -1,4 +1,4 @@
-"""What an instrument delivers: named channels, blocks of samples and camera frames.
+"""The data of an instrument: named channels, blocks of samples and camera frames.
 
 Every sample carries three stamps: the device's sequence number, the device's own time and the host's monotonic time.
 Values are SI; pressures are gauge pascals with suction negative.

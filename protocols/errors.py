@@ -1,4 +1,4 @@
-"""What is wrong with a protocol, and where."""
+"""Faults of a protocol, and where they are."""
 
 from __future__ import annotations
 

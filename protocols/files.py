@@ -90,7 +90,7 @@ def refusing(path: Path | str, error: type[ValueError] = ValueError, what: str =
 
 
 def in_words(error: BaseException) -> str:
-    """What an exception says, in one short line."""
+    """The message of an exception, in one short line."""
     if isinstance(error, RecursionError):
         return "nested too deeply"
     if isinstance(error, MemoryError):

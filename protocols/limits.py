@@ -51,7 +51,7 @@ class Range:
         return math.isfinite(self.low) and math.isfinite(self.high)
 
     def intersect(self, other: Range) -> Range:
-        """What both allow. Raises ValueError when nothing is left."""
+        """The range that both allow. Raises ValueError when nothing is left."""
         return Range(
             max(self.low, other.low),
             min(self.high, other.high),
@@ -148,7 +148,7 @@ class Limits:
         return bool(self.ranges)
 
     def intersect(self, other: Limits) -> Limits:
-        """What both allow. Raises ValueError that names the quantity for which nothing is left."""
+        """The range that both allow. Raises ValueError that names the quantity for which nothing is left."""
         merged = dict(self.ranges)
         for name, there in other.ranges.items():
             try:

@@ -43,7 +43,7 @@ class Property:
     shown: str = ""  # unit for people
 
     def in_words(self, stated: Stated) -> str:
-        """What is stated, in the unit that people use."""
+        """The stated number, in the unit that people use."""
         factor = units.to_si(self.shown)[1] if self.shown else 1.0
         return f"{self.key} {_written(stated.value, stated.se, factor)} {self.shown or self.unit}".removesuffix(" 1")
 

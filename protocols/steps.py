@@ -52,7 +52,7 @@ class Position(Model):
 
 
 class Step(Model):
-    """What all steps have. ``phase`` overrides the one found by the compiler."""
+    """Fields of all steps. ``phase`` overrides the one found by the compiler."""
 
     repeat: Count = 1
     phase: Literal["load", "hold", "unload", "rest"] | None = None

@@ -1,1 +1,1 @@
-"""What a recording says by itself: curve parameters, loops and energy, quality flags, statistics over repeats."""
+"""A recording by itself: curve parameters, loops and energy, quality flags, statistics over repeats."""

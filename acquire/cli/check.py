@@ -63,7 +63,7 @@ def _check(name: str, station: Path | None, png: Path | None, as_json: bool) -> 
 
 
 def limits_of(kind: str, station: Path | None) -> Limits:
-    """What an instrument's hardware stands and, if there is a station, what it allows its first of the kind."""
+    """Limits of an instrument's hardware and, if there is a station, of its first of the kind."""
     from acquire.plugins import instrument
     from acquire.station import load_station
 

@@ -28,7 +28,7 @@ def devices(
 
 
 def _drivers() -> dict[str, list[dict[str, Any]]]:
-    """What this computer has: drivers, other plugins, serial ports."""
+    """Drivers of this computer: drivers, other plugins, serial ports."""
     from serial.tools import list_ports
 
     from acquire.plugins import GROUPS, plugins

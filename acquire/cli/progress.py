@@ -1,4 +1,4 @@
-"""What a person sees of a run, and how a person ends it.
+"""Progress of a run on a terminal, and how a person ends it.
 
 Progress of long work: a bar on a terminal, plain lines elsewhere; on stderr, so that stdout holds results only."""
 

@@ -46,7 +46,7 @@ def safe(
 
 
 def _row(session: Session, name: str) -> dict[str, Any]:
-    """What has become of one instrument."""
+    """The state of one instrument after it was made safe."""
     from acquire.engine import WrongState
     from drivers.device import DeviceError
 

@@ -44,7 +44,7 @@ class Ask(Protocol):
 
 
 class ActiveRun:
-    """What the engine knows of the run between ``arm`` and its outcome."""
+    """State of a run between ``arm`` and its outcome."""
 
     def __init__(self, plan: RunPlan, rig: Rig, on_failure: Callable[[str], None]) -> None:
         """Checks the plan and opens its journal.

@@ -1,4 +1,4 @@
-"""What the interlock checks of measured values: finite, within limits, not too fast, not too long, on their set-points.
+"""Checks of measured values by the interlock: finite, within limits, not too fast, not too long, on their set-points.
 
 Each check looks at the new samples of a run, block by block and in order, and says when it trips. A single sample far
 away may be a disturbance on a wire: what depends on one value trips when the next one says the same.
@@ -48,7 +48,7 @@ class Check(Protocol):
     def __init__(self, watch: Watch) -> None: ...
 
     def look(self, block: Block, targets: Targets) -> Trip | None:
-        """What is wrong with the next samples, for which ``targets`` are commanded."""
+        """The fault in the next samples, for which ``targets`` are commanded."""
 
 
 class Twice:
@@ -72,7 +72,7 @@ class Values:
         self._twice = Twice()
 
     def look(self, block: Block, targets: Targets) -> Trip | None:
-        """What is wrong with the next samples, for which ``targets`` are commanded."""
+        """The fault in the next samples, for which ``targets`` are commanded."""
         for name, values in block.values.items():
             bad = ~np.isfinite(values)
             if bad.any() and name not in self._watch.gappy:
@@ -104,7 +104,7 @@ class Rates:
         self._tails: dict[str, tuple[FloatArray, FloatArray]] = {}
 
     def look(self, block: Block, targets: Targets) -> Trip | None:
-        """What is wrong with the next samples, for which ``targets`` are commanded."""
+        """The fault in the next samples, for which ``targets`` are commanded."""
         for name, values in block.values.items():
             if math.isfinite(self._watch.limits[name].rate) and (trip := self._too_fast(name, values, block.time)):
                 return trip
@@ -138,7 +138,7 @@ class Dwells:
         self.now: dict[str, tuple[float, float]] = {}  # per quantity the dwell in s, and the longest allowed
 
     def look(self, block: Block, targets: Targets) -> Trip | None:
-        """What is wrong with the next samples, for which ``targets`` are commanded."""
+        """The fault in the next samples, for which ``targets`` are commanded."""
         for name, timer in self._timers.items():
             measured = _way(block) if name == PROBE else block.values.get(name)
             if measured is None:
@@ -181,7 +181,7 @@ class Lasting:
 
 
 class Following:
-    """What is measured follows its set-point."""
+    """The measured value follows its set-point."""
 
     def __init__(self, watch: Watch) -> None:
         self._watch = watch
@@ -189,7 +189,7 @@ class Following:
         self._compared: dict[str, float] = {}  # device time of the last sample whose set-point was known
 
     def look(self, block: Block, targets: Targets) -> Trip | None:
-        """What is wrong with the next samples, for which ``targets`` are commanded."""
+        """The fault in the next samples, for which ``targets`` are commanded."""
         for quantity, rule in self._watch.rules.tracking.items():
             if quantity not in targets or quantity not in block.values:
                 continue

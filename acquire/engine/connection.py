@@ -56,7 +56,7 @@ class Connection(ControlLoop):
 
     @property
     def found(self) -> str:
-        """What `connect` found left behind by an earlier host and made safe, in words; '' where all was well."""
+        """The state that an earlier host left behind and `connect` made safe, in words; '' where all was well."""
         return self._links.found
 
     @property

@@ -198,7 +198,7 @@ class Feeder:
         return out
 
     def executed(self, first: float, last: float) -> Setpoints:
-        """What was commanded from device time ``first`` to ``last``: at rest before, after and while paused."""
+        """The command from device time ``first`` to ``last``: at rest before, after and while paused."""
         segments: list[Segment] = []
         moment, value = first, self._rest
         for piece in self.done:
@@ -213,7 +213,7 @@ class Feeder:
         return Setpoints(tuple(segments))
 
     def remaining(self) -> Setpoints:
-        """What is planned from the running segment's beginning on, every ``until`` running to its longest."""
+        """The plan from the running segment's beginning on, every ``until`` running to its longest."""
         fed = [segment for _, segment in (*self._fed[self._ended :], *self._waiting)]
         return Setpoints((*fed, *self._all[self._next :]))
 

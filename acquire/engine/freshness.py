@@ -17,7 +17,7 @@ _NONE = (-1, -math.inf)
 
 @dataclass
 class _Link:
-    """What a link delivered. Times are of the wall (monotonic s) but for ``first`` and the stamps."""
+    """Counts and times of a link's deliveries. Times are of the wall (monotonic s) but for ``first`` and the stamps."""
 
     heard: float  # when its newest sample came
     arrived: float = -math.inf  # when anything came
@@ -36,7 +36,7 @@ class Freshness:
         self._rules = rules
 
     def take(self, link: str, item: Block | Frame, now: float) -> Block | Frame | None:
-        """What of ``item``, arriving at ``now`` (wall, s), is new; None when nothing is: repeated, or late."""
+        """The new part of ``item``, arriving at ``now`` (wall, s); None where it is repeated, or late."""
         known = self._links.setdefault(link, _Link(now))
         known.arrived = now
         kind = tuple(item.values) if isinstance(item, Block) else ("frame",)
@@ -58,7 +58,7 @@ class Freshness:
         return item
 
     def fault(self, now: float) -> Trip | None:
-        """What is wrong at ``now`` (wall, s)."""
+        """The fault at ``now`` (wall, s), in words."""
         for name, link in self._links.items():
             silence = now - link.heard
             if silence > self._rules.stale:

@@ -28,7 +28,7 @@ class HostClock:
         self._asleep = boot_time() - self._turn
 
     def fault(self) -> str:
-        """What has happened since the last call; '' if nothing."""
+        """The clock's jump since the last call, in words; '' if there was none."""
         now = time.monotonic()
         asleep = boot_time() - now
         slept, pause = asleep - self._asleep, now - self._turn

@@ -162,7 +162,7 @@ class Interlock(threading.Thread):
             self.fire(Trip("disk", fault))
 
     def short_of_space(self, folder: Path) -> str:
-        """What is wrong with the free space at an existing ``folder``; '' when there is enough."""
+        """The fault of the free space at an existing ``folder``; '' when there is enough."""
         free = shutil.disk_usage(folder).free
         enough = free >= self.rules.disk
         return "" if enough else f"{free / 1e6:.0f} MB free at {folder}, {self.rules.disk / 1e6:.0f} MB needed"

@@ -36,7 +36,7 @@ class Links:
 
     @property
     def found(self) -> str:
-        """What an earlier host had left behind, in words."""
+        """The state that an earlier host left behind, in words."""
         return self._threads[0].found if self._threads else ""
 
     def open(self, *, acknowledged: bool) -> dict[str, Future[Any]]:

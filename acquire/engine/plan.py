@@ -1,4 +1,4 @@
-"""What the engine is asked to run, what it says while running, and what it leaves behind."""
+"""Plan, progress and outcome of a run."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ PULL, RISE, RESPONSE, CLEAR, RECOVERY = 10_000.0, 8e-6, 2.0, 80e-6, 0.15
 
 @dataclass
 class _Noise:
-    """What is known of one channel: of ``pairs`` of neighbours how many were ``equal``, at how many it ``turns``."""
+    """Statistics of one channel: of ``pairs`` of neighbours how many were ``equal``, at how many it ``turns``."""
 
     pairs: int = 0
     equal: int = 0
@@ -63,7 +63,7 @@ class Frozen:
         self._target: dict[str, float] = {}  # the last one of each quantity
 
     def look(self, block: Block, targets: Targets) -> Trip | None:
-        """What is wrong with the next samples, for which ``targets`` are commanded."""
+        """The fault in the next samples, for which ``targets`` are commanded."""
         still = np.ones(len(block), bool)
         for quantity, target in targets.items():
             before = np.append(self._target.get(quantity, math.nan), target[:-1])
@@ -105,7 +105,7 @@ class Pictures:
         self._again = 0
 
     def look(self, frame: Frame) -> Trip | None:
-        """What is wrong with the next picture."""
+        """The fault of the next picture, in words."""
         if self._first is None or not np.array_equal(frame.image, self._first.image):
             self._first, self._again = frame, 0
             return None
@@ -116,7 +116,7 @@ class Pictures:
 
 
 class Jumps:
-    """What is measured does not leave its set-point at once, unless the set-point itself has just moved fast.
+    """The measured value does not leave its set-point at once, unless the set-point itself has just moved fast.
 
     A quantity with a `Tracking` rule may jump by half its error; the rule's duration is the time to settle. Where a
     segment ends the set-point is unknown for some samples: these are passed over, and are no move.
@@ -129,7 +129,7 @@ class Jumps:
         self._moved: dict[str, float] = {}  # device time at which the set-point was last unknown or fast
 
     def look(self, block: Block, targets: Targets) -> Trip | None:
-        """What is wrong with the next samples, for which ``targets`` are commanded."""
+        """The fault in the next samples, for which ``targets`` are commanded."""
         for quantity, target in targets.items():
             if quantity not in block.values or quantity not in self._watch.rules.tracking:
                 continue
@@ -178,7 +178,7 @@ class Response:
         self._known = math.nan  # device time at which a set-point was last known
 
     def look(self, block: Block, targets: Targets) -> Trip | None:
-        """What is wrong with the next samples, for which ``targets`` are commanded."""
+        """The fault in the next samples, for which ``targets`` are commanded."""
         if not self._asked or "apex_height" not in block.values:
             return None
         target = targets.get("pressure", np.full(len(block), math.nan))
@@ -248,7 +248,7 @@ class Agreement:
         self._lasting = Lasting()
 
     def look(self, block: Block, targets: Targets) -> Trip | None:
-        """What is wrong with the next samples, for which ``targets`` are commanded."""
+        """The fault in the next samples, for which ``targets`` are commanded."""
         for name, rule in self._rules.items():
             if {name, name + REFERENCE} <= set(block.values):
                 apart = block.values[name] - block.values[name + REFERENCE]

@@ -1,4 +1,4 @@
-"""What other threads ask of one thread: in order, each with an answer, void as soon as something overtakes it."""
+"""Requests of other threads to one thread: in order, each with an answer, void as soon as something overtakes it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Requests:
         return future
 
     def take(self) -> Iterator[tuple[Callable[[], Any], Future[Any]]]:
-        """What waits, one by one, save what is void already. For the owning thread, which answers each."""
+        """Waiting requests, one by one, save those that are void already. For the owning thread, which answers each."""
         while self._waiting:
             action, future = self._waiting.popleft()
             if future.set_running_or_notify_cancel():

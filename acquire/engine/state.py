@@ -60,11 +60,11 @@ class WrongState(RuntimeError):
 
 
 class Tripped(WrongState):
-    """What was asked is void because the interlock has tripped; the message says why."""
+    """A request is void because the interlock has tripped; the message says why."""
 
 
 class Aborted(WrongState):
-    """What was asked is void because a person ended it first; the message says how."""
+    """A request is void because a person ended it first; the message says how."""
 
 
 class StateMachine:

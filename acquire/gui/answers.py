@@ -1,4 +1,4 @@
-"""What the worker answers about the station and about protocols, without touching an instrument."""
+"""The worker's answers about the station and about protocols, without touching an instrument."""
 
 from __future__ import annotations
 

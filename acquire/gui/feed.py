@@ -1,4 +1,4 @@
-"""What the worker sends of one instrument: its state, and its data thinned for a screen."""
+"""The worker's messages about one instrument: its state, and its data thinned for a screen."""
 
 from __future__ import annotations
 

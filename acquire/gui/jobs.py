@@ -68,7 +68,7 @@ class Tool(QObject):
         self._process.start(sys.executable, ["-c", "from acquire.cli import main; main()", *arguments])
 
     def answer(self, text: str) -> None:
-        """What a person says to it, as typed."""
+        """A person's answer to it, as typed."""
         self._process.write(text.encode())
 
     def terminate(self) -> None:

@@ -57,7 +57,7 @@ class Latches:
             kept.clear()
 
     def words(self) -> str:
-        """What stopped which instrument; '' where nothing is stopped."""
+        """The reason of each instrument's stop; '' where none is stopped."""
         reasons: dict[str, list[str]] = {}
         for name in self.stopped:
             reasons.setdefault(self._why.get(name, "everything vents"), []).append(name)

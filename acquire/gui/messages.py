@@ -1,4 +1,4 @@
-"""What the window and its worker process say to each other. Plain data only, so that it goes through a pipe."""
+"""Messages between the window and its worker process. Plain data only, so that it goes through a pipe."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ NEEDS_RESET = frozenset({"tripped", "failed"})
 
 @dataclass(frozen=True)
 class BenchSettings:
-    """What the worker opens: a station file, or the simulated bench where there is none."""
+    """The bench that the worker opens: a station file, or the simulated bench where there is none."""
 
     station: Path | None = None
     out: Path = Path("runs")
@@ -48,7 +48,7 @@ class Command:
 
 @dataclass(frozen=True)
 class Fault:
-    """What is wrong with a protocol, and where; ``line`` counts from 1, 0 where it is not known."""
+    """A fault of a protocol, and where it is; ``line`` counts from 1, 0 where it is not known."""
 
     message: str
     field: str = ""
@@ -167,7 +167,7 @@ class View:
 
 @dataclass(frozen=True)
 class Measurement:
-    """What repeats are counted of: a protocol on a site of a subject."""
+    """The key under which repeats are counted: a protocol on a site of a subject."""
 
     subject: str
     site: str

@@ -1,4 +1,4 @@
-"""What the analyst's process does with recordings: lists, summaries and pictures as plain data."""
+"""Work of the analyst's process on recordings: lists, summaries and pictures as plain data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the window remembers from one day to the next."""
+"""Settings that the window keeps from one day to the next."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Remembered:
 
 
 def load(store: QSettings) -> Remembered:
-    """What was remembered; defaults for what was not.
+    """The kept settings; defaults for those that were not kept.
 
     A station file that is gone stays: the simulated bench must not open in its place.
     """

@@ -99,7 +99,7 @@ class MainWindow(Layout):
 
     @property
     def missing(self) -> str:
-        """What is to be done before START, in words; '' where nothing is."""
+        """The next thing to do before START, in words; '' where there is none."""
         preview, row = self.prepare.preview, self.instruments.rows.get(self.current)
         if self._gone or row is None:
             return "connect an instrument"
@@ -282,7 +282,7 @@ class MainWindow(Layout):
         self._show_controls()
 
     def _act(self, action: str, name: str) -> None:
-        """What an instrument's own button asks for; a reset is the same whichever button asks for it."""
+        """The request of an instrument's own button; a reset is the same whichever button asks for it."""
         if action != "reset":
             self._ask(action, name)
             return

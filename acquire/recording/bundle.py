@@ -269,7 +269,7 @@ class _Import:
         return Frames(data, time, images.scale or 0.0, seq)
 
     def threshold(self, recording: Recording) -> Recording:
-        """What the frames show, unless the bundle says it itself."""
+        """Contours and heights from the frames, unless the bundle states them."""
         images = self.bundle.frames
         if images is None or "apex_height" in recording.streams:
             return recording

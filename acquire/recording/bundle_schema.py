@@ -1,4 +1,4 @@
-"""What ``recording.yaml`` of a bundle may say (schema ``recording-bundle/1``).
+"""The contents of ``recording.yaml`` of a bundle (schema ``recording-bundle/1``).
 
 Beyond the contract of docs/architecture.md a channel may name its stage, range, resolution and sample counter, a time
 axis may be a ``rate`` instead of a column, and ``run`` carries the rest of a run's identity: what an exported recording

@@ -70,7 +70,7 @@ class Draft:
         return data
 
     def close(self) -> None:
-        """What has no name is gone. Idempotent."""
+        """Close the file; without a name it is gone. Idempotent."""
         with contextlib.suppress(RuntimeError, OSError):  # what HDF5 could not write is the sink's to tell
             self.file.close()
         self.raw.close()

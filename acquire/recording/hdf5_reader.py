@@ -59,7 +59,7 @@ def _reviewed(recording: Recording, path: Path | str) -> Recording:
 
 
 def salvage(path: Path | str) -> Recording:
-    """What is sound in a damaged recording; an event of code ``damage`` names everything that is not.
+    """The undamaged part of a damaged recording; an event of code ``damage`` names everything that is not.
 
     Raises as `open_recording` where too little is left to be a recording.
     """
@@ -67,7 +67,7 @@ def salvage(path: Path | str) -> Recording:
 
 
 def faults(path: Path | str) -> list[str]:
-    """What is damaged in a recording, every value and every frame read: nothing in a sound one.
+    """The damage in a recording, every value and every frame read: nothing in a sound one.
 
     Raises as `open_recording` where too little is left to be a recording.
     """
@@ -115,7 +115,7 @@ class _Reader:
         return replace(recording, events=(*recording.events, *told))
 
     def sound(self, read: Callable[[], T], otherwise: T) -> T:
-        """What ``read`` gives; where that is damaged and may be left out, ``otherwise``."""
+        """The result of ``read``; ``otherwise`` where it is damaged and may be left out."""
         if self.damage is None:
             return read()
         try:

@@ -166,7 +166,7 @@ class RunInfo:
 
 @dataclass(frozen=True)
 class Decision:
-    """What a person said about a finished run: whether it counts with others (``include``), why, who, when."""
+    """A person's verdict on a finished run: whether it counts with others (``include``), why, who, when."""
 
     include: bool
     reason: str
@@ -233,7 +233,7 @@ def difference(a: Recording, b: Recording) -> str:
 
 
 def missing_in(there: Recording, recording: Recording) -> str:
-    """What of ``recording`` is not in ``there``, in words (of frames all but the pixels); '' if all of it is.
+    """The parts of ``recording`` that ``there`` lacks, in words (of frames all but the pixels); '' if none.
 
     ``there`` may hold more: a recording has what an analysis found besides what the journal holds.
     """

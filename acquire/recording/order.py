@@ -47,7 +47,7 @@ class Arrangement:
         return not self.conflict and not self.misdated
 
     def events(self, names: str, time: FloatArray) -> list[Event]:
-        """What happened to the samples of ``names``, whose kept device times are ``time``."""
+        """The fate of the samples of ``names``, whose kept device times are ``time``."""
         told = [Event(t, "warning", "lost", f"{n} samples of {names} are lost", n) for t, n in self.gaps[:MOST_GAPS]]
         if more := self.gaps[MOST_GAPS:]:
             count = sum(n for _, n in more)

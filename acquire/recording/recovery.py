@@ -114,7 +114,7 @@ def _remove(journal: Path) -> None:
 
 
 def _with_contour(recording: Recording) -> Recording:
-    """What the frames show is added, but no fault in reading them may cost the recording."""
+    """Contours from the frames are added, but no fault in reading them may cost the recording."""
     if recording.frames is None:
         return recording
     from acquire.analysis.frames import with_contour

@@ -38,7 +38,7 @@ class Keeper:
 
 @dataclass(frozen=True, eq=False)
 class Kept:
-    """What was kept of a recording's frames: the ``region`` of each, and all of those that are ``whole`` (n,)."""
+    """The kept part of a recording's frames: the ``region`` of each, and all of those that are ``whole`` (n,)."""
 
     region: Region
     whole: NDArray[np.bool_]

@@ -56,7 +56,7 @@ def beside(path: Path | str) -> Path:
 
 
 def decisions(path: Path | str, run: str) -> tuple[Decision, ...]:
-    """What persons decided about run ``run`` in the recording at ``path``, in that order; empty where nobody did.
+    """Decisions of persons about run ``run`` in the recording at ``path``, in that order; empty where nobody did.
 
     A line that cannot be read may have left the run out: it leaves it out. Raises RecordingError for a file that is
     none of ours.

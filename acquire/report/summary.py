@@ -67,7 +67,7 @@ def summarise(recording: Recording) -> dict[str, Any]:
 
 
 def delivery(recording: Recording) -> dict[str, int]:
-    """What the links did to the data, by kind of event: samples lost, late, twice …, bytes discarded."""
+    """Damage by the links to the data, by kind of event: samples lost, late, twice …, bytes discarded."""
     counts = dict.fromkeys(_DELIVERY, 0)
     for event in recording.events:
         if event.code in counts:

@@ -29,7 +29,7 @@ from gap.inference.least_squares import fit
 
 
 def legs(recordings: Sequence[Recording]) -> list[own.Leg]:
-    """What was commanded, and on what."""
+    """The commands, and their specimens."""
     out = []
     for r in recordings:
         tables = {q: (np.asarray(s.time, float), np.asarray(s.value, float)) for q, s in r.setpoints.items()}

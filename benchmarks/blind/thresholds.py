@@ -27,7 +27,7 @@ from gap.diagnosis import EFFORTS, gathered
 from gap.search.compare import Effort
 
 NOT_ASKED = ("coverage", "surrogate")
-"""What no verdict depends on here."""
+"""Thresholds on which no verdict depends here."""
 
 
 def outcome(case: Case, truth: tuple[str, ...], t: Thresholds) -> tuple[bool, bool]:

@@ -93,7 +93,8 @@ def _run(chosen: Sequence[str], order: Sequence[str], campaign: Campaign, given:
 
 
 def _longest_first(due: Sequence[str], done: dict[str, list[Row]]) -> list[str]:
-    """What the clock judges before all else; by what it took last time, or the last families (the soak) first."""
+    """Parts judged by the clock before all else; by their time of the last run, or the last families (the soak)
+    first."""
     return sorted(reversed(due), key=lambda part: (not clocked(part), -sum(row.seconds for row in done.get(part, []))))
 
 

@@ -163,7 +163,7 @@ def _read_only(campaign: Campaign, hosts: Hosts) -> Row:
 
 
 def _stopped(hosts: Hosts, process: ForkServerProcess) -> str:
-    """What is wrong with the end of a run whose disk took no more."""
+    """Faults in the end of a run whose disk was full."""
     _, problem = hosts.rig.stopped(20.0)
     process.join(30)
     said = hosts.said.read_text()
@@ -201,7 +201,7 @@ def _slow(campaign: Campaign, hosts: Hosts) -> Row:
 
 
 def _ended(hosts: Hosts, process: ForkServerProcess, statuses: set[int]) -> str:
-    """What is wrong with how a run ended; status 0 needs a whole recording, else it is one of ``statuses``' others."""
+    """Faults in how a run ended; status 0 needs a whole recording, else it is one of ``statuses``' others."""
     _, problem = hosts.rig.stopped(20.0)
     process.join(30)
     said = hosts.said.read_text() if hosts.said.exists() else ""

@@ -99,7 +99,7 @@ class Hosts:
         return journals[0] if journals else None
 
     def left(self, *, may_be_empty: bool = False) -> str:
-        """What is wrong with what the newest run left behind; its journals are recovered.
+        """Faults in the files that the newest run left behind; its journals are recovered.
 
         ``may_be_empty``: a journal that the disk did not even take the beginning of is no fault.
         """
@@ -252,7 +252,7 @@ def _clocked(campaign: Campaign, hosts: Hosts) -> Row:
 
 
 def _times(path: Path) -> str:
-    """What is wrong with the times in a recording."""
+    """Faults in the times of a recording."""
     recording = load(path)
     host = recording.streams["pressure"].time_host
     if not recording.info.end_time > recording.info.start_time:

@@ -47,7 +47,7 @@ BATCH = 60  # inputs that one process reads; a crash costs the rest of a batch, 
 
 
 class Writes:
-    """What this process opens for writing, renames or removes, as Python tells it, while ``folder`` is set."""
+    """Files that this process opens for writing, renames or removes, as Python tells it, while ``folder`` is set."""
 
     def __init__(self) -> None:
         self.folder = ""

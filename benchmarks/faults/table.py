@@ -61,7 +61,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Campaign:
-    """What a part is given: seed, share of the full number of trials, and what fuzzing a slow target may cost."""
+    """Arguments of a part: seed, share of the full number of trials, and what fuzzing a slow target may cost."""
 
     seed: int
     share: float

@@ -82,7 +82,7 @@ def _resumed(recording: Recording, moment: float) -> float:
 
 
 def _false(recording: Recording, moment: float) -> str:
-    """What is false in the recorded samples: none may lie beside the hold, none may come twice or go back."""
+    """Faults in the recorded samples: none may lie beside the hold, none may come twice or go back."""
     series = recording.streams["pressure"]
     assert series.time_host is not None
     if (np.diff(series.time) <= 0).any():
@@ -153,7 +153,7 @@ def _camera(campaign: Campaign) -> Iterator[tuple[Rig, Wire]]:
 
 
 def _frames(path: Path | None, dropped: bool = False) -> str:
-    """What is wrong with the recorded frames, some of which were ``dropped`` on the way."""
+    """Faults in the recorded frames, some of which were ``dropped`` on the way."""
     if path is None:
         return "no recording"
     recording = open_recording(path)

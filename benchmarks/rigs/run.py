@@ -55,7 +55,7 @@ def diagnosed(job: tuple[Path, str, Path, int]) -> str:
 
 
 def judged(truth: dict[str, Any], report: dict[str, Any]) -> dict[str, Any]:
-    """What a report is worth.
+    """The score of a report.
 
     A case with an effect is ``exact`` or ``family`` where one of the first class's names is; the verdict must be a
     claim (`effect`, `several`). ``wrong``: claimed with p > 0.5 and no name of the family in it. Of a pair, every

@@ -1,4 +1,4 @@
-"""What every link can do, and exact reads on top of it."""
+"""The operations of every link, and exact reads on top of it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Transport(abc.ABC):
 
     @abc.abstractmethod
     def _receive(self, timeout: float) -> bytes:
-        """What has arrived, or arrives within ``timeout`` s; empty when nothing does."""
+        """Bytes that have arrived, or arrive within ``timeout`` s; empty when nothing does."""
 
     @abc.abstractmethod
     def write(self, data: bytes) -> None:
@@ -35,7 +35,8 @@ class Transport(abc.ABC):
             self.claim.release()
 
     def read(self, timeout: float) -> bytes:
-        """What has arrived, waiting at most ``timeout`` s of wall time for the first byte; empty when nothing came."""
+        """Bytes that have arrived, waiting at most ``timeout`` s of wall time for the first byte; empty when nothing
+        came."""
         if self._kept:
             data = bytes(self._kept)
             self._kept.clear()

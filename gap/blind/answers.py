@@ -1,4 +1,4 @@
-"""What a diagnosis answered about a blind case, beside what was hidden in it."""
+"""The answers of a diagnosis about blind cases, beside their hidden effects."""
 
 from __future__ import annotations
 

@@ -50,7 +50,8 @@ def _remembered(s: Session, x: list[Array], on_skin: list[bool]) -> Iterator[lis
 
 
 def responses(s: Session, nominal: Channels, answers: list[str]) -> Iterator[Channels]:
-    """What may be added to the channels ``answers`` by skin of another law, one set of channels after another."""
+    """Changes by skin of another law that may be added to the channels ``answers``, one set of channels
+    after another."""
     on_skin = [r.specimen == "skin" for r in s.recordings]
     robot = s.instrument == "microrobot"
     sources = [f"probe_{a}" for a in "xyz"] if robot else ["pressure"]

@@ -33,7 +33,7 @@ def write_csv(path: Path, header: list[str], columns: list[Array], decimals: lis
 
 
 def _stated(r: Recording) -> dict[str, object]:
-    """What is stated of a reference specimen, as bundles write it."""
+    """The stated numbers of a reference specimen, as bundles write them."""
     return {
         key: {"value": value[0] if len(value) == 1 else list(value), "se": se, "unit": unit}
         for key, (value, se, unit) in r.properties

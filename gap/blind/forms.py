@@ -1,4 +1,4 @@
-"""What an effect form is: data that turns one strength into the knobs of a chain.
+"""Forms of effects: data that turns one strength into the knobs of a chain.
 
 A concept of the vocabulary has a textbook form (tier T1) and at least one of its own (tiers T2 and up).
 """

@@ -1,4 +1,4 @@
-"""What differs between sound laboratories: noise, resolution, sampling, controllers, tolerances.
+"""Differences between laboratories without a fault: noise, resolution, sampling, controllers, tolerances.
 
 ``nominal`` is the instrument of README.md. ``draw`` makes another laboratory's: nothing in it is a fault, so that a
 diagnosis which calls any of it one has assumed too much.

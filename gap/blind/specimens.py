@@ -32,7 +32,7 @@ def specimens_of(instrument: str) -> tuple[str, ...]:
 
 
 def usual(specimen: str, instrument: str) -> Stated:
-    """What a laboratory states of its specimen."""
+    """A laboratory's statements about its specimen."""
     height = 0.3e-3 if instrument == "cutometer" else 2e-3
     table: dict[str, Stated] = {
         "gauge step": {"height": ((height,), 2e-6, "m")},

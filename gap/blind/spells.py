@@ -70,7 +70,7 @@ def optics(s: Session, h: Array, fx: Knobs) -> Array:
 
 
 def gauge(s: Session, fx: Knobs) -> Callable[[Array], Array]:
-    """What a gauge reads too much for a while, as a function of session times (n,) [Pa]."""
+    """The error of a gauge that reads too much for a while, as a function of session times (n,) [Pa]."""
     a = fx.get("gauge_spell", 0.0)
     return lambda t: a * spell(s, fx, t) if a else np.zeros_like(t)
 

@@ -34,7 +34,7 @@ def _first_time(recording: Recording) -> float:
 
 
 def remarks(recordings: Sequence[Recording], one_clock: bool) -> list[str]:
-    """What is weak about the data, in plain words; ``one_clock`` is whether rests between recordings matter."""
+    """Weaknesses of the data, in plain words; ``one_clock`` is whether rests between recordings matter."""
     out = []
     for r in recordings:
         for name, s in r.streams.items():

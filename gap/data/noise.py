@@ -55,8 +55,8 @@ def dithered_sigma(value: FloatArray, step: float) -> float | None:
 
 
 def rounding_floor(sigma: float, step: float) -> float:
-    """What averaging does not lower of the error that a grid of ``step`` makes, rms, for samples of noise ``sigma``
-    (rounding included).
+    """The part that averaging does not lower of the error that a grid of ``step`` makes, rms, for samples of noise
+    ``sigma`` (rounding included).
 
     Noise dithers: the mean of rounded samples is off by at most (step/π) exp(−2π² r²), r = noise/step, the first
     term of the rounding error's Fourier series (Widrow and Kollár, "Quantization Noise", ch. 5).
@@ -175,7 +175,7 @@ def long_run_share(runs: Sequence[FloatArray]) -> float:
 
 
 def denoised(time: FloatArray, remainder: FloatArray, width: float = 0.25) -> FloatArray:
-    """What a record shows beyond its fitted actuator, (n,), without the sensor's noise: smoothed over ``width`` s and
+    """The part of a record beyond its fitted actuator, (n,), without the sensor's noise: smoothed over ``width`` s and
     shrunk by three standard errors; over a few samples only where it moves quickly.
 
     Raw noise, fed to a tissue, imitates friction and preload; what is left of it at rest, where skin is softest, a

@@ -84,7 +84,7 @@ class _Sound:
         self.solve = np.linalg.solve(rows.T @ rows + np.diag([0.0, 1.0]), rows.T)
 
     def part(self, late: FloatArray) -> FloatArray:
-        """What of lateness, rows (k, m) or (m,), a sound instrument has."""
+        """The lateness of a fault-free instrument, rows (k, m) or (m,)."""
         return np.asarray((late * self.weight) @ self.solve.T @ self.design.T)
 
     def misfit(self, late: FloatArray) -> FloatArray:

@@ -90,7 +90,7 @@ class Session:
 
 
 def _shifts(recordings: Sequence[Recording]) -> tuple[FloatArray, bool]:
-    """What to add to each recording's clock; and whether every recording has a clock of its own."""
+    """The shift of each recording's clock; and whether every recording has a clock of its own."""
     spans = []
     for r in recordings:
         times = [np.asarray(s.time, dtype=float) for s in r.streams.values() if len(s.time)]

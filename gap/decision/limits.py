@@ -1,4 +1,4 @@
-"""What these data cannot tell: groups of effects that no fit can split, and effects too weak to show."""
+"""Limits of the data: groups of effects that no fit can split, and effects too weak to show."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""What channels' own marks say beside the fits: a mark is evidence for the effect that leaves it, if that explains
-something where the mark is."""
+"""Sample-level signatures of channels beside the fits: a mark is evidence for the effect that leaves it, if that
+explains something where the mark is."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an earlier qualification of the instrument says beforehand: priors of its parameters, effects that it lacks."""
+"""An earlier qualification of the instrument as a prior: priors of its parameters, effects that it lacks."""
 
 from __future__ import annotations
 
@@ -36,7 +36,8 @@ class Qualified:
         return not self.reason
 
     def nats(self, h: Hypothesis) -> float:
-        """What a hypothesis loses by effects that the qualification would have seen, at the strength they have here."""
+        """The log-probability that a hypothesis loses by effects that the qualification would have seen, at the
+        strength they have here."""
         return sum(np.log(CHANGED) for _ in self._unseen(h)) if self.believed else 0.0
 
     def changes(self, h: Hypothesis) -> list[str]:

@@ -56,14 +56,14 @@ class Findings:
         return {k: s for k, s in self.held_out.items() if k == "waveform" or "waveform" not in self.held_out}
 
     def quiet(self) -> str:
-        """What is said where no effect is needed."""
+        """The verdict where no effect is needed."""
         p = self.posterior
         if p.hum or p.gap_before > self.t.unusual_gap:
             return "unknown"
         return "none" if p.gap_before <= self.t.quiet_gap and p.none >= self.t.sure_none else "undetectable"
 
     def spoiled(self) -> str:
-        """What is said where a named effect fails a test: unknown, where a gap is there to be explained."""
+        """The verdict where a named effect fails a test: unknown, where a gap is there to be explained."""
         return "unknown" if self.fitted is not None and self.fitted.before > self.t.unusual_gap else self.quiet()
 
 

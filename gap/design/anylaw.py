@@ -1,4 +1,4 @@
-"""What skin of any law could do: features of its load and of its own answer, with fading memories of both.
+"""Responses of skin of any law: features of its load and of its own answer, with fading memories of both.
 
 An elastic curve of the load and of the answer (cubic B-splines), memories before and behind it (lags from 60 ms to
 200 s), for the observer who knows no law. Without ``memory`` it is a reference membrane of any elastic curve.

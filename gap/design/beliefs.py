@@ -1,4 +1,4 @@
-"""What a report leaves possible, as draws: effects with parameters, each with its share of the probability.
+"""Draws from the posterior of a report: effects with parameters, each with its share of the probability.
 
 A class that a report names is drawn about its leader's parameters; its other members, whose parameters no report has,
 are moved until they leave in the session what the leader leaves. Effects that a report does not name may act all the

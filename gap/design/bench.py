@@ -128,7 +128,7 @@ class Bench:
         return made
 
     def changed(self, part: Part, acting: Acting, sound: FloatArray) -> FloatArray:
-        """What effects change in the rows (n,) of a part, whose rows without them are ``sound``."""
+        """The change by effects of the rows (n,) of a part, whose rows without them are ``sound``."""
         rows = self.rows(part, self.simulate(part, acting)) - sound
         return np.nan_to_num(rows, nan=0.0, posinf=1e6, neginf=-1e6)
 

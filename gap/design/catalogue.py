@@ -57,7 +57,7 @@ def _compiled(instrument: str, steps: Steps, specimen: str, limits: Limits) -> L
 
 
 def usual(specimen: str, instrument: str) -> Mapping[str, Stated]:
-    """What is usually known of a reference specimen; a laboratory's own may say something else."""
+    """The usual numbers of a reference specimen; a laboratory's own may say something else."""
     numbers = {
         "gauge step": {"height": "0.300±0.002 mm" if instrument == "cutometer" else "2.000±0.002 mm"},
         "reference membrane": {"memory": "0.01"},

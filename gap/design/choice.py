@@ -32,8 +32,8 @@ FORM_ERROR = 2.0
 
 @dataclass(frozen=True)
 class Choice:
-    """What was chosen, or the reason why nothing is: one of ``experiment`` and ``reason`` is empty. ``considered`` is
-    every experiment with its worth, the best first."""
+    """The chosen experiment, or the reason why there is none: one of ``experiment`` and ``reason`` is empty.
+    ``considered`` is every experiment with its worth, the best first."""
 
     instrument: str
     experiment: Experiment | None

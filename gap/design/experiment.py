@@ -40,7 +40,7 @@ class ExperimentError(ValueError):
 
 @dataclass(frozen=True)
 class Experiment:
-    """What to measure next. ``steps`` are those of its protocol, ``leg`` its compiled set-points.
+    """An experiment to do next. ``steps`` are those of its protocol, ``leg`` its compiled set-points.
 
     ``rest_before`` s is how long skin (or whatever stands there) is left alone before; ``minutes`` are of bench time,
     handling included. ``separates`` are the effects between which it decides, ``right_before`` and ``right_after`` the
@@ -150,7 +150,7 @@ def _csv(leg: Leg) -> str:
 
 @dataclass(frozen=True)
 class Asked:
-    """What an experiment's files ask for: all that tells whether a recording answers it."""
+    """The request in an experiment's files: all that tells whether a recording answers it."""
 
     id: str
     instrument: str

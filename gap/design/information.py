@@ -28,7 +28,7 @@ Columns = Mapping[Column, FloatArray]
 
 @dataclass(frozen=True)
 class Worth:
-    """What an experiment is expected to tell: ``information`` of the cause in bits; the probability that the most
+    """The expected worth of an experiment: ``information`` of the cause in bits; the probability that the most
     probable cause is the right one ``before`` and ``after`` it."""
 
     information: float
@@ -56,8 +56,8 @@ class Known:
         return np.asarray(sla.cho_solve(self._factor, self._jacobian.T @ change / self._temper))
 
     def left(self, change: FloatArray) -> FloatArray:
-        """What the unknowns cannot take up of a change (n,), in tempered σ, and how far they move for what they do, in
-        widths of their priors, (n + p,): its length is the `distance`."""
+        """The part of a change that the unknowns cannot take up (n,), in tempered σ, and how far they move for what
+        they do, in widths of their priors, (n + p,): its length is the `distance`."""
         unknown = self.unknown(change)
         return np.concatenate([(change - self._jacobian @ unknown) / np.sqrt(self._temper), unknown])
 

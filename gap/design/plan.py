@@ -35,7 +35,7 @@ VISIBLE = 1.0
 
 @dataclass(frozen=True)
 class Trace:
-    """What an effect leaves: unit vectors of its whitened, projected change at several strengths and shapes, and δ at
+    """The trace of an effect: unit vectors of its whitened, projected change at several strengths and shapes, and δ at
     its default."""
 
     candidate: Candidate

@@ -1,4 +1,4 @@
-"""What a session like this one could have told: each effect put into it at its just-visible size, and looked for.
+"""Power of a session like this one: each effect put into it at its just-visible size, and looked for.
 
 Linearised: what an effect changes in the session's rows, less what unknowns (tolerances, zeros and gains, skin of any
 law) could take up, is a direction of so many σ. Noise is added to it, and of all effects' directions the one that

@@ -44,7 +44,7 @@ class Leg:
 
     @property
     def label(self) -> str:
-        """What it is measured on, with what is known of that: such recordings are simulated together."""
+        """The specimen and its stated numbers: such recordings are simulated together."""
         return f"{self.specimen} {sorted((key, str(stated)) for key, stated in self.known.items())}"
 
 

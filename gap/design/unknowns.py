@@ -1,4 +1,4 @@
-"""What an observer does not know of an instrument and of what it measures, as columns of a linear model.
+"""Unknowns of an instrument and of its specimen, as columns of a linear model.
 
 Tolerances of the instrument, zero and gain of every recording, what is stated of reference specimens with some
 uncertainty, and whatever skin of any law could do (`gap.design.anylaw`). Columns of one name are the same unknown in
@@ -34,7 +34,7 @@ CURVED = ("reference membrane",)
 """Specimens whose elastic curve is not known, but has no memory."""
 Signals: TypeAlias = Sequence[Mapping[str, FloatArray]]
 Changes: TypeAlias = list[dict[str, FloatArray]]
-"""What changes in the channels of every recording."""
+"""Changes of the channels of every recording."""
 Column: TypeAlias = tuple[str, ...]
 """The name of an unknown."""
 
@@ -53,7 +53,7 @@ class Unknowns:
         return {name: self.bench.rows(part, made) for name, made in columns.items()}
 
     def _tolerances(self, part: Part, sound: Signals) -> dict[Column, Changes]:
-        """What a sound instrument may be off (`gap.data.tolerances`), each by its stated value."""
+        """Tolerances of a fault-free instrument (`gap.data.tolerances`), each by its stated value."""
 
         def late(seconds: Callable[[FloatArray], Any], only: Sequence[str] = ()) -> Changes:
             return [
@@ -114,7 +114,7 @@ class Unknowns:
         return out
 
     def _of_specimens(self, part: Part, sound: Sequence[Mapping[str, FloatArray]]) -> dict[Column, Changes]:
-        """What skin of any law, or a membrane of any curve, could do."""
+        """Responses of skin of any law, or of a membrane of any curve."""
         out: dict[Column, Changes] = {}
         for specimen in (SKIN, *CURVED):
             members = [k for k, leg in enumerate(part.legs) if leg.specimen == specimen]
@@ -134,7 +134,7 @@ class Unknowns:
         return out
 
     def _of_references(self, part: Part, sound: Signals) -> dict[Column, Changes]:
-        """What is not known exactly of reference specimens: their stated uncertainties, a second gauge's tolerance."""
+        """Uncertainties of reference specimens: their stated uncertainties, a second gauge's tolerance."""
         out: dict[Column, Changes] = {}
         for label in dict.fromkeys(leg.label for leg in part.legs if leg.specimen in SPECIMENS):
             members = {k for k, leg in enumerate(part.legs) if leg.label == label}
@@ -170,7 +170,7 @@ class Unknowns:
 
 
 def _with_forces(made: Changes) -> Changes:
-    """What changes in the forces, which are computed from the transducers."""
+    """Changes of the forces, which are computed from the transducers."""
     matrix = _force_matrix()
     for signals in made:
         zero = np.zeros(len(next(iter(signals.values()))))
@@ -180,7 +180,7 @@ def _with_forces(made: Changes) -> Changes:
 
 
 def _with_transducers(made: Changes) -> Changes:
-    """What changes in the transducers where the forces do."""
+    """Changes of the transducers where the forces do."""
     inverse = np.linalg.inv(_force_matrix())
     for signals in made:
         if signals:

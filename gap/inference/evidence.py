@@ -22,8 +22,8 @@ UNIFORM_PRECISION = 12.0
 
 @dataclass(frozen=True)
 class Belief:
-    """What other data say of effect parameters: normal, about ``mean`` (k,) in prior quantiles, with ``precision``
-    (k, k), nought where they say nothing."""
+    """A Gaussian prior of effect parameters from other data: normal, about ``mean`` (k,) in prior quantiles, with
+    ``precision`` (k, k), nought where they say nothing."""
 
     mean: FloatArray
     precision: FloatArray

@@ -222,7 +222,7 @@ def unearned(residual: FloatArray, times: FloatArray | None, recording: NDArray[
 
 
 def predicted(problem: Problem, f: Fit) -> FloatArray:
-    """What a fit of ``problem`` says should have been measured, (n,) SI."""
+    """The measurement that a fit of ``problem`` predicts, (n,) SI."""
     wider = problem.widening(f.active)
     sigma = problem.sigma if wider is None else problem.sigma * wider
     return np.asarray(problem.measured - f.residual * sigma)

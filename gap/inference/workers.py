@@ -19,7 +19,8 @@ Part = TypeVar("Part")
 Result = TypeVar("Result")
 
 _work: Callable[[int], Any] | None = None
-"""What a worker does with a number; set while it is forked, as functions and data need not be picklable so."""
+"""The function that a worker applies to a number; set while it is forked, as functions and data need not be picklable
+so."""
 
 
 def each(function: Callable[[Part], Result], parts: Sequence[Part], jobs: int) -> list[Result]:

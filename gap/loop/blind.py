@@ -88,7 +88,7 @@ def loop_case(
 
 
 def _told(steps: Sequence[Step]) -> list[dict[str, Any]]:
-    """What was asked for after each report, and what it cost: seconds of this process, minutes of bench time."""
+    """The experiments asked for after each report, and their cost: seconds of this process, minutes of bench time."""
     rows = []
     for step in steps:
         asked = step.choice.experiment if step.choice is not None else None

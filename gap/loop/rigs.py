@@ -1,4 +1,4 @@
-"""What can be measured on: an instrument of the project's simulator, or the hidden rig of a blind case."""
+"""Rigs that can answer an experiment: an instrument of the project's simulator, or the hidden rig of a blind case."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def named(effects: Sequence[str], instrument: str) -> Acting:
 
 
 def hidden_in_words(acting: Acting) -> str:
-    """What acts, with its parameters."""
+    """The effects that act, with their parameters."""
     said = []
     for effect, values in acting:
         units = {p.name: p.unit for p in effect.parameters}

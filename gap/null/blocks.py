@@ -110,7 +110,7 @@ class GroupedSession(Session):
 
 
 def _label(info: RunInfo) -> str:
-    """What tells a specimen from others: its name and, of a reference, what is known of it."""
+    """The identity of a specimen: its name and, of a reference, what is known of it."""
     known = info.specimen_properties if info.specimen in SPECIMENS else {}
     return ", ".join([info.specimen or SKIN, *(f"{key} {stated}" for key, stated in known.items())])
 
@@ -218,7 +218,7 @@ class Block(abc.ABC):
         return effect.scatter(self.session.instrument, defaults | dict(values)) if effect.scatter else {}
 
     def widening(self, active: Active) -> FloatArray | None:
-        """What scattered instants add to the noise, averaged over each bin's samples."""
+        """The noise that scattered instants add, averaged over each bin's samples."""
         variance: FloatArray | None = None
         for candidate, values in active.items():
             rms = self._scatter(candidate.key, values)
@@ -301,7 +301,7 @@ class Block(abc.ABC):
     def _on_nodes(
         self, group: Group, nodes: Sequence[FloatArray], delays: Sequence[Retimed] = ()
     ) -> tuple[Memo, dict[str, FloatArray]]:
-        """What runs operators on ``nodes`` and a group's kinks, and the commands there."""
+        """A runner of operators on ``nodes`` and a group's kinks, and the commands there."""
         tables = self.tables(group)
         rows = np.unique(np.concatenate([t for t, _ in tables.values()]))
         nodes = [*nodes, rows[(rows > nodes[0][0]) & (rows < nodes[0][-1])]]

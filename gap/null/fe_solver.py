@@ -17,7 +17,7 @@ from sim_devices.chain import FloatArray
 
 @dataclass(frozen=True)
 class Experiment:
-    """What a model is asked to simulate: drive (n,) by name, SI, on ``time`` (n,) s, and geometry options."""
+    """The input of a model: drive (n,) by name, SI, on ``time`` (n,) s, and geometry options."""
 
     instrument: str
     time: FloatArray

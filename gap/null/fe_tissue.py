@@ -181,7 +181,8 @@ class FeHeightBlock(Anchored, HeightBlock):
         return [begin]
 
     def tissue(self, nuisance: FloatArray) -> SuctionTissue:
-        """What the reduced tissue keeps: slow flow and softening; its own curve and memory are not used."""
+        """The operators that the reduced tissue keeps: slow flow and softening; its own curve and memory are not
+        used."""
         c = dict(zip(self.PARTS, nuisance, strict=False))
         flow, soft = self._tissue.residual + c["residual"], self._tissue.softening + c["softening"]
         return replace(self._tissue, creep=(), times=(), residual=flow, softening=soft)
@@ -311,7 +312,7 @@ class FeHeightBlock(Anchored, HeightBlock):
     def _skin_pressure(
         self, chain: Chain, group: Group, active: Active, time: FloatArray, line: tuple[FloatArray, FloatArray]
     ) -> FloatArray:
-        """What the skin meets under the active effects, (n,) Pa."""
+        """The pressure on the skin under the active effects, (n,) Pa."""
         given = {"line_pressure": self._fed.beside(chain, group, active, line)}
         reduced = replace(chain, operators=needed(chain, ("skin_pressure",), given))
         return simulate(reduced, group.tables(), {"skin_pressure": time}, given)["skin_pressure"]

@@ -60,7 +60,7 @@ class ReferenceForceBlock(ForceBlock):
         return out
 
     def _discrepancy_columns(self) -> tuple[FloatArray, FloatArray]:
-        """What a weight's direction may be off: forces across it, constant in each of its recordings, (3 n, q)."""
+        """The tolerance of a weight's direction: forces across it, constant in each of its recordings, (3 n, q)."""
         size = max(float(np.ptp(self.measured)), 10 * float(np.median(self.sigma)))
         columns = [np.zeros(len(self.measured))]
         for g, at in self.groups:

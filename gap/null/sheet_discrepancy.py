@@ -1,4 +1,4 @@
-"""What sheets other than the reduced one could do under the robot's tip: a basis of causal responses, with weights.
+"""Discrepancy of the sheet under the robot's tip: a basis of causal responses, with weights.
 
 Linear combinations of it join the nominal force with small prior standard deviations, so that only what no passive
 tissue could do is left for the device. Elastic forces are gradients of potentials of the displacement; memory comes

@@ -1,4 +1,4 @@
-"""What a sheet may do other than relax linearly from an elastic force: operators for its chain.
+"""Sheets that do not relax linearly from an elastic force: operators for its chain.
 
 Principal axes are those of the sheet's stiffness: the first is turned by ``angle`` rad about z.
 """
@@ -41,7 +41,7 @@ class Beside(Wired):
 
     @abstractmethod
     def force(self, displacement: Sequence[FloatArray]) -> FloatArray:
-        """What it takes (3, n) N to move it by ``displacement`` (3 of (n,)) m."""
+        """The force (3, n) N that moves it by ``displacement`` (3 of (n,)) m."""
 
 
 @dataclass(frozen=True)

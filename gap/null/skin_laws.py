@@ -83,7 +83,7 @@ class SkinLaw:
 
     @property
     def nonlinear(self) -> tuple[str, ...]:
-        """What it has of other things than linear creep."""
+        """Its parameters other than linear creep."""
         return tuple(a for a in self.amounts if a not in (*CREEP, "residual"))
 
     @property

@@ -1,4 +1,5 @@
-"""What recordings of reference specimens say of an instrument: a diagnosis without skin, put beside the tolerances."""
+"""The judgement of an instrument by recordings of reference specimens: a diagnosis without skin, put beside the
+tolerances."""
 
 from __future__ import annotations
 
@@ -174,7 +175,7 @@ def _labelled(r: Recording) -> str:
 
 
 def _not_checked(references: Sequence[Recording]) -> tuple[str, ...]:
-    """What the standard set would have separated besides, and what no reference tells."""
+    """Effects that the standard set would have separated besides, and those that no reference tells."""
     instrument = references[0].info.instrument
     had = {r.info.specimen for r in references}
     left = [

@@ -19,7 +19,7 @@ class Step:
 
     @property
     def instruction(self) -> str:
-        """What the person at the bench is to do."""
+        """The instruction for the person at the bench."""
         reference = SPECIMENS[self.specimen]
         numbers = ", ".join(reference.property(key).in_words(value) for key, value in self.known.items())
         return reference.instruction + (f" ({numbers})" if numbers else "")
@@ -55,7 +55,7 @@ STANDARD: Mapping[str, tuple[Step, ...]] = {
         _weight("weight-y", "0, 1, 0"),
     ),
 }
-"""What is measured, in this order. The numbers are those of the simulated references; a laboratory states its own."""
+"""The measured steps, in this order. The numbers are those of the simulated references; a laboratory states its own."""
 
 
 def steps_of(instrument: str, properties: Sequence[str] = ()) -> tuple[Step, ...]:

@@ -1,4 +1,4 @@
-"""What a diagnosis took for granted, in plain words."""
+"""The assumptions of a diagnosis, in plain words."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ def as_json(d: Diagnosis) -> dict[str, Any]:
 
 
 def qualification(d: Diagnosis) -> dict[str, Any] | None:
-    """What an earlier qualification said, gained, and what has changed since; None where none was given."""
+    """The findings of an earlier qualification, their gain, and the changes since; None where none was given."""
     known = d.qualified
     if known is None:
         return None

@@ -103,7 +103,7 @@ def _panels(d: Diagnosis, block: str) -> list[Panel]:
 
 
 def _titles(recordings: Sequence[Recording]) -> list[str]:
-    """What was done in each recording, in a few words; its name where that does not tell it from others."""
+    """The protocol of each recording, in a few words; its name where that does not tell it from others."""
     out = []
     for r in recordings:
         said = [x for x in (level(r), direction(r), waveform(r)) if x != "-"]

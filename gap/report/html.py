@@ -61,7 +61,7 @@ def page(d: Diagnosis) -> str:
 
 
 def _label(d: Diagnosis) -> str:
-    """What the second simulation is; nothing where no effect is claimed."""
+    """The label of the second simulation; nothing where no effect is claimed."""
     if not d.best.effects or d.verdict.verdict in ("none", "undetectable"):
         return ""
     return "with the nearest effect" if d.verdict.verdict == "unknown" else "with the effect"

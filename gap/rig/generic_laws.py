@@ -1,4 +1,4 @@
-"""What generic effects do to a signal: causal, with a state, on whole series or sample by sample.
+"""Laws of generic effects on a signal: causal, with a state, on whole series or sample by sample.
 
 Forms: Coulomb/Stribeck after Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30 (1994) 1083; Dahl after
 P. Dahl, AIAA J. 14 (1976) 1675; play (backlash) after Krasnoselskii and Pokrovskii; a signal's own hysteresis by many
@@ -253,7 +253,7 @@ def _leak_kernel(
     tau: float,
     refill: float,
 ) -> FloatArray:
-    """What has leaked, z: dz/dt = (share y − z)/tau − |dy/dt| z/refill, exact for the mean y of a step."""
+    """The leaked part, z: dz/dt = (share y − z)/tau − |dy/dt| z/refill, exact for the mean y of a step."""
     out = np.empty_like(y)
     if np.isnan(memory[0]):
         memory[0], memory[1], memory[2] = time[0], y[0], 0.0
@@ -268,7 +268,7 @@ def _leak_kernel(
 
 
 def leak(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
-    """What is held bleeds away, the faster the more there is, until a move of ``refill`` makes good for it."""
+    """The held value bleeds away, the faster the more there is, until a move of ``refill`` makes good for it."""
     return y - _remembering(_leak_kernel, state, 3, time, y, p["share"], p["tau"], p["refill"])
 
 

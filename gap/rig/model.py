@@ -37,7 +37,7 @@ class ModelError(ValueError):
 
 
 class ForwardModel(Protocol):
-    """What `--model` expects; see the module's docstring."""
+    """The interface that `--model` expects; see the module's docstring."""
 
     name: str
     channels: Sequence[str]

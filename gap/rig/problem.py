@@ -138,7 +138,7 @@ class RigProblem:
     def _asked(
         self, method: Callable[..., Any], time: FloatArray, data: Mapping[str, FloatArray], *arguments: Any
     ) -> Any:
-        """What a method of the model answers; what it raises is told with what ``data`` holds."""
+        """The answer of a method of the model; an exception is told with the contents of ``data``."""
         try:
             with np.errstate(all="ignore"):
                 return method(time, data, *arguments)
@@ -299,7 +299,7 @@ class RigProblem:
         return {p.name: (values[p.name], p.unit) for p in self.model.parameters}
 
     def at_the_end(self, nuisance: FloatArray) -> list[str]:
-        """What is to be said of parameters that a fit has at an end of their range."""
+        """Remarks on parameters that a fit has at an end of their range."""
         out = []
         for p, u in zip(self.model.parameters, ndtr(nuisance), strict=True):
             if not END < u < 1.0 - END:
@@ -326,7 +326,7 @@ class RigProblem:
         return np.clip(np.nan_to_num(np.concatenate(parts), nan=DIVERGED), -DIVERGED, DIVERGED)
 
     def _at_taps(self, active: Active, k: int) -> dict[str, list[tuple[GenericEffect, Mapping[str, float]]]]:
-        """What acts at each tap in run ``k``."""
+        """The effects that act at each tap in run ``k``."""
         at: dict[str, list[tuple[GenericEffect, Mapping[str, float]]]] = {}
         for candidate, values in active.items():
             tap, own = candidate.key.split("@", 1)[1], f"{INITIAL}_{k + 1}"

@@ -1,4 +1,4 @@
-"""What a rig's model calls at its taps: a nominal run notes ranges, a trial how motion is resisted, and in a run with
+"""The taps that a rig's model calls: a nominal run notes ranges, a trial how motion is resisted, and in a run with
 effects they act."""
 
 from __future__ import annotations
@@ -45,9 +45,10 @@ class Way:
 
 @dataclass
 class Seen:
-    """What a nominal run shows of a tap: the scale of its signal and of the related ones, how many values of it there
-    are to a sample, and whether it takes ``whole`` series. ``opposes`` says that motion is resisted by what is added,
-    not by what is taken away. ``ways`` has those of the signal (under ``""``) and of the related ones in each run."""
+    """Statistics of a tap in a nominal run: the scale of its signal and of the related ones, how many values of it
+    there are to a sample, and whether it takes ``whole`` series. ``opposes`` says that motion is resisted by what is
+    added, not by what is taken away. ``ways`` has those of the signal (under ``""``) and of the related ones in each
+    run."""
 
     low: float = np.inf
     high: float = -np.inf

@@ -27,7 +27,7 @@ BISECTIONS = 7
 STARTS = 2
 """Screening points from which a refit starts."""
 STRAINED = 100.0
-"""What a base pays for its tolerances from which on effects are looked at beside a sound instrument, too,"""
+"""Penalty on a base's tolerances from which on effects are looked at beside a fault-free instrument, too,"""
 FROM_SOUND = 4
 """and how many of them are refitted for it."""
 AMPLITUDES = (0.25, 2.0)
@@ -245,6 +245,6 @@ def _quick_fit(
 
 
 def _trace(problem: Problem, f: Fit, candidate: Candidate, unit: FloatArray) -> FloatArray:
-    """What a candidate at ``unit`` (k,) takes from a fit's whitened residual (n,)."""
+    """The projection that a candidate at ``unit`` (k,) takes from a fit's whitened residual (n,)."""
     active = {**f.active, candidate: candidate.values(unit)}
     return np.asarray(f.residual - problem.evaluate(f.nuisance, active, want_jacobian=False).residual)

@@ -66,7 +66,7 @@ GAIN_SHAPE = (choice("form", 0, "always", "for a while"), *for_a_while(1))
 
 
 def _offset(v: Values, amount: float) -> tuple[Law, tuple[float, ...]]:
-    """What adds ``amount``, always or for a while."""
+    """The law that adds ``amount``, always or for a while."""
     if chosen(v, "form") == 1:
         return laws.offset_for_a_while, (amount, v["moment"], v["duration"])
     return laws.offset, (amount,)

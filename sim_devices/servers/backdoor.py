@@ -13,7 +13,7 @@ from sim_devices.servers.instrument import SimInstrument
 
 @dataclass(frozen=True)
 class Truth:
-    """What is really so at the instrument, whatever the link says.
+    """The true state of the instrument, whatever the link says.
 
     ``signals`` are the chain's signals at the last moment computed (``line_pressure`` in Pa, ``axis_1`` in m …);
     ``vented`` when nothing is commanded, nothing moves and the skin is free. ``limits`` are those it was armed with.
@@ -37,7 +37,7 @@ class BackDoor:
         self._sim = sim
 
     def truth(self) -> Truth:
-        """What is really so, now. Raises RuntimeError when the simulation itself has failed."""
+        """The true state, now. Raises RuntimeError when the simulation itself has failed."""
         sim = self._sim
         if sim.error is not None:
             raise RuntimeError(f"the simulated {sim.bench.instrument.name} has failed: {sim.error!r}") from sim.error

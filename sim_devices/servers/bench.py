@@ -1,4 +1,4 @@
-"""What each simulated instrument is: its dialect, its queue, its sampling, the signals of the chain it measures."""
+"""Each simulated instrument: its dialect, its queue, its sampling, the signals of the chain it measures."""
 
 from __future__ import annotations
 

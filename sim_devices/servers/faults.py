@@ -1,4 +1,4 @@
-"""What can go wrong on a link, in a clock or in a sensor, switched on through the back door.
+"""Faults of a link, a clock or a sensor, switched on through the back door.
 
 Sensors are distorted between converter and wire, so that the instrument's own limits do not see it: the worst case for
 a host. ``docs/instruments.md`` lists the faults; `sim_devices.servers.proxy` makes those of a cable.
@@ -91,7 +91,7 @@ class Faults:
         return wall < self.stall_until
 
     def transmit(self, data: bytes) -> bytes:
-        """What goes onto the wire instead of one message's ``data``."""
+        """The bytes on the wire instead of one message's ``data``."""
         if self._take("drop"):
             return b""
         if self._take("corrupt"):
@@ -111,7 +111,7 @@ class Faults:
         return data
 
     def packet(self, data: bytes) -> bytes:
-        """What is sent instead of an encoded packet of samples or status."""
+        """The bytes sent instead of an encoded packet of samples or status."""
         if self.stale != "packet" or not self._packet:
             self._packet = data
         return self._packet

@@ -1,4 +1,4 @@
-"""What runs inside a simulated instrument: its segment queue, limits, states and watchdog. No bytes, no physics, no
+"""The firmware of a simulated instrument: its segment queue, limits, states and watchdog. No bytes, no physics, no
 thread.
 
 ::
@@ -88,7 +88,7 @@ class Firmware:
 
     @property
     def command(self) -> dict[str, float]:
-        """What is commanded now."""
+        """The command now."""
         return dict(zip(self.quantities, self._value, strict=True))
 
     @property
@@ -215,7 +215,7 @@ class Firmware:
                 self.trip(f"{name} is away from rest for longer than {allowed:g} s")
 
     def _part(self, name: str, value: tuple[float, ...]) -> tuple[float, ...]:
-        """What of a commanded value a limit of that name is about."""
+        """The part of a commanded value that a limit of that name is about."""
         return value if name == PROBE else (value[self.quantities.index(name)],)
 
     def _arm(self, order: msg.Arm, wall: float) -> None:

@@ -28,7 +28,7 @@ class Link(abc.ABC):
 
     @abc.abstractmethod
     def filenos(self) -> list[int]:
-        """What to wait on for input."""
+        """The file to wait on for input."""
 
     @property
     @abc.abstractmethod
@@ -37,7 +37,7 @@ class Link(abc.ABC):
 
     @abc.abstractmethod
     def receive(self) -> bytes:
-        """What has arrived; empty when nothing did."""
+        """Bytes that have arrived; empty when there are none."""
 
     @abc.abstractmethod
     def send(self, data: memoryview) -> int:
@@ -157,7 +157,7 @@ class TcpLink(Link):
 
     @property
     def token(self) -> str:
-        """What a host has to say first; '' where nothing."""
+        """The greeting that a host has to send first; '' where there is none."""
         return self._token
 
     def unplug(self) -> None:
@@ -260,7 +260,7 @@ class TcpLink(Link):
 
 
 def _receive(connection: socket.socket) -> bytes | None:
-    """What has arrived: None when nothing, empty when the other end has gone."""
+    """Bytes that have arrived: None when there are none, empty when the other end has gone."""
     try:
         return connection.recv(65536)
     except BlockingIOError:

@@ -68,7 +68,7 @@ class Wire:
         self._held: list[tuple[int, bytes]] = []  # how many messages go first, and the message
 
     def pass_on(self, data: bytes) -> bytes:
-        """What leaves this wire for ``data`` that entered it."""
+        """The bytes that leave this wire for ``data`` that entered it."""
         if not self._delimiter:
             messages = [data]
         else:

@@ -25,7 +25,7 @@ class RemoteBackDoor:
         self._lock = threading.Lock()
 
     def truth(self) -> Truth:
-        """What is really so, now."""
+        """The true state, now."""
         return Truth(**self.call("truth"))
 
     def wait_vented(self, timeout: float = 3.0) -> Truth:

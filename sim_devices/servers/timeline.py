@@ -18,7 +18,7 @@ JUMP = 1e-9
 
 @dataclass(frozen=True)
 class Waveform:
-    """What is commanded for a while: break points (m,) s and values (m, quantities); equal times are a step."""
+    """A command for a while: break points (m,) s and values (m, quantities); equal times are a step."""
 
     time: FloatArray
     values: FloatArray

@@ -54,7 +54,8 @@ def noisy(chain: Chain, seed: int, *, scatter: float = 0.02) -> Chain:
 
 
 def runner(chain: Chain) -> Runner | LoopRunner:
-    """What advances ``chain`` chunk by chunk as a running instrument, the robot's loop through the tissue closed."""
+    """A runner that advances ``chain`` chunk by chunk as a running instrument, the robot's loop through the tissue
+    closed."""
     return LoopRunner(chain) if chain.instrument == "microrobot" else Runner(chain)
 
 

@@ -63,8 +63,8 @@ def affine(time: FloatArray, u: FloatArray, error: float, amount: float) -> Floa
 
 
 def misread(time: FloatArray, command: FloatArray, error: float, amount: float) -> FloatArray:
-    """What a loop closed by such a gauge makes of a commanded suction (negative): the true pressure at which the gauge
-    shows it. Vented, it holds nothing."""
+    """The suction (negative) that a loop closed by such a gauge makes of its command: the true pressure at which the
+    gauge shows it. Vented, it holds nothing."""
     return np.where(command < 0.0, np.minimum((command - amount) / (1.0 + error), 0.0), command)
 
 

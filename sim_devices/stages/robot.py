@@ -58,7 +58,7 @@ class Platform(Wired):
 
 @dataclass(frozen=True)
 class AxisLoad(Wired):
-    """What a force on the tip (first three sources) does to the axes at their positions (last three): Jᵀ R."""
+    """The load by a force on the tip (first three sources) on the axes at their positions (last three): Jᵀ R."""
 
     geometry: Geometry = GEOMETRY
 
@@ -112,7 +112,7 @@ def nominal_robot(
     w: float = forces.TRANSDUCER_RADIUS,
     h: float = forces.PROBE_HEIGHT,
 ) -> Chain:
-    """What an ideal robot does.
+    """The chain of an ideal robot.
 
     ``rate`` (1/s) is the axes' loop, ``marks`` (s) tell when recordings start, ``w`` and ``h`` (m) are the force
     matrix's.

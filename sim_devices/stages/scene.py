@@ -1,4 +1,4 @@
-"""What the aspiration device's camera sees: the tissue bubble from the side, in realistic light.
+"""The picture of the aspiration device's camera: the tissue bubble from the side, in realistic light.
 
 A dark silhouette stands on the rim plane before a bright field (``polarity="bright"`` turns that round: the published
 descriptions allow either). The edge is rendered from its exact geometry with the lens blur as an error function across

@@ -27,7 +27,7 @@ MEMBRANE = SuctionTissue(6.0e-9, knee=15e3, exponent=0.55, creep=(), times=(), r
 LOSS_TIME = 0.3
 """s: time constant of the little that the simulated membrane loses (assumed)."""
 SHEETS = ("open air", "rigid post", "reference spring")
-"""What the robot's probe meets as it meets a sheet of skin."""
+"""Specimens that resist the robot's probe as a sheet of skin does."""
 YIELDING = ("reference membrane", "reference spring", "rigid post")
 OF_SKIN = ("probe_recoil", "support_slip")
 """Specimens that load the interface, and effects there that are skin's all the same."""
@@ -75,7 +75,7 @@ def meets(effect: Effect, specimen: str) -> bool:
 
 
 def sheet_of(specimen: str, stiffness: float = 0.0) -> SheetTissue:
-    """What the robot's probe meets on open air, a rigid post or a reference spring of ``stiffness`` N/m."""
+    """The resistance to the robot's probe of open air, a rigid post or a reference spring of ``stiffness`` N/m."""
     k = {"open air": 0.0, "rigid post": POST, "reference spring": stiffness}[specimen]
     return replace(sheet_tissue("open air"), stiffness=(k, k, k))
 

@@ -164,7 +164,7 @@ def nominal_suction(
     command_step: float = COMMAND_STEP,
     marks: tuple[float, ...] = (),
 ) -> Chain:
-    """What an ideal instrument does: ``opening`` is the probe's diameter in m, ``marks`` as in ``Zeroing``."""
+    """The chain of an ideal instrument: ``opening`` is the probe's diameter in m, ``marks`` as in ``Zeroing``."""
     skin = suction_tissue(tissue) if isinstance(tissue, str) else tissue
     skin = for_opening(skin, OPENING[instrument] if opening is None else opening)
     lowest = VACUUM[instrument]

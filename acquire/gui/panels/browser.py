@@ -160,7 +160,7 @@ class BrowserPanel(QWidget):
 
 
 def _cells(row: Row) -> tuple[str, ...]:
-    """What a line of the table says, in the order of `COLUMNS`."""
+    """The cells of a line of the table, in the order of `COLUMNS`."""
     begun, repeat = row.start[:19].replace("T", " "), str(row.repeat or "")
     counts = "" if row.problem else f"no: {row.left_out}" if row.left_out else "yes"
     shortened = counts if len(counts) <= SHORT else f"{counts[:SHORT]}…"

@@ -1,4 +1,4 @@
-"""What the camera sees, the contour found in it, and the threshold that the contour is found at."""
+"""The camera's picture, its contour, and the threshold of the contour."""
 
 from __future__ import annotations
 

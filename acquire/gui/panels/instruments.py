@@ -102,7 +102,7 @@ class InstrumentRow(QFrame):
 
 
 def _action(state: str, error: str) -> tuple[str, str]:
-    """What an instrument's one button does, and says."""
+    """Action and label of an instrument's one button."""
     if state in NEEDS_RESET:
         return "reset", "Reset"
     if state in CLOSED:

@@ -25,7 +25,7 @@ SITES = ("forehead", "cheek", "jaw", "parotid", "forearm", "upper arm", "neck", 
 
 
 class SubjectPanel(QGroupBox):
-    """What a run is filed under."""
+    """Subject, site and labels of a run."""
 
     changed = Signal()  # another subject or site, also while it is being typed
     settled = Signal()  # another subject, whose limits are to be asked for
@@ -100,7 +100,7 @@ class SubjectPanel(QGroupBox):
         }
 
     def known(self) -> dict[str, Stated]:
-        """What is known of the specimen. Raises ValueError that names the key."""
+        """The stated numbers of the specimen. Raises ValueError that names the key."""
         texts = [text for text in self.properties.text().split(";") if text.strip()]
         return stated(self.specimen.currentText(), assignments(texts))
 

@@ -1,4 +1,4 @@
-"""What all worlds are made of: a recording in the making, and signals to move a rig with.
+"""Parts of all worlds: a recording in the making, and signals to move a rig with.
 
 Time in s, everything SI.
 """

@@ -127,7 +127,7 @@ def rate_limit(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
 
 @njit(cache=True)
 def lead(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
-    """What moves is exaggerated: y = u + a (u - lag of u). ``p`` = (a, tau s)."""
+    """Movement is exaggerated: y = u + a (u - lag of u). ``p`` = (a, tau s)."""
     low_pass(s, t, u, p[1:2], y)
     for i in range(t.size):
         y[i] = u[i] + p[0] * (u[i] - y[i])
