@@ -28,7 +28,7 @@ def devices(
 
 
 def _drivers() -> dict[str, list[dict[str, Any]]]:
-    """Drivers of this computer: drivers, other plugins, serial ports."""
+    """Drivers, other plugins and serial ports of this computer."""
     from serial.tools import list_ports
 
     from acquire.plugins import GROUPS, plugins
