@@ -18,8 +18,18 @@ def assumed(d: Diagnosis) -> list[str]:
     ]
     if "rig" in d.problems:
         return [*out, "The model's equations hold but for one or two of the generic effects."]
-    for effect, parameters in tolerances(d.recordings[0].info.instrument).items():
+    for group, parameters in tolerances(d.recordings[0].info.instrument).items():
+        if group == "quantities":  # by which a qualification is passed
+            continue
         for name, tolerance in parameters.items():
-            size = quantity(tolerance.value, tolerance.unit)
-            out.append(f"{words(effect).capitalize()}: {words(name)} up to {size} is sound ({tolerance.source}).")
+            size = quantity(tolerance.value, tolerance.unit, name=name)
+            source = tolerance.source.removeprefix("assumed: ")
+            out.append(f"{_said(group, name)} within {size} of nominal is no fault: {source}.")
     return out
+
+
+def _said(group: str, name: str) -> str:
+    """A parameter in words; ``group`` is the effect that it belongs to, or ``channels``."""
+    if group == "channels":
+        return f"Zero, gain and linearity of the channel {words(name)}"
+    return f"{words(group).capitalize()} ({words(name)})"
