@@ -16,6 +16,7 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -141,7 +142,8 @@ def main() -> None:
                 tier, given.n, given.seed, root / tier, given.instrument, style=given.style, references=given.references
             )
         chosen[tier] = visible(key_of(root / tier), given.least)[: given.cases]
-    todo = [(tier, name) for tier, names in chosen.items() for name in names]
+    rows = zip_longest(*([(tier, name) for name in names] for tier, names in chosen.items()))  # tiers in turn
+    todo = [case for row in rows for case in row if case is not None]
     for number, (tier, name) in enumerate(todo if not given.only_figures else []):
         for policy in given.policy:
             out, alone = root / f"{tier}-{policy}", root / f"{tier}-alone"

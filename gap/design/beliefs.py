@@ -1,9 +1,11 @@
 """Draws from the posterior of a report: effects with parameters, each with its share of the probability.
 
 A class that a report names is drawn about its leader's parameters; its other members, whose parameters no report has,
-are moved until they leave in the session what the leader leaves. Effects that a report does not name may act all the
-same, too weak or too well hidden by skin to show: they are drawn from their priors, and those kept that the session
-could not have seen.
+are moved until they leave in the session what the leader leaves. What the library lacks did in the session what the
+leader does. In an experiment on skin it does more or less than the leader; on a reference specimen it does so, too, or
+nothing, if it is skin of a law that nobody thought of. Effects that a report does not name may act all the same, too
+weak or too well hidden by skin to show: they are drawn from their priors, and those kept that the session could not
+have seen.
 """
 
 from __future__ import annotations
@@ -20,25 +22,30 @@ from gap.effects.load import forms_by_name
 from gap.inference.hypothesis import from_unit, to_unit
 from sim_devices.chain import Effect, FloatArray
 
-NONE = "none"
+NONE, OUTSIDE = "none", "outside"
 CAUSES, MEMBERS, DRAWS = 5, 3, 6
 """How many causes of a report are drawn, how many members of each, and how often each."""
 TRIES = {False: 4, True: 2}
 """Draws from the prior of each effect that the report does not name, for suction and for the robot, which is slow."""
 UNSEEN = 3.5
 """Tempered σ in the session below which an effect would not have been named."""
+STRANGE = 1.5
+"""How many times what the leader does the outside may do in an experiment, at most; nought at least."""
 STEP = 0.02
 """Quantile by which a parameter is moved for a derivative."""
 
 
 @dataclass(frozen=True)
 class Draw:
-    """One possibility: its ``label`` (an effect, ``a + b``, or none), what acts, and its ``weight``."""
+    """One possibility: its ``label`` (an effect, ``a + b``, outside, or none), what acts, and its ``weight``. In an
+    experiment it does so many times what the effects would do ``on_skin`` and ``on_references``."""
 
     label: str
     acting: Acting
     weight: float
     change: FloatArray  # (n,) of the session's rows
+    on_skin: float = 1.0
+    on_references: float = 1.0
 
 
 class Beliefs:
@@ -61,7 +68,8 @@ class Beliefs:
         named = {n for d in self.draws for n in d.label.split(" + ")}
         rest = max(1.0 - sum(d.weight for d in self.draws), 0.0)
         none = float(report.get("none_probability", rest))
-        self._hidden(named, none, max(rest - none, 0.0))
+        outside = self._outside(max(rest - none, 0.0))
+        self._hidden(named, none, outside)
 
     def _change(self, acting: Acting) -> FloatArray:
         return self._bench.changed(self._bench.session, acting, self._sound)
@@ -80,6 +88,17 @@ class Beliefs:
             for name, found in drawn.items():  # fits, better than ours, could not split them: each is as probable
                 each = probability / (len(drawn) * len(found))
                 self.draws += [Draw(name, acting, each, change) for acting, change in found]
+
+    def _outside(self, weight: float) -> float:
+        """Draws of what the library lacks, after the leader of the most probable cause; the weight that is left, where
+        the report names no cause."""
+        causes = sorted(self.draws, key=lambda d: -d.weight)
+        like = [d for d in causes if d.label == causes[0].label]
+        for k, d in enumerate(like):
+            often = float(self._rng.uniform(0.0, STRANGE))
+            device = often * (k % 2)  # skin's and the instrument's doing in turn
+            self.draws.append(Draw(OUTSIDE, d.acting, weight / len(like), d.change, often, device))
+        return 0.0 if like else weight
 
     def _leader(self, cause: Mapping[str, Any]) -> list[Acting] | None:
         """The effects of a cause about its fitted parameters, the first at them."""

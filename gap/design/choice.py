@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from acquire.recording.model import Recording
+from gap.data.session import SKIN
 from gap.decision.thresholds import INSTRUMENT
 from gap.design.beliefs import Beliefs, Draw
-from gap.design.bench import Bench
+from gap.design.bench import Bench, Part
 from gap.design.catalogue import catalogue
 from gap.design.experiment import Experiment, stopped
 from gap.design.information import Known, Worth, worth
@@ -135,12 +136,18 @@ def _valued(
     valued = []
     for experiment, part, unknowns in zip(asked, parts, there, strict=True):
         base = bench.rows(part, bench.simulate(part))
-        changes = [bench.changed(part, d.acting, base) if d.acting else np.zeros_like(base) for d in draws]
+        changes = [_change(bench, part, d, base) for d in draws]
         points = known.seen(unknowns, in_session, np.stack(changes, axis=1))
         value = worth(points, weights, labels, np.random.default_rng(seed))
         split = _separated(points, draws)
         valued.append((experiment.valued(value.information, value.before, value.after, split), value))
     return tuple(sorted(valued, key=lambda pair: -pair[1].information / pair[0].minutes))
+
+
+def _change(bench: Bench, part: Part, draw: Draw, base: np.ndarray) -> np.ndarray:
+    """What a draw changes in the rows (n,) of an experiment."""
+    share = draw.on_skin if part.legs[0].specimen == SKIN else draw.on_references
+    return share * bench.changed(part, draw.acting, base) if draw.acting and share else np.zeros_like(base)
 
 
 def _probable(drawn: Sequence[Draw]) -> list[Draw]:

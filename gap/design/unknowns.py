@@ -30,6 +30,9 @@ BROAD = 0.5
 """Prior of a column of any law of skin, in parts of the skin's largest answer."""
 SCATTER, ZERO = 0.05, 3.0
 """Run-to-run scatter of skin (relative), and of a recording's zero, in noises of one sample (assumed)."""
+RATES = (0.1, 0.4, 1.6, 6.4, 25.0)
+"""s: skin's answer scatters not in size alone, but also in how much of it comes late, by as much in each of these lags;
+without that, one more recording on skin is taken to tell what only a specimen without a life of its own can."""
 CURVED = ("reference membrane",)
 """Specimens whose elastic curve is not known, but has no memory."""
 Signals: TypeAlias = Sequence[Mapping[str, FloatArray]]
@@ -96,7 +99,7 @@ class Unknowns:
         return out
 
     def _of_recordings(self, part: Part, sound: Sequence[Mapping[str, FloatArray]]) -> dict[Column, Changes]:
-        """Zero of every recording and, of skin, its gain."""
+        """Zero of every recording and, of skin, its gain, at once and late."""
         answers = TRANSDUCERS if self.bench.robot else ("apex_height",)
         out: dict[Column, Changes] = {}
         for k, (leg, signals, at) in enumerate(zip(part.legs, sound, part.stamps, strict=True)):
@@ -109,8 +112,11 @@ class Unknowns:
                     {c: np.full(len(at), ZERO * self.bench.noise[c][0]) for c in answers}
                 )
             if leg.specimen == SKIN:
-                gains = [{c: SCATTER * signals[c] for c in (*answers, *(xyz("force") if self.bench.robot else ()))}]
-                out[(part.name, "gain", str(k))] = only(gains[0])
+                scattered = (*answers, *(xyz("force") if self.bench.robot else ()))
+                out[(part.name, "gain", str(k))] = only({c: SCATTER * signals[c] for c in scattered})
+                for tau in RATES:
+                    late = {c: lagged([at], [signals[c]], tau)[0] for c in scattered}
+                    out[(part.name, f"gain after {tau} s", str(k))] = only({c: SCATTER * v for c, v in late.items()})
         return out
 
     def _of_specimens(self, part: Part, sound: Sequence[Mapping[str, FloatArray]]) -> dict[Column, Changes]:
