@@ -12,8 +12,9 @@ from acquire.cli.check import limits_of
 from gap.design import simulated as own
 from gap.design.answers import asked_for, believed
 from gap.design.anylaw import lagged
+from gap.design.bench import Bench, telling
 from gap.design.catalogue import catalogue
-from gap.design.choice import choose
+from gap.design.choice import certain, choose
 from gap.design.experiment import Experiment, ExperimentError, fault, read, write
 from gap.design.information import Known, worth
 from gap.effects import library
@@ -154,3 +155,35 @@ def test_a_choice_splits_a_lag_of_the_sensor_from_skin_and_stops_when_certain() 
     assert choose(sure, session, LIMITS, some).as_dict()["stop"] is True
     within = Limits.parse({"pressure": {"low": "-1 mbar", "high": "0 mbar"}})
     assert "no experiment is within the limits" in choose(report, session, within, some, ["skin"]).reason
+
+
+def test_what_the_library_lacks_is_told_from_a_cause_by_a_reference() -> None:
+    """A lag between pressure and height may be skin's; a membrane has none."""
+    some = {k: e for k, e in library("cutometer").items() if e.name in ("sensor_low_pass", "rim_friction", "leak")}
+    session = own.suction_session("cutometer", np.random.default_rng(2), legs=LEGS)
+    cause = {"effects": ["sensor_low_pass"], "class": ["sensor_low_pass"], "probability": 0.6,
+             "parameters": {"tau": {"value": 0.2, "se": 0.05}}}  # fmt: skip
+    report = {"schema": "gap-report/1", "causes": [cause], "none_probability": 0.0, "outside_probability": 0.4}
+    choice = choose(report, session, LIMITS, some, ["skin", "reference membrane"])
+    assert choice.experiment is not None
+    assert choice.experiment.specimen == "reference membrane"
+    assert choice.experiment.right_before == pytest.approx(0.6, abs=0.01)
+    assert choice.experiment.right_after > 0.7
+    assert set(choice.experiment.separates) == {"sensor_low_pass", "outside"}
+
+
+def test_a_cause_is_certain_by_its_share_of_what_can_be_named() -> None:
+    cause = {"effects": ["leak"], "class": ["leak"], "probability": 0.9}
+    assert "leak is certain" in certain({"causes": [cause]}, "cutometer").reason
+    assert certain({"causes": [cause | {"probability": 0.8}]}, "cutometer") is None
+    assert certain({"causes": [cause | {"class": ["leak", "gauge_gain"]}]}, "cutometer") is None
+
+
+def test_repeats_are_simulated_once_and_count_as_often_as_they_are() -> None:
+    once, twice = (own.suction_session("cutometer", np.random.default_rng(2), legs=[*LEGS[:n], *LEGS]) for n in (0, 1))
+    assert telling(twice) == {0: 2, 2: 1}
+    one, two = Bench(once), Bench(twice)
+    assert len(two.session.legs) == len(one.session.legs) == 2
+    assert two.end > one.end
+    ratio = two.part("p", LEGS[:1], [0.0], [2]).sigma / two.part("p", LEGS[:1], [0.0]).sigma
+    np.testing.assert_allclose(ratio, np.sqrt(0.5))
