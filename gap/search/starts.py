@@ -22,6 +22,8 @@ STRENGTHS = (0.06, 0.3, 0.7)
 SIGNED = (-0.2, -0.04, -0.006, 0.006, 0.04, 0.2)
 """Quantiles of the prior from the value that does nothing, where that lies inside: half the range is mostly absurd."""
 SHAPES = (0.2, 0.5, 0.8)
+THRESHOLDS = tuple(np.linspace(0.1, 0.9, 27).tolist())
+"""Quantiles of a ``band`` within which nothing answers: what answers a ramp by steps fits from close by only."""
 MAX_GRID = 9
 AGREED = 0.85
 """Share of the commands' lateness that looks at equal intervals must explain to be refitted wherever they rank."""
@@ -39,10 +41,12 @@ def grid(candidate: Candidate) -> list[FloatArray]:
     size = 1
     for p in candidate.parameters:
         values: tuple[float, ...] = STRENGTHS if p.null is not None else SHAPES
-        if p.null is not None and p.low < p.null < p.high:
+        if p.name == "band":
+            values = THRESHOLDS
+        elif p.null is not None and p.low < p.null < p.high:
             middle = to_unit(p, p.null)
             values = tuple(float(np.clip(middle + d, 0, 1)) for d in SIGNED)
-        if size * len(values) > MAX_GRID:
+        if size * len(values) > MAX_GRID and values is not THRESHOLDS:
             values = (0.5,) if p.null is None else (values[len(values) // 2 - 1], values[len(values) // 2])
             if size * len(values) > MAX_GRID:
                 values = (0.5,)

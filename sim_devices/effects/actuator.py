@@ -51,8 +51,8 @@ def _regulator_lag(chain: Chain, v: Values) -> Chain:
 def _slew_suction(chain: Chain, v: Values) -> Chain:
     rate = PRESSURE / v["span_time"]
     rates = (rate * v["release"], rate)  # suction is negative: rising pressure is release
-    if chosen(v, "form") == 1:
-        return chain.tuned("regulator", rates=rates)
+    if chosen(v, "form") > 0:
+        return chain.tuned("regulator", rates=rates, eased=chosen(v, "form") == 2)
     return law_before(chain, "regulator", "slew_limit", "actuator", kernels.rate_limit, rates)
 
 
@@ -187,7 +187,8 @@ EFFECTS = (
         (
             strength("span_time", "s", 2e-3, 10.0, 1.0, "time for 300 mbar of suction"),
             shape("release", "1", 0.1, 10.0, 1.0, "how much faster pressure comes back", log=True),
-            choice("form", 0, "of what the regulator is asked for", "of the pressure itself"),
+            choice("form", 0, "of what the regulator is asked for", "of the pressure itself",
+                   "of the pressure itself, approached gradually"),
         ),
         _slew_suction,
     ),

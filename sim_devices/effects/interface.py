@@ -52,16 +52,20 @@ class RimFriction(Wired):
 
 @dataclass(frozen=True)
 class Recoil(Wired):
-    """Height (first source) plus what the probe sinks in under its own suction (second source), ``tau`` s late."""
+    """Height (first source) plus what the probe sinks in under its own suction (second source), ``tau`` s late; not
+    further than its ``stop``, a share of the ``depth`` at 300 mbar (inf: none)."""
 
     depth: float
     tau: float
+    stop: float = math.inf
 
     def fresh(self) -> Any:
         return np.zeros(kernels.STATE), np.array([self.tau])
 
     def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
         height, pressure = (signals[s] for s in self.source)
+        if self.stop < math.inf:
+            pressure = self.stop * PRESSURE * np.tanh(pressure / (self.stop * PRESSURE))
         sunk = np.empty(len(time))
         kernels.low_pass(state[0], time, pressure, state[1], sunk)
         signals[self.target[0]] = height - self.depth / PRESSURE * sunk
@@ -174,10 +178,11 @@ def _tilt(chain: Chain, v: Values) -> Chain:
 
 
 def _recoil(chain: Chain, v: Values) -> Chain:
+    stop = v["stop"] if chosen(v, "form") == 1 else math.inf
     return after(
         chain,
         "optics",
-        lambda s, t: Recoil("probe_recoil", "interface", (*s, "line_pressure"), t, v["depth"], v["tau"]),
+        lambda s, t: Recoil("probe_recoil", "interface", (*s, "line_pressure"), t, v["depth"], v["tau"], stop),
     )
 
 
@@ -251,6 +256,8 @@ EFFECTS = (
         (
             strength("depth", "m", 1e-6, 1e-3, 4e-5, "at 300 mbar"),
             shape("tau", "s", 0.0, 5.0, 0.3, "time it takes"),
+            choice("form", 0, "into the skin, in proportion to suction", "on its own spring, up to a stop"),
+            shape("stop", "1", 0.2, 3.0, 0.8, "of the depth, at which it ends", log=True, only=(1,)),
         ),
         _recoil,
     ),

@@ -31,7 +31,8 @@ REGULATOR_TAU = 0.040
 class Regulator(Wired):
     """Second-order pressure regulation, tau² p'' + 2 zeta tau p' + p = set-point, within what the pump can do.
 
-    ``rates`` (Pa/s) limit how fast pressure rises and falls.
+    ``rates`` (Pa/s) limit how fast pressure rises and falls, at once or, if it is ``eased``, ever more as they are
+    approached.
     """
 
     tau: float = REGULATOR_TAU
@@ -39,13 +40,15 @@ class Regulator(Wired):
     lowest: float = -50e3
     highest: float = 0.0
     rates: tuple[float, float] = (np.inf, np.inf)
+    eased: bool = False
 
     def fresh(self) -> Any:
         return np.zeros(kernels.STATE), np.array([self.tau, self.zeta, *self.rates])
 
     def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
         out = np.empty(len(time))
-        law = kernels.second_order if np.isinf(self.rates).all() else kernels.hurried
+        law = kernels.eased if self.eased else kernels.hurried
+        law = kernels.second_order if np.isinf(self.rates).all() else law
         law(state[0], time, signals[self.source[0]], state[1], out)
         signals[self.target[0]] = np.clip(out, self.lowest, self.highest, out=out)
 

@@ -45,6 +45,7 @@ from sim_devices.stages.kernels.hysteresis import (
     sticking,
 )
 from sim_devices.stages.kernels.lags import (
+    eased,
     hurried,
     lead,
     low_pass,
@@ -65,6 +66,7 @@ __all__ = [
     "Kernel",
     "bouc_wen",
     "by_loadings",
+    "eased",
     "emptying_store",
     "evaluate",
     "exposure_gain",

@@ -23,6 +23,7 @@ CASES: list[tuple[Kernel, tuple[float, ...]]] = [
     (kernels.second_order, (0.2, 2.5)),
     (kernels.hurried, (0.2, 1.0, 3.0, 2.0)),
     (kernels.uneven_low_pass, (0.3, 0.05)),
+    (kernels.limited_store, (0.3, 1.0, 0.8, 0.5, 2.0)),
     (kernels.emptying_store, (0.2, 1.0, 0.3, 0.5, 0.2)),
     (kernels.prony, (1.0, 0.3, 0.1, -0.2, 2.0)),
     (kernels.rate_limit, (0.5, 2.0)),
@@ -94,6 +95,21 @@ def test_a_limited_rate_is_kept_and_then_caught_up() -> None:
     rising = (time > 0.3) & (time < 1.0)
     np.testing.assert_allclose(np.diff(out)[rising[1:]], 0.8 * 0.002, rtol=1e-6)
     assert out[-1] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_limit_that_is_approached_bends_the_rise_and_lets_slow_changes_pass() -> None:
+    time = np.arange(0.0, 4.0, 0.002)
+    step = (time > 0.1).astype(float)
+    out = evaluate(kernels.eased, time, step, 0.04, 1.0, 0.8, 0.8)
+    assert np.max(np.diff(out)) < 0.8 * 0.002
+    assert out[-1] == pytest.approx(1.0, abs=1e-6)
+    slow = 0.01 * np.sin(time)
+    np.testing.assert_allclose(
+        evaluate(kernels.eased, time, slow, 0.04, 1.0, 0.8, 0.8),
+        evaluate(kernels.second_order, time, slow, 0.04, 1.0), atol=2e-6,
+    )  # fmt: skip
+    coarse = evaluate(kernels.eased, time[::20], step[::20], 0.04, 1.0, 0.8, 0.8)
+    assert np.max(np.abs(coarse - out[::20])) < 0.03  # a step between two samples is a ramp there
 
 
 def test_an_uneven_lag_is_each_of_its_lags_one_way() -> None:
