@@ -171,7 +171,6 @@ def tools(folder: Path, runs: Path, store: QSettings) -> None:
     window.recordings.browser.diagnose.click()
     window.recordings.diagnosis.start.click()
     at.wait(lambda: not window.recordings.diagnosis.running, timeout=600)
-    window.recordings.diagnosis.next.click()
     at.shoot("diagnosis")
     window.tabs.setCurrentWidget(window.recordings.browser)
     window.recordings.browser.fit.click()

@@ -58,6 +58,8 @@ class PictureView(QScrollArea):
         self._fit()
 
     def _fit(self) -> None:
+        # Pictures are on white paper in either theme, and so is the room that they leave.
+        self._label.setStyleSheet("" if self._pixmap.isNull() else "background: white")
         if self._pixmap.isNull():
             self._label.clear()
             return
