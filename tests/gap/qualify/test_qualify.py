@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -133,6 +134,79 @@ def test_a_wrong_reference_is_doubted_and_not_the_instrument() -> None:
     sound = qualify(references()).qualification
     assert sound.passed
     assert not sound.doubts
+
+
+def _with_height(recording: Recording, added: np.ndarray) -> Recording:
+    """The recording with something (n,) m added to its apex height."""
+    height = recording.streams["apex_height"]
+    other = replace(height, value=np.asarray(height.value, float) + added)
+    return replace(recording, streams={**recording.streams, "apex_height": other})
+
+
+def creeping(recording: Recording) -> Recording:
+    """A membrane a tenth of whose height comes with a lag of 3 s."""
+    height = recording.streams["apex_height"]
+    time, value = np.asarray(height.time, float), np.asarray(height.value, float)
+    late = np.zeros_like(value)
+    for k, step in enumerate(np.diff(time)):
+        late[k + 1] = late[k] + (value[k] - late[k]) * step / 3.0
+    return _with_height(recording, 0.1 * (late - value))
+
+
+def bending(recording: Recording) -> Recording:
+    """A block that gives way by 40 µm at 20 kPa."""
+    time = np.asarray(recording.streams["apex_height"].time, float)
+    pressure = recording.streams["pressure"]
+    return _with_height(recording, -2e-9 * np.interp(time, pressure.time, np.asarray(pressure.value, float)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("specimen", "change"), [("reference membrane", creeping), ("rigid block", bending)], ids=["membrane", "block"]
+)
+def test_a_membrane_that_creeps_and_a_block_that_bends_are_doubted(
+    specimen: str, change: Callable[[Recording], Recording]
+) -> None:
+    legs = [
+        replace(own.step_hold(0.0, 4.0, 4.0), specimen="gauge step", known=stated("gauge step", {"height": h}))
+        for h in ("0.500 mm", "1.000 mm", "1.500 mm")
+    ]
+    for name in ("reference membrane", "rigid block"):
+        legs += [
+            replace(leg, specimen=name) for leg in (own.step_hold(-20e3, 4.0, 4.0), own.triangle(-20e3, 4.0, 1, 3.0))
+        ]
+    sound = own.suction_session("aspiration", np.random.default_rng(4), legs=legs)
+    judged = qualify([change(r) if r.info.specimen == specimen else r for r in sound]).qualification
+    assert not judged.passed
+    assert not judged.findings
+    assert [text.split(":")[0] for text in judged.doubts] == [specimen]
+    assert specimen in judged.against("aspiration")
+
+
+ROBOT = (own.direction_cycles(0.0, 0.0, 1.2e-3, 4.0, 1), own.direction_cycles(1.57, 0.0, 1.2e-3, 4.0, 1))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("specimen", "wrong"),
+    [("reference spring", {"k": "440±4 N/m"}), ("dead weight", {"mass": "22.00±0.02 g", "direction": "0, 0, -1"})],
+)
+def test_a_spring_and_a_mass_10_percent_off_are_doubted(specimen: str, wrong: dict[str, str]) -> None:
+    spring = stated("reference spring", {"k": "400±4 N/m"})
+    legs = [replace(leg, specimen="reference spring", known=spring) for leg in ROBOT]
+    hanging = own.direction_cycles(0.0, 0.0, 1e-4, 4.0, 1)
+    for direction in ("0, 0, -1", "1, 0, 0", "0, 1, 0"):
+        said = stated("dead weight", {"mass": "20.00±0.02 g", "direction": direction})
+        legs.append(replace(hanging, specimen="dead weight", known=said))
+    made = own.robot_session(np.random.default_rng(4), legs=legs)
+    of = [k for k, r in enumerate(made) if r.info.specimen == specimen]
+    for k in of if specimen == "reference spring" else of[:1]:
+        made[k] = replace(made[k], info=replace(made[k].info, specimen_properties=stated(specimen, wrong)))
+    judged = qualify(made).qualification
+    assert not judged.passed
+    assert not judged.findings
+    assert judged.doubts
+    assert all(text.startswith(specimen) for text in judged.doubts)
 
 
 @pytest.mark.slow
