@@ -62,6 +62,12 @@ class Findings:
             return "unknown"
         return "none" if p.gap_before <= self.t.quiet_gap and p.none >= self.t.sure_none else "undetectable"
 
+    def tolerated(self) -> str:
+        """The verdict where a stated tolerance explains the gap: nothing is unknown then, unless a gap is left."""
+        said, p = self.quiet(), self.posterior
+        explained = not p.hum and p.gap_after <= self.t.unusual_gap
+        return "undetectable" if said == "unknown" and explained else said
+
     def spoiled(self) -> str:
         """The verdict where a named effect fails a test: unknown, where a gap is there to be explained."""
         return "unknown" if self.fitted is not None and self.fitted.before > self.t.unusual_gap else self.quiet()
@@ -230,7 +236,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "within tolerance",
         lambda f: f.tolerances <= f.t.tolerances and f.beyond < f.seen,
-        Findings.quiet,
+        Findings.tolerated,
         lambda f: f"{f.tolerances:.1f} stated tolerances <= {f.t.tolerances:g}",
     ),
     Rule("takes nothing away", _lowers_nothing, Findings.spoiled, _fall),

@@ -56,9 +56,11 @@ def test_a_second_effect_must_earn_its_place(verdict_on) -> None:
     assert len(verdict_on(("bump", "late"), {"bump": 15.0, "late": 4.0}).causes[0].effects) == 2
 
 
-@pytest.mark.parametrize(("tolerance", "said"), [(1.0, "effect"), (5.0, "undetectable")])
-def test_what_cannot_be_told_from_a_tolerance_is_no_finding(linear, candidate, tolerance, said) -> None:
-    y = DESIGN @ [2.0, 1.0] + 2.5 * SHAPES["bump"] + np.random.default_rng(0).normal(size=len(T))
+@pytest.mark.parametrize(
+    ("tolerance", "strength", "said"), [(1.0, 2.5, "effect"), (5.0, 2.5, "undetectable"), (5.0, 9.0, "undetectable")]
+)
+def test_what_cannot_be_told_from_a_tolerance_is_no_finding(linear, candidate, tolerance, strength, said) -> None:
+    y = DESIGN @ [2.0, 1.0] + strength * SHAPES["bump"] + np.random.default_rng(0).normal(size=len(T))
     effects = {n: (lambda v, n=n: v["a"] * SHAPES[n]) for n in ("bump", "twin")}
     known = [candidate(n, Parameter("a", "1", -30.0, 30.0, null=0.0)) for n in effects]
     comparison = compare([linear(y, DESIGN, effects, np.full(2, 100.0))], known)
