@@ -29,6 +29,7 @@ from gap.effects.load import generic, library
 from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import Candidate
 from gap.inference.problem import Problem
+from gap.null.blocks import Block
 from gap.rig.model import ForwardModel
 from gap.rig.problem import RigProblem, against_the_model
 from gap.search.compare import Comparison, Effort, compare
@@ -171,7 +172,8 @@ def gathered(
     elif qualified is not None:
         told.append(f"qualification {qualified.file} is not believed: {qualified.reason}")
     marks = signatures.find(recordings, model.channels if model else None)
-    suspects = [c for c in candidates if any(made_by(s, c) for s in marks)]
+    asked = {key for p in problems if isinstance(p, Block) for key in p.suspected}
+    suspects = [c for c in candidates if c.key in asked or any(made_by(s, c) for s in marks)]
     comparison = compare(problems, candidates, effort, suspects, jobs, tell)
     for rig in (p for p in problems if isinstance(p, RigProblem)):
         alone = comparison.null.fits[rig.name]

@@ -125,6 +125,7 @@ class Block(abc.ABC):
     slope: FloatArray | None = None  # of the signal, (channels · n,) per s, where that is known
     floor: float = 0.0  # SI: noise that averaging does not lower, because the nominal chain is not known better
     open_law = False  # whether what is left may be skin of another law
+    suspected: frozenset[str] = frozenset()  # keys of effects that the start asked for: they are to be fitted in full
     sound: FloatArray | None = None  # the nuisance of a sound instrument, without tissue in the way
 
     prior_mean: FloatArray

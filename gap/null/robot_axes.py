@@ -8,12 +8,14 @@ from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from gap.data.smoothing import significant
 from gap.data.tolerances import Tolerance
 from gap.inference.evidence import Fit
-from gap.inference.hypothesis import Active, Candidate, Evaluation, Start
+from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Start, to_unit
 from gap.inference.least_squares import fit
+from gap.inference.linear import Projector
 from gap.null.blocks import Block, Group, GroupedSession, Table
 from gap.null.chains import needed, run
 from gap.null.robot_load import SPRING, RecordedLoad
@@ -28,14 +30,18 @@ QUANTITIES = ("probe_x", "probe_y", "probe_z")
 AXES = numbered("axis_position")
 ROBOT_BINS = 0.3, 0.4
 """Growth and largest width (s) of the bins: the motion is slow."""
-STRAINED = 60.0
-"""Penalty of the loop's tolerances above which the quick fit asks for drag."""
+STRAINED = 30.0
+"""Penalty of the loop's tolerances above which the quick fit asks for what rubs."""
 EARLY = 0.1
 """s by which a grid goes beyond the recordings: clocks differ."""
 KINK = 1e-6
 """s, within which a speed changes."""
 LOOP_STEP = 0.04
 """s; the loop is exact between kinks, so this only has to resolve what is not linear in it."""
+RUBBING = "viscous_drag", "coulomb_friction"
+"""Effects that the quick fits look for then."""
+STRENGTHS = np.linspace(0.1, 0.9, 17)
+"""Quantiles of their strengths at which: near enough to each other for a search between two to find the best."""
 SOMEWHERE = 0.3
 """Quantile of its prior at which an effect does something: most do nothing in the middle of a range about nought."""
 AFTER_KINK = np.concatenate([np.arange(0.004, 0.1, 0.004), np.arange(0.1, 0.3, 0.01)])
@@ -112,10 +118,13 @@ class AxesBlock(Block):
     trust = 0.4  # the skin's force loads the axes, as far as the recorded force tells
     growth, widest = ROBOT_BINS
     floor = 0.5e-6  # m
-    TOLERANCES = 6
-    """Logarithms of three gains; s by which all is late; 1, of the clock; s by which the load on the axes is late."""
+    TOLERANCES = 7
+    """Logarithms of three gains; s by which all is late; 1, of the clock; s by which the load on the axes is late;
+    N s/m of drag."""
     ZERO_SD = 2e-6  # m
-    STEPS = (1e-2, 1e-2, 1e-2, 1e-3, 1e-6, 1e-3)
+    STEPS = (1e-2, 1e-2, 1e-2, 1e-3, 1e-6, 1e-3, 0.1)
+    NEAR = 0.5
+    """Of the logarithms of the gains, within which the Jacobian of another place is good enough for a step."""
 
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect]) -> None:
         super().__init__(session, library)
@@ -124,25 +133,36 @@ class AxesBlock(Block):
         self.blur_steep_parts(steepness(self, self._seen, numbered("axis")))
         self._grids_ahead: dict[str, tuple[FloatArray, tuple[Operator, ...], dict[str, FloatArray]]] = {}
         self._made: dict[tuple[object, ...], FloatArray] = {}  # most effects leave the axes alone
-        self._kept: dict[str, FloatArray] = {}
+        self._kept: list[tuple[FloatArray, FloatArray]] = []  # Jacobians, by the gains that they were made at
         self._misleading: dict[str, bool] = {}
         self._runs = np.kron(np.eye(3), self.member)
-        self.prior_sd = self._prior(lambda t: t.widest)
-        self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
-        self.alternatives = (self._prior(lambda t: t.value), self.prior_sd)
-        self.controller = CONTROLLERS[0]
+        self.prior_mean = self.sound = np.zeros(self.TOLERANCES + self._runs.shape[1])
         fits = [pair for controller in CONTROLLERS for pair in self._tried(controller)]
-        self._best, self.controller = min(fits, key=lambda pair: pair[0].objective)
-        alone = [f for f, controller in fits if controller is self.controller and not f.hypothesis]
+        self._best, controller = min(fits, key=lambda pair: pair[0].objective)
+        alone = [f for f, its in fits if its is controller and not f.hypothesis]
         self._start, self._strained = alone[0].nuisance, alone[0].penalty > STRAINED
+        self._rubs = {f.hypothesis[0].key: f for f, its in fits if its is controller and f.hypothesis}
+        self.suspected = frozenset(self._rubs)
+        self._take(controller)
+
+    def _take(self, controller: Controller) -> None:
+        """Assume a controller, and what a sound instrument with it may be off by."""
+        self.controller = controller
+        self.prior_sd = self._prior(lambda t: t.widest)
+        self.alternatives = (self._prior(lambda t: t.value), self.prior_sd)
         self._forget()
 
     def _prior(self, width: Callable[[Tolerance], float]) -> FloatArray:
-        """Prior widths (p,) of a sound instrument, by the one of its tolerances that ``width`` takes."""
+        """Prior widths (p,) of a sound instrument, by the one of its tolerances that ``width`` takes.
+
+        Drag is what its derivative gain is to a controller that damps the position, and is not free there. One that
+        damps the error may weigh its set-point, which acts as drag does.
+        """
         own, loop = self.tolerances, self.tolerances["loop"]
         gains = [width(loop[name]) for name in ("proportional", "integral", "derivative")]
         late = max(own["latency"]["delay"].value, self.shift_sd)
-        rest = [late, own["clock_skew"]["rate"].value, loop["load"].value]
+        drag = own["viscous_drag"]["drag"].value if self.controller.on_error else FROZEN
+        rest = [late, own["clock_skew"]["rate"].value, loop["load"].value, drag]
         return np.array([*gains, *rest, *[self.ZERO_SD] * self._runs.shape[1]])
 
     def reload(self, forces: Sequence[dict[str, Table]]) -> None:
@@ -168,16 +188,34 @@ class AxesBlock(Block):
         self._kept.clear()
 
     def _tried(self, controller: Controller) -> list[tuple[Fit, Controller]]:
-        """Quick fits with a controller; also with drag where its gains are strained without, because much drag looks
-        like the other controller."""
-        self.controller = controller
-        self._forget()
+        """Quick fits with a controller; also with what rubs where its gains are strained without, because much of that
+        looks like the other controller."""
+        self._take(controller)
         fits = [fit(self, nuisance=self.prior_mean, iterations=3)]
-        drag = self.library.get("viscous_drag")
-        if fits[0].penalty > STRAINED and drag is not None:
-            extra = Candidate("viscous_drag", drag.name, drag.stage, drag.parameters, (self.name,))
-            fits.append(fit(self, (extra,), np.array([0.6]), self.prior_mean, iterations=6))
+        if fits[0].penalty > STRAINED:
+            effects = (next(((k, e) for k, e in self.library.items() if e.name == name), None) for name in RUBBING)
+            fits += [self._rubbed(key, effect) for key, effect in filter(None, effects)]
         return [(f, controller) for f in fits]
+
+    def _rubbed(self, key: str, effect: Effect) -> Fit:
+        """A quick fit with an effect on a sound instrument, from the strength that by itself explains most: a step in
+        the force leaves no slope to follow from elsewhere."""
+        candidate = Candidate(key, effect.name, effect.stage, effect.parameters, (self.name,))
+        sound = self.prior_mean
+        refit = Projector(self.evaluate(sound, {}).jacobian, self.prior_sd)
+        shape = np.array([to_unit(p, p.default) for p in effect.parameters])
+
+        def at(strength: float) -> FloatArray:
+            return np.where([p.null is None for p in effect.parameters], shape, strength)
+
+        def left(strength: float) -> float:
+            active = {candidate: candidate.values(at(strength))}
+            return refit.chi2(self.evaluate(sound, active, want_jacobian=False).residual)
+
+        near = min(STRENGTHS.tolist(), key=left)
+        apart = float(STRENGTHS[1] - STRENGTHS[0])
+        best = minimize_scalar(left, bounds=(near - apart, near + apart), options={"xatol": 0.02 * apart})
+        return fit(self, (candidate,), at(float(best.x)), sound, iterations=6)
 
     def start(self) -> FloatArray:
         return self._start.copy()
@@ -189,7 +227,12 @@ class AxesBlock(Block):
 
     def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
         # Strained tolerances have taken on what they could of an effect.
-        return Start(self.prior_mean, self.prior_sd, self.prior_mean, unit) if self._strained else None
+        if not self._strained:
+            return None
+        known = self._rubs.get(hypothesis[0].key) if len(hypothesis) == 1 else None
+        if known is not None:
+            return Start(self.prior_mean, self.prior_sd, known.nuisance, known.unit)
+        return Start(self.prior_mean, self.prior_sd, self.prior_mean, unit)
 
     def _loads_under(self, active: Active) -> tuple[Sequence[dict[str, Table]], tuple[object, ...]]:
         """The loads of all groups once errors of the transducers among the effects are undone, and what tells them from
@@ -220,7 +263,9 @@ class AxesBlock(Block):
 
     def _loop(self, group: Group, nuisance: FloatArray, active: Active) -> Chain:
         chain = self.controller.installed(
-            specimen_chain(group, sheet_tissue("forearm"), self.session.marks), np.exp(np.clip(nuisance[:3], -3, 3))
+            specimen_chain(group, sheet_tissue("forearm"), self.session.marks),
+            np.exp(np.clip(nuisance[:3], -3, 3)),
+            float(nuisance[6]),
         )
         spring = SPRING if self._loads[0] else 0.0
         return self.with_effects(chain.tuned("axes", spring=spring), active, group)
@@ -291,17 +336,19 @@ class AxesBlock(Block):
         return Evaluation(residual, self._tolerances(nuisance, active) if want_jacobian else np.zeros((0, 0)))
 
     def _tolerances(self, nuisance: FloatArray, active: Active) -> FloatArray:
-        """Whitened Jacobian (n, p) of the nuisance, of the prediction without any effect, from the first fit on:
-        tolerances are narrow, so that a costly effect changes little in what they do."""
-        if "jacobian" not in self._kept:
+        """Whitened Jacobian (n, p) of the nuisance, of the prediction without any effect, at the first gains within
+        `NEAR` of these: tolerances are narrow, so that a costly effect changes little in what they do."""
+        kept = next((jac for gains, jac in self._kept if np.max(np.abs(gains - nuisance[:3])) < self.NEAR), None)
+        if kept is None:
             nominal = self._predict(nuisance, {})
             chain_part = np.empty((len(nominal), self.TOLERANCES))
             for j, step in enumerate(self.STEPS):
                 moved = nuisance.copy()
                 moved[j] += step
                 chain_part[:, j] = (self._predict(moved, {}) - nominal) / step
-            self._kept["jacobian"] = np.hstack([chain_part, self._runs])
-        return self.whitened(self._kept["jacobian"], active)
+            kept = np.hstack([chain_part, self._runs])
+            self._kept.append((nuisance[:3].copy(), kept))
+        return self.whitened(kept, active)
 
 
 def _loop_grid(kinks: FloatArray, corners: FloatArray, begin: float, end: float) -> FloatArray:

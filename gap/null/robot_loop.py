@@ -25,7 +25,8 @@ class TunedLoop(AxisLoop):
     def fresh(self) -> Any:
         rows, parameters = super().fresh()
         parameters[1:4] = self.gains
-        parameters[14] *= COARSER
+        if self.stiction or not self.coulomb:  # dry friction alone takes long steps but where the axis turns
+            parameters[14] *= COARSER
         return rows, parameters
 
 
@@ -62,13 +63,13 @@ class Controller:
     on_error: bool
     centred: bool
 
-    def installed(self, chain: Chain, scale: FloatArray) -> Chain:
-        """The chain with this controller, its three gains multiplied by ``scale`` (3,)."""
+    def installed(self, chain: Chain, scale: FloatArray, drag: float = 0.0) -> Chain:
+        """The chain with this controller, its three gains multiplied by ``scale`` (3,), and further ``drag`` N s/m."""
         p, i, d = (self.proportional * scale[0], self.integral * scale[1], self.derivative * scale[2])
         loop = chain["axes"]
         assert isinstance(loop, AxisLoop)
         kept = {f.name: getattr(loop, f.name) for f in fields(AxisLoop)}
-        tuned = TunedLoop(**kept, gains=(p, i, d + self.drag))
+        tuned = TunedLoop(**kept, gains=(p, i, d + self.drag + drag))
         operators = tuple(tuned if op is loop else op for op in chain.operators)
         chain = Chain(chain.instrument, operators)
         feed = Feed(

@@ -310,7 +310,7 @@ EFFECTS = (
         "Other bearings; friction feed-forward; dither.",
         "ALPS RDC1014 alone has up to 0.25 N; Dahl 1968 for the presliding form",
         (
-            strength("force", "N", 0.01, 5.0, 0.4, "of one axis"),
+            strength("force", "N", 1e-3, 5.0, 0.4, "of one axis"),
             shape("presliding", "m", 0.0, 60e-6, 0.0, "distance over which it builds up; 0: at once"),
             _AXIS,
         ),
@@ -322,7 +322,7 @@ EFFECTS = (
         "Other lubricant; dither; a faster approach.",
         "Stribeck 1902; Armstrong-Hélouvry et al. 1994",
         (
-            strength("stiction", "N", 0.01, 5.0, 0.5, "above the kinetic friction, at standstill"),
+            strength("stiction", "N", 1e-3, 5.0, 0.5, "above the kinetic friction, at standstill"),
             shape("coulomb_share", "1", 0.0, 2.0, 0.5, "kinetic friction against that"),
             shape("speed", "m/s", 5e-5, 5e-3, 5e-4, "Stribeck speed", log=True),
         ),

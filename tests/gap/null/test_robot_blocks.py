@@ -12,7 +12,7 @@ from gap.design import simulated as own
 from gap.effects.load import library
 from gap.inference.hypothesis import Candidate
 from gap.inference.least_squares import fit
-from gap.null.blocks import GroupedSession
+from gap.null.blocks import GroupedSession, candidates_for
 from gap.null.robot import robot_problems
 from gap.null.robot_axes import QUANTITIES, AxesBlock
 from gap.null.robot_force import AT_NOISE, ForceBlock, RoughForceBlock
@@ -209,3 +209,33 @@ def test_skin_of_a_further_law_is_fitted_by_it_alone(
     assert residual @ residual < AT_NOISE * len(residual)
     assert len(block.alternatives) == 2  # nothing wider is kept but skin of two times, for effects that look like this
     assert start[block.TISSUE.index(tells)] != 0.0
+
+
+def test_dry_friction_is_found_though_its_null_strains_the_loop() -> None:
+    """A force that changes sign leaves no slope to follow from gains that have taken on what they could of it."""
+    effects = {k: e for k, e in library("microrobot").items() if e.name in ("coulomb_friction", "viscous_drag")}
+    legs = [own.direction_cycles(a, 0.0, 1.2e-3, 8.0, 2) for a in (0.0, 0.3 * np.pi, 0.5 * np.pi)]
+    rubbing = (effects["coulomb_friction[axis=0]"], {"force": 0.3})
+    recordings = own.robot_session(np.random.default_rng(5), [rubbing], legs=legs)
+    axes = AxesBlock(GroupedSession(recordings, QUANTITIES), effects)
+    assert axes.controller is CONTROLLERS[0]
+    candidate = next(c for c in candidates_for(effects, [axes]) if c.key == "coulomb_friction[axis=0]")
+    moved = axes.anchored((candidate,), np.array([0.3, 0.2]))
+    assert moved is not None
+    found = fit(axes, (candidate,), moved.unit, moved.nuisance)
+    assert found.chi2 < 1.2 * len(found.residual)
+    assert candidate.values(found.unit)["force"] == pytest.approx(0.3, rel=0.05)
+
+
+def test_a_weighed_set_point_is_no_drag() -> None:
+    """A sound loop of another structure than the known ones: within its tolerances nothing is left for an effect."""
+    session = GroupedSession(own.robot_session(np.random.default_rng(5), []), QUANTITIES)
+    axes = AxesBlock(session, {})
+    axes._take(CONTROLLERS[1])
+    weighed = axes.prior_mean.copy()
+    weighed[6] = 15.0
+    axes.measured = axes._predict(weighed, {})
+    found = fit(axes)
+    assert found.chi2 < 0.02 * len(found.residual)
+    assert found.penalty < 4.0
+    assert axes.quantities(found.nuisance).keys() >= {"loop_gain_1", "loop_gain_3"}
