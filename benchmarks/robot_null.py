@@ -31,7 +31,7 @@ def report(case: Path) -> str:
     axes = AxesBlock(session, {})
     force = ForceBlock(session, {}, axes)
     a, f = fit(axes), fit(force)
-    evidence = f.evidences(1.0, force.alternatives)
+    evidence = f.evidences(1.0, force.prior_scales)
     law = " ".join(name for name in AMOUNTS if f.nuisance[force.TISSUE.index(name)]) or "any spectrum"
     return (
         f"{case.name} controller {CONTROLLERS.index(axes.controller)} axes {gap(a.residual):.3f} "

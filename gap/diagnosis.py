@@ -23,7 +23,7 @@ from gap.decision.qualified import Qualified, inform
 from gap.decision.qualified import read as read_qualification
 from gap.decision.settle import Case, settle
 from gap.decision.thresholds import INSTRUMENT, RIG, Thresholds
-from gap.decision.transfer import Shrink, plain, plain_gap
+from gap.decision.transfer import Shrink, gap_without_discrepancy, plain
 from gap.decision.verdict import Verdict, undetectable
 from gap.effects.load import generic, library
 from gap.inference.evidence import Hypothesis
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 EFFORTS = {
     "microrobot": Effort(
-        quick_fits=5, least_hope=8.0, far_fits=8, refit_singles=7, imitators=1, pair_bases=1, refit_pairs=2
+        quick_fits=5, least_score=8.0, far_fits=8, refit_singles=7, imitators=1, pair_bases=1, refit_pairs=2
     )
 }
 """How wide to search where simulations are slow."""
@@ -75,12 +75,12 @@ class Diagnosis:
     @property
     def gap_before(self) -> float:
         """rms of the simulation's residual, in σ, skin of another law not allowed for."""
-        return plain_gap(self.null)
+        return gap_without_discrepancy(self.null)
 
     @property
     def gap_after(self) -> float:
         """The same with the first cause."""
-        return plain_gap(self.best)
+        return gap_without_discrepancy(self.best)
 
 
 # Systems this small take many times as long on several threads when the cores are busy.

@@ -26,7 +26,7 @@ FREEDOM = 2.0
 """Nats that the second parameter of a law of some samples costs."""
 
 
-def unlike(residual: FloatArray, reach: FloatArray, rms: float, sparse: bool) -> float:
+def timing_log_bayes(residual: FloatArray, reach: FloatArray, rms: float, sparse: bool) -> float:
     """Nats by which the other law describes a residual (n,) σ better than the one that an effect of ``rms`` s has;
     none where it does not.
 

@@ -1,9 +1,8 @@
 """How probable each explanation is: one simplex of no effect, classes of effects, and what the library lacks.
 
 Probabilities are tempered Laplace evidences with a prior over *numbers of effects*, raised to each block's
-`Problem.trusts`. A channel's own marks are evidence beside it, for effects that explain something. How much of what is
-left no explanation reaches says how probable it is that the cause is outside the library.
-"""
+`Problem.likelihood_powers`. A channel's own marks are evidence beside it, for effects that explain something. How much
+of what is left no explanation reaches says how probable it is that the cause is outside the library."""
 
 from __future__ import annotations
 

@@ -95,7 +95,7 @@ def inform(problems: Sequence[Problem], qualified: Qualified) -> list[str]:
             if sd >= problem.prior_sd[k]:
                 continue
             problem.prior_mean[k] = target
-            for widths in {id(w): w for w in (problem.prior_sd, *problem.alternatives)}.values():
+            for widths in {id(w): w for w in (problem.prior_sd, *problem.prior_scales)}.values():
                 widths[k] = min(widths[k], sd)
             told.append(name)
     return list(dict.fromkeys(told))

@@ -11,7 +11,7 @@ from gap.decision.posterior import Posterior, concept, posterior
 from gap.decision.qualified import Qualified
 from gap.decision.thresholds import Thresholds
 from gap.decision.tolerance import Stated, in_tolerances
-from gap.decision.transfer import Shrink, best_elsewhere, in_changed_blocks, plain, plain_gap, transferred
+from gap.decision.transfer import Shrink, best_elsewhere, gap_without_discrepancy, in_changed_blocks, plain, transferred
 from gap.decision.verdict import Findings, Verdict, decide, without_skin
 from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import Candidate
@@ -55,18 +55,20 @@ class Case:
         new = [h for h in hypotheses[:transfers] if id(h) not in self._carried]
         by_split = transferred(problems, self.null, [self._answers[id(h)] for h in new], self.withheld, jobs)
         self._carried.update((id(h), by) for h, by in zip(new, by_split, strict=True))
-        gap = plain_gap(self.null)
+        gap = gap_without_discrepancy(self.null)
         trials = []
         for k, h in enumerate(hypotheses):
             answer, carried = self._answers[id(h)], self._carried[id(h)] if k < transfers else {}
-            trials.append(Trial(answer, {"fitted": Shrink(gap, plain_gap(answer)), **carried}))
+            trials.append(Trial(answer, {"fitted": Shrink(gap, gap_without_discrepancy(answer)), **carried}))
         return trials
 
     def posterior(self, t: Thresholds, *, qualified: bool = True) -> Posterior:
         """The posterior, with or without what a qualification says beforehand."""
         known = self.qualified if qualified else None
         beforehand = known.nats if known is not None else lambda h: 0.0
-        return posterior(self.comparison, self.candidates, t, self.marks, plain_gap(self.null), beforehand)
+        return posterior(
+            self.comparison, self.candidates, t, self.marks, gap_without_discrepancy(self.null), beforehand
+        )
 
 
 @dataclass(frozen=True)

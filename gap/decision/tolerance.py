@@ -62,7 +62,7 @@ def _by_channels(
 ) -> tuple[float, float]:
     """The largest change that is a function of the channel's own value alone, in tolerances; and the rest, in σ."""
     # What scatters samples moves no prediction.
-    by_chance = any(problem.widening(h.fits[b].active) is not None for b, problem in problems.items())
+    by_chance = any(problem.noise_scale(h.fits[b].active) is not None for b, problem in problems.items())
     if not stated or not h.effects or by_chance:
         return float(np.inf), 0.0
     largest, rest = 0.0, 0.0

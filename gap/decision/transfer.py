@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gap.inference.evidence import Belief, Fit, Hypothesis
+from gap.inference.evidence import Fit, GaussianPrior, Hypothesis
 from gap.inference.hypothesis import Active, Candidate, Evaluation, to_unit
 from gap.inference.least_squares import fit, under
 from gap.inference.problem import Problem
@@ -28,8 +28,8 @@ KNOWN = 1e10
 
 @dataclass(frozen=True)
 class Shrink:
-    """rms of the whitened residual before and after, strained tolerances included as in `plain_gap`; ``value`` is
-    (before − after)/(before − 1)."""
+    """rms of the whitened residual before and after, strained tolerances included as in `gap_without_discrepancy`;
+    ``value`` is (before − after)/(before − 1)."""
 
     before: float
     after: float
@@ -53,24 +53,24 @@ class _Masked:
     def __init__(self, problem: Problem, keep: NDArray[np.bool_]) -> None:
         self.problem, self.keep = problem, keep
         self.name, self.rows = problem.name, problem.rows
-        self.measured, self.sigma, self.trusts = problem.measured, problem.sigma, problem.trusts
-        self.prior_mean, self.prior_sd, self.alternatives = problem.prior_mean, problem.prior_sd, problem.alternatives
-        self.plain_sd, self.open_law = problem.plain_sd, problem.open_law
+        self.measured, self.sigma, self.likelihood_powers = problem.measured, problem.sigma, problem.likelihood_powers
+        self.prior_mean, self.prior_sd, self.prior_scales = problem.prior_mean, problem.prior_sd, problem.prior_scales
+        self.sd_without_discrepancy, self.open_law = problem.sd_without_discrepancy, problem.open_law
 
     def start(self) -> FloatArray:
         return self.problem.start()
 
-    def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> None:
+    def warm_start(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> None:
         return None
 
     def lateness(self, fitted: Fit) -> None:
         return None
 
-    def widening(self, active: Active) -> FloatArray | None:
-        wider = self.problem.widening(active)
+    def noise_scale(self, active: Active) -> FloatArray | None:
+        wider = self.problem.noise_scale(active)
         return None if wider is None else np.where(self.keep, wider, 1.0)
 
-    def unlike(self, fitted: Fit) -> float:
+    def timing_log_bayes(self, fitted: Fit) -> float:
         return 0.0
 
     def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:
@@ -92,14 +92,14 @@ def plain(problems: Mapping[str, Problem], h: Hypothesis, null: Hypothesis | Non
     fits = {}
     for block, f in h.fits.items():
         problem = problems[block]
-        here = under(problem, f.prior_mean, problem.plain_sd)
+        here = under(problem, f.prior_mean, problem.sd_without_discrepancy)
         if null is not None and block not in touched:
             fits[block] = null.fits[block]
             continue
-        if np.array_equal(problem.plain_sd, f.prior_sd):
+        if np.array_equal(problem.sd_without_discrepancy, f.prior_sd):
             fits[block] = f
         else:
-            nuisance = np.where(problem.plain_sd < f.prior_sd, f.prior_mean, f.nuisance)
+            nuisance = np.where(problem.sd_without_discrepancy < f.prior_sd, f.prior_mean, f.nuisance)
             fits[block] = fit(here, f.hypothesis, f.unit, nuisance, iterations=15, belief=f.belief)
         if null is not None and fits[block].objective > null.fits[block].objective:
             starts = (f.unit, _switched_off(f))
@@ -115,7 +115,7 @@ def _switched_off(f: Fit) -> FloatArray:
     return np.asarray(off)
 
 
-def plain_gap(h: Hypothesis, blocks: Collection[str] | None = None) -> float:
+def gap_without_discrepancy(h: Hypothesis, blocks: Collection[str] | None = None) -> float:
     """rms in σ of a plain hypothesis' residual in all or some ``blocks``, tolerances that are strained included: 1 at
     the noise floor, which effects of chance widen."""
     fits = [f for name, f in h.fits.items() if blocks is None or name in blocks]
@@ -126,7 +126,7 @@ def plain_gap(h: Hypothesis, blocks: Collection[str] | None = None) -> float:
 def in_changed_blocks(null: Hypothesis, answer: Hypothesis) -> Shrink:
     """The plain gap before and after, in the blocks that an answer's effects change."""
     touched = {b for e in answer.effects for b in e.blocks}
-    return Shrink(plain_gap(null, touched), plain_gap(answer, touched))
+    return Shrink(gap_without_discrepancy(null, touched), gap_without_discrepancy(answer, touched))
 
 
 def best_elsewhere(held_out: Sequence[Mapping[str, Shrink]], margin: float) -> int:
@@ -187,7 +187,7 @@ def _carried(problem: Problem, full: Fit, out: NDArray[np.bool_]) -> float:
         masked, full.hypothesis, full.unit, full.nuisance, iterations=5, jacobian=full.jacobian * ~out[:, None],
         belief=full.belief,
     )  # fmt: skip
-    known = Belief(trained.unit, KNOWN * np.eye(len(trained.unit)))
+    known = GaussianPrior(trained.unit, KNOWN * np.eye(len(trained.unit)))
     held = fit(
         problem, full.hypothesis, trained.unit, full.nuisance, iterations=8, jacobian=full.jacobian, gram=full.gram,
         belief=known,

@@ -322,6 +322,6 @@ def without_skin(cause: Cause, comparison: Comparison, temper: Mapping[str, floa
     for block, problem in comparison.problems.items():
         if not problem.open_law:
             fits = cause.hypothesis.fits[block], comparison.null.fits[block]
-            one, other = (f.log_evidence(temper[block], problem.alternatives) for f in fits)
-            nats += problem.trusts[0] * (one - other)
+            one, other = (f.log_evidence(temper[block], problem.prior_scales) for f in fits)
+            nats += problem.likelihood_powers[0] * (one - other)
     return nats if any(p.open_law for p in comparison.problems.values()) else np.inf

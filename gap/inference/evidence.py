@@ -21,7 +21,7 @@ UNIFORM_PRECISION = 12.0
 
 
 @dataclass(frozen=True)
-class Belief:
+class GaussianPrior:
     """A Gaussian prior of effect parameters from other data: normal, about ``mean`` (k,) in prior quantiles, with
     ``precision`` (k, k), nought where they say nothing."""
 
@@ -29,10 +29,10 @@ class Belief:
     precision: FloatArray
 
     @classmethod
-    def none(cls, size: int) -> Belief:
+    def none(cls, size: int) -> GaussianPrior:
         return cls(np.full(size, 0.5), np.zeros((size, size)))
 
-    def joined(self, size: int, fitted: Fit | None = None) -> Belief:
+    def joined(self, size: int, fitted: Fit | None = None) -> GaussianPrior:
         """With one effect more, of ``size`` parameters, of which a fit of another block may know as its last.
 
         Four times as uncertain as that fit: the effect's form is not exact, and shows otherwise here.
@@ -43,7 +43,7 @@ class Belief:
         if fitted is not None and size:
             mean[k:] = fitted.unit[-size:]
             precision[k:, k:] = np.linalg.inv(4.0 * fitted.covariance[-size:, -size:] + 1e-6 * np.eye(size))
-        return Belief(mean, precision)
+        return GaussianPrior(mean, precision)
 
     def cost(self, unit: FloatArray) -> float:
         away = unit - self.mean
@@ -55,10 +55,9 @@ class Fit:
     """A fitted hypothesis.
 
     ``chi2`` is of the data alone, ``penalty`` the prior's share, ``wider`` twice the logarithm by which effects of
-    chance widen the noise, with what is `unearned`; ``unit`` (k,) are the effect parameters in prior quantiles, in the
-    order of the hypothesis, ``covariance`` (k, k) theirs. ``prior_mean``, ``prior_sd`` (p,) are the nuisance's prior
-    that was used: an effect may move where the tissue's parameters are anchored.
-    """
+    chance widen the noise, with what is `autocorrelation_penalty`; ``unit`` (k,) are the effect parameters in prior
+    quantiles, in the order of the hypothesis, ``covariance`` (k, k) theirs. ``prior_mean``, ``prior_sd`` (p,) are the
+    nuisance's prior that was used: an effect may move where the tissue's parameters are warm_start."""
 
     hypothesis: tuple[Candidate, ...]
     nuisance: FloatArray
@@ -73,7 +72,7 @@ class Fit:
     effect_jacobian: FloatArray = field(repr=False)
     prior_mean: FloatArray = field(repr=False)
     prior_sd: FloatArray = field(repr=False)
-    belief: Belief = field(repr=False)
+    belief: GaussianPrior = field(repr=False)
     wider: float = 0.0
 
     @property

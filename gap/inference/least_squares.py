@@ -10,7 +10,7 @@ import numpy as np
 import scipy.linalg as sla
 from numpy.typing import NDArray
 
-from gap.inference.evidence import UNIFORM_PRECISION, Belief, Fit, split
+from gap.inference.evidence import UNIFORM_PRECISION, Fit, GaussianPrior, split
 from gap.inference.hypothesis import FROZEN, Candidate, Evaluation
 from gap.inference.linear import bordered, factorise
 from gap.inference.problem import Problem
@@ -30,7 +30,7 @@ def fit(
     tolerance: float = 1e-3,
     jacobian: FloatArray | None = None,
     gram: FloatArray | None = None,
-    belief: Belief | None = None,
+    belief: GaussianPrior | None = None,
 ) -> Fit:
     """Nuisance and effect parameters that minimise χ² + prior, from ``nuisance`` (p,) and ``unit`` (k,).
 
@@ -85,19 +85,19 @@ class _Trial(NamedTuple):
 class _Objective:
     """χ² + priors of one problem under a hypothesis, with its derivatives; counts its simulations."""
 
-    def __init__(self, problem: Problem, hypothesis: tuple[Candidate, ...], belief: Belief | None) -> None:
+    def __init__(self, problem: Problem, hypothesis: tuple[Candidate, ...], belief: GaussianPrior | None) -> None:
         self.problem, self.hypothesis = problem, hypothesis
         self.fine = [p.fine for h in hypothesis for p in h.parameters]
         self.size = len(self.fine)
         self.mean, self.sd = problem.prior_mean, problem.prior_sd
         self.moves = self.sd > FROZEN
         self.precision = np.where(np.isfinite(self.sd), 1.0 / np.square(self.sd), 0.0)
-        self.believed = Belief.none(self.size) if belief is None else belief
+        self.believed = GaussianPrior.none(self.size) if belief is None else belief
         self.simulations = 0
 
     def wider(self, u: FloatArray) -> float:
         """Log-determinant of the noise that effects widen, twice."""
-        times = self.problem.widening(split(self.hypothesis, u))
+        times = self.problem.noise_scale(split(self.hypothesis, u))
         return 0.0 if times is None else 2.0 * float(np.sum(np.log(times)))
 
     def cost(self, residual: FloatArray, c: FloatArray, u: FloatArray) -> float:
@@ -173,7 +173,7 @@ class _Objective:
     ) -> Fit:
         """Curvature, evidence terms and covariance at the optimum."""
         belief = self.believed
-        times = self.problem.widening(split(self.hypothesis, u))
+        times = self.problem.noise_scale(split(self.hypothesis, u))
         normal = gram.copy()
         normal[np.diag_indices_from(normal)] += self.precision
         penalty = float(np.sum(self.precision * np.square(c - self.mean))) + belief.cost(u)
@@ -200,11 +200,11 @@ class _Objective:
             prior_mean=self.mean.copy(),
             prior_sd=self.sd.copy(),
             belief=belief,
-            wider=self.wider(u) + unearned(residual, times, self.problem.rows.recording),
+            wider=self.wider(u) + autocorrelation_penalty(residual, times, self.problem.rows.recording),
         )
 
 
-def unearned(residual: FloatArray, times: FloatArray | None, recording: NDArray[np.int64]) -> float:
+def autocorrelation_penalty(residual: FloatArray, times: FloatArray | None, recording: NDArray[np.int64]) -> float:
     """Twice the nats that noise wider by ``times`` (n,) seems to earn on a whitened residual (n,) that is no chance.
 
     Scattered instants are one by one; what neighbours have in common beyond what noise could is a wrong response, and
@@ -223,7 +223,7 @@ def unearned(residual: FloatArray, times: FloatArray | None, recording: NDArray[
 
 def predicted(problem: Problem, f: Fit) -> FloatArray:
     """The measurement that a fit of ``problem`` predicts, (n,) SI."""
-    wider = problem.widening(f.active)
+    wider = problem.noise_scale(f.active)
     sigma = problem.sigma if wider is None else problem.sigma * wider
     return np.asarray(problem.measured - f.residual * sigma)
 

@@ -19,12 +19,12 @@ class Problem(Protocol):
 
     ``measured`` (n,) and ``sigma`` (n,) are the data behind the rows in SI and their noise, so that the prediction
     is measured − residual·sigma (`gap.inference.least_squares.predicted`, as chance widens the noise).
-    ``alternatives`` are prior widths (p,) over which the evidence is averaged, narrow ones first; ``prior_sd`` is
-    the one used while fitting, ``plain_sd`` that of the simulation by itself, without a discrepancy. ``sound`` (p,)
-    is the nuisance of an instrument as it should be, where that is all there is to know; None where there is
-    tissue. ``trusts``, one for each width, are exponents on the evidence, for model error that tempering does not
-    see: low where a person's tissue may do what it likes. The first also weighs the widths against each other.
-    """
+    ``prior_scales`` are prior widths (p,) over which the evidence is averaged, narrow ones first; ``prior_sd`` is
+    the one used while fitting, ``sd_without_discrepancy`` that of the simulation by itself, without a discrepancy.
+    ``sound`` (p,) is the nuisance of an instrument as it should be, where that is all there is to know; None where
+    there is tissue. ``likelihood_powers``, one for each width, are exponents on the evidence, for model error that
+    tempering does not see: low where a person's tissue may do what it likes. The first also weighs the widths against
+    each other."""
 
     name: str
     rows: Rows
@@ -32,11 +32,11 @@ class Problem(Protocol):
     sigma: FloatArray
     prior_mean: FloatArray
     prior_sd: FloatArray
-    alternatives: Sequence[FloatArray]
+    prior_scales: Sequence[FloatArray]
     sound: FloatArray | None
 
     @property
-    def trusts(self) -> Sequence[float]:
+    def likelihood_powers(self) -> Sequence[float]:
         """How far the evidence is trusted under each of the prior's widths."""
         ...
 
@@ -46,7 +46,7 @@ class Problem(Protocol):
         ...
 
     @property
-    def plain_sd(self) -> FloatArray:
+    def sd_without_discrepancy(self) -> FloatArray:
         """Prior widths (p,) of the simulation by itself."""
         ...
 
@@ -67,7 +67,7 @@ class Problem(Protocol):
         """A sensible nuisance vector (p,) to begin from."""
         ...
 
-    def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
+    def warm_start(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
         """Where else a fit with effects about ``unit`` (k,) should begin. None where the prior is known."""
         ...
 
@@ -76,10 +76,10 @@ class Problem(Protocol):
         are in time."""
         ...
 
-    def widening(self, active: Active) -> FloatArray | None:
+    def noise_scale(self, active: Active) -> FloatArray | None:
         """How many times wider (n,) the noise is under effects that happen by chance; None without such effects."""
         ...
 
-    def unlike(self, fitted: Fit) -> float:
+    def timing_log_bayes(self, fitted: Fit) -> float:
         """Nats by which another law of chance than that of the ``fitted`` effects describes what they leave better."""
         ...

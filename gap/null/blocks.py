@@ -18,7 +18,7 @@ from acquire.recording.model import Recording, RunInfo
 from gap.data.binning import GROWTH, WIDEST
 from gap.data.labels import label_rows
 from gap.data.pauses import continues
-from gap.data.scatter import unlike
+from gap.data.scatter import timing_log_bayes
 from gap.data.session import SKIN, Command, Session
 from gap.data.tolerances import tolerances
 from gap.inference.evidence import Fit
@@ -130,7 +130,7 @@ class Block(abc.ABC):
 
     prior_mean: FloatArray
     prior_sd: FloatArray
-    alternatives: Sequence[FloatArray]
+    prior_scales: Sequence[FloatArray]
 
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect], without: Sequence[str] = ()) -> None:
         self.session, self.library = session, library
@@ -218,7 +218,7 @@ class Block(abc.ABC):
         defaults = {p.name: p.default for p in effect.parameters}
         return effect.scatter(self.session.instrument, defaults | dict(values)) if effect.scatter else {}
 
-    def widening(self, active: Active) -> FloatArray | None:
+    def noise_scale(self, active: Active) -> FloatArray | None:
         """The noise that scattered instants add, averaged over each bin's samples."""
         variance: FloatArray | None = None
         for candidate, values in active.items():
@@ -231,20 +231,20 @@ class Block(abc.ABC):
     def _by_row(self, of_channels: Mapping[str, float]) -> FloatArray:
         return np.repeat([of_channels.get(c, 0.0) for c in self.channels], len(self.stamps))
 
-    def unlike(self, fitted: Fit) -> float:
+    def timing_log_bayes(self, fitted: Fit) -> float:
         """Asked of the samples that are by themselves in their bins; of two effects of chance together nothing is."""
         chance = [(c, rms) for c, values in fitted.active.items() if (rms := self._scatter(c.key, values))]
-        times = self.widening(fitted.active)
+        times = self.noise_scale(fitted.active)
         if len(chance) != 1 or times is None or self.slope is None:
             return 0.0
         candidate, rms = chance[0]
         at = (self.counts == 1) & (self._by_row(rms) > 0)
         residual, reach = (fitted.residual * times)[at], (self.slope / self.sigma)[at]
-        return unlike(residual, reach, max(rms.values()), self.library[candidate.key].sparse)
+        return timing_log_bayes(residual, reach, max(rms.values()), self.library[candidate.key].sparse)
 
     def whitened(self, difference: FloatArray, active: Active) -> FloatArray:
         """``difference`` (n,) or (n, p) in σ, wider where an effect of chance makes it so."""
-        wider = self.widening(active)
+        wider = self.noise_scale(active)
         sigma = self.sigma if wider is None else self.sigma * wider
         return difference / (sigma if difference.ndim == 1 else sigma[:, None])
 
@@ -313,16 +313,16 @@ class Block(abc.ABC):
         return self.prior_mean.copy()
 
     @property
-    def trusts(self) -> Sequence[float]:
+    def likelihood_powers(self) -> Sequence[float]:
         """How far the evidence is trusted under each of the prior's widths."""
-        return (self.trust,) * len(self.alternatives)
+        return (self.trust,) * len(self.prior_scales)
 
     @property
-    def plain_sd(self) -> FloatArray:
+    def sd_without_discrepancy(self) -> FloatArray:
         """Prior widths (p,) of the simulation by itself."""
         return self.prior_sd
 
-    def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
+    def warm_start(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
         return None
 
     def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:

@@ -164,9 +164,9 @@ class FeHeightBlock(Anchored, HeightBlock):
         self._settle()
         n = len(self.PARTS)
         self.prior_mean[:n] = self.start()[:n]
-        for sd in (self.prior_sd, *self.alternatives):
-            sd[:n] = [part.anchored for part in self.PARTS.values()]
-        self.prior_sd = fit(self).best_prior(self.alternatives)
+        for sd in (self.prior_sd, *self.prior_scales):
+            sd[:n] = [part.warm_start for part in self.PARTS.values()]
+        self.prior_sd = fit(self).best_prior(self.prior_scales)
 
     def _first_guess(self) -> FloatArray:
         if self._anchor is None:

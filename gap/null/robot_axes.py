@@ -149,7 +149,7 @@ class AxesBlock(Block):
         """Assume a controller, and what a sound instrument with it may be off by."""
         self.controller = controller
         self.prior_sd = self._prior(lambda t: t.widest)
-        self.alternatives = (self._prior(lambda t: t.value), self.prior_sd)
+        self.prior_scales = (self._prior(lambda t: t.value), self.prior_sd)
         self._forget()
 
     def _prior(self, width: Callable[[Tolerance], float]) -> FloatArray:
@@ -225,7 +225,7 @@ class AxesBlock(Block):
         gains = {n: (float(np.exp(v)), "1") for n, v in zip(names, nuisance, strict=False)}
         return gains | {"delay": (float(nuisance[3]), "s"), "clock_rate": (float(nuisance[4]), "s/s")}
 
-    def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
+    def warm_start(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
         # Strained tolerances have taken on what they could of an effect.
         if not self._strained:
             return None
@@ -385,7 +385,7 @@ class ArithmeticBlock(Block):
         self._runs = np.kron(np.eye(3), self.member)
         self.prior_sd = np.full(self._runs.shape[1], 5 * floor)
         self.prior_mean = np.zeros(len(self.prior_sd))
-        self.alternatives = (self.prior_sd,)
+        self.prior_scales = (self.prior_sd,)
         self._given = [self._binned_source(g, at) for g, at in self.groups]
 
     def _binned_source(self, group: Group, at: slice) -> dict[str, Table]:

@@ -86,7 +86,7 @@ class ForceBlock(Block):
         self.prior_sd = np.concatenate(list(sd.values()))
         self.prior_mean = np.zeros(len(self.prior_sd))
         simple = [self._simple(law) for law in self.LAWS[:-1]]
-        self.alternatives = (*simple, *(self._wide(scale) for scale in self.DISCREPANCY_SCALES))
+        self.prior_scales = (*simple, *(self._wide(scale) for scale in self.DISCREPANCY_SCALES))
         self._trusts: Sequence[float] = (*[self.TRUST_SIMPLE] * len(simple), *self.TRUSTS)
         self._start: FloatArray | None = None
         self._alone: tuple[FloatArray, FloatArray] | None = None  # widths and fit of a simple law that is not the null
@@ -108,7 +108,7 @@ class ForceBlock(Block):
         return np.full(len(self.runs), self.ZERO_SD)
 
     @property
-    def trusts(self) -> Sequence[float]:
+    def likelihood_powers(self) -> Sequence[float]:
         return self._trusts
 
     @property
@@ -116,7 +116,7 @@ class ForceBlock(Block):
         return bool(self._basis.shape[1])
 
     @property
-    def plain_sd(self) -> FloatArray:
+    def sd_without_discrepancy(self) -> FloatArray:
         sd = self.prior_sd.copy()
         sd[self._parts["discrepancy"]] = FROZEN
         return sd
@@ -168,7 +168,7 @@ class ForceBlock(Block):
         """
         if self._start is None:
             *laws, usual_law = self.LAWS
-            known, wide = self.alternatives[: len(laws)], self.alternatives[len(laws) :]
+            known, wide = self.prior_scales[: len(laws)], self.prior_scales[len(laws) :]
             basic = [self._from_guesses(law, sd, 40) for law, sd in zip(laws, known, strict=True)]
             beside = self._from_guesses(usual_law, self.prior_sd, 40)
             further = None if not basic or any(map(self._at_noise, basic)) else self._further()
@@ -178,15 +178,15 @@ class ForceBlock(Block):
                     other, its = self._beside(further)
                     if other.log_evidence(1.0, its) > beside.log_evidence(1.0, wide):
                         beside, wide = other, tuple(its)
-            self.alternatives = (*known, *wide)
+            self.prior_scales = (*known, *wide)
             simple = [f for f in (*basic, further) if f is not None and _settled(f)]
-            best = max([*simple, beside], key=lambda f: f.log_evidence(1.0, self.alternatives))
-            self._probability = best.log_evidence(1.0, self.alternatives)
-            self._start, self.prior_sd = best.nuisance, best.best_prior(self.alternatives)
+            best = max([*simple, beside], key=lambda f: f.log_evidence(1.0, self.prior_scales))
+            self._probability = best.log_evidence(1.0, self.prior_scales)
+            self._start, self.prior_sd = best.nuisance, best.best_prior(self.prior_scales)
             if simple:
                 law = max(simple, key=_own_evidence)
                 self._alone = law.prior_sd, law.nuisance
-                if _own_evidence(law) > beside.log_evidence(1.0, self.alternatives) + CLEARLY:
+                if _own_evidence(law) > beside.log_evidence(1.0, self.prior_scales) + CLEARLY:
                     self._probability = _own_evidence(law)
                     self._keep(law, min(basic, key=lambda f: f.objective) if law is further else None)
         return self._start.copy()
@@ -200,11 +200,11 @@ class ForceBlock(Block):
         self.prior_mean, self._start = (np.delete(v, shape) for v in (self.prior_mean, law.nuisance))
         kept = [(np.delete(f.prior_sd, shape), np.delete(f.nuisance, shape)) for f in (law, basic) if f is not None]
         self.prior_sd = kept[0][0]
-        self.alternatives = tuple(sd for sd, _ in kept)
+        self.prior_scales = tuple(sd for sd, _ in kept)
         self._trusts = (self.TRUST_SIMPLE,) * len(kept)
         self._alone = kept[1] if basic is not None else None
 
-    def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
+    def warm_start(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
         """Under the simple law, which cannot take on much of an effect, where the null needs more than that."""
         if self._alone is None:
             return None
@@ -214,9 +214,9 @@ class ForceBlock(Block):
             return None  # nor does the simple law do with these effects
         return Start(self.prior_mean, found.prior_sd, found.nuisance, found.unit)
 
-    def widening(self, active: Active) -> FloatArray | None:
+    def noise_scale(self, active: Active) -> FloatArray | None:
         """None beside a discrepancy: what is left there where force is steep may be the skin's as well as chance."""
-        return None if self._basis.shape[1] else super().widening(active)
+        return None if self._basis.shape[1] else super().noise_scale(active)
 
     def greatest(self) -> float:
         """The greatest force of a transducer in the session, N."""

@@ -81,15 +81,15 @@ class ReferenceForceBlock(ForceBlock):
         return False
 
     @property
-    def plain_sd(self) -> FloatArray:
+    def sd_without_discrepancy(self) -> FloatArray:
         return self.prior_sd
 
     @property
     def sound(self) -> FloatArray:  # type: ignore[override]
         return self.prior_mean
 
-    def widening(self, active: Active) -> FloatArray | None:
-        return Block.widening(self, active)
+    def noise_scale(self, active: Active) -> FloatArray | None:
+        return Block.noise_scale(self, active)
 
     def loosened(self) -> Mapping[str, tuple[FloatArray, tuple[int, ...]]]:
         """For each specimen with a number, the prior widths (p,) were that number unknown, and its recordings."""

@@ -30,7 +30,7 @@ class Part(NamedTuple):
     the amount without which it means nothing (itself, of an amount)."""
 
     sd: float
-    anchored: float
+    warm_start: float
     begin: float = 0.0
     of: str = ""
 

@@ -5,7 +5,7 @@ the tissue. Which law a person's skin has, nobody knows: simple ones are tried f
 parameters and two creep times or a power law of time, or what is not linear (`gap.null.skin_laws`); then four creep
 times under any elastic curve; then, beside these, a discrepancy that other laws could leave
 (`gap.null.suction_discrepancy`), so that only what no tissue could do is called a device effect. What is less simple
-must earn its freedom (`Problem.alternatives`).
+must earn its freedom (`Problem.prior_scales`).
 """
 
 from __future__ import annotations
@@ -119,8 +119,8 @@ class HeightBlock(FedBlock):
         end = self._curve_part.stop  # where the discrepancy begins; without skin it is empty
         self._widths = [np.concatenate([self.prior_sd[:end], self.prior_sd[end:] * s]) for s in self.DISCREPANCY_SCALES]
         self.prior_mean = self._mean(self.USUAL_LAW)
-        self.laws = tuple(self.SIMPLE_LAWS)  # simple ones of `alternatives`, the most probable first
-        self.alternatives = self._priors()
+        self.laws = tuple(self.SIMPLE_LAWS)  # simple ones of `prior_scales`, the most probable first
+        self.prior_scales = self._priors()
 
     @cached_property
     def resets(self) -> Sequence[float]:
@@ -202,11 +202,11 @@ class HeightBlock(FedBlock):
             self._bend(found.nuisance)
             self._start = self._alone((), np.zeros(0), [Try(law, found.nuisance, 30)])[0][0].nuisance
             self._hold(self.prior_mean, self._start)
-            anchored = [part.anchored for part in self.PARTS.values()]
+            warm_start = [part.warm_start for part in self.PARTS.values()]
             for sd in (self.prior_sd, *self._widths):
-                sd[: len(anchored)] = np.minimum(sd[: len(anchored)], anchored)
-            self.alternatives = self._priors()
-            self.prior_sd = fit(self, nuisance=self._start).best_prior(self.alternatives)
+                sd[: len(warm_start)] = np.minimum(sd[: len(warm_start)], warm_start)
+            self.prior_scales = self._priors()
+            self.prior_sd = fit(self, nuisance=self._start).best_prior(self.prior_scales)
         return self._start.copy()
 
     def _best_alone(self) -> tuple[Fit, SkinLaw]:
@@ -278,12 +278,12 @@ class HeightBlock(FedBlock):
         return len(self.PARTS) + 1 + self._runs.shape[1]
 
     @property
-    def trusts(self) -> Sequence[float]:
+    def likelihood_powers(self) -> Sequence[float]:
         return (*[self.trust_simple] * len(self.laws), *[self.trust] * len(self.DISCREPANCY_SCALES))
 
     @property
-    def plain_sd(self) -> FloatArray:
-        sd = self.alternatives[len(self.laws)].copy()
+    def sd_without_discrepancy(self) -> FloatArray:
+        sd = self.prior_scales[len(self.laws)].copy()
         sd[self._curve_part.stop :] = 1e-6
         return sd
 
@@ -292,7 +292,7 @@ class HeightBlock(FedBlock):
     ) -> list[tuple[Fit, SkinLaw]]:
         """The simulation by itself, the person's tissue not yet known, with effects from ``unit`` (k,) on: a fit for
         each of the ``tries``, and its law. The usual one is left out where a simple one is at the noise."""
-        wide = self.plain_sd
+        wide = self.sd_without_discrepancy
         wide[: len(self.PARTS)] = [part.sd for part in self.PARTS.values()]
 
         def fitted(one: Try) -> tuple[Fit, SkinLaw]:
@@ -306,7 +306,7 @@ class HeightBlock(FedBlock):
             found += each(fitted, [one for one in tries if not one.law.simple], jobs)
         return found
 
-    def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
+    def warm_start(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
         """Where the tissue alone would go with an effect; a second one begins where the first left the tissue."""
         if len(hypothesis) > 1:
             return None
@@ -320,10 +320,10 @@ class HeightBlock(FedBlock):
         found, law = self._alone(hypothesis, unit, tries)[0]
         mean = self.prior_mean.copy()
         self._hold(mean, found.nuisance)
-        return Start(mean, self.alternatives[self._place(law)], found.nuisance, found.unit, found.jacobian)
+        return Start(mean, self.prior_scales[self._place(law)], found.nuisance, found.unit, found.jacobian)
 
     def _place(self, law: SkinLaw) -> int:
-        """Which of the `alternatives` stands for a law that was fitted alone."""
+        """Which of the `prior_scales` stands for a law that was fitted alone."""
         if not law.simple:
             return len(self.laws)
         return next(k for k, simple in enumerate(self.laws) if set(law.amounts) <= set(simple.amounts))

@@ -98,9 +98,9 @@ class PressureBlock(Block):
         self.prior_sd = self._prior(lambda t: t.value)
         self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
         # As a sound instrument of the nominal kind, or a regulator of another time and damping.
-        self.alternatives = (self.prior_sd, self._prior(lambda t: t.widest))
+        self.prior_scales = (self.prior_sd, self._prior(lambda t: t.widest))
         self.blur_steep_parts(self._slope())
-        self.prior_sd = max(self.alternatives, key=self._probability)
+        self.prior_sd = max(self.prior_scales, key=self._probability)
 
     def _prior(self, width: Callable[[Tolerance], float]) -> FloatArray:
         """Prior widths (p,) of a sound instrument, by the one of its tolerances that ``width`` takes."""
@@ -169,9 +169,9 @@ class PressureBlock(Block):
             "gauge_zero": (float(nuisance[-1]), "Pa"),
         }
 
-    def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
+    def warm_start(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
         # Not from the null's shift, which has taken on what it could of a delay.
-        return Start(self.prior_mean, self.alternatives[0], self.prior_mean, unit)
+        return Start(self.prior_mean, self.prior_scales[0], self.prior_mean, unit)
 
     def lateness(self, fitted: Fit) -> Lateness | None:
         """Each kink's response, until the next, moved to and fro as a whole."""

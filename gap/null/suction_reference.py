@@ -74,7 +74,7 @@ class ReferenceBlock(FedBlock):
         self._loose = np.array([c.loose for c in columns])
         self.prior_sd = np.array([self.shift_sd, *(c.sd for c in columns)])
         self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
-        self.alternatives = (self.prior_sd,)
+        self.prior_scales = (self.prior_sd,)
 
     def _solid(self, group: Group, at: slice) -> Table | None:
         """Height of a solid over a group's time, m; None of a membrane. A step is there from when the record shows half

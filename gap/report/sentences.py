@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gap.data.signatures import HUM
 from gap.decision.posterior import Cause
-from gap.decision.transfer import plain_gap, shrink
+from gap.decision.transfer import gap_without_discrepancy, shrink
 from gap.diagnosis import Diagnosis
 from gap.report.breakdown import breakdown
 from gap.report.parameters import of_cause
@@ -47,7 +47,9 @@ def _nothing(d: Diagnosis) -> str:
     if "rig" in d.problems:
         return "A model that is wrong otherwise could do that as well: no effect stands out beyond it."
     quiet = d.thresholds.quiet_gap
-    loud = [name for name, p in d.problems.items() if not p.open_law and plain_gap(d.null, {name}) >= quiet]
+    loud = [
+        name for name, p in d.problems.items() if not p.open_law and gap_without_discrepancy(d.null, {name}) >= quiet
+    ]
     if not loud:
         return "Skin of another law could do that as well: no effect stands out beyond it."
     where = " and ".join(words(name) for name in loud)

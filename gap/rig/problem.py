@@ -93,9 +93,9 @@ class RigProblem:
         )
         self.sigma = self._by_row()
         self._start: FloatArray | None = None
-        self.trusts = (0.6,)
-        self.alternatives: Sequence[FloatArray] = (self.prior_sd,)
-        self.plain_sd = self.prior_sd
+        self.likelihood_powers = (0.6,)
+        self.prior_scales: Sequence[FloatArray] = (self.prior_sd,)
+        self.sd_without_discrepancy = self.prior_sd
         self.rows = label_rows(
             [(r, c, run[0][k]) for r, run, ks in zip(recordings, self._runs, keep, strict=True)
              for c, k in zip(model.channels, ks, strict=True)]
@@ -264,7 +264,7 @@ class RigProblem:
             self._sigma[channel] = min(self._sigma[channel], rough)
         self.sigma = self._by_row()
 
-    def anchored(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
+    def warm_start(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
         """Where else a fit with the last of some effects might begin: of several places in its prior, with the model's
         parameters halfway between their fit without it and anywhere in their ranges, the one from where it comes
         farthest in a few steps. An effect that takes over half of what the model did (a slow mode, a yield) is seldom
@@ -284,10 +284,10 @@ class RigProblem:
     def lateness(self, fitted: Fit) -> None:
         return None
 
-    def widening(self, active: Active) -> None:
+    def noise_scale(self, active: Active) -> None:
         return None
 
-    def unlike(self, fitted: Fit) -> float:
+    def timing_log_bayes(self, fitted: Fit) -> float:
         return 0.0
 
     def parameters(self, nuisance: FloatArray) -> dict[str, float]:

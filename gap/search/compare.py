@@ -62,13 +62,16 @@ class Comparison:
         trust: list[dict[str, float]] = [{} for _ in every]
         for name, problem in self.problems.items():
             fits = {id(h.fits[name]): h.fits[name] for h in every}
-            rows = {k: f.evidences(temper[name], problem.alternatives) - problem.unlike(f) for k, f in fits.items()}
+            rows = {
+                k: f.evidences(temper[name], problem.prior_scales) - problem.timing_log_bayes(f)
+                for k, f in fits.items()
+            }
             table = np.array([rows[id(h.fits[name])] for h in every])
-            best, trusts = table.max(axis=0), np.asarray(problem.trusts)
-            table = trusts[0] * (best - best.max()) + trusts * (table - best)
+            best, likelihood_powers = table.max(axis=0), np.asarray(problem.likelihood_powers)
+            table = likelihood_powers[0] * (best - best.max()) + likelihood_powers * (table - best)
             evidence += np.logaddexp.reduce(table, axis=1)
             for h, width in zip(trust, np.argmax(table, axis=1), strict=True):
-                h[name] = float(trusts[width])
+                h[name] = float(likelihood_powers[width])
         return {id(h): Weight(float(e), t) for h, e, t in zip(every, evidence, trust, strict=True)}
 
     def temper(self) -> dict[str, float]:
@@ -118,18 +121,18 @@ def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) ->
             tries.append(from_base(here, hypothesis, start, before.nuisance, 5))
             if problem.sound is not None and before.penalty >= STRAINED:  # tolerances that took the effect on
                 tries.append(fit(here, hypothesis, start, problem.sound, 5, belief=belief))
-            if len(tries) == 1 and (moved := problem.anchored(hypothesis, start)) is not None:
+            if len(tries) == 1 and (moved := problem.warm_start(hypothesis, start)) is not None:
                 width = screened.widths[block]
                 for sd in (moved.sd,) if width is moved.sd else (width, moved.sd):
                     there, near = under(problem, moved.mean, sd), moved.jacobian if sd is moved.sd else None
                     tries.append(fit(there, hypothesis, moved.unit, moved.nuisance, 5, jacobian=near, belief=belief))
-        best = max(tries, key=lambda f: f.log_evidence(1.0, problem.alternatives))
+        best = max(tries, key=lambda f: f.log_evidence(1.0, problem.prior_scales))
         if screened.sure:  # where the data show it to be, once more: on the way to the right skin it may have left
             there = under(problem, best.prior_mean, best.prior_sd)
             unit = np.concatenate([before.unit, starts[0]])
             tries.append(fit(there, hypothesis, unit, best.nuisance, 10, belief=belief))
-            best = max(tries, key=lambda f: f.log_evidence(1.0, problem.alternatives))
-        final = under(problem, best.prior_mean, best.best_prior(problem.alternatives))
+            best = max(tries, key=lambda f: f.log_evidence(1.0, problem.prior_scales))
+        final = under(problem, best.prior_mean, best.best_prior(problem.prior_scales))
         known = fits[block] = fit(final, hypothesis, best.unit, best.nuisance, belief=belief)
         simulations += sum(f.simulations for f in tries) + known.simulations
     return fits, simulations
@@ -148,7 +151,7 @@ class Effort:
     """How wide the search is."""
 
     quick_fits: int = 10  # screened effects that get a few steps of a fit, where straight lines may mislead
-    least_hope: float = 8.0  # fall of χ², at any size, below which an effect gets none for being far from linear
+    least_score: float = 8.0  # fall of χ², at any size, below which an effect gets none for being far from linear
     far_fits: int = 12  # at most so many get some for that, the most hopeful ones
     refit_singles: int = 9
     imitators: int = 3  # of the best, that are refitted besides
@@ -159,7 +162,7 @@ class Effort:
 
     def quicker(self) -> Effort:
         """A narrower search: few refits, no pairs."""
-        return replace(self, quick_fits=4, refit_singles=4, imitators=0, pair_bases=0, least_hope=20.0)
+        return replace(self, quick_fits=4, refit_singles=4, imitators=0, pair_bases=0, least_score=20.0)
 
 
 def compare(
@@ -180,7 +183,7 @@ def compare(
     usable = [c for c in candidates if set(c.blocks) <= set(blocks)]
     tell(f"screening {len(usable)} effects", 0.25)
     comparison.screened, n = screen(
-        blocks, comparison.null, usable, (), effort.quick_fits, jobs, effort.least_hope, effort.far_fits
+        blocks, comparison.null, usable, (), effort.quick_fits, jobs, effort.least_score, effort.far_fits
     )
     comparison.simulations += n
     chosen = _shortlist(comparison.screened, effort.refit_singles)

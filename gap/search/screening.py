@@ -51,11 +51,11 @@ class Screened:
     detectability: list[tuple[FloatArray, float]] = field(default_factory=list)
     traces: dict[str, FloatArray] = field(default_factory=dict)
     sure: bool = False  # whether it is refitted wherever it ranks
-    hope: float = 0.0  # fall of χ² along its traces, at any size
+    score: float = 0.0  # fall of χ² along its traces, at any size
 
 
 @dataclass(frozen=True)
-class _Lens:
+class _ProfiledResidual:
     """A block's residual under one prior width ``sd`` (p,) of its nuisance: what an effect must explain.
 
     ``aim`` (n,) is the residual after the linear nuisance refit, ``evidence`` the base's log evidence.
@@ -67,26 +67,28 @@ class _Lens:
     evidence: float
 
     @classmethod
-    def of(cls, f: Fit, sd: FloatArray) -> _Lens:
+    def of(cls, f: Fit, sd: FloatArray) -> _ProfiledResidual:
         # The base's own effect parameters are refitted too: they join the nuisance.
         projector = Projector(f.jacobians, np.concatenate([sd, np.ones(len(f.unit))]), f.normal)
         return cls(sd, projector, projector.apply(f.at_mean), f.log_evidence(1.0, (sd,)))
 
 
-def _seen_through(lenses: Sequence[_Lens], changes: FloatArray) -> tuple[FloatArray, _Lens, float]:
+def _seen_through(
+    profiled: Sequence[_ProfiledResidual], changes: FloatArray
+) -> tuple[FloatArray, _ProfiledResidual, float]:
     """Twice the nats that each of the ``changes`` (n, k) earns, its size adjusted; the lens that shows the best; and
     the fall of χ² that the best would bring at any size."""
-    scores, hope = [], 0.0
-    seen = lenses[0].projector.jacobian.T @ changes
-    for lens in lenses:
+    scores, score = [], 0.0
+    seen = profiled[0].projector.jacobian.T @ changes
+    for lens in profiled:
         along = np.maximum(lens.projector.squares(changes, seen), 1e-9)
         cross = lens.aim @ changes
-        hope = max(hope, float(np.max(np.square(cross) / along)))
+        score = max(score, float(np.max(np.square(cross) / along)))
         size = np.clip(cross / along, *AMPLITUDES)
         scores.append(lens.evidence + 0.5 * np.maximum(2 * cross - along, size * (2 * cross - size * along)))
-    base = np.logaddexp.reduce([lens.evidence for lens in lenses])
+    base = np.logaddexp.reduce([lens.evidence for lens in profiled])
     best = int(np.argmax(np.max(scores, axis=1)))
-    return 2.0 * (np.logaddexp.reduce(scores, axis=0) - base), lenses[best], hope
+    return 2.0 * (np.logaddexp.reduce(scores, axis=0) - base), profiled[best], score
 
 
 def screen(
@@ -96,18 +98,17 @@ def screen(
     known: Sequence[Screened] = (),
     quick_fits: int = 0,
     jobs: int = 1,
-    least_hope: float = 0.0,
+    least_score: float = 0.0,
     far_fits: int = 0,
 ) -> tuple[list[Screened], int]:
     """Every candidate on top of ``base``, by the linear nuisance refit; best first. Also the number of simulations.
 
     The traces of candidates that are ``known`` from another base are used again: a second effect adds nearly what it
     changes alone, and whatever looks worth it is refitted. The best ``quick_fits`` are fitted a little, and so are
-    ``far_fits`` of those whose weakest strength is still far from linear and whose traces would bring ``least_hope`` at
-    any size. Candidates are simulated and fitted by ``jobs`` processes.
-    """
+    ``far_fits`` of those whose weakest strength is still far from linear and whose traces would bring ``least_score``
+    at any size. Candidates are simulated and fitted by ``jobs`` processes."""
     before = {s.candidate: s for s in known}
-    lenses = {b: [_Lens.of(f, sd) for sd in problems[b].alternatives] for b, f in base.fits.items()}
+    profiled = {b: [_ProfiledResidual.of(f, sd) for sd in problems[b].prior_scales] for b, f in base.fits.items()}
     own = {b: Projector(f.jacobian, f.prior_sd) for b, f in base.fits.items()}
     out, simulations = [], 0
     new = [c for c in candidates if c not in before]
@@ -118,13 +119,13 @@ def screen(
         else:
             units, traces, sure = looked[candidate]
             simulations += len(candidate.blocks) * len(units)
-        gain, hope, along = 0.0, 0.0, np.zeros(len(units))
+        gain, score, along = 0.0, 0.0, np.zeros(len(units))
         starts, widths = {}, {}
         for b, changes in traces.items():
             along += own[b].squares(changes, own[b].jacobian.T @ changes)
-            gains, lens, most = _seen_through(lenses[b], changes)
-            hope += most
-            times = [problems[b].widening({candidate: candidate.values(unit)}) for unit in units]
+            gains, lens, most = _seen_through(profiled[b], changes)
+            score += most
+            times = [problems[b].noise_scale({candidate: candidate.values(unit)}) for unit in units]
             if times[0] is not None:  # the residual does not move, it counts for less
                 gains = np.array([_widened(base.fits[b].residual, t) for t in times if t is not None])
             best = float(gains.max())
@@ -133,10 +134,10 @@ def screen(
             widths[b] = lens.sd
             gain += best
         seen = list(zip(units, np.sqrt(np.maximum(along, 0.0)).tolist(), strict=True))
-        out.append(Screened(candidate, units, gain, starts, widths, seen, traces, sure, hope))
+        out.append(Screened(candidate, units, gain, starts, widths, seen, traces, sure, score))
     out.sort(key=lambda s: -s.gain)
-    far = [s for s in out[quick_fits:] if s.hope >= least_hope and min(d for _, d in s.detectability) > STEEP]
-    unsure = out[:quick_fits] + sorted(far, key=lambda s: -s.hope)[:far_fits]
+    far = [s for s in out[quick_fits:] if s.score >= least_score and min(d for _, d in s.detectability) > STEEP]
+    unsure = out[:quick_fits] + sorted(far, key=lambda s: -s.score)[:far_fits]
     for s, (gain, starts, n) in zip(unsure, each(partial(_quick_fit, problems, base), unsure, jobs), strict=True):
         simulations += n
         if gain > s.gain:
@@ -159,7 +160,7 @@ def from_sound(
         if problem.sound is None or base.fits[block].penalty < STRAINED:
             continue
         jacobian = problem.evaluate(problem.sound, {}).jacobian
-        refits = [Projector(jacobian, sd) for sd in problem.alternatives]
+        refits = [Projector(jacobian, sd) for sd in problem.prior_scales]
         found = []
         for s in screened:
             if block not in s.candidate.blocks:
@@ -167,7 +168,7 @@ def from_sound(
             left = []
             for active in ({s.candidate: s.candidate.values(unit)} for unit in s.units):
                 residual = problem.evaluate(problem.sound, active, want_jacobian=False).residual
-                times = problem.widening(active)
+                times = problem.noise_scale(active)
                 wider = 0.0 if times is None else 2.0 * float(np.sum(np.log(times)))
                 left.append(wider + min(refit.chi2(residual) for refit in refits))
             simulations += len(left)
@@ -238,7 +239,7 @@ def _quick_fit(
         here = under(problem, before.prior_mean, screened.widths[block])
         hypothesis, start = (*before.hypothesis, screened.candidate), np.concatenate([before.unit, unit])
         quick = fit(here, hypothesis, start, before.nuisance, iterations=3, jacobian=before.jacobian, gram=before.gram)
-        gain += 2 * (quick.log_evidence(1.0, problem.alternatives) - before.log_evidence(1.0, problem.alternatives))
+        gain += 2 * (quick.log_evidence(1.0, problem.prior_scales) - before.log_evidence(1.0, problem.prior_scales))
         simulations += quick.simulations
         starts[block] = (quick.unit[len(before.unit) :], *others)
     return gain, starts, simulations

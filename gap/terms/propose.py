@@ -18,7 +18,7 @@ from scipy.special import gammaln
 
 from gap.decision.settle import Case
 from gap.decision.thresholds import Thresholds
-from gap.decision.transfer import Shrink, in_changed_blocks, plain, plain_gap, transferred
+from gap.decision.transfer import Shrink, gap_without_discrepancy, in_changed_blocks, plain, transferred
 from gap.inference.evidence import Fit, Hypothesis
 from gap.inference.hypothesis import Active
 from gap.inference.linear import Projector
@@ -81,7 +81,7 @@ def best_term(case: Case, t: Thresholds, jobs: int = 1) -> Proposal | None:
     everywhere = choices(problems)
     if not everywhere:
         return None
-    loud = {b for b in problems if plain_gap(case.null, {b}) > t.quiet_gap}
+    loud = {b for b in problems if gap_without_discrepancy(case.null, {b}) > t.quiet_gap}
     places = [c for c in everywhere if loud & set(c.place.blocks)]
     if not places:
         return Proposal(None, reason="no stage where a term is known to fit leaves a gap above the noise")
@@ -131,7 +131,7 @@ class _Point:
         if problem.sound is None or f.penalty < STRAINED:
             return cls(f.nuisance, f.residual, f.jacobian, f.prior_mean, (f.prior_sd,))
         here = problem.evaluate(problem.sound, {})
-        return cls(problem.sound, here.residual, here.jacobian, f.prior_mean, tuple(problem.alternatives))
+        return cls(problem.sound, here.residual, here.jacobian, f.prior_mean, tuple(problem.prior_scales))
 
 
 def _traces(problems: Mapping[str, Problem], points: Mapping[str, _Point], choice: Choice) -> dict[str, FloatArray]:
@@ -268,10 +268,10 @@ def _evidence(problems: Mapping[str, Problem], null: Hypothesis, h: Hypothesis) 
         misfit = f.chi2 / max(len(f.residual) - len(f.nuisance), 1)
         temper = max(misfit * mean_correlation(f.residual, run), LEAST_TEMPER)
         gain = (
-            f.evidences(temper, problems[b].alternatives)
-            - null.fits[b].evidences(temper, problems[b].alternatives).max()
+            f.evidences(temper, problems[b].prior_scales)
+            - null.fits[b].evidences(temper, problems[b].prior_scales).max()
         )
-        nats += float(np.max(np.asarray(problems[b].trusts) * gain))
+        nats += float(np.max(np.asarray(problems[b].likelihood_powers) * gain))
     return nats
 
 

@@ -27,14 +27,14 @@ class LinearProblem:
     sd: FloatArray | None = None
     name: str = "linear"
     runs: int = 1
-    trusts: Sequence[float] = (1.0,)
+    likelihood_powers: Sequence[float] = (1.0,)
 
     def __post_init__(self) -> None:
         n, p = self.design.shape
         self.prior_sd = np.full(p, np.inf) if self.sd is None else self.sd
         self.prior_mean = np.zeros(p)
-        self.alternatives: Sequence[FloatArray] = (self.prior_sd,)
-        self.plain_sd = self.prior_sd
+        self.prior_scales: Sequence[FloatArray] = (self.prior_sd,)
+        self.sd_without_discrepancy = self.prior_sd
         self.sound: NDArray[np.float64] | None = None
         self.resets: tuple[float, ...] = ()
         self.open_law = False
@@ -46,16 +46,16 @@ class LinearProblem:
     def start(self) -> FloatArray:
         return np.zeros(self.design.shape[1])
 
-    def anchored(self, hypothesis: object, unit: FloatArray) -> None:
+    def warm_start(self, hypothesis: object, unit: FloatArray) -> None:
         return None
 
     def lateness(self, fitted: object) -> None:
         return None
 
-    def widening(self, active: Active) -> FloatArray | None:
+    def noise_scale(self, active: Active) -> FloatArray | None:
         return None
 
-    def unlike(self, fitted: Fit) -> float:
+    def timing_log_bayes(self, fitted: Fit) -> float:
         return 0.0
 
     def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:

@@ -146,10 +146,10 @@ def test_a_model_with_one_effect_more_is_never_above_the_simulation_by_itself(li
     known = candidate("wave", Parameter("a", "1", 0.0, 60.0, 0.0))
     null = Hypothesis((), {"linear": fit(problem)})
     lost = fit(problem, (known,), np.array([0.9]), iterations=0)
-    problem.plain_sd = problem.prior_sd * 0.999
+    problem.sd_without_discrepancy = problem.prior_sd * 0.999
     answer = plain({"linear": problem}, Hypothesis((known,), {"linear": lost}), null)
     assert answer.fits["linear"].objective <= null.fits["linear"].objective + 0.02
-    problem.plain_sd = problem.prior_sd
+    problem.sd_without_discrepancy = problem.prior_sd
     answer = plain({"linear": problem}, Hypothesis((known,), {"linear": lost}), null)
     assert answer.fits["linear"].objective <= null.fits["linear"].objective + 0.02
 

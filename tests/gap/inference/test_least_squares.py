@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gap.inference.evidence import Belief
+from gap.inference.evidence import GaussianPrior
 from gap.inference.hypothesis import FROZEN
-from gap.inference.least_squares import fit, unearned
+from gap.inference.least_squares import autocorrelation_penalty, fit
 from gap.inference.linear import Projector
 from sim_devices.chain import Parameter
 
@@ -124,8 +124,8 @@ def test_a_belief_holds_an_effect_to_what_other_data_say(linear, candidate, data
     effect = candidate("wave", Parameter("a", "1", 0.0, 10.0, null=0.0, default=1.0))
     problem = linear(y + 8 * shape, design, {"wave": lambda v: v["a"] * shape}, sd)
     free = fit(problem, (effect,))
-    loose = fit(problem, (effect,), belief=Belief(np.array([0.2]), np.array([[1e-6]])))
-    sure = fit(problem, (effect,), belief=Belief(np.array([0.2]), np.array([[1e8]])))
+    loose = fit(problem, (effect,), belief=GaussianPrior(np.array([0.2]), np.array([[1e-6]])))
+    sure = fit(problem, (effect,), belief=GaussianPrior(np.array([0.2]), np.array([[1e8]])))
     assert effect.values(free.unit)["a"] == pytest.approx(8, abs=1)
     assert loose.unit == pytest.approx(free.unit, abs=1e-3)
     assert sure.unit == pytest.approx([0.2], abs=1e-3)
@@ -138,11 +138,11 @@ def test_a_belief_grows_by_what_a_fit_found(linear, candidate, data) -> None:
     shape = np.sin(np.arange(len(y)))
     effect = candidate("wave", Parameter("a", "1", 0.0, 10.0, null=0.0, default=1.0))
     found = fit(linear(y + 8 * shape, design, {"wave": lambda v: v["a"] * shape}, sd), (effect,))
-    belief = Belief.none(2).joined(1, found)
+    belief = GaussianPrior.none(2).joined(1, found)
     assert belief.mean[2] == pytest.approx(found.unit[0])
     assert np.count_nonzero(belief.precision) == 1
     assert belief.precision[2, 2] == pytest.approx(1 / (4 * found.covariance[0, 0] + 1e-6))
-    assert np.count_nonzero(Belief.none(2).joined(1).precision) == 0
+    assert np.count_nonzero(GaussianPrior.none(2).joined(1).precision) == 0
 
 
 def test_evidence_does_not_lead_an_effect_out_of_its_range(linear, candidate, data) -> None:
@@ -152,7 +152,7 @@ def test_evidence_does_not_lead_an_effect_out_of_its_range(linear, candidate, da
     narrow = candidate("wave", Parameter("a", "1", 0.0, 0.1, null=0.0, default=0.05))
     problem = linear(y + 8 * shape, design, {"wave": lambda v: v["a"] * shape}, np.full(3, 10.0))
     bound = fit(problem, (narrow,))
-    earned = bound.log_evidence(1.0, problem.alternatives) - fit(problem).log_evidence(1.0, problem.alternatives)
+    earned = bound.log_evidence(1.0, problem.prior_scales) - fit(problem).log_evidence(1.0, problem.prior_scales)
     assert bound.unit == pytest.approx([1.0])
     assert earned < 0.5 * (fit(problem).chi2 - bound.chi2) + 1
 
@@ -164,12 +164,14 @@ def test_noise_that_goes_together_earns_nothing_by_being_wide() -> None:
     chance = rng.normal(size=400)
     wrong = np.repeat(rng.normal(size=40), 10)
     earned = 400 * (9.0 - 1.0) - 800 * np.log(3.0)
-    assert abs(unearned(chance, times, recording)) < 0.25 * earned
-    assert unearned(wrong, times, recording) > 0.85 * (np.square(wrong) @ (np.square(times) - 1.0) - 800 * np.log(3.0))
-    assert unearned(wrong, None, recording) == 0.0
+    assert abs(autocorrelation_penalty(chance, times, recording)) < 0.25 * earned
+    assert autocorrelation_penalty(wrong, times, recording) > 0.85 * (
+        np.square(wrong) @ (np.square(times) - 1.0) - 800 * np.log(3.0)
+    )
+    assert autocorrelation_penalty(wrong, None, recording) == 0.0
     # Strong chance earns much: what its neighbours have in common by chance must not cost a share of it.
     strong = np.full(400, 20.0)
-    costs = [unearned(rng.normal(size=400), strong, recording) for _ in range(20)]
+    costs = [autocorrelation_penalty(rng.normal(size=400), strong, recording) for _ in range(20)]
     assert sum(cost == 0.0 for cost in costs) > 15
 
 

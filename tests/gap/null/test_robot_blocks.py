@@ -164,7 +164,7 @@ def test_skin_of_a_simple_law_needs_nothing_wider() -> None:
     session = GroupedSession(recordings, QUANTITIES)
     block = ForceBlock(session, {}, AxesBlock(session, {}))
     start = block.start()
-    assert len(block.alternatives) == len(block.trusts) == 1
+    assert len(block.prior_scales) == len(block.likelihood_powers) == 1
     found = fit(block, nuisance=start)
     assert found.chi2 < 1.1 * len(found.residual)
     assert np.allclose(sorted(block.tissue(found.nuisance).times), (0.8, 6.0), rtol=0.3)
@@ -207,7 +207,7 @@ def test_skin_of_a_further_law_is_fitted_by_it_alone(
     start = block.start()
     residual = block.evaluate(start, {}, want_jacobian=False).residual
     assert residual @ residual < AT_NOISE * len(residual)
-    assert len(block.alternatives) == 2  # nothing wider is kept but skin of two times, for effects that look like this
+    assert len(block.prior_scales) == 2  # nothing wider is kept but skin of two times, for effects that look like this
     assert start[block.TISSUE.index(tells)] != 0.0
 
 
@@ -220,7 +220,7 @@ def test_dry_friction_is_found_though_its_null_strains_the_loop() -> None:
     axes = AxesBlock(GroupedSession(recordings, QUANTITIES), effects)
     assert axes.controller is CONTROLLERS[0]
     candidate = next(c for c in candidates_for(effects, [axes]) if c.key == "coulomb_friction[axis=0]")
-    moved = axes.anchored((candidate,), np.array([0.3, 0.2]))
+    moved = axes.warm_start((candidate,), np.array([0.3, 0.2]))
     assert moved is not None
     found = fit(axes, (candidate,), moved.unit, moved.nuisance)
     assert found.chi2 < 1.2 * len(found.residual)

@@ -80,11 +80,11 @@ def test_the_prior_moves_with_a_strong_effect() -> None:
     _, height = blocks(session([(low_pass, {"tau": 0.4})]))
     null = fit(height)
     candidate = next(c for c in candidates_for(library("aspiration"), [height]) if c.key == LOW_PASS)
-    moved = height.anchored((candidate,), np.array([0.7]))
+    moved = height.warm_start((candidate,), np.array([0.7]))
     assert moved is not None
     assert 0.2 < candidate.values(moved.unit)["tau"] < 0.8  # near enough to begin from
     assert not np.allclose(moved.mean, null.prior_mean)
-    assert any(moved.sd is width for width in height.alternatives)
+    assert any(moved.sd is width for width in height.prior_scales)
 
 
 def test_a_session_without_skin_has_no_discrepancy_and_still_a_null() -> None:
@@ -101,9 +101,9 @@ def test_the_simulation_by_itself_fits_skin_that_creeps_at_other_times() -> None
     """Without the discrepancy: with fixed creep times χ²/n is 2.9 here."""
     _, height = blocks(session(tissue=OTHER_TIMES))
     null = fit(height, iterations=40)
-    alone = fit(under(height, null.prior_mean, height.plain_sd), nuisance=height.start(), iterations=40)
+    alone = fit(under(height, null.prior_mean, height.sd_without_discrepancy), nuisance=height.start(), iterations=40)
     assert alone.objective / len(alone.residual) < 1.2
-    assert any(null.best_prior(height.alternatives) is sd for sd in height.alternatives[:3])
+    assert any(null.best_prior(height.prior_scales) is sd for sd in height.prior_scales[:3])
 
 
 CURVE = SuctionTissue(9e-9, knee=8e3, exponent=0.3, creep=(0.3, 0.3), times=(0.7, 7.0), residual=0.0, softening=0.0)
@@ -122,8 +122,8 @@ def test_the_simplest_law_that_fits_is_the_null(law: SkinLaw | None, skin: Sucti
     """Two creep times, a power law of time, or more than either has: the usual law then, after the simple ones."""
     _, height = blocks(session(tissue=skin))
     null = fit(height, iterations=40)
-    best = null.best_prior(height.alternatives)
-    simple = next(k for k, sd in enumerate(height.alternatives) if sd is best)
+    best = null.best_prior(height.prior_scales)
+    simple = next(k for k, sd in enumerate(height.prior_scales) if sd is best)
     assert (height.laws[simple] if simple < len(height.laws) else None) == law
     assert null.objective / len(null.residual) < 1.1
 
@@ -134,12 +134,12 @@ def test_a_simple_law_leaves_what_a_usual_one_would_swallow() -> None:
     _, height = blocks(session([(low_pass, {"tau": 6e-3})], CURVE))
     (candidate,) = candidates_for({LOW_PASS: low_pass}, [height])
     null = fit(height, iterations=40)
-    moved = height.anchored((candidate,), np.array([0.1]))
+    moved = height.warm_start((candidate,), np.array([0.1]))
     assert moved is not None
-    assert moved.sd is height.alternatives[0]
+    assert moved.sd is height.prior_scales[0]
     found = fit(under(height, moved.mean, moved.sd), (candidate,), moved.unit, moved.nuisance)
     assert candidate.values(found.unit)["tau"] == pytest.approx(6e-3, rel=0.2)
-    assert found.log_evidence(1.0, height.alternatives) > null.log_evidence(1.0, height.alternatives) + 5
+    assert found.log_evidence(1.0, height.prior_scales) > null.log_evidence(1.0, height.prior_scales) + 5
 
 
 def test_a_zero_is_taken_by_the_records_clock() -> None:
@@ -202,7 +202,7 @@ def test_effects_of_chance_widen_the_noise_where_the_signal_is_steep() -> None:
     pressure, _ = blocks(session())
     candidate = next(c for c in candidates_for(library("aspiration"), [pressure]) if c.name == "jitter")
     assert [p.name for p in candidate.parameters] == ["sigma"]  # which draw it was does not matter
-    wider = pressure.widening({candidate: {"sigma": 5e-3}})
+    wider = pressure.noise_scale({candidate: {"sigma": 5e-3}})
     assert wider is not None
     assert pressure.slope is not None
     assert wider[np.argmax(np.abs(pressure.slope))] > 3.0
@@ -213,10 +213,10 @@ def test_effects_of_chance_widen_the_noise_where_the_signal_is_steep() -> None:
     late = fit(pressure, (candidate,), np.array([0.7]), iterations=2)
     quiet = predicted(pressure, replace(late, residual=np.zeros_like(late.residual)))
     np.testing.assert_array_equal(quiet, pressure.measured)
-    widths = pressure.widening(late.active)
+    widths = pressure.noise_scale(late.active)
     assert widths is not None
     np.testing.assert_allclose(pressure.measured - predicted(pressure, late), late.residual * pressure.sigma * widths)
-    assert pressure.widening({}) is None
+    assert pressure.noise_scale({}) is None
 
 
 def test_a_scatter_of_instants_is_beyond_every_tolerance_of_a_value() -> None:

@@ -28,7 +28,7 @@ def test_what_a_wide_prior_swallows_is_seen_through_a_narrow_one(linear, candida
     y = 3 * wave + np.random.default_rng(1).normal(size=len(T))
     wide, narrow = np.array([10.0, 10.0]), np.array([10.0, 0.01])
     problem = linear(y, design, {"wave": lambda v: v["a"] * wave, "none": lambda v: v["a"] * np.cos(40 * T)}, wide)
-    problem.alternatives = (wide, narrow)
+    problem.prior_scales = (wide, narrow)
     known = [candidate(n, Parameter("a", "1", -30.0, 30.0)) for n in ("wave", "none")]
     base = Hypothesis((), {"linear": fit(problem)})
     found, _ = screen({"linear": problem}, base, known)
