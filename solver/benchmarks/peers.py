@@ -193,7 +193,7 @@ def _ngsolve_newton(ng: Any, form: Any, space: Any, solution: Any, tolerance: fl
     moving = np.zeros(space.ndof, dtype=bool)
     for part in (space.Range(0), space.Range(1)):
         moving[part.start : part.stop] = True
-    previous = np.inf
+    previous = None
     for _ in range(25):
         form.AssembleLinearization(solution.vec)
         form.Apply(solution.vec, residual)
@@ -203,7 +203,8 @@ def _ngsolve_newton(ng: Any, form: Any, space: Any, solution: Any, tolerance: fl
         step.data += form.inner_solve * residual
         solution.vec.data -= step
         size = float(np.abs(step.FV().NumPy()[moving]).max())
-        if size * min(1.0, size / previous) <= tolerance:
+        # before a second correction nothing is known of how they contract
+        if size * (1.0 if previous is None else min(1.0, size / previous)) <= tolerance:
             return
         previous = size
     raise ArithmeticError("NGSolve: Newton's method did not converge")

@@ -43,12 +43,27 @@ def test_felupe_agrees_within_one_percent() -> None:
     assert ours.apex == pytest.approx(theirs.apex, rel=0.01)
 
 
-def test_ngsolve_agrees_within_one_percent() -> None:
+@pytest.mark.parametrize(
+    ("case", "within"),
+    [
+        (peers.Case(), 0.01),  # a sharp rim's singularity converges slowly in both codes
+        (peers.Case(rim=False, pressure=-2e4), 1e-3),
+    ],
+)
+def test_ngsolve_agrees(case: peers.Case, within: float) -> None:
     pytest.importorskip("ngsolve")
-    case = peers.Case()
     ours = peers.ours(case, 2.0, repeats=1)
     theirs = peers.with_ngsolve(case, 1.5, repeats=1)
-    assert ours.apex == pytest.approx(theirs.apex, rel=0.01)
+    assert ours.apex == pytest.approx(theirs.apex, rel=within)
+
+
+def test_ngsolve_solves_every_load_step_to_its_end() -> None:
+    """An elastic state does not depend on the load steps; Newton's method that stops early does."""
+    pytest.importorskip("ngsolve")
+    few, many = (
+        peers.with_ngsolve(peers.Case(rim=False, pressure=-2e4, steps=steps), 0.25, repeats=1) for steps in (5, 12)
+    )
+    assert few.apex == pytest.approx(many.apex, rel=1e-5)
 
 
 @pytest.mark.parametrize(
