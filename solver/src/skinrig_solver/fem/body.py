@@ -59,7 +59,6 @@ class Body:
         rim: Rim | None,
         scale: float,
         contactness: Contactness | None = None,
-        backend: str | None = None,
     ) -> None:
         self.law, self.loaded, self.rim, self.scale = law, loaded, rim, scale
         self.contactness = contactness or Contactness()
@@ -83,7 +82,13 @@ class Body:
             groups.append(self.contact_equations)
         self.pattern = Pattern(self.size - self.middles, [np.maximum(g - self.middles, -1) for g in groups])
         self.scatter, self.load_scatter = self.pattern.scatter[:2]
-        self.factor = Factor(self.pattern, backend)
+        cells, owners = [self.equations], [mesh.elements]
+        if rim is not None:
+            beside = np.full((len(rim.edges), 18 - self.contact_equations.shape[1]), -1)
+            cells.append(np.hstack([self.contact_equations, beside]))
+            owners.append(rim.edges)
+        places = np.concatenate([mesh.nodes[nodes].mean(axis=1) for nodes in owners])
+        self.factor = Factor(self.pattern, np.maximum(np.concatenate(cells) - self.middles, -1), places)
         self.shapes2, self.slopes2 = line_shapes(GAUSS2)
         self.shapes3, self.slopes3 = line_shapes(GAUSS3)
         points, elements = 9 * len(mesh.elements), len(mesh.elements)

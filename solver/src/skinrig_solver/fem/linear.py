@@ -1,22 +1,22 @@
-"""The sparse linear systems of one mesh: pattern and symbolic factorisation once, numbers many times.
+"""The sparse linear systems of one mesh: pattern, ordering and fronts once, numbers many times.
 
-MKL PARDISO through pypardiso where it is installed (structurally symmetric, symbolic phase reused), SciPy's SuperLU
-else (column ordering reused).
+Multifrontal LU factors (Duff and Reid, ACM Trans. Math. Softw. 9, 1983) on nested dissection of the cells that couple
+the unknowns. Systems here have some hundred unknowns: calls into a general library would cost as much as the numbers.
 """
 
 from __future__ import annotations
 
-import os
-import weakref
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.linalg import splu
+from numba import njit
 
 from ..api import Array
 from .mesh import Index
+
+LEAF = 2  # cells of a part that is not divided further
+FLAGS = {"contract", "reassoc", "nsz"}
 
 
 class Pattern:
@@ -32,8 +32,9 @@ class Pattern:
             rows, columns = group[:, :, None], group[:, None, :]
             key = np.where((rows >= 0) & (columns >= 0), rows * size + columns, -1)
             pairs.append(key)
-            keys.append(np.unique(key[key >= 0]))
-        unique = np.unique(np.concatenate(keys))
+            keys.append(key[key >= 0])
+        unique = np.sort(np.concatenate(keys))
+        unique = unique[np.concatenate([[True], unique[1:] != unique[:-1]])]
         self.size = size
         self.indices = (unique % size).astype(np.int32)
         self.indptr = np.searchsorted(unique, np.arange(size + 1) * size).astype(np.int32)
@@ -45,72 +46,254 @@ class Pattern:
         return len(self.indices)
 
 
-class Factor:
-    """LU factors of matrices with one pattern. ``backend``: 'pardiso', 'superlu' or None for the best installed."""
+@dataclass(frozen=True)
+class Fronts:
+    """The dense fronts in the order of their elimination.
 
-    def __init__(self, pattern: Pattern, backend: str | None = None) -> None:
-        self.pattern = pattern
-        self._matrix: sp.csr_matrix | None = None
-        self._pardiso: Any = None
-        self._lu: Any = None
-        self._order: Index | None = None
-        if backend != "superlu":
-            self._pardiso = _pardiso()
-            if self._pardiso is None and backend == "pardiso":
-                raise ImportError("backend 'pardiso' asked for, but pypardiso is not installed")
-        if self._pardiso is not None:
-            weakref.finalize(self, self._pardiso.free_memory, everything=True)
-        self.backend = "superlu" if self._pardiso is None else "pardiso"
+    ``unknowns`` of front f: ``unknowns[first[f]:first[f + 1]]``, its ``pivots[f]`` pivots ahead; its square matrix begins
+    at ``begin[f]`` of the storage; ``into[first[f] + i]`` is the place of unknown i in the front ``parent[f]`` (−1: none).
+    ``where`` (nnz,): the places of the pattern's entries in the storage.
+    """
+
+    unknowns: Index
+    first: Index
+    pivots: Index
+    begin: Index
+    into: Index
+    parent: Index
+    where: Index
+
+    @staticmethod
+    def of(pattern: Pattern, cells: Index, places: Array) -> Fronts:
+        """From ``cells`` (count, size) of coupled unknowns, −1 for none, and their ``places`` (count, 2).
+
+        Raises ValueError where an unknown belongs to no cell.
+        """
+        needed = np.bincount(cells[cells >= 0], minlength=pattern.size)
+        if not needed.all():
+            raise ValueError(f"unknown {int(np.argmin(needed))} belongs to no cell")
+        found: list[tuple[Index, int, list[int]]] = []  # unknowns, pivots, children
+        _dissect(cells, places, needed, np.arange(len(cells)), found)
+        sizes = np.array([len(unknowns) for unknowns, _, _ in found])
+        first, begin = np.concatenate([[0], np.cumsum(sizes)]), np.concatenate([[0], np.cumsum(sizes**2)])
+        parent, into = np.full(len(found), -1), np.full(first[-1], -1)
+        place, owner = np.empty(pattern.size, dtype=np.int64), np.empty(pattern.size, dtype=np.int64)
+        for f, (unknowns, pivots, children) in enumerate(found):
+            place[unknowns] = np.arange(len(unknowns))
+            owner[unknowns[:pivots]] = f
+            for child in children:
+                border = found[child][0][found[child][1] :]
+                parent[child] = f
+                into[first[child + 1] - len(border) : first[child + 1]] = place[border]
+        where = np.empty(pattern.nnz, dtype=np.int64)
+        rows = np.repeat(np.arange(pattern.size), np.diff(pattern.indptr))
+        of_entry = np.minimum(owner[rows], owner[pattern.indices])  # where the first of the two is eliminated
+        order = np.argsort(of_entry, kind="stable")
+        bounds = np.searchsorted(of_entry[order], np.arange(len(found) + 1))
+        for f, (unknowns, _, _) in enumerate(found):
+            place[unknowns] = np.arange(len(unknowns))
+            own = order[bounds[f] : bounds[f + 1]]
+            where[own] = begin[f] + place[rows[own]] * sizes[f] + place[pattern.indices[own]]
+        pivots = np.array([p for _, p, _ in found])
+        return Fronts(np.concatenate([u for u, _, _ in found]), first, pivots, begin, into, parent, where)
+
+
+def _dissect(
+    cells: Index, places: Array, needed: Index, part: Index, found: list[tuple[Index, int, list[int]]]
+) -> Index:
+    """Append the fronts of the cells ``part``, children before parents; returns the unknowns left to the outside."""
+    flat = cells[part].ravel()
+    unknowns, counts = np.unique(flat[flat >= 0], return_counts=True)
+    children: list[int] = []
+    if len(part) > LEAF:
+        left = np.zeros(0, dtype=np.int64)
+        for half in _halves(cells, places, part):
+            left = np.union1d(left, _dissect(cells, places, needed, half, found))
+            children.append(len(found) - 1)
+        inside = np.isin(unknowns, left)
+        unknowns, counts = unknowns[inside], counts[inside]
+    whole = counts == needed[unknowns]
+    found.append((np.concatenate([unknowns[whole], unknowns[~whole]]), int(whole.sum()), children))
+    return unknowns[~whole]
+
+
+def _halves(cells: Index, places: Array, part: Index) -> tuple[Index, Index]:
+    """Two parts of similar size that share few unknowns, cut across one of the two directions."""
+    best, halves = np.inf, (part, part)
+    for axis in (0, 1):
+        order = part[np.argsort(places[part, axis], kind="stable")]
+        flat = cells[order]
+        position = np.broadcast_to(np.arange(len(order))[:, None], flat.shape)[flat >= 0]
+        _, number = np.unique(flat[flat >= 0], return_inverse=True)
+        low, high = np.full(number.max() + 1, len(order)), np.zeros(number.max() + 1, dtype=np.int64)
+        np.minimum.at(low, number, position)
+        np.maximum.at(high, number, position)
+        # a cut at c parts positions below c from the others: unknowns with low < c <= high belong to both
+        shared = np.cumsum(np.bincount(low + 1, minlength=len(order) + 2) - np.bincount(high + 1, minlength=len(order) + 2))
+        cuts = np.arange(max(1, len(order) // 3), max(2, len(order) - len(order) // 3 + 1))
+        cuts = cuts[cuts < len(order)]
+        cut = int(cuts[np.argmin(shared[cuts])])
+        if shared[cut] < best:
+            best, halves = float(shared[cut]), (order[:cut], order[cut:])
+    return halves
+
+
+class Factor:
+    """LU factors of matrices with one pattern, whose unknowns are coupled within ``cells`` at ``places``: see `Fronts`."""
+
+    def __init__(self, pattern: Pattern, cells: Index, places: Array) -> None:
+        self.fronts = Fronts.of(pattern, cells, places)
+        self.storage = np.empty(self.fronts.begin[-1])
+        self.rows = np.empty(len(self.fronts.unknowns), dtype=np.int64)
+        self.work = np.empty(0)
 
     def update(self, values: Array) -> None:
-        """Factorise. Raises ``np.linalg.LinAlgError`` for a singular or non-finite matrix."""
-        if not np.isfinite(values.sum()):
-            raise np.linalg.LinAlgError("the tangent holds numbers that are not finite")
-        pattern = self.pattern
-        if self._pardiso is not None:
-            first = self._matrix is None
-            self._matrix = sp.csr_matrix(
-                (values, pattern.indices, pattern.indptr), shape=(pattern.size,) * 2, copy=False
-            )
-            self._call(12 if first else 22, np.zeros(pattern.size))
-            return
-        matrix = sp.csr_matrix((values, pattern.indices, pattern.indptr), shape=(pattern.size,) * 2).tocsc()
-        try:
-            if self._order is None:
-                self._order = np.argsort(splu(matrix, permc_spec="COLAMD").perm_c)
-            self._lu = splu(matrix[:, self._order], permc_spec="NATURAL")
-        except RuntimeError as error:
-            raise np.linalg.LinAlgError(str(error)) from error
+        """Factorise the matrix of CSR data ``values``. Raises ``np.linalg.LinAlgError`` where a pivot is zero or
+        not finite."""
+        f = self.fronts
+        if not _factorise(f.first, f.pivots, f.begin, f.into, f.parent, f.where, values, self.storage, self.rows):
+            raise np.linalg.LinAlgError("the tangent is singular or holds numbers that are not finite")
 
     def solve(self, right: Array) -> Array:
         """K⁻¹ right for right (n,) or (n, m)."""
-        if self._pardiso is not None:
-            return self._call(33, np.asfortranarray(right))
-        assert self._order is not None
-        solution = np.empty_like(right)
-        solution[self._order] = self._lu.solve(np.ascontiguousarray(right))
-        return solution
-
-    def _call(self, phase: int, right: Array) -> Array:
-        self._pardiso.set_phase(phase)
-        try:
-            solution: Array = self._pardiso._call_pardiso(self._matrix, right)
-        except Exception as error:  # pypardiso raises its own class with the MKL code
-            raise np.linalg.LinAlgError(f"PARDISO phase {phase}: {error}") from error
+        solution = np.array(right, order="C")
+        f = self.fronts
+        _substitute(
+            f.unknowns, f.first, f.pivots, f.begin, self.storage, self.rows, solution.reshape(len(solution), -1)
+        )
         return solution
 
 
-def _pardiso() -> Any:
-    os.environ.setdefault("MKL_NUM_THREADS", "1")  # threaded BLAS makes systems this small many times slower
-    try:
-        import pypardiso
-    except (ImportError, OSError):
-        return None
-    # pypardiso searches the disk for the library for every solver: tell it what it found the first time
-    os.environ.setdefault("PYPARDISO_MKL_RT", pypardiso.ps.libmkl._name)
-    solver = pypardiso.PyPardisoSolver(mtype=1)  # real, structurally symmetric
-    solver.set_iparm(1, 1)
-    solver.set_iparm(2, 2)  # nested dissection
-    solver.set_iparm(8, 1)  # at most one refinement, and only where pivots were perturbed
-    solver.set_iparm(10, 10)  # perturb pivots below 1e-10
-    return solver
+@njit(cache=True, fastmath=FLAGS)
+def _factorise(
+    first: Index,
+    pivots: Index,
+    begin: Index,
+    into: Index,
+    parent: Index,
+    where: Index,
+    values: Array,
+    storage: Array,
+    rows: Index,
+) -> bool:
+    """Eliminate front by front; ``rows[first[f] + k]`` the row of front f that became its k-th pivot."""
+    storage[:] = 0.0
+    for t in range(where.size):
+        storage[where[t]] = values[t]
+    for f in range(pivots.size):
+        n, m = first[f + 1] - first[f], pivots[f]
+        A = storage[begin[f] : begin[f + 1]].reshape(n, n)
+        if not _eliminate(A, m, rows[first[f] : first[f] + m]):
+            return False
+        if parent[f] >= 0:
+            g = parent[f]
+            size = first[g + 1] - first[g]
+            B = storage[begin[g] : begin[g + 1]].reshape(size, size)
+            for i in range(m, n):
+                row = B[into[first[f] + i]]
+                for j in range(m, n):
+                    row[into[first[f] + j]] += A[i, j]
+    return True
+
+
+@njit(cache=True, fastmath=FLAGS, error_model="numpy")
+def _eliminate(A: Array, m: int, rows: Index) -> bool:
+    """Eliminate the first m unknowns of a front, with row exchanges among their rows, four at a time."""
+    n = A.shape[0]
+    for start in range(0, m, 4):
+        stop = min(start + 4, m)
+        for k in range(start, stop):
+            best, at = abs(A[k, k]), k
+            for i in range(k + 1, m):
+                if abs(A[i, k]) > 10.0 * best:  # a row exchange only where it matters
+                    best, at = abs(A[i, k]), i
+            if not 0.0 < best < np.inf:
+                return False
+            rows[k] = at
+            if at != k:
+                for j in range(n):
+                    A[k, j], A[at, j] = A[at, j], A[k, j]
+            inverse = 1.0 / A[k, k]
+            for i in range(k + 1, n):  # within the panel's columns
+                factor = A[i, k] * inverse
+                A[i, k] = factor
+                for j in range(k + 1, stop):
+                    A[i, j] -= factor * A[k, j]
+        for k in range(start + 1, stop):  # the panel's rows beyond its columns
+            for l in range(start, k):
+                factor = A[k, l]
+                for j in range(stop, n):
+                    A[k, j] -= factor * A[l, j]
+        if stop - start == 4:
+            u0, u1, u2, u3 = A[start], A[start + 1], A[start + 2], A[start + 3]
+            for i in range(stop, n):
+                row = A[i]
+                a, b, c, d = row[start], row[start + 1], row[start + 2], row[start + 3]
+                for j in range(stop, n):
+                    row[j] -= a * u0[j] + b * u1[j] + c * u2[j] + d * u3[j]
+        else:
+            for i in range(stop, n):
+                for k in range(start, stop):
+                    factor = A[i, k]
+                    for j in range(stop, n):
+                        A[i, j] -= factor * A[k, j]
+    return True
+
+
+@njit(cache=True, fastmath=FLAGS, error_model="numpy")
+def _substitute(
+    unknowns: Index, first: Index, pivots: Index, begin: Index, storage: Array, rows: Index, x: Array
+) -> None:
+    """x (n, m) becomes the solution for the right-hand sides it held."""
+    m = x.shape[1]
+    largest = 0
+    for f in range(pivots.size):
+        largest = max(largest, first[f + 1] - first[f])
+    y = np.empty((largest, m))
+    for f in range(pivots.size):
+        n, p, own = first[f + 1] - first[f], pivots[f], unknowns[first[f] : first[f + 1]]
+        A = storage[begin[f] : begin[f + 1]].reshape(n, n)
+        for k in range(p):
+            at = rows[first[f] + k]
+            if at != k:
+                for j in range(m):
+                    x[own[k], j], x[own[at], j] = x[own[at], j], x[own[k], j]
+        if m == 1:
+            for i in range(n):
+                s = x[own[i], 0]
+                for k in range(min(i, p)):
+                    s -= A[i, k] * y[k, 0]
+                y[i, 0] = s
+                x[own[i], 0] = s
+        else:
+            for i in range(n):
+                for j in range(m):
+                    y[i, j] = x[own[i], j]
+                for k in range(min(i, p)):
+                    factor = A[i, k]
+                    for j in range(m):
+                        y[i, j] -= factor * y[k, j]
+                for j in range(m):
+                    x[own[i], j] = y[i, j]
+    for f in range(pivots.size - 1, -1, -1):
+        n, p, own = first[f + 1] - first[f], pivots[f], unknowns[first[f] : first[f + 1]]
+        A = storage[begin[f] : begin[f + 1]].reshape(n, n)
+        for i in range(n):
+            for j in range(m):
+                y[i, j] = x[own[i], j]
+        for k in range(p - 1, -1, -1):
+            inverse = 1.0 / A[k, k]
+            if m == 1:
+                s = y[k, 0]
+                for i in range(k + 1, n):
+                    s -= A[k, i] * y[i, 0]
+                y[k, 0] = s * inverse
+            else:
+                for i in range(k + 1, n):
+                    factor = A[k, i]
+                    for j in range(m):
+                        y[k, j] -= factor * y[i, j]
+                for j in range(m):
+                    y[k, j] *= inverse
+            for j in range(m):
+                x[own[k], j] = y[k, j]
