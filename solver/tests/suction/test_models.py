@@ -147,7 +147,7 @@ def test_the_picture_shows_the_dome() -> None:
     heights = (at_load.nodes + at_load.displacement)[:, 1]
     assert heights.max() == pytest.approx(result.channels["apex_height"].max(), rel=0.1)
     assert at_load.layer_names == ("skin", "smas")
-    assert result.cost.dofs > 1000
+    assert result.cost.dofs > 500
     assert result.cost.newton_steps >= result.cost.time_steps > 0
 
 

@@ -11,6 +11,8 @@ import numpy as np
 from ..api import Array, Experiment
 from ..fem.mesh import Mesh, block, graded
 
+GROWTH = (0.5, 1.5, 1.1)  # of cells from the rim inwards, outwards and down: the fewest unknowns for .5 % in six cases
+
 
 @dataclass(frozen=True)
 class SuctionGeometry:
@@ -91,17 +93,18 @@ class SuctionGeometry:
     def build(self) -> Mesh:
         """Cells refined towards rim and surface; grid lines at the bore, the fillet's end and the probe's edge."""
         a, fillet = self.opening_radius, self.rim_fillet
-        h, growth = 0.5 * min(fillet, 0.25 * a) / self.mesh, 1.0 + 0.6 / self.mesh
-        inner = graded(a, 0.0, h, growth)[::-1]
+        h = 0.5 * min(fillet, 0.25 * a) / self.mesh
+        inwards, outwards, downwards = (1.0 + growth / self.mesh for growth in GROWTH)
+        inner = graded(a, 0.0, h, inwards)[::-1]
         across = graded(a, a + fillet, h, 1.0)
-        outer = [graded(a + fillet, self.radius, h, growth)]
+        outer = [graded(a + fillet, self.radius, 1.5 * h, outwards)]
         if self.probe_radius < self.radius:
-            first = graded(a + fillet, self.probe_radius, h, growth)
-            outer = [first, graded(self.probe_radius, self.radius, first[-1] - first[-2], growth)]
+            first = graded(a + fillet, self.probe_radius, 1.5 * h, outwards)
+            outer = [first, graded(self.probe_radius, self.radius, first[-1] - first[-2], outwards)]
         r = np.concatenate([inner, across[1:], *(part[1:] for part in outer)])
-        top, size, z, rows = 0.0, 1.2 * h, [np.zeros(1)], []
+        top, size, z, rows = 0.0, h, [np.zeros(1)], []
         for number, (_, thickness) in enumerate(self.layers):
-            part = graded(top, top - thickness, size, growth)
+            part = graded(top, top - thickness, size, downwards)
             size, top = float(part[-2] - part[-1]), top - thickness
             z.append(part[1:])
             rows.append(np.full(len(part) - 1, number))
