@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import spsolve
-from numpy.typing import NDArray
 
 from skinrig_solver import SolverError
 from skinrig_solver.fem.body import Body

@@ -50,8 +50,9 @@ class Pattern:
 class Fronts:
     """The dense fronts in the order of their elimination.
 
-    ``unknowns`` of front f: ``unknowns[first[f]:first[f + 1]]``, its ``pivots[f]`` pivots ahead; its square matrix begins
-    at ``begin[f]`` of the storage; ``into[first[f] + i]`` is the place of unknown i in the front ``parent[f]`` (−1: none).
+    ``unknowns`` of front f: ``unknowns[first[f]:first[f + 1]]``, its ``pivots[f]`` pivots ahead; its square matrix
+    begins at ``begin[f]`` of the storage; ``into[first[f] + i]`` is the place of unknown i in the front ``parent[f]``
+    (−1: none).
     ``where`` (nnz,): the places of the pattern's entries in the storage.
     """
 
@@ -94,7 +95,7 @@ class Fronts:
             place[unknowns] = np.arange(len(unknowns))
             own = order[bounds[f] : bounds[f + 1]]
             where[own] = begin[f] + place[rows[own]] * sizes[f] + place[pattern.indices[own]]
-        pivots = np.array([p for _, p, _ in found])
+        pivots: Index = np.array([p for _, p, _ in found])
         return Fronts(np.concatenate([u for u, _, _ in found]), first, pivots, begin, into, parent, where)
 
 
@@ -114,7 +115,8 @@ def _dissect(
         unknowns, counts = unknowns[inside], counts[inside]
     whole = counts == needed[unknowns]
     found.append((np.concatenate([unknowns[whole], unknowns[~whole]]), int(whole.sum()), children))
-    return unknowns[~whole]
+    outside: Index = unknowns[~whole]
+    return outside
 
 
 def _halves(cells: Index, places: Array, part: Index) -> tuple[Index, Index]:
@@ -129,7 +131,8 @@ def _halves(cells: Index, places: Array, part: Index) -> tuple[Index, Index]:
         np.minimum.at(low, number, position)
         np.maximum.at(high, number, position)
         # a cut at c parts positions below c from the others: unknowns with low < c <= high belong to both
-        shared = np.cumsum(np.bincount(low + 1, minlength=len(order) + 2) - np.bincount(high + 1, minlength=len(order) + 2))
+        begins, ends = (np.bincount(x + 1, minlength=len(order) + 2) for x in (low, high))
+        shared = np.cumsum(begins - ends)
         cuts = np.arange(max(1, len(order) // 3), max(2, len(order) - len(order) // 3 + 1))
         cuts = cuts[cuts < len(order)]
         cut = int(cuts[np.argmin(shared[cuts])])
@@ -139,13 +142,12 @@ def _halves(cells: Index, places: Array, part: Index) -> tuple[Index, Index]:
 
 
 class Factor:
-    """LU factors of matrices with one pattern, whose unknowns are coupled within ``cells`` at ``places``: see `Fronts`."""
+    """LU factors of matrices with one pattern; ``cells`` at ``places`` couple the unknowns: see `Fronts.of`."""
 
     def __init__(self, pattern: Pattern, cells: Index, places: Array) -> None:
         self.fronts = Fronts.of(pattern, cells, places)
         self.storage = np.empty(self.fronts.begin[-1])
         self.rows = np.empty(len(self.fronts.unknowns), dtype=np.int64)
-        self.work = np.empty(0)
 
     def update(self, values: Array) -> None:
         """Factorise the matrix of CSR data ``values``. Raises ``np.linalg.LinAlgError`` where a pivot is zero or

@@ -6,12 +6,12 @@ reach the same accuracy with a third of the unknowns.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
-from ..api import Array
-from .mesh import Index, Mesh
+from skinrig_solver.api import Array
+from skinrig_solver.fem.mesh import Index, Mesh
 
 _SIDES = np.array([[0, 1, 2], [2, 5, 8], [6, 7, 8], [0, 3, 6]])  # nodes of an element's four sides
 
@@ -34,7 +34,7 @@ def around(core_r: Array, core_depth: Array, r: Array, z: Array, rings: int) -> 
     parts = (growth - 1.0) / (growth[-1] - 1.0)
     lines = [inner + part * (outer - inner) for part in parts]
     cells = [_grid(core_r, core_depth)]
-    cells += [np.stack([b[:-1], b[1:], a[1:], a[:-1]], axis=1) for a, b in zip(lines[:-1], lines[1:], strict=True)]
+    cells += [np.stack([b[:-1], b[1:], a[1:], a[:-1]], axis=1) for a, b in pairwise(lines)]
     cells.append(_grid(r, outer_z))
     cells.append(_grid(np.concatenate([outer_r, r[1:]]), z))
     return np.concatenate(cells)
@@ -55,13 +55,11 @@ def _grid(r: Array, z: Array) -> Array:
     return np.stack([np.stack(c, axis=-1) for c in corners], axis=1)
 
 
-def mesh_of(cells: Array, bottoms: Sequence[float], layer_names: tuple[str, ...], axisymmetric: bool) -> Mesh:
-    """The mesh of straight-sided ``cells`` (E, 4, 2), layer i above ``bottoms[i]`` (decreasing); edges as `block` has."""
+def mesh_of(cells: Array) -> Mesh:
+    """The axisymmetric mesh of straight-sided ``cells`` (E, 4, 2) in one layer, 'tissue'; edges as of a block."""
     eta, xi = (g.ravel() for g in np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0], indexing="ij"))
     bilinear = 0.25 * np.stack([(1 + s * xi) * (1 + t * eta) for s, t in ((-1, -1), (1, -1), (1, 1), (-1, 1))], axis=1)
-    layer: Index = np.searchsorted(-np.array(bottoms[:-1]), -cells[:, :, 1].mean(axis=1))
-    order = np.argsort(layer, kind="stable")
-    points = np.einsum("nc,ecd->end", bilinear, cells[order])
+    points = np.einsum("nc,ecd->end", bilinear, cells)
     extent = float(np.abs(points).max())
     keys = np.round(points.reshape(-1, 2) / extent * 1e9).astype(np.int64)
     _, at, number = np.unique(keys, axis=0, return_index=True, return_inverse=True)
@@ -81,4 +79,4 @@ def mesh_of(cells: Array, bottoms: Sequence[float], layer_names: tuple[str, ...]
         "left": along(0, float(nodes[:, 0].min())),
         "right": along(0, float(nodes[:, 0].max())),
     }
-    return Mesh(nodes, elements, layer[order], layer_names, edges, axisymmetric)
+    return Mesh(nodes, elements, np.zeros(len(elements), dtype=np.int64), ("tissue",), edges, axisymmetric=True)
