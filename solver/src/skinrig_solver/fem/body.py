@@ -98,6 +98,7 @@ class Body:
         self.scratch = np.empty((points, len(law.rest)))
         self.eliminated = kernels.Eliminated.of(elements)
         self.values, self.residual = np.empty(self.pattern.nnz), np.empty(self.size)
+        self.increment = np.empty(fixed.shape)
         self.spare = np.empty(self.pattern.nnz)  # takes what surfaces add to a tangent that is not wanted
         self.drift = np.inf  # how far the solution has moved since the tangent was factorised [m]
         if rim is not None:
@@ -275,7 +276,7 @@ class Body:
         m = tangents.du.shape[1]
         pts = self.mesh.points
         dstress, dkin, history = self._workspace(tangents.history)
-        for (a, b), par, which in zip(self.mesh.layer_points(), parameters, directions.law, strict=True):
+        for (a, b), par, which in zip(self.mesh.layer_points, parameters, directions.law, strict=True):
             self.code.partials(
                 a,
                 b,
@@ -327,7 +328,7 @@ class Body:
         F = self.kin
         volume = (F[:, 0] * F[:, 3] - F[:, 1] * F[:, 2]) * F[:, 4]
         invariant = squares * volume ** (-2.0 / 3.0) - 3.0
-        return [float(invariant[a:b].max(initial=0.0)) for a, b in self.mesh.layer_points()]
+        return [float(invariant[a:b].max(initial=0.0)) for a, b in self.mesh.layer_points]
 
     def _gaps(self, state: State) -> None:
         rim = self.rim
@@ -340,7 +341,7 @@ class Body:
     def _assemble(self, old: State, new: State, load: Load, dt: float, parameters: Sequence[Array]) -> None:
         """Condensed tangent and residual."""
         pts = self.mesh.points
-        for (a, b), par in zip(self.mesh.layer_points(), parameters, strict=True):
+        for (a, b), par in zip(self.mesh.layer_points, parameters, strict=True):
             self.code.stress_tangent(a, b, self.kin, old.history, par, dt, self.memory, self.stress, self.tangent)
         self.values[:] = 0.0
         self.residual[:] = 0.0
@@ -353,7 +354,7 @@ class Body:
     def _residual(self, old: State, new: State, load: Load, dt: float, parameters: Sequence[Array]) -> None:
         """The residual as the last tangent condenses it."""
         pts = self.mesh.points
-        for (a, b), par in zip(self.mesh.layer_points(), parameters, strict=True):
+        for (a, b), par in zip(self.mesh.layer_points, parameters, strict=True):
             self.code.stress(a, b, self.kin, old.history, par, dt, self.memory, self.stress, self.scratch)
         self.residual[:] = 0.0
         kernels.residual(
@@ -386,8 +387,8 @@ class Body:
             self.residual[-1] = new.height - load.height
 
     def _advance(self, state: State, delta: Array, factor: float) -> None:
-        du: Array = factor * np.append(delta[: self.displacements], 0.0)[self.number]  # −1: held at zero
-        state.u += du
+        du = self.increment
+        kernels.move(self.number, delta, factor, du, state.u)
         if factor < 1.0:  # a shortened step keeps θ, p and λ: they follow at the next full one
             return
         own = self.eliminated
@@ -404,7 +405,7 @@ class Body:
         if bad >= 0:
             raise SolverError("an element inverted", time=time, load={"pressure": load.pressure}, element=bad)
         new.history = np.empty_like(old.history)
-        for (a, b), par in zip(self.mesh.layer_points(), parameters, strict=True):
+        for (a, b), par in zip(self.mesh.layer_points, parameters, strict=True):
             self.code.stress(a, b, self.kin, old.history, par, dt, self.memory, self.stress, new.history)
         if self.rim is not None:
             self._gaps(new)

@@ -207,10 +207,13 @@ def _condense(
         for j in range(18):
             Pi[i, j] = inverse[i, 0] * lower[0, j] + inverse[i, 1] * lower[1, j] + inverse[i, 2] * lower[2, j]
     for i in range(18):
-        for n in range(3):
-            R[i] += Kut[n, i] * theta0[n] + Theta[n, i] * rest[n]
-            for j in range(18):
-                K[i, j] += Kut[n, i] * Theta[n, j] + Theta[n, i] * lower[n, j]
+        a0, a1, a2, b0, b1, b2 = Kut[0, i], Kut[1, i], Kut[2, i], Theta[0, i], Theta[1, i], Theta[2, i]
+        R[i] += a0 * theta0[0] + a1 * theta0[1] + a2 * theta0[2] + b0 * rest[0] + b1 * rest[1] + b2 * rest[2]
+        for j in range(18):
+            K[i, j] += (
+                a0 * Theta[0, j] + a1 * Theta[1, j] + a2 * Theta[2, j]
+                + b0 * lower[0, j] + b1 * lower[1, j] + b2 * lower[2, j]
+            )  # fmt: skip
 
 
 @njit(cache=True, fastmath=FLAGS)
@@ -319,6 +322,15 @@ def expand(equations: Index, L: Array, inverse: Array, force: Array, delta: Arra
                 for j in range(force.shape[1]):
                     delta[m0, j] -= L[e, 0, i] * delta[row, j]
                     delta[m1, j] -= L[e, 1, i] * delta[row, j]
+
+
+@njit(cache=True)
+def move(number: Index, delta: Array, factor: float, du: Array, u: Array) -> None:
+    """du (N, 2) = ``factor`` times the entries of delta (equations, 1), 0 where number is −1; u += du."""
+    for n in range(number.shape[0]):
+        for c in range(2):
+            du[n, c] = factor * delta[number[n, c], 0] if number[n, c] >= 0 else 0.0
+            u[n, c] += du[n, c]
 
 
 @njit(cache=True, fastmath=FLAGS)

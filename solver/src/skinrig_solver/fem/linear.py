@@ -95,8 +95,8 @@ class Fronts:
             place[unknowns] = np.arange(len(unknowns))
             own = order[bounds[f] : bounds[f + 1]]
             where[own] = begin[f] + place[rows[own]] * sizes[f] + place[pattern.indices[own]]
-        pivots: Index = np.array([p for _, p, _ in found])
-        return Fronts(np.concatenate([u for u, _, _ in found]), first, pivots, begin, into, parent, where)
+        counts: Index = np.array([pivots for _, pivots, _ in found])
+        return Fronts(np.concatenate([u for u, _, _ in found]), first, counts, begin, into, parent, where)
 
 
 def _dissect(

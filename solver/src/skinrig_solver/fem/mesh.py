@@ -52,6 +52,7 @@ class Mesh:
     def points(self) -> MeshPoints:
         return MeshPoints.of(self)
 
+    @cached_property
     def layer_points(self) -> list[tuple[int, int]]:
         """First and one-past-last Gauss point of each layer."""
         bounds = np.searchsorted(self.layer, np.arange(len(self.layer_names) + 1)) * 9

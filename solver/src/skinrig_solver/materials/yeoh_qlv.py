@@ -43,6 +43,8 @@ def stable_to(p: Array) -> float:
     """Ĩ1 − 3 at which shear stress no longer rises with shear; inf where it always does. ``p``: G, ν, c20 … c50, …"""
     orders = np.arange(1, 6)
     coefficients = orders * (2 * orders - 1) * np.concatenate([[0.5 * p[0]], p[2:6]])
+    if coefficients.min() >= 0.0:
+        return float("inf")
     roots = np.polynomial.Polynomial(coefficients).roots()
     positive = roots.real[(np.abs(roots.imag) <= 1e-9 * np.abs(roots)) & (roots.real > 0.0)]
     return float(positive.min()) if positive.size else float("inf")

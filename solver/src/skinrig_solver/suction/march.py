@@ -95,6 +95,8 @@ class Run:
 
     def _refuse_instability(self, time: float) -> None:
         """Raise SolverError where a layer is distorted beyond the reach of its stable energy."""
+        if not np.isfinite(self._stable_to).any():
+            return
         layers = zip(self.body.mesh.layer_names, self.body.distortions(), self._stable_to, strict=True)
         for name, distortion, reach in layers:
             if distortion > reach:
