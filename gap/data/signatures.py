@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import median_filter
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation, median_filter
 from scipy.stats import gamma
 
 from acquire.plugins import instrument
@@ -37,6 +38,12 @@ HUM_CHANCE = 1e-9
 2e-5 and more."""
 HUM_WIDTH = 1.0
 """Hz within which noise and what a step leaves are alike, as a line is not."""
+BEND = 0.05
+"""s before and after a sample over which an edge bends the signal, as noise and a slow path do not,"""
+EDGE = 8.0
+"""by more than so many times the median bend."""
+EDGE_NEAR = 0.3
+"""s about such an edge that are left out: seven time constants of a pressure regulator."""
 DIFFERENCE = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
 """Fourth differences: noise is what they leave of a smooth signal."""
 
@@ -198,7 +205,8 @@ def _hum(name: str, series: Sequence[Series]) -> list[Signature]:
     """A line in the spectrum of what fourth differences leave, in all recordings at the same frequency.
 
     Each recording's power over its own running median is exponential where there is noise only, and their sum of a
-    gamma distribution.
+    gamma distribution. Edges of the signal itself are taken out: they come back with every cycle, and such a comb has
+    lines. The recording that speaks for a line the most is not counted, where there are several.
     """
     values = [v for s in series if len(v := np.asarray(s.value, dtype=float)[np.isfinite(s.value)]) > 128]
     steps = [float(s.time[-1] - s.time[0]) / (len(s.time) - 1) for s in series]  # stamps may come in blocks
@@ -209,22 +217,37 @@ def _hum(name: str, series: Sequence[Series]) -> list[Signature]:
     size = 2 ** int(np.ceil(np.log2(2 * max(len(v) for v in values))))
     frequency = np.fft.rfftfreq(size, 1.0 / rate)
     passed = np.maximum(np.abs(np.fft.rfft(DIFFERENCE, size)) ** 2, 1e-12)
-    above, counted = np.zeros(len(frequency)), 0
+    each = []
     for v in values:
         change = np.convolve(v, DIFFERENCE, "valid")
         spread = float(np.median(np.abs(change))) or float(np.std(change))
         if spread == 0.0:
             continue
-        noise = np.clip(change / spread, -6.0, 6.0) * np.hanning(len(change))
+        near = _edges(v, rate)[2:-2]
+        noise = np.where(near, 0.0, np.clip(change / spread, -6.0, 6.0)) * np.hanning(len(change))
+        if np.mean(near) > 0.5 or not noise.any():
+            continue
         power = np.abs(np.fft.rfft(noise, size)) ** 2 / passed
-        above += power * np.log(2.0) / median_filter(power, int(HUM_WIDTH * size / rate) | 1, mode="reflect")
-        counted += 1
+        usual = median_filter(power, int(HUM_WIDTH * size / rate) | 1, mode="reflect")
+        each.append(power * np.log(2.0) / np.maximum(usual, 1e-9 * power.max()))
+    if not each:
+        return []
+    above = np.sum(each, axis=0) - (np.max(each, axis=0) if len(each) > 1 else 0.0)
     above[frequency < rate / HUM_FROM] = 0.0
     k = int(np.argmax(above))
-    if not counted or gamma.sf(above[k], counted) * max(len(v) for v in values) > HUM_CHANCE:
+    if gamma.sf(above[k], max(len(each) - 1, 1)) * max(len(v) for v in values) > HUM_CHANCE:
         return []
     text = f"{name} has a line at {frequency[k]:.1f} Hz (or what sampling makes one of), as from mains or a pump"
     return [Signature(HUM, name, CERTAIN, text)]
+
+
+def _edges(value: FloatArray, rate: float) -> NDArray[np.bool_]:
+    """Where a channel (n,), sampled at ``rate`` Hz, is near an edge of its signal."""
+    m = max(int(np.ceil(BEND * rate)), 1)
+    bend = np.zeros(len(value))
+    bend[m:-m] = np.abs(value[2 * m :] - 2.0 * value[m:-m] + value[: -2 * m])
+    usual = float(np.median(bend[m:-m]))
+    return np.asarray(binary_dilation(bend > EDGE * usual, iterations=max(int(EDGE_NEAR * rate), m)))
 
 
 def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
