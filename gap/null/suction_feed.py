@@ -76,6 +76,17 @@ class FedBlock(Block):
         self._fed = FedPressure(session, pressure)
         self._line = [self._fed.smoothed(g) for g, _ in self.groups]
 
+    def with_effects(self, chain: Chain, active: Active, group: Group) -> Chain:
+        """With the active effects but for those on the way of a command to the regulator: the record, whose clock the
+        commands go by here, has them already."""
+        out = super().with_effects(chain, active, group)
+        if self._pressure is None or not active:
+            return out
+        late, due = (needed(c, ("due_pressure",)) for c in (out, chain))
+        if late == due:
+            return out
+        return replace(out, operators=(*due, *(op for op in out.operators if op not in late)))
+
     def tables(self, group: Group) -> dict[str, Table]:
         """The commands by the record's clock: a zero that is taken milliseconds off is off by as many micrometres."""
         if self._pressure is None:

@@ -152,6 +152,16 @@ def test_a_zero_is_taken_by_the_records_clock() -> None:
     assert np.sum(np.square(null.nuisance[zeros] / null.prior_sd[zeros])) < 10
 
 
+def test_a_late_command_is_in_the_record_that_skin_is_fed() -> None:
+    """The record tells when suction began: a zero that was late once more would be off by tens of micrometres."""
+    latency = library("aspiration")["latency[form=0]"]
+    pressure, height = blocks(session([(latency, {"delay": 0.05})]))
+    (candidate,) = candidates_for({"latency[form=0]": latency}, [pressure, height])
+    assert candidate.blocks == ("pressure",)
+    alone = PressureBlock(pressure.session, library("aspiration"))
+    assert fit(alone, (candidate,)).objective < fit(alone).objective - 20
+
+
 def test_a_zero_taken_while_skin_is_sucked_in_is_seen_in_the_record() -> None:
     late = library("aspiration")["wrong_zeroing[form=0]"]
     assert blocks(session())[1].resets == ()
