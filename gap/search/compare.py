@@ -8,7 +8,7 @@ others is shared.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -241,22 +241,38 @@ def _imitators(comparison: Comparison, others: Sequence[Screened]) -> list[Scree
     best = min(comparison.hypotheses, key=lambda h: h.deviance, default=None)
     if best is None:
         return []
-    seen: dict[str, FloatArray] = {}
-    for block, before in comparison.null.fits.items():
-        change = before.residual - best.fits[block].residual
-        seen[block] = Projector(before.jacobian, before.prior_sd).apply(change)
-    size = np.sqrt(sum(float(np.sum(np.square(v))) for v in seen.values()))
+    likeness = [_likeness(*way) for way in _ways(comparison, best)]
+    found: dict[str, Screened] = {}  # one of each name
+    for alike, s in sorted(((max(like(s) for like in likeness), s) for s in others), key=lambda pair: -pair[0]):
+        if alike > ALIKE:
+            found.setdefault(s.candidate.name, s)
+    return list(found.values())
 
-    def alike(s: Screened) -> float:
+
+def _ways(comparison: Comparison, best: Hypothesis) -> Iterator[tuple[dict[str, FloatArray], float]]:
+    """What the ``best`` effect changes in each block, beside the nuisance, and its size: once as it was refitted, once
+    by itself. Where a tolerance had taken the effect on, the refit changes the tolerance and no residual."""
+    projectors = {b: Projector(f.jacobian, f.prior_sd) for b, f in comparison.null.fits.items()}
+    refitted, alone = {}, {}
+    for block, before in comparison.null.fits.items():
+        fitted = best.fits[block]
+        refitted[block] = before.residual - fitted.residual
+        active = comparison.problems[block].evaluate(before.nuisance, fitted.active, want_jacobian=False)
+        alone[block] = before.residual - active.residual
+    for changes in (refitted, alone):
+        seen = {b: projectors[b].apply(change) for b, change in changes.items()}
+        yield seen, float(np.sqrt(max(sum(float(v @ changes[b]) for b, v in seen.items()), 0.0)))
+
+
+def _likeness(seen: Mapping[str, FloatArray], size: float) -> Callable[[Screened], float]:
+    """The cosine of a screened effect's traces with a change that is ``seen`` beside the nuisance, at most."""
+
+    def like(s: Screened) -> float:
         along = sum((seen[b] @ traces for b, traces in s.traces.items()), np.zeros(len(s.units)))
         lengths = np.array([length for _, length in s.detectability])
         return float(np.max(along / np.maximum(lengths * size, 1e-9), initial=0.0))
 
-    found: dict[str, Screened] = {}  # one of each name
-    for likeness, s in sorted(((alike(s), s) for s in others), key=lambda pair: -pair[0]):
-        if likeness > ALIKE:
-            found.setdefault(s.candidate.name, s)
-    return list(found.values())
+    return like
 
 
 def _pairs(comparison: Comparison, candidates: Sequence[Candidate], effort: Effort, jobs: int) -> None:

@@ -80,3 +80,22 @@ def test_who_could_do_what_the_best_does_is_refitted_wherever_it_ranks(linear, c
     for imitators, tried in ((0, {"square"}), (1, {"square", "bent"})):
         found = compare([problem], known, Effort(quick_fits=0, refit_singles=1, imitators=imitators, pair_bases=0))
         assert {h.name for h in found.hypotheses} == tried
+
+
+def test_who_could_do_what_a_tolerance_took_on_is_refitted_too(linear, candidate) -> None:
+    """The best effect then changes no residual, only what is paid for the tolerance."""
+    t = np.linspace(0.0, 1.0, 300)
+    y = 6.0 * t**2 + np.random.default_rng(0).normal(size=300)
+    effects = {
+        "square": lambda v: v["a"] * t**2,
+        "bent": lambda v: v["a"] * t**2.2,
+        "wave": lambda v: v["a"] * np.sin(40 * t),
+    }
+    problem = linear(y, t[:, None] ** 2, effects, np.full(1, 0.5))
+    known = [
+        candidate("square", Parameter("a", "1", -10.0, 10.0, null=0.0)),
+        candidate("wave", Parameter("a", "1", -10.0, 10.0, null=0.0)),
+        candidate("bent", Parameter("a", "1", 30.0, 300.0, null=0.0)),
+    ]
+    found = compare([problem], known, Effort(quick_fits=0, refit_singles=1, imitators=1, pair_bases=0))
+    assert {h.name for h in found.hypotheses} == {"square", "bent"}
