@@ -102,8 +102,9 @@ def _depletion(chain: Chain, v: Values) -> Chain:
 
 
 def _dead_band(chain: Chain, v: Values) -> Chain:
-    law = kernels.play if chosen(v, "form") == 0 else kernels.sticking
-    return law_before(chain, "regulator", "dead_band", "actuator", law, (v["band"],))
+    form = chosen(v, "form")
+    settings = (v["band"], (1.0, 0.0, v["left"], 1.0, v["left"])[form], float(form >= 3))
+    return law_before(chain, "regulator", "dead_band", "actuator", kernels.resting, settings)
 
 
 def _gauge_gain(chain: Chain, v: Values) -> Chain:
@@ -130,6 +131,7 @@ def _gauge(chain: Chain, v: Values, error: float, amount: float) -> Chain:
     return chain
 
 
+CORRECTS = ("corrects down to the band", "corrects wholly", "corrects in part")
 WHERE = ("in the loop and in the record", "in the record only", "in the loop only")
 GAUGE = choice("form", 0, *WHERE)
 
@@ -248,7 +250,8 @@ EFFECTS = (
         "on-off and proportional valves; gap.md",
         (
             strength("band", "Pa", 5.0, 8e3, 1e3, "half width of the ignored error"),
-            choice("form", 0, "corrects down to the band", "rests within the band, then corrects wholly"),
+            choice("form", 3, *CORRECTS, *(f"{how}, vented at zero" for how in CORRECTS[::2])),
+            shape("left", "1", 0.05, 0.95, 0.3, "share of the band that a correction leaves", only=(2, 4)),
         ),
         _dead_band,
     ),

@@ -40,9 +40,9 @@ from sim_devices.stages.kernels.hysteresis import (
     play,
     play_within,
     prandtl,
+    resting,
     slipping,
     soft_play,
-    sticking,
 )
 from sim_devices.stages.kernels.lags import (
     eased,
@@ -88,11 +88,11 @@ __all__ = [
     "prandtl",
     "prony",
     "rate_limit",
+    "resting",
     "second_order",
     "slipping",
     "slope_so_far",
     "soft_play",
-    "sticking",
     "uneven_low_pass",
     "yield_flow",
 ]

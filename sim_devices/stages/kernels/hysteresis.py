@@ -68,11 +68,18 @@ def slipping(s: FloatArray, u: FloatArray, reach: float, share: float, out: Floa
 
 
 @njit(cache=True)
-def sticking(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
-    """A controller that rests until its error exceeds ``p`` = (half band,), then corrects it wholly."""
+def resting(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """A controller that rests until its error exceeds a half band, then corrects it down to a share of the band.
+
+    ``p`` = (half band, share left, vents): a share of 1 is play. Where ``vents`` > 0.5, y is 0 while u is: a valve
+    opens to the room.
+    """
     for i in range(t.size):
-        if abs(u[i] - s[3]) > p[0]:
-            s[3] = u[i]
+        error = u[i] - s[3]
+        if abs(error) > p[0]:
+            s[3] = u[i] - (p[0] if error > 0.0 else -p[0]) * p[1]
+        if p[2] > 0.5 and abs(u[i]) < 1e-9:
+            s[3] = 0.0
         y[i] = s[3]
 
 
