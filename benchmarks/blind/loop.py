@@ -78,12 +78,11 @@ def needed(after: Sequence[Sequence[Case]]) -> float:
 
 
 def table(root: Path, tier: str, policy: str, names: Sequence[str], most: int) -> dict[str, Any]:
-    """Figures of the cases that have been run, by number of experiments; ``needed`` beside them."""
+    """Figures of the cases ``names``, by number of experiments; ``needed`` beside them."""
     out, key = root / f"{tier}-{policy}", key_of(root / tier)
-    done = [n for n in names if (out / str(most) / f"{n}.json").exists()]
-    if not done:
+    if not names:
         return {"n": 0}
-    after = [answered(out, k, key, only=done) for k in range(most + 1)]
+    after = [answered(out, k, key, only=names) for k in range(most + 1)]
     costs = [json.loads((out / STEPS / f"{c.name}.json").read_text(encoding="utf-8")) for c in after[0]]
     rows = [figures(cases, costs, k) for k, cases in enumerate(after)]
     each = [
@@ -92,7 +91,12 @@ def table(root: Path, tier: str, policy: str, names: Sequence[str], most: int) -
          "asked": [f"{s['waveform']} on {s['specimen']}" for s in steps if s["specimen"]]}
         for c, case, steps in zip(after[0], zip(*after, strict=True), costs, strict=True)
     ]  # fmt: skip
-    return {"n": len(done), "needed": needed(after), "after": rows, "cases": each}
+    return {"n": len(names), "needed": needed(after), "after": rows, "cases": each}
+
+
+def finished(root: Path, tier: str, policies: Sequence[str], names: Sequence[str], most: int) -> list[str]:
+    """Cases that every one of the policies has been through: only these can be compared."""
+    return [n for n in names if all((root / f"{tier}-{p}" / str(most) / f"{n}.json").exists() for p in policies)]
 
 
 def as_markdown(drawn: str, found: dict[str, dict[str, Any]]) -> str:
@@ -150,14 +154,15 @@ def main() -> None:
             loop_case(root / tier / name, out, policy, given.most, given.seed, "", given.jobs, given.quick, alone)
         print(f"{number + 1}/{len(todo)} {tier} {name}", file=sys.stderr, flush=True)
     found = {
-        f"{tier} {policy}": table(root, tier, policy, names, given.most)
+        f"{tier} {policy}": table(root, tier, policy, finished(root, tier, given.policy, names, given.most), given.most)
         for tier, names in chosen.items()
         for policy in given.policy
     }
     counts = ", ".join(f"{len(names)} of {given.n} {tier}" for tier, names in chosen.items())
     drawn = (
         f"{given.style} style, seed {given.seed}, {', '.join(given.instrument)}, references {given.references}"
-        f"{', quick diagnoses' if given.quick else ''}. Run: cases with delta_free >= {given.least:g} ({counts})."
+        f"{', quick diagnoses' if given.quick else ''}. Cases with delta_free >= {given.least:g}: {counts}. "
+        "Seconds after 0 experiments, but for the choice, count with the policy that came first."
     )
     text = as_markdown(drawn, found)
     print(text)

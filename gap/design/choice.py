@@ -146,7 +146,10 @@ def _valued(
 
 def _change(bench: Bench, part: Part, draw: Draw, base: np.ndarray) -> np.ndarray:
     """What a draw changes in the rows (n,) of an experiment."""
-    share = draw.on_skin if part.legs[0].specimen == SKIN else draw.on_references
+    specimen = part.legs[0].specimen
+    share = draw.on_skin if specimen == SKIN else draw.on_references
+    if specimen != SKIN and specimen in {leg.specimen for leg in bench.session.legs}:
+        share = 1.0  # it does there as the leader does: the session has shown that
     return share * bench.changed(part, draw.acting, base) if draw.acting and share else np.zeros_like(base)
 
 

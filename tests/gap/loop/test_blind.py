@@ -77,7 +77,10 @@ def test_the_table_counts_experiments_minutes_and_seconds_of_visible_cases(cases
     assert benchmark.visible(blind.key_of(cases), 3.0) == ["case-a"]
     for policy in ("ours", "random"):
         blind.loop_case(cases / "case-a", cases.parent / f"T2-{policy}", policy)
-    table = benchmark.table(cases.parent, "T2", "ours", ["case-a", "case-c"], 3)
+    both = benchmark.finished(cases.parent, "T2", ["ours", "random"], ["case-a", "case-c"], 3)
+    assert both == ["case-a"]
+    assert benchmark.finished(cases.parent, "T2", ["ours", "fixed"], ["case-a"], 3) == []
+    table = benchmark.table(cases.parent, "T2", "ours", both, 3)
     assert (table["n"], table["needed"]) == (1, 1.0)
     assert [row["right class first"] for row in table["after"]] == [0.0, 1.0, 1.0, 1.0]
     assert [row["CPU seconds of this step"] for row in table["after"]] == [10.0, 9.0, 0.0, 0.0]
@@ -87,4 +90,4 @@ def test_the_table_counts_experiments_minutes_and_seconds_of_visible_cases(cases
     random = table | {"needed": 2.0}
     text = benchmark.as_markdown("one case", {"T2 ours": table, "T2 random": random})
     assert "This is 50 % of a random choice's" in text
-    assert benchmark.table(cases.parent, "T2", "fixed", ["case-a"], 3) == {"n": 0}
+    assert benchmark.table(cases.parent, "T2", "fixed", [], 3) == {"n": 0}
