@@ -26,6 +26,10 @@ from sim_devices.chain import FloatArray
 
 ALIKE = 0.85
 """Cosine between what the best effect changes and another's trace from which that one is refitted, too."""
+SCATTERED = 3
+"""Effects of chance at most that are refitted for their rank."""
+FORMS = 2
+"""Further forms of the best effect that are refitted."""
 HOPELESS = 4.0
 """Fall of χ² in the screening below which an effect is not refitted."""
 
@@ -193,7 +197,10 @@ def compare(
     tell(f"fitting the {len(chosen)} most promising effects", 0.55)
     _refit_all(comparison, [(comparison.null, s) for s in chosen], jobs)
     others = _imitators(comparison, [s for s in comparison.screened if s not in chosen])
+    chosen += others[: effort.imitators]
     _refit_all(comparison, [(comparison.null, s) for s in others[: effort.imitators]], jobs)
+    if effort.imitators:
+        _refit_all(comparison, [(comparison.null, s) for s in _other_forms(comparison, chosen)], jobs)
     _finish_null(comparison)
     tell("trying pairs of effects", 0.73)
     _pairs(comparison, usable, effort, jobs)
@@ -219,7 +226,8 @@ def _finish_null(comparison: Comparison) -> None:
 
 
 def _shortlist(screened: Sequence[Screened], size: int) -> list[Screened]:
-    """The best, no more than two forms of one concept: every concept near the top gets its chance.
+    """The best, no more than two forms of one concept, and few that are by chance: every concept near the top gets its
+    chance, and wider noise takes the place of any response that is not understood yet.
 
     What the linear screening sees no use in (below `HOPELESS`) is left, but the first three always go.
     """
@@ -227,6 +235,8 @@ def _shortlist(screened: Sequence[Screened], size: int) -> list[Screened]:
     for s in screened:
         if len(out) >= 3 and s.gain < HOPELESS:
             break
+        if s.by_chance and sum(o.by_chance for o in out) >= SCATTERED:
+            continue
         if sum(o.candidate.name == s.candidate.name for o in out) < 2:
             out.append(s)
         if len(out) == size:
@@ -273,6 +283,16 @@ def _likeness(seen: Mapping[str, FloatArray], size: float) -> Callable[[Screened
         return float(np.max(along / np.maximum(lengths * size, 1e-9), initial=0.0))
 
     return like
+
+
+def _other_forms(comparison: Comparison, chosen: Sequence[Screened]) -> list[Screened]:
+    """Forms of the best effect that were not ``chosen`` yet: what a near form leaves, others would repair."""
+    weight = comparison.weighed(comparison.temper())
+    best = max(comparison.hypotheses, key=lambda h: weight[id(h)].evidence, default=None)
+    if best is None or weight[id(best)].evidence <= weight[id(comparison.null)].evidence:
+        return []
+    name = best.effects[0].name
+    return [s for s in comparison.screened if s.candidate.name == name and s not in chosen][:FORMS]
 
 
 def _pairs(comparison: Comparison, candidates: Sequence[Candidate], effort: Effort, jobs: int) -> None:

@@ -22,6 +22,8 @@ STEEP = 10.0
 """Detectability at the weakest strength simulated above which the linear screening says nothing."""
 SMALL = (3.0, 60.0)
 """σ by which a point should change the data for straight lines to say something."""
+APART = 2.5
+"""Times by which what a point changes may differ from what there is to explain for a fit to start well from it."""
 BISECTIONS = 7
 """Simulations at most to find one."""
 STARTS = 2
@@ -52,6 +54,7 @@ class Screened:
     traces: dict[str, FloatArray] = field(default_factory=dict)
     sure: bool = False  # whether it is refitted wherever it ranks
     score: float = 0.0  # fall of χ² along its traces, at any size
+    by_chance: bool = False  # whether it moves no prediction but makes the noise wider
 
 
 @dataclass(frozen=True)
@@ -112,14 +115,14 @@ def screen(
     own = {b: Projector(f.jacobian, f.prior_sd) for b, f in base.fits.items()}
     out, simulations = [], 0
     new = [c for c in candidates if c not in before]
-    looked = dict(zip(new, each(partial(_looked_at, problems, base), new, jobs), strict=True))
+    looked = dict(zip(new, each(partial(_looked_at, problems, base, own), new, jobs), strict=True))
     for candidate in candidates:
         if candidate in before:
             units, traces, sure = before[candidate].units, before[candidate].traces, False
         else:
             units, traces, sure = looked[candidate]
             simulations += len(candidate.blocks) * len(units)
-        gain, score, along = 0.0, 0.0, np.zeros(len(units))
+        gain, score, along, by_chance = 0.0, 0.0, np.zeros(len(units)), False
         starts, widths = {}, {}
         for b, changes in traces.items():
             along += own[b].squares(changes, own[b].jacobian.T @ changes)
@@ -127,6 +130,7 @@ def screen(
             score += most
             times = [problems[b].noise_scale({candidate: candidate.values(unit)}) for unit in units]
             if times[0] is not None:  # the residual does not move, it counts for less
+                by_chance = True
                 gains = np.array([_widened(base.fits[b].residual, t) for t in times if t is not None])
             best = float(gains.max())
             order = np.argsort(-gains)[:STARTS]
@@ -134,7 +138,7 @@ def screen(
             widths[b] = lens.sd
             gain += best
         seen = list(zip(units, np.sqrt(np.maximum(along, 0.0)).tolist(), strict=True))
-        out.append(Screened(candidate, units, gain, starts, widths, seen, traces, sure, score))
+        out.append(Screened(candidate, units, gain, starts, widths, seen, traces, sure, score, by_chance))
     out.sort(key=lambda s: -s.gain)
     far = [s for s in out[quick_fits:] if s.score >= least_score and min(d for _, d in s.detectability) > STEEP]
     unsure = out[:quick_fits] + sorted(far, key=lambda s: -s.score)[:far_fits]
@@ -188,42 +192,57 @@ def _widened(residual: FloatArray, times: FloatArray) -> float:
 
 
 def _looked_at(
-    problems: dict[str, Problem], base: Hypothesis, candidate: Candidate
+    problems: dict[str, Problem], base: Hypothesis, own: dict[str, Projector], candidate: Candidate
 ) -> tuple[tuple[FloatArray, ...], dict[str, FloatArray], bool]:
     """Where ``candidate`` is looked at, its traces there, and whether it must be refitted."""
     points, sure = starting_points(candidate, problems, base)
-    return *_traced(candidate, problems, base, points), sure
+    return *_traced(candidate, problems, base, own, points), sure
 
 
 def _traced(
-    candidate: Candidate, problems: dict[str, Problem], base: Hypothesis, points: list[FloatArray]
+    candidate: Candidate,
+    problems: dict[str, Problem],
+    base: Hypothesis,
+    own: dict[str, Projector],
+    points: list[FloatArray],
 ) -> tuple[tuple[FloatArray, ...], dict[str, FloatArray]]:
-    """The points and, for each block, what they change, (n, points); with points where the effect begins to show, if
-    none of them has it small: a threshold leaves nothing to linearise below it, and too much far above."""
-    units = list(points)
-    columns = {b: [_trace(problems[b], base.fits[b], candidate, unit) for unit in units] for b in candidate.blocks}
+    """The points and, for each block, what they change, (n, points); with points where the effect begins to show and
+    where it is as large as what the base leaves, if none of them is there: a threshold leaves nothing to linearise
+    below it, and too much far above."""
+    units: list[FloatArray] = []
+    columns: dict[str, list[FloatArray]] = {b: [] for b in candidate.blocks}
+    sizes: list[tuple[float, float]] = []  # what a point changes, as it is and beside the nuisance
+
+    def look(unit: FloatArray) -> None:
+        raw, beside = 0.0, 0.0
+        for b, column in columns.items():
+            column.append(_trace(problems[b], base.fits[b], candidate, unit))
+            raw += float(np.sum(np.square(column[-1])))
+            beside += max(own[b].chi2(column[-1]), 0.0)
+        units.append(unit)
+        sizes.append((float(np.sqrt(raw)), float(np.sqrt(beside))))
+
+    for unit in points:
+        look(unit)
     strengths = [k for k, p in enumerate(candidate.parameters) if p.null is not None and p.scale == "log"]
-
-    def shown(k: int) -> float:
-        return float(np.sqrt(sum(np.sum(np.square(c[k])) for c in columns.values())))
-
     if len(strengths) == 1:
         at = strengths[0]
         middle = [k for k, u in enumerate(units) if all(u[j] == 0.5 for j in range(len(u)) if j != at)]
         middle = middle or [k for k, u in enumerate(units) if np.array_equal(np.delete(u, at), np.delete(units[0], at))]
-        below = max((units[k][at] for k in middle if shown(k) < SMALL[0]), default=None)
-        above = min((units[k][at] for k in middle if shown(k) > SMALL[1]), default=None)
-        if below is not None and above is not None and not any(SMALL[0] <= shown(k) <= SMALL[1] for k in middle):
+        left = float(np.sqrt(sum(max(base.fits[b].chi2 - len(base.fits[b].residual), 0.0) for b in columns)))
+        for which, low, high in ((0, *SMALL), (1, left / APART, left * APART)):
+            if high < SMALL[1]:
+                continue
             for _ in range(BISECTIONS):
+                known = sorted((units[k][at], sizes[k][which]) for k in middle)
+                below = max((u for u, size in known if size < low), default=None)
+                above = min((u for u, size in known if size > high), default=None)
+                if below is None or above is None or any(low <= size <= high for _, size in known):
+                    break
                 unit = units[middle[0]].copy()
                 unit[at] = 0.5 * (below + above)
-                units.append(unit)
-                for b, column in columns.items():
-                    column.append(_trace(problems[b], base.fits[b], candidate, unit))
-                size = shown(len(units) - 1)
-                if SMALL[0] <= size <= SMALL[1]:
-                    break
-                below, above = (unit[at], above) if size < SMALL[0] else (below, unit[at])
+                look(unit)
+                middle = [*middle, len(units) - 1]
     return tuple(units), {b: np.column_stack(c) for b, c in columns.items()}
 
 
