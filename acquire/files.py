@@ -1,6 +1,6 @@
 """Files that are whole or not there: the one way in which anything is written for keeps.
 
-What is written goes to a new file of a private name in the target's folder, is put onto the disk, and only then gets
+The content goes to a new file of a private name in the target's folder, is put onto the disk, and only then gets
 its final name. A full disk, a read-only folder or a killed process leaves no half file under the final name, and a
 symbolic link in the target's place is replaced, never followed.
 """

@@ -77,7 +77,7 @@ def refusing(path: Path | str, error: type[ValueError] = ValueError, what: str =
     """Whatever goes wrong while a stranger's file is decoded becomes an ``error`` ``<path>: <what>: <why>``.
 
     Decoders raise of all kinds (RecursionError, MemoryError, AttributeError … out of third parties' code); the file is
-    to blame for all of them. What is an ``error`` already has its message and passes.
+    to blame for all of them. An ``error`` of ours already has its message and passes.
     """
     try:
         yield

@@ -47,7 +47,7 @@ def blind_answer(
     output: Annotated[Path, typer.Option("--output", "-o", help="New folder for the recording (a bundle).")],
     passphrase: Annotated[str, typer.Option(help="What the key was encrypted with.")] = "",
 ) -> None:
-    """Do an experiment on the case's hidden rig. What the rig cannot do is refused."""
+    """Do an experiment on the case's hidden rig. A protocol that the rig cannot do is refused."""
     from gap.blind import perform
 
     print(perform(case, experiment, output, passphrase))

@@ -53,7 +53,7 @@ def qualify(
 ) -> None:
     """Measure the standard references (about five minutes of bench time) and say whether the instrument is sound.
 
-    Exit status 0 where it passed, 6 where it did not. What the folder has already is not measured again.
+    Exit status 0 where it passed, 6 where it did not. Recordings that the folder has already are not measured again.
     """
     from acquire.cli.stages import Stages
     from gap.qualify.judge import qualify as judge

@@ -29,7 +29,7 @@ CONNECT = 15.0  # s of wall time within which a link must be open
 
 
 class Connection(ControlLoop):
-    """A control loop with the links of one rig. What is done over them is the engine's."""
+    """A control loop with the links of one rig. The engine decides on their use."""
 
     def __init__(self, rig: Rig, machine: StateMachine, rules: Rules, heartbeat: Heartbeat | None) -> None:
         super().__init__(rig.device.name, machine, rules, heartbeat)

@@ -1,7 +1,7 @@
 """Whether measured values can be true, though each of them is within its limits.
 
-What no host can see without a second gauge is in docs/safety.md: a gauge that is wrong from the start, or slowly.
-"""
+Faults that no host can see without a second gauge are in docs/safety.md: a gauge that is wrong from the start, or
+slowly."""
 
 from __future__ import annotations
 

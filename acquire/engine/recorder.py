@@ -102,7 +102,7 @@ class Recorder(threading.Thread):
         return self._writer.size + (draft.size if draft is not None else 0)
 
     def put(self, item: Block | Frame | Event | Commanded) -> None:
-        """Record ``item``. What does not fit ends the run: nothing is dropped in silence."""
+        """Record ``item``. A block that does not fit ends the run: nothing is dropped in silence."""
         try:
             self._queue.put(item)
         except Overflow as error:

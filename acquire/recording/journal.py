@@ -67,7 +67,7 @@ class Kind(IntEnum):
 
 
 class JournalFull(RecordingError):
-    """The disk took no more. What was recorded so far is whole and can be recovered."""
+    """The disk took no more. The recording so far is whole and can be recovered."""
 
 
 class JournalWriter:

@@ -14,7 +14,7 @@ WINDOW = 1 << 20  # bytes read ahead
 class JournalBytes:
     """The bytes of a journal by position, read through a descriptor of its own: also when the name is gone.
 
-    What the disk cannot give reads as zeros, which is no record; ``fault`` is then the disk's reason.
+    Bytes that the disk cannot give read as zeros, which are no record; ``fault`` is then the disk's reason.
     """
 
     def __init__(self, path: Path, descriptor: int | None = None) -> None:

@@ -5,7 +5,7 @@
     python benchmarks/blind/run.py --tiers T2 T6 --n 14 --seed 7 8 --record benchmarks/results
 
 Cases and reports stay in the folder: a run that was broken off goes on where it stopped, and reports made before are
-not made again. What is printed also goes to ``figures.txt`` and ``figures.json``, and by ``--record`` to ``blind_*`` in
+not made again. The figures also go to ``figures.txt`` and ``figures.json``, and by ``--record`` to ``blind_*`` in
 another folder.
 """
 

@@ -9,9 +9,8 @@ integration runs.
 
 The campaign is made of parts (``--list``), each in a process of its own, ``--jobs`` side by side. What a result file
 holds already is not run again (``--again`` does), so that a campaign can be interrupted, or run in pieces: each row
-says its revision and load. What fails beside others, and is judged by the clock, is tried once more with the computer
-to itself, and the output says so: a starved host trips rightly.
-"""
+says its revision and load. A part that fails beside others, and is judged by the clock, is tried once more with the
+computer to itself, and the output says so: a starved host trips rightly."""
 
 from __future__ import annotations
 
@@ -101,7 +100,7 @@ def _longest_first(due: Sequence[str], done: dict[str, list[Row]]) -> list[str]:
 def _measured(due: Sequence[str], campaign: Campaign, jobs: int) -> Iterator[tuple[str, list[Row]]]:
     """Parts with their rows, each when it is done; at last, and once more, those that failed beside others.
 
-    What the clock judges mostly waits: beside ``jobs`` of these, one at a time of the others takes what time is left.
+    Parts judged by the clock mostly wait: beside ``jobs`` of these, one at a time of the others runs.
     """
     again = []
     with (

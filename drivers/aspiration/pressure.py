@@ -1,6 +1,6 @@
 """The aspiration device's pressure controller: text lines in the manner of Alicat's.
 
-Assumed: the ETH device's own controller is not documented. What a lab can buy is a vacuum pressure controller whose
+Assumed: the ETH device's own controller is not documented. A lab can buy a vacuum pressure controller whose
 public serial protocol (Alicat: lines ended by CR, a data frame that begins with the unit's letter and carries decimal
 values) has no queue, no sequence numbers and no checksum; this dialect keeps its manner and adds those three. It was
 never run on real hardware.

@@ -1,7 +1,7 @@
 """A case's hidden rig as plain data, so that it can be measured on again later; and the answer to an experiment.
 
 An answer is recorded after everything before it, answers included, when the experiment's rest is over: skin goes on
-recovering meanwhile. What the rig cannot do is refused.
+recovering meanwhile. An experiment that the rig cannot do is refused.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Thinning: bins that are narrow after every kink of the command and widen with its age.
 
 A hold of a minute has little to say after its first second; averaging there keeps every slow trend, lowers the noise
-and makes a diagnosis take seconds. What lives in single samples (repeats, jitter, coarse steps) is looked for before,
+and makes a diagnosis take seconds. Traits of single samples (repeats, jitter, coarse steps) are looked for before,
 by `gap.data.signatures`.
 """
 

@@ -1,6 +1,6 @@
 """How chance scatters the instants of samples: all of them a little, or some of them a lot and one way.
 
-Both make the noise wider where a signal is steep, by the same rms if need be. What tells them apart is the law of it:
+Both make the noise wider where a signal is steep, by the same rms if need be. The law of it tells them apart:
 jitter is as often early as late and leaves no sample alone, samples delivered late (or repeated for lost ones) are old,
 and the others are in time.
 """

@@ -145,7 +145,7 @@ def _valued(
 
 
 def _change(bench: Bench, part: Part, draw: Draw, base: np.ndarray) -> np.ndarray:
-    """What a draw changes in the rows (n,) of an experiment."""
+    """The change by a draw of the rows (n,) of an experiment."""
     specimen = part.legs[0].specimen
     share = draw.on_skin if specimen == SKIN else draw.on_references
     if specimen != SKIN and specimen in {leg.specimen for leg in bench.session.legs}:

@@ -108,9 +108,8 @@ def detectability(*pairs: tuple[Sequence[Recording], Sequence[Recording]]) -> fl
     """δ of what differs between the sessions of a pair (sound, changed) of equal commands and stamps, once the nuisance
     is refitted (linearly), by the diagnosis' own noise and nuisance.
 
-    What rounding adds to the difference is of the size of the noise; a second pair of other noise cancels it: δ² is
-    the product of the two differences.
-    """
+    The part that rounding adds to the difference is of the size of the noise; a second pair of other noise cancels it:
+    δ² is the product of the two differences."""
     total = 0.0
     first, last = (zip(*(build(s, {})[0] for s in pair), strict=True) for pair in (pairs[0], pairs[-1]))
     for (before, after), (sound, changed) in zip(first, last, strict=True):

@@ -37,7 +37,7 @@ def forms_by_name(effects: Mapping[str, Effect]) -> dict[str, list[Effect]]:
 
 
 def generic(files: Sequence[Path]) -> list[GenericEffect]:
-    """What users' ``files`` add to the effects that any rig can have. Raises ValueError that names the file."""
+    """Effects that users' ``files`` add to those that any rig can have. Raises ValueError that names the file."""
     found = []
     for path in files:
         added = [v for v in _values(path) if isinstance(v, GenericEffect)]
@@ -52,7 +52,7 @@ def _from_file(path: Path) -> list[Effect]:
 
 
 def _values(path: Path) -> list[Any]:
-    """What a file of Python has at its top level."""
+    """The names at the top level of a file of Python."""
     if not path.is_file():
         raise ValueError(f"{path}: there is no such file of effects")
     spec = importlib.util.spec_from_file_location(f"skinrig_effects_{path.stem}", path)

@@ -24,7 +24,7 @@ so."""
 
 
 def each(function: Callable[[Part], Result], parts: Sequence[Part], jobs: int) -> list[Result]:
-    """``function`` of each of the ``parts``, in order, on up to ``jobs`` processes. What it changes here may be lost:
+    """``function`` of each of the ``parts``, in order, on up to ``jobs`` processes. Its changes here may be lost:
     only what it returns counts."""
     jobs = min(jobs, len(parts))
     if jobs < 2 or not hasattr(os, "fork") or threading.active_count() > 1:

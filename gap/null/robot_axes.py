@@ -178,7 +178,7 @@ class AxesBlock(Block):
         self._start = alone.nuisance
 
     def _forget(self) -> None:
-        """What was made for another load or controller."""
+        """Drop tables made for another load or controller."""
         groups = zip(self.groups, self._forces, self._seen, strict=True)
         centred, tissue = self.controller.centred, sheet_tissue("forearm")
         self._read = [RecordedLoad(specimen_chain(g, tissue), f, axes, centred) for (g, _), f, axes in groups]

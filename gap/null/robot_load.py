@@ -1,4 +1,4 @@
-"""What recorded transducer forces say of the load on the robot's axes."""
+"""The load on the robot's axes by the recorded transducer forces."""
 
 from __future__ import annotations
 
@@ -69,7 +69,8 @@ class RecordedLoad:
         return dict(zip(numbered("pushed"), ((self.time, push) for push in self._pushes(force)), strict=True))
 
     def _pushes(self, force: FloatArray) -> FloatArray:
-        """What transducer forces (3, m) N put on the axes, with what gives way as `SPRING` taken off, (3, m)."""
+        """The load (3, m) N of transducer forces (3, m) N on the axes, with what gives way as `SPRING` taken off, (3,
+        m)."""
         spring = SPRING * np.stack(list(self.axes.values()))
         return np.asarray(np.einsum("akm,km->am", self._arms, self._matrix @ force) + spring)
 

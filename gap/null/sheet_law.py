@@ -3,7 +3,7 @@
 Simple laws have two relaxation times or a power law of time; the usual one has any relaxation spectrum. Further ones,
 each a textbook's, are tried where no simple one is at the noise: a memory of strain beside a spring, consolidation
 (Terzaghi 1943), activated flow (Eyring 1936), springs that slip (Iwan 1967), a sheet that is not the same this way and
-that. What is less simple must earn its freedom.
+that. A law that is less simple must earn its freedom.
 """
 
 from __future__ import annotations

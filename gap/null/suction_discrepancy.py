@@ -1,4 +1,4 @@
-"""What tissues other than the reduced law could do: a basis of causal responses to suction, with prior weights.
+"""Discrepancy of the tissue: a basis of causal responses to suction, with prior weights.
 
 Linear combinations of it are added to the nominal prediction with small prior standard deviations (the principal
 shapes B of the covariance Σ = σ²I + B Bᵀ): any elastic curve under any fading memory (not separable), memory before
@@ -32,9 +32,9 @@ FLOWS = ((1.0, 10.0), (10.0, 100.0), (100.0, 1e4), (0.1, 1.0), (1.0, 0.1), (10.0
 
 @dataclass(frozen=True)
 class Suction:
-    """What skin met: ``time``, ``pressure`` (m,) s, Pa, and ``height`` (n,) m, a first guess of what it did, at
-    ``stamps`` (n,) s. In each recording, from its mark (s) to the next, columns of a basis are zero at its onset (s),
-    when suction begins and the instrument zeroes."""
+    """The history of the skin: ``time``, ``pressure`` (m,) s, Pa, and ``height`` (n,) m, a first guess of what it did,
+    at ``stamps`` (n,) s. In each recording, from its mark (s) to the next, columns of a basis are zero at its onset
+    (s), when suction begins and the instrument zeroes."""
 
     time: FloatArray
     pressure: FloatArray
@@ -86,7 +86,7 @@ def elastic_freedom(
 
 
 def suction_discrepancy(suction: Suction) -> tuple[FloatArray, FloatArray]:
-    """What other laws could do: basis (n, q) and prior weights (q,)."""
+    """Responses of other laws: basis (n, q) and prior weights (q,)."""
     grid, u = suction.grid, suction.load
     h = np.interp(grid, suction.stamps, np.maximum(suction.height, 0.0))
     h = h / (float(h.max()) or 1.0)

@@ -51,8 +51,9 @@ def sound_chain(instrument: str, marks: tuple[float, ...], **options: Any) -> Ch
 
 @dataclass(frozen=True)
 class FurtherLags(Wired):
-    """What a regulator of another structure adds to a second-order one: ``shares`` (share, s) of its response come with
-    a further lag each, and its slope comes ``lead`` s ahead, of a set-point that is fed forward or weighed."""
+    """The difference of a regulator of another structure from a second-order one: ``shares`` (share, s) of its response
+    come with a further lag each, and its slope comes ``lead`` s ahead, of a set-point that is fed forward or
+    weighed."""
 
     shares: tuple[tuple[float, float], ...]
     lead: float
@@ -114,7 +115,7 @@ class PressureBlock(Block):
         return fit(under(self, self.prior_mean, sd)).log_evidence(1.0, (sd,))
 
     def line(self, group: Group, time: FloatArray) -> Table:
-        """What the regulator, as fitted to the recorded pressure, made of the command: times finer than ``time`` (n,)
+        """The pressure that the regulator, as fitted to the record, made of the command: times finer than ``time`` (n,)
         s, and Pa."""
         return commanded_line(self._regulated(group, self._fitted), group, time, self.early)
 

@@ -118,7 +118,7 @@ class ReferenceBlock(FedBlock):
         return float(x[0]) * top / unit, knee, float(x[2])
 
     def _columns(self) -> list[_Column]:
-        """What is simply added to the prediction."""
+        """Columns that are simply added to the prediction."""
         n = len(self.stamps)
         height = self._chain_height(np.zeros(1), {})
         on_step = np.zeros(n)
@@ -148,7 +148,7 @@ class ReferenceBlock(FedBlock):
         return columns
 
     def _freedom(self, group: Group, at: slice, time: FloatArray, pressure: FloatArray) -> list[_Column]:
-        """What a membrane may do beside its curve of three parameters: other curves, and lags within its memory."""
+        """Discrepancy of a membrane beside its curve of three parameters: other curves, and lags within its memory."""
         memory = group.known["memory"].scalar if "memory" in group.known else MEMORY.otherwise
         u = np.maximum(-pressure, 0.0)
         u = u / (float(u.max()) or 1.0)

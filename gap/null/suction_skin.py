@@ -62,7 +62,7 @@ class Loaded:
         )
 
     def quantities(self, c: Mapping[str, float]) -> Mapping[str, tuple[float, str]]:
-        """What a report tells of the skin: value and unit, SI."""
+        """The skin's parameters for a report: value and unit, SI."""
         tissue = self.tissue(c)
         creep: dict[str, tuple[float, str]] = {}
         for k, (amount, time) in enumerate(zip(tissue.creep, tissue.times, strict=True), start=1):

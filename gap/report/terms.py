@@ -1,4 +1,4 @@
-"""What the report says of a term, proposed where no known effect explains the gap."""
+"""A term in the report, proposed where no known effect explains the gap."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def _parts(p: Proposal, term: Term) -> list[dict[str, Any]]:
 
 
 def formula(term: Term) -> str:
-    """What is added to which signal."""
+    """The addition, and the signal that it is added to."""
     return term.formula(quantity)
 
 

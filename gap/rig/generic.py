@@ -2,7 +2,7 @@
 
 A model calls ``tap("force", values, velocity=v)`` where something could act; the nominal chain returns the values
 unchanged. Taps are causal and keep a state, so a model may call them on whole series or sample by sample inside its own
-integration loop. What they do is in `gap.rig.generic_laws`.
+integration loop. Their laws are in `gap.rig.generic_laws`.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ INITIAL = "initial"
 class GenericEffect:
     """``act(state, time, values, related, p)`` returns the changed values; ``needs`` names the related signal it acts
     with. What ``resists`` motion adds to a tapped resistance and is taken from a tapped net force. A ``form`` tells
-    apart effects that are one concept of one name. What is ``of_turns`` shows only where the signal it acts with turns
-    back: on one way it is nothing but a bent characteristic. What ``looks_ahead`` needs whole series: it can act
+    apart effects that are one concept of one name. An effect ``of_turns`` shows only where the signal it acts with
+    turns back: on one way it is nothing but a bent characteristic. What ``looks_ahead`` needs whole series: it can act
     on an input, which is known beforehand, not inside a model's own integration. ``taps`` are the only ones it fits;
     none named: all.
 

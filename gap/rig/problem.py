@@ -106,7 +106,7 @@ class RigProblem:
 
     @property
     def seen(self) -> Mapping[str, Seen]:
-        """What a nominal run shows of each tap."""
+        """Statistics of each tap in a nominal run."""
         return self._seen
 
     def knowing(self, further: Mapping[str, GenericEffect]) -> RigProblem:

@@ -229,7 +229,7 @@ def _shortlist(screened: Sequence[Screened], size: int) -> list[Screened]:
     """The best, no more than two forms of one concept, and few that are by chance: every concept near the top gets its
     chance, and wider noise takes the place of any response that is not understood yet.
 
-    What the linear screening sees no use in (below `HOPELESS`) is left, but the first three always go.
+    Effects that the linear screening sees no use in (below `HOPELESS`) are left, but the first three always go.
     """
     out: list[Screened] = []
     for s in screened:

@@ -1,1 +1,1 @@
-"""What to add where no known effect fits: a sparse correction of one stage's signal, proposed, tested and saved."""
+"""Terms for a gap that no known effect fits: a sparse correction of one stage's signal, proposed, tested and saved."""

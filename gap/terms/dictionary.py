@@ -114,7 +114,7 @@ def _lagged(role: str, scale: float, lags: Sequence[float]) -> list[Part]:
 
 
 def _at_first(scale: float, times: Sequence[float]) -> list[Part]:
-    """What warms up or runs in."""
+    """Warming up or running in."""
     return [Part(OWN, "x", scale, tau=tau, times=START) for tau in times]
 
 

@@ -158,7 +158,7 @@ def _traces(problems: Mapping[str, Problem], points: Mapping[str, _Point], choic
 
 
 def _trace(problem: Problem, at: _Point, active: Active) -> FloatArray:
-    """What a part at the share `TRIAL` of its place's size takes from the whitened residual (n,), per size."""
+    """The change of the whitened residual (n,), per size, by a part at the share `TRIAL` of its place's size."""
     moved = problem.evaluate(at.nuisance, active, want_jacobian=False).residual
     return np.asarray((at.residual - moved) / TRIAL)
 

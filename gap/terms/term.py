@@ -66,7 +66,7 @@ class Term:
         return Term(self.place, tuple(parts), tuple(amounts))
 
     def value(self, memory: list[dict[str, Any]], time: FloatArray, signals: Mapping[str, FloatArray]) -> FloatArray:
-        """What is added at ``time`` (n,) s; ``memory`` has one dictionary for each part, empty at first."""
+        """The addition at ``time`` (n,) s; ``memory`` has one dictionary for each part, empty at first."""
         out = np.zeros(len(time))
         for own, part, amount in zip(memory, self.parts, self.amounts, strict=True):
             out += amount * part.value(own, time, signals, part.tau)

@@ -2,7 +2,7 @@
 
 m x'' = F - (c + drag) x' - friction + load, F = Kp e + Ki ∫e - Kd x' with e = target - x. The linear loop is integrated
 exactly for targets and loads that are linear in a step: about the particular solution x = r + λ/Ki, x' = ρ (ρ, λ the
-slopes of target and load) the deviation moves by the matrix exponential. What is not linear (friction, force limit,
+slopes of target and load) the deviation moves by the matrix exponential. The nonlinear part (friction, force limit,
 uneven force constant) acts as a force held over substeps of at most ``SUBSTEP``; dry friction takes at most the impulse
 that stops the axis, so that sticking is exact.
 """

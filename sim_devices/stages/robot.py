@@ -143,7 +143,7 @@ def nominal_robot(
 class LoopRunner:
     """The robot's chain advanced as a running instrument: the tissue's load reaches the axes one ``PIECE`` later.
 
-    What lies ahead of the axes and behind the load runs once a chunk; only the loop itself goes piece by piece.
+    The part ahead of the axes and behind the load runs once a chunk; only the loop itself goes piece by piece.
     """
 
     def __init__(self, chain: Chain) -> None:

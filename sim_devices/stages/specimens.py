@@ -68,7 +68,7 @@ def mounted(chain: Chain, specimen: str, properties: Mapping[str, Stated]) -> Ch
 def meets(effect: Effect, specimen: str) -> bool:
     """Whether an effect shows on a specimen at all.
 
-    What a person's tissue does it does not do on a reference; and only what gives way as skin does shows most of what
+    Effects of a person's tissue do not act on a reference; and only what gives way as skin does shows most of what
     happens between probe and skin. A probe that yields on its own spring does so on anything.
     """
     if (
