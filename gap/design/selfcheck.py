@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from acquire.recording.model import Recording
+from gap.decision.thresholds import INSTRUMENT
 from gap.design.bench import Acting, Bench
 from gap.design.choice import FORM_ERROR
 from gap.design.information import Known
@@ -23,8 +24,10 @@ from gap.effects.load import forms_by_name
 from gap.inference.hypothesis import from_unit, to_unit
 from sim_devices.chain import Effect, FloatArray, Parameter
 
-VISIBLE, SEEN = 5.0, 3.0
-"""Tempered σ of an effect that is just visible, and from which anything is called an effect."""
+SEEN = INSTRUMENT.seen
+"""Tempered σ from which the diagnosis names an effect."""
+VISIBLE = SEEN + 2.0
+"""Tempered σ of an effect that is just visible: noise takes two off in one session of forty."""
 DRAWS = 200
 FORMS = 2
 """Forms of an effect that are tried."""
