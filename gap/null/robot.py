@@ -14,7 +14,8 @@ from acquire.recording.model import Recording
 from gap.inference.hypothesis import Candidate
 from gap.inference.problem import Problem
 from gap.null.blocks import Block, GroupedSession, candidates_for
-from gap.null.robot_axes import AXES, QUANTITIES, ArithmeticBlock, AxesBlock
+from gap.null.robot_arithmetic import ArithmeticBlock
+from gap.null.robot_axes import AXES, QUANTITIES, AxesBlock
 from gap.null.robot_force import ForceBlock, RoughForceBlock
 from gap.null.robot_reference import ReferenceForceBlock
 from sim_devices.chain import Effect
