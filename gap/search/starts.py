@@ -41,6 +41,8 @@ def grid(candidate: Candidate) -> list[FloatArray]:
     size = 1
     for p in candidate.parameters:
         values: tuple[float, ...] = STRENGTHS if p.null is not None else SHAPES
+        if p.null is None and p.scale == "linear" and p.default in (p.low, p.high):
+            values = (to_unit(p, p.default), 0.5)  # the plain form of a law, and one that has something beside it
         if p.name == "band":
             values = THRESHOLDS
         elif p.null is not None and p.low < p.null < p.high:

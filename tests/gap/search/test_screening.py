@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from gap.inference.evidence import Hypothesis
+from gap.inference.hypothesis import Candidate
 from gap.inference.least_squares import fit
 from gap.search.compare import Effort, compare
 from gap.search.screening import screen
@@ -20,6 +21,15 @@ def test_the_grid_surrounds_a_value_that_does_nothing(candidate) -> None:
     values = [signed.values(u)["a"] for u in grid(signed)]
     assert min(values) < 0 < max(values)
     assert min(abs(v) for v in values) < 0.05
+
+
+def test_the_screening_looks_at_the_plain_form_of_a_law() -> None:
+    """A shape that is nought by default is nought in the plain law: friction that is there at once, no presliding."""
+    strength = Parameter("force", "N", 1e-3, 5.0, 0.0, 0.4, "log")
+    beside = Parameter("presliding", "m", 0.0, 6e-5, None, 0.0, "linear")
+    points = grid(Candidate("c", "coulomb_friction", "actuator", (strength, beside), ()))
+    assert {float(u[1]) for u in points} == {0.0, 0.5}
+    assert len(points) == 6
 
 
 def test_what_a_wide_prior_swallows_is_seen_through_a_narrow_one(linear, candidate) -> None:
