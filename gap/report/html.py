@@ -55,6 +55,7 @@ def page(d: Diagnosis) -> str:
         beside=any("with_effect" in p for p in report["model"].values()),
         bounds=_bounds(d),
         label=label,
+        rig="rig" in d.problems,
         headings=HEADINGS,
         splits=SPLITS,
     )

@@ -204,6 +204,7 @@ def test_the_page_is_self_contained_and_says_the_sentences_first(slow_valve: Dia
     assert at[-1] < seen.words.index("What could cause it")
     assert "{{" not in seen.words
     assert "nan" not in seen.words.split()
+    assert not re.search(r"\b(skin|tissue)\b", seen.words)  # there is none in a valve
 
 
 def test_names_from_a_recording_cannot_bring_markup_into_the_page(recording) -> None:
