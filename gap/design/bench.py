@@ -27,7 +27,9 @@ from sim_devices.stages.specimens import meets, mounted
 from sim_devices.stages.suction import OPENING, with_tissue
 from sim_devices.stages.tissues import SheetTissue, SuctionTissue, for_opening, sheet_tissue, suction_tissue
 
-SECOND, STEP = "pressure_reference", "gauge step"
+SECOND, STEP, POST = "pressure_reference", "gauge step", "rigid post"
+NOTHING = 1e-12
+"""Samples that a row counts for which says nothing."""
 SLID = 6.0
 """s after the beginning by which a gauge step lies under the probe (assumed)."""
 SUCTION_CHANNELS = ("pressure", "apex_height", SECOND)
@@ -95,9 +97,12 @@ class Bench:
             bins = bin_means(at, np.zeros_like(at), edges[-1])
             # Nobody knows the very moment at which a step is slid in: until then its rows say nothing.
             unclear = (leg.specimen == STEP) & (bins.time < start + SLID)
-            counts.append((np.where(unclear, 1e-12, bins.count), often))
-        noise = self.noise.values()
-        sigma = [np.sqrt((white**2 / n + floor**2) / often) for white, floor in noise for n, often in counts]
+            counts.append((leg, np.where(unclear, NOTHING, bins.count), often))
+        sigma = [
+            np.sqrt((white**2 / (NOTHING if unused(leg, c) else n) + floor**2) / often) * np.ones(len(n))
+            for c, (white, floor) in self.noise.items()
+            for leg, n, often in counts
+        ]
         return Part(name, tuple(legs), tuple(starts), tuple(stamps), tuple(edges), np.concatenate(sigma))
 
     def rows(self, part: Part, signals: Sequence[Mapping[str, FloatArray]]) -> FloatArray:
@@ -166,6 +171,11 @@ class Bench:
             {c: v[end - len(part.stamps[k]) : end] for c, v in signals.items()}
             for k, end in zip(members, ends, strict=True)
         ]
+
+
+def unused(leg: Leg, channel: str) -> bool:
+    """Whether a diagnosis does not look at a channel of a recording: forces on a post are as large as it is stiff."""
+    return leg.specimen == POST and channel in (*TRANSDUCERS, *xyz("force"))
 
 
 def leg_of(recording: Recording) -> Leg:

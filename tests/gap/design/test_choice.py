@@ -191,3 +191,13 @@ def test_repeats_are_simulated_once_and_count_as_often_as_they_are() -> None:
     assert two.end > one.end
     ratio = two.part("p", LEGS[:1], [0.0], [2]).sigma / two.part("p", LEGS[:1], [0.0]).sigma
     np.testing.assert_allclose(ratio, np.sqrt(0.5))
+
+
+def test_forces_on_a_post_tell_nothing_as_no_diagnosis_looks_at_them() -> None:
+    leg = own.direction_cycles(0.0, 0.0, 1e-3, 4.0, 1)
+    bench = Bench(own.robot_session(np.random.default_rng(2), legs=[leg]))
+    free, post = (bench.part("p", [replace(leg, specimen=s)], [0.0]) for s in ("open air", "rigid post"))
+    channels = len(post.sigma) // len(bench.channels)
+    ratio = dict(zip(bench.channels, (post.sigma / free.sigma)[::channels], strict=True))
+    assert ratio["axis_position_1"] == 1.0
+    assert ratio["force_z"] > 1e3
