@@ -16,6 +16,7 @@ from gap.data.checks import DiagnosisError, in_order, remarks
 from gap.data.pauses import without_pauses
 from gap.data.splits import splits, splits_of_a_rig
 from gap.data.tolerances import tolerances
+from gap.decision.earlier import Earlier, Skin, gains, known_skin, moved, skin_of, unlike
 from gap.decision.limits import bounds, confusable
 from gap.decision.marks import made_by
 from gap.decision.posterior import Posterior
@@ -30,6 +31,8 @@ from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import Candidate
 from gap.inference.problem import Problem
 from gap.null.blocks import Block
+from gap.null.known_skin import KnownSkin
+from gap.null.suction_height import HeightBlock
 from gap.rig.model import ForwardModel
 from gap.rig.problem import RigProblem, against_the_model
 from gap.search.compare import Comparison, Effort, compare
@@ -71,6 +74,7 @@ class Diagnosis:
     qualified: Qualified | None = None
     unqualified: Posterior | None = None  # as it would be without the qualification
     term: Proposal | None = None  # for a gap that no known effect explains
+    earlier: Earlier | None = None  # what sessions before this one said of the skin
 
     @property
     def gap_before(self) -> float:
@@ -97,6 +101,7 @@ def diagnose(
     tell: Tell = lambda stage, share: None,
     qualification: Path | None = None,
     propose_term: bool = True,
+    earlier: Sequence[Sequence[Recording]] = (),
 ) -> Diagnosis:
     """Diagnose recordings of one session together; ``model`` is needed for an instrument that is not ours.
 
@@ -104,7 +109,8 @@ def diagnose(
     ``quick`` fits few effects and no pairs. ``jobs`` processes share the fits, but for a solver's, which is a process
     by itself; the diagnosis is the same. ``tell`` hears of each stage when it begins. ``qualification`` is the file of
     one of this instrument; where it is another's or has expired, it is told and not believed. With ``propose_term`` a
-    term is looked for where no known effect explains the gap.
+    term is looked for where no known effect explains the gap. ``earlier`` are sessions of the same person and site,
+    each diagnosed by itself: those that were sound are the prior of the skin's law.
 
     Raises DiagnosisError, gap.ModelError.
     """
@@ -115,12 +121,13 @@ def diagnose(
     effort = effort or EFFORTS.get(recordings[0].info.instrument, Effort())
     qualified = read_qualification(qualification, recordings) if qualification is not None else None
     effort = effort.quicker() if quick else effort
-    case, told = gathered(recordings, model, effort, user_effects, solver, jobs, tell, qualified)
+    skins, unsound = _skins(earlier, recordings, model, solver, jobs)
+    case, told = gathered(recordings, model, effort, user_effects, solver, jobs, tell, qualified, skins)
     doubted = wrong_references(case.comparison)
     kept = [r for k, r in enumerate(recordings) if not any(k in d.runs for d in doubted)]
     if doubted and kept:  # what is not what it says must not be believed
         recordings = kept
-        case, told = gathered(recordings, model, effort, user_effects, solver, jobs, tell, qualified)
+        case, told = gathered(recordings, model, effort, user_effects, solver, jobs, tell, qualified, skins)
         told += [f"left out, {d}" for d in doubted]
     settled = settle(case, t, jobs)
     verdict, comparison, solves = settled.verdict, case.comparison, 0
@@ -150,6 +157,7 @@ def diagnose(
         qualified=qualified,
         unqualified=case.posterior(t, qualified=False) if qualified is not None else None,
         term=proposal,
+        earlier=_learnt(comparison, skins, unsound) if earlier else None,
     )
 
 
@@ -162,6 +170,7 @@ def gathered(
     jobs: int = 1,
     tell: Tell = lambda stage, share: None,
     qualified: Qualified | None = None,
+    skins: Sequence[Skin] = (),
 ) -> tuple[Case, list[str]]:
     """All that the verdict on recordings rests on, every fit done; and remarks on the data."""
     tell("reading the recordings", 0.0)
@@ -173,6 +182,7 @@ def gathered(
         told.append(f"qualification {qualified.file} is not believed: {qualified.reason}")
     marks = signatures.find(recordings, model.channels if model else None)
     asked = {key for p in problems if isinstance(p, Block) for key in p.suspected}
+    problems = [known_skin(p, skins)[0] or p if skins and isinstance(p, HeightBlock) else p for p in problems]
     suspects = [c for c in candidates if c.key in asked or any(made_by(s, c) for s in marks)]
     comparison = compare(problems, candidates, effort, suspects, jobs, tell)
     for rig in (p for p in problems if isinstance(p, RigProblem)):
@@ -190,6 +200,50 @@ def gathered(
         qualified=qualified,
     )
     return case, told
+
+
+def _skins(
+    earlier: Sequence[Sequence[Recording]],
+    recordings: Sequence[Recording],
+    model: ForwardModel | None,
+    solver: str,
+    jobs: int,
+) -> tuple[list[Skin], dict[str, str]]:
+    """The skin in each of the sessions before this one that may be believed, and why others may not."""
+    if not earlier:
+        return [], {}
+    if model is not None or solver or recordings[0].info.instrument not in ("cutometer", "aspiration"):
+        raise DiagnosisError("earlier sessions are for suction on the built-in tissue, not for other rigs or solvers")
+    skins, doubted = [], {}
+    for session in earlier:
+        name = session[0].info.id
+        reason = unlike(session, recordings)
+        if not reason:
+            d = diagnose(session, quick=True, jobs=jobs, propose_term=False)
+            block = d.problems.get("height")
+            if d.verdict.claims or d.verdict.verdict == "unknown":
+                first = [e.name for e in d.verdict.causes[0].effects] if d.verdict.claims else ["of unknown cause"]
+                reason = f"it has a gap of its own: {', '.join(first)}"
+            elif isinstance(block, HeightBlock):
+                temper = max(d.comparison.temper()["height"], 1.0)
+                skins.append(skin_of(name, block, d.comparison.null.fits["height"], temper))
+            else:
+                reason = "it has no height of skin"
+        if reason:
+            doubted[name] = reason
+    return skins, doubted
+
+
+def _learnt(comparison: Comparison, skins: Sequence[Skin], doubted: Mapping[str, str]) -> Earlier:
+    """What earlier sessions were worth to a comparison."""
+    height = comparison.problems.get("height")
+    if isinstance(height, HeightBlock) and skins:
+        return Earlier(doubted={**doubted, **known_skin(height, skins)[2]})
+    if not isinstance(height, KnownSkin):
+        return Earlier(doubted=doubted)
+    _, believed, unused = known_skin(height.block, skins)
+    changed = moved(height, comparison.null.fits["height"])
+    return Earlier(believed, {**doubted, **unused}, height.names, changed, gains(comparison, height))
 
 
 def wrong_references(comparison: Comparison) -> list[Doubt]:

@@ -46,6 +46,10 @@ def diagnose(
         Path | None,
         typer.Option("--selfcheck", help="JSON of `gap selfcheck` on this session, for the report to cite."),
     ] = None,
+    earlier: Annotated[
+        list[Path] | None,
+        typer.Option(help="Earlier session(s) of the same subject and site (suction): what they say of the skin."),
+    ] = None,
     term: Annotated[
         Path | None,
         typer.Option(help="Where no effect fits: save the proposed term here, as a file for --effects."),
@@ -87,6 +91,7 @@ def diagnose(
             jobs=jobs,
             tell=stages,
             qualification=qualification,
+            earlier=[load_all([session]) for session in earlier or ()],
         )
     report = report_of(diagnosis) | {"recording_files": [str(p.resolve()) for p in files]}
     if self_check:
@@ -108,6 +113,8 @@ def diagnose(
         print(*report["sentences"], sep="\n")
         for remark in report["remarks"]:
             print(f"note: {remark}", file=sys.stderr)
+        if report["earlier"]:
+            print(f"note: earlier sessions: {report['earlier']['text']}", file=sys.stderr)
         if report["next_experiment_note"]:
             print(f"note: next experiment: {report['next_experiment_note']}", file=sys.stderr)
         print(f"\n{diagnosis.seconds:.0f} s\n{folder}/gap.html\n{folder}/gap.json")

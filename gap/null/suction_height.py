@@ -92,7 +92,7 @@ class HeightBlock(FedBlock):
         super().__init__(session, library, pressure, without=tuple(SPECIMENS))
         self._tissue = suction_tissue("forearm")
         strongest = (-float(p.min()) for (g, _), (_, p) in zip(self.groups, self._line, strict=True) if g.skin)
-        self._strongest = max(strongest, default=0.0) or 1e3  # Pa; without skin any will do
+        self.strongest = max(strongest, default=0.0) or 1e3  # Pa; without skin any will do
         self._runs = self.member
         self._onsets = np.array([self.session.onset(k) for k in self.runs])
         self._start: FloatArray | None = None
@@ -140,10 +140,10 @@ class HeightBlock(FedBlock):
     def _priors(self) -> tuple[FloatArray, ...]:
         """Prior widths (p,) of the simple laws, and of the usual one beside each size of the discrepancy."""
         simple = [self._sd(self._widths[0], law) for law in self.laws]
-        return (*simple, *(self._sd(sd, self._full) for sd in self._widths))
+        return (*simple, *(self._sd(sd, self.full) for sd in self._widths))
 
     @property
-    def _full(self) -> SkinLaw:
+    def full(self) -> SkinLaw:
         """The usual law, with what is not linear of this skin."""
         return self.USUAL_LAW.beside(self.laws[0].nonlinear)
 
@@ -158,6 +158,11 @@ class HeightBlock(FedBlock):
             out[len(self.PARTS)] = SIMPLE_SHIFT
             out[self._curve_part] *= self.SIMPLE_CURVE
         return out
+
+    def widths_of(self, law: SkinLaw) -> tuple[FloatArray, ...]:
+        """Prior widths (p,) of a law, by itself if it is simple, and beside each size of the discrepancy."""
+        alone = [self._sd(self._widths[0], law)] if law.simple else []
+        return (*alone, *(self._sd(sd, self.USUAL_LAW.beside(law.nonlinear)) for sd in self._widths))
 
     def _mean(self, law: SkinLaw) -> FloatArray:
         """The prior's mean (p,) under a law: of each amount none."""
@@ -179,7 +184,7 @@ class HeightBlock(FedBlock):
 
     @property
     def _at(self) -> Loaded:
-        return Loaded(self._tissue, self._size, self._strongest)
+        return Loaded(self._tissue, self._size, self.strongest)
 
     def tissue(self, nuisance: FloatArray) -> SuctionTissue:
         """The reduced tissue at a nuisance vector."""
@@ -235,7 +240,7 @@ class HeightBlock(FedBlock):
             self._tries.append(Try(plain, begins[0], 25))
         if not self._enough(alone):
             self._bend(simple.nuisance)
-            alone += self._race([(self._full, g) for g in (simple.nuisance, *begins)])
+            alone += self._race([(self.full, g) for g in (simple.nuisance, *begins)])
         found, law = max(alone, key=_probability)
         if not law.simple:
             self._tries.append(Try(law, begins[0], 15))
@@ -345,7 +350,7 @@ class HeightBlock(FedBlock):
         chain = chain_of(self.session, group, self.tissue(nuisance))
         if not group.skin:
             return chain
-        return rewired(chain, self._named(nuisance), self._strongest, self._at.reaching(self._named(nuisance)))
+        return rewired(chain, self._named(nuisance), self.strongest, self._at.reaching(self._named(nuisance)))
 
     def _chain_height(self, nuisance: FloatArray, active: Active) -> FloatArray:
         """Apex height of the chain (n,) m, before run scatter and discrepancy."""

@@ -16,6 +16,7 @@ from gap.report.breakdown import breakdown
 from gap.report.parameters import of_cause, of_model, rounded
 from gap.report.sentences import sentences
 from gap.report.terms import of_term
+from gap.report.words import words
 
 SCHEMA = "gap-report/1"
 UNCALIBRATED = "cumulative posterior probability; not conformal, as nothing is calibrated on such a rig"
@@ -48,6 +49,7 @@ def as_json(d: Diagnosis) -> dict[str, Any]:
         "unexplained": rounded(p.unexplained),
         "model": of_model(d),
         "qualification": qualification(d),
+        "earlier": earlier(d),
         "term": of_term(d),
         "indistinguishable": [list(g) for g in d.confusable],
         "undetectable_below": {k: rounded(b) for k, b in d.bounds.items() if np.isfinite(b)},
@@ -81,6 +83,26 @@ def qualification(d: Diagnosis) -> dict[str, Any] | None:
     gained = [name for name in without if name not in beside]
     text = f"ruled out: {', '.join(gained)}" if gained else "the set of explanations is the same without it"
     return said | {"set_without": without, "gained": gained, "gained_text": text, "changed": changed}
+
+
+def earlier(d: Diagnosis) -> dict[str, Any] | None:
+    """What earlier sessions of the person said and gained; None where none was given."""
+    e = d.earlier
+    if e is None:
+        return None
+    doubted = [{"session": name, "reason": reason} for name, reason in e.doubted.items()]
+    if not e.believed:
+        text = "no earlier session is used: " + "; ".join(f"{name}: {reason}" for name, reason in e.doubted.items())
+    elif e.gains:
+        name, (was, now) = max(e.gains.items(), key=lambda g: g[1][1] / max(g[1][0], 1e-9))
+        text = f"{len(e.gains)} effects show at less strength with them, {words(name)} at {100 * was / now:.0f} % of it"
+    else:
+        text = "no effect shows at less strength with them"
+    gained = {name: {"without": rounded(was), "with": rounded(now)} for name, (was, now) in e.gains.items()}
+    return {
+        "believed": list(e.believed), "doubted": doubted, "parameters": list(e.told), "changed": list(e.changed),
+        "detectability": gained, "text": text,
+    }  # fmt: skip
 
 
 def unknown_probability(verdict: str, p: Posterior) -> float:
