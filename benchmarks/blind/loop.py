@@ -45,8 +45,8 @@ def visible(key: Path, least: float) -> list[str]:
     return sorted(c["case"] for c in cases if c["effects"] and c["delta_free"] >= least)
 
 
-def figures(cases: Sequence[Case], costs: Sequence[Sequence[dict[str, Any]]], k: int) -> dict[str, float]:
-    """Figures after ``k`` experiments; ``costs`` are each case's steps."""
+def figures(cases: Sequence[Case], costs: Sequence[Sequence[dict[str, Any]]], k: int) -> dict[str, float | None]:
+    """Figures after ``k`` experiments, None of no case; ``costs`` are each case's steps."""
     claims = [c for c in cases if c.claims]
     reports = [c.report for c in cases if c.report is not None]
     minutes = [sum(s["minutes"] for s in steps[:k]) for steps in costs]
@@ -54,7 +54,7 @@ def figures(cases: Sequence[Case], costs: Sequence[Sequence[dict[str, Any]]], k:
     return {
         "right class first": float(np.mean([c.hit(1) for c in cases])),
         "right and claimed": float(np.mean([c.claims and c.hit(1) for c in cases])),
-        "right among claims": float(np.mean([c.hit(1) for c in claims])) if claims else float("nan"),
+        "right among claims": float(np.mean([c.hit(1) for c in claims])) if claims else None,
         "stage": float(np.mean([_stage_right(c) for c in cases])),
         "in the set": float(np.mean([bool(c.covered) for c in cases])),
         "names in the set": float(np.mean([len(r.chosen or ()) for r in reports])),
@@ -77,47 +77,64 @@ def needed(after: Sequence[Sequence[Case]]) -> float:
     return float(np.mean(counts))
 
 
-def table(root: Path, tier: str, policy: str, names: Sequence[str], most: int) -> dict[str, Any]:
-    """Figures of the cases ``names``, by number of experiments; ``needed`` beside them."""
-    out, key = root / f"{tier}-{policy}", key_of(root / tier)
-    if not names:
-        return {"n": 0}
-    after = [answered(out, k, key, only=names) for k in range(most + 1)]
-    costs = [json.loads((out / STEPS / f"{c.name}.json").read_text(encoding="utf-8")) for c in after[0]]
-    rows = [figures(cases, costs, k) for k, cases in enumerate(after)]
+Named = tuple[str, str]
+"""Tier and name of a case."""
+
+
+def table(root: Path, policy: str, named: Sequence[Named], most: int) -> dict[str, Any]:
+    """Figures of cases, by number of experiments; ``needed`` beside them, and each case with what was asked for."""
+    tiers = dict.fromkeys(tier for tier, _ in named)
+    only = {tier: [n for t, n in named if t == tier] for tier in tiers}
+    after = [
+        [c for t in tiers for c in answered(root / f"{t}-{policy}", k, key_of(root / t), only=only[t])]
+        for k in range(most + 1)
+    ]
+    costs = [
+        json.loads((root / f"{c.tier}-{policy}" / STEPS / f"{c.name}.json").read_text(encoding="utf-8"))
+        for c in after[0]
+    ]
     each = [
         {"case": c.name, "effects": list(c.effects), "delta_free": round(c.delta_free or 0.0, 1),
          "right": [x.claims and x.hit(1) for x in case],
          "asked": [f"{s['waveform']} on {s['specimen']}" for s in steps if s["specimen"]]}
         for c, case, steps in zip(after[0], zip(*after, strict=True), costs, strict=True)
     ]  # fmt: skip
-    return {"n": len(names), "needed": needed(after), "after": rows, "cases": each}
+    rows = [figures(cases, costs, k) for k, cases in enumerate(after)]
+    return {"n": len(named), "needed": needed(after), "after": rows, "cases": each}
 
 
-def finished(root: Path, tier: str, policies: Sequence[str], names: Sequence[str], most: int) -> list[str]:
+def finished(root: Path, tier: str, policies: Sequence[str], names: Sequence[str], most: int) -> list[Named]:
     """Cases that every one of the policies has been through: only these can be compared."""
-    return [n for n in names if all((root / f"{tier}-{p}" / str(most) / f"{n}.json").exists() for p in policies)]
+    through = [n for n in names if all((root / f"{tier}-{p}" / str(most) / f"{n}.json").exists() for p in policies)]
+    return [(tier, n) for n in through]
 
 
 def as_markdown(drawn: str, found: dict[str, dict[str, Any]]) -> str:
-    """The tables beside the targets."""
+    """The tables by policy, beside the targets."""
     lines = ["# The closed loop", "", drawn, ""]
-    for name, t in found.items():
-        if not t["n"]:
-            continue
+    for policy, t in found.items():
         header = "| figure | " + " | ".join(f"after {k}" for k in range(len(t["after"]))) + " | target |"
-        lines += [f"## {name}: {t['n']} cases", "", header, "|---" * (len(t["after"]) + 2) + "|"]
+        lines += [f"## {policy}", "", header, "|---" * (len(t["after"]) + 2) + "|"]
         for figure in t["after"][0]:
-            cells = " | ".join(f"{row[figure]:.2f}" for row in t["after"])
+            cells = " | ".join("–" if row[figure] is None else f"{row[figure]:.2f}" for row in t["after"])
             lines.append(f"| {figure} | {cells} | {TARGETS.get(figure, '')} |")
         lines += [
             "",
-            f"Experiments until the right class is claimed: {t['needed']:.2f} (mean; never counts as one more)",
-            "",
+            f"Experiments until the right class is claimed: {t['needed']:.2f} (mean; never: one more than done)",
         ]
-        random = found.get(f"{name.split()[0]} random")
-        if name.endswith(" ours") and random and random["n"] and random["needed"]:
-            lines += [f"This is {100 * t['needed'] / random['needed']:.0f} % of a random choice's; target {RATIO}.", ""]
+        random = found.get("random")
+        if policy == "ours" and random and random["needed"]:
+            lines.append(f"That is {100 * t['needed'] / random['needed']:.0f} % of a random choice's; target {RATIO}.")
+        lines += [
+            "",
+            "| case | hidden | δ_free | claimed and right after 0, 1 … | asked for |",
+            "|---|---|---|---|---|",
+        ]
+        for c in t["cases"]:
+            right = ", ".join("yes" if r else "no" for r in c["right"])
+            hidden, asked = " + ".join(c["effects"]), "; ".join(c["asked"])
+            lines.append(f"| {c['case']} | {hidden} | {c['delta_free']} | {right} | {asked} |")
+        lines.append("")
     return "\n".join(lines)
 
 
@@ -153,15 +170,15 @@ def main() -> None:
             out, alone = root / f"{tier}-{policy}", root / f"{tier}-alone"
             loop_case(root / tier / name, out, policy, given.most, given.seed, "", given.jobs, given.quick, alone)
         print(f"{number + 1}/{len(todo)} {tier} {name}", file=sys.stderr, flush=True)
-    found = {
-        f"{tier} {policy}": table(root, tier, policy, finished(root, tier, given.policy, names, given.most), given.most)
-        for tier, names in chosen.items()
-        for policy in given.policy
-    }
+    done = [c for tier, names in chosen.items() for c in finished(root, tier, given.policy, names, given.most)]
+    if not done:
+        sys.exit("no case has been through every policy")
+    found = {policy: table(root, policy, done, given.most) for policy in given.policy}
     counts = ", ".join(f"{len(names)} of {given.n} {tier}" for tier, names in chosen.items())
     drawn = (
         f"{given.style} style, seed {given.seed}, {', '.join(given.instrument)}, references {given.references}"
-        f"{', quick diagnoses' if given.quick else ''}. Cases with delta_free >= {given.least:g}: {counts}. "
+        f"{', quick diagnoses' if given.quick else ''}. Cases with delta_free >= {given.least:g}, by the key: {counts};"
+        f" of these {len(done)} have been run with every policy. "
         "Seconds after 0 experiments, but for the choice, count with the policy that came first."
     )
     text = as_markdown(drawn, found)
