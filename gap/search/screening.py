@@ -267,4 +267,6 @@ def _quick_fit(
 def _trace(problem: Problem, f: Fit, candidate: Candidate, unit: FloatArray) -> FloatArray:
     """The projection that a candidate at ``unit`` (k,) takes from a fit's whitened residual (n,)."""
     active = {**f.active, candidate: candidate.values(unit)}
-    return np.asarray(f.residual - problem.evaluate(f.nuisance, active, want_jacobian=False).residual)
+    trace = f.residual - problem.evaluate(f.nuisance, active, want_jacobian=False).residual
+    # A point at which the simulation diverges says nothing.
+    return np.asarray(trace) if np.all(np.isfinite(trace)) else np.zeros(len(trace))

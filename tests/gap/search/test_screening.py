@@ -109,3 +109,17 @@ def test_who_could_do_what_a_tolerance_took_on_is_refitted_too(linear, candidate
     ]
     found = compare([problem], known, Effort(quick_fits=0, refit_singles=1, imitators=1, pair_bases=0))
     assert {h.name for h in found.hypotheses} == {"square", "bent"}
+
+
+def test_a_point_at_which_the_simulation_diverges_says_nothing(linear, candidate) -> None:
+    y = 3 * np.sin(9 * T) + np.random.default_rng(1).normal(size=len(T))
+
+    def diverging(v):
+        return v["a"] * np.sin(9 * T) if abs(v["a"]) < 2.0 else np.full(len(T), np.nan)
+
+    problem = linear(y, np.ones((len(T), 1)), {"wild": diverging})
+    base = Hypothesis((), {"linear": fit(problem)})
+    (screened,), _ = screen({"linear": problem}, base, [candidate("wild")])
+    assert np.isfinite(screened.gain)
+    assert screened.gain > 0
+    assert np.all(np.isfinite(screened.traces["linear"]))
