@@ -227,3 +227,18 @@ def test_the_largest_friction_is_within_its_bounds(model: Any, pressure: float) 
 def test_a_load_that_tissue_cannot_bear_ends_in_an_honest_error() -> None:
     with pytest.raises(SolverError, match=r"t = .* s, pressure = -"):
         YEOH.simulate(hold(1.0, -5e6), {"G": 1e3, "c20": 0.0, "spring_force": 0.0})
+
+
+@pytest.mark.parametrize(
+    ("model", "instrument", "friction", "pressure"),
+    [(RB, "cutometer", 2.0, -7.0), (RB, "aspiration", 1.5, -1e3), (YEOH, "cutometer", 1.0, -7.0)],
+)
+def test_strong_friction_is_solved_at_small_suction(
+    model: Any, instrument: Any, friction: float, pressure: float
+) -> None:
+    """Newton's method finds no way there with the load alone; friction holds the tissue back a little."""
+    run = hold(1.0, pressure, instrument, zero_at_start=False)
+    free, rough = (apex(model.simulate(run, {"friction": mu})) for mu in (0.0, friction))
+    assert rough == pytest.approx(free, rel=0.5, abs=2e-7)  # the film under a probe that just touches: 0.1 µm
+    if pressure < -100.0:
+        assert rough < free

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -71,25 +71,55 @@ class Run:
         parameter makes it harder.
         """
         trials = [(1.0, guess)] if guess is self.state else [(1.0, guess), (1.0, self.state)]
+        try:
+            new, last = self._approached(trials, now, time, lambda share: load(piece.drive(now + share * (time - now))))
+        except SolverError as error:
+            acting = load(piece.drive(time))
+            if acting.friction == 0.0:
+                raise self._explained(error) from None
+            new, last = self._rubbed_gradually(now, time, acting)
+        self._refuse_instability(time)
+        return new, last
+
+    def _approached(
+        self, trials: list[tuple[float, State]], now: float, time: float, load: Callable[[float], Load]
+    ) -> tuple[State, float]:
+        """First ``trials`` (share of the step, guess), then in shares that halve where Newton's method fails."""
         done, share, found = 0.0, 1.0, self.state
         while True:
             target, first = trials.pop(0) if trials else (min(1.0, done + share), found)
             at = now + target * (time - now)
             try:
-                new, iterations, last = self.body.step(
-                    self.state, first, load(piece.drive(at)), at - now, self.parameters, at
-                )
-            except SolverError as error:
+                new, iterations, last = self.body.step(self.state, first, load(target), at - now, self.parameters, at)
+            except SolverError:
                 if trials:
                     continue
                 share *= 0.5
                 self.cuts += 1
                 if share < SMALLEST:
+                    raise
+                continue
+            self.newton += iterations
+            if target == 1.0:
+                return new, last
+            done, found = target, new
+
+    def _rubbed_gradually(self, now: float, time: float, load: Load) -> tuple[State, float]:
+        """The step's end without friction, then with ever more of it: a strong one has no way through small loads."""
+        done, share, found = -1.0, 1.0, self.state
+        while True:
+            target = min(1.0, done + share)
+            acting = replace(load, friction=max(target, 0.0) * load.friction)
+            try:
+                new, iterations, last = self.body.step(self.state, found, acting, time - now, self.parameters, time)
+            except SolverError as error:
+                share *= 0.5
+                self.cuts += 1
+                if done < 0.0 or share < SMALLEST:
                     raise self._explained(error) from None
                 continue
             self.newton += iterations
             if target == 1.0:
-                self._refuse_instability(time)
                 return new, last
             done, found = target, new
 
