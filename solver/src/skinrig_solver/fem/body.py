@@ -11,17 +11,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..api import Array, SolverError
 from ..law import Law
+from . import directions as derivatives
 from . import kernels, surface
 from .linear import Factor, Pattern
 from .mesh import GAUSS2, GAUSS3, WEIGHT3, Index, Mesh, line_shapes
-from .types import Contactness, Directions, Load, Rim, State, Tangents
+from .types import Contactness, Directions, Load, Rim, ShapePartial, State, Tangents
 
 MAX_NEWTON = 14  # tangents in a step
 OLD = 0.1  # of it: the share accepted after a correction with an old tangent, which no square makes smaller
@@ -30,14 +30,6 @@ CONTRACTION = 0.1  # of successive corrections with an old tangent, as long as n
 NEAR = 1e-2  # of the length scale: a step that is expected to move the body less begins with the last one's tangent
 TOLERANCE = 1e-6  # error accepted after a step, relative to the length scale: last correction times its contraction
 SHAPE_STEP = 1e-5  # of the nodes, relative to the length scale, in differences of the residual
-
-
-class ShapePartial(NamedTuple):
-    """What moving the mesh does at fixed unknowns: residual (equations,) and kinematics (points, 6), per direction."""
-
-    column: int
-    force: Array
-    kin: Array
 
 
 class Body:
@@ -80,15 +72,11 @@ class Body:
             probe = np.full((len(rim.edges), 1), self.displacements)
             self.contact_equations = np.hstack([number[rim.edges].reshape(-1, 6), probe])
             groups.append(self.contact_equations)
-        self.pattern = Pattern(self.size - self.middles, [np.maximum(g - self.middles, -1) for g in groups])
+        self.pattern = Pattern(self.size - self.middles, groups := [np.maximum(g - self.middles, -1) for g in groups])
         self.scatter, self.load_scatter = self.pattern.scatter[:2]
-        cells, owners = [self.equations], [mesh.elements]
-        if rim is not None:
-            beside = np.full((len(rim.edges), 18 - self.contact_equations.shape[1]), -1)
-            cells.append(np.hstack([self.contact_equations, beside]))
-            owners.append(rim.edges)
-        places = np.concatenate([mesh.nodes[nodes].mean(axis=1) for nodes in owners])
-        self.factor = Factor(self.pattern, np.maximum(np.concatenate(cells) - self.middles, -1), places)
+        owners = [mesh.elements] if rim is None else [mesh.elements, rim.edges]
+        # the load's edges couple nothing that their elements do not
+        self.factor = Factor(self.pattern, groups[::2], [mesh.nodes[nodes].mean(axis=1) for nodes in owners])
         self.shapes2, self.slopes2 = line_shapes(GAUSS2)
         self.shapes3, self.slopes3 = line_shapes(GAUSS3)
         points, elements = 9 * len(mesh.elements), len(mesh.elements)
@@ -292,7 +280,7 @@ class Body:
                 self.by_kin,
             )
         force = np.zeros((self.size, m))
-        kernels.partial_forces(
+        derivatives.partial_forces(
             pts.gradients, pts.weights, pts.linear, self.eliminated.Theta, dstress, self.equations, force
         )
         rough = self.rim is not None and load.friction > 0.0
@@ -308,10 +296,10 @@ class Body:
         for move in moves:
             force[: self.displacements, move.column] += move.force[: self.displacements]
         du = self._solved(force)
-        kernels.partial_kinematics(pts.gradients, pts.linear, self.eliminated.Theta, self.equations, du, dkin)
+        derivatives.partial_kinematics(pts.gradients, pts.linear, self.eliminated.Theta, self.equations, du, dkin)
         for move in moves:
             dkin[:, :, move.column] += move.kin
-        kernels.add_products(self.by_kin, dkin, history)
+        derivatives.add_products(self.by_kin, dkin, history)
         slip = np.empty_like(tangents.slip)
         if self.rim is not None:
             surface.slip_derivatives(self.shapes2, self.gap, self.contact_equations, du, slip)

@@ -16,6 +16,8 @@ from ..api import Array
 from .mesh import Index
 
 LEAF = 2  # cells of a part that is not divided further
+PANEL = 4  # unknowns eliminated together
+EXCHANGE = 10.0  # rows are exchanged for a pivot larger by this
 FLAGS = {"contract", "reassoc", "nsz"}
 
 
@@ -142,10 +144,15 @@ def _halves(cells: Index, places: Array, part: Index) -> tuple[Index, Index]:
 
 
 class Factor:
-    """LU factors of matrices with one pattern; ``cells`` at ``places`` couple the unknowns: see `Fronts.of`."""
+    """LU factors of matrices with one pattern.
 
-    def __init__(self, pattern: Pattern, cells: Index, places: Array) -> None:
-        self.fronts = Fronts.of(pattern, cells, places)
+    ``groups``: arrays (count, size) of coupled unknowns, −1 for none; ``places`` (count, 2) of each.
+    """
+
+    def __init__(self, pattern: Pattern, groups: Sequence[Index], places: Sequence[Array]) -> None:
+        width = max(group.shape[1] for group in groups)
+        cells = [np.pad(g, ((0, 0), (0, width - g.shape[1])), constant_values=-1) for g in groups]
+        self.fronts = Fronts.of(pattern, np.concatenate(cells), np.concatenate(places))
         self.storage = np.empty(self.fronts.begin[-1])
         self.rows = np.empty(len(self.fronts.unknowns), dtype=np.int64)
 
@@ -201,45 +208,61 @@ def _factorise(
 @njit(cache=True, fastmath=FLAGS, error_model="numpy")
 def _eliminate(A: Array, m: int, rows: Index) -> bool:
     """Eliminate the first m unknowns of a front, with row exchanges among their rows, four at a time."""
-    n = A.shape[0]
-    for start in range(0, m, 4):
-        stop = min(start + 4, m)
+    for start in range(0, m, PANEL):
+        stop = min(start + PANEL, m)
         for k in range(start, stop):
-            best, at = abs(A[k, k]), k
-            for i in range(k + 1, m):
-                if abs(A[i, k]) > 10.0 * best:  # a row exchange only where it matters
-                    best, at = abs(A[i, k]), i
-            if not 0.0 < best < np.inf:
+            if not _exchange(A, k, m, rows):
                 return False
-            rows[k] = at
-            if at != k:
-                for j in range(n):
-                    A[k, j], A[at, j] = A[at, j], A[k, j]
-            inverse = 1.0 / A[k, k]
-            for i in range(k + 1, n):  # within the panel's columns
-                factor = A[i, k] * inverse
-                A[i, k] = factor
-                for j in range(k + 1, stop):
-                    A[i, j] -= factor * A[k, j]
-        for k in range(start + 1, stop):  # the panel's rows beyond its columns
-            for l in range(start, k):
-                factor = A[k, l]
-                for j in range(stop, n):
-                    A[k, j] -= factor * A[l, j]
-        if stop - start == 4:
-            u0, u1, u2, u3 = A[start], A[start + 1], A[start + 2], A[start + 3]
-            for i in range(stop, n):
-                row = A[i]
-                a, b, c, d = row[start], row[start + 1], row[start + 2], row[start + 3]
-                for j in range(stop, n):
-                    row[j] -= a * u0[j] + b * u1[j] + c * u2[j] + d * u3[j]
-        else:
-            for i in range(stop, n):
-                for k in range(start, stop):
-                    factor = A[i, k]
-                    for j in range(stop, n):
-                        A[i, j] -= factor * A[k, j]
+            _within_panel(A, k, stop)
+        _beyond_panel(A, start, stop)
     return True
+
+
+@njit(cache=True, fastmath=FLAGS)
+def _exchange(A: Array, k: int, m: int, rows: Index) -> bool:
+    """Bring a pivot to row k where its own is far smaller than another; false where there is none."""
+    best, at = abs(A[k, k]), k
+    for i in range(k + 1, m):
+        if abs(A[i, k]) > EXCHANGE * best:
+            best, at = abs(A[i, k]), i
+    rows[k] = at
+    if at != k:
+        for j in range(A.shape[0]):
+            A[k, j], A[at, j] = A[at, j], A[k, j]
+    return bool(0.0 < best < np.inf)
+
+
+@njit(cache=True, fastmath=FLAGS, error_model="numpy")
+def _within_panel(A: Array, k: int, stop: int) -> None:
+    inverse = 1.0 / A[k, k]
+    for i in range(k + 1, A.shape[0]):
+        factor = A[i, k] * inverse
+        A[i, k] = factor
+        for j in range(k + 1, stop):
+            A[i, j] -= factor * A[k, j]
+
+
+@njit(cache=True, fastmath=FLAGS)
+def _beyond_panel(A: Array, start: int, stop: int) -> None:
+    n = A.shape[0]
+    for k in range(start + 1, stop):  # the panel's own rows
+        for l in range(start, k):
+            factor = A[k, l]
+            for j in range(stop, n):
+                A[k, j] -= factor * A[l, j]
+    if stop - start < PANEL:
+        for i in range(stop, n):
+            for k in range(start, stop):
+                factor = A[i, k]
+                for j in range(stop, n):
+                    A[i, j] -= factor * A[k, j]
+        return
+    u0, u1, u2, u3 = A[start], A[start + 1], A[start + 2], A[start + 3]
+    for i in range(stop, n):
+        row = A[i]
+        a, b, c, d = row[start], row[start + 1], row[start + 2], row[start + 3]
+        for j in range(stop, n):
+            row[j] -= a * u0[j] + b * u1[j] + c * u2[j] + d * u3[j]
 
 
 @njit(cache=True, fastmath=FLAGS, error_model="numpy")
@@ -247,8 +270,7 @@ def _substitute(
     unknowns: Index, first: Index, pivots: Index, begin: Index, storage: Array, rows: Index, x: Array
 ) -> None:
     """x (n, m) becomes the solution for the right-hand sides it held."""
-    m = x.shape[1]
-    largest = 0
+    m, largest = x.shape[1], 0
     for f in range(pivots.size):
         largest = max(largest, first[f + 1] - first[f])
     y = np.empty((largest, m))
@@ -260,42 +282,59 @@ def _substitute(
             if at != k:
                 for j in range(m):
                     x[own[k], j], x[own[at], j] = x[own[at], j], x[own[k], j]
-        if m == 1:
-            for i in range(n):
-                s = x[own[i], 0]
-                for k in range(min(i, p)):
-                    s -= A[i, k] * y[k, 0]
-                y[i, 0] = s
-                x[own[i], 0] = s
-        else:
-            for i in range(n):
-                for j in range(m):
-                    y[i, j] = x[own[i], j]
-                for k in range(min(i, p)):
-                    factor = A[i, k]
-                    for j in range(m):
-                        y[i, j] -= factor * y[k, j]
-                for j in range(m):
-                    x[own[i], j] = y[i, j]
+        _gather(x, own, y)
+        _forward(A, p, y)
+        _spread(y, own, n, x)
     for f in range(pivots.size - 1, -1, -1):
         n, p, own = first[f + 1] - first[f], pivots[f], unknowns[first[f] : first[f + 1]]
         A = storage[begin[f] : begin[f + 1]].reshape(n, n)
-        for i in range(n):
-            for j in range(m):
-                y[i, j] = x[own[i], j]
-        for k in range(p - 1, -1, -1):
-            inverse = 1.0 / A[k, k]
-            if m == 1:
-                s = y[k, 0]
-                for i in range(k + 1, n):
-                    s -= A[k, i] * y[i, 0]
-                y[k, 0] = s * inverse
-            else:
-                for i in range(k + 1, n):
-                    factor = A[k, i]
-                    for j in range(m):
-                        y[k, j] -= factor * y[i, j]
-                for j in range(m):
-                    y[k, j] *= inverse
-            for j in range(m):
-                x[own[k], j] = y[k, j]
+        _gather(x, own, y)
+        _backward(A, p, y)
+        _spread(y, own, p, x)
+
+
+@njit(cache=True, fastmath=FLAGS)
+def _gather(x: Array, own: Index, y: Array) -> None:
+    for i in range(own.size):
+        for j in range(x.shape[1]):
+            y[i, j] = x[own[i], j]
+
+
+@njit(cache=True, fastmath=FLAGS)
+def _spread(y: Array, own: Index, count: int, x: Array) -> None:
+    for i in range(count):
+        for j in range(x.shape[1]):
+            x[own[i], j] = y[i, j]
+
+
+@njit(cache=True, fastmath=FLAGS)
+def _forward(A: Array, p: int, y: Array) -> None:
+    for i in range(A.shape[0]):
+        if y.shape[1] == 1:
+            s = y[i, 0]
+            for k in range(min(i, p)):
+                s -= A[i, k] * y[k, 0]
+            y[i, 0] = s
+        else:
+            for k in range(min(i, p)):
+                factor = A[i, k]
+                for j in range(y.shape[1]):
+                    y[i, j] -= factor * y[k, j]
+
+
+@njit(cache=True, fastmath=FLAGS, error_model="numpy")
+def _backward(A: Array, p: int, y: Array) -> None:
+    for k in range(p - 1, -1, -1):
+        inverse = 1.0 / A[k, k]
+        if y.shape[1] == 1:
+            s = y[k, 0]
+            for i in range(k + 1, A.shape[0]):
+                s -= A[k, i] * y[i, 0]
+            y[k, 0] = s * inverse
+        else:
+            for i in range(k + 1, A.shape[0]):
+                factor = A[k, i]
+                for j in range(y.shape[1]):
+                    y[k, j] -= factor * y[i, j]
+            for j in range(y.shape[1]):
+                y[k, j] *= inverse

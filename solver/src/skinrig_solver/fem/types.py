@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from ..api import Array
 from .mesh import Index
@@ -74,6 +75,14 @@ class Directions:
     friction: Array
     force: Array
     shape: tuple[tuple[int, Array], ...] = ()
+
+
+class ShapePartial(NamedTuple):
+    """What moving the mesh does at fixed unknowns: residual (equations,) and kinematics (points, 6), per direction."""
+
+    column: int
+    force: Array
+    kin: Array
 
 
 @dataclass(frozen=True)
