@@ -61,7 +61,8 @@ def text(p: Proposal) -> str:
     if not p.helps or p.term is None:
         return f"No term helps: {p.reason}."
     fitted = p.shrinks["fitted"].value or 0.0
-    on = [(SPLITS[k], s.value) for k, s in p.shrinks.items() if k in SPLITS and s.value is not None]
+    tried = [(on, p.shrinks[split].value) for split, on in SPLITS.items() if split in p.shrinks]
+    on = [(name, value) for name, value in tried if value is not None]
     elsewhere = f", and by {100 * min(on[0][1], 1.0):.0f} % on {on[0][0]}" if on else ""
     where = f"{p.term.place.names['own']} ({p.term.place.stage})"
     said = f"A term added to {where} makes the gap there shrink by {100 * min(fitted, 1.0):.0f} %{elsewhere}: "
