@@ -117,11 +117,13 @@ def hurried(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Float
 def eased(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Second-order lag whose own rate approaches a limit: y' = r tanh(v/r), tau² v' = u - y - 2 zeta tau v.
 
-    ``p`` = (tau s, zeta, up 1/s, down 1/s), r = up while v > 0, else down. By midpoints of sixteenths of tau or less.
+    ``p`` = (tau s, zeta, up 1/s, down 1/s), r = up while v > 0, else down. By midpoints of sixteenths of tau or less;
+    where it is overdamped, implicit in the damping.
     """
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2] = 1.0, t[0], u[0]
     w, z = 1.0 / max(p[0], 1e-9), p[1]
+    implicit = 1.0 if z > 1.0 else 0.0  # explicit steps diverge from a damping of 16 on
     for i in range(t.size):
         dt, change = t[i] - s[1], u[i] - s[2]
         parts = max(math.ceil(16.0 * dt * w), 1)
@@ -134,10 +136,12 @@ def eased(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatAr
             now = s[2] + (k + 0.5) / parts * change
             r = p[2] if v > 0.0 else p[3]
             half_x = x + 0.5 * h * r * math.tanh(v / r)
-            half_v = v + 0.5 * h * w * (w * (now - x) - 2.0 * z * v)
+            brake = 2.0 * z * w * h
+            half_v = (v + 0.5 * (h * w * w * (now - x) - (1.0 - implicit) * brake * v)) / (1.0 + 0.5 * implicit * brake)
             r = p[2] if half_v > 0.0 else p[3]
             s[3] = x + h * r * math.tanh(half_v / r)
-            s[4] = v + h * w * (w * (now - half_x) - 2.0 * z * half_v)
+            pull = h * w * w * (now - half_x) - (1.0 - implicit) * brake * half_v
+            s[4] = (v + pull) / (1.0 + implicit * brake)
         s[1], s[2] = t[i], u[i]
         y[i] = s[3]
 

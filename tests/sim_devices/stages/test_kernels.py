@@ -55,6 +55,15 @@ def test_chunks_join_without_a_seam(kernel: Kernel, parameters: tuple[float, ...
     assert np.isfinite(whole).all()
 
 
+def test_an_eased_lag_stays_finite_however_damped() -> None:
+    """Explicit steps of tau / 16 diverge from a damping of 16 on, which a fit to a slow regulator reaches."""
+    t = np.linspace(0.0, 2.0, 201)
+    u = np.where(t > 0.2, 1.0, 0.0)
+    for damping in (1.0, 30.0):
+        free = evaluate(kernels.second_order, t, u, 0.01, damping)
+        assert evaluate(kernels.eased, t, u, 0.01, damping, 1e4, 1e4) == pytest.approx(free, abs=2e-3)
+
+
 def test_bouc_wen_of_exponent_two_is_what_small_steps_make() -> None:
     exact = evaluate(kernels.bouc_wen, TIME, WAVE, 0.5, 0.2, 2.0)
     fine = np.linspace(TIME[0], TIME[-1], 40 * len(TIME))
