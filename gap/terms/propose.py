@@ -253,7 +253,8 @@ def _tested(case: Case, found: _Linear, t: Thresholds, jobs: int) -> Proposal:
     shrinks = {"fitted": in_changed_blocks(case.null, answer), **carried}
     last = answer.fits[candidate.blocks[-1]]
     values = last.active[candidate]
-    sd = float(np.sqrt(last.covariance[0, 0])) * (candidate.parameters[0].high - candidate.parameters[0].low)
+    scale = max(_temper(problems[candidate.blocks[-1]], last), 1.0)
+    sd = float(np.sqrt(scale * last.covariance[0, 0])) * (candidate.parameters[0].high - candidate.parameters[0].low)
     fitted = term.at(values)
     errors = tuple(sd * abs(a / fitted.amounts[0]) for a in fitted.amounts)
     nats = _evidence(problems, null, Hypothesis((candidate,), fits)) - _choosing(found, fitted)
@@ -264,15 +265,19 @@ def _evidence(problems: Mapping[str, Problem], null: Hypothesis, h: Hypothesis) 
     """Nats by which a fitted term is more probable than none, in the blocks that it touches."""
     nats = 0.0
     for b, f in h.fits.items():
-        run = problems[b].rows.recording
-        misfit = f.chi2 / max(len(f.residual) - len(f.nuisance), 1)
-        temper = max(misfit * mean_correlation(f.residual, run), LEAST_TEMPER)
+        temper = _temper(problems[b], f)
         gain = (
             f.evidences(temper, problems[b].prior_scales)
             - null.fits[b].evidences(temper, problems[b].prior_scales).max()
         )
         nats += float(np.max(np.asarray(problems[b].likelihood_powers) * gain))
     return nats
+
+
+def _temper(problem: Problem, f: Fit) -> float:
+    """By how much a fit's χ² is to be divided, for what it leaves and how that is correlated."""
+    misfit = f.chi2 / max(len(f.residual) - len(f.nuisance), 1)
+    return float(max(misfit * mean_correlation(f.residual, problem.rows.recording), LEAST_TEMPER))
 
 
 def _choosing(found: _Linear, fitted: Term) -> float:
