@@ -8,7 +8,7 @@ others is shared.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -30,6 +30,8 @@ SCATTERED = 3
 """Effects of chance at most that are refitted for their rank."""
 FORMS = 2
 """Further forms of the best effect that are refitted."""
+SPANNED, SPANNING = 0.97, 9
+"""The same of a combination of an effect's traces, and of how many at most."""
 HOPELESS = 4.0
 """Fall of χ² in the screening below which an effect is not refitted."""
 
@@ -248,41 +250,58 @@ def _imitators(comparison: Comparison, others: Sequence[Screened]) -> list[Scree
     """Those of the ``others``, one of each name, whose traces point where the best effect's change does, beside the
     nuisance; the most alike first. Along a straight line from the null a slow or bent effect may look useless.
     """
-    best = min(comparison.hypotheses, key=lambda h: h.deviance, default=None)
-    if best is None:
+    if not comparison.hypotheses:
         return []
-    likeness = [_likeness(*way) for way in _ways(comparison, best)]
+    weight = comparison.weighed(comparison.temper())
+    best = max(comparison.hypotheses, key=lambda h: weight[id(h)].evidence)
+    projectors = {b: Projector(f.jacobian, f.prior_sd) for b, f in comparison.null.fits.items()}
+    ways = [_Way.of(changes, projectors) for changes in _changes(comparison, best)]
     found: dict[str, Screened] = {}  # one of each name
-    for alike, s in sorted(((max(like(s) for like in likeness), s) for s in others), key=lambda pair: -pair[0]):
+    for alike, s in sorted(((max(w.likeness(s) for w in ways), s) for s in others), key=lambda pair: -pair[0]):
         if alike > ALIKE:
             found.setdefault(s.candidate.name, s)
     return list(found.values())
 
 
-def _ways(comparison: Comparison, best: Hypothesis) -> Iterator[tuple[dict[str, FloatArray], float]]:
-    """What the ``best`` effect changes in each block, beside the nuisance, and its size: once as it was refitted, once
-    by itself. Where a tolerance had taken the effect on, the refit changes the tolerance and no residual."""
-    projectors = {b: Projector(f.jacobian, f.prior_sd) for b, f in comparison.null.fits.items()}
+def _changes(comparison: Comparison, best: Hypothesis) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+    """What the ``best`` effect changes in each block, as it was refitted and by itself: where a tolerance had taken the
+    effect on, the refit changes the tolerance and no residual."""
     refitted, alone = {}, {}
     for block, before in comparison.null.fits.items():
         fitted = best.fits[block]
         refitted[block] = before.residual - fitted.residual
         active = comparison.problems[block].evaluate(before.nuisance, fitted.active, want_jacobian=False)
         alone[block] = before.residual - active.residual
-    for changes in (refitted, alone):
+    return refitted, alone
+
+
+@dataclass(frozen=True)
+class _Way:
+    """A change of the residuals, ``seen`` beside the nuisance, and its ``size`` there."""
+
+    seen: Mapping[str, FloatArray]
+    size: float
+    projectors: Mapping[str, Projector]
+
+    @classmethod
+    def of(cls, changes: Mapping[str, FloatArray], projectors: Mapping[str, Projector]) -> _Way:
         seen = {b: projectors[b].apply(change) for b, change in changes.items()}
-        yield seen, float(np.sqrt(max(sum(float(v @ changes[b]) for b, v in seen.items()), 0.0)))
+        return cls(seen, float(np.sqrt(max(sum(float(v @ changes[b]) for b, v in seen.items()), 0.0))), projectors)
 
-
-def _likeness(seen: Mapping[str, FloatArray], size: float) -> Callable[[Screened], float]:
-    """The cosine of a screened effect's traces with a change that is ``seen`` beside the nuisance, at most."""
-
-    def like(s: Screened) -> float:
-        along = sum((seen[b] @ traces for b, traces in s.traces.items()), np.zeros(len(s.units)))
+    def likeness(self, s: Screened) -> float:
+        """The cosine of a screened effect's traces with the change, at most. A shape between or beyond those that were
+        screened may be more alike: of few of them the best combination counts, if it is nearly the change."""
+        if self.size < 1.0:  # of the size of the noise: it points nowhere
+            return 0.0
+        along = sum((self.seen[b] @ traces for b, traces in s.traces.items()), np.zeros(len(s.units)))
         lengths = np.array([length for _, length in s.detectability])
-        return float(np.max(along / np.maximum(lengths * size, 1e-9), initial=0.0))
-
-    return like
+        alone = float(np.max(along / np.maximum(lengths * self.size, 1e-9), initial=0.0))
+        if s.candidate.event or not 1 < len(s.units) <= SPANNING:
+            return alone
+        gram = sum((t.T @ self.projectors[b].apply(t) for b, t in s.traces.items()), np.zeros((len(along), len(along))))
+        spanned = float(along @ np.linalg.pinv(gram, rcond=1e-4, hermitian=True) @ along)
+        together = float(np.sqrt(max(spanned, 0.0))) / max(self.size, 1e-9)
+        return max(alone, together) if together > SPANNED else alone
 
 
 def _other_forms(comparison: Comparison, chosen: Sequence[Screened]) -> list[Screened]:

@@ -123,3 +123,22 @@ def test_a_point_at_which_the_simulation_diverges_says_nothing(linear, candidate
     assert np.isfinite(screened.gain)
     assert screened.gain > 0
     assert np.all(np.isfinite(screened.traces["linear"]))
+
+
+def test_a_shape_between_those_that_were_screened_counts_as_alike(linear, candidate) -> None:
+    """The nuisance can do nearly all of what a line does, so that powers of 0.6 and 1.4 stand apart from it."""
+    t = np.linspace(0.01, 1.0, 300)
+    y = 6.0 * t + np.random.default_rng(0).normal(size=300)
+    effects = {
+        "line": lambda v: v["a"] * t,
+        "power": lambda v: v["a"] * t ** v["exponent"],
+        "wave": lambda v: v["a"] * np.sin(40 * t),
+    }
+    problem = linear(y, t[:, None], effects, np.full(1, 0.3))
+    known = [
+        candidate("line", Parameter("a", "1", -10.0, 10.0, null=0.0)),
+        candidate("wave", Parameter("a", "1", -10.0, 10.0, null=0.0)),
+        candidate("power", Parameter("a", "1", 3.0, 300.0, 0.0, 30.0, "log"), Parameter("exponent", "1", 0.2, 1.8)),
+    ]
+    found = compare([problem], known, Effort(quick_fits=0, refit_singles=1, imitators=1, pair_bases=0))
+    assert {h.name for h in found.hypotheses} == {"line", "power"}
