@@ -128,8 +128,12 @@ def _untested(f: Findings) -> bool:
 
 
 def _small(f: Findings) -> bool:
-    """Hardly anything is taken away, and withheld recordings do not say that it is the effect's."""
+    """Hardly anything is taken away, and withheld recordings do not say that it is the effect's. They cannot of what a
+    tolerance takes on in each of them: what strains one far, where no skin is in play, need not lower a gap of many
+    samples by much."""
     if f.fitted is None or f.shows_itself or not f.withheld or _helps(f):
+        return False
+    if f.t.tolerances < f.tolerances < np.inf and f.without_skin > f.t.without_skin:
         return False
     return f.fitted.after > f.fitted.before * (1.0 - f.t.small_fall)
 

@@ -160,6 +160,18 @@ def test_what_takes_little_away_must_help_elsewhere(linear, candidate, after, el
     assert judge(comparison, known, fitted=Shrink(0.95, after), held_out=held_out).verdict == said
 
 
+@pytest.mark.parametrize(
+    ("tolerances", "nats", "said"), [(9.6, 40.0, "effect"), (9.6, 1.0, "undetectable"), (np.inf, 40.0, "undetectable")]
+)
+def test_what_strains_a_tolerance_far_may_take_little_away(linear, candidate, tolerances, nats, said) -> None:
+    """A gauge five hundredths off takes .02 of a gap of .98, and nothing on withheld recordings, whose own fits strain
+    the tolerance again."""
+    comparison, known = weak_wave(linear, candidate, 2.5)
+    tests = {"fitted": Shrink(0.98, 0.96), "held_out": {"waveform": Shrink(0.98, 0.98)}}
+    judged = judge(comparison, known, tolerances=tolerances, without_skin=nats, **tests)
+    assert judged.verdict == said
+
+
 @pytest.mark.parametrize(("effects", "left", "said"), [(1, 1.53, "effect"), (2, 1.53, "unknown"), (2, 1.1, "several")])
 def test_a_pair_is_named_only_where_it_leaves_no_gap(linear, candidate, effects, left, said) -> None:
     """Preconditioning of another form was told drag and a change of tone, which left 1.53 of 2.60."""
