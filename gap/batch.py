@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -21,8 +21,8 @@ def session_paths(folder: Path) -> list[Path]:
     return bundles + sorted(folder.rglob("*.h5"))
 
 
-def diagnose_cases(cases: Path, output: Path, jobs: int = 1) -> None:
-    """Diagnose every case folder below ``cases`` into ``output/<case>.json``.
+def diagnose_cases(cases: Path, output: Path, jobs: int = 1, only: Collection[str] | None = None) -> None:
+    """Diagnose every case folder below ``cases``, or those named ``only``, into ``output/<case>.json``.
 
     A case whose data cannot be diagnosed gets a report that says so; one that has a report keeps it, so that a run
     can go on where it was broken off. Raises FileNotFoundError where there are no cases.
@@ -32,6 +32,7 @@ def diagnose_cases(cases: Path, output: Path, jobs: int = 1) -> None:
     every = sorted(p for p in cases.iterdir() if p.is_dir())
     if not every:
         raise FileNotFoundError(f"{cases}: no case folder in it")
+    every = [p for p in every if only is None or p.name in only]
     output.mkdir(parents=True, exist_ok=True)
     folders = [p for p in every if not (output / f"{p.name}.json").exists()]
     done = len(every) - len(folders)

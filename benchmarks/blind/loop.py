@@ -23,10 +23,9 @@ from typing import Any
 import numpy as np
 
 from gap.blind import make
-from gap.blind.answers import Case
+from gap.blind.answers import Case, visible
 from gap.blind.cases import TIERS
 from gap.blind.laboratory import STYLES
-from gap.blind.lock import unseal
 from gap.blind.rig import REFERENCES
 from gap.blind.vocabulary import INSTRUMENTS
 from gap.loop.blind import STEPS, answered, key_of, loop_case
@@ -37,12 +36,6 @@ TARGETS = {
     "right among claims": "≥ .95", "in the set": ".88–.95", "names in the set": "≤ 2",
 }  # fmt: skip
 RATIO = "≤ 60 % of a random choice"
-
-
-def visible(key: Path, least: float) -> list[str]:
-    """Cases with one effect or several that an observer without the law could see, by name."""
-    cases = json.loads(unseal(key.read_bytes(), ""))["cases"]
-    return sorted(c["case"] for c in cases if c["effects"] and c["delta_free"] >= least)
 
 
 def figures(cases: Sequence[Case], costs: Sequence[Sequence[dict[str, Any]]], k: int) -> dict[str, float | None]:
@@ -162,7 +155,7 @@ def main() -> None:
             make(
                 tier, given.n, given.seed, root / tier, given.instrument, style=given.style, references=given.references
             )
-        chosen[tier] = visible(key_of(root / tier), given.least)[: given.cases]
+        chosen[tier] = visible(key_of(root / tier), given.least, nothing=False)[: given.cases]
     rows = zip_longest(*([(tier, name) for name in names] for tier, names in chosen.items()))  # tiers in turn
     todo = [case for row in rows for case in row if case is not None]
     for number, (tier, name) in enumerate(todo if not given.only_figures else []):

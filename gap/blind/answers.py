@@ -147,8 +147,17 @@ def _load_report(path: Path) -> Report | None:
         raise ValueError(f"{path.name}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
 
 
-def load(reports: Path, keys: Sequence[Path], passphrase: str = "") -> list[Case]:
-    """Truths of the sealed ``keys`` joined with the reports ``<case>.json``.
+def visible(key: Path, least: float, passphrase: str = "", nothing: bool = True) -> list[str]:
+    """Names of a sealed key's cases that hide effects of a δ_free of ``least`` at the least or, if ``nothing``, none.
+
+    Raises ValueError for a wrong passphrase.
+    """
+    cases = json.loads(unseal(key.read_bytes(), passphrase))["cases"]
+    return sorted(c["case"] for c in cases if (c["delta_free"] >= least if c["effects"] else nothing))
+
+
+def load(reports: Path, keys: Sequence[Path], passphrase: str = "", least: float = 0.0) -> list[Case]:
+    """Truths of the sealed ``keys`` joined with the reports ``<case>.json``, of cases `visible` by ``least``.
 
     Raises ValueError for a wrong passphrase or a malformed report, naming it.
     """
@@ -160,6 +169,8 @@ def load(reports: Path, keys: Sequence[Path], passphrase: str = "") -> list[Case
             raise ValueError(f"{key}: {e}") from None
         for t in plain["cases"]:
             hidden = t["effects"]
+            if hidden and least and t["delta_free"] < least:
+                continue
             cases.append(
                 Case(
                     t["case"],

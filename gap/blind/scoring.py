@@ -236,8 +236,12 @@ def _row(c: Case) -> dict[str, Any]:
     }
 
 
-def score(reports: Path | str, key: Path | str | Sequence[Path | str], passphrase: str = "") -> Scorecard:
+def score(
+    reports: Path | str, key: Path | str | Sequence[Path | str], passphrase: str = "", least: float = 0.0
+) -> Scorecard:
     """Score the folder ``reports`` (``<case>.json``, schema ``gap-report/1``) against one or several sealed keys.
+
+    Cases whose effects have a δ_free below ``least`` are left out.
 
     Raises FileNotFoundError for a missing folder or key and ValueError for a wrong passphrase or malformed report.
     """
@@ -245,4 +249,4 @@ def score(reports: Path | str, key: Path | str | Sequence[Path | str], passphras
     if not folder.is_dir():
         raise FileNotFoundError(f"{folder}: no such folder of reports")
     keys = [Path(key)] if isinstance(key, (str, Path)) else [Path(k) for k in key]
-    return evaluate(load(folder, keys, passphrase))
+    return evaluate(load(folder, keys, passphrase, least))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 from gap.blind import Hidden, Truth, score, write_key
 from gap.blind.__main__ import main
+from gap.blind.answers import visible
 from gap.blind.vocabulary import CONCEPTS, stage_of
 
 
@@ -150,6 +152,17 @@ def test_several_keys_are_scored_together(tmp_path: Path):
     card = score(tmp_path / "reports", [tmp_path / "T2.bin", tmp_path / "T6.bin"])
     assert (card.cases, card.missing) == (2, 2)
     assert card["false alarms T6"].value == 1.0  # a missing report is wrong
+
+
+def test_what_nobody_could_see_may_be_left_out(tmp_path: Path):
+    seen, unseen = (replace(truth(c, "T2", ("leak", 9.0)), delta_free=d) for c, d in (("seen", 6.0), ("unseen", 2.0)))
+    (tmp_path / "reports").mkdir()
+    (tmp_path / "reports" / "seen.json").write_text(json.dumps(report("effect", cause("leak"))))
+    write_key(tmp_path / "key.bin", [seen, unseen, truth("sound", "T2")])
+    assert visible(tmp_path / "key.bin", 5.0) == ["seen", "sound"]
+    assert visible(tmp_path / "key.bin", 5.0, nothing=False) == ["seen"]
+    assert score(tmp_path / "reports", tmp_path / "key.bin", least=5.0)["top-1"].value == 1.0
+    assert score(tmp_path / "reports", tmp_path / "key.bin")["top-1"].value == 0.5
 
 
 def test_text_and_json_agree(tmp_path: Path):
