@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +14,8 @@ from skinrig_solver import Cost, Experiment, ModelInfo, Parameter, Result
 from skinrig_solver.fit import FitResult, fit
 from skinrig_solver.fit import run as run_module
 from skinrig_solver.fit import spec as spec_module
+from skinrig_solver.fit.statistics import Uncertainty, estimates
+from skinrig_solver.fit.variables import Free
 
 
 class Line:
@@ -92,3 +96,18 @@ def test_a_ridge_that_bends_widens_the_errors_across_it(monkeypatch: pytest.Monk
     for b, s in zip(bent, straight, strict=True):
         assert b.estimates[0].value == s.estimates[0].value
         assert s.effort.forward_runs <= b.effort.forward_runs <= s.effort.forward_runs + 2
+
+
+@pytest.mark.parametrize(("size", "correlation", "known"), [(2.0, 0.7, False), (2.0, 0.3, True), (0.3, 0.7, True)])
+def test_what_a_long_ridge_carries_along_is_not_known(size: float, correlation: float, known: bool) -> None:
+    """``a`` and ``b`` trade with each other, by as much as themselves or by less; ``c`` goes along with them or not."""
+    free = tuple(Free(name, 1.0, -10.0, 10.0, log=False) for name in "abc")
+    info = {name: SimpleNamespace(unit="1") for name in "abc"}
+    variables: Any = SimpleNamespace(free=free, info=info, values=lambda z: dict(zip("abc", z, strict=True)))
+    alike = np.array([[1.0, -0.999, correlation], [-0.999, 1.0, -correlation], [correlation, -correlation, 1.0]])
+    sizes = np.array([size, size, 0.1])
+    uncertainty = Uncertainty(alike * np.outer(sizes, sizes), alike, (1.0,), (1.0,), ("", "", ""), ())
+    problem: Any = SimpleNamespace(variables=variables)
+    optimum: Any = SimpleNamespace(z=np.ones(3))
+    found = estimates(problem, optimum, uncertainty)
+    assert [e.identifiable for e in found] == [False, False, known]

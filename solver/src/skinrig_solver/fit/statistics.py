@@ -20,6 +20,7 @@ EXPLAINED = 0.98  # share of the variance below which a fit whose residuals are 
 SYSTEMATIC = 3.0  # samples that count as one, from which residuals are no noise
 INSEPARABLE = 0.995  # correlation from which two parameters count as one
 ALIKE = 0.95  # correlation worth a warning
+CARRIED = 0.5  # correlation with a parameter that may be nearly anything from which another is not known either
 CONFIDENCE = 3.841  # 95 % of chi-squared with one degree of freedom
 _SINGULAR = 1e-13  # relative eigenvalue below which a direction carries no information
 
@@ -206,6 +207,14 @@ def _curves(problem: Problem, persistence: Sequence[float]) -> list[str]:
 def estimates(problem: Problem, optimum: Evaluation, known: Uncertainty) -> list[Estimate]:
     """Every free parameter with its standard error and verdict."""
     values = problem.variables.values(optimum.z)
+    deviations = np.sqrt(np.diag(known.covariance))
+    alike = np.nan_to_num(np.abs(known.correlation))
+    np.fill_diagonal(alike, 0.0)
+    together = np.any(alike >= INSEPARABLE, axis=1)
+    sizes = [abs(values[f.symbol]) / max(abs(f.slope(values[f.symbol])), 1e-300) for f in problem.variables.free]
+    # Standard errors are those of a straight ridge. Where it is long, they say little of what bends along with it.
+    long = together & (np.nan_to_num(deviations, nan=0.0) > POORLY * np.array(sizes))
+    carried = np.any(alike[:, long] >= CARRIED, axis=1)
     found = []
     for k, free in enumerate(problem.variables.free):
         value, deviation = values[free.symbol], float(np.sqrt(known.covariance[k, k]))
@@ -216,10 +225,8 @@ def estimates(problem: Problem, optimum: Evaluation, known: Uncertainty) -> list
         else:
             interval = (value - 1.96 * error, value + 1.96 * error)
         interval = (max(interval[0], free.lower), min(interval[1], free.upper))
-        others = np.delete(np.abs(known.correlation[k]), k)
-        together = bool(np.any(others[np.isfinite(others)] >= INSEPARABLE))
         relative = error / max(abs(value), 1e-300)
-        identifiable = not known.on_bound[k] and not together and bool(relative <= POORLY)
+        identifiable = not known.on_bound[k] and not together[k] and not carried[k] and bool(relative <= POORLY)
         unit = problem.variables.info[free.symbol].unit
         found.append(Estimate(free, unit, value, error, interval, identifiable, known.on_bound[k]))
     return found
