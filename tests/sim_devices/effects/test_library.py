@@ -99,7 +99,7 @@ def test_variants_fix_each_choice() -> None:
         assert variant.name == "backlash"
         assert [p.name for p in variant.parameters] == ["gap"]
         assert variant.apply(chain) == effects("microrobot")["backlash"].apply(chain, {"form": form})
-    assert list(variants(effects()["probe_recoil"])) == ["probe_recoil"]
+    assert list(variants(effects()["lens_distortion"])) == ["lens_distortion"]
 
 
 def test_a_broken_plugin_is_reported_and_disturbs_nobody() -> None:
