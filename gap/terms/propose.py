@@ -183,8 +183,8 @@ class _Seen:
     @classmethod
     def of(cls, at: _Point, sd: FloatArray, traces: FloatArray) -> _Seen:
         projector = Projector(at.jacobian, sd)
-        aim = projector.apply(at.residual + at.jacobian @ (at.nuisance - at.mean))
         start = at.residual + at.jacobian @ (at.nuisance - at.mean)
+        aim = projector.apply(start)
         return cls(projector.apply(traces).T @ traces, traces.T @ aim, float(start @ aim))
 
 
