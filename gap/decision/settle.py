@@ -10,7 +10,7 @@ from gap.decision.marks import explains_marks
 from gap.decision.posterior import Posterior, concept, posterior
 from gap.decision.qualified import Qualified
 from gap.decision.thresholds import Thresholds
-from gap.decision.tolerance import Stated, in_tolerances
+from gap.decision.tolerance import Stated, in_tolerances, strained
 from gap.decision.transfer import Shrink, best_elsewhere, gap_without_discrepancy, in_changed_blocks, plain, transferred
 from gap.decision.verdict import Findings, Verdict, decide, without_skin
 from gap.inference.evidence import Hypothesis
@@ -97,6 +97,7 @@ def settle(case: Case, t: Thresholds, jobs: int = 1) -> Settled:
         without_skin=without_skin(first, comparison, found.temper),
         tolerances=sizes[0],
         beyond=sizes[1],
+        strained=strained(comparison.problems, comparison.null, first.hypothesis),
     )
     return Settled(decide(findings), found, trials)
 

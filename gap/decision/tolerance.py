@@ -39,6 +39,12 @@ def in_tolerances(
     return min(sizes, key=lambda size: size[0] if size[1] < seen else np.inf, default=(np.inf, 0.0))
 
 
+def strained(problems: Mapping[str, Problem], null: Hypothesis, h: Hypothesis) -> bool:
+    """Whether a simulation without the hypothesis strains tolerances to take it on, where no skin is in play."""
+    sound = [b for b, problem in problems.items() if not problem.open_law]
+    return any(null.fits[b].penalty - h.fits[b].penalty > STRAINED for b in sound)
+
+
 def _by_parameters(h: Hypothesis, stated: Stated) -> float:
     sizes = [] if h.effects else [np.inf]
     for e in h.effects:

@@ -23,7 +23,7 @@ class Findings:
     recordings that its parameters were not fitted to, by split, and ``rival`` the same of the next cause of other
     effects; ``without_skin``, the nats that blocks without skin give the first cause; ``tolerances``, how many stated
     tolerances the smallest member of its class is large (inf where none is stated), and ``beyond``, the tempered σ by
-    which that does what no tolerance could."""
+    which that does what no tolerance could; ``strained``, whether without it tolerances are strained far."""
 
     posterior: Posterior
     t: Thresholds
@@ -33,6 +33,7 @@ class Findings:
     without_skin: float = np.inf
     tolerances: float = np.inf
     beyond: float = 0.0
+    strained: bool = False
 
     @property
     def first(self) -> Cause:
@@ -131,9 +132,7 @@ def _small(f: Findings) -> bool:
     """Hardly anything is taken away, and withheld recordings do not say that it is the effect's. They cannot of what a
     tolerance takes on in each of them: what strains one far, where no skin is in play, need not lower a gap of many
     samples by much."""
-    if f.fitted is None or f.shows_itself or not f.withheld or _helps(f):
-        return False
-    if f.t.tolerances < f.tolerances < np.inf and f.without_skin > f.t.without_skin:
+    if f.fitted is None or f.shows_itself or f.strained or not f.withheld or _helps(f):
         return False
     return f.fitted.after > f.fitted.before * (1.0 - f.t.small_fall)
 
