@@ -39,8 +39,8 @@ def run(
     instruments: list[str],
     jobs: int,
     style: str,
-    references: str,
-    least: float,
+    references: str = "some",
+    least: float = 0.0,
 ) -> Scorecard:
     """Make what is missing of the ``n`` cases for each of ``seeds`` and ``tiers``, diagnose what has no report, score
     all whose δ_free is ``least`` or more, and those that hide nothing."""
