@@ -85,6 +85,7 @@ class Hosts:
         """A run (of the brief protocol, into a new folder), just begun; ``target`` is what its process does, with
         ``more`` arguments."""
         self._number += 1
+        self.said.write_text("")
         self.out = out or self.folder / f"out-{self._number}"
         arguments = ["run", str(protocol or self.protocol), "--station", str(self.rig.station), "-o", str(self.out)]
         process = _CONTEXT.Process(target=target, args=(arguments, str(self.said), *more))
@@ -196,17 +197,18 @@ def _signalled(campaign: Campaign, hosts: Hosts) -> Row:
     row = Row("SIGINT, SIGTERM, SIGHUP in every phase", must, "s to the vent", 1.0)
     signals = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     for number, moment in enumerate(_moments(campaign, "signalled", hosts.length)):
-        process = hosts.start()
+        process, sent = hosts.start(), signals[number % len(signals)]
         time.sleep(moment)
         still = Stillness()
         began = time.monotonic()
-        send(process, signals[number % len(signals)])
+        send(process, sent)
         stopped, problem = hosts.rig.stopped()
         waited = still.close()
         process.join(30)
-        said = hosts.said.read_text() if hosts.said.exists() else ""
-        # A process that has not come to its first line yet simply ends, as any program does.
-        early = process.exitcode is not None and process.exitcode < 0 and not list(hosts.out.glob("*"))
+        said = hosts.said.read_text()
+        # A process that has not come to its first line yet simply ends, as any program does; by SIGINT with 1.
+        ends = (-sent, 1) if sent == signal.SIGINT else (-sent,)
+        early = process.exitcode in ends and not said and not list(hosts.out.glob("*"))
         if not problem and not early and (process.exitcode not in STATUSES or "Traceback" in said):
             problem = f"status {process.exitcode}: {said[-300:]}"
         problem = problem or hosts.left()
