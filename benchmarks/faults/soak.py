@@ -19,6 +19,7 @@ SPEED = (
     10.0  # of the instrument's time: its rates are those of its own clock, so that an hour's samples pass in minutes
 )
 EVERY = 1.0  # s of the instrument's time between two faults
+UNTIL = 5.0  # s of the instrument's time before the end without any: an end that is not heard is a trip, rightly
 GROWTH = 0.05  # of the memory after a fifth of the run, at its end
 PATIENT = 1.0  # s of watchdog: a busy computer is not what is tried here
 BENIGN = ("garbage", "corrupt", "truncate", "drop", "repeat", "swap")
@@ -43,7 +44,8 @@ def rows(campaign: Campaign) -> Iterator[Row]:
         random, began, start = campaign.random("soak"), time.monotonic(), float("nan")
         while engine.state is State.RUNNING:
             fault = BENIGN[int(random.integers(len(BENIGN)))]
-            rig.call(fault, **{"count" if fault == "garbage" else "messages": 1 + int(random.integers(3))})
+            if time.monotonic() - began < (3 * cycles - UNTIL) / SPEED:
+                rig.call(fault, **{"count" if fault == "garbage" else "messages": 1 + int(random.integers(3))})
             time.sleep(EVERY / SPEED)
             if start != start and time.monotonic() - began > seconds / SPEED / 5:
                 start = _memory()
