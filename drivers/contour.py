@@ -50,7 +50,8 @@ class Contour:
         on_cap = np.abs(self.profile - self.apex_row) <= 0.3 * self.height
         cap = np.column_stack([columns[on_cap], self.profile[on_cap]])
         points = np.vstack([left, cap, right[::-1]])
-        return points[np.isfinite(points).all(axis=1)]
+        known: FloatArray = points[np.isfinite(points).all(axis=1)]
+        return known
 
     def within(self, region: Region) -> bool:
         """Whether the whole edge surely lies inside ``region``."""

@@ -61,7 +61,7 @@ def qualify(
 
     folder, file = _places(output, instrument)
     if recordings:
-        from acquire.cli.gap import load_all
+        from acquire.cli.inputs import load_all
 
         runs = load_all(recordings)
     else:

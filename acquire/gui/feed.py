@@ -131,4 +131,5 @@ def _path(blocks: list[Block]) -> FloatArray | None:
     rows = np.concatenate([np.column_stack([b.values[name] for name in PATH]) for b in whole])
     when = np.concatenate([b.time for b in whole])
     stretch = np.floor(when / FINE)
-    return rows[np.append(np.flatnonzero(np.diff(stretch)), len(rows) - 1)]
+    last: FloatArray | None = rows[np.append(np.flatnonzero(np.diff(stretch)), len(rows) - 1)]
+    return last

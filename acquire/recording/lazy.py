@@ -89,7 +89,8 @@ class LazyFrames(abc.ABC):
         frames = self._filled(np.atleast_1d(picked))
         if np.ndim(picked) == 0:
             frames = frames[0]
-            return frames[tuple(rest)]
+            chosen: NDArray[np.uint8] = frames[tuple(rest)]
+            return chosen
         return frames[(slice(None), *rest)]
 
     def __iter__(self) -> Iterator[NDArray[np.uint8]]:

@@ -168,7 +168,10 @@ class Missing:
 def _equal(values: Sequence[FloatArray]) -> Equal:
     def equal(a: IntArray, b: IntArray) -> NDArray[np.bool_]:
         # Bit by bit: a value that is no number equals itself here.
-        return np.all([value[a].view(np.int64) == value[b].view(np.int64) for value in values], axis=0)
+        same: NDArray[np.bool_] = np.all(
+            [value[a].view(np.int64) == value[b].view(np.int64) for value in values], axis=0
+        )
+        return same
 
     return equal
 

@@ -63,7 +63,8 @@ def summarise(recording: Recording) -> dict[str, Any]:
     if recording.frames is not None:
         count, height, width = recording.frames.data.shape
         summary["frames"] = {"count": count, "width": width, "height": height, "scale": recording.frames.scale}
-    return _jsonable(summary)
+    plain: dict[str, Any] = _jsonable(summary)
+    return plain
 
 
 def delivery(recording: Recording) -> dict[str, int]:

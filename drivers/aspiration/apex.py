@@ -209,7 +209,8 @@ def foot(profile: FloatArray, clean: FloatArray, edges: FloatArray) -> float:
         level = max(left[-1] - left[0], right[-1] - right[0]) <= 4.0
         one, other = left[border // 2], right[border // 2]
         if level and abs(one - other) <= 0.05 * columns:
-            return 0.5 * (one + other)
+            centre: float = 0.5 * (one + other)
+            return centre
     return _neck(edges, clean.min())
 
 

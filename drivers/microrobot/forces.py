@@ -48,13 +48,15 @@ def matrix(w: float = TRANSDUCER_RADIUS, h: float = PROBE_HEIGHT) -> FloatArray:
 def transducer_forces(volts: ArrayLike, calibration: Calibration | None = None) -> FloatArray:
     """Compressions (..., 3) N for voltages (..., 3) V at 5 V excitation."""
     known = calibration or Calibration()
-    return (np.asarray(volts, dtype=float) - np.asarray(known.null)) / np.asarray(known.sensitivity)
+    force: FloatArray = (np.asarray(volts, dtype=float) - np.asarray(known.null)) / np.asarray(known.sensitivity)
+    return force
 
 
 def transducer_volts(forces: ArrayLike, calibration: Calibration | None = None) -> FloatArray:
     """Voltages (..., 3) V for compressions (..., 3) N."""
     known = calibration or Calibration()
-    return np.asarray(forces, dtype=float) * np.asarray(known.sensitivity) + np.asarray(known.null)
+    volts_out: FloatArray = np.asarray(forces, dtype=float) * np.asarray(known.sensitivity) + np.asarray(known.null)
+    return volts_out
 
 
 def reaction(forces: ArrayLike, w: float = TRANSDUCER_RADIUS, h: float = PROBE_HEIGHT) -> FloatArray:
@@ -64,7 +66,8 @@ def reaction(forces: ArrayLike, w: float = TRANSDUCER_RADIUS, h: float = PROBE_H
 
 def legs(tip_force: ArrayLike, w: float = TRANSDUCER_RADIUS, h: float = PROBE_HEIGHT) -> FloatArray:
     """Transducer forces (..., 3) N that balance R (..., 3) N: the inverse of ``reaction``."""
-    return np.asarray(tip_force, dtype=float) @ np.linalg.inv(matrix(w, h)).T
+    legs: FloatArray = np.asarray(tip_force, dtype=float) @ np.linalg.inv(matrix(w, h)).T
+    return legs
 
 
 def tare(forces: ArrayLike) -> FloatArray:

@@ -332,7 +332,8 @@ def _axes(s: Session, ref: Array, base: Array, load: Array, tangent: Array, fx: 
 
 
 def _tared(legs: Array) -> Array:
-    return legs - legs[0]
+    tared: Array = legs - legs[0]
+    return tared
 
 
 def _at(s: Session, moment: float, x: Array) -> Array:

@@ -24,7 +24,8 @@ def columns(f: Callable[..., Array], u: Array, *constants: object) -> Array:
 
 def _turned(u: Array, heading: float) -> Array:
     c, s = np.cos(heading), np.sin(heading)
-    return u @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    turned: Array = u @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return turned
 
 
 def _springs(p: Parameters) -> Array:
@@ -33,7 +34,8 @@ def _springs(p: Parameters) -> Array:
 
 def _elastic(u: Array, p: Parameters) -> Array:
     """F_i = k_i u_i (1 + b |u|^2 / span^2)."""
-    return _springs(p) * u * (1 + p["stiffening"] * np.sum(u**2, axis=1, keepdims=True) / SPAN**2)
+    force: Array = _springs(p) * u * (1 + p["stiffening"] * np.sum(u**2, axis=1, keepdims=True) / SPAN**2)
+    return force
 
 
 def conventional(u: Array, dt: Array, p: Parameters) -> Array:
@@ -56,7 +58,10 @@ def exponential(u: Array, dt: Array, p: Parameters) -> Array:
     """Fung's exponential stiffening of the part of the displacement that has not relaxed: memory inside the curve."""
     fresh = u - p["fast"] * columns(lag, u, dt, p["tau_fast"])
     fresh = fresh - p["slow"] * columns(lag, u, dt, p["tau_slow"])
-    return _springs(p) * fresh * np.exp(1.6 * p["stiffening"] * np.sum(fresh**2, axis=1, keepdims=True) / SPAN**2)
+    force: Array = (
+        _springs(p) * fresh * np.exp(1.6 * p["stiffening"] * np.sum(fresh**2, axis=1, keepdims=True) / SPAN**2)
+    )
+    return force
 
 
 def poroelastic(u: Array, dt: Array, p: Parameters) -> Array:

@@ -46,7 +46,8 @@ class Recording:
     def command(self, t: Array) -> Array:
         """Commanded value at session times ``t`` (linear between corners, 0 or last value outside)."""
         times, values = np.array(self.corners).T
-        return np.interp(t - self.start, times, values)
+        level: Array = np.interp(t - self.start, times, values)
+        return level
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,8 @@ class Session:
             return np.interp(when, self.t, x)
         total = np.concatenate([[0.0], np.cumsum(0.5 * (x[1:] + x[:-1]) * np.diff(self.t))])
         half = 0.5 / self.rate
-        return (np.interp(when + half, self.t, total) - np.interp(when - half, self.t, total)) / (2 * half)
+        mean: Array = (np.interp(when + half, self.t, total) - np.interp(when - half, self.t, total)) / (2 * half)
+        return mean
 
     def command(self, t: Array) -> Array:
         """Commanded scalar at any session times; each recording's waveform rests at 0 between recordings."""

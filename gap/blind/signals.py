@@ -101,7 +101,8 @@ def power_law_memory(x: Array, dt: Array, alpha: float, shortest: float = 0.02, 
     taus = np.geomspace(shortest, longest, 9)
     spacing = np.log(taus[1] / taus[0])
     instant = (shortest * np.exp(-0.5 * spacing)) ** alpha
-    return (spectrum(x, dt, taus, taus**alpha * alpha * spacing) + instant * x) / float(gamma(1 - alpha))
+    response: Array = (spectrum(x, dt, taus, taus**alpha * alpha * spacing) + instant * x) / float(gamma(1 - alpha))
+    return response
 
 
 def wander(t: Array, rng: np.random.Generator, slowest: float, fastest: float) -> Array:

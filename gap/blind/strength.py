@@ -114,7 +114,8 @@ class Subject:
         stride = _ROBOT_STRIDE if self.session.instrument == "microrobot" else 1
         period = stride / self.session.rate
         parts = [n.whitened(x[::stride], period) for name, n in view.items() for x in channels[name]]
-        return np.concatenate(parts) * stride**0.5
+        whitened: Array = np.concatenate(parts) * stride**0.5
+        return whitened
 
     @cached_property
     def _nuisances(self) -> tuple[_Nuisance, ...]:

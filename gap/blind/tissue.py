@@ -23,10 +23,12 @@ def _curve(s: Array, p: Parameters) -> Array:
     b = p["bend"]
     if p["kind"] == 0:
         n, soft = 1 / (1 + b), 0.1  # the small shift keeps the slope at zero finite
-        return p["amplitude"] * ((x + soft) ** n - soft**n) / ((1 + soft) ** n - soft**n)
-    if p["kind"] == 1:
-        return p["amplitude"] * np.log1p(2 * b * x) / np.log1p(2 * b)
-    return p["amplitude"] * x * (1 + b) / (1 + b * x)
+        share: Array = ((x + soft) ** n - soft**n) / ((1 + soft) ** n - soft**n)
+    elif p["kind"] == 1:
+        share = np.log1p(2 * b * x) / np.log1p(2 * b)
+    else:
+        share = x * (1 + b) / (1 + b * x)
+    return p["amplitude"] * share
 
 
 def conventional(s: Array, dt: Array, p: Parameters) -> Array:
@@ -116,7 +118,8 @@ def _plastic_flow(s, dt, threshold, hardening, rate, recovery):  # type: ignore[
 def plastic(s: Array, dt: Array, p: Parameters) -> Array:
     """Conventional skin in series with a hardening viscoplastic (Perzyna) element that recovers over minutes."""
     flow = _plastic_flow(s, dt, 0.15 * p["reference"], p["reference"] / p["plastic"], 0.6, p["recovery"])
-    return conventional(s, dt, p) + p["amplitude"] * flow
+    height: Array = conventional(s, dt, p) + p["amplitude"] * flow
+    return height
 
 
 @njit(cache=True)
@@ -136,7 +139,8 @@ def activated(s: Array, dt: Array, p: Parameters) -> Array:
     """Rate-dependent skin: a Kelvin element whose dashpot flows as sinh of its stress (Eyring): it thins with load."""
     e = _curve(s, p)
     x = _eyring(e / p["amplitude"], dt, 1 / p["tau_slow"], p["ease"])
-    return e + (p["fast"] + p["slow"]) * p["amplitude"] * x
+    height: Array = e + (p["fast"] + p["slow"]) * p["amplitude"] * x
+    return height
 
 
 LAWS: dict[str, Callable[[Array, Array, Parameters], Array]] = {

@@ -107,7 +107,7 @@ def bends(time: FloatArray, value: FloatArray) -> NDArray[np.bool_]:
     with np.errstate(invalid="ignore"):
         bend = np.r_[np.inf, np.abs(np.diff(slope)), np.inf]
     bend[np.isnan(bend)] = np.inf
-    kink = bend > FAINT * span
+    kink: NDArray[np.bool_] = bend > FAINT * span
     first, last = np.searchsorted(time, time - AROUND), np.searchsorted(time, time + AROUND, side="right")
     for i in range(1, m - 1):
         if kink[i] and np.isfinite(bend[i]):

@@ -36,7 +36,8 @@ def high_band_sigma(value: FloatArray) -> float:
     if not median and np.any(differences):  # coarse levels, but on no even grid
         changes = np.abs(np.diff(v))
         step = float(np.median(changes[changes > 0]))
-    return max(median / 0.6745 / np.sqrt(20.0), step / np.sqrt(12.0), 1e-7 * scale)
+    sigma: float = max(median / 0.6745 / np.sqrt(20.0), step / np.sqrt(12.0), 1e-7 * scale)
+    return sigma
 
 
 def dithered_sigma(value: FloatArray, step: float) -> float | None:

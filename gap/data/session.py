@@ -30,7 +30,8 @@ class Session:
 
     def time(self, k: int, series: Series) -> FloatArray:
         """Time stamps of a series of recording ``k`` on the session's clock, s."""
-        return np.asarray(series.time, dtype=float) + self.shifts[k]
+        stamps: FloatArray = np.asarray(series.time, dtype=float) + self.shifts[k]
+        return stamps
 
     def span(self, k: int) -> tuple[float, float]:
         """First and last time of recording ``k``, s."""

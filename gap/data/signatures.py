@@ -161,7 +161,8 @@ def repeats_foretold(change: FloatArray, step: float) -> float:
     if not len(counts):
         return 0.0
     reach = counts[min(COUNTED, len(counts) - 1, max(len(counts) // 4, 1))]
-    return float(np.searchsorted(counts, reach, side="right")) / (2.0 * max(reach, 1.0))
+    share: float = float(np.searchsorted(counts, reach, side="right")) / (2.0 * max(reach, 1.0))
+    return share
 
 
 def repeats_surprise(repeated: int, expected: float) -> float:

@@ -35,7 +35,8 @@ def marked_rows(problem: Problem, signature: Signature) -> NDArray[np.bool_]:
     if (sign := ENDS.get(signature.effect)) is None:
         return here
     value = sign * problem.measured
-    return here & (value >= np.max(value[here]) - problem.sigma)
+    near: NDArray[np.bool_] = here & (value >= np.max(value[here]) - problem.sigma)
+    return near
 
 
 def at_marks(

@@ -27,7 +27,8 @@ class Projector:
         """P v for v (n,) or (n, k)."""
         if not self.jacobian.shape[1]:
             return vectors
-        return vectors - self.jacobian @ sla.cho_solve(self._factor, self.jacobian.T @ vectors)
+        left: FloatArray = vectors - self.jacobian @ sla.cho_solve(self._factor, self.jacobian.T @ vectors)
+        return left
 
     def squares(self, vectors: FloatArray, seen: FloatArray) -> FloatArray:
         """vᵀ P v for each column of v (n, k), (k,), given ``seen``, Jᵀ v."""

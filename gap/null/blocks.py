@@ -16,10 +16,11 @@ import numpy as np
 
 from acquire.recording.model import Recording, RunInfo
 from gap.data.binning import GROWTH, WIDEST
+from gap.data.command import Command
 from gap.data.labels import label_rows
 from gap.data.pauses import continues
 from gap.data.scatter import timing_log_bayes
-from gap.data.session import SKIN, Command, Session
+from gap.data.session import SKIN, Session
 from gap.data.tolerances import tolerances
 from gap.inference.evidence import Fit
 from gap.inference.hypothesis import Active, Candidate, Evaluation, Lateness, Rows, Start
@@ -246,12 +247,14 @@ class Block(abc.ABC):
         """``difference`` (n,) or (n, p) in σ, wider where an effect of chance makes it so."""
         wider = self.noise_scale(active)
         sigma = self.sigma if wider is None else self.sigma * wider
-        return difference / (sigma if difference.ndim == 1 else sigma[:, None])
+        whitened: FloatArray = difference / (sigma if difference.ndim == 1 else sigma[:, None])
+        return whitened
 
     @property
     def member(self) -> FloatArray:
         """Which recording each stamp belongs to, (n, recordings) of 0 and 1."""
-        return (self.run[:, None] == np.asarray(self.runs)[None, :]).astype(float)
+        members: FloatArray = (self.run[:, None] == np.asarray(self.runs)[None, :]).astype(float)
+        return members
 
     def with_effects(self, chain: Chain, active: Active, group: Group) -> Chain:
         """The chain of a group with the active effects, those that its specimen meets."""

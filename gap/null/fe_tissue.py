@@ -71,7 +71,8 @@ def looked_up(time: FloatArray, pressure: FloatArray, suction: FloatArray, heigh
     size = np.abs(pressure)
     end = (height[-1] - height[-2]) / (suction[-1] - suction[-2])
     inside = np.interp(size, suction, height)
-    return np.copysign(inside + end * np.maximum(size - suction[-1], 0.0), -pressure)
+    extended: FloatArray = np.copysign(inside + end * np.maximum(size - suction[-1], 0.0), -pressure)
+    return extended
 
 
 def _added(time: FloatArray, height: FloatArray, at: FloatArray, values: FloatArray) -> FloatArray:
@@ -282,7 +283,8 @@ class FeHeightBlock(Anchored, HeightBlock):
             np.concatenate([table[[0, -1]], self.stamps[at], (kinks[:, None] + REFINEMENT).ravel(), kinks])
         )
         time = time[(time >= table[0]) & (time <= table[-1])]
-        return time[np.diff(time, prepend=-np.inf) > 1e-6]
+        distinct: FloatArray = time[np.diff(time, prepend=-np.inf) > 1e-6]
+        return distinct
 
     def _solved(
         self, x: FloatArray, time: FloatArray, pressure: FloatArray, sensitivities: tuple[str, ...] = ()

@@ -74,7 +74,8 @@ def gradients(u: FloatArray, degree: int) -> FloatArray:
     """Gradients (k, 3, m) of the monomials of ``degree`` in u (3, m); above degree 4 of powers of quadratic forms."""
     if degree > 4:
         radius = np.sum(u**2, axis=0) ** (degree // 2 - 1)
-        return gradients(u, 2)[[0, 3, 5]] * radius
+        columns: FloatArray = gradients(u, 2)[[0, 3, 5]] * radius
+        return columns
     out = []
     for chosen in combinations_with_replacement(range(3), degree):
         gradient = np.zeros_like(u)

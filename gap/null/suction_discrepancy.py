@@ -61,7 +61,8 @@ class Suction:
         zeros = np.column_stack([np.interp(self.onsets, self.grid, c) for c in columns])
         for begin, end, zero in zip(self.marks, np.r_[self.marks[1:], np.inf], zeros, strict=True):
             basis[(self.stamps >= begin) & (self.stamps < end)] -= zero
-        return basis / np.maximum(np.max(np.abs(basis), axis=0), 1e-9)
+        scaled: FloatArray = basis / np.maximum(np.max(np.abs(basis), axis=0), 1e-9)
+        return scaled
 
 
 def _curves(u: FloatArray) -> list[FloatArray]:

@@ -58,7 +58,8 @@ class FedPressure:
             made = simulate(partial, group.tables(), dict.fromkeys(wanted, time), height)
             return time, pressure + (made["line_pressure"] - made["pressure"])
 
-        return self._before.get((group.specimen, id(time), partial), corrected)
+        lines: Table = self._before.get((group.specimen, id(time), partial), corrected)
+        return lines
 
 
 class FedBlock(Block):

@@ -280,7 +280,8 @@ class HeightBlock(FedBlock):
     @property
     def _offset(self) -> int:
         """Where the nuisance of what is simply added begins: behind the tissue, the shift and the gains."""
-        return len(self.PARTS) + 1 + self._runs.shape[1]
+        begin: int = len(self.PARTS) + 1 + self._runs.shape[1]
+        return begin
 
     @property
     def likelihood_powers(self) -> Sequence[float]:

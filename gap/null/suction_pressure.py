@@ -139,7 +139,8 @@ class PressureBlock(Block):
     def true(self, recorded: FloatArray) -> FloatArray:
         """Recorded pressures (n,) Pa without the gauge's error, as far as a sound one's goes."""
         gain, zero = self._fitted[-2:]
-        return recorded * (1.0 - gain) - zero
+        true: FloatArray = recorded * (1.0 - gain) - zero
+        return true
 
     @cached_property
     def _fitted(self) -> FloatArray:

@@ -108,7 +108,8 @@ class ReferenceBlock(FedBlock):
 
         def off(x: FloatArray) -> FloatArray:
             shape = elastic_height(pressure, pressure, 1.0, deepest * np.exp(x[1]), x[2])
-            return (x[0] * shape / max(float(shape.max()), 1e-30) * top + x[3] * top - height) / top
+            misfit: FloatArray = (x[0] * shape / max(float(shape.max()), 1e-30) * top + x[3] * top - height) / top
+            return misfit
 
         start = np.array([1.0, 0.0, 0.6, 0.0])
         low, high = (-np.inf, -4.0, 0.05, -0.2), (np.inf, 4.0, 3.0, 0.2)

@@ -69,8 +69,8 @@ def load_model(where: str) -> ForwardModel:
         spec.loader.exec_module(module)
         if not hasattr(module, name):
             raise ModelError(f"model {where!r}: {path} defines no {name}")
-        model = getattr(module, name)
-        model = model() if isinstance(model, type) else model
+        given = getattr(module, name)
+        model: ForwardModel = given() if isinstance(given, type) else given
     except ModelError:
         raise
     except (Exception, SystemExit) as error:  # whatever a stranger's module does

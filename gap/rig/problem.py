@@ -377,7 +377,8 @@ def _on_one_time_base(recording: Recording, model: ForwardModel) -> tuple[FloatA
         value = np.asarray(series.value, dtype=float)
         if len(series.time) == len(base.time) and np.array_equal(series.time, base.time):
             return value[finite]
-        return np.interp(time, series.time, value)
+        sampled: FloatArray = np.interp(time, series.time, value)
+        return sampled
 
     data = {name: on_base(series) for name, series in recording.streams.items()}
     for name, series in recording.setpoints.items():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -79,7 +80,7 @@ def _skew(chain: Chain, v: Values) -> Chain:
     return chain.tuned("latency", skew=op.skew + v["rate"], marks=marks)
 
 
-def _faulty(name: str, lost: float) -> Any:
+def _faulty(name: str, lost: float) -> Callable[[Chain, Values], Chain]:
     def install(chain: Chain, v: Values) -> Chain:
         parameters = (_period(chain.instrument, v), v["fraction"], v["seed"], lost)
         for _, signal in _sensors(chain.instrument, chosen(v, "channel")):

@@ -55,7 +55,7 @@ class _Handle:
             self.cable = None
 
 
-class VirtualUsb(usb.backend.IBackend):
+class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no types
     """A backend whose bus carries the given devices; each has one vendor interface with two bulk endpoints."""
 
     def __init__(self, *devices: VirtualDevice) -> None:

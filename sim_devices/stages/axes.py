@@ -159,7 +159,8 @@ def _of_length(h: float, a: FloatArray, bound: float, known: FloatArray, kept: F
     if abs(h - known[j]) > SAME * h:
         known[j] = h
         _exponential(a, h, bound, kept[j])
-    return kept[j]
+    found: FloatArray = kept[j]
+    return found
 
 
 @njit(cache=True)

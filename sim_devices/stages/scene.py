@@ -88,7 +88,8 @@ class Scene:
 
     def profile(self, apex_height: float) -> FloatArray:
         """True row of the edge in each column, shape (width,), for an apex ``apex_height`` m above its rest."""
-        return self.base_row - (self.initial_height + apex_height) / self.scale * self._shape
+        row: FloatArray = self.base_row - (self.initial_height + apex_height) / self.scale * self._shape
+        return row
 
     def __call__(self, apex_height: float, time: float = 0.0) -> Image:
         """The image of a bubble whose apex is ``apex_height`` m above the tissue at rest.
@@ -144,7 +145,8 @@ def background(scene: Scene) -> Image:
     """The empty field, shape (height, width), as a lab records it for the flat-field correction."""
     clean = replace(scene.light, satellites=0)
     field = _field(scene.size, clean, np.random.default_rng(0), clear_of=(0.0, 0.0, 0.0))
-    return np.clip(np.rint(field * scene.light.bright), 0, 255).astype(np.uint8)
+    image: Image = np.clip(np.rint(field * scene.light.bright), 0, 255).astype(np.uint8)
+    return image
 
 
 def _field(
