@@ -1,5 +1,7 @@
 """Hidden faults of instruments, and what a qualification says of them: ``python benchmarks/qualify.py [INSTRUMENT]``.
 
+    python benchmarks/qualify.py cutometer --record benchmarks/results
+
 For each instrument the standard set is simulated by chains alone (no engine, so that it takes seconds), sound and with
 each of ten faults that qualification is not told of; the table says whether it passed, and which effects it names. A
 fault is named where it is in the class that the finding gives.
@@ -7,10 +9,13 @@ fault is named where it is in the class that the finding gives.
 
 from __future__ import annotations
 
-import sys
+import argparse
+import json
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -114,21 +119,57 @@ def said_of(instrument: str, fault: str, seed: int = 1) -> Said:
     return Said(instrument, fault, q.passed, named, q.doubts, time.perf_counter() - begin)
 
 
-def main(instruments: list[str]) -> None:
-    """Print the table."""
+def row(s: Said) -> dict[str, Any]:
+    """The judgement as a row of the table."""
+    told = "passed" if s.passed else f"not passed: {', '.join(s.named) or '; '.join(s.doubts) or 'parameters'}"
+    return {"instrument": s.instrument, "fault": s.fault or "sound", "right": s.right, "said": told,
+            "seconds": round(s.seconds)}  # fmt: skip
+
+
+def counted(rows: Sequence[Mapping[str, Any]]) -> str:
+    """How many of the judgements are right."""
+    faults, sound = ([r for r in rows if (r["fault"] != "sound") == is_fault] for is_fault in (True, False))
+    return (
+        f"faults named {sum(r['right'] for r in faults)} of {len(faults)}; "
+        f"sound ones passed {sum(r['right'] for r in sound)} of {len(sound)}"
+    )
+
+
+def record(folder: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write ``qualify.json`` and ``qualify.md``; instruments that were not run keep their earlier rows."""
+    file, anew = folder / "qualify.json", {r["instrument"] for r in rows}
+    before = json.loads(file.read_text(encoding="utf-8"))["rows"] if file.exists() else []
+    kept = [*(r for r in before if r["instrument"] not in anew), *rows]
+    every = sorted(kept, key=lambda r: list(FAULTS).index(r["instrument"]))
+    command = "python benchmarks/qualify.py --record benchmarks/results"
+    lines = ["# Hidden faults and what a qualification says of them", "", f"`{command}`: {counted(every)}.", "",
+             "| instrument | fault | right | said |", "|---|---|---|---|"]  # fmt: skip
+    lines += [f"| {r['instrument']} | {r['fault']} | {'yes' if r['right'] else 'no'} | {r['said']} |" for r in every]
+    (folder / "qualify.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    file.write_text(json.dumps({"command": command, "rows": every}, indent=1) + "\n", encoding="utf-8")
+
+
+def main() -> None:
+    """Print the table, and record it where that is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("instrument", nargs="*", help=f"of {', '.join(FAULTS)} (default: all)")
+    parser.add_argument("--fault", nargs="+", help="only these, sound among them; nothing is recorded then")
+    parser.add_argument("--record", type=Path, help="folder that also gets qualify.json and qualify.md")
+    given = parser.parse_args()
     print(f"{'instrument':<11} {'fault':<18} {'':<6} said")
-    told: list[Said] = []
-    for instrument in instruments:
-        for fault in ("", *FAULTS[instrument]):
-            s = said_of(instrument, fault)
-            told.append(s)
-            words = "passed" if s.passed else f"not passed: {', '.join(s.named) or '; '.join(s.doubts) or 'parameters'}"
-            right = "right" if s.right else "WRONG"
-            print(f"{instrument:<11} {fault or 'sound':<18} {right:<6} {words} ({s.seconds:.0f} s)", flush=True)
-    faults = [s for s in told if s.fault]
-    print(f"\nfaults named {sum(s.right for s in faults)} of {len(faults)}; ", end="")
-    print(f"sound ones passed {sum(s.right for s in told if not s.fault)} of {len(told) - len(faults)}")
+    rows: list[dict[str, Any]] = []
+    for instrument in given.instrument or FAULTS:
+        for fault in ("sound", *FAULTS[instrument]):
+            if given.fault and fault not in given.fault:
+                continue
+            r = row(said_of(instrument, "" if fault == "sound" else fault))
+            rows.append(r)
+            right = "right" if r["right"] else "WRONG"
+            print(f"{instrument:<11} {fault:<18} {right:<6} {r['said']} ({r['seconds']} s)", flush=True)
+    print(f"\n{counted(rows)}")
+    if given.record and not given.fault:
+        record(given.record, rows)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:] or list(FAULTS))
+    main()

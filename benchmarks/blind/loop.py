@@ -1,13 +1,16 @@
 """The closed loop on blind cases: figures after 0, 1, 2 and 3 experiments, for our choice, chance and a fixed order.
 
-    python benchmarks/blind/loop.py --tiers T2 T3 --n 100 --seed 7 -o out/loop
-    python benchmarks/blind/loop.py --n 40 --seed 907 --instrument cutometer --record benchmarks/results
+    python benchmarks/blind/loop.py --tiers T2 T3 --n 40 --seed 7 --cases 6 --workers 2 -o out/loop
+    python benchmarks/blind/loop.py --n 20 --seed 907 --instrument microrobot --qualification with
 
-Cases have no reference recordings (or the standard set, with ``--references standard``). An effect that no observer
-could see tells nothing of a choice: only cases with δ_free of ``--least`` at least are run, which the key says; the
-output counts the others. All policies go on from one diagnosis of a case's session, and stop once a cause is certain. A
-case that has its reports is not run again, so that a run can go on where it was broken off; ``--only-figures`` runs
-none. By ``--record``, what is printed also goes to ``loop.json`` and ``loop.md`` in another folder.
+Cases have no reference recordings (or the standard set, with ``--references standard``; with ``--qualification`` the
+loop begins with skin alone, with or without a qualification by the standard set on the same rig). An effect that no
+observer could see tells nothing of a choice, and a case that is claimed from its session alone asks for nothing: every
+visible case (δ_free of ``--least`` at least, by the key) is diagnosed, in the key's order, until ``--cases`` of a tier
+are not claimed; these go through every policy, up to the first claim or ``--most`` experiments. Policies that ask for
+the same share answer and report, seconds included. What has been run is kept: a run that was broken off goes on where
+it stopped; ``--only-figures`` runs nothing. By ``--record``, what is printed also goes to ``loop.json`` and ``loop.md``
+in another folder.
 """
 
 from __future__ import annotations
@@ -15,13 +18,15 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Sequence
-from itertools import zip_longest
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from gap.batch import QUALIFICATIONS
 from gap.blind import make
 from gap.blind.answers import Case, visible
 from gap.blind.cases import TIERS
@@ -35,6 +40,8 @@ TARGETS = {
     "right class first": "≥ .80 after 0, ≥ .97 after 3", "stage": "≥ .90 after 0, ≥ .97 after 3",
     "right among claims": "≥ .95", "in the set": ".88–.95", "names in the set": "≤ 2",
 }  # fmt: skip
+ALONE = "alone"
+"""Folder of the reports on sessions alone, beside those of the policies."""
 RATIO = "≤ 60 % of a random choice"
 
 
@@ -111,6 +118,9 @@ def as_markdown(drawn: str, found: dict[str, dict[str, Any]]) -> str:
         for figure in t["after"][0]:
             cells = " | ".join("–" if row[figure] is None else f"{row[figure]:.2f}" for row in t["after"])
             lines.append(f"| {figure} | {cells} | {TARGETS.get(figure, '')} |")
+        if "over all" in t:
+            shares = ", ".join(f"{v:.2f}" for v in t["over all"])
+            lines += ["", f"Right class first of all visible cases, claimed ones included, after 0, 1 …: {shares}."]
         lines += [
             "",
             f"Experiments until the right class is claimed: {t['needed']:.2f} (mean; never: one more than done)",
@@ -131,48 +141,139 @@ def as_markdown(drawn: str, found: dict[str, dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def main() -> None:
+@dataclass(frozen=True)
+class Work:
+    """A case to be run, and how; ``policy`` '' is the diagnosis of its session alone."""
+
+    root: Path
+    tier: str
+    name: str
+    policy: str
+    most: int
+    seed: int
+    quick: bool
+    qualification: str
+
+    @property
+    def out(self) -> Path:
+        """The folder of its reports."""
+        return self.root / f"{self.tier}-{self.policy or ALONE}"
+
+    def run(self) -> None:
+        most = self.most if self.policy else 0
+        loop_case(
+            self.root / self.tier / self.name, self.out, self.policy or "fixed", most, self.seed, "", 1, self.quick,
+            self.root / "shared" / self.tier, True, self.qualification,
+        )  # fmt: skip
+
+
+def run_cases(works: Sequence[Work]) -> str:
+    """Do the work on one case in this process: its tier and name."""
+    for work in works:
+        work.run()
+    return f"{works[0].tier} {works[0].name}"
+
+
+def undecided(root: Path, tier: str, names: Sequence[str], wanted: int) -> tuple[list[Case], list[str]]:
+    """Of the cases that have been diagnosed, in the order of ``names``: all up to the last one ``wanted``, and the
+    names of those that are not claimed."""
+    out = root / f"{tier}-{ALONE}"
+    had = [n for n in names if (out / "0" / f"{n}.json").exists()]
+    by_name = {c.name: c for c in answered(out, 0, key_of(root / tier), only=had)} if had else {}
+    seen: list[Case] = []
+    left: list[str] = []
+    for name in had:
+        if len(left) == wanted:
+            break
+        seen.append(by_name[name])
+        if not by_name[name].claims:
+            left.append(name)
+    return seen, left
+
+
+def over_all(seen: Sequence[Case], table: dict[str, Any]) -> list[float]:
+    """Share of all visible cases, claimed ones included, whose right class is first after 0, 1, 2 … experiments."""
+    claimed = [c.hit(1) for c in seen if c.claims]
+    return [(sum(claimed) + row["right class first"] * table["n"]) / (len(claimed) + table["n"])
+            for row in table["after"]]  # fmt: skip
+
+
+def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--tiers", nargs="+", default=["T2", "T3"], choices=TIERS, metavar="TIER")
-    parser.add_argument("--n", type=int, default=100, help="cases for each tier, of which the visible ones are run")
+    parser.add_argument("--n", type=int, default=40, help="cases made of each tier")
     parser.add_argument("--seed", type=int, default=7)
-    parser.add_argument("--least", type=float, default=3.0, help="delta_free of a visible case")
+    parser.add_argument("--least", type=float, default=5.0, help="delta_free of a visible case")
     parser.add_argument("--most", type=int, default=3, help="experiments of a case")
-    parser.add_argument("--cases", type=int, default=10**6, help="how many visible cases of a tier are run at most")
+    parser.add_argument("--cases", type=int, default=6, help="unclaimed cases of a tier that are run at most")
     parser.add_argument("--instrument", nargs="+", default=list(INSTRUMENTS), choices=INSTRUMENTS, metavar="NAME")
     parser.add_argument("--policy", nargs="+", default=list(POLICIES), choices=list(POLICIES), metavar="POLICY")
     parser.add_argument("--references", default="none", choices=REFERENCES)
+    parser.add_argument("--qualification", default="", choices=QUALIFICATIONS)
     parser.add_argument("--style", default="wide", choices=STYLES)
-    parser.add_argument("--jobs", type=int, default=1, help="processes that share a case's fits")
+    parser.add_argument("--workers", type=int, default=1, help="processes, each at another case")
     parser.add_argument("--quick", action="store_true", help="quick diagnoses: few effects are fitted, and no pairs")
     parser.add_argument("--only-figures", action="store_true", help="of what has been run; run nothing")
     parser.add_argument("--record", type=Path, help="folder that also gets loop.json and loop.md")
     parser.add_argument("-o", "--output", type=Path, default=Path("out/loop"))
     given = parser.parse_args()
-    root, chosen = given.output, {}
+    if given.qualification:
+        given.references = "standard"
+    return given
+
+
+def work_on(given: argparse.Namespace, chosen: dict[str, list[str]], tell: Callable[[str], None]) -> None:
+    """Diagnose visible cases until enough are not claimed, then let every policy go on with these."""
+
+    def work(tier: str, name: str, policy: str) -> Work:
+        return Work(given.output, tier, name, policy, given.most, given.seed, given.quick, given.qualification)
+
+    with ProcessPoolExecutor(given.workers) as pool:
+        for tier, names in chosen.items():
+            for at in range(0, len(names), given.workers):
+                if len(undecided(given.output, tier, names[:at], given.cases)[1]) >= given.cases:
+                    break
+                batch = [[work(tier, n, "")] for n in names[at : at + given.workers]]
+                for done in pool.map(run_cases, batch):
+                    tell(f"diagnosed {done}")
+        todo = [
+            [work(tier, n, policy) for policy in given.policy]
+            for tier, names in chosen.items()
+            for n in undecided(given.output, tier, names, given.cases)[1]
+        ]
+        for number, done in enumerate(pool.map(run_cases, todo)):
+            tell(f"{number + 1}/{len(todo)} {done}")
+
+
+def main() -> None:
+    given = arguments()
+    root, chosen = given.output, dict[str, list[str]]()
     for tier in given.tiers:
         if not (root / tier).exists():
             make(
                 tier, given.n, given.seed, root / tier, given.instrument, style=given.style, references=given.references
             )
-        chosen[tier] = visible(key_of(root / tier), given.least, nothing=False)[: given.cases]
-    rows = zip_longest(*([(tier, name) for name in names] for tier, names in chosen.items()))  # tiers in turn
-    todo = [case for row in rows for case in row if case is not None]
-    for number, (tier, name) in enumerate(todo if not given.only_figures else []):
-        for policy in given.policy:
-            out, alone = root / f"{tier}-{policy}", root / f"{tier}-alone"
-            loop_case(root / tier / name, out, policy, given.most, given.seed, "", given.jobs, given.quick, alone)
-        print(f"{number + 1}/{len(todo)} {tier} {name}", file=sys.stderr, flush=True)
-    done = [c for tier, names in chosen.items() for c in finished(root, tier, given.policy, names, given.most)]
+        chosen[tier] = visible(key_of(root / tier), given.least, nothing=False)
+    if not given.only_figures:
+        work_on(given, chosen, lambda text: print(text, file=sys.stderr, flush=True))
+    found_alone = {tier: undecided(root, tier, names, given.cases) for tier, names in chosen.items()}
+    done = [case for t, (_, left) in found_alone.items() for case in finished(root, t, given.policy, left, given.most)]
     if not done:
         sys.exit("no case has been through every policy")
     found = {policy: table(root, policy, done, given.most) for policy in given.policy}
+    seen = [c for cases, _ in found_alone.values() for c in cases]
+    for one in found.values():
+        one["over all"] = over_all(seen, one)
+    claimed = [c for c in seen if c.claims]
+    qualified = f", skin alone, {given.qualification} a qualification" if given.qualification else ""
     counts = ", ".join(f"{len(names)} of {given.n} {tier}" for tier, names in chosen.items())
+    quick = ", quick diagnoses" if given.quick else ""
     drawn = (
         f"{given.style} style, seed {given.seed}, {', '.join(given.instrument)}, references {given.references}"
-        f"{', quick diagnoses' if given.quick else ''}. Cases with delta_free >= {given.least:g}, by the key: {counts};"
-        f" of these {len(done)} have been run with every policy. "
-        "Seconds after 0 experiments, but for the choice, count with the policy that came first."
+        f"{qualified}{quick}. Cases with delta_free >= {given.least:g}, by the key: {counts}. "
+        f"Of these {len(seen)} were diagnosed: {len(claimed)} were claimed from their session alone, "
+        f"{sum(c.hit(1) for c in claimed)} of them rightly, and are not asked about again; {len(done)} of the others "
+        "went through every policy, up to the first claim. The tables are of these."
     )
     text = as_markdown(drawn, found)
     print(text)

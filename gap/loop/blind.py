@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import sys
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
@@ -11,11 +10,12 @@ from typing import Any
 
 from acquire.files import write_text
 from acquire.plugins import instrument
+from gap.batch import qualified_by
 from gap.blind.answers import Case, load
 from gap.blind.scoring import evaluate
 from gap.blind.specimens import specimens_of
 from gap.data.session import SKIN
-from gap.loop.policies import policy_of
+from gap.loop.policies import first_claim, policy_of
 from gap.loop.rigs import BlindRig
 from gap.loop.run import Step, run
 
@@ -62,25 +62,28 @@ def loop_case(
     passphrase: str = "",
     jobs: int = 1,
     quick: bool = False,
-    alone: Path | None = None,
+    shared: Path | None = None,
+    until_claimed: bool = False,
+    qualification: str = "",
 ) -> None:
     """Run the loop on one case, unless it has its reports: those after k experiments go to ``out/k/<case>.json``, what
-    was asked for and what it cost to ``out/steps/<case>.json``. Reports on sessions alone are taken from the folder
-    ``alone``, or left there: they are the same for every policy."""
+    was asked for and what it cost to ``out/steps/<case>.json``.
+
+    Policies given the same folder ``shared`` share the answers and reports to what they ask for alike. With
+    ``until_claimed`` the loop ends with the first claim, otherwise where a cause is certain. With a ``qualification``
+    (of `gap.batch.QUALIFICATIONS`) it begins with the session's recordings of skin alone.
+    """
     chooser = policy_of(policy)
     if (out / str(most) / f"{case.name}.json").exists():
         return
     work = out / "work" / case.name
-    if work.exists():
-        shutil.rmtree(work)  # of a run that was broken off
-    rig = BlindRig(case, work, passphrase)
+    tree = (shared / case.name) if shared is not None else work
+    rig = BlindRig(case, passphrase, bool(qualification))
+    q = qualified_by(rig.recorded, tree / "qualification.yaml") if qualification == "with" else None
     kind = rig.session[0].info.instrument
-    before = alone / f"{case.name}.json" if alone is not None else None
-    first = json.loads(before.read_text(encoding="utf-8")) if before is not None and before.exists() else None
     choose = chooser(seed, (SKIN, *specimens_of(kind)))
-    steps = run(rig, choose, instrument(kind).limits, work, most, quick, jobs, first=first)
-    if before is not None and first is None:
-        write_text(before, json.dumps(steps[0].report) + "\n")
+    choose = first_claim(choose) if until_claimed else choose
+    steps = run(rig, choose, instrument(kind).limits, work, most, quick, jobs, shared=tree, qualification=q)
     write_text(out / STEPS / f"{case.name}.json", json.dumps(_told(steps), indent=1) + "\n")
     for k in range(most + 1):
         report = steps[min(k, len(steps) - 1)].report

@@ -54,6 +54,25 @@ def in_order(seed: int, specimens: Sequence[str] = ()) -> Policy:
     return policy
 
 
+def first_claim(policy: Policy) -> Policy:
+    """The same, but that it stops at the first claim: a cause named with more than even odds."""
+
+    def stopping(report: Mapping[str, Any], recordings: Sequence[Recording], limits: Limits, k: int) -> Choice:
+        if claims(report):
+            cause = report["causes"][0]
+            reason = f"{' and '.join(cause['effects'])} is claimed ({cause['probability']:.2f})"
+            return Choice(recordings[0].info.instrument, None, reason, float(cause["probability"]), ())
+        return policy(report, recordings, limits, k)
+
+    return stopping
+
+
+def claims(report: Mapping[str, Any]) -> bool:
+    """Whether a report names a cause with more than even odds."""
+    named = report["verdict"] in ("effect", "several")
+    return named and any(float(c["probability"]) > 0.5 for c in report["causes"])
+
+
 POLICIES: Mapping[str, Callable[[int, Sequence[str]], Policy]] = {
     "ours": ours, "random": by_chance, "fixed": in_order,
 }  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 
 from acquire.recording import load, write_bundle
 from acquire.recording.model import Recording
-from gap.batch import session_paths
+from gap.batch import of_skin, session_paths
 from gap.blind import perform
 from gap.data.session import SKIN
 from gap.design import simulated as own
@@ -21,6 +22,9 @@ from gap.effects.load import library
 from gap.inference.hypothesis import from_unit
 from gap.report.words import quantity, words
 from sim_devices.effects import parse_effect
+
+HISTORY = "history.bin"
+"""Sealed, beside an answer of a blind case's rig: the rig after it."""
 
 
 class Rig(Protocol):
@@ -70,19 +74,34 @@ class SimulatedRig:
 
 
 class BlindRig:
-    """The hidden rig of a blind case; ``work`` is a folder for what it has recorded since."""
+    """The hidden rig of a blind case. Every answer is kept in its folder with what the rig has been through by then: a
+    folder that holds one already is not asked again."""
 
-    def __init__(self, case: Path, work: Path, passphrase: str = "") -> None:
-        self._case, self._work, self._passphrase = case, work, passphrase
+    def __init__(self, case: Path, passphrase: str = "", skin_alone: bool = False) -> None:
+        self._case, self._passphrase, self._skin_alone = case, passphrase, skin_alone
+        self._been: Path | None = None
+
+    @property
+    def recorded(self) -> list[Recording]:
+        """All that is in the case's folder."""
+        return [load(p) for p in session_paths(self._case)]
 
     @property
     def session(self) -> list[Recording]:
-        return [load(p) for p in session_paths(self._case)]
+        return of_skin(self.recorded) if self._skin_alone else self.recorded
 
     def answer(self, experiment: Experiment, folder: Path) -> Recording:
-        write(experiment, folder)
-        out, history = folder / "answer", self._work / f"{self._case.name}.bin"
-        return load(perform(self._case, folder, out, self._passphrase, history))
+        out, after = folder / "answer", folder / HISTORY
+        if not after.exists():
+            shutil.rmtree(folder, ignore_errors=True)  # of a run that was broken off
+            write(experiment, folder)
+            now = folder / f"now-{HISTORY}"
+            if self._been is not None:
+                shutil.copy(self._been, now)
+            perform(self._case, folder, out, self._passphrase, now)
+            now.rename(after)  # written last: an answer that has it is whole
+        self._been = after
+        return load(out)
 
 
 def drawn(instrument: str, seed: int) -> Acting:

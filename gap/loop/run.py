@@ -22,6 +22,8 @@ from protocols import Limits
 
 MOST = 3
 """Experiments of a loop, unless asked for more."""
+SECONDS = "seconds.txt"
+"""Beside a shared report: the processor time that it took."""
 
 
 @dataclass(frozen=True)
@@ -51,27 +53,38 @@ def run(
     quick: bool = False,
     jobs: int = 1,
     tell: Callable[[str], None] = lambda text: None,
-    first: Mapping[str, Any] | None = None,
+    shared: Path | None = None,
+    qualification: Path | None = None,
 ) -> list[Step]:
     """Diagnose what a rig has recorded, let it answer up to ``most`` experiments, and diagnose after each.
 
-    Experiment k and its answer go into ``folder/experiment-k``, reports into ``folder/report-k.json``. ``first`` is the
-    report on the session alone, where there is one already.
+    Experiment k and its answer go into ``folder/experiment-k``, reports into ``folder/report-k.json``. Where a folder
+    ``shared`` is given, answers and reports are kept there instead, by what was asked for one after another: loops on
+    the same rig that ask for the same share them. ``qualification`` is the file of one of this instrument.
     """
     recordings: list[Recording] = list(rig.session)
     steps: list[Step] = []
+    here = shared if shared is not None else folder
     for k in range(most + 1):
-        begin = clock.process_time()
-        report = first if first is not None and k == 0 else as_json(diagnose(recordings, quick=quick, jobs=jobs))
-        diagnosed = clock.process_time()
-        write_text(folder / f"report-{k}.json", json.dumps(report, indent=1) + "\n")
+        file = here / ("report.json" if shared is not None else f"report-{k}.json")
+        report, seconds = _kept(file) if shared is not None else ({}, 0.0)
+        if not report:
+            begin = clock.process_time()
+            report = as_json(diagnose(recordings, quick=quick, jobs=jobs, qualification=qualification))
+            seconds = clock.process_time() - begin
+            if shared is not None:
+                write_text(file.with_name(SECONDS), f"{seconds:.3f}\n")
+            write_text(file, json.dumps(report, indent=1) + "\n")
         tell(" ".join(report["sentences"]))
+        diagnosed = clock.process_time()
         choice = policy(report, recordings, limits, k) if k < most else None
-        steps.append(Step(report, choice, (diagnosed - begin, clock.process_time() - diagnosed)))
+        steps.append(Step(report, choice, (seconds, clock.process_time() - diagnosed)))
         if choice is None or choice.experiment is None:
             break
         tell(choice.text)
-        place = folder / f"experiment-{k + 1}"
+        asked_for = "-".join(f"{choice.experiment.waveform} on {choice.experiment.specimen}".split())
+        place = here / (f"experiment-{k + 1}" if shared is None else asked_for)
+        here = place if shared is not None else folder
         done = rig.answer(choice.experiment, place)
         asked = read(place)
         kept, answers = believed([done], {asked.id: asked})
@@ -80,6 +93,13 @@ def run(
                 tell(a.text)
         recordings += kept
     return steps
+
+
+def _kept(file: Path) -> tuple[dict[str, Any], float]:
+    """A report that was made before, and the seconds it took; nothing where there is none."""
+    if not file.exists():
+        return {}, 0.0
+    return json.loads(file.read_text(encoding="utf-8")), float(file.with_name(SECONDS).read_text(encoding="utf-8"))
 
 
 def as_text(steps: Sequence[Step], shown: int = 4) -> str:

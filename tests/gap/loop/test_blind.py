@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from acquire.recording import load
+from acquire.recording.model import Recording
 from benchmarks.blind import loop as benchmark
 from gap.blind.lock import seal
 from gap.design.catalogue import catalogue
 from gap.design.choice import Choice
+from gap.design.experiment import Experiment
 from gap.loop import blind
+from gap.loop import run as looping
+from gap.loop.rigs import SimulatedRig
 from gap.loop.run import Step
 from tests.gap.loop.test_loop import LEGS, LIMITS
 
@@ -22,8 +26,8 @@ from tests.gap.loop.test_loop import LEGS, LIMITS
 def said(effect: str, probability: float) -> dict[str, Any]:
     """A report that claims an effect."""
     cause = {"effects": [effect], "class": [effect], "probability": probability}
-    return {"schema": "gap-report/1", "verdict": "effect", "causes": [cause], "set": [effect, "outside"],
-            "where": [{"stage": "sensor", "probability": probability}]}  # fmt: skip
+    return {"schema": "gap-report/1", "verdict": "effect", "sentences": ["One."], "causes": [cause],
+            "set": [effect, "outside"], "where": [{"stage": "sensor", "probability": probability}]}  # fmt: skip
 
 
 @pytest.fixture
@@ -44,36 +48,68 @@ def cases(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def started(monkeypatch: pytest.MonkeyPatch) -> list[Mapping[str, Any] | None]:
-    """Runs of the loop, by the first report that they were given; the answer turns right after one experiment."""
-    given: list[Mapping[str, Any] | None] = []
+def diagnosed(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
+    """What each diagnosis was given; the cause turns right, and is claimed, with any reference."""
+    given: list[list[str]] = []
+
+    def diagnose(recordings, quick, jobs, qualification):
+        given.append([r.info.specimen for r in recordings])
+        return said("leak", 0.4) if set(given[-1]) == {"skin"} else said("sensor_gain", 0.7)
+
+    class Rig(SimulatedRig):
+        def __init__(self, case: Path, passphrase: str, skin_alone: bool) -> None:
+            super().__init__("cutometer", [], 3, LEGS)
+
+        def answer(self, experiment: Experiment, folder: Path) -> Recording:
+            answer = folder / "answer"
+            return load(answer) if answer.exists() else super().answer(experiment, folder)
+
+    monkeypatch.setattr(looping, "diagnose", diagnose)
+    monkeypatch.setattr(looping, "as_json", dict)
+    monkeypatch.setattr(blind, "BlindRig", Rig)
+    return given
+
+
+def test_policies_share_reports_of_what_they_ask_for_alike(cases: Path, diagnosed: list[list[str]]) -> None:
+    root = cases.parent
+    for out in ("fixed", "again", "fixed"):
+        blind.loop_case(cases / "case-a", root / out, "fixed", shared=root / "shared", until_claimed=True)
+    assert diagnosed == [["skin", "skin"], ["skin", "skin", "rigid block"]]
+    for out in ("fixed", "again"):
+        after = [blind.answered(root / out, k, blind.key_of(cases), only=["case-a"])[0] for k in range(4)]
+        assert [c.hit(1) for c in after] == [False, True, True, True]  # it stopped at the claim: the report is kept
+        steps = json.loads((root / out / "steps" / "case-a.json").read_text())
+        assert [s["specimen"] for s in steps] == ["rigid block", ""]
+        assert "sensor_gain is claimed" in steps[1]["stopped"]
+    blind.loop_case(cases / "case-a", root / "alone", "fixed", shared=root / "alone-shared")
+    assert len(diagnosed) == 2 + 4  # nothing shared, and not certain: on to the third experiment
+
+
+def test_only_cases_that_are_not_claimed_go_on(cases: Path, diagnosed: list[list[str]]) -> None:
+    root = cases.parent
+    work = [benchmark.Work(root, "T2", n, "", 3, 1, False, "") for n in ("case-a", "case-b")]
+    assert benchmark.run_cases(work[:1]) == "T2 case-a"
+    seen, left = benchmark.undecided(root, "T2", ["case-a", "case-b"], 5)
+    assert ([c.name for c in seen], left) == (["case-a"], ["case-a"])
+    claimed = root / "T2-alone" / "0" / "case-b.json"
+    claimed.write_text(json.dumps(said("sensor_gain", 0.9)))
+    seen, left = benchmark.undecided(root, "T2", ["case-b", "case-a"], 5)
+    assert ([c.name for c in seen], left) == (["case-b", "case-a"], ["case-a"])
+    assert benchmark.over_all(seen, {"after": [{"right class first": 0.0}], "n": 1}) == [0.5]
+
+
+def test_the_table_counts_experiments_minutes_and_seconds_of_visible_cases(
+    cases: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     asked = next(e for e in catalogue("cutometer", LEGS, LIMITS) if e.specimen == "gauge step")
 
-    def run(rig, choose, limits, work, most, quick, jobs, first):
-        given.append(first)
-        before = Step(first or said("leak", 0.6), Choice("cutometer", asked, "", 0.9, ()), (8.0, 2.0))
+    def run(*given: Any, **named: Any) -> list[Step]:
+        before = Step(said("leak", 0.6), Choice("cutometer", asked, "", 0.9, ()), (8.0, 2.0))
         return [before, Step(said("sensor_gain", 0.9), Choice("cutometer", None, "certain", 0.9, ()), (9.0, 0.0))]
 
     monkeypatch.setattr(blind, "run", run)
     recorded = SimpleNamespace(info=SimpleNamespace(instrument="cutometer"))
     monkeypatch.setattr(blind, "BlindRig", lambda *given: SimpleNamespace(session=[recorded]))
-    return given
-
-
-def test_policies_share_the_diagnosis_of_the_session_and_a_case_is_run_once(cases: Path, started) -> None:
-    root = cases.parent
-    for policy in ("ours", "random", "ours"):
-        blind.loop_case(cases / "case-a", root / policy, policy, alone=root / "alone")
-    assert [first is None for first in started] == [True, False]
-    assert started[1] == said("leak", 0.6)
-    hits = [blind.answered(root / "ours", k, blind.key_of(cases), only=["case-a"])[0].hit(1) for k in range(4)]
-    assert hits == [False, True, True, True]  # it stopped after one: the last report is kept
-    steps = json.loads((root / "ours" / "steps" / "case-a.json").read_text())
-    assert [s["specimen"] for s in steps] == ["gauge step", ""]
-    assert steps[0]["seconds"] == {"diagnosis": 8.0, "choice": 2.0}
-
-
-def test_the_table_counts_experiments_minutes_and_seconds_of_visible_cases(cases: Path, started) -> None:
     assert benchmark.visible(blind.key_of(cases), 3.0, nothing=False) == ["case-a"]
     for policy in ("ours", "random"):
         blind.loop_case(cases / "case-a", cases.parent / f"T2-{policy}", policy)

@@ -43,7 +43,7 @@ def test_a_rig_answers_after_its_session_with_its_effect(tmp_path: Path) -> None
 def test_the_loop_goes_on_until_it_stops_and_tells_what_it_believed(tmp_path: Path, monkeypatch) -> None:
     seen: list[list[str]] = []
 
-    def diagnosed(recordings, quick, jobs):
+    def diagnosed(recordings, quick, jobs, qualification):
         seen.append([r.info.specimen for r in recordings])
         return 0.3 * len(seen)
 
