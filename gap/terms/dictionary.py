@@ -14,6 +14,8 @@ from gap.terms.parts import ERROR, INPUT, OWN, START, Part, Place
 from sim_devices.chain import FloatArray
 from sim_devices.stages.operators import analog
 
+INSTRUMENTS = ("cutometer", "aspiration")
+"""Our instruments for which terms are proposed."""
 LAGS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 """s: lags of parts of our own instruments' signals."""
 WARMING = (10.0, 30.0, 100.0, 300.0)
@@ -41,7 +43,7 @@ def choices(problems: Mapping[str, Problem]) -> list[Choice]:
     for problem in problems.values():
         if isinstance(problem, RigProblem):
             out += [_at_tap(problem, tap) for tap in problem.model.stages if tap in problem.seen]
-        elif isinstance(problem, Block):
+        elif isinstance(problem, Block) and problem.session.instrument in INSTRUMENTS:
             out += _in_chain(problem, problems)
     return out
 

@@ -27,7 +27,7 @@ from gap.null.blocks import Block
 from gap.rig.problem import RigProblem
 from gap.search.compare import LEAST_TEMPER, mean_correlation, refit
 from gap.search.screening import STRAINED, Screened
-from gap.terms.dictionary import Choice, choices
+from gap.terms.dictionary import INSTRUMENTS, Choice, choices
 from gap.terms.term import Term, as_effect, as_generic, candidate_of
 from sim_devices.chain import FloatArray
 
@@ -35,8 +35,6 @@ MOST = 3
 """Parts that a term has at most: more are no explanation."""
 TRIAL = 3e-3
 """Share of a place's size at which a part's trace is taken."""
-INSTRUMENTS = ("cutometer", "aspiration")
-"""Our instruments for which terms are proposed."""
 
 
 @dataclass(frozen=True)

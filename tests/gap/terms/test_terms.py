@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
@@ -21,8 +22,10 @@ from gap.decision.transfer import plain
 from gap.design import simulated as own
 from gap.diagnosis import diagnose, gathered
 from gap.effects.load import generic, library
+from gap.null.robot_reference import ReferenceForceBlock
 from gap.rig.problem import RigProblem
 from gap.search.compare import Effort, compare
+from gap.terms.dictionary import choices
 from gap.terms.parts import ERROR, INPUT, OWN, START, Part, Place
 from gap.terms.propose import Proposal, best_term
 from gap.terms.term import Term, as_effect, save_term
@@ -219,3 +222,11 @@ def test_a_pump_that_is_weak_while_cold_is_described_and_then_named(tmp_path: Pa
     assert second.verdict.causes[0].names[0] == "term_at_regulator"
     assert second.gap_after < 0.1 * second.gap_before
     assert second.term is None
+
+
+def test_a_robot_on_a_reference_has_no_place_for_a_term() -> None:
+    """Its block is named as that of a suction instrument's references, which have one at the optics."""
+    block = object.__new__(ReferenceForceBlock)
+    block.session = SimpleNamespace(instrument="microrobot")
+    block.measured = np.ones(9)
+    assert choices({"reference": block}) == []
