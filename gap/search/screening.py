@@ -15,6 +15,7 @@ from gap.inference.least_squares import fit, under
 from gap.inference.linear import Projector
 from gap.inference.problem import Problem
 from gap.inference.workers import each
+from gap.search.joint import together
 from gap.search.starts import starting_points
 from sim_devices.chain import FloatArray
 
@@ -115,7 +116,7 @@ def screen(
     own = {b: Projector(f.jacobian, f.prior_sd) for b, f in base.fits.items()}
     out, simulations = [], 0
     new = [c for c in candidates if c not in before]
-    looked = dict(zip(new, each(partial(_looked_at, problems, base, own), new, jobs), strict=True))
+    looked = dict(zip(new, each(partial(_looked_at, problems, base, own, profiled), new, jobs), strict=True))
     for candidate in candidates:
         if candidate in before:
             units, traces, sure = before[candidate].units, before[candidate].traces, False
@@ -192,11 +193,20 @@ def _widened(residual: FloatArray, times: FloatArray) -> float:
 
 
 def _looked_at(
-    problems: dict[str, Problem], base: Hypothesis, own: dict[str, Projector], candidate: Candidate
+    problems: dict[str, Problem],
+    base: Hypothesis,
+    own: dict[str, Projector],
+    profiled: dict[str, list[_ProfiledResidual]],
+    candidate: Candidate,
 ) -> tuple[tuple[FloatArray, ...], dict[str, FloatArray], bool]:
     """Where ``candidate`` is looked at, its traces there, and whether it must be refitted."""
     points, sure = starting_points(candidate, problems, base)
-    return *_traced(candidate, problems, base, own, points), sure
+    units, traces = _traced(candidate, problems, base, own, points)
+    lenses = {b: [(r.evidence, r.projector, r.aim) for r in profiled[b]] for b in candidate.blocks}
+    if more := together(candidate, units, traces, lenses):
+        further, changes = _traced(candidate, problems, base, own, more)
+        units, traces = (*units, *further), {b: np.hstack([traces[b], changes[b]]) for b in traces}
+    return units, traces, sure
 
 
 def _traced(

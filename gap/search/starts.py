@@ -16,6 +16,7 @@ from gap.data.rhythms import jumps, lines, looks, spells, wanderings
 from gap.inference.evidence import Fit, Hypothesis
 from gap.inference.hypothesis import Candidate, Lateness, to_unit
 from gap.inference.problem import Problem
+from gap.search.joint import signed, star
 from sim_devices.chain import FloatArray
 
 STRENGTHS = (0.06, 0.3, 0.7)
@@ -38,13 +39,16 @@ Place = Mapping[str, float]
 def grid(candidate: Candidate) -> list[FloatArray]:
     """Screening points (k,) in prior quantiles: strengths first, shapes as far as `MAX_GRID` allows."""
     axes = []
-    size = 1
-    for p in candidate.parameters:
+    several = which if len(which := signed(candidate)) > 1 else []  # each alone, then what they are together
+    size = max(len(several), 1)
+    for k, p in enumerate(candidate.parameters):
         values: tuple[float, ...] = STRENGTHS if p.null is not None else SHAPES
         if p.null is None and p.scale == "linear" and p.default in (p.low, p.high):
             values = (to_unit(p, p.default), 0.5)  # the plain form of a law, and one that has something beside it
         if p.name == "band":
             values = THRESHOLDS
+        elif k in several:
+            values = (0.5,)
         elif p.null is not None and p.low < p.null < p.high:
             middle = to_unit(p, p.null)
             values = tuple(float(np.clip(middle + d, 0, 1)) for d in SIGNED)
@@ -54,7 +58,8 @@ def grid(candidate: Candidate) -> list[FloatArray]:
                 values = (0.5,)
         size *= len(values)
         axes.append(values)
-    return [np.array(point) for point in product(*axes)]
+    points = [np.array(point) for point in product(*axes)]
+    return star(candidate, np.array(points)) if several else points
 
 
 def starting_points(

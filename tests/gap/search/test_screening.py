@@ -142,3 +142,21 @@ def test_a_shape_between_those_that_were_screened_counts_as_alike(linear, candid
     ]
     found = compare([problem], known, Effort(quick_fits=0, refit_singles=1, imitators=1, pair_bases=0))
     assert {h.name for h in found.hypotheses} == {"line", "power"}
+
+
+def test_strengths_of_one_effect_are_looked_at_together(linear, candidate) -> None:
+    """A matrix of terms: along its first alone, which is nought here, there is nothing to be seen."""
+    columns = {f"s{k}": np.cos((3 + 2 * k) * np.pi * T) for k in range(6)}
+    true = dict(zip(columns, (0.0, 1.2, -1.0, 0.8, -1.1, 0.9), strict=True))
+
+    def matrix(v: dict[str, float]) -> np.ndarray:
+        return sum(v[name] * column for name, column in columns.items())
+
+    y = 0.4 * matrix(true) + np.random.default_rng(5).normal(size=len(T))
+    problem = linear(y, np.ones((len(T), 1)), {"matrix": matrix})
+    base = Hypothesis((), {"linear": fit(problem)})
+    terms = [Parameter(name, "1", -10.0, 10.0) for name in columns]
+    found, _ = screen({"linear": problem}, base, [candidate("matrix", *terms)])
+    start = found[0].candidate.values(found[0].starts["linear"][0])
+    assert found[0].gain > 50
+    assert start == pytest.approx({name: 0.4 * value for name, value in true.items()}, abs=0.25)
