@@ -20,6 +20,8 @@ from gap.search.joint import signed, star
 from sim_devices.chain import FloatArray
 
 STRENGTHS = (0.06, 0.3, 0.7)
+WHOLE = 1.0
+"""Quantile of a share that usually is all: cables are exchanged or not, and a little is no start for a fit of it."""
 SIGNED = (-0.2, -0.04, -0.006, 0.006, 0.04, 0.2)
 """Quantiles of the prior from the value that does nothing, where that lies inside: half the range is mostly absurd."""
 SHAPES = (0.2, 0.5, 0.8)
@@ -43,6 +45,8 @@ def grid(candidate: Candidate) -> list[FloatArray]:
     size = max(len(several), 1)
     for k, p in enumerate(candidate.parameters):
         values: tuple[float, ...] = STRENGTHS if p.null is not None else SHAPES
+        if p.null is not None and p.default == p.high:
+            values = (*STRENGTHS, WHOLE)
         if p.null is None and p.scale == "linear" and p.default in (p.low, p.high):
             values = (to_unit(p, p.default), 0.5)  # the plain form of a law, and one that has something beside it
         if p.name == "band":

@@ -32,6 +32,12 @@ def test_the_screening_looks_at_the_plain_form_of_a_law() -> None:
     assert len(points) == 6
 
 
+def test_the_screening_looks_at_an_exchange_that_is_whole() -> None:
+    share = Parameter("share", "1", 0.01, 1.0, 0.0, 1.0, "log")
+    swap = Candidate("swap", "axis_swap", "processing", (share,), ())
+    assert max(swap.values(u)["share"] for u in grid(swap)) == 1.0
+
+
 def test_what_a_wide_prior_swallows_is_seen_through_a_narrow_one(linear, candidate) -> None:
     wave = np.sin(9 * T)
     design = np.column_stack([np.ones_like(T), wave + 0.02 * T])  # nuisance that can nearly do what the effect does
