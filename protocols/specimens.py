@@ -325,7 +325,7 @@ def _read_text(text: str) -> _Raw:
     if more:
         raise ValueError("has more than one uncertainty")
     if own.startswith("%") and own != "%":  # not so many per cent of a unit
-        raise ValueError(f"{text!r}: put the unit before ±, as in '{parts[0].strip()} {own[1:].strip()} ± {se:g} %'")
+        raise ValueError(f"put the unit before ±, as in '{parts[0].strip()} {own[1:].strip()} ± {se:g} %'")
     si, factor = _si(unit or ("" if own == "%" or len(value) > 1 else own))
     if own == "%":
         of = max(abs(v) for v in value) * factor

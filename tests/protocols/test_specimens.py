@@ -67,8 +67,8 @@ def test_a_direction_has_three_components() -> None:
         ("dead weight", {"direction": "0, 0.5, 0.5"}, "direction: is no unit vector"),
         ("dead weight", {"direction": "1"}, "direction: has 1 components"),
         ("reference spring", {"k": "400 furlongbananas"}, "k: 'furlongbananas' is not a unit"),
-        ("reference spring", {"k": "600±1 % N/m"}, "put the unit before"),
-        ("dead weight", {"mass": "50±0.1 % g"}, "put the unit before"),
+        ("reference spring", {"k": "600±1 % N/m"}, "k: put the unit before"),
+        ("dead weight", {"mass": "50±0.1 % g"}, "mass: put the unit before"),
     ],
 )
 def test_faults_name_the_key(specimen: str, properties: dict[str, Any], words: str) -> None:
