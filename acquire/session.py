@@ -313,7 +313,7 @@ class Session:
             bench.supervisor.tick(name)
 
     def close(self) -> None:
-        """Abort what runs, make everything safe, switch simulated instruments off. Idempotent."""
+        """Abort the runs, make everything safe, switch simulated instruments off. Idempotent."""
         with ExitStack() as everything:  # whatever fails, the others are closed all the same
             for name in list(self._benches):
                 everything.callback(self._close, name)
