@@ -190,10 +190,8 @@ def _partials(e: Expr) -> list[tuple[Expr, Expr]]:
     """(argument, ∂e/∂argument) pairs."""
     a = e.args
     match e.op:
-        case "add":
-            return [(a[0], lift(1.0)), (a[1], lift(1.0))]
-        case "sub":
-            return [(a[0], lift(1.0)), (a[1], lift(-1.0))]
+        case "add" | "sub":
+            return [(a[0], lift(1.0)), (a[1], lift(1.0 if e.op == "add" else -1.0))]
         case "neg":
             return [(a[0], lift(-1.0))]
         case "mul":
@@ -215,18 +213,22 @@ def _partials(e: Expr) -> list[tuple[Expr, Expr]]:
         case "select":
             return [(a[1], select(a[0], 1.0, 0.0)), (a[2], select(a[0], 0.0, 1.0))]
         case "root":
-            residual, _ = equation(e)
-            inputs = a[3:]
-            names = variables(*(f"@{e.index}.{i}" for i in range(len(inputs) + 1)))
-            rows = derivatives([residual(*names)], names)[0]
-            values = dict(zip(names, (e, *inputs), strict=True))
-            slope = 1.0 / substitute(rows[names[0]], values)
-            return [
-                (argument, -(substitute(rows[name], values) * slope))
-                for name, argument in zip(names[1:], inputs, strict=True)
-                if name in rows
-            ]
+            return _root_partials(e)
     return []
+
+
+def _root_partials(e: Expr) -> list[tuple[Expr, Expr]]:
+    residual, _ = equation(e)
+    inputs = e.args[3:]
+    names = variables(*(f"@{e.index}.{i}" for i in range(len(inputs) + 1)))
+    rows = derivatives([residual(*names)], names)[0]
+    values = dict(zip(names, (e, *inputs), strict=True))
+    slope = 1.0 / substitute(rows[names[0]], values)
+    return [
+        (argument, -(substitute(rows[name], values) * slope))
+        for name, argument in zip(names[1:], inputs, strict=True)
+        if name in rows
+    ]
 
 
 def ordered(outputs: Sequence[Expr]) -> list[Expr]:
