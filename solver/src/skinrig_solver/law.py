@@ -134,17 +134,19 @@ def stress_tangent(first, last, kin, state, par, dt, memory, out, tangent):
 
 
 @njit(cache=True, fastmath=FLAGS, error_model="numpy")
-def partials(first, last, kin, state, par, dt, memory, dstate, which, dstress, dnew, by_kin):
+def partials(first, last, kin, state, par, dt, memory, dstate, which, out, new, tangent, dstress, dnew, by_kin):
     """dstress (points, 6, m) = d(P, q) and dnew (points, states, m) = d(new state) at fixed F, theta, in the m
     directions dstate (points, states, m) and the parameter with index which (m,), -1 for none; by_kin
-    (points, states, 6) = derivatives of the new state by F, theta."""
+    (points, states, 6) = derivatives of the new state by F, theta; out, new and tangent as of the others."""
     m = which.shape[0]
     seeds = np.zeros((par.shape[0], m))
     for k in range(m):
         if which[k] >= 0:
             seeds[which[k], k] = 1.0
     whole = m - m % {lanes}
-    _partials(first, last, kin, state, par, dt, memory, dstate, seeds, m, whole, dstress, dnew, by_kin)
+    _partials(
+        first, last, kin, state, par, dt, memory, dstate, seeds, m, whole, out, new, tangent, dstress, dnew, by_kin
+    )
 '''
 
 

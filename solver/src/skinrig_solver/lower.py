@@ -262,18 +262,23 @@ def stress_tangent(points: Points) -> None:
 
 def partials(points: Points) -> None:
     own, b = points.formulas, points.builder
-    width = len(own.kin)
-    by_kin = chained(own.new, own.kin)
+    width, states, stresses = len(own.kin), len(own.state), len(own.stress)
+    by_kin = chained([*own.stress, *own.new], own.kin)
     along = chained([*own.stress, *own.new], [*own.state, *own.par])
     m, whole = points.value("m"), points.value("whole")
-    states = len(own.state)
     seeds, dstate = points.rows("seeds", m), points.rows("dstate", m)
-    targets = [(points.rows("dstress", m), len(own.stress)), (points.rows("dnew", m), states)]
-    kinematic = points.rows("by_kin", width * states)
-    with points.each([*by_kin.coefficients, *along.coefficients]) as (code, g):
+    values = [(points.rows("out", stresses), own.stress), (points.rows("new", states), own.new)]
+    kinematic = [(points.rows("tangent", stresses * width), stresses), (points.rows("by_kin", states * width), states)]
+    targets = [(points.rows("dstress", m), stresses), (points.rows("dnew", m), states)]
+    with points.each([*own.stress, *own.new, *by_kin.coefficients, *along.coefficients]) as (code, g):
+        for rows, outputs in values:
+            for i, value in enumerate(code.scalars(outputs)):
+                rows.store(value, g, INDEX(i))
         code.scalars([*by_kin.coefficients, *along.coefficients])
-        for i, row in enumerate(code.vectors(by_kin, {x: lane for lane, x in enumerate(own.kin)}, width)):
-            kinematic.store(row, g, INDEX(width * i), width)
+        slopes = iter(code.vectors(by_kin, {x: lane for lane, x in enumerate(own.kin)}, width))
+        for rows, count in kinematic:
+            for i in range(count):
+                rows.store(next(slopes), g, INDEX(width * i), width)
 
         def directions(k: Any, lanes: int) -> None:
             given: dict[Expr, Base] = {x: seeds.load(INDEX(i), k, lanes) for i, x in enumerate(own.par)}
@@ -298,7 +303,9 @@ class Kernels:
         names = "first last kin state par dt memory"
         self.stress = _intrinsic(formulas, stress, f"{names} out new")
         self.stress_tangent = _intrinsic(formulas, stress_tangent, f"{names} out tangent")
-        self.partials = _intrinsic(formulas, partials, f"{names} dstate seeds m whole dstress dnew by_kin")
+        self.partials = _intrinsic(
+            formulas, partials, f"{names} dstate seeds m whole out new tangent dstress dnew by_kin"
+        )
 
 
 def _intrinsic(formulas: Callable[[], Formulas], body: Callable[[Points], None], names: str) -> Any:
