@@ -99,6 +99,6 @@ def _beside_one_line(along: FloatArray) -> float:
     for cycles in np.arange(0.5, 80.0, 0.25):
         turn = 2 * np.pi * cycles * t
         design = np.column_stack([np.ones_like(t), np.sin(turn), np.cos(turn)])
-        left = v - design @ np.linalg.lstsq(design, v, rcond=None)[0]
+        left = v - design @ np.linalg.solve(design.T @ design, design.T @ v)
         best = min(best, float(left @ left) / max(float(v @ v), 1e-300))
     return best
