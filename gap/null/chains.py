@@ -18,7 +18,7 @@ KEPT = 96
 
 def needed(chain: Chain, wanted: Iterable[str], given: Iterable[str] = ()) -> tuple[Operator, ...]:
     """The operators that contribute to ``wanted`` once the signals ``given`` are supplied, in order."""
-    wiring = tuple((op.reads, op.writes) for op in chain.operators)
+    wiring = tuple([op.wiring for op in chain.operators])
     kept = _kept(wiring, tuple(wanted), tuple(given))
     return tuple(chain.operators[k] for k in kept)
 

@@ -152,7 +152,7 @@ class Delay(Retimed):
 @dataclass(frozen=True)
 class Gap(Retimed):
     """Samples of ``lost`` s are missing from ``moment`` on, and those behind them moved up until the next of ``marks``
-    (s), when another recording begins: the value of a stamp was true ``lost`` s after it."""
+    (s), when another recording begins: what a stamp shows happened ``lost`` s after it."""
 
     lost: float = 0.0
     moment: float = 0.0
@@ -258,13 +258,13 @@ def after(chain: Chain, anchor: str, make: Callable[[Names, Names], Wired], *sig
     target = tuple(raw[chosen.index(i)] if i in chosen else t for i, t in enumerate(op.target))
     rename = dict(zip(public, raw, strict=True))
     added = replace(added, source=tuple(rename.get(s, s) for s in added.source))
-    return _swapped(chain, anchor, replace(op, target=target)).inserted(added, after=anchor)
+    return _in_place_of(chain, op, replace(op, target=target), added)
 
 
 def before(chain: Chain, anchor: str, make: Callable[[Names, Names], Wired], *signals: str) -> Chain:
     """The chain with one operator more ahead of ``anchor``, on the named inputs of it (all, if none is named).
 
-    ``make(source, target)`` returns the operator; only the anchor sees its output.
+    ``make(source, target)`` returns the operator; only the anchor sees what it writes.
     """
     op = _wired(chain, anchor)
     public = tuple(s for s in op.source if not signals or s.split("|")[0] in signals)
@@ -274,7 +274,7 @@ def before(chain: Chain, anchor: str, make: Callable[[Names, Names], Wired], *si
     rename = {s: f"{s}|{added.name}" for s in public}
     added = replace(added, target=tuple(rename.get(t, t) for t in added.target))
     source = tuple(rename.get(s, s) for s in op.source)
-    return _swapped(chain, anchor, replace(op, source=source)).inserted(added, before=anchor)
+    return _in_place_of(chain, op, added, replace(op, source=source))
 
 
 def last_writer(chain: Chain, signal: str) -> str:
@@ -301,5 +301,6 @@ def _wired(chain: Chain, name: str) -> Wired:
     return op
 
 
-def _swapped(chain: Chain, name: str, operator: Operator) -> Chain:
-    return replace(chain, operators=tuple(operator if o.name == name else o for o in chain.operators))
+def _in_place_of(chain: Chain, gone: Operator, *operators: Operator) -> Chain:
+    at = next(k for k, op in enumerate(chain.operators) if op is gone)
+    return Chain(chain.instrument, (*chain.operators[:at], *operators, *chain.operators[at + 1 :]))
