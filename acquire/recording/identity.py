@@ -1,4 +1,4 @@
-"""Texts and numbers that identify the subject and measurement of a run, as every file of ours carries them."""
+"""Which texts and numbers may say who and what a run is for: those that every file of ours carries."""
 
 from __future__ import annotations
 

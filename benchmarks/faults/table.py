@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 SHOWN = 3  # failures that a row tells
-#: Subject of a row's statement.
+#: What a row is a statement about.
 SOURCES = ("acquire", "drivers", "protocols", "sim_devices", "benchmarks/faults")
 
 

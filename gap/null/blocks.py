@@ -35,6 +35,8 @@ SIMPLE_SHIFT = 1e-3
 """s: how late a channel may be that samples, neither holds nor integrates."""
 AFTER_KINK = 1e-3 * np.concatenate([np.arange(1, 13), 13.0 * 1.08 ** np.arange(57)])
 """s after a kink of the command: nodes so dense that straight lines between them are within .02 σ of the signal."""
+COARSER = 5
+"""Of those nodes, each how many-th is enough for a difference of two simulations."""
 BEFORE = 5e-3
 """s by which a recording begins before its first sample."""
 ELSEWHERE = (0.1, 0.9)
@@ -270,20 +272,23 @@ class Block(abc.ABC):
         at: slice,
         shift: float | FloatArray,
         given: Mapping[str, Table] | None = None,
+        coarse: bool = False,
     ) -> FloatArray:
         """The block's channels as ``chain`` makes them at the group's time stamps + ``shift`` s, (channels, n).
 
-        A bin's mean is taken from two nodes, a standard deviation of its times on either side. The grid is one for a
-        group, whatever the shift: one that moved with it would make the fit's landscape rough. Dead times in the chain
-        need one of their own.
+        A bin's mean is taken from two nodes, a standard deviation of its times on either side; ``coarse``, for
+        differences of two simulations, from one in the middle. The grid is one for a group, whatever the shift: one
+        that moved with it would make the fit's landscape rough. Dead times in the chain need one of their own.
         """
         given = given or {}
         operators = needed(chain, self.channels, given)
-        ends = self._ends[:, at] + shift
-        memo, commands = self._grids.get(at.start, lambda: self._on_nodes(group, self._nodes(group, at)))
+        ends = (self.stamps[None, at] if coarse else self._ends[:, at]) + shift
+        memo, commands = self._grids.get(
+            (at.start, coarse), lambda: self._on_nodes(group, self._nodes(group, at, coarse))
+        )
         if delays := tuple(op for op in operators if isinstance(op, Retimed) and op.moves):
             nodes = [memo.time, np.sort(ends, axis=None)]
-            key = (at.start, delays, ends.tobytes())
+            key = (at.start, coarse, delays, ends.tobytes())
             memo, commands = self._delayed.get(key, lambda: self._on_nodes(group, nodes, delays))
         made = memo.run(operators, commands | {name: memo.on_grid(*table) for name, table in given.items()})
         return np.stack([np.interp(ends, memo.time, made[c]).mean(axis=0) for c in self.channels])
@@ -296,11 +301,12 @@ class Block(abc.ABC):
         """When the rate of a group's commands jumps, (k,) s by the clock of its `tables`."""
         return np.unique(np.concatenate([c.kinks for c in group.commands.values()]))
 
-    def _nodes(self, group: Group, at: slice) -> list[FloatArray]:
-        """Where a group is simulated: the ends of its bins, and times after kinks."""
-        after = np.unique((self.kinks(group)[:, None] + AFTER_KINK).ravel())
+    def _nodes(self, group: Group, at: slice, coarse: bool) -> list[FloatArray]:
+        """Where a group is simulated: the ends of its bins, or ``coarse`` their middles, and times after kinks."""
+        after = np.unique((self.kinks(group)[:, None] + AFTER_KINK[:: COARSER if coarse else 1]).ravel())
         begin, end = self.stamps[at][[0, -1]]
-        return [np.unique(self._ends[:, at]), after[(after > begin) & (after < end)]]
+        bins = self.stamps[at] if coarse else np.unique(self._ends[:, at])
+        return [bins, after[(after > begin) & (after < end)]]
 
     def _on_nodes(
         self, group: Group, nodes: Sequence[FloatArray], delays: Sequence[Retimed] = ()

@@ -22,6 +22,7 @@ from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Star
 from gap.inference.least_squares import fit, under
 from gap.inference.workers import each
 from gap.null.blocks import SIMPLE_SHIFT, Group, GroupedSession, compressed
+from gap.null.chains import Kept
 from gap.null.skin_laws import BASIC, CREEP, FURTHER, PARTS, USUAL, Part, SkinLaw, guesses, rewired, switched
 from gap.null.suction_discrepancy import USUAL_MEMORY, Suction, elastic_freedom, suction_discrepancy
 from gap.null.suction_feed import FedBlock
@@ -33,6 +34,10 @@ from sim_devices.stages.tissues import SuctionTissue, suction_tissue
 
 ENOUGH = 1.05
 """χ² per sample of a law at which nothing less simple is tried."""
+LATELY = 4
+"""Skins that are kept: effects are tried on the same one by the hundred."""
+TISSUE_STEP = 1e-3
+"""Of the tissue's parameters, for differences."""
 QUICK = 10
 """Steps of a fit after which its evidence, which looks ahead along a straight line, says where it leads."""
 SHORT = 6
@@ -95,6 +100,7 @@ class HeightBlock(FedBlock):
         self.strongest = max(strongest, default=0.0) or 1e3  # Pa; without skin any will do
         self._runs = self.member
         self._onsets = np.array([self.session.onset(k) for k in self.runs])
+        self._skins = Kept(LATELY)
         self._start: FloatArray | None = None
         self._tries: list[Try] = []
         self._size = 1.0
@@ -221,11 +227,8 @@ class HeightBlock(FedBlock):
         Fits begin from slower and quicker skin too: creep times have local optima.
         """
         begins = self._guesses()
-        alone = [
-            found
-            for law in self.SIMPLE_LAWS
-            for found in self._race([(law, g) for g in (begins if law.timed else begins[:1])])
-        ]
+        entered = {law: begins if law.timed else begins[:1] for law in self.SIMPLE_LAWS}
+        alone = [found for law, its in entered.items() for found in self._race([(law, g) for g in its])]
         basic, plain = max(alone, key=_probability)
         if not self._enough(alone):
             alone += self._race([(law, begins[0]) for law in self.FURTHER_LAWS], 2)
@@ -245,7 +248,9 @@ class HeightBlock(FedBlock):
         if not law.simple:
             self._tries.append(Try(law, begins[0], 15))
         if found.chi2 > FAR * len(self.measured):  # which law it is, such a fit does not tell
-            self._tries += [Try(law, g, QUICK) for law in self.SIMPLE_LAWS for g in begins]
+            known = [(t.law, id(t.begin)) for t in self._tries]
+            basics = [(basic, g) for basic, its in entered.items() for g in its]
+            self._tries += [Try(basic, g, QUICK) for basic, g in basics if (basic, id(g)) not in known]
         return found, law
 
     def _bend(self, nuisance: FloatArray) -> None:
@@ -290,7 +295,7 @@ class HeightBlock(FedBlock):
     @property
     def sd_without_discrepancy(self) -> FloatArray:
         sd = self.prior_scales[len(self.laws)].copy()
-        sd[self._curve_part.stop :] = 1e-6
+        sd[self._curve_part.stop :] = FROZEN
         return sd
 
     def _alone(
@@ -348,19 +353,24 @@ class HeightBlock(FedBlock):
 
     def _law_chain(self, group: Group, nuisance: FloatArray) -> Chain:
         """The nominal chain of a group with the tissue at a nuisance vector."""
-        chain = chain_of(self.session, group, self.tissue(nuisance))
-        if not group.skin:
-            return chain
-        return rewired(chain, self._named(nuisance), self.strongest, self._at.reaching(self._named(nuisance)))
 
-    def _chain_height(self, nuisance: FloatArray, active: Active) -> FloatArray:
-        """Apex height of the chain (n,) m, before run scatter and discrepancy."""
+        def made() -> Chain:
+            c, at = self._named(nuisance), self._at
+            chain = chain_of(self.session, group, at.tissue(c))
+            return rewired(chain, c, self.strongest, at.reaching(c)) if group.skin else chain
+
+        key = (group.specimen, self._size, nuisance[: len(self.PARTS)].tobytes())
+        found: Chain = self._skins.get(key, made)
+        return found
+
+    def _chain_height(self, nuisance: FloatArray, active: Active, coarse: bool = False) -> FloatArray:
+        """Apex height of the chain (n,) m, before run scatter and discrepancy; ``coarse`` for differences."""
         shift = nuisance[len(self.PARTS)]
         out = np.empty(len(self.stamps))
         for (g, at), line in zip(self.groups, self._line, strict=True):
             chain = self.with_effects(self._law_chain(g, nuisance), active, g)
             given = {"line_pressure": self._fed.beside(chain, g, active, line)}
-            out[at] = self.simulated(chain, g, at, shift, given)[0]
+            out[at] = self.simulated(chain, g, at, shift, given, coarse)[0]
         return out
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
@@ -371,14 +381,14 @@ class HeightBlock(FedBlock):
         residual = self.whitened(self.measured - predicted, active)
         if not want_jacobian:
             return Evaluation(residual, np.zeros((0, 0)))
-        chain_part = np.empty((len(residual), n))
-        for k in range(n):
-            if self.prior_sd[k] <= FROZEN:
-                chain_part[:, k] = 0.0
-                continue
+        chain_part = np.zeros((len(residual), n))
+        roughly = self._chain_height(nuisance, active, coarse=True)
+        for k in np.flatnonzero(self.prior_sd[:n] > FROZEN).tolist():
+            tissue = k < n - 1  # a shift by less than a node needs the fine ones, but no new simulation
+            step = TISSUE_STEP if tissue else 0.05 * self.dt
             moved = nuisance.copy()
-            step = 1e-3 if k < n - 1 else 0.05 * self.dt
             moved[k] += step
-            chain_part[:, k] = (self._chain_height(moved, active) - height) / step
+            at, here = self._chain_height(moved, active, tissue), roughly if tissue else height
+            chain_part[:, k] = (at - here) / step
         jacobian = np.hstack([chain_part * gain[:, None], self._runs * height[:, None], self._added])
         return Evaluation(residual, self.whitened(jacobian, active))
