@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
-from itertools import pairwise
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -17,10 +16,12 @@ from gap.inference.least_squares import fit
 from gap.inference.linear import Projector
 from gap.null.blocks import Block, Group, GroupedSession, Table
 from gap.null.chains import needed, run
+from gap.null.robot_grid import averaged, loop_grid, retimed
 from gap.null.robot_load import SPRING, RecordedLoad
 from gap.null.robot_loop import CONTROLLERS, Controller
 from sim_devices.chain import Chain, Effect, FloatArray, Operator
 from sim_devices.stages import nominal
+from sim_devices.stages.operators import Retimed
 from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
 from sim_devices.stages.specimens import SHEETS, sheet_of, with_weight
 from sim_devices.stages.tissues import SheetTissue, sheet_tissue
@@ -33,18 +34,12 @@ STRAINED = 30.0
 """Penalty of the loop's tolerances above which the quick fit asks for what rubs."""
 EARLY = 0.1
 """s by which a grid goes beyond the recordings: clocks differ."""
-KINK = 1e-6
-"""s, within which a speed changes."""
-LOOP_STEP = 0.04
-"""s; the loop is exact between kinks, so this only has to resolve what is not linear in it."""
-RUBBING = "viscous_drag", "coulomb_friction"
-"""Effects that the quick fits look for then."""
+MISTAKEN = "viscous_drag", "coulomb_friction", "latency"
+"""Effects that the quick fits look for then: each looks like another controller."""
 STRENGTHS = np.linspace(0.1, 0.9, 17)
 """Quantiles of their strengths at which: near enough to each other for a search between two to find the best."""
 SOMEWHERE = 0.3
 """Quantile of its prior at which an effect does something: most do nothing in the middle of a range about nought."""
-AFTER_KINK = np.concatenate([np.arange(0.004, 0.1, 0.004), np.arange(0.1, 0.3, 0.01)])
-"""s after a kink: nodes for the loop's answer, which straight lines over `LOOP_STEP` would miss by several µm."""
 
 
 def specimen_chain(group: Group, tissue: SheetTissue, marks: tuple[float, ...] = ()) -> Chain:
@@ -187,12 +182,12 @@ class AxesBlock(Block):
         self._kept.clear()
 
     def _tried(self, controller: Controller) -> list[tuple[Fit, Controller]]:
-        """Quick fits with a controller; also with what rubs where its gains are strained without, because much of that
-        looks like the other controller."""
+        """Quick fits with a controller; also with what rubs or is late where its gains are strained without, because
+        much of that looks like the other controller."""
         self._take(controller)
         fits = [fit(self, nuisance=self.prior_mean, iterations=3)]
         if fits[0].penalty > STRAINED:
-            effects = (next(((k, e) for k, e in self.library.items() if e.name == name), None) for name in RUBBING)
+            effects = (next(((k, e) for k, e in self.library.items() if e.name == name), None) for name in MISTAKEN)
             fits += [self._rubbed(key, effect) for key, effect in filter(None, effects)]
         return [(f, controller) for f in fits]
 
@@ -280,8 +275,12 @@ class AxesBlock(Block):
                     self._made.clear()
                 late = {n: (self._commanded(t, nuisance) + nuisance[5], value) for n, (t, value) in load.items()}
                 ends = self._commanded(self._ends[:, at], nuisance)  # a bin's mean is that of two nodes
-                made = self._at(ends.ravel(), AXES, g, operators, late)
-                self._made[key] = made.reshape(3, *ends.shape).mean(axis=1)
+                if any(op.name == "polled" for op in retimed(operators)):  # steps that two nodes of a bin do not show
+                    grid, made = self._on_grid(g, operators, late)
+                    self._made[key] = averaged(grid, [made[c] for c in AXES], ends)
+                else:
+                    at_ends = self._at(ends.ravel(), AXES, g, operators, late)
+                    self._made[key] = at_ends.reshape(3, *ends.shape).mean(axis=1)
             out[:, at] = self._made[key]
         return out.ravel()
 
@@ -308,24 +307,41 @@ class AxesBlock(Block):
     ) -> FloatArray:
         """The wanted signals at ``stamps`` (n,) s, (signals, n), by way of a group's own grid: the loop's exact step is
         then computed for few lengths and not for every sample, and what is ahead of it but once."""
-        grid, ahead, signals = self._grid_ahead(group)
-        if operators[: len(ahead)] == ahead:
-            operators = operators[len(ahead) :]
-        made = run(operators, grid, signals | {name: np.interp(grid, *table) for name, table in given.items()})
+        grid, made = self._on_grid(group, operators, given)
         return np.stack([np.interp(stamps, grid, made[name]) for name in wanted])
 
-    def _grid_ahead(self, group: Group) -> tuple[FloatArray, tuple[Operator, ...], dict[str, FloatArray]]:
-        """Even steps, finer after kinks; the nominal operators ahead of the axes, and all signals up to there."""
-        if group.specimen not in self._grids_ahead:
+    def _on_grid(
+        self, group: Group, operators: Sequence[Operator], given: Mapping[str, Table]
+    ) -> tuple[FloatArray, Mapping[str, FloatArray]]:
+        """A group's grid, (n,) s, and the signals that operators make there."""
+        grid, ahead, signals = self._grid_ahead(group, retimed(operators))
+        if operators[: len(ahead)] == ahead:
+            operators = operators[len(ahead) :]
+        return grid, run(operators, grid, signals | {name: np.interp(grid, *table) for name, table in given.items()})
+
+    def _grid_ahead(
+        self, group: Group, delays: tuple[Retimed, ...]
+    ) -> tuple[FloatArray, tuple[Operator, ...], dict[str, FloatArray]]:
+        """Even steps, finer after kinks as ``delays`` show them; the nominal operators ahead of the axes, and all
+        signals up to there."""
+
+        def make() -> tuple[FloatArray, tuple[Operator, ...], dict[str, FloatArray]]:
             tables = group.tables()
             corners = tables["probe_x"][0]
             spans = [self.session.span(k) for k in group.members]
             begin, end = min(spans[0][0], corners[0]) - EARLY, spans[-1][1] + EARLY
-            grid = _loop_grid(self.session.kinks, corners, begin, end)
+            grid = loop_grid(self.session.kinks, corners, begin, end, delays)
             commands = {f"command_{a}": np.interp(grid, *tables[f"probe_{a}"]) for a in "xyz"}
             chain = specimen_chain(group, sheet_tissue("forearm"), self.session.marks)
             ahead = needed(chain, numbered("target"), commands)
-            self._grids_ahead[group.specimen] = grid, ahead, run(ahead, grid, commands)
+            return grid, ahead, run(ahead, grid, commands)
+
+        if delays:
+            found: tuple[FloatArray, tuple[Operator, ...], dict[str, FloatArray]]
+            found = self._delayed.get((group.specimen, delays), make)
+            return found
+        if group.specimen not in self._grids_ahead:
+            self._grids_ahead[group.specimen] = make()
         return self._grids_ahead[group.specimen]
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
@@ -348,15 +364,3 @@ class AxesBlock(Block):
             kept = np.hstack([chain_part, self._runs])
             self._kept.append((nuisance[:3].copy(), kept))
         return self.whitened(kept, active)
-
-
-def _loop_grid(kinks: FloatArray, corners: FloatArray, begin: float, end: float) -> FloatArray:
-    """Nodes for a loop from ``begin`` to ``end`` s: the same steps after every kink, as the exponential of each length
-    is computed once, and the command's ``corners``."""
-    steps = np.arange(AFTER_KINK[-1], end - begin, LOOP_STEP)
-    offsets = np.concatenate([[0.0, KINK], AFTER_KINK[:-1], steps])
-    starts = [begin, *kinks[(kinks > begin) & (kinks < end)].tolist(), end]
-    parts = [a + offsets[offsets < b - a] for a, b in pairwise(starts)]
-    grid = np.unique(np.concatenate([*parts, corners, corners + KINK, [end]]))
-    grid = grid[(grid >= begin) & (grid <= end)]
-    return np.asarray(grid[np.diff(grid, prepend=-np.inf) > 0.5 * KINK])

@@ -76,7 +76,7 @@ def sampled(
     }
 
 
-def mean_before(time: FloatArray, signal: FloatArray, stamps: FloatArray, window: float) -> FloatArray:
+def mean_before(time: FloatArray, signal: FloatArray, stamps: FloatArray, window: float | FloatArray) -> FloatArray:
     """Mean of a piecewise linear ``signal`` (n,) over [stamp - window, stamp], constant outside its time.
 
     ``window`` > 0 s. An integrating converter, or a device that averages faster samples.

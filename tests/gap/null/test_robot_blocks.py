@@ -239,3 +239,18 @@ def test_a_weighed_set_point_is_no_drag() -> None:
     assert found.chi2 < 0.02 * len(found.residual)
     assert found.penalty < 4.0
     assert axes.quantities(found.nuisance).keys() >= {"loop_gain_1", "loop_gain_3"}
+
+
+@pytest.mark.parametrize(("form", "values"), [(0, {"delay": 0.027}), (1, {"interval": 0.06, "phase": 0.3})])
+def test_the_loop_is_simulated_where_a_late_command_shows(form: int, values: dict[str, float]) -> None:
+    """Else a corner lies between nodes 40 ms apart, steps of set-points that are held for 60 ms are seen by chance, and
+    a sound controller is taken for another kind."""
+    key, effect = next((k, e) for k, e in library("microrobot", ()).items() if k == f"latency[form={form}]")
+    legs = [own.direction_cycles(a, 0.0, 1.2e-3, 4.0, 2) for a in (0.0, 2.0)]
+    recordings = own.robot_session(np.random.default_rng(5), [(effect, values)], legs=legs)
+    known = {k: e for k, e in library("microrobot", ()).items() if k in (key, "latency[form=0]")}
+    axes = AxesBlock(GroupedSession(recordings, QUANTITIES), known)
+    assert axes.controller is CONTROLLERS[0]
+    late = Candidate(key, effect.name, effect.stage, effect.parameters, ("axes",))
+    left = axes.evaluate(axes.prior_mean, {late: values}, want_jacobian=False).residual
+    assert np.mean(np.square(left)) < 1.2

@@ -1,0 +1,53 @@
+"""Where the robot's loop is simulated: dense where its command bends, sparse elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from sim_devices.chain import FloatArray, Operator
+from sim_devices.stages.operators import Polled, Retimed
+from sim_devices.stages.sampling import RETIMED, mean_before
+
+KINK = 1e-6
+"""s, within which a speed changes."""
+LOOP_STEP = 0.04
+"""s; the loop is exact between kinks, so this only has to resolve what is not linear in it."""
+AFTER_KINK = np.concatenate([np.arange(0.004, 0.1, 0.004), np.arange(0.1, 0.3, 0.01)])
+"""s after a kink: nodes for the loop's answer, which straight lines over `LOOP_STEP` would miss by several µm."""
+QUICK = 5e-3
+"""s between looks at a command below which the loop evens out their steps."""
+
+
+def retimed(operators: Sequence[Operator]) -> tuple[Retimed, ...]:
+    """Those of the operators that show the command at other moments."""
+    return tuple(op for op in operators if isinstance(op, Retimed) and op.name in RETIMED and op.moves)
+
+
+def averaged(grid: FloatArray, signals: Sequence[FloatArray], ends: FloatArray) -> FloatArray:
+    """Means of signals (m,) on a grid over bins whose samples, evenly spaced, lie a standard deviation to either side
+    at ``ends`` (2, n) s: (signals, n)."""
+    window = np.maximum(np.sqrt(3.0) * (ends[1] - ends[0]), KINK)
+    last = ends.mean(axis=0) + 0.5 * window
+    return np.stack([mean_before(grid, signal, last, window) for signal in signals])
+
+
+def loop_grid(
+    kinks: FloatArray, corners: FloatArray, begin: float, end: float, delays: Sequence[Retimed] = ()
+) -> FloatArray:
+    """Nodes for a loop from ``begin`` to ``end`` s: the same steps after every kink, as the exponential of each length
+    is computed once, and the command's ``corners``; both when ``delays`` show them."""
+    for op in delays:
+        kinks, corners = op.shows(kinks), op.shows(corners)
+        if isinstance(op, Polled) and op.period > QUICK:  # held between looks, then a step
+            looks = op.period * (np.arange(np.ceil(begin / op.period), np.floor(end / op.period)) + op.phase)
+            kinks, corners = np.unique(np.concatenate([kinks, looks])), np.concatenate([corners, looks - KINK])
+    steps = np.arange(AFTER_KINK[-1], end - begin, LOOP_STEP)
+    offsets = np.concatenate([[0.0, KINK], AFTER_KINK[:-1], steps])
+    starts = [begin, *kinks[(kinks > begin) & (kinks < end)].tolist(), end]
+    parts = [a + offsets[offsets < b - a] for a, b in pairwise(starts)]
+    grid = np.unique(np.concatenate([*parts, corners, corners + KINK, [end]]))
+    grid = grid[(grid >= begin) & (grid <= end)]
+    return np.asarray(grid[np.diff(grid, prepend=-np.inf) > 0.5 * KINK])
