@@ -177,7 +177,16 @@ def test_steps_to_where_the_model_breaks_are_taken_back(run: Run) -> None:
     result = run(parameters=START | {"a": {"start": 9e-3}})
     assert values(result)["a"] == pytest.approx(values(run())["a"], rel=1e-3)
     with pytest.raises(FitError, match=r"cannot be run at the start: run-0: it broke \(at t = 1 s\)"):
-        run(parameters=START | {"a": {"start": 2e-2}})
+        run(parameters=START | {"a": {"start": 2e-2}}, starts=1)
+
+
+def test_a_start_at_which_the_model_breaks_is_left_for_others(run: Run) -> None:
+    result = run(parameters=START | {"a": {"start": 2e-2}})
+    assert result.trusted
+    assert values(result)["a"] == pytest.approx(values(run())["a"], rel=1e-3)
+    assert any(w.startswith("the model could not be run at ") for w in result.warnings)
+    with pytest.raises(FitError, match=r"cannot be run at the start: run-0: it broke"):
+        run(parameters=START | {"a": {"start": 0.05, "lower": 0.02, "upper": 0.1}})
 
 
 def test_tied_parameters_follow(run: Run) -> None:

@@ -40,11 +40,25 @@ class Search:
         optimum = minimise(problem, self.spec.optimiser, self.spec.evaluations, self.spec.tolerance)
         return optimum, _start(self.moving, optimum)
 
+    def from_start_or_near(self) -> list[Found]:
+        """From the specification's own start; where the model cannot be run there, from others until two agree.
+
+        Raises FitError, saying why the model cannot be run at the start, where it can be run at none of them.
+        """
+        try:
+            return [self.from_start()]
+        except FitError as error:
+            values = {f.symbol: f.start for f in self.moving.free}
+            found = self.until_confirmed((None, Start(values, {}, np.inf, False, str(error))))
+            if all(optimum is None for optimum, _ in found):
+                raise
+            return found
+
     def spread(self, count: int) -> list[Found]:
         """``count`` optimisations, from the start and points scattered around it, side by side on the executor."""
         return self._run([self.moving.start, *_scattered(self.moving.free, self.spec, count - 1)])
 
-    def until_confirmed(self, first: tuple[Optimum, Start]) -> list[Found]:
+    def until_confirmed(self, first: Found) -> list[Found]:
         """``first`` and further starts, until two have ended in the best place found, or `MOST` have been tried."""
         points = _scattered(self.moving.free, self.spec, MOST - 1)
         found: list[Found] = [first]
@@ -86,13 +100,19 @@ class Search:
 
 
 def elsewhere(starts: Sequence[Start]) -> int:
-    """How many starts ended in a worse place than the best one."""
+    """How many starts at which the model could be run ended in a worse place than the best one."""
     best = min(start.objective for start in starts)
-    return sum(start.objective > SAME * best for start in starts)
+    return sum(SAME * best < start.objective < np.inf for start in starts)
+
+
+def failed(starts: Sequence[Start]) -> int:
+    """How many starts the model could not be run at."""
+    return sum(start.objective == np.inf for start in starts)
 
 
 def _confirmed(found: Sequence[Found]) -> bool:
-    return len(found) - elsewhere([start for _, start in found]) >= 2
+    starts = [start for _, start in found]
+    return len(found) - elsewhere(starts) - failed(starts) >= 2
 
 
 def _one(

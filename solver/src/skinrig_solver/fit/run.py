@@ -13,7 +13,7 @@ import numpy as np
 from ..api import Model, ModelInfo
 from ..registry import models
 from .cases import Case, cases, matches
-from .multistart import Found, Search, elsewhere
+from .multistart import Found, Search, elsewhere, failed
 from .optimisers import FitError, Optimum
 from .pictures import pictures
 from .problem import Evaluation, Problem, Tally
@@ -68,7 +68,7 @@ def fit(
     SpecError, RecordingError
         A specification or recording that cannot be used; both are ValueErrors and say where and why.
     FitError
-        The model cannot be run at the start.
+        The model cannot be run at the start, nor, with ``starts: auto``, at others around it.
     """
     named, forward = (model, model) if isinstance(model, str) else (model.info.name, model)
     spec = _read(spec, named, None if isinstance(model, str) else model.info)
@@ -105,8 +105,9 @@ def _last_stage(search: Search) -> tuple[Problem, Optimum, tuple[Start, ...]]:
     problem = Problem(search.forward, search.cases, search.moving, search.executor, search.tally, search.observe)
     found: list[Found]
     if spec.starts == "auto":
-        first = search.from_start()
-        found = [first] if _explains(problem, first[0]) else search.until_confirmed(first)
+        found = search.from_start_or_near()
+        if len(found) == 1 and not _explains(problem, search.best(found)):
+            found = search.until_confirmed(found[0])
     elif spec.starts == 1:
         found = [search.from_start()]
     else:
@@ -199,12 +200,14 @@ def _result(
         warnings.insert(0, f"the optimiser stopped before it converged: {optimum.reason}")
     data = problem.scaled_data()
     explained = vaf(best.residual, data)
-    distinct = elsewhere(starts)
+    distinct, broken = elsewhere(starts), failed(starts)
+    if broken:
+        warnings.append(f"the model could not be run at {broken} of {len(starts)} starts")
     if distinct:
         warnings.append(f"{distinct} of {len(starts)} starts ended in a worse place: the objective has several minima")
     if fault := misfit(known, explained):
         found = [replace(e, identifiable=False) for e in found]
-        alone = len(starts) - distinct < 2
+        alone = len(starts) - distinct - broken < 2
         warnings.insert(0, f"not to be trusted: {fault}" + ("; try more starts (starts: 20)" if alone else ""))
     curves = []
     for (number, channel, where), noise, together in zip(problem.groups(), known.noise, known.persistence, strict=True):
