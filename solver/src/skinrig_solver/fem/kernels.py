@@ -90,10 +90,9 @@ def assemble(
     ``scatter`` (E, 18, 18) positions in ``values``, −1 where fixed or eliminated, and ``equations`` (E, 18) rows of
     ``residual``, −1 where fixed; the middle nodes' rows get their residual as it is.
     """
-    K, AB = np.empty((18, 18)), np.empty((5, 18))
+    K, AB = np.empty((18, 18)), np.empty((8, 18))
     G, Ktu = np.empty((3, 18)), np.empty((3, 18))
-    R, cof = np.empty(18), np.empty(18)
-    Rt, Rp = np.empty(3), np.empty(3)
+    R, Rt, Rp = np.empty(18), np.empty(3), np.empty(3)
     for e in range(weights.shape[0]):
         Kut, Ktt = out.Kut[e], out.Ktt[e]
         K[:] = 0.0
@@ -129,33 +128,29 @@ def assemble(
                 AB[2, j + 1] = w * (A[2, 2] * gr + A[2, 3] * gz)
                 AB[3, j + 1] = w * (A[3, 2] * gr + A[3, 3] * gz)
                 AB[4, j + 1] = w * ((A[4, 2] - pb) * gr + (A[4, 3] + pa) * gz)
-                cr, cz = w * (crr * gr + crz * gz + plane * gt), w * (czr * gr + czz * gz)
-                cof[j], cof[j + 1] = cr, cz
+                AB[5, j], AB[5, j + 1] = w * (crr * gr + crz * gz + plane * gt), w * (czr * gr + czz * gz)
+                AB[6, j] = w * (A[0, 5] * gr + A[1, 5] * gz + A[4, 5] * gt)
+                AB[6, j + 1] = w * (A[2, 5] * gr + A[3, 5] * gz)
+                AB[7, j] = w * (A[5, 0] * gr + A[5, 1] * gz + A[5, 4] * gt)
+                AB[7, j + 1] = w * (A[5, 2] * gr + A[5, 3] * gz)
                 R[j] += s0 * gr + s1 * gz + s4 * gt
                 R[j + 1] += s2 * gr + s3 * gz
-                ur, uz = w * (A[0, 5] * gr + A[1, 5] * gz + A[4, 5] * gt), w * (A[2, 5] * gr + A[3, 5] * gz)
-                tr, tz = w * (A[5, 0] * gr + A[5, 1] * gz + A[5, 4] * gt), w * (A[5, 2] * gr + A[5, 3] * gz)
-                Kut[0, j] += ur
-                Kut[1, j] += n1 * ur
-                Kut[2, j] += n2 * ur
-                Kut[0, j + 1] += uz
-                Kut[1, j + 1] += n1 * uz
-                Kut[2, j + 1] += n2 * uz
-                Ktu[0, j] += tr
-                Ktu[1, j] += n1 * tr
-                Ktu[2, j] += n2 * tr
-                Ktu[0, j + 1] += tz
-                Ktu[1, j + 1] += n1 * tz
-                Ktu[2, j + 1] += n2 * tz
             for i in range(9):
                 gr, gz, gt = gradients[e, k, i, 0], gradients[e, k, i, 1], gradients[e, k, i, 2]
                 for j in range(18):
                     K[2 * i, j] += gr * AB[0, j] + gz * AB[1, j] + gt * AB[4, j]
                     K[2 * i + 1, j] += gr * AB[2, j] + gz * AB[3, j]
             for j in range(18):
-                G[0, j] += cof[j]
-                G[1, j] += n1 * cof[j]
-                G[2, j] += n2 * cof[j]
+                c0, c1, c2 = AB[5, j], AB[6, j], AB[7, j]
+                G[0, j] += c0
+                G[1, j] += n1 * c0
+                G[2, j] += n2 * c0
+                Kut[0, j] += c1
+                Kut[1, j] += n1 * c1
+                Kut[2, j] += n2 * c1
+                Ktu[0, j] += c2
+                Ktu[1, j] += n1 * c2
+                Ktu[2, j] += n2 * c2
             rt, rp, ktt = w * (stress[g, 5] - p), w * (plane * t - theta), w * A[5, 5]
             for i in range(3):
                 ni = linear[k, i]
