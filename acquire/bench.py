@@ -31,7 +31,7 @@ class Bench:
         watched: Sequence[str] = (),
         listener: Callable[[str, State, str], None] | None = None,
     ) -> None:
-        """Raises ValueError (plugin, options, what is to be simulated), NotAllowed."""
+        """Raises ValueError (plugin, options, simulated kinds), NotAllowed."""
         self.set_up = set_up
         self.server: Server | None = None
         self._name = name

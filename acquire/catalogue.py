@@ -1,4 +1,4 @@
-"""The recordings in a folder: what `acquire ls` and the window's browser list."""
+"""The recordings in a folder, as `acquire ls` and the window's browser list them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ ALIASES = {"protocol": "protocol_name", "start": "start_time", "date": "start_ti
 
 @dataclass(frozen=True)
 class Entry:
-    """One file of the catalogue. ``info`` is None where ``problem`` says what is wrong with it.
+    """One file of the catalogue. ``info`` is None where ``problem`` names its fault.
 
     ``live`` marks the journal of a run that goes on (or of a recovery): nobody else may touch it now. ``left_out`` says
     why a run does not count with others ('' where it does).

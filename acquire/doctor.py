@@ -25,7 +25,7 @@ Level = Literal["ok", "warning", "fault"]
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that was looked at: what was found, and the ``remedy`` where it is not as it should be."""
+    """One check: its finding, and the ``remedy`` where something is wrong."""
 
     name: str
     level: Level
@@ -52,7 +52,7 @@ def packages(distributions: Iterable[metadata.Distribution] | None = None) -> li
     elsewhere = [name for name in OURS if not _is_here(name)]
     if elsewhere:
         text = f"{', '.join(elsewhere)} is loaded from another place than {home()}"
-        return [Check("packages", "fault", text, "remove what shadows it, or install skinrig in a venv of its own")]
+        return [Check("packages", "fault", text, "remove the other package, or install skinrig in a venv of its own")]
     if not foreign:
         return [Check("packages", "ok", f"no other distribution has files in {', '.join(OURS)}")]
     remedy = "install skinrig by itself: pipx install skinrig, uv tool install skinrig, or a venv of its own"

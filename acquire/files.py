@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, BinaryIO
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PARTIAL = ".partial"  # the ending of what is not finished; a killed process may leave such a file, which is worthless
+PARTIAL = ".partial"  # the ending of an unfinished file; a killed process may leave such a file, which is worthless
 PRIVATE, SHARED = 0o600, 0o666  # modes of new files, the latter less the umask
 
 

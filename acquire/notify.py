@@ -85,7 +85,7 @@ class Notifier:
                 self._waiting.put((hook, body))
 
     def close(self) -> None:
-        """Wait until what was told is delivered, or has had its time. Idempotent."""
+        """Wait until every message is delivered, or has had its time. Idempotent."""
         if self._thread is not None:
             self._waiting.put(None)
             self._thread.join(FAREWELL)

@@ -45,7 +45,7 @@ def _load(group: str, entry: EntryPoint) -> Plugin:
 
 
 def solver(model: str = "") -> Any:
-    """The installed solver, by preference one that has ``model``. Raises ValueError that says what is missing."""
+    """The installed solver, by preference one that has ``model``. Raises ValueError where either is missing."""
     found = plugins("acquire.solvers").values()
     working = [plugin.object for plugin in found if plugin.working]
     if not working:

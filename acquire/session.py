@@ -58,7 +58,7 @@ MAX_SPEED = 1e5
 
 @dataclass(frozen=True)
 class Request:
-    """Who and what a run is for. ``repeat`` counts repeats of the same measurement, from 1.
+    """Subject and measurement of a run. ``repeat`` counts repeats of the same measurement, from 1.
 
     ``gvt`` is the grey-value threshold at which a camera's contours are read; None for the station's or a proposed one.
     ``specimen_properties`` are the numbers known of a reference specimen, as `protocols.specimens.stated` reads them.
@@ -126,7 +126,7 @@ class Session:
         return self._entry(name).instrument or name
 
     def open(self, name: str, mounted: Mounted = Mounted(), *, acknowledged: bool = False) -> RunEngine:
-        """The engine of an instrument, connected; a simulated one is switched on, with what is ``mounted`` in it.
+        """The engine of an instrument, connected; a simulated one is switched on, with the ``mounted`` specimen.
 
         ``acknowledged``: a person has looked at whatever fault the instrument latched. Raises ValueError (station,
         plugin), DeviceError, Aborted.
@@ -138,7 +138,7 @@ class Session:
         return bench.engine
 
     def look(self, name: str) -> tuple[dict[str, Identity], Status | None]:
-        """Who answers on each link of an instrument and what its device says of itself; changes nothing.
+        """The identity on each link of an instrument and its device's description; changes nothing.
 
         Raises ValueError (station, plugin), DeviceError.
         """
@@ -275,7 +275,7 @@ class Session:
         return self.carry_out(*self.prepare(protocol, request, name=name, out=out), watch)
 
     def carry_out(self, engine: RunEngine, plan: RunPlan, watch: Callable[[Progress], None] | None = None) -> Outcome:
-        """Arm, start and wait for the end of what `prepare` made; see `run`.
+        """Arm, start and wait for the end of a prepared run; see `run`.
 
         Raises Aborted or Tripped where the end came before there was a run; afterwards it is told by the outcome.
         """
@@ -297,7 +297,7 @@ class Session:
             self._aborted = ""
 
     def abort(self, reason: str = "aborted by a person") -> None:
-        """End what is under way on every instrument, at whatever point: opening, arming, running. Returns at once."""
+        """End the run of every instrument, at whatever point: opening, arming, running. Returns at once."""
         self._aborted = reason
         for engine in self.engines.values():
             engine.abort(reason)
@@ -313,7 +313,7 @@ class Session:
             bench.supervisor.tick(name)
 
     def close(self) -> None:
-        """Abort what runs, make everything safe, switch simulated instruments off. Idempotent."""
+        """Abort the runs, make everything safe, switch simulated instruments off. Idempotent."""
         with ExitStack() as everything:  # whatever fails, the others are closed all the same
             for name in list(self._benches):
                 everything.callback(self._close, name)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from drivers.aspiration.camera import Measure
     from drivers.device import Rig
 
-LOOK = 3.0  # s of wall time within which a camera has delivered a frame, or the run goes on without what it would tell
+LOOK = 3.0  # s of wall time within which a camera has delivered a frame, or the run goes on without it
 
 
 def see(plan: RunPlan, rig: Rig, gvt: float | None) -> RunPlan:

@@ -1,4 +1,4 @@
-"""Station files: which instruments a bench has, where their links are, how far they may go, what is known of them.
+"""Station files: which instruments a bench has, where their links are, their limits and calibrations.
 
 ::
 
@@ -47,7 +47,7 @@ Provenance = Literal["documented", "reported", "assumed", "measured"]
 FRAME_SCALE = "0.02 mm/px"
 #: Of a simulated instrument, as `Rules.lag`.
 SIMULATED_LAG = 0.9
-#: What a calibration may say, and the kind of quantity it is.
+#: Entries of a calibration, and the kind of quantity of each.
 CALIBRATIONS = {"frame_scale": "scale", "opening": "length", "contact_force": "force", "hole_radius": "length"}
 
 
@@ -235,7 +235,7 @@ class Station(Model):
         return parse_limits(self.subjects.get(subject, {}), f"subject {subject}")
 
     def find(self, kind: str) -> str:
-        """Name of the first instrument of a kind. Raises ValueError that says what the station has."""
+        """Name of the first instrument of a kind. Raises ValueError that lists the station's instruments."""
         for name, instrument in self.instruments.items():
             if (instrument.instrument or name) == kind:
                 return name

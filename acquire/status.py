@@ -46,7 +46,7 @@ class StatusFile:
             log.warning("no status is shown to other terminals: %s", error)
 
     def write(self, content: Mapping[str, Any]) -> None:
-        """Say what is so now."""
+        """Write the present state."""
         if self._descriptor is None:
             return
         told = {"schema": SCHEMA, **self._who, "heard": time.monotonic(), "at": _wall(), **content}
@@ -99,7 +99,7 @@ def reports() -> list[Report]:
 
 
 def forget_the_dead(instruments: Mapping[str, str], *, now: float | None = None) -> None:
-    """Remove what programs left that ended without a word: about these instruments (name to address), or long ago."""
+    """Remove status files of programs that ended without a word: about these instruments (name to address), or old."""
     with contextlib.suppress(OSError, DeviceError):
         for path in runtime_folder().glob("session-*.json"):
             content, alive = _read(path)

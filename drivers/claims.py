@@ -24,7 +24,7 @@ if sys.platform != "win32":
 
 
 def runtime_folder() -> Path:
-    """The folder for what lives as long as processes do, this user's alone. Raises DeviceError where it is not."""
+    """The folder, this user's alone, for files of running processes. Raises DeviceError where it is not."""
     import platformdirs
 
     with warnings.catch_warnings():
@@ -63,7 +63,7 @@ def hold(path: Path, *, create: bool = True) -> int | None:
 
 
 class Claim:
-    """The right to drive what is behind one address. `release` gives it back."""
+    """The right to drive the instrument behind one address. `release` gives it back."""
 
     def __init__(self, address: str) -> None:
         """Raises LinkLost that names who holds it."""

@@ -1,4 +1,4 @@
-"""The contour that a camera's frame shows: what is read in it, apart from how (`drivers.aspiration.contour`)."""
+"""The contour that a camera's frame shows, apart from the way it is read (`drivers.aspiration.contour`)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Contour:
     ``apex_column``, ``apex_row``, ``foot_row`` (where the bubble stands: the rim plane, or the neck above a needle);
     ``height`` from foot to apex and ``band`` (low, high) of it at GVT ± delta; ``profile`` (width,) the row of the edge
     in each column and ``sides`` (2, height) the columns of its left and right edge in each row, NaN for none.
-    ``confidence`` 0 … 1; ``flags`` name what was noticed: ``no_tissue``, ``noise``, ``cut_off``, ``reflections``,
+    ``confidence`` 0 … 1; ``flags`` name findings: ``no_tissue``, ``noise``, ``cut_off``, ``reflections``,
     ``satellites``, ``gaps``, ``low_contrast``, ``border``.
     """
 

@@ -56,7 +56,7 @@ class Status:
     ``time`` is device time in s; ``executed`` counts segments finished since ``start``; ``queued`` counts segments
     still waiting; ``state`` is one of ``idle``, ``armed``, ``running``, ``held``, ``safe``, ``fault``; ``fault`` says
     why. ``began`` is the device time in s at which the running segment (number ``executed``) began, or the last one
-    ended; not a number before ``start``. It is what makes the recorded set-points exact after an ``until`` or a pause.
+    ended; not a number before ``start``. It makes the recorded set-points exact after an ``until`` or a pause.
     """
 
     time: float

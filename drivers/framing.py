@@ -48,7 +48,7 @@ def cobs_decode(packet: bytes) -> bytes:
 
 
 class Splitter:
-    """Cuts a byte stream at a delimiter, keeping what is not complete yet.
+    """Cuts a byte stream at a delimiter, keeping an incomplete rest.
 
     A run longer than ``longest`` without a delimiter is garbage: it is dropped and counted in ``overrun``.
     """

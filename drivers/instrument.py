@@ -25,7 +25,7 @@ class NotAllowed(DeviceError):
 
 @dataclass(frozen=True)
 class Entry:
-    """One instrument of a station: where its links are, and what the station vouches for.
+    """One instrument of a station: where its links are, and the station's calibration and limits.
 
     ``address`` is the driven device's link: ``/dev/tty*`` or another serial port, ``socket://host:port``,
     ``usb:VID:PID``.
@@ -53,7 +53,7 @@ class Entry:
 class Instrument:
     """An instrument's descriptor.
 
-    ``channels`` are all it can deliver, ``quantities`` what is commanded, ``limits`` what the hardware stands,
+    ``channels`` are all it can deliver, ``quantities`` are commanded, ``limits`` are those of the hardware,
     ``transports`` the kinds of link of the driven device (``serial``, ``socket``, ``usb``), ``sources`` the names of
     further links a rig may have. ``open_rig`` builds the rig of a station entry without touching the link; it raises
     `NotAllowed` where the station does not permit it and ValueError for options it does not know.

@@ -22,7 +22,7 @@ from protocols.limits import Range
 LONGEST = 32768
 STATES = {"I": "idle", "A": "armed", "R": "running", "H": "held", "S": "safe", "F": "fault"}
 _LETTERS = {state: letter for letter, state in STATES.items()}
-_PLAIN = " ,.:()/+-=<>"  # what free text may hold unescaped; '*', ';' and controls may not
+_PLAIN = " ,.:()/+-=<>"  # characters free text may hold unescaped; '*', ';' and controls are escaped
 
 
 class LineCodec(Codec):

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-#: What the name of a second gauge adds to that of the first.
+#: Appended to the first gauge's name for the second one.
 REFERENCE = "_reference"
 
 
@@ -101,7 +101,7 @@ class Region:
 class Frame:
     """One camera image (height, width) of 8 bit grey, with the same three stamps as a sample.
 
-    ``contour`` is what was read in it when it came; None where nobody looked.
+    ``contour`` was read in it when it came; None where nobody looked.
     """
 
     image: NDArray[np.uint8]

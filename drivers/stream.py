@@ -31,7 +31,7 @@ MOST_GARBAGE = 65536
 class Codec(abc.ABC):
     """One end of a link in one dialect: messages to bytes, bytes to messages, no I/O.
 
-    `decode` keeps what is not complete, drops what it cannot read and is in step again at the next message.
+    `decode` keeps an incomplete rest, drops unreadable bytes and is in step again at the next message.
     """
 
     def __init__(self) -> None:
@@ -122,7 +122,7 @@ class StreamDevice(Device):
                 f"{self.name} on {self._link.address}: {identity.model!r} answers, which does not call itself a "
                 "simulator, and the station says 'simulated: true'"
             )
-        # An earlier host may have left the stream on; what it left on the wire is not this run's data.
+        # An earlier host may have left the stream on; its bytes on the wire are not this run's data.
         self._request(msg.Stream(False))
         self._pending.clear()
         return identity

@@ -49,7 +49,7 @@ def diagnose_cases(
     cases: Path, output: Path, jobs: int = 1, only: Collection[str] | None = None, qualification: str = ""
 ) -> None:
     """Diagnose every case folder below ``cases``, or those named ``only``, into ``output/<case>.json``; of
-    `QUALIFICATIONS`, skin alone, and not what is recorded of references.
+    `QUALIFICATIONS`, skin alone, without recordings of references.
 
     A case whose data cannot be diagnosed gets a report that says so; one that has a report keeps it, so that a run
     can go on where it was broken off. Raises FileNotFoundError where there are no cases.

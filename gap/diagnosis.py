@@ -70,11 +70,11 @@ class Diagnosis:
     best: Hypothesis  # with the first cause, if there is one
     thresholds: Thresholds
     fe_solves: int = 0
-    doubts: tuple[str, ...] = ()  # reference specimens that are not what they say, left out
+    doubts: tuple[str, ...] = ()  # reference specimens that contradict their statement, left out
     qualified: Qualified | None = None
     unqualified: Posterior | None = None  # as it would be without the qualification
     term: Proposal | None = None  # for a gap that no known effect explains
-    earlier: Earlier | None = None  # what sessions before this one said of the skin
+    earlier: Earlier | None = None  # the prior of the skin by earlier sessions
 
     @property
     def gap_before(self) -> float:
@@ -125,7 +125,7 @@ def diagnose(
     case, told = gathered(recordings, model, effort, user_effects, solver, jobs, tell, qualified, skins)
     doubted = wrong_references(case.comparison)
     kept = [r for k, r in enumerate(recordings) if not any(k in d.runs for d in doubted)]
-    if doubted and kept:  # what is not what it says must not be believed
+    if doubted and kept:  # a specimen that contradicts its statement must not be believed
         recordings = kept
         case, told = gathered(recordings, model, effort, user_effects, solver, jobs, tell, qualified, skins)
         told += [f"left out, {d}" for d in doubted]
@@ -180,6 +180,11 @@ def gathered(
         inform(problems, qualified)
     elif qualified is not None:
         told.append(f"qualification {qualified.file} is not believed: {qualified.reason}")
+    if qualified is not None and qualified.believed and not qualified.qualification.passed:
+        found = ", ".join(f.effect for f in qualified.qualification.findings) or "see its page"
+        told.append(
+            f"qualification {qualified.file} was not passed ({found}): its parameters are taken as it found them"
+        )
     marks = signatures.find(recordings, model.channels if model else None)
     asked = {key for p in problems if isinstance(p, Block) for key in p.suspected}
     problems = [known_skin(p, skins)[0] or p if skins and isinstance(p, HeightBlock) else p for p in problems]
@@ -235,7 +240,7 @@ def _skins(
 
 
 def _learnt(comparison: Comparison, skins: Sequence[Skin], doubted: Mapping[str, str]) -> Earlier:
-    """What earlier sessions were worth to a comparison."""
+    """The gain of earlier sessions for a comparison."""
     height = comparison.problems.get("height")
     if isinstance(height, HeightBlock) and skins:
         return Earlier(doubted={**doubted, **known_skin(height, skins)[2]})

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-#: A number in text, without what Python's ``float`` also takes: ``3_0``, other scripts' digits, ``nan``, ``infinity``.
+#: A number in text, without further spellings of Python's ``float``: ``3_0``, foreign digits, ``nan``, ``infinity``.
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 #: Characters that no file of ours can hold: NUL ends a text in HDF5, and half a surrogate pair is no character.
 UNSTORABLE = re.compile("[\0\ud800-\udfff]")

@@ -109,7 +109,7 @@ class Violation:
 
 @dataclass(frozen=True)
 class Limits:
-    """A `Range` per commanded quantity or measured channel; what is not named is not bounded.
+    """A `Range` per commanded quantity or measured channel; one that is not named is not bounded.
 
     ``origin`` says whose limits these are (``hardware``, ``station``, ``hardware ∩ protocol`` …), for messages.
     """
@@ -161,7 +161,7 @@ class Limits:
         return Limits(merged, " ∩ ".join(dict.fromkeys(origins)))
 
     def values(self) -> dict[str, tuple[float, float]]:
-        """(low, high) per name in SI: what a recording keeps."""
+        """(low, high) per name in SI, as a recording keeps them."""
         return {name: (r.low, r.high) for name, r in self.ranges.items()}
 
     def rates(self) -> dict[str, float]:

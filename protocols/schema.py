@@ -1,4 +1,4 @@
-"""The schema of protocols, ``protocol/1``: what a YAML file may say.
+"""The schema of protocols, ``protocol/1``: the allowed contents of a YAML file.
 
 A `Protocol` is a frozen value, equal to another that says the same; `protocols.load` reads one, `protocols.dump` writes
 one, `protocols.compile_protocol` turns one into timed set-points. Every value carries a unit; unknown keys are faults.
@@ -17,13 +17,13 @@ from protocols.steps import AnyStep
 
 SCHEMA = "protocol/1"
 Instrument = Literal["cutometer", "aspiration", "microrobot"]
-#: What each instrument is commanded in.
+#: Commanded quantities of each instrument.
 QUANTITIES: dict[str, tuple[str, ...]] = {
     "cutometer": ("pressure",),
     "aspiration": ("pressure",),
     "microrobot": ("probe_x", "probe_y", "probe_z"),
 }
-#: What each instrument measures, for ``until`` (a camera's frames and profiles are no single number).
+#: Measured quantities of each instrument, for ``until`` (a camera's frames and profiles are no single number).
 CHANNELS: dict[str, tuple[str, ...]] = {
     "cutometer": ("pressure", "apex_height"),
     "aspiration": ("pressure", "apex_height"),
@@ -68,9 +68,7 @@ class Protocol(Model):
     source: Text = Field(default="", description="where the protocol is known from")
     instrument: Instrument
     setup: Setup = Setup()
-    limits: dict[str, Limit] = Field(
-        default={}, description="what this protocol may at most do, beside the station's limits"
-    )
+    limits: dict[str, Limit] = Field(default={}, description="limits of this protocol, beside the station's")
     steps: Annotated[tuple[AnyStep, ...], Field(min_length=1, max_length=1000)]
     _read: Source = PrivateAttr(default_factory=Source)
 

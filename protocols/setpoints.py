@@ -1,7 +1,7 @@
-"""Compiled protocols: what is commanded, when, as piecewise linear functions of time.
+"""Compiled protocols: set-points as piecewise linear functions of time.
 
 Every waveform an instrument executes is a sequence of linear segments (a step is a segment of no duration), because
-that is what the instruments' own queues take: the same table is checked against limits, sent to the device, recorded
+the instruments' own queues take exactly these: the same table is checked against limits, sent to the device, recorded
 as ``/entry/setpoints`` and fed to the simulation.
 """
 
@@ -35,7 +35,7 @@ class Segment:
 
     ``start`` and ``end`` map each commanded quantity (``pressure`` in Pa gauge, suction negative; ``probe_x|y|z`` in m)
     to its value at the beginning and the end. ``phase`` is one of ``load``, ``hold``, ``unload``, ``rest``;
-    ``step`` is the index path of the protocol step it came from, ``labels`` carries what an analysis groups by
+    ``step`` is the index path of the protocol step it came from, ``labels`` are the keys an analysis groups by
     (``level``, ``direction``, ``repeat``, ``cycle``), as text.
     """
 

@@ -27,7 +27,7 @@ Key = tuple[str | int, ...]
 class Source:
     """The text of a protocol, its file, and the line and column (from 1) of each key and value by its path.
 
-    Two sources are equal whatever they hold: where a protocol was read is no part of what it says.
+    Two sources are equal whatever they hold: the place of a protocol is no part of its meaning.
     """
 
     file: str = ""

@@ -1,4 +1,4 @@
-"""Reference specimens: what is measured in place of skin to learn about the instrument, and the numbers known of it.
+"""Reference specimens: bodies measured in place of skin to learn about the instrument, and the numbers known of them.
 
 The one home of their names, of the instruments they fit, of their property keys with units and default standard
 uncertainties, and of the device effects that they tie down. A specimen of any other name is a laboratory's own:
@@ -85,7 +85,7 @@ def _written(value: tuple[float, ...], se: float, factor: float = 1.0) -> str:
 
 @dataclass(frozen=True)
 class Specimen:
-    """A reference specimen: ``known`` is what the diagnosis takes for granted, ``separates`` the effects it ties down.
+    """A reference specimen: ``known`` is taken for granted by the diagnosis, ``separates`` the effects it ties down.
 
     ``yields``: it follows the probe as skin does, so that a run may be stopped where nothing moves. ``instruction`` is
     for the person at the bench.
@@ -100,7 +100,7 @@ class Specimen:
     yields: bool = False
 
     def property(self, key: str) -> Property:
-        """The property ``key``. Raises ValueError that names the key and what there is."""
+        """The property ``key``. Raises ValueError that names the key and those that exist."""
         for item in self.properties:
             if item.key == key:
                 return item
@@ -204,7 +204,7 @@ def check(specimen: str, instrument: str) -> None:
 
 
 def yields(specimen: str) -> bool:
-    """Whether it follows the probe: skin does, and what is not known here is taken for skin."""
+    """Whether it follows the probe: skin does, and an unknown specimen is taken for skin."""
     return specimen not in SPECIMENS or SPECIMENS[specimen].yields
 
 
@@ -220,7 +220,7 @@ def check_complete(specimen: str, instrument: str, properties: Mapping[str, Stat
 
 
 def stated(specimen: str, properties: Mapping[str, object]) -> dict[str, Stated]:
-    """The properties of ``specimen`` from what was written: ``{"height": "1.000±0.002 mm"}``.
+    """The properties of ``specimen`` from written text: ``{"height": "1.000±0.002 mm"}``.
 
     A value is text with its unit, with or without ``± uncertainty`` (in the same unit, one of its own, or ``%``), a
     number or list in SI, or a mapping of ``value``, ``se`` and ``unit``. Raises ValueError that names the key.
@@ -299,7 +299,7 @@ def _read_mapping(given: Mapping[Any, Any]) -> _Raw:
 
 
 def _uncertainty(given: object, value: tuple[float, ...], unit: str, factor: float) -> float:
-    """A standard uncertainty in SI; ``value`` is in what ``factor`` takes to SI."""
+    """A standard uncertainty in SI; ``factor`` takes the unit of ``value`` to SI."""
     if isinstance(given, str):
         (se,), _, own = _read_text(given + (" " if "%" not in given else ""))
         if given.strip().endswith("%"):

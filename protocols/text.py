@@ -44,7 +44,7 @@ def validate(model: type[M], data: Any, source: Source) -> M:
 
 
 def dump(protocol: Protocol) -> str:
-    """YAML text that `load` turns into an equal protocol; what was left at its default is left out."""
+    """YAML text that `load` turns into an equal protocol; values at their defaults are left out."""
     data = protocol.model_dump(mode="json", by_alias=True, exclude_defaults=True)
     return yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=110)
 
@@ -56,14 +56,14 @@ def json_schema() -> dict[str, Any]:
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """``; did you mean 'x'?``, or what there is, to append to a message."""
+    """``; did you mean 'x'?``, or the list of names, to append to a message."""
     known = list(known)
     close = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
     return f"; did you mean {close[0]!r}?" if close else f"; there is {', '.join(known)}"
 
 
 def _problems(error: ValidationError, model: type[BaseModel], data: Any, source: Source) -> list[Problem]:
-    """All faults in the order of the file, but what is missing last: often a misspelt key is why."""
+    """All faults in the order of the file, but missing keys last: often a misspelt key is the reason."""
     errors: list[dict[str, Any]] = [dict(e) for e in error.errors(include_url=False)]
     places = {e["loc"] for e in errors}
     found = []

@@ -35,7 +35,7 @@ def run(
 
 
 def fit(recordings: Sequence[Recording], spec: Path | str | None = None, *, model: str = "", **more: Any) -> Any:
-    """Fit a solver plugin's model to recordings, with what is free, bounds and weights from ``spec`` (YAML).
+    """Fit a solver plugin's model to recordings, with free parameters, bounds and weights from ``spec`` (YAML).
 
     One of ``model`` and ``spec`` is needed; ``more`` goes to the solver (``jobs=2``, ``posterior=True``). The result
     has ``as_dict()``, ``in_words()`` and ``write_page(path)``. Raises ValueError where no solver is installed, or where

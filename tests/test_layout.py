@@ -14,6 +14,7 @@ FOLDERS = (
     "protocols",
     "sim_devices",
     "skinrig",
+    "solver",
     "tests",
     "tools",
 )
@@ -26,5 +27,5 @@ def test_no_file_is_too_long() -> None:
         for folder in FOLDERS
         for path in (ROOT / folder).rglob("*.py")
     }
-    assert len(lengths) > 300  # it looks where the files are
+    assert len(lengths) > 400  # it looks where the files are
     assert {path: n for path, n in lengths.items() if n > MOST} == {}

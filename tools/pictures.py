@@ -1,4 +1,4 @@
-"""The README's pictures, drawn from what `make demo` made: ``python tools/pictures.py out/demo docs/pictures``."""
+"""The README's pictures, drawn from the output of `make demo`: ``python tools/pictures.py out/demo docs/pictures``."""
 
 from __future__ import annotations
 

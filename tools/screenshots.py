@@ -190,7 +190,7 @@ def tools(folder: Path, runs: Path, store: QSettings) -> None:
 
 
 def dark(folder: Path, runs: Path, store: QSettings) -> None:
-    """A run in dark colours, and what is offered after a crash."""
+    """A run in dark colours, and the offer after a crash."""
     app = QApplication.instance()
     assert isinstance(app, QApplication)
     theme.apply(app, theme.DARK)

@@ -1,7 +1,7 @@
 """The parameters that Cutometer users read off a curve: R0-R9, Q0-Q3 and Ue, Uv, Uf, Ur, Ua.
 
 R and U parameters follow the definitions in the literature on the instrument. Those of the areas Q0-Q3 are partly
-unpublished: what is computed here is this project's reading of them, and labelled so in `DEFINITIONS`.
+unpublished: the values computed here are this project's reading of them, and labelled so in `DEFINITIONS`.
 """
 
 from __future__ import annotations

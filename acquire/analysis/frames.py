@@ -19,7 +19,7 @@ CHANNEL = "apex_height"
 
 
 def with_contour(recording: Recording, settings: Settings | None = None) -> Recording:
-    """``recording`` with what its frames show; unchanged where there are no frames or their scale is not known.
+    """``recording`` with the contours of its frames; unchanged where there are no frames or their scale is not known.
 
     Derived: ``apex_low`` and ``apex_high`` (the band from GVT ± delta), ``profile`` (n, width), all in m, and
     ``contour_confidence``; the stream ``apex_height`` where the recording had none. Heights count from the tissue
@@ -33,7 +33,7 @@ def with_contour(recording: Recording, settings: Settings | None = None) -> Reco
     frames = recording.frames
     if frames is None or not len(frames.time) or not frames.scale:
         return recording
-    # What was read live is what would be read again, unless it is to be read otherwise.
+    # Live contours would be read the same again, unless other settings are asked for.
     live = frames.data.contour if settings is None and isinstance(frames.data, LazyFrames) else None
     settings = settings or Settings(**_known(recording))
     before = _frames_before_suction(recording, frames)

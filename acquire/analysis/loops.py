@@ -17,7 +17,7 @@ SMALLEST = 0.02  # of the largest displacement: below it the probe counts as at 
 class Loop:
     """One out-and-back of the probe along ``direction`` (unit vector (3,)).
 
-    ``displacement`` (n,) m is the probe's along it, ``force`` (n,) N what holds it there (minus the skin's force on the
+    ``displacement`` (n,) m is the probe's along it, ``force`` (n,) N holds it there (minus the skin's force on the
     probe, along it), ``time`` (n,) s. ``stored`` J is the work done going out, ``lost`` J the area of the loop.
     """
 

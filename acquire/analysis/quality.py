@@ -1,4 +1,4 @@
-"""Quality flags of one recording: what an operator should know before using it."""
+"""Quality flags of one recording, for an operator to read before using it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The ``acquire`` command: which commands there are, and what exit status a failure gives.
+"""The ``acquire`` command: its commands, and the exit status of each kind of failure.
 
 Every command lives in a module of its own that imports nothing heavy at its top: ``acquire --help`` stays quick.
 """
@@ -47,7 +47,7 @@ _BROKEN: dict[str, str] = {}  # command -> why its module did not load
 
 
 def application() -> typer.Typer:
-    """The command line with every command whose module can be imported; the others say what is wrong with them."""
+    """The command line with every command whose module can be imported; the others tell their fault."""
     app = typer.Typer(
         name="acquire",
         help="Run skin-mechanics experiments, record them without loss, fit models, and say why simulation differs.",
@@ -139,7 +139,7 @@ def _message(error: BaseException) -> str:
 
 
 def _options(
-    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Log what happens to stderr.")] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Log to stderr.")] = False,
 ) -> None:
     level = logging.INFO if verbose else logging.WARNING
     logging.basicConfig(level=level, stream=sys.stderr, format="%(asctime)s %(name)s %(levelname)s %(message)s")

@@ -1,4 +1,4 @@
-"""``acquire check``: compile a protocol and say what it does, or where it is wrong."""
+"""``acquire check``: compile a protocol and describe it, or tell where it is wrong."""
 
 from __future__ import annotations
 

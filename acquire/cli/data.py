@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Run = Annotated[Path, typer.Argument(help="A recording (.h5), a bundle's folder, or a journal.")]
 DEFAULT = Path("runs")
-Force = Annotated[bool, typer.Option("--force", help="Replace what is there.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace existing files.")]
 
 
 def show(
@@ -26,7 +26,7 @@ def show(
     ] = False,
     as_json: Json = False,
 ) -> None:
-    """Say what a recording holds: channels, curve parameters, quality, events."""
+    """Describe a recording: channels, curve parameters, quality, events."""
     from acquire.recording import load
     from acquire.report.summary import in_words, summarise
 
@@ -128,7 +128,7 @@ def recover(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="The recording; default: beside the journal.")] = None,
     as_json: Json = False,
 ) -> None:
-    """Make a recording of what a crash left, or of what is sound in a damaged one; what was there stays."""
+    """Make a recording of the journal a crash left, or of the sound parts of a damaged one; existing files stay."""
     from acquire.recording import recover as make
     from acquire.recording import salvage, write_recording
 

@@ -1,4 +1,4 @@
-"""``acquire doctor``: what is wrong with this installation, and how to mend it."""
+"""``acquire doctor``: faults of this installation, and their remedies."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from acquire.cli.app import BAD_INPUT
 
 
 def doctor(as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False) -> None:
-    """Look for what is wrong with this installation; status 2 where something is broken."""
+    """Look for faults of this installation; status 2 where something is broken."""
     from acquire.doctor import examine, home
 
     checks = examine()

@@ -24,7 +24,9 @@ class _RunsOrPlan(typer.core.TyperGroup):
         return super().parse_args(context, arguments if arguments[:1] == ["plan"] else ["runs", *arguments])
 
 
-app = typer.Typer(cls=_RunsOrPlan, help="Identify a model's parameters; `fit plan`: what to measure next.")
+app = typer.Typer(
+    cls=_RunsOrPlan, help="Identify a model's parameters; `fit plan`: the measurement that narrows them most."
+)
 app.command("plan")(plan)
 
 LINES = 5.0  # s between two lines of progress where there is no terminal
@@ -36,7 +38,9 @@ def fit(
         list[Path] | None, typer.Argument(help="Recordings (.h5) or bundles' folders, fitted together.")
     ] = None,
     model: Annotated[str, typer.Option(help="Forward model, or file.py:NAME; with --list all are named.")] = "",
-    spec: Annotated[Path | None, typer.Option(help="What is free, bounds, starts, weights, optimiser (YAML).")] = None,
+    spec: Annotated[
+        Path | None, typer.Option(help="Free parameters, bounds, starts, weights, optimiser (YAML).")
+    ] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder for fit.json and fit.html.")] = None,
     jobs: Annotated[int, typer.Option(parser=whole(1, MOST_JOBS), help="Processes that share the work.")] = 1,
     cluster: Annotated[

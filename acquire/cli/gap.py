@@ -48,7 +48,7 @@ def diagnose(
     ] = None,
     earlier: Annotated[
         list[Path] | None,
-        typer.Option(help="Earlier session(s) of the same subject and site (suction): what they say of the skin."),
+        typer.Option(help="Earlier session(s) of the same subject and site (suction), as prior of the skin's law."),
     ] = None,
     term: Annotated[
         Path | None,
@@ -121,7 +121,7 @@ def diagnose(
 
 
 def _saved(diagnosis: Diagnosis, path: Path) -> str:
-    """Save the proposed term of a diagnosis as a user's effect, if there is one; what was done."""
+    """Save the proposed term of a diagnosis as a user's effect, if there is one; the result tells it in words."""
     from gap.terms.term import save_term
 
     proposal = diagnosis.term

@@ -20,7 +20,7 @@ def blind_make(
     n: Annotated[int, typer.Option("--n", "-n", parser=whole(1), help="How many cases.")] = 20,
     seed: Annotated[int, typer.Option(parser=whole(), help="Seed of the set.")] = 1,
     instrument: Annotated[list[str] | None, typer.Option(help="Only these instruments (may be repeated).")] = None,
-    passphrase: Annotated[str, typer.Option(help="What the key is encrypted with.")] = "",
+    passphrase: Annotated[str, typer.Option(help="Passphrase of the key.")] = "",
     style: Annotated[str, typer.Option(help="wide: laboratories as they differ; dense: the nominal one.")] = "wide",
     references: Annotated[
         str, typer.Option(help="Reference recordings: some (in two of five cases), none, or the standard set.")
@@ -45,7 +45,7 @@ def blind_answer(
     case: Annotated[Path, typer.Argument(help="A case of `blind make`; its key must be beside the set.")],
     experiment: Annotated[Path, typer.Argument(help="Folder of `gap next`.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="New folder for the recording (a bundle).")],
-    passphrase: Annotated[str, typer.Option(help="What the key was encrypted with.")] = "",
+    passphrase: Annotated[str, typer.Option(help="Passphrase of the key.")] = "",
 ) -> None:
     """Do an experiment on the case's hidden rig. A protocol that the rig cannot do is refused."""
     from gap.blind import perform
@@ -59,8 +59,8 @@ def blind_loop(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the reports after 0, 1, 2 … experiments.")],
     policy: Annotated[str, typer.Option(help="Who chooses: ours, random or fixed.")] = "ours",
     most: Annotated[int, typer.Option(parser=whole(1, 20), help="Experiments of a case at most.")] = 3,
-    seed: Annotated[int, typer.Option(parser=whole(), help="Seed of what is drawn.")] = 1,
-    passphrase: Annotated[str, typer.Option(help="What the key is encrypted with.")] = "",
+    seed: Annotated[int, typer.Option(parser=whole(), help="Seed of all drawn numbers.")] = 1,
+    passphrase: Annotated[str, typer.Option(help="Passphrase of the key.")] = "",
     jobs: Annotated[int, typer.Option(parser=whole(1, MOST_JOBS), help="Processes that share a case's fits.")] = 1,
     quick: Annotated[
         bool, typer.Option("--quick", help="Quick diagnoses: few effects are fitted, and no pairs.")
@@ -88,7 +88,7 @@ def blind_diagnose(
 def blind_score(
     reports: Annotated[Path, typer.Argument(help="Folder of reports.")],
     keys: Annotated[list[Path], typer.Argument(help="The key file, or those of several sets (tiers) together.")],
-    passphrase: Annotated[str, typer.Option(help="What the key was encrypted with.")] = "",
+    passphrase: Annotated[str, typer.Option(help="Passphrase of the key.")] = "",
     as_json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
 ) -> None:
     """Compare reports with the key: every figure beside its target."""

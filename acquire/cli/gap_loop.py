@@ -20,13 +20,13 @@ def loop(
     ] = Path("gap-loop"),
     effect: Annotated[
         list[str] | None,
-        typer.Option(help="What is hidden, such as leak:shortfall=0.08; default: drawn. 'none': nothing."),
+        typer.Option(help="Hidden effect, such as leak:shortfall=0.08; default: drawn. 'none': nothing."),
     ] = None,
     policy: Annotated[str, typer.Option(help="Who chooses: ours, random or fixed.")] = "ours",
     most: Annotated[int, typer.Option(parser=whole(1, 20), help="Experiments at most.")] = 3,
     station: Annotated[Path | None, typer.Option(help="Stay within this station's limits.")] = None,
     specimen: Annotated[list[str] | None, typer.Option(help="Only these specimens (may be repeated).")] = None,
-    seed: Annotated[int, typer.Option(parser=whole(), help="Seed of person, noise and what is drawn.")] = 1,
+    seed: Annotated[int, typer.Option(parser=whole(), help="Seed of person, noise and hidden effect.")] = 1,
     quick: Annotated[
         bool, typer.Option("--quick", help="Quick diagnoses: few effects are fitted, and no pairs.")
     ] = False,

@@ -24,7 +24,7 @@ def next_experiment(
     station: Annotated[Path | None, typer.Option(help="Stay within this station's limits.")] = None,
     specimen: Annotated[list[str] | None, typer.Option(help="Only these specimens (may be repeated).")] = None,
     effects: Annotated[list[Path] | None, typer.Option(help="Python file(s) with further effects.")] = None,
-    seed: Annotated[int, typer.Option(parser=whole(), help="Seed of what is drawn.")] = 1,
+    seed: Annotated[int, typer.Option(parser=whole(), help="Seed of all drawn numbers.")] = 1,
     everything: Annotated[bool, typer.Option("--all", help=ALL)] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print experiment.yaml as JSON.")] = False,
 ) -> None:
@@ -50,7 +50,7 @@ def next_experiment(
 
 
 def read_report(path: Path) -> dict[str, Any]:
-    """A ``gap-report/1``. Raises ValueError that names the file and what is wrong."""
+    """A ``gap-report/1``. Raises ValueError that names the file and its fault."""
     try:
         said = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:

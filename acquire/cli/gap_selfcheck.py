@@ -1,4 +1,4 @@
-"""``acquire gap selfcheck``: what a session like this one could have told, and what not."""
+"""``acquire gap selfcheck``: the effects that a session like this one could have shown."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def selfcheck(
     ] = None,
     full: Annotated[int, typer.Option(parser=whole(), help="Whole diagnoses, of as many effects drawn.")] = 0,
     effects: Annotated[list[Path] | None, typer.Option(help="Python file(s) with further effects.")] = None,
-    seed: Annotated[int, typer.Option(parser=whole(), help="Seed of noise and what is drawn.")] = 1,
+    seed: Annotated[int, typer.Option(parser=whole(), help="Seed of noise and strengths.")] = 1,
     jobs: Annotated[int, typer.Option(parser=whole(1, MOST_JOBS), help="Processes that share the fits.")] = 1,
     everything: Annotated[bool, typer.Option("--all", help=ALL)] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
@@ -61,7 +61,7 @@ def selfcheck(
 
 
 def cited(path: Path, recordings: Sequence[str], causes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """A self-check as a report cites it: what the session could not have told, and what is known of the first cause.
+    """A self-check as a report cites it: effects the session could not have shown, and the recovery of the first cause.
 
     Raises ValueError for a file that is no self-check, or one of another session.
     """

@@ -32,7 +32,7 @@ def gui(
     from acquire.notify import hooks
     from acquire.station import load_station
 
-    # A fault in what is given is told here, with its line: no other bench is opened in its place.
+    # A fault in a given file is told here, with its line: no other bench is opened in its place.
     hooks(notify or (), load_station(station).notify if station is not None else ())
     bench = BenchSettings(station=station, out=out, speed=speed, tissue=tissue, notify=tuple(notify or ()))
     raise typer.Exit(run(bench, dark=dark))

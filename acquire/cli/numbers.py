@@ -9,7 +9,7 @@ import typer
 
 LARGEST = 2**31 - 1
 MOST_JOBS = 1024
-FASTEST = 1e5  # simulated seconds per second; what a session takes
+FASTEST = 1e5  # simulated seconds per second that a session takes
 
 
 def real(low: float, high: float) -> Callable[[str | float], float]:

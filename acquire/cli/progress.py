@@ -22,7 +22,7 @@ LINES = 10.0  # s of wall time between two plain lines
 class Stop:
     """Has Ctrl-C, a polite kill and a closed terminal end a session's work. Use as a context manager.
 
-    They are caught from the first moment: what comes before `ends` is kept for it.
+    They are caught from the first moment: a signal before `ends` is kept for it.
     """
 
     def __init__(self) -> None:

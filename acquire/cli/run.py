@@ -49,7 +49,7 @@ def run(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
-    """Run a protocol and record it. Ctrl-C vents, keeps what was recorded and ends with status 5."""
+    """Run a protocol and record it. Ctrl-C vents, keeps the recording and ends with status 5."""
     from acquire.cli.progress import Reporter, Stop
 
     with Stop() as stop:
@@ -133,7 +133,7 @@ def _say(text: object, *, err: bool = False) -> None:
     try:
         typer.echo(text, err=err)
     except OSError:
-        if not err:  # what could not be said must not be tried again when the interpreter ends
+        if not err:  # a text that could not be written must not be tried again when the interpreter ends
             sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - stays until then
 
 

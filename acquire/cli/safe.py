@@ -24,7 +24,7 @@ def safe(
 ) -> None:
     """Vent, stop motion and acknowledge latched faults; status 3 if one instrument cannot be seen to be safe.
 
-    Look at the person and at the instrument first: this is what tells the software that somebody has.
+    Look at the person and at the instrument first: this command tells the software that somebody has.
     """
     from acquire.cli.run import bench_of
     from acquire.session import Session

@@ -12,7 +12,7 @@ from acquire.cli.app import BAD_INPUT
 
 
 def solver_for(model: str) -> Any:
-    """The installed solver, by preference one that has ``model``; ends with status 2 and says what is missing."""
+    """The installed solver, by preference one that has ``model``; ends with status 2 where it is missing."""
     for plugin in plugins.plugins("acquire.solvers").values():
         if not plugin.working:
             print(

@@ -1,4 +1,4 @@
-"""A line on the terminal that says what is going on, and how long it may take."""
+"""A line on the terminal with the running stage and the time it may take."""
 
 from __future__ import annotations
 

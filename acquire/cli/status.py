@@ -1,4 +1,4 @@
-"""``acquire status``: what runs on this computer, seen from another terminal."""
+"""``acquire status``: sessions that run on this computer, seen from another terminal."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def status(as_json: Annotated[bool, typer.Option("--json", help="Print the resul
 
 
 def lines(report: Report) -> list[str]:
-    """A session in words, with what to do where its program is gone."""
+    """A session in words, with the remedy where its program is gone."""
     content = report.content
     head = f"{content['program']} (process {content['pid']}, since {content['since']}) on {content['station'] or '?'}"
     told = [f"{head}: {report.words}"]

@@ -25,7 +25,7 @@ from protocols.setpoints import Until
 T = TypeVar("T")
 TAIL = 3.0  # s of wall time without a word from a link after which its tail is not waited for any longer
 LONGEST_TAIL = 30.0  # s of wall time for the tail altogether
-START = 5.0  # s of wall time within which a device begins what it was told to start
+START = 5.0  # s of wall time within which a device begins after it was told to start
 LATE = 0.5  # s of device time by which a segment may end late
 
 _COMPARE: dict[str, Callable[[Any, float], Any]] = {
@@ -80,7 +80,7 @@ class ActiveRun:
     # Data -------------------------------------------------------------------------------------------------------------
 
     def receive(self, item: Block | Frame) -> None:
-        """Record what a link delivered. Called by the links' threads."""
+        """Record the data of a link. Called by the links' threads."""
         if self.recording:
             self._recorder.put(item)
             if isinstance(item, Block):
@@ -121,7 +121,7 @@ class ActiveRun:
         self._started = self._heard = False
 
     def drive(self, status: Status, ask: Ask) -> Trip | None:
-        """One turn: start what is to be started, follow the device, keep its queue filled.
+        """One turn: start a device that waits for it, follow the device, keep its queue filled.
 
         The result is a trip if the device left the run by itself; whether the run is over says ``feeder.finished``.
         """

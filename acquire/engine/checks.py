@@ -1,7 +1,7 @@
 """Checks of measured values by the interlock: finite, within limits, not too fast, not too long, on their set-points.
 
 Each check looks at the new samples of a run, block by block and in order, and says when it trips. A single sample far
-away may be a disturbance on a wire: what depends on one value trips when the next one says the same.
+away may be a disturbance on a wire: a check of one value trips when the next value says the same.
 """
 
 from __future__ import annotations
@@ -130,7 +130,7 @@ class Rates:
 
 
 class Dwells:
-    """Nothing is away from rest for longer than its limit, whether by its set-point or by what is measured."""
+    """Nothing is away from rest for longer than its limit, whether by its set-point or by its measured value."""
 
     def __init__(self, watch: Watch) -> None:
         self._watch = watch
@@ -148,7 +148,7 @@ class Dwells:
             for quantity in AXES if name == PROBE else (name,):
                 if quantity in targets:
                     away |= np.nan_to_num(targets[quantity]) != 0
-            # Only the ends of what lasts are told: the rest follows.
+            # Only the ends of a lasting state are told: the rest follows.
             edge = np.flatnonzero(np.diff(away))
             for k in np.unique([0, *edge, *(edge + 1), len(away) - 1]):
                 dwell = timer.at(float(block.time[k]), bool(away[k]))

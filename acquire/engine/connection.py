@@ -66,7 +66,7 @@ class Connection(ControlLoop):
         return absence.words if absence is not None else ""
 
     def connect(self, *, acknowledged: bool = False) -> None:
-        """Open every link and make safe what an earlier host left behind (`found` says what that was).
+        """Open every link and make an earlier host's instrument safe (`found` tells its state).
 
         Raises DeviceError; the state is then ``failed``. A fault that the device latched is such an error, unless a
         person has ``acknowledged`` it.
@@ -81,11 +81,11 @@ class Connection(ControlLoop):
         """Close the links."""
         self._do(self._disconnect)
 
-    # What the links' threads call -------------------------------------------------------------------------------------
+    # Called by the links' threads -------------------------------------------------------------------------------------
 
     @abc.abstractmethod
     def receive(self, link: LinkThread, items: Sequence[Block | Frame]) -> None:
-        """Take what has arrived."""
+        """Take new data."""
 
     @abc.abstractmethod
     def behind(self) -> bool:
@@ -109,7 +109,7 @@ class Connection(ControlLoop):
         """Leave whatever is going on, safely."""
 
     def _look_for_links(self) -> None:
-        """Where nothing is live: close what a link was lost of, and try it again when that is due."""
+        """Where nothing is live: close an instrument that lost a link, and try it again when that is due."""
         if self._lost and self._machine.can("lose"):
             self._absence = Absence(self._lost[0])
             self._links.close()

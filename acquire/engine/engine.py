@@ -52,7 +52,7 @@ class RunEngine(Connection):
         self._thread.start()
         self._interlock.start()
 
-    # What anybody may ask ---------------------------------------------------------------------------------------------
+    # For anybody to ask -----------------------------------------------------------------------------------------------
 
     @property
     def trip(self) -> Trip | None:
@@ -77,7 +77,7 @@ class RunEngine(Connection):
         progress = Progress(self.state, device_time=now) if run is None else run.progress(self.state, now)
         return replace(progress, trip=self.trip, dwell=self._interlock.dwell)
 
-    # What a person, a program or a window may do ----------------------------------------------------------------------
+    # For a person, a program or a window to do ------------------------------------------------------------------------
 
     def arm(self, plan: RunPlan) -> None:
         """Check the plan against its limits, open its journal, hand the limits to the device.
@@ -130,10 +130,10 @@ class RunEngine(Connection):
         self._interlock.close()
         self._interlock.join()
 
-    # What the links' threads call -------------------------------------------------------------------------------------
+    # Called by the links' threads -------------------------------------------------------------------------------------
 
     def receive(self, link: LinkThread, items: Sequence[Block | Frame]) -> None:
-        """Hand on what arrived: recorder first, then interlock, then screens."""
+        """Hand on new data: recorder first, then interlock, then screens."""
         run = self._run
         for item in items:
             if run is not None:

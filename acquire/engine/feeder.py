@@ -1,4 +1,4 @@
-"""Which segments the device gets next, and what has been commanded so far: no threads, no clocks, no links.
+"""Which segments the device gets next, and the set-points so far: no threads, no clocks, no links.
 
 The device numbers segments from its last ``start``. The feeder knows which protocol segment each number is, keeps the
 device's queue filled, and writes down when every segment really began and ended, in device time: an ``until`` or a
@@ -71,7 +71,7 @@ class Feeder:
             durations.append(math.hypot(*(j for q, j in jumps.items() if q.startswith("probe_"))) / whole)
         return Segment(max(durations, default=0.0), dict(self._rest), dict(target), "load", "resume")
 
-    # What to send -----------------------------------------------------------------------------------------------------
+    # To be sent -------------------------------------------------------------------------------------------------------
 
     def feed(self) -> list[Segment]:
         """The segments to enqueue now. Nothing is sent behind an ``until`` segment before that one has ended."""
@@ -98,7 +98,7 @@ class Feeder:
             return replace(segment, start=self.done[-1].finish)
         return segment
 
-    # What the device says ---------------------------------------------------------------------------------------------
+    # Said by the device ----------------------------------------------------------------------------------------------
 
     def follow(self, status: Status) -> None:
         """Take in a status that the device sent after ``start``."""
@@ -181,7 +181,7 @@ class Feeder:
     def commanded(self, time: FloatArray, status: Status | None = None) -> dict[str, FloatArray]:
         """Set-points at device times ``time`` (n,) s; NaN where the host cannot know (long ago, not yet, or paused).
 
-        Nor can it where ``status``, which came with the samples of these times, is ahead of what was followed so far:
+        Nor can it where ``status``, which came with the samples of these times, is ahead of the followed segments:
         the device may have been told to skip or to hold. While it is armed everything is at rest.
         May be called from another thread: it reads one snapshot.
         """
@@ -218,7 +218,7 @@ class Feeder:
         return Setpoints((*fed, *self._all[self._next :]))
 
     def _pieces(self) -> Iterator[Executed]:
-        """The last executed pieces and what is under way, as planned."""
+        """The last executed pieces and the running one, as planned."""
         yield from self.done[-8:]
         moment = self._clock
         if not math.isfinite(moment):

@@ -1,4 +1,4 @@
-"""Run-time trips: what is measured, how fresh it is, and whether it follows what was commanded.
+"""Run-time trips: measured values, their freshness, and whether they follow the set-points.
 
 Software is not the safety device (docs/safety.md): the instrument's own limits, relief valve and watchdog are. This
 thread stops the run earlier and says why.
@@ -22,7 +22,7 @@ from drivers.device import Status
 from drivers.signals import Block, FloatArray, Frame
 from protocols.limits import Limits
 
-#: Set-points at device times (n,) s as far as they are known, given what the device said with the samples of then.
+#: Set-points at device times (n,) s as far as they are known, given the device's status with the samples of then.
 Commanded = Callable[[FloatArray, Status | None], Targets]
 
 
@@ -58,7 +58,7 @@ class Interlock(threading.Thread):
         yields: bool = True,
         compared: bool = True,
     ) -> None:
-        """Begin to watch ``limits`` per channel, freshness of ``links``, what is ``commanded``, space at ``folder``.
+        """Begin to watch ``limits`` per channel, freshness of ``links``, ``commanded`` set-points, space at ``folder``.
 
         The first link is the driven device's. For ``gappy``, ``yields`` and ``compared`` see `Watch`.
         """
@@ -77,7 +77,7 @@ class Interlock(threading.Thread):
         self._watching = False
 
     def receive(self, link: str, item: Block | Frame, status: Status | None) -> None:
-        """Data to look at; what is not new is no sign of life."""
+        """Data to look at; old samples are no sign of life."""
         if self._watching and (new := self._freshness.take(link, item, time.monotonic())) is not None:
             self._blocks.append((link, new, status))
             self._wake.set()

@@ -23,10 +23,10 @@ THROTTLE = 0.005  # s of wall time between looks while the receiver is behind
 
 
 class Receiver(Protocol):
-    """Who gets what a link delivers. Called in the link's thread."""
+    """The receiver of a link's data. Called in the link's thread."""
 
     def receive(self, link: LinkThread, items: Sequence[Block | Frame]) -> None:
-        """Take what has arrived. Must be quick."""
+        """Take new data. Must be quick."""
 
     def behind(self) -> bool:
         """Whether to read more slowly: a simulated instrument then waits, a real one fills its buffers first."""
@@ -36,7 +36,7 @@ class Receiver(Protocol):
 
 
 class LinkThread(threading.Thread):
-    """Owns one `Source` (or `Device`): opens it, reads it, carries out what others ask of it, makes it safe.
+    """Owns one `Source` (or `Device`): opens it, reads it, carries out requests of other threads, makes it safe.
 
     A request to make safe overtakes everything that is queued.
     """
@@ -49,7 +49,7 @@ class LinkThread(threading.Thread):
         self.first = math.inf  # device time in s of the first data after connecting
         self.latest = -math.inf  # device time in s of the newest data
         self.error: Exception | None = None
-        self.found = ""  # what an earlier host had left behind and `connect` made safe, in words
+        self.found = ""  # the state of an earlier host that `connect` made safe, in words
         self._receiver = receiver
         self._beat = beat if isinstance(source, Device) else None
         self._beaten = 0
@@ -63,7 +63,7 @@ class LinkThread(threading.Thread):
     # Called by others -------------------------------------------------------------------------------------------------
 
     def ask(self, action: Callable[[], T]) -> Future[T]:
-        """Have ``action`` carried out by this thread, after what was asked before."""
+        """Have ``action`` carried out by this thread, after earlier requests."""
         if self._closing:
             future: Future[T] = Future()
             future.set_exception(LinkLost(f"{self.source.name}: the link is closed"))
@@ -81,7 +81,7 @@ class LinkThread(threading.Thread):
         return self._safe.wait(timeout)
 
     def connect(self, *, acknowledged: bool = False) -> Future[Any]:
-        """Open the link, make safe what an earlier host left; the result is the instrument's `Identity`.
+        """Open the link, make an earlier host's instrument safe; the result is the instrument's `Identity`.
 
         Raises Faulted where the device latched a fault of its own, unless a person has ``acknowledged`` it.
         """
@@ -158,7 +158,7 @@ class LinkThread(threading.Thread):
         status = device.status
         self.found = ""
         if status.latched and not acknowledged:
-            device.close()  # it has vented by itself, and making it safe would clear what a person has to see
+            device.close()  # it has vented by itself, and making it safe would clear a state that a person has to see
             raise Faulted(
                 f"{device.name} stopped by itself ({status.fault}): look at the person and the instrument, "
                 "then acknowledge it (acquire safe, or Reset in the window)"
@@ -170,7 +170,7 @@ class LinkThread(threading.Thread):
 
     def _make_safe(self) -> None:
         self._urgent.clear()
-        # What was asked before the stop is void: a `start` behind it must not undo it.
+        # Requests from before the stop are void: a `start` behind it must not undo it.
         self._requests.void()
         try:
             self.source.make_safe()

@@ -1,4 +1,4 @@
-"""The engine's own thread: carries out what is asked of it, and never forgets to beat while it waits for something."""
+"""The engine's own thread: carries out requests, and never forgets to beat while it waits for something."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class ControlLoop(abc.ABC):
         self._closing: bool = False
         self._thread = threading.Thread(target=self._serve, name=f"engine-{name}", daemon=True)
 
-    # What the engine adds ---------------------------------------------------------------------------------------------
+    # Added by the engine ----------------------------------------------------------------------------------------------
 
     @abc.abstractmethod
     def _turn(self) -> None:
@@ -74,7 +74,7 @@ class ControlLoop(abc.ABC):
             except CancelledError:
                 raise Aborted("a person ended it first") from None
             except BaseException:
-                future.cancel()  # nobody waits any more (Ctrl-C): what has not begun must not begin
+                future.cancel()  # nobody waits any more (Ctrl-C): a request that has not begun must not begin
                 raise
         raise WrongState("the engine is closed")
 
@@ -87,7 +87,7 @@ class ControlLoop(abc.ABC):
             try:
                 self._turn()
             except CancelledError:
-                pass  # a stop overtook what was asked of a link; the next turn acts on it
+                pass  # a stop overtook the request to a link; the next turn acts on it
             except Exception as error:
                 if self._interlock.trip is not None:
                     continue  # a lost link has tripped already, in its own words
@@ -110,7 +110,7 @@ class ControlLoop(abc.ABC):
                 future.set_exception(error)
 
     def _overtaken(self) -> WrongState | None:
-        """Why what was asked is void: a trip or an abort; None if there is none."""
+        """Why requests are void: a trip or an abort; None if there is none."""
         if (trip := self._interlock.trip) is not None:
             return Tripped(f"{trip.code}: {trip.message}")
         return Aborted(self._aborts[0]) if self._aborts else None

@@ -68,7 +68,7 @@ class RecordQueue(Generic[T]):
 
 
 class DisplayQueue(Generic[T]):
-    """A bounded queue that drops the oldest: a slow screen stalls nothing. ``dropped`` counts what it cost."""
+    """A bounded queue that drops the oldest: a slow screen stalls nothing. ``dropped`` counts lost items."""
 
     def __init__(self, capacity: int = 64) -> None:
         """``capacity`` in items."""

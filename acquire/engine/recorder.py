@@ -36,7 +36,7 @@ LOOK = 1.0  # s of wall time between two looks whether the journal is still ther
 
 @dataclass(frozen=True)
 class Commanded:
-    """Set-points from device time ``start`` s on; they replace what was written for later times."""
+    """Set-points from device time ``start`` s on; they replace those written for later times."""
 
     setpoints: Setpoints
     start: float
@@ -132,7 +132,7 @@ class Recorder(threading.Thread):
                 self._fail(str(error))
         try:
             self._writer.end(end.status, end.reason)
-        except OSError as error:  # the disk fails: the end is missing, what was written before may be readable
+        except OSError as error:  # the disk fails: the end is missing, the part before may be readable
             log.error("%s: %s", self.journal, error)
         try:
             self.result.set_result(self._save())
@@ -163,7 +163,7 @@ class Recorder(threading.Thread):
         if now - self._looked >= LOOK:
             self._looked = now
             if gone := self._writer.gone():
-                self._tell(gone)  # what still comes is kept all the same, in the open file
+                self._tell(gone)  # later data are kept all the same, in the open file
 
     def _write(self, item: Item) -> None:
         if isinstance(item, Block):

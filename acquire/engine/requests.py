@@ -20,7 +20,7 @@ class Requests:
         self._wake = wake
 
     def ask(self, action: Callable[[], T]) -> Future[T]:
-        """Have ``action`` carried out, after what was asked before."""
+        """Have ``action`` carried out, after earlier requests."""
         future: Future[T] = Future()
         self._waiting.append((action, future))
         self._wake.set()
@@ -34,7 +34,7 @@ class Requests:
                 yield action, future
 
     def void(self) -> None:
-        """Cancel what has not begun."""
+        """Cancel requests that have not begun."""
         for _, future in tuple(self._waiting):
             future.cancel()
 

@@ -18,7 +18,7 @@ PATIENCE = 5.0  # s of wall time within which the readings must show it
 
 @dataclass(frozen=True)
 class Rest:
-    """How an instrument was found, what it says now, and its last readings of what it commands (SI, by channel)."""
+    """How an instrument was found, its status now, and its last readings of commanded quantities (SI, by channel)."""
 
     found: str
     status: Status
@@ -39,7 +39,7 @@ class Rest:
 
 
 def bring_to_rest(engine: RunEngine) -> Rest:
-    """Make the connected instrument of ``engine`` safe and read back what has become of it.
+    """Make the connected instrument of ``engine`` safe and read its state back.
 
     Raises WrongState while a run is on, DeviceError when it does not confirm.
     """

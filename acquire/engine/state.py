@@ -35,7 +35,7 @@ class State(enum.StrEnum):
 _LIVE = frozenset({State.ARMED, State.RUNNING, State.PAUSED})
 _FINAL = frozenset({State.COMPLETED, State.ABORTED, State.TRIPPED, State.FAILED})
 
-#: event -> {state: next state}. What is not here does not happen.
+#: event -> {state: next state}. An event that is missing here is ignored.
 TRANSITIONS: dict[str, dict[State, State]] = {
     "connect": {State.IDLE: State.CONNECTING},
     "connected": {State.CONNECTING: State.READY},

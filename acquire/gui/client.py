@@ -68,7 +68,7 @@ class Client(QObject):
             self._safety.send_bytes(STOP)
 
     def poll(self) -> None:
-        """Say that the window is alive and take what has arrived."""
+        """Say that the window is alive and take the messages that arrived."""
         if not self._open:
             return
         if time.monotonic() - self._heard < SILENT or not self._greeted:
@@ -93,7 +93,7 @@ class Client(QObject):
             self.lost.emit("the worker process does not answer; instruments vent by their own watchdog")
 
     def close(self) -> None:
-        """End the worker: it aborts what runs, vents and finishes recordings first. Idempotent."""
+        """End the worker: it aborts the runs, vents and finishes recordings first. Idempotent."""
         if self._open:
             self._open = False
             with contextlib.suppress(OSError, ValueError):

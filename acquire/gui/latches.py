@@ -10,7 +10,7 @@ from acquire.gui.messages import NEEDS_RESET, View
 class Latches:
     """The stops of a bench's instruments, as the worker's views tell them.
 
-    The engine holds the latch; this only remembers what the window has asked for and not heard of yet: a stop latches
+    The engine holds the latch; this only remembers the window's requests that were not answered yet: a stop latches
     at once, and a reset is not undone by a view from before it.
     """
 

@@ -111,7 +111,7 @@ class InstrumentInfo:
 
     @property
     def label(self) -> str:
-        """How it is called everywhere: by the station's name, and what it is where the name does not say."""
+        """How it is called everywhere: by the station's name, and by its kind where the name does not tell it."""
         return self.title if self.name == self.kind else f"{self.name} – {self.title}"
 
 
@@ -135,9 +135,9 @@ class View:
 
     ``points`` maps channel to (time, value), thinned by extremes, ``latest`` to its newest value (NaN: not measurable);
     ``path`` (n, 6) is tip position (m) and force (N); ``origin`` the device time at which the protocol began (NaN: not
-    yet). ``run`` counts runs: another one clears the plots. Times are in s; ``left`` is what remains of the running
-    segment, ``disk`` how long the disk lasts at the present rate (NaN: none); ``dwell`` maps a quantity to
-    for how long it is away from rest, and may be.
+    yet). ``run`` counts runs: another one clears the plots. Times are in s; ``left`` is the rest of the running
+    segment, ``disk`` how long the disk lasts at the present rate (NaN: none); ``dwell`` maps a quantity to how
+    long it is away from rest, and how long it may be.
     """
 
     name: str

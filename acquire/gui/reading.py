@@ -113,7 +113,7 @@ def result(path: Path) -> Result:
 
 
 def recovered(journal: Path) -> Path:
-    """Make a recording of what a crash left, and remove the journal if all of it is in that.
+    """Make a recording of the journal a crash left, and remove the journal if the recording holds all of it.
 
     A journal with damaged bytes is kept beside the recording under another name (`RECOVERED`) for `KEPT` days, in which
     an expert may look at them.

@@ -1,4 +1,4 @@
-"""The window's pages for what is recorded already, and who reads the files for them."""
+"""The window's pages for finished recordings, and the reader of their files."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class Recordings(QObject):
         self.analyst.ask(reading.result, path, then=self._show_result, fault=self.said.emit)
 
     def recover(self, journals: Sequence[Path]) -> None:
-        """Make recordings of what a crash left."""
+        """Make recordings of the journals a crash left."""
         self.offer.hide()
         for journal in journals:
             self.analyst.ask(reading.recovered, journal, then=lambda path: self.refresh(), fault=self.said.emit)

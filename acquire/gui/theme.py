@@ -13,7 +13,7 @@ POINT_SIZE = 11
 
 @dataclass(frozen=True)
 class Theme:
-    """Colours by what they are for."""
+    """Colours by purpose."""
 
     name: str
     window: str

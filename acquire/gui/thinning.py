@@ -1,4 +1,4 @@
-"""Curves by their extremes: what a screen can show of them, with nothing that shows lost."""
+"""Curves thinned to their extremes: a screen shows the same as of all samples."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The main window: it carries what a person wants to the worker and back, and shows it on its panels."""
+"""The main window: it carries a person's wishes to the worker and shows the answers on its panels."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class MainWindow(Layout):
         self.recordings.page_wanted.connect(self.tabs.setCurrentWidget)
         self.recordings.result_ready.connect(lambda page: None if self.live else self.tabs.setCurrentWidget(page))
 
-    # What goes on -----------------------------------------------------------------------------------------------------
+    # Progress --------------------------------------------------------------------------------------------------------
 
     @property
     def current(self) -> str:
@@ -237,7 +237,7 @@ class MainWindow(Layout):
         self.client.ask("preview", self.current, show, path=path, subject=self.subject.who()["subject"])
 
     def _count(self, ended: Measurement | None = None) -> None:
-        """Count the repeats of what would be measured now; ``ended`` is what was measured last."""
+        """Count the repeats of the chosen measurement; ``ended`` is the one that ended last."""
         if self.prepare.preview is not None:
             what = self.subject.what(self.prepare.preview.name)
             self.subject.count(what, self.recordings.next_repeat(what), anew=what == ended)

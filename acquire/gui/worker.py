@@ -3,7 +3,7 @@
 Four kinds of thread, and none waits for the window:
 
 - the guard reads the safety pipe and does nothing else: the window is alive, or emergency stop, or (closed) gone;
-- the main thread takes commands; abort and stop are done at once, what takes time goes to
+- the main thread takes commands; abort and stop are done at once, slow commands go to
 - one thread per instrument, which answers;
 - the publisher sends views and answers. If the window does not read, it blocks, and only it does.
 
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 PERIOD = 1 / 30  # s between two views
-TELLING = ("connect", "reset", "run")  # commands that answer in words what a person should know, '' for nothing
+TELLING = ("connect", "reset", "run")  # commands that answer with a sentence for the person, '' for nothing
 QUESTIONS = ("preview", "threshold")  # commands whose refusal is no fault of the instrument
 
 
@@ -105,7 +105,7 @@ class Worker:
         self.session.stop(reason)
 
     def end(self) -> None:
-        """Abort what runs and leave."""
+        """Abort the runs and leave."""
         self._over.set()
         for engine in self.session.engines.values():
             engine.abort("the window was closed")
@@ -158,7 +158,7 @@ class Worker:
             return
 
     def _take(self, command: Command) -> None:
-        """Do at once what must not wait; have the rest done in the instrument's own thread."""
+        """Do urgent commands at once; have the rest done in the instrument's own thread."""
         name = command.instrument
         if command.action == "quit":
             self._over.set()
@@ -195,7 +195,7 @@ class Worker:
         self._outbox.put(Reply(command.number, value))
 
     def _connect(self, name: str, *, acknowledged: bool = False) -> str:
-        """Open an instrument; what an earlier host had left behind and was made safe, in words.
+        """Open an instrument; the result tells which state of an earlier host was made safe.
 
         One that cannot be reached latches nothing, as nothing was driven: it may be retried. One that says itself that
         it is in a fault waits for a person's reset, who has then ``acknowledged`` it.

@@ -321,7 +321,7 @@ class _Import:
             return {}, ()
         try:
             protocol = load(text if "\n" in text else text + "\n")
-            # What was done was allowed where it was done: only the protocol's own limits are asked again.
+            # The run was allowed where it was done: only the protocol's own limits are asked again.
             setpoints = compile_protocol(protocol, Limits({q: Range(-1e9, 1e9) for q in protocol.quantities}))
         except ProtocolError as error:
             where = self.bundle.protocol if isinstance(self.bundle.protocol, str) else ""

@@ -86,7 +86,7 @@ def table_groups(group: Mapping[str, Series]) -> list[dict[str, Series]]:
 
 
 def _tables(folder: Path, stem: str, group: Mapping[str, Series]) -> dict[str, Any]:
-    """Write ``group`` as tables and return what recording.yaml says of each channel."""
+    """Write ``group`` as tables and return the entry of each channel in recording.yaml."""
     about: dict[str, Any] = {}
     for number, members in enumerate(table_groups(group)):
         first = next(iter(members.values()))
@@ -141,7 +141,7 @@ def _images(folder: Path, frames: Frames) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Only what YAML writes without tags."""
+    """Only values that YAML writes without tags."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, tuple | list):

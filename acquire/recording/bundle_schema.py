@@ -1,8 +1,8 @@
 """The contents of ``recording.yaml`` of a bundle (schema ``recording-bundle/1``).
 
 Beyond the contract of docs/architecture.md a channel may name its stage, range, resolution and sample counter, a time
-axis may be a ``rate`` instead of a column, and ``run`` carries the rest of a run's identity: what an exported recording
-needs to come back whole.
+axis may be a ``rate`` instead of a column, and ``run`` carries the rest of a run's identity, so that an exported
+recording comes back whole.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ class Images(_Loose):
 
     Their times: ``rate`` from ``start`` on (default: where the channels begin), or a ``time`` column of ``time_file``.
     ``gvt`` is the grey-value threshold set by eye (0..255), ``delta`` its uncertainty, ``apex`` where the dome points.
-    ``tissue`` is darker or brighter than what is behind it.
+    ``tissue`` is darker or brighter than the background.
     Without a ``scale`` the images are kept, but no height is measured in them.
     """
 
@@ -156,7 +156,7 @@ class Bundle(_Loose):
     notes: str = ""
     channels: dict[Name, Source] = Field(default={})
     setpoints: dict[Name, Source] = Field(default={})
-    segments: Short | None = Field(default=None, description="table of what the set-points are made of")
+    segments: Short | None = Field(default=None, description="table of the segments of the set-points")
     derived: dict[Name, Source] = Field(default={})
     frames: Images | None = None
     events: tuple[EventRow, ...] = ()

@@ -1,6 +1,6 @@
 """Checksums in a recording: one of every dataset, and one of everything else (names, attributes, shapes).
 
-HDF5 itself notices damage only in what it wrote compressed. The attribute ``crc32`` of a dataset is that of its values
+HDF5 itself notices damage only in compressed datasets. The attribute ``crc32`` of a dataset is that of its values
 in C order; ``checksum`` of ``/entry`` covers the names, types, shapes and attributes of everything below it.
 """
 

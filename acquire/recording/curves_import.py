@@ -1,6 +1,6 @@
 """Import of curves that an instrument's own software exported, through a column map.
 
-A column map is a YAML file that says which column is what (schema ``column-map/1``)::
+A column map is a YAML file that names the quantity of each column (schema ``column-map/1``)::
 
     schema: column-map/1
     instrument: cutometer
@@ -118,7 +118,7 @@ def _one(export: Path, mapping: ColumnMap, source: Yaml, match: str | None, numb
 
 
 def _protocol(column_map: Path, given: str | dict[str, Any] | None) -> str | dict[str, Any] | None:
-    """The text of a protocol file beside the map, else what was given: an inline protocol or a library name."""
+    """The text of a protocol file beside the map, else the given text: an inline protocol or a library name."""
     if not isinstance(given, str) or "\n" in given:
         return given
     with refusing(column_map, RecordingError, "protocol"):

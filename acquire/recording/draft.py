@@ -71,7 +71,7 @@ class Draft:
 
     def close(self) -> None:
         """Close the file; without a name it is gone. Idempotent."""
-        with contextlib.suppress(RuntimeError, OSError):  # what HDF5 could not write is the sink's to tell
+        with contextlib.suppress(RuntimeError, OSError):  # the sink tells what HDF5 could not write
             self.file.close()
         self.raw.close()
 

@@ -4,14 +4,14 @@ Layout (schema ``acquire-recording/1``); every dataset has ``units``, every stri
 
     /entry                              NXentry; schema, start_time, end_time, status, trip_reason, default plot
     /entry/run                          who, what and where; the protocol's text and its sha256; package versions
-    /entry/run/specimen_properties/<key>  what is known of a reference specimen; attributes units, se
+    /entry/run/specimen_properties/<key>  known properties of a reference specimen; attributes units, se
     /entry/instrument                   name (of the kind), device (by the station's name), station file,
                                         limits, calibration with provenance
     /entry/streams/<channel>/{value,time,time_host,seq}    group attributes units, stage, range, resolution, noise
     /entry/frames/{data,time,seq,crc}   one chunk per frame; where only a region of most was kept: attributes
                                         region (left, top, width, height), kept; dataset whole
     /entry/derived/<name>/{value,time}  results of an analysis
-    /entry/setpoints/{time,<quantity>}  what was commanded (a quantity with times of its own: <quantity>_time)
+    /entry/setpoints/{time,<quantity>}  set-points (a quantity with times of its own: <quantity>_time)
     /entry/setpoints/segments           compound: begin, end, phase, step, start_, finish_<quantity>, label_<name>
     /entry/events                       compound: time, level, code, text
     /entry/plot                         NXdata on the default stream
@@ -349,7 +349,7 @@ def _put(group: h5py.Group, name: str, value: Any, unit: str = "") -> h5py.Datas
 
 
 def _verify(recording: Recording, path: Path) -> None:
-    """Read ``path`` back and compare every value with what was to be written."""
+    """Read ``path`` back and compare every value with the recording in memory."""
     written = open_recording(path)
     problem = difference(recording, written)
     if problem:

@@ -102,7 +102,7 @@ class _Reader:
     def __init__(self, file: h5py.File, path: Path) -> None:
         self.path = path
         self.cache: dict[int, Any] = {}
-        self.damage: list[str] | None = None  # where what is damaged is to be left out, what that is
+        self.damage: list[str] | None = None  # damaged parts, where these are to be left out
         self.entry = self.group(file, "entry")
         schema = self.attr(self.entry, "schema", "")
         if schema != SCHEMA:
@@ -134,7 +134,7 @@ class _Reader:
         none: tuple[Event, ...] = ()
         events = self.sound(self.events, none)
         if OF_ALL in self.entry.attrs and int(self.entry.attrs[OF_ALL]) != of_structure(self.entry):
-            text = "names or attributes differ from what was written: the file was edited, or is damaged"
+            text = "names or attributes differ from those written: the file was edited, or is damaged"
             told.append(Event(0.0, "warning", STRUCTURE, text))
         return Recording(
             info=self.info(),

@@ -1,4 +1,4 @@
-"""Which texts and numbers may say who and what a run is for: those that every file of ours carries."""
+"""Texts and numbers that identify the subject and measurement of a run, as every file of ours carries them."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ class Kind(IntEnum):
     BLOCK = 3
     FRAME = 4
     EVENT = 5  # JSON
-    SETPOINTS = 6  # JSON: from ``start`` on, these break points replace what was commanded
+    SETPOINTS = 6  # JSON: from ``start`` on, these break points replace the earlier ones
     PACKED_FRAME = 8  # as FRAME, the pixels' CRC32 and their zlib stream in place of the pixels
     PACKED_PART = 9  # as PACKED_FRAME, with zeros outside the region
     CONTOUR = 10  # read in a frame when it came
@@ -134,7 +134,7 @@ class JournalWriter:
 
     @property
     def descriptor(self) -> int:
-        """The open file: what was written can be read from it even when its name is gone."""
+        """The open file: its contents can be read even when its name is gone."""
         return self._file
 
     def gone(self) -> str:
@@ -176,7 +176,7 @@ class JournalWriter:
     def frame(self, frame: Frame, *, quickly: bool = False, whole: bool = True) -> Packed:
         """Append one camera frame with its contour, compressed without loss; ``quickly`` as it is.
 
-        Of a frame that need not be ``whole`` only the region is kept. The result is what was kept.
+        Of a frame that need not be ``whole`` only the region is kept. The result is the kept part.
         """
         image = np.ascontiguousarray(frame.image, np.uint8)
         stamps = FRAME.pack(frame.seq, frame.time, frame.time_host, *image.shape)
@@ -198,7 +198,7 @@ class JournalWriter:
         self._json(Kind.EVENT, asdict(replace(event, text=_clean(event.text))))
 
     def setpoints(self, setpoints: Setpoints, start: float = 0.0, units: Mapping[str, str] | None = None) -> None:
-        """Append what is commanded from device time ``start`` (s) on; it replaces earlier break points after ``start``.
+        """Append the set-points from device time ``start`` (s) on; they replace earlier break points after ``start``.
 
         So a run that pauses or ends a step early (``until``) writes the rest of its set-points anew. ``units`` (SI)
         are those of the channels of the same name where not given.
@@ -213,7 +213,7 @@ class JournalWriter:
         self._json(Kind.SETPOINTS, record)
 
     def sync(self, *, force: bool = False) -> None:
-        """Put what was written onto the disk if `SYNC_INTERVAL` has passed (call it when idle, too)."""
+        """Flush the written records to the disk if `SYNC_INTERVAL` has passed (call it when idle, too)."""
         now = time.monotonic()
         if now - self._repeated >= REPEAT and not self._full:
             self._repeat()

@@ -326,7 +326,7 @@ class _Content:
 
 @dataclass(frozen=True)
 class _Commanded:
-    """One record of set-points: from ``start`` (s) on they replace what the records before it said."""
+    """One record of set-points: from ``start`` (s) on they replace earlier records."""
 
     start: float
     time: FloatArray
@@ -359,7 +359,7 @@ class _Commanded:
 
 
 def _until(series: Series, end: float) -> tuple[FloatArray, FloatArray]:
-    """Break points of ``series`` before ``end`` and its value at ``end``: what was commanded until it was replaced."""
+    """Break points of ``series`` before ``end`` and its value at ``end``: the set-points until they were replaced."""
     before = series.time < end
     time, value = series.time[before], series.value[before]
     if len(time) and len(series.time) > len(time):

@@ -1,4 +1,4 @@
-"""A recording in memory: what was commanded, what was measured, and everything needed to read it years later."""
+"""A recording in memory: set-points, measured channels, and everything needed to read it years later."""
 
 from __future__ import annotations
 
@@ -69,13 +69,13 @@ class Event:
 
 @dataclass(frozen=True)
 class SegmentRecord:
-    """One linear piece of what was commanded, from ``begin`` to ``end`` s on the recording's clock.
+    """One linear piece of the set-points, from ``begin`` to ``end`` s on the recording's clock.
 
     These are the segments that the protocol's compiler made, as the instrument executed them: an ``until`` that was met
-    or a pause ends one early, what the engine inserted (rest before and after, the way back after a pause) has the step
+    or a pause ends one early, inserted pieces (rest before and after, the way back after a pause) have the step
     ``""`` or ``resume``. ``phase`` is ``load``, ``hold``, ``unload`` or ``rest``; ``step`` is the index path of the
     protocol's step. ``start`` and ``finish`` map each commanded quantity to its value (SI) at ``begin`` and ``end``.
-    ``labels`` is what the compiler calls it, as text: ``level`` (``300 mbar`` of suction, ``1.3 mm``), ``direction``
+    ``labels`` are the compiler's names for it, as text: ``level`` (``300 mbar`` of suction, ``1.3 mm``), ``direction``
     (``theta=0 phi=90``, degrees), ``cycle``, ``repeat``, ``rate``, and how a group counts itself.
     """
 
@@ -178,7 +178,7 @@ class Decision:
 class Recording:
     """One run. ``streams`` and ``setpoints`` map channel or quantity to its series; ``derived`` holds results.
 
-    ``segments`` says what the set-points are made of, in order: phase, level, direction, cycle, rate. It is empty for
+    ``segments`` are the pieces of the set-points, in order: phase, level, direction, cycle, rate. It is empty for
     recordings of earlier versions and for bundles without it. ``decisions`` are those of persons about the run
     (`acquire.recording.review`); they stand beside the file, not in it.
     """
@@ -194,7 +194,7 @@ class Recording:
     decisions: tuple[Decision, ...] = ()
 
     def stream(self, name: str) -> Series:
-        """The named channel. Raises KeyError that names the run, the channel and what there is."""
+        """The named channel. Raises KeyError that names the run, the channel and those that exist."""
         try:
             return self.streams[name]
         except KeyError:
@@ -235,7 +235,7 @@ def difference(a: Recording, b: Recording) -> str:
 def missing_in(there: Recording, recording: Recording) -> str:
     """The parts of ``recording`` that ``there`` lacks, in words (of frames all but the pixels); '' if none.
 
-    ``there`` may hold more: a recording has what an analysis found besides what the journal holds.
+    ``there`` may hold more: a recording has results of an analysis besides the contents of the journal.
     """
     identity = replace(recording.info, calibration={}, versions={}, limits={})
     kept = Recording(

@@ -1,7 +1,7 @@
 """Samples in the order in which they were taken, each once: whatever order and number a link delivered them in.
 
 A link may repeat a message, deliver it late, or lose it. In a recording the sequence numbers of a channel rise and its
-device time never goes back, and events say what was done for that:
+device time never goes back, and events tell the corrections:
 
 =============  ========================================================================================
 ``lost``       sequence numbers that never came
@@ -43,7 +43,7 @@ class Arrangement:
 
     @property
     def whole(self) -> bool:
-        """Whether nothing was left out but what came twice."""
+        """Whether nothing was left out but duplicates."""
         return not self.conflict and not self.misdated
 
     def events(self, names: str, time: FloatArray) -> list[Event]:
@@ -89,7 +89,7 @@ def arrange(seq: IntArray, time: FloatArray, equal: Equal) -> Arrangement:
 
 
 def ordered(streams: Mapping[str, Series], *, tell: bool = True) -> tuple[dict[str, Series], list[Event], bool]:
-    """``streams`` with their samples in order, what happened to them, and whether nothing was left out.
+    """``streams`` with their samples in order, the corrections, and whether nothing was left out.
 
     Channels that share their stamps (the same arrays) are arranged together; those without a counter are left alone.
     Without ``tell`` only channels whose time goes back are arranged and told.

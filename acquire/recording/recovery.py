@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 def finalise(
     journal: JournalWriter | Path | str, path: Path | str, *, keep: bool = False, draft: Draft | None = None
 ) -> Path:
-    """Write what a run put into ``journal`` to the recording ``path`` (verified, then renamed); the result is its path.
+    """Write a run's ``journal`` to the recording ``path`` (verified, then renamed); the result is its path.
 
     The journal is closed, and removed if all of it is in the recording (unless ``keep``). If there is a file at
     ``path`` by now, it stays, and the recording is named ``<path>-2`` and so on. Data are read through the writer's
@@ -65,7 +65,7 @@ def _write(recording: Recording, path: Path, draft: Draft | None) -> None:
 
 
 def recover(journal: Path | str, path: Path | str | None = None, *, keep: bool = True) -> Path:
-    """Make a recording of what a crash left of ``journal``; ``path`` defaults to the journal's name with ``.h5``.
+    """Make a recording of a ``journal`` that a crash left; ``path`` defaults to the journal's name with ``.h5``.
 
     A run whose end was not written has status ``recovered``. If ``path`` holds all of this very run already (the
     process died between the rename and the removal), it is left as it is. The journal stays unless ``keep`` is False

@@ -63,7 +63,7 @@ class Kept:
         return Kept(self.region, self.whole[indices])
 
     def around(self, index: int) -> int:
-        """The whole frame that shows what is not kept of frame ``index``; -1 where there is none."""
+        """The whole frame that shows the part of frame ``index`` that is not kept; -1 where there is none."""
         wholes = np.flatnonzero(self.whole)
         before = int(np.searchsorted(wholes, index, side="right")) - 1
         return int(wholes[max(before, 0)]) if len(wholes) else -1

@@ -82,7 +82,7 @@ def decisions(path: Path | str, run: str) -> tuple[Decision, ...]:
 
 
 def decide(path: Path | str, *, include: bool, reason: str, by: str = "") -> Decision:
-    """Let the run at ``path`` count, or leave it out, for ``reason``; what was decided before stays in the file.
+    """Let the run at ``path`` count, or leave it out, for ``reason``; earlier decisions stay in the file.
 
     Raises ValueError without a reason, RecordingError where there is no recording, CannotWrite.
     """

@@ -93,7 +93,7 @@ def read_csv(path: Path) -> tuple[SegmentRecord, ...]:
 
 
 def kinks(segments: Sequence[SegmentRecord]) -> FloatArray:
-    """Times (s, ascending) at which what is commanded steps or changes its slope: every boundary that is not smooth."""
+    """Times (s, ascending) at which the set-point steps or changes its slope: every boundary that is not smooth."""
     edges: list[float] = []
     for a, b in pairwise(segments):
         smooth = a.end == b.begin and all(

@@ -103,7 +103,7 @@ class Table:
         return values, lines
 
     def counter(self, name: str, channel: str) -> NDArray[np.int64]:
-        """Whole numbers (n,) of the column ``name``. Raises as `column`, and for what is no whole number."""
+        """Whole numbers (n,) of the column ``name``. Raises as `column`, and for a value that is no whole number."""
         values, lines = self.column(name, channel)
         bad = np.flatnonzero((values != np.rint(values)) | (np.abs(values) > MAX_COUNT))
         if len(bad):
@@ -145,7 +145,7 @@ class Table:
 
 
 def _text(path: Path) -> tuple[str, str]:
-    """The file's text and what separates its columns."""
+    """The file's text and the separator of its columns."""
     try:
         raw = contents(path, MAX_BYTES)
     except ValueError as error:
@@ -153,11 +153,11 @@ def _text(path: Path) -> tuple[str, str]:
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError:
-        text = raw.decode("latin-1")  # what older instrument software writes; only headers can be affected
+        text = raw.decode("latin-1")  # older instrument software writes it; only headers can be affected
     if "\0" in text:
         raise RecordingError(f"{path}: not a text file")
     first = next((line for line in io.StringIO(text) if line.strip() and not line.startswith("#")), "")
-    bare = re.sub(r'"[^"]*("|$)', "", first)  # what stands in quotes separates nothing
+    bare = re.sub(r'"[^"]*("|$)', "", first)  # quoted text separates nothing
     if path.suffix.lower() in (".tsv", ".tab") or "\t" in bare:
         return text, "\t"
     return text, ";" if ";" in bare else ","
@@ -209,7 +209,7 @@ def _workbook(path: Path, sheet: str | None) -> tuple[list[int], list[list[str]]
             if not book.worksheets:
                 raise RecordingError(f"{path}: there is no sheet of cells")
             chosen = book[sheet] if sheet is not None else book.worksheets[0]
-            chosen.reset_dimensions()  # what the file claims of them is not believed: rows would be padded to it
+            chosen.reset_dimensions()  # the file's own claim is not believed: rows would be padded to it
             lines, rows = [], []
             for line, cells in _bounded(chosen.iter_rows(values_only=True), path):
                 row = ["" if cell is None else str(cell) for cell in cells]

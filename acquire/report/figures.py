@@ -188,7 +188,7 @@ def _groups(streams: Mapping[str, Series]) -> list[tuple[str, list[str]]]:
 
 
 def _over_time(axes: Any, recording: Recording, names: list[str], unit: str) -> None:
-    """One panel: measured channels as lines, what was commanded dashed, suction shaded, the apex's band, trips."""
+    """One panel: measured channels as lines, set-points dashed, suction shaded, the apex's band, trips."""
     factor, label = pleasant(unit)
     single = len(names) == 1
     for cycle in suction_cycles(recording)[:40]:

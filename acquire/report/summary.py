@@ -1,4 +1,4 @@
-"""A recording in numbers and in words: what `acquire show`, `ls` and the HTML pages say about it."""
+"""A recording in numbers and in words, for `acquire show`, `ls` and the HTML pages."""
 
 from __future__ import annotations
 

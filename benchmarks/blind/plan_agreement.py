@@ -1,4 +1,4 @@
-"""Does `gap plan` foretell what the blind check confuses?
+"""Does `gap plan` foretell the blind check's confusions?
 
     python benchmarks/blind/plan_agreement.py out/blind --tiers T2 T3
 

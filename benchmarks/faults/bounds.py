@@ -1,4 +1,4 @@
-"""Limits of hardware, station, subject and protocol in every combination: what one of them forbids is never armed."""
+"""Limits of hardware, station, subject and protocol in every combination: a forbidden protocol is never armed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Journals and recordings damaged at any byte: what is whole is recovered, what is not is named."""
+"""Journals and recordings damaged at any byte: whole records are recovered, damaged ones named."""
 
 from __future__ import annotations
 

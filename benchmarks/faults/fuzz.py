@@ -33,7 +33,7 @@ LEAST, LOOK = 200, 64  # executions whatever they cost, and between two looks at
 
 
 def targets(folder: Path) -> dict[str, tuple[Callable[[bytes], object], list[bytes]]]:
-    """Name -> what decodes, and sound inputs."""
+    """Name -> decoder and sound inputs."""
     from acquire.recording import read_journal
     from acquire.recording.bundle_schema import Bundle
     from acquire.station import Station

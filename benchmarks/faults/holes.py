@@ -17,7 +17,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 GUI, OWN = "tests/acquire/gui", "tests/test_holes.py"
-#: Number -> what was wrong, and the tests that show it.
+#: Number -> the fault, and the tests that show it.
 HOLES: dict[int, tuple[str, tuple[str, ...]]] = {
     1: ("a packet repeated for ever trips nothing", (f"{OWN}::test_hole_01_a_link_that_says_the_same_for_ever",)),
     2: ("recovery of a running run destroys it", (f"{OWN}::test_hole_02_a_running_run_is_recovered",)),

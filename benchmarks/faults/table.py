@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 SHOWN = 3  # failures that a row tells
-#: What a row is a statement about.
+#: Subject of a row's statement.
 SOURCES = ("acquire", "drivers", "protocols", "sim_devices", "benchmarks/faults")
 
 

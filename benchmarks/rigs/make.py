@@ -1,4 +1,4 @@
-"""Make the benchmark's cases: folders of bundles, and apart from them a key that says what is hidden in each.
+"""Make the benchmark's cases: folders of bundles, and apart from them a key that names each hidden effect.
 
     python benchmarks/rigs/make.py -o out/rigs                     # out/rigs/cases/<case>/<run>, out/rigs/key.json
     python benchmarks/rigs/make.py -o out/rigs --only servo piezo --seeds 3

@@ -143,7 +143,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", metavar="CASE", help="kinds of case, such as servo")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--limit", type=int, default=240, help="s after which a case is given up")
-    parser.add_argument("--fresh", action="store_true", help="diagnose again what has a report")
+    parser.add_argument("--fresh", action="store_true", help="diagnose cases again that have a report")
     parser.add_argument("--reports", default="reports", help="name of the folder for the reports")
     given = parser.parse_args()
     key = json.loads((given.folder / "key.json").read_text())

@@ -16,7 +16,7 @@ _SPECK = 14  # a bump narrower than the image by this factor (dirt on the edge) 
 
 @njit(cache=True)
 def cleaned(profile: FloatArray) -> FloatArray:
-    """``profile`` (columns,) of rows, NaN for none, without narrow dents and bumps: where to look, not what to measure.
+    """``profile`` (columns,) of rows, NaN for none, without narrow dents and bumps: where to look, not a measurement.
 
     A morphological closing, then an opening; gaps narrower than a bump are bridged, wider ones are infinitely low.
     """

@@ -42,7 +42,7 @@ class Measure(Protocol):
 
     @property
     def looked(self) -> bool:
-        """Whether a frame was read with what was asked for last."""
+        """Whether a frame was read with the latest settings."""
 
     def region(self, highest: float) -> Region | None:
         """Where in a frame the edge can be while the apex is at most ``highest`` m above the rim; None: anywhere."""
@@ -65,7 +65,7 @@ _WITHIN_FRAME = 0.005
 class Camera(Source):
     """A source of frames and, with ``measure``, of the apex height measured in each.
 
-    A frame carries the contour that its height was read from: what is shown is what is recorded.
+    A frame carries the contour that its height was read from: the window shows the recorded one.
     """
 
     def __init__(self, name: str, channels: tuple[Channel, ...], measure: Measure | None) -> None:

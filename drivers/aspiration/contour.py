@@ -38,7 +38,7 @@ class Settings:
     ``gvt`` in grey values of the evened image (those of the raw image where the light is brightest), None to have one
     proposed; ``delta`` grey values for the band; ``background`` ``estimate`` (of a bright field behind dark tissue;
     bright tissue shows too little of the light, so nothing is done), ``none``, or an image of the empty field;
-    ``roi`` (left, top, width, height) px, what lies outside is not looked at; ``initial_frames`` how many frames
+    ``roi`` (left, top, width, height) px, the rest is not looked at; ``initial_frames`` how many frames
     at the beginning give the initial tissue height.
     """
 

@@ -48,7 +48,7 @@ class LiveApex:
 
     @property
     def looked(self) -> bool:
-        """Whether a frame was read with what was asked for last."""
+        """Whether a frame was read with the latest settings."""
         return self._used is self._asked and self.latest is not None
 
     def region(self, highest: float) -> Region | None:

@@ -108,7 +108,7 @@ def conditioning(axis: ArrayLike, geometry: Geometry = GEOMETRY) -> FloatArray:
 
 @dataclass(frozen=True)
 class Reach:
-    """Whether tip positions can be taken, and what forbids them: each (...,) of bool."""
+    """Whether tip positions can be taken, and each reason that forbids them: each (...,) of bool."""
 
     pose_exists: BoolArray
     within_stroke: BoolArray
@@ -249,7 +249,7 @@ def inverse_into(
             gx += dx
             gy += dy
             error = abs(dx) + abs(dy)
-            if not error > 1e-6:  # convergence is quadratic: what is left is about error²
+            if not error > 1e-6:  # convergence is quadratic: the rest is about error²
                 tz += rho * ((jac[2, 0] - 0.5 * (jac[2, 1] + jac[2, 2])) * dx + _SINE * (jac[2, 1] - jac[2, 2]) * dy)
                 break
         if not error <= 1e-6:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ipaddress
 import re
 
-#: What is sent ahead of everything to an instrument that wants a token, and what it says to a host it turns away.
+#: Sent ahead of everything to an instrument that wants a token, and its answer to a host it turns away.
 GREETING = "OWNER {}\r\n"
 BUSY = b"*BUSY\r\n"
 DENIED = b"*DENIED\r\n"

@@ -37,7 +37,7 @@ def acquire(*arguments: object) -> None:
 
 
 def fresh(path: Path) -> Path:
-    """``path``, without what an earlier demo left there: a run never overwrites a recording."""
+    """``path``, without the files of an earlier demo: a run never overwrites a recording."""
     path.unlink(missing_ok=True)
     return path
 
@@ -83,7 +83,7 @@ def ask_and_split(out: Path) -> Path:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("-o", "--output", type=Path, default=Path("out/demo"), help="folder for everything")
-    parser.add_argument("--effect", default="leak:shortfall=8 percent", help="what to hide (acquire gap effects)")
+    parser.add_argument("--effect", default="leak:shortfall=8 percent", help="effect to hide (acquire gap effects)")
     arguments = parser.parse_args()
     out: Path = arguments.output
     out.mkdir(parents=True, exist_ok=True)

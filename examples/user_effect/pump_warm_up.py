@@ -29,7 +29,7 @@ PUMP_WARM_UP = effect(
         strength("shortfall", "1", 1e-3, 0.3, 0.05, "share of the suction that lacks at the start"),
         shape("warming", "s", 10.0, 300.0, 60.0, "time constant", log=True),
     ),
-    # The operator "regulator" makes the true pressure; this one acts on what it makes.
+    # The operator "regulator" makes the true pressure; this one acts on its output.
     install=lambda chain, v: map_after(
         chain, "regulator", "pump_warm_up", "actuator", cold, (v["shortfall"], v["warming"])
     ),

@@ -1,7 +1,7 @@
 """Blind check of the diagnosis: a case generator with physics of its own, and a scorer.
 
 Nothing here imports the diagnosis, its effect library or the simulated instruments (an import contract
-enforces it): what is shared is the public vocabulary of effect names, the bundle format and the report schema.
+enforces it): they share only the public vocabulary of effect names, the bundle format and the report schema.
 """
 
 from .cases import Hidden, Truth, make, write_key

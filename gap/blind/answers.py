@@ -20,7 +20,7 @@ TOSS = 0.2
 
 
 class Cause(BaseModel):
-    """An entry of ``causes`` in a ``gap-report/1``; what the scorer does not need is ignored."""
+    """An entry of ``causes`` in a ``gap-report/1``; fields the scorer does not need are ignored."""
 
     model_config = ConfigDict(extra="ignore", populate_by_name=True)
     effects: list[str]

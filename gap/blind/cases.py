@@ -1,4 +1,4 @@
-"""Making blind cases: anonymous folders of recordings, and a sealed key that says what is hidden in each."""
+"""Making blind cases: anonymous folders of recordings, and a sealed key that names the hidden effect of each."""
 
 from __future__ import annotations
 
@@ -206,7 +206,7 @@ def make(
 
 
 def write_key(path: Path, truths: Sequence[Truth], passphrase: str = "") -> None:
-    """Seal what is hidden in each case into the key file ``path``.
+    """Seal the hidden effects of every case into the key file ``path``.
 
     Without a passphrase a fixed one is used: labels are then unread, not secret.
     """

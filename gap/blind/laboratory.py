@@ -46,7 +46,7 @@ class Noise:
 
     def draw(self, n: int, period: float, rng: np.random.Generator) -> Array:
         """Noise of ``n`` samples, before rounding."""
-        long = 2 * n  # the second half goes: a spectrum knows only what is periodic
+        long = 2 * n  # the second half goes: a spectrum knows only periodic noise
         white = rng.normal(size=long)
         return self.rms * np.fft.irfft(np.fft.rfft(white) * self.colour(long, period), long)[:n]
 
@@ -64,7 +64,7 @@ class Laboratory:
     """A laboratory with a sound instrument.
 
     ``noise`` is by kind of channel (`pressure`, `apex_height`; `axis`, `leg`). ``tolerances`` are the standard
-    deviations of what every instrument is off by, by knob; ``knobs`` are this one's other peculiarities. ``table``
+    deviations of the usual errors of every instrument, by knob; ``knobs`` are this one's other peculiarities. ``table``
     says how set-points are written, ``uneven`` by how much of a period stamps scatter (they are right, all the same),
     ``decimals`` how many more digits the files have.
     """

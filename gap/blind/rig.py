@@ -151,7 +151,7 @@ def _turns(asked: Asked) -> list[int]:
 
 
 def answer(subject: Subject, knobs: Mapping[str, float], asked: Asked, out: Path, person: str, site: str) -> Subject:
-    """Measure what is asked for on the rig and write the recording as a bundle into ``out``; the rig afterwards."""
+    """Carry out the experiment on the rig and write the recording as a bundle into ``out``; the rig afterwards."""
     before = subject.session
     pieces = _pieces(asked, start_after(before, asked.rest), before.instrument == "microrobot")
     after = appended(before, *pieces)

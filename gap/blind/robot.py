@@ -140,7 +140,7 @@ def _reaction(s: Session, u: Array, law: str, tissue: Parameters, fx: Knobs, rng
 
 
 def _remembering(s: Session, size: Array, f: Array, fx: Knobs) -> Array:
-    """Force f (N, 3) [N] with creep and with what earlier displacement, of ``size`` (N, 1) [m], has changed."""
+    """Force f (N, 3) [N] with creep and changed by earlier displacement, of ``size`` (N, 1) [m]."""
     get = fx.get
     if a := get("creep", 0.0):
         f = f - a * columns(lag, f, s.dt, get("creep_tau", 60.0))
@@ -277,7 +277,7 @@ def simulate(
     """Recorded channels of devices' section 3, one array a recording; see ``suction.simulate`` for the arguments.
 
     Axes and transducers are solved once with the skin and, where there is a recording in open air, once more without
-    any: neither a load of the skin nor what loops and transducers remember of it can reach that recording.
+    any: neither a load of the skin nor the memory of loops and transducers can reach that recording.
     """
     skin = s.per_recording([float(r.specimen == "skin") for r in s.recordings])[:, None]
     factor = skin * s.per_recording(scatter)[:, None]
@@ -385,7 +385,7 @@ def _record(s: Session, traces: Mapping[str, tuple[Array, Array]], fx: Knobs, se
 
 
 def _leg_digits(x: Array, step: float, fx: Knobs, noisy: bool) -> Array:
-    """Range and resolution of the transducers; what is tared off is preload, so tension down to it can be read."""
+    """Range and resolution of the transducers; the tared part is preload, so tension down to it can be read."""
     get = fx.get
     if top := get("ceiling", 0.0):
         x = np.minimum(x, top)

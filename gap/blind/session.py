@@ -26,8 +26,8 @@ class Recording:
 
     ``onset`` is when the first loading is commanded, in seconds from the start. For the robot ``direction`` is the
     unit vector of the commanded motion. ``table`` are the set-points as the laboratory has them, where they are not
-    ``corners``, and ``events`` (time from start, code) what its log says. ``properties`` are what is stated of a
-    reference specimen (see ``specimens``), ``experiment`` is the id of what it answers.
+    ``corners``, and ``events`` (time from start, code) those of its log. ``properties`` are the stated ones of a
+    reference specimen (see ``specimens``), ``experiment`` is the id of the one it answers.
     """
 
     start: float

@@ -1,6 +1,6 @@
 """Sessions as other laboratories make them: staircases, slow sines and sums of them, pauses, starts at any phase.
 
-A laboratory's set-points are straight lines between the rows of its table, however coarse; what was commanded around
+A laboratory's set-points are straight lines between the rows of its table, however coarse; the command around
 a pause its table has within some tens of milliseconds only, and its log says that there was one.
 """
 
@@ -54,7 +54,7 @@ def smooth(
 
 
 def _on_a_grid(corners: Corners, length: float, rows: float) -> Corners:
-    """Corners as a table of even rows has them: what jumps between two rows jumps at the later."""
+    """Corners as a table of even rows has them: a jump between two rows is at the later one."""
     t = np.arange(int(length * rows) + 1) / rows
     times, values = np.array(corners).T
     v = np.interp(t + 1e-9, times, values)

@@ -94,7 +94,7 @@ def spectrum(x: Array, dt: Array, taus: Array, weights: Array) -> Array:
 
 
 def power_law_memory(x: Array, dt: Array, alpha: float, shortest: float = 0.02, longest: float = 2e3) -> Array:
-    """Creep (t / 1 s)^alpha of x by a spectrum of nine lags; what is faster than ``shortest`` [s] is instantaneous.
+    """Creep (t / 1 s)^alpha of x by a spectrum of nine lags; a lag below ``shortest`` [s] is instantaneous.
 
     t^alpha = int alpha tau^alpha (1 - exp(-t / tau)) d(ln tau) / Gamma(1 - alpha) (Schapery).
     """

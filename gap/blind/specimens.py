@@ -1,4 +1,4 @@
-"""Reference specimens of the generator, by laws of its own: what a probe meets in the place of skin.
+"""Reference specimens of the generator, by laws of its own: bodies that a probe meets in place of skin.
 
 Numbers that a laboratory states of a specimen are true within their standard uncertainty; a membrane's curve is its
 maker's and stated nowhere. They differ from case to case (``seed``).
@@ -51,7 +51,7 @@ def _true(stated: Stated, key: str, seed: int) -> Array:
 
 
 def height(s: Session, r: Recording, felt: Array, size: float, seed: int) -> Array:
-    """Height (N,) m of what stands under the probe in recording ``r`` when it feels the suction ``felt`` (N,) Pa;
+    """Height (N,) m of the body under the probe in recording ``r`` when it feels the suction ``felt`` (N,) Pa;
     ``size`` m is that of skin."""
     stated = dict(r.properties) or usual(r.specimen, s.instrument)
     if r.specimen == "gauge step":
@@ -65,7 +65,7 @@ def height(s: Session, r: Recording, felt: Array, size: float, seed: int) -> Arr
 
 
 def spring_of(r: Recording, instrument: str, seed: int) -> float:
-    """Stiffness N/m of what holds the probe's tip in recording ``r``, the same in all directions."""
+    """Stiffness N/m of the body that holds the probe's tip in recording ``r``, the same in all directions."""
     stated = dict(r.properties) or usual(r.specimen, instrument)
     return float(_true(stated, "k", seed)[0]) if r.specimen == "reference spring" else 0.0
 

@@ -1,4 +1,4 @@
-"""Effects that come and go, wander, or act at one place: what happens to instruments rather than what they are.
+"""Effects that come and go, wander, or act at one place: events rather than properties of instruments.
 
 Knobs of a spell: its strength, ``spell_in`` (the recording), ``spell_at`` (share of it that has passed) and
 ``spell_for`` [s]. The others are told where they act.

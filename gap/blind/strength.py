@@ -51,7 +51,7 @@ class _Nuisance:
         return factor
 
     def left_of(self, r: Array) -> float:
-        """Norm of what a best fit (prior included) leaves of a whitened residual r (N,); inf if r is not finite."""
+        """Norm of the rest of a best fit (prior included) to a whitened residual r (N,); inf if r is not finite."""
         if not np.all(np.isfinite(r)):
             return np.inf
         x = scipy.linalg.cho_solve(self._gram, self.sensitivities.T @ r)
@@ -101,7 +101,7 @@ class Subject:
         axis, leg = lab.noise["axis"], lab.noise["leg"]
 
         def through(names: Sequence[str], matrix: Array, noise: Noise) -> dict[str, Noise]:
-            """Noise of what is computed with a matrix (3, 3); the robot's resolutions hardly count."""
+            """Noise of channels computed with a matrix (3, 3); the robot's resolutions hardly count."""
             return {n: replace(noise, rms=noise.rms * float(np.linalg.norm(row)), step=0.0)
                     for n, row in zip(names, matrix, strict=True)}  # fmt: skip
 
@@ -119,7 +119,7 @@ class Subject:
 
     @cached_property
     def _nuisances(self) -> tuple[_Nuisance, ...]:
-        """For each view what tissue parameters, scatter, zeros and tolerances can imitate."""
+        """For each view the traces that tissue parameters, scatter, zeros and tolerances can imitate."""
         free = (robot_tissue if self.session.instrument == "microrobot" else tissue).free_parameters(self.law)
         varied = []
         for name in free:
@@ -166,14 +166,14 @@ class Subject:
         return tuple(found)
 
     def detectability_free(self, knobs: Mapping[str, float]) -> float:
-        """delta_free of switching ``knobs`` on: what stands out though the skin's law is unknown."""
+        """delta_free of switching ``knobs`` on: the part that stands out though the skin's law is unknown."""
         a, b = self.record(knobs), self._nominal
         pairs = zip(self._views, self._any_skin, strict=True)
         stands_out = max(n.left_of(self._whitened(a, v) - self._whitened(b, v)) for v, n in pairs)
         return max(stands_out, self._miscomputed(a)) if self.session.instrument == "microrobot" else stands_out
 
     def _miscomputed(self, channels: suction.Channels) -> float:
-        """How far computed channels are from what the measured ones give: arithmetic, known to a tenth of the noise."""
+        """Error of computed channels against the measured ones: arithmetic, known to a tenth of the noise."""
         view = {**self._views[1], **self._views[2]}
         axes, legs = (np.stack([np.concatenate(channels[n]) for n in names], axis=1)
                       for names in (robot.AXES, robot.LEGS))  # fmt: skip

@@ -152,12 +152,12 @@ def _creeping(s: Session, p: Array, h: Array, ref: float, size: float, fx: Knobs
 
 
 def _softened(s: Session, p: Array, h: Array, ref: float, size: float, fx: Knobs) -> Array:
-    """Height h (N,) [m] with what earlier loading has changed, and with stiffening at great heights."""
+    """Height h (N,) [m] changed by earlier loading, and with stiffening at great heights."""
     get = fx.get
     if a := get("first_loadings", 0.0):
         k = np.cumsum([r.specimen == "skin" for r in s.recordings]) - 1
         h = h * s.per_recording(1 - a * np.exp(-np.maximum(k, 0) / get("series", 1.2)))
-    if a := get("mullins", 0.0):  # virgin skin is stiffer; what was stretched before has softened
+    if a := get("mullins", 0.0):  # virgin skin is stiffer; a stretch softens it
         worked = np.cumsum(p / ref * s.dt) / get("softening", 15.0)
         h = h * (1 - a * np.exp(-worked) - 0.5 * a * (h >= running_max(h)))
     if a := get("stiffen", 0.0):

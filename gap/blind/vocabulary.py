@@ -1,4 +1,4 @@
-"""Public names of the effect concepts: what the generator may hide and the scorer compares.
+"""Public names of the effect concepts: the generator hides them and the scorer compares them.
 
 One name per concept, not per formula: ``regulator_lag`` is any sluggish pressure regulation, whatever its
 equation. The diagnosis' effect library uses the same names (or maps its own onto these).
@@ -20,7 +20,7 @@ UNKNOWN = "unknown"
 
 @dataclass(frozen=True)
 class Concept:
-    """An effect concept: its name, the stage it acts in, the instruments that can have it, and what it means."""
+    """An effect concept: its name, the stage it acts in, the instruments that can have it, and its meaning."""
 
     name: str
     stage: Stage

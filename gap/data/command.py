@@ -13,7 +13,10 @@ from sim_devices.chain import FloatArray
 COLLINEAR = 2e-5
 """Of a command's range: how far a row that is left out may be from the straight line that takes its place."""
 DENSE = 50
-"""Rows of a table from which on a change between two of them is a step, not a ramp between them."""
+"""Rows of an even table from which on a change between two of them is a step, not a ramp between them."""
+EVEN, ROUNDED, MOSTLY = 2e-3, 1e-3, 0.8
+"""Of the usual time between rows, and s: how far one may be off it, by its clock and by rounding to ms; and in which
+share of a table. Rows that somebody chose, the corners of a protocol, are meant as they stand."""
 STEP = 0.02
 """Of a command's range: the least change between two rows of a dense table that may be a step."""
 NEAR, AROUND = 0.02, 1.0
@@ -21,6 +24,9 @@ NEAR, AROUND = 0.02, 1.0
 anyhow."""
 SHARPER = 4.0
 """Times the usual bend around a row, from which on it is a kink and not a place on a smooth curve."""
+CORNER, HELD = 0.1, 0.1
+"""Of a command's range, and s: the least turn of the command that is a kink even among others like it, as in a random
+binary sequence, and how long the line before or behind it is. Rows on a curve turn by less, or lie closer."""
 FAINT = 1e-4
 """Of a command's range, per second: a change of its rate below which there is no kink."""
 
@@ -44,15 +50,18 @@ def command(time: FloatArray, value: FloatArray) -> Command:
 
 
 def stepped(time: FloatArray, value: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The table with every jump between two rows of a dense one as a step at the later: that is when it was
-    commanded."""
+    """The table with every jump between two rows of a dense, even one as a step at the later: it is a command that was
+    sampled, and that is when it came."""
     span = float(np.ptp(value)) if len(value) else 0.0
     if len(time) < DENSE or span == 0:
         return time, value
     dt, change = np.diff(time), np.diff(value)
     usual = float(np.median(dt))
+    even = (np.abs(dt - usual) <= EVEN * usual + ROUNDED) & (dt > 0.5 * usual)
+    if np.mean(even) < MOSTLY:
+        return time, value
     slope = np.divide(change, dt, out=np.zeros(len(dt)), where=dt > 0)
-    jump = (dt > 0.5 * usual) & (np.abs(change) > STEP * span) & (np.abs(slope) * usual > STEP * span)
+    jump = even & (np.abs(change) > STEP * span) & (np.abs(slope) * usual > STEP * span)
     alone = jump & ~np.r_[False, jump[:-1]] & ~np.r_[jump[1:], False]
     # A smooth command that is quick moves as much in the rows around.
     beside = np.maximum(np.abs(np.r_[0.0, change[:-1]]), np.abs(np.r_[change[1:], 0.0]))
@@ -94,7 +103,8 @@ def _swing(time: FloatArray, value: FloatArray, tolerance: float, keep: NDArray[
 
 
 def bends(time: FloatArray, value: FloatArray) -> NDArray[np.bool_]:
-    """At which of the rows (m,) of a thinned table its rate jumps: not where it only bends as all around.
+    """At which of the rows (m,) of a thinned table its rate jumps: not where it only bends as all around, unless it
+    turns between straight lines.
 
     The first and the last row count, and so does a step.
     """
@@ -108,9 +118,12 @@ def bends(time: FloatArray, value: FloatArray) -> NDArray[np.bool_]:
         bend = np.r_[np.inf, np.abs(np.diff(slope)), np.inf]
     bend[np.isnan(bend)] = np.inf
     kink: NDArray[np.bool_] = bend > FAINT * span
+    turn = np.r_[0.0, np.where(np.isfinite(bend[1:-1]), bend[1:-1], 0.0) * np.minimum(dt[:-1], dt[1:]), 0.0]
+    held = np.r_[0.0, np.maximum(dt[:-1], dt[1:]), 0.0]
+    corner = (turn > CORNER * span) & (held >= HELD)
     first, last = np.searchsorted(time, time - AROUND), np.searchsorted(time, time + AROUND, side="right")
     for i in range(1, m - 1):
-        if kink[i] and np.isfinite(bend[i]):
+        if kink[i] and not corner[i] and np.isfinite(bend[i]):
             around = bend[first[i] : last[i]][np.abs(time[first[i] : last[i]] - time[i]) > NEAR]
             around = around[np.isfinite(around)]
             kink[i] = len(around) < 3 or bend[i] > SHARPER * float(np.median(around))

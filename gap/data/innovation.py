@@ -1,4 +1,4 @@
-"""Noise of a broadly excited channel: what neither its own past nor the other signals foretell.
+"""Noise of a broadly excited channel: the part that neither its own past nor the other signals foretell.
 
 The high band of such a channel (a multisine, a PRBS, calibration points) is signal. A linear prediction from the last
 samples of the channel and of all signals beside it, with powers of what they are now, leaves its noise and a little
@@ -21,11 +21,11 @@ POWERS = 5
 SAMPLES_EACH = 10
 """Samples for each coefficient at least."""
 RIDGE = 1e-9
-"""Of a column's square: what is collinear does no harm."""
+"""Of a column's square: collinear columns do no harm."""
 
 
 def unforeseen(value: FloatArray, others: Sequence[FloatArray], asked: NDArray[np.bool_] | None = None) -> float:
-    """Standard deviation of what a prediction of the samples (n,), or of those ``asked``, leaves; infinite where there
+    """Standard deviation that a prediction of the samples (n,), or of those ``asked``, leaves; infinite where there
     are too few of them.
 
     Half of the samples teach, the other half is asked, and the other way round: no fit to noise counts.

@@ -1,4 +1,4 @@
-"""Where what is narrow would have to be: frequencies, looks, wanderings and jumps that a residual itself shows.
+"""Where narrow effects would have to be: frequencies, looks, wanderings and jumps that a residual itself shows.
 
 A fit finds a rhythm, or a moment, only from close by; a grid over its prior would miss it.
 """
@@ -21,7 +21,7 @@ SHARP = 3e-3
 SLOWEST_LOOK, QUICKEST_LOOK = 1.0, 2e-3
 """s between looks at the command."""
 BLUR = 5e-4
-"""s: what lateness is not known better than, whatever its noise."""
+"""s: the least error of a lateness, whatever its noise."""
 MANY = 300_000
 """Frequencies at most: shorter intervals in longer sessions would take minutes, and any of them would do."""
 TRIED = 8
@@ -88,7 +88,7 @@ class _Sound:
         return np.asarray((late * self.weight) @ self.solve.T @ self.design.T)
 
     def misfit(self, late: FloatArray) -> FloatArray:
-        """χ² (k,) of what is left of each row of lateness (k, m)."""
+        """χ² (k,) of the rest of each row of lateness (k, m)."""
         return np.asarray(np.sum(np.square((late - self.part(late)) * self.weight), axis=-1))
 
 
@@ -124,7 +124,7 @@ def wanderings(lateness: Lateness, low: float, high: float) -> list[tuple[float,
 
 
 def jumps(time: FloatArray, residual: FloatArray, recording: NDArray[np.int64]) -> list[float]:
-    """The moments, s, from which on a residual (n,) is most different from what it was before: within a recording, and
+    """The moments, s, from which on a residual (n,) is most different from its past: within a recording, and
     the one between two of them."""
     order = np.argsort(time, kind="stable")
     time, residual, recording = time[order], residual[order], recording[order]

@@ -21,9 +21,9 @@ FEWEST = 12
 """Third differences at least, of which there is a variance to tell."""
 WHITE = 20.0
 """Variance of a third difference of white noise of variance 1."""
-GROWS = 1.5
+GROWS, DOUBLES = 2.5, 1.5
 """Growth of what is not white, from one length of block to its double, above which it is the signal's own curve: noise
-that forgets grows by 2 at most, of which something shows before."""
+that forgets grows by 2 at most. Above the lesser one it may be either, and the next length has to tell."""
 CURVED = 64.0
 """The same growth of a signal that is curved."""
 KEPT = 3.2
@@ -38,6 +38,7 @@ def slow_variance(runs: Sequence[tuple[FloatArray, FloatArray]], kinks: FloatArr
     """Variance of the noise that averaging over a bin keeps, in runs of (time, value) (n,) sampled evenly, whose
     command has ``kinks`` (k,) s; ``white`` is the standard deviation of a sample's white noise. 0 where none shows."""
     found: list[float] = []
+    most, unsure = np.inf, False
     for length in LENGTHS:
         differences = [_third(time, value, kinks, length) for time, value in runs]
         change = np.concatenate([d for d, _ in differences] or [np.zeros(0)])
@@ -47,10 +48,16 @@ def slow_variance(runs: Sequence[tuple[FloatArray, FloatArray]], kinks: FloatArr
         # By the median, as few differences may still hold a signal's curve; 0.455 is that of a squared normal.
         variance = float(np.median(np.square(change))) / 0.455 / WHITE
         excess = variance - averaged
-        if found and excess > GROWS * max(found[-1], averaged):
+        if excess > GROWS * max(most, averaged):
             found[-1] -= excess / CURVED
+            unsure = False
             break
-        found.append(variance * (1.0 - SPREAD / np.sqrt(len(change))) - averaged)
+        unsure = excess > DOUBLES * max(most, averaged)
+        chance = variance * SPREAD / np.sqrt(len(change))
+        found.append(excess - chance)
+        most = excess + chance
+    if unsure:
+        found.pop()
     return KEPT * max([0.0, *found])
 
 

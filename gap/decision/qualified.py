@@ -35,10 +35,22 @@ class Qualified:
     def believed(self) -> bool:
         return not self.reason
 
-    def nats(self, h: Hypothesis) -> float:
+    def nats(self, h: Hypothesis, prior: float) -> float:
         """The log-probability that a hypothesis loses by effects that the qualification would have seen, at the
-        strength they have here."""
-        return sum(np.log(CHANGED) for _ in self._unseen(h)) if self.believed else 0.0
+        strength they have here, and gains by one that it found; ``prior`` is that of an effect otherwise."""
+        if not self.believed:
+            return 0.0
+        now = max(self.expected(h), prior)
+        odds = np.log(now / (1.0 - now)) - np.log(prior / (1.0 - prior))
+        return float(odds + sum(np.log(CHANGED) for _ in self._unseen(h)))
+
+    def expected(self, h: Hypothesis) -> float:
+        """The probability that an effect of a hypothesis acts because the qualification found it; 0 where it found
+        none of them. It may have been repaired since."""
+        names = {e.name for e in h.effects}
+        found = [(f, (*f.indistinguishable, *f.effect.split(" + "))) for f in self.qualification.findings]
+        shares = [f.probability / max(len(f.indistinguishable), 1) for f, known in found if names & set(known)]
+        return max(shares, default=0.0) * (1.0 - CHANGED) if self.believed else 0.0
 
     def changes(self, h: Hypothesis) -> list[str]:
         """Effects of a hypothesis that were not there when the instrument was qualified, in words."""

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
 
 from gap.data.signatures import Signature
 from gap.decision.marks import explains_marks
@@ -65,7 +68,8 @@ class Case:
     def posterior(self, t: Thresholds, *, qualified: bool = True) -> Posterior:
         """The posterior, with or without what a qualification says beforehand."""
         known = self.qualified if qualified else None
-        beforehand = known.nats if known is not None else lambda h: 0.0
+        prior = t.prior_effect / max(len({c.name for c in self.candidates}), 1)
+        beforehand = partial(known.nats, prior=prior) if known is not None else lambda h: 0.0
         return posterior(
             self.comparison, self.candidates, t, self.marks, gap_without_discrepancy(self.null), beforehand
         )
@@ -88,6 +92,8 @@ def settle(case: Case, t: Thresholds, jobs: int = 1) -> Settled:
     found, trials = _with_best_leader(case, found, t, jobs)
     first, comparison = found.causes[0], case.comparison
     sizes = in_tolerances(comparison.problems, comparison.null, first.members, case.stated, found.temper, t.seen)
+    if case.qualified is not None and case.qualified.expected(first.hypothesis):
+        sizes = (np.inf, 0.0)  # references, on which no skin could do as much, have shown that it is more than that
     findings = Findings(
         posterior=found,
         t=t,

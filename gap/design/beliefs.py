@@ -83,8 +83,10 @@ class Beliefs:
             label = " + ".join(sorted(cause["effects"]))
             drawn: dict[str, list[tuple[Acting, FloatArray]]] = {label: [(a, self._change(a)) for a in leader]}
             target = drawn[label][0][1]
-            for name in [n for n in cause.get("class", []) if n != label and n in self._named][: MEMBERS - 1]:
-                drawn[name] = self._imitating(name, target)
+            members = [n for n in cause.get("class", []) if n != label]
+            instead = [(n, pair) for n in members if (pair := self._instead(n, leader[0])) is not None]
+            for name, (other, beside) in instead[: MEMBERS - 1]:
+                drawn[name] = self._imitating(other, target, beside)
             for name, found in drawn.items():  # fits, better than ours, could not split them: each is as probable
                 each = probability / (len(drawn) * len(found))
                 self.draws += [Draw(name, acting, each, change) for acting, change in found]
@@ -126,46 +128,56 @@ class Beliefs:
             out.append(acting)
         return out
 
-    def _imitating(self, name: str, target: FloatArray) -> list[tuple[Acting, FloatArray]]:
-        """Draws of the effect ``name`` that leave in the session what ``target`` (n,) leaves, as nearly as it can."""
+    def _instead(self, member: str, leader: Acting) -> tuple[str, Acting] | None:
+        """The one effect that a member of a class has and its leader has not, and the leader's that act beside it; None
+        for a member that differs by more."""
+        names = member.split(" + ")
+        other = [n for n in names if n in self._named and n not in {e.name for e, _ in leader}]
+        beside = [(e, values) for e, values in leader if e.name in names]
+        return (other[0], beside) if len(other) == 1 and len(beside) == len(names) - 1 else None
+
+    def _imitating(self, name: str, target: FloatArray, beside: Acting) -> list[tuple[Acting, FloatArray]]:
+        """Draws of the effect ``name``, ``beside`` others, that leave in the session what ``target`` (n,) leaves, as
+        nearly as it can."""
         best: tuple[float, Effect, FloatArray] | None = None
         for form in self._named[name][: 2 if self._bench.robot else None]:
             for unit in [np.full(len(form.parameters), 0.5), *self._rng.random((4, len(form.parameters)))]:
-                off = float(self._known.distance(self._at(form, unit)[1] - target))
+                off = float(self._known.distance(self._at(form, unit, beside)[1] - target))
                 if best is None or off < best[0]:
                     best = (off, form, unit)
         assert best is not None
         off, form, unit = best
         for _ in range(3):  # Gauss-Newton, a shorter step where a whole one leads away
-            here = self._at(form, unit)[1]
-            left, slopes = self._known.left(here - target), self._slopes(form, unit, here)
+            here = self._at(form, unit, beside)[1]
+            left, slopes = self._known.left(here - target), self._slopes(form, unit, here, beside)
             normal = slopes.T @ slopes + 12.0 * np.eye(len(unit))
             step = np.linalg.solve(normal, -slopes.T @ left)
             for share in (1.0, 0.3):
                 moved = np.clip(unit + np.clip(share * step, -0.3, 0.3), 0.0, 1.0)
-                there = float(self._known.distance(self._at(form, moved)[1] - target))
+                there = float(self._known.distance(self._at(form, moved, beside)[1] - target))
                 if there < off:
                     off, unit = there, moved
                     break
             else:
                 break
-        here = self._at(form, unit)[1]
-        slopes = self._slopes(form, unit, here)
+        here = self._at(form, unit, beside)[1]
+        slopes = self._slopes(form, unit, here, beside)
         root = np.linalg.cholesky(np.linalg.inv(slopes.T @ slopes + 12.0 * np.eye(len(unit))))
         units = [unit, *(np.clip(unit + root @ self._rng.standard_normal(len(unit)), 0, 1) for _ in range(DRAWS - 1))]
-        return [self._at(form, u) for u in units]
+        return [self._at(form, u, beside) for u in units]
 
-    def _at(self, form: Effect, unit: FloatArray) -> tuple[Acting, FloatArray]:
-        acting = [(form, {p.name: from_unit(p, float(u)) for p, u in zip(form.parameters, unit, strict=True)})]
+    def _at(self, form: Effect, unit: FloatArray, beside: Acting = ()) -> tuple[Acting, FloatArray]:
+        values = {p.name: from_unit(p, float(u)) for p, u in zip(form.parameters, unit, strict=True)}
+        acting = [*beside, (form, values)]
         return acting, self._change(acting)
 
-    def _slopes(self, form: Effect, unit: FloatArray, here: FloatArray) -> FloatArray:
+    def _slopes(self, form: Effect, unit: FloatArray, here: FloatArray, beside: Acting) -> FloatArray:
         columns = []
         for k in range(len(unit)):
             moved = unit.copy()
             step = STEP if unit[k] < 0.5 else -STEP
             moved[k] += step
-            columns.append(self._known.left(self._at(form, moved)[1] - here) / step)
+            columns.append(self._known.left(self._at(form, moved, beside)[1] - here) / step)
         return np.stack(columns, axis=1)
 
     def _hidden(self, named: set[str], none: float, outside: float) -> None:

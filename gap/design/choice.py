@@ -14,7 +14,7 @@ from gap.decision.thresholds import INSTRUMENT
 from gap.design.beliefs import Beliefs, Draw
 from gap.design.bench import Bench, Part
 from gap.design.catalogue import catalogue
-from gap.design.experiment import Experiment, stopped
+from gap.design.experiment import Asked, Experiment, fault, stopped
 from gap.design.information import Known, Worth, worth
 from gap.design.unknowns import Unknowns
 from gap.effects.load import library
@@ -87,9 +87,13 @@ def choose(
         return done
     top = _leading(report)[0]
     bench = Bench(recordings)
-    asked = catalogue(instrument, bench.session.legs, limits, specimens, seed)
+    every = catalogue(instrument, bench.session.legs, limits, specimens, seed)
+    # What has been measured already would go wrong in the simulation's form in the same way once more: that is no noise
+    # which a second answer averages out.
+    asked = [e for e in every if not answered(e, recordings)]
     if not asked:
-        return Choice(instrument, None, "no experiment is within the limits", top, ())
+        reason = "everything within the limits has been measured" if every else "no experiment is within the limits"
+        return Choice(instrument, None, reason, top, ())
     known = library(instrument) if effects is None else effects
     valued = _valued(report, bench, asked, known, seed)
     if not valued:
@@ -99,6 +103,12 @@ def choose(
         reason = f"nothing considered would tell more: at most {value.information:.2f} bits of the cause"
         return Choice(instrument, None, reason, value.before, valued)
     return Choice(instrument, best, "", value.after, valued)
+
+
+def answered(experiment: Experiment, recordings: Sequence[Recording]) -> bool:
+    """Whether one of the recordings does what an experiment asks for."""
+    asked = Asked("", experiment.instrument, experiment.specimen, experiment.leg.quantity_tables, "")
+    return any(not fault(r, asked) for r in recordings)
 
 
 def certain(report: Mapping[str, Any], instrument: str) -> Choice | None:
@@ -133,6 +143,8 @@ def _valued(
         return ()
     weights, labels = np.array([d.weight for d in draws]), [d.label for d in draws]
     in_session = np.stack([d.change for d in draws], axis=1)
+    # Where the simulation would have told apart what the report leaves open, it is off by more than its noise.
+    known = known.tempered(in_session, weights)
     valued = []
     for experiment, part, unknowns in zip(asked, parts, there, strict=True):
         base = bench.rows(part, bench.simulate(part))

@@ -21,6 +21,8 @@ from sim_devices.chain import FloatArray
 
 DRAWS = 600
 """Simulated outcomes from which information and chance of a right answer are reckoned."""
+OPEN = 1.5
+"""Tempered σ, rms about their mean, of two explanations that are 3 σ apart, the least at which data tell them apart."""
 
 Columns = Mapping[Column, FloatArray]
 """Whitened columns (n,) of unknowns, each for one width of its prior."""
@@ -65,6 +67,17 @@ class Known:
         """How far changes (n,) or (n, k) stand out in the session, in tempered σ: δ² = Δᵀ P Δ."""
         square = np.sum(change * (change - self._jacobian @ self.unknown(change)), axis=0) / self._temper
         return np.asarray(np.sqrt(np.maximum(square, 0.0)))
+
+    def tempered(self, changes: FloatArray, weights: FloatArray) -> Known:
+        """The same with so much error of form that explanations which a session leaves open, of ``changes`` (n, k) and
+        ``weights`` (k,), are not further apart in it than one session could leave them (`OPEN`)."""
+        share = weights / weights.sum()
+        away = self.distance(changes - (changes @ share)[:, None])
+        spread = float(np.sqrt(share @ np.square(away)))
+        if spread <= OPEN:
+            return self
+        there = {name: self._jacobian[:, k] for k, name in enumerate(self.names)}
+        return Known(there, (), self._temper * (spread / OPEN) ** 2)
 
     def seen(self, there: Columns, in_session: FloatArray, in_experiment: FloatArray) -> FloatArray:
         """Explanations as the experiment would show them, whitened (k, r ≤ k): what each changes in the session (n, k)

@@ -53,7 +53,7 @@ def sound_chain(instrument: str, marks: tuple[float, ...], **options: Any) -> Ch
 class FurtherLags(Wired):
     """The difference of a regulator of another structure from a second-order one: ``shares`` (share, s) of its response
     come with a further lag each, and its slope comes ``lead`` s ahead, of a set-point that is fed forward or
-    weighed."""
+    weighed; below nought all of it comes with a lag of so much, as by a valve that has one."""
 
     shares: tuple[tuple[float, float], ...]
     lead: float
@@ -61,7 +61,8 @@ class FurtherLags(Wired):
     def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
         u = signals[self.source[0]]
         lagged = sum(k * (evaluate(low_pass, time, u, tau) - u) for k, tau in self.shares if k)
-        signals[self.target[0]] = u + self.lead * np.gradient(u, time) + lagged
+        led = u + self.lead * np.gradient(u, time) if self.lead >= 0 else evaluate(low_pass, time, u, -self.lead)
+        signals[self.target[0]] = led + lagged
 
 
 def _specimen(name: str) -> SuctionTissue:

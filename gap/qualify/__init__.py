@@ -1,1 +1,1 @@
-"""Qualification of an instrument on reference specimens: the standard set, its measurement, and what it says."""
+"""Qualification of an instrument on reference specimens: the standard set, its measurement, and its result."""

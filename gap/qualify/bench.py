@@ -1,4 +1,4 @@
-"""Measuring the standard set: one recording for each step, a person in between; what is there already is kept."""
+"""Measuring the standard set: one recording for each step, a person in between; existing recordings are kept."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The standard set of each instrument: what is mounted, which protocol is run, and what a person is told."""
+"""The standard set of each instrument: the mounted specimen, the protocol, and the instruction to the person."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from protocols.specimens import SPECIMENS, Stated, check_complete, stated
 
 @dataclass(frozen=True)
 class Step:
-    """One recording: the specimen with what is known of it, and a protocol of the library."""
+    """One recording: the specimen with its known properties, and a protocol of the library."""
 
     name: str
     specimen: str

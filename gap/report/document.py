@@ -86,7 +86,7 @@ def qualification(d: Diagnosis) -> dict[str, Any] | None:
 
 
 def earlier(d: Diagnosis) -> dict[str, Any] | None:
-    """What earlier sessions of the person said and gained; None where none was given."""
+    """Earlier sessions of the person, their prior and its gain; None where none was given."""
     e = d.earlier
     if e is None:
         return None

@@ -21,8 +21,8 @@ def write_page(diagnosis: Diagnosis, path: Path) -> Path:
 
 HEADINGS = {
     "unknown": "The nearest of the known effects: none of them fits",
-    "undetectable": "What comes nearest, without standing out",
-    "none": "What comes nearest, without standing out",
+    "undetectable": "The nearest candidates, none of which stands out",
+    "none": "The nearest candidates, none of which stands out",
 }
 SPLITS = {
     "fitted": "on the fitted data", "repeat": "on a withheld repeat", "level": "on a withheld level",

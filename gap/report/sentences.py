@@ -17,7 +17,7 @@ DOING = {"load": "loading", "unload": "unloading", "hold": "holding", "rest": "r
 
 
 def sentences(d: Diagnosis) -> list[str]:
-    """How far off the simulation is, what explains it, and how that was tested."""
+    """How far off the simulation is, its explanation, and how that was tested."""
     if d.verdict.verdict in ("none", "undetectable"):
         return [_how_far(d), _nothing(d), *([BOUNDS] if d.bounds else [])]
     if d.verdict.verdict == "unknown":
@@ -73,7 +73,7 @@ def _unknown(d: Diagnosis) -> str:
 
 
 def _share(d: Diagnosis) -> float:
-    """Per cent of what stands above the noise that goes with the first cause, no more than all of it."""
+    """Per cent of the excess above the noise that the first cause removes, at most 100."""
     return 100 * min(max(shrink(d.gap_before, d.gap_after) or 0.0, 0.0), 1.0)
 
 

@@ -11,7 +11,7 @@ PREFIXED = {"m": (("mm", 1e3, 1e-3), ("µm", 1e6, 1e-7), ("nm", 1e9, 0.0)), "s":
 """For an SI unit (``%``: a relative error): unit, factor, and the least magnitude (SI) for which people use it."""
 
 UNNAMED = ("1", "choice", "velocity", "position", "rate")
-"""Pure numbers, and what a rig's model does not tell the unit of."""
+"""Pure numbers, and quantities of a rig's model without a stated unit."""
 
 SPLITS = {"waveform": "another waveform", "level": "another level", "direction": "another direction",
           "repeat": "another repeat", "recording": "another recording"}  # fmt: skip

@@ -163,10 +163,11 @@ def growth() -> None:
 
 def starts() -> None:
     code = (
-        "from time import perf_counter as c; a = c(); import numpy as np;"
+        "from time import perf_counter as c, process_time as p; a = c(); import numpy as np;"
         "from skinrig_solver import Experiment, models; m = models()['suction_rubin_bodner']; b = c();"
         "t = np.linspace(0, 1, 3); r = Experiment('cutometer', t, {'pressure': -3e4 * t});"
-        "m.simulate(r, {}, ['skin.mu0']); print(f'import {b - a:.2f} s, first run with a sensitivity {c() - b:.2f} s')"
+        "m.simulate(r, {}, ['skin.mu0']); print(f'import {b - a:.2f} s, first run with a sensitivity {c() - b:.2f} s; '"
+        "f'{p():.2f} s of processor altogether')"
     )
     print()
     with tempfile.TemporaryDirectory() as cache:

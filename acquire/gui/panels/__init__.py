@@ -1,1 +1,1 @@
-"""The window's panels, one a file. A panel shows what it is told and says by signals what a person wants."""
+"""The window's panels, one a file. A panel shows the messages it gets and emits a person's wishes as signals."""

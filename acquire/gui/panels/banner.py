@@ -29,7 +29,7 @@ class Banner(QFrame):
         self.hide()
 
     def say(self, text: str, accept: str = "") -> None:
-        """Show a text, and what accepting it does if that is not the usual."""
+        """Show a text; ``accept`` replaces the usual action of accepting it."""
         self.text.setText(text)
         self.button.setText(accept or self._accept)
         self.show()

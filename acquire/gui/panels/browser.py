@@ -138,7 +138,7 @@ class BrowserPanel(QWidget):
             line = " ".join(cell.text().lower() for cell in cells if cell is not None)
             hidden = not all(word in line for word in words)
             self.table.setRowHidden(number, hidden)
-            if hidden:  # what cannot be seen is not chosen
+            if hidden:  # a hidden row is not chosen
                 self._select(number, QItemSelectionModel.SelectionFlag.Deselect)
         self._chosen()
 

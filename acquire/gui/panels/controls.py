@@ -1,4 +1,4 @@
-"""The bar that is always there: what goes on, how long it takes, START, PAUSE, STOP and the emergency stop."""
+"""The bar that is always there: state, time left, START, PAUSE, STOP and the emergency stop."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from acquire.gui.panels.elided import Elided
 from acquire.words import clock
 
 PHASES = {"load": "loading", "hold": "holding", "unload": "unloading", "rest": "waiting"}
-AWAY = {"pressure": "under suction"}  # what a quantity's dwell is called; limits are in docs/safety.md
+AWAY = {"pressure": "under suction"}  # how a quantity's dwell is called; limits are in docs/safety.md
 STARTABLE = frozenset({"ready", "completed", "aborted"})
 
 
@@ -63,7 +63,7 @@ class ControlBar(QFrame):
     def show_view(self, view: View | None, label: str = "", *, missing: str, fault: str = "") -> None:
         """The state of the chosen instrument, which is called ``label``.
 
-        ``missing`` says what is to be done before START, '' where nothing is; ``fault`` why nothing is known of the
+        ``missing`` names the steps to be done before START, '' where nothing is; ``fault`` why nothing is known of the
         instruments.
         """
         self._label = label

@@ -1,4 +1,4 @@
-"""A line of text that never makes the window wider: what has no room ends in an ellipsis, the tool tip says all."""
+"""A line of text that never makes the window wider: a long text ends in an ellipsis, and its tool tip is whole."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The bench: which instruments there are, how they are, and what was the matter last."""
+"""The bench: which instruments there are, their state, and their last fault."""
 
 from __future__ import annotations
 

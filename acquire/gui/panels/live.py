@@ -1,4 +1,4 @@
-"""The running measurement: every channel with what was commanded and its limits."""
+"""The running measurement: every channel with its set-point and its limits."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from drivers.signals import FloatArray
 RECENT = 20.0  # s shown while nothing runs, or if asked for
 WHOLE, LAST = "whole run", f"last {RECENT:.0f} s"
 FIRST_RANGE = {"Pa": (-5_000.0, 500.0), "m": (-0.05e-3, 0.5e-3), "N": (-0.1, 0.1)}
-HIDDEN = ("axis_position", "transducer_force")  # raw channels: recorded, but not what an operator watches
+HIDDEN = ("axis_position", "transducer_force")  # raw channels: recorded, but not for an operator to watch
 MOST_PLOTS = 4
 EDGE = 0.04  # of the range: a curve that comes so near to its end widens it
 
@@ -38,7 +38,7 @@ def groups(channels: Iterable[ChannelInfo]) -> list[tuple[str, list[ChannelInfo]
 
 
 class ChannelPlot(QWidget):
-    """One plot: the curves of one quantity, what is commanded, limits, and the newest values in numbers."""
+    """One plot: the curves of one quantity, its set-point, limits, and the newest values in numbers."""
 
     def __init__(self, title: str, channels: list[ChannelInfo]) -> None:
         super().__init__()

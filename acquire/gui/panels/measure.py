@@ -1,4 +1,4 @@
-"""One instrument while it measures: its live plots, and beside them what it alone has (camera, robot)."""
+"""One instrument while it measures: its live plots, and beside them its own views (camera, robot)."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class MeasurePanel(QWidget):
             self.robot.expect(preview)
 
     def tick(self) -> None:
-        """The window's timer: the numbers, all of them at once, and what is old looks old."""
+        """The window's timer: the numbers, all of them at once; old values are greyed."""
         now = time.monotonic()
         if now - self._told >= LEGIBLE and self.isVisible():
             self._told = now

@@ -1,4 +1,4 @@
-"""Choosing a protocol: the list, what it will do as a picture and in words, or what is wrong with it and where."""
+"""Choosing a protocol: the list, its course as a picture and in words, or its faults and their lines."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ class PreparePanel(QWidget):
         self._draw(preview)
 
     def show_faults(self, path: Path, message: str, faults: Sequence[Fault]) -> None:
-        """Say what is wrong with a protocol, beside its text with the lines marked."""
+        """Show the faults of a protocol beside its text, with the lines marked."""
         self.preview = None
         self.plot.hide()
         self.title.setText(f"{path.stem} – cannot be run")

@@ -1,4 +1,4 @@
-"""Qualification from the window: the steps of ``acquire qualify``, one after the other, and what it says in the end."""
+"""Qualification from the window: the steps of ``acquire qualify``, one after the other, and its result."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ FOLDER = "qualification"  # beside the recordings
 
 
 class QualifyPanel(QWidget):
-    """Walks a person through the standard references. ``bench`` is what the window works on.
+    """Walks a person through the standard references. ``bench`` is the window's bench.
 
-    The work is done by the command line's tool in a process of its own: what was measured stays in the folder, and the
+    The work is done by the command line's tool in a process of its own: finished recordings stay in the folder, and the
     same instrument goes on there.
     """
 
@@ -43,7 +43,7 @@ class QualifyPanel(QWidget):
         heading.setProperty("role", "title")
         words = QLabel(
             "Measures reference specimens and judges the instrument by them, in about five minutes. A real instrument "
-            "must be disconnected here first. What is measured is kept: the same instrument goes on where it stopped."
+            "must be disconnected here first. Recordings are kept: the same instrument goes on where it stopped."
         )
         words.setProperty("role", "faint")
         words.setWordWrap(True)
@@ -111,7 +111,7 @@ class QualifyPanel(QWidget):
         self._enable()
 
     def close_tool(self) -> None:
-        """End what is under way; an instrument makes itself safe when nobody beats for it."""
+        """End the running step; an instrument makes itself safe when nobody beats for it."""
         if self._tool is not None:
             self._tool.close()
             self._tool = None
@@ -147,7 +147,7 @@ class QualifyPanel(QWidget):
 
     def _ended(self, code: int) -> None:
         self._tool = None
-        said = {0: "Passed.", 6: "Not passed.", 5: "Stopped; what is measured is kept."}
+        said = {0: "Passed.", 6: "Not passed.", 5: "Stopped; the recordings are kept."}
         self.instruction.setText(said.get(code, f"Ended with status {code}."))
         found = pictures(self._page.read_text(encoding="utf-8")) if code in (0, 6) and self._page.is_file() else []
         self.picture.show_png(found[0] if found else b"")

@@ -1,4 +1,4 @@
-"""After a run: is it any good, what does it say, and how does it compare with earlier ones."""
+"""After a run: its quality, its results, and a comparison with earlier ones."""
 
 from __future__ import annotations
 

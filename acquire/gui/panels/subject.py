@@ -49,7 +49,7 @@ class SubjectPanel(QGroupBox):
         self.specimen = QComboBox()
         self.specimen.addItems((SKIN, *SPECIMENS))
         self.properties = QLineEdit()
-        self.properties.setToolTip("What is known of the specimen, with its uncertainty; several separated by ';'")
+        self.properties.setToolTip("Known properties of the specimen, each with its uncertainty, separated by ';'")
         self.operator = QLineEdit()
         self.operator.setPlaceholderText("who measures")
         self.notes = QLineEdit()
@@ -80,7 +80,7 @@ class SubjectPanel(QGroupBox):
 
     @property
     def sound(self) -> bool:
-        """Whether a run can be filed under what is written here."""
+        """Whether a run can be filed under the text written here."""
         return self.fault.isHidden()
 
     def what(self, protocol: str) -> Measurement:

@@ -32,8 +32,8 @@ REPORTS = "reports"  # folder beside the recordings
 class ToolPanel(QWidget):
     """Runs one tool on recordings.
 
-    ``arguments(runs, option, folder)`` is the command line after ``acquire``; ``option`` is what the panel's one field
-    says. The tool leaves an HTML page with its pictures in ``folder``, which is made beside the recordings.
+    ``arguments(runs, option, folder)`` is the command line after ``acquire``; ``option`` is the text of the
+    panel's one field. The tool leaves an HTML page with its pictures in ``folder``, beside the recordings.
     """
 
     def __init__(

@@ -3,8 +3,9 @@
 Curves and their exact derivatives at training points are reduced to a few modes (proper orthogonal decomposition, of
 the derivatives too); each mode's coefficient is a polynomial of total degree p in the parameters, fitted to values and
 gradients together by least squares. One full solve of m parameters with sensitivities so counts as m + 1 equations.
-The degree is the one that predicts left-out training points best. `Emulator.inside` says where it may be trusted at
-all; how far it is right there is for held-out solves to tell (fit/posterior.py).
+The degree is the one that predicts left-out training points best. The polynomial may be one of features instead, of
+which the curves are smoother functions than of the parameters themselves (fit/features.py). `Emulator.inside` says
+where it may be trusted at all; how far it is right there is for held-out solves to tell (fit/surrogate.py).
 """
 
 from __future__ import annotations
@@ -24,6 +25,20 @@ MOST_TERMS = 700  # of a polynomial
 GRADIENTS = 0.5  # weight of a gradient's equation beside a value's, in the region's own unit
 NEGLIGIBLE = 1e-3  # largest entry of what the modes may leave out of a curve, in the curves' unit
 _FOLDS = 5
+RIDGE = (
+    0.1  # weight of "no such term" for a term of degree 2 in features, in the curves' unit; four times for each more
+)
+SCALE = 3.0  # standard deviations of the training points' features that count as one
+BEYOND = 1.2  # times the farthest likely training point's features: so far an emulator of features may be trusted
+DISTINCT = 1e-4  # of the largest variance: less says that features move together
+
+
+@dataclass(frozen=True)
+class Features:
+    """Functions of points z (b, m): features (b, p), and their derivatives (b, p, m)."""
+
+    values: Callable[[Array], Array]
+    rates: Callable[[Array], Array]
 
 
 @dataclass(frozen=True)
@@ -79,8 +94,19 @@ class Basis:
 
     def values(self, u: Array) -> Array:
         """(b, terms) at points (b, m)."""
-        table, columns = self._chebyshev(u)[0], np.arange(u.shape[1])
-        return np.asarray(table[:, columns, self.orders].prod(axis=2))
+        table = self._chebyshev(u, rates=False)[0]
+        factors = table.reshape(len(u), -1)[:, self._factors]
+        return np.asarray(factors.prod(axis=2))
+
+    @cached_property
+    def _factors(self) -> Index:
+        """Where the factors of each term (terms, at most the degree) stand in a flat table of polynomials, 0 for 1."""
+        width = 1 + int(self.orders.max(initial=0))
+        found = np.zeros((len(self.orders), max(1, int((self.orders > 0).sum(axis=1).max(initial=0)))), dtype=np.int64)
+        for term, orders in enumerate(self.orders):
+            columns = np.flatnonzero(orders)
+            found[term, : columns.size] = columns * width + orders[columns]
+        return found
 
     def gradients(self, u: Array) -> Array:
         """(b, m, terms): derivatives by each coordinate."""
@@ -94,17 +120,62 @@ class Basis:
             found[:, k] = own.prod(axis=2)
         return found
 
-    def _chebyshev(self, u: Array) -> tuple[Array, Array]:
-        """T_j(u) and T_j'(u): (b, m, 1 + degree)."""
+    def _chebyshev(self, u: Array, rates: bool = True) -> tuple[Array, Array]:
+        """T_j(u) and, if wanted, T_j'(u): (b, m, 1 + degree)."""
         top = int(self.orders.max(initial=0))
-        table, rates = np.empty((*u.shape, top + 1)), np.zeros((*u.shape, top + 1))
+        table = np.empty((*u.shape, top + 1))
+        slopes = np.zeros((*u.shape, top + 1) if rates else (0,))
         table[..., 0] = 1.0
         if top:
-            table[..., 1], rates[..., 1] = u, 1.0
+            table[..., 1] = u
         for j in range(2, top + 1):
             table[..., j] = 2.0 * u * table[..., j - 1] - table[..., j - 2]
-            rates[..., j] = 2.0 * table[..., j - 1] + 2.0 * u * rates[..., j - 1] - rates[..., j - 2]
-        return table, rates
+        for j in range(1, top + 1) if rates else ():
+            slopes[..., j] = (
+                2.0 * table[..., j - 1] + 2.0 * u * slopes[..., j - 1] - slopes[..., j - 2] if j > 1 else 1.0
+            )
+        return table, slopes
+
+
+@dataclass(frozen=True)
+class Chart:
+    """The polynomials' own coordinates x (q,) of a point z (m,): (features(z) - centre) turn; ``turn`` (p, q).
+
+    An emulator of features may be trusted where |x| <= ``radius``.
+    """
+
+    centre: Array
+    turn: Array
+    features: Features | None = None
+    radius: float = np.inf
+
+    @staticmethod
+    def of(z: Array, weight: Array, region: Region, features: Features | None) -> Chart:
+        """The region's own units; or features by their principal directions over the points z (b, m)."""
+        if features is None:
+            return Chart(region.centre, region._inverse)
+        values = features.values(z)
+        centre = np.average(values, axis=0, weights=weight)
+        size = np.sqrt(np.average((values - centre) ** 2, axis=0, weights=weight))
+        size[size == 0.0] = 1.0
+        scaled = (values - centre) / size
+        power, directions = np.linalg.eigh(np.atleast_2d(np.cov(scaled.T, aweights=weight)))
+        distinct = power > DISTINCT * power[-1]
+        turn = directions[:, distinct] / np.sqrt(power[distinct]) / SCALE / size[:, None]
+        likely = weight >= 0.5 * weight.max()
+        farthest = float(np.linalg.norm((values[likely] - centre) @ turn, axis=1).max())
+        return Chart(centre, turn, features, BEYOND * farthest)
+
+    def points(self, z: Array) -> Array:
+        """(b, q) of points z (b, m)."""
+        values = z if self.features is None else self.features.values(z)
+        return np.asarray((values - self.centre) @ self.turn)
+
+    def rates(self, z: Array) -> Array:
+        """(b, q, m): their derivatives by z."""
+        if self.features is None:
+            return np.broadcast_to(self.turn.T, (len(z), *self.turn.T.shape))
+        return np.asarray(np.einsum("bpm,pq->bqm", self.features.rates(z), self.turn))
 
 
 @dataclass(frozen=True)
@@ -112,6 +183,7 @@ class Emulator:
     """``mean`` (n,), ``modes`` (n, k) orthonormal, ``weights`` (terms, k); ``solves``: how many it was trained on."""
 
     region: Region
+    chart: Chart
     basis: Basis
     mean: Array
     modes: Array
@@ -121,43 +193,86 @@ class Emulator:
 
     def inside(self, z: Array) -> NDArray[np.bool_]:
         """Which of the points (b, m) lie in the region it was trained for."""
-        return self.region.holds(z)
+        if self.chart.features is None:
+            return self.region.holds(z)
+        boxed = np.all((z >= self.region.lower) & (z <= self.region.upper), axis=1)
+        return np.asarray(boxed & (np.linalg.norm(self.chart.points(z), axis=1) <= self.chart.radius))
 
     def coefficients(self, z: Array) -> Array:
         """Of the modes (b, k) at points (b, m)."""
-        return self.basis.values(self.region.units(z)) @ self.weights
+        return self.basis.values(self.chart.points(z)) @ self.weights
 
     def slopes(self, z: Array) -> Array:
         """Derivatives of the coefficients (k, m) by the coordinates at one point (m,)."""
-        by_unit = self.basis.gradients(self.region.units(z[None]))[0] @ self.weights  # (m, k)
-        return np.linalg.solve(self.region.shape.T, by_unit).T / self.region.radius
+        by_unit = self.basis.gradients(self.chart.points(z[None]))[0] @ self.weights  # (q, k)
+        return np.asarray(by_unit.T @ self.chart.rates(z[None])[0])
 
     def curves(self, z: Array) -> Array:
         """(b, n) at points (b, m)."""
         return self.mean + self.coefficients(z) @ self.modes.T
 
 
-def train(solves: Sequence[Solve], region: Region, weigh: Callable[[Array], Array] | None = None) -> Emulator:
-    """An emulator of the full solves that lie in or near ``region``.
+def train(
+    solves: Sequence[Solve],
+    region: Region,
+    weigh: Callable[[Array], Array] | None = None,
+    features: Features | None = None,
+) -> Emulator:
+    """An emulator of the full solves that lie in or near ``region``; of all of them where ``features`` bound it.
 
     ``weigh`` gives the weight of each solve's equations (b,) from the curves (b, n): far-off curves need not be met as
     well as near ones. Raises ValueError for fewer than two solves.
     """
-    near = [s for s in solves if np.linalg.norm(region.units(s.z[None])) <= 1.5]
+    near = [s for s in solves if features is not None or np.linalg.norm(region.units(s.z[None])) <= 1.5]
     if len(near) < 2:
         raise ValueError(f"an emulator needs at least two full solves in its region, and has {len(near)}")
     z = np.array([s.z for s in near])
-    u, m = region.units(z), z.shape[1]
     curves = np.array([s.curve for s in near])
     mean = curves.mean(axis=0)
     stretch = region.radius * region.shape
-    slopes = np.array([(s.slopes @ stretch).T for s in near])  # (points, m, n) by u
+    slopes = np.array([(s.slopes @ stretch).T for s in near])  # (points, m, n) by the region's units
     modes = _modes(curves - mean, slopes)
-    values, gradients = (curves - mean) @ modes, slopes @ modes
     weight = np.ones(len(near)) if weigh is None else weigh(curves)
-    degree = _best_degree(u, values, gradients, weight)
-    basis = Basis.of(m, degree)
-    return Emulator(region, basis, mean, modes, _fitted(basis, u, values, gradients, weight), degree, len(near))
+    chart = Chart.of(z, weight, region, features)
+    equations = _Equations(
+        chart.points(z), chart.rates(z) @ stretch, (curves - mean) @ modes, slopes @ modes, weight,
+        0.0 if features is None else RIDGE,
+    )  # fmt: skip
+    degree = _best_degree(equations)
+    basis = Basis.of(chart.turn.shape[1], degree)
+    return Emulator(region, chart, basis, mean, modes, equations.solved(basis), degree, len(near))
+
+
+@dataclass(frozen=True)
+class _Equations:
+    """What the polynomials are fitted to: points x (b, q), their ``rates`` (b, q, m) by the region's units, the modes'
+    ``values`` (b, k) and ``gradients`` (b, m, k), a ``weight`` (b,), and a ridge."""
+
+    x: Array
+    rates: Array
+    values: Array
+    gradients: Array
+    weight: Array
+    ridge: float
+
+    def only(self, chosen: NDArray[np.bool_]) -> _Equations:
+        return _Equations(
+            self.x[chosen], self.rates[chosen], self.values[chosen], self.gradients[chosen], self.weight[chosen],
+            self.ridge,
+        )  # fmt: skip
+
+    def solved(self, basis: Basis) -> Array:
+        """(terms, k): the weights that meet the equations best."""
+        weight = self.weight[:, None]
+        steep = (GRADIENTS * self.weight)[:, None, None]
+        by_unit = steep * np.einsum("bqm,bqt->bmt", self.rates, basis.gradients(self.x))
+        rows = [weight * basis.values(self.x), by_unit.reshape(-1, by_unit.shape[2])]
+        goals = [weight * self.values, (steep * self.gradients).reshape(-1, self.values.shape[1])]
+        if self.ridge:
+            total = basis.orders.sum(axis=1)
+            rows.append(np.diag(np.where(total > 1, self.ridge * 4.0 ** (total - 2.0), 0.0)))
+            goals.append(np.zeros((len(total), self.values.shape[1])))
+        return np.asarray(np.linalg.lstsq(np.concatenate(rows), np.concatenate(goals), rcond=1e-11)[0])
 
 
 def _modes(curves: Array, slopes: Array) -> Array:
@@ -175,29 +290,22 @@ def _modes(curves: Array, slopes: Array) -> Array:
     return np.asarray(modes)
 
 
-def _fitted(basis: Basis, u: Array, values: Array, gradients: Array, weight: Array) -> Array:
-    by_gradient = (GRADIENTS * weight)[:, None, None] * basis.gradients(u)
-    rows = np.concatenate([weight[:, None] * basis.values(u), by_gradient.reshape(-1, by_gradient.shape[2])])
-    slopes = (GRADIENTS * weight)[:, None, None] * gradients
-    goals = np.concatenate([weight[:, None] * values, slopes.reshape(-1, values.shape[1])])
-    return np.asarray(np.linalg.lstsq(rows, goals, rcond=1e-11)[0])
-
-
-def _best_degree(u: Array, values: Array, gradients: Array, weight: Array) -> int:
+def _best_degree(equations: _Equations) -> int:
     """The degree that predicts points best that it was not fitted to."""
-    count, m = u.shape
+    count, q = equations.x.shape
+    m = equations.rates.shape[2]
     folds = np.arange(count) % min(_FOLDS, count)
     best, least = 1, np.inf
     for degree in range(1, 7):
-        basis = Basis.of(m, degree)
+        basis = Basis.of(q, degree)
         terms = len(basis.orders)
         if degree > 1 and (terms > MOST_TERMS or 1.2 * terms > (count - count // _FOLDS) * (m + 1)):
             break
         error = 0.0
         for fold in range(folds.max() + 1):
-            out = folds == fold
-            weights = _fitted(basis, u[~out], values[~out], gradients[~out], weight[~out])
-            off = (basis.values(u[out]) @ weights - values[out]) * weight[out, None]
+            out = equations.only(folds == fold)
+            weights = equations.only(folds != fold).solved(basis)
+            off = (basis.values(out.x) @ weights - out.values) * out.weight[:, None]
             error += float((off**2).sum())
         if error < least:
             best, least = degree, error

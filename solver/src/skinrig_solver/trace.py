@@ -2,9 +2,9 @@
 
 A law is an ordinary Python function of :class:`Expr` objects. Running it builds an expression graph in which equal
 expressions are one node; :func:`derivatives` differentiates the graph in forward mode (node by node, zeros never
-stored); :func:`emit` writes the wanted nodes as assignments. The vocabulary beyond ``+ - * / **``: ``sqrt``, ``exp``,
-``expm1``, ``log``, ``power``, ``select``, and ``root``, a scalar equation that is differentiated by the
-implicit-function theorem.
+stored), :func:`chained` lists the steps of the same, and `lower` compiles them. The vocabulary beyond ``+ - * / **``:
+``sqrt``, ``exp``, ``expm1``, ``log``, ``power``, ``select``, and ``root``, a scalar equation that is differentiated by
+the implicit-function theorem.
 
 >>> x, y = variables("x", "y")
 >>> f = exp(x * y) + x
@@ -14,8 +14,8 @@ implicit-function theorem.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Union
 
 Number = Union["Expr", float]
@@ -101,7 +101,7 @@ def _value(e: Expr) -> float:
     return e.extra
 
 
-def _equation(e: Expr) -> tuple[Callable[..., Expr], float]:
+def equation(e: Expr) -> tuple[Callable[..., Expr], float]:
     assert isinstance(e.extra, tuple)
     residual, tolerance = e.extra
     return residual, tolerance
@@ -190,10 +190,8 @@ def _partials(e: Expr) -> list[tuple[Expr, Expr]]:
     """(argument, ∂e/∂argument) pairs."""
     a = e.args
     match e.op:
-        case "add":
-            return [(a[0], lift(1.0)), (a[1], lift(1.0))]
-        case "sub":
-            return [(a[0], lift(1.0)), (a[1], lift(-1.0))]
+        case "add" | "sub":
+            return [(a[0], lift(1.0)), (a[1], lift(1.0 if e.op == "add" else -1.0))]
         case "neg":
             return [(a[0], lift(-1.0))]
         case "mul":
@@ -215,21 +213,25 @@ def _partials(e: Expr) -> list[tuple[Expr, Expr]]:
         case "select":
             return [(a[1], select(a[0], 1.0, 0.0)), (a[2], select(a[0], 0.0, 1.0))]
         case "root":
-            residual, _ = _equation(e)
-            inputs = a[3:]
-            names = variables(*(f"@{e.index}.{i}" for i in range(len(inputs) + 1)))
-            rows = derivatives([residual(*names)], names)[0]
-            values = dict(zip(names, (e, *inputs), strict=True))
-            slope = 1.0 / substitute(rows[names[0]], values)
-            return [
-                (argument, -(substitute(rows[name], values) * slope))
-                for name, argument in zip(names[1:], inputs, strict=True)
-                if name in rows
-            ]
+            return _root_partials(e)
     return []
 
 
-def _ordered(outputs: Sequence[Expr]) -> list[Expr]:
+def _root_partials(e: Expr) -> list[tuple[Expr, Expr]]:
+    residual, _ = equation(e)
+    inputs = e.args[3:]
+    names = variables(*(f"@{e.index}.{i}" for i in range(len(inputs) + 1)))
+    rows = derivatives([residual(*names)], names)[0]
+    values = dict(zip(names, (e, *inputs), strict=True))
+    slope = 1.0 / substitute(rows[names[0]], values)
+    return [
+        (argument, -(substitute(rows[name], values) * slope))
+        for name, argument in zip(names[1:], inputs, strict=True)
+        if name in rows
+    ]
+
+
+def ordered(outputs: Sequence[Expr]) -> list[Expr]:
     """Every node the outputs need, each after its arguments."""
     seen: set[Expr] = set()
     order: list[Expr] = []
@@ -249,21 +251,57 @@ def derivatives(outputs: Sequence[Expr], inputs: Sequence[Expr]) -> list[dict[Ex
     """For each output the mapping input -> ∂output/∂input; inputs it does not depend on are absent."""
     wanted = set(inputs)
     rows: dict[Expr, dict[Expr, Expr]] = {}
-    for e in _ordered(outputs):
-        row: dict[Expr, Expr] = {e: lift(1.0)} if e in wanted else {}
-        if not row and any(rows[a] for a in e.args):
-            for argument, partial in _partials(e):
-                for name, value in rows[argument].items():
-                    term = partial * value
-                    row[name] = row[name] + term if name in row else term
-        rows[e] = {name: value for name, value in row.items() if not _is(value, 0.0)}
+    for e in ordered(outputs):
+        rows[e] = {e: lift(1.0)} if e in wanted else _row(e, rows)
     return [rows[e] for e in outputs]
+
+
+@dataclass(frozen=True)
+class Chain:
+    """A forward differentiation in steps: (node, {base: ∂node/∂base}), where a base is an input or an earlier node.
+
+    ``rows`` the same of each output. A node becomes a base where it depends on two others, so that what follows from
+    it alone costs scalars, not directions.
+    """
+
+    steps: list[tuple[Expr, dict[Expr, Expr]]]
+    rows: list[dict[Expr, Expr]]
+
+    @property
+    def coefficients(self) -> list[Expr]:
+        """Whatever must be known before the derivatives."""
+        return [c for row in (*(row for _, row in self.steps), *self.rows) for c in row.values()]
+
+
+def chained(outputs: Sequence[Expr], inputs: Sequence[Expr]) -> Chain:
+    """The steps by which the outputs' derivatives by the inputs follow from one another."""
+    wanted = set(inputs)
+    rows: dict[Expr, dict[Expr, Expr]] = {}
+    steps: list[tuple[Expr, dict[Expr, Expr]]] = []
+    for e in ordered(outputs):
+        row = {e: lift(1.0)} if e in wanted else _row(e, rows)
+        if len(row) > 1:
+            steps.append((e, row))
+            row = {e: lift(1.0)}
+        rows[e] = row
+    return Chain(steps, [rows[e] for e in outputs])
+
+
+def _row(e: Expr, rows: Mapping[Expr, Mapping[Expr, Expr]]) -> dict[Expr, Expr]:
+    """The derivative of a node from those of its arguments; zeros are left out."""
+    row: dict[Expr, Expr] = {}
+    if any(rows[a] for a in e.args):
+        for argument, partial in _partials(e):
+            for name, value in rows[argument].items():
+                term = partial * value
+                row[name] = row[name] + term if name in row else term
+    return {name: value for name, value in row.items() if not _is(value, 0.0)}
 
 
 def substitute(e: Expr, values: dict[Expr, Expr]) -> Expr:
     """The expression with variables replaced."""
     done: dict[Expr, Expr] = {}
-    for node in _ordered([e]):
+    for node in ordered([e]):
         if node in values:
             done[node] = values[node]
         elif not node.args:
@@ -290,6 +328,21 @@ def _rebuild(e: Expr, args: tuple[Expr, ...]) -> Expr:
     return _make(e.op, *args, extra=e.extra)
 
 
+def listing(outputs: Sequence[Expr]) -> str:
+    """One line a node, the same for equal formulas in every process."""
+    order = ordered(outputs)
+    number = {e: i for i, e in enumerate(order)}
+    lines = []
+    for e in order:
+        extra = e.extra
+        if e.op == "root":
+            residual, tolerance = equation(e)
+            symbols = variables(*(f"@{i}" for i in range(len(e.args) - 2)))
+            extra = (tolerance, listing([residual(*symbols)]))
+        lines.append(f"{e.op} {[number[a] for a in e.args]} {extra!r}")
+    return "\n".join([*lines, repr([number[e] for e in outputs])])
+
+
 def _code(e: Expr, args: list[str]) -> str:
     if e.op in _SYMBOL:
         return f"({args[0]} {_SYMBOL[e.op]} {args[1]})"
@@ -309,61 +362,4 @@ def _code(e: Expr, args: list[str]) -> str:
 
 def roots(outputs: Sequence[Expr]) -> list[Expr]:
     """The scalar equations that the outputs depend on."""
-    return [e for e in _ordered(outputs) if e.op == "root"]
-
-
-def emit(
-    outputs: Sequence[Expr], known: dict[Expr, str], prefix: str, memory: Mapping[Expr, str] | None = None
-) -> tuple[list[str], dict[Expr, str]]:
-    """Assignments that compute the outputs, and the name each node has afterwards.
-
-    ``known`` names nodes already computed (inputs, or nodes hoisted out of a loop). Names start with ``prefix``.
-    ``memory`` names places that keep a root's value for the next evaluation to start from (nan at first).
-    """
-    lines: list[str] = []
-    names = dict(known)
-    for e in _ordered(outputs):
-        if e in names:
-            continue
-        if e.op == "const":
-            value = _value(e)
-            names[e] = repr(value) if value >= 0 or math.isnan(value) else f"({value!r})"
-        elif e.op == "var":
-            raise NameError(f"formula uses {e.extra!r}, which is not among its inputs")
-        else:
-            names[e] = f"{prefix}{e.index}"
-            arguments = [names[a] for a in e.args]
-            if e.op == "root":
-                lines += _root_lines(e, names[e], arguments, (memory or {}).get(e))
-            else:
-                lines.append(f"{names[e]} = {_code(e, arguments)}")
-    return lines, names
-
-
-def _root_lines(e: Expr, name: str, arguments: list[str], memory: str | None) -> list[str]:
-    residual, tolerance = _equation(e)
-    symbols = variables(*(f"@{name}.{i}" for i in range(len(arguments) - 2)))
-    value = residual(*symbols)
-    slope = derivatives([value], symbols[:1])[0][symbols[0]]
-    known = dict(zip(symbols, (name, *arguments[3:]), strict=True))
-    body, names = emit([value, slope], known, f"{name}_")
-    low, high, step = f"{name}_low", f"{name}_high", f"{name}_step"
-    recall = [f"if {low} < {memory} < {high}:", f"    {name} = {memory}"] if memory else []
-    return [
-        f"{low}, {high}, {name} = {arguments[0]}, {arguments[1]}, {arguments[2]}",
-        *recall,
-        "for _ in range(100):",
-        *(f"    {line}" for line in body),
-        f"    if {names[value]} > 0.0:",
-        f"        {high} = {name}",
-        "    else:",
-        f"        {low} = {name}",
-        f"    {step} = {name} - {names[value]} / {names[slope]}",
-        f"    if not ({low} <= {step} <= {high}):",
-        f"        {step} = 0.5 * ({low} + {high})",
-        f"    {low}_done = abs({step} - {name}) <= {tolerance!r} * ({tolerance!r} + abs({name}))",
-        f"    {name} = {step}",
-        f"    if {low}_done:",
-        "        break",
-        *([f"{memory} = {name}"] if memory else []),
-    ]
+    return [e for e in ordered(outputs) if e.op == "root"]

@@ -226,7 +226,11 @@ def test_every_derivative_agrees_with_differences(law: Law, values: dict[str, fl
     dstate[0, :, 6 : 6 + states] = np.eye(states)
     dstress, dnew = np.zeros((1, 6, m)), np.zeros((1, states, m))
     by_kin = np.zeros((1, states, 6))
-    code.partials(0, 1, kin[None], point.state, point.par, 0.07, memory, dstate, which, dstress, dnew, by_kin)
+    again, new, same = np.empty((1, 6)), np.empty((1, states)), np.empty((1, 6, 6))
+    inputs = (0, 1, kin[None], point.state, point.par, 0.07, memory, dstate, which)
+    code.partials(*inputs, again, new, same, dstress, dnew, by_kin)
+    np.testing.assert_allclose(np.concatenate([again[0], new[0]]), both(*base), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(same, tangent, rtol=1e-9, atol=1e-9 * np.abs(tangent).max())
     dstress[0, :, :6] += tangent[0]
     dnew[0, :, :6] += by_kin[0]
     exact = np.concatenate([dstress[0], dnew[0]])

@@ -46,6 +46,33 @@ def test_a_jump_between_two_rows_is_a_step_at_the_later() -> None:
     assert set(c.time[jumps]) <= set(c.kinks)
 
 
+def test_rows_that_somebody_chose_are_straight_lines_however_many() -> None:
+    """A ramp of 0.1 s ahead of a sine in 160 rows of 102 ms was made a step at its end."""
+    sine = 1.5 + 0.1018 * np.arange(160)
+    time = np.r_[0.0, 1.1, 1.2, sine]
+    value = np.r_[0.0, 0.0, -1e4, -1e4 * np.cos(2 * np.pi * 0.1 * (sine - sine[0]))]
+    assert off(time, value) < 2 * COLLINEAR
+
+
+def test_quick_edges_of_a_binary_sequence_stay_where_they_are_and_are_kinks() -> None:
+    """Edges of 1 ms every 0.33 s: half of them became steps 1 ms late, none a kink, as all around bend alike."""
+    rng = np.random.default_rng(50001)
+    bits = np.where(rng.random(40) < 0.5, -3e4, -1e4)
+    begins = 1.0 + 0.328 * np.arange(40)
+    time = np.ravel(np.column_stack([begins, begins + 1e-3]))
+    value = np.ravel(np.column_stack([np.r_[0.0, bits[:-1]], bits]))
+    c = command(np.r_[0.0, time], np.r_[0.0, value])
+    assert not np.any(np.diff(c.time) == 0)
+    edges = begins[np.r_[0.0, bits[:-1]] != bits]
+    assert set(np.round(np.r_[edges, edges + 1e-3], 6)) <= set(np.round(c.kinks, 6))
+
+
+def test_a_sampled_command_in_whole_milliseconds_still_steps() -> None:
+    time = np.round(np.arange(200) / 30, 3)
+    c = command(time, np.where((time > 2.01) & (time < 5.0), -3e4, 0.0))
+    assert c.time[np.flatnonzero(np.diff(c.time) == 0)] == pytest.approx([2.033, 5.0])
+
+
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=60), st.floats(0.01, 1.0))
 def test_any_table_of_few_rows_is_met_at_every_row(values: list[float], period: float) -> None:

@@ -31,6 +31,20 @@ def test_a_slow_share_of_the_noise_is_found(share: float, tau: float) -> None:
     assert 0.4 * share < np.median(found) < 1.6 * share
 
 
+def test_noise_that_doubles_from_block_to_block_is_noise() -> None:
+    """At 500 Hz a share that forgets within 0.3 s grows by 1.7 from 0.2 s to 0.4 s: it was taken for a curve."""
+    rate, share, tau = 500.0, 0.4, 0.3
+    time = np.arange(0.0, 20.0, 1 / rate)
+    rho = np.exp(-1 / rate / tau)
+    found = []
+    for seed in range(50010, 50016):
+        rng = np.random.default_rng(seed)
+        slow = lfilter([np.sqrt(1 - rho**2)], [1, -rho], rng.normal(size=(8, len(time) + 2000)))[:, 2000:]
+        runs = [(time, rng.normal(size=len(time)) + share * s) for s in slow]
+        found.append(np.sqrt(slow_variance(runs, KINKS, 1.0)))
+    assert 0.65 * share < np.median(found) < 1.35 * share
+
+
 def test_of_white_noise_little_is_slow() -> None:
     found = [
         np.sqrt(

@@ -54,10 +54,16 @@ def test_an_effect_that_would_have_been_seen_must_have_come_since() -> None:
     pressure = [p for p in problems if p.name == "pressure"]
     found = compare(pressure, [replace(lag, blocks=("pressure",))]).hypotheses[0]
     known = Qualified(qualification(), "q.yaml")
-    assert known.nats(found) == pytest.approx(np.log(CHANGED))
+    assert known.nats(found, 0.01) == pytest.approx(np.log(CHANGED))
     assert "regulator_lag has come since" in known.changes(found)[0]
-    assert Qualified(qualification(), "q.yaml", "expired").nats(found) == 0.0
-    assert known.nats(Hypothesis((), {})) == 0.0
+    assert Qualified(qualification(), "q.yaml", "expired").nats(found, 0.01) == 0.0
+    assert known.nats(Hypothesis((), {}), 0.01) == 0.0
+    said = {"effect": "regulator_lag", "class": ("regulator_lag", "latency"), "probability": 0.9}
+    there = Qualified(qualification(findings=(said,)), "q.yaml")  # a finding of two: either is as probable
+    expected = 0.45 * (1.0 - CHANGED)
+    assert there.expected(found) == pytest.approx(expected)
+    assert there.nats(found, 0.01) == pytest.approx(np.log(expected / (1.0 - expected) * 99.0))
+    assert replace(there, reason="expired").expected(found) == 0.0
 
 
 def test_another_serial_number_is_told_and_not_believed(tmp_path: Path) -> None:

@@ -174,6 +174,35 @@ def test_what_the_library_lacks_is_told_from_a_cause_by_a_reference() -> None:
     answer = _answer(choice.experiment)
     again = choose(report, [*session, answer], LIMITS, some, ["reference membrane"])
     assert max(w.information for _, w in again.considered) < 0.5 * choice.experiment.information
+    # The same waveform would err in the same way: it is not even considered.
+    assert choice.experiment.waveform not in {e.waveform for e, _ in again.considered}
+
+
+def test_a_pair_s_imitators_are_drawn_with_the_effect_that_they_share() -> None:
+    """A manometer tells a gauge's offset from a leak, whatever slew limit acts beside either."""
+    names = ("gauge_offset", "leak", "slew_limit")
+    some = {k: e for k, e in library("cutometer").items() if e.name in names}
+    session = own.suction_session("cutometer", np.random.default_rng(2), legs=LEGS)
+    pair = {"effects": ["gauge_offset", "slew_limit"], "probability": 0.9,
+            "class": ["gauge_offset + slew_limit", "leak + slew_limit"],
+            "parameters": {"gauge_offset.offset": {"value": -300.0, "se": 20.0}}}  # fmt: skip
+    report = {"schema": "gap-report/1", "causes": [pair], "none_probability": 0.0, "outside_probability": 0.1}
+    choice = choose(report, session, LIMITS, some, ["manometer", "rigid block"])
+    assert choice.experiment is not None
+    assert choice.experiment.specimen == "manometer"
+    assert {"gauge_offset + slew_limit", "leak + slew_limit"} <= set(choice.experiment.separates)
+
+
+def test_what_a_session_leaves_open_was_not_told_apart_by_it() -> None:
+    """Explanations ten σ apart that a report holds equally probable: the simulated σ was too small."""
+    rng = np.random.default_rng(4)
+    known = Known({("a",): rng.normal(size=30)})
+    change = rng.normal(size=30)
+    change *= 10.0 / float(known.distance(change))
+    both = np.stack([change, np.zeros(30)], axis=1)
+    wider = known.tempered(both, np.array([0.5, 0.5]))
+    assert float(wider.distance(change)) == pytest.approx(3.0, rel=0.05)
+    assert known.tempered(both, np.array([0.99, 0.01])) is known  # a report that has decided
 
 
 def test_a_cause_is_certain_by_its_share_of_what_can_be_named() -> None:

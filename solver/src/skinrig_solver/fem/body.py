@@ -131,12 +131,13 @@ class Body:
         return state
 
     def step(
-        self, old: State, guess: State, load: Load, dt: float, parameters: Sequence[Array], time: float
+        self, old: State, guess: State, load: Load, dt: float, parameters: Sequence[Array], time: float, history: bool
     ) -> tuple[State, int, float]:
         """The state after dt [s] under ``load``; ``parameters`` one array a layer in the law's order.
 
-        ``guess`` starts the iteration. Returns the state, the number of Newton iterations, and how far [m] it lies
-        from where the tangent in ``factor`` was taken. Raises ``SolverError`` where Newton's method does not converge.
+        ``guess`` starts the iteration. Without ``history`` the state's own is left to `differentiate`. Returns the
+        state, the number of Newton iterations, and how far [m] it lies from where the tangent in ``factor`` was taken.
+        Raises ``SolverError`` where Newton's method does not converge.
         """
         new = guess.copy()
         new.history = old.history
@@ -179,7 +180,7 @@ class Body:
             # one small correction may be chance where tangents serve twice: none counts as contracting better
             left = size * (max(seen, CONTRACTION) if reuse else seen or 1.0)
             if left <= TOLERANCE * self.scale * (1.0 if renew else OLD):
-                self._commit(old, new, load, dt, parameters, time)
+                self._commit(old, new, load, dt, parameters if history else (), time)
                 return new, iteration, self.drift
             best, previous = min(best, size), size
             expected = seen if 0.0 < seen < 1.0 else CONTRACTION
@@ -192,12 +193,6 @@ class Body:
             load=trouble,
             element=int(owner[0, 0]) if len(owner) else None,
         )
-
-    def relinearise(self, old: State, new: State, load: Load, dt: float, parameters: Sequence[Array]) -> None:
-        """Factorise the tangent at a converged state, for derivatives that are exact to rounding."""
-        self._kinematics(new)
-        self._assemble(old, new, load, dt, parameters)
-        self._factorise()
 
     def _factorise(self) -> None:
         self.drift = np.inf  # stays so where the matrix is singular
@@ -224,7 +219,7 @@ class Body:
     def shape_partials(
         self, old: State, new: State, load: Load, dt: float, parameters: Sequence[Array], directions: Directions
     ) -> list[ShapePartial]:
-        """∂/∂shape at fixed unknowns, by differences of the residual. Leaves the tangent stale: `relinearise`."""
+        """∂/∂shape at fixed unknowns, by differences of the residual. Leaves the tangent stale."""
         mesh, partials = self.mesh, []
         for column, move in directions.shape:
             step = SHAPE_STEP * self.scale / float(np.max(np.abs(move)))
@@ -259,26 +254,25 @@ class Body:
         parameters: Sequence[Array],
         directions: Directions,
         moves: Sequence[ShapePartial] = (),
+        anew: bool = True,
     ) -> Tangents:
-        """Derivatives of ``new``, with the tangent last factorised; ``moves`` from `shape_partials`."""
+        """Derivatives of ``new``, whose history is written; ``moves`` from `shape_partials`.
+
+        ``anew`` factorises the tangent at ``new``, for derivatives that are exact to rounding; else the last serves.
+        """
         m = tangents.du.shape[1]
         pts = self.mesh.points
         dstress, dkin, history = self._workspace(tangents.history)
+        self._kinematics(new)
+        new.history = np.empty_like(old.history)
         for (a, b), par, which in zip(self.mesh.layer_points, parameters, directions.law, strict=True):
             self.code.partials(
-                a,
-                b,
-                self.kin,
-                old.history,
-                par,
-                dt,
-                self.memory,
-                tangents.history,
-                which,
-                dstress,
-                history,
-                self.by_kin,
-            )
+                a, b, self.kin, old.history, par, dt, self.memory, tangents.history, which,
+                self.stress, new.history, self.tangent, dstress, history, self.by_kin,
+            )  # fmt: skip
+        if anew:
+            self._condense(old, new, load)
+            self._factorise()
         force = np.zeros((self.size, m))
         derivatives.partial_forces(
             pts.gradients, pts.weights, pts.linear, self.eliminated.Theta, dstress, self.equations, force
@@ -328,9 +322,13 @@ class Body:
 
     def _assemble(self, old: State, new: State, load: Load, dt: float, parameters: Sequence[Array]) -> None:
         """Condensed tangent and residual."""
-        pts = self.mesh.points
         for (a, b), par in zip(self.mesh.layer_points, parameters, strict=True):
             self.code.stress_tangent(a, b, self.kin, old.history, par, dt, self.memory, self.stress, self.tangent)
+        self._condense(old, new, load)
+
+    def _condense(self, old: State, new: State, load: Load) -> None:
+        """The same from the points' stress and tangent."""
+        pts = self.mesh.points
         self.values[:] = 0.0
         self.residual[:] = 0.0
         kernels.assemble(
@@ -388,13 +386,14 @@ class Body:
             )
 
     def _commit(self, old: State, new: State, load: Load, dt: float, parameters: Sequence[Array], time: float) -> None:
-        """History at the end of the step."""
+        """What the state at the end of the step leaves behind; no ``parameters``, no history."""
         bad = self._kinematics(new)
         if bad >= 0:
             raise SolverError("an element inverted", time=time, load={"pressure": load.pressure}, element=bad)
-        new.history = np.empty_like(old.history)
-        for (a, b), par in zip(self.mesh.layer_points, parameters, strict=True):
-            self.code.stress(a, b, self.kin, old.history, par, dt, self.memory, self.stress, new.history)
+        if parameters:
+            new.history = np.empty_like(old.history)
+            for (a, b), par in zip(self.mesh.layer_points, parameters, strict=True):
+                self.code.stress(a, b, self.kin, old.history, par, dt, self.memory, self.stress, new.history)
         if self.rim is not None:
             self._gaps(new)
             new.slip = self.gap[:, 6].copy()

@@ -162,13 +162,18 @@ def assemble(
         if equations[e, MIDDLE] >= 0 and equations[e, MIDDLE + 1] >= 0:
             _without_middle(K, out.C[e], out.L[e], out.inverse[e])
             _residual_without_middle(out.C[e], R)
-        for i in range(18):
-            row = equations[e, i]
-            if row >= 0:
-                residual[row] += R[i]
-                for j in range(18):
-                    if scatter[e, i, j] >= 0:
-                        values[scatter[e, i, j]] += K[i, j]
+        _scatter(e, equations, scatter, R, K, residual, values)
+
+
+@njit(cache=True, fastmath=FLAGS)
+def _scatter(e: int, equations: Index, places: Index, R: Array, K: Array, residual: Array, values: Array) -> None:
+    for i in range(18):
+        row = equations[e, i]
+        if row >= 0:
+            residual[row] += R[i]
+            for j in range(18):
+                if places[e, i, j] >= 0:
+                    values[places[e, i, j]] += K[i, j]
 
 
 @njit(cache=True, fastmath=FLAGS)

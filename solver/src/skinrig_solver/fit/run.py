@@ -12,6 +12,7 @@ import numpy as np
 
 from ..api import Model, ModelInfo
 from ..registry import models
+from .bounds import released
 from .cases import Case, cases, matches
 from .multistart import Found, Search, elsewhere, failed
 from .optimisers import FitError, Optimum
@@ -189,7 +190,7 @@ def _result(
     stages: tuple[str, ...],
 ) -> FitResult:
     best = optimum.evaluation
-    known = widened(problem, best, uncertainty(problem, best))
+    known = widened(problem, best, released(problem, best, uncertainty(problem, best)))
     first = {f.symbol: f.start for f in variables.free}
     found = [
         replace(e, free=replace(e.free, start=first[e.free.symbol]))  # where the fit began, not its last stage

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,8 @@ RHAT = 1.01  # Vehtari et al. (Bayesian Analysis 16, 2021)
 LENGTHS = 50.0  # autocorrelation times that a chain must last (emcee's own advice)
 CHUNK = 500
 MOST = 8000  # steps of each ensemble
+KERNELS = 200  # of a density that proposals are drawn from
+TAILS = 5.0  # degrees of freedom of its kernels
 
 
 @dataclass(frozen=True)
@@ -49,49 +52,102 @@ def sample(
 ) -> Chain:
     """Draw by affine-invariant ensembles (Goodman and Weare 2010; `emcee`) until they converged or ``most`` steps.
 
-    ``starts`` (count, m) are points of positive density; walkers begin at different ones of them. Raises ImportError
-    naming the package that is missing; ValueError for too few starts.
+    ``starts`` (count, m) are points of positive density; walkers begin at different ones of them, and every other step
+    proposes a point near any of them. Raises ImportError naming the package that is missing; ValueError for too few
+    starts.
     """
     try:
         import emcee
     except ImportError as error:
         raise ImportError("posteriors need emcee: pip install 'skinrig-solver[posterior]'") from error
-    m = starts.shape[1]
+    count, m = starts.shape
     walkers = max(2 * m + 2, 16)
+    if count < walkers:
+        raise ValueError(f"{walkers} walkers need as many starts, there are {count}")
     random = np.random.default_rng(seed)
-    samplers, states = [], []
-    moves = [(emcee.moves.DEMove(), 0.7), (emcee.moves.DESnookerMove(), 0.1), (emcee.moves.StretchMove(), 0.2)]
-    for number in range(ensembles):
-        if len(starts) < walkers:
-            raise ValueError(f"{walkers} walkers need as many starts, there are {len(starts)}")
-        chosen = starts[random.choice(len(starts), walkers, replace=False)]
-        sampler = emcee.EnsembleSampler(walkers, m, density, moves=moves, vectorize=True)
-        sampler._random.seed(seed + 7919 * number)  # the sampler has no public way to be repeatable
-        samplers.append(sampler)
-        states.append(emcee.State(chosen))
+    moves = [(_differences(emcee, ensembles), 0.5), (emcee.moves.MHMove(_Jumps(starts)), 0.5)]
+    sampler = emcee.EnsembleSampler(ensembles * walkers, m, density, moves=moves, vectorize=True)
+    sampler._random.seed(seed)  # the sampler has no public way to be repeatable
+    begin = np.concatenate([random.choice(count, walkers, replace=False) for _ in range(ensembles)])
+    state = emcee.State(starts[begin])
     chain: Chain | None = None
     done = 0
     while done < most and (chain is None or not chain.converged):
-        count = min(CHUNK, most - done)
-        states = [
-            s.run_mcmc(state, count, skip_initial_state_check=True) for s, state in zip(samplers, states, strict=True)
-        ]
-        done += count
-        chain = _chain([s.get_chain() for s in samplers], [s.get_log_prob() for s in samplers], samplers, keep, random)
+        steps = min(CHUNK, most - done)
+        state = sampler.run_mcmc(state, steps, skip_initial_state_check=True)
+        done += steps
+        chain = _chain(sampler, ensembles, keep, random)
     assert chain is not None
     return chain
 
 
-def _chain(
-    runs: list[Array], densities: list[Array], samplers: list[object], keep: int, random: np.random.Generator
-) -> Chain:
-    steps, walkers, m = runs[0].shape
+def _differences(emcee: Any, ensembles: int) -> Any:
+    """Differential evolution (ter Braak 2006) in several ensembles that share one call of the density but no walker.
+
+    emcee moves walkers of even and of odd number in turn; those of one ensemble stand together.
+    """
+
+    class Differences(emcee.moves.RedBlueMove):  # type: ignore[misc]
+        def __init__(self) -> None:
+            super().__init__(nsplits=2, randomize_split=False)
+
+        def get_proposal(self, moved: Array, others: list[Array], random: Any) -> tuple[Array, Array]:
+            here = moved.reshape(ensembles, -1, moved.shape[-1])
+            pool = others[0].reshape(here.shape)
+            half, m = here.shape[1:]
+            one = random.randint(half, size=(ensembles, half))
+            two = (one + random.randint(1, half, size=one.shape)) % half
+            own = np.arange(ensembles)[:, None]
+            length = 2.38 / np.sqrt(2.0 * m) * (1.0 + 0.2 * random.standard_normal((ensembles, half, 1)))
+            there = here + length * (pool[own, one] - pool[own, two])
+            return there.reshape(moved.shape), np.zeros(len(moved))
+
+    return Differences()
+
+
+class _Jumps:
+    """Proposals that do not depend on where a walker stands: draws from a kernel density of the starts.
+
+    Where a posterior is long and bent they carry a walker across at once, if the starts lie as the posterior does; the
+    rule of Metropolis and Hastings makes the draws right wherever they lie. Silverman's width, heavy tails.
+    """
+
+    def __init__(self, starts: Array) -> None:
+        count, m = starts.shape
+        width = (4.0 / (m + 2.0) / count) ** (1.0 / (m + 4.0))
+        covariance = np.cov(starts.T).reshape(m, m) + 1e-12 * np.diag(np.ptp(starts, axis=0) ** 2 + 1e-300)
+        self.shape = width * np.linalg.cholesky(covariance)
+        self.starts = starts[np.linspace(0, count - 1, min(count, KERNELS)).astype(int)]
+        self.inverse = np.linalg.inv(self.shape).T
+        self.units = self.starts @ self.inverse
+
+    def __call__(self, here: Array, random: np.random.RandomState) -> tuple[Array, Array]:
+        """New points (b, m), and the log of the proposals' density at the old ones over that at the new."""
+        count, m = here.shape
+        chosen = self.starts[random.randint(len(self.starts), size=count)]
+        tail = np.sqrt(TAILS / random.chisquare(TAILS, count))
+        there = chosen + (random.standard_normal((count, m)) * tail[:, None]) @ self.shape.T
+        density = self._log_density(np.concatenate([here, there]))
+        return there, density[:count] - density[count:]
+
+    def _log_density(self, z: Array) -> Array:
+        """(b,) of Student's t kernels, up to a constant."""
+        off = ((z @ self.inverse)[:, None, :] - self.units) ** 2
+        log_kernel = -0.5 * (TAILS + z.shape[1]) * np.log1p(off.sum(axis=2) / TAILS)
+        top = log_kernel.max(axis=1)
+        return np.asarray(top + np.log(np.exp(log_kernel - top[:, None]).sum(axis=1)))
+
+
+def _chain(sampler: Any, ensembles: int, keep: int, random: np.random.Generator) -> Chain:
+    run = sampler.get_chain()
+    steps, every, m = run.shape
     first = steps // 4  # the way in from the starts
-    late = np.stack([run[first:] for run in runs])  # (ensembles, steps, walkers, m)
+    late = np.moveaxis(run[first:].reshape(steps - first, ensembles, -1, m), 1, 0)
     times = [autocorrelation_time(late[..., k]) for k in range(m)]
-    flat, density = late.reshape(-1, m), np.stack([d[first:] for d in densities]).ravel()
+    flat, density = run[first:].reshape(-1, m), sampler.get_log_prob()[first:].ravel()
     chosen = np.sort(random.choice(len(flat), min(keep, len(flat)), replace=False))
-    accepted = float(np.mean([s.acceptance_fraction.mean() for s in samplers]))  # type: ignore[attr-defined]
+    accepted = float(sampler.acceptance_fraction.mean())
+    walkers = every // ensembles
     return Chain(flat[chosen], density[chosen], late.shape[1], walkers, accepted, max(times), split_rhat(late))
 
 

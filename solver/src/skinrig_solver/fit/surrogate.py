@@ -9,12 +9,17 @@ import numpy as np
 from scipy import stats
 
 from ..api import Array
-from ..emulator import Basis, Emulator, Region, Solve, train
+from ..emulator import Basis, Emulator, Features, Region, Solve, train
+from .features import features
 from .sampling import sample
 from .target import Emulated, Target, reach
 
 CHECKS = 8  # held-out full solves a round
-GOOD = 0.25  # largest error of the log density at a held-out draw, up to a common shift, that is accepted
+FARTHER = 4  # full solves a round where the draws of an emulator of features reach its rim
+CONFIRM = 12  # of the final draws run in full
+AIM = 0.2  # error of the log density at held-out draws, r.m.s. about a common shift, below which training ends
+GOOD = 0.3  # at draws of the final chain that is accepted: no mean of the posterior can then be off by more than 0.3 of
+# its deviation, and draws weighed by the full model would keep 91 % of their worth
 ROUNDS = 8
 MOST_SOLVES = 240
 WIDE = 1.15  # of the region over the farthest of nearly all draws
@@ -29,11 +34,14 @@ Told = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Check:
-    """How right the emulator is at held-out draws: largest error of a curve in its noise's deviations, and of the log
-    density up to a common shift; ``refined`` rounds, ``degree`` and ``modes`` of the emulator."""
+    """How right the emulator is at held-out draws: largest error of a curve in its noise's deviations, and r.m.s. error
+    of the log density about a common shift; ``worth`` is the share of independent draws that remain when held-out ones
+    are weighed by the full model, ``shift`` the farthest that so moves the mean of a parameter, in its deviations."""
 
     curve_error: float
     density_error: float
+    worth: float
+    shift: float
     held_out: int
     training: int
     degree: int
@@ -59,24 +67,33 @@ def emulated(
     told("training the emulator")
     spent = target.full_solves
     region = _first_region(target, _towards_maximum(target, z)) if around is None else _region_of(around, target)
-    wanted = max(4, int(np.ceil(1.3 * len(Basis.of(m, 2 if m > 8 else 3).orders) / (m + 1))))
+    own = features(target.variables, target.problem.cases)
+    size = m if own is None else own.values(region.centre[None]).shape[1]
+    wanted = max(4, int(np.ceil(1.3 * len(Basis.of(size, 2 if size > 8 else 3).orders) / (m + 1))))
     target.solve(region.points(_scattered(wanted, region, seed)))
-    check = Check(np.inf, np.inf, 0, 0, 0, 0, 0)
     for number in range(1, ROUNDS + 1):
-        emulator = train(target.solves, region, lambda curves: _weights(target, curves))
+        emulator = _trained(target, region, own)
         density = Emulated(target, emulator, strict=True)
         draws = sample(density, _starts(density, target, random), seed + number, 2000, 1000, 1).draws
-        held_out = draws[random.choice(len(draws), CHECKS, replace=False)]
-        check = _check(target, emulator, held_out, number)
+        check = checked(target, emulator, draws, random, number)
         told(f"emulator, round {number}: log density off by {check.density_error:.2g} at held-out solves")
-        fits = _fits(region, draws)
-        if (check.good and fits) or target.full_solves - spent + CHECKS > MOST_SOLVES:
+        fits = _fits(emulator, draws)
+        if (check.density_error <= AIM and fits) or target.full_solves - spent + CHECKS > MOST_SOLVES:
             break
         if check.density_error > ROUGH:  # its draws are no guide to where the posterior lies
             target.solve(region.points(_scattered(wanted // 2, region, seed + number)))
         elif not fits:
             region = _region_of(draws, target)
+            if own is not None:  # to where the features go farthest
+                far = np.argsort(np.linalg.norm(emulator.chart.points(draws), axis=1))[-len(draws) // 50 :]
+                target.solve(draws[random.choice(far, FARTHER, replace=False)])
+    if check.density_error <= AIM:  # the held-out solves make it no worse
+        emulator = _trained(target, region, own)
     return emulator, draws, check
+
+
+def _trained(target: Target, region: Region, own: Features | None) -> Emulator:
+    return train(target.solves, region, lambda curves: _weights(target, curves), own)
 
 
 def _towards_maximum(target: Target, z: Array) -> Solve:
@@ -126,8 +143,12 @@ def _region_of(draws: Array, target: Target) -> Region:
     return Region(centre, shape, max(WIDE * farthest, reach(m)), lower, upper)
 
 
-def _fits(region: Region, draws: Array) -> bool:
-    """Whether the draws keep away from the region's rim, and fill a good part of it."""
+def _fits(emulator: Emulator, draws: Array) -> bool:
+    """Whether the draws keep away from the region's rim, and fill a good part of it where it is an ellipsoid."""
+    region, chart = emulator.region, emulator.chart
+    if chart.features is not None:
+        size = np.linalg.norm(chart.points(draws), axis=1)
+        return float(np.quantile(size, SHARE)) <= 0.97 * chart.radius
     farthest = float(np.quantile(np.linalg.norm(region.units(draws), axis=1), SHARE))
     return 0.4 <= farthest <= 0.97
 
@@ -164,15 +185,23 @@ def _starts(density: Emulated, target: Target, random: np.random.Generator) -> A
     return np.asarray(z[good][order[: max(64, 8 * m)]])
 
 
-def _check(target: Target, emulator: Emulator, z: Array, number: int) -> Check:
+def checked(
+    target: Target, emulator: Emulator, draws: Array, random: np.random.Generator, number: int, count: int = CHECKS
+) -> Check:
+    """The full model at ``count`` of the draws, which the emulator was not trained on."""
+    z = draws[random.choice(len(draws), min(count, len(draws)), replace=False)]
     solved = [s for s in target.solve(z) if s is not None]
-    if not solved:
-        return Check(np.inf, np.inf, 0, emulator.solves, emulator.degree, emulator.modes.shape[1], number)
+    if len(solved) < 2:
+        return Check(np.inf, np.inf, 0.0, np.inf, 0, emulator.solves, emulator.degree, emulator.modes.shape[1], number)
     points, curves = np.array([s.z for s in solved]), np.array([s.curve for s in solved])
     guess = emulator.curves(points)
     used = target.share > 0.0
-    off = target.log_likelihood(guess) - target.log_likelihood(curves)
+    off = target.log_likelihood(curves) - target.log_likelihood(guess)
+    weight = np.exp(off - off.max())
+    weight /= weight.sum()
+    shift = (weight @ points - points.mean(axis=0)) / draws.std(axis=0).clip(1e-300)
     return Check(
-        float(np.abs(guess - curves)[:, used].max()), float(np.abs(off - off.mean()).max()), len(solved),
+        float(np.abs(guess - curves)[:, used].max()), float(off.std(ddof=1)),
+        float(1.0 / (weight @ weight) / len(solved)), float(np.abs(shift).max()), len(solved),
         emulator.solves, emulator.degree, emulator.modes.shape[1], number,
     )  # fmt: skip

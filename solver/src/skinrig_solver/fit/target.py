@@ -12,6 +12,7 @@ from scipy import stats
 from ..api import Array, Model
 from ..emulator import Emulator, Solve
 from .cases import Case
+from .features import relaxes_wholly, series
 from .priors import log_prior
 from .problem import Problem, simulate
 from .statistics import Uncertainty
@@ -19,7 +20,7 @@ from .variables import Variables
 
 NEARLY_ALL = 0.9999  # of a normal density's mass: so far an emulator's region reaches
 MATTERS = 0.999  # of it: a point beyond the region that would lie within so much is run in full
-FULL_RUNS = 60  # of points beyond the region, in one chain; the others have no density then
+FULL_RUNS = 8  # of points beyond the region, in one chain; the others have no density then
 STEP = 1e-4  # of a coordinate, in differences of the log prior
 
 
@@ -57,6 +58,7 @@ class Target:
 
     def __post_init__(self) -> None:
         groups = self.problem.groups()
+        self._series = series(self.variables)
         self._scale, self.share = np.empty(self.problem.size), np.empty(self.problem.size)
         for (number, channel, where), sd, together in zip(
             groups, self.noise.deviation, self.noise.persistence, strict=True
@@ -100,8 +102,9 @@ class Target:
         return found
 
     def log_prior(self, z: Array) -> Array:
-        """(b,) at points (b, m)."""
-        return np.asarray(np.sum([log_prior(free, z[:, k]) for k, free in enumerate(self.variables.free)], axis=0))
+        """(b,) at points (b, m); minus infinity where Prony terms leave no stress."""
+        total = np.sum([log_prior(free, z[:, k]) for k, free in enumerate(self.variables.free)], axis=0)
+        return np.where(relaxes_wholly(self._series, z), -np.inf, total)
 
     def log_likelihood(self, curves: Array) -> Array:
         """(b,) of curves (b, n)."""
@@ -143,10 +146,12 @@ class Emulated:
         chi = np.einsum("bk,kl,bl->b", c, self._square, c) + 2.0 * c @ self._linear + self._rest
         return np.asarray(self.target.constant - 0.5 * chi)
 
-    def gradient(self, z: Array) -> Array:
-        """(m,): derivative of the emulated log likelihood at z (m,)."""
+    def with_gradient(self, z: Array) -> tuple[float, Array]:
+        """The emulated log likelihood at z (m,) and its derivative (m,)."""
         c = self.emulator.coefficients(z[None])[0]
-        return np.asarray(-(self._square @ c + self._linear) @ self.emulator.slopes(z))
+        pull = self._square @ c
+        value = self.target.constant - 0.5 * float(c @ pull + 2.0 * c @ self._linear + self._rest)
+        return value, np.asarray(-(pull + self._linear) @ self.emulator.slopes(z))
 
     def information(self, z: Array) -> Array:
         """(m, m): Fisher's information of the curves at z (m,)."""

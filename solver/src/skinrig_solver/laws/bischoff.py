@@ -79,6 +79,33 @@ def energy(C: Array, p: Array) -> float:
     return float(0.25 * p[0] * BOLTZMANN * TEMPERATURE * w + 0.125 * p[4] * log(determinant(C)) ** 2)
 
 
+@njit(cache=True, error_model="numpy")
+def _add_chain_slopes(
+    factor: float,
+    first: float,
+    beta: float,
+    slope: float,
+    rho: float,
+    N: float,
+    signs: Array,
+    sides: Array,
+    Cv: Array,
+    cell: Array,
+    dS: Array,
+) -> None:
+    """Add one chain's part of dS by the cell's sides; names as in `point`."""
+    for k in range(3):
+        drho = 0.5 * signs[k] * Cv[k] / rho
+        dN = 0.5 * sides[k]
+        dbeta = slope * (drho - rho * dN / N) / N
+        change = factor * (dbeta - beta * drho / rho) / rho
+        for m in range(6):
+            dS[k + 1, m] += change * cell[m]
+            # each factor of v_k in the cell tensor carries one power of the side
+            times = (1 if ROW[m] == k else 0) + (1 if COLUMN[m] == k else 0)
+            dS[k + 1, m] += first * cell[m] * times / sides[k]
+
+
 @compiled
 def point(C: Array, p: Array, derivatives: bool, S: Array, D: Array, dS: Array) -> None:
     factor = 0.25 * p[0] * BOLTZMANN * TEMPERATURE
@@ -110,16 +137,7 @@ def point(C: Array, p: Array, derivatives: bool, S: Array, D: Array, dS: Array) 
             for n in range(6):
                 D[m, n] += second * cell[m] * cell[n]
         if derivatives:
-            for k in range(3):
-                drho = 0.5 * _SIGNS[i, k] * Cv[k] / rho
-                dN = 0.5 * sides[k]
-                dbeta = slope * (drho - rho * dN / N) / N
-                change = factor * (dbeta - beta * drho / rho) / rho
-                for m in range(6):
-                    dS[k + 1, m] += change * cell[m]
-                    # each factor of v_k in the cell tensor carries one power of the side
-                    times = (1 if ROW[m] == k else 0) + (1 if COLUMN[m] == k else 0)
-                    dS[k + 1, m] += first * cell[m] * times / sides[k]
+            _add_chain_slopes(factor, first, beta, slope, rho, N, _SIGNS[i], sides, Cv, cell, dS)
     for k in range(3):
         S[k] -= factor * rest * sides[k] ** 2 / C[k]
         D[k, k] += 2.0 * factor * rest * sides[k] ** 2 / C[k] ** 2

@@ -52,6 +52,59 @@ def _normal(rate: Array, tau: Array, squares: Array, a: int, b: int) -> float:
     return float((rate[a, b] - (2.0 * tau[a] if a == b else 0.0)) / (squares[a] * squares[b]))
 
 
+@njit(cache=True, error_model="numpy")
+def _shear(principal: Array, rate: Array, tau: Array, squares: Array, a: int, b: int) -> float:
+    """The tangent of the shear between two principal directions."""
+    gap = squares[b] - squares[a]
+    if abs(gap) > 1e-6 * (squares[a] + squares[b]):
+        return float((principal[b] - principal[a]) / gap)
+    # equal stretches
+    shear = 0.25 * (_normal(rate, tau, squares, a, a) + _normal(rate, tau, squares, b, b))
+    return float(shear - 0.25 * (_normal(rate, tau, squares, a, b) + _normal(rate, tau, squares, b, a)))
+
+
+@njit(cache=True, error_model="numpy")
+def _tangent(principal: Array, rate: Array, tau: Array, squares: Array, axes: Array, D: Array) -> None:
+    """D (6, 6) from the principal stresses and their rates."""
+    D[:] = 0.0
+    left, right = np.empty(6), np.empty(6)
+    for a in range(3):
+        _dyad(axes[a], axes[a], left)
+        for b in range(3):
+            _dyad(axes[b], axes[b], right)
+            normal = _normal(rate, tau, squares, a, b)
+            for m in range(6):
+                for n in range(6):
+                    D[m, n] += normal * left[m] * right[n]
+        b = (a + 1) % 3
+        _dyad(axes[a], axes[b], left)
+        shear = _shear(principal, rate, tau, squares, a, b)
+        for m in range(6):
+            for n in range(6):
+                D[m, n] += 4.0 * shear * left[m] * left[n]
+
+
+@njit(cache=True, error_model="numpy")
+def _slopes(p: Array, power: Array, logs: Array, squares: Array, axes: Array, dS: Array) -> None:
+    """dS (5, 6) by the law's parameters."""
+    volume = logs[0] + logs[1] + logs[2]
+    dtau, slope = np.empty(3), np.empty(3)
+    for i in range(2):
+        mean = (power[i, 0] + power[i, 1] + power[i, 2]) / 3.0
+        for a in range(3):
+            dtau[a] = (power[i, a] - mean) / squares[a]
+        _spread(dtau, axes, dS[2 * i])
+        for a in range(3):
+            slope[a] = power[i, a] * (logs[a] - volume / 3.0)
+        mean = (slope[0] + slope[1] + slope[2]) / 3.0
+        for a in range(3):
+            dtau[a] = p[2 * i] * (slope[a] - mean) / squares[a]
+        _spread(dtau, axes, dS[2 * i + 1])
+    for a in range(3):
+        dtau[a] = volume / squares[a]
+    _spread(dtau, axes, dS[4])
+
+
 @compiled
 def point(C: Array, p: Array, derivatives: bool, S: Array, D: Array, dS: Array) -> None:
     squares, axes = np.empty(3), np.empty((3, 3))
@@ -77,45 +130,9 @@ def point(C: Array, p: Array, derivatives: bool, S: Array, D: Array, dS: Array) 
 
     principal = tau / squares
     _spread(principal, axes, S)
-    D[:] = 0.0
-    left, right = np.empty(6), np.empty(6)
-    for a in range(3):
-        _dyad(axes[a], axes[a], left)
-        for b in range(3):
-            _dyad(axes[b], axes[b], right)
-            normal = _normal(rate, tau, squares, a, b)
-            for m in range(6):
-                for n in range(6):
-                    D[m, n] += normal * left[m] * right[n]
-        b = (a + 1) % 3
-        _dyad(axes[a], axes[b], left)
-        gap = squares[b] - squares[a]
-        if abs(gap) > 1e-6 * (squares[a] + squares[b]):
-            shear = (principal[b] - principal[a]) / gap
-        else:  # equal stretches
-            shear = 0.25 * (_normal(rate, tau, squares, a, a) + _normal(rate, tau, squares, b, b))
-            shear -= 0.25 * (_normal(rate, tau, squares, a, b) + _normal(rate, tau, squares, b, a))
-        for m in range(6):
-            for n in range(6):
-                D[m, n] += 4.0 * shear * left[m] * left[n]
-
+    _tangent(principal, rate, tau, squares, axes, D)
     if derivatives:
-        dtau = np.empty(3)
-        for i in range(2):
-            mean = (power[i, 0] + power[i, 1] + power[i, 2]) / 3.0
-            for a in range(3):
-                dtau[a] = (power[i, a] - mean) / squares[a]
-            _spread(dtau, axes, dS[2 * i])
-            slope = np.empty(3)
-            for a in range(3):
-                slope[a] = power[i, a] * (logs[a] - volume / 3.0)
-            mean = (slope[0] + slope[1] + slope[2]) / 3.0
-            for a in range(3):
-                dtau[a] = p[2 * i] * (slope[a] - mean) / squares[a]
-            _spread(dtau, axes, dS[2 * i + 1])
-        for a in range(3):
-            dtau[a] = volume / squares[a]
-        _spread(dtau, axes, dS[4])
+        _slopes(p, power, logs, squares, axes, dS)
 
 
 OGDEN = Law(

@@ -89,6 +89,68 @@ def _nominal(F, S, D, scale, P, A):  # type: ignore[no-untyped-def]
                     A[i * d + j, k * d + l] = scale * value + (S[_PLACE[j, l]] if i == k else 0.0)
 
 
+@njit(cache=True, error_model="numpy")
+def _add_point(w, g, nodes, P, A, row, f, stiffness):  # type: ignore[no-untyped-def]
+    """Add a Gauss point's forces to f (n, 3) and its tangent to the upper node pairs of ``stiffness``."""
+    d, count = g.shape[1], nodes.size
+    for a in range(count):
+        for i in range(3):
+            for j in range(d):
+                f[nodes[a], i] += w * P[i, j] * g[a, j]
+            for m in range(3 * d):
+                value = 0.0
+                for j in range(d):
+                    value += g[a, j] * A[i * d + j, m]
+                row[i, m] = w * value
+        for b in range(a, count):
+            for i in range(3):
+                for k in range(3):
+                    value = 0.0
+                    for l in range(d):
+                        value += row[i, k * d + l] * g[b, l]
+                    stiffness[3 * a + i, 3 * b + k] += value
+
+
+@njit(cache=True, error_model="numpy")
+def _scatter(nodes, equations, places, stiffness, K, Kp, Kpp):  # type: ignore[no-untyped-def]
+    """Add an element's tangent, of which the upper node pairs are known; arguments as in `assemble`."""
+    count = nodes.size
+    for m in range(3 * count):
+        for n in range(3 * count):
+            value = stiffness[m, n] if m // 3 <= n // 3 else stiffness[n, m]
+            r, c = equations[nodes[m // 3], m % 3], equations[nodes[n // 3], n % 3]
+            if r >= 0 and c >= 0:
+                K[places[m, n]] += value
+            elif r >= 0 and c <= -2:
+                Kp[r, -2 - c] += value
+            elif r <= -2 and c <= -2:
+                Kpp[-2 - r, -2 - c] += value
+
+
+@njit(cache=True, error_model="numpy")
+def _changed(F, F0, P, S, A, scale, dS, dF0, L, dextra, dF, total):  # type: ignore[no-untyped-def]
+    """total (3, d): a parameter's derivative of P at fixed u, with the gradients' own change; dF (3 d,) is scratch."""
+    d = F.shape[1]
+    trace = 0.0
+    for j in range(d):
+        trace += L[j, j]
+    for i in range(3):
+        for j in range(d):
+            value = dF0[i, j]
+            for k in range(d):
+                value += (F[i, k] - F0[i, k]) * L[k, j]
+            dF[i * d + j] = value
+    for i in range(3):
+        for j in range(d):
+            value = -trace * P[i, j]
+            for k in range(3 * d):
+                value += A[i * d + j, k] * dF[k]
+            for k in range(d):
+                # P Lᵀ g: the gradients' own change
+                value += F[i, k] * (dextra[_PLACE[k, j]] + scale * dS[_PLACE[k, j]]) + P[i, k] * L[j, k]
+            total[i, j] = value
+
+
 @njit(
     int64(
         FUNCTION, float64[::1], float64[:, :, :, ::1], float64[:, ::1], int32[:, ::1], int32[:, ::1], int32[:, :, ::1],
@@ -139,32 +201,8 @@ def assemble(  # type: ignore[no-untyped-def]
             if not np.isfinite(S.sum()):
                 return e
             _nominal(F, S, D, scale, P, A)
-            for a in range(count):
-                for i in range(3):
-                    for j in range(d):
-                        f[nodes[a], i] += w * P[i, j] * g[a, j]
-                    for m in range(3 * d):
-                        value = 0.0
-                        for j in range(d):
-                            value += g[a, j] * A[i * d + j, m]
-                        row[i, m] = w * value
-                for b in range(a, count):
-                    for i in range(3):
-                        for k in range(3):
-                            value = 0.0
-                            for l in range(d):
-                                value += row[i, k * d + l] * g[b, l]
-                            stiffness[3 * a + i, 3 * b + k] += value
-        for m in range(3 * count):
-            for n in range(3 * count):
-                value = stiffness[m, n] if m // 3 <= n // 3 else stiffness[n, m]
-                r, c = equations[nodes[m // 3], m % 3], equations[nodes[n // 3], n % 3]
-                if r >= 0 and c >= 0:
-                    K[places[e, m, n]] += value
-                elif r >= 0 and c <= -2:
-                    Kp[r, -2 - c] += value
-                elif r <= -2 and c <= -2:
-                    Kpp[-2 - r, -2 - c] += value
+            _add_point(w, g, nodes, P, A, row, f, stiffness)
+        _scatter(nodes, equations, places[e], stiffness, K, Kp, Kpp)
     return -1
 
 
@@ -186,7 +224,7 @@ def differentiate(law, p, gradients, weights, cells, F0, u, scale, extra, thickn
     many = df.shape[0]
     F, P, A = np.empty((3, d)), np.empty((3, d)), np.empty((3 * d, 3 * d))
     C, S, D, dS = np.zeros(6), np.empty(6), np.empty((6, 6)), np.empty((p.size, 6))
-    dF, dP, total = np.empty(3 * d), np.empty((3, d)), np.empty((3, d))
+    dF, total, none = np.empty(3 * d), np.empty((3, d)), np.zeros(6)
     df[:] = 0.0
     for e in range(cells.shape[0]):
         nodes = cells[e]
@@ -202,33 +240,8 @@ def differentiate(law, p, gradients, weights, cells, F0, u, scale, extra, thickn
                 S[i] = scale * S[i] + extra[e, q, i]
             _nominal(F, S, D, scale, P, A)
             for m in range(many):
-                L = frame[m]
-                trace = 0.0
-                for j in range(d):
-                    trace += L[j, j]
-                for i in range(3):
-                    for j in range(d):
-                        value = dF0[m, i, j]
-                        for k in range(d):
-                            value += (F[i, k] - F0[i, k]) * L[k, j]
-                        dF[i * d + j] = value
-                for i in range(3):
-                    for j in range(d):
-                        value = 0.0
-                        for k in range(3 * d):
-                            value += A[i * d + j, k] * dF[k]
-                        for k in range(d):
-                            stress = dextra[m, _PLACE[k, j]]
-                            if m < p.size:
-                                stress += scale * dS[m, _PLACE[k, j]]
-                            value += F[i, k] * stress
-                        dP[i, j] = value - trace * P[i, j]
-                # P L^T g: the gradients' own change
-                for i in range(3):
-                    for j in range(d):
-                        total[i, j] = dP[i, j]
-                        for k in range(d):
-                            total[i, j] += P[i, k] * L[j, k]
+                own = dS[m] if m < p.size else none
+                _changed(F, F0, P, S, A, scale, own, dF0[m], frame[m], dextra[m], dF, total)
                 for a in range(nodes.size):
                     for i in range(3):
                         for j in range(d):

@@ -55,9 +55,8 @@ class Run:
         if self.tangents is not None and self.directions is not None:
             step = (acting, dt, self.parameters)
             moves = self.body.shape_partials(self.state, new, *step, self.directions)
-            if last > EXACT * self.body.scale or moves:
-                self.body.relinearise(self.state, new, *step)
-            self.tangents = self.body.differentiate(self.state, new, self.tangents, *step, self.directions, moves)
+            anew = last > EXACT * self.body.scale or bool(moves)
+            self.tangents = self.body.differentiate(self.state, new, self.tangents, *step, self.directions, moves, anew)
         self.state = new
 
     def _solved(
@@ -90,7 +89,9 @@ class Run:
             target, first = trials.pop(0) if trials else (min(1.0, done + share), found)
             at = now + target * (time - now)
             try:
-                new, iterations, last = self.body.step(self.state, first, load(target), at - now, self.parameters, at)
+                new, iterations, last = self.body.step(
+                    self.state, first, load(target), at - now, self.parameters, at, self.directions is None
+                )
             except SolverError:
                 if trials:
                     continue
@@ -111,7 +112,9 @@ class Run:
             target = min(1.0, done + share)
             acting = replace(load, friction=max(target, 0.0) * load.friction)
             try:
-                new, iterations, last = self.body.step(self.state, found, acting, time - now, self.parameters, time)
+                new, iterations, last = self.body.step(
+                    self.state, found, acting, time - now, self.parameters, time, self.directions is None
+                )
             except SolverError as error:
                 share *= 0.5
                 self.cuts += 1
