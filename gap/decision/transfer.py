@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gap.decision.partial import Masked, with_own_phases
 from gap.inference.evidence import Fit, GaussianPrior, Hypothesis
-from gap.inference.hypothesis import Active, Candidate, Evaluation, to_unit
+from gap.inference.hypothesis import to_unit
 from gap.inference.least_squares import fit, under
 from gap.inference.problem import Problem
 from gap.inference.workers import each
@@ -42,44 +43,6 @@ class Shrink:
 def shrink(before: float, after: float, floor: float = 1.0) -> float | None:
     """(before − after)/(before − floor); None where next to nothing stands above the floor."""
     return float((before - after) / (before - floor)) if before > floor * MEASURABLE else None
-
-
-class _Masked:
-    """A problem that sees only some of its rows."""
-
-    sound: FloatArray | None = None
-    resets: Sequence[float] = ()
-
-    def __init__(self, problem: Problem, keep: NDArray[np.bool_]) -> None:
-        self.problem, self.keep = problem, keep
-        self.name, self.rows = problem.name, problem.rows
-        self.measured, self.sigma, self.likelihood_powers = problem.measured, problem.sigma, problem.likelihood_powers
-        self.prior_mean, self.prior_sd, self.prior_scales = problem.prior_mean, problem.prior_sd, problem.prior_scales
-        self.sd_without_discrepancy, self.open_law = problem.sd_without_discrepancy, problem.open_law
-
-    def start(self) -> FloatArray:
-        return self.problem.start()
-
-    def warm_start(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> None:
-        return None
-
-    def lateness(self, fitted: Fit) -> None:
-        return None
-
-    def noise_scale(self, active: Active) -> FloatArray | None:
-        wider = self.problem.noise_scale(active)
-        return None if wider is None else np.where(self.keep, wider, 1.0)
-
-    def timing_log_bayes(self, fitted: Fit) -> float:
-        return 0.0
-
-    def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:
-        return self.problem.quantities(nuisance)
-
-    def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
-        full = self.problem.evaluate(nuisance, active, want_jacobian)
-        residual = np.where(self.keep, full.residual, 0.0)
-        return Evaluation(residual, full.jacobian * self.keep[:, None] if want_jacobian else full.jacobian)
 
 
 def plain(problems: Mapping[str, Problem], h: Hypothesis, null: Hypothesis | None = None) -> Hypothesis:
@@ -180,16 +143,18 @@ def _left(f: Fit, out: NDArray[np.bool_]) -> float:
 
 
 def _carried(problem: Problem, full: Fit, out: NDArray[np.bool_]) -> float:
-    """`_left` with an effect whose parameters are fitted without the rows ``out`` (n,), and all else with them."""
+    """`_left` with an effect whose parameters are fitted without the rows ``out`` (n,), and all else with them, and so
+    is when a rhythm begins in each withheld recording."""
     problem = under(problem, full.prior_mean, full.prior_sd)
-    masked = _Masked(problem, ~out)
+    masked = Masked(problem, ~out)
     trained = fit(
         masked, full.hypothesis, full.unit, full.nuisance, iterations=5, jacobian=full.jacobian * ~out[:, None],
         belief=full.belief,
     )  # fmt: skip
     known = GaussianPrior(trained.unit, KNOWN * np.eye(len(trained.unit)))
+    there = with_own_phases(problem, trained, out)
     held = fit(
-        problem, full.hypothesis, trained.unit, full.nuisance, iterations=8, jacobian=full.jacobian, gram=full.gram,
+        there, full.hypothesis, trained.unit, full.nuisance, iterations=8, jacobian=full.jacobian, gram=full.gram,
         belief=known,
     )  # fmt: skip
     return _left(held, out)

@@ -58,6 +58,27 @@ def test_an_effect_carries_over_though_the_nuisance_does_not(linear, candidate) 
     assert abs(wrong["recording"].value) < 0.05
 
 
+def test_a_rhythm_carries_over_though_nobody_foretells_its_phase(linear, candidate) -> None:
+    """Looks at equal intervals begin anew with every recording."""
+    t = np.arange(0.0, 40.0, 0.1)
+    second = t >= 20.0
+
+    def waits(interval: float, phase: float) -> np.ndarray:
+        return np.mod(t / interval - phase, 1.0)
+
+    y = 3.0 * np.where(second, waits(1.7, 0.6), waits(1.7, 0.1)) + np.random.default_rng(0).normal(size=len(t)) / 3
+    effects = {name: lambda v, k=k: v["a"] * waits(k, v["phase"]) for name, k in (("looks", 1.7), ("others", 0.9))}
+    problem = linear(y, np.ones((len(t), 1)), effects, np.full(1, 100.0), runs=2)
+    parameters = Parameter("a", "1", -10.0, 10.0), Parameter("phase", "1", 0.0, 1.0)
+    known = [candidate(name, *parameters) for name in effects]
+    null = Hypothesis((), {"linear": fit(problem)})
+    answers = [Hypothesis((c,), {"linear": fit(problem, (c,), np.array([0.65, 0.1]), iterations=0)}) for c in known]
+    before = float(np.sqrt(np.mean(np.square(null.fits["linear"].residual[second]))))
+    right, wrong = transferred({"linear": problem}, null, answers, {"recording": {1}})
+    assert right["recording"].after < 0.6 * before
+    assert wrong["recording"].after > 0.9 * before
+
+
 def test_waveforms_and_splits(recording) -> None:
     made = [
         recording({"pressure": 0 * TIME}, TIME, {"pressure": c}, repeat=n) for c, n in
