@@ -43,7 +43,14 @@ if TYPE_CHECKING:
 
 EFFORTS = {
     "microrobot": Effort(
-        quick_fits=5, least_score=8.0, far_fits=8, refit_singles=7, imitators=1, pair_bases=1, refit_pairs=2
+        quick_fits=5,
+        least_score=8.0,
+        far_fits=8,
+        refit_singles=7,
+        known_law=0,
+        imitators=1,
+        pair_bases=1,
+        refit_pairs=2,
     )
 }
 """How wide to search where simulations are slow."""

@@ -37,6 +37,9 @@ class _Part:
     def warm_start(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> None:
         return None
 
+    def under_simple_law(self, candidate: Candidate, unit: FloatArray) -> None:
+        return None
+
     def lateness(self, fitted: Fit) -> None:
         return None
 

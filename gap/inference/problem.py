@@ -55,6 +55,11 @@ class Problem(Protocol):
         """Whether what is left may be skin of another law."""
         ...
 
+    def under_simple_law(self, candidate: Candidate, unit: FloatArray) -> Fit | None:
+        """A few steps of a fit with an effect, from ``unit`` (k,) on, under the best simple law and nothing beside it.
+        None where such a law is at the noise without an effect, or where there is none."""
+        ...
+
     def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:
         """The nominal model's own parameters at a nuisance vector (p,), by name: value and unit, SI."""
         ...

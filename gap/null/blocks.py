@@ -331,6 +331,9 @@ class Block(abc.ABC):
         """Prior widths (p,) of the simulation by itself."""
         return self.prior_sd
 
+    def under_simple_law(self, candidate: Candidate, unit: FloatArray) -> Fit | None:
+        return None
+
     def warm_start(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
         return None
 

@@ -71,6 +71,9 @@ class KnownSkin:
     def start(self) -> FloatArray:
         return self.prior_mean.copy()
 
+    def under_simple_law(self, candidate: Candidate, unit: FloatArray) -> Fit | None:
+        return None
+
     def warm_start(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> None:
         return None
 

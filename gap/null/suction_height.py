@@ -42,6 +42,8 @@ QUICK = 10
 """Steps of a fit after which its evidence, which looks ahead along a straight line, says where it leads."""
 SHORT = 6
 """The same of a fit with an effect."""
+FEW = 4
+"""The same by which an effect tells whether a simple law does with it."""
 FAR = 4.0
 """χ² per sample of the best law from which on fits with an effect begin anew under every basic one."""
 ANSWER = 0.15
@@ -332,6 +334,12 @@ class HeightBlock(FedBlock):
         mean = self.prior_mean.copy()
         self._hold(mean, found.nuisance)
         return Start(mean, self.prior_scales[self._place(law)], found.nuisance, found.unit, found.jacobian)
+
+    def under_simple_law(self, candidate: Candidate, unit: FloatArray) -> Fit | None:
+        near = self._tries[0].near if self._tries else None
+        if near is None or near.chi2 < ENOUGH * len(self.measured):
+            return None
+        return self._alone((candidate,), unit, [self._tries[0]._replace(iterations=FEW)])[0][0]
 
     def _place(self, law: SkinLaw) -> int:
         """Which of the `prior_scales` stands for a law that was fitted alone."""

@@ -264,6 +264,9 @@ class RigProblem:
             self._sigma[channel] = min(self._sigma[channel], rough)
         self.sigma = self._by_row()
 
+    def under_simple_law(self, candidate: Candidate, unit: FloatArray) -> Fit | None:
+        return None
+
     def warm_start(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
         """Where else a fit with the last of some effects might begin: of several places in its prior, with the model's
         parameters halfway between their fit without it and anywhere in their ranges, the one from where it comes

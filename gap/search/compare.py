@@ -21,7 +21,7 @@ from gap.inference.least_squares import fit, under
 from gap.inference.linear import Projector
 from gap.inference.problem import Problem
 from gap.inference.workers import each
-from gap.search.screening import STRAINED, Screened, from_sound, screen
+from gap.search.screening import STRAINED, Screened, as_if_known, from_sound, screen
 from sim_devices.chain import FloatArray
 
 ALIKE = 0.85
@@ -160,6 +160,7 @@ class Effort:
     least_score: float = 8.0  # fall of χ², at any size, below which an effect gets none for being far from linear
     far_fits: int = 12  # at most so many get some for that, the most hopeful ones
     refit_singles: int = 9
+    known_law: int = 4  # those that explain most if the law is a simple one, where the null says it is none
     imitators: int = 3  # of the best, that are refitted besides
     pair_bases: int = 2
     refit_pairs: int = 3  # second effects, of different names, for each of the bases
@@ -168,7 +169,7 @@ class Effort:
 
     def quicker(self) -> Effort:
         """A narrower search: few refits, no pairs."""
-        return replace(self, quick_fits=4, refit_singles=4, imitators=0, pair_bases=0, least_score=20.0)
+        return replace(self, quick_fits=4, refit_singles=4, known_law=0, imitators=0, pair_bases=0, least_score=20.0)
 
 
 def compare(
@@ -195,6 +196,9 @@ def compare(
     chosen = _shortlist(comparison.screened, effort.refit_singles)
     apart, n = from_sound(blocks, comparison.null, comparison.screened)
     comparison.simulations += n
+    known, n = as_if_known(blocks, comparison.screened, effort.known_law, jobs)
+    comparison.simulations += n
+    apart += known
     chosen += [s for s in comparison.screened if (s.sure or s.candidate in suspects or s in apart) and s not in chosen]
     tell(f"fitting the {len(chosen)} most promising effects", 0.55)
     _refit_all(comparison, [(comparison.null, s) for s in chosen], jobs)

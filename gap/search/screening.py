@@ -16,7 +16,7 @@ from gap.inference.linear import Projector
 from gap.inference.problem import Problem
 from gap.inference.workers import each
 from gap.search.joint import together
-from gap.search.starts import starting_points
+from gap.search.starts import plain_start, starting_points
 from sim_devices.chain import FloatArray
 
 STEEP = 10.0
@@ -185,6 +185,39 @@ def from_sound(
                 s.starts[block] = (s.units[k], *s.starts[block][: STARTS - 1])
                 out += [s] if s not in out else []
     return out, simulations
+
+
+def as_if_known(
+    problems: dict[str, Problem], screened: Sequence[Screened], most: int, jobs: int = 1
+) -> tuple[list[Screened], int]:
+    """Those effects, of ``most`` names for a block, with which a simple law comes nearest to the noise, where none does
+    by itself; and the number of simulations.
+
+    What a wide prior swallows may be the very effect without which a simple law would do. By evidence beside the wide
+    prior it earns nothing until it is fitted, and the law has taken on too much of it for a straight line to lead
+    there: each is fitted a few steps under the law alone. The effects' fits are to start from there.
+    """
+    out: list[Screened] = []
+    simulations = 0
+    for block, problem in problems.items():
+        if not (most and problem.open_law):
+            continue
+        asked = [s for s in screened if block in s.traces and not s.by_chance and not s.candidate.event]
+        tries = each(partial(_simply, problem), asked, jobs)
+        found = [(f.objective, f, s) for f, s in zip(tries, asked, strict=True) if f is not None]
+        simulations += sum(f.simulations for _, f, _ in found)
+        names: set[str] = set()
+        for _, f, s in sorted(found, key=lambda one: one[0]):
+            if s.candidate.name not in names and len(names) < most:
+                names.add(s.candidate.name)
+                s.starts[block] = (f.unit, *s.starts[block][: STARTS - 1])
+                out += [s] if s not in out else []
+    return out, simulations
+
+
+def _simply(problem: Problem, screened: Screened) -> Fit | None:
+    """A few steps of a fit under a simple law alone, from a small effect of usual shape."""
+    return problem.under_simple_law(screened.candidate, plain_start(screened.candidate))
 
 
 def _widened(residual: FloatArray, times: FloatArray) -> float:

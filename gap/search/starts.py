@@ -66,6 +66,15 @@ def grid(candidate: Candidate) -> list[FloatArray]:
     return star(candidate, np.array(points)) if several else points
 
 
+def plain_start(candidate: Candidate) -> FloatArray:
+    """A point (k,) of an effect's prior, in quantiles, from which a fit may lead anywhere: small, of usual shape."""
+    at = np.full(len(candidate.parameters), 0.5)
+    for k, p in enumerate(candidate.parameters):
+        if p.null is not None:
+            at[k] = to_unit(p, p.null) + SIGNED[4] if p.low < p.null < p.high else STRENGTHS[1]
+    return at
+
+
 def starting_points(
     candidate: Candidate, problems: Mapping[str, Problem], base: Hypothesis
 ) -> tuple[list[FloatArray], bool]:

@@ -116,6 +116,9 @@ def _preconditioning(chain: Chain, v: Values) -> Chain:
         anchor, sign = ("tissue", -1.0) if _is_robot(chain) else ("softening", 1.0)
         return law_after(chain, anchor, name, stage, kernels.mullins, (sign * v["amount"], v["forgetting"]))
     shapes: tuple[float, ...]
+    if chosen(v, "form") == 3:
+        work = v["rise"] * height_scale(chain)
+        return law_after(chain, "softening", name, stage, kernels.worked, (v["amount"], v["virgin"], v["band"], work))
     if chosen(v, "form") == 2:
         kernel, shapes = kernels.by_loadings, (v["loadings"],)
     else:
@@ -253,6 +256,27 @@ _RESIDUAL_SHAPE = (
 )
 _RISE, _FALL = shape("rise", "s", 0.5, 120.0, 8.0, log=True), shape("fall", "s", 60.0, 1e5, 3000.0, log=True)
 
+
+def _preconditioned(instruments: tuple[str, ...], *further: str) -> Any:
+    return effect(
+        "preconditioning", "tissue", instruments,
+        "The first loadings differ from later ones: skin softens by loading.",
+        "Load a few times before the measurement; leave the same pause before every repeat.",
+        "first curve of a series differs (reported; Mullins 1969 for the form by maximum)",
+        (
+            strength("amount", "1", 0.01, 1.0, 0.2, "softening in the end"),
+            shape("rise", "s", 0.5, 120.0, 8.0, "time under load that it takes", log=True, only=(0, 3)),
+            shape("forgetting", "s", 100.0, 1e5, 2000.0, "time of rest that undoes it", log=True, only=(0, 1)),
+            shape("loadings", "1", 0.3, 20.0, 2.0, "loadings that it takes", log=True, only=(2,)),
+            shape("virgin", "1", 0.0, 1.0, 0.5, "share that is there again at the greatest load", only=(3,)),
+            shape("band", "1", 1e-3, 0.5, 0.02, "share of the greatest load below which it is whole", log=True,
+                  only=(3,)),
+            choice("form", 0, "by exposure", "by the greatest load so far", "by the number of loadings", *further),
+        ),
+        _preconditioning,
+    )  # fmt: skip
+
+
 EFFECTS = (
     effect(
         "slow_creep", "tissue", ALL,
@@ -289,20 +313,8 @@ EFFECTS = (
         ),
         _residual_robot,
     ),
-    effect(
-        "preconditioning", "tissue", ALL,
-        "The first loadings differ from later ones: skin softens by loading.",
-        "Load a few times before the measurement; leave the same pause before every repeat.",
-        "first curve of a series differs (reported; Mullins 1969 for the form by maximum)",
-        (
-            strength("amount", "1", 0.01, 1.0, 0.2, "softening in the end"),
-            shape("rise", "s", 0.5, 120.0, 8.0, "time under load that it takes", log=True, only=(0,)),
-            shape("forgetting", "s", 100.0, 1e5, 2000.0, "time of rest that undoes it", log=True, only=(0, 1)),
-            shape("loadings", "1", 0.3, 20.0, 2.0, "loadings that it takes", log=True, only=(2,)),
-            choice("form", 0, "by exposure", "by the greatest load so far", "by the number of loadings"),
-        ),
-        _preconditioning,
-    ),
+    _preconditioned(SUCTION, "by work, and less along the first path"),
+    _preconditioned(ROBOT),
     effect(
         "missing_deep_layer", "tissue", ALL,
         "A deeper layer takes part once deformation reaches it.",

@@ -32,6 +32,7 @@ from sim_devices.stages.kernels.history import (
     exposure_gain,
     limited_store,
     mullins,
+    worked,
     yield_flow,
 )
 from sim_devices.stages.kernels.hysteresis import (
@@ -94,5 +95,6 @@ __all__ = [
     "slope_so_far",
     "soft_play",
     "uneven_low_pass",
+    "worked",
     "yield_flow",
 ]

@@ -106,6 +106,25 @@ def mullins(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Float
 
 
 @njit(cache=True)
+def worked(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """Softening by work and off the virgin path: y = u (1 + a (v erf((1 - |u|/m)/b) + (1 - v) (1 - exp(-w/W)))), m the
+    maximum so far, w the integral of |u|.
+
+    ``p`` = (a, v, b, W). The first part is Ogden and Roxburgh's (Proc. R. Soc. A 455, 2861, 1999), of |u| in place of
+    the energy; the second goes on with every loading.
+    """
+    if s[0] == 0.0 and t.size:
+        s[0], s[1] = 1.0, t[0]
+    for i in range(t.size):
+        now = abs(u[i])
+        s[2] += now * (t[i] - s[1])
+        s[3] = max(s[3], now)
+        s[1] = t[i]
+        off = math.erf((1.0 - now / s[3]) / p[2]) if s[3] > 0.0 else 0.0
+        y[i] = u[i] * (1.0 + p[0] * (p[1] * off - (1.0 - p[1]) * math.expm1(-s[2] / p[3])))
+
+
+@njit(cache=True)
 def by_loadings(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """A gain that changes with every loading that is over: y = u (1 + a (1 - exp(-n/N))), n their number.
 

@@ -36,6 +36,7 @@ CASES: list[tuple[Kernel, tuple[float, ...]]] = [
     (kernels.exposure_gain, (0.4, 1.0, 0.5, 5.0)),
     (kernels.yield_flow, (0.4, 0.2, 0.5, 5.0)),
     (kernels.mullins, (0.3, 4.0)),
+    (kernels.worked, (0.3, 0.4, 0.05, 2.0)),
     (kernels.by_loadings, (0.3, 1.5)),
     (kernels.faulty_samples, (0.05, 0.3, 1.0, 1.0)),
     (kernels.late_by_any, (0.05, 0.3, 1.0, 0.04)),
