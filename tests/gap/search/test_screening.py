@@ -7,9 +7,9 @@ import pytest
 
 from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import Candidate
-from gap.inference.least_squares import fit
+from gap.inference.least_squares import fit, under
 from gap.search.compare import Effort, compare
-from gap.search.screening import screen
+from gap.search.screening import as_if_known, screen
 from gap.search.starts import grid
 from sim_devices.chain import Parameter
 
@@ -96,6 +96,25 @@ def test_who_could_do_what_the_best_does_is_refitted_wherever_it_ranks(linear, c
     for imitators, tried in ((0, {"square"}), (1, {"square", "bent"})):
         found = compare([problem], known, Effort(quick_fits=0, refit_singles=1, imitators=imitators, pair_bases=0))
         assert {h.name for h in found.hypotheses} == tried
+
+
+def test_what_a_wide_prior_swallows_is_tried_under_a_simple_law(linear, candidate) -> None:
+    """The wide prior's own columns do all that the effect does: beside it nothing is left to see."""
+    wave = np.sin(9 * T)
+    y = 3 * wave + np.random.default_rng(1).normal(size=len(T))
+    effects = {"wave": lambda v: v["a"] * wave, "none": lambda v: v["a"] * np.cos(40 * T)}
+    problem = linear(y, np.column_stack([np.ones_like(T), wave]), effects, np.full(2, 10.0))
+    simple = under(problem, np.zeros(2), np.array([10.0, 1e-6]))
+    problem.open_law, problem.under_simple_law = True, lambda c, unit: fit(simple, (c,), unit, iterations=4)
+    known = [candidate(n, Parameter("a", "1", -30.0, 30.0, null=0.0)) for n in ("none", "wave")]
+    found, _ = screen({"linear": problem}, Hypothesis((), {"linear": fit(problem)}), known)
+    assert max(s.gain for s in found) < 1.0
+    chosen, simulations = as_if_known({"linear": problem}, found, 1)
+    assert [s.candidate.name for s in chosen] == ["wave"]
+    assert chosen[0].candidate.values(chosen[0].starts["linear"][0])["a"] == pytest.approx(3.0, abs=0.3)
+    assert simulations > 0
+    problem.under_simple_law = lambda c, unit: None  # a simple law is at the noise
+    assert as_if_known({"linear": problem}, found, 1) == ([], 0)
 
 
 def test_who_could_do_what_a_tolerance_took_on_is_refitted_too(linear, candidate) -> None:

@@ -189,6 +189,19 @@ def test_each_loading_that_is_over_softens() -> None:
     np.testing.assert_allclose(peaks, 1.0 + 0.3 * (1.0 - np.exp(-np.arange(4) / 1.5)))
 
 
+def test_skin_is_softer_below_the_greatest_load_and_by_work() -> None:
+    load = np.concatenate([np.linspace(0.0, 1.0, 101), np.linspace(1.0, 0.0, 101), np.linspace(0.0, 1.5, 151)])
+    time = np.linspace(0.0, 35.0, len(load))
+    virgin = evaluate(kernels.worked, time, load, 0.4, 1.0, 0.05, 10.0) / np.maximum(load, 1e-9)
+    np.testing.assert_allclose(virgin[1:101], 1.0)
+    np.testing.assert_allclose(virgin[[150, 252]], 1.4, rtol=1e-6)  # at half of it, going down and up again
+    np.testing.assert_allclose(virgin[305:], 1.0)
+    worked = evaluate(kernels.worked, time, load, 0.4, 0.0, 0.05, 10.0) / np.maximum(load, 1e-9)
+    half = [50, 150, 252]
+    done = np.array([np.trapezoid(load[: k + 1], time[: k + 1]) for k in half])
+    np.testing.assert_allclose(worked[half], 1.0 - 0.4 * np.expm1(-done / 10.0), rtol=2e-3)
+
+
 def test_random_faults_hit_the_asked_share_whatever_the_grid() -> None:
     stamps = np.arange(4000) * 0.01
     wave = np.cumsum(RNG.standard_normal(4000))
