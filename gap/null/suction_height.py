@@ -40,10 +40,8 @@ TISSUE_STEP = 1e-3
 """Of the tissue's parameters, for differences."""
 QUICK = 10
 """Steps of a fit after which its evidence, which looks ahead along a straight line, says where it leads."""
-SHORT = 6
-"""The same of a fit with an effect."""
-FEW = 4
-"""The same by which an effect tells whether a simple law does with it."""
+SHORT, FEW = 6, 4
+"""The same of a fit with an effect, and of one that only tells whether a simple law does with it."""
 FAR = 4.0
 """χ² per sample of the best law from which on fits with an effect begin anew under every basic one."""
 ANSWER = 0.15
@@ -336,8 +334,7 @@ class HeightBlock(FedBlock):
         return Start(mean, self.prior_scales[self._place(law)], found.nuisance, found.unit, found.jacobian)
 
     def under_simple_law(self, candidate: Candidate, unit: FloatArray) -> Fit | None:
-        near = self._tries[0].near if self._tries else None
-        if near is None or near.chi2 < ENOUGH * len(self.measured):
+        if not self._tries or (near := self._tries[0].near) is None or near.chi2 < ENOUGH * len(self.measured):
             return None
         return self._alone((candidate,), unit, [self._tries[0]._replace(iterations=FEW)])[0][0]
 
