@@ -45,8 +45,7 @@ def slow_variance(runs: Sequence[tuple[FloatArray, FloatArray]], kinks: FloatArr
         if len(change) < FEWEST:
             break
         averaged = white**2 / float(np.average([n for _, n in differences], weights=[len(d) for d, _ in differences]))
-        # By the median, as few differences may still hold a signal's curve; 0.455 is that of a squared normal.
-        variance = float(np.median(np.square(change))) / 0.455 / WHITE
+        variance = _typical([d for d, _ in differences]) / WHITE
         excess = variance - averaged
         if excess > GROWS * max(most, averaged):
             found[-1] -= excess / CURVED
@@ -59,6 +58,15 @@ def slow_variance(runs: Sequence[tuple[FloatArray, FloatArray]], kinks: FloatArr
     if unsure:
         found.pop()
     return KEPT * max([0.0, *found])
+
+
+def _typical(runs: Sequence[FloatArray]) -> float:
+    """Mean square of differences, runs of (n,): the median by run, as few differences may still hold a signal's curve,
+    and of these the median by difference, as one run may be all curve (a slow sine). 0.455 is the median of a squared
+    normal."""
+    known = sorted((float(np.median(np.square(d))), len(d)) for d in runs if len(d))
+    reached = np.cumsum([n for _, n in known])
+    return known[int(np.searchsorted(reached, 0.5 * reached[-1]))][0] / 0.455
 
 
 def _third(time: FloatArray, value: FloatArray, kinks: FloatArray, length: float) -> tuple[FloatArray, int]:

@@ -45,6 +45,18 @@ def test_noise_that_doubles_from_block_to_block_is_noise() -> None:
     assert 0.65 * share < np.median(found) < 1.35 * share
 
 
+def test_one_run_that_is_all_curve_is_not_taken_for_noise() -> None:
+    """A sine without a kink among four runs: 0.4 of white noise of 1 were held for slow."""
+    free = np.array([0.0, 20.0])
+    found = []
+    for seed in range(50030, 50034):
+        rng = np.random.default_rng(seed)
+        runs = [(TIME, rng.normal(size=len(TIME))) for _ in range(3)]
+        sine = 200.0 * np.sin(2 * np.pi * 0.5 * TIME) + rng.normal(size=len(TIME))
+        found.append(np.sqrt(slow_variance([*runs, (TIME, sine)], free, 1.0)))
+    assert np.median(found) < 0.2
+
+
 def test_of_white_noise_little_is_slow() -> None:
     found = [
         np.sqrt(
