@@ -124,7 +124,7 @@ class Runner:
 def _running(chain: Chain, given: set[str]) -> list[Operator]:
     """The operators with something to do: not those whose outputs are given, nor those that only feed such ones."""
     running = [op for op in chain.operators if not (set(op.writes) <= given and not set(op.writes) & set(op.reads))]
-    inner = {name for op in chain.operators for name in op.reads}  # what nobody reads is a result
+    inner = {name for op in chain.operators for name in op.reads}  # a signal that nobody reads is a result
     while True:
         used = [op for op in running if _feeds(op, running) or not set(op.writes) <= inner]
         if len(used) == len(running):
@@ -143,7 +143,7 @@ class Parameter:
     ``null`` is None for shape parameters, which change the form of an effect and not its strength.
     ``scale`` says how the prior is uniform: ``linear`` or ``log`` (then ``low`` > 0; ``null`` may be 0). ``only`` lists
     the numbers of the choice ``form`` in which the parameter means something; empty: in all. ``fine`` is the share of
-    the prior's range over which what it does is nearly linear.
+    the prior's range over which its trace is nearly linear.
     """
 
     name: str

@@ -99,4 +99,4 @@ class ManualClock(Clock):
         return 0.0 if self.now() >= moment else self._LOOK_AGAIN
 
     def slip(self, moment: float) -> None:
-        """Nothing: what was advanced by hand is caught up with, however long it takes."""
+        """Nothing: time that was advanced by hand is caught up with, however long it takes."""

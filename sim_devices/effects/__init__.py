@@ -1,4 +1,4 @@
-"""The library of effects: what real instruments and skin do and the nominal chain does not.
+"""The library of effects: behaviour of real instruments and skin that the nominal chain lacks.
 
 ``effects("cutometer")`` gives those of one instrument by name. Other packages add their own under the entry point
 ``acquire.effects``: an ``Effect``, an iterable of them, or a function that returns either. One that does not load is

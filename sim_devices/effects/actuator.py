@@ -1,4 +1,4 @@
-"""Effects of what moves: pressure regulation and its gauge, voice coils and their friction."""
+"""Effects of actuators: pressure regulation and its gauge, voice coils and their friction."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def leak_for_a_while(
 
 def _leak(chain: Chain, v: Values) -> Chain:
     if chosen(v, "form") == 2:
-        # What leaks is missing at once; an integrating regulator makes up for it.
+        # Leaked suction is missing at once; an integrating regulator makes up for it.
         repaired = (1.0 - v["shortfall"], v["shortfall"], v["repair"])
         return law_after(chain, "regulator", "leak", "actuator", kernels.prony, repaired)
     if chosen(v, "form") == 3:

@@ -166,7 +166,7 @@ def delayed(chain: Chain, name: str, stage: str, seconds: float, anchor: str) ->
 
 
 def on_recorded(chain: Chain, signal: str, make: Callable[[Names, Names], Wired]) -> Chain:
-    """An operator behind everything else that makes ``signal``, noise included: what happens to stored samples."""
+    """An operator behind everything else that makes ``signal``, noise included: changes of stored samples."""
     return after(chain, last_writer(chain, signal), make, signal)
 
 

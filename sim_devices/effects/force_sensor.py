@@ -47,7 +47,7 @@ def _crosstalk_robot(chain: Chain, v: Values) -> Chain:
         axis = numbered("axis")[source]
         return map_after(chain, FORCE, "crosstalk", "sensor", mixed, parameters, TRANSDUCERS[into], reading=(axis,))
     into, source = _ORDERED[pair]
-    other = chain["transducers"].writes[source]  # by its working name: what the transducer gives before other effects
+    other = chain["transducers"].writes[source]  # by its working name: the transducer's output before other effects
     return map_after(chain, FORCE, "crosstalk", "sensor", mixed, (v["share"],), TRANSDUCERS[into], reading=(other,))
 
 

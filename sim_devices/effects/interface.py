@@ -52,7 +52,7 @@ class RimFriction(Wired):
 
 @dataclass(frozen=True)
 class Recoil(Wired):
-    """Height (first source) plus what the probe sinks in under its own suction (second source), ``tau`` s late; not
+    """Height (first source) plus the sinking of the probe under its own suction (second source), ``tau`` s late; not
     further than its ``stop``, a share of the ``depth`` at 300 mbar (inf: none)."""
 
     depth: float
@@ -73,7 +73,7 @@ class Recoil(Wired):
 
 @dataclass(frozen=True)
 class Seating(Wired):
-    """Height (first source) plus what a leaning probe tips flat under its greatest suction (second source) since the
+    """Height (first source) plus the tipping of a leaning probe under its greatest suction (second source) since the
     latest of ``marks`` (s), when it was put on: ``depth`` m in the end, within ``seat`` Pa. It stays flat when vented.
     """
 
@@ -98,7 +98,7 @@ class Seating(Wired):
 
 @dataclass(frozen=True)
 class Slip(Wired):
-    """Displacement of the skin (x, y, z) less what slips under the support once it is ``reach`` m from where it sits.
+    """Displacement of the skin (x, y, z) less the slip under the support once it is ``reach`` m from where it sits.
 
     ``share`` of the excess slips; it stays where it slipped to. z does not slip.
     """
@@ -120,7 +120,7 @@ LEVER = 5e-3
 
 
 def tilted_pressure(time: FloatArray, pressure: FloatArray, seal: float) -> FloatArray:
-    """Suction less what a gap under the rim lets in until ``seal`` Pa have closed it."""
+    """Suction less the loss through a gap under the rim until ``seal`` Pa have closed it."""
     lost = -seal * np.expm1(-np.abs(pressure) / seal)
     return pressure - np.copysign(lost, pressure)
 

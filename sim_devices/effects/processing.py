@@ -28,7 +28,7 @@ from sim_devices.stages.suction import ZERO_STATE, zeroed
 
 @dataclass(frozen=True)
 class Retare(Wired):
-    """Each channel less ``share`` of what it reads ``delay`` s after every one of ``marks`` (s)."""
+    """Each channel less ``share`` of its own reading ``delay`` s after every one of ``marks`` (s)."""
 
     share: float
     delay: float

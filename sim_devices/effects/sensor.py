@@ -1,4 +1,4 @@
-"""Effects of what measures in suction: optics and camera."""
+"""Effects of the sensors of suction instruments: optics and camera."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ FLOW_TIME = 0.1
 
 @dataclass(frozen=True)
 class Flow(Wired):
-    """Height (first source) plus ``gain`` (m/Pa) times what pressure (second source) has changed in `FLOW_TIME`."""
+    """Height (first source) plus ``gain`` (m/Pa) times the change of pressure (second source) in `FLOW_TIME`."""
 
     gain: float
 

@@ -131,7 +131,7 @@ def _dropped(chain: Chain, v: Values) -> Chain:
         anchor = "latency" if chosen(v, "form") == 2 else "optics"
         burst = (v["lost"], v["moment"], op.marks)
         return after(chain, anchor, lambda s, t: Gap("dropped_samples", "timing", s, t, *burst))
-    # Stamped as if none were missing: the record's clock loses what each lost sample took.
+    # Stamped as if none were missing: the record's clock loses one period with each lost sample.
     return chain.tuned("latency", skew=op.skew - v["fraction"])
 
 

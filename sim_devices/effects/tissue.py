@@ -38,7 +38,7 @@ Forces = tuple[FloatArray, FloatArray, FloatArray]
 
 @dataclass(frozen=True)
 class Softening(Wired):
-    """Force (x, y, z) less what its own magnitude softens, by ``kernel`` with its ``parameters``."""
+    """Force (x, y, z) less the softening by its own magnitude, by ``kernel`` with its ``parameters``."""
 
     kernel: kernels.Kernel
     parameters: tuple[float, ...]
@@ -321,7 +321,7 @@ EFFECTS = (
         "A layered tissue model; other probe openings or amplitudes.",
         "W: SMAS and muscle under skin",
         (
-            strength("stiffness", "1", 0.02, 10.0, 1.0, "deep layer against what is engaged before (robot: 400 N/m)"),
+            strength("stiffness", "1", 0.02, 10.0, 1.0, "deep layer against the layers above it (robot: 400 N/m)"),
             shape("start", "1", 0.1, 1.2, 0.4, "response that reaches it, against the typical height (robot: mm)"),
         ),
         _deep_layer,

@@ -34,7 +34,7 @@ RIM = 8e-3
 
 
 class Server:
-    """One running simulated instrument. ``entry`` is how a station reaches it, ``back_door`` what tests see of it."""
+    """One running simulated instrument. ``entry`` is how a station reaches it, ``back_door`` is for tests."""
 
     def __init__(self, sim: SimInstrument, entry: Entry) -> None:
         self._sim = sim
@@ -102,7 +102,7 @@ def serve(
         from sim_devices.stages.scene import Scene
 
         frames = TcpLink(send_buffer=_CAMERA_BUFFER, token=token)
-        # In a small frame the rim is drawn narrower, so that the scale stays what stations say it is.
+        # In a small frame the rim is drawn narrower, so that the scale stays the one that stations state.
         rim = min(RIM, 0.7 * frame_size[0] * FRAME_SCALE)
         render = render or Scene(frame_size, FRAME_SCALE, rim, seed=seed)
     sim = SimInstrument(bench, chain, clock or ScaledClock(speed), control, frames, render)

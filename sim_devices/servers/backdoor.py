@@ -1,4 +1,4 @@
-"""The back door of a simulated instrument: what is really so, and what may go wrong. For tests, not for hosts."""
+"""The back door of a simulated instrument: its true state, and faults to inject. For tests, not for hosts."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ class BackDoor:
                 port.faults.stale = what
 
     def starve(self) -> None:
-        """The device loses what waits in its queue, and the running segment is its last."""
+        """The device loses its queue, and the running segment is its last."""
         with self._sim.lock:
             self._sim.firmware.starve()
 
@@ -156,7 +156,7 @@ class BackDoor:
             self._sim.faults.sensors[channel] = Distortion(kind, amount, samples)
 
     def heal(self) -> None:
-        """Every fault is over, but for what was unplugged."""
+        """Every fault is over, but for unplugged links."""
         with self._sim.lock:
             for port in self._sim.ports:
                 port.faults.clear()

@@ -41,7 +41,7 @@ class Bench:
     (n, raw) of the wire. ``rate`` is samples per s, ``substeps`` how many steps of the chain make a sample,
     ``longest`` the most samples in a block. ``still`` says from the true signals' last values whether the patient is
     free. ``seen`` is the signal that a camera sees, at ``rate``; empty without camera. ``zeroing`` is the operator
-    that begins anew when the instrument is armed. ``unload`` makes raw values (n, raw) what they are before the probe
+    that begins anew when the instrument is armed. ``unload`` turns raw values (n, raw) into those before the probe
     touches the skin, as the first ``unloaded`` samples of a stream are: a session begins with taring.
     """
 

@@ -16,10 +16,10 @@ import numpy as np
 from drivers.device import Status
 from drivers.signals import FloatArray
 
-#: How a sensor may fail. ``amount`` is in the channel's SI unit: the value it is ``stuck`` at, what ``offset`` and
-#: ``spike`` add, what ``drift`` adds per s; for ``scale`` a factor. ``frozen`` keeps the last sound value.
+#: How a sensor may fail. ``amount`` is in the channel's SI unit: the value it is ``stuck`` at, the one ``offset`` and
+#: ``spike`` add, the rate of ``drift`` per s; for ``scale`` a factor. ``frozen`` keeps the last sound value.
 SENSOR = ("nan", "inf", "stuck", "frozen", "spike", "scale", "offset", "drift", "sign")
-#: What repeats for ever while the link works: the last ``packet``, byte for byte, or only its ``time`` or ``sequence``.
+#: Repeated for ever while the link works: the last ``packet``, byte for byte, or only its ``time`` or ``sequence``.
 STALE = ("packet", "time", "sequence")
 
 
@@ -64,7 +64,7 @@ class Faults:
     Of the next messages on the wire ``corrupt`` have one byte changed, ``truncate`` lose their second half, ``drop``
     are lost, ``repeat`` are sent twice, ``swap`` come after the one that follows them; ``garbage`` random bytes go out
     before the next one; ``short`` bytes are the most sent at once (0: no limit). Until ``stall_until`` (wall, monotonic
-    s) no byte goes either way. ``stale`` is one of `STALE` or empty; ``sensors`` maps raw channels to what they suffer.
+    s) no byte goes either way. ``stale`` is one of `STALE` or empty; ``sensors`` maps raw channels to their faults.
     """
 
     garbage: int = 0

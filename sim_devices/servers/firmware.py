@@ -133,7 +133,7 @@ class Firmware:
             self._beats, self._last_beat = count, wall
 
     def starve(self) -> None:
-        """Lose what is queued: a fault, for tests."""
+        """Lose the queue: a fault, for tests."""
         self._queue.clear()
 
     def watch_host(self, wall: float) -> bool:
@@ -167,7 +167,7 @@ class Firmware:
         self.fault = reason
 
     def advance(self, until: float) -> Waveform:
-        """Execute up to ``until`` (device time, s); what was commanded on the way."""
+        """Execute up to ``until`` (device time, s); the result is the set-points on the way."""
         times, values = [self.time], [self._value]
 
         def reach(time: float, value: tuple[float, ...]) -> None:
@@ -235,7 +235,7 @@ class Firmware:
                 raise Refused(
                     f"limits {asked.low:g} to {asked.high:g} of {name}; the hardware allows {own.low:g} to {own.high:g}"
                 )
-        # What the host leaves out (a rate, a dwell) stays the hardware's.
+        # Limits the host leaves out (a rate, a dwell) stay the hardware's.
         self.limits = dict(self.hardware.intersect(Limits(limits)).ranges)
         self.watchdog = watchdog
         self._last_beat, self._beats = wall, order.beats

@@ -1,7 +1,7 @@
 """A simulated instrument: one thread that speaks bytes, runs the firmware and advances the physics.
 
 The thread owns everything; a lock lets the back door in between two turns. Each turn it reads commands, watches
-the host's heartbeat, advances the chain to the (scaled) clock's time and sends what was measured. When the link does
+the host's heartbeat, advances the chain to the (scaled) clock's time and sends the measured values. When the link does
 not take more bytes it stops advancing: time slips instead of samples being lost. Between runs time goes no faster than
 real: a stream that nobody records must not take the processor from the one that is being recorded.
 """
@@ -197,7 +197,7 @@ class SimInstrument:
                         self._runner.restart(name)
         except Refused as refusal:
             return msg.Reply(request.number, refused=str(refusal))
-        # Status goes ahead of the answer, so that a host never acts on what was true before its command.
+        # Status goes ahead of the answer, so that a host never acts on the state before its command.
         self._control.status(self.firmware.status)
         return msg.Reply(request.number)
 

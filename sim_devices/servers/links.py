@@ -41,7 +41,7 @@ class Link(abc.ABC):
 
     @abc.abstractmethod
     def send(self, data: memoryview) -> int:
-        """Send what the link takes now; how many bytes that was."""
+        """Send as much as the link takes now; the result is the number of bytes."""
 
     @abc.abstractmethod
     def unplug(self) -> None:
@@ -222,7 +222,7 @@ class TcpLink(Link):
                 self._guests.append(_Guest(connection, time.monotonic()))
 
     def _admit(self, guest: _Guest) -> bytes:
-        """Make a guest the host or turn it away; what the new host said after its greeting."""
+        """Make a guest the host or turn it away; the result is the new host's text after its greeting."""
         late = time.monotonic() - guest.since > _STAY
         if guest.leaving:
             if late or _receive(guest.socket) == b"":

@@ -1,4 +1,4 @@
-"""A link with what waits to be sent on it: the control port in an instrument's dialect, the camera port with frames."""
+"""A link with its queue of bytes to send: the control port in an instrument's dialect, the camera port with frames."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ UNLOADED_FRAMES = 3
 
 
 class Port:
-    """Sends what is queued as the link takes it; what is queued for nobody is dropped."""
+    """Sends queued bytes as the link takes them; bytes for nobody are dropped."""
 
     #: Bytes that may wait before the instrument's time stands still.
     depth: int
@@ -41,7 +41,7 @@ class Port:
         self._progress = 0.0
 
     def flush(self, wall: float) -> None:
-        """Send what the link takes at ``wall`` (monotonic s)."""
+        """Send as much as the link takes at ``wall`` (monotonic s)."""
         if self.faults.stalled(wall):
             self._progress = wall
             return
@@ -65,17 +65,17 @@ class Port:
                 return
 
     def silent(self, wall: float) -> float:
-        """For how long (wall s) the host has taken nothing of what waits."""
+        """For how long (wall s) the host has taken nothing of the queue."""
         return wall - self._progress if self.backlog else 0.0
 
     def drop(self) -> None:
-        """Forget what waits, save the rest of what is half sent: a host that comes back finds a whole stream."""
+        """Forget the queue, save the rest of a half-sent message: a host that comes back finds a whole stream."""
         half = [self._waiting[0]] if self._half else []
         self._waiting = deque(half)
         self.backlog = sum(map(len, half))
 
     def reset(self) -> None:
-        """Forget host, stream and what waits."""
+        """Forget host, stream and queue."""
         self.streaming = False
         self._waiting.clear()
         self._half = False
@@ -175,7 +175,7 @@ class CameraPort(Port):
         self._render(0.0, 0.0)
 
     def receive(self) -> None:
-        """Obey what arrived."""
+        """Obey new commands."""
         *lines, self._heard = (self._heard + self._receive()).split(b"\r")
         for line in lines:
             match line + b"\r":

@@ -1,4 +1,4 @@
-"""A bad cable: a TCP proxy that damages what passes, message by message, seeded, each direction by itself.
+"""A bad cable: a TCP proxy that damages the traffic, message by message, seeded, each direction by itself.
 
 >>> with Proxy(server.entry.address, delimiter=b"\\r", seed=1) as cable:         # doctest: +SKIP
 ...     cable.to_host.damage = Damage(flip=0.01, repeat=0.05)
@@ -54,7 +54,7 @@ _FAULTS = tuple(field.name for field in fields(Damage))[:-1]
 
 
 class Wire:
-    """One direction. Set ``damage`` at any time; ``done`` counts what was done; ``mute`` lets nothing through."""
+    """One direction. Set ``damage`` at any time; ``done`` counts damaged messages; ``mute`` lets nothing through."""
 
     def __init__(self, delimiter: bytes, seed: int) -> None:
         self.damage = Damage()

@@ -35,7 +35,7 @@ class RemoteBackDoor:
     def call(self, method: str, **args: Any) -> Any:
         """Call any method of `BackDoor`, for example ``call("stall", seconds=0.5)``.
 
-        Raises what it raises (RuntimeError for unusual kinds), and RuntimeError when the process is gone.
+        Raises the same error (RuntimeError for unusual kinds), and RuntimeError when the process is gone.
         """
         with self._lock:
             assert self._process.stdin is not None

@@ -1,4 +1,4 @@
-"""The nominal stages of each instrument: what it does when nothing is wrong."""
+"""The nominal stages of each instrument: its behaviour without a fault."""
 
 from __future__ import annotations
 

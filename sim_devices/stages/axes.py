@@ -28,7 +28,7 @@ FORCE_LIMIT = 10.0
 """Greatest force of a coil, N (assumed)."""
 SUBSTEP = 1e-3
 """s, where a nonlinearity is present."""
-_END_STOP = 6e-3  # m from the centre; only what can lose control of an axis gets there
+_END_STOP = 6e-3  # m from the centre; only a lost control of an axis leads there
 _RUBBING = [4, 5, 6, 8]  # of a loop's parameters: drag, dry friction, stiction, presliding
 _LONGEST = 14  # and the longest substep, s
 _SETTLED = 1e-3  # relative difference to dry friction at full slip below which it is that
@@ -45,7 +45,7 @@ class AxisLoop(Wired):
     weight, so that the limit is nearer one way; ``windup`` 0 (integrator frozen while the force is limited) to 1
     (runs on); relative change of the force constant ``slope`` 1/m and ``curvature`` 1/m². Drag and dry friction are of
     the axis ``alone`` (1 to 3), or of all (0).
-    ``spring`` N/m holds each axis towards zero: what loops through a tissue take for its stiffness
+    ``spring`` N/m holds each axis towards zero: the stiffness that loops through a tissue assume of it
     (``robot.closed_loop``), so that only the difference is iterated.
     """
 

@@ -58,7 +58,7 @@ def fading_offset(time: FloatArray, u: FloatArray, amount: float, tau: float, *m
 
 
 def affine(time: FloatArray, u: FloatArray, error: float, amount: float) -> FloatArray:
-    """u (1 + error) + amount: what a gauge of relative gain error and offset shows."""
+    """u (1 + error) + amount: the reading of a gauge with relative gain error and offset."""
     return u * (1.0 + error) + amount if error or amount else u
 
 

@@ -152,7 +152,7 @@ class Delay(Retimed):
 @dataclass(frozen=True)
 class Gap(Retimed):
     """Samples of ``lost`` s are missing from ``moment`` on, and those behind them moved up until the next of ``marks``
-    (s), when another recording begins: what a stamp shows happened ``lost`` s after it."""
+    (s), when another recording begins: the value of a stamp was true ``lost`` s after it."""
 
     lost: float = 0.0
     moment: float = 0.0
@@ -264,7 +264,7 @@ def after(chain: Chain, anchor: str, make: Callable[[Names, Names], Wired], *sig
 def before(chain: Chain, anchor: str, make: Callable[[Names, Names], Wired], *signals: str) -> Chain:
     """The chain with one operator more ahead of ``anchor``, on the named inputs of it (all, if none is named).
 
-    ``make(source, target)`` returns the operator; only the anchor sees what it writes.
+    ``make(source, target)`` returns the operator; only the anchor sees its output.
     """
     op = _wired(chain, anchor)
     public = tuple(s for s in op.source if not signals or s.split("|")[0] in signals)

@@ -1,7 +1,7 @@
 """The nominal chain of the micro-robot, from tip set-point to probe position and force.
 
-command -> due -> target_1..3 -> axis_1..3 (true) -> tip -> skin -> reaction; axis_load_1..3 is what the tissue's force
-does to the axes and comes back as ``load_1..3``: from the chunk before in a running instrument (``LoopRunner``), by
+command -> due -> target_1..3 -> axis_1..3 (true) -> tip -> skin -> reaction; axis_load_1..3 is the tissue force on the
+axes; it comes back as ``load_1..3``: from the chunk before in a running instrument (``LoopRunner``), by
 iteration over the whole session offline (``closed_loop``). Measured: axis_position_1..3, transducer_force_a..c;
 processed: probe_x|y|z, force_x|y|z.
 """

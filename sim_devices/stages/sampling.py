@@ -1,4 +1,4 @@
-"""From set-points to samples: the time grid of a simulation, and what a channel shows at its time stamps.
+"""From set-points to samples: the time grid of a simulation, and the values of a channel at its time stamps.
 
 Jumps of the command, shifted by the chain's dead time, are nodes of the grid (with a twin ``JUMP`` earlier), so that
 results depend smoothly on latency; the nodes after a jump are dense, where nonlinear laws need them; the stamps

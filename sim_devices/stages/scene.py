@@ -27,7 +27,7 @@ _EDGE = 3.5  # half width of the rendered edge, in blurs: the error function is 
 
 @dataclass(frozen=True)
 class Light:
-    """How the scene is lit, and what else the camera sees. Grey values of 8 bit; lengths in px unless said otherwise.
+    """Light of the scene, and disturbances of the image. Grey values of 8 bit; lengths in px unless said otherwise.
 
     ``vignetting`` and ``gradient`` are the relative loss of light in the far corner and from left to right.
     ``reflections`` bright spots lie on the bubble and move with it, the first near its apex; ``satellites`` dark blobs

@@ -21,7 +21,7 @@ _HEAD = 9  # of the state: [0] started [1] time [2:5] last elastic force [5] sof
 class Sheet(Wired):
     """``tissue`` under the probe: displacement x, y, z (m) -> force on the probe x, y, z (N).
 
-    ``glue`` m/N is the compliance in plane and normal of what lies between probe and skin: the skin then moves by u -
+    ``glue`` m/N is the compliance in plane and normal of the layer between probe and skin: the skin then moves by u -
     glue force.
     """
 
@@ -111,7 +111,7 @@ def _advance_sheet(
             last = dt
         past_x = past_y = past_z = 0.0
         if dt > 0.0:
-            for k in range(n):  # what the memory holds from before; the new force enters with 1 - sum g b
+            for k in range(n):  # the memory of earlier steps; the new force enters with 1 - sum g b
                 past_x += g[k] * (e[k] * s[_HEAD + 3 * k] + a[k] * s[2])
                 past_y += g[k] * (e[k] * s[_HEAD + 3 * k + 1] + a[k] * s[3])
                 past_z += g[k] * (e[k] * s[_HEAD + 3 * k + 2] + a[k] * s[4])

@@ -1,4 +1,4 @@
-"""Reference specimens in the forward chain: what stands in the place of skin, and what each of them does.
+"""Reference specimens in the forward chain: bodies in place of skin, and their laws.
 
 The same operators as the tissue's, so that every effect of the instrument finds its place; the person's own effects (of
 the tissue stage) have none on a specimen. Numbers of the simulated specimens that nobody states are assumed.

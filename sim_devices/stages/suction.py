@@ -29,7 +29,7 @@ REGULATOR_TAU = 0.040
 
 @dataclass(frozen=True)
 class Regulator(Wired):
-    """Second-order pressure regulation, tau² p'' + 2 zeta tau p' + p = set-point, within what the pump can do.
+    """Second-order pressure regulation, tau² p'' + 2 zeta tau p' + p = set-point, within the pump's limits.
 
     ``rates`` (Pa/s) limit how fast pressure rises and falls, at once or, if it is ``eased``, ever more as they are
     approached.

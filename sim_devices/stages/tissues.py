@@ -96,18 +96,18 @@ SPECIMENS: dict[str, tuple[SuctionTissue, SheetTissue]] = {
         SheetTissue((450.0, 450.0, 350.0), angle=0.0, exponent=0.1, relaxation=(0.04,), times=(0.5,), softening=0.0),
     ),
 }
-"""Reference specimens for both kinds of instrument: what is known, not skin."""
+"""Reference specimens for both kinds of instrument: known bodies in place of skin."""
 
 
 def suction_tissue(name: str) -> SuctionTissue:
-    """The named skin site or reference specimen. Raises ValueError that lists what there is."""
+    """The named skin site or reference specimen. Raises ValueError that lists the known names."""
     if name in SPECIMENS:
         return SPECIMENS[name][0]
     return _look_up(SUCTION, name)
 
 
 def sheet_tissue(name: str) -> SheetTissue:
-    """The named skin site or reference specimen. Raises ValueError that lists what there is."""
+    """The named skin site or reference specimen. Raises ValueError that lists the known names."""
     if name in SPECIMENS:
         return SPECIMENS[name][1]
     return _look_up(SHEET, name)

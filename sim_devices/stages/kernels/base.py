@@ -1,4 +1,4 @@
-"""The shape of a kernel, and what kernels share: exact weights of a step, where they are kept, random numbers."""
+"""The shape of a kernel, and parts that kernels share: exact weights of a step, where they are kept, random numbers."""
 
 from __future__ import annotations
 
