@@ -25,6 +25,7 @@ class Thresholds:
     seen_marked: float
     quiet_gap: float
     unusual_gap: float
+    unexplained_gap: float
     sure_none: float
     separable: float
     blunt: float

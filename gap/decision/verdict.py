@@ -63,6 +63,10 @@ class Findings:
             return "unknown"
         return "none" if p.gap_before <= self.t.quiet_gap and p.none >= self.t.sure_none else "undetectable"
 
+    def unexplained(self) -> str:
+        """The verdict where the best explanation leaves much: unknown, unless noise read too low may be all there is."""
+        return "unknown" if self.posterior.gap_before > self.t.unexplained_gap else self.quiet()
+
     def tolerated(self) -> str:
         """The verdict where a stated tolerance explains the gap: nothing is unknown then, unless a gap is left."""
         said, p = self.quiet(), self.posterior
@@ -218,7 +222,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "unexplained",
         lambda f: misfit(f.posterior.unexplained, f.posterior.gap_after) > f.t.unknown and not f.shows_itself,
-        _always("unknown"),
+        Findings.unexplained,
         lambda f: (
             f"the best explanation leaves {100 * f.posterior.unexplained:.0f} % of the excess, "
             f"a gap of {f.posterior.gap_after:.2f}"

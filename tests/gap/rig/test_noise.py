@@ -7,11 +7,13 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
+from gap.diagnosis import diagnose
 from gap.rig.model import ModelError
 from gap.rig.problem import RigProblem
 from sim_devices.chain import Parameter
-from tests.gap.rig.springs import Spring, lagging
+from tests.gap.rig.springs import TIME, Spring, lagging
 
 
 class Driven:
@@ -69,3 +71,14 @@ def test_coarse_counts_are_the_gap_and_not_its_noise(stretched) -> None:
     after = problem.evaluate(right, {step: {"step": step.parameters[0].default}}).residual
     assert np.std(before) > 25
     assert np.mean(np.abs(after) < 3) > 0.97  # all but the samples next to an edge
+
+
+def test_a_sound_rig_whose_noise_forgets_slowly_is_not_unknown(recording) -> None:
+    """Half of the variance with a correlation over ten samples is missing in the high band: a gap of 1.34."""
+    rng, x = np.random.default_rng(0), 0.1 * np.sin(2 * TIME) * np.exp(-0.1 * TIME)
+    white, slow = rng.normal(size=(2, len(TIME)))
+    noise = 5e-3 * np.sqrt(0.5) * (white + lfilter([np.sqrt(1 - 0.9**2)], [1, -0.9], slow))
+    made = recording({"force": 20.0 * x + noise, "extension": x}, TIME, instrument="spring")
+    said = diagnose([made], Spring(), propose_term=False)
+    assert said.gap_before > 1.3
+    assert said.verdict.verdict in ("undetectable", "none")
