@@ -15,7 +15,7 @@ from gap.data import signatures
 from gap.data.checks import DiagnosisError, in_order, remarks
 from gap.data.pauses import without_pauses
 from gap.data.splits import splits, splits_of_a_rig
-from gap.data.tolerances import tolerances
+from gap.data.tolerances import sampled, tolerances
 from gap.decision.earlier import Earlier, Skin, gains, known_skin, moved, skin_of, unlike
 from gap.decision.limits import bounds, confusable
 from gap.decision.marks import made_by
@@ -197,7 +197,9 @@ def gathered(
     problems = [known_skin(p, skins)[0] or p if skins and isinstance(p, HeightBlock) else p for p in problems]
     suspects = [c for c in candidates if c.key in asked or any(made_by(s, c) for s in marks)]
     comparison = compare(problems, candidates, effort, suspects, jobs, tell)
+    stated = tolerances(recordings[0].info.instrument) if model is None else {}
     for rig in (p for p in problems if isinstance(p, RigProblem)):
+        stated = sampled(tolerances("rig"), rig.interval)
         alone = comparison.null.fits[rig.name]
         marks = [m for m in marks if against_the_model(m, rig, alone)]
         told += rig.at_the_end(alone.nuisance)
@@ -208,7 +210,7 @@ def gathered(
         marks=marks,
         null=plain(comparison.problems, comparison.null),
         withheld=splits(recordings) if model is None else splits_of_a_rig(recordings),
-        stated=tolerances(recordings[0].info.instrument) if model is None else {},
+        stated=stated,
         qualified=qualified,
     )
     return case, told

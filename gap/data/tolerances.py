@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 
@@ -47,3 +47,8 @@ def tolerances(instrument: str) -> Mapping[str, Mapping[str, Tolerance]]:
         }
         for group, parameters in table.items()
     }
+
+
+def sampled(stated: Mapping[str, Mapping[str, Tolerance]], dt: float) -> dict[str, dict[str, Tolerance]]:
+    """Tolerances stated in samples as seconds, for a sampling interval ``dt`` s."""
+    return {g: {n: replace(v, value=v.value * dt, unit="s") for n, v in some.items()} for g, some in stated.items()}

@@ -17,7 +17,11 @@ def assumed(d: Diagnosis) -> list[str]:
         "Set-points are straight lines between their rows.",
     ]
     if "rig" in d.problems:
-        return [*out, "The model's equations hold but for one or two of the generic effects."]
+        return [
+            *out,
+            "The model's equations hold but for one or two of the generic effects.",
+            "A delay or lag within a quarter of a sample is no finding: a model's steps and the sampling make as much.",
+        ]
     for group, parameters in tolerances(d.recordings[0].info.instrument).items():
         if group == "quantities":  # by which a qualification is passed
             continue

@@ -105,6 +105,11 @@ class RigProblem:
         self._by_key = {c.key: e for c, e in library}
 
     @property
+    def interval(self) -> float:
+        """The coarsest recording's sampling interval, s."""
+        return max(float(np.median(np.diff(time))) for time, _ in self._runs)
+
+    @property
     def seen(self) -> Mapping[str, Seen]:
         """Statistics of each tap in a nominal run."""
         return self._seen

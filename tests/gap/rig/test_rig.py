@@ -177,6 +177,29 @@ def test_a_second_effect_is_not_made_of_what_the_model_itself_lacks(recording) -
     assert {"delay", "low_pass"} & set(verdict.causes[0].names)
 
 
+@pytest.mark.parametrize(("late", "said"), [(1.5e-3, "undetectable"), (8e-3, "effect")])
+def test_a_delay_within_a_quarter_of_a_sample_is_the_models_own(recording, late, said) -> None:
+    """A sound oscillator, integrated in steps of a quarter sample, was told a lag of 1.6 ms at samples of 10 ms."""
+    time = np.arange(0.0, 12.0, 0.01)
+
+    class Gauge:
+        name, channels = "gauge", ("out",)
+        stages: ClassVar = {"out": "sensor"}
+        parameters = (Parameter("gain", "1", 0.5, 2.0, None, 1.1), Parameter("zero", "V", -1.0, 1.0, None, 0.0))
+
+        def simulate(self, time, data, parameters, tap):
+            return {"out": tap("out", parameters["gain"] * data["input"] + parameters["zero"])}
+
+    def driven(t):
+        return np.sin(7.0 * t) + np.sin(13.0 * t + 1.0) + np.sin(23.0 * t + 2.0)
+
+    noise = 3e-3 * np.random.default_rng(4).normal(size=len(time))
+    run = recording({"out": driven(time - late) + noise}, time, {"input": (time, driven(time))}, instrument="gauge")
+    diagnosis = diagnose([run], Gauge(), propose_term=False)
+    assert {"delay", "low_pass"} & set(diagnosis.verdict.causes[0].names)
+    assert diagnosis.verdict.verdict == said
+
+
 def test_a_motor_at_rest_is_not_cut_off(recording) -> None:
     time = np.arange(0.0, 20.0, 0.02)
     volts = np.where((time % 10 > 2) & (time % 10 < 7), 6.0, 0.0)
