@@ -64,7 +64,7 @@ class Findings:
         return "none" if p.gap_before <= self.t.quiet_gap and p.none >= self.t.sure_none else "undetectable"
 
     def unexplained(self) -> str:
-        """The verdict where the best explanation leaves much: unknown, unless noise read too low may be all there is."""
+        """The verdict where the best explanation leaves much: unknown, unless noise read too low may be all of it."""
         return "unknown" if self.posterior.gap_before > self.t.unexplained_gap else self.quiet()
 
     def tolerated(self) -> str:
