@@ -185,13 +185,8 @@ def gathered(
     problems, candidates = _problems(recordings, model, user_effects, solver, jobs)
     if qualified is not None and qualified.believed:
         inform(problems, qualified)
-    elif qualified is not None:
-        told.append(f"qualification {qualified.file} is not believed: {qualified.reason}")
-    if qualified is not None and qualified.believed and not qualified.qualification.passed:
-        found = ", ".join(f.effect for f in qualified.qualification.findings) or "see its page"
-        told.append(
-            f"qualification {qualified.file} was not passed ({found}): its parameters are taken as it found them"
-        )
+    if qualified is not None and qualified.remark:
+        told.append(qualified.remark)
     marks = signatures.find(recordings, model.channels if model else None)
     asked = {key for p in problems if isinstance(p, Block) for key in p.suspected}
     problems = [known_skin(p, skins)[0] or p if skins and isinstance(p, HeightBlock) else p for p in problems]

@@ -35,6 +35,18 @@ class Qualified:
     def believed(self) -> bool:
         return not self.reason
 
+    @property
+    def remark(self) -> str:
+        """A remark for the report: that it is not believed, or was not passed; '' where neither holds."""
+        q = self.qualification
+        if not self.believed:
+            return f"qualification {self.file} is not believed: {self.reason}"
+        if q.passed:
+            return ""
+        off = [f.effect for f in q.findings] or [name for name, p in q.parameters.items() if p.passed is False]
+        found = ", ".join(off) or "of unknown cause"
+        return f"qualification {self.file} was not passed ({found}): parameters are taken as it found them"
+
     def nats(self, h: Hypothesis, prior: float) -> float:
         """The log-probability that a hypothesis loses by effects that the qualification would have seen, at the
         strength they have here, and gains by one that it found; ``prior`` is that of an effect otherwise."""
