@@ -116,11 +116,12 @@ def inform(problems: Sequence[Problem], qualified: Qualified) -> list[str]:
             k, mean, slope = at
             target = _solved(problem, name, known, k, mean, slope)
             sd = float(np.hypot(known.se, DRIFT * (known.tolerance or 0.0)) / abs(slope))
-            if sd >= problem.prior_sd[k]:
+            wider = [w for w in (problem.prior_sd, *problem.prior_scales) if w[k] > sd]
+            if not wider:
                 continue
             problem.prior_mean[k] = target
-            for widths in {id(w): w for w in (problem.prior_sd, *problem.prior_scales)}.values():
-                widths[k] = min(widths[k], sd)
+            for widths in wider:
+                widths[k] = sd
             told.append(name)
     return list(dict.fromkeys(told))
 

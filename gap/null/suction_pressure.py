@@ -166,6 +166,11 @@ class PressureBlock(Block):
         return {
             "regulator_time": (REGULATOR_TAU * float(np.exp(nuisance[0])), "s"),
             "regulator_damping": (float(np.exp(nuisance[1])), "1"),
+            "regulator_lead": (float(nuisance[4 + len(self.LAGS)]), "s"),
+            **{
+                f"regulator_lag_{1e3 * lag:.0f}_ms": (float(c), "1")
+                for lag, c in zip(self.LAGS, nuisance[4:], strict=False)
+            },
             "sampling_shift": (float(nuisance[2]), "s"),
             "clock_rate": (float(nuisance[3]), "s/s"),
             "gauge_gain_error": (float(nuisance[-2]), "1"),

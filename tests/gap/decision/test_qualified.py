@@ -22,12 +22,13 @@ from sim_devices.effects import effects
 
 LEGS = [own.step_hold(-20e3, 5.0, 3.0), own.step_hold(-10e3, 5.0, 3.0)]
 TIME = Parameter(value=0.04, se=1e-4, unit="s", nominal=0.04, tolerance=0.004, passed=True)
+LEAD = Parameter(value=0.0, se=1e-4, unit="s", nominal=0.0, tolerance=0.015, passed=True)  # below nought a valve's lag
 
 
 def qualification(**other: object) -> Qualification:
     given = {
         "schema": SCHEMA, "instrument": "aspiration", "serial": "A1", "date": datetime(2025, 12, 1, tzinfo=UTC),
-        "passed": True, "verdict": "none", "parameters": {"regulator_time": TIME},
+        "passed": True, "verdict": "none", "parameters": {"regulator_time": TIME, "regulator_lead": LEAD},
         "effects": {"regulator_lag": Bound(parameter="tau", value=0.005, unit="s")},
     }  # fmt: skip
     return Qualification(**{**given, **other})
@@ -40,7 +41,7 @@ def test_parameters_are_narrowed_and_a_change_is_told() -> None:
         problems, _ = suction_problems(recordings, library("aspiration"))
         before = problems[0].prior_sd[0]
         known = Qualified(qualification(), "q.yaml")
-        assert inform(problems, known) == ["regulator_time"]
+        assert inform(problems, known) == ["regulator_time", "regulator_lead"]
         assert problems[0].prior_sd[0] < before
         told = moved({"pressure": problems[0]}, {"pressure": fit(problems[0])}, known)
         assert any("regulator_time was 0.04" in text for text in told) == changed
