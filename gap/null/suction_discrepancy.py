@@ -23,6 +23,8 @@ BEFORE = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 """Those of a memory in front of the elastic curve, s."""
 USUAL_MEMORY = (0.15, 0.12, 0.15, 1.0, 0.2, 6.0, 0.2, 40.0)
 """Prony terms (share, time constant in s) of the reduced tissue."""
+SLOW = (100.0, 1000.0)
+"""Time constants of a memory that is as good as constant during a recording, s."""
 KNEES = (0.002, 0.005, 0.01, 0.03, 0.07, 0.15, 0.3, 0.6)
 """Fractions of the largest suction at which elastic curves may bend."""
 HIGH_KNEES = KNEES[4:]
@@ -61,8 +63,21 @@ class Suction:
         zeros = np.column_stack([np.interp(self.onsets, self.grid, c) for c in columns])
         for begin, end, zero in zip(self.marks, np.r_[self.marks[1:], np.inf], zeros, strict=True):
             basis[(self.stamps >= begin) & (self.stamps < end)] -= zero
-        scaled: FloatArray = basis / np.maximum(np.max(np.abs(basis), axis=0), 1e-9)
-        return scaled
+        return _of_unit_size(basis)
+
+    @property
+    def left_over(self) -> FloatArray:
+        """Deformation that earlier recordings left at the onset of each, by a memory of each time in `SLOW`: (n, 2), of
+        unit size. Where the instrument zeroes, the zeros of the recordings take it back."""
+        number = np.clip(np.searchsorted(self.marks, self.stamps, side="right") - 1, 0, None)
+        slow = [np.interp(self.onsets, self.grid, evaluate(low_pass, self.grid, self.load, tau)) for tau in SLOW]
+        return _of_unit_size(np.column_stack([(kept - kept[0])[number] for kept in slow]))
+
+
+def _of_unit_size(basis: FloatArray) -> FloatArray:
+    """Columns (n, q) with a greatest value of 1."""
+    scaled: FloatArray = basis / np.maximum(np.max(np.abs(basis), axis=0), 1e-9)
+    return scaled
 
 
 def _curves(u: FloatArray) -> list[FloatArray]:
@@ -74,16 +89,17 @@ def elastic_freedom(
     suction: Suction, memory: Sequence[float], of_stress: bool = False
 ) -> tuple[FloatArray, FloatArray]:
     """Other elastic curves under a given ``memory`` (Prony shares and times in turn), or behind it if it is
-    ``of_stress``: basis (n, q), weights (q,).
+    ``of_stress``, and deformation that earlier recordings left: basis (n, q), weights (q,).
 
-    Nobody knows a person's elastic curve.
+    Nobody knows a person's elastic curve, nor how long the skin remembers.
     """
     if of_stress:
         felt = np.maximum(evaluate(prony, suction.grid, suction.load, 1.0, *memory), 0.0)
         columns = _curves(felt / (float(felt.max()) or 1.0))
     else:
         columns = [evaluate(prony, suction.grid, curve, 1.0, *memory) for curve in _curves(suction.load)]
-    return suction.basis(columns), np.ones(len(columns))
+    basis = np.hstack([suction.basis(columns), suction.left_over])
+    return basis, np.ones(basis.shape[1])
 
 
 def suction_discrepancy(suction: Suction) -> tuple[FloatArray, FloatArray]:
