@@ -1,6 +1,6 @@
-"""The sim-to-real diagnosis: where simulation and measurement differ, what causes it, how far it shrinks.
+"""The sim-to-real diagnosis: where simulation and measurement differ, the cause, how far the gap shrinks.
 
-The public face; what else is here may change. Names are loaded when first used: the blind generator, which is in this
+The public face; all else here may change. Names are loaded when first used: the blind generator, which is in this
 package too, must run without any of them.
 """
 

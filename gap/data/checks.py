@@ -1,4 +1,4 @@
-"""Whether recordings can be diagnosed together, and what is weak about them."""
+"""Whether recordings can be diagnosed together, and their weak points."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Noise of a broadly excited channel: the part that neither its own past nor the other signals foretell.
 
 The high band of such a channel (a multisine, a PRBS, calibration points) is signal. A linear prediction from the last
-samples of the channel and of all signals beside it, with powers of what they are now, leaves its noise and a little
+samples of the channel and of all signals beside it, with powers of their present values, leaves its noise and a little
 more.
 """
 

@@ -93,7 +93,7 @@ def finest_step(value: FloatArray) -> float:
     if len(distinct) < 3:
         return 0.0
     gaps = np.diff(distinct)
-    gaps = gaps[gaps > 1e-9 * np.ptp(distinct)]  # what conversion to SI rounds is no level
+    gaps = gaps[gaps > 1e-9 * np.ptp(distinct)]  # a difference by rounding to SI is no level
     step = float(np.min(gaps))
     step = float(np.mean(gaps[gaps < 1.5 * step]))
     off = np.abs(gaps / step - np.round(gaps / step))[gaps < 100 * step]
@@ -124,7 +124,7 @@ def coarse_counts(value: FloatArray) -> Counts | None:
     fall = falling[9:-1] / np.maximum(falling[10:], 1e-9 * np.ptp(v))
     at = 9 + int(np.argmax(fall))
     if fall[at - 9] < 4.0:
-        return None  # no line between what is noise about a level and what is a step
+        return None  # no line between noise about a level and a step
     edges = np.flatnonzero(gaps > np.sqrt(falling[at] * max(falling[at + 1], 1e-9 * np.ptp(v)))) + 1
     groups = np.split(np.sort(v), edges)
     levels = np.array([np.mean(g) for g in groups])
@@ -162,7 +162,7 @@ def long_run_share(runs: Sequence[FloatArray]) -> float:
     """How many times larger the variance of sums over neighbouring samples is than were they independent, ≥ 1, for the
     length of block where that is most and surest.
 
-    A small correlation over many samples, which `correlation_time` cuts off, is what imitates a smooth effect.
+    A small correlation over many samples, which `correlation_time` cuts off, imitates a smooth effect.
     """
     square = float(np.mean(np.square(np.concatenate(runs)))) if len(runs) else 0.0
     most = 1.0

@@ -1,8 +1,8 @@
-"""What earlier sessions of the same person and site say beforehand of the law of the skin.
+"""The prior of the skin's law by earlier sessions of the same person and site.
 
 Each is diagnosed by itself. Where its instrument was sound, the skin's parameters as fitted there are the prior of the
-same law here, with their errors and what skin differs by from day to day (``gap/data/between_sessions.yaml``). What a
-recording has of its own (zero, gain, sampling) is not carried over.
+same law here, with their errors and those of skin from day to day (``gap/data/between_sessions.yaml``). A
+recording's own parameters (zero, gain, sampling) are not carried over.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from sim_devices.chain import FloatArray
 from sim_devices.stages.suction import elastic_height
 
 SAME_LOAD = 0.05
-"""Relative difference of the strongest suctions within which what is nonlinear in it carries over."""
+"""Relative difference of the strongest suctions within which nonlinear parameters carry over."""
 CLEARLY = 4.0
-"""Standard deviations from where a parameter was, from which on the skin is not what it was."""
+"""Standard deviations from where a parameter was, from which on the skin has changed."""
 NOTABLE = 1.1
 """Ratio of detectabilities from which on an effect stands out more."""
 
@@ -50,7 +50,7 @@ class Skin:
 
 @dataclass(frozen=True)
 class Earlier:
-    """What came of earlier sessions: those ``believed`` and, by session, why others are ``doubted``; the parameters
+    """The use of earlier sessions: those ``believed`` and, by session, why others are ``doubted``; the parameters
     that they told; what has changed since; and for each effect the detectability without and with them, in σ."""
 
     believed: tuple[str, ...] = ()

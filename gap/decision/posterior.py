@@ -1,4 +1,4 @@
-"""How probable each explanation is: one simplex of no effect, classes of effects, and what the library lacks.
+"""How probable each explanation is: one simplex of no effect, classes of effects, and causes the library lacks.
 
 Probabilities are tempered Laplace evidences with a prior over *numbers of effects*, raised to each block's
 `Problem.likelihood_powers`. A channel's own marks are evidence beside it, for effects that explain something. How much
@@ -25,7 +25,7 @@ from sim_devices.chain import FloatArray
 @dataclass(frozen=True)
 class Cause:
     """A class of explanations that the data cannot split: its leading hypothesis, the names of all (a pair is "a + b"),
-    the leader's first, and the probability that one of them is what acts. ``detectability`` is in tempered σ;
+    the leader's first, and the probability that one of them acts. ``detectability`` is in tempered σ;
     ``marked``, whether a channel's own marks speak for it, and ``at_marks`` the gap there without and with it."""
 
     hypothesis: Hypothesis
@@ -135,7 +135,7 @@ def posterior(
     beforehand: Callable[[Hypothesis], float] = lambda h: 0.0,
 ) -> Posterior:
     """The posterior of a comparison. ``gap`` is the simulation's own (default: as compared), ``signatures`` are the
-    channels' own marks, ``beforehand`` the nats of a hypothesis by what is known of the instrument."""
+    channels' own marks, ``beforehand`` the nats of a hypothesis by the instrument's qualification."""
     temper = comparison.temper()
     weighed = comparison.weighed(temper)
     every = [comparison.null, *comparison.hypotheses]
@@ -143,7 +143,7 @@ def posterior(
     prior = _log_priors(every, candidates, t) + np.array([beforehand(h) for h in every])
     score = prior + np.array([weighed[id(h)].evidence for h in every]) + marks
     score = _with_earned_pairs(score, every, comparison, t, temper)
-    # Whether anything acts is one question, what it would be another: of what is weak the second often has an answer.
+    # Whether anything acts is one question, its name another: a weak effect often answers the second.
     acts = 1.0 - float(softmax(score)[0])
     share = np.r_[0.0, softmax(score[1:])] if len(score) > 1 else np.zeros(1)
     causes = _classes(every, score, share, weighed, temper, t)
@@ -206,7 +206,7 @@ def _mark_nats(
 
 
 def _marked(cause: Cause, comparison: Comparison, signatures: Sequence[Signature], t: Thresholds) -> Cause:
-    """A cause with what the channels' marks say of it."""
+    """A cause with the evidence of the channels' marks."""
     h = cause.hypothesis
     if not any(made_by(s, e) for s in signatures for e in h.effects):
         return cause

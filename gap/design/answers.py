@@ -1,4 +1,4 @@
-"""Answers to experiments: recordings that say which one they answer, believed where they do what it asks."""
+"""Answers to experiments: recordings that say which one they answer, believed where they carry it out."""
 
 from __future__ import annotations
 

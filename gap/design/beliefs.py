@@ -30,14 +30,14 @@ TRIES = {False: 4, True: 2}
 UNSEEN = 3.5
 """Tempered σ in the session below which an effect would not have been named."""
 STRANGE = 1.5
-"""How many times what the leader does the outside may do in an experiment, at most; nought at least."""
+"""The outside acts in an experiment by the leader's change times nought to so many."""
 STEP = 0.02
 """Quantile by which a parameter is moved for a derivative."""
 
 
 @dataclass(frozen=True)
 class Draw:
-    """One possibility: its ``label`` (an effect, ``a + b``, outside, or none), what acts, and its ``weight``. In an
+    """One possibility: its ``label`` (an effect, ``a + b``, outside, or none), acting effects, and ``weight``. In an
     experiment it does so many times what the effects would do ``on_skin`` and ``on_references``."""
 
     label: str
@@ -92,7 +92,7 @@ class Beliefs:
                 self.draws += [Draw(name, acting, each, change) for acting, change in found]
 
     def _outside(self, weight: float) -> float:
-        """Draws of what the library lacks, after the leader of the most probable cause; the weight that is left, where
+        """Draws of causes outside the library, after the most probable cause's leader; the weight that is left, where
         the report names no cause."""
         causes = sorted(self.draws, key=lambda d: -d.weight)
         like = [d for d in causes if d.label == causes[0].label]

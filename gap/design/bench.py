@@ -1,6 +1,6 @@
 """A session and an experiment as rows: simulated channels and their noise.
 
-The instrument is the simulator's, the skin the forearm's scaled to what was recorded.
+The instrument is the simulator's, the skin the forearm's scaled to the recorded heights or forces.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class Bench:
                 f"{self.instrument!r} is none of our instruments, which can be simulated: {', '.join(RATE)}"
             )
         if missing := [r.info.id for r in recordings if not any(len(s.time) for s in r.setpoints.values())]:
-            raise ValueError(f"recording {missing[0]} has no set-points: what was commanded is not known")
+            raise ValueError(f"recording {missing[0]} has no set-points: its command is not known")
         self.robot = self.instrument == "microrobot"
         self.channels = ROBOT_CHANNELS if self.robot else SUCTION_CHANNELS
         session = Session(recordings)
@@ -138,7 +138,7 @@ class Bench:
         return np.nan_to_num(rows, nan=0.0, posinf=1e6, neginf=-1e6)
 
     def _chain(self, leg: Leg, marks: tuple[float, ...]) -> Chain:
-        """The instrument without an effect, on what a leg is measured on."""
+        """The instrument without an effect, on the specimen of a leg."""
         reference = leg.specimen in SPECIMENS
         if isinstance(self.skin, SheetTissue):
             own = reference or leg.specimen == SKIN
@@ -214,7 +214,7 @@ def _noise(session: Session, channel: str) -> tuple[float, float]:
 
 
 def scaled(instrument: str, recordings: Sequence[Recording], legs: Sequence[Leg]) -> SuctionTissue | SheetTissue:
-    """The forearm's skin made as compliant as what was recorded."""
+    """The forearm's skin made as compliant as the recorded one."""
     skin = [k for k, leg in enumerate(legs) if leg.specimen == SKIN]
     if instrument == "microrobot":
         sheet = sheet_tissue("forearm")

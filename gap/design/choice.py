@@ -106,7 +106,7 @@ def choose(
 
 
 def answered(experiment: Experiment, recordings: Sequence[Recording]) -> bool:
-    """Whether one of the recordings does what an experiment asks for."""
+    """Whether one of the recordings carries an experiment out."""
     asked = Asked("", experiment.instrument, experiment.specimen, experiment.leg.quantity_tables, "")
     return any(not fault(r, asked) for r in recordings)
 
@@ -131,7 +131,7 @@ def _leading(report: Mapping[str, Any]) -> tuple[float, str]:
 def _valued(
     report: Mapping[str, Any], bench: Bench, asked: Sequence[Experiment], effects: Mapping[str, Effect], seed: int
 ) -> tuple[tuple[Experiment, Worth], ...]:
-    """Experiments with what each is expected to tell, the most a minute first; none where nothing is possible."""
+    """Experiments with the information expected of each, the most a minute first; none where nothing is possible."""
     sound = bench.rows(bench.session, bench.simulate(bench.session))
     parts = [bench.part(f"experiment {k}", [e.leg], [bench.end + e.rest_before]) for k, e in enumerate(asked)]
     unknown = Unknowns(bench)

@@ -64,7 +64,7 @@ class Experiment:
 
     @property
     def id(self) -> str:
-        """Says what is asked for, so that an answer can be checked without these files: `fault_by_id`."""
+        """Tells the experiment by itself, so that an answer can be checked without these files: `fault_by_id`."""
         said = "_".join([self.instrument, *self.specimen.split()])
         asked = [self.waveform, list(self.steps), dict(self.specimen_properties), self.repeats, self.seed]
         of = _digest(json.dumps(asked, sort_keys=True))
@@ -72,7 +72,7 @@ class Experiment:
         return f"{said}-{_digest(said)}"
 
     def valued(self, information: float, before: float, after: float, separates: tuple[str, ...]) -> Experiment:
-        """The same with what it is expected to tell."""
+        """The same with the information expected of it."""
         return replace(self, information=information, right_before=before, right_after=after, separates=separates)
 
     def as_dict(self) -> dict[str, Any]:
@@ -230,12 +230,12 @@ def fault(recording: Recording, asked: Asked) -> str:
         if done is None or not len(done.time):
             return f"it has no set-points of {quantity}"
         if (off := _off(np.asarray(done.time, float), np.asarray(done.value, float), time, value)) > SAME:
-            return f"its set-points of {quantity} are {100 * off:.0f} % of their range off what was asked for"
+            return f"its set-points of {quantity} are {100 * off:.0f} % of their range off the experiment's"
     return ""
 
 
 def _off(time: FloatArray, value: FloatArray, asked_time: FloatArray, asked: FloatArray) -> float:
-    """rms difference of a command from what was asked for, in parts of its range, at the best shift of its start.
+    """rms difference of a command from the experiment's, in parts of its range, at the best shift of its start.
 
     Where rest was asked for, any set-point but nought is wholly off.
     """

@@ -1,6 +1,6 @@
-"""The decision theory of the next experiment: what its outcome is expected to tell of the cause.
+"""The decision theory of the next experiment: the information on the cause that its outcome is expected to give.
 
-Rows of session and experiment are y = Δ_s + J c + noise, with Δ_s what explanation s changes, c the unknowns with a
+Rows of session and experiment are y = Δ_s + J c + noise, with Δ_s the change by explanation s, c the unknowns with a
 Gaussian prior, noise white. Given the session, an experiment's rows are Gaussian about μ_s with a covariance V that all
 explanations share; `seen` whitens by it. An explanation is a cloud of draws, because its parameters are not known
 either: a Gaussian of its own mean and covariance. Information and the probability of a right answer are then those of
@@ -39,7 +39,7 @@ class Worth:
 
 
 class Known:
-    """The session: the precision of the unknowns after it, and what it says of them under each explanation."""
+    """The session: the precision of the unknowns after it, and their mean under each explanation."""
 
     def __init__(self, unknowns: Columns, more: Sequence[Column] = (), temper: float = 1.0) -> None:
         self.names = [*unknowns, *(m for m in more if m not in unknowns)]

@@ -1,4 +1,4 @@
-"""Before measuring: what a protocol could never tell apart, and how weak an effect it would show. After: what to
+"""Before measuring: effects a protocol could never tell apart, and how weak an effect it would show. After: what to
 measure next.
 
 Both simulate the nominal instrument on a protocol and look at the traces that effects leave once the nuisance (tissue,
@@ -28,7 +28,7 @@ from gap.search.starts import grid
 from sim_devices.chain import FloatArray
 
 STRONG = 15.0
-"""δ of an effect that counts as strong: what cannot be told apart by three σ at this δ is one class."""
+"""δ of an effect that counts as strong: effects that cannot be told apart by three σ at this δ are one class."""
 VISIBLE = 1.0
 """δ below which a trace is lost in the noise: its direction says nothing."""
 

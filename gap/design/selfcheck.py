@@ -1,7 +1,7 @@
 """Power of a session like this one: each effect put into it at its just-visible size, and looked for.
 
-Linearised: what an effect changes in the session's rows, less what unknowns (tolerances, zeros and gains, skin of any
-law) could take up, is a direction of so many σ. Noise is added to it, and of all effects' directions the one that
+Linearised: an effect's change of the session's rows, less the part that unknowns (tolerances, zeros and gains, skin of
+any law) take up, is a direction of so many σ. Noise is added to it, and of all effects' directions the one that
 explains most is taken. The strength at which it is `VISIBLE` σ long is the least that such a session shows.
 """
 

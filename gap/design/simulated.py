@@ -1,6 +1,6 @@
 """Sessions from the project's own simulator: tier T0 of the blind check, and the material for calibration and planning.
 
-A session is what a lab would do: a few levels (or directions), a second waveform, repeats, maybe a reference
+A session is as a lab would measure it: a few levels (or directions), a second waveform, repeats, maybe a reference
 specimen. Rests between recordings are simulated too, so that slow effects see the session's clock.
 """
 

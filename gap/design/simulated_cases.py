@@ -1,6 +1,6 @@
 """Tier T0 of the blind check: cases from the project's own simulator, with an effect of the library or none.
 
-They show what the diagnosis does when its forward model is exactly right. Everything harder (other integrators, other
+They show the diagnosis when its forward model is exactly right. Everything harder (other integrators, other
 formulas, other skin) comes from `gap.blind`, which shares no physics with the diagnosis; the layout of the folders and
 the sealed key are the same.
 """
@@ -70,7 +70,7 @@ def _make_case(folder: Path, instrument: str, seed: np.random.SeedSequence) -> T
     recordings = _session(instrument, noise[0], chosen, legs)
     hidden = []
     for effect, values in chosen:
-        # Equal seeds give equal noise: the difference of two sessions is the effect and what rounding makes of it.
+        # Equal seeds give equal noise: the difference of two sessions is the effect and its rounding.
         pairs = [(_session(instrument, n, [], legs), _session(instrument, n, chosen, legs)) for n in noise]
         strength = next((values[p.name] for p in effect.strengths), float("nan"))
         hidden.append(Hidden(effect.name, effect.stage, "library", strength, detectability(*pairs), dict(values)))
@@ -105,7 +105,7 @@ def _draw(instrument: str, rng: np.random.Generator) -> tuple[Effect, Mapping[st
 
 
 def detectability(*pairs: tuple[Sequence[Recording], Sequence[Recording]]) -> float:
-    """δ of what differs between the sessions of a pair (sound, changed) of equal commands and stamps, once the nuisance
+    """δ between the sessions of a pair (sound, changed) of equal commands and stamps, once the nuisance
     is refitted (linearly), by the diagnosis' own noise and nuisance.
 
     The part that rounding adds to the difference is of the size of the noise; a second pair of other noise cancels it:

@@ -1,6 +1,6 @@
 """Unknowns of an instrument and of its specimen, as columns of a linear model.
 
-Tolerances of the instrument, zero and gain of every recording, what is stated of reference specimens with some
+Tolerances of the instrument, zero and gain of every recording, properties of reference specimens with some
 uncertainty, and whatever skin of any law could do (`gap.design.anylaw`). Columns of one name are the same unknown in
 session and experiment.
 """

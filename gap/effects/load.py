@@ -1,4 +1,4 @@
-"""The effects the diagnosis chooses from: the library, plug-ins, and what a user's file adds."""
+"""The effects the diagnosis chooses from: the library, plug-ins, and a user's file."""
 
 from __future__ import annotations
 

@@ -77,7 +77,7 @@ class Fit:
 
     @property
     def deviance(self) -> float:
-        """χ², and what wider noise costs: comparable with and without effects of chance."""
+        """χ², and the cost of wider noise: comparable with and without effects of chance."""
         return self.chi2 + self.wider
 
     @property

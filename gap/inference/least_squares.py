@@ -18,7 +18,7 @@ from sim_devices.chain import FloatArray
 
 MAX_ITERATIONS = 30
 DOUBTED = 2.0
-"""Standard deviations of what neighbouring samples of white noise seem to have in common."""
+"""Standard deviations by which neighbouring samples of white noise seem alike."""
 
 
 def fit(
@@ -36,12 +36,12 @@ def fit(
 
     Levenberg-Marquardt; effect derivatives by differences, nuisance derivatives from the problem, or a ``jacobian``
     (n, p) from near the start, with its ``gram`` JᵀJ, good for as long as it foretells what happens. ``tolerance`` is
-    the relative gain below which it stops. ``belief`` is what other data say of the effects.
+    the relative gain below which it stops. ``belief`` is the prior of the effects by other data.
     """
     c = problem.start() if nuisance is None else nuisance.copy()
     aim = _Objective(problem, tuple(hypothesis), belief)  # a start may choose the priors
     u = np.full(aim.size, 0.5) if unit is None else unit.astype(float).copy()
-    c[~aim.moves] = aim.mean[~aim.moves]  # what is frozen stays there, wherever another law left it
+    c[~aim.moves] = aim.mean[~aim.moves]  # a frozen one stays there, wherever another law left it
     here = aim.simulated(c, u, want_jacobian=jacobian is None)
     residual, fresh = here.residual, jacobian is None
     jac = here.jacobian if jacobian is None else jacobian
@@ -149,7 +149,7 @@ class _Objective:
     def descend(
         self, normal: FloatArray, gradient: FloatArray, c: FloatArray, u: FloatArray, best: float, damping: float
     ) -> tuple[FloatArray, _Trial | None, float]:
-        """A step (p + k,) that lowers the objective below ``best``, what it leads to, and the damping it took; nothing
+        """A step (p + k,) that lowers the objective below ``best``, its evaluation, and the damping it took; nothing
         after six attempts, each damped more."""
         p = len(c)
         # Parameters at a bound that the step would leave stay there.
@@ -213,7 +213,7 @@ def autocorrelation_penalty(residual: FloatArray, times: FloatArray | None, reco
     """
     if times is None:
         return 0.0
-    share = 1.0 - 1.0 / np.square(times)  # of what is left, the share that is laid to chance
+    share = 1.0 - 1.0 / np.square(times)  # the share of the residual that is laid to chance
     weight = np.sqrt(share[1:] * share[:-1]) * (recording[1:] == recording[:-1])
     own = 0.5 * float(weight @ (np.square(residual[1:]) + np.square(residual[:-1])))
     common = float(weight @ (residual[1:] * residual[:-1])) - DOUBTED * float(np.linalg.norm(weight))

@@ -1,7 +1,7 @@
-"""Linear least squares with priors: factors of normal matrices, and what a nuisance refit leaves.
+"""Linear least squares with priors: factors of normal matrices, and the residual of a nuisance refit.
 
 Notation: r whitened residual (n,), J its nuisance Jacobian (n, p), Λ = diag(1/sd²). The generalised projector
-P = I − J (JᵀJ + Λ)⁻¹ Jᵀ removes what the nuisance explains within its prior; then χ² after a linear nuisance refit is
+P = I − J (JᵀJ + Λ)⁻¹ Jᵀ removes the nuisance's part within its prior; then χ² after a linear nuisance refit is
 rᵀ P r.
 """
 

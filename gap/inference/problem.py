@@ -23,7 +23,7 @@ class Problem(Protocol):
     the one used while fitting, ``sd_without_discrepancy`` that of the simulation by itself, without a discrepancy.
     ``sound`` (p,) is the nuisance of an instrument as it should be, where that is all there is to know; None where
     there is tissue. ``likelihood_powers``, one for each width, are exponents on the evidence, for model error that
-    tempering does not see: low where a person's tissue may do what it likes. The first also weighs the widths against
+    tempering does not see: low where a person's tissue is free. The first also weighs the widths against
     each other."""
 
     name: str
@@ -52,7 +52,7 @@ class Problem(Protocol):
 
     @property
     def open_law(self) -> bool:
-        """Whether what is left may be skin of another law."""
+        """Whether the residual may be skin of another law."""
         ...
 
     def under_simple_law(self, candidate: Candidate, unit: FloatArray) -> Fit | None:

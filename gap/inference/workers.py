@@ -1,7 +1,7 @@
 """Independent parts of one diagnosis side by side, in forked processes: they know all that is known here, and only
 results go between.
 
-A fork copies no threads, and what these held stays locked: beside threads, or where there is no fork, the parts are
+A fork copies no threads, and their locks stay locked: beside threads, or where there is no fork, the parts are
 done one after the other. The results are the same.
 """
 
@@ -25,7 +25,7 @@ so."""
 
 def each(function: Callable[[Part], Result], parts: Sequence[Part], jobs: int) -> list[Result]:
     """``function`` of each of the ``parts``, in order, on up to ``jobs`` processes. Its changes here may be lost:
-    only what it returns counts."""
+    only its result counts."""
     jobs = min(jobs, len(parts))
     if jobs < 2 or not hasattr(os, "fork") or threading.active_count() > 1:
         return [function(part) for part in parts]

@@ -20,7 +20,7 @@ from gap.loop.rigs import BlindRig
 from gap.loop.run import Step, run
 
 STEPS = "steps"
-"""Folder beside those of the reports: what each experiment was, and what it cost."""
+"""Folder beside those of the reports: each experiment and its cost."""
 
 
 def loop_cases(

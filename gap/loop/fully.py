@@ -19,7 +19,7 @@ from sim_devices.stages.tissues import SheetTissue
 
 @dataclass(frozen=True)
 class Tried:
-    """A whole diagnosis of a simulated session: which effect was in it, and what was answered."""
+    """A whole diagnosis of a simulated session: its effect, and the answer."""
 
     effect: str
     verdict: str

@@ -1,4 +1,4 @@
-"""The loop as one self-contained page: what was believed after each answer, and what was asked for."""
+"""The loop as one self-contained page: the beliefs after each answer, and the experiments."""
 
 from __future__ import annotations
 
@@ -11,5 +11,5 @@ from gap.report.pages import render
 
 
 def write_page(steps: Sequence[Step], path: Path, hidden: str = "") -> Path:
-    """Write the page. ``hidden`` is what really acts, where that is known. Raises CannotWrite."""
+    """Write the page. ``hidden`` is the true effect, where that is known. Raises CannotWrite."""
     return write_text(path, render("gap.loop", "loop.html", steps=steps, hidden=hidden))

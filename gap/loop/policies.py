@@ -79,7 +79,7 @@ POLICIES: Mapping[str, Callable[[int, Sequence[str]], Policy]] = {
 
 
 def policy_of(name: str) -> Callable[[int, Sequence[str]], Policy]:
-    """The policy of a name. Raises ValueError that lists what there is."""
+    """The policy of a name. Raises ValueError that lists the policies."""
     if name not in POLICIES:
         raise ValueError(f"unknown policy {name!r}: one of {', '.join(POLICIES)}")
     return POLICIES[name]

@@ -1,4 +1,4 @@
-"""The loop itself, and the tree of what was believed after each answer."""
+"""The loop itself, and the tree of beliefs after each answer."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SECONDS = "seconds.txt"
 
 @dataclass(frozen=True)
 class Step:
-    """A report, and what was chosen after it (nothing after the last one); ``seconds`` of this process that diagnosis
+    """A report, and the experiment chosen after it (none after the last); ``seconds`` of this process that diagnosis
     and choice took."""
 
     report: Mapping[str, Any]
@@ -56,7 +56,7 @@ def run(
     shared: Path | None = None,
     qualification: Path | None = None,
 ) -> list[Step]:
-    """Diagnose what a rig has recorded, let it answer up to ``most`` experiments, and diagnose after each.
+    """Diagnose a rig's recordings, let it answer up to ``most`` experiments, and diagnose after each.
 
     Experiment k and its answer go into ``folder/experiment-k``, reports into ``folder/report-k.json``. Where a folder
     ``shared`` is given, answers and reports are kept there instead, by what was asked for one after another: loops on
@@ -103,7 +103,7 @@ def _kept(file: Path) -> tuple[dict[str, Any], float]:
 
 
 def as_text(steps: Sequence[Step], shown: int = 4) -> str:
-    """The tree of what was believed, in plain text."""
+    """The tree of beliefs, in plain text."""
     lines = []
     for k, step in enumerate(steps):
         lines.append(f"{'  ' * k}after {k} experiments: {step.report['verdict']}")

@@ -1,1 +1,1 @@
-"""The simulation without an effect: instruments, and what skin may do under any law."""
+"""The simulation without an effect: instruments, and skin under any law."""

@@ -88,7 +88,7 @@ class GroupedSession(Session):
             commands = {q: self.command(q, members) for q in quantities}
             self.groups.append(Group(label, members, commands, info.specimen or SKIN, info.specimen_properties))
         self.kinks = np.unique(np.concatenate([c.kinks for g in self.groups for c in g.commands.values()]))
-        # What a first sample is, is of its own recording, be the clocks some milliseconds apart.
+        # A first sample is of its own recording, be the clocks some milliseconds apart.
         armed = [k for k, r in enumerate(recordings) if not continues(r)]
         self.marks = tuple(self.span(k)[0] - BEFORE for k in armed)
 
@@ -113,13 +113,13 @@ class GroupedSession(Session):
 
 
 def _label(info: RunInfo) -> str:
-    """The identity of a specimen: its name and, of a reference, what is known of it."""
+    """The identity of a specimen: its name and, of a reference, its known properties."""
     known = info.specimen_properties if info.specimen in SPECIMENS else {}
     return ", ".join([info.specimen or SKIN, *(f"{key} {stated}" for key, stated in known.items())])
 
 
 class Block(abc.ABC):
-    """Rows in bins, whitening, effects by candidate; subclasses say what is predicted and what the nuisance is."""
+    """Rows in bins, whitening, effects by candidate; subclasses define prediction and nuisance."""
 
     name: str
     channels: tuple[str, ...]
@@ -127,7 +127,7 @@ class Block(abc.ABC):
     trust = 0.9
     slope: FloatArray | None = None  # of the signal, (channels · n,) per s, where that is known
     floor: float = 0.0  # SI: noise that averaging does not lower, because the nominal chain is not known better
-    open_law = False  # whether what is left may be skin of another law
+    open_law = False  # whether the residual may be skin of another law
     suspected: frozenset[str] = frozenset()  # keys of effects that the start asked for: they are to be fitted in full
     sound: FloatArray | None = None  # the nuisance of a sound instrument, without tissue in the way
 
@@ -212,7 +212,7 @@ class Block(abc.ABC):
         self.sigma = np.hypot(self.sigma, slope * self.tolerances["sampling"]["stamp"].value)
 
     def by_chance(self, key: str) -> bool:
-        """Whether an effect counts as noise on steep parts, not as what it does in one draw."""
+        """Whether an effect counts as noise on steep parts, not by the change of one draw."""
         return self.slope is not None and bool(self._scatter(key, {}))
 
     def _scatter(self, key: str, values: Mapping[str, float]) -> Mapping[str, float]:

@@ -13,7 +13,7 @@ from sim_devices.chain import Chain, FloatArray, Operator, Signals
 
 Wiring = tuple[tuple[tuple[str, ...], tuple[str, ...]], ...]
 KEPT = 96
-"""Results that are kept: what a Jacobian's columns share, and not more than the cache holds."""
+"""Results that are kept: those a Jacobian's columns share, and not more than the cache holds."""
 
 
 def needed(chain: Chain, wanted: Iterable[str], given: Iterable[str] = ()) -> tuple[Operator, ...]:
@@ -44,11 +44,11 @@ def run(operators: Iterable[Operator], time: FloatArray, signals: Mapping[str, F
 
 
 UNDOINGS = 2
-"""Steps in which an error is undone: what is left of a relative error of 0.3 is its third power."""
+"""Steps in which an error is undone: of a relative error of 0.3 its third power is left."""
 
 
 def undone(made: Callable[[FloatArray], FloatArray], read: FloatArray) -> FloatArray:
-    """The true signals (k, n) where what sensors ``made`` of them was ``read``.
+    """The true signals (k, n) where the sensors, which ``made`` readings of them, ``read`` these.
 
     Small errors go step by step; of an exchange of channels, or a sign, twice is nothing.
     """
@@ -62,7 +62,7 @@ def undone(made: Callable[[FloatArray], FloatArray], read: FloatArray) -> FloatA
 
 
 class Kept:
-    """The latest results by what they were made of."""
+    """The latest results by their inputs."""
 
     def __init__(self, size: int = KEPT) -> None:
         self._size = size
@@ -84,7 +84,7 @@ class Kept:
 
 
 class Memo:
-    """Runs operators on one time grid, each only where itself or what it reads is not as it was lately.
+    """Runs operators on one time grid, each only where itself or its input is not as it was lately.
 
     Of neighbouring simulations most stages are the same: a sensor's effect leaves the tissue alone. Signals are told
     apart by identity, so whoever gives the same signal twice gives the same array; nobody may change it.
@@ -96,7 +96,7 @@ class Memo:
 
     def on_grid(self, time: FloatArray, value: FloatArray) -> FloatArray:
         """A table (m,) s and values on the grid."""
-        # What is read is kept with the result, so that no other array takes its identity.
+        # Inputs are kept with the result, so that no other array takes their identity.
         key = (id(time), id(value))
         return np.asarray(self._kept.get(key, lambda: (np.interp(self.time, time, value), time, value))[0])
 

@@ -1,4 +1,4 @@
-"""Reference specimens that are not what they say: one of them misfits, and the instrument is not to blame for it."""
+"""Reference specimens that are not as stated: one of them misfits, and the instrument is not to blame for it."""
 
 from __future__ import annotations
 
@@ -48,5 +48,5 @@ def doubts(problems: Mapping[str, Problem], null: Hypothesis, tried: Sequence[Hy
             if fall > max(LEAST, explained - TIE):
                 found.append(Doubt(label, fall, runs))
     found.sort(key=lambda doubt: -doubt.fall)
-    # One wrong reference strains what it shares with the others: only the worst is named, and those as bad.
+    # One wrong reference strains the parameters it shares with the others: only the worst is named, and those as bad.
     return [doubt for doubt in found if doubt.fall > 0.9 * found[0].fall]

@@ -52,7 +52,7 @@ class FeModel:
     ) -> tuple[FloatArray, FloatArray]:
         """Channels (c, n) in the model's order and their derivatives (c, n, m) by the named parameters.
 
-        Raises ValueError for what the model refuses, and for equations that it cannot solve, with its reason.
+        Raises ValueError for parameters the model refuses, and for equations that it cannot solve, with its reason.
         """
         self.solves += 1
         try:
@@ -69,7 +69,7 @@ class FeModel:
 def fe_model(name: str) -> FeModel:
     """The model ``name`` of any installed solver plug-in.
 
-    Raises ValueError that says what is missing: the plug-in, its import, or the model.
+    Raises ValueError that names the missing part: the plug-in, its import, or the model.
     """
     found = plugins("acquire.solvers")
     if not found:

@@ -36,7 +36,7 @@ def robot_problems(
 
     ``force`` makes the block of the transducers: with the reduced tissue, or another one.
 
-    Raises ValueError when what was commanded, or what was measured, is missing.
+    Raises ValueError when set-points or a measured channel are missing.
     """
     missing = [r.info.id for r in recordings if not all(q in r.setpoints for q in QUANTITIES)]
     if missing:
@@ -59,7 +59,7 @@ def robot_problems(
         if [g for g, _ in rough.groups] == [g for g, _ in axes.groups]:
             axes.reload(rough.denoised())
         shown = {g.reference for g in session.groups if g.name != "rigid post"}
-        if True in shown:  # ahead of the skin: what an effect is on a reference goes on to it
+        if True in shown:  # ahead of the skin: the fit of an effect on a reference goes on to it
             blocks.append(ReferenceForceBlock(session, effects, axes))
         if False in shown:
             blocks.append(force(session, effects, axes))

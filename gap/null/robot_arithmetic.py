@@ -1,4 +1,4 @@
-"""What the robot computes from other channels, recomputed: axis positions -> probe, transducers -> force."""
+"""The robot's computed channels, recomputed: axis positions -> probe, transducers -> force."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class ArithmeticBlock(Block):
     ) -> None:
         self.name, self.channels, self._source, self.floor = name, tuple(target), tuple(source), floor
         super().__init__(session, library)
-        # What is recomputed carries the noise of what it is computed from: both are the recording's own.
+        # A recomputed channel carries the noise of its inputs: both are the recording's own.
         self.sigma = np.full(len(self.measured), floor)
         self.slope = np.zeros(len(self.measured))  # nor does it matter when they were taken
         self._runs = np.kron(np.eye(3), self.member)

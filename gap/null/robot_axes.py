@@ -31,7 +31,7 @@ AXES = numbered("axis_position")
 ROBOT_BINS = 0.3, 0.4
 """Growth and largest width (s) of the bins: the motion is slow."""
 STRAINED = 30.0
-"""Penalty of the loop's tolerances above which the quick fit asks for what rubs."""
+"""Penalty of the loop's tolerances above which the quick fit looks for friction."""
 EARLY = 0.1
 """s by which a grid goes beyond the recordings: clocks differ."""
 MISTAKEN = "viscous_drag", "coulomb_friction", "latency"
@@ -43,7 +43,7 @@ SOMEWHERE = 0.3
 
 
 def specimen_chain(group: Group, tissue: SheetTissue, marks: tuple[float, ...] = ()) -> Chain:
-    """The nominal chain for a group: ``tissue`` if it is skin, else what its specimen is.
+    """The nominal chain for a group: ``tissue`` if it is skin, else its specimen.
 
     ``marks`` (s): when recordings start, for effects that begin anew with each.
     """
@@ -140,7 +140,7 @@ class AxesBlock(Block):
         self._take(controller)
 
     def _take(self, controller: Controller) -> None:
-        """Assume a controller, and what a sound instrument with it may be off by."""
+        """Assume a controller, and the tolerances of a sound instrument with it."""
         self.controller = controller
         self.prior_sd = self._prior(lambda t: t.widest)
         self.prior_scales = (self._prior(lambda t: t.value), self.prior_sd)
@@ -149,7 +149,7 @@ class AxesBlock(Block):
     def _prior(self, width: Callable[[Tolerance], float]) -> FloatArray:
         """Prior widths (p,) of a sound instrument, by the one of its tolerances that ``width`` takes.
 
-        Drag is what its derivative gain is to a controller that damps the position, and is not free there. One that
+        Drag acts as the derivative gain of a controller that damps the position, and is not free there. One that
         damps the error may weigh its set-point, which acts as drag does.
         """
         own, loop = self.tolerances, self.tolerances["loop"]
@@ -162,7 +162,7 @@ class AxesBlock(Block):
     def reload(self, forces: Sequence[dict[str, Table]]) -> None:
         """Take the load from transducer forces, a table each for every group, instead of the smoothed record.
 
-        Smoothing rounds what the force does where motion turns, and the loop answers to that for a tenth of a second.
+        Smoothing rounds the force where motion turns, and the loop answers to that for a tenth of a second.
         """
         self._forces = list(forces)
         self._forget()
@@ -220,7 +220,7 @@ class AxesBlock(Block):
         return gains | {"delay": (float(nuisance[3]), "s"), "clock_rate": (float(nuisance[4]), "s/s")}
 
     def warm_start(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
-        # Strained tolerances have taken on what they could of an effect.
+        # Strained tolerances have taken on much of an effect.
         if not self._strained:
             return None
         known = self._rubs.get(hypothesis[0].key) if len(hypothesis) == 1 else None
@@ -241,7 +241,7 @@ class AxesBlock(Block):
         return (self._undone[1] if key else self._loads), key
 
     def _misleads(self, candidate: Candidate) -> bool:
-        """Whether an effect falsifies what the transducers say of the load."""
+        """Whether an effect falsifies the transducers' load."""
         if candidate.key not in self._misleading:
             given = (*xyz("reaction"), *numbered("axis"))
             chain = specimen_chain(self.groups[0][0], sheet_tissue("forearm"), self.session.marks)
@@ -352,7 +352,7 @@ class AxesBlock(Block):
 
     def _tolerances(self, nuisance: FloatArray, active: Active) -> FloatArray:
         """Whitened Jacobian (n, p) of the nuisance, of the prediction without any effect, at the first gains within
-        `NEAR` of these: tolerances are narrow, so that a costly effect changes little in what they do."""
+        `NEAR` of these: tolerances are narrow, so that a costly effect changes little in their columns."""
         kept = next((jac for gains, jac in self._kept if np.max(np.abs(gains - nuisance[:3])) < self.NEAR), None)
         if kept is None:
             nominal = self._predict(nuisance, {})

@@ -37,13 +37,13 @@ class ForceBlock(Block):
     """Recorded axis positions -> transducer forces.
 
     Nuisance: the reduced sheet's parameters; the sampling convention; the transducers' calibration; per recording a
-    gain and their zeros; what other sheets could do.
+    gain and their zeros; changes that other sheets could make.
     """
 
     name, channels = "force", TRANSDUCERS
     TRUSTS: tuple[float, ...] = (0.25, 0.15, 0.1, 0.08, 0.06)
     """In the evidence, for each of `DISCREPANCY_SCALES`: the farther the sheet is from the reduced one, the more of
-    what is left may be the sheet's and look like a device's."""
+    the residual may be the sheet's and look like a device's."""
     growth, widest = ROBOT_BINS
     floor = 0.3e-3  # N
     TISSUE: tuple[str, ...] = TISSUE
@@ -192,7 +192,7 @@ class ForceBlock(Block):
         return self._start.copy()
 
     def _keep(self, law: Fit, basic: Fit | None) -> None:
-        """Take the skin to follow a simple law, without the discrepancy; but what a further law does may be nothing but
+        """Take the skin to follow a simple law, without the discrepancy; but a further law's change may be nothing but
         an effect on ``basic`` skin."""
         shape = self._parts["discrepancy"]
         self._basis = self._basis[:, :0]
@@ -215,7 +215,7 @@ class ForceBlock(Block):
         return Start(self.prior_mean, found.prior_sd, found.nuisance, found.unit)
 
     def noise_scale(self, active: Active) -> FloatArray | None:
-        """None beside a discrepancy: what is left there where force is steep may be the skin's as well as chance."""
+        """None beside a discrepancy: the residual where force is steep may be the skin's as well as chance."""
         return None if self._basis.shape[1] else super().noise_scale(active)
 
     def greatest(self) -> float:
@@ -319,7 +319,7 @@ class ForceBlock(Block):
         return out.ravel()
 
     def denoised(self) -> list[dict[str, Table]]:
-        """Transducer forces of each group, as fitted, and the significant part of what the record shows beyond them."""
+        """Transducer forces of each group, as fitted, and the significant part of the record beyond them."""
         null = self._from_guesses(self.LAWS[-1], self.prior_sd, 6)
         beyond = (self._basis @ null.nuisance[self._parts["discrepancy"]]).reshape(3, -1)
         out = []
@@ -335,7 +335,7 @@ class ForceBlock(Block):
         return out
 
     def _beside_the_chain(self, nuisance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """By what a nuisance vector multiplies the chain's forces, and what it adds to them, (3 · n,) each."""
+        """A nuisance vector's factor on the chain's forces, and its addition to them, (3 · n,) each."""
         part = {name: nuisance[where] for name, where in self._parts.items()}
         gain = 1 + self._gains @ part["gain"] + self._legs @ part["calibration"]
         return gain, self._zeros @ part["zero"] + self._basis @ part["discrepancy"]

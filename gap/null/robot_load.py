@@ -16,7 +16,7 @@ SPRING = 200.0
 """N/m by which the load gives way where an axis is not where it was recorded: less than skin does, and enough that an
 axis whose coil is at its limit does not run away under the millinewtons that the load is not known better."""
 THIN = 2
-"""Of the record's samples, each how many-th the load is taken at: the loop evens out what is between."""
+"""Of the record's samples, each how many-th the load is taken at: the loop evens out the rest."""
 
 
 class RecordedLoad:

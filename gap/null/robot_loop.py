@@ -1,4 +1,4 @@
-"""The controllers that the robot's axes may soundly have: gains, and what the derivative acts on."""
+"""The controllers that the robot's axes may soundly have: gains, and the signal the derivative acts on."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ class TunedLoop(AxisLoop):
 
 
 PUSHED = numbered("pushed")
-"""What the recorded force puts on each axis, N: the load but for the controller's own share."""
+"""Load of the recorded force on each axis, N, but for the controller's own share."""
 
 
 @dataclass(frozen=True)
 class Feed(Wired):
-    """Load of each axis (target) from its set-point and what pushes it (sources: set-points, then pushes): ``gain``
+    """Load of each axis (target) from its set-point and the push on it (sources: set-points, then pushes): ``gain``
     (N s/m) times the set-point's speed, plus the push, if there is one."""
 
     gain: float = 0.0

@@ -1,6 +1,6 @@
 """Discrepancy of the sheet under the robot's tip: a basis of causal responses, with weights.
 
-Linear combinations of it join the nominal force with small prior standard deviations, so that only what no passive
+Linear combinations of it join the nominal force with small prior standard deviations, so that only a change no passive
 tissue could do is left for the device. Elastic forces are gradients of potentials of the displacement; memory comes
 behind them (any fading memory of any elastic sheet, different in every direction), before them (the sheet yields to
 the tip's past), or as a factor (stiffness that depends on what was done before); slow set is a play in the plane.
@@ -19,9 +19,9 @@ from sim_devices.stages.kernels import hold_weights
 MEMORY = (0.0, 0.05, 0.25, 1.0, 4.0, 16.0, 80.0)
 """Time constants of the fading memory, s (0: instantaneous)."""
 PAST = (0.1, 0.6, 3.0, 15.0, 80.0)
-"""Time constants of what the sheet remembers of the displacement itself, s."""
+"""Time constants of the sheet's memory of the displacement itself, s."""
 SETS = (0.06, 0.12, 0.2, 0.3, 0.45, 0.65, 0.85)
-"""Half widths of plays, of the largest displacement: what of the past stays."""
+"""Half widths of plays, of the largest displacement: the part of the past that stays."""
 FLOWS = ((1.0, 10.0), (10.0, 100.0), (100.0, 1e4), (1.0, 1e4), (0.3, 0.03), (10.0, 1.0))
 """Time constants of flow away from rest and of its return, s."""
 GRID_STEP = 0.04

@@ -35,7 +35,7 @@ QUICK_MODE = 0.0, 1.0
 SLOW_MODE = 0.0, 2.3
 """The same of a memory of strain, which a spring beside it makes quicker."""
 TURNED = 0.0, -0.8
-"""rad: what flows or slips along the principal axes does not find them from half a right angle off."""
+"""rad: flow or slip along the principal axes does not find them from half a right angle off."""
 MODE = 0.15
 """Share of the force that each of them takes, to begin from."""
 POWER, EXPONENT = 0.4, 0.2
@@ -60,7 +60,7 @@ AMOUNTS: Mapping[str, tuple[str, ...]] = {
     **{slip: (at,) for slip, at in zip(SLIPS, YIELDS, strict=True)},
     **dict.fromkeys(SKEWS, ()),
 }
-"""Amounts of what a law may have, and what is nothing without them."""
+"""Amounts of a law's optional parts, and the parameters that are nothing without them."""
 TISSUE_SD: Mapping[str, float] = {
     **dict.fromkeys(("stiffness1", "stiffness2", "stiffness3"), 1.0),  # logarithms
     "angle": 1.5,
@@ -150,7 +150,7 @@ def sheet(nuisance: FloatArray, base: SheetTissue, typical: float) -> SheetTissu
 
 
 def rewired(chain: Chain, nuisance: FloatArray, typical: float, strongest: float) -> Chain:
-    """The chain of a sheet with what else its law has at a nuisance vector (p,).
+    """The chain of a sheet with the further parts of its law at a nuisance vector (p,).
 
     ``typical`` displacement in m, ``strongest`` force in N.
     """

@@ -32,7 +32,7 @@ def turned(vectors: Sequence[FloatArray], angle: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class Beside(Wired):
-    """Forces (sources x, y, z, N) less those of what lies beside, by the displacement (sources x, y, z, m)."""
+    """Forces (sources x, y, z, N) less those of the skin beside it, by the displacement (sources x, y, z, m)."""
 
     def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
         force, displacement = ([signals[s] for s in names] for names in (self.source[:3], self.source[3:]))

@@ -1,6 +1,6 @@
 """Laws that a person's skin may follow under suction, in a few parameters each.
 
-A law is how skin creeps (two times, four, or a power law of time) and what is not linear about it: a memory of stress
+A law is how skin creeps (two times, four, or a power law of time) and its nonlinear part: a memory of stress
 in front of the elastic curve (Fung 1981) and not of height behind it, creep that runs the faster the further it has to
 go (Eyring 1936), creep that load slows or quickens (Schapery 1969), flow beyond a yield load (Bingham), or a stiffening
 sheet in parallel with a viscous arm, which is no elastic curve with a memory at all.
@@ -140,7 +140,7 @@ def bounded_exp(x: float) -> float:
 
 
 def rewired(chain: Chain, c: Mapping[str, float], strongest: float, reach: float) -> Chain:
-    """The chain of a tissue of the usual kind with what else ``c`` says of it.
+    """The chain of a tissue of the usual kind with its further parts in ``c``.
 
     ``reach`` is the elastic height, m, at the ``strongest`` suction, Pa.
     """
@@ -167,7 +167,7 @@ def rewired(chain: Chain, c: Mapping[str, float], strongest: float, reach: float
 
 @dataclass(frozen=True)
 class LoadFlow(Wired):
-    """Height (first source), and ``compliance`` (m/Pa) times what flows under a load (second source, gauge pressure),
+    """Height (first source), and ``compliance`` (m/Pa) times the flow under a load (second source, gauge pressure),
     whatever the height: ``kernels.yield_flow``."""
 
     compliance: float

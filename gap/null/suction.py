@@ -25,11 +25,11 @@ def suction_problems(
     ``height`` makes the block of the apex height: with the reduced tissue, or another one. Its first fits are shared by
     ``jobs`` processes.
 
-    Raises ValueError when what was commanded, or what was measured, is missing.
+    Raises ValueError when set-points or a measured channel are missing.
     """
     missing = [r.info.id for r in recordings if "pressure" not in r.setpoints]
     if missing:
-        raise ValueError(f"recording {missing[0]} has no set-points of pressure: what was commanded is not known")
+        raise ValueError(f"recording {missing[0]} has no set-points of pressure: its command is not known")
     session = GroupedSession(recordings, ("pressure",))
     blocks: list[Block] = []
     pressure = None
@@ -39,7 +39,7 @@ def suction_problems(
     if any("pressure_reference" in r.streams for r in recordings):
         blocks.append(ManometerBlock(session, effects))
     shown = {g.reference for g in session.groups for k in g.members if "apex_height" in recordings[k].streams}
-    if True in shown:  # ahead of the skin: what an effect is on a reference goes on to it
+    if True in shown:  # ahead of the skin: the fit of an effect on a reference goes on to it
         blocks.append(ReferenceBlock(session, effects, pressure))
     if False in shown:
         skin = height(session, effects, pressure)

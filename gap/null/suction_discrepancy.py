@@ -2,7 +2,7 @@
 
 Linear combinations of it are added to the nominal prediction with small prior standard deviations (the principal
 shapes B of the covariance Σ = σ²I + B Bᵀ): any elastic curve under any fading memory (not separable), memory before
-the curve, a curve of what memory left, flow that comes and goes at different rates, dependence on the past. What acts
+the curve, a curve behind a memory, flow that comes and goes at different rates, dependence on the past. What acts
 between loading and unloading at equal history, or only at the instrument's end, is not in it.
 """
 
@@ -34,7 +34,7 @@ FLOWS = ((1.0, 10.0), (10.0, 100.0), (100.0, 1e4), (0.1, 1.0), (1.0, 0.1), (10.0
 
 @dataclass(frozen=True)
 class Suction:
-    """The history of the skin: ``time``, ``pressure`` (m,) s, Pa, and ``height`` (n,) m, a first guess of what it did,
+    """The history of the skin: ``time``, ``pressure`` (m,) s, Pa, and ``height`` (n,) m, a first guess of its response,
     at ``stamps`` (n,) s. In each recording, from its mark (s) to the next, columns of a basis are zero at its onset
     (s), when suction begins and the instrument zeroes."""
 

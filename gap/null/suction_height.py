@@ -4,7 +4,7 @@ The block is fed with the *smoothed* recorded pressure (raw gauge noise would im
 the tissue. Which law a person's skin has, nobody knows: simple ones are tried first, with an elastic curve of three
 parameters and two creep times or a power law of time, or what is not linear (`gap.null.skin_laws`); then four creep
 times under any elastic curve; then, beside these, a discrepancy that other laws could leave
-(`gap.null.suction_discrepancy`), so that only what no tissue could do is called a device effect. What is less simple
+(`gap.null.suction_discrepancy`), so that only a change beyond any tissue is a device effect. What is less simple
 must earn its freedom (`Problem.prior_scales`).
 """
 
@@ -150,7 +150,7 @@ class HeightBlock(FedBlock):
 
     @property
     def full(self) -> SkinLaw:
-        """The usual law, with what is not linear of this skin."""
+        """The usual law, with the nonlinear parts of this skin."""
         return self.USUAL_LAW.beside(self.laws[0].nonlinear)
 
     def _sd(self, sd: FloatArray, law: SkinLaw) -> FloatArray:
@@ -222,7 +222,7 @@ class HeightBlock(FedBlock):
 
     def _best_alone(self) -> tuple[Fit, SkinLaw]:
         """The most probable of all laws, fitted alone: basic ones, further ones where these are not at the noise, the
-        usual one where none is. From it follow `laws`, and what is tried when effects are fitted.
+        usual one where none is. From it follow `laws`, and the laws tried when effects are fitted.
 
         Fits begin from slower and quicker skin too: creep times have local optima.
         """
@@ -234,7 +234,7 @@ class HeightBlock(FedBlock):
             alone += self._race([(law, begins[0]) for law in self.FURTHER_LAWS], 2)
         simple, best = max(alone, key=_probability)
         self.laws = tuple(dict.fromkeys([best, *(law.beside(best.nonlinear) for law in self.SIMPLE_LAWS)]))
-        # Above the noise the null has taken on what it could of an effect: with one, fits begin anew, too. What is not
+        # Above the noise the null has taken on much of an effect: with one, fits begin anew, too. What is not
         # linear may be nothing but an effect.
         self._tries = [Try(best, simple.nuisance, 25, simple)]
         if not self._enough([(simple, best)]):
@@ -284,7 +284,7 @@ class HeightBlock(FedBlock):
 
     @property
     def _offset(self) -> int:
-        """Where the nuisance of what is simply added begins: behind the tissue, the shift and the gains."""
+        """Where the nuisance of added columns begins: behind the tissue, the shift and the gains."""
         begin: int = len(self.PARTS) + 1 + self._runs.shape[1]
         return begin
 

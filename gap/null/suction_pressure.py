@@ -31,12 +31,12 @@ LATE = 5.0
 MOVES = 1e-3 * np.array([0.5, 1, 2, 3, 5, 8, 12, 18, 26, 36, 50, 70, 95, 130, 180, 250, 350])
 """s by which the response to a kink is moved to see where it fits."""
 QUIET = 1e-6
-"""Share of what the most telling kink says of lateness below which one says nothing."""
+"""Share of the most telling kink's information on lateness below which a kink says nothing."""
 NO_TISSUE = SuctionTissue(0.0, creep=(), times=(), residual=0.0, softening=0.0)
 
 
 def chain_of(session: GroupedSession, group: Group, tissue: SuctionTissue, **options: Any) -> Chain:
-    """The nominal chain for a group: ``tissue`` if it is skin, else what its specimen is."""
+    """The nominal chain for a group: ``tissue`` if it is skin, else its specimen."""
     law = tissue if group.skin else _specimen(group.name)
     chain = sound_chain(session.instrument, session.marks, **options)
     laws = {op.name: op for op in tissue_operators(law)}
@@ -158,7 +158,7 @@ class PressureBlock(Block):
         for g, at in self.groups:
             shift = nuisance[2] + nuisance[3] * (self.stamps[at] - self.stamps[0])
             chain = self.with_effects(self._regulated(g, nuisance), active, g)
-            # What a gauge may read beside pressure is as recorded.
+            # Signals a gauge may read beside pressure are as recorded.
             out[at] = self.simulated(chain, g, at, shift, self.session.recorded("apex_height", g))[0]
         return out
 
@@ -178,7 +178,7 @@ class PressureBlock(Block):
         }
 
     def warm_start(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
-        # Not from the null's shift, which has taken on what it could of a delay.
+        # Not from the null's shift, which has taken on much of a delay.
         return Start(self.prior_mean, self.prior_scales[0], self.prior_mean, unit)
 
     def lateness(self, fitted: Fit) -> Lateness | None:
@@ -197,7 +197,7 @@ class PressureBlock(Block):
             return None
         moved = np.concatenate([-MOVES[::-1], [0.0], MOVES])
         rows = []
-        # The nominal regulator and clock: the fitted ones have taken on what they could.
+        # The nominal regulator and clock: the fitted ones have taken on much of the effect.
         nuisance = np.concatenate([np.zeros(len(fitted.nuisance) - 2), fitted.nuisance[-2:]])
         for move in moved:
             nuisance[2] = -move

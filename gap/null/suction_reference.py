@@ -1,4 +1,4 @@
-"""Reference specimens under a suction probe: what the instrument shows where no person's law is in the way.
+"""Reference specimens under a suction probe: the instrument without a person's law in the way.
 
 On a block and a manometer's adapter the height is 0, on a gauge step it is the step's, on the membrane a monotone and
 nearly memoryless function of pressure, the same in all its recordings. So the height's gain, zero, lag and friction are
@@ -31,18 +31,18 @@ BEND_SD = 0.02
 MEMORIES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
 """s: of the little memory that a membrane may have."""
 LOOSE, BENT = 0.2, 1e-4
-"""Were a specimen not what it says: share of a step's height or of a membrane's that creeps; m by which a block gives
+"""Were a specimen not as stated: share of a step's height or of a membrane's that creeps; m by which a block gives
 way at the strongest suction."""
 CREEPS = 0.3
 """s: shorter lags of a membrane are taken for the sensor's, longer ones may be a membrane's that creeps."""
 IGNORED = 1e3
-"""Factor on the noise of what is left out."""
+"""Factor on the noise of rows that are left out."""
 
 
 @dataclass(frozen=True)
 class _Column:
     """Something added to the height: ``values`` (n,) m times a number of prior width ``sd``; ``loose`` is the width
-    were the specimen it is ``of`` not what it says."""
+    were the specimen it is ``of`` not as stated."""
 
     values: FloatArray
     sd: float
@@ -87,7 +87,7 @@ class ReferenceBlock(FedBlock):
         height = group.known["height"].scalar
         there = self.measured[at] > 0.5 * height
         moved = np.flatnonzero(np.diff(there.astype(int)) != 0)
-        if not there.any():  # nor is it there at all: what is known is wrong, and the misfit will tell
+        if not there.any():  # nor is it there at all: its statement is wrong, and the misfit will tell
             there = np.ones_like(there)
         edges = 0.5 * (self.stamps[at][moved] + self.stamps[at][moved + 1])
         near = np.min(np.abs(self.stamps[at][:, None] - edges), axis=1, initial=np.inf) < MOVING
@@ -95,7 +95,7 @@ class ReferenceBlock(FedBlock):
         return self.stamps[at], np.where(there, height, 0.0)
 
     def _membrane_curve(self) -> tuple[float, float, float]:
-        """Compliance (m/Pa), knee (Pa) and exponent of the membrane's curve, fitted to what it shows."""
+        """Compliance (m/Pa), knee (Pa) and exponent of the membrane's curve, fitted to its heights."""
         parts = [
             (np.interp(self.stamps[at], *line), self.measured[at])
             for (g, at), line in zip(self.groups, self._line, strict=True)
@@ -169,7 +169,7 @@ class ReferenceBlock(FedBlock):
         ]
 
     def loosened(self) -> Mapping[str, tuple[FloatArray, tuple[int, ...]]]:
-        """For each specimen, the prior widths (p,) were it not what it says, and the numbers of its recordings."""
+        """For each specimen, the prior widths (p,) were it not as stated, and the numbers of its recordings."""
         out = {}
         for g, _ in self.groups:
             own = np.array([of == g.specimen for of in self._of])

@@ -26,7 +26,7 @@ class GenericEffect:
     """``act(state, time, values, related, p)`` returns the changed values; ``needs`` names the related signal it acts
     with. What ``resists`` motion adds to a tapped resistance and is taken from a tapped net force. A ``form`` tells
     apart effects that are one concept of one name. An effect ``of_turns`` shows only where the signal it acts with
-    turns back: on one way it is nothing but a bent characteristic. What ``looks_ahead`` needs whole series: it can act
+    turns back: on one way it is nothing but a bent characteristic. ``looks_ahead`` ones need whole series: they can act
     on an input, which is known beforehand, not inside a model's own integration. ``taps`` are the only ones it fits;
     none named: all.
 
@@ -211,7 +211,7 @@ GENERIC: tuple[GenericEffect, ...] = (
     ),
     GenericEffect(
         "delay",
-        "the signal is early: what it is compared with comes late",
+        "the signal is early: the other signals come late",
         "stamp at the source",
         (_rel("time", 0.01, 200.0, "dt"),),
         laws.advance,
@@ -227,7 +227,7 @@ GENERIC: tuple[GenericEffect, ...] = (
     ),
     GenericEffect(
         "leak",
-        "what is held bleeds away",
+        "a held value bleeds away",
         "find and seal the leak",
         (
             _rel("share", 1e-3, 1.0, "1"),
@@ -237,7 +237,7 @@ GENERIC: tuple[GenericEffect, ...] = (
                 3e-3,
                 10.0,
                 "signal",
-                "how far the signal moves until what leaked is made good",
+                "how far the signal moves until the leaked part is made good",
             ),
         ),
         laws.leak,
@@ -254,7 +254,7 @@ GENERIC: tuple[GenericEffect, ...] = (
     ),
     GenericEffect(
         "creep",
-        "what is held slackens: relaxation",
+        "a held value slackens: relaxation",
         "wait longer, or model the slow mode",
         (_rel("share", 1e-3, 0.95, "1"), *SLOW),
         laws.relaxation,

@@ -340,7 +340,7 @@ def crosstalk(state: State, time: Signal, y: Signal, related: Related, p: Values
 
 
 def slow_crosstalk(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
-    """A share of another signal behind a lag of ``tau``, counted from what it was at the beginning."""
+    """A share of another signal behind a lag of ``tau``, counted from its first value."""
     if "from" not in state:
         other = related["other"]
         state["from"] = float(other) if isinstance(other, float) else float(other[0])

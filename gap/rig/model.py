@@ -33,7 +33,7 @@ from sim_devices.chain import STAGES, FloatArray, Parameter
 
 
 class ModelError(ValueError):
-    """A user's model that cannot be used: the message names the file, the model and what is wrong."""
+    """A user's model that cannot be used: the message names the file, the model and the fault."""
 
 
 class ForwardModel(Protocol):
@@ -84,7 +84,7 @@ def load_model(where: str) -> ForwardModel:
 
 
 def check_model(model: ForwardModel, recordings: Sequence[Recording]) -> None:
-    """Raises ModelError for channels, stages or parameters that cannot be what they should."""
+    """Raises ModelError for channels, stages or parameters of a wrong kind."""
     who = f"model {model.name}"
     if isinstance(model.channels, str) or not len(model.channels):
         raise ModelError(f"{who}: channels should be a tuple of names, such as ('force',)")

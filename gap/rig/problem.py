@@ -44,14 +44,14 @@ EDGE = 1e-3
 MOVING = 0.05
 """Share of a channel's range that a model which foretells no standstill there moves by, on average."""
 PROBE = 1e-3
-"""Drag, in signal over velocity, that shows what a tap's sign means."""
+"""Drag, in signal over velocity, that shows the meaning of a tap's sign."""
 
 
 class RigProblem:
     """Recordings of one rig against its forward model; nuisance = the model's own parameters.
 
     Nuisance coordinates are normal quantiles of the stated range (or of its logarithm): a standard normal prior is a
-    uniform one in the range, and nothing leaves it. Outside, a model borrows from its tolerances what an effect does.
+    uniform one in the range, and nothing leaves it. Outside, a model imitates an effect by its tolerances.
     """
 
     name = "rig"
@@ -72,7 +72,7 @@ class RigProblem:
         nominal, self._seen, self._work = self._survey()
         observe = getattr(model, "observe", lambda time, data: data)
         measured = [self._series("observe", time, self._asked(observe, time, data)) for time, data in self._runs]
-        # Of the channel as recorded: what `observe` filters out is noise too.
+        # Of the channel as recorded: noise that `observe` filters out counts, too.
         recorded = {c: [run[1][c] for run in self._runs] for c in model.channels}
         self._counts = {c: counts for c, v in recorded.items() if (counts := coarse_counts(np.concatenate(v)))}
         self._stated = stated_noise(model, recordings)
@@ -126,7 +126,7 @@ class RigProblem:
         return np.concatenate([np.full(len(k), self._sigma[c]) for c, k in kept])
 
     def _survey(self) -> tuple[list[list[FloatArray]], dict[str, Seen], int]:
-        """Nominal prediction of every run at default parameters, what the taps saw, and what a simulation costs."""
+        """Nominal prediction of every run at default parameters, the signals at taps, and the cost of a simulation."""
         survey, out = Survey(), []
         defaults = {p.name: p.default for p in self.model.parameters}
         for time, data in self._runs:
@@ -154,7 +154,7 @@ class RigProblem:
             ) from error
 
     def _series(self, method: str, time: FloatArray, made: Any) -> list[FloatArray]:
-        """The predicted channels of what a method returned, each (n,)."""
+        """The predicted channels in a method's result, each (n,)."""
         missing = [c for c in self.model.channels if c not in made]
         if missing:
             raise ModelError(f"model {self.model.name}: {method} returned no {', '.join(missing)}")
@@ -184,7 +184,7 @@ class RigProblem:
         self, time: FloatArray, data: Mapping[str, FloatArray], parameters: Mapping[str, float], tap: Callable[..., Any]
     ) -> list[FloatArray]:
         """The predicted channels; a parameter set at which the model diverges makes them NaN and no noise. So does one
-        at which it fails, such as by the root of what became negative: at its defaults it worked."""
+        at which it fails, such as by the root of a negative number: at its defaults it worked."""
         try:
             with np.errstate(all="ignore"):
                 made = self.model.simulate(time, data, parameters, tap)
@@ -214,7 +214,7 @@ class RigProblem:
                 if size < 1e-9 * measured and not effect.needs:
                     continue  # a tap that carries nothing nominally can only gain something from a related signal
                 if seen[tap].high - seen[tap].low < 1e-9 * size and any(p.unit == "level" for p in effect.parameters):
-                    continue  # what stands still ends at no level
+                    continue  # a signal that stands still ends at no level
                 unit = getattr(self.model, "units", {}).get(tap) or self._unit
                 if effect.name == "quantisation" and tap in self._counts:
                     effect = counted(self._counts[tap], unit)
@@ -253,10 +253,10 @@ class RigProblem:
         return self._start.copy()
 
     def _quieter(self, alone: Fit) -> None:
-        """Lower the noise of a channel to the roughness of what the model by itself leaves of it: where it is excited
+        """Lower the noise of a channel to the roughness of the residual of the model by itself: where it is excited
         broadly, its own roughness is the signal's."""
         if self._stride > 1 or hasattr(self.model, "observe"):
-            return  # what is thinned or filtered has no high band to read noise from
+            return  # a thinned or filtered channel has no high band to read noise from
         at = 0
         left = {c: list[FloatArray]() for c in self.model.channels}
         for keeps, measured in zip(self._keep, self._measured, strict=True):
@@ -275,7 +275,7 @@ class RigProblem:
     def warm_start(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
         """Where else a fit with the last of some effects might begin: of several places in its prior, with the model's
         parameters halfway between their fit without it and anywhere in their ranges, the one from where it comes
-        farthest in a few steps. An effect that takes over half of what the model did (a slow mode, a yield) is seldom
+        farthest in a few steps. An effect that takes over half of the model's part (a slow mode, a yield) is seldom
         found downhill from the model's own fit."""
         many = min(SEARCH_WORK // max(self._work, 1), SEARCHED)
         if many < 2:

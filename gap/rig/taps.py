@@ -27,7 +27,7 @@ class Way:
     down: float = 0.0
 
     def go(self, values: FloatArray) -> None:
-        """Further ``values`` (m,); what is no number says nothing."""
+        """Further ``values`` (m,); values that are no number say nothing."""
         values = values[np.isfinite(values)]
         if not len(values):
             return

@@ -25,7 +25,7 @@ from gap.search.screening import STRAINED, Screened, as_if_known, from_sound, sc
 from sim_devices.chain import FloatArray
 
 ALIKE = 0.85
-"""Cosine between what the best effect changes and another's trace from which that one is refitted, too."""
+"""Cosine between the best effect's change and another's trace from which that one is refitted, too."""
 SCATTERED = 3
 """Effects of chance at most that are refitted for their rank."""
 FORMS = 2
@@ -49,7 +49,7 @@ class Weight:
 
 @dataclass
 class Comparison:
-    """All hypotheses tried on a case, and what it cost."""
+    """All hypotheses tried on a case, and their cost."""
 
     problems: dict[str, Problem]
     null: Hypothesis
@@ -116,7 +116,7 @@ def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) ->
     for block in candidate.blocks:
         problem, before = problems[block], base.fits[block]
         hypothesis = (*before.hypothesis, candidate)
-        # An effect is the same in every block: what one says of it goes to the next.
+        # An effect is the same in every block: the fit of one is the next one's start.
         belief = before.belief.joined(len(candidate.parameters), known)
         starts = screened.starts[block] if known is None else (belief.mean[len(before.unit) :],)
         from_base = partial(fit, jacobian=before.jacobian, gram=before.gram, belief=belief)
@@ -268,7 +268,7 @@ def _imitators(comparison: Comparison, others: Sequence[Screened]) -> list[Scree
 
 
 def _changes(comparison: Comparison, best: Hypothesis) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
-    """What the ``best`` effect changes in each block, as it was refitted and by itself: where a tolerance had taken the
+    """The ``best`` effect's change of each block, as it was refitted and by itself: where a tolerance had taken the
     effect on, the refit changes the tolerance and no residual."""
     refitted, alone = {}, {}
     for block, before in comparison.null.fits.items():
@@ -309,7 +309,7 @@ class _Way:
 
 
 def _other_forms(comparison: Comparison, chosen: Sequence[Screened]) -> list[Screened]:
-    """Forms of the best effect that were not ``chosen`` yet: what a near form leaves, others would repair."""
+    """Forms of the best effect that were not ``chosen`` yet: others would repair the rest that a near form leaves."""
     weight = comparison.weighed(comparison.temper())
     best = max(comparison.hypotheses, key=lambda h: weight[id(h)].evidence, default=None)
     if best is None or weight[id(best)].evidence <= weight[id(comparison.null)].evidence:

@@ -24,7 +24,7 @@ STEEP = 10.0
 SMALL = (3.0, 60.0)
 """σ by which a point should change the data for straight lines to say something."""
 APART = 2.5
-"""Times by which what a point changes may differ from what there is to explain for a fit to start well from it."""
+"""Factor by which the change of a point may differ from the residual for a fit to start well from it."""
 BISECTIONS = 7
 """Simulations at most to find one."""
 STARTS = 2
@@ -60,7 +60,7 @@ class Screened:
 
 @dataclass(frozen=True)
 class _ProfiledResidual:
-    """A block's residual under one prior width ``sd`` (p,) of its nuisance: what an effect must explain.
+    """A block's residual under one prior width ``sd`` (p,) of its nuisance: an effect must explain it.
 
     ``aim`` (n,) is the residual after the linear nuisance refit, ``evidence`` the base's log evidence.
     """
@@ -156,7 +156,7 @@ def from_sound(
     """Those effects that explain most beside a sound instrument, where the base strains its tolerances, and the number
     of simulations.
 
-    Such tolerances have taken on what they could of the effect, and no straight line leads back. The effects' fits are
+    Such tolerances have taken on much of the effect, and no straight line leads back. The effects' fits are
     to start from the points where they do.
     """
     out: list[Screened] = []
@@ -193,7 +193,7 @@ def as_if_known(
     """Those effects, of ``most`` names for a block, with which a simple law comes nearest to the noise, where none does
     by itself; and the number of simulations.
 
-    What a wide prior swallows may be the very effect without which a simple law would do. By evidence beside the wide
+    A wide prior may swallow the very effect without which a simple law would do. By evidence beside the wide
     prior it earns nothing until it is fitted, and the law has taken on too much of it for a straight line to lead
     there: each is fitted a few steps under the law alone. The effects' fits are to start from there.
     """
@@ -249,12 +249,12 @@ def _traced(
     own: dict[str, Projector],
     points: list[FloatArray],
 ) -> tuple[tuple[FloatArray, ...], dict[str, FloatArray]]:
-    """The points and, for each block, what they change, (n, points); with points where the effect begins to show and
+    """The points and, for each block, their changes, (n, points); with points where the effect begins to show and
     where it is as large as what the base leaves, if none of them is there: a threshold leaves nothing to linearise
     below it, and too much far above."""
     units: list[FloatArray] = []
     columns: dict[str, list[FloatArray]] = {b: [] for b in candidate.blocks}
-    sizes: list[tuple[float, float]] = []  # what a point changes, as it is and beside the nuisance
+    sizes: list[tuple[float, float]] = []  # the change of a point, as it is and beside the nuisance
 
     def look(unit: FloatArray) -> None:
         raw, beside = 0.0, 0.0

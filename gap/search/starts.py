@@ -1,6 +1,6 @@
 """Where the screening looks for an effect: a grid over its prior, or the places that the data themselves show.
 
-A fit finds what is narrow (a rhythm, a moment, one recording) only from close by. Effects say by the names of their
+A fit finds a narrow optimum (rhythm, moment, one recording) only from close by. Effects say by the names of their
 parameters that they are such: a ``phase`` with a ``frequency``, an ``interval``, a ``period`` or a ``tau``; a
 ``moment``, which may have a ``duration``; a ``within``; a ``capacity``; in processing, a ``delay``.
 """
@@ -26,13 +26,13 @@ SIGNED = (-0.2, -0.04, -0.006, 0.006, 0.04, 0.2)
 """Quantiles of the prior from the value that does nothing, where that lies inside: half the range is mostly absurd."""
 SHAPES = (0.2, 0.5, 0.8)
 THRESHOLDS = tuple(np.linspace(0.1, 0.9, 27).tolist())
-"""Quantiles of a ``band`` within which nothing answers: what answers a ramp by steps fits from close by only."""
+"""Quantiles of a ``band`` within which nothing answers: an answer to a ramp by steps fits from close by only."""
 MAX_GRID = 9
 AGREED = 0.85
 """Share of the commands' lateness that looks at equal intervals must explain to be refitted wherever they rank."""
 
 FULL = (1.05, 1.25)
-"""Capacities that are looked at, as multiples of what was measured at most: far above none shows, below all is lost."""
+"""Capacities that are looked at, as multiples of the greatest value: far above none shows, below all is lost."""
 
 Place = Mapping[str, float]
 """Values of some of an effect's parameters."""
@@ -41,7 +41,7 @@ Place = Mapping[str, float]
 def grid(candidate: Candidate) -> list[FloatArray]:
     """Screening points (k,) in prior quantiles: strengths first, shapes as far as `MAX_GRID` allows."""
     axes = []
-    several = which if len(which := signed(candidate)) > 1 else []  # each alone, then what they are together
+    several = which if len(which := signed(candidate)) > 1 else []  # each alone, then together
     size = max(len(several), 1)
     for k, p in enumerate(candidate.parameters):
         values: tuple[float, ...] = STRENGTHS if p.null is not None else SHAPES
@@ -100,7 +100,7 @@ def _placed(candidate: Candidate, points: Sequence[FloatArray], place: Place) ->
 
 
 def _places(candidate: Candidate, problem: Problem, base: Fit) -> tuple[Sequence[Place], bool]:
-    """Where what is narrow would have to be, after a fit of the problem; nothing for an effect that is not."""
+    """Where a narrow effect would have to be, after a fit of the problem; nothing for other effects."""
     parameters = {p.name: p for p in candidate.parameters}
     time, recording, residual = problem.rows.time, problem.rows.recording, base.residual
     if "moment" in parameters:

@@ -12,7 +12,7 @@ from sim_devices.chain import FloatArray
 from sim_devices.stages.kernels import STATE, low_pass
 
 OWN, INPUT, ERROR, START = "own", "input", "error", "start"
-"""Roles of signals at a place: what its stage makes, what it is fed, by how much the second is ahead; and what dies out
+"""Roles of signals at a place: its stage's output, its input, by how much the second is ahead; and a part that dies out
 from the start of the clock on, which is the session's on our instruments and the recording's on a rig."""
 SIGN_WIDTH = 0.02
 """Of a signal's scale: over which its sign goes from −1 to 1."""
@@ -56,7 +56,7 @@ class Place:
 class Part:
     """``function`` of a signal over its ``scale`` (SI): the one whose role is ``of``, or its rate of change (then the
     scale is of that, per s); times the signal ``times`` over ``times_scale``, if one is named; and seen through a
-    first-order lag of ``tau`` s, if that is not 0; if it is ``fading``, what this lag has not followed yet. With
+    first-order lag of ``tau`` s, if that is not 0; if it is ``fading``, the part this lag has not followed yet. With
     ``times`` = `START`, ``tau`` is the time in which it dies out from the start."""
 
     of: str

@@ -2,7 +2,7 @@
 it serves on recordings that it was not fitted to.
 
 Parts are chosen one by one, as in orthogonal least squares (Chen, Billings and Luo, Int. J. Control 50 (1989) 1873), by
-what each takes from the residual once nuisance and the parts before are projected out. Terms of one, two and three
+the part each takes from the residual once nuisance and the parts before are projected out. Terms of one, two and three
 parts are fitted; of those whose evidence is better than none's the shortest that does on withheld recordings as well as
 the best is proposed.
 """
@@ -52,7 +52,7 @@ class Proposal:
 
     @property
     def judged(self) -> Shrink:
-        """The gap that judges it: on another waveform, else on what else is withheld, else where it was fitted."""
+        """The gap that judges it: on another waveform, else on other withheld recordings, else where it was fitted."""
         judges = [self.shrinks[k] for k in ("waveform", "repeat", "recording", "level", "fitted") if k in self.shrinks]
         return judges[0] if judges else Shrink(1.0, 1.0)
 
@@ -114,7 +114,7 @@ def extended(problems: Mapping[str, Problem], key: str, term: Term) -> dict[str,
 class _Point:
     """Where a block is linearised: its nuisance (p,), the residual (n,) and Jacobian (n, p) there.
 
-    At the null's fit; where that strains tolerances, which have then taken on what they could of the gap, at a sound
+    At the null's fit; where that strains tolerances, which have then taken on much of the gap, at a sound
     instrument, from where no straight line leads back.
     """
 
@@ -133,7 +133,7 @@ class _Point:
 
 
 def _traces(problems: Mapping[str, Problem], points: Mapping[str, _Point], choice: Choice) -> dict[str, FloatArray]:
-    """By block, what each part changes in the whitened prediction, (n, parts), for an amount of the place's size.
+    """By block, the change by each part in the whitened prediction, (n, parts), for an amount of the place's size.
 
     Where the signal has an end, a part may act on one side only: the trace is that of the sign which explains more.
     """
@@ -273,7 +273,7 @@ def _evidence(problems: Mapping[str, Problem], null: Hypothesis, h: Hypothesis) 
 
 
 def _temper(problem: Problem, f: Fit) -> float:
-    """By how much a fit's χ² is to be divided, for what it leaves and how that is correlated."""
+    """By how much a fit's χ² is to be divided, for its residual and the correlation of that."""
     misfit = f.chi2 / max(len(f.residual) - len(f.nuisance), 1)
     return float(max(misfit * mean_correlation(f.residual, problem.rows.recording), LEAST_TEMPER))
 

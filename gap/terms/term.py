@@ -161,7 +161,7 @@ def save_term(term: Term, path: Path, instrument: str, remarks: str = "") -> Pat
 
 
 def _written(value: Part | Place) -> str:
-    """A part or place as code, without what is as usual."""
+    """A part or place as code, without default values."""
     told = [(f.name, getattr(value, f.name), f.default) for f in fields(value)]
     said = ", ".join(f"{name}={v!r}" for name, v, usual in told if v != usual and v not in ({}, ()))
     return f"{type(value).__name__}({said})"
