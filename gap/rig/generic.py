@@ -137,7 +137,7 @@ GENERIC: tuple[GenericEffect, ...] = (
         "quadratic_drag",
         "a force with the square of the speed",
         "measure the drag with the rig unloaded",
-        (_signed("coefficient", 1.0, "signal/velocity²"),),
+        (_signed("coefficient", 5.0, "signal/velocity²"),),  # a nominal resistance may be the lesser part
         laws.quadratic_drag,
         needs="velocity",
         resists=True,

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from gap.inference.evidence import Fit, Hypothesis
-from gap.inference.hypothesis import Candidate
+from gap.inference.hypothesis import FROZEN, Candidate
 from gap.inference.least_squares import fit, under
 from gap.inference.linear import Projector
 from gap.inference.problem import Problem
@@ -29,8 +29,8 @@ BISECTIONS = 7
 """Simulations at most to find one."""
 STARTS = 2
 """Screening points from which a refit starts."""
-STRAINED = 100.0
-"""Penalty on a base's tolerances from which on effects are looked at beside a fault-free instrument, too,"""
+STRAINED = 2.5
+"""Penalty for each of a base's tolerances from which on effects are looked at beside a fault-free instrument, too,"""
 FROM_SOUND = 4
 """and how many of them are refitted for it."""
 AMPLITUDES = (0.25, 2.0)
@@ -150,6 +150,12 @@ def screen(
     return sorted(out, key=lambda s: -s.gain), simulations
 
 
+def strained(problem: Problem, base: Fit) -> bool:
+    """Whether a fit of the simulation by itself strains the tolerances of an instrument without skin in play."""
+    free = int(np.sum(problem.prior_sd > FROZEN))
+    return problem.sound is not None and base.penalty >= STRAINED * free
+
+
 def from_sound(
     problems: dict[str, Problem], base: Hypothesis, screened: Sequence[Screened]
 ) -> tuple[list[Screened], int]:
@@ -162,7 +168,7 @@ def from_sound(
     out: list[Screened] = []
     simulations = 0
     for block, problem in problems.items():
-        if problem.sound is None or base.fits[block].penalty < STRAINED:
+        if not strained(problem, base.fits[block]) or problem.sound is None:
             continue
         jacobian = problem.evaluate(problem.sound, {}).jacobian
         refits = [Projector(jacobian, sd) for sd in problem.prior_scales]

@@ -151,7 +151,7 @@ def test_a_trip_has_its_own_exit_status(brief: str, tmp_path: Path, capsys: pyte
     station = tmp_path / "station.yaml"
     station.write_text(
         "schema: station/1\ninstruments:\n  cutometer:\n    simulated: true\n"
-        "    interlock: {tracking: {pressure: {error: 1 mbar, duration: 20 ms}}}\n"
+        "    interlock: {tracking: {pressure: {error: 5 mbar, duration: 20 ms}}}\n"
     )
     assert run(["run", brief, "--station", str(station), "--speed", "2", "--json", "-o", str(tmp_path)]) == 4
     told = json.loads(capsys.readouterr().out)

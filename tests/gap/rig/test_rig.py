@@ -170,7 +170,7 @@ def test_a_second_effect_is_not_made_of_what_the_model_itself_lacks(recording) -
     rest = np.sin(900 * time) + np.sin(1300 * time + 1) + np.sin(1700 * time + 2)
     noise = 3e-4 * np.random.default_rng(7).normal(size=len(time))
     run = recording({"out": lagged + tail + 1.5e-3 * rest + noise}, time, {"dac": (time, volts)}, instrument="ladder")
-    eager = replace(INSTRUMENT, unfinished_pair=RIG.unfinished_pair)
+    eager = replace(INSTRUMENT, unfinished_pair=RIG.unfinished_pair, second_share=0.3)
     assert diagnose([run], Ladder(), thresholds=eager).verdict.verdict == "several"
     verdict = diagnose([run], Ladder()).verdict
     assert verdict.verdict == "effect"
