@@ -19,8 +19,8 @@ import numpy as np
 from acquire.recording import load
 from acquire.recording.model import Recording
 from gap.batch import session_paths
-from gap.blind.scoring import Case
-from gap.blind.scoring import load as load_cases
+from gap.blind.answers import Case
+from gap.blind.answers import load as load_cases
 from gap.design import plan
 from gap.design import simulated as own
 from gap.effects.load import library

@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from acquire.recording import load
 from gap.batch import session_paths
-from gap.blind.scoring import load as load_truths
+from gap.blind.answers import load as load_truths
 from gap.data.checks import in_order
 from gap.data.pauses import without_pauses
 from gap.decision.settle import Case, settle
