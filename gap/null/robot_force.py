@@ -315,7 +315,9 @@ class ForceBlock(Block):
             operators = needed(self.with_effects(chain, active, g), TRANSDUCERS, axes)
             made = memo.run(operators, self._true_axes(g, grid, axes, active))
             ends = self._ends[:, at] + shift
-            out[:, at] = np.stack([np.interp(ends, grid, made[c]).mean(axis=0) for c in TRANSDUCERS])
+            for row, channel in zip(out, TRANSDUCERS, strict=True):
+                first, last = np.interp(ends, grid, made[channel])
+                row[at] = 0.5 * (first + last)
         return out.ravel()
 
     def denoised(self) -> list[dict[str, Table]]:

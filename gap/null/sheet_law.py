@@ -8,6 +8,7 @@ that. A law that is less simple must earn its freedom.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -128,12 +129,12 @@ def sheet(nuisance: FloatArray, base: SheetTissue, typical: float) -> SheetTissu
     valley so bent that fits take hundreds of steps and stop early.
     """
     c = dict(zip(TISSUE, nuisance.tolist(), strict=False))
-    length = base.length * float(np.exp(np.clip(c["length"], -3, 3)))
-    nominal, here = (float(np.log1p((typical / x) ** 2)) for x in (base.length, length))
-    exponent = float(np.clip((base.exponent * nominal + c["stiffening"]) / here, -0.3, STEEPEST))
+    length = base.length * _scale(c["length"], 3.0)
+    nominal, here = (math.log1p((typical / x) ** 2) for x in (base.length, length))
+    exponent = min(max((base.exponent * nominal + c["stiffening"]) / here, -0.3), STEEPEST)
     at_rest = base.exponent * nominal - exponent * here
     k1, k2, k3 = (
-        k * float(np.exp(np.clip(c[f"stiffness{i + 1}"] + at_rest, -8, 5))) for i, k in enumerate(base.stiffness)
+        k * math.exp(min(max(c[f"stiffness{i + 1}"] + at_rest, -8.0), 5.0)) for i, k in enumerate(base.stiffness)
     )
     memory = _memory(c)
     return replace(
@@ -185,12 +186,17 @@ def rewired(chain: Chain, nuisance: FloatArray, typical: float, strongest: float
     return after(chain, "tissue", lambda s, t: Skew("skew", "tissue", s + moved, t, cubic, typical))
 
 
+def _scale(logarithm: float, most: float) -> float:
+    """The factor of a ``logarithm`` that is believed up to ``most`` either way."""
+    return math.exp(min(max(logarithm, -most), most))
+
+
 def _memory(c: Mapping[str, float]) -> list[tuple[float, float]]:
     """Shares of the force that relax, and their times (s)."""
     memory = [(c[name], tau) for name, tau in zip(SPECTRUM, RELAXATION_TIMES, strict=True)]
     memory += _modes(c)
     if c["power"]:
-        exponent = float(np.clip(EXPONENT + c["exponent"], -0.5, 1.5))
+        exponent = min(max(EXPONENT + c["exponent"], -0.5), 1.5)
         pairs = spectrum(SLOWEST, FASTEST, lambda tau: tau**-exponent)
         whole = sum(g for g, _ in pairs)
         memory += [(c["power"] * g / whole, tau) for g, tau in pairs]
@@ -199,6 +205,4 @@ def _memory(c: Mapping[str, float]) -> list[tuple[float, float]]:
 
 def _modes(c: Mapping[str, float]) -> list[tuple[float, float]]:
     """The two of a simple law."""
-    return [
-        (c[f"amount{k + 1}"], tau * float(np.exp(np.clip(c[f"time{k + 1}"], -4, 4)))) for k, tau in enumerate(MODES)
-    ]
+    return [(c[f"amount{k + 1}"], tau * _scale(c[f"time{k + 1}"], 4.0)) for k, tau in enumerate(MODES)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import OrderedDict
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +16,7 @@ from sim_devices.stages.operators import Wired
 from sim_devices.stages.tissues import SheetTissue
 
 _HEAD = 9  # of the state: [0] started [1] time [2:5] last elastic force [5] softening [6:9] skin displacement
+_KEPT = 12  # grids' and times' weights: a fit's columns share them, and they are half of a simulation's work
 
 
 @dataclass(frozen=True)
@@ -42,8 +44,49 @@ class Sheet(Wired):
     def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
         u = [signals[s] for s in self.source]
         f = np.empty((3, len(time)))
-        _advance_sheet(state[0], time, u[0], u[1], u[2], state[1], state[2], state[3], f)
+        weights = _weights(time, state[0], (self.tissue.softening_rise, self.tissue.softening_fall), state[3])
+        _advance_sheet(state[0], time, u[0], u[1], u[2], state[1], state[2], weights, f)
         signals.update(zip(self.target, f, strict=True))
+
+
+_known: OrderedDict[tuple[int, bytes], tuple[FloatArray, FloatArray]] = OrderedDict()
+
+
+def _weights(time: FloatArray, state: FloatArray, softening: tuple[float, float], tau: FloatArray) -> FloatArray:
+    """`_weighed` of steps to ``time`` (n,) s; kept where they begin at rest, as a whole session's do again and again.
+
+    Grids are told apart by identity: whoever gives the same one twice does not change it in between.
+    """
+    if state[0]:
+        return np.asarray(_weighed(time, state[1], *softening, tau))
+    key = (id(time), np.array([*softening, *tau]).tobytes())
+    found = _known.get(key)
+    if found is None:
+        found = _known[key] = time, _weighed(time, time[0] if len(time) else 0.0, *softening, tau)
+        if len(_known) > _KEPT:
+            _known.popitem(last=False)
+    else:
+        _known.move_to_end(key)
+    return found[1]
+
+
+@njit(cache=True)
+def _weighed(time: FloatArray, begin: float, rise: float, fall: float, tau: FloatArray) -> FloatArray:
+    """Of each step to ``time`` (n,) s the decays of softening as it rises and falls, then `hold_weights` of each of
+    ``tau`` (k,) s, (n, 2 + 3 k)."""
+    out = np.empty((time.size, 2 + 3 * tau.size))
+    last, before = -1.0, begin
+    for i in range(time.size):
+        dt = time[i] - before
+        before = time[i]
+        if i > 0 and not (dt > 0.0 and abs(dt - last) > 1e-9 * last):
+            out[i] = out[i - 1]
+            continue
+        last = dt
+        out[i, 0], out[i, 1] = math.exp(-dt / rise), math.exp(-dt / fall)
+        for k in range(tau.size):
+            out[i, 2 + 3 * k], out[i, 3 + 3 * k], out[i, 4 + 3 * k] = hold_weights(dt, tau[k])
+    return out
 
 
 @njit(cache=True)
@@ -91,31 +134,27 @@ def _advance_sheet(
     z: FloatArray,
     p: FloatArray,
     g: FloatArray,
-    tau: FloatArray,
+    weights: FloatArray,
     f: FloatArray,
 ) -> None:
     n = g.size
-    e, a, b = np.ones(n), np.zeros(n), np.zeros(n)
-    soft_a, soft_f, soft_up, soft_down = p[6], p[7], p[8], p[9]
+    soft_a, soft_f = p[6], p[7]
     glued = p[10] > 0.0 or p[11] > 0.0
     if s[0] == 0.0 and t.size:
         s[0], s[1] = 1.0, t[0]
-    last, up, down = -1.0, 1.0, 1.0
     for i in range(t.size):
         dt = t[i] - s[1]
         now = 1.0
-        if dt > 0.0 and abs(dt - last) > 1e-9 * last:
-            for k in range(n):
-                e[k], a[k], b[k] = hold_weights(dt, tau[k])
-            up, down = math.exp(-dt / soft_up), math.exp(-dt / soft_down)
-            last = dt
         past_x = past_y = past_z = 0.0
         if dt > 0.0:
             for k in range(n):  # the memory of earlier steps; the new force enters with 1 - sum g b
-                past_x += g[k] * (e[k] * s[_HEAD + 3 * k] + a[k] * s[2])
-                past_y += g[k] * (e[k] * s[_HEAD + 3 * k + 1] + a[k] * s[3])
-                past_z += g[k] * (e[k] * s[_HEAD + 3 * k + 2] + a[k] * s[4])
-                now -= g[k] * b[k]
+                e, a, b = weights[i, 2 + 3 * k], weights[i, 3 + 3 * k], weights[i, 4 + 3 * k]
+                j = _HEAD + 3 * k
+                s[j], s[j + 1], s[j + 2] = e * s[j] + a * s[2], e * s[j + 1] + a * s[3], e * s[j + 2] + a * s[4]
+                past_x += g[k] * s[j]
+                past_y += g[k] * s[j + 1]
+                past_z += g[k] * s[j + 2]
+                now -= g[k] * b
         else:
             for k in range(n):
                 past_x += g[k] * s[_HEAD + 3 * k]
@@ -135,10 +174,11 @@ def _advance_sheet(
         f[0, i], f[1, i], f[2, i] = now * fx - past_x, now * fy - past_y, now * fz - past_z
         if dt > 0.0:
             for k in range(n):
+                b = weights[i, 4 + 3 * k]
                 j = _HEAD + 3 * k
-                s[j] = e[k] * s[j] + a[k] * s[2] + b[k] * fx
-                s[j + 1] = e[k] * s[j + 1] + a[k] * s[3] + b[k] * fy
-                s[j + 2] = e[k] * s[j + 2] + a[k] * s[4] + b[k] * fz
+                s[j] += b * fx
+                s[j + 1] += b * fy
+                s[j + 2] += b * fz
             goal = math.sqrt(fx * fx + fy * fy + fz * fz) / soft_f
-            s[5] = goal + (s[5] - goal) * (up if goal > s[5] else down)
+            s[5] = goal + (s[5] - goal) * (weights[i, 0] if goal > s[5] else weights[i, 1])
         s[1], s[2], s[3], s[4] = t[i], fx, fy, fz
