@@ -11,8 +11,10 @@ from drivers.microrobot import forces, kinematics
 from sim_devices.chain import FloatArray, Runner, Signals
 from sim_devices.stages import noisy, nominal, runner
 from sim_devices.stages.axes import LOOP_RATE, MASS, AxisLoop
+from sim_devices.stages.kernels import evaluate, low_pass
 from sim_devices.stages.robot import TRANSDUCERS, closed_loop, numbered, xyz
-from sim_devices.stages.tissues import SHEET
+from sim_devices.stages.sheet import Sheet
+from sim_devices.stages.tissues import SHEET, SheetTissue
 
 TIME = np.arange(0.0, 30.0, 0.01)
 TRIANGLE = 1.3e-3 * (1 - np.abs((TIME / 10 % 1) * 2 - 1))
@@ -165,3 +167,21 @@ def test_coils_at_their_limit_are_still_stopped_by_the_tissue(windup: float) -> 
         stream.advance(fine[a : a + 90], {k: v[a : a + 90] for k, v in inputs.items()}) for a in range(0, 1000, 90)
     ]
     np.testing.assert_allclose(np.concatenate([p["force_x"] for p in parts]), whole["force_x"], rtol=1e-7, atol=1e-9)
+
+
+def test_a_sheet_tells_grids_and_times_of_memory_apart() -> None:
+    """Weights of steps are kept from run to run: neither another grid of as many nodes nor another time gets them."""
+    grid = np.linspace(0.0, 4.0, 201)
+    other = 4.0 * np.linspace(0.0, 1.0, 201) ** 2
+    path = {f"skin_{a}": 1e-3 * np.sin(grid) for a in "xyz"}
+
+    def force(time: FloatArray, tau: float) -> FloatArray:
+        skin = SheetTissue((800.0, 600.0, 500.0), relaxation=(0.3,), times=(tau,), softening=0.0, exponent=0.0, angle=0)
+        signals = dict(path)
+        sheet = Sheet("tissue", "tissue", xyz("skin"), xyz("reaction"), skin)
+        sheet.advance(sheet.fresh(), time, signals)
+        return signals["reaction_x"]
+
+    for time, tau in ((grid, 0.5), (other, 0.5), (grid, 2.0), (grid, 0.5)):
+        elastic = -800.0 * path["skin_x"]
+        assert force(time, tau) == pytest.approx(elastic - 0.3 * evaluate(low_pass, time, elastic, tau), abs=1e-12)
