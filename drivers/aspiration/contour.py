@@ -131,22 +131,15 @@ def analyse_frames(
     and ``confidence`` (n,), ``gvt``, ``gvt_confidence``, ``flags`` (n,) tuples. Raises ValueError as `analyse_frame`.
     """
     settings = settings or Settings()
-    n = len(frames)
     if not scale > 0:
         raise ValueError(f"the scale must be positive, not {scale}")
-    some = [np.asarray(frames[k]) for k in sorted({round(k) for k in np.linspace(0, n - 1, 5)})] if n else []
-    pipeline = Pipeline.prepare(some, settings)
-    had = [known(k) if known is not None else None for k in range(n)]
-    kept = [contour if contour is not None and contour.gvt == pipeline.gvt else None for contour in had]
-    found = [contour or pipeline.measure(np.asarray(frames[k])) for k, contour in enumerate(kept)]
-    beginning = found[: settings.initial_frames]
-    feet = np.array([c.foot_row for c in beginning])
-    foot = float(np.nanmedian(feet)) if np.isfinite(feet).any() else np.nan
+    pipeline = Pipeline.prepare(_spread_out(frames, 5), settings)
+    found, reread = _contours(frames, pipeline, known)
+    foot = _usual([c.foot_row for c in found[: settings.initial_frames]])
     sign = 1.0 if settings.apex == "up" else -1.0
     height = sign * (foot - np.array([c.apex_row for c in found])) * scale
     below, above = (np.array([c.band[side] - c.height for c in found]) * scale for side in (0, 1))
-    initial = height[: settings.initial_frames]
-    initial_height = float(np.nanmedian(initial)) if np.isfinite(initial).any() else np.nan
+    initial_height = _usual(height[: settings.initial_frames])
     width = frames[0].shape[1]
     profile = np.array([c.profile if len(c.profile) else np.full(width, np.nan) for c in found])
     return {
@@ -160,8 +153,33 @@ def analyse_frames(
         "gvt": pipeline.gvt,
         "gvt_confidence": pipeline.gvt_confidence,
         "flags": [c.flags for c in found],
-        "reread": kept.count(None),
+        "reread": reread,
     }
+
+
+def _spread_out(frames: Any, count: int) -> list[Image]:
+    """Up to ``count`` frames at equal distances, the first and the last among them."""
+    n = len(frames)
+    return [np.asarray(frames[k]) for k in sorted({round(k) for k in np.linspace(0, n - 1, count)})] if n else []
+
+
+def _contours(
+    frames: Any, pipeline: Pipeline, known: Callable[[int], Contour | None] | None
+) -> tuple[list[Contour], int]:
+    """The contour in every frame, and how many had to be read: not those ``known`` at the threshold in use."""
+    found, reread = [], 0
+    for k in range(len(frames)):
+        contour = known(k) if known is not None else None
+        if contour is None or contour.gvt != pipeline.gvt:
+            contour = pipeline.measure(np.asarray(frames[k]))
+            reread += 1
+        found.append(contour)
+    return found, reread
+
+
+def _usual(values: Sequence[float] | FloatArray) -> float:
+    """The median of the finite values, NaN where there is none."""
+    return float(np.nanmedian(values)) if np.isfinite(values).any() else float("nan")
 
 
 @dataclass(frozen=True)

@@ -81,14 +81,21 @@ class Asked:
 
 def read(folder: Path, instrument: str) -> Asked:
     """The experiment in ``folder``, for an instrument. Raises Refused."""
-    path = folder / "experiment.yaml"
+    path, table_path = folder / "experiment.yaml", folder / "setpoints.csv"
     try:
         said = yaml.safe_load(path.read_text(encoding="utf-8"))
-        with (folder / "setpoints.csv").open(encoding="utf-8", newline="") as file:
+        with table_path.open(encoding="utf-8", newline="") as file:
             header, *rows = [row for row in csv.reader(file) if row]
         table = np.array([[float(x) for x in row] for row in rows])
     except (OSError, ValueError, yaml.YAMLError) as error:
         raise Refused(f"{folder}: is no experiment: {error}") from None
+    specimen, rest = _described(path, said, instrument)
+    t, values = _setpoints(table_path, header, table, instrument)
+    return Asked(str(said["id"]), specimen, rest, tuple(usual(specimen, instrument).items()), t, values)
+
+
+def _described(path: Path, said: Any, instrument: str) -> tuple[str, float]:
+    """The specimen, and the rest (s) before it, that the description of an experiment asks for."""
     if not isinstance(said, dict) or said.get("schema") != "gap-experiment/1" or not said.get("id"):
         raise Refused(f"{path}: is no experiment of schema gap-experiment/1 that asks for something")
     if said.get("instrument", instrument) != instrument:
@@ -96,19 +103,25 @@ def read(folder: Path, instrument: str) -> Asked:
     specimen = str(said.get("specimen", ""))
     if specimen not in ("skin", *specimens_of(instrument)):
         raise Refused(f"{path}: this rig has no {specimen!r}; it has skin, {', '.join(specimens_of(instrument))}")
-    columns = ["t", "x", "y", "z"] if instrument == "microrobot" else ["t", "pressure"]
-    if header != columns or table.ndim != 2 or len(table) < 2 or not np.isfinite(table).all():
-        raise Refused(f"{folder / 'setpoints.csv'}: needs the columns {', '.join(columns)}, and numbers in two rows")
-    t, values = table[:, 0] - table[0, 0], table[:, 1:] * (1.0 if instrument == "microrobot" else -1.0)
-    if np.any(np.diff(t) < 0) or not 0 < t[-1] <= LONGEST:
-        raise Refused(f"{folder / 'setpoints.csv'}: times must not fall, and the last be at most {LONGEST:g} s")
-    largest = float(np.max(np.linalg.norm(values, axis=1)))
-    if largest > MOST[instrument] * (1 + 1e-9) or (instrument != "microrobot" and float(values.min()) < 0):
-        raise Refused(f"{folder / 'setpoints.csv'}: {largest:g} is beyond {MOST[instrument]:g}, which this rig reaches")
     rest = float(said.get("rest_before") or 0.0)
     if not 0 <= rest <= 3600:
         raise Refused(f"{path}: rest_before is {rest:g} s; this rig waits up to an hour")
-    return Asked(str(said["id"]), specimen, rest, tuple(usual(specimen, instrument).items()), t, values)
+    return specimen, rest
+
+
+def _setpoints(path: Path, header: list[str], table: Array, instrument: str) -> tuple[Array, Array]:
+    """Times from 0 on (n,) s and set-points (n, 1) Pa of suction or (n, 3) m of a table that the rig can follow."""
+    robotic = instrument == "microrobot"
+    columns = ["t", "x", "y", "z"] if robotic else ["t", "pressure"]
+    if header != columns or table.ndim != 2 or len(table) < 2 or not np.isfinite(table).all():
+        raise Refused(f"{path}: needs the columns {', '.join(columns)}, and numbers in two rows")
+    t, values = table[:, 0] - table[0, 0], table[:, 1:] * (1.0 if robotic else -1.0)
+    if np.any(np.diff(t) < 0) or not 0 < t[-1] <= LONGEST:
+        raise Refused(f"{path}: times must not fall, and the last be at most {LONGEST:g} s")
+    largest = float(np.max(np.linalg.norm(values, axis=1)))
+    if largest > MOST[instrument] * (1 + 1e-9) or (not robotic and float(values.min()) < 0):
+        raise Refused(f"{path}: {largest:g} is beyond {MOST[instrument]:g}, which this rig reaches")
+    return t, values
 
 
 def _pieces(asked: Asked, start: float, robotic: bool) -> list[Recording]:
