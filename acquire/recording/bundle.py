@@ -32,6 +32,7 @@ from protocols.text import validate
 OURS = (*SUCTION, "microrobot")
 FILE_NAME = "recording.yaml"
 MAX_PROTOCOL = 2**20  # bytes
+_NAMES_A_FILE = re.compile(r"\.[A-Za-z][A-Za-z0-9]{0,4}$")  # by its suffix; 'rest of 0.5 s' has none
 _OURS = re.compile(r"""^[\s{]*["']?schema["']?\s*:\s*["']?protocol/""", re.MULTILINE)
 
 
@@ -289,7 +290,10 @@ class _Import:
     # Protocol ----------------------------------------------------------------------------------------------------
 
     def protocol(self) -> tuple[str, str]:
-        """The protocol's text, verbatim where it is a file, and its name."""
+        """The protocol's text and its name: of a file here or of the library, else it is the text that is given.
+
+        A line with a suffix such as ``.yaml`` names a file, and is a fault where there is none.
+        """
         given = self.bundle.protocol
         if given is None:
             return "", ""
@@ -301,6 +305,8 @@ class _Import:
 
         if given in library() and not is_file(self.folder / given):
             return library()[given].read_text("utf-8"), given
+        if not is_file(self.folder / given) and not _NAMES_A_FILE.search(given):
+            return given, ""
         file = self.inside(("protocol",), given)
         try:
             return contents(file, MAX_PROTOCOL).decode(), file.stem
@@ -324,8 +330,8 @@ class _Import:
             # The run was allowed where it was done: only the protocol's own limits are asked again.
             setpoints = compile_protocol(protocol, Limits({q: Range(-1e9, 1e9) for q in protocol.quantities}))
         except ProtocolError as error:
-            where = self.bundle.protocol if isinstance(self.bundle.protocol, str) else ""
-            located = ProtocolError(error.problems, where if "\n" not in where else "")
+            where = self.bundle.protocol if isinstance(self.bundle.protocol, str) else text
+            located = ProtocolError(error.problems, where if where != text else "")
             raise self.fault(("protocol",), f"the protocol is faulty: {located}") from error
         times, values = setpoints.table()
         text = "set-points were compiled from the protocol, its beginning put at the first sample"

@@ -21,7 +21,7 @@ from PySide6.QtWidgets import (
 from acquire.gui.jobs import Tool
 from acquire.gui.messages import BenchSettings
 from acquire.gui.panels.result import PictureView
-from acquire.gui.panels.tool import pictures
+from acquire.gui.pictures import pictures
 from gap.qualify.steps import STANDARD
 
 _STEP = re.compile(r"step (\d+) of (\d+), ([^:]+): (.*)")

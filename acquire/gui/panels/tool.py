@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import re
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -23,8 +21,7 @@ from PySide6.QtWidgets import (
 
 from acquire.gui.jobs import Tool
 from acquire.gui.panels.result import PictureView
-
-_PICTURE = re.compile(r'src="data:image/(?:png|svg\+xml);base64,([A-Za-z0-9+/=]+)"')
+from acquire.gui.pictures import pictures
 
 REPORTS = "reports"  # folder beside the recordings
 
@@ -172,11 +169,6 @@ class ToolPanel(QWidget):
         self.page.setEnabled(not self.running and self._page() is not None)
         for button in (self.previous, self.next):
             button.setEnabled(len(self._pictures) > 1)
-
-
-def pictures(page: str) -> list[bytes]:
-    """The pictures (PNG or SVG) inlined in an HTML page."""
-    return [base64.b64decode(found) for found in _PICTURE.findall(page)]
 
 
 def diagnosis(runs: Sequence[Path], option: str, folder: Path) -> list[str]:

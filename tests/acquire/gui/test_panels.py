@@ -14,7 +14,8 @@ from pytestqt.qtbot import QtBot
 from acquire import pseudonym
 from acquire.gui import reading, settings
 from acquire.gui.messages import ProtocolEntry
-from acquire.gui.panels.tool import ToolPanel, pictures
+from acquire.gui.panels.tool import ToolPanel
+from acquire.gui.pictures import pictures
 from acquire.recording import JournalWriter, RunInfo, open_recording
 from acquire.words import clock, span
 from tests.acquire.gui.conftest import PATIENCE, MakeWindow
@@ -129,7 +130,17 @@ def test_words() -> None:
     assert re.fullmatch(r"P[2-9A-Z]{4}", pseudonym.check(pseudonym.fresh()))
     assert (clock(95.0), clock(4000.0), clock(float("nan"))) == ("1:35", "1:06:40", "–")
     assert (span(90.0), span(7200.0), span(86400.0 * 40)) == ("90 s", "2 h", "40 d")
+
+
+def test_pictures_of_a_page() -> None:
     assert pictures("<p>nothing</p>") == []
+    page = (
+        "<p>src=\"data:image/png;base64,AAAA\" is only text</p><!-- <img src='data:image/png;base64,AAAA'> -->"
+        "<img src='data:image/png;base64,aGVp'><img alt=a>1 SRC="
+        '<IMG alt="a > b" SRC="data:image/svg+xml;base64,PHN2Zy8+"/><img src="other.png">'
+        '<img src="data:image/png;base64,not base64">'
+    )
+    assert pictures(page) == [b"hei", b"<svg/>"]
 
 
 def test_the_qualification_waits_for_each_specimen(

@@ -95,6 +95,17 @@ def test_a_foreign_protocol_is_kept_verbatim(tmp_path: Path) -> None:
     assert yaml.safe_load(inline.info.protocol) == {"schema": "other/2", "x": 1}
 
 
+@pytest.mark.parametrize("text", ["hold -30 kPa for 10 s, rest 0.5 s", "hold, then vent.", "ramp/hold at 0.5", "hold"])
+def test_a_protocol_in_words_is_kept(tmp_path: Path, text: str) -> None:
+    info = load(make(tmp_path, protocol=text)).info
+    assert (info.protocol, info.protocol_name) == (text, "")
+
+
+def test_a_protocol_without_a_suffix_is_read_where_its_file_exists(tmp_path: Path) -> None:
+    info = load(make(tmp_path, {"steps": "hold, then vent\n"}, protocol="steps")).info
+    assert (info.protocol, info.protocol_name) == ("hold, then vent\n", "steps")
+
+
 PROTOCOL = """schema: protocol/1
 name: one-step
 instrument: cutometer
