@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -268,11 +268,15 @@ def _checked(raw: _Raw, item: Property | None) -> Stated:
     if not all(item.low <= v <= item.high for v in value):
         raise ValueError(f"must be {item.low:g} … {item.high:g} {item.unit}")
     if item.size > 1:
-        length = math.hypot(*value)
-        if abs(length - 1.0) > _UNIT_VECTOR:
-            raise ValueError(f"is no unit vector: its length is {length:.4g}")
-        value = tuple(v / length for v in value)
+        value = _unit_vector(value)
     return Stated(value, item.default_se(value) if se is None else se, item.unit)
+
+
+def _unit_vector(value: tuple[float, ...]) -> tuple[float, ...]:
+    length = math.hypot(*value)
+    if abs(length - 1.0) > _UNIT_VECTOR:
+        raise ValueError(f"is no unit vector: its length is {length:.4g}")
+    return tuple(v / length for v in value)
 
 
 def _read(given: object) -> _Raw:
@@ -295,7 +299,7 @@ def _read_mapping(given: Mapping[Any, Any]) -> _Raw:
         unit, factor = _si(str(given.get("unit", "")))
     if "se" in given:
         se = _uncertainty(given["se"], value, unit, factor)
-    return tuple(v * factor for v in value), se, unit
+    return _times(value, factor), se, unit
 
 
 def _uncertainty(given: object, value: tuple[float, ...], unit: str, factor: float) -> float:
@@ -312,28 +316,47 @@ def _uncertainty(given: object, value: tuple[float, ...], unit: str, factor: flo
 
 
 def _read_text(text: str) -> _Raw:
+    parts = _beside_plus_minus(text)
+    value, unit = _quantity(parts[0])
+    if len(parts) == 1:
+        si, factor = _si(unit)
+        return _times(value, factor), None, si
+    se, own = _stated_uncertainty(parts)
+    if own == "%":
+        si, factor = _si(unit)
+        value = _times(value, factor)
+        return value, _not_negative(se / 100.0 * max(map(abs, value))), si
+    # A unit after ± is the value's, too, where that has none; but not of a direction: there it is an angle's.
+    scalar = len(value) == 1
+    si, factor = _si(unit or (own if scalar else ""))
+    theirs, scale = _si(own or unit)
+    if theirs != si and (scalar or theirs != "rad"):
+        raise ValueError(f"its uncertainty is in {theirs or '1'}, not in {si or '1'}")
+    return _times(value, factor), _not_negative(se * scale), si
+
+
+def _beside_plus_minus(text: str) -> list[str]:
+    """The value and, where it is stated, the uncertainty, as written."""
     if len(text) > 3 * units.MAX_LENGTH:
         raise ValueError("is too long")
     parts = _PLUS_MINUS.split(text)
     if len(parts) > 2:
         raise ValueError(f"{text!r} has more than one ±")
-    value, unit = _quantity(parts[0])
-    if len(parts) == 1:
-        si, factor = _si(unit)
-        return tuple(v * factor for v in value), None, si
-    (se, *more), own = _quantity(parts[1])
+    return parts
+
+
+def _stated_uncertainty(parts: Sequence[str]) -> tuple[float, str]:
+    """The number and the unit, as written, after the ± between ``parts``."""
+    (se, *more), unit = _quantity(parts[1])
     if more:
         raise ValueError("has more than one uncertainty")
-    if own.startswith("%") and own != "%":  # not so many per cent of a unit
-        raise ValueError(f"put the unit before ±, as in '{parts[0].strip()} {own[1:].strip()} ± {se:g} %'")
-    si, factor = _si(unit or ("" if own == "%" or len(value) > 1 else own))
-    if own == "%":
-        of = max(abs(v) for v in value) * factor
-        return tuple(v * factor for v in value), _not_negative(se / 100.0 * of), si
-    theirs, scale = _si(own or unit)
-    if theirs != si and not (len(value) > 1 and theirs == "rad"):
-        raise ValueError(f"its uncertainty is in {theirs or '1'}, not in {si or '1'}")
-    return tuple(v * factor for v in value), _not_negative(se * scale), si
+    if unit.startswith("%") and unit != "%":  # not so many per cent of a unit
+        raise ValueError(f"put the unit before ±, as in '{parts[0].strip()} {unit[1:].strip()} ± {se:g} %'")
+    return se, unit
+
+
+def _times(value: tuple[float, ...], factor: float) -> tuple[float, ...]:
+    return tuple(v * factor for v in value)
 
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"

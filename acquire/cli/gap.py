@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -20,7 +20,9 @@ from acquire.cli.numbers import MOST_JOBS, whole
 from acquire.cli.review import ALL, counting
 
 if TYPE_CHECKING:
+    from acquire.recording import Recording
     from gap import Diagnosis
+    from gap.design.answers import Answer
     from gap.rig.generic import GenericEffect
     from sim_devices.chain import Effect
 
@@ -70,15 +72,10 @@ def diagnose(
     """Say where simulation and measurement differ, which effect causes it, and how far it shrinks with it."""
     from acquire.cli.stages import Stages
     from acquire.files import write_text
-    from gap import as_json as report_of
     from gap import diagnose as run
     from gap import load_model, write_page
-    from gap.design.answers import asked_for, believed
 
-    files = found(runs)
-    recordings, answers = believed(counting(load_all(runs), everything=everything), asked_for(experiment or (), files))
-    if not recordings:
-        raise ValueError(f"nothing is left to diagnose: {answers[0].text}")
+    files, recordings, answers = _session(runs, experiment, everything)
     print(f"diagnosing {len(recordings)} recordings of {recordings[0].info.instrument}", file=sys.stderr)
     forward = load_model(model) if model else None
     with Stages(sys.stderr) as stages:
@@ -93,12 +90,7 @@ def diagnose(
             qualification=qualification,
             earlier=[load_all([session]) for session in earlier or ()],
         )
-    report = report_of(diagnosis) | {"recording_files": [str(p.resolve()) for p in files]}
-    if self_check:
-        report["selfcheck"] = cited(self_check, report["recordings"], report["causes"])
-        report["sentences"] += [report["selfcheck"]["text"]]
-    report["experiments"] = [a.as_dict() for a in answers]
-    report["remarks"] += [a.text for a in answers if a.fault]
+    report = _report(diagnosis, files, answers, self_check)
     if advise and forward is None:
         report |= advice(report, recordings)
     folder = output or (None if as_json else Path("gap-report"))
@@ -110,14 +102,51 @@ def diagnose(
     if as_json:
         print(json.dumps(report, indent=1))
     else:
-        print(*report["sentences"], sep="\n")
-        for remark in report["remarks"]:
-            print(f"note: {remark}", file=sys.stderr)
-        if report["earlier"]:
-            print(f"note: earlier sessions: {report['earlier']['text']}", file=sys.stderr)
-        if report["next_experiment_note"]:
-            print(f"note: next experiment: {report['next_experiment_note']}", file=sys.stderr)
+        _print_report(report)
         print(f"\n{diagnosis.seconds:.0f} s\n{folder}/gap.html\n{folder}/gap.json")
+
+
+def _session(
+    runs: Sequence[Path], experiments: Sequence[Path] | None, everything: bool
+) -> tuple[list[Path], list[Recording], list[Answer]]:
+    """The files of a session, its recordings to diagnose, and the answers to experiments among them.
+
+    Raises ValueError where nothing is left to diagnose.
+    """
+    from gap.design.answers import asked_for, believed
+
+    files = found(runs)
+    recordings, answers = believed(counting(load_all(runs), everything=everything), asked_for(experiments or (), files))
+    if not recordings:
+        raise ValueError(f"nothing is left to diagnose: {answers[0].text}")
+    return files, recordings, answers
+
+
+def _report(
+    diagnosis: Diagnosis, files: Sequence[Path], answers: Sequence[Answer], self_check: Path | None
+) -> dict[str, Any]:
+    """The report of a diagnosis, with its files, its experiments, and a self-check where one is given."""
+    from gap import as_json
+
+    report = as_json(diagnosis) | {"recording_files": [str(p.resolve()) for p in files]}
+    if self_check:
+        report["selfcheck"] = cited(self_check, report["recordings"], report["causes"])
+        report["sentences"] += [report["selfcheck"]["text"]]
+    report["experiments"] = [a.as_dict() for a in answers]
+    report["remarks"] += [a.text for a in answers if a.fault]
+    return report
+
+
+def _print_report(report: Mapping[str, Any]) -> None:
+    """The sentences of a report on stdout, its remarks on stderr."""
+    print(*report["sentences"], sep="\n")
+    notes = list(report["remarks"])
+    if report["earlier"]:
+        notes.append(f"earlier sessions: {report['earlier']['text']}")
+    if report["next_experiment_note"]:
+        notes.append(f"next experiment: {report['next_experiment_note']}")
+    for note in notes:
+        print(f"note: {note}", file=sys.stderr)
 
 
 def _saved(diagnosis: Diagnosis, path: Path) -> str:

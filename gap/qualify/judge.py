@@ -3,11 +3,12 @@ tolerances."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from acquire.provenance import versions
 from acquire.qualifications import SCHEMA, SERIAL, VALID_DAYS, Bound, Covariance, Finding, Parameter, Qualification
@@ -45,25 +46,43 @@ def qualify(
 
     ``full`` tries more effects, and pairs. Raises DiagnosisError where there is no reference, or no single instrument.
     """
+    references = _references(recordings)
+    serial = _serial_number(references, serial)
+    d = diagnose(references, quick=not full, jobs=jobs, tell=tell)
+    return Judged(_document(references, d, serial, valid_days), d)
+
+
+def _references(recordings: Sequence[Recording]) -> list[Recording]:
+    """The recordings of reference specimens, which must be of one instrument."""
     references = [r for r in recordings if r.info.specimen in SPECIMENS]
     if not references:
         raise DiagnosisError("no recording of a reference specimen: there is nothing to qualify by")
     if len({r.info.instrument for r in references}) > 1:
         raise DiagnosisError("recordings of several instruments: qualify one at a time")
+    return references
+
+
+def _serial_number(references: Sequence[Recording], stated: str) -> str:
+    """The instrument's serial number, ``stated`` or recorded; '' where it is neither."""
     serials = {str(r.info.calibration[SERIAL]["value"]) for r in references if SERIAL in r.info.calibration}
-    if len(serials) > 1 or (serial and serials - {serial}):
-        raise DiagnosisError(f"recordings of several serial numbers ({', '.join(sorted(serials | {serial} - {''}))})")
-    d = diagnose(references, quick=not full, jobs=jobs, tell=tell)
+    serials |= {stated} - {""}
+    if len(serials) > 1:
+        raise DiagnosisError(f"recordings of several serial numbers ({', '.join(sorted(serials))})")
+    return next(iter(serials), "")
+
+
+def _document(references: Sequence[Recording], d: Diagnosis, serial: str, valid_days: float) -> Qualification:
+    """The qualification that a diagnosis of the references gives."""
     doubted = list(d.doubts)
     parameters, spread = _parameters(d)
     findings = [] if doubted else _findings(d)
-    off = [f"{n} ({p.like} would look so)" if p.like else n for n, p in parameters.items() if p.passed is False]
+    off = _beyond_tolerance(parameters)
     info = references[-1].info
-    document = Qualification(
+    return Qualification(
         schema=SCHEMA,
         instrument=info.instrument,
         device=info.device,
-        serial=serial or next(iter(serials), ""),
+        serial=serial,
         date=datetime.now(UTC).replace(microsecond=0),
         valid_days=valid_days,
         passed=not (findings or off or doubted or d.verdict.verdict == "unknown"),
@@ -81,7 +100,11 @@ def qualify(
         minutes=rounded(sum(_duration(r) for r in references) / 60.0),
         software=dict(versions()),
     )
-    return Judged(document, d)
+
+
+def _beyond_tolerance(parameters: Mapping[str, Parameter]) -> list[str]:
+    """Parameters that did not pass, each with the effect that would look so."""
+    return [f"{n} ({p.like} would look so)" if p.like else n for n, p in parameters.items() if p.passed is False]
 
 
 def _findings(d: Diagnosis) -> list[Finding]:
@@ -121,11 +144,7 @@ def _parameters(d: Diagnosis) -> tuple[dict[str, Parameter], Covariance | None]:
             blocks.append(matrix[np.ix_(chosen, chosen)])
     if not names:
         return out, None
-    whole = np.zeros((len(names), len(names)))
-    at = 0
-    for part in blocks:
-        whole[at : at + len(part), at : at + len(part)] = part
-        at += len(part)
+    whole = block_diag(*blocks)
     rows = tuple(tuple(rounded(v) for v in row) for row in whole.tolist())
     return out, Covariance(names=tuple(names), matrix=rows)
 
