@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,6 +24,7 @@ from gap.decision.qualified import Qualified, inform
 from gap.decision.qualified import read as read_qualification
 from gap.decision.settle import Case, settle
 from gap.decision.thresholds import INSTRUMENT, RIG, Thresholds
+from gap.decision.tolerance import Stated
 from gap.decision.transfer import Shrink, gap_without_discrepancy, plain
 from gap.decision.verdict import Verdict, undetectable
 from gap.effects.load import generic, library
@@ -94,6 +95,27 @@ class Diagnosis:
         return gap_without_discrepancy(self.best)
 
 
+def _untold(stage: str, share: float) -> None:
+    """Nobody hears of the stages."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a diagnosis rests on besides its recordings, and how wide it searches; as for `diagnose`.
+
+    ``qualified`` is the qualification once read, ``skins`` those of earlier sessions that are believed.
+    """
+
+    model: ForwardModel | None = None
+    effort: Effort = field(default_factory=Effort)
+    user_effects: Sequence[Path] = ()
+    solver: str = ""
+    jobs: int = 1
+    tell: Tell = _untold
+    qualified: Qualified | None = None
+    skins: Sequence[Skin] = ()
+
+
 # Systems this small take many times as long on several threads when the cores are busy.
 @threadpool_limits.wrap(limits=1)
 def diagnose(
@@ -105,7 +127,7 @@ def diagnose(
     solver: str = "",
     quick: bool = False,
     jobs: int = 1,
-    tell: Tell = lambda stage, share: None,
+    tell: Tell = _untold,
     qualification: Path | None = None,
     propose_term: bool = True,
     earlier: Sequence[Sequence[Recording]] = (),
@@ -122,125 +144,154 @@ def diagnose(
     Raises DiagnosisError, gap.ModelError.
     """
     begin = clock.perf_counter()
-    jobs = 1 if solver else jobs
     t = thresholds or (INSTRUMENT if model is None else RIG)
     recordings = without_pauses(in_order(recordings))
-    effort = effort or EFFORTS.get(recordings[0].info.instrument, Effort())
+    effort = _wide(effort or EFFORTS.get(recordings[0].info.instrument, Effort()), quick)
     qualified = read_qualification(qualification, recordings) if qualification is not None else None
-    effort = effort.quicker() if quick else effort
-    skins, unsound = _skins(earlier, recordings, model, solver, jobs)
-    case, told = gathered(recordings, model, effort, user_effects, solver, jobs, tell, qualified, skins)
-    doubted = wrong_references(case.comparison)
-    kept = [r for k, r in enumerate(recordings) if not any(k in d.runs for d in doubted)]
-    if doubted and kept:  # a specimen that contradicts its statement must not be believed
-        recordings = kept
-        case, told = gathered(recordings, model, effort, user_effects, solver, jobs, tell, qualified, skins)
-        told += [f"left out, {d}" for d in doubted]
-    settled = settle(case, t, jobs)
-    verdict, comparison, solves = settled.verdict, case.comparison, 0
-    if solver:
-        verdict, solves, words = _checked(comparison, verdict, t)
-        told += words
-    proposal = None
-    if propose_term and not solver and verdict.verdict == "unknown":
-        tell("looking for a term", 0.95)
-        proposal = best_term(case, t, jobs)
+    options = Options(model, effort, user_effects, solver, 1 if solver else jobs, tell, qualified)
+    skins, unsound = _skins(earlier, recordings, options)
+    options = replace(options, skins=skins)
+    recordings, case, doubted, told = _without_doubted(recordings, options)
+    settled = settle(case, t, options.jobs)
+    verdict, solves, words = _checked(case.comparison, settled.verdict, t) if solver else (settled.verdict, 0, [])
+    proposal = _proposed(case, verdict, t, options) if propose_term else None
     return Diagnosis(
         recordings=tuple(recordings),
-        problems=comparison.problems,
-        comparison=comparison,
+        problems=case.comparison.problems,
+        comparison=case.comparison,
         verdict=verdict,
         signatures=tuple(case.marks),
         shrinks=tuple(trial.shrinks for trial in settled.trials),
-        bounds=bounds(comparison, settled.found.temper),
-        confusable=confusable(comparison, settled.found.temper),
-        remarks=tuple(told),
+        bounds=bounds(case.comparison, settled.found.temper),
+        confusable=confusable(case.comparison, settled.found.temper),
+        remarks=(*told, *words),
         seconds=clock.perf_counter() - begin,
         null=case.null,
-        best=settled.trials[0].answer if settled.trials else case.null,
+        best=next((trial.answer for trial in settled.trials), case.null),
         thresholds=t,
         fe_solves=solves,
         doubts=tuple(map(str, doubted)),
         qualified=qualified,
         unqualified=case.posterior(t, qualified=False) if qualified is not None else None,
         term=proposal,
-        earlier=_learnt(comparison, skins, unsound) if earlier else None,
+        earlier=_learnt(case.comparison, skins, unsound) if earlier else None,
     )
 
 
-def gathered(
-    recordings: Sequence[Recording],
-    model: ForwardModel | None = None,
-    effort: Effort = Effort(),
-    user_effects: Sequence[Path] = (),
-    solver: str = "",
-    jobs: int = 1,
-    tell: Tell = lambda stage, share: None,
-    qualified: Qualified | None = None,
-    skins: Sequence[Skin] = (),
-) -> tuple[Case, list[str]]:
+def _wide(effort: Effort, quick: bool) -> Effort:
+    return effort.quicker() if quick else effort
+
+
+def _proposed(case: Case, verdict: Verdict, t: Thresholds, options: Options) -> Proposal | None:
+    """A term for a gap that no known effect explains; None where one does, or where a solver makes each try dear."""
+    if options.solver or verdict.verdict != "unknown":
+        return None
+    options.tell("looking for a term", 0.95)
+    return best_term(case, t, options.jobs)
+
+
+def _without_doubted(
+    recordings: Sequence[Recording], options: Options
+) -> tuple[Sequence[Recording], Case, list[Doubt], list[str]]:
+    """The recordings that may be believed, all that their verdict rests on, the reference specimens that contradict
+    their statement and are left out, and remarks."""
+    case, told = gathered(recordings, options)
+    doubted = wrong_references(case.comparison)
+    wrong = {k for d in doubted for k in d.runs}
+    kept = [r for k, r in enumerate(recordings) if k not in wrong]
+    if doubted and kept:
+        recordings = kept
+        case, told = gathered(recordings, options)
+        told += [f"left out, {d}" for d in doubted]
+    return recordings, case, doubted, told
+
+
+def gathered(recordings: Sequence[Recording], options: Options = Options()) -> tuple[Case, list[str]]:
     """All that the verdict on recordings rests on, every fit done; and remarks on the data."""
-    tell("reading the recordings", 0.0)
+    options.tell("reading the recordings", 0.0)
+    model = options.model
     told = remarks(recordings, one_clock=model is None)
-    problems, candidates = _problems(recordings, model, user_effects, solver, jobs)
-    if qualified is not None and qualified.believed:
-        inform(problems, qualified)
-    if qualified is not None and qualified.remark:
-        told.append(qualified.remark)
+    problems, candidates = _problems(recordings, options)
+    if options.qualified is not None:
+        told += _informed(problems, options.qualified)
     marks = signatures.find(recordings, model.channels if model else None)
-    asked = {key for p in problems if isinstance(p, Block) for key in p.suspected}
-    problems = [known_skin(p, skins)[0] or p if skins and isinstance(p, HeightBlock) else p for p in problems]
-    suspects = [c for c in candidates if c.key in asked or any(made_by(s, c) for s in marks)]
-    comparison = compare(problems, candidates, effort, suspects, jobs, tell)
-    stated = tolerances(recordings[0].info.instrument) if model is None else {}
-    for rig in (p for p in problems if isinstance(p, RigProblem)):
-        stated = sampled(tolerances("rig"), rig.interval)
+    suspects = _suspects(problems, candidates, marks)
+    problems = [_on_known_skin(p, options.skins) for p in problems]
+    comparison = compare(problems, candidates, options.effort, suspects, options.jobs, options.tell)
+    stated: Stated
+    if isinstance(rig := problems[0], RigProblem):
         alone = comparison.null.fits[rig.name]
         marks = [m for m in marks if against_the_model(m, rig, alone)]
         told += rig.at_the_end(alone.nuisance)
-    tell("testing on recordings withheld", 0.88)
+        stated, withheld = sampled(tolerances("rig"), rig.interval), splits_of_a_rig(recordings)
+    else:
+        stated, withheld = tolerances(recordings[0].info.instrument), splits(recordings)
+    options.tell("testing on recordings withheld", 0.88)
     case = Case(
         comparison=comparison,
         candidates=candidates,
         marks=marks,
         null=plain(comparison.problems, comparison.null),
-        withheld=splits(recordings) if model is None else splits_of_a_rig(recordings),
+        withheld=withheld,
         stated=stated,
-        qualified=qualified,
+        qualified=options.qualified,
     )
     return case, told
 
 
+def _informed(problems: Sequence[Problem], qualified: Qualified) -> list[str]:
+    """Give the problems the priors of a qualification that is believed; remarks on it."""
+    if qualified.believed:
+        inform(problems, qualified)
+    return [qualified.remark] if qualified.remark else []
+
+
+def _suspects(
+    problems: Sequence[Problem], candidates: Sequence[Candidate], marks: Sequence[signatures.Signature]
+) -> list[Candidate]:
+    """Candidates to be fitted in any case: a null model suspects them, or they leave marks that were found."""
+    asked = {key for p in problems if isinstance(p, Block) for key in p.suspected}
+    return [c for c in candidates if c.key in asked or any(made_by(s, c) for s in marks)]
+
+
+def _on_known_skin(problem: Problem, skins: Sequence[Skin]) -> Problem:
+    """A problem, which if it is the height of skin has earlier sessions' skin as its prior."""
+    if not skins or not isinstance(problem, HeightBlock):
+        return problem
+    return known_skin(problem, skins)[0] or problem
+
+
 def _skins(
-    earlier: Sequence[Sequence[Recording]],
-    recordings: Sequence[Recording],
-    model: ForwardModel | None,
-    solver: str,
-    jobs: int,
+    earlier: Sequence[Sequence[Recording]], recordings: Sequence[Recording], options: Options
 ) -> tuple[list[Skin], dict[str, str]]:
     """The skin in each of the sessions before this one that may be believed, and why others may not."""
     if not earlier:
         return [], {}
-    if model is not None or solver or recordings[0].info.instrument not in ("cutometer", "aspiration"):
+    built_in = recordings[0].info.instrument in ("cutometer", "aspiration")
+    if options.model is not None or options.solver or not built_in:
         raise DiagnosisError("earlier sessions are for suction on the built-in tissue, not for other rigs or solvers")
     skins, doubted = [], {}
     for session in earlier:
-        name = session[0].info.id
-        reason = unlike(session, recordings)
-        if not reason:
-            d = diagnose(session, quick=True, jobs=jobs, propose_term=False)
-            block = d.problems.get("height")
-            if d.verdict.claims or d.verdict.verdict == "unknown":
-                first = [e.name for e in d.verdict.causes[0].effects] if d.verdict.claims else ["of unknown cause"]
-                reason = f"it has a gap of its own: {', '.join(first)}"
-            elif isinstance(block, HeightBlock):
-                temper = max(d.comparison.temper()["height"], 1.0)
-                skins.append(skin_of(name, block, d.comparison.null.fits["height"], temper))
-            else:
-                reason = "it has no height of skin"
-        if reason:
-            doubted[name] = reason
+        skin = unlike(session, recordings) or _skin(session, options.jobs)
+        if isinstance(skin, Skin):
+            skins.append(skin)
+        else:
+            doubted[session[0].info.id] = skin
     return skins, doubted
+
+
+def _skin(session: Sequence[Recording], jobs: int) -> Skin | str:
+    """The skin of a session that is sound by itself, or why it is not to be believed."""
+    d = diagnose(session, quick=True, jobs=jobs, propose_term=False)
+    if d.verdict.claims:
+        return f"it has a gap of its own: {', '.join(e.name for e in d.verdict.causes[0].effects)}"
+    if d.verdict.verdict == "unknown":
+        return "it has a gap of its own: of unknown cause"
+    block = d.problems.get("height")
+    if not isinstance(block, HeightBlock):
+        return "it has no height of skin"
+    temper = max(d.comparison.temper()["height"], 1.0)
+    return skin_of(session[0].info.id, block, d.comparison.null.fits["height"], temper)
 
 
 def _learnt(comparison: Comparison, skins: Sequence[Skin], doubted: Mapping[str, str]) -> Earlier:
@@ -274,9 +325,8 @@ def _checked(comparison: Comparison, verdict: Verdict, t: Thresholds) -> tuple[V
     return verdict, solves, list(words)
 
 
-def _problems(
-    recordings: Sequence[Recording], model: ForwardModel | None, user_effects: Sequence[Path], solver: str, jobs: int
-) -> tuple[Sequence[Problem], tuple[Candidate, ...]]:
+def _problems(recordings: Sequence[Recording], options: Options) -> tuple[Sequence[Problem], tuple[Candidate, ...]]:
+    model, user_effects, solver = options.model, options.user_effects, options.solver
     if model is not None:
         if solver:
             raise DiagnosisError("a solver's tissue is for suction probes and the micro-robot, not for a --model rig")
@@ -290,7 +340,7 @@ def _problems(
             from gap.null.fe_tissue import fe_height
 
             return suction_problems(recordings, library(instrument, user_effects), fe_height(solver))
-        return suction_problems(recordings, library(instrument, user_effects), jobs=jobs)
+        return suction_problems(recordings, library(instrument, user_effects), jobs=options.jobs)
     if instrument == "microrobot":
         from gap.null.robot import robot_problems
 

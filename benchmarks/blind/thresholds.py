@@ -23,7 +23,7 @@ from gap.data.checks import in_order
 from gap.data.pauses import without_pauses
 from gap.decision.settle import Case, settle
 from gap.decision.thresholds import INSTRUMENT, Thresholds, provenance
-from gap.diagnosis import EFFORTS, gathered
+from gap.diagnosis import EFFORTS, Options, gathered
 from gap.search.compare import Effort
 
 NOT_ASKED = ("coverage", "surrogate")
@@ -63,7 +63,7 @@ def main() -> None:
     with threadpool_limits(limits=1):
         for folder in sorted(p for p in options.cases.iterdir() if p.name in truths):
             recordings = without_pauses(in_order([load(p) for p in session_paths(folder)]))
-            case, _ = gathered(recordings, effort=EFFORTS.get(recordings[0].info.instrument, Effort()))
+            case, _ = gathered(recordings, Options(effort=EFFORTS.get(recordings[0].info.instrument, Effort())))
             cases += 1
             print(f"{cases}/{len(truths)} {folder.name}", file=sys.stderr, flush=True)
             for name, word, t in variants():

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from acquire.recording.model import Recording
 from gap.data.innovation import unforeseen
-from gap.data.noise import high_band_sigma
+from gap.data.noise import Counts, coarse_counts, high_band_sigma
 from gap.rig.model import ForwardModel, ModelError
 from sim_devices.chain import FloatArray
 
@@ -17,6 +18,38 @@ STILL = 20
 """Equal samples in a row that a channel with noise does not have."""
 LEAST = 1e-7
 """Of a channel's range: no noise is less."""
+
+
+@dataclass
+class ChannelNoise:
+    """Noise of the predicted channels of a rig: standard deviation ``sigma`` of a sample, SI, by channel.
+
+    ``stated`` is the noise that model or recordings state, ``counts`` the coarse channels, whose noise is read from
+    their counts; of other channels it is read from how rough they are.
+    """
+
+    sigma: dict[str, float]
+    stated: Mapping[str, float]
+    counts: Mapping[str, Counts]
+
+    @classmethod
+    def of(
+        cls, model: ForwardModel, recordings: Sequence[Recording], runs: Sequence[Mapping[str, FloatArray]]
+    ) -> ChannelNoise:
+        """The noise in ``runs``, which have the signals (n,) of each of ``recordings``. Raises ModelError."""
+        # Of the channel as recorded: noise that `observe` filters out counts, too.
+        recorded = {c: [data[c] for data in runs] for c in model.channels}
+        counts = {c: found for c, v in recorded.items() if (found := coarse_counts(np.concatenate(v)))}
+        stated = stated_noise(model, recordings)
+        sigma = {c: roughness(c, values, runs) for c, values in recorded.items()}
+        return cls(sigma | {c: found.sigma for c, found in counts.items()} | stated, stated, counts)
+
+    def lower(self, residual: Mapping[str, Sequence[FloatArray]]) -> None:
+        """Lower the noise of channels to the roughness of a model's residuals, where their noise was read from their
+        own: where a channel is excited broadly, its own roughness is the signal's."""
+        for channel in set(residual) - set(self.stated) - set(self.counts):
+            rough = float(np.median([high_band_sigma(v) for v in residual[channel] if len(v)]))
+            self.sigma[channel] = min(self.sigma[channel], rough)
 
 
 def stated_noise(model: ForwardModel, recordings: Sequence[Recording]) -> dict[str, float]:

@@ -4,26 +4,26 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 from scipy.stats import qmc
 
 from acquire.recording.model import Recording, Series
 from gap.data.labels import label_rows
-from gap.data.noise import coarse_counts, high_band_sigma
 from gap.data.signatures import Signature
 from gap.inference.evidence import Fit
 from gap.inference.hypothesis import Active, Candidate, Evaluation, Start, from_unit, to_unit
 from gap.inference.least_squares import fit, predicted
 from gap.inference.problem import Problem
-from gap.rig.generic import GENERIC, INITIAL, GenericEffect, counted
+from gap.rig.generic import INITIAL, GenericEffect
+from gap.rig.library import Rig, widest_range
 from gap.rig.model import ForwardModel, ModelError, check_model
-from gap.rig.noise import moves, roughness, stated_noise
-from gap.rig.taps import Acting, Drag, Seen, Survey, scaled
-from sim_devices.chain import FloatArray, Parameter
+from gap.rig.noise import ChannelNoise, moves
+from gap.rig.taps import Acting, Drag, Seen, Survey
+from sim_devices.chain import FloatArray
 
 MAX_ROWS = 40_000
 """Rows of one problem above which samples are thinned (after simulation) to keep a diagnosis within seconds."""
@@ -47,6 +47,9 @@ PROBE = 1e-3
 """Drag, in signal over velocity, that shows the meaning of a tap's sign."""
 
 
+_Array = TypeVar("_Array", bound=NDArray[Any])
+
+
 class RigProblem:
     """Recordings of one rig against its forward model; nuisance = the model's own parameters.
 
@@ -64,45 +67,39 @@ class RigProblem:
     ) -> None:
         check_model(model, recordings)
         self.model = model
-        self._effects = (*GENERIC, *getattr(model, "effects", ()), *further)
-        self._unit = recordings[0].stream(model.channels[0]).unit
         self._runs = [_on_one_time_base(r, model) for r in recordings]
         self.prior_mean = np.zeros(len(model.parameters))
         self.prior_sd = np.ones(len(model.parameters))
         nominal, self._seen, self._work = self._survey()
         observe = getattr(model, "observe", lambda time, data: data)
-        measured = [self._series("observe", time, self._asked(observe, time, data)) for time, data in self._runs]
-        # Of the channel as recorded: noise that `observe` filters out counts, too.
-        recorded = {c: [run[1][c] for run in self._runs] for c in model.channels}
-        self._counts = {c: counts for c, v in recorded.items() if (counts := coarse_counts(np.concatenate(v)))}
-        self._stated = stated_noise(model, recordings)
-        everything = [data for _, data in self._runs]
-        self._sigma = {c: roughness(c, values, everything) for c, values in recorded.items()}
-        self._sigma |= {c: counts.sigma for c, counts in self._counts.items()} | self._stated
-        total = sum(len(run[0]) for run in self._runs) * len(model.channels)
+        observed = [self._series("observe", time, self._asked(observe, time, data)) for time, data in self._runs]
+        self._noise = ChannelNoise.of(model, recordings, [data for _, data in self._runs])
+        total = sum(len(time) for time, _ in self._runs) * len(model.channels)
         self._stride = max(1, int(np.ceil(total / MAX_ROWS)))
-        keep = [
-            [np.flatnonzero(np.isfinite(m) & np.isfinite(p))[:: self._stride] for m, p in zip(ms, ps, strict=True)]
-            for ms, ps in zip(measured, nominal, strict=True)
-        ]
-        if not any(len(k) for ks in keep for k in ks):
+        self._keep, self._measured = _comparable(observed, nominal, self._stride), observed
+        self.measured = np.concatenate([m[keep] for m, keep in zip(_flat(observed), _flat(self._keep), strict=True)])
+        if not len(self.measured):
             raise ModelError(f"model {model.name}: no sample has both a measured and a finite predicted value")
-        self._keep, self._measured = keep, measured
-        self.measured = np.concatenate(
-            [m[k] for ms, ks in zip(measured, keep, strict=True) for m, k in zip(ms, ks, strict=True)]
-        )
         self.sigma = self._by_row()
         self._start: FloatArray | None = None
         self.likelihood_powers = (0.6,)
         self.prior_scales: Sequence[FloatArray] = (self.prior_sd,)
         self.sd_without_discrepancy = self.prior_sd
         self.rows = label_rows(
-            [(r, c, run[0][k]) for r, run, ks in zip(recordings, self._runs, keep, strict=True)
+            [(r, c, time[k]) for r, (time, _), ks in zip(recordings, self._runs, self._keep, strict=True)
              for c, k in zip(model.channels, ks, strict=True)]
         )  # fmt: skip
-        library = self._library()
+        library = tuple(self._rig(recordings[0].stream(model.channels[0]).unit).library(further))
         self.candidates = tuple(c for c, _ in library)
         self._by_key = {c.key: e for c, e in library}
+
+    def _rig(self, unit: str) -> Rig:
+        """The facts of the rig that the priors of its effects scale with."""
+        time = self._runs[0][0]
+        return Rig(
+            self.model, self._seen, self._noise.counts, unit, widest_range(self._measured),
+            interval=float(np.median(np.diff(time))), duration=float(time[-1] - time[0]), recordings=len(self._runs),
+        )  # fmt: skip
 
     @property
     def interval(self) -> float:
@@ -123,7 +120,7 @@ class RigProblem:
     def _by_row(self) -> FloatArray:
         """Noise (n,) of the measured values."""
         kept = [(c, k) for ks in self._keep for c, k in zip(self.model.channels, ks, strict=True)]
-        return np.concatenate([np.full(len(k), self._sigma[c]) for c, k in kept])
+        return np.concatenate([np.full(len(k), self._noise.sigma[c]) for c, k in kept])
 
     def _survey(self) -> tuple[list[list[FloatArray]], dict[str, Seen], int]:
         """Nominal prediction of every run at default parameters, the signals at taps, and the cost of a simulation."""
@@ -192,50 +189,6 @@ class RigProblem:
             return [np.full(time.size, np.nan)] * len(self.model.channels)
         return [np.asarray(made[c], dtype=float) for c in self.model.channels]
 
-    def _library(self) -> list[tuple[Candidate, GenericEffect]]:
-        seen = self._seen
-        time = self._runs[0][0]
-        dt, duration = float(np.median(np.diff(time))), float(time[-1] - time[0])
-        measured = float(max(np.ptp(m[np.isfinite(m)]) for ms in self._measured for m in ms))
-        out = []
-        for tap, stage in self.model.stages.items():
-            if tap not in seen:
-                continue
-            for effect in self._effects:
-                if effect.taps and tap not in effect.taps:
-                    continue
-                if effect.needs and effect.needs not in seen[tap].related:
-                    continue
-                if effect.of_turns and not seen[tap].turns(effect.needs):
-                    continue
-                if effect.looks_ahead and not seen[tap].whole:
-                    continue
-                size = max(abs(seen[tap].low), abs(seen[tap].high))
-                if size < 1e-9 * measured and not effect.needs:
-                    continue  # a tap that carries nothing nominally can only gain something from a related signal
-                if seen[tap].high - seen[tap].low < 1e-9 * size and any(p.unit == "level" for p in effect.parameters):
-                    continue  # a signal that stands still ends at no level
-                unit = getattr(self.model, "units", {}).get(tap) or self._unit
-                if effect.name == "quantisation" and tap in self._counts:
-                    effect = counted(self._counts[tap], unit)
-                parameters = tuple(
-                    one
-                    for p in effect.parameters
-                    for one in self._of_each(scaled(p, seen[tap], measured, dt, duration, unit))
-                )
-                key = f"{effect.form or effect.name}@{tap}"
-                candidate = Candidate(
-                    key, effect.name, stage, parameters, (self.name,), f"{effect.meaning} (at {tap})", effect.remedy
-                )
-                out.append((candidate, effect))
-        return out
-
-    def _of_each(self, parameter: Parameter) -> list[Parameter]:
-        """A parameter of an effect; of the state in which a recording begins one for each."""
-        if parameter.name != INITIAL or len(self._runs) == 1:
-            return [parameter]
-        return [replace(parameter, name=f"{INITIAL}_{k}") for k in range(1, len(self._runs) + 1)]
-
     def start(self) -> FloatArray:
         """Where a fit of the model by itself begins: of several places in its parameters' ranges, the one from where
         it comes farthest in a few steps. From the defaults alone, a resonance may never find its frequency."""
@@ -253,20 +206,17 @@ class RigProblem:
         return self._start.copy()
 
     def _quieter(self, alone: Fit) -> None:
-        """Lower the noise of a channel to the roughness of the residual of the model by itself: where it is excited
-        broadly, its own roughness is the signal's."""
+        """Lower the noise of channels to the roughness of the residual of the model by itself."""
         if self._stride > 1 or hasattr(self.model, "observe"):
             return  # a thinned or filtered channel has no high band to read noise from
         at = 0
         left = {c: list[FloatArray]() for c in self.model.channels}
         for keeps, measured in zip(self._keep, self._measured, strict=True):
             for channel, keep, m in zip(self.model.channels, keeps, measured, strict=True):
-                residual = alone.residual[at : at + len(keep)] * self._sigma[channel]
+                residual = alone.residual[at : at + len(keep)] * self._noise.sigma[channel]
                 left[channel].append(residual[moves(m[keep])])
                 at += len(keep)
-        for channel in set(left) - set(self._stated) - set(self._counts):
-            rough = float(np.median([high_band_sigma(v) for v in left[channel] if len(v)]))
-            self._sigma[channel] = min(self._sigma[channel], rough)
+        self._noise.lower(left)
         self.sigma = self._by_row()
 
     def under_simple_law(self, candidate: Candidate, unit: FloatArray) -> Fit | None:
@@ -329,7 +279,7 @@ class RigProblem:
             made = self._simulated(time, data, p, Acting(self._at_taps(active, k), time, self._seen))
             for channel, keep, m, foretold in zip(self.model.channels, keeps, measured, made, strict=True):
                 with np.errstate(over="ignore"):
-                    parts.append((m[keep] - foretold[keep]) / self._sigma[channel])
+                    parts.append((m[keep] - foretold[keep]) / self._noise.sigma[channel])
         # A parameter set at which the model diverges is a very bad one, not an error.
         return np.clip(np.nan_to_num(np.concatenate(parts), nan=DIVERGED), -DIVERGED, DIVERGED)
 
@@ -369,6 +319,21 @@ def against_the_model(mark: Signature, problem: Problem, alone: Fit) -> bool:
         return True
     stands = np.split(foretold[at], np.flatnonzero(np.diff(at) > 1) + 1)
     return sum(len(s) * float(np.ptp(s)) for s in stands) > MOVING * len(at) * float(np.ptp(measured))
+
+
+def _comparable(
+    measured: Sequence[Sequence[FloatArray]], foretold: Sequence[Sequence[FloatArray]], stride: int
+) -> list[list[NDArray[np.intp]]]:
+    """Every ``stride``-th of the samples, by run and channel, that have a measured and a predicted value."""
+    return [
+        [np.flatnonzero(np.isfinite(m) & np.isfinite(p))[::stride] for m, p in zip(ms, ps, strict=True)]
+        for ms, ps in zip(measured, foretold, strict=True)
+    ]
+
+
+def _flat(by_run: Sequence[Sequence[_Array]]) -> list[_Array]:
+    """Arrays by run and channel, one after the other."""
+    return [array for by_channel in by_run for array in by_channel]
 
 
 def _on_one_time_base(recording: Recording, model: ForwardModel) -> tuple[FloatArray, dict[str, FloatArray]]:

@@ -20,7 +20,7 @@ from gap.decision.settle import Case
 from gap.decision.thresholds import INSTRUMENT, RIG
 from gap.decision.transfer import plain
 from gap.design import simulated as own
-from gap.diagnosis import diagnose, gathered
+from gap.diagnosis import Options, diagnose, gathered
 from gap.effects.load import generic, library
 from gap.null.robot_reference import ReferenceForceBlock
 from gap.rig.problem import RigProblem
@@ -207,7 +207,7 @@ def test_a_pump_that_is_weak_while_cold_is_described_and_then_named(tmp_path: Pa
     ]
     values = {"shortfall": 0.08, "warming": 40.0}
     session = own.suction_session("cutometer", np.random.default_rng(1), [(cold, values)], legs=legs)
-    case, _ = gathered(session, effort=Effort().quicker())
+    case, _ = gathered(session, Options(effort=Effort().quicker()))
     found = best_term(case, INSTRUMENT)
     assert found is not None
     assert found.helps
