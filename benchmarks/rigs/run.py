@@ -13,6 +13,7 @@ import json
 import signal
 import time as clock
 import traceback
+from collections import Counter
 from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
@@ -28,6 +29,8 @@ SLOW = 20.0
 """Seconds above which a case counts as slow."""
 BINS = ((1, 1.5, "barely visible"), (1.5, 4, "visible"), (4, 15, "strong"), (15, float("inf"), "dominating"))
 """Gap of the fitted nominal model over that with the truth."""
+UNCLAIMED = dict.fromkeys(("claim", "exact", "family", "hinted", "stage", "wrong", "tiny", "extra"), False)
+"""The score of a report that claims nothing; ``hinted`` where it names the effect first all the same."""
 HIDDEN = 5.0
 """Standard deviations below which an effect is too weak to be asked for."""
 
@@ -61,23 +64,29 @@ def judged(truth: dict[str, Any], report: dict[str, Any]) -> dict[str, Any]:
     claim (`effect`, `several`). ``wrong``: claimed with p > 0.5 and no name of the family in it. Of a pair, every
     member's class counts.
     """
-    cause = report["causes"][0] if report["causes"] else None
-    claim = report["verdict"] in ("effect", "several") and cause is not None
-    names = set(cause["class"]) | set(cause["effects"]) if cause else set()
-    names |= {part for n in names for part in n.replace(" + ", "+").split("+")}
-    exact = bool(names & set(truth["exact"]))
-    family = exact or bool(names & set(truth["near"]))
-    sure = claim and cause["probability"] > 0.5
-    return {
-        "claim": claim,
-        "exact": claim and exact,
-        "family": claim and family and bool(truth["exact"]),
-        "hinted": not claim and exact,  # named first, but not claimed
-        "stage": claim and cause["stages"][0] in truth["stages"],
-        "wrong": sure and not (family and truth["exact"]),
-        "tiny": sure and family and not truth["exact"],  # really there, but far below the noise
-        "extra": claim and family and len(cause["effects"]) > 1,
+    if not report["causes"]:
+        return dict(UNCLAIMED)
+    cause = report["causes"][0]
+    names = {part for name in (*cause["class"], *cause["effects"]) for part in (name, *parts_of(name))}
+    exact = not names.isdisjoint(truth["exact"])
+    if report["verdict"] not in ("effect", "several"):
+        return UNCLAIMED | {"hinted": exact}
+    real, family = bool(truth["exact"]), exact or not names.isdisjoint(truth["near"])
+    sure = cause["probability"] > 0.5
+    return UNCLAIMED | {
+        "claim": True,
+        "exact": exact,
+        "family": family and real,
+        "stage": cause["stages"][0] in truth["stages"],
+        "wrong": sure and not (family and real),
+        "tiny": sure and family and not real,  # really there, but far below the noise
+        "extra": family and len(cause["effects"]) > 1,
     }
+
+
+def parts_of(name: str) -> list[str]:
+    """The effects that the name of a pair is made of."""
+    return name.replace(" + ", "+").split("+")
 
 
 def contrast(truth: dict[str, Any]) -> float:
@@ -106,35 +115,72 @@ def share(marks: Iterable[bool]) -> str:
     return f"{sum(values)}/{len(values)}" + (f" ({sum(values) / len(values):.0%})" if values else "")
 
 
+Marks = dict[str, dict[str, Any]]
+"""What `judged` says of each case."""
+
+
+def counted(marks: Marks, names: Iterable[str], mark: str) -> str:
+    """How many of the cases ``names`` have a mark."""
+    return share(marks[n][mark] for n in names)
+
+
 def summary(key: dict[str, Any], reports: dict[str, Any]) -> str:
+    """How often the first cause is right where there is an effect, and one is claimed where there is none."""
     marks = {n: judged(key[n], r) for n, r in reports.items()}
-    real = [n for n in marks if key[n]["exact"] and contrast(key[n])]
-    weak = [n for n in marks if key[n]["exact"] and not contrast(key[n])]
-    nulls = [n for n in marks if not key[n]["exact"]]
+    effects = {n: contrast(key[n]) for n in marks if key[n]["exact"]}
+    real = {n: c for n, c in effects.items() if c}
+    weak = [n for n, c in effects.items() if not c]
+    nulls = [n for n in marks if n not in effects]
     lines = [f"{len(real)} cases with an effect, {len(nulls)} without; too weak to be seen: {weak or 'none'}"]
+    lines += by_contrast(marks, real)
+    lines += of_nulls(marks, nulls, reports)
+    lines += of_trouble(reports)
+    return "\n".join(lines)
+
+
+def by_contrast(marks: Marks, real: dict[str, float]) -> list[str]:
+    """Lines on the cases with an effect, all and by how far it stands out."""
+    lines = []
     for low, high, word in ((1, float("inf"), "all"), *BINS):
-        some = [n for n in real if low <= contrast(key[n]) < high]
+        some = [n for n, found in real.items() if low <= found < high]
         if some:
             lines.append(
-                f"  {word:15} exact {share(marks[n]['exact'] for n in some):12}"
-                f" family {share(marks[n]['family'] for n in some):12}"
-                f" stage {share(marks[n]['stage'] for n in some):12}"
-                f" first but unclaimed {share(marks[n]['hinted'] for n in some):12}"
-                f" wrong with p>.5 {share(marks[n]['wrong'] for n in some)}"
+                f"  {word:15} exact {counted(marks, some, 'exact'):12}"
+                f" family {counted(marks, some, 'family'):12}"
+                f" stage {counted(marks, some, 'stage'):12}"
+                f" first but unclaimed {counted(marks, some, 'hinted'):12}"
+                f" wrong with p>.5 {counted(marks, some, 'wrong')}"
             )
-    extra = share(marks[n]["extra"] for n in real if marks[n]["family"])
-    lines.append(f"  of right families with a second effect besides: {extra}")
-    lines.append(f"no effect: claimed all the same {share(marks[n]['claim'] for n in nulls)},"
-                 f" with p>.5 {share(marks[n]['wrong'] for n in nulls)}"
-                 f" (of them a tiny one that is there {sum(marks[n]['tiny'] for n in nulls)})")  # fmt: skip
-    verdicts: dict[str, int] = {}
-    for n in nulls:
-        verdicts[reports[n]["verdict"]] = verdicts.get(reports[n]["verdict"], 0) + 1
-    lines.append(f"  verdicts there: {verdicts}")
-    lines.append(f"crashes: {[n for n, r in reports.items() if r['verdict'] == 'crash'] or 'none'}")
+    extra = counted(marks, (n for n in real if marks[n]["family"]), "extra")
+    return [*lines, f"  of right families with a second effect besides: {extra}"]
+
+
+def of_trouble(reports: dict[str, Any]) -> list[str]:
+    """Lines on crashes and slow cases."""
+    crashes = [n for n, r in reports.items() if r["verdict"] == "crash"]
     slow = {n: round(r["wall"]) for n, r in reports.items() if r["wall"] > SLOW}
-    lines.append(f"slower than {SLOW:.0f} s: {slow or 'none'}")
-    return "\n".join(lines)
+    return [f"crashes: {crashes or 'none'}", f"slower than {SLOW:.0f} s: {slow or 'none'}"]
+
+
+def of_nulls(marks: Marks, nulls: list[str], reports: dict[str, Any]) -> list[str]:
+    """Lines on the cases without an effect."""
+    tiny = sum(marks[n]["tiny"] for n in nulls)
+    return [
+        f"no effect: claimed all the same {counted(marks, nulls, 'claim')},"
+        f" with p>.5 {counted(marks, nulls, 'wrong')} (of them a tiny one that is there {tiny})",
+        f"  verdicts there: {dict(Counter(reports[n]['verdict'] for n in nulls))}",
+    ]
+
+
+def diagnose_all(jobs: list[tuple[Path, str, Path, int]], processes: int) -> None:
+    """Diagnose cases in some processes and tell each as it ends."""
+    if processes == 1:
+        for job in jobs:
+            print(diagnosed(job), flush=True)
+        return
+    with ProcessPoolExecutor(processes) as pool:
+        for line in pool.map(diagnosed, jobs):
+            print(line, flush=True)
 
 
 def main() -> None:
@@ -152,14 +198,7 @@ def main() -> None:
     out = given.folder / given.reports
     out.mkdir(exist_ok=True)
     jobs = [(given.folder / "cases" / n, k["model"], out / f"{n}.json", given.limit) for n, k in key.items()]
-    jobs = [j for j in jobs if given.fresh or not j[2].exists()]
-    if given.jobs > 1:
-        with ProcessPoolExecutor(given.jobs) as pool:
-            for line in pool.map(diagnosed, jobs):
-                print(line, flush=True)
-    else:
-        for job in jobs:
-            print(diagnosed(job), flush=True)
+    diagnose_all([j for j in jobs if given.fresh or not j[2].exists()], given.jobs)
     reports = {n: json.loads((out / f"{n}.json").read_text()) for n in key if (out / f"{n}.json").exists()}
     heading = (f"{'case':18} {'truth':22} {'size':>8} {'before':>7} {'after':>5} {'verdict':12} {'p':>5} {'shrink':>14}"
                f" {'s':>6}  {'worth':6} first cause | its class")  # fmt: skip

@@ -12,6 +12,7 @@ from .instants import Knobs
 from .signals import Array
 
 OMEGA = 1 / 0.040  # rad/s, double pole of the second-order regulator
+_PARTS, _WEIGHTS = (0.0, 0.5, 0.5, 1.0), (1.0, 2.0, 2.0, 1.0)  # of a step, in classical RK4
 
 
 @njit(cache=True)
@@ -25,10 +26,34 @@ def _flow(u, p, state, w, zeta, pi):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def _felt(u, x, band):  # type: ignore[no-untyped-def]
+    """The pressure that a regulator acts on: within the dead band of the command it sees no difference."""
+    if band <= 0.0:
+        return x
+    err = u - x
+    err = 0.0 if abs(err) < band else err - band * np.sign(err)
+    return u - err
+
+
+@njit(cache=True)
+def _bounded(flow, change, rate, soft, integrates):  # type: ignore[no-untyped-def]
+    """Flow and change of the regulator's state where the flow is at most ``rate`` (0: any), softly or hard; a hard
+    bound stops the integral of a regulator that has one."""
+    if rate <= 0.0:
+        return flow, change
+    if soft > 0.0:
+        return rate * np.tanh(flow / rate), change
+    bound = min(max(flow, -rate), rate)
+    return bound, 0.0 if integrates and bound != flow else change
+
+
+@njit(cache=True)
 def _loop(c, dt, w, zeta, hindered, lead, pi, late):  # type: ignore[no-untyped-def]
     """RK4 of p' = flow - leaks(p) and of the regulator's state; returns p + lead flow. ``w`` < 0 is a first order;
     ``late`` grid steps pass before the regulator sees its own pressure."""
     rate, soft, leak, root_leak, late_leak, late_at, band = hindered
+    integrates = pi[0] > 0.0
+    limited = rate > 0.0 and soft == 0.0 and not integrates and w > 0.0
     y, seen = np.zeros_like(c), np.zeros_like(c)
     p, v = 0.0, 0.0
     for i in range(1, c.size):
@@ -37,28 +62,18 @@ def _loop(c, dt, w, zeta, hindered, lead, pi, late):  # type: ignore[no-untyped-
         kp, kv = 0.0, 0.0
         old = seen[max(i - 1 - late, 0)] - seen[i - 1]
         for k in range(4):
-            f = 0.0 if k == 0 else (h if k == 3 else 0.5 * h)
-            x, vi = p + f * kp, v + f * kv
-            u = c[i - 1] + (c[i] - c[i - 1]) * (0.0 if k == 0 else (1.0 if k == 3 else 0.5))
-            felt = x + old
-            if band > 0.0:
-                err = u - felt
-                err = 0.0 if abs(err) < band else err - band * np.sign(err)
-                felt = u - err
-            flow, change = _flow(u, felt, vi, w, zeta, pi)
-            if rate > 0.0:
-                bound = rate * np.tanh(flow / rate) if soft > 0.0 else min(max(flow, -rate), rate)
-                if pi[0] > 0.0 and bound != flow and soft == 0.0:
-                    change = 0.0
-                flow = bound
+            part = _PARTS[k]
+            x, vi = p + part * h * kp, v + part * h * kv
+            u = c[i - 1] + (c[i] - c[i - 1]) * part
+            flow, change = _flow(u, _felt(u, x + old, band), vi, w, zeta, pi)
+            flow, change = _bounded(flow, change, rate, soft, integrates)
             out = leak * x + root_leak * np.sqrt(max(x, 0.0)) + late_leak * max(x - late_at, 0.0)
             kp, kv = flow - out, change
-            g = 1.0 if k == 0 or k == 3 else 2.0
-            sp += g * kp
-            sv += g * kv
+            sp += _WEIGHTS[k] * kp
+            sv += _WEIGHTS[k] * kv
         p += h / 6 * sp
         v += h / 6 * sv
-        if rate > 0.0 and soft == 0.0 and pi[0] == 0.0 and w > 0.0:
+        if limited:
             v = min(max(v, -rate), rate)
         y[i] = p + lead * sp / 6
         seen[i] = p

@@ -6,7 +6,7 @@ specimen. Rests between recordings are simulated too, so that slow effects see t
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 
@@ -48,6 +48,51 @@ class Leg:
         return f"{self.specimen} {sorted((key, str(stated)) for key, stated in self.known.items())}"
 
 
+@dataclass(frozen=True)
+class Schedule:
+    """Legs on a session's clock: when each starts (s), and the instants at which it is sampled (s)."""
+
+    legs: Sequence[Leg]
+    starts: FloatArray
+    stamps: Sequence[FloatArray]
+
+    @classmethod
+    def of(cls, legs: Sequence[Leg], rate: float, pause: float) -> Schedule:
+        """Legs one after the other, ``pause`` s apart, sampled at ``rate`` Hz."""
+        starts = np.cumsum([0.0, *[leg.duration + pause for leg in legs]])[:-1]
+        stamps = [s + np.arange(0.0, leg.duration, 1 / rate) for s, leg in zip(starts, legs, strict=True)]
+        return cls(legs, starts, stamps)
+
+    def together(self) -> list[list[int]]:
+        """Numbers of the legs that are simulated together: on one specimen, as one series."""
+        labels = dict.fromkeys(leg.label for leg in self.legs)
+        return [[k for k, leg in enumerate(self.legs) if leg.label == label] for label in labels]
+
+    def command(self, quantity: str, members: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+        """Corners (s, SI) of a quantity's command in the legs ``members``."""
+        time = np.concatenate([self.starts[k] + self.legs[k].quantity_tables[quantity][0] for k in members])
+        return time, np.concatenate([self.legs[k].quantity_tables[quantity][1] for k in members])
+
+    def instants(self, members: Sequence[int]) -> FloatArray:
+        """Sampling instants (n,) s of the legs ``members``."""
+        return np.concatenate([self.stamps[k] for k in members])
+
+    def parts(self, members: Sequence[int]) -> Iterator[tuple[int, slice]]:
+        """Each of the legs ``members`` and its part of their common series."""
+        end = 0
+        for k in members:
+            begin, end = end, end + len(self.stamps[k])
+            yield k, slice(begin, end)
+
+    def recordings(self, instrument: str, channels: Mapping[int, Mapping[str, FloatArray]]) -> list[Recording]:
+        """A recording of each leg, with its ``channels``."""
+        begin = datetime(2026, 1, 1, tzinfo=UTC)
+        return [
+            _recording(instrument, leg, channels[k], stamps, float(start), begin + timedelta(seconds=float(start)))
+            for k, (leg, start, stamps) in enumerate(zip(self.legs, self.starts, self.stamps, strict=True))
+        ]
+
+
 def step_hold(level: float, hold: float, rest: float, lead: float = 1.0) -> Leg:
     """Suction ``level`` Pa for ``hold`` s, then ``rest`` s vented."""
     time = np.array([0.0, lead, lead, lead + hold, lead + hold, lead + hold + rest])
@@ -87,36 +132,35 @@ def suction_session(
     pause: float = 20.0,
 ) -> list[Recording]:
     """Recordings of a simulated session; ``scatter`` is the relative run-to-run scatter of the skin's height."""
-    legs = list(legs) if legs is not None else suction_legs(instrument, rng)
+    plan = Schedule.of(legs if legs is not None else suction_legs(instrument, rng), RATES[instrument], pause)
     tissue = tissue or suction_tissue("forearm")
-    starts = np.cumsum([0.0, *[leg.duration + pause for leg in legs]])[:-1]
-    rate = RATES[instrument]
-    stamps = [s + np.arange(0.0, leg.duration, 1 / rate) for s, leg in zip(starts, legs, strict=True)]
-    made: list[dict[str, FloatArray]] = [{} for _ in legs]
-    for label in dict.fromkeys(leg.label for leg in legs):
-        members = [k for k, leg in enumerate(legs) if leg.label == label]
-        leg = legs[members[0]]
-        chain = nominal(instrument, marks=tuple(float(starts[k]) for k in members))
+    made: dict[int, dict[str, FloatArray]] = {}
+    for members in plan.together():
+        leg = plan.legs[members[0]]
+        chain = nominal(instrument, marks=tuple(float(plan.starts[k]) for k in members))
         law = tissue if leg.specimen in (SKIN, *SPECIMENS) else suction_tissue(leg.specimen)
         chain = with_tissue(chain, for_opening(law, OPENING[instrument]))
         chain = noisy(_mounted(chain, leg, effects), int(rng.integers(1 << 30)), scatter=0.0)
         wanted = ("pressure", "apex_height", *(["pressure_reference"] if leg.specimen == MANOMETER else []))
-        time = np.concatenate([starts[k] + legs[k].quantity_tables["pressure"][0] for k in members])
-        value = np.concatenate([legs[k].quantity_tables["pressure"][1] for k in members])
-        at = np.concatenate([stamps[k] for k in members])
-        signals = simulate(chain, {"pressure": (time, value)}, dict.fromkeys(wanted, at))
-        ends = np.cumsum([len(stamps[k]) for k in members])
-        for k, end in zip(members, ends, strict=True):
-            part = slice(end - len(stamps[k]), end)
-            gain = 1 + scatter * rng.standard_normal() if leg.specimen == SKIN else 1.0
-            made[k] = {name: signals[name][part] * (gain if name == "apex_height" else 1.0) for name in wanted}
+        at = plan.instants(members)
+        signals = simulate(chain, {"pressure": plan.command("pressure", members)}, dict.fromkeys(wanted, at))
+        for k, part in plan.parts(members):
+            made[k] = _repeated(signals, part, ("apex_height",), _gain(leg, scatter, rng))
             if "pressure_reference" in made[k]:
-                made[k]["pressure_reference"] += MANOMETER_NOISE * rng.standard_normal(end - part.start)
-    begin = datetime(2026, 1, 1, tzinfo=UTC)
-    return [
-        _recording(instrument, leg, made[k], stamps[k], float(starts[k]), begin + timedelta(seconds=float(starts[k])))
-        for k, leg in enumerate(legs)
-    ]
+                made[k]["pressure_reference"] += MANOMETER_NOISE * rng.standard_normal(part.stop - part.start)
+    return plan.recordings(instrument, made)
+
+
+def _gain(leg: Leg, scatter: float, rng: np.random.Generator) -> float:
+    """The run-to-run gain of a specimen's answer: only skin scatters."""
+    return 1 + scatter * rng.standard_normal() if leg.specimen == SKIN else 1.0
+
+
+def _repeated(
+    signals: Mapping[str, FloatArray], part: slice, answers: Sequence[str], gain: float
+) -> dict[str, FloatArray]:
+    """A part of simulated signals, the specimen's answers (by the beginnings of their names) times ``gain``."""
+    return {name: values[part] * (gain if name.startswith(tuple(answers)) else 1.0) for name, values in signals.items()}
 
 
 def _mounted(chain: Chain, leg: Leg, effects: Sequence[tuple[Effect, Mapping[str, float]]]) -> Chain:
@@ -160,41 +204,25 @@ def robot_session(
     pause: float = 1.0,
 ) -> list[Recording]:
     """Recordings of a simulated robot session; ``scatter`` as for suction."""
-    legs = list(legs) if legs is not None else robot_legs(rng)
-    starts = np.cumsum([0.0, *[leg.duration + pause for leg in legs]])[:-1]
-    stamps = [s + np.arange(0.0, leg.duration, 1 / ROBOT_RATE) for s, leg in zip(starts, legs, strict=True)]
+    plan = Schedule.of(legs if legs is not None else robot_legs(rng), ROBOT_RATE, pause)
     names = (*numbered("axis_position"), *TRANSDUCERS, *xyz("probe"), *xyz("force"))
-    made: list[dict[str, FloatArray]] = [{} for _ in legs]
-    for label in dict.fromkeys(leg.label for leg in legs):
-        members = [k for k, leg in enumerate(legs) if leg.label == label]
-        leg = legs[members[0]]
-        skin = tissue or sheet_tissue("forearm")
-        law = skin if leg.specimen in (SKIN, *SPECIMENS) else sheet_tissue(leg.specimen)
+    tissue = tissue or sheet_tissue("forearm")
+    made: dict[int, dict[str, FloatArray]] = {}
+    for members in plan.together():
+        leg = plan.legs[members[0]]
+        law = tissue if leg.specimen in (SKIN, *SPECIMENS) else sheet_tissue(leg.specimen)
         chain = nominal("microrobot", tissue=law)
         chain = noisy(_mounted(chain, leg, effects), int(rng.integers(1 << 30)), scatter=0.0)
         # A weight hangs there before it is recorded: the axes have settled under it.
         lead = SETTLING if leg.specimen == "dead weight" else 0
-        before = stamps[members[0]][0] - np.arange(lead, 0, -1) / ROBOT_RATE
-        fine = np.concatenate([_fine(before), *(_fine(stamps[k]) for k in members)])
-        inputs = {}
-        for quantity, signal in (("probe_x", "command_x"), ("probe_y", "command_y"), ("probe_z", "command_z")):
-            time = np.concatenate([starts[k] + legs[k].quantity_tables[quantity][0] for k in members])
-            inputs[signal] = np.interp(
-                fine, time, np.concatenate([legs[k].quantity_tables[quantity][1] for k in members])
-            )
-        signals = {name: values[::ROBOT_SUBSTEPS][lead:] for name, values in closed_loop(chain, fine, inputs).items()}
-        ends = np.cumsum([len(stamps[k]) for k in members])
-        for k, end in zip(members, ends, strict=True):
-            gain = 1 + scatter * rng.standard_normal() if leg.specimen == SKIN else 1.0
-            made[k] = {
-                n: signals[n][end - len(stamps[k]) : end] * (gain if n.startswith(("transducer", "force")) else 1.0)
-                for n in names
-            }
-    begin = datetime(2026, 1, 1, tzinfo=UTC)
-    return [
-        _recording("microrobot", leg, made[k], stamps[k], float(starts[k]), begin + timedelta(seconds=float(starts[k])))
-        for k, leg in enumerate(legs)
-    ]
+        before = plan.stamps[members[0]][0] - np.arange(lead, 0, -1) / ROBOT_RATE
+        fine = np.concatenate([_fine(before), *(_fine(plan.stamps[k]) for k in members)])
+        inputs = {f"command_{a}": np.interp(fine, *plan.command(f"probe_{a}", members)) for a in "xyz"}
+        found = closed_loop(chain, fine, inputs)
+        signals = {name: found[name][::ROBOT_SUBSTEPS][lead:] for name in names}
+        for k, part in plan.parts(members):
+            made[k] = _repeated(signals, part, ("transducer", "force"), _gain(leg, scatter, rng))
+    return plan.recordings("microrobot", made)
 
 
 def _fine(stamps: FloatArray) -> FloatArray:

@@ -105,33 +105,54 @@ def zeroed(
     # [7] integral of height since suction started
     for i in range(t.size):
         if s[1] == 0.0 or t[i] >= marks[int(s[3])]:
-            while t[i] >= marks[int(s[3])]:
-                s[3] += 1.0
-            s[1], s[4] = 1.0, t[i]
+            _arm(s, t[i], marks)
             if at_marks:
                 s[0] = h[i]
-        sucking = p[i] < -1.0
-        if sucking:
-            if s[1] == 1.0 or (s[1] == 3.0 and anew > 0.0 and t[i] - s[4] >= anew):
+        if p[i] < -1.0:  # suction
+            if _starts(s, t[i], anew):
                 s[1], s[2], s[5], s[6], s[7] = 2.0, t[i] + delay, t[i], h[i], 0.0
             s[4] = t[i]
-        if s[1] == 2.0:
-            # The delay ends between two samples.
-            end = min(t[i], s[2])
-            part = (end - s[5]) / (t[i] - s[5]) if t[i] > s[5] else 1.0
-            there = s[6] + part * (h[i] - s[6])
-            s[7] += 0.5 * (s[6] + there) * (end - s[5])
-            s[5], s[6] = end, there
-            if t[i] >= s[2] - 1e-9:
-                s[0], s[1] = there, 3.0
-                if averaged and delay > 0.0:
-                    s[0] = s[7] / delay
-                    j = i - 1
-                    begin = marks[int(s[3]) - 1] if s[3] > 0.0 else -np.inf
-                    while j >= 0 and t[j] >= begin:
-                        y[j] = h[j] - s[0]
-                        j -= 1
+        if s[1] == 2.0 and _waited(s, t[i], h[i]):
+            s[0], s[1] = s[6], 3.0
+            if averaged and delay > 0.0:
+                s[0] = s[7] / delay
+                _take_off(s, t, h, marks, i, y)
         y[i] = h[i] - s[0]
+
+
+@njit(cache=True)
+def _arm(s: FloatArray, now: float, marks: FloatArray) -> None:
+    """Arm the zeroing at ``now``, past all marks until then."""
+    while now >= marks[int(s[3])]:
+        s[3] += 1.0
+    s[1], s[4] = 1.0, now
+
+
+@njit(cache=True)
+def _waited(s: FloatArray, now: float, height: float) -> bool:
+    """Go on to a sample, or to the end of the delay, which lies between two; whether the delay is over."""
+    end = min(now, s[2])
+    part = (end - s[5]) / (now - s[5]) if now > s[5] else 1.0
+    there = s[6] + part * (height - s[6])
+    s[7] += 0.5 * (s[6] + there) * (end - s[5])
+    s[5], s[6] = end, there
+    return bool(now >= s[2] - 1e-9)
+
+
+@njit(cache=True)
+def _starts(s: FloatArray, now: float, anew: float) -> bool:
+    """Whether suction at ``now`` is the first since the zeroing was armed, or since a rest of ``anew`` s."""
+    return bool(s[1] == 1.0 or (s[1] == 3.0 and 0.0 < anew <= now - s[4]))
+
+
+@njit(cache=True)
+def _take_off(s: FloatArray, t: FloatArray, h: FloatArray, marks: FloatArray, end: int, y: FloatArray) -> None:
+    """Take the zero off the samples before ``end``, back to the last mark."""
+    begin = marks[int(s[3]) - 1] if s[3] > 0.0 else -np.inf
+    for j in range(end - 1, -1, -1):
+        if t[j] < begin:
+            break
+        y[j] = h[j] - s[0]
 
 
 def elastic_height(
