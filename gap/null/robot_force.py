@@ -15,7 +15,7 @@ from gap.null.blocks import SIMPLE_SHIFT, Block, Group, GroupedSession, Table, c
 from gap.null.chains import Kept, Memo, needed, run, undone
 from gap.null.robot_axes import AXES, ROBOT_BINS, AxesBlock, recorded, specimen_chain, steepness
 from gap.null.sheet_discrepancy import sheet_discrepancy
-from gap.null.sheet_law import FURTHER, LAWS, TISSUE, Law, rewired, sheet
+from gap.null.sheet_law import FURTHER, LAWS, SPECTRUM, TISSUE, Law, rewired, sheet
 from protocols.specimens import SPECIMENS
 from sim_devices.chain import Chain, Effect, FloatArray
 from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
@@ -153,11 +153,15 @@ class ForceBlock(Block):
         return fitted.chi2 < AT_NOISE * len(self.measured)
 
     def _beside(self, law: Fit) -> tuple[Fit, Sequence[FloatArray]]:
-        """A further law's fit beside a discrepancy, and the prior widths of any size of it."""
+        """A further law's fit beside a discrepancy, and the prior widths of any size of it.
+
+        Any spectrum of relaxation stays free, as under the usual law: skin of three times would else be told a creep.
+        """
         tissue, sizes = self._parts["tissue"], []
+        freed = np.where(np.isin(self.TISSUE, SPECTRUM), self.LAWS[-1].sd, law.prior_sd[tissue])
         for scale in (1.0, *self.DISCREPANCY_SCALES):
             sizes.append(self._wide(scale))
-            sizes[-1][tissue] = law.prior_sd[tissue]
+            sizes[-1][tissue] = freed
         full, *wide = sizes
         return fit(under(self, self.prior_mean, full), nuisance=law.nuisance, iterations=15), wide
 

@@ -11,14 +11,14 @@ from gap.data.smoothing import deviation, significant
 from gap.design import simulated as own
 from gap.effects.load import library
 from gap.inference.hypothesis import Candidate
-from gap.inference.least_squares import fit
+from gap.inference.least_squares import fit, under
 from gap.null.blocks import GroupedSession, candidates_for
 from gap.null.robot import robot_problems
 from gap.null.robot_axes import QUANTITIES, AxesBlock
 from gap.null.robot_force import AT_NOISE, ForceBlock, RoughForceBlock
 from gap.null.robot_loop import CONTROLLERS
 from gap.null.sheet_discrepancy import gradients, lagged, played, sheet_discrepancy
-from gap.null.sheet_law import FURTHER, Law
+from gap.null.sheet_law import FURTHER, SPECTRUM, Law
 from sim_devices.chain import FloatArray
 from sim_devices.stages import nominal
 from sim_devices.stages.kernels import evaluate, low_pass
@@ -209,6 +209,21 @@ def test_skin_of_a_further_law_is_fitted_by_it_alone(
     assert residual @ residual < AT_NOISE * len(residual)
     assert len(block.prior_scales) == 2  # nothing wider is kept but skin of two times, for effects that look like this
     assert start[block.TISSUE.index(tells)] != 0.0
+
+
+def test_skin_of_three_times_beside_a_further_law_is_no_discrepancy(sheets: tuple[GroupedSession, AxesBlock]) -> None:
+    """Else a slow creep, which is the third time, is a finding."""
+    session, axes = sheets
+    block, law = ForceBlock(session, {}, axes), FURTHER[-1]
+    at = block.prior_mean.copy()
+    at[: len(law.sd)] = law.guesses[0]
+    at[block.TISSUE.index("skew1")] = MORE["skew1"]
+    at[block.TISSUE.index(SPECTRUM[10])] = 0.25  # of 26 s
+    noise = block.sigma * np.random.default_rng(3).normal(size=len(block.sigma))
+    block.measured = block._chain_forces(at, {}) + noise
+    beside, sizes = block._beside(block._from_guesses(law, block._simple(law), 30))
+    narrowest = fit(under(block, block.prior_mean, sizes[0]), nuisance=beside.nuisance)
+    assert narrowest.objective < AT_NOISE * len(narrowest.residual)
 
 
 def test_dry_friction_is_found_though_its_null_strains_the_loop() -> None:
