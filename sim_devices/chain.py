@@ -46,7 +46,7 @@ class Operator(abc.ABC):
 
     @cached_property
     def wiring(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """What it reads and what it writes, put together once: a diagnosis asks hundreds of thousands of times."""
+        """Signals that it reads and that it writes, put together once: a diagnosis asks very many times."""
         return self.reads, self.writes
 
     @abc.abstractmethod
@@ -162,9 +162,9 @@ class Parameter:
 class Effect:
     """Something a real instrument or tissue does and the nominal chain does not.
 
-    ``install(chain, values)`` returns the chain with the effect; ``values`` has every parameter. ``remedy`` says what
-    would remove it in reality, ``source`` where it is known from. ``instruments`` are the chains it fits. What happens
-    to a sample by chance has a ``scatter``: the rms (s) by which a channel's true instants are off their stamps, given
+    ``install(chain, values)`` returns the chain with the effect; ``values`` has every parameter. ``remedy`` says how
+    to remove it in reality, ``source`` where it is known from. ``instruments`` are the chains it fits. An effect that
+    hits samples by chance has a ``scatter``: the rms (s) by which a channel's true instants are off their stamps, given
     the instrument and the values (none: not by chance); a diagnosis then looks for the noise that it makes and not for
     the very draw. It is ``sparse`` if chance hits some samples and makes these older, else all are off a little.
     ``form`` is which of several laws it follows, where that is fixed.

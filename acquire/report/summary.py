@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,9 @@ _DELIVERY = {  # code of an event -> how its count is put
     "misdated": "bore a wrong time",
     "discarded": "bytes discarded",
 }
+
+_EVENTS = 20
+"""Events that are shown in words."""
 
 
 def summarise(recording: Recording) -> dict[str, Any]:
@@ -118,28 +121,37 @@ def in_words(summary: Mapping[str, Any]) -> str:
         lines.append(f"  {summary['trip_reason']}")
     if summary["left_out"]:
         lines.append(f"  does not count with others: {summary['left_out']}")
-    lines.append("channels")
-    for name, channel in summary["channels"].items():
-        lines.append(f"  {name:<20} {_range(channel)}  {channel['samples']} samples, {_rate(channel['rate'])}")
-    if summary["frames"]:
-        f = summary["frames"]
-        scale = f", {1e3 * f['scale']:.4g} mm/px" if f["scale"] else ""
-        lines.append(f"  {'frames':<20} {f['count']} of {f['width']}x{f['height']} px{scale}")
+    lines += ["channels", *map(_channel_line, summary["channels"].items()), *_frame_lines(summary["frames"])]
     if summary["parameters"]:
         lines += ["parameters", *_parameter_lines(summary["parameters"])]
     if summary["directions"]:
-        lines.append("directions")
-        lines += [_direction_line(entry) for entry in summary["directions"]]
+        lines += ["directions", *map(_direction_line, summary["directions"])]
     if told := [f"{count} {_DELIVERY[code]}" for code, count in summary["delivery"].items() if count]:
         lines.append(f"links: {', '.join(told)}")
     lines.append("quality")
     lines += [f"  {flag['level']:<8} {flag['text']}" for flag in summary["quality"]]
-    if summary["events"]:
-        lines.append("events")
-        lines += [f"  {_number(e['time']):>8} s {e['level']:<8} {e['text']}" for e in summary["events"][:20]]
-        if len(summary["events"]) > 20:
-            lines.append(f"  … and {len(summary['events']) - 20} more")
-    return "\n".join(lines)
+    return "\n".join([*lines, *_event_lines(summary["events"])])
+
+
+def _channel_line(named: tuple[str, Mapping[str, Any]]) -> str:
+    name, channel = named
+    return f"  {name:<20} {_range(channel)}  {channel['samples']} samples, {_rate(channel['rate'])}"
+
+
+def _frame_lines(frames: Mapping[str, Any] | None) -> list[str]:
+    if not frames:
+        return []
+    scale = f", {1e3 * frames['scale']:.4g} mm/px" if frames["scale"] else ""
+    return [f"  {'frames':<20} {frames['count']} of {frames['width']}x{frames['height']} px{scale}"]
+
+
+def _event_lines(events: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The first events, and how many more there are."""
+    if not events:
+        return []
+    lines = [f"  {_number(e['time']):>8} s {e['level']:<8} {e['text']}" for e in events[:_EVENTS]]
+    more = [f"  … and {len(events) - _EVENTS} more"] if len(events) > _EVENTS else []
+    return ["events", *lines, *more]
 
 
 def _parameter_lines(parameters: Mapping[str, float | None]) -> list[str]:

@@ -20,9 +20,9 @@ SOURCES = ("acquire", "drivers", "protocols", "sim_devices", "benchmarks/faults"
 
 @dataclass
 class Row:
-    """One fault: how often it was tried, how often the instrument or a recording did not do what it must.
+    """One fault: how often it was tried, how often the instrument or a recording failed its requirement.
 
-    ``figures`` are what was measured of each trial, in ``unit``, with at most ``limit`` allowed (inf: told only).
+    ``figures`` are the measurements of each trial, in ``unit``, with at most ``limit`` allowed (inf: told only).
     ``exception`` says which of the fault's kinds cannot be noticed, and why. ``part`` of the campaign made the row in
     ``seconds``, under a ``load`` (the host's, of one minute, at its end), of the sources at ``revision``.
     """
@@ -61,7 +61,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Campaign:
-    """Arguments of a part: seed, share of the full number of trials, and what fuzzing a slow target may cost."""
+    """Arguments of a part: seed, share of the full number of trials, and how long fuzzing a slow target may take."""
 
     seed: int
     share: float
@@ -81,7 +81,7 @@ Part = Callable[[Campaign], Iterable[Row]]
 
 
 def timed(rows: Iterable[Row], part: str) -> Iterator[Row]:
-    """Rows with how long each took, the host's load at its end, and of what they are."""
+    """Rows with how long each took, the host's load at its end, their part and revision."""
     began = time.monotonic()
     for row in rows:
         row.seconds = time.monotonic() - began
@@ -117,8 +117,8 @@ HEAD = """# The fault campaign
 
 Seeded faults on simulated instruments, each in a process of its own; whether it is vented is asked of the instrument.
 `make faults` runs all of it and writes this page, `make faults-ci` a tenth (minutes, part of `.ci/run`). Times
-count from the fault to the instrument's safe state, less what this computer kept every thread waiting. Parts that were
-run at different times are one table: each row has its revision and the computer's load at its end.
+count from the fault to the instrument's safe state, less the time that this computer kept every thread waiting. Parts
+that were run at different times are one table: each row has its revision and the computer's load at its end.
 
 Tried by tests instead, each with a real window or clock: a window frozen by its own process, closed or killed while a
 person looks (`tests/acquire/gui/test_safety.py`), a computer that was suspended (`tests/acquire/engine/test_stops.py`).
@@ -140,7 +140,7 @@ def markdown(rows: Sequence[Row], about: str) -> str:
 
 
 def about(campaign: Campaign, rows: Sequence[Row]) -> str:
-    """On what the campaign ran, in a sentence."""
+    """The campaign's host, extent and duration, in a sentence."""
     trials, failures = sum(row.trials for row in rows), sum(len(row.failures) for row in rows)
     minutes = sum(row.seconds for row in rows) / 60
     return (

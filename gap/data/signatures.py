@@ -1,4 +1,4 @@
-"""Deterministic signatures: what a channel shows of its own defects before any model is fitted.
+"""Deterministic signatures: defects that a channel shows by itself, before any model is fitted.
 
 A converter that clips, repeats, skips or coarsens leaves marks that no physics makes. They are found in the samples
 themselves and enter the comparison as evidence (in nats) for the effects that make them.
@@ -37,7 +37,7 @@ HUM_CHANCE = 1e-9
 """Chance that noise alone has such a line. Of eighty development sessions two with a hum had 1e-39 and less, the others
 2e-5 and more."""
 HUM_WIDTH = 1.0
-"""Hz within which noise and what a step leaves are alike, as a line is not."""
+"""Hz within which noise, and the trace of a step, have an even spectrum, as a line has not."""
 BEND = 0.05
 """s before and after a sample over which an edge bends the signal, as noise and a slow path do not,"""
 EDGE = 8.0
@@ -45,7 +45,7 @@ EDGE = 8.0
 EDGE_NEAR = 0.3
 """s about such an edge that are left out: seven time constants of a pressure regulator."""
 DIFFERENCE = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
-"""Fourth differences: noise is what they leave of a smooth signal."""
+"""Fourth differences: of a smooth signal they leave the noise."""
 
 
 @dataclass(frozen=True)
@@ -61,9 +61,9 @@ class Signature:
 
 
 def find(recordings: Sequence[Recording], channels: Sequence[str] | None = None) -> list[Signature]:
-    """All signatures in the measured channels, or in those of a rig named ``channels``: what a model takes as given,
-    such as a command that stands at its end, is what it is. A rig may stand still or swing, so that repeats and lines
-    say nothing."""
+    """All signatures in the measured channels, or in those of a rig named ``channels``: inputs of a model,
+    such as a command that stands at its end, are taken as they are. A rig may stand still or swing, so that repeats and
+    lines say nothing."""
     out: list[Signature] = []
     nominal = _resolutions(recordings[0].info.instrument)
     computed = ("probe_", "force_") if any("transducer_force_a" in r.streams for r in recordings) else ()
@@ -138,7 +138,7 @@ def _repeats(name: str, series: Sequence[Series]) -> list[Signature]:
         if step and high_band_sigma(v) < 1.5 * step:
             continue  # on so coarse a grid stillness is no news
         change = np.diff(v)
-        inside = (v[1:] > v.min()) & (v[1:] < v.max())  # what stands at an extreme is clipped, not repeated
+        inside = (v[1:] > v.min()) & (v[1:] < v.max())  # values at an extreme are clipped, not repeated
         repeated += int(np.sum((change == 0) & inside))
         expected += repeats_foretold(change[inside], step)
     surprise = repeats_surprise(repeated, expected)
@@ -203,7 +203,7 @@ def _coarse(name: str, series: Sequence[Series], nominal: float) -> list[Signatu
 
 
 def _hum(name: str, series: Sequence[Series]) -> list[Signature]:
-    """A line in the spectrum of what fourth differences leave, in all recordings at the same frequency.
+    """A line in the spectrum of fourth differences, in all recordings at the same frequency.
 
     Each recording's power over its own running median is exponential where there is noise only, and their sum of a
     gamma distribution. Edges of the signal itself are taken out: they come back with every cycle, and such a comb has
@@ -238,7 +238,7 @@ def _hum(name: str, series: Sequence[Series]) -> list[Signature]:
     k = int(np.argmax(above))
     if gamma.sf(above[k], max(len(each) - 1, 1)) * max(len(v) for v in values) > HUM_CHANCE:
         return []
-    text = f"{name} has a line at {frequency[k]:.1f} Hz (or what sampling makes one of), as from mains or a pump"
+    text = f"{name} has a line at {frequency[k]:.1f} Hz (or at its alias by sampling), as from mains or a pump"
     return [Signature(HUM, name, CERTAIN, text)]
 
 

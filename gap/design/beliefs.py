@@ -1,7 +1,7 @@
 """Draws from the posterior of a report: effects with parameters, each with its share of the probability.
 
 A class that a report names is drawn about its leader's parameters; its other members, whose parameters no report has,
-are moved until they leave in the session what the leader leaves. What the library lacks did in the session what the
+are moved until they change the session as the leader does. An effect outside the library changed the session as the
 leader does. In an experiment on skin it does more or less than the leader; on a reference specimen it does so, too, or
 nothing, if it is skin of a law that nobody thought of. Effects that a report does not name may act all the same, too
 weak or too well hidden by skin to show: they are drawn from their priors, and those kept that the session could not
@@ -38,7 +38,7 @@ STEP = 0.02
 @dataclass(frozen=True)
 class Draw:
     """One possibility: its ``label`` (an effect, ``a + b``, outside, or none), acting effects, and ``weight``. In an
-    experiment it does so many times what the effects would do ``on_skin`` and ``on_references``."""
+    experiment it has so many times the effects' change ``on_skin`` and ``on_references``."""
 
     label: str
     acting: Acting
@@ -137,8 +137,8 @@ class Beliefs:
         return (other[0], beside) if len(other) == 1 and len(beside) == len(names) - 1 else None
 
     def _imitating(self, name: str, target: FloatArray, beside: Acting) -> list[tuple[Acting, FloatArray]]:
-        """Draws of the effect ``name``, ``beside`` others, that leave in the session what ``target`` (n,) leaves, as
-        nearly as it can."""
+        """Draws of the effect ``name``, ``beside`` others, that change the session as nearly by
+        ``target`` (n,) as they can."""
         best: tuple[float, Effect, FloatArray] | None = None
         for form in self._named[name][: 2 if self._bench.robot else None]:
             for unit in [np.full(len(form.parameters), 0.5), *self._rng.random((4, len(form.parameters)))]:
@@ -181,7 +181,7 @@ class Beliefs:
         return np.stack(columns, axis=1)
 
     def _hidden(self, named: set[str], none: float, outside: float) -> None:
-        """No effect, and effects that the session could not have seen; these share what is ``outside``, too."""
+        """No effect, and effects that the session could not have seen; these share the ``outside`` probability, too."""
         concepts = [n for n in self._named if n not in named]
         kept: list[tuple[str, Acting, FloatArray, float]] = []
         tries = TRIES[self._bench.robot]

@@ -58,8 +58,8 @@ class Known:
         return np.asarray(sla.cho_solve(self._factor, self._jacobian.T @ change / self._temper))
 
     def left(self, change: FloatArray) -> FloatArray:
-        """The part of a change that the unknowns cannot take up (n,), in tempered σ, and how far they move for what
-        they do, in widths of their priors, (n + p,): its length is the `distance`."""
+        """The part of a change that the unknowns cannot take up (n,), in tempered σ, and how far they move to take
+        up the rest, in widths of their priors, (n + p,): its length is the `distance`."""
         unknown = self.unknown(change)
         return np.concatenate([(change - self._jacobian @ unknown) / np.sqrt(self._temper), unknown])
 
@@ -80,9 +80,9 @@ class Known:
         return Known(there, (), self._temper * (spread / OPEN) ** 2)
 
     def seen(self, there: Columns, in_session: FloatArray, in_experiment: FloatArray) -> FloatArray:
-        """Explanations as the experiment would show them, whitened (k, r ≤ k): what each changes in the session (n, k)
-        is taken up by the unknowns, as the session demands, and what these then do in the experiment is taken off what
-        it changes there (m, k)."""
+        """Explanations as the experiment would show them, whitened (k, r ≤ k): the change of each in the session (n, k)
+        is taken up by the unknowns, as the session demands, and their change of the experiment is taken off its own
+        there (m, k)."""
         jacobian = np.zeros((in_experiment.shape[0], len(self.names)))
         for k, name in enumerate(self.names):
             if name in there:

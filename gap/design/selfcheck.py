@@ -56,7 +56,7 @@ class Checked:
         }  # fmt: skip
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # compared by identity: it has arrays
 class _Trace:
     effect: Effect
     acting: Acting
@@ -111,8 +111,9 @@ def _range(strength: Parameter) -> tuple[float, float]:
 
 
 def _recovered(found: Mapping[str, Sequence[_Trace]], rng: np.random.Generator) -> list[Checked]:
+    """How often each effect is recovered from noise on its trace, the best-seen of its forms."""
     traces = [t for several in found.values() for t in several if t.size > 1e-6]
-    names = np.array([t.effect.name for t in traces])
+    names = [t.effect.name for t in traces]
     ways = np.stack([t.left / t.size for t in traces]) if traces else np.zeros((0, 0))
     cosines = ways @ ways.T
     values, vectors = np.linalg.eigh(cosines) if traces else (np.zeros(0), np.zeros((0, 0)))
@@ -120,23 +121,29 @@ def _recovered(found: Mapping[str, Sequence[_Trace]], rng: np.random.Generator) 
     out = []
     for name, several in found.items():
         best = max(several, key=lambda t: (t.strength is not None, t.size))
-        strength = next((p for p in best.effect.parameters if p.null is not None), None)
-        parameter, unit = (strength.name, strength.unit) if strength else ("", "")
-        taken: Counter[str] = Counter()
-        mine = [k for k, t in enumerate(traces) if t is best]
-        if mine:
-            size = min(best.size, VISIBLE)
-            seen = size * cosines[mine[0]] + rng.standard_normal((DRAWS, len(traces))) @ root.T
-            first = np.argmax(np.abs(seen), axis=1)
-            for k, height in zip(first, np.abs(seen).max(axis=1), strict=True):
-                taken[str(names[k]) if height > SEEN else "none"] += 1
-        else:
-            taken["none"] = DRAWS
+        parameter, unit = _strength_of(best.effect)
+        taken = Counter({"none": DRAWS})  # an effect without a trace shows nothing
+        if best in traces:
+            signal = min(best.size, VISIBLE) * cosines[traces.index(best)]
+            taken = _taken_for(names, signal + rng.standard_normal((DRAWS, len(traces))) @ root.T)
         shares = {k: n / DRAWS for k, n in taken.most_common(4) if k != name}
         out.append(
             Checked(name, best.effect.stage, parameter, unit, best.strength, best.size, taken[name] / DRAWS, shares)
         )
     return out
+
+
+def _strength_of(effect: Effect) -> tuple[str, str]:
+    """Name and unit of an effect's strength; '' of one that has none."""
+    return next(((p.name, p.unit) for p in effect.parameters if p.null is not None), ("", ""))
+
+
+def _taken_for(names: Sequence[str], seen: FloatArray) -> Counter[str]:
+    """The effects, by ``names`` (k,), that noisy projections ``seen`` (draws, k) are taken for: the largest of each
+    draw, or none."""
+    largest = np.argmax(np.abs(seen), axis=1)
+    heights = np.abs(seen).max(axis=1)
+    return Counter(names[k] if height > SEEN else "none" for k, height in zip(largest, heights, strict=True))
 
 
 def as_text(checked: Sequence[Checked]) -> str:

@@ -18,7 +18,7 @@ from drivers.signals import REFERENCE
 from sim_devices.chain import Chain
 from sim_devices.clock import Clock, ScaledClock
 from sim_devices.servers.backdoor import BackDoor, Truth
-from sim_devices.servers.bench import BENCHES, USB_ID, with_reference
+from sim_devices.servers.bench import BENCHES, USB_ID, Bench, with_reference
 from sim_devices.servers.instrument import SimInstrument
 from sim_devices.servers.links import Link, PtyLink, TcpLink
 from sim_devices.servers.ports import Render
@@ -84,40 +84,24 @@ def serve(
 
     Raises ValueError for an instrument, or a link that it does not have.
     """
-    if instrument not in BENCHES:
-        raise ValueError(f"no simulated instrument {instrument!r}; there are {', '.join(BENCHES)}")
-    link = link or _LINKS_OF[instrument][0]
-    if link not in _LINKS_OF[instrument]:
-        raise ValueError(f"the simulated {instrument} has no link {link!r}; it has {', '.join(_LINKS_OF[instrument])}")
-    bench, options = BENCHES[instrument], dict(options or {})
-    if options.get(f"pressure{REFERENCE}") is True and instrument != "microrobot":
-        bench = with_reference(bench, seed)
-    if chain is None:
-        from sim_devices.stages import noisy, nominal
-
-        chain = noisy(nominal(instrument), seed)
-    control: Link = PtyLink() if link == "pty" else TcpLink(port, token=token)
+    link = _link(instrument, link)
+    options = dict(options or {})
+    bench = _bench(instrument, options, seed)
+    chain = _nominal(instrument, seed) if chain is None else chain
+    control: PtyLink | TcpLink = PtyLink() if link == "pty" else TcpLink(port, token=token)
     frames = None
     if bench.seen and camera:
-        from sim_devices.stages.scene import Scene
-
         frames = TcpLink(send_buffer=_CAMERA_BUFFER, token=token)
-        # In a small frame the rim is drawn narrower, so that the scale stays the one that stations state.
-        rim = min(RIM, 0.7 * frame_size[0] * FRAME_SCALE)
-        render = render or Scene(frame_size, FRAME_SCALE, rim, seed=seed)
+        render = render or _scene(frame_size, seed)
     sim = SimInstrument(bench, chain, clock or ScaledClock(speed), control, frames, render)
     extra: dict[str, Any] = {} if watchdog is None else {"watchdog": watchdog}
+    address = control.address
+    if link == "usb":
+        address = f"usb:{USB_ID[0]:04X}:{USB_ID[1]:04X}"
+        extra["usb_backend"] = _virtual_usb(control, token)
     if instrument == "microrobot":
         # The host turns forces on the transducers into the force on the probe: an effect there is a wrong matrix here.
-        options.setdefault("force_matrix", [float(m) for m in chain["force_matrix"].matrix])  # type: ignore[attr-defined]
-    if link == "usb":
-        from sim_devices.servers.usb import VirtualDevice, VirtualUsb
-
-        assert isinstance(control, TcpLink)
-        address = f"usb:{USB_ID[0]:04X}:{USB_ID[1]:04X}"
-        extra["usb_backend"] = VirtualUsb(VirtualDevice(*USB_ID, control.port, token))
-    else:
-        address = control.address
+        options.setdefault("force_matrix", _force_matrix(chain))
     entry = Entry(
         instrument=instrument,
         address=address,
@@ -127,3 +111,46 @@ def serve(
         **extra,
     )
     return Server(sim, entry)
+
+
+def _link(instrument: str, asked: str) -> str:
+    """The link to an instrument: the one asked for, by default its first. Raises ValueError."""
+    if instrument not in BENCHES:
+        raise ValueError(f"no simulated instrument {instrument!r}; there are {', '.join(BENCHES)}")
+    links = _LINKS_OF[instrument]
+    if asked and asked not in links:
+        raise ValueError(f"the simulated {instrument} has no link {asked!r}; it has {', '.join(links)}")
+    return asked or links[0]
+
+
+def _bench(instrument: str, options: Mapping[str, Any], seed: int) -> Bench:
+    """An instrument's bench, of suction with a second gauge where the options ask for one."""
+    if options.get(f"pressure{REFERENCE}") is True and instrument != "microrobot":
+        return with_reference(BENCHES[instrument], seed)
+    return BENCHES[instrument]
+
+
+def _nominal(instrument: str, seed: int) -> Chain:
+    from sim_devices.stages import noisy, nominal
+
+    return noisy(nominal(instrument), seed)
+
+
+def _scene(frame_size: tuple[int, int], seed: int) -> Render:
+    """The scene before the camera. In a small frame the rim is drawn narrower, so that the scale stays the one that
+    stations state."""
+    from sim_devices.stages.scene import Scene
+
+    return Scene(frame_size, FRAME_SCALE, min(RIM, 0.7 * frame_size[0] * FRAME_SCALE), seed=seed)
+
+
+def _virtual_usb(control: Link, token: str) -> object:
+    """A pyusb backend of one device, behind the TCP link of its instrument."""
+    from sim_devices.servers.usb import VirtualDevice, VirtualUsb
+
+    assert isinstance(control, TcpLink)
+    return VirtualUsb(VirtualDevice(*USB_ID, control.port, token))
+
+
+def _force_matrix(chain: Chain) -> list[float]:
+    return [float(m) for m in chain["force_matrix"].matrix]  # type: ignore[attr-defined]
