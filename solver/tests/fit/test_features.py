@@ -12,7 +12,7 @@ from skinrig_solver import models
 from skinrig_solver.api import Array
 from skinrig_solver.emulator import Region, Solve, train
 from skinrig_solver.fit import read_spec
-from skinrig_solver.fit.features import features, relaxes_wholly, series
+from skinrig_solver.fit.features import exchanges, features, relaxes_wholly, series
 from skinrig_solver.fit.variables import Variables
 
 YEOH = models()["suction_yeoh_qlv"].info
@@ -75,3 +75,23 @@ def test_two_relaxations_need_few_solves_over_a_wide_range_of_time_constants() -
         for e in (train(solves, region), train(solves, region, features=own))
     ]
     assert off[1] < 0.6 * off[0]
+
+
+def test_terms_with_the_same_priors_are_told_apart_by_their_time_constants() -> None:
+    """Sorted points have the same relaxation, the weights' units being different ones."""
+    free = variables(g1={"start": 0.2}, tau1={"start": 0.7}, g2={"start": 0.3}, tau2={"start": 13.0})
+    (exchange,) = exchanges(free)
+    z = free.start + np.random.default_rng(0).standard_normal((40, 4)) * [0.2, 3.0, 0.2, 3.0]
+    found = exchange.sorted(z)
+    assert exchange.in_order(found).all()
+    assert 5 < exchange.in_order(z).sum() < 35
+    own = features(free, [CASE])
+    assert own is not None
+    assert own.values(found) == pytest.approx(own.values(z), rel=1e-12)
+
+
+def test_terms_with_priors_or_ties_of_their_own_keep_their_places() -> None:
+    assert exchanges(FREE) == []  # the second weight is tied to the first
+    narrow = {"start": 0.7, "upper": 2.0}
+    apart = variables(g1={"start": 0.2}, tau1=narrow, g2={"start": 0.3}, tau2={"start": 13.0})
+    assert exchanges(apart) == []

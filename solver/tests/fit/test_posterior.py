@@ -49,6 +49,20 @@ def test_draws_from_a_normal_density_are_normal() -> None:
     assert error < 0.05
 
 
+def test_humps_far_apart_are_drawn_by_their_weight() -> None:
+    """Walkers begin half and half; the humps, ten deviations apart, hold 80 and 20 %."""
+
+    def humps(z: Array) -> Array:
+        off = z[:, None, :] - np.array([[-5.0, 0.0], [5.0, 0.0]])
+        return np.asarray(np.logaddexp(*(-0.5 * (off**2).sum(axis=2) + np.log([0.8, 0.2])).T))
+
+    starts = np.random.default_rng(0).standard_normal((200, 2))
+    starts[:, 0] += np.where(np.arange(200) % 2, 5.0, -5.0)
+    chain = sample(humps, starts, seed=1)
+    assert chain.converged
+    assert (chain.draws[:, 0] > 0.0).mean() == pytest.approx(0.2, abs=0.03)
+
+
 def test_a_chain_that_is_too_short_is_not_called_converged() -> None:
     far = 1e3 + np.random.default_rng(0).standard_normal((40, 3))
     assert not sample(normal, far, seed=0, most=80).converged

@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import factorial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +55,58 @@ def relaxes_wholly(every: Sequence[Sequence[Term]], z: Array) -> NDArray[np.bool
     found = np.zeros(len(z), dtype=bool)
     for terms in every:
         found |= np.sum([term.weight.values(z) for term in terms], axis=0) >= 1.0
+    return found
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """Prony terms that may change places without changing curves or priors: coordinates (k,) of weights and times, and
+    the units (k,) that the weights' coordinates count.
+
+    A posterior has each of its humps k! times then, and a chain that goes from one to another finds nothing new. One
+    order of the time constants holds all there is to know.
+    """
+
+    weights: tuple[int, ...]
+    constants: tuple[int, ...]
+    units: tuple[float, ...]
+
+    @property
+    def orders(self) -> int:
+        """How many orders the terms may stand in."""
+        return factorial(len(self.weights))
+
+    def sorted(self, z: Array) -> Array:
+        """The points (b, m) with time constants that rise from term to term."""
+        found = z.copy()
+        order = np.argsort(z[:, self.constants], axis=1)
+        found[:, self.constants] = np.take_along_axis(z[:, self.constants], order, axis=1)
+        weights = z[:, self.weights] * np.array(self.units)
+        found[:, self.weights] = np.take_along_axis(weights, order, axis=1) / np.array(self.units)
+        return found
+
+    def in_order(self, z: Array) -> NDArray[np.bool_]:
+        """At which of the points (b, m) they rise."""
+        return np.asarray(np.all(np.diff(z[:, self.constants], axis=1) >= 0.0, axis=1))
+
+
+def exchanges(variables: Variables) -> list[Exchange]:
+    """Of each Prony series: free terms with the same bounds and priors, to which no other parameter is tied."""
+    tied = {t.tied for t in variables.tied}
+    found = []
+    for terms in series(variables):
+        alike: dict[tuple[object, ...], list[Term]] = {}
+        for term in terms:
+            own = (term.weight.k, term.constant.k)
+            if min(own) >= 0 and not tied & {variables.symbols[k] for k in own}:
+                frees = [variables.free[k] for k in own]
+                kind = tuple((f.lower, f.upper, f.log, f.prior) for f in frees)
+                alike.setdefault(kind, []).append(term)
+        for group in alike.values():
+            if len(group) > 1:
+                weights, constants = [t.weight for t in group], [t.constant.k for t in group]
+                units = tuple(w.factor for w in weights)
+                found.append(Exchange(tuple(w.k for w in weights), tuple(constants), units))
     return found
 
 

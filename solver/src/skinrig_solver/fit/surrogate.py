@@ -24,6 +24,10 @@ ROUNDS = 8
 MOST_SOLVES = 240
 WIDE = 1.15  # of the region over the farthest of nearly all draws
 SHARE = 0.999  # of the draws that the region must hold
+MOST = (
+    0.99  # of them that must keep away from its rim where features bound it: a posterior with long tails touches that
+)
+# rim however far out it lies, and the final chain counts what it loses beyond
 
 SPREAD = 1.2  # of training points over the posterior's own deviations
 ROUGH = 3.0  # error of the log density above which an emulator's draws do not move the region
@@ -66,6 +70,7 @@ def emulated(
     m = z.size
     told("training the emulator")
     spent = target.full_solves
+    z = target.in_order(z[None])[0]
     region = _first_region(target, _towards_maximum(target, z)) if around is None else _region_of(around, target)
     own = features(target.variables, target.problem.cases)
     size = m if own is None else own.values(region.centre[None]).shape[1]
@@ -74,7 +79,7 @@ def emulated(
     for number in range(1, ROUNDS + 1):
         emulator = _trained(target, region, own)
         density = Emulated(target, emulator, strict=True)
-        draws = sample(density, _starts(density, target, random), seed + number, 2000, 1000, 1).draws
+        draws = sample(density, _starts(density, target, random), seed + number, 2000, 500, 1).draws
         check = checked(target, emulator, draws, random, number)
         told(f"emulator, round {number}: log density off by {check.density_error:.2g} at held-out solves")
         fits = _fits(emulator, draws)
@@ -148,7 +153,7 @@ def _fits(emulator: Emulator, draws: Array) -> bool:
     region, chart = emulator.region, emulator.chart
     if chart.features is not None:
         size = np.linalg.norm(chart.points(draws), axis=1)
-        return float(np.quantile(size, SHARE)) <= 0.97 * chart.radius
+        return float(np.quantile(size, MOST)) <= 0.97 * chart.radius
     farthest = float(np.quantile(np.linalg.norm(region.units(draws), axis=1), SHARE))
     return 0.4 <= farthest <= 0.97
 
@@ -176,7 +181,7 @@ def _starts(density: Emulated, target: Target, random: np.random.Generator) -> A
     region = density.emulator.region
     m = region.centre.size
     u = _scattered(4096, region, int(random.integers(1 << 30)))
-    z = region.points(u)
+    z = target.in_order(region.points(u))
     value = density(z)
     good = np.isfinite(value)
     if not good.any():

@@ -12,7 +12,7 @@ from scipy import stats
 from ..api import Array, Model
 from ..emulator import Emulator, Solve
 from .cases import Case
-from .features import relaxes_wholly, series
+from .features import exchanges, relaxes_wholly, series
 from .priors import log_prior
 from .problem import Problem, simulate
 from .statistics import Uncertainty
@@ -59,6 +59,8 @@ class Target:
     def __post_init__(self) -> None:
         groups = self.problem.groups()
         self._series = series(self.variables)
+        self._exchanges = exchanges(self.variables)
+        self._orders = float(np.sum([np.log(e.orders) for e in self._exchanges]))
         self._scale, self.share = np.empty(self.problem.size), np.empty(self.problem.size)
         for (number, channel, where), sd, together in zip(
             groups, self.noise.deviation, self.noise.persistence, strict=True
@@ -102,9 +104,21 @@ class Target:
         return found
 
     def log_prior(self, z: Array) -> Array:
-        """(b,) at points (b, m); minus infinity where Prony terms leave no stress."""
+        """(b,) at points (b, m); minus infinity where Prony terms leave no stress.
+
+        Of terms that may change places one order has all the density, so that it adds up to one as before.
+        """
         total = np.sum([log_prior(free, z[:, k]) for k, free in enumerate(self.variables.free)], axis=0)
-        return np.where(relaxes_wholly(self._series, z), -np.inf, total)
+        forbidden = relaxes_wholly(self._series, z)
+        for exchange in self._exchanges:
+            forbidden |= ~exchange.in_order(z)
+        return np.where(forbidden, -np.inf, total + self._orders)
+
+    def in_order(self, z: Array) -> Array:
+        """The same points (b, m), with Prony terms that may change places in order of their time constants."""
+        for exchange in self._exchanges:
+            z = exchange.sorted(z)
+        return z
 
     def log_likelihood(self, curves: Array) -> Array:
         """(b,) of curves (b, n)."""
@@ -143,7 +157,7 @@ class Emulated:
     def log_likelihood(self, z: Array) -> Array:
         """(b,) by the emulator, wherever the points (b, m) lie."""
         c = self.emulator.coefficients(z)
-        chi = np.einsum("bk,kl,bl->b", c, self._square, c) + 2.0 * c @ self._linear + self._rest
+        chi = ((c @ self._square + 2.0 * self._linear) * c).sum(axis=1) + self._rest
         return np.asarray(self.target.constant - 0.5 * chi)
 
     def with_gradient(self, z: Array) -> tuple[float, Array]:
