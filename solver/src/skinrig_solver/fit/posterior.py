@@ -22,7 +22,7 @@ from .target import Emulated, Noise, Target
 from .variables import Free
 
 CHAINS = 3  # at most: a chain that leaves the emulator's region too often asks for a wider one
-LOST = 0.005  # of the evaluations, beyond the region and worth a draw but not run in full: too often
+LOST = 0.01  # of the evaluations, beyond the region and worth a draw but not run in full: too often
 BANDS = 400  # draws behind a predictive band
 GRID = 21  # points of a profile
 KEPT = 500  # draws written to JSON
