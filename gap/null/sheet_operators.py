@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from gap.null.chains import Kept
 from gap.null.sheet_discrepancy import gradients
 from gap.null.skin_laws import activated
 from sim_devices.chain import FloatArray, Signals
@@ -79,8 +80,15 @@ class Skew(Beside):
     length: float
 
     def force(self, displacement: Sequence[FloatArray]) -> FloatArray:
-        terms = gradients(np.stack(displacement) / self.length, 3)
+        # A fit moves the coefficients again and again, and the path hardly ever; it is kept with its terms, so that no
+        # other array takes its identity.
+        key = (self.length, *map(id, displacement))
+        terms, _ = _cubics.get(key, lambda: (gradients(np.stack(displacement) / self.length, 3), displacement))
         return np.asarray(np.tensordot(np.array(self.cubic), terms, 1))
+
+
+_cubics = Kept(6)
+"""Gradients of the cubic monomials of a path, (10, 3, n)."""
 
 
 @dataclass(frozen=True)
