@@ -274,13 +274,10 @@ class AxesBlock(Block):
                 if len(self._made) > 20:
                     self._made.clear()
                 late = {n: (self._commanded(t, nuisance) + nuisance[5], value) for n, (t, value) in load.items()}
-                ends = self._commanded(self._ends[:, at], nuisance)  # a bin's mean is that of two nodes
-                if any(op.name == "polled" for op in retimed(operators)):  # steps that two nodes of a bin do not show
-                    grid, made = self._on_grid(g, operators, late)
-                    self._made[key] = averaged(grid, [made[c] for c in AXES], ends)
-                else:
-                    at_ends = self._at(ends.ravel(), AXES, g, operators, late)
-                    self._made[key] = at_ends.reshape(3, *ends.shape).mean(axis=1)
+                # Two nodes of a bin are not enough: behind a kink the loop answers within a part of it.
+                grid, made = self._on_grid(g, operators, late)
+                ends = self._commanded(self._ends[:, at], nuisance)
+                self._made[key] = averaged(grid, [made[c] for c in AXES], ends)
             out[:, at] = self._made[key]
         return out.ravel()
 

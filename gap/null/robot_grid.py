@@ -31,7 +31,7 @@ def averaged(grid: FloatArray, signals: Sequence[FloatArray], ends: FloatArray) 
     at ``ends`` (2, n) s: (signals, n)."""
     window = np.maximum(np.sqrt(3.0) * (ends[1] - ends[0]), KINK)
     last = ends.mean(axis=0) + 0.5 * window
-    return np.stack([mean_before(grid, signal, last, window) for signal in signals])
+    return mean_before(grid, np.stack(signals), last, window)
 
 
 def loop_grid(

@@ -77,20 +77,22 @@ def sampled(
 
 
 def mean_before(time: FloatArray, signal: FloatArray, stamps: FloatArray, window: float | FloatArray) -> FloatArray:
-    """Mean of a piecewise linear ``signal`` (n,) over [stamp - window, stamp], constant outside its time.
+    """Means (..., m) of piecewise linear signals (..., n) over [stamp - window, stamp], constant outside their time.
 
     ``window`` > 0 s. An integrating converter, or a device that averages faster samples.
     """
     step = np.diff(time)
-    area = np.concatenate([[0.0], np.cumsum(0.5 * (signal[1:] + signal[:-1]) * step)])
+    area = np.zeros(signal.shape)
+    np.cumsum(0.5 * (signal[..., 1:] + signal[..., :-1]) * step, axis=-1, out=area[..., 1:])
 
     def integral(at: FloatArray) -> FloatArray:
         inside = np.clip(at, time[0], time[-1])
         k = np.clip(np.searchsorted(time, inside, side="right") - 1, 0, len(time) - 2)
         part = inside - time[k]
-        slope = (signal[k + 1] - signal[k]) / step[k]
-        outside = np.where(at < time[0], (at - time[0]) * signal[0], np.maximum(at - time[-1], 0.0) * signal[-1])
-        return np.asarray(area[k] + part * (signal[k] + 0.5 * slope * part) + outside)
+        here = signal[..., k]
+        slope = (signal[..., k + 1] - here) / step[k]
+        outside = np.minimum(at - time[0], 0.0) * signal[..., :1] + np.maximum(at - time[-1], 0.0) * signal[..., -1:]
+        return np.asarray(area[..., k] + part * (here + 0.5 * slope * part) + outside)
 
     return np.asarray((integral(stamps) - integral(stamps - window)) / window)
 

@@ -13,8 +13,9 @@ from gap.effects.load import library
 from gap.inference.hypothesis import Candidate
 from gap.inference.least_squares import fit, under
 from gap.null.blocks import GroupedSession, candidates_for
+from gap.null.chains import needed
 from gap.null.robot import robot_problems
-from gap.null.robot_axes import QUANTITIES, AxesBlock
+from gap.null.robot_axes import AXES, QUANTITIES, AxesBlock
 from gap.null.robot_force import AT_NOISE, ForceBlock, RoughForceBlock
 from gap.null.robot_loop import CONTROLLERS
 from gap.null.sheet_discrepancy import gradients, lagged, played, sheet_discrepancy
@@ -224,6 +225,20 @@ def test_skin_of_three_times_beside_a_further_law_is_no_discrepancy(sheets: tupl
     beside, sizes = block._beside(block._from_guesses(law, block._simple(law), 30))
     narrowest = fit(under(block, block.prior_mean, sizes[0]), nuisance=beside.nuisance)
     assert narrowest.objective < AT_NOISE * len(narrowest.residual)
+
+
+def test_bins_behind_a_kink_are_means_of_what_the_loop_does_there(sheets: tuple[GroupedSession, AxesBlock]) -> None:
+    """Two nodes of a bin miss its answer to the kink; commands seen now and then, whose bins are averaged, won by that
+    on sound sessions."""
+    _, axes = sheets
+    nominal_at = axes.prior_mean
+    (group, at), load = axes.groups[0], axes._loads[0]
+    operators = needed(axes._loop(group, nominal_at, {}), AXES, load)
+    half = np.sqrt(3.0) * (axes._ends[1, at] - axes.stamps[at])
+    inside = axes.stamps[at] + np.linspace(-1.0, 1.0, 401)[:, None] * half
+    means = axes._at(inside.ravel(), AXES, group, operators, load).reshape(3, *inside.shape).mean(axis=1)
+    off = (axes._predict(nominal_at, {}).reshape(3, -1)[:, at] - means) / axes.sigma.reshape(3, -1)[:, at]
+    assert np.max(np.abs(off)) < 0.05
 
 
 def test_dry_friction_is_found_though_its_null_strains_the_loop() -> None:
