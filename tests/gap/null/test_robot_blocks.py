@@ -12,6 +12,7 @@ from gap.design import simulated as own
 from gap.effects.load import library
 from gap.inference.hypothesis import Candidate
 from gap.inference.least_squares import fit, under
+from gap.null import robot_grid
 from gap.null.blocks import GroupedSession, candidates_for
 from gap.null.chains import needed
 from gap.null.robot import robot_problems
@@ -239,6 +240,21 @@ def test_bins_behind_a_kink_are_means_of_what_the_loop_does_there(sheets: tuple[
     means = axes._at(inside.ravel(), AXES, group, operators, load).reshape(3, *inside.shape).mean(axis=1)
     off = (axes._predict(nominal_at, {}).reshape(3, -1)[:, at] - means) / axes.sigma.reshape(3, -1)[:, at]
     assert np.max(np.abs(off)) < 0.05
+
+
+def test_the_loop_is_simulated_finely_enough_for_curved_motion(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else commands seen now and then, whose grid is finer, explain a part of the error."""
+    time = np.arange(0.0, 12.0, 0.03)
+    wave = 1.2e-3 * np.sin(0.5 * np.pi * time) ** 2
+    tables = {f"probe_{a}": (time, share * wave) for a, share in zip("xyz", (0.8, 0.5, 0.3), strict=True)}
+    session = GroupedSession(own.robot_session(np.random.default_rng(8), [], legs=[own.Leg(tables, 12.0)]), QUANTITIES)
+    axes = AxesBlock(session, {})
+    usual = axes._predict(axes.prior_mean, {})
+    monkeypatch.setattr(robot_grid, "LOOP_STEP", 0.25 * robot_grid.LOOP_STEP)
+    axes._grids_ahead.clear()
+    axes._made.clear()
+    off = (axes._predict(axes.prior_mean, {}) - usual) / axes.sigma
+    assert off @ off < 1.0
 
 
 def test_dry_friction_is_found_though_its_null_strains_the_loop() -> None:
