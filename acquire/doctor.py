@@ -40,15 +40,7 @@ def examine() -> list[Check]:
 
 def packages(distributions: Iterable[metadata.Distribution] | None = None) -> list[Check]:
     """Files that another distribution has put into our packages, by the RECORD of each."""
-    foreign: dict[str, list[str]] = {}
-    mine: set[str] = set()
-    for distribution in metadata.distributions() if distributions is None else distributions:
-        name = distribution.metadata["Name"] or "?"
-        files = [f.as_posix() for f in distribution.files or () if f.parts and f.parts[0] in OURS]
-        if name.lower() == "skinrig":
-            mine |= set(files)
-        elif files:
-            foreign[name] = files
+    ours, foreign = _owners(metadata.distributions() if distributions is None else distributions)
     elsewhere = [name for name in OURS if not _is_here(name)]
     if elsewhere:
         text = f"{', '.join(elsewhere)} is loaded from another place than {home()}"
@@ -56,13 +48,28 @@ def packages(distributions: Iterable[metadata.Distribution] | None = None) -> li
     if not foreign:
         return [Check("packages", "ok", f"no other distribution has files in {', '.join(OURS)}")]
     remedy = "install skinrig by itself: pipx install skinrig, uv tool install skinrig, or a venv of its own"
-    checks = []
-    for name, files in sorted(foreign.items()):
-        both = sorted(mine & set(files))
-        hit = f"; {len(both)} of them, such as {both[0]}, are ours too and overwritten" if both else ""
-        text = f"{name} has {len(files)} files in our packages, such as {files[0]}{hit}"
-        checks.append(Check("packages", "fault", text, remedy))
-    return checks
+    return [Check("packages", "fault", _intruder(name, files, ours), remedy) for name, files in sorted(foreign.items())]
+
+
+def _owners(distributions: Iterable[metadata.Distribution]) -> tuple[set[str], dict[str, list[str]]]:
+    """Files in our packages: our own, and those of each other distribution."""
+    ours: set[str] = set()
+    foreign: dict[str, list[str]] = {}
+    for distribution in distributions:
+        name = distribution.metadata["Name"] or "?"
+        files = [f.as_posix() for f in distribution.files or () if f.parts and f.parts[0] in OURS]
+        if name.lower() == "skinrig":
+            ours |= set(files)
+        elif files:
+            foreign[name] = files
+    return ours, foreign
+
+
+def _intruder(name: str, files: list[str], ours: set[str]) -> str:
+    """A distribution with files in our packages, in words."""
+    both = sorted(ours & set(files))
+    hit = f"; {len(both)} of them, such as {both[0]}, are ours too and overwritten" if both else ""
+    return f"{name} has {len(files)} files in our packages, such as {files[0]}{hit}"
 
 
 def _is_here(package: str) -> bool:

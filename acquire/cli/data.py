@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 if TYPE_CHECKING:
+    from acquire.catalogue import Entry
     from acquire.recording import Recording
 
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
@@ -146,35 +147,38 @@ def ls(
     as_json: Json = False,
 ) -> None:
     """List recordings, and journals that wait for recovery."""
-    from acquire.catalogue import FIELDS, catalogue
+    from acquire.catalogue import catalogue
 
     if folder == DEFAULT and not folder.is_dir():
         typer.echo("[]" if as_json else f"no recordings yet: there is no folder {folder}")
         return
     entries = catalogue(folder, words or [])
     if as_json:
-        listed = [
-            {"path": str(e.path), "problem": e.problem, "left_out": e.left_out}
-            | ({f: getattr(e.info, f) for f in FIELDS} if e.info else {})
-            for e in entries
-        ]
-        typer.echo(json.dumps(listed, indent=2, ensure_ascii=False))
+        typer.echo(json.dumps([_plain_entry(e) for e in entries], indent=2, ensure_ascii=False))
         return
-    rows = [("start", "instrument", "protocol", "subject", "site", "rep", "status", "file")]
-    for entry in entries:
-        if entry.info is None:
-            rows.append(("", "", "", "", "", "", "!", f"{entry.path}  {entry.problem}"))
-        else:
-            i = entry.info
-            start = i.start_time[:19].replace("T", " ")
-            status = f"{i.status}, left out" if entry.left_out else i.status
-            rows.append(
-                (start, i.instrument, i.protocol_name, i.subject, i.site, str(i.repeat), status, str(entry.path))
-            )
+    rows = [("start", "instrument", "protocol", "subject", "site", "rep", "status", "file"), *map(_row, entries)]
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]) - 1)]
     for row in rows:
         cells = [f"{cell:<{width}}" for cell, width in zip(row, [*widths, 0], strict=True)]
         typer.echo("  ".join(cells).rstrip())
+
+
+def _plain_entry(entry: Entry) -> dict[str, Any]:
+    """An entry of the catalogue for JSON; of an unreadable file, its problem."""
+    from acquire.catalogue import FIELDS
+
+    about = {"path": str(entry.path), "problem": entry.problem, "left_out": entry.left_out}
+    return about | ({f: getattr(entry.info, f) for f in FIELDS} if entry.info else {})
+
+
+def _row(entry: Entry) -> tuple[str, ...]:
+    """An entry of the catalogue as cells of the table."""
+    i = entry.info
+    if i is None:
+        return ("", "", "", "", "", "", "!", f"{entry.path}  {entry.problem}")
+    status = f"{i.status}, left out" if entry.left_out else i.status
+    start = i.start_time[:19].replace("T", " ")
+    return (start, i.instrument, i.protocol_name, i.subject, i.site, str(i.repeat), status, str(entry.path))
 
 
 def _target(out: Path, recording: Recording, count: int) -> Path:

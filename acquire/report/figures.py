@@ -97,6 +97,16 @@ def frame_strip(recording: Recording, count: int = 4) -> Figure | None:
     return figure
 
 
+def _mean_of(axes: Any, curves: Sequence[tuple[FloatArray, FloatArray]], factor: float) -> None:
+    """The mean of three curves or more with its 95 % band, where they overlap."""
+    if len(curves) < 3 or max(t[0] for t, _ in curves) >= min(t[-1] for t, _ in curves):
+        return
+    mean = mean_curve(curves)
+    axes.plot(mean.time, factor * mean.mean, color="black", lw=1.6, label=f"mean of {mean.count}, 95 % band")
+    low, high = mean.mean - mean.half_width, mean.mean + mean.half_width
+    axes.fill_between(mean.time, factor * low, factor * high, color="black", alpha=0.15, lw=0)
+
+
 @_styled
 def comparison(recordings: Sequence[Recording]) -> Figure:
     """The default stream of several recordings from where each experiment begins; of three or more also their mean.
@@ -116,12 +126,7 @@ def comparison(recordings: Sequence[Recording]) -> Figure:
         label = f"{recording.info.id} ({facts})" if len(shown) <= 8 else None
         style: dict[str, Any] = {"color": FAINT, "ls": "--"} if out else {"color": COLOURS[number % len(COLOURS)]}
         axes.plot(time, factor * value, lw=1, label=label, **style)
-    curves = [curve for recording, curve in zip(shown, curves, strict=True) if not left_out(recording)]
-    if len(curves) >= 3 and max(t[0] for t, _ in curves) < min(t[-1] for t, _ in curves):
-        mean = mean_curve(curves)
-        axes.plot(mean.time, factor * mean.mean, color="black", lw=1.6, label=f"mean of {mean.count}, 95 % band")
-        low, high = mean.mean - mean.half_width, mean.mean + mean.half_width
-        axes.fill_between(mean.time, factor * low, factor * high, color="black", alpha=0.15, lw=0)
+    _mean_of(axes, [curve for r, curve in zip(shown, curves, strict=True) if not left_out(r)], factor)
     axes.set_xlabel("time from the first motion (s)")
     axes.set_ylabel(f"{_title(name)} ({unit})" if unit else _title(name))
     if len(axes.lines) <= 10:
@@ -187,6 +192,20 @@ def _groups(streams: Mapping[str, Series]) -> list[tuple[str, list[str]]]:
     return [(unit, names) for (unit, _), names in groups.items()]
 
 
+def _measured(axes: Any, series: Series, factor: float, name: str, number: int | None) -> None:
+    """A measured channel as a line, few samples as points; without a ``number`` it is the only one of its panel."""
+    time, value = thinned(*_xy(series))
+    colour, label = (MEASURED, "measured") if number is None else (COLOURS[number % len(COLOURS)], name)
+    axes.plot(time, factor * value, marker="o" if len(time) < 20 else None, color=colour, lw=1.3, label=label)
+
+
+def _trips(axes: Any, recording: Recording) -> None:
+    """A line at each error and trip."""
+    for event in recording.events:
+        if event.level in ("error", "trip"):
+            axes.axvline(event.time, color="#c0392b", lw=1)
+
+
 def _over_time(axes: Any, recording: Recording, names: list[str], unit: str) -> None:
     """One panel: measured channels as lines, set-points dashed, suction shaded, the apex's band, trips."""
     factor, label = pleasant(unit)
@@ -194,10 +213,7 @@ def _over_time(axes: Any, recording: Recording, names: list[str], unit: str) -> 
     for cycle in suction_cycles(recording)[:40]:
         axes.axvspan(cycle.onset, cycle.release + cycle.fall, color=SHADE, linewidth=0)
     for number, name in enumerate(names):
-        colour = MEASURED if single else COLOURS[number % len(COLOURS)]
-        time, value = thinned(*_xy(recording.streams[name]))
-        marker = "o" if len(time) < 20 else None
-        axes.plot(time, factor * value, marker=marker, color=colour, lw=1.3, label="measured" if single else name)
+        _measured(axes, recording.streams[name], factor, name, None if single else number)
         commanded = recording.setpoints.get(name)
         if commanded is not None and commanded.unit == unit:
             time, value = thinned(*_xy(commanded))
@@ -209,9 +225,7 @@ def _over_time(axes: Any, recording: Recording, names: list[str], unit: str) -> 
     axes.set_ylabel(f"{title}\n({label})" if label else title)
     if len(axes.lines) > 1:
         axes.legend(frameon=False, fontsize=8, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 0.97), borderpad=0)
-    for event in recording.events:
-        if event.level in ("error", "trip"):
-            axes.axvline(event.time, color="#c0392b", lw=1)
+    _trips(axes, recording)
 
 
 def _draw_loops(axes: Any, recording: Recording) -> None:

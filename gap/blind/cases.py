@@ -150,6 +150,22 @@ def _hide(subject: Subject, tier: str, deck: _Deck, rng: np.random.Generator) ->
     return hidden
 
 
+def _check(tier: str, n: int, instruments: Sequence[str], style: str, references: str) -> None:
+    """Raises ValueError for cases that cannot be made."""
+    if tier == "T0":
+        raise ValueError("tier T0 is made by the diagnosis' own simulator, not by this generator (which has T1 ... T6)")
+    if tier not in TIERS:
+        raise ValueError(f"unknown tier {tier!r}: one of T0, {', '.join(TIERS)}")
+    if style not in STYLES:
+        raise ValueError(f"unknown style {style!r}: one of {', '.join(STYLES)}")
+    if references not in REFERENCES:
+        raise ValueError(f"unknown references {references!r}: one of {', '.join(REFERENCES)}")
+    if unknown := [i for i in instruments if i not in INSTRUMENTS]:
+        raise ValueError(f"unknown instrument {unknown[0]!r}: one of {', '.join(INSTRUMENTS)}")
+    if n < 1 or not instruments:
+        raise ValueError("at least one case and one instrument are needed")
+
+
 def make(
     tier: str,
     n: int,
@@ -171,18 +187,7 @@ def make(
     or the key exists.
     """
     out = Path(out)
-    if tier == "T0":
-        raise ValueError("tier T0 is made by the diagnosis' own simulator, not by this generator (which has T1 ... T6)")
-    if tier not in TIERS:
-        raise ValueError(f"unknown tier {tier!r}: one of T0, {', '.join(TIERS)}")
-    if style not in STYLES:
-        raise ValueError(f"unknown style {style!r}: one of {', '.join(STYLES)}")
-    if references not in REFERENCES:
-        raise ValueError(f"unknown references {references!r}: one of {', '.join(REFERENCES)}")
-    if unknown := [i for i in instruments if i not in INSTRUMENTS]:
-        raise ValueError(f"unknown instrument {unknown[0]!r}: one of {', '.join(INSTRUMENTS)}")
-    if n < 1 or not instruments:
-        raise ValueError("at least one case and one instrument are needed")
+    _check(tier, n, instruments, style, references)
     key = out.with_name(out.name + "-key") / "key.bin"
     if key.exists():
         raise FileExistsError(f"{key} exists")

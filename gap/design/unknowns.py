@@ -18,7 +18,7 @@ from gap.data.session import SKIN
 from gap.data.tolerances import tolerances
 from gap.design.anylaw import lagged, remembered
 from gap.design.bench import SECOND, Bench, Part
-from protocols.specimens import MANOMETER, SPECIMENS
+from protocols.specimens import MANOMETER, SPECIMENS, Stated
 from sim_devices.chain import FloatArray
 from sim_devices.stages.axes import LOOP_RATE
 from sim_devices.stages.axes import MASS as AXIS_MASS
@@ -124,41 +124,42 @@ class Unknowns:
         out: dict[Column, Changes] = {}
         for specimen in (SKIN, *CURVED):
             members = [k for k, leg in enumerate(part.legs) if leg.specimen == specimen]
-            if not members:
-                continue
-            causes = xyz("probe") if self.bench.robot else ("pressure",)
-            answers = xyz("force") if self.bench.robot else ("apex_height",)
-            times = [part.stamps[k] for k in members]
-            given = [np.stack([sound[k][c] / self._sizes[c] for c in causes]) for k in members]
-            for axis, answer in enumerate(answers):
-                own = [sound[k][answer] / self._sizes[answer] for k in members]
-                for number, feature in enumerate(remembered(times, given, own, memory=specimen == SKIN)):
-                    made: Changes = [{} for _ in part.legs]
-                    for k, values in zip(members, feature, strict=True):
-                        made[k] = {answer: BROAD * self._sizes[answer] * values}
-                    out[(specimen, str(axis), str(number))] = _with_transducers(made) if self.bench.robot else made
+            if members:
+                out |= self._of_any_law(part, sound, members, specimen)
+        return out
+
+    def _of_any_law(self, part: Part, sound: Signals, members: Sequence[int], specimen: str) -> dict[Column, Changes]:
+        """Responses of one specimen of any law in the recordings ``members``."""
+        causes, answers = (xyz("probe"), xyz("force")) if self.bench.robot else (("pressure",), ("apex_height",))
+        times = [part.stamps[k] for k in members]
+        given = [np.stack([sound[k][c] / self._sizes[c] for c in causes]) for k in members]
+        out: dict[Column, Changes] = {}
+        for axis, answer in enumerate(answers):
+            size = self._sizes[answer]
+            own = [sound[k][answer] / size for k in members]
+            for number, feature in enumerate(remembered(times, given, own, memory=specimen == SKIN)):
+                made: Changes = [{} for _ in part.legs]
+                for k, values in zip(members, feature, strict=True):
+                    made[k] = {answer: BROAD * size * values}
+                out[(specimen, str(axis), str(number))] = _with_transducers(made) if self.bench.robot else made
         return out
 
     def _of_references(self, part: Part, sound: Signals) -> dict[Column, Changes]:
         """Uncertainties of reference specimens: their stated uncertainties, a second gauge's tolerance."""
+        answers = (*TRANSDUCERS, *xyz("force")) if self.bench.robot else ("apex_height",)
         out: dict[Column, Changes] = {}
         for label in dict.fromkeys(leg.label for leg in part.legs if leg.specimen in SPECIMENS):
-            members = {k for k, leg in enumerate(part.legs) if leg.label == label}
-            leg = part.legs[min(members)]
-            answers = (*TRANSDUCERS, *xyz("force")) if self.bench.robot else ("apex_height",)
+            on = [leg.label == label for leg in part.legs]
+            leg = part.legs[on.index(True)]
             for key, stated in leg.known.items():
                 share = stated.se / max(float(np.linalg.norm(stated.value)), 1e-12)
-                made = [{c: share * s[c] for c in answers} if k in members else {} for k, s in enumerate(sound)]
-                out[(label, key)] = made
-            if leg.specimen in CURVED:  # its little memory, which is known as a bound
-                memory = leg.known["memory"].scalar if "memory" in leg.known else 0.01
-                late = [s["apex_height"] - lagged([at], [s["apex_height"]], 0.3)[0]
-                        for s, at in zip(sound, part.stamps, strict=True)]  # fmt: skip
-                lost = [{"apex_height": memory * v} if k in members else {} for k, v in enumerate(late)]
-                out[(label, "loss")] = lost
+                out[(label, key)] = _where(on, [{c: share * s[c] for c in answers} for s in sound])
+            if leg.specimen in CURVED:
+                out[(label, "loss")] = _where(on, _lost(leg.known, part.stamps, sound))
             if leg.specimen == MANOMETER:
-                second = [{SECOND: 1e-3 * s[SECOND]} if k in members else {} for k, s in enumerate(sound)]
-                out[(label, "gain")] = second
+                out[(label, "gain")] = [
+                    {SECOND: 1e-3 * s[SECOND]} if here else {} for here, s in zip(on, sound, strict=True)
+                ]
         return out
 
     @cached_property
@@ -173,6 +174,18 @@ class Unknowns:
         for names in (xyz("probe"), xyz("force")) if self.bench.robot else ():
             largest |= dict.fromkeys(names, max(largest[n] for n in names))
         return largest
+
+
+def _where(on: Sequence[bool], made: Changes) -> Changes:
+    """Changes in the recordings that are ``on`` a specimen, none in the others."""
+    return [m if here else {} for here, m in zip(on, made, strict=True)]
+
+
+def _lost(known: Mapping[str, Stated], stamps: Sequence[FloatArray], sound: Signals) -> Changes:
+    """The little memory of a membrane, which is known as a bound."""
+    memory = known["memory"].scalar if "memory" in known else 0.01
+    heights = [s["apex_height"] for s in sound]
+    return [{"apex_height": memory * (h - lagged([at], [h], 0.3)[0])} for h, at in zip(heights, stamps, strict=True)]
 
 
 def _with_forces(made: Changes) -> Changes:
