@@ -21,7 +21,7 @@ from gap.inference.least_squares import fit, under
 from gap.inference.linear import Projector
 from gap.inference.problem import Problem
 from gap.inference.workers import each
-from gap.search.screening import Screened, as_if_known, from_sound, screen, strained
+from gap.search.screening import Screened, as_if_known, from_sound, screen, strains
 from sim_devices.chain import FloatArray
 
 ALIKE = 0.85
@@ -125,7 +125,7 @@ def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) ->
             start = np.concatenate([before.unit, unit])
             here = under(problem, before.prior_mean, screened.widths[block])
             tries.append(from_base(here, hypothesis, start, before.nuisance, 5))
-            if strained(problem, before):  # tolerances that took the effect on
+            if problem.sound is not None and strains(problem, before):  # tolerances that took the effect on
                 tries.append(fit(here, hypothesis, start, problem.sound, 5, belief=belief))
             if len(tries) == 1 and (moved := problem.warm_start(hypothesis, start)) is not None:
                 width = screened.widths[block]

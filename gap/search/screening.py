@@ -29,7 +29,7 @@ BISECTIONS = 7
 """Simulations at most to find one."""
 STARTS = 2
 """Screening points from which a refit starts."""
-STRAINED = 2.5
+STRAIN_EACH = 2.5
 """Penalty for each of a base's tolerances from which on effects are looked at beside a fault-free instrument, too,"""
 FROM_SOUND = 4
 """and how many of them are refitted for it."""
@@ -150,10 +150,10 @@ def screen(
     return sorted(out, key=lambda s: -s.gain), simulations
 
 
-def strained(problem: Problem, base: Fit) -> bool:
-    """Whether a fit of the simulation by itself strains the tolerances of an instrument without skin in play."""
+def strains(problem: Problem, base: Fit) -> bool:
+    """Whether a fit of the simulation by itself strains the tolerances that its nuisance is."""
     free = int(np.sum(problem.prior_sd > FROZEN))
-    return problem.sound is not None and base.penalty >= STRAINED * free
+    return base.penalty >= STRAIN_EACH * free
 
 
 def from_sound(
@@ -168,9 +168,10 @@ def from_sound(
     out: list[Screened] = []
     simulations = 0
     for block, problem in problems.items():
-        if not strained(problem, base.fits[block]) or problem.sound is None:
+        sound = problem.sound
+        if sound is None or not strains(problem, base.fits[block]):
             continue
-        jacobian = problem.evaluate(problem.sound, {}).jacobian
+        jacobian = problem.evaluate(sound, {}).jacobian
         refits = [Projector(jacobian, sd) for sd in problem.prior_scales]
         found = []
         for s in screened:
@@ -178,7 +179,7 @@ def from_sound(
                 continue
             left = []
             for active in ({s.candidate: s.candidate.values(unit)} for unit in s.units):
-                residual = problem.evaluate(problem.sound, active, want_jacobian=False).residual
+                residual = problem.evaluate(sound, active, want_jacobian=False).residual
                 times = problem.noise_scale(active)
                 wider = 0.0 if times is None else 2.0 * float(np.sum(np.log(times)))
                 left.append(wider + min(refit.chi2(residual) for refit in refits))

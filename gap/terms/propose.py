@@ -26,7 +26,7 @@ from gap.inference.problem import Problem
 from gap.null.blocks import Block
 from gap.rig.problem import RigProblem
 from gap.search.compare import LEAST_TEMPER, mean_correlation, refit
-from gap.search.screening import STRAINED, Screened
+from gap.search.screening import STRAIN_EACH, Screened
 from gap.terms.dictionary import INSTRUMENTS, Choice, choices
 from gap.terms.term import Term, as_effect, as_generic, candidate_of
 from sim_devices.chain import FloatArray
@@ -126,7 +126,7 @@ class _Point:
 
     @classmethod
     def of(cls, problem: Problem, f: Fit) -> _Point:
-        if problem.sound is None or f.penalty < STRAINED:
+        if problem.sound is None or f.penalty < STRAIN_EACH:
             return cls(f.nuisance, f.residual, f.jacobian, f.prior_mean, (f.prior_sd,))
         here = problem.evaluate(problem.sound, {})
         return cls(problem.sound, here.residual, here.jacobian, f.prior_mean, tuple(problem.prior_scales))
