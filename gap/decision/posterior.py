@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.special import softmax
@@ -228,12 +229,21 @@ def _earned(h: Hypothesis, comparison: Comparison, t: Thresholds, temper: Mappin
     some χ²."""
     if len(h.effects) < 2:
         return True
+    if _one_event(h, t.at_once):
+        return False
     singles = [s for s in comparison.hypotheses if len(s.effects) == 1 and s.effects[0] in h.effects]
     n = sum(len(f.residual) for f in h.fits.values())
     left = min(s.deviance for s in singles)
     least = t.second_least * min(temper.values())
     needed = max(t.second_share * (left - n), t.second_excess * (comparison.null.chi2 - n), least)
     return left - h.deviance > needed
+
+
+def _one_event(h: Hypothesis, at_once: float) -> bool:
+    """Whether two of a hypothesis' effects happen at the same time, to ``at_once`` s: one of another form would."""
+    known = {e: values for f in h.fits.values() for e, values in f.active.items() if e.event}
+    moments = sorted(values["moment"] for values in known.values() if "moment" in values)
+    return any(later - earlier < at_once for earlier, later in pairwise(moments))
 
 
 def _distance(a: Hypothesis, b: Hypothesis, trust: Mapping[str, float], temper: Mapping[str, float]) -> float:

@@ -35,6 +35,7 @@ class Thresholds:
     second_share: float
     second_excess: float
     second_least: float
+    at_once: float
     unearned: float
     unknown: float
     patched: float

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import expit
 
 from gap.data.signatures import Signature
 from gap.decision.limits import confusable
@@ -14,8 +15,9 @@ from gap.decision.posterior import posterior
 from gap.decision.thresholds import INSTRUMENT
 from gap.decision.transfer import Shrink, best_elsewhere, plain
 from gap.inference.evidence import Hypothesis
+from gap.inference.hypothesis import to_unit
 from gap.inference.least_squares import fit
-from gap.search.compare import compare
+from gap.search.compare import Comparison, compare
 from sim_devices.chain import Parameter
 from tests.gap.decision.waves import DESIGN, SHAPES, T, judge, total, weak_wave
 
@@ -166,3 +168,24 @@ def test_the_member_that_meets_another_waveform_best_leads_its_class(linear, can
     found = posterior(compare([linear(y, DESIGN, made, np.full(2, 100.0))], known), known, INSTRUMENT)
     second = next(h for h in found.causes[0].members if h is not found.causes[0].hypothesis)
     assert found.led_by(second).causes[0].names == found.causes[0].names[::-1]
+
+
+@pytest.mark.parametrize(("apart", "effects"), [(0.5, 1), (20.0, 2)])
+def test_two_events_at_once_are_one_of_another_form(linear, candidate, apart: float, effects: int) -> None:
+    """Tone that came within seconds was claimed as a jump of the height and a loss of samples 0.2 s apart."""
+    time = np.linspace(0.0, 60.0, 600)
+    laws = {name: (lambda v, width=width: v["a"] * expit((time - v["moment"]) / width))
+            for name, width in (("jump", 0.02), ("rise", 2.0))}  # fmt: skip
+    own = (Parameter("a", "1", -30.0, 30.0, 0.0), Parameter("moment", "s", 0.0, 60.0))
+    jump, rise = (replace(candidate(name, *own), event=True) for name in laws)
+    true = [{"a": 8.0, "moment": 20.0}, {"a": 8.0, "moment": 20.0 + apart}]
+    noise = np.random.default_rng(0).normal(size=len(time))
+    made = laws["jump"](true[0]) + laws["rise"](true[1]) + noise
+    problem = linear(made, np.ones((len(time), 1)), laws, np.full(1, 100.0))
+    units = [np.array([to_unit(p, v[p.name]) for p in own]) for v in true]
+    null = Hypothesis((), {"linear": fit(problem)})
+    tried = [((jump,), units[0]), ((rise,), units[1]), ((jump, rise), np.concatenate(units))]
+    comparison = Comparison(
+        {"linear": problem}, null, [Hypothesis(h, {"linear": fit(problem, h, u)}) for h, u in tried]
+    )
+    assert len(posterior(comparison, [jump, rise], INSTRUMENT).causes[0].effects) == effects
