@@ -363,6 +363,15 @@ def compressed(columns: FloatArray, weights: FloatArray, size: int) -> tuple[Flo
     return basis / np.maximum(rms, 1e-300), rms
 
 
+def _all_along(event: Candidate, blocks: Sequence[Block]) -> dict[str, float]:
+    """When an event happens and for how long, if it does so from the first sample on: at another moment nothing may be
+    there to be changed. Nothing of other effects."""
+    found = {p.name: p for p in event.parameters if event.event}
+    begin = min(float(b.stamps[0]) for b in blocks)
+    at = {"moment": min(max(begin, found["moment"].low), found["moment"].high)} if "moment" in found else {}
+    return at | ({"duration": found["duration"].high} if "duration" in found else {})
+
+
 def candidates_for(
     effects: Mapping[str, Effect], blocks: Sequence[Block], threshold: float = 0.05
 ) -> tuple[Candidate, ...]:
@@ -376,7 +385,8 @@ def candidates_for(
         told = {"meaning": effect.meaning, "remedy": effect.remedy}
         trial = Candidate(key, effect.name, effect.stage, parameters, (), **told, form=effect.form, event=effect.event)
         elsewhere = (trial.values(np.full(len(parameters), u)) for u in ELSEWHERE)
-        for values in ({p.name: p.default for p in parameters}, *elsewhere):
+        default = {p.name: p.default for p in parameters}
+        for values in (default, *elsewhere, default | _all_along(trial, blocks)):
             touched = []
             for block in blocks:
                 changed = block.evaluate(block.start(), {trial: values}, want_jacobian=False).residual

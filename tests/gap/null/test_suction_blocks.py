@@ -340,3 +340,16 @@ def test_noise_that_is_less_than_assumed_lowers_the_temper() -> None:
     half = replace(null, residual=0.8 * null.residual, chi2=0.64 * null.chi2)
     comparison.null.fits["pressure"] = half
     assert comparison.temper()["pressure"] == pytest.approx(0.64 * known)
+
+
+def test_events_are_looked_for_in_a_session_that_begins_late() -> None:
+    """By default they happen in the session's third second, and most change nothing unless there is suction: a leak for
+    a while was told a jump of the gauge's zero."""
+    late = []
+    for r in session():
+        streams = {name: replace(s, time=s.time + 60.0) for name, s in r.streams.items()}
+        setpoints = {name: replace(s, time=s.time + 60.0) for name, s in r.setpoints.items()}
+        late.append(replace(r, streams=streams, setpoints=setpoints))
+    effects = {key: effect for key, effect in library("aspiration").items() if effect.event}
+    found = candidates_for(effects, blocks(late))
+    assert {c.key for c in found} == effects.keys()
