@@ -8,6 +8,7 @@ from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gap.data.tolerances import Tolerance
 from gap.inference.evidence import Fit
@@ -30,6 +31,12 @@ LATE = 5.0
 """σ by which some kink must be late for lateness to be looked into."""
 MOVES = 1e-3 * np.array([0.5, 1, 2, 3, 5, 8, 12, 18, 26, 36, 50, 70, 95, 130, 180, 250, 350])
 """s by which the response to a kink is moved to see where it fits."""
+IGNORED = 1e3
+"""Times the noise of rows that are left out."""
+SETTLED = 8
+"""Samples before suction from which on it can be told where a pressure rests."""
+AWAY, BACK = 8.0, 4.0
+"""σ by which a recording must begin off where it rests to count as begun in motion, and from which on it rests."""
 QUIET = 1e-6
 """Share of the most telling kink's information on lateness below which a kink says nothing."""
 NO_TISSUE = SuctionTissue(0.0, creep=(), times=(), residual=0.0, softening=0.0)
@@ -97,6 +104,7 @@ class PressureBlock(Block):
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect]) -> None:
         # An open probe holds no pressure: its record says nothing of the regulator.
         super().__init__(session, library, without=("open air",))
+        self.sigma[self._in_motion()] *= IGNORED
         self.prior_sd = self._prior(lambda t: t.value)
         self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
         # As a sound instrument of the nominal kind, or a regulator of another time and damping.
@@ -110,6 +118,19 @@ class PressureBlock(Block):
         loop = [width(regulator["time"]), width(regulator["damping"]), self.shift_sd, own["clock_skew"]["rate"].value]
         further = [*[width(regulator["further_lags"])] * len(self.LAGS), width(regulator["lead"])]
         return np.array([*loop, *further, own["gauge_gain"]["error"].value, own["gauge_offset"]["offset"].value])
+
+    def _in_motion(self) -> NDArray[np.bool_]:
+        """Rows (n,) of recordings that begin while the pressure still comes back from what was before, until it rests:
+        of that state no command tells."""
+        out = np.zeros(len(self.stamps), dtype=bool)
+        for k in self.runs:
+            rest = np.flatnonzero((self.run == k) & (self.stamps < self.session.onset(k)))
+            if len(rest) < SETTLED:
+                continue
+            off = np.abs(self.measured[rest] - np.median(self.measured[rest[len(rest) // 2 :]])) / self.sigma[rest]
+            if off[0] > AWAY:
+                out[rest[: 1 + np.flatnonzero(off > BACK)[-1]]] = True
+        return out
 
     def _probability(self, sd: FloatArray) -> float:
         """log evidence of instruments of prior widths ``sd`` (p,), without an effect."""

@@ -17,7 +17,7 @@ from gap.inference.hypothesis import Active, Evaluation
 from gap.null.blocks import Group, GroupedSession, Table
 from gap.null.suction_discrepancy import KNEES
 from gap.null.suction_feed import FedBlock
-from gap.null.suction_pressure import NO_TISSUE, PressureBlock, chain_of
+from gap.null.suction_pressure import IGNORED, NO_TISSUE, PressureBlock, chain_of
 from protocols.specimens import MEMORY
 from sim_devices.chain import Chain, Effect, FloatArray
 from sim_devices.stages.kernels import evaluate, low_pass
@@ -35,8 +35,6 @@ LOOSE, BENT = 0.2, 1e-4
 way at the strongest suction."""
 CREEPS = 0.3
 """s: shorter lags of a membrane are taken for the sensor's, longer ones may be a membrane's that creeps."""
-IGNORED = 1e3
-"""Factor on the noise of rows that are left out."""
 
 
 @dataclass(frozen=True)

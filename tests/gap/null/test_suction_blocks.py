@@ -353,3 +353,17 @@ def test_events_are_looked_for_in_a_session_that_begins_late() -> None:
     effects = {key: effect for key, effect in library("aspiration").items() if effect.event}
     found = candidates_for(effects, blocks(late))
     assert {c.key for c in found} == effects.keys()
+
+
+def test_pressure_that_still_falls_as_a_recording_begins_is_no_gap() -> None:
+    """Nobody waited for the last suction to end: 8 kPa left over made a gap of 17 in one recording, and its temper hid
+    every effect in the others."""
+    first, *others = session()
+    pressure = first.streams["pressure"]
+    since = (pressure.time - pressure.time[0]) / 0.04
+    left = replace(pressure, value=pressure.value - 8e3 * (1.0 + since) * np.exp(-since))
+    block, _ = blocks([replace(first, streams={**first.streams, "pressure": left}), *others])
+    null = fit(block)
+    assert null.chi2 / len(null.residual) < 1.25
+    still, _ = blocks(session())
+    assert not np.any(still._in_motion())
