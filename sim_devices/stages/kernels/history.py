@@ -77,6 +77,10 @@ def yield_flow(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2] = 1.0, t[0], u[0]
     last, before, r = s[1], s[2], s[3]
+    if p[0] == 0.0 and r == 0.0 and t.size:  # nothing flows
+        s[1], s[2] = t[-1], u[-1]
+        y[:] = u
+        return
     known, up, down = np.zeros(STEPS), np.empty(STEPS), np.empty(STEPS)
     for i in range(t.size):
         dt, mean = t[i] - last, 0.5 * (before + u[i])
