@@ -343,8 +343,7 @@ def test_noise_that_is_less_than_assumed_lowers_the_temper() -> None:
 
 
 def test_events_are_looked_for_in_a_session_that_begins_late() -> None:
-    """By default they happen in the session's third second, and most change nothing unless there is suction: a leak for
-    a while was told a jump of the gauge's zero."""
+    """By default they happen in the session's third second, and most change nothing unless there is suction."""
     late = []
     for r in session():
         streams = {name: replace(s, time=s.time + 60.0) for name, s in r.streams.items()}
