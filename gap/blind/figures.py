@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .answers import Case
 
@@ -34,6 +35,7 @@ class Figure:
         return self.value >= float(bound) if relation == ">=" else self.value <= float(bound)
 
 
+Array = NDArray[np.float64]
 Statistic = Callable[[Sequence[Case]], float]
 Kind = Callable[[Case], bool]
 
@@ -81,13 +83,38 @@ def _stage_right(c: Case) -> bool:
 
 def calibration_error(cases: Sequence[Case]) -> float:
     """Expected calibration error of the first cause's probability, ten equal bins (Guo et al. 2017)."""
-    rated = [c for c in cases if c.report and c.report.causes]
-    if not rated:
+    told, right = _forecasts(cases)
+    return _binned_error(told, right) if told.size else float("nan")
+
+
+def calibration_by_chance(cases: Sequence[Case]) -> float:
+    """The calibration error that exact probabilities would have in as few cases: the mean of drawn outcomes.
+
+    The bins take chance for error (Bröcker and Smith 2007, 'consistency'): forty cases leave about .1 of it.
+    """
+    told, _ = _forecasts(cases)
+    if not told.size:
         return float("nan")
-    p = np.array([c.report.ranked[0].probability for c in rated if c.report])
-    right = np.array([c.hit(1) for c in rated], float)
-    cell = np.minimum((p * 10).astype(int), 9)
-    return float(sum(abs(np.sum(right[cell == k] - p[cell == k])) for k in range(10)) / len(rated))
+    drawn = np.random.default_rng(0).random((_RESAMPLES, told.size)) < told
+    return float(np.mean([_binned_error(told, outcome) for outcome in drawn]))
+
+
+def overconfidence(cases: Sequence[Case]) -> float:
+    """How much more probable first causes are called than they are right, in the mean; below nought: too doubtful."""
+    told, right = _forecasts(cases)
+    return float(np.mean(told) - np.mean(right)) if told.size else float("nan")
+
+
+def _forecasts(cases: Sequence[Case]) -> tuple[Array, Array]:
+    """Probability of each report's first cause, and whether it is right (1 or 0); reports without causes left out."""
+    rated = [c for c in cases if c.report and c.report.causes]
+    told = [c.report.ranked[0].probability for c in rated if c.report]
+    return np.array(told), np.array([bool(c.effects) and c.hit(1) for c in rated], float)
+
+
+def _binned_error(told: Array, right: Array) -> float:
+    cell = np.minimum((told * 10).astype(int), 9)
+    return float(np.sum(np.abs(np.bincount(cell, right - told, 10))) / told.size)
 
 
 def unknown_recall(cases: Sequence[Case]) -> float:
@@ -161,6 +188,11 @@ def sound(c: Case) -> bool:
     return not c.effects
 
 
+def seen_or_sound(c: Case) -> bool:
+    """Nothing or one strong enough effect, made by a generator that is not the library's."""
+    return seen(c) or (sound(c) and c.tier in ("T2", "T3", "T6"))
+
+
 def pair(c: Case) -> bool:
     """Two effects, each strong enough to be asked for."""
     return len(c.effects) == 2 and min(c.deltas) >= 5
@@ -212,6 +244,9 @@ FIGURES = (
     Definition("false alarms T6", lambda c: sound(c) and c.tier == "T6", _alarm, "<= 0.05"),
     Definition("false alarms T1-T3 without effect", lambda c: sound(c) and c.tier in ("T1", "T2", "T3"), _alarm),
     Definition("calibration error", seen, calibration_error, "<= 0.05"),
+    Definition("calibration error of exact probabilities", seen, calibration_by_chance),
+    Definition("overconfidence of the first cause", seen, overconfidence),
+    Definition("calibration error, sound sessions among them", seen_or_sound, calibration_error),
     Definition("unknown found at 5 % false, delta >= 10", _outside_or_known, unknown_recall, ">= 0.85", needs=outside),
     Definition("both of a pair in the top three", pair, _third, ">= 0.80"),
     Definition("coin tosses between equivalent effects", seen, _share(lambda c: c.coin_toss), "<= 0"),

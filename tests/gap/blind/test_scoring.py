@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import binom
 
 from gap.blind import Hidden, Truth, score, write_key
 from gap.blind.__main__ import main
@@ -134,7 +135,33 @@ def test_calibration_error_of_a_known_overconfidence(tmp_path: Path):
         (truth(f"{i}", "T2", ("leak", 20.0)), report("effect", cause("leak" if i < 6 else "latency", p=0.8)))
         for i in range(10)
     ]
-    assert scored(tmp_path, pairs)["calibration error"].value == pytest.approx(0.2)
+    card = scored(tmp_path, pairs)
+    assert card["calibration error"].value == pytest.approx(0.2)
+    assert card["overconfidence of the first cause"].value == pytest.approx(0.2)
+
+
+def test_few_cases_have_a_calibration_error_by_chance(tmp_path: Path):
+    """All told .8, so in one bin: the mean of |share right - .8| over binomial draws; it falls with the root of n."""
+
+    def by_chance(n: int) -> float:
+        pairs = [(truth(f"{i}", "T2", ("leak", 20.0)), report("effect", cause("leak", p=0.8))) for i in range(n)]
+        folder = tmp_path / f"of {n}"
+        folder.mkdir()
+        return scored(folder, pairs)["calibration error of exact probabilities"].value
+
+    k = np.arange(11)
+    exact = np.sum(binom.pmf(k, 10, 0.8) * np.abs(k / 10 - 0.8))
+    ten = by_chance(10)
+    assert ten == pytest.approx(exact, rel=0.1)
+    assert by_chance(160) == pytest.approx(ten / 4, rel=0.2)
+
+
+def test_sound_sessions_with_doubtful_causes_are_calibrated(tmp_path: Path):
+    pairs = [(truth(f"s{i}", "T6"), report("none", cause("leak", p=0.1))) for i in range(9)]
+    pairs += [(truth("hidden", "T2", ("leak", 20.0)), report("undetectable", cause("leak", p=0.1)))]
+    card = scored(tmp_path, pairs)
+    assert card["calibration error"].value == pytest.approx(0.9)
+    assert card["calibration error, sound sessions among them"].value == pytest.approx(0.0)
 
 
 def test_faint_effects_should_be_called_undetectable(tmp_path: Path):
