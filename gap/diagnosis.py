@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from acquire.recording.model import Recording
 from gap.data import signatures
-from gap.data.checks import DiagnosisError, in_order, remarks
+from gap.data.checks import DiagnosisError, in_order, refuse_impossible, remarks
 from gap.data.pauses import without_pauses
 from gap.data.splits import splits, splits_of_a_rig
 from gap.data.tolerances import sampled, tolerances
@@ -146,6 +146,8 @@ def diagnose(
     begin = clock.perf_counter()
     t = thresholds or (INSTRUMENT if model is None else RIG)
     recordings = without_pauses(in_order(recordings))
+    if model is None:
+        refuse_impossible(recordings)
     effort = _wide(effort or EFFORTS.get(recordings[0].info.instrument, Effort()), quick)
     qualified = read_qualification(qualification, recordings) if qualification is not None else None
     options = Options(model, effort, user_effects, solver, 1 if solver else jobs, tell, qualified)

@@ -206,9 +206,12 @@ class Subject:
         def delta(strength: float) -> float:
             return self.detectability(form.knobs(strength, instrument, seed))
 
+        def off(reached: float) -> float:
+            return abs(float(np.log(max(reached, 1e-9) / target)))
+
         if form.steps:
             found = [(s, delta(s)) for s in form.steps]
-            return min(found, key=lambda sd: abs(np.log(max(sd[1], 1e-9) / target)))
+            return min(found, key=lambda sd: off(sd[1]))
         low, high = np.log(form.strong * FAINTEST), np.log(form.strong)
         best = (form.strong, delta(form.strong))
         if best[1] < target:
@@ -219,9 +222,9 @@ class Subject:
             guess = at + np.log(target / max(value, 1e-9))
             at = guess if low < guess < high and k < 5 else 0.5 * (low + high)
             value = delta(float(np.exp(at)))
-            if abs(np.log(max(value, 1e-9) / target)) < abs(np.log(best[1] / target)):
+            if off(value) < off(best[1]):
                 best = (float(np.exp(at)), value)
-            if abs(np.log(best[1] / target)) < 0.08:
+            if off(best[1]) < 0.08:
                 break
             low, high = (at, high) if value < target else (low, at)
         return best

@@ -6,8 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from acquire.recording.model import Recording
+from acquire.recording.model import Recording, Series
 from gap.data.session import REST, Session
+
+POSSIBLE = {
+    "pressure": (-110e3, 110e3, "no pump reaches below vacuum"),
+    "apex_height": (-20e-3, 20e-3, "skin does not rise higher than an opening is wide (2 to 8 mm)"),
+}
+"""Bounds (SI) of what a channel can hold, with room for offsets, and the reason."""
 
 
 class DiagnosisError(ValueError):
@@ -27,6 +33,41 @@ def in_order(recordings: Sequence[Recording]) -> list[Recording]:
         if not r.streams:
             raise DiagnosisError(f"recording {r.info.id} has no measured channel")
     return sorted(recordings, key=lambda r: (r.info.start_time, _first_time(r)))
+
+
+def refuse_impossible(recordings: Sequence[Recording]) -> None:
+    """Refuse values that no probe or pump can give, and sensors that stand still while skin is moved.
+
+    For the built-in instruments. Raises DiagnosisError that names the recording and the channel.
+    """
+    for r in recordings:
+        for name, (low, high, reason) in POSSIBLE.items():
+            value = r.streams[name].value if name in r.streams else np.empty(0)
+            wrong = value[np.isfinite(value) & ((value < low) | (value > high))]
+            if wrong.size:
+                worst = wrong[np.argmax(np.abs(wrong))]
+                unit = r.streams[name].unit
+                raise DiagnosisError(f"{r.info.id}: channel {name} reaches {worst:.3g} {unit}: {reason}; a wrong unit?")
+    moved = [r for r in recordings if r.info.specimen == "skin" and any(map(_moves, r.setpoints.values()))]
+    for channels in _responses(moved):
+        if not any(_moves(r.streams[name]) for r in moved for name in channels & r.streams.keys()):
+            names = ", ".join(sorted(channels))
+            raise DiagnosisError(
+                f"{names} never changes in {len(moved)} recordings whose set-points do: not connected?"
+            )
+
+
+def _responses(recordings: Sequence[Recording]) -> list[set[str]]:
+    """Channels of which one at least must move where a set-point does: the actuator's own; the sensors' together."""
+    streams = [(name, s.stage, r) for r in recordings for name, s in r.streams.items()]
+    commanded = [{name} for name in {n for n, stage, r in streams if stage == "actuator" and n in r.setpoints}]
+    sensors = {name for name, stage, _ in streams if stage == "sensor"}
+    return [*commanded, sensors] if sensors else commanded
+
+
+def _moves(series: Series) -> bool:
+    value = series.value[np.isfinite(series.value)]
+    return bool(value.size) and float(np.ptp(value)) > 0
 
 
 def _first_time(recording: Recording) -> float:

@@ -1,0 +1,59 @@
+"""Recordings that cannot be diagnosed are refused with the recording and the channel."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from acquire.recording.model import Recording, RunInfo, Series
+from gap import DiagnosisError, diagnose
+from gap.data.checks import refuse_impossible
+
+TIME = np.linspace(0.0, 4.0, 41)
+SUCTION = -30e3 * np.minimum(TIME, 1.0)
+
+
+def recording(
+    pressure: np.ndarray = SUCTION, height: np.ndarray = -2e-8 * SUCTION, specimen: str = "skin"
+) -> Recording:
+    info = RunInfo("run 1", "cutometer", "2026-01-01T00:00:00", specimen=specimen)
+    streams = {
+        "pressure": Series(pressure, TIME, "Pa", stage="actuator"),
+        "apex_height": Series(height, TIME, "m", stage="sensor"),
+    }
+    return Recording(info, streams, {"pressure": Series(SUCTION, TIME, "Pa")})
+
+
+def test_a_height_in_the_wrong_unit_is_named():
+    r = recording()
+    r = replace(r, streams={**r.streams, "apex_height": replace(r.streams["apex_height"], value=-2e-5 * SUCTION)})
+    with pytest.raises(DiagnosisError, match=r"run 1: channel apex_height reaches 0\.6 m: .*a wrong unit\?"):
+        refuse_impossible([r])
+
+
+def test_a_pressure_below_vacuum_is_named():
+    with pytest.raises(DiagnosisError, match="channel pressure reaches -3e\\+06 Pa: no pump reaches below vacuum"):
+        refuse_impossible([recording(pressure=100 * SUCTION)])
+
+
+@pytest.mark.parametrize(
+    ("channel", "stuck"), [("pressure", {"pressure": 0 * TIME}), ("apex_height", {"height": 0 * TIME})]
+)
+def test_a_channel_that_never_moves_is_refused(channel: str, stuck: dict):
+    """Once claimed with .93: a height that stands still is told an offset, a pressure crosstalk."""
+    with pytest.raises(DiagnosisError, match=f"{channel} never changes in 2 recordings whose set-points do"):
+        diagnose([recording(**stuck), recording(**stuck)])
+
+
+def test_a_sensor_that_stops_in_one_recording_of_two_is_diagnosed():
+    refuse_impossible([recording(height=0 * TIME), recording()])
+
+
+def test_a_rigid_block_may_stand_still():
+    refuse_impossible([recording(height=0 * TIME, specimen="rigid block"), recording()])
+
+
+def test_numbers_that_are_missing_are_no_values():
+    refuse_impossible([recording(height=np.where(TIME > 2, np.nan, -2e-8 * SUCTION))])
