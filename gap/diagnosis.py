@@ -101,7 +101,7 @@ def _untold(stage: str, share: float) -> None:
 
 @dataclass(frozen=True)
 class Options:
-    """What a diagnosis rests on besides its recordings, and how wide it searches; as for `diagnose`.
+    """The grounds of a diagnosis besides its recordings, and how wide it searches; as for `diagnose`.
 
     ``qualified`` is the qualification once read, ``skins`` those of earlier sessions that are believed.
     """

@@ -35,7 +35,7 @@ class Sink:
         if self._error is not None:
             raise self._error
 
-    # What h5py calls ----------------------------------------------------------------------------------------------
+    # Called by h5py -----------------------------------------------------------------------------------------------
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
         """Move to ``offset``."""

@@ -137,7 +137,7 @@ def _pieces(asked: Asked, start: float, robotic: bool) -> list[Recording]:
             raise Refused("set-points: this rig moves along straight lines through the centre, one after the other")
         scalar = v @ way if robotic else v[:, 0]
         later = t + JUMP * np.concatenate([[0.0], np.cumsum(np.diff(t) < JUMP)])  # a step is a short ramp
-        # What several short ramps add up to must not reach into the next piece, which begins where this one ends.
+        # The sum of several short ramps must not reach into the next piece, which begins where this one ends.
         later = np.minimum(later, t[-1])
         corners = tuple(zip(later.tolist(), scalar.tolist(), strict=True))
         moving = np.flatnonzero(size > 0.01 * max(float(size.max()), 1e-12)) if size.max() > 0 else np.zeros(0, int)

@@ -144,7 +144,7 @@ def _repeats(name: str, series: Sequence[Series]) -> list[Signature]:
     surprise = repeats_surprise(repeated, expected)
     if repeated > 5 and repeated > 1.3 * expected and surprise > SURPRISING:
         text = f"{name} repeats its last value {repeated} times where {expected:.0f} are expected"
-        # What is asked for the same value twice has an old one under a new stamp.
+        # A device asked twice for the same value gives an old one under a new stamp.
         return [Signature("dropped_samples", name, min(surprise, CERTAIN), text, ("late_samples",))]
     return []
 

@@ -51,7 +51,7 @@ def _by_parameters(h: Hypothesis, stated: Stated) -> float:
         fitted = next((f for f in h.fits.values() if e in f.hypothesis), None)
         known = stated.get(e.name, {})
         strengths = [p for p in e.parameters if p.null is not None]
-        # What happens at one moment is no tolerance: an instrument is off all the time.
+        # An event is no tolerance: an instrument is off all the time.
         if e.event or fitted is None or not strengths or any(p.name not in known for p in strengths):
             return float(np.inf)
         values = fitted.active[e]
@@ -67,7 +67,7 @@ def _by_channels(
     temper: Mapping[str, float],
 ) -> tuple[float, float]:
     """The largest change that is a function of the channel's own value alone, in tolerances; and the rest, in σ."""
-    # What scatters samples moves no prediction.
+    # Scatter of the samples moves no prediction.
     by_chance = any(problem.noise_scale(h.fits[b].active) is not None for b, problem in problems.items())
     if not stated or not h.effects or by_chance:
         return float(np.inf), 0.0

@@ -88,7 +88,7 @@ def choose(
     top = _leading(report)[0]
     bench = Bench(recordings)
     every = catalogue(instrument, bench.session.legs, limits, specimens, seed)
-    # What has been measured already would go wrong in the simulation's form in the same way once more: that is no noise
+    # A measurement that was made already would go wrong in the simulation's form in the same way once more: no noise
     # which a second answer averages out.
     asked = [e for e in every if not answered(e, recordings)]
     if not asked:

@@ -239,7 +239,7 @@ def fill(folder: Path, settings: Sequence[Setting], seeds: int, noise: float, wr
 
 
 def table(folder: Path) -> None:
-    """What the folder holds, as a table in Markdown."""
+    """The folder's fits as a table in Markdown."""
     fits = [json.loads(text) for path in sorted(folder.glob("*.json")) if (text := path.read_text())]
     print(
         "| setting | model | free | seeds | found | told | trusted and wrong | farthest found | identifiable | runs |"

@@ -1,4 +1,4 @@
-"""What every forward model of the plugin promises: the types that pass between models, fits and the application.
+"""Interface of every forward model of the plugin: the types that pass between models, fits and the application.
 
 SI throughout (pascal gauge with suction negative, metre, second, newton). Arrays are float64; ``n`` is the number of
 samples of an experiment's time grid and ``m`` the number of parameters a sensitivity was asked for.
@@ -84,7 +84,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class ModelInfo:
-    """What a model is and which parameters and channels it has."""
+    """Description of a model: its parameters and channels."""
 
     name: str
     problem: Problem
@@ -127,7 +127,7 @@ class ModelInfo:
 
 @dataclass(frozen=True)
 class Experiment:
-    """What an instrument did: its drive on a time grid, and the geometry that was not identified.
+    """An instrument's experiment: its drive on a time grid, and the geometry that was not identified.
 
     Parameters
     ----------

@@ -245,7 +245,7 @@ def train(
 
 @dataclass(frozen=True)
 class _Equations:
-    """What the polynomials are fitted to: points x (b, q), their ``rates`` (b, q, m) by the region's units, the modes'
+    """Data of the polynomials' fit: points x (b, q), their ``rates`` (b, q, m) by the region's units, the modes'
     ``values`` (b, k) and ``gradients`` (b, m, k), a ``weight`` (b,), and a ridge."""
 
     x: Array

@@ -36,7 +36,7 @@ class SkinrigSolver:
     def plan(
         self, fitted: Mapping[str, Any], parameter: str, experiments: Mapping[str, tuple[Experiment, float]]
     ) -> list[Any]:
-        """What further experiments promise for a parameter: see :func:`skinrig_solver.fit.plan.plan`.
+        """The gain of further experiments for a parameter: see :func:`skinrig_solver.fit.plan.plan`.
 
         ``fitted`` is the data of a ``fit.json``; ``experiments`` maps a name to an experiment and its minutes.
         """

@@ -386,7 +386,7 @@ class Body:
             )
 
     def _commit(self, old: State, new: State, load: Load, dt: float, parameters: Sequence[Array], time: float) -> None:
-        """What the state at the end of the step leaves behind; no ``parameters``, no history."""
+        """The history that the state at the end of the step leaves behind; no ``parameters``, no history."""
         bad = self._kinematics(new)
         if bad >= 0:
             raise SolverError("an element inverted", time=time, load={"pressure": load.pressure}, element=bad)

@@ -28,8 +28,11 @@ MIDDLE = 8  # first of the two unknowns of an element's middle node
 
 
 class Eliminated(NamedTuple):
-    """What recovers the eliminated unknowns: Theta, Pi (E, 3, 18), theta0, pi0 (E, 3) for θ and p; Kut (E, 3, 18) and
-    Ktt (E, 3, 3) = K_θθ for further residuals; C (E, 18, 2), L (E, 2, 18) and inverse (E, 2, 2) of the middle node."""
+    """Operators that recover the eliminated unknowns.
+
+    Theta, Pi (E, 3, 18), theta0, pi0 (E, 3) give θ and p; Kut (E, 3, 18) and Ktt (E, 3, 3) = K_θθ further residuals;
+    C (E, 18, 2), L (E, 2, 18) and inverse (E, 2, 2) are the middle node's.
+    """
 
     Theta: Array
     Pi: Array

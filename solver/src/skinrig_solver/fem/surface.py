@@ -1,4 +1,4 @@
-"""What acts on the top surface: follower suction, and unilateral contact with a rigid profile, with Coulomb friction.
+"""Loads on the top surface: follower suction, and unilateral contact with a rigid profile, with Coulomb friction.
 
 Contact pressure λ >= 0 and shear t (per reference area, two Gauss points an edge) are independent unknowns like the
 element pressure. λ = s(λ (1 − ε) − c g), s the softplus of width w, smooths the complementarity of λ and gap g; the

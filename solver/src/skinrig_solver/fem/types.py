@@ -1,4 +1,4 @@
-"""What passes between a body and those who drive it."""
+"""Types that pass between a body and those who drive it."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Tangents:
 
 @dataclass(frozen=True)
 class Load:
-    """What acts during a step: gauge ``pressure`` on the loaded edges [Pa], and the probe: held at ``height`` [m], or
+    """Loads of a step: gauge ``pressure`` on the loaded edges [Pa], and the probe: held at ``height`` [m], or
     pressed down with ``force`` [N] where height is None. ``friction`` is Coulomb's coefficient; ``force_slope`` the
     derivative of force by the spring's force."""
 
@@ -78,7 +78,7 @@ class Directions:
 
 
 class ShapePartial(NamedTuple):
-    """What moving the mesh does at fixed unknowns: residual (equations,) and kinematics (points, 6), per direction."""
+    """Derivatives with the mesh at fixed unknowns: residual (equations,) and kinematics (points, 6), per direction."""
 
     column: int
     force: Array

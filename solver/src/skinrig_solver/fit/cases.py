@@ -198,7 +198,7 @@ def _picked(time: Array, data: dict[str, Array], drive: dict[str, Array], group:
 
 
 def _setup(recording: Any, problem: str) -> dict[str, float]:
-    """What the recording's protocol says about the instrument's opening or the support's hole."""
+    """The instrument's opening or the support's hole, by the recording's protocol."""
     try:
         setup = (yaml.safe_load(recording.info.protocol or "") or {}).get("setup") or {}
         if problem == "suction" and setup.get("opening") is not None:

@@ -24,7 +24,7 @@ ROUND = 2  # further starts of an automatic search between two looks at whether 
 
 @dataclass(frozen=True)
 class Search:
-    """What every start of a fit shares."""
+    """Shared by every start of a fit."""
 
     forward: str | Model
     cases: Sequence[Case]

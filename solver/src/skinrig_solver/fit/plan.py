@@ -25,7 +25,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Gain:
-    """What a candidate promises for one parameter: its expected standard deviation [SI] afterwards, and the share of
+    """The gain of a candidate for one parameter: its expected standard deviation [SI] afterwards, and the share of
     the present one that goes per minute. ``trouble`` says why it could not be judged."""
 
     name: str
@@ -42,8 +42,8 @@ class Gain:
 
 @dataclass(frozen=True)
 class Known:
-    """What a fit left: free symbols, values (draws, m) [SI] with the best first, covariance (m, m), held parameters;
-    per channel of the model, residual deviation [SI], and effective samples a second."""
+    """The state that a fit left: free symbols, values (draws, m) [SI] with the best first, covariance (m, m), held
+    parameters; per channel of the model, residual deviation [SI], and effective samples a second."""
 
     symbols: tuple[str, ...]
     values: Array

@@ -1,4 +1,4 @@
-"""What is known of a parameter before the data: a density over its values, cut at the fit's bounds."""
+"""Prior of a parameter: a density over its values, cut at the fit's bounds."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ class Evaluation:
 
 @dataclass
 class Tally:
-    """What a fit has cost so far: runs of the forward model, failed ones among them, evaluations, wall seconds."""
+    """Costs of a fit so far: runs of the forward model, failed ones among them, evaluations, wall seconds."""
 
     forward_runs: int = 0
     failed_runs: int = 0

@@ -51,7 +51,7 @@ def profiles(
 
 
 def _unit(problem: Problem, optimum: Evaluation, known: Uncertainty) -> float:
-    """What one independent residual adds to the sum of squares on average."""
+    """Mean square of one independent residual."""
     together = np.concatenate(
         [np.full(w.stop - w.start, p) for (_, _, w), p in zip(problem.groups(), known.persistence, strict=True)]
     )

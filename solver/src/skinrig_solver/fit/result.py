@@ -1,4 +1,4 @@
-"""What a fit found, as data, as JSON and in words."""
+"""The result of a fit, as data, as JSON and in words."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Effort:
-    """What the fit cost: runs of the forward model, failed ones among them, wall seconds, seconds inside the model."""
+    """Costs of the fit: runs of the forward model, failed ones among them, wall seconds, seconds inside the model."""
 
     forward_runs: int
     failed_runs: int

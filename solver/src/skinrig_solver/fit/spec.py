@@ -1,4 +1,4 @@
-"""What a fit is asked to do: a frozen specification, read from YAML. Faults name file, line and field."""
+"""The task of a fit: a frozen specification, read from YAML. Faults name file, line and field."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Drive = Literal["measured", "commanded"]
 Balance = Literal["samples", "recordings"]
 Origin = Literal["recording", "load"]
 
-# What the papers identified; the rest of a model's parameters is held where a specification does not free them.
+# Identified by the papers; the rest of a model's parameters is held where a specification does not free them.
 FREE: dict[str, tuple[str, ...]] = {
     "suction_yeoh_qlv": ("G", "c20", "g1", "tau1", "g2", "tau2"),
     "suction_rubin_bodner": tuple(
@@ -73,7 +73,7 @@ class Stage:
 
 @dataclass(frozen=True)
 class Options:
-    """What holds for recordings that match a pattern: weight, geometry options of the model, or left out."""
+    """Settings for recordings that match a pattern: weight, geometry options of the model, or left out."""
 
     pattern: str
     weight: float = 1.0
@@ -173,7 +173,7 @@ class Spec:
 
 
 def free_by_default(info: ModelInfo) -> tuple[str, ...]:
-    """What a fit moves when nobody says otherwise: what the papers identified."""
+    """The parameters that a fit moves when nobody says otherwise: those that the papers identified."""
     if info.problem == "sheet":
         return tuple(s for s in info.symbols if not _HELD.fullmatch(s))
     return FREE.get(info.name.removesuffix("_gamma"), info.symbols)

@@ -62,7 +62,7 @@ class Uncertainty:
 
 
 def uncertainty(problem: Problem, optimum: Evaluation) -> Uncertainty:
-    """What the curvature at the optimum says.
+    """Errors by the curvature at the optimum.
 
     The covariance is the sandwich H^-1 M H^-1 with H = J^T J and M = sum over curves of s^2 J^T W J, where s^2 is each
     curve's own residual variance, times the number of samples that count as one where residuals are correlated in time

@@ -62,7 +62,7 @@ class Free:
 
     @property
     def unit(self) -> float:
-        """What one step of the coordinate of a linear parameter is worth."""
+        """Size of one step of the coordinate of a linear parameter."""
         return max(abs(self.start), 1e-3 * (self.upper - self.lower))
 
     def coordinate(self, value: float) -> float:

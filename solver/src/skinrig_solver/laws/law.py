@@ -1,4 +1,4 @@
-"""What a constitutive law is: one file with an energy and one compiled function for everything derived from it.
+"""Constitutive laws: each is one file with an energy and one compiled function for everything derived from it.
 
 ``point(C, p, derivatives, S, D, dS)`` writes, for one right Cauchy-Green tensor ``C`` (6,), the second Piola-Kirchhoff
 stress ``S`` (6,) = 2 dW/dC, the tangent ``D`` (6, 6) = dS/dE and, where ``derivatives`` is true, ``dS`` (m, 6) = dS/dp.

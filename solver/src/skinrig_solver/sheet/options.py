@@ -1,4 +1,4 @@
-"""What of a sheet experiment is not identified: its geometry, how the pre-stress acts, and the mesh."""
+"""The part of a sheet experiment that is not identified: its geometry, how the pre-stress acts, and the mesh."""
 
 from __future__ import annotations
 
