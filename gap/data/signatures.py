@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,15 @@ SURPRISING = 14.0
 COARSER = 1.3
 """Steps against the nominal resolution above which a channel counts as coarse."""
 HUM = "periodic_disturbance"
-"""A line in a channel's noise: mains, or a pump. No effect of the library makes it."""
+"""A line in a channel's noise: a pump, say. No effect of the library makes it."""
+MAINS = "mains_pick_up"
+"""Such a line at the frequency of the mains: cables pick it up. It moves nothing and widens the noise."""
+GRIDS = (50.0, 60.0)
+"""Hz: nominal frequencies of public supplies."""
+OFF_GRID = 0.01
+"""Share by which a supply's frequency is off: EN 50160 has 1 % for 99.5 % of a year."""
+HARMONICS = 5
+"""Of the mains' that show in a record."""
 HUM_FROM = 8
 """A line's frequency is at least the sampling rate over this: slower ones may be of the person, or of a swept path."""
 HUM_CHANCE = 1e-9
@@ -218,7 +227,7 @@ def _hum(name: str, series: Sequence[Series]) -> list[Signature]:
     size = 2 ** int(np.ceil(np.log2(2 * max(len(v) for v in values))))
     frequency = np.fft.rfftfreq(size, 1.0 / rate)
     passed = np.maximum(np.abs(np.fft.rfft(DIFFERENCE, size)) ** 2, 1e-12)
-    each = []
+    each: list[FloatArray] = []
     for v in values:
         change = np.convolve(v, DIFFERENCE, "valid")
         spread = float(np.median(np.abs(change))) or float(np.std(change))
@@ -235,11 +244,35 @@ def _hum(name: str, series: Sequence[Series]) -> list[Signature]:
         return []
     above = np.sum(each, axis=0) - (np.max(each, axis=0) if len(each) > 1 else 0.0)
     above[frequency < rate / HUM_FROM] = 0.0
-    k = int(np.argmax(above))
-    if gamma.sf(above[k], max(len(each) - 1, 1)) * max(len(v) for v in values) > HUM_CHANCE:
-        return []
-    text = f"{name} has a line at {frequency[k]:.1f} Hz (or at its alias by sampling), as from mains or a pump"
-    return [Signature(HUM, name, CERTAIN, text)]
+    likely = gamma.sf(above, max(len(each) - 1, 1)) * max(len(v) for v in values) < HUM_CHANCE
+    theirs = _of_the_mains(frequency, np.where(likely, above, 0.0))
+    out = []
+    for mark, among, more in (
+        (HUM, ~theirs, " (or at its alias by sampling), as from a pump"),
+        (MAINS, theirs, ", mains"),
+    ):
+        if np.any(likely & among):
+            k = int(np.argmax(np.where(among, above, 0.0)))
+            out.append(Signature(mark, name, CERTAIN, f"{name} has a line at {frequency[k]:.1f} Hz{more}"))
+    return out
+
+
+def _of_the_mains(frequency: NDArray[np.floating[Any]], power: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
+    """Which of some frequencies (k,) Hz are of the mains, by the ``power`` of lines among them: theirs, and where there
+    is such a line its harmonics as sampling folds them.
+
+    A mains' own alias may be anywhere: only a line that is sampled fast enough is known to be one.
+    """
+    theirs = np.zeros(len(frequency), dtype=bool)
+    for grid in GRIDS:
+        near = np.abs(frequency - grid) <= OFF_GRID * grid
+        if not np.any(power[near]):
+            continue
+        line, rate = frequency[np.argmax(np.where(near, power, 0.0))], 2.0 * frequency[-1]
+        folded = np.arange(1, HARMONICS + 1) * line
+        folded = np.abs(folded - rate * np.round(folded / rate))
+        theirs |= near | np.any(np.abs(frequency[:, None] - folded) <= OFF_GRID * grid, axis=1)
+    return theirs
 
 
 def _edges(value: FloatArray, rate: float) -> NDArray[np.bool_]:

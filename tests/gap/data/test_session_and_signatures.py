@@ -11,7 +11,7 @@ from acquire.recording.model import SegmentRecord
 from gap.data.labels import direction, level, phases
 from gap.data.noise import finest_step
 from gap.data.session import REST, Session
-from gap.data.signatures import HUM, find, repeats_foretold
+from gap.data.signatures import HUM, MAINS, find, repeats_foretold
 
 TIME = np.arange(0.0, 10.0, 0.01)
 COMMAND = ([0.0, 1.0, 1.0, 6.0, 6.0, 10.0], [0.0, 0.0, -3e4, -3e4, 0.0, 0.0])
@@ -139,6 +139,28 @@ def test_a_hum_in_the_noise_is_found_and_noise_or_a_step_is_none(recording, rate
     (mark,) = [m for m in find(sessions[True]) if m.effect == HUM]
     assert f"{0.31 * rate:.1f} Hz" in mark.text
     assert not [m for m in find(sessions[False]) if m.effect == HUM]
+
+
+@pytest.mark.parametrize(
+    ("lines", "marks"),
+    [
+        ((50.02,), (MAINS,)),
+        ((59.95,), (MAINS,)),
+        ((53.0,), (HUM,)),
+        ((50.0, 71.0), (HUM, MAINS)),
+        ((50.0, 100.0, 150.0), (MAINS,)),
+        ((60.0, 70.0), (MAINS,)),
+        ((80.0,), (HUM,)),
+        ((), ()),
+    ],
+)
+def test_a_line_of_the_mains_is_known_from_any_other(recording, lines: tuple, marks: tuple) -> None:
+    rng, session = np.random.default_rng(2), []
+    for k in range(3):
+        time = np.arange(0.0, 20.0, 1 / 250.0) + 30 * k
+        force = 0.003 * (rng.normal(size=len(time)) + sum(0.35 * np.sin(2 * np.pi * f * time) for f in lines))
+        session.append(recording({"pressure": force}, time, {"pressure": COMMAND}))
+    assert [m.effect for m in find(session)] == list(marks)
 
 
 @pytest.mark.parametrize("rate", [50.0, 100.0])

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gap.data.signatures import HUM, Signature
+from gap.data.signatures import HUM, MAINS, Signature
 from gap.data.tolerances import Tolerance, tolerances
 from gap.decision.posterior import posterior
 from gap.decision.settle import Case, settle
@@ -81,6 +81,13 @@ def test_a_hum_is_unknown_where_nothing_else_is_found(verdict_on) -> None:
     hum = Signature(HUM, "pressure", 30.0, "pressure has a line at 12.5 Hz")
     assert verdict_on(("bump", "late"), {}, marks=(hum,)).verdict == "unknown"
     assert verdict_on(("bump", "late"), {"bump": 8.0}, marks=(hum,)).verdict == "effect"
+
+
+def test_mains_in_the_noise_leave_the_verdict_alone(verdict_on) -> None:
+    mains = Signature(MAINS, "pressure", 30.0, "pressure has a line at 50.0 Hz")
+    found, without = (verdict_on(("bump", "late"), {}, marks=marks) for marks in ((mains,), ()))
+    assert found.verdict == without.verdict != "unknown"
+    assert found.posterior.none == without.posterior.none
 
 
 @pytest.mark.parametrize(
