@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from gap.data.signatures import Signature
+from gap.decision.chance import size_of_chance
 from gap.decision.marks import explains_marks
 from gap.decision.posterior import Posterior, concept, posterior
 from gap.decision.qualified import Qualified
@@ -104,6 +105,7 @@ def settle(case: Case, t: Thresholds, jobs: int = 1) -> Settled:
         tolerances=sizes[0],
         beyond=sizes[1],
         strained=strained(comparison.problems, comparison.null, first.hypothesis),
+        chance=size_of_chance(comparison.problems, first.hypothesis),
     )
     return Settled(decide(findings), found, trials)
 

@@ -36,6 +36,7 @@ class Thresholds:
     second_excess: float
     second_least: float
     at_once: float
+    chance: float
     unearned: float
     unknown: float
     patched: float

@@ -23,7 +23,8 @@ class Findings:
     recordings that its parameters were not fitted to, by split, and ``rival`` the same of the next cause of other
     effects; ``without_skin``, the nats that blocks without skin give the first cause; ``tolerances``, how many stated
     tolerances the smallest member of its class is large (inf where none is stated), and ``beyond``, the tempered σ by
-    which that does what no tolerance could; ``strained``, whether without it tolerances are strained far."""
+    which that does what no tolerance could; ``strained``, whether without it tolerances are strained far; ``chance``,
+    how large residuals laid to chance are, of normal ones."""
 
     posterior: Posterior
     t: Thresholds
@@ -34,6 +35,7 @@ class Findings:
     tolerances: float = np.inf
     beyond: float = 0.0
     strained: bool = False
+    chance: float = 1.0
 
     @property
     def first(self) -> Cause:
@@ -245,6 +247,12 @@ RULES: tuple[Rule, ...] = (
         lambda f: f.tolerances <= f.t.tolerances and f.beyond < f.seen,
         Findings.tolerated,
         lambda f: f"{f.tolerances:.1f} stated tolerances <= {f.t.tolerances:g}",
+    ),
+    Rule(
+        "not by chance",
+        lambda f: f.chance < f.t.chance,
+        Findings.spoiled,
+        lambda f: f"median residual laid to chance {f.chance:.2f} of a normal one's < {f.t.chance:g}",
     ),
     Rule("takes nothing away", _lowers_nothing, Findings.spoiled, _fall),
     Rule(

@@ -382,8 +382,10 @@ def candidates_for(
     for key, effect in effects.items():
         # Which draw it was, nobody knows: only how strong.
         parameters = effect.strengths if all(b.by_chance(key) for b in blocks) else effect.parameters
-        told = {"meaning": effect.meaning, "remedy": effect.remedy}
-        trial = Candidate(key, effect.name, effect.stage, parameters, (), **told, form=effect.form, event=effect.event)
+        trial = Candidate(
+            key, effect.name, effect.stage, parameters, (), effect.meaning, effect.remedy, effect.form, effect.event,
+            effect.sparse,
+        )  # fmt: skip
         elsewhere = (trial.values(np.full(len(parameters), u)) for u in ELSEWHERE)
         default = {p.name: p.default for p in parameters}
         for values in (default, *elsewhere, default | _all_along(trial, blocks)):

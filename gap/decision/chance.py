@@ -1,0 +1,34 @@
+"""Whether scatter is scatter: an effect by chance that widens all noise leaves residuals of the size that it says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.stats import norm
+
+from gap.inference.evidence import Hypothesis
+from gap.inference.problem import Problem
+
+WIDER = 2.0
+"""Times the noise from which on a residual is mostly laid to chance."""
+FEWEST = 20
+"""Such residuals from which their median is asked."""
+
+
+def size_of_chance(problems: Mapping[str, Problem], h: Hypothesis) -> float:
+    """Median size of the residuals that a hypothesis lays to chance, over that of normal ones.
+
+    Wide enough noise explains any misfit: a few large residuals then make it far too wide for the others, whose median
+    (not their rms) is small. 1 where no noise is widened, or chance is said to hit few samples of many.
+    """
+    if any(e.sparse for e in h.effects):
+        return 1.0
+    laid = []
+    for block, problem in problems.items():
+        fitted = h.fits[block]
+        times = problem.noise_scale(fitted.active)
+        if times is not None:
+            laid.append(np.abs(fitted.residual[times > WIDER]))
+    sizes = np.concatenate(laid) if laid else np.empty(0)
+    return float(np.median(sizes) / norm.ppf(0.75)) if len(sizes) >= FEWEST else 1.0

@@ -1,0 +1,61 @@
+"""An effect by chance is claimed where it scatters every sample, not where wide noise hides a misfit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from gap.decision.settle import Case, settle
+from gap.decision.thresholds import INSTRUMENT
+from gap.decision.transfer import plain
+from gap.inference.hypothesis import Active, Candidate, Evaluation
+from gap.search.compare import compare
+from sim_devices.chain import Parameter
+from tests.gap.conftest import LinearProblem, candidate
+from tests.gap.decision.waves import DESIGN, T
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass
+class Scattered(LinearProblem):
+    """A linear problem whose effect widens the noise of every sample to √(1 + a²)."""
+
+    def noise_scale(self, active: Active) -> FloatArray | None:
+        a = next((v["a"] for v in active.values()), 0.0)
+        return np.full(len(self.measured), np.sqrt(1.0 + a * a)) if active else None
+
+    def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
+        times = self.noise_scale(active)
+        wide = np.ones(len(self.measured)) if times is None else times
+        return Evaluation(
+            (self.measured - self.design @ nuisance) / wide,
+            self.design / wide[:, None] if want_jacobian else np.zeros((0, 0)),
+        )
+
+
+def said(misfit: FloatArray, sparse: bool = False) -> tuple[str, str]:
+    """The verdict and its rule where ``misfit`` (n,) is left and noise of every sample is the only effect known."""
+    y = DESIGN @ [2.0, 1.0] + np.random.default_rng(0).normal(size=len(T)) + misfit
+    known: list[Candidate] = [replace(candidate("jitter", Parameter("a", "1", 0.1, 30.0, 0.5)), sparse=sparse)]
+    comparison = compare([Scattered(y, DESIGN)], known)
+    case = Case(comparison, known, (), plain(comparison.problems, comparison.null), {}, {})
+    verdict = settle(case, INSTRUMENT).verdict
+    return verdict.verdict, verdict.rules[0]
+
+
+def test_scatter_of_every_sample_is_claimed() -> None:
+    verdict, rule = said(4.0 * np.random.default_rng(1).normal(size=len(T)))
+    assert verdict == "effect"
+    assert rule.startswith("claimed")
+
+
+@pytest.mark.parametrize("share", [0.05, 0.1])
+def test_a_misfit_of_few_samples_is_no_scatter_of_all(share: float) -> None:
+    rng = np.random.default_rng(2)
+    few = np.where(rng.uniform(size=len(T)) < share, 30.0 * rng.normal(size=len(T)), 0.0)
+    assert said(few)[1].startswith("not by chance")
+    assert said(few, sparse=True)[0] == "effect"
