@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,62 @@ import pytest
 from recovery import Info, Recording, Series
 
 from skinrig_solver import Cost, Experiment, ModelInfo, Parameter, Result, SolverError
+from skinrig_solver.fit import FitResult, fit
+from skinrig_solver.fit import spec as spec_module
+
+Formula = Callable[[Mapping[str, float], np.ndarray], tuple[np.ndarray, Mapping[str, np.ndarray]]]
+
+
+def answer(
+    time: np.ndarray, height: np.ndarray, slopes: Mapping[str, np.ndarray], sensitivities: Sequence[str]
+) -> Result:
+    """A result of one channel, with the slopes that were asked for."""
+    wanted = {"apex_height": np.stack([slopes[n] for n in sensitivities], axis=1)} if sensitivities else None
+    return Result(time, {"apex_height": height}, tuple(sensitivities), wanted, Cost())
+
+
+def suction(label: str, instrument: str, time: np.ndarray, pressure: np.ndarray, height: np.ndarray) -> Recording:
+    streams = {"pressure": Series(time, pressure, "Pa"), "apex_height": Series(time, height, "m")}
+    return Recording(Info(label, instrument), streams)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """height = formula(parameters, s), s the time in units of the whole run; the formula gives its slopes as well."""
+
+    info: ModelInfo
+    formula: Formula
+
+    def simulate(
+        self, experiment: Experiment, parameters: Mapping[str, float], sensitivities: Sequence[str] = ()
+    ) -> Result:
+        time = experiment.time
+        return answer(time, *self.formula(self.info.complete(parameters), time / time[-1]), sensitivities)
+
+    def fit(self, truth: Mapping[str, float], noise: float, seed: int, size: int = 300, **spec: Any) -> FitResult:
+        """A fit of ``size`` samples with white ``noise`` [m]."""
+        time = np.linspace(0.0, 1.0, size)
+        height = self.simulate(Experiment("cutometer", time, {"pressure": -1e4 * time}), truth).channels["apex_height"]
+        height = height + noise * np.random.default_rng(seed).standard_normal(time.size)
+        return fit([suction("run", "cutometer", time, -1e4 * time, height)], spec, model=self)
+
+
+@pytest.fixture
+def named(monkeypatch: pytest.MonkeyPatch) -> Callable[[ModelInfo], None]:
+    """named(info): specifications may name this model, and no other."""
+    return lambda info: monkeypatch.setattr(spec_module, "_info", lambda name: info)
+
+
+@pytest.fixture
+def curve(named: Callable[[ModelInfo], None]) -> Callable[..., Curve]:
+    """curve(formula, *parameters) -> a model that specifications may name."""
+
+    def make(formula: Formula, *parameters: Parameter) -> Curve:
+        info = ModelInfo("curve", "suction", parameters, ("apex_height",), "a test", "test")
+        named(info)
+        return Curve(info, formula)
+
+    return make
 
 
 class Dashpot:
@@ -47,14 +104,7 @@ class Dashpot:
             dq[k] = (dq[k - 1] + dt / p["tau"] ** 2 * (q[k] - s[k])) / (1 + dt / p["tau"])
         slopes = {"a": s, "b": s**2, "c": s - q, "tau": -p["c"] * dq, "twin": s}
         height = (p["a"] + p["twin"]) * s + p["b"] * s**2 + p["c"] * (s - q)
-        wanted = np.stack([slopes[n] for n in sensitivities], axis=1) if sensitivities else None
-        return Result(
-            time,
-            {"apex_height": height},
-            tuple(sensitivities),
-            None if wanted is None else {"apex_height": wanted},
-            Cost(),
-        )
+        return answer(time, height, slopes, sensitivities)
 
 
 @pytest.fixture(scope="session")

@@ -12,7 +12,6 @@ import pytest
 from recovery import Recording
 
 from skinrig_solver.fit import FitError, FitResult, Progress, SpecError, read_spec
-from skinrig_solver.fit import spec as spec_module
 from skinrig_solver.fit.cases import cases
 from skinrig_solver.fit.problem import Problem
 from skinrig_solver.fit.run import fit
@@ -23,9 +22,9 @@ START = {"a": {"start": 3e-4}, "b": {"start": 1e-4}, "c": {"start": 2e-5}, "tau"
 
 
 @pytest.fixture(autouse=True)
-def _known(monkeypatch: pytest.MonkeyPatch, dashpot: Any) -> None:
+def _known(named: Callable[..., None], dashpot: Any) -> None:
     """Specifications may name the test's model."""
-    monkeypatch.setattr(spec_module, "_info", lambda name: dashpot.info)
+    named(dashpot.info)
 
 
 @pytest.fixture

@@ -2,70 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from recovery import Info, Recording, Series
 
-from skinrig_solver import Cost, Experiment, ModelInfo, Parameter, Result
-from skinrig_solver.fit import FitResult, fit
+from skinrig_solver import Parameter
+from skinrig_solver.fit import FitResult
 from skinrig_solver.fit import run as run_module
-from skinrig_solver.fit import spec as spec_module
 from skinrig_solver.fit.statistics import Uncertainty, estimates
 from skinrig_solver.fit.variables import Free
-
-
-class Line:
-    """height = k (1 + ½ (a + b)²) s + 0.05 (a + b) s² + (a − b) s³, s the time in units of the whole run."""
-
-    info = ModelInfo(
-        "line",
-        "suction",
-        (
-            Parameter("k", "m", 0.0, 10.0, 1.0, "slope", "test"),
-            Parameter("a", "m", -10.0, 10.0, 0.5, "one half", "test"),
-            Parameter("b", "m", -10.0, 10.0, 0.5, "the other", "test"),
-        ),
-        ("apex_height",),
-        "a test",
-        "test",
-    )
-
-    def simulate(
-        self, experiment: Experiment, parameters: Mapping[str, float], sensitivities: Sequence[str] = ()
-    ) -> Result:
-        p = self.info.complete(parameters)
-        s, sum_ = experiment.time / experiment.time[-1], p["a"] + p["b"]
-        height = p["k"] * (1.0 + 0.5 * sum_**2) * s + 0.05 * sum_ * s**2 + (p["a"] - p["b"]) * s**3
-        common = p["k"] * sum_ * s + 0.05 * s**2
-        slopes = {"k": (1.0 + 0.5 * sum_**2) * s, "a": common + s**3, "b": common - s**3}
-        wanted = {"apex_height": np.stack([slopes[n] for n in sensitivities], axis=1)} if sensitivities else None
-        return Result(experiment.time, {"apex_height": height}, tuple(sensitivities), wanted, Cost())
-
-
-@pytest.fixture(autouse=True)
-def _known(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Specifications may name the test's model."""
-    monkeypatch.setattr(spec_module, "_info", lambda name: Line.info)
-
 
 TRUTH = {"k": 1.0, "a": 0.0, "b": 0.0}
 
 
-def fitted(seed: int, **bounds: float) -> FitResult:
-    time = np.linspace(0.0, 1.0, 400)
-    pressure = -1e4 * time
-    height = Line().simulate(Experiment("cutometer", time, {"pressure": pressure}), TRUTH).channels["apex_height"]
-    height = height + 0.01 * height.max() * np.random.default_rng(seed).standard_normal(time.size)
-    recording = Recording(
-        Info("run", "cutometer"),
-        {"pressure": Series(time, pressure, "Pa"), "apex_height": Series(time, height, "m")},
+def line(p: Mapping[str, float], s: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """k (1 + ½ (a + b)²) s + 0.05 (a + b) s² + (a − b) s³."""
+    sum_ = p["a"] + p["b"]
+    height = p["k"] * (1.0 + 0.5 * sum_**2) * s + 0.05 * sum_ * s**2 + (p["a"] - p["b"]) * s**3
+    common = p["k"] * sum_ * s + 0.05 * s**2
+    return height, {"k": (1.0 + 0.5 * sum_**2) * s, "a": common + s**3, "b": common - s**3}
+
+
+@pytest.fixture
+def fitted(curve: Callable[..., Any]) -> Callable[..., FitResult]:
+    model = curve(
+        line,
+        Parameter("k", "m", 0.0, 10.0, 1.0, "slope", "test"),
+        Parameter("a", "m", -10.0, 10.0, 0.5, "one half", "test"),
+        Parameter("b", "m", -10.0, 10.0, 0.5, "the other", "test"),
     )
-    free = {"k": "free", "a": {"start": 0.2, **bounds}, "b": {"start": 0.2}}
-    return fit([recording], {"parameters": free, "drive": "measured", "samples": 1000}, model=Line())
+
+    def go(seed: int, **bounds: float) -> FitResult:
+        free = {"k": "free", "a": {"start": 0.2, **bounds}, "b": {"start": 0.2}}
+        return model.fit(TRUTH, 0.01, seed, 400, parameters=free, drive="measured", samples=1000)
+
+    return go
 
 
 def farthest(result: FitResult) -> float:
@@ -76,7 +50,7 @@ def farthest(result: FitResult) -> float:
     )
 
 
-def test_what_a_bound_carries_along_has_the_error_of_a_free_parameter() -> None:
+def test_what_a_bound_carries_along_has_the_error_of_a_free_parameter(fitted: Callable[..., FitResult]) -> None:
     """The bound excludes nothing true; but noise drives ``a`` onto it, and ``b`` must then be where ``a`` lets it."""
     held = [r for r in (fitted(seed, lower=-0.1) for seed in range(12)) if r.estimates[1].at]
     assert len(held) >= 2
@@ -86,7 +60,10 @@ def test_what_a_bound_carries_along_has_the_error_of_a_free_parameter() -> None:
         assert farthest(result) < 3.0
 
 
-def test_a_ridge_that_bends_widens_the_errors_across_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_ridge_that_bends_widens_the_errors_across_it(
+    fitted: Callable[..., FitResult], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run_module, "traced", lambda problem, optimum, known: known)
     bent = [fitted(seed) for seed in range(6)]
     monkeypatch.setattr(run_module, "widened", lambda problem, optimum, known: known)
     straight = [fitted(seed) for seed in range(6)]

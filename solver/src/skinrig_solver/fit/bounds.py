@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..api import Array
 from .problem import Evaluation, Problem
@@ -41,20 +42,11 @@ def _way(problem: Problem, optimum: Evaluation, known: Uncertainty, k: int, inwa
     farthest, z = np.zeros(optimum.z.size), optimum.z
     if not others.size:
         return farthest
-    dof = max(optimum.residual.size - others.size, 1)
-    unit = max(known.persistence, default=1.0) * optimum.objective / dof  # of chi-squared
     near, far, share = 0.0, 1.0, FIRST
     for _ in range(RUNS):
         point = z.copy()
         point[k] = optimum.z[k] + inwards * share * (upper[k] - lower[k])
-        there = problem.evaluate(np.clip(point, lower, upper))
-        rise = np.inf
-        if not there.trouble:
-            assert there.jacobian is not None
-            step = np.linalg.lstsq(there.jacobian[:, others], -there.residual, rcond=None)[0]
-            left = there.residual + there.jacobian[:, others] @ step
-            rise = max(float(left @ left) - optimum.objective, 0.0) / max(unit, 1e-300)
-            point[others] += step
+        rise, point = followed(problem, optimum, known, np.clip(point, lower, upper), others)
         if rise <= FAR:
             shift = np.abs(point - optimum.z) / np.sqrt(max(rise, 1.0))
             farthest[others] = np.maximum(farthest[others], shift[others])
@@ -64,3 +56,23 @@ def _way(problem: Problem, optimum: Evaluation, known: Uncertainty, k: int, inwa
             far = share
         share = 0.5 * (near + far)
     return farthest
+
+
+def followed(
+    problem: Problem, optimum: Evaluation, known: Uncertainty, z: Array, others: NDArray[np.intp]
+) -> tuple[float, Array]:
+    """Rise of chi-squared at ``z`` (m,) once the ``others`` have made one Gauss–Newton step, and that place.
+
+    Infinite, and ``z`` itself, where the model cannot be run.
+    """
+    there = problem.evaluate(z)
+    if there.trouble:
+        return np.inf, z
+    assert there.jacobian is not None
+    dof = max(optimum.residual.size - others.size, 1)
+    unit = max(known.persistence, default=1.0) * optimum.objective / dof  # of chi-squared
+    step = np.linalg.lstsq(there.jacobian[:, others], -there.residual, rcond=None)[0]
+    left = there.residual + there.jacobian[:, others] @ step
+    point = z.copy()
+    point[others] += step
+    return max(float(left @ left) - optimum.objective, 0.0) / max(unit, 1e-300), point

@@ -13,6 +13,7 @@ import numpy as np
 from ..api import Model, ModelInfo
 from ..registry import models
 from .bounds import released
+from .carried import traced
 from .cases import Case, cases, matches
 from .multistart import Found, Search, elsewhere, failed
 from .optimisers import FitError, Optimum
@@ -190,7 +191,7 @@ def _result(
     stages: tuple[str, ...],
 ) -> FitResult:
     best = optimum.evaluation
-    known = widened(problem, best, released(problem, best, uncertainty(problem, best)))
+    known = traced(problem, best, widened(problem, best, released(problem, best, uncertainty(problem, best))))
     first = {f.symbol: f.start for f in variables.free}
     found = [
         replace(e, free=replace(e.free, start=first[e.free.symbol]))  # where the fit began, not its last stage

@@ -204,16 +204,22 @@ def _curves(problem: Problem, persistence: Sequence[float]) -> list[str]:
     ]
 
 
+def hardly_known(problem: Problem, optimum: Evaluation, known: Uncertainty) -> NDArray[np.intp]:
+    """Indices of the parameters whose standard error is more than half of their size, in the coordinate of the fit."""
+    values = problem.variables.values(optimum.z)
+    sizes = [abs(values[f.symbol]) / max(abs(f.slope(values[f.symbol])), 1e-300) for f in problem.variables.free]
+    deviations = np.sqrt(np.diag(known.covariance))
+    return np.flatnonzero(np.nan_to_num(deviations, nan=0.0) > POORLY * np.array(sizes))
+
+
 def estimates(problem: Problem, optimum: Evaluation, known: Uncertainty) -> list[Estimate]:
     """Every free parameter with its standard error and verdict."""
     values = problem.variables.values(optimum.z)
-    deviations = np.sqrt(np.diag(known.covariance))
     alike = np.nan_to_num(np.abs(known.correlation))
     np.fill_diagonal(alike, 0.0)
     together = np.any(alike >= INSEPARABLE, axis=1)
-    sizes = [abs(values[f.symbol]) / max(abs(f.slope(values[f.symbol])), 1e-300) for f in problem.variables.free]
     # Standard errors are those of a straight ridge. Where it is long, they say little of what bends along with it.
-    long = together & (np.nan_to_num(deviations, nan=0.0) > POORLY * np.array(sizes))
+    long = np.intersect1d(np.flatnonzero(together), hardly_known(problem, optimum, known))
     carried = np.any(alike[:, long] >= CARRIED, axis=1)
     found = []
     for k, free in enumerate(problem.variables.free):
