@@ -44,16 +44,18 @@ def test_felupe_agrees_within_one_percent() -> None:
 
 
 @pytest.mark.parametrize(
-    ("case", "within"),
+    ("case", "density", "within"),
     [
-        (peers.Case(), 0.01),  # a sharp rim's singularity converges slowly in both codes
-        (peers.Case(rim=False, pressure=-2e4), 1e-3),
+        (peers.Case(), 12.0, 0.01),  # a sharp rim's singularity converges slowly in both codes
+        (peers.Case(rim=False, pressure=-2e4), 24.0, 1e-3),
     ],
+    ids=["rim", "free"],
 )
-def test_ngsolve_agrees(case: peers.Case, within: float) -> None:
+def test_ngsolve_agrees(case: peers.Case, density: float, within: float) -> None:
+    """On a fine mesh of NGSolve: on the benchmark's, its coarsest, Netgen's triangles are 0.7 to 3 % off."""
     pytest.importorskip("ngsolve")
     ours = peers.ours(case, 2.0, repeats=1)
-    theirs = peers.with_ngsolve(case, 1.5, repeats=1)
+    theirs = peers.with_ngsolve(case, density, repeats=1)
     assert ours.apex == pytest.approx(theirs.apex, rel=within)
 
 
