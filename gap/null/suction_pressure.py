@@ -216,16 +216,27 @@ class PressureBlock(Block):
         telling = known > QUIET * np.max(known)
         if not np.any(telling & (over(slope * fitted.residual) ** 2 > LATE**2 * known)):
             return None
+        # The fitted regulator and clock have taken on much of the effect, the nominal ones may answer otherwise.
+        nominal = np.concatenate([np.zeros(len(fitted.nuisance) - 2), fitted.nuisance[-2:]])
+        seen = [self._late(n, fitted.active, number, telling) for n in (nominal, fitted.nuisance)]
+        late, sd = min(seen, key=lambda found: float(np.median(found[1][telling])))
+        good = np.isfinite(sd)
+        return Lateness(kinks[good], late[good], sd[good])
+
+    def _late(
+        self, nuisance: FloatArray, active: Active, number: NDArray[np.int64], telling: NDArray[np.bool_]
+    ) -> tuple[FloatArray, FloatArray]:
+        """How late, s, the responses (k,) are that are ``telling``, and the standard deviations of that. ``number``
+        (n,) says to which kink a row responds."""
         moved = np.concatenate([-MOVES[::-1], [0.0], MOVES])
-        rows = []
-        # The nominal regulator and clock: the fitted ones have taken on much of the effect.
-        nuisance = np.concatenate([np.zeros(len(fitted.nuisance) - 2), fitted.nuisance[-2:]])
+        rows, chi2 = [], []
         for move in moved:
-            nuisance[2] = -move
-            rows.append(self.evaluate(nuisance, fitted.active, want_jacobian=False).residual)
-        chi2 = np.array([over(r**2) for r in rows])
+            there = nuisance.copy()
+            there[2] -= move
+            rows.append(self.evaluate(there, active, want_jacobian=False).residual)
+            chi2.append(np.bincount(number, rows[-1] ** 2, len(telling) + 1)[:-1])
         best = np.clip(np.argmin(chi2, axis=0), 1, len(moved) - 2)
-        late, sd = np.zeros(len(kinks)), np.full(len(kinks), np.inf)
+        late, sd = np.zeros(len(telling)), np.full(len(telling), np.inf)
         for k in np.flatnonzero(telling):
             at, j = number == k, best[k]
             change = (rows[j + 1][at] - rows[j - 1][at]) / (moved[j + 1] - moved[j - 1])
@@ -233,9 +244,8 @@ class PressureBlock(Block):
             if square > 0:
                 step = -float(change @ rows[j][at]) / square
                 late[k] = moved[j] + np.clip(step, moved[j - 1] - moved[j], moved[j + 1] - moved[j])
-                sd[k] = np.sqrt(1.0 / square) * max(1.0, np.sqrt(chi2[j, k] / at.sum()))
-        good = np.isfinite(sd)
-        return Lateness(kinks[good], late[good], sd[good])
+                sd[k] = np.sqrt(1.0 / square) * max(1.0, np.sqrt(chi2[j][k] / at.sum()))
+        return late, sd
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         made = self._predict(nuisance, active)

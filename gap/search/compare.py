@@ -21,6 +21,7 @@ from gap.inference.least_squares import fit, under
 from gap.inference.linear import Projector
 from gap.inference.problem import Problem
 from gap.inference.workers import each
+from gap.search.edges import sharpened
 from gap.search.screening import Screened, as_if_known, from_sound, screen, strains
 from sim_devices.chain import FloatArray
 
@@ -139,7 +140,8 @@ def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) ->
             tries.append(fit(there, hypothesis, unit, best.nuisance, 10, belief=belief))
             best = max(tries, key=lambda f: f.log_evidence(1.0, problem.prior_scales))
         final = under(problem, best.prior_mean, best.best_prior(problem.prior_scales))
-        known = fits[block] = fit(final, hypothesis, best.unit, best.nuisance, belief=belief)
+        known = fit(final, hypothesis, best.unit, best.nuisance, belief=belief)
+        known = fits[block] = sharpened(final, known) if candidate.event else known
         simulations += sum(f.simulations for f in tries) + known.simulations
     return fits, simulations
 

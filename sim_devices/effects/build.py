@@ -67,6 +67,8 @@ PHASE = Parameter("phase", "1", 0.0, 1.0, None, 0.0, "linear", "of going to and 
 
 MOMENT = ("moment", "s", 1.0, 3000.0, 3.0)
 """Name, unit, range and default of when something happens."""
+AT_ONCE = 1e-5
+"""Step of a moment's quantile that a fit differentiates by: some ms, in which little else happens."""
 LONGEST = 3000.0
 """s that an event lasts at most: to the end of any session."""
 
@@ -74,8 +76,8 @@ LONGEST = 3000.0
 def for_a_while(*only: int, lasting: float = 3.0) -> tuple[Parameter, Parameter]:
     """When something happens, and for how long, of the forms in which it is not there always; ``lasting`` s usually."""
     return (
-        shape(*MOMENT, "when it begins", log=True, only=only),
-        shape("duration", "s", 0.5, LONGEST, lasting, "how long it lasts", log=True, only=only),
+        shape(*MOMENT, "when it begins", log=True, only=only, fine=AT_ONCE),
+        shape("duration", "s", 0.5, LONGEST, lasting, "how long it lasts", log=True, only=only, fine=1e-4),
     )
 
 

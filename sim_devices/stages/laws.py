@@ -25,9 +25,19 @@ def jump(time: FloatArray, u: FloatArray, amount: float, moment: float) -> Float
     return u + amount * (time >= moment)
 
 
+LONGEST_STEP = 0.1
+"""s before a sample for which it stands at most: longer ones are pauses."""
+
+
 def spell(time: FloatArray, moment: float, duration: float) -> FloatArray:
-    """1 from ``moment`` on for ``duration`` s, else 0."""
-    return ((time >= moment) & (time < moment + duration)).astype(float)
+    """1 from ``moment`` on for ``duration`` s, else 0; the share of its step in a sample (n,) where it begins or ends.
+
+    A sample stands for the time since the one before. So what a spell does is continuous in both parameters, and a fit
+    finds the moment within a fraction of a sample."""
+    step = np.diff(time, prepend=time[0] - LONGEST_STEP)
+    step = np.clip(step, 1e-9, LONGEST_STEP)
+    begun = np.clip((time - moment) / step, 0.0, 1.0)
+    return np.asarray(begun - np.clip((time - moment - duration) / step, 0.0, 1.0))
 
 
 def offset_for_a_while(time: FloatArray, u: FloatArray, amount: float, moment: float, duration: float) -> FloatArray:

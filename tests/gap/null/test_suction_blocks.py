@@ -10,6 +10,7 @@ import pytest
 from scipy.signal import lfilter
 
 from acquire.recording.model import Recording
+from gap.data.rhythms import wanderings
 from gap.decision.tolerance import CHANNELS, in_tolerances
 from gap.design import simulated as own
 from gap.effects.load import library
@@ -282,6 +283,20 @@ def test_lateness_of_each_command_is_measured() -> None:
     np.testing.assert_allclose(late.late[sharp], 0.03, atol=3e-3)
     sound, _ = blocks(session())
     assert sound.lateness(fit(sound)) is None
+
+
+def test_a_slow_regulator_hides_no_wandering_clock() -> None:
+    """Lateness is told by the regulator as it was fitted where that answers better than the nominal one."""
+    effects = library("aspiration")
+    wandering = (effects["clock_skew[form=2]"], {"swing": 4e-3, "period": 40.0, "phase": 0.3})
+    slow = (effects["regulator_lag[form=0]"], {"tau": 0.1})
+    recordings = own.suction_session("aspiration", np.random.default_rng(7), [wandering, slow], legs=CYCLES)
+    pressure = PressureBlock(GroupedSession(recordings, ("pressure",)), effects)
+    late = pressure.lateness(fit(pressure))
+    assert late is not None
+    period, phase, amplitude = wanderings(late, 15.0, 1500.0)[0]
+    assert (period, amplitude) == pytest.approx((40.0, 4e-3), rel=0.1)
+    assert phase == pytest.approx(0.3, abs=0.05)
 
 
 def test_skin_is_fed_what_the_fitted_regulator_makes() -> None:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from sim_devices.chain import Chain, Effect, FloatArray, Parameter, Runner, Signals
 from sim_devices.effects import effects, variants
 from sim_devices.effects.build import CHOICE
-from sim_devices.stages import INSTRUMENTS, noisy, nominal
+from sim_devices.stages import INSTRUMENTS, laws, noisy, nominal
 from sim_devices.stages.robot import LOAD, TRANSDUCERS, numbered, xyz
 from sim_devices.stages.sampling import time_grid
 
@@ -195,6 +195,17 @@ def test_a_spell_ends() -> None:
     assert off[time < 3.0].max() == 0.0
     assert off[(time > 3.1) & (time < 4.0)].min() > 1e-6
     assert off[(time > 60.0)].max() < 0.05 * off.max()
+
+
+def test_what_a_spell_does_is_continuous_in_when_it_begins_and_ends() -> None:
+    time = np.concatenate([np.arange(0.0, 10.0, 0.01), np.arange(30.0, 40.0, 0.01)])
+    for moment, duration in ((2.004, 1.5), (2.006, 1.507), (31.0, 2.003)):
+        part = laws.spell(time, moment, duration)
+        assert part.sum() * 0.01 == pytest.approx(duration)
+        assert np.sum((part > 0) & (part < 1)) <= 2
+    within = laws.spell(time, 20.0, 12.0)  # it begins in a pause
+    inside = np.abs(time - 32.0) > 1e-3
+    np.testing.assert_array_equal(within[inside], ((time >= 20.0) & (time < 32.0))[inside])
 
 
 def test_friction_may_be_one_axis_alone() -> None:

@@ -1,0 +1,37 @@
+"""The beginning and the end of an event are found where a fit alone stays at the edges that it began with."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gap.inference.hypothesis import to_unit
+from gap.inference.least_squares import fit
+from gap.search.edges import sharpened
+from sim_devices.chain import Parameter
+from sim_devices.effects.build import for_a_while
+from sim_devices.stages import laws
+from tests.gap.conftest import LinearProblem, candidate
+
+TRUE = {"a": 6.0, "moment": 20.33, "duration": 0.86}
+
+
+def changed(values) -> np.ndarray:
+    """An offset for a while of a signal that answers at once, in bins of .1 s that begin 20.3, 20.4 … s: between the
+    edges of a bin nothing tells them apart."""
+    time = np.arange(0.0, 60.0, 0.02)
+    signal = values["a"] * laws.spell(time, values["moment"], values["duration"])
+    return signal.reshape(-1, 5).mean(axis=1)
+
+
+@pytest.mark.parametrize("off", [{"moment": 20.0}, {"duration": 1.25}, {"moment": 20.65, "duration": 0.6}])
+def test_edges_are_found_from_some_tenths_of_a_second_away(off: dict[str, float]) -> None:
+    y = 3.0 + changed(TRUE) + 0.1 * np.random.default_rng(0).normal(size=600)
+    problem = LinearProblem(y / 0.1, np.full((600, 1), 10.0), {"event": lambda v: changed(v) / 0.1})
+    event = candidate("event", Parameter("a", "1", -10.0, 10.0), *for_a_while())
+    unit = np.array([to_unit(p, (TRUE | off)[p.name]) for p in event.parameters])
+    found = sharpened(problem, fit(problem, (event,), unit))
+    values = event.values(found.unit)
+    assert values["moment"] == pytest.approx(TRUE["moment"], abs=0.01)
+    assert values["duration"] == pytest.approx(TRUE["duration"], abs=0.02)
+    assert found.chi2 < 1.2 * 600
