@@ -143,7 +143,7 @@ def posterior(
     marks = np.array([_mark_nats(h, comparison, weighed, signatures, t) for h in every])
     prior = _log_priors(every, candidates, t) + np.array([beforehand(h) for h in every])
     score = prior + np.array([weighed[id(h)].evidence for h in every]) + marks
-    score = _with_earned_pairs(score, every, comparison, t, temper)
+    score = _with_earned_pairs(score, every, comparison, weighed, t, temper)
     # Whether anything acts is one question, its name another: a weak effect often answers the second.
     acts = 1.0 - float(softmax(score)[0])
     share = np.r_[0.0, softmax(score[1:])] if len(score) > 1 else np.zeros(1)
@@ -215,23 +215,38 @@ def _marked(cause: Cause, comparison: Comparison, signatures: Sequence[Signature
 
 
 def _with_earned_pairs(
-    score: FloatArray, every: Sequence[Hypothesis], comparison: Comparison, t: Thresholds, temper: Mapping[str, float]
+    score: FloatArray,
+    every: Sequence[Hypothesis],
+    comparison: Comparison,
+    weighed: Mapping[int, Weight],
+    t: Thresholds,
+    temper: Mapping[str, float],
 ) -> FloatArray:
     """Scores in which a pair that does not earn its second effect stays below the best single effect: it is what should
     be looked for next, and no more."""
     single = max((s for s, h in zip(score, every, strict=True) if len(h.effects) == 1), default=score[0])
-    unearned = np.array([not _earned(h, comparison, t, temper) for h in every])
+    unearned = np.array([not _earned(h, comparison, weighed, t, temper) for h in every])
     return np.where(unearned, np.minimum(score, single - t.unearned), score)
 
 
-def _earned(h: Hypothesis, comparison: Comparison, t: Thresholds, temper: Mapping[str, float]) -> bool:
-    """Whether each further effect of a hypothesis explains enough of what fewer leave; form errors are always worth
-    some χ²."""
+def _earned(
+    h: Hypothesis,
+    comparison: Comparison,
+    weighed: Mapping[int, Weight],
+    t: Thresholds,
+    temper: Mapping[str, float],
+) -> bool:
+    """Whether each further effect of a hypothesis is seen itself and explains enough of what fewer leave; form errors
+    are always worth some χ²."""
     if len(h.effects) < 2:
         return True
     if _one_event(h, t.at_once):
         return False
     singles = [s for s in comparison.hypotheses if len(s.effects) == 1 and s.effects[0] in h.effects]
+    best = max(singles, key=lambda s: weighed[id(s)].evidence)
+    second = [e for e in h.effects if e not in best.effects]
+    if 2 * (weighed[id(h)].evidence - weighed[id(best)].evidence) < t.seen_of(second) ** 2:
+        return False
     n = sum(len(f.residual) for f in h.fits.values())
     left = min(s.deviance for s in singles)
     least = t.second_least * min(temper.values())

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cache
 from importlib.resources import files
 from typing import Any
 
 import yaml
+
+from gap.inference.hypothesis import Candidate
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,7 @@ class Thresholds:
     least_fall: float
     small_fall: float
     least_share: float
+    least_of_all: float
     weakest: float
     helps: float
     worse_repeat: float
@@ -58,6 +62,10 @@ class Thresholds:
     overwhelming: float
     surrogate: float
     coverage: float
+
+    def seen_of(self, effects: Sequence[Candidate]) -> float:
+        """Detectability that ``effects`` need to be named."""
+        return self.seen_event if any(e.event for e in effects) else self.seen
 
 
 @cache

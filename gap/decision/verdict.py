@@ -46,7 +46,7 @@ class Findings:
         """Detectability that the first cause needs."""
         if self.first.marked:
             return self.t.seen_marked
-        return self.t.seen_event if any(e.event for e in self.first.effects) else self.t.seen
+        return self.t.seen_of(self.first.effects)
 
     @property
     def shows_itself(self) -> bool:
@@ -117,8 +117,11 @@ def _lowers_nothing(f: Findings) -> bool:
     if f.fitted is None or f.shows_itself:
         return False
     before, after = f.fitted.before, f.fitted.after
-    excess = max(before**2 - f.t.quiet_gap**2, 0.0)
-    return after >= before * (1.0 - f.t.least_fall) or before**2 - after**2 < f.t.least_share * excess
+    if after >= before * (1.0 - f.t.least_fall):
+        return True
+    p = f.posterior
+    here, everywhere = (before, after, f.t.least_share), (p.gap_before, p.gap_after, f.t.least_of_all)
+    return any(b**2 - a**2 < share * max(b**2 - f.t.quiet_gap**2, 0.0) for b, a, share in (here, everywhere))
 
 
 def _helps(f: Findings) -> bool:
@@ -157,9 +160,9 @@ def _worse_on_repeats(f: Findings) -> bool:
 
 
 def _patched(f: Findings) -> bool:
-    """Several effects, one of them for a while, that do not get near the noise: such patches repair anything a bit."""
+    """Something for a while that does not get near the noise: such patches repair anything a bit."""
     events = any(e.event for e in f.first.effects)
-    return len(f.first.effects) > 1 and events and f.posterior.gap_after > f.t.patched and not f.shows_itself
+    return events and f.posterior.gap_after > f.t.patched and not f.shows_itself
 
 
 def _unfinished(f: Findings) -> bool:
@@ -234,7 +237,7 @@ RULES: tuple[Rule, ...] = (
         "patched",
         _patched,
         _always("unknown"),
-        lambda f: f"several effects, one for a while, leave a gap of {f.posterior.gap_after:.2f} > {f.t.patched:g}",
+        lambda f: f"an effect for a while leaves a gap of {f.posterior.gap_after:.2f} > {f.t.patched:g}",
     ),
     Rule(
         "unfinished pair",
@@ -254,7 +257,12 @@ RULES: tuple[Rule, ...] = (
         Findings.spoiled,
         lambda f: f"median residual laid to chance {f.chance:.2f} of a normal one's < {f.t.chance:g}",
     ),
-    Rule("takes nothing away", _lowers_nothing, Findings.spoiled, _fall),
+    Rule(
+        "takes nothing away",
+        _lowers_nothing,
+        Findings.spoiled,
+        lambda f: f"{_fall(f)}, {f.posterior.gap_before:.2f} -> {f.posterior.gap_after:.2f} in all",
+    ),
     Rule(
         "takes little away",
         _small,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -54,6 +55,21 @@ def test_a_second_effect_must_earn_its_place(verdict_on) -> None:
     assert {e.name for e in doubtful.causes[1].effects} == {"bump", "late"}  # what to look for next, and no more
     assert doubtful.causes[1].probability < 0.05
     assert len(verdict_on(("bump", "late"), {"bump": 15.0, "late": 4.0}).causes[0].effects) == 2
+
+
+@pytest.mark.parametrize(("event", "said"), [(False, "several"), (True, "effect")])
+def test_a_second_effect_must_be_seen_itself(linear, candidate, event: bool, said: str) -> None:
+    """For a while many things stand out by six sigma, which is much for what acts all the time."""
+    y = (
+        DESIGN @ [2.0, 1.0]
+        + 15.0 * SHAPES["bump"]
+        + 1.9 * SHAPES["late"]
+        + np.random.default_rng(0).normal(size=len(T))
+    )
+    effects = {n: (lambda v, n=n: v["a"] * SHAPES[n]) for n in ("bump", "late")}
+    known = [replace(candidate(n, Parameter("a", "1", -30.0, 30.0)), event=event and n == "late") for n in effects]
+    comparison = compare([linear(y, DESIGN, effects, np.full(2, 100.0))], known)
+    assert judge(comparison, known).verdict == said
 
 
 @pytest.mark.parametrize(
@@ -144,11 +160,20 @@ def test_patches_that_leave_a_gap_are_no_explanation(linear, candidate) -> None:
     comparison, known = weak_wave(linear, candidate, 4.0)
     found = posterior(comparison, known, INSTRUMENT, ())
     first = found.causes[0]
-    for event, gap, rule in ((False, 3.0, "claimed"), (True, 1.5, "claimed"), (True, 3.0, "patched")):
-        effects = tuple(replace(e, event=event) for e in 2 * first.effects)
-        pair = replace(first, hypothesis=replace(first.hypothesis, effects=effects))
-        patched = replace(found, causes=(pair,), gap_after=gap, unexplained=0.0)
+    cases = ((False, 3.0, "claimed"), (True, 1.5, "claimed"), (True, 3.0, "patched"))
+    for (event, gap, rule), number in product(cases, (1, 2)):
+        effects = tuple(replace(e, event=event) for e in number * first.effects)
+        cause = replace(first, hypothesis=replace(first.hypothesis, effects=effects))
+        patched = replace(found, causes=(cause,), gap_after=gap, unexplained=0.0)
         assert decide(Findings(patched, INSTRUMENT)).rules[0].startswith(rule)
+
+
+@pytest.mark.parametrize(("left", "rule"), [(2.56, "takes nothing away"), (2.4, "claimed")])
+def test_a_claim_lowers_the_gap_of_the_whole_session(linear, candidate, left: float, rule: str) -> None:
+    """Muscle tone that left a gap of 2.58 was claimed as a wandering clock, which took .07 of the pressure's 1.24."""
+    comparison, known = weak_wave(linear, candidate, 4.0)
+    found = replace(posterior(comparison, known, INSTRUMENT, ()), gap_before=2.58, gap_after=left, unexplained=0.0)
+    assert decide(Findings(found, INSTRUMENT, fitted=Shrink(1.24, 1.1))).rules[0].startswith(rule)
 
 
 @pytest.mark.parametrize(
