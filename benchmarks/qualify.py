@@ -115,7 +115,7 @@ def said_of(instrument: str, fault: str, seed: int = 1) -> Said:
     q = qualify(measured(instrument, fault, seed)).qualification
     named = tuple(name for f in q.findings for name in f.indistinguishable)
     if not named:  # beside a finding, a strained parameter is its consequence
-        named = tuple(p.like for p in q.parameters.values() if p.like and p.passed is False)
+        named = tuple(dict.fromkeys(p.like for p in q.parameters.values() if p.like and p.passed is False))
     return Said(instrument, fault, q.passed, named, q.doubts, time.perf_counter() - begin)
 
 

@@ -120,8 +120,14 @@ def _lowers_nothing(f: Findings) -> bool:
     if after >= before * (1.0 - f.t.least_fall):
         return True
     p = f.posterior
-    here, everywhere = (before, after, f.t.least_share), (p.gap_before, p.gap_after, f.t.least_of_all)
-    return any(b**2 - a**2 < share * max(b**2 - f.t.quiet_gap**2, 0.0) for b, a, share in (here, everywhere))
+    here = before**2 - after**2 < f.t.least_share * _excess(before, f.t)
+    in_all = p.gap_before**2 - p.gap_after**2 < f.t.least_of_all * _excess(p.gap_before, f.t)
+    return here or (p.gap_before > f.t.unusual_gap and in_all)
+
+
+def _excess(gap: float, t: Thresholds) -> float:
+    """How much of a gap, in squares, is above the noise."""
+    return float(max(gap**2 - t.quiet_gap**2, 0.0))
 
 
 def _helps(f: Findings) -> bool:

@@ -29,10 +29,13 @@ BISECTIONS = 7
 """Simulations at most to find one."""
 STARTS = 2
 """Screening points from which a refit starts."""
-STRAIN_EACH = 2.5
-"""Penalty for each of a base's tolerances from which on effects are looked at beside a fault-free instrument, too,"""
-FROM_SOUND = 4
-"""and how many of them are refitted for it."""
+STRAIN_EACH, STRAIN_ONE = 2.5, 3.0
+"""Mean penalty of a base's tolerances, or σ by which one is off, from which on effects are looked at beside a
+fault-free instrument, too."""
+HALVINGS = (0.2, 0.1, 0.05, 0.025)
+"""Quantiles of its prior by which a strength is moved there, to see where it explains most."""
+NEARLY, FEW, FROM_SOUND = 8, 8, 4
+"""How many are fitted for a few steps there, those steps, and how many of other names are refitted for it."""
 AMPLITUDES = (0.25, 2.0)
 """How far a linear rescaling of a screened effect may be trusted, as a multiple of its simulated strength."""
 
@@ -138,6 +141,8 @@ def screen(
             starts[b] = tuple(units[k] for k in order if k == order[0] or gains[k] > 0.6 * best)
             widths[b] = lens.sd
             gain += best
+        if candidate.event:
+            gain -= _windows(sum(len(base.fits[b].residual) for b in traces))
         seen = list(zip(units, np.sqrt(np.maximum(along, 0.0)).tolist(), strict=True))
         out.append(Screened(candidate, units, gain, starts, widths, seen, traces, sure, score, by_chance))
     out.sort(key=lambda s: -s.gain)
@@ -152,8 +157,9 @@ def screen(
 
 def strains(problem: Problem, base: Fit) -> bool:
     """Whether a fit of the simulation by itself strains the tolerances that its nuisance is."""
-    free = int(np.sum(problem.prior_sd > FROZEN))
-    return base.penalty >= STRAIN_EACH * free
+    free = problem.prior_sd > FROZEN
+    off = np.abs(base.nuisance - problem.prior_mean)[free] / problem.prior_sd[free]
+    return base.penalty >= STRAIN_EACH * len(off) or bool(np.any(off >= STRAIN_ONE))
 
 
 def from_sound(
@@ -175,23 +181,49 @@ def from_sound(
         refits = [Projector(jacobian, sd) for sd in problem.prior_scales]
         found = []
         for s in screened:
-            if block not in s.candidate.blocks:
-                continue
-            left = []
-            for active in ({s.candidate: s.candidate.values(unit)} for unit in s.units):
-                residual = problem.evaluate(sound, active, want_jacobian=False).residual
-                times = problem.noise_scale(active)
-                wider = 0.0 if times is None else 2.0 * float(np.sum(np.log(times)))
-                left.append(wider + min(refit.chi2(residual) for refit in refits))
-            simulations += len(left)
-            found.append((min(left), int(np.argmin(left)), s))
+            if block in s.candidate.blocks:
+                left, unit, tried = _nearest(problem, sound, refits, s)
+                simulations += tried
+                found.append((left, unit, s))
+        best = sorted(found, key=lambda f: f[0])[:NEARLY]
+        near = [(fit(problem, (s.candidate,), unit, sound, FEW), s) for _, unit, s in best]
+        simulations += sum(f.simulations for f, _ in near)
         names: set[str] = set()
-        for _, k, s in sorted(found, key=lambda f: f[0]):
+        for f, s in sorted(near, key=lambda one: one[0].objective):
             if s.candidate.name not in names and len(names) < FROM_SOUND:
                 names.add(s.candidate.name)
-                s.starts[block] = (s.units[k], *s.starts[block][: STARTS - 1])
+                # An effect is the same in every block.
+                s.starts = {b: (f.unit, *others[: STARTS - 1]) for b, others in s.starts.items()}
                 out += [s] if s not in out else []
     return out, simulations
+
+
+def _nearest(
+    problem: Problem, sound: FloatArray, refits: Sequence[Projector], s: Screened
+) -> tuple[float, FloatArray, int]:
+    """The least deviance that an effect leaves beside a ``sound`` instrument (p,), where in its prior that is, (k,),
+    and the number of simulations. What a threshold or a lag does is no straight line: strengths between those that were
+    looked at are looked at, too."""
+
+    def left(unit: FloatArray) -> float:
+        active = {s.candidate: s.candidate.values(unit)}
+        residual = problem.evaluate(sound, active, want_jacobian=False).residual
+        times = problem.noise_scale(active)
+        wider = 0.0 if times is None else 2.0 * float(np.sum(np.log(times)))
+        return wider + min(refit.chi2(residual) for refit in refits)
+
+    tried = [(left(unit), unit) for unit in s.units]
+    best = min(tried, key=lambda t: t[0])
+    strengths = [k for k, p in enumerate(s.candidate.parameters) if p.null is not None]
+    for step in HALVINGS if len(strengths) == 1 else ():
+        beside = []
+        for by in (-step, step):
+            unit = best[1].copy()
+            unit[strengths[0]] = np.clip(unit[strengths[0]] + by, 0.0, 1.0)
+            beside.append((left(unit), unit))
+        tried += beside
+        best = min(best, *beside, key=lambda t: t[0])
+    return (*best, len(tried))
 
 
 def as_if_known(
@@ -225,6 +257,11 @@ def as_if_known(
 def _simply(problem: Problem, screened: Screened) -> Fit | None:
     """A few steps of a fit under a simple law alone, from a small effect of usual shape."""
     return problem.under_simple_law(screened.candidate, plain_start(screened.candidate))
+
+
+def _windows(rows: int) -> float:
+    """χ² that the best of all windows of so many rows takes away by chance: an event was looked for in all of them."""
+    return 2.0 * float(np.log(max(rows, 2) ** 2 / 2))
 
 
 def _widened(residual: FloatArray, times: FloatArray) -> float:
