@@ -43,6 +43,7 @@ class Thresholds:
     unearned: float
     unknown: float
     patched: float
+    event_leaves: float
     unfinished_pair: float
     unnamed: float
     tolerances: float

@@ -167,8 +167,10 @@ def _worse_on_repeats(f: Findings) -> bool:
 
 def _patched(f: Findings) -> bool:
     """Something for a while that does not get near the noise: such patches repair anything a bit."""
+    p = f.posterior
+    leaves_most = p.gap_after > f.t.quiet_gap and p.unexplained > f.t.event_leaves
     events = any(e.event for e in f.first.effects)
-    return events and f.posterior.gap_after > f.t.patched and not f.shows_itself
+    return events and (leaves_most or p.gap_after > f.t.patched) and not f.shows_itself
 
 
 def _unfinished(f: Findings) -> bool:
@@ -243,7 +245,10 @@ RULES: tuple[Rule, ...] = (
         "patched",
         _patched,
         _always("unknown"),
-        lambda f: f"an effect for a while leaves a gap of {f.posterior.gap_after:.2f} > {f.t.patched:g}",
+        lambda f: (
+            f"an effect for a while leaves {100 * f.posterior.unexplained:.0f} % of the excess, "
+            f"a gap of {f.posterior.gap_after:.2f}"
+        ),
     ),
     Rule(
         "unfinished pair",

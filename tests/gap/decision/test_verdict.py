@@ -160,11 +160,12 @@ def test_patches_that_leave_a_gap_are_no_explanation(linear, candidate) -> None:
     comparison, known = weak_wave(linear, candidate, 4.0)
     found = posterior(comparison, known, INSTRUMENT, ())
     first = found.causes[0]
-    cases = ((False, 3.0, "claimed"), (True, 1.5, "claimed"), (True, 3.0, "patched"))
-    for (event, gap, rule), number in product(cases, (1, 2)):
+    cases = ((False, 3.0, 0.0, "claimed"), (True, 1.5, 0.0, "claimed"), (True, 3.0, 0.0, "patched"))
+    more_left = ((False, 1.2, 0.6, "claimed"), (True, 1.2, 0.6, "patched"), (True, 1.05, 0.6, "claimed"))
+    for (event, gap, left, rule), number in product(cases + more_left, (1, 2)):
         effects = tuple(replace(e, event=event) for e in number * first.effects)
         cause = replace(first, hypothesis=replace(first.hypothesis, effects=effects))
-        patched = replace(found, causes=(cause,), gap_after=gap, unexplained=0.0)
+        patched = replace(found, causes=(cause,), gap_after=gap, unexplained=left)
         assert decide(Findings(patched, INSTRUMENT)).rules[0].startswith(rule)
 
 
