@@ -167,10 +167,12 @@ def _worse_on_repeats(f: Findings) -> bool:
 
 def _patched(f: Findings) -> bool:
     """Something for a while that does not get near the noise: such patches repair anything a bit."""
+    if f.shows_itself or not any(e.event for e in f.first.effects):
+        return False
     p = f.posterior
-    leaves_most = p.gap_after > f.t.quiet_gap and p.unexplained > f.t.event_leaves
-    events = any(e.event for e in f.first.effects)
-    return events and (leaves_most or p.gap_after > f.t.patched) and not f.shows_itself
+    left, had = (p.gap_after, p.gap_before) if f.fitted is None else (f.fitted.after, f.fitted.before)
+    leaves_most = _excess(left, f.t) > f.t.event_leaves * _excess(had, f.t)
+    return p.gap_after > f.t.patched or (had > f.t.unusual_gap and leaves_most)
 
 
 def _unfinished(f: Findings) -> bool:
@@ -245,10 +247,7 @@ RULES: tuple[Rule, ...] = (
         "patched",
         _patched,
         _always("unknown"),
-        lambda f: (
-            f"an effect for a while leaves {100 * f.posterior.unexplained:.0f} % of the excess, "
-            f"a gap of {f.posterior.gap_after:.2f}"
-        ),
+        lambda f: f"an effect for a while leaves a gap of {f.posterior.gap_after:.2f}, {_fall(f)}".removesuffix(", "),
     ),
     Rule(
         "unfinished pair",
