@@ -167,7 +167,8 @@ class Effect:
     hits samples by chance has a ``scatter``: the rms (s) by which a channel's true instants are off their stamps, given
     the instrument and the values (none: not by chance); a diagnosis then looks for the noise that it makes and not for
     the very draw. It is ``sparse`` if chance hits some samples and makes these older, else all are off a little.
-    ``form`` is which of several laws it follows, where that is fixed.
+    ``form`` is which of several laws it follows, where that is fixed; ``extends`` names effects that it becomes in a
+    limit of its parameters.
     """
 
     name: str
@@ -181,6 +182,7 @@ class Effect:
     scatter: Callable[[str, Mapping[str, float]], Mapping[str, float]] | None = field(default=None, repr=False)
     sparse: bool = False
     form: int = 0
+    extends: tuple[str, ...] = ()
 
     @property
     def event(self) -> bool:

@@ -107,6 +107,12 @@ def concept(h: Hypothesis) -> str:
     return " + ".join(sorted(e.name for e in h.effects))
 
 
+def extends(one: Hypothesis, other: Hypothesis) -> bool:
+    """Whether a single effect becomes another one in a limit of its parameters."""
+    names = [e.name for e in other.effects]
+    return len(one.effects) == len(names) == 1 and names[0] in one.effects[0].extends
+
+
 def gap_of(h: Hypothesis) -> float:
     """rms of the whitened residual over all blocks: 1 at the noise floor."""
     n = sum(len(f.residual) for f in h.fits.values())
@@ -284,6 +290,8 @@ def _classes(
         one, other = hypotheses[lead], hypotheses[k]
         if score[lead] - score[k] >= t.evidence_tie or len(one.effects) != len(other.effects):
             return False
+        if extends(one, other) or extends(other, one):
+            return True
         left = sum(max(f.chi2 - len(f.residual), 0.0) / temper[b] for b, f in one.fits.items())
         return _distance(one, other, weighed[id(one)].trust, temper) < max(t.separable, t.blunt * float(np.sqrt(left)))
 

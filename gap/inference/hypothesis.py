@@ -21,7 +21,8 @@ class Candidate:
 
     ``remedy`` and ``meaning`` are for the report. ``blocks`` names the data blocks the effect can change; others
     keep their nominal prediction. ``form`` is which of its laws an effect follows; an ``event`` happens at one moment,
-    which no repeat foretells; one by chance is ``sparse`` if it hits few samples of many.
+    which no repeat foretells; one by chance is ``sparse`` if it hits few samples of many. ``extends`` names effects
+    that it becomes in a limit of its parameters.
     """
 
     key: str
@@ -34,6 +35,7 @@ class Candidate:
     form: int = 0
     event: bool = False
     sparse: bool = False
+    extends: tuple[str, ...] = ()
 
     def values(self, unit: FloatArray) -> dict[str, float]:
         """Parameter values at ``unit`` (k,) in [0, 1], uniform under the prior."""

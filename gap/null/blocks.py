@@ -384,7 +384,7 @@ def candidates_for(
         parameters = effect.strengths if all(b.by_chance(key) for b in blocks) else effect.parameters
         trial = Candidate(
             key, effect.name, effect.stage, parameters, (), effect.meaning, effect.remedy, effect.form, effect.event,
-            effect.sparse,
+            effect.sparse, effect.extends,
         )  # fmt: skip
         elsewhere = (trial.values(np.full(len(parameters), u)) for u in ELSEWHERE)
         default = {p.name: p.default for p in parameters}

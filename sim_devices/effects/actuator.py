@@ -329,7 +329,7 @@ EFFECTS = (
             shape("coulomb_share", "1", 0.0, 2.0, 0.5, "kinetic friction against that"),
             shape("speed", "m/s", 5e-5, 5e-3, 5e-4, "Stribeck speed", log=True),
         ),
-        _stribeck,
+        _stribeck, extends=("coulomb_friction",),
     ),
     effect(
         "backlash", "actuator", ROBOT,

@@ -103,6 +103,7 @@ def effect(
     install: Install,
     scatter: Scatter | None = None,
     sparse: bool = False,
+    extends: Names = (),
 ) -> Effect:
     """An effect that leaves the chain alone where all its strengths are at their null values."""
     strengths = [p for p in parameters if p.null is not None]
@@ -110,7 +111,9 @@ def effect(
     def guarded(chain: Chain, values: Values) -> Chain:
         return chain if all(values[p.name] == p.null for p in strengths) else install(chain, values)
 
-    return Effect(name, stage, instruments, meaning, remedy, source, parameters, guarded, scatter, sparse)
+    return Effect(
+        name, stage, instruments, meaning, remedy, source, parameters, guarded, scatter, sparse, extends=extends
+    )
 
 
 def law_after(

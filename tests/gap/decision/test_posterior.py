@@ -189,3 +189,19 @@ def test_two_events_at_once_are_one_of_another_form(linear, candidate, apart: fl
         {"linear": problem}, null, [Hypothesis(h, {"linear": fit(problem, h, u)}) for h, u in tried]
     )
     assert len(posterior(comparison, [jump, rise], INSTRUMENT).causes[0].effects) == effects
+
+
+@pytest.mark.parametrize("extended", [False, True])
+def test_an_effect_and_its_limit_are_one_class(linear, candidate, extended: bool) -> None:
+    """Dry friction was told friction that falls with speed, by 3.8 nats that a coarse simulation is worth."""
+    noise = np.random.default_rng(0).normal(size=len(T))
+    y = DESIGN @ [2.0, 1.0] + 8.0 * SHAPES["bump"] + 0.8 * SHAPES["late"] + noise
+    changes = {
+        "plain": lambda v: v["a"] * SHAPES["bump"],
+        "general": lambda v: v["a"] * (SHAPES["bump"] + 0.1 * SHAPES["late"]),
+    }
+    known = [candidate(name, Parameter("a", "1", -30.0, 30.0)) for name in changes]
+    known[1] = replace(known[1], extends=("plain",) if extended else ())
+    comparison = compare([linear(y, DESIGN, changes, np.full(2, 100.0))], known)
+    found = posterior(comparison, known, replace(INSTRUMENT, separable=0.0), ())
+    assert (set(found.causes[0].names) == set(changes)) == extended
