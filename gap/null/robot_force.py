@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
 
 from gap.data.smoothing import deviation, significant
-from gap.inference.evidence import Fit
+from gap.inference.evidence import Fit, split
 from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Start
 from gap.inference.least_squares import fit, under
 from gap.null.blocks import SIMPLE_SHIFT, Block, Group, GroupedSession, Table, compressed
@@ -91,6 +92,8 @@ class ForceBlock(Block):
         self._start: FloatArray | None = None
         self._alone: tuple[FloatArray, FloatArray] | None = None  # widths and fit of a simple law that is not the null
         self._probability = -np.inf  # log evidence of the null
+        self._bent = False  # whether no simple law is at the noise
+        self._held: Active = {}  # effects that act whatever is asked for
         self._memos = [Memo(grid) for grid, _ in self._grids_of]
         self._skins, self._linear = Kept(LATELY), Kept(LATELY)
 
@@ -187,6 +190,7 @@ class ForceBlock(Block):
             best = max([*simple, beside], key=lambda f: f.log_evidence(1.0, self.prior_scales))
             self._probability = best.log_evidence(1.0, self.prior_scales)
             self._start, self.prior_sd = best.nuisance, best.best_prior(self.prior_scales)
+            self._bent = not any(map(self._at_noise, simple))
             if simple:
                 law = max(simple, key=_own_evidence)
                 self._alone = law.prior_sd, law.nuisance
@@ -209,14 +213,24 @@ class ForceBlock(Block):
         self._alone = kept[1] if basic is not None else None
 
     def warm_start(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
-        """Under the simple law, which cannot take on much of an effect, where the null needs more than that."""
-        if self._alone is None:
-            return None
-        sd, nuisance = self._alone
-        found = fit(under(self, self.prior_mean, sd), hypothesis, unit, nuisance, iterations=8)
-        if found.log_evidence(1.0, (found.prior_sd,)) < self._probability:
+        """Under a simple law, which takes on little of an effect, where the null needs more than that; also from the
+        laws' guesses where none of them is at the noise, as an effect bends the null's skin."""
+        starts = [self._alone] if self._alone is not None else []
+        if self._bent and self.LAWS[:-1]:
+            starts.append(self._anew(hypothesis, unit))
+        tries = (fit(under(self, self.prior_mean, sd), hypothesis, unit, c, iterations=8) for sd, c in starts)
+        found = max(tries, key=_own_evidence, default=None)
+        does = found is not None and _own_evidence(found) >= self._probability
+        if found is None or not (does or self._bent):
             return None  # nor does the simple law do with these effects
-        return Start(self.prior_mean, found.prior_sd, found.nuisance, found.unit)
+        return Start(self.prior_mean, found.prior_sd if does else self.prior_sd, found.nuisance, found.unit)
+
+    def _anew(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Widths and fit (p,) of the simple law that is most probable with effects held at ``unit`` (k,)."""
+        held = copy.copy(self)
+        held._held = split(hypothesis, unit)
+        best = max((held._from_guesses(law, self._simple(law), FEW) for law in self.LAWS[:-1]), key=_own_evidence)
+        return best.prior_sd, best.nuisance
 
     def noise_scale(self, active: Active) -> FloatArray | None:
         """None beside a discrepancy: the residual where force is steep may be the skin's as well as chance."""
@@ -347,6 +361,7 @@ class ForceBlock(Block):
         return gain, self._zeros @ part["zero"] + self._basis @ part["discrepancy"]
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
+        active = {**self._held, **active}
         n = self._parts["shift"].stop
         gain, more = self._linear.get(nuisance[n:].tobytes(), partial(self._beside_the_chain, nuisance))
         forces = self._chain_forces(nuisance, active)

@@ -10,6 +10,7 @@ import pytest
 from gap.data.smoothing import deviation, significant
 from gap.design import simulated as own
 from gap.effects.load import library
+from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import Candidate
 from gap.inference.least_squares import fit, under
 from gap.null import robot_grid
@@ -21,6 +22,8 @@ from gap.null.robot_force import AT_NOISE, ForceBlock, RoughForceBlock
 from gap.null.robot_loop import CONTROLLERS
 from gap.null.sheet_discrepancy import gradients, lagged, played, sheet_discrepancy
 from gap.null.sheet_law import FURTHER, SPECTRUM, Law
+from gap.search.compare import refit
+from gap.search.screening import Screened
 from sim_devices.chain import FloatArray
 from sim_devices.stages import nominal
 from sim_devices.stages.kernels import evaluate, low_pass
@@ -300,3 +303,20 @@ def test_the_loop_is_simulated_where_a_late_command_shows(form: int, values: dic
     late = Candidate(key, effect.name, effect.stage, effect.parameters, ("axes",))
     left = axes.evaluate(axes.prior_mean, {late: values}, want_jacobian=False).residual
     assert np.mean(np.square(left)) < 1.2
+
+
+def test_skin_is_fitted_anew_beside_an_effect_that_bends_it() -> None:
+    """Exchanged transducers bend the skin of the null so far that a fit of the exchange stops on its way back."""
+    key = "axis_swap[pair=2]"
+    effect = library("microrobot")[key]
+    legs = [own.direction_cycles(a, b, 1.2e-3, 8.0, 2) for a, b in ((0.0, 0.3), (1.2, 0.0), (2.6, 0.5))]
+    recordings = own.robot_session(np.random.default_rng(5), [(effect, {"share": 1.0})], legs=legs)
+    session = GroupedSession(recordings, QUANTITIES)
+    axes = AxesBlock(session, {key: effect})
+    block = ForceBlock(session, {key: effect}, axes)
+    candidate = Candidate(key, effect.name, effect.stage, effect.parameters, ("force",))
+    null = fit(block)
+    screened = Screened(candidate, (), 0.0, {"force": (np.array([0.97]),)}, {"force": block.prior_sd})
+    found = refit({"force": block}, Hypothesis((), {"force": null}), screened)[0]["force"]
+    assert candidate.values(found.unit)["share"] > 0.95
+    assert found.objective < 1.1 * len(found.residual)
