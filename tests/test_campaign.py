@@ -59,7 +59,7 @@ def test_the_same_seed_spoils_alike() -> None:
 
 
 def test_results_are_kept_and_merged(tmp_path: Path) -> None:
-    """What is known is not measured again; another share or seed is another campaign."""
+    """A known row is not measured again; another share or seed is another campaign."""
     rows = {"links/pulled": [Row("cable", "vented", part="links/pulled", revision="abc", load=0.5)]}
     rows["links/pulled"][0].trial(0.123456, "hm")
     path, campaign = tmp_path / "results" / "faults.json", Campaign(7, 0.1)

@@ -36,7 +36,7 @@ STATION = "schema: station/1\ninstruments: {cutometer: {simulated: true}}\n"
 
 
 def told(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
-    """What the command says as it refuses its input, in a few lines and without a traceback."""
+    """The command's refusal of its input, in a few lines and without a traceback."""
     assert run(arguments) == BAD_INPUT
     said = capsys.readouterr().err
     assert "Traceback" not in said

@@ -138,7 +138,7 @@ RECORDINGS: dict[str, Callable[[h5py.File], None]] = {
 
 BEAT = MicrorobotCodec().encode(Beat(1))
 FRAME = encode_frame(Picture(np.zeros((4, 4), np.uint8), 1, 0.5))
-# What is fed, and what the decoder says of the bytes it drops; a good message must come through after them.
+# The bytes fed, and the decoder's words for those it drops; a good message must come through after them.
 STREAMS: list[tuple[str, Any, bytes, str]] = [
     ("cutometer: noise", CutometerCodec, bytes(range(1, 200)) + CutometerCodec.TERMINATOR, "no checksum"),
     (

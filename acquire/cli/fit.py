@@ -160,7 +160,7 @@ class _Bar:
             self._bar.stop()
 
     def update(self, progress: Any) -> None:
-        """Show what a solver reports: ``what``, ``evaluations``, ``forward_runs``, ``relative_objective``."""
+        """Show a solver's report: ``what``, ``evaluations``, ``forward_runs``, ``relative_objective``."""
         words = f"{progress.what}: {progress.evaluations} evaluations, {progress.forward_runs} runs of the model"
         if progress.relative_objective == progress.relative_objective:  # not nan
             words += f", misfit {100 * progress.relative_objective:.3g} % of the start's"

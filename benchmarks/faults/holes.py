@@ -103,7 +103,7 @@ def failing(revision: str) -> dict[str, list[str]]:
             shutil.rmtree(tree / "tests")
             shutil.copytree(ROOT / "tests", tree / "tests")
             window = tree / GUI / "conftest.py"
-            # What is not there does not come by waiting; a window of then asks before it closes, and nobody answers.
+            # Absent widgets do not come by waiting; windows of that revision ask before they close, and nobody answers.
             text = re.sub(r"PATIENCE = \d+_000", "PATIENCE = 40_000", window.read_text())
             window.write_text(text.replace("        window.close()\n", ""))
             tests = [test for _, tests in HOLES.values() for test in tests]

@@ -207,7 +207,7 @@ class Block(abc.ABC):
         return Rows(np.tile(self.stamps, c), np.tile(self.run, c), rows.labels)
 
     def blur_steep_parts(self, slope: FloatArray) -> None:
-        """Add what uncertain stamps do to the noise where the signal, of ``slope`` (channels · n,) per s, is steep."""
+        """Add uncertain stamps' share of the noise where the signal, of ``slope`` (channels · n,) per s, is steep."""
         self.slope = slope
         self.sigma = np.hypot(self.sigma, slope * self.tolerances["sampling"]["stamp"].value)
 

@@ -1,4 +1,4 @@
-"""What an identification costs: paper W's four suction cases together, and paper M's sixteen directions.
+"""The cost of an identification: paper W's four suction cases together, and paper M's sixteen directions.
 
 Run with ``python benchmarks/identification.py [robot]``. Recordings are simulated with 1 % noise; fits start 30 % off.
 Wall seconds depend on what else the machine does: the processor seconds of all processes stand beside them.

@@ -105,7 +105,7 @@ def rows() -> None:
 
 
 def geometry() -> None:
-    """What the missing geometry moves: hole, probe patch, thickness, frame."""
+    """Shifts by the missing geometry: hole, probe patch, thickness, frame."""
     print("| changed | forearm stiff, Ogden, dead loads | the same, initial stress | forehead, Ogden, dead loads |")
     print("|---|---|---|---|")
     changes: dict[str, dict[str, object]] = {"nothing": {}}
@@ -119,7 +119,7 @@ def geometry() -> None:
 
 
 def parameters() -> None:
-    """What the bulk modulus, the relaxation and the pre-stress move."""
+    """Shifts by the bulk modulus, the relaxation and the pre-stress."""
     print("| changed | forearm stiff, Ogden, dead loads | loss along x % |")
     print("|---|---|---|")
     changes: dict[str, dict[str, float]] = {
@@ -135,7 +135,7 @@ def parameters() -> None:
 
 
 def solid() -> None:
-    """What the membrane costs: against a solid with bending, edges clamped."""
+    """Errors of the membrane: against a solid with bending, edges clamped."""
     print("| row | along | membrane N | solid N | membrane low by |")
     print("|---|---|---|---|---|")
     for row, mode in ((FOREARM, "load"), (FOREARM, "initial"), (FOREHEAD, "load")):

@@ -1,4 +1,4 @@
-"""What ``acquire doctor`` finds: foreign files, missing libraries, ports that are shut, threads."""
+"""``acquire doctor`` finds foreign files, missing libraries, ports that are shut, threads."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every instrument must do over every link: the same tests for all."""
+"""Every instrument over every link: the same tests for all."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ def session(instrument: str, effect: str = "", seed: int = 11, **values: float) 
         ("cutometer", "regulator_lag", {"tau": 0.3}),
         ("aspiration", "leak", {"shortfall": 0.12}),
         ("microrobot", "latency", {"delay": 0.07}),
-        # What the simulation by itself strains its tolerances or its skin for:
+        # The simulation by itself strains its tolerances or its skin for this:
         ("cutometer", "overshoot", {"overshoot": 0.38, "slowness": 0.13}),
         ("cutometer", "wrong_zeroing", {"delay": 5.3}),
         ("cutometer", "jitter", {"sigma": 7e-3, "channel": 1}),

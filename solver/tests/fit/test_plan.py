@@ -1,4 +1,4 @@
-"""What a plan promises is what the measurement then gives."""
+"""A plan's promise is kept by the measurement."""
 
 from __future__ import annotations
 

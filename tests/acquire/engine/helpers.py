@@ -1,4 +1,4 @@
-"""What the engine's tests share: limits, protocols, a supervisor that needs no process, waiting."""
+"""Shared by the engine's tests: limits, protocols, a supervisor that needs no process, waiting."""
 
 from __future__ import annotations
 

@@ -94,7 +94,7 @@ def test_a_recorder_that_cannot_write_says_so_once_and_keeps_what_it_has(
 
 
 class Receiver:
-    """Takes what a link delivers."""
+    """Takes the samples that a link delivers."""
 
     def __init__(self) -> None:
         self.items: list[Block | Frame] = []

@@ -1,4 +1,4 @@
-"""What the interlock finds implausible, on made signals: what must trip, how soon, and what must not."""
+"""The interlock's plausibility on made signals: which must trip, how soon, and which must not."""
 
 from __future__ import annotations
 

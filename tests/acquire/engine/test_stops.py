@@ -30,7 +30,7 @@ def session(engine: RunEngine, tmp_path: Path) -> Session:
 def stopped_in(
     phase: str, session: Session, engine: RunEngine, device: FakeDevice, plan: RunPlan, stop: Callable[[], object]
 ) -> object:
-    """What a whole run gives that is stopped in ``phase``: an outcome, or the exception."""
+    """The outcome, or the exception, of a whole run that is stopped in ``phase``."""
     call = {"connecting": "connect", "arming": "arm", "armed": "arm", "running": "start", "pausing": "hold"}
     inside, go_on = threading.Event(), threading.Event()
     result: list[object] = []

@@ -52,7 +52,7 @@ def test_faults_and_recovery_and_a_dead_worker(
     assert "line 6" in window.prepare.fault.text()
     assert [mark.cursor.blockNumber() for mark in window.prepare.text.extraSelections()] == [5]
     assert not window.ready
-    # What a crash left is offered, and becomes a recording.
+    # The remains of a crash are offered, and become a recording.
     qtbot.waitUntil(lambda: window.recordings.offer.isVisible(), timeout=PATIENCE)
     window.recordings.offer.button.click()
     qtbot.waitUntil(lambda: any(row.status == "recovered" for row in window.recordings.browser.rows), timeout=PATIENCE)

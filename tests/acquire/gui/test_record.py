@@ -61,7 +61,7 @@ def test_the_chosen_files_stay_chosen_when_the_list_moves(qtbot: QtBot, make_win
         press(qtbot, button)
         assert panel.chosen.text() == "1 recording: one"
         assert [path.name for path in panel._runs] == ["one.h5"]
-    # What a filter hides is not handed on.
+    # Hidden by a filter, a run is not handed on.
     window.tabs.setCurrentWidget(window.recordings.browser)
     qtbot.keyClicks(window.recordings.browser.filter, "four")
     assert window.recordings.browser.chosen == []
@@ -175,7 +175,7 @@ def test_stopped_tripped_and_paused_runs_do_not_count_until_a_person_says_so(
     from acquire.recording import left_out  # here, so that the other tests can be tried on revisions without it
 
     assert left_out(open_recording(runs / "good.h5")) == "left out: the device slipped"
-    # What is shown says so.
+    # The list says which are shown.
     click_row(qtbot, table, "tripped")
     press(qtbot, browser.look)
     qtbot.waitUntil(lambda: window.recordings.result.result is not None, timeout=PATIENCE)

@@ -1,4 +1,4 @@
-"""What a process does, recording or finalising without end, until it is killed.
+"""A process that records or finalises without end, until it is killed.
 
 It tells its parent the number of each record (of each recording) just before it writes it, so that the parent knows
 what must be found afterwards.

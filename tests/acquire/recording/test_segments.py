@@ -1,4 +1,4 @@
-"""What the compiler knows of a protocol stays with the recording, and nobody has to guess it again."""
+"""The compiler's knowledge of a protocol stays with the recording, and nobody has to guess it again."""
 
 from __future__ import annotations
 

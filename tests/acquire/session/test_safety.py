@@ -23,7 +23,7 @@ from acquire.session import Session
 from acquire.station import load_station, simulated_station
 from sim_devices.servers import BackDoor, serve
 
-# What each instrument does while it acts on the skin, and how the truth shows it.
+# The command by which each instrument acts on the skin, and how the truth shows it.
 ACTING: dict[str, tuple[str, Callable[[BackDoor], bool]]] = {
     "cutometer": ("cutometer-instant-300", lambda door: door.truth().signals.get("line_pressure", 0.0) < -20e3),
     "aspiration": ("aspiration-instant-133", lambda door: door.truth().signals.get("line_pressure", 0.0) < -8e3),

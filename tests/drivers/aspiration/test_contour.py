@@ -97,7 +97,7 @@ def test_a_region_of_interest_keeps_the_frames_coordinates() -> None:
     assert np.isnan(part.profile[:60]).all()
 
 
-# What spoils a picture -----------------------------------------------------------------------------------------------
+# Spoilt pictures -----------------------------------------------------------------------------------------------------
 
 
 def test_a_reflection_on_the_apex_does_not_lower_it() -> None:

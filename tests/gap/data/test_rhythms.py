@@ -1,4 +1,4 @@
-"""What is narrow is found from the residual: rhythms, looks at a command, clocks that wander, jumps."""
+"""Narrow effects are found from the residual: rhythms, looks at a command, clocks that wander, jumps."""
 
 from __future__ import annotations
 

@@ -95,7 +95,7 @@ def test_bins_of_a_sensor_with_slow_noise_count_as_they_scatter(recording) -> No
 
 
 def test_a_faint_correlation_over_many_samples_counts() -> None:
-    """What is cut off at a correlation of .05 sample by sample makes sums of 16 twice as uncertain."""
+    """Noise that is cut off at a correlation of .05 sample by sample makes sums of 16 twice as uncertain."""
     rng = np.random.default_rng(0)
     slow = [0.25 * np.repeat(rng.normal(size=10), 32) for _ in range(9)]
     assert long_run_share([rng.normal(size=320) + v for v in slow]) > 1.8

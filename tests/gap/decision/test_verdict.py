@@ -48,7 +48,7 @@ def test_two_effects_are_told_as_several(verdict_on) -> None:
 
 
 def test_a_second_effect_must_earn_its_place(verdict_on) -> None:
-    """What the first one's form error leaves is worth some χ² to any second one."""
+    """The form error of the first one is worth some χ² to any second one."""
     strange = 1.5 * np.sign(np.sin(23 * T))
     doubtful = verdict_on(("bump", "late"), {"bump": 15.0, "late": 1.2}, extra=strange)
     assert len(doubtful.causes[0].effects) == 1

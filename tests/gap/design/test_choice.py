@@ -170,7 +170,7 @@ def test_what_the_library_lacks_is_told_from_a_cause_by_a_reference() -> None:
     assert choice.experiment.right_before == pytest.approx(0.6, abs=0.01)
     assert choice.experiment.right_after > 0.7
     assert set(choice.experiment.separates) == {"sensor_low_pass", "outside"}
-    # What the membrane has shown once, it need not show again.
+    # The membrane has shown it once, and need not again.
     answer = _answer(choice.experiment)
     again = choose(report, [*session, answer], LIMITS, some, ["reference membrane"])
     assert max(w.information for _, w in again.considered) < 0.5 * choice.experiment.information

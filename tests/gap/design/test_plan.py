@@ -1,4 +1,4 @@
-"""What a protocol could never tell apart: traces, their likeness, and the groups they make."""
+"""Effects that a protocol could never tell apart: traces, their likeness, and the groups they make."""
 
 from __future__ import annotations
 

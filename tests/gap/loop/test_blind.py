@@ -49,7 +49,7 @@ def cases(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def diagnosed(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
-    """What each diagnosis was given; the cause turns right, and is claimed, with any reference."""
+    """The recordings that each diagnosis was given; the cause turns right, and is claimed, with any reference."""
     given: list[list[str]] = []
 
     def diagnose(recordings, quick, jobs, qualification):

@@ -1,4 +1,4 @@
-"""What sheets do other than relax linearly, against closed forms."""
+"""Sheets that do other than relax linearly, against closed forms."""
 
 from __future__ import annotations
 

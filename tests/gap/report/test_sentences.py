@@ -1,4 +1,4 @@
-"""What people read: no skin where there is none, no share of the noise, times on the plots' clock."""
+"""Sentences for people: no skin where there is none, no share of the noise, times on the plots' clock."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ class Spring:
 
 
 def lagging(goal: np.ndarray, step: float, tau: float, begin: float) -> np.ndarray:
-    """What follows ``goal`` (n,), at every ``step`` s, within ``tau`` s from ``begin`` on."""
+    """The response to ``goal`` (n,), at every ``step`` s, within ``tau`` s from ``begin`` on."""
     x, out = begin, np.empty_like(goal)
     for k, there in enumerate(goal):
         out[k] = x

@@ -214,5 +214,5 @@ def test_time_is_conserved(durations: list[float], steps: list[float]) -> None:
         firmware.advance(firmware.time + step)
     ends = np.cumsum([d if d >= 1e-5 else 0.0 for d in durations])
     over, begun = (int(np.sum(ends <= firmware.time + rounding)) for rounding in (-1e-12, 1e-12))
-    # What ends now but for rounding may be over or not.
+    # A segment that ends now but for rounding may be over or not.
     assert over <= firmware.executed <= begun

@@ -1,4 +1,4 @@
-"""What a bad cable does to a stream: nothing false arrives, everything is counted, and beats that stop vent."""
+"""Streams through a bad cable: nothing false arrives, everything is counted, and beats that stop vent."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ class Tally:
         return perf_counter() - self.started
 
     def add(self, other: Tally) -> None:
-        """Count what another process did; its wall time passes here as well."""
+        """Count another process' runs; its wall time passes here as well."""
         self.forward_runs += other.forward_runs
         self.failed_runs += other.failed_runs
         self.evaluations += other.evaluations
