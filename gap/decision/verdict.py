@@ -23,7 +23,7 @@ class Findings:
     recordings that its parameters were not fitted to, by split, and ``rival`` the same of the next cause of other
     effects; ``without_skin``, the nats that blocks without skin give the first cause; ``tolerances``, how many stated
     tolerances the smallest member of its class is large (inf where none is stated), and ``beyond``, the tempered σ by
-    which that does what no tolerance could; ``strained``, whether without it tolerances are strained far; ``chance``,
+    which it exceeds any tolerance; ``strained``, whether without it tolerances are strained far; ``chance``,
     how large residuals laid to chance are, of normal ones."""
 
     posterior: Posterior
@@ -82,7 +82,7 @@ class Findings:
 
 @dataclass(frozen=True)
 class Rule:
-    """A named condition; the first that holds settles the verdict. ``text`` is formatted with what `values` finds."""
+    """A named condition; the first that holds settles the verdict. ``text`` gives the numbers compared."""
 
     name: str
     holds: Callable[[Findings], bool]
@@ -93,7 +93,7 @@ class Rule:
 @dataclass(frozen=True)
 class Verdict:
     """``verdict`` is one of `VERDICTS`; ``posterior`` is consistent with it, ``rules`` tells which rule settled it and
-    what it compared. ``held_out`` are the tests of the leading causes, by split."""
+    the numbers it compared. ``held_out`` are the tests of the leading causes, by split."""
 
     verdict: str
     posterior: Posterior
@@ -144,9 +144,9 @@ def _untested(f: Findings) -> bool:
 
 
 def _small(f: Findings) -> bool:
-    """Hardly anything is taken away, and withheld recordings do not say that it is the effect's. They cannot of what a
-    tolerance takes on in each of them: what strains one far, where no skin is in play, need not lower a gap of many
-    samples by much."""
+    """Hardly anything is taken away, and withheld recordings do not say that it is the effect's. They cannot where a
+    tolerance takes the effect on in each of them: one that strains a tolerance far, where no skin is in play, need not
+    lower a gap of many samples by much."""
     if f.fitted is None or f.shows_itself or f.strained or not f.withheld or _helps(f):
         return False
     return f.fitted.after > f.fitted.before * (1.0 - f.t.small_fall)
@@ -182,7 +182,7 @@ def _unfinished(f: Findings) -> bool:
 
 
 def _repairs_skin(f: Findings) -> bool:
-    """A device effect that does not carry over to another waveform may be what skin of another law leaves."""
+    """A device effect that does not carry over to another waveform may be the rest that skin of another law leaves."""
     carried = f.held_out.get("waveform")
     if carried is None or carried.value is None or carried.value > f.t.carries_over:
         return False
@@ -194,7 +194,7 @@ def _repairs_skin(f: Findings) -> bool:
 
 
 def _stays_behind(f: Findings) -> bool:
-    """Little of what the first cause takes away where it was fitted is taken away on any withheld recording."""
+    """On every withheld recording the first cause takes away little of its share where it was fitted."""
     fitted = f.fitted.value if f.fitted is not None else None
     carried = [s.value for s in f.withheld.values() if s.value is not None]
     return fitted is not None and bool(carried) and max(carried) < f.t.carried_share * fitted
@@ -335,7 +335,7 @@ def _settled(f: Findings, said: str) -> Posterior:
 
 
 def undetectable(verdict: Verdict, reason: str) -> Verdict:
-    """The same findings where what is left is known to be the simulation's own error, for ``reason``."""
+    """The same findings where the rest is known to be the simulation's own error, for ``reason``."""
     return replace(verdict, verdict="undetectable", rules=(*verdict.rules, reason))
 
 

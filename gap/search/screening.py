@@ -202,8 +202,8 @@ def _nearest(
     problem: Problem, sound: FloatArray, refits: Sequence[Projector], s: Screened
 ) -> tuple[float, FloatArray, int]:
     """The least deviance that an effect leaves beside a ``sound`` instrument (p,), where in its prior that is, (k,),
-    and the number of simulations. What a threshold or a lag does is no straight line: strengths between those that were
-    looked at are looked at, too."""
+    and the number of simulations. A threshold or a lag is no straight line: strengths between those that were looked at
+    are looked at, too."""
 
     def left(unit: FloatArray) -> float:
         active = {s.candidate: s.candidate.values(unit)}
@@ -294,7 +294,7 @@ def _traced(
     points: list[FloatArray],
 ) -> tuple[tuple[FloatArray, ...], dict[str, FloatArray]]:
     """The points and, for each block, their changes, (n, points); with points where the effect begins to show and
-    where it is as large as what the base leaves, if none of them is there: a threshold leaves nothing to linearise
+    where it is as large as the base's rest, if none of them is there: a threshold leaves nothing to linearise
     below it, and too much far above."""
     units: list[FloatArray] = []
     columns: dict[str, list[FloatArray]] = {b: [] for b in candidate.blocks}

@@ -32,8 +32,8 @@ LONGEST_STEP = 0.1
 def spell(time: FloatArray, moment: float, duration: float) -> FloatArray:
     """1 from ``moment`` on for ``duration`` s, else 0; the share of its step in a sample (n,) where it begins or ends.
 
-    A sample stands for the time since the one before. So what a spell does is continuous in both parameters, and a fit
-    finds the moment within a fraction of a sample."""
+    A sample stands for the time since the one before. So a spell's effect is continuous in both parameters,
+    and a fit finds the moment within a fraction of a sample."""
     step = np.diff(time, prepend=time[0] - LONGEST_STEP)
     step = np.clip(step, 1e-9, LONGEST_STEP)
     begun = np.clip((time - moment) / step, 0.0, 1.0)

@@ -193,7 +193,7 @@ class Field:
 
 @dataclass(frozen=True)
 class Cost:
-    """A run: forward runs, wall seconds (perf_counter), Newton iterations, accepted steps, cuts, unknowns."""
+    """Counts of a run: forward runs, wall seconds (perf_counter), Newton iterations, accepted steps, cuts, unknowns."""
 
     forward_runs: int = 1
     seconds: float = 0.0

@@ -1,4 +1,4 @@
-"""A record to trust: what the window shows, counts and hands on is what is in the files. Worked by mouse and keys."""
+"""A record to trust: the window shows, counts and hands on the files' contents. Worked by mouse and keys."""
 
 from __future__ import annotations
 

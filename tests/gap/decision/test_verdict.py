@@ -52,14 +52,14 @@ def test_a_second_effect_must_earn_its_place(verdict_on) -> None:
     strange = 1.5 * np.sign(np.sin(23 * T))
     doubtful = verdict_on(("bump", "late"), {"bump": 15.0, "late": 1.2}, extra=strange)
     assert len(doubtful.causes[0].effects) == 1
-    assert {e.name for e in doubtful.causes[1].effects} == {"bump", "late"}  # what to look for next, and no more
+    assert {e.name for e in doubtful.causes[1].effects} == {"bump", "late"}  # to be looked for next, and no more
     assert doubtful.causes[1].probability < 0.05
     assert len(verdict_on(("bump", "late"), {"bump": 15.0, "late": 4.0}).causes[0].effects) == 2
 
 
 @pytest.mark.parametrize(("event", "said"), [(False, "several"), (True, "effect")])
 def test_a_second_effect_must_be_seen_itself(linear, candidate, event: bool, said: str) -> None:
-    """For a while many things stand out by six sigma, which is much for what acts all the time."""
+    """For a while many things stand out by six sigma, which is much for an effect that acts all the time."""
     y = (
         DESIGN @ [2.0, 1.0]
         + 15.0 * SHAPES["bump"]
@@ -270,7 +270,7 @@ def test_an_effect_within_twice_a_stated_tolerance_is_no_finding(linear, candida
 
     assert large({})[0] == np.inf
     assert large({"wave": {"a": Tolerance(size, "1", "test")}}) == pytest.approx((1.0, 0.0))
-    jump = replace(h.effects[0], event=True)  # what happens at one moment is no tolerance
+    jump = replace(h.effects[0], event=True)  # an event is no tolerance
     jumping = Hypothesis((jump,), {"linear": replace(h.fits["linear"], hypothesis=(jump,))})
     stated = {"wave": {"a": Tolerance(size, "1", "test")}}
     assert in_tolerances(comparison.problems, comparison.null, [jumping], stated, found.temper)[0] == np.inf

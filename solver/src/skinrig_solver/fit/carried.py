@@ -25,7 +25,7 @@ def traced(problem: Problem, optimum: Evaluation, known: Uncertainty) -> Uncerta
     """``known`` with the ways of the others, as each hardly known parameter is walked, in place of straight ones.
 
     A way counts as one standard deviation where chi-squared rises by at most one, and as the root of the rise beyond;
-    what the straight way has put into the variance already is taken off. Nothing is run where no parameter would be
+    the straight way's share of the variance is taken off. Nothing is run where no parameter would be
     called identifiable.
     """
     if not any(e.identifiable for e in estimates(problem, optimum, known)):
