@@ -49,9 +49,11 @@ instruments:
 class Photographer:
     """Works a window as a person would, and takes pictures of it."""
 
-    def __init__(self, folder: Path, runs: Path, store: QSettings, station: Path | None = None) -> None:
+    def __init__(
+        self, folder: Path, runs: Path, store: QSettings, station: Path | None = None, speed: float = SPEED
+    ) -> None:
         self.folder = folder
-        self.window = MainWindow(BenchSettings(station=station, out=runs, speed=SPEED, seed=7), store)
+        self.window = MainWindow(BenchSettings(station=station, out=runs, speed=speed, seed=7), store)
         self.window.resize(*SIZE)
         self.window.show()
         self.wait(lambda: self.window.prepare.preview is not None)
@@ -189,6 +191,24 @@ def tools(folder: Path, runs: Path, store: QSettings) -> None:
     at.close()
 
 
+def live(folder: Path, runs: Path, store: QSettings) -> None:
+    """A fit while a minute's hold goes on, in real time."""
+    at = Photographer(folder, runs, store, speed=1.0)
+    window, page = at.window, at.window.live_fit
+    at.ready("cutometer")
+    window.prepare.choose("cutometer-instant-300")
+    at.wait(lambda: window.prepare.preview is not None and window.prepare.preview.name == "cutometer-instant-300")
+    window.tabs.setCurrentWidget(page)
+    at.wait(page.start.isEnabled)
+    page.start.click()
+    at.wait(lambda: page.bar.value() == page.bar.maximum() == 1, timeout=300)
+    at.run("cutometer", 0.0)
+    window.tabs.setCurrentWidget(page)
+    at.wait(lambda: window.views["cutometer"].elapsed > 45.0)
+    at.shoot("live-fit")
+    at.close()
+
+
 def dark(folder: Path, runs: Path, store: QSettings) -> None:
     """A run in dark colours, and the offer after a crash."""
     app = QApplication.instance()
@@ -211,7 +231,7 @@ def dark(folder: Path, runs: Path, store: QSettings) -> None:
     at.close()
 
 
-SETS: dict[str, Callable[[Path, Path, QSettings], None]] = {"light": light, "tools": tools, "dark": dark}
+SETS: dict[str, Callable[[Path, Path, QSettings], None]] = {"light": light, "tools": tools, "live": live, "dark": dark}
 
 
 def main() -> None:

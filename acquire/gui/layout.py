@@ -13,6 +13,7 @@ from acquire.gui.panels.banner import Banner
 from acquire.gui.panels.controls import ControlBar
 from acquire.gui.panels.health import Health
 from acquire.gui.panels.instruments import InstrumentsPanel
+from acquire.gui.panels.livefit import LiveFitPanel
 from acquire.gui.panels.prepare import PreparePanel
 from acquire.gui.panels.qualify import QualifyPanel
 from acquire.gui.panels.subject import SubjectPanel
@@ -31,14 +32,14 @@ class Layout(QMainWindow):
         self.controls, self.health = ControlBar(), Health()
         self.alarm, self.prepare = Banner("alarm", "Reset"), PreparePanel()
         self.measure = QStackedWidget()
-        self.qualify = QualifyPanel(bench)
+        self.qualify, self.live_fit = QualifyPanel(bench), LiveFitPanel()
         self.recordings = Recordings(bench.out, lambda: self.subject.operator.text().strip(), self)
         kept = self.recordings
         self.tabs = QTabWidget()
         for widget, title in (
             (self.prepare, "Protocol"), (self.measure, "Measure"), (kept.result, "Result"),
             (kept.browser, "Recordings"), (kept.diagnosis, "Diagnosis"), (kept.fit, "Fit"),
-            (self.qualify, "Qualify"),
+            (self.qualify, "Qualify"), (self.live_fit, "Live fit"),
         ):  # fmt: skip
             self.tabs.addTab(widget, title)
         row = QHBoxLayout()

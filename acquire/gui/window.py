@@ -117,6 +117,7 @@ class MainWindow(Layout):
         for panel in self._drawn.values():
             panel.tick()
         self.recordings.tick()
+        self.live_fit.tick()
         self.health.count_frame()
 
     def _show_views(self, views: tuple[View, ...]) -> None:
@@ -128,6 +129,7 @@ class MainWindow(Layout):
             panel = self._drawn.get(view.name)
             if panel is not None:
                 panel.show_view(view, self.measure.currentWidget() is panel and panel.isVisible())
+            self.live_fit.show_view(view)
         self.instruments.show_views(views)
         self.health.show_view(self.views.get(self.current))
         self._show_controls()
@@ -136,6 +138,7 @@ class MainWindow(Layout):
         row = self.instruments.rows.get(self.current)
         label = row.info.label if row is not None else ""
         self.controls.show_view(self.views.get(self.current), label, missing=self.missing, fault=self._gone)
+        self.live_fit.offer(self.current, row.info.kind if row is not None else "", self.prepare.preview)
         several = len(self.latches.stopped) > 1
         if self._gone:
             self.alarm.say(self._gone, "Start it again")
@@ -347,6 +350,7 @@ class MainWindow(Layout):
         self.client.close()
         self.recordings.close()
         self.qualify.close_tool()
+        self.live_fit.close_tool()
         self.kept.operator = self.subject.operator.text()
         self.kept.geometry = self.saveGeometry()
         settings.save(self.store, self.kept)

@@ -45,6 +45,18 @@ class SkinrigSolver:
         candidates = [Candidate(name, run, minutes) for name, (run, minutes) in experiments.items()]
         return plan(str(fitted.get("model")), known(fitted), candidates, parameter)
 
+    def live(self, model: str, instrument: Any, time: Any, setpoints: Mapping[str, Any], **options: Any) -> Any:
+        """A fit while a run goes on: see :class:`skinrig_solver.fit.live.LiveFit`."""
+        from .fit.live import LiveFit
+
+        return LiveFit(model, instrument, time, setpoints, **options)
+
+    def models_of(self, instrument: str) -> list[str]:
+        """Names of the models that can be fitted to an instrument's recordings."""
+        from .fit.cases import INSTRUMENTS
+
+        return [name for name, model in models().items() if instrument in INSTRUMENTS[model.info.problem]]
+
     def experiment(self, *arguments: Any, **options: Any) -> Experiment:
         """An :class:`skinrig_solver.api.Experiment`, for callers that do not import this package."""
         return Experiment(*arguments, **options)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from recovery import SETTINGS, YEOH, Setting, recorded, suction_steps
+from recovery import LEVEL, SETTINGS, YEOH, Setting, joint_bound, recorded, suction_steps
 
 from skinrig_solver.fit import workers
 from skinrig_solver.plugin import SkinrigSolver
@@ -32,6 +32,21 @@ def test_a_start_half_wrong_is_no_trap() -> None:
     assert result.trusted
     assert len(errors) == 4
     assert max(abs(x) for x in errors.values()) < 3.0
+
+
+def test_the_bound_of_several_parameters_is_that_of_one_taken_together() -> None:
+    random = np.random.default_rng(1)
+    for count in (1, 4):
+        farthest = np.abs(random.standard_normal((400_000, count))).max(axis=1)
+        assert np.mean(farthest > joint_bound(count, 10**6)) == pytest.approx(LEVEL, rel=0.1)
+    assert joint_bound(4, 10) > joint_bound(4, 1000) > joint_bound(1, 1000) > 3.0
+
+
+def test_no_fit_ends_above_the_truth() -> None:
+    """The truth's own chi-squared is never below that of the optimum, and above it by noise alone."""
+    setting = SETTINGS[1]
+    rise = setting.rise(setting.run(seed=2, noise=0.02, wrong=0.5), setting.recordings(2, 0.02))
+    assert 0.0 < rise < 16.3  # chi-squared with four degrees of freedom: 99.7 %
 
 
 def test_processes_give_what_one_process_gives() -> None:

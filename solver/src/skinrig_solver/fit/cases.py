@@ -109,7 +109,7 @@ def _case(recording: Any, label: str, spec: Spec, info: ModelInfo, options: Sequ
     time, data, drive = reduce(time, data, drive, -(-sampled // spec.samples))
     if time.size < sampled:
         notes.append(f"{time.size} of {sampled} samples, {reduce.__doc__}".rstrip("."))
-    geometry: dict[str, Any] = {**_setup(recording, info.problem), **spec.geometry}
+    geometry: dict[str, Any] = {**setup(recording.info.protocol, info.problem), **spec.geometry}
     weight = 1.0
     for option in options:
         geometry.update(option.geometry)
@@ -197,10 +197,10 @@ def _picked(time: Array, data: dict[str, Array], drive: dict[str, Array], group:
     return time[::group], {k: v[::group] for k, v in data.items()}, {k: v[::group] for k, v in drive.items()}
 
 
-def _setup(recording: Any, problem: str) -> dict[str, float]:
-    """The instrument's opening or the support's hole, by the recording's protocol."""
+def setup(protocol: str | None, problem: str) -> dict[str, float]:
+    """The instrument's opening or the support's hole, by a protocol's text."""
     try:
-        setup = (yaml.safe_load(recording.info.protocol or "") or {}).get("setup") or {}
+        setup = (yaml.safe_load(protocol or "") or {}).get("setup") or {}
         if problem == "suction" and setup.get("opening") is not None:
             return {"opening_radius": 0.5 * units.read(setup["opening"], "m", "setup.opening")}
         if problem == "sheet" and setup.get("hole_radius") is not None:

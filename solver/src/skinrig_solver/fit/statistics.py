@@ -86,7 +86,7 @@ def uncertainty(problem: Problem, optimum: Evaluation) -> Uncertainty:
         plain = np.divide(optimum.residual[where], w, out=np.zeros_like(w), where=w > 0.0)
         count = max(int((w > 0.0).sum()), 1)
         variance = float(plain @ plain) / count * used.sum() / dof
-        together = _persistence(plain[w > 0.0])
+        together = samples_as_one(plain[w > 0.0])
         noise.append(float(np.sqrt(variance)))
         persistence.append(together)
         rows = jacobian[where] * w[:, None]
@@ -128,7 +128,7 @@ def _sandwich(jacobian: Array, middle: Array) -> tuple[Array, NDArray[np.intp]]:
     return covariance, blind
 
 
-def _persistence(residual: Array) -> float:
+def samples_as_one(residual: Array) -> float:
     """Integrated autocorrelation time in samples, at least 1: the window ends where it is five times the sum."""
     n = residual.size
     power = float(residual @ residual)

@@ -88,9 +88,9 @@ class Target:
         """Full solves at points (b, m), side by side on the executor, kept for training; None where one failed."""
         jobs = [(self.problem.model, self.problem.cases, self.variables, z) for z in points]
         if self.executor is None:
-            raw = [_solve(*job) for job in jobs]
+            raw = [full_solve(*job) for job in jobs]
         else:
-            raw = [future.result() for future in [self.executor.submit(_solve, *job) for job in jobs]]
+            raw = [future.result() for future in [self.executor.submit(full_solve, *job) for job in jobs]]
         found: list[Solve | None] = []
         for z, result in zip(points, raw, strict=True):
             self.full_solves += 1
@@ -211,7 +211,7 @@ def reach(m: int, mass: float = NEARLY_ALL) -> float:
     return float(np.sqrt(stats.chi2.ppf(mass, m)))
 
 
-def _solve(model: str | Model, cases: Sequence[Case], variables: Variables, z: Array) -> tuple[Array, Array] | None:
+def full_solve(model: str | Model, cases: Sequence[Case], variables: Variables, z: Array) -> tuple[Array, Array] | None:
     """Curves (n,) in SI and their derivatives (n, m) by the coordinates, of all cases; None where a run failed."""
     values = variables.values(z)
     chain = variables.chain(values)
