@@ -114,11 +114,11 @@ class _Fitter:
     def __init__(self, connection: Connection, solver: Any) -> None:
         self._connection, self._solver = connection, solver
         self._fit: Any = None
-        self._refining = False
+        self._refining, self._next = False, 0.0
 
     def serve(self) -> None:
         while True:
-            if self._refining and not self._connection.poll():
+            if self._refining and time.monotonic() >= self._next and not self._connection.poll():
                 self._refine()
                 continue
             message = self._connection.recv()
@@ -130,10 +130,13 @@ class _Fitter:
 
     def _refine(self) -> None:
         """One full run of the model, then messages again. The fit that was sent last stays right without it."""
+        began = time.monotonic()
         try:
             self._refining = self._fit.refine()
         except ValueError:
             self._refining = False
+        took = time.monotonic() - began  # of a protocol of many minutes seconds: samples come first then
+        self._next = began + (took if took < PERIOD else 3.0 * took)
 
     def _take(self, message: Train | Begin | Samples) -> None:
         if isinstance(message, Train):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 import subprocess
 import sys
@@ -58,3 +59,11 @@ def test_plugin_serves_the_registry() -> None:
     assert set(plugin.models()) == set(models())
     run = Experiment("cutometer", np.linspace(0.0, 1.0, 3), {"pressure": np.zeros(3)})
     assert np.allclose(plugin.simulate("suction_rubin_bodner", run, {}).channels["apex_height"], 0.0, atol=2e-7)
+
+
+@pytest.mark.parametrize(("chosen", "level"), [(None, "2"), ("3", "3")])
+def test_kernels_are_compiled_at_the_second_level_unless_told_otherwise(chosen: str | None, level: str) -> None:
+    environment = {k: v for k, v in os.environ.items() if k != "NUMBA_OPT"} | ({"NUMBA_OPT": chosen} if chosen else {})
+    code = "import skinrig_solver, numba; print(int(numba.config.OPT))"
+    found = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == level
