@@ -11,7 +11,7 @@ from acquire.recording.model import Recording, Series
 from gap.data.binning import GROWTH, WIDEST, Bins, bin_edges, bin_means, breaks
 from gap.data.command import Command, command
 from gap.data.noise import grid_step, high_band_sigma, rounding_floor
-from gap.data.slow_noise import slow_variance
+from gap.data.slow_noise import no_jerks, slow_variance
 from sim_devices.chain import FloatArray
 
 REST = 45.0
@@ -88,6 +88,13 @@ class Session:
         white = float(np.median(stated or [high_band_sigma(v) for _, v in runs]))
         step = max(grid_step(v) for _, v in runs)
         return white, float(np.sqrt(rounding_floor(white, step) ** 2 + slow_variance(runs, kinks, white)))
+
+    def sigmas(
+        self, channels: Sequence[str], members: Sequence[int], kinks: FloatArray
+    ) -> Sequence[tuple[float, float]]:
+        """The same of several channels, alike where there are three or more: one that jerks is no noisier than they."""
+        noise = [self.sigma(c, members, kinks) for c in channels]
+        return [(white, kept) for (white, _), kept in zip(noise, no_jerks(noise), strict=True)]
 
 
 def _shifts(recordings: Sequence[Recording]) -> tuple[FloatArray, bool]:

@@ -33,6 +33,10 @@ SPREAD = 2.0
 """Relative error of the variance that the median of n differences tells, times the root of n: so much is not counted,
 as the largest over some lengths is meant to be noise and not chance."""
 
+ALIKE, ORDINARY = 2.0, 0.25
+"""Times the slow noise of the middle one of channels that are alike, or share of its own white noise, up to which one's
+slow noise is believed: a single channel has an error of half of it."""
+
 
 def slow_variance(runs: Sequence[tuple[FloatArray, FloatArray]], kinks: FloatArray, white: float) -> float:
     """Variance of the noise that averaging over a bin keeps, in runs of (time, value) (n,) sampled evenly, whose
@@ -58,6 +62,17 @@ def slow_variance(runs: Sequence[tuple[FloatArray, FloatArray]], kinks: FloatArr
     if unsure:
         found.pop()
     return KEPT * max([0.0, *found])
+
+
+def no_jerks(noise: Sequence[tuple[float, float]]) -> Sequence[float]:
+    """What averaging does not lower of the noise of channels that are alike, from what each shows of it (white, slow).
+
+    An axis that sticks and slips shows what looks like slow noise; the others, by the same kind of sensor, tell.
+    """
+    if len(noise) < 3:
+        return [slow for _, slow in noise]
+    middle = float(np.median([slow for _, slow in noise]))
+    return [min(slow, max(ALIKE * middle, ORDINARY * white)) for white, slow in noise]
 
 
 def _typical(runs: Sequence[FloatArray]) -> float:

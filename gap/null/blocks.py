@@ -166,7 +166,7 @@ class Block(abc.ABC):
         self.runs = sorted(set(runs))
         values = np.hstack([p[1] for p in parts])
         counts = np.hstack([p[2] for p in parts])
-        noise = [session.sigma(c, self.runs, session.kinks) for c in self.channels]
+        noise = session.sigmas(self.channels, self.runs, session.kinks)
         self.noise = np.array([white for white, _ in noise])
         hard = np.hypot(np.array([grid for _, grid in noise]), self.floor)
         self.measured, self.counts = values.ravel(), counts.ravel()

@@ -69,17 +69,17 @@ class Controller:
         loop = chain["axes"]
         assert isinstance(loop, AxisLoop)
         kept = {f.name: getattr(loop, f.name) for f in fields(AxisLoop)}
-        tuned = TunedLoop(**kept, gains=(p, i, d + self.drag + drag))
+        fed = d if self.on_error else 0.0
+        tuned = TunedLoop(**kept | {"fed": fed}, gains=(p, i, d + self.drag + drag))
         operators = tuple(tuned if op is loop else op for op in chain.operators)
         chain = Chain(chain.instrument, operators)
-        feed = Feed(
-            "load_and_feed", "actuator", numbered("target") + PUSHED, numbered("load"), gain=d if self.on_error else 0.0
-        )
+        feed = Feed("load_and_feed", "actuator", numbered("target") + PUSHED, numbered("load"), gain=fed)
         return chain.inserted(feed, before="axes")
 
 
 CONTROLLERS = (
     Controller(3 * MASS * LOOP_RATE**2, MASS * LOOP_RATE**3, 3 * MASS * LOOP_RATE, 0.0, on_error=False, centred=False),
     Controller(1500.0, 12000.0, 15.0, 1.0, on_error=True, centred=True),
+    Controller(1500.0, 12000.0, 15.0, 1.0, on_error=False, centred=True),
 )
 """Ours (a triple pole), and the one of the blind check's nominal instrument. All figures assumed."""

@@ -159,9 +159,8 @@ def _saturation(chain: Chain, v: Values) -> Chain:
 
 
 def _stribeck(chain: Chain, v: Values) -> Chain:
-    return chain.tuned(
-        "axes", stiction=v["stiction"], coulomb=v["stiction"] * v["coulomb_share"], stribeck_speed=v["speed"]
-    )
+    coulomb, alone = v["stiction"] * v["coulomb_share"], chosen(v, "axis")
+    return chain.tuned("axes", stiction=v["stiction"], coulomb=coulomb, stribeck_speed=v["speed"], alone=alone)
 
 
 _AXIS = choice("axis", 0, "all axes", "axis 1", "axis 2", "axis 3")
@@ -328,6 +327,7 @@ EFFECTS = (
             strength("stiction", "N", 1e-3, 5.0, 0.5, "above the kinetic friction, at standstill"),
             shape("coulomb_share", "1", 0.0, 2.0, 0.5, "kinetic friction against that"),
             shape("speed", "m/s", 5e-5, 5e-3, 5e-4, "Stribeck speed", log=True),
+            _AXIS,
         ),
         _stribeck, extends=("coulomb_friction",),
     ),

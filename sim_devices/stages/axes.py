@@ -45,6 +45,8 @@ class AxisLoop(Wired):
     weight, so that the limit is nearer one way; ``windup`` 0 (integrator frozen while the force is limited) to 1
     (runs on); relative change of the force constant ``slope`` 1/m and ``curvature`` 1/m². Drag and dry friction are of
     the axis ``alone`` (1 to 3), or of all (0).
+    ``fed`` N s/m is the part of the load that is the coil's own: what a controller adds in proportion to the target's
+    speed counts against the limit, and depends on the force constant.
     ``spring`` N/m holds each axis towards zero: the stiffness that loops through a tissue assume of it
     (``robot.closed_loop``), so that only the difference is iterated.
     """
@@ -64,6 +66,7 @@ class AxisLoop(Wired):
     spring: float = 0.0
     carried: float = 0.0
     alone: int = 0
+    fed: float = 0.0
 
     def fresh(self) -> Any:
         p, m = self.rate, self.mass
@@ -71,7 +74,7 @@ class AxisLoop(Wired):
         values = (
             m, 3 * m * p**2, m * p**3, 3 * m * p, self.drag, self.coulomb, self.stiction, self.stribeck_speed,
             self.presliding, self.force_limit, self.windup, self.slope, self.curvature, self.spring,
-            math.inf if linear else (0.25 * SUBSTEP if self.presliding else SUBSTEP), self.soft, self.carried,
+            math.inf if linear else (0.25 * SUBSTEP if self.presliding else SUBSTEP), self.soft, self.carried, self.fed,
         )  # fmt: skip
         return np.zeros((len(self.target), _STATE)), np.array(values)
 
@@ -142,8 +145,9 @@ def _advance_axis(
                 e = _of_length(h, a, bound, known, exponentials)
                 _run(s, p, w, e, target[i], load[i], h, steps, longest == math.inf and attempt == 0)
                 # Only a coil at its limit forbids one long step: then once more, in short ones.
-                before = kp * (s[2] - x) + ki * integral - kd * v
-                behind = kp * (target[i] - s[5]) + ki * s[4] - kd * s[6]
+                fed = p[17] * (target[i] - s[2]) / dt
+                before = kp * (s[2] - x) + ki * integral - kd * v + fed
+                behind = kp * (target[i] - s[5]) + ki * s[4] - kd * s[6] + fed
                 if longest < math.inf or attempt == 1 or max(abs(before), abs(behind)) <= limit - abs(p[16]):
                     break
                 s[4], s[5], s[6] = integral, x, v
@@ -182,6 +186,7 @@ def _steady(
     kp, ki, kd, drag, coulomb, presliding = p[1], p[2], p[3], p[4], p[5], p[8]
     limit, spring = p[9] - abs(p[16]), p[13]
     x, v = s[5], s[6]
+    fed = p[17] * (target - s[2]) / dt
     if v == 0.0:
         if presliding > 0.0:
             return False
@@ -189,7 +194,7 @@ def _steady(
         before = kp * (s[2] - x) + ki * s[4]
         behind = kp * (target - x) + ki * integral
         pull = max(abs(before + s[3] - spring * x), abs(behind + load - spring * x))
-        if pull >= coulomb or max(abs(before), abs(behind)) > limit:
+        if pull >= coulomb or max(abs(before + fed), abs(behind + fed)) > limit:
             return False
         s[4] = integral
         return True
@@ -209,8 +214,8 @@ def _steady(
     way = 1.0 if v > 0.0 else -1.0
     if min(way * v_new, way * middle) <= 0.0:
         return False
-    before = kp * (s[2] - x) + ki * s[4] - kd * v
-    behind = kp * (target - x_new) + ki * integral - kd * v_new
+    before = kp * (s[2] - x) + ki * s[4] - kd * v + fed
+    behind = kp * (target - x_new) + ki * integral - kd * v_new + fed
     if max(abs(before), abs(behind)) > limit or abs(x_new) > _END_STOP:
         return False
     s[4], s[5], s[6] = integral, x_new, v_new
@@ -242,7 +247,7 @@ def _run(
         extra, limited = 0.0, False
         if not linear:
             error = r0 - s[5] + 0.5 * h * (rho - s[6])  # at the middle of the step, about its mean
-            force = kp * error + ki * (s[4] + 0.5 * h * error) - kd * s[6]
+            force = kp * error + ki * (s[4] + 0.5 * h * error) - kd * s[6] + p[17] * rho
             real = force * max(1.0 + slope * s[5] + curvature * s[5] * s[5], 0.05) + carried
             limited = abs(real) >= limit and soft == 0.0
             extra = (limit * math.tanh(real / limit) if soft > 0.0 else min(max(real, -limit), limit)) - carried - force

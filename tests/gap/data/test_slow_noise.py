@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 
 from gap.data.noise import long_run_share
 from gap.data.session import Session
-from gap.data.slow_noise import slow_variance
+from gap.data.slow_noise import no_jerks, slow_variance
 
 TIME = np.arange(0.0, 20.0, 0.01)
 KINKS = np.array([0.0, 2.0, 16.0, 20.0])
@@ -100,3 +100,14 @@ def test_a_faint_correlation_over_many_samples_counts() -> None:
     slow = [0.25 * np.repeat(rng.normal(size=10), 32) for _ in range(9)]
     assert long_run_share([rng.normal(size=320) + v for v in slow]) > 1.8
     assert long_run_share([rng.normal(size=320) for _ in range(9)]) < 1.15
+
+
+def test_an_axis_that_sticks_and_slips_is_no_noisier_than_the_others() -> None:
+    rng = np.random.default_rng(50001)
+    still = [forgetting(rng, 0.2, 0.5) for _ in range(3)]
+    jerks = 4.0 * np.floor(np.maximum(TIME - 2.0, 0.0) / 0.7 + 0.2 * rng.normal(size=len(TIME)))
+    seen = [(1.0, np.sqrt(slow_variance([(TIME, value)] * 8, KINKS, 1.0))) for value in (*still[:2], still[2] + jerks)]
+    assert seen[2][1] > 1.0
+    assert no_jerks(seen)[2] < 0.7 * seen[2][1]
+    assert no_jerks(seen)[:2] == [slow for _, slow in seen[:2]]
+    assert no_jerks(seen[2:]) == [seen[2][1]]  # by itself nothing tells

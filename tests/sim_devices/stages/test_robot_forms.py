@@ -62,3 +62,26 @@ def test_a_position_leaks_into_the_transducer_that_is_named() -> None:
     made = chain.run(time, {**dict.fromkeys(xyz("command"), np.zeros(len(time))), **given})
     means = [float(np.mean(made[t])) for t in TRANSDUCERS]
     assert means == pytest.approx([0.1, 0.0, 0.0], abs=5e-3)
+
+
+def test_what_a_controller_feeds_forward_counts_against_the_limit() -> None:
+    """A coil of 0.3 N on 60 g gets a target of 50 mm/s no sooner than 5 m/s² can, whatever is called load."""
+    time = np.arange(0.0, 0.04, 0.001)
+    speed = 0.05
+    feed = {"target": speed * time, "load": np.full(len(time), 15.0 * speed)}
+    reached = {}
+    for fed in (0.0, 15.0):
+        signals = dict(feed)
+        loop = AxisLoop("axes", "actuator", ("target", "load"), ("axis",), force_limit=0.3, fed=fed)
+        loop.advance(loop.fresh(), time, signals)
+        reached[fed] = signals["axis"][10]
+    most = 0.5 * 5.0 * time[10] ** 2
+    assert 0.8 * most < reached[15.0] < most
+    assert reached[0.0] > 1.2 * most
+
+
+def test_dry_friction_that_is_higher_near_standstill_may_be_of_one_axis() -> None:
+    effect, values = parse_effect("stribeck_friction:axis=3,stiction=0.2", "microrobot")
+    loop = effect.apply(nominal("microrobot"), values)["axes"]
+    assert isinstance(loop, AxisLoop)
+    assert (loop.alone, loop.stiction) == (3, 0.2)
