@@ -25,6 +25,9 @@ LIMITED = {"force_saturation": "axes", "integral_windup": "axes", "sensor_satura
 """Effects of a limit, and the block that knows how far the session goes."""
 ABRUPT, GRADUAL = (0.4, 1.3), (0.8, 4.0)
 """Where a limit counts, of the session's greatest force: well below it an axis falls, well above nothing happens."""
+PROBE_FLOOR, FORCE_FLOOR = 2e-6, 1e-4
+"""m and N by which computed channels may differ from what they are computed of. Sound ones of three generators differ
+by up to 2 µm, as the kinematics are linear or not, and by 20 nN, as numbers are rounded; a matrix leaves no more."""
 
 
 def robot_problems(
@@ -51,9 +54,9 @@ def robot_problems(
         axes = AxesBlock(session, effects)
         blocks.append(axes)
     if has(*AXES, *xyz("probe")):
-        blocks.append(ArithmeticBlock(session, effects, "kinematics", AXES, xyz("probe"), 2e-6))
+        blocks.append(ArithmeticBlock(session, effects, "kinematics", AXES, xyz("probe"), PROBE_FLOOR))
     if has(*TRANSDUCERS, *xyz("force")):
-        blocks.append(ArithmeticBlock(session, effects, "matrix", TRANSDUCERS, xyz("force"), 2e-3))
+        blocks.append(ArithmeticBlock(session, effects, "matrix", TRANSDUCERS, xyz("force"), FORCE_FLOOR))
     if has(*AXES, *TRANSDUCERS):
         rough = RoughForceBlock(session, effects, axes)
         if [g for g, _ in rough.groups] == [g for g, _ in axes.groups]:

@@ -13,9 +13,13 @@ from gap.null.robot_axes import specimen_chain
 from sim_devices.chain import Effect, FloatArray
 from sim_devices.stages.tissues import sheet_tissue
 
+SOONEST = 0.01
+"""s after the first sample at which a zero is taken."""
+
 
 class ArithmeticBlock(Block):
-    """Recomputed channels: axis positions -> probe, transducers -> force. No freedom but a zero in each recording."""
+    """Recomputed channels: axis positions -> probe, transducers -> force. No freedom but a zero in each recording, of
+    the size of the ``floor``: a computed channel has its inputs' noise, and their zeros."""
 
     growth, widest = 0.4, 0.8  # nothing is quick in a formula, and noise there is none
 
@@ -34,10 +38,26 @@ class ArithmeticBlock(Block):
         self.sigma = np.full(len(self.measured), floor)
         self.slope = np.zeros(len(self.measured))  # nor does it matter when they were taken
         self._runs = np.kron(np.eye(3), self.member)
-        self.prior_sd = np.full(self._runs.shape[1], 5 * floor)
+        self.prior_sd = np.full(self._runs.shape[1], floor)
         self.prior_mean = np.zeros(len(self.prior_sd))
         self.prior_scales = (self.prior_sd,)
         self._given = [self._binned_source(g, at) for g, at in self.groups]
+
+    @property
+    def resets(self) -> Sequence[float]:
+        """Times, s, after the first sample at which a channel that is off by a constant read just that."""
+        off = self.evaluate(self.prior_mean, {}, want_jacobian=False).residual.reshape(3, -1) * self.floor
+        read = self.measured.reshape(3, -1)
+        found = []
+        for error, value in zip(off, read, strict=True):
+            wrong = float(np.median(error))
+            true = value - error + wrong  # nought where, less its reading there, a channel would be off by as much
+            at = np.flatnonzero(true[1:] * true[:-1] < 0)
+            share = true[at] / (true[at] - true[at + 1])
+            after = self.stamps[at] + share * np.diff(self.stamps)[at] - self.stamps[0]
+            if abs(wrong) > self.floor:
+                found += after[after > SOONEST][:1].tolist()
+        return found
 
     def _binned_source(self, group: Group, at: slice) -> dict[str, Table]:
         out = {}

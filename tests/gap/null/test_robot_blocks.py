@@ -11,7 +11,7 @@ from gap.data.smoothing import deviation, significant
 from gap.design import simulated as own
 from gap.effects.load import library
 from gap.inference.evidence import Hypothesis
-from gap.inference.hypothesis import Candidate
+from gap.inference.hypothesis import Candidate, to_unit
 from gap.inference.least_squares import fit, under
 from gap.null import robot_grid
 from gap.null.blocks import GroupedSession, candidates_for
@@ -288,6 +288,36 @@ def test_a_weighed_set_point_is_no_drag() -> None:
     assert found.chi2 < 0.02 * len(found.residual)
     assert found.penalty < 4.0
     assert axes.quantities(found.nuisance).keys() >= {"loop_gain_1", "loop_gain_3"}
+
+
+def test_a_loop_of_the_other_gains_that_damps_the_position_is_known() -> None:
+    """Taken for another structure its gains are off by five tolerances, and no effect is found beside them."""
+    session = GroupedSession(own.robot_session(np.random.default_rng(5), []), QUANTITIES)
+    axes = AxesBlock(session, {})
+    gains = next(c for c in CONTROLLERS if c.on_error)
+    axes._take(replace(gains, on_error=False))
+    axes.measured = axes._predict(axes.prior_mean, {})
+    tried = [pair for controller in CONTROLLERS for pair in axes._tried(controller)]
+    best, controller = min(tried, key=lambda pair: pair[0].objective)
+    assert controller == replace(gains, on_error=False)
+    assert best.penalty < 0.1
+    assert all(f.penalty > 10.0 or f.chi2 > 10.0 for f, c in tried if c is not controller)
+
+
+def test_a_zero_of_one_computed_force_is_found() -> None:
+    """The reading that was taken for it is seldom as small; what is computed has no noise of its own."""
+    effects = {k: e for k, e in library("microrobot").items() if k == "wrong_zeroing[form=2,computed=1]"}
+    recordings = own.robot_session(np.random.default_rng(50004), [])
+    block = next(b for b in robot_problems(recordings, effects)[0] if b.name == "matrix")
+    block.measured = block.measured.copy()
+    block.measured.reshape(3, -1)[1] -= 6e-4  # N
+    (candidate,) = candidates_for(effects, [block])
+    null = fit(block)
+    starts = [np.array([1.0, to_unit(candidate.parameters[1], delay)]) for delay in block.resets]
+    assert starts
+    found = min((fit(block, (candidate,), unit, null.nuisance) for unit in starts), key=lambda f: f.objective)
+    assert null.objective - found.objective > 100.0
+    assert found.penalty < 0.5 * null.penalty
 
 
 @pytest.mark.parametrize(("form", "values"), [(0, {"delay": 0.027}), (1, {"interval": 0.06, "phase": 0.3})])
