@@ -37,6 +37,10 @@ class Projector:
             whole - np.einsum("ij,ij->j", seen, sla.cho_solve(self._factor, seen)) if len(seen) else whole
         )
 
+    def inner(self, seen: FloatArray) -> FloatArray:
+        """vᵀ (1 − P) w for all pairs of vectors (n,), given ``seen``, Jᵀ v in columns (p, k); (k, k)."""
+        return np.asarray(seen.T @ sla.cho_solve(self._factor, seen)) if len(seen) else np.zeros((seen.shape[1],) * 2)
+
     def chi2(self, residual: FloatArray) -> float:
         """rᵀ P r: χ² of a residual (n,) after the linear refit, prior included."""
         return float(residual @ self.apply(residual))

@@ -17,6 +17,7 @@ from gap.inference.evidence import Fit, Hypothesis
 from gap.inference.hypothesis import Candidate, Lateness, to_unit
 from gap.inference.problem import Problem
 from gap.search.joint import signed, star
+from gap.search.windows import answered, has_level
 from sim_devices.chain import FloatArray
 
 STRENGTHS = (0.06, 0.3, 0.7)
@@ -108,8 +109,10 @@ def _places(candidate: Candidate, problem: Problem, base: Fit) -> tuple[Sequence
         if "duration" not in parameters:
             return [{"moment": m} for m in moments], False
         lasting = [{"moment": m, "duration": parameters["duration"].high} for m in moments]
-        passing = [{"moment": m, "duration": length} for m, length in spells(time, residual, recording)]
-        return lasting + passing, False
+        change = _all_along(candidate, problem, base)
+        windows = spells(time, residual, recording)
+        windows += [] if has_level(change) else answered(base, problem.rows, change)
+        return lasting + [{"moment": m, "duration": length} for m, length in windows], False
     if "capacity" in parameters:
         most = float(np.max(np.abs(problem.measured)))
         return [{"capacity": share * most} for share in FULL], False
@@ -137,6 +140,14 @@ def _places(candidate: Candidate, problem: Problem, base: Fit) -> tuple[Sequence
         seen = Lateness(time, residual, np.ones(len(residual)))
         return [{"tau": length, "phase": phase} for length, phase, _ in wanderings(seen, tau.low, tau.high)], False
     return [], False
+
+
+def _all_along(event: Candidate, problem: Problem, base: Fit) -> FloatArray:
+    """The change (n,) of a whitened prediction by an event that begins with the first sample and does not end."""
+    values = event.values(plain_start(event))
+    values |= {"moment": float(np.min(problem.rows.time)), "duration": float(np.ptp(problem.rows.time)) + 1.0}
+    changed = problem.evaluate(base.nuisance, {**base.active, event: values}, want_jacobian=False).residual
+    return np.nan_to_num(base.residual - changed)
 
 
 def _wave(time: FloatArray, residual: FloatArray, frequency: float) -> Place:

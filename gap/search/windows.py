@@ -1,0 +1,50 @@
+"""When an event would have to begin and end: the windows within which its change is most like what is left."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gap.data.rhythms import LINES
+from gap.inference.evidence import Fit
+from gap.inference.hypothesis import Rows
+from gap.inference.linear import Projector
+from sim_devices.chain import FloatArray
+
+LEVEL = 0.5
+"""Share of a change's square that is its mean, above which windows in which the residual has a level of its own are as
+good."""
+LEAST = 1e-6
+"""Share of a recording's whole change below which a window says nothing."""
+
+
+def has_level(change: FloatArray) -> bool:
+    """Whether a change (n,) has mostly one sign."""
+    return float(np.sum(change)) ** 2 >= LEVEL * len(change) * float(change @ change)
+
+
+def answered(base: Fit, rows: Rows, change: FloatArray) -> list[tuple[float, float]]:
+    """Moments, s, and durations, s, of the windows, one for a recording, in which the ``change`` (n,) that an event
+    makes if it lasts all along takes most off a fit's χ², the nuisance refitted; the best first.
+
+    For a window w of it, P the projector of `Projector` and r the residual: (rᵀ P w)² / (wᵀ P w), all windows of a
+    recording at once by cumulative sums. Tone that is another for some seconds multiplies a force about nought: the
+    residual has no level there, and skin that is fitted to all recordings hides some of it.
+    """
+    projector = Projector(base.jacobian, base.prior_sd, base.gram)
+    worth = projector.apply(base.at_mean) * change
+    found = []
+    for k in np.unique(rows.recording):
+        at = np.flatnonzero(rows.recording == k)
+        stamps, where = np.unique(rows.time[at], return_inverse=True)
+        seen = np.zeros((len(stamps), base.jacobian.shape[1]))
+        np.add.at(seen, where, base.jacobian[at] * change[at, None])
+        along, square = (np.bincount(where, v[at], len(stamps)) for v in (worth, np.square(change)))
+        along, square, seen = (np.concatenate([0 * v[:1], np.cumsum(v, axis=0)]) for v in (along, square, seen))
+        inner = projector.inner(seen.T)
+        of_both = np.add.outer(np.diag(inner), np.diag(inner)) - 2.0 * inner
+        size = np.maximum(np.subtract.outer(square, square).T - of_both, LEAST * square[-1])
+        gain = np.triu(np.square(np.subtract.outer(along, along)) / np.maximum(size, 1e-300), 1)
+        first, behind = np.unravel_index(int(np.argmax(gain)), gain.shape)
+        edges = np.concatenate([stamps[:1], 0.5 * (stamps[1:] + stamps[:-1]), stamps[-1:]])
+        found.append((float(gain[first, behind]), float(edges[first]), float(edges[behind] - edges[first])))
+    return [(begin, length) for _, begin, length in sorted(found, reverse=True)[:LINES]]

@@ -1,0 +1,52 @@
+"""Windows of an event that multiplies a signal about nought are found though nuisance hides part of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+from gap.data.rhythms import spells
+from gap.inference.evidence import Hypothesis
+from gap.inference.least_squares import fit
+from gap.search.starts import starting_points
+from gap.search.windows import answered, has_level
+from sim_devices.chain import FloatArray, Parameter
+from sim_devices.effects.build import for_a_while
+from tests.gap.conftest import LinearProblem, candidate
+
+TIME = np.arange(600.0)
+SIGNAL = 10.0 * np.sin(2 * np.pi * TIME / 25.0)
+BEGIN, LENGTH = 310.0, 60.0
+
+
+def tone(values: Mapping[str, float]) -> FloatArray:
+    begin, length = values["moment"], values["duration"]
+    return np.asarray(values["change"] * SIGNAL * ((begin <= TIME) & (begin + length > TIME)))
+
+
+@pytest.fixture
+def stiffer() -> LinearProblem:
+    """A signal whose size is free, and is another for a minute."""
+    acts = tone({"change": 0.3, "moment": BEGIN, "duration": LENGTH})
+    noise = np.random.default_rng(50002).normal(size=600)
+    return LinearProblem(2.0 * SIGNAL + acts + noise, SIGNAL[:, None], {"tone": tone}, runs=2)
+
+
+def test_a_window_is_told_by_what_the_effect_would_change(stiffer: LinearProblem) -> None:
+    base = fit(stiffer)
+    assert not has_level(SIGNAL)
+    assert has_level(SIGNAL + 20.0)
+    begin, length = answered(base, stiffer.rows, SIGNAL)[0]
+    assert begin == pytest.approx(BEGIN, abs=3.0)
+    assert length == pytest.approx(LENGTH, abs=8.0)
+    by_level = spells(TIME, base.residual, stiffer.rows.recording)
+    assert all(abs(b - BEGIN) > 8.0 or abs(n - LENGTH) > 8.0 for b, n in by_level)
+
+
+def test_the_screening_looks_there(stiffer: LinearProblem) -> None:
+    event = candidate("tone", Parameter("change", "1", -0.6, 0.6, default=0.2), *for_a_while(), block="linear")
+    points, _ = starting_points(event, {"linear": stiffer}, Hypothesis((), {"linear": fit(stiffer)}))
+    found = [event.values(p) for p in points]
+    assert any(abs(v["moment"] - BEGIN) < 3.0 and abs(v["duration"] - LENGTH) < 8.0 for v in found)
