@@ -29,9 +29,9 @@ from sim_devices.stages.robot import TRANSDUCERS, numbered
 Law = Callable[..., Any]
 HEIGHT, FORCE = "optics", "transducers"
 CHANNEL = choice("channel", 0, "transducer a", "b", "c", "all three")
-_COURSES = ("linear in time", "towards a limit, as in warming up", "to and fro")
-COURSE = choice("form", 1, *_COURSES)
-_EACH_COURSE = choice("form", 1, *_COURSES, "towards a limit, each transducer its own")
+COURSES = ("linear in time", "towards a limit, as in warming up", "to and fro")
+COURSE = choice("form", 1, *COURSES)
+_EACH_COURSE = choice("form", 1, *COURSES, "towards a limit, each transducer its own")
 
 
 def _transducers(v: Values) -> tuple[str, ...]:

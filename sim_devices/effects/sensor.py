@@ -10,7 +10,7 @@ import numpy as np
 
 from sim_devices.chain import Chain, FloatArray, Signals
 from sim_devices.effects.any_sensor import (
-    COURSE,
+    COURSES,
     GAIN_MEANING,
     GAIN_REMEDY,
     GAIN_SHAPE,
@@ -105,8 +105,19 @@ def fading(
     return u * (1.0 + share) + added * share
 
 
+def lit_anew(time: FloatArray, u: FloatArray, change: float, tau: float, added: float, *marks: float) -> FloatArray:
+    """The same from light that is switched on at each of ``marks`` (s) and warms up: ``change`` more at first."""
+    share = laws.fading_offset(time, np.zeros_like(u), change, tau, *marks)
+    return u * (1.0 + share) + added * share
+
+
 def _illumination(chain: Chain, v: Values) -> Chain:
-    parameters = (v["change"], v["tau"], v["form"], v["phase"], v["shift"] * height_scale(chain))
+    added = v["shift"] * height_scale(chain)
+    if chosen(v, "form") == 3:
+        op: Any = chain["latency"]
+        parameters = (-v["change"], v["warming"], added, *op.marks)
+        return map_after(chain, HEIGHT, "illumination_drift", "sensor", lit_anew, parameters)
+    parameters = (v["change"], v["tau"], v["form"], v["phase"], added)
     return map_after(chain, HEIGHT, "illumination_drift", "sensor", fading, parameters)
 
 
@@ -172,9 +183,10 @@ EFFECTS = (
         "Warm up; normalise by a background; watch a reference in the image.", "gap.md",
         (
             signed("change", "1", 0.6, 0.15, "of the light in the end (form 2: amplitude)"),
-            shape("tau", "s", 20.0, 3000.0, 200.0, log=True),
+            shape("tau", "s", 20.0, 3000.0, 200.0, log=True, only=(0, 1, 2)),
+            shape("warming", "s", 0.5, 120.0, 8.0, "within which it warms up", log=True, only=(3,)),
             shape("shift", "1", 0.0, 1.0, 0.2, "typical heights by which the reading shifts besides"),
-            COURSE,
+            choice("form", 1, *COURSES, "towards a limit, switched on with every recording"),
             PHASE,
         ),
         _illumination,
