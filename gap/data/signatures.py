@@ -30,6 +30,13 @@ SURPRISING = 14.0
 """Nats against more repeats by chance: of thousands of channels none has so many."""
 COARSER = 1.3
 """Steps against the nominal resolution above which a channel counts as coarse."""
+LEVELS_NEAR = 8
+"""Steps either way within which a scale's bend is nothing."""
+UNEVEN, UNEVENLY = 0.03, 0.25
+"""Share by which a step is no multiple of the smallest near it, and share of such steps from which on they are
+uneven. A converter's codes times a constant are even to the last digit of the file, which is allowed for."""
+SHOWN = 1.05
+"""Times that uneven steps must widen the noise to be told: those of a command are its levels."""
 HUM = "periodic_disturbance"
 """A line in a channel's noise: a pump, say. No effect of the library makes it."""
 MAINS = "mains_pick_up"
@@ -60,13 +67,15 @@ DIFFERENCE = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
 @dataclass(frozen=True)
 class Signature:
     """A mark in ``channel`` made by an effect named ``effect``: ``nats`` of evidence, ``text`` for people. The effects
-    of ``also`` leave the same."""
+    of ``also`` leave the same. ``noise`` is how many times wider the defect makes the channel's noise, which a gap,
+    told in units of that noise, does not show."""
 
     effect: str
     channel: str
     nats: float
     text: str
     also: tuple[str, ...] = ()
+    noise: float = 1.0
 
 
 def find(recordings: Sequence[Recording], channels: Sequence[str] | None = None) -> list[Signature]:
@@ -199,16 +208,56 @@ def _lost(name: str, series: Sequence[Series]) -> list[Signature]:
 
 
 def _coarse(name: str, series: Sequence[Series], nominal: float) -> list[Signature]:
-    """Levels that lie farther apart than the channel's ``nominal`` resolution, SI."""
-    value = np.concatenate([s.value[np.isfinite(s.value)] for s in series])
+    """Levels that lie farther apart than the channel's ``nominal`` resolution, SI, or unevenly: a sound converter has
+    steps of one size, whatever its resolution."""
+    values = [s.value[np.isfinite(s.value)] for s in series]
+    value = np.concatenate(values)
     levels = np.unique(value)
-    if len(levels) < 3 or len(levels) > 0.2 * len(value):
+    if len(levels) < 3 or len(levels) > 0.25 * len(value):
         return []
+    gaps = np.concatenate([np.diff(np.unique(v)) for v in values])  # each recording may have a zero of its own
+    wider = _by_steps(value, gaps, nominal)
+    uneven = wider > SHOWN and _uneven(gaps, levels)
     step = float(np.quantile(np.diff(levels), 0.1))  # sparse levels skip steps
-    if step > COARSER * nominal:
-        text = f"{name} comes in steps of {step:.3g}, {step / nominal:.1f} times its resolution"
-        return [Signature("sensor_quantisation", name, CERTAIN, text)]
-    return []
+    if not uneven and step <= COARSER * nominal:
+        return []
+    text = f"{name} comes in steps of {step:.3g}, {step / nominal:.1f} times its resolution"
+    if uneven:
+        text = f"{name} comes in uneven steps of {np.quantile(gaps, 0.1):.3g} to {np.quantile(gaps, 0.9):.3g}"
+    return [Signature("sensor_quantisation", name, CERTAIN, text, noise=wider)]
+
+
+def _uneven(gaps: FloatArray, levels: FloatArray) -> bool:
+    """Whether the ``gaps`` (n,) between neighbouring levels are often no multiples of the smallest about them: neither
+    skipped levels nor a scale that bends slowly do that. Digits of a file blur a level by half a digit."""
+    digit = _digit(levels)
+    odd = 0
+    for k in range(len(gaps)):
+        near = gaps[max(k - LEVELS_NEAR, 0) : k + LEVELS_NEAR + 1]
+        step = float(np.median(near[near < 1.2 * np.min(near)]))
+        multiple = max(round(gaps[k] / step), 1)
+        odd += abs(gaps[k] - multiple * step) > max(UNEVEN * multiple * step, (multiple + 1) * digit)
+    return len(gaps) >= LEVELS_NEAR and odd > UNEVENLY * len(gaps)
+
+
+def _digit(levels: FloatArray) -> float:
+    """The last decimal digit of the ``levels`` (n,), SI: the largest power of ten of which all are multiples."""
+    scale = float(np.max(np.abs(levels)))
+    for power in range(int(np.floor(np.log10(scale))), int(np.floor(np.log10(scale))) - 9, -1):
+        multiples = levels / 10.0**power
+        if np.all(np.abs(multiples - np.round(multiples)) < 1e-4):
+            return float(10.0**power)
+    return 0.0
+
+
+def _by_steps(value: FloatArray, gaps: FloatArray, nominal: float) -> float:
+    """Times that a channel's noise is wider for its steps (``gaps`` between its levels) than it would be with even ones
+    as fine as the finest, or as the ``nominal`` resolution if that is finer still."""
+    noise = high_band_sigma(value) ** 2
+    finest = float(np.min(gaps))
+    rounding = float(np.mean(np.square(gaps[gaps < 3.0 * finest]))) / 12.0  # wider gaps skip levels
+    fine = min(finest, nominal) ** 2 / 12.0
+    return float(np.sqrt(max(noise, rounding) / max(noise - rounding, fine)))
 
 
 def _hum(name: str, series: Sequence[Series]) -> list[Signature]:

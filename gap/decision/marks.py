@@ -42,7 +42,12 @@ def marked_rows(problem: Problem, signature: Signature) -> NDArray[np.bool_]:
 def at_marks(
     problems: Mapping[str, Problem], null: Hypothesis, h: Hypothesis, signatures: Sequence[Signature]
 ) -> Shrink | None:
-    """The gap where the marks of a hypothesis' effects are, without and with it; None without such rows."""
+    """The gap where the marks of a hypothesis' effects are, without and with it; None without such rows.
+
+    A defect that makes the noise itself wider, in units of which a gap is told, leaves as much of one as it does.
+    """
+    if (wider := wider_noise(h, signatures)) > 1.0:
+        return Shrink(wider, 1.0)
     before, after, n = 0.0, 0.0, 0
     for name, problem in problems.items():
         for s in signatures:
@@ -52,6 +57,11 @@ def at_marks(
                 after += float(np.sum(np.square(h.fits[name].residual[at])))
                 n += int(np.count_nonzero(at))
     return Shrink(float(np.sqrt(before / n)), float(np.sqrt(after / n))) if n else None
+
+
+def wider_noise(h: Hypothesis, signatures: Sequence[Signature]) -> float:
+    """How many times wider a hypothesis' effects make the noise, by their marks."""
+    return max((s.noise for s in signatures if any(made_by(s, e) for e in h.effects)), default=1.0)
 
 
 def explains_marks(at_mark: Shrink | None, t: Thresholds) -> bool:

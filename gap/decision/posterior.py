@@ -14,8 +14,9 @@ import numpy as np
 from scipy.special import softmax
 
 from gap.data.signatures import HUM, Signature
-from gap.decision.marks import at_marks, explains_marks, made_by
+from gap.decision.marks import at_marks, explains_marks, made_by, wider_noise
 from gap.decision.thresholds import Thresholds
+from gap.decision.tolerance import Stated, in_stated
 from gap.decision.transfer import Shrink
 from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import Candidate
@@ -27,7 +28,8 @@ from sim_devices.chain import FloatArray
 class Cause:
     """A class of explanations that the data cannot split: its leading hypothesis, the names of all (a pair is "a + b"),
     the leader's first, and the probability that one of them acts. ``detectability`` is in tempered σ;
-    ``marked``, whether a channel's own marks speak for it, and ``at_marks`` the gap there without and with it."""
+    ``marked``, whether a channel's own marks speak for it, ``at_marks`` the gap there without and with it, and
+    ``noise`` how many times wider it makes the channel's noise, by them."""
 
     hypothesis: Hypothesis
     names: tuple[str, ...]
@@ -36,6 +38,7 @@ class Cause:
     members: tuple[Hypothesis, ...] = ()
     marked: bool = False
     at_marks: Shrink | None = None
+    noise: float = 1.0
 
     @property
     def effects(self) -> tuple[Candidate, ...]:
@@ -47,7 +50,7 @@ class Cause:
             return self
         name = concept(leader)
         names = (name, *(n for n in self.names if n != name))
-        return replace(self, hypothesis=leader, names=names, marked=False, at_marks=None)
+        return replace(self, hypothesis=leader, names=names, marked=False, at_marks=None, noise=1.0)
 
 
 @dataclass(frozen=True)
@@ -140,16 +143,18 @@ def posterior(
     signatures: Sequence[Signature] = (),
     gap: float | None = None,
     beforehand: Callable[[Hypothesis], float] = lambda h: 0.0,
+    stated: Stated | None = None,
 ) -> Posterior:
     """The posterior of a comparison. ``gap`` is the simulation's own (default: as compared), ``signatures`` are the
-    channels' own marks, ``beforehand`` the nats of a hypothesis by the instrument's qualification."""
+    channels' own marks, ``beforehand`` the nats of a hypothesis by the instrument's qualification, ``stated`` its
+    tolerances."""
     temper = comparison.temper()
     weighed = comparison.weighed(temper)
     every = [comparison.null, *comparison.hypotheses]
     marks = np.array([_mark_nats(h, comparison, weighed, signatures, t) for h in every])
     prior = _log_priors(every, candidates, t) + np.array([beforehand(h) for h in every])
     score = prior + np.array([weighed[id(h)].evidence for h in every]) + marks
-    score = _with_earned_pairs(score, every, comparison, weighed, t, temper)
+    score = _with_earned_pairs(score, every, comparison, weighed, t, temper, stated or {})
     # Whether anything acts is one question, its name another: a weak effect often answers the second.
     acts = 1.0 - float(softmax(score)[0])
     share = np.r_[0.0, softmax(score[1:])] if len(score) > 1 else np.zeros(1)
@@ -204,9 +209,12 @@ def _mark_nats(
     signatures: Sequence[Signature],
     t: Thresholds,
 ) -> float:
-    """Nats that the channels' marks add to a hypothesis: of an effect that explains nothing they say nothing."""
+    """Nats that the channels' marks add to a hypothesis: of an effect that explains nothing they say nothing. A defect
+    that makes the noise is told by its marks alone, as its simulation foretells no sample of it."""
     nats = sum(s.nats for s in signatures if any(made_by(s, e) for e in h.effects))
     gain = weighed[id(h)].evidence - weighed[id(comparison.null)].evidence
+    if len(h.effects) == 1 and wider_noise(h, signatures) > t.quiet_gap:
+        return nats + max(-gain, 0.0)
     if nats and (gain > 0 or explains_marks(at_marks(comparison.problems, comparison.null, h, signatures), t)):
         return min(nats, t.mark)
     return 0.0
@@ -217,7 +225,8 @@ def _marked(cause: Cause, comparison: Comparison, signatures: Sequence[Signature
     h = cause.hypothesis
     if not any(made_by(s, e) for s in signatures for e in h.effects):
         return cause
-    return replace(cause, marked=True, at_marks=at_marks(comparison.problems, comparison.null, h, signatures))
+    at = at_marks(comparison.problems, comparison.null, h, signatures)
+    return replace(cause, marked=True, at_marks=at, noise=wider_noise(h, signatures))
 
 
 def _with_earned_pairs(
@@ -227,11 +236,12 @@ def _with_earned_pairs(
     weighed: Mapping[int, Weight],
     t: Thresholds,
     temper: Mapping[str, float],
+    stated: Stated,
 ) -> FloatArray:
     """Scores in which a pair that does not earn its second effect stays below the best single effect: it is what should
     be looked for next, and no more."""
     single = max((s for s, h in zip(score, every, strict=True) if len(h.effects) == 1), default=score[0])
-    unearned = np.array([not _earned(h, comparison, weighed, t, temper) for h in every])
+    unearned = np.array([not _earned(h, comparison, weighed, t, temper, stated) for h in every])
     return np.where(unearned, np.minimum(score, single - t.unearned), score)
 
 
@@ -241,12 +251,13 @@ def _earned(
     weighed: Mapping[int, Weight],
     t: Thresholds,
     temper: Mapping[str, float],
+    stated: Stated,
 ) -> bool:
-    """Whether each further effect of a hypothesis is seen itself and explains enough of what fewer leave; form errors
-    are always worth some χ²."""
+    """Whether each further effect of a hypothesis is seen itself, is no tolerance, and explains enough of what fewer
+    leave; form errors are always worth some χ²."""
     if len(h.effects) < 2:
         return True
-    if _one_event(h, t.at_once):
+    if _one_event(h, t.at_once) or any(in_stated(e, h, stated) <= t.tolerances for e in h.effects):
         return False
     singles = [s for s in comparison.hypotheses if len(s.effects) == 1 and s.effects[0] in h.effects]
     best = max(singles, key=lambda s: weighed[id(s)].evidence)

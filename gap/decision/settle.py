@@ -72,7 +72,13 @@ class Case:
         prior = t.prior_effect / max(len({c.name for c in self.candidates}), 1)
         beforehand = partial(known.nats, prior=prior) if known is not None else lambda h: 0.0
         return posterior(
-            self.comparison, self.candidates, t, self.marks, gap_without_discrepancy(self.null), beforehand
+            self.comparison,
+            self.candidates,
+            t,
+            self.marks,
+            gap_without_discrepancy(self.null),
+            beforehand,
+            self.stated,
         )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from gap.data.tolerances import Tolerance
 from gap.inference.evidence import Hypothesis
+from gap.inference.hypothesis import Candidate
 from gap.inference.least_squares import predicted
 from gap.inference.problem import Problem
 
@@ -46,17 +47,19 @@ def strained(problems: Mapping[str, Problem], null: Hypothesis, h: Hypothesis) -
 
 
 def _by_parameters(h: Hypothesis, stated: Stated) -> float:
-    sizes = [] if h.effects else [np.inf]
-    for e in h.effects:
-        fitted = next((f for f in h.fits.values() if e in f.hypothesis), None)
-        known = stated.get(e.name, {})
-        strengths = [p for p in e.parameters if p.null is not None]
-        # An event is no tolerance: an instrument is off all the time.
-        if e.event or fitted is None or not strengths or any(p.name not in known for p in strengths):
-            return float(np.inf)
-        values = fitted.active[e]
-        sizes += [abs(values[p.name] - (p.null or 0.0)) / known[p.name].value for p in strengths]
-    return float(max(sizes))
+    return max((in_stated(e, h, stated) for e in h.effects), default=float(np.inf))
+
+
+def in_stated(effect: Candidate, h: Hypothesis, stated: Stated) -> float:
+    """The size of an effect of a hypothesis in stated tolerances of its parameters; inf where none is stated."""
+    fitted = next((f for f in h.fits.values() if effect in f.hypothesis), None)
+    known = stated.get(effect.name, {})
+    strengths = [p for p in effect.parameters if p.null is not None]
+    # An event is no tolerance: an instrument is off all the time.
+    if effect.event or fitted is None or not strengths or any(p.name not in known for p in strengths):
+        return float(np.inf)
+    values = fitted.active[effect]
+    return float(max(abs(values[p.name] - (p.null or 0.0)) / known[p.name].value for p in strengths))
 
 
 def _by_channels(

@@ -229,6 +229,12 @@ RULES: tuple[Rule, ...] = (
         lambda f: f"probability {f.posterior.acts:.2f} that something acts < {f.t.detect:g}",
     ),
     Rule(
+        "told by its noise",
+        lambda f: f.first.noise > f.t.quiet_gap,
+        lambda f: "several" if len(f.first.effects) > 1 else "effect",
+        lambda f: f"posterior {f.first.probability:.2f}, {_standing_out(f)}",
+    ),
+    Rule(
         "not seen",
         lambda f: f.first.detectability < f.seen and not f.shows_itself,
         Findings.quiet,

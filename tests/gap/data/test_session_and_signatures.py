@@ -94,6 +94,22 @@ def test_a_slow_signal_on_a_coarse_grid_is_not_clipped(recording) -> None:
     assert find([made(recording, np.round(slow / 1e-5) * 1e-5)]) == []
 
 
+@pytest.mark.parametrize(("wider", "told"), [(0.35, True), (0.0, False)])
+def test_steps_of_two_sizes_are_told_however_fine(recording, wider: float, told: bool) -> None:
+    """Levels 5 and 11 µm apart were no finding, as the instrument's resolution is 10 µm (uneven steps, six cases)."""
+    cell = np.floor(0.3 * wave() / 8e-6)
+    found = find([made(recording, np.round(8e-6 * (cell + wider * (cell % 2)), 9))])
+    assert [s.effect for s in found] == ["sensor_quantisation"] * told
+    assert all("uneven steps" in s.text and s.noise > 1.2 for s in found)
+
+
+def test_skipped_levels_rounded_digits_and_a_bent_scale_are_no_uneven_steps(recording) -> None:
+    even = np.round(0.1 * wave() / 3.3e-6)
+    assert find([made(recording, 3.3e-6 * np.where(even % 7 == 3, even + 1, even))]) == []
+    assert find([made(recording, np.round(3.3e-6 * even, 7))]) == []
+    assert find([made(recording, 3.3e-6 * even * (1.0 + 2e-4 * even))]) == []
+
+
 def test_marks_count_only_on_the_channels_asked_for(recording) -> None:
     stepped = np.where(TIME % 2 < 1, 0.0, 1.0) + np.where(TIME % 3 < 1, 0.5, 0.0)
     r = recording({"apex_height": np.minimum(wave(), 0.7e-3), "voltage": np.minimum(wave(), 0.5e-3)}, TIME)

@@ -9,6 +9,7 @@ import pytest
 from scipy.special import expit
 
 from gap.data.signatures import Signature
+from gap.data.tolerances import Tolerance
 from gap.decision.limits import confusable
 from gap.decision.marks import explains_marks, made_by
 from gap.decision.posterior import posterior
@@ -91,6 +92,16 @@ def test_a_signature_decides_between_equals(verdict_on) -> None:
     marks = (Signature("twin", "height", 30.0, "twin's mark"),)
     v = verdict_on(("bump", "late", "twin"), {"bump": 8.0}, marks=marks)
     assert v.causes[0].names[0] == "twin"
+
+
+def test_a_defect_of_the_noise_is_told_by_its_marks_alone(verdict_on) -> None:
+    """A gap is told in units of the noise: steps that make most of it leave none."""
+    mark = Signature("late", "height", 30.0, "late's mark", noise=1.6)
+    told = verdict_on(("bump", "late"), {}, marks=(mark,))
+    assert (told.verdict, told.causes[0].names) == ("effect", ("late",))
+    assert told.rules[0].startswith("told by its noise: ")
+    assert total(told) == pytest.approx(1.0)
+    assert verdict_on(("bump", "late"), {}, marks=(replace(mark, noise=1.05),)).verdict in ("none", "undetectable")
 
 
 def test_a_prior_for_no_effect_wins_on_weak_evidence(verdict_on) -> None:
@@ -189,6 +200,18 @@ def test_two_events_at_once_are_one_of_another_form(linear, candidate, apart: fl
         {"linear": problem}, null, [Hypothesis(h, {"linear": fit(problem, h, u)}) for h, u in tried]
     )
     assert len(posterior(comparison, [jump, rise], INSTRUMENT).causes[0].effects) == effects
+
+
+@pytest.mark.parametrize(("tolerance", "effects"), [(5.0, 1), (0.1, 2)])
+def test_a_second_effect_within_its_tolerance_is_none(linear, candidate, tolerance: float, effects: int) -> None:
+    """A lag of 1 ms, of which 10 are stated, moved lost samples out of their tolerance (seed 410004, a sound case)."""
+    y = DESIGN @ [2.0, 1.0] + 9.0 * SHAPES["bump"] + 8.0 * SHAPES["late"] + np.random.default_rng(0).normal(size=len(T))
+    names = ("bump", "late")
+    made = {n: (lambda v, n=n: v["a"] * SHAPES[n]) for n in names}
+    known = [candidate(n, Parameter("a", "1", -30.0, 30.0, 0.0)) for n in names]
+    comparison = compare([linear(y, DESIGN, made, np.full(2, 100.0))], known)
+    stated = {"late": {"a": Tolerance(tolerance, "1", "assumed")}}
+    assert len(posterior(comparison, known, INSTRUMENT, stated=stated).causes[0].effects) == effects
 
 
 @pytest.mark.parametrize("extended", [False, True])
