@@ -104,6 +104,42 @@ def rows() -> None:
         print(f"| {row.region} | {row.law} | {stretch} | {' | '.join(cells)} | {100 * lost:.0f} |")
 
 
+def sites() -> None:
+    """Rows of one site beside each other: they fitted the same data, so they should give the same forces."""
+    print("| region | pre-stress | law | x / y / normal, N | over the row above | stiffest along |")
+    print("|---|---|---|---|---|---|")
+    every: dict[str, list[Row]] = {}
+    for row in ROWS:
+        every.setdefault(row.region.removesuffix(", n x 1000"), []).append(row)
+    for region, own in every.items():
+        for mode in ("load", "initial") if len(own) > 1 else ():
+            before: list[float] = []
+            for row in own:
+                try:
+                    found = [run(row, way, {"prestress_mode": mode})[0] for way in WAYS]
+                    axis = f"{stiffest(row, mode):.0f}°"
+                except SolverError:
+                    continue  # a printed chain density that locks
+                ratio = " / ".join(f"{f / b:.2f}" for f, b in zip(found, before, strict=True)) if before else ""
+                law = row.law + row.region.removeprefix(region)
+                print(f"| {region} | {mode} | {law} | {' / '.join(f'{f:.2f}' for f in found)} | {ratio} | {axis} |")
+                before = found
+
+
+def stiffest(row: Row, mode: str, step: float = 30.0) -> float:
+    """The in-plane direction [degrees from x, below 180] in which the probe meets the largest force along its way."""
+    time = np.linspace(0.0, 30.0, 151)
+    path = REACH * (1.0 - np.abs((time / 10.0 % 1.0) * 2.0 - 1.0))
+    angles, peaks = np.arange(0.0, 180.0, step), []
+    for angle in np.radians(angles):
+        way = np.array([np.cos(angle), np.sin(angle)])
+        drive = {"probe_x": path * way[0], "probe_y": path * way[1], "probe_z": 0.0 * path}
+        experiment = Experiment("microrobot", time, drive, {"prestress_mode": mode})
+        channels = models()[f"sheet_{row.law}"].simulate(experiment, row.parameters).channels
+        peaks.append(-(channels["force_x"] * way[0] + channels["force_y"] * way[1])[100:].min())
+    return float(angles[int(np.argmax(peaks))])
+
+
 def geometry() -> None:
     """Shifts by the missing geometry: hole, probe patch, thickness, frame."""
     print("| changed | forearm stiff, Ogden, dead loads | the same, initial stress | forehead, Ogden, dead loads |")
@@ -260,6 +296,7 @@ def figure() -> None:
 
 PARTS = {
     "rows": rows,
+    "sites": sites,
     "geometry": geometry,
     "parameters": parameters,
     "solid": solid,
