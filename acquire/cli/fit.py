@@ -56,6 +56,10 @@ def fit(
         bool,
         typer.Option("--posterior", help="Draw from the parameters' posterior, by the priors of --spec."),
     ] = False,
+    compare: Annotated[
+        str,
+        typer.Option(help="Further models, with commas between: by evidence, the law that the recordings speak for."),
+    ] = "",
     everything: Annotated[bool, typer.Option("--all", help=ALL)] = False,
     list_models: Annotated[bool, typer.Option("--list", help="List the models and their parameters.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result on stdout.")] = False,
@@ -74,6 +78,11 @@ def fit(
         raise ValueError(f"a fit needs --model or --spec; models are {', '.join(solver.models())}")
     moments = _times(times)
     recordings = counting([load(run) for run in runs], everything=everything)
+    if compare:
+        if not model or spec:
+            raise ValueError("--compare goes with --model, and without --spec")
+        _compare(solver, recordings, [model, *(law.strip() for law in compare.split(","))], jobs, output, as_json)
+        return
     try:
         with _Bar() as bar:
             options = {"posterior": True} if posterior else {}  # solvers that draw none need not know the word
@@ -95,6 +104,25 @@ def fit(
         typer.echo(f"{result.in_words()}\n\n{folder}/fit.html\n{folder}/fit.json")
         if written:
             typer.echo(f"{fields}: {len(written)} files of fields, to be opened by their .pvd or .xdmf")
+
+
+def _compare(
+    solver: Any, recordings: list[Any], laws: list[str], jobs: int, output: Path | None, as_json: bool
+) -> None:
+    """Fit and integrate every law; a table, and compare.json in the folder."""
+    from acquire.files import write_text
+
+    if unknown := [law for law in laws if law not in solver.models()]:
+        raise ValueError(f"no model {unknown[0]!r}; there are {', '.join(solver.models())}")
+    try:
+        with _Bar() as bar:
+            found = solver.compare(recordings, laws, jobs=jobs, progress=bar.update)
+    except ImportError as error:
+        raise ValueError(str(error)) from error
+    text = json.dumps(found.as_dict(), indent=1)
+    if output or not as_json:
+        write_text((output or Path("fit-report")) / "compare.json", text + "\n")
+    typer.echo(text if as_json else found.in_words())
 
 
 def _times(text: str) -> tuple[float, ...]:

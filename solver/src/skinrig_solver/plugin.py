@@ -45,6 +45,14 @@ class SkinrigSolver:
         candidates = [Candidate(name, run, minutes) for name, (run, minutes) in experiments.items()]
         return plan(str(fitted.get("model")), known(fitted), candidates, parameter)
 
+    def compare(self, recordings: Sequence[Any], laws: Sequence[str], *, jobs: int = 1, **options: Any) -> Any:
+        """Which of several models recordings speak for: see :func:`skinrig_solver.fit.compare.compare`."""
+        from .fit import workers
+        from .fit.compare import compare
+
+        with workers(jobs) as executor:
+            return compare(recordings, laws, executor=executor, **options)
+
     def live(self, model: str, instrument: Any, time: Any, setpoints: Mapping[str, Any], **options: Any) -> Any:
         """A fit while a run goes on: see :class:`skinrig_solver.fit.live.LiveFit`."""
         from .fit.live import LiveFit

@@ -48,6 +48,10 @@ class Solver:
             raise ValueError("model: there is no 'none'")
         return Result({"runs": [r.info.id for r in recordings], "spec": str(spec), **options})
 
+    def compare(self, recordings: list[Recording], laws: list[str], **options: Any) -> Result:
+        options.pop("progress")
+        return Result({"runs": [r.info.id for r in recordings], "laws": laws, **options})
+
 
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
@@ -102,9 +106,22 @@ def test_fields_go_to_their_folder_at_the_times_named(
     assert "1 files of fields" in capsys.readouterr().out
 
 
+def test_laws_are_compared_by_name(
+    monkeypatch: pytest.MonkeyPatch, run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with_solvers(monkeypatch, WORKING)
+    asked = ["fit", str(run), "--model", "suction", "--compare", "sheet, suction", "--jobs", "2", "-o", str(tmp_path)]
+    assert app.run(asked) == app.DONE
+    data = json.loads((tmp_path / "compare.json").read_text())
+    assert (data["laws"], data["jobs"]) == (["suction", "sheet", "suction"], 2)
+    assert "it fits" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        (["RUN", "--model", "suction", "--compare", "nope"], "no model 'nope'"),
+        (["RUN", "--spec", "fit.yaml", "--compare", "sheet"], "--compare goes with --model"),
         (["--model", "suction"], "at least one recording"),
         (["RUN"], "needs --model or --spec; models are sheet, suction"),
         (["RUN", "--model", "none"], "there is no 'none'"),
