@@ -47,3 +47,17 @@ def test_a_parameter_that_nothing_feels_on_its_bound_widens_the_others(
     assert max(off(fitted(seed)) for seed in held) > 5.0
     free = next(seed for seed in results if seed not in held)
     assert fitted(free).estimates[0].standard_error == results[free].estimates[0].standard_error
+
+
+@pytest.mark.parametrize("upper", [1.0, 1e9])
+def test_a_range_of_any_width_puts_nothing_on_a_bound_that_is_not(upper: float, curve: Callable[..., Any]) -> None:
+    """A share of a range of 1e9 is 1e5: a stiffness of one lay 'on its bound' of zero."""
+
+    def line(p: Mapping[str, float], s: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        return p["k"] * s, {"k": s}
+
+    model = curve(line, Parameter("k", "m", 0.0, upper, 0.5, "slope", "test"))
+    (found,) = model.fit({"k": 0.7}, 0.02, 1, parameters={"k": {"start": 0.4}}).estimates
+    assert not found.at
+    assert found.identifiable
+    assert found.value == pytest.approx(0.7, abs=5.0 * found.standard_error)

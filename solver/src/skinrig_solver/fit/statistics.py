@@ -12,9 +12,10 @@ from scipy.sparse.csgraph import connected_components
 from ..api import Array
 from . import units
 from .problem import Evaluation, Problem
-from .variables import Free
+from .variables import Free, Variables
 
 AT_BOUND = 1e-4  # of the range between bounds: how near counts as at the bound
+NEAR_BOUND = 1e-2  # of the start's distance from the bound
 POORLY = 0.5  # relative standard error above which a parameter is called not identifiable
 EXPLAINED = 0.98  # share of the variance below which a fit whose residuals are no noise is not to be trusted
 SYSTEMATIC = 3.0  # samples that count as one, from which residuals are no noise
@@ -71,9 +72,7 @@ def uncertainty(problem: Problem, optimum: Evaluation) -> Uncertainty:
     """
     assert optimum.jacobian is not None
     variables = problem.variables
-    lower, upper = variables.bounds
-    margin = AT_BOUND * (upper - lower)
-    sides = np.where(optimum.z <= lower + margin, -1, np.where(optimum.z >= upper - margin, 1, 0))
+    sides = on_bounds(variables, optimum.z)
     inner = np.flatnonzero(sides == 0)
     jacobian = optimum.jacobian
     weight = np.concatenate([c.weight[k] / c.scale[k] for c in problem.cases for k in c.data])
@@ -111,6 +110,20 @@ def uncertainty(problem: Problem, optimum: Evaluation) -> Uncertainty:
     warnings += _pairs(names, correlation[np.ix_(inner, inner)])
     warnings += _curves(problem, persistence)
     return Uncertainty(covariance, correlation, tuple(noise), tuple(persistence), on_bound, tuple(warnings))
+
+
+def on_bounds(variables: Variables, z: Array) -> NDArray[np.int_]:
+    """-1 for each coordinate of z (m,) that is on its lower bound, 1 on its upper one, else 0.
+
+    How near counts as on it: a share of the range, but where the range is many times the start's own distance from the
+    bound, a share of that. A modulus of kilopascals is not on a bound of zero because it might have been gigapascals.
+    """
+    lower, upper = variables.bounds
+    wide = AT_BOUND * (upper - lower)
+    below, above = variables.start - lower, upper - variables.start
+    low = np.where(below > 0.0, np.minimum(wide, NEAR_BOUND * below), wide)
+    high = np.where(above > 0.0, np.minimum(wide, NEAR_BOUND * above), wide)
+    return np.where(z <= lower + low, -1, np.where(z >= upper - high, 1, 0))
 
 
 def _sandwich(jacobian: Array, middle: Array) -> tuple[Array, NDArray[np.intp]]:
