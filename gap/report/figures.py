@@ -70,6 +70,11 @@ def residuals(d: Diagnosis, block: str, label: str) -> str:
     return _embedded(figure)
 
 
+def misfits(d: Diagnosis, block: str) -> bool:
+    """Whether any sample of a block stands above the noise: computed channels that are right have nothing to show."""
+    return any(float(np.max(np.abs(f.residual), initial=0.0)) > 1.0 for f, _, _ in _fits(d, block, "any"))
+
+
 def _fits(d: Diagnosis, block: str, label: str) -> list[tuple[Fit, str, str]]:
     """Fits to draw: the simulation by itself, and with the effect where one is named."""
     both = [(d.null.fits[block], NOMINAL, "nominal"), (d.best.fits[block], WITH_EFFECT, label)]

@@ -9,7 +9,7 @@ import numpy as np
 from acquire.files import write_text
 from gap.diagnosis import Diagnosis
 from gap.report.document import as_json
-from gap.report.figures import overview, residuals, where
+from gap.report.figures import misfits, overview, residuals, where
 from gap.report.pages import render
 from gap.report.words import quantity, words
 
@@ -49,7 +49,7 @@ def page(d: Diagnosis) -> str:
         rest=sum(c["probability"] for c in report["causes"]) - sum(c["probability"] for c in causes),
         pictures={
             "overview": overview(d, label),
-            "residuals": [(name, residuals(d, name, label)) for name in d.problems],
+            "residuals": [(name, residuals(d, name, label)) for name in d.problems if misfits(d, name)],
             "where": where(report, label),
         },
         beside=any("with_effect" in p for p in report["model"].values()),

@@ -122,8 +122,9 @@ def _product(a: FloatArray, b: FloatArray) -> FloatArray:
 def _advance_axis(
     s: FloatArray, t: FloatArray, target: FloatArray, load: FloatArray, p: FloatArray, y: FloatArray
 ) -> None:
-    m, kp, ki, kd, drag, limit, spring, longest = p[0], p[1], p[2], p[3], p[4], p[9], p[13], p[14]
+    m, kp, ki, kd, drag, spring, longest = p[0], p[1], p[2], p[3], p[4], p[13], p[14]
     w = 3.0 * ki / kp  # the loop's rate
+    per_ki, per_w = 1.0 / ki, 1.0 / w
     # State (w ∫e, x, x'/w): the same size each, so that the series converges fast.
     a = np.zeros((3, 3))
     a[0, 1], a[1, 2] = -w, w
@@ -136,22 +137,16 @@ def _advance_axis(
     for i in range(t.size):
         dt = t[i] - s[1]
         if dt > 1e-7:
-            integral, x, v = s[4], s[5], s[6]
-            steps = max(math.ceil(dt / longest * (1.0 - 1e-9)), 1)
-            if dry_only and _steady(s, p, w, a, bound, known, exponentials, target[i], load[i], dt):
+            steps = max(math.ceil(dt / (SUBSTEP if longest == math.inf else longest) * (1.0 - 1e-9)), 1)
+            if longest == math.inf:
+                e = _of_length(dt, a, bound, known, exponentials)
+                # Only a coil at its limit forbids one long step.
+                steps = 0 if _glides(s, p, w, per_ki, per_w, e, target[i], load[i], dt) else steps
+            elif dry_only and _steady(s, p, w, a, bound, known, exponentials, target[i], load[i], dt):
                 steps = 0
-            for attempt in range(2 if steps else 0):
+            if steps:
                 h = dt / steps
-                e = _of_length(h, a, bound, known, exponentials)
-                _run(s, p, w, e, target[i], load[i], h, steps, longest == math.inf and attempt == 0)
-                # Only a coil at its limit forbids one long step: then once more, in short ones.
-                fed = p[17] * (target[i] - s[2]) / dt
-                before = kp * (s[2] - x) + ki * integral - kd * v + fed
-                behind = kp * (target[i] - s[5]) + ki * s[4] - kd * s[6] + fed
-                if longest < math.inf or attempt == 1 or max(abs(before), abs(behind)) <= limit - abs(p[16]):
-                    break
-                s[4], s[5], s[6] = integral, x, v
-                steps = max(math.ceil(dt / SUBSTEP * (1.0 - 1e-9)), 1)
+                _run(s, p, w, _of_length(h, a, bound, known, exponentials), target[i], load[i], h, steps)
         s[1], s[2], s[3] = t[i], target[i], load[i]
         y[i] = s[5]
 
@@ -165,6 +160,38 @@ def _of_length(h: float, a: FloatArray, bound: float, known: FloatArray, kept: F
         _exponential(a, h, bound, kept[j])
     found: FloatArray = kept[j]
     return found
+
+
+@njit(cache=True, inline="always")
+def _glides(
+    s: FloatArray,
+    p: FloatArray,
+    w: float,
+    per_ki: float,
+    per_w: float,
+    e: FloatArray,
+    target: float,
+    load: float,
+    dt: float,
+) -> bool:
+    """One long step of the linear loop, unless the coil meets its limit; ``e`` is its exponential, ``per_ki`` and
+    ``per_w`` are inverse.
+
+    Returns whether it was taken; else ``s`` is as before."""
+    kp, ki, kd, spring, per_dt = p[1], p[2], p[3], p[13], 1.0 / dt
+    rho = (target - s[2]) * per_dt
+    ahead = ((load - s[3]) * per_dt - spring * rho) * per_ki
+    ip0 = ((kd + p[4]) * rho - s[3] + spring * (s[2] + ahead) + kp * ahead) * per_ki
+    d0, d1, d2 = w * (s[4] - ip0), s[5] - (s[2] + ahead), (s[6] - rho) * per_w
+    integral = ip0 - ahead * dt + (e[0, 0] * d0 + e[0, 1] * d1 + e[0, 2] * d2) * per_w
+    x = target + ahead + e[1, 0] * d0 + e[1, 1] * d1 + e[1, 2] * d2
+    v = rho + w * (e[2, 0] * d0 + e[2, 1] * d1 + e[2, 2] * d2)
+    before = kp * (s[2] - s[5]) + ki * s[4] - kd * s[6] + p[17] * rho
+    behind = kp * (target - x) + ki * integral - kd * v + p[17] * rho
+    if max(abs(before), abs(behind)) > p[9] - abs(p[16]):
+        return False
+    s[4], s[5], s[6] = integral, x, v
+    return True
 
 
 @njit(cache=True)
@@ -232,25 +259,19 @@ def _run(
     load: float,
     h: float,
     steps: int,
-    linear: bool,
 ) -> None:
-    """From the last target and load in ``s`` to these in ``steps`` of ``h`` s; ``e`` is the exponential of one.
-
-    ``linear``: nothing but the linear loop.
-    """
+    """From the last target and load in ``s`` to these in ``steps`` of ``h`` s; ``e`` is the exponential of one."""
     kp, ki, kd, drag, coulomb, stiction, v_s, presliding = p[1], p[2], p[3], p[4], p[5], p[6], p[7], p[8]
     limit, windup, slope, curvature, spring, soft, carried = p[9], p[10], p[11], p[12], p[13], p[15], p[16]
     rho = (target - s[2]) / (h * steps)
     lam = (load - s[3]) / (h * steps) - spring * rho
     for k in range(steps):
         r0, r1 = s[2] + rho * h * k, s[2] + rho * h * (k + 1)
-        extra, limited = 0.0, False
-        if not linear:
-            error = r0 - s[5] + 0.5 * h * (rho - s[6])  # at the middle of the step, about its mean
-            force = kp * error + ki * (s[4] + 0.5 * h * error) - kd * s[6] + p[17] * rho
-            real = force * max(1.0 + slope * s[5] + curvature * s[5] * s[5], 0.05) + carried
-            limited = abs(real) >= limit and soft == 0.0
-            extra = (limit * math.tanh(real / limit) if soft > 0.0 else min(max(real, -limit), limit)) - carried - force
+        error = r0 - s[5] + 0.5 * h * (rho - s[6])  # at the middle of the step, about its mean
+        force = kp * error + ki * (s[4] + 0.5 * h * error) - kd * s[6] + p[17] * rho
+        real = force * max(1.0 + slope * s[5] + curvature * s[5] * s[5], 0.05) + carried
+        limited = abs(real) >= limit and soft == 0.0
+        extra = (limit * math.tanh(real / limit) if soft > 0.0 else min(max(real, -limit), limit)) - carried - force
         load0 = s[3] + (load - s[3]) / steps * k - spring * (r0 + lam / ki)
         ip0 = ((kd + drag) * rho - load0 - extra + kp * lam / ki) / ki
         d0, d1, d2 = w * (s[4] - ip0), s[5] - (r0 + lam / ki), (s[6] - rho) / w
@@ -276,6 +297,6 @@ def _run(
                     x, integral = s[5], s[4] + h * (0.5 * (r0 + r1) - s[5])
         if limited:
             integral = s[4] + windup * (integral - s[4])
-        if abs(x) > _END_STOP and not linear:
+        if abs(x) > _END_STOP:
             x, v = math.copysign(_END_STOP, x), 0.0
         s[4], s[5], s[6] = integral, x, v
