@@ -111,7 +111,7 @@ def _places(candidate: Candidate, problem: Problem, base: Fit) -> tuple[Sequence
         lasting = [{"moment": m, "duration": parameters["duration"].high} for m in moments]
         change = _all_along(candidate, problem, base)
         windows = spells(time, residual, recording)
-        windows += [] if has_level(change) else answered(base, problem.rows, change)
+        windows += [] if has_level(change) else [answered(base, problem.rows, change)]
         return lasting + [{"moment": m, "duration": length} for m, length in windows], False
     if "capacity" in parameters:
         most = float(np.max(np.abs(problem.measured)))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from gap.data.rhythms import LINES
 from gap.inference.evidence import Fit
 from gap.inference.hypothesis import Rows
 from gap.inference.linear import Projector
@@ -22,9 +21,9 @@ def has_level(change: FloatArray) -> bool:
     return float(np.sum(change)) ** 2 >= LEVEL * len(change) * float(change @ change)
 
 
-def answered(base: Fit, rows: Rows, change: FloatArray) -> list[tuple[float, float]]:
-    """Moments, s, and durations, s, of the windows, one for a recording, in which the ``change`` (n,) that an event
-    makes if it lasts all along takes most off a fit's χ², the nuisance refitted; the best first.
+def answered(base: Fit, rows: Rows, change: FloatArray) -> tuple[float, float]:
+    """Moment, s, and duration, s, of the window within a recording in which the ``change`` (n,) that an event makes if
+    it lasts all along takes most off a fit's χ², the nuisance refitted.
 
     For a window w of it, P the projector of `Projector` and r the residual: (rᵀ P w)² / (wᵀ P w), all windows of a
     recording at once by cumulative sums. Tone that is another for some seconds multiplies a force about nought: the
@@ -47,4 +46,4 @@ def answered(base: Fit, rows: Rows, change: FloatArray) -> list[tuple[float, flo
         first, behind = np.unravel_index(int(np.argmax(gain)), gain.shape)
         edges = np.concatenate([stamps[:1], 0.5 * (stamps[1:] + stamps[:-1]), stamps[-1:]])
         found.append((float(gain[first, behind]), float(edges[first]), float(edges[behind] - edges[first])))
-    return [(begin, length) for _, begin, length in sorted(found, reverse=True)[:LINES]]
+    return max(found)[1:]

@@ -38,7 +38,7 @@ def test_a_window_is_told_by_what_the_effect_would_change(stiffer: LinearProblem
     base = fit(stiffer)
     assert not has_level(SIGNAL)
     assert has_level(SIGNAL + 20.0)
-    begin, length = answered(base, stiffer.rows, SIGNAL)[0]
+    begin, length = answered(base, stiffer.rows, SIGNAL)
     assert begin == pytest.approx(BEGIN, abs=3.0)
     assert length == pytest.approx(LENGTH, abs=8.0)
     by_level = spells(TIME, base.residual, stiffer.rows.recording)
