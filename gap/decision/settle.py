@@ -15,7 +15,15 @@ from gap.decision.posterior import Posterior, concept, posterior
 from gap.decision.qualified import Qualified
 from gap.decision.thresholds import Thresholds
 from gap.decision.tolerance import Stated, in_tolerances, strained
-from gap.decision.transfer import Shrink, best_elsewhere, gap_without_discrepancy, in_changed_blocks, plain, transferred
+from gap.decision.transfer import (
+    Shrink,
+    best_elsewhere,
+    gap_without_discrepancy,
+    in_changed_blocks,
+    in_each_block,
+    plain,
+    transferred,
+)
 from gap.decision.verdict import Findings, Verdict, decide, without_skin
 from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import Candidate
@@ -105,6 +113,7 @@ def settle(case: Case, t: Thresholds, jobs: int = 1) -> Settled:
         posterior=found,
         t=t,
         fitted=in_changed_blocks(case.null, trials[0].answer),
+        each=in_each_block(case.null, trials[0].answer),
         held_out=_withheld(trials[0]),
         rival=_rival(case, found, t, jobs),
         without_skin=without_skin(first, comparison, found.temper),

@@ -55,6 +55,7 @@ class Thresholds:
     helps: float
     worse_repeat: float
     worse_elsewhere: float
+    worse_block: float
     carries_over: float
     carried_share: float
     untested_gap: float

@@ -92,6 +92,12 @@ def in_changed_blocks(null: Hypothesis, answer: Hypothesis) -> Shrink:
     return Shrink(gap_without_discrepancy(null, touched), gap_without_discrepancy(answer, touched))
 
 
+def in_each_block(null: Hypothesis, answer: Hypothesis) -> dict[str, Shrink]:
+    """The same for every such block by itself."""
+    touched = sorted({b for e in answer.effects for b in e.blocks})
+    return {b: Shrink(gap_without_discrepancy(null, [b]), gap_without_discrepancy(answer, [b])) for b in touched}
+
+
 def best_elsewhere(held_out: Sequence[Mapping[str, Shrink]], margin: float) -> int:
     """Which of the members of a class meets withheld data best, the first unless another is better by ``margin``, a
     share of the gap: another waveform counts alone, where there is one."""

@@ -19,16 +19,17 @@ VERDICTS = ("effect", "several", "none", "unknown", "undetectable")
 
 @dataclass(frozen=True)
 class Findings:
-    """All that the rules look at. ``fitted`` is the gap in the channels that the first cause changes, ``held_out`` on
-    recordings that its parameters were not fitted to, by split, and ``rival`` the same of the next cause of other
-    effects; ``without_skin``, the nats that blocks without skin give the first cause; ``tolerances``, how many stated
-    tolerances the smallest member of its class is large (inf where none is stated), and ``beyond``, the tempered σ by
-    which it exceeds any tolerance; ``strained``, whether without it tolerances are strained far; ``chance``,
-    how large residuals laid to chance are, of normal ones."""
+    """All that the rules look at. ``fitted`` is the gap in the channels that the first cause changes, ``each`` in every
+    such block, ``held_out`` on recordings that its parameters were not fitted to, by split, and ``rival`` the same of
+    the next cause of other effects; ``without_skin``, the nats that blocks without skin give the first cause;
+    ``tolerances``, how many stated tolerances the smallest member of its class is large (inf where none is stated), and
+    ``beyond``, the tempered σ by which it exceeds any tolerance; ``strained``, whether without it tolerances are
+    strained far; ``chance``, how large residuals laid to chance are, of normal ones."""
 
     posterior: Posterior
     t: Thresholds
     fitted: Shrink | None = None
+    each: Mapping[str, Shrink] = field(default_factory=dict)
     held_out: Mapping[str, Shrink] = field(default_factory=dict)
     rival: Mapping[str, Shrink] = field(default_factory=dict)
     without_skin: float = np.inf
@@ -150,6 +151,11 @@ def _small(f: Findings) -> bool:
     if f.fitted is None or f.shows_itself or f.strained or not f.withheld or _helps(f):
         return False
     return f.fitted.after > f.fitted.before * (1.0 - f.t.small_fall)
+
+
+def _repairs_one(f: Findings) -> bool:
+    """One block is repaired at another's cost. An effect that acts is met in all that it changes."""
+    return not f.shows_itself and any(s.after > f.t.worse_block * max(s.before, 1.0) for s in f.each.values())
 
 
 def _worse(split: str, limit: Callable[[Findings], float]) -> Callable[[Findings], bool]:
@@ -286,6 +292,12 @@ RULES: tuple[Rule, ...] = (
         lambda f: ", ".join([_fall(f), *(_told(k)(f) for k in f.withheld)]),
     ),
     Rule("within the noise", _untested, Findings.quiet, _fall),
+    Rule(
+        "worse in another channel",
+        _repairs_one,
+        _always("unknown"),
+        lambda f: ", ".join(f"{name}: gap {s.before:.2f} -> {s.after:.2f}" for name, s in f.each.items()),
+    ),
     Rule("as weak as may be", _faint, Findings.spoiled, lambda f: "at the low end of its range, and no use elsewhere"),
     Rule("worse on repeats", _worse_on_repeats, _always("unknown"), _told("repeat")),
     Rule(

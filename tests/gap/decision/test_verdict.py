@@ -198,6 +198,14 @@ def test_a_claim_lowers_the_gap_of_the_whole_session(linear, candidate, left: fl
     assert decide(Findings(found, INSTRUMENT, fitted=Shrink(1.24, 1.1))).rules[0].startswith(rule)
 
 
+@pytest.mark.parametrize(("after", "said"), [(1.42, "unknown"), (1.12, "effect")])
+def test_a_claim_makes_no_other_channel_worse(linear, candidate, after: float, said: str) -> None:
+    """A valve that sleeps was claimed as a jump of the gauge's reading, after which the height was no longer met."""
+    comparison, known = weak_wave(linear, candidate, 4.0)
+    blocks = {"pressure": Shrink(4.19, 1.04), "height": Shrink(1.10, after)}
+    assert judge(comparison, known, fitted=Shrink(3.07, 1.42), each=blocks).verdict == said
+
+
 @pytest.mark.parametrize(
     ("after", "elsewhere", "said"),
     [
