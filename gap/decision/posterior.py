@@ -286,6 +286,32 @@ def _distance(a: Hypothesis, b: Hypothesis, trust: Mapping[str, float], temper: 
     return float(np.sqrt(square))
 
 
+def _alike(
+    one: Hypothesis, other: Hypothesis, trust: Mapping[str, float], temper: Mapping[str, float], t: Thresholds
+) -> bool:
+    """Whether data that tell two explanations apart by next to nothing cannot split them: they predict alike, one is a
+    limit of the other, or both say that something happened at the same time."""
+    if len(one.effects) != len(other.effects):
+        return False
+    if extends(one, other) or extends(other, one) or _same_event(one, other, t.same_edges):
+        return True
+    left = sum(max(f.chi2 - len(f.residual), 0.0) / temper[b] for b, f in one.fits.items())
+    return _distance(one, other, trust, temper) < max(t.separable, t.blunt * float(np.sqrt(left)))
+
+
+def _same_event(one: Hypothesis, other: Hypothesis, near: float) -> bool:
+    """Whether two single effects in the same blocks are events that begin and end at the same times, to ``near`` s."""
+    spells = []
+    for h in (one, other):
+        if len(h.effects) != 1 or not h.effects[0].event:
+            return False
+        values = next(f.active[h.effects[0]] for f in h.fits.values() if h.effects[0] in f.active)
+        begin = values.get("moment", np.nan)
+        spells.append((set(h.effects[0].blocks), begin, begin + values.get("duration", 0.0)))
+    (blocks, begin, end), (others, from_then, until) = spells
+    return blocks == others and abs(begin - from_then) < near and abs(end - until) < near
+
+
 def _classes(
     hypotheses: Sequence[Hypothesis],
     score: FloatArray,
@@ -297,21 +323,14 @@ def _classes(
     """Group explanations that these data cannot split, all but the first of ``hypotheses``, which is none; within a
     class the one with fewest parameters leads, unless it is worse by more than `Thresholds.lead`."""
 
-    def alike(lead: int, k: int) -> bool:
-        one, other = hypotheses[lead], hypotheses[k]
-        if score[lead] - score[k] >= t.evidence_tie or len(one.effects) != len(other.effects):
-            return False
-        if extends(one, other) or extends(other, one):
-            return True
-        left = sum(max(f.chi2 - len(f.residual), 0.0) / temper[b] for b, f in one.fits.items())
-        return _distance(one, other, weighed[id(one)].trust, temper) < max(t.separable, t.blunt * float(np.sqrt(left)))
-
     order = [int(k) for k in np.argsort(-score) if k]
     null = weighed[id(hypotheses[0])].evidence
     causes = []
     while order:
         lead = order[0]
-        members = [k for k in order if k == lead or alike(lead, k)]
+        trust = weighed[id(hypotheses[lead])].trust
+        near = [k for k in order if k == lead or score[lead] - score[k] < t.evidence_tie]
+        members = [k for k in near if k == lead or _alike(hypotheses[lead], hypotheses[k], trust, temper, t)]
         leaders = [k for k in members if score[lead] - score[k] <= t.lead]
         simplest = min(leaders, key=lambda k: (sum(len(e.parameters) for e in hypotheses[k].effects), -score[k]))
         order = [k for k in order if k not in members]

@@ -39,6 +39,7 @@ class Thresholds:
     second_excess: float
     second_least: float
     at_once: float
+    same_edges: float
     chance: float
     unearned: float
     unknown: float

@@ -202,6 +202,40 @@ def test_two_events_at_once_are_one_of_another_form(linear, candidate, apart: fl
     assert len(posterior(comparison, [jump, rise], INSTRUMENT).causes[0].effects) == effects
 
 
+@pytest.mark.parametrize(("later", "together"), [(0.2, True), (5.0, False)])
+def test_one_event_in_other_words_is_one_class(linear, candidate, later: float, together: bool) -> None:
+    """A tone that rose for 5 s was claimed as a leak of the rim, whose edges skin answers a little otherwise."""
+    time = np.linspace(0.0, 60.0, 600)
+
+    def spell(v, shape):
+        inside = (time > v["moment"]) & (time < v["moment"] + v["duration"])
+        return v["a"] * inside * (1.0 + shape * (time - v["moment"]))
+
+    laws = {"tone": lambda v: spell(v, 0.0), "leak": lambda v: spell(v, 0.13)}
+    own = (
+        Parameter("a", "1", -30.0, 30.0, 0.0),
+        Parameter("moment", "s", 0.0, 60.0),
+        Parameter("duration", "s", 0.0, 60.0),
+    )
+    tone, leak = (replace(candidate(name, *own), event=True) for name in laws)
+    true = {"a": 8.0, "moment": 20.0, "duration": 5.0}
+    problem = linear(
+        laws["tone"](true) + np.random.default_rng(0).normal(size=len(time)),
+        np.ones((len(time), 1)),
+        laws,
+        np.full(1, 100.0),
+    )
+    null = Hypothesis((), {"linear": fit(problem)})
+    told = [(tone, true), (leak, {**true, "moment": 20.0 + later, "a": 6.0})]
+    units = [np.array([to_unit(p, v[p.name]) for p in own]) for _, v in told]
+    fits = [fit(problem, (e,), u, iterations=0) for (e, _), u in zip(told, units, strict=True)]
+    comparison = Comparison(
+        {"linear": problem}, null, [Hypothesis((e,), {"linear": f}) for (e, _), f in zip(told, fits, strict=True)]
+    )
+    close = replace(INSTRUMENT, evidence_tie=1e6)
+    assert (len(posterior(comparison, [tone, leak], close).causes[0].names) == 2) == together
+
+
 @pytest.mark.parametrize(("tolerance", "effects"), [(5.0, 1), (0.1, 2)])
 def test_a_second_effect_within_its_tolerance_is_none(linear, candidate, tolerance: float, effects: int) -> None:
     """A lag of 1 ms, of which 10 are stated, moved lost samples out of their tolerance (seed 410004, a sound case)."""
