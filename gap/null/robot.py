@@ -26,7 +26,7 @@ LIMITED = {"force_saturation": "axes", "integral_windup": "axes", "sensor_satura
 ABRUPT, GRADUAL = (0.4, 1.3), (0.8, 4.0)
 """Where a limit counts, of the session's greatest force: well below it an axis falls, well above nothing happens."""
 PROBE_FLOOR, FORCE_FLOOR = 2e-6, 1e-4
-"""m and N by which computed channels may differ from what they are computed of. Sound ones of three generators differ
+"""m and N by which computed channels may differ from what they are computed of. Sound ones of two generators differ
 by up to 2 µm, as the kinematics are linear or not, and by 20 nN, as numbers are rounded; a matrix leaves no more."""
 
 
