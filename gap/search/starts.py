@@ -2,7 +2,7 @@
 
 A fit finds a narrow optimum (rhythm, moment, one recording) only from close by. Effects say by the names of their
 parameters that they are such: a ``phase`` with a ``frequency``, an ``interval``, a ``period`` or a ``tau``; a
-``moment``, which may have a ``duration``; a ``within``; a ``capacity``; in processing, a ``delay``.
+``moment``, which may have a ``duration``; a ``within``; a ``capacity``; a ``knee``; in processing, a ``delay``.
 """
 
 from __future__ import annotations
@@ -34,6 +34,8 @@ AGREED = 0.85
 
 FULL = (1.05, 1.25)
 """Capacities that are looked at, as multiples of the greatest value: far above none shows, below all is lost."""
+KNEES = (0.3, 0.6, 0.85)
+"""Knees that are looked at, as shares of the greatest value: above that nothing shows."""
 
 Place = Mapping[str, float]
 """Values of some of an effect's parameters."""
@@ -116,6 +118,9 @@ def _places(candidate: Candidate, problem: Problem, base: Fit) -> tuple[Sequence
     if "capacity" in parameters:
         most = float(np.max(np.abs(problem.measured)))
         return [{"capacity": share * most} for share in FULL], False
+    if "knee" in parameters:
+        most = float(np.max(np.abs(problem.measured)))
+        return [{"knee": share * most} for share in KNEES], False
     if "within" in parameters:
         return [{"within": float(np.median(time[recording == k]))} for k in np.unique(recording)], False
     if "delay" in parameters and candidate.stage == "processing" and problem.resets:

@@ -29,9 +29,10 @@ from sim_devices.stages.robot import TRANSDUCERS, numbered
 Law = Callable[..., Any]
 HEIGHT, FORCE = "optics", "transducers"
 CHANNEL = choice("channel", 0, "transducer a", "b", "c", "all three")
-COURSES = ("linear in time", "towards a limit, as in warming up", "to and fro")
-COURSE = choice("form", 1, *COURSES)
-_EACH_COURSE = choice("form", 1, *COURSES, "towards a limit, each transducer its own")
+_COURSES = ("linear in time", "towards a limit, as in warming up", "to and fro")
+ANEW_COURSE = choice("form", 1, *_COURSES, "towards a limit, switched on with every recording")
+WARMING = shape("warming", "s", 0.5, 120.0, 8.0, "within which it warms up", log=True, only=(3,))
+_EACH_COURSE = choice("form", 1, *_COURSES, "towards a limit, each transducer its own")
 
 
 def _transducers(v: Values) -> tuple[str, ...]:
@@ -115,6 +116,10 @@ def mixed(time: FloatArray, u: FloatArray, other: FloatArray, share: float) -> F
 
 
 def _drift(chain: Chain, v: Values) -> Chain:
+    if chosen(v, "form") == 3:
+        op: Any = chain["latency"]
+        parameters = (-v["amount"], v["warming"], *op.marks)
+        return map_after(chain, HEIGHT, "sensor_drift", "sensor", laws.fading_offset, parameters)
     return map_after(
         chain, HEIGHT, "sensor_drift", "sensor", laws.drift, (v["amount"], v["tau"], v["form"], v["phase"])
     )
@@ -184,12 +189,12 @@ def on_both(instruments: tuple[str, ...], scale: float, unit: str) -> list[Effec
             "datasheet: 5.5 % / 25 °C, null shift" if robot else "light source and electronics; gap.md",
             (
                 signed("amount", unit, 1.0 * scale, 0.2 * scale, "after a time tau (form 2: amplitude)"),
-                shape("tau", "s", 20.0, 3000.0, 200.0, log=True),
+                shape("tau", "s", 20.0, 3000.0, 200.0, log=True, only=() if robot else (0, 1, 2)),
                 *(replace(p, only=(0, 1, 2)) for p in which),
-                _EACH_COURSE if robot else COURSE,
+                _EACH_COURSE if robot else ANEW_COURSE,
                 PHASE,
                 *((signed(f"amount_{leg}", unit, scale, 0.2 * scale * share, "of its own", only=(3,))
-                   for leg, share in zip("bc", (-0.5, 0.7), strict=True)) if robot else ()),
+                   for leg, share in zip("bc", (-0.5, 0.7), strict=True)) if robot else (WARMING,)),
             ),
             _drift_of_each if robot else _drift,
         ),

@@ -10,7 +10,7 @@ import numpy as np
 
 from sim_devices.chain import Chain, FloatArray, Signals
 from sim_devices.effects.any_sensor import (
-    COURSES,
+    ANEW_COURSE,
     GAIN_MEANING,
     GAIN_REMEDY,
     GAIN_SHAPE,
@@ -18,6 +18,7 @@ from sim_devices.effects.any_sensor import (
     LAG,
     ORDER,
     TAU,
+    WARMING,
     gain,
     low_pass,
     mixed,
@@ -184,9 +185,9 @@ EFFECTS = (
         (
             signed("change", "1", 0.6, 0.15, "of the light in the end (form 2: amplitude)"),
             shape("tau", "s", 20.0, 3000.0, 200.0, log=True, only=(0, 1, 2)),
-            shape("warming", "s", 0.5, 120.0, 8.0, "within which it warms up", log=True, only=(3,)),
+            WARMING,
             shape("shift", "1", 0.0, 1.0, 0.2, "typical heights by which the reading shifts besides"),
-            choice("form", 1, *COURSES, "towards a limit, switched on with every recording"),
+            ANEW_COURSE,
             PHASE,
         ),
         _illumination,

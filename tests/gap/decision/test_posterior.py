@@ -102,6 +102,8 @@ def test_a_defect_of_the_noise_is_told_by_its_marks_alone(verdict_on) -> None:
     assert told.rules[0].startswith("told by its noise: ")
     assert total(told) == pytest.approx(1.0)
     assert verdict_on(("bump", "late"), {}, marks=(replace(mark, noise=1.05),)).verdict in ("none", "undetectable")
+    beside = verdict_on(("bump", "late"), {"bump": 9.0}, marks=(mark,))  # whatever else acts
+    assert beside.causes[0].names == ("late",)
 
 
 def test_a_prior_for_no_effect_wins_on_weak_evidence(verdict_on) -> None:

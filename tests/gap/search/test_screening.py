@@ -10,7 +10,7 @@ from gap.inference.hypothesis import Candidate
 from gap.inference.least_squares import fit, under
 from gap.search.compare import Effort, compare
 from gap.search.screening import as_if_known, screen
-from gap.search.starts import grid
+from gap.search.starts import grid, starting_points
 from sim_devices.chain import Parameter
 
 T = np.linspace(0.0, 1.0, 400)
@@ -66,6 +66,17 @@ def test_a_threshold_is_looked_for_where_it_begins_to_show(linear, candidate) ->
     base = Hypothesis((), {"linear": fit(problem)})
     found, _ = screen({"linear": problem}, base, [limit])
     assert found[0].gain > 100
+
+
+def test_a_knee_is_looked_for_below_the_greatest_value(linear, candidate) -> None:
+    """A gauge of two slopes was missed (δ_free 170): half of the knee's range was above all pressures."""
+    y = np.linspace(0.0, 20.0, 400)
+    bend = {"bend": lambda v: v["error"] * np.maximum(y - v["knee"], 0.0)}
+    bent = candidate("bend", Parameter("error", "1", -0.4, 0.4, 0.0), Parameter("knee", "1", 2.0, 100.0))
+    problem = linear(y + bend["bend"]({"error": 0.2, "knee": 9.0}), np.ones((400, 1)), bend, np.full(1, 100.0))
+    points, _ = starting_points(bent, {"linear": problem}, Hypothesis((), {"linear": fit(problem)}))
+    knees = {round(bent.values(point)["knee"], 1) for point in points}
+    assert sum(k < 20.0 for k in knees) >= 2
 
 
 def test_a_jump_and_one_recording_are_tried_where_they_can_be(linear, candidate) -> None:

@@ -187,6 +187,21 @@ def test_a_burst_moves_up_what_follows_in_its_recording_alone() -> None:
     np.testing.assert_array_equal(height[behind], nominal_height[behind])
 
 
+@pytest.mark.parametrize(("name", "size"), [("illumination_drift", "change"), ("sensor_drift", "amount")])
+def test_what_is_switched_on_with_every_recording_warms_up_in_each(name: str, size: str) -> None:
+    """A drift over the session begins once: no form could follow a lamp that is switched on each time."""
+    time, inputs, chain = session("cutometer")
+    effect = effects("cutometer")[name]
+    values = {"form": 3, size: 0.2 if size == "change" else 5e-5, "warming": 1.0, "shift": 0.0}
+    values = {p.name: values[p.name] for p in effect.parameters if p.name in values}
+    height = effect.apply(chain, values).run(time, inputs)["apex_height"]
+    off = np.abs(height - reference("cutometer")["apex_height"])
+    zeroed = off[np.isclose(time % 320, 13.9, atol=0.011)].mean()  # the zero is taken while it warms up
+    for begin in (0.0, 320.0):
+        early, late = (np.interp(begin + at, time, np.abs(off - (size == "amount") * zeroed)) for at in (1.5, 5.5))
+        assert early > 10 * late
+
+
 def test_a_spell_ends() -> None:
     time, inputs, chain = session("cutometer")
     spell = {"form": 2, "share": 0.3, "moment": 3.0, "duration": 1.0}
