@@ -16,7 +16,7 @@ from scipy.special import softmax
 from gap.data.signatures import HUM, Signature
 from gap.decision.marks import at_marks, explains_marks, made_by, wider_noise
 from gap.decision.thresholds import Thresholds
-from gap.decision.tolerance import Stated, in_stated
+from gap.decision.tolerance import Stated, in_stated, weakest
 from gap.decision.transfer import Shrink
 from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import Candidate
@@ -153,7 +153,8 @@ def posterior(
     every = [comparison.null, *comparison.hypotheses]
     marks = np.array([_mark_nats(h, comparison, weighed, signatures, t) for h in every])
     prior = _log_priors(every, candidates, t) + np.array([beforehand(h) for h in every])
-    score = prior + np.array([weighed[id(h)].evidence for h in every]) + marks
+    at_bound = t.at_bound * np.array([weakest(h, t.weakest) for h in every])
+    score = prior + np.array([weighed[id(h)].evidence for h in every]) + marks - at_bound
     score = _with_earned_pairs(score, every, comparison, weighed, t, temper, stated or {})
     # Whether anything acts is one question, its name another: a weak effect often answers the second.
     acts = 1.0 - float(softmax(score)[0])

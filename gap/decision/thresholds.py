@@ -53,6 +53,7 @@ class Thresholds:
     least_share: float
     least_of_all: float
     weakest: float
+    at_bound: float
     helps: float
     worse_repeat: float
     worse_elsewhere: float

@@ -62,6 +62,16 @@ def in_stated(effect: Candidate, h: Hypothesis, stated: Stated) -> float:
     return float(max(abs(values[p.name] - (p.null or 0.0)) / known[p.name].value for p in strengths))
 
 
+def weakest(h: Hypothesis, within: float) -> bool:
+    """Whether a single effect is as weak as its prior allows: ``within`` that share of its range in logarithms."""
+    if len(h.effects) != 1:
+        return False
+    parameters = h.effects[0].parameters
+    strength = [k for k, p in enumerate(parameters) if p.null is not None and p.scale == "log" and p.null < p.low]
+    fitted = [f for f in h.fits.values() if f.hypothesis]
+    return bool(strength) and all(f.unit[strength[0]] < within for f in fitted)
+
+
 def _by_channels(
     problems: Mapping[str, Problem],
     null: Hypothesis,

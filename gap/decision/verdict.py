@@ -10,8 +10,8 @@ import numpy as np
 from gap.decision.marks import explains_marks
 from gap.decision.posterior import Cause, Posterior, misfit
 from gap.decision.thresholds import Thresholds
+from gap.decision.tolerance import weakest
 from gap.decision.transfer import Shrink
-from gap.inference.evidence import Hypothesis
 from gap.search.compare import Comparison
 
 VERDICTS = ("effect", "several", "none", "unknown", "undetectable")
@@ -355,16 +355,6 @@ def _settled(f: Findings, said: str) -> Posterior:
 def undetectable(verdict: Verdict, reason: str) -> Verdict:
     """The same findings where the rest is known to be the simulation's own error, for ``reason``."""
     return replace(verdict, verdict="undetectable", rules=(*verdict.rules, reason))
-
-
-def weakest(h: Hypothesis, within: float) -> bool:
-    """Whether a single effect is as weak as its prior allows: ``within`` that share of its range in logarithms."""
-    if len(h.effects) != 1:
-        return False
-    parameters = h.effects[0].parameters
-    strength = [k for k, p in enumerate(parameters) if p.null is not None and p.scale == "log" and p.null < p.low]
-    fitted = [f for f in h.fits.values() if f.hypothesis]
-    return bool(strength) and all(f.unit[strength[0]] < within for f in fitted)
 
 
 def without_skin(cause: Cause, comparison: Comparison, temper: Mapping[str, float]) -> float:

@@ -264,3 +264,20 @@ def test_an_effect_and_its_limit_are_one_class(linear, candidate, extended: bool
     comparison = compare([linear(y, DESIGN, changes, np.full(2, 100.0))], known)
     found = posterior(comparison, known, replace(INSTRUMENT, separable=0.0), ())
     assert (set(found.causes[0].names) == set(changes)) == extended
+
+
+@pytest.mark.parametrize(("least", "leader"), [(6.0, "lag"), (0.1, "resonance")])
+def test_an_effect_at_the_end_of_its_strength_is_less_probable(linear, candidate, least: float, leader: str) -> None:
+    """A hose of .13 s was told a resonance of the least overshoot that is tried (seed 410005)."""
+    noise = np.random.default_rng(0).normal(size=len(T))
+    y = DESIGN @ [2.0, 1.0] + 6.0 * SHAPES["bump"] + 0.4 * SHAPES["late"] + noise
+    changes = {
+        "resonance": lambda v: v["a"] * (SHAPES["bump"] + 0.1 * SHAPES["late"]),
+        "lag": lambda v: v["a"] * (SHAPES["bump"] - 0.1 * SHAPES["late"]),
+    }
+    known = [candidate(n, Parameter("a", "1", 0.1, 60.0, 0.0, 1.0, "log")) for n in changes]
+    known[0] = candidate("resonance", Parameter("a", "1", least, 60.0, 0.0, 10.0, "log"))
+    comparison = compare([linear(y, DESIGN, changes, np.full(2, 100.0))], known)
+    assert {h.effects[0].name for h in comparison.hypotheses if len(h.effects) == 1} == set(changes)
+    assert posterior(comparison, known, INSTRUMENT).causes[0].names[0] == leader
+    assert posterior(comparison, known, replace(INSTRUMENT, at_bound=0.0)).causes[0].names[0] == "resonance"

@@ -13,9 +13,9 @@ from gap.data.tolerances import Tolerance, tolerances
 from gap.decision.posterior import Cause, posterior
 from gap.decision.settle import Case, settle
 from gap.decision.thresholds import INSTRUMENT, RIG, Thresholds, provenance
-from gap.decision.tolerance import Stated, in_tolerances
+from gap.decision.tolerance import Stated, in_tolerances, weakest
 from gap.decision.transfer import Shrink, plain
-from gap.decision.verdict import RULES, Findings, decide, weakest, without_skin
+from gap.decision.verdict import RULES, Findings, decide, without_skin
 from gap.inference.evidence import Hypothesis
 from gap.search.compare import Comparison, compare
 from sim_devices.chain import Parameter
