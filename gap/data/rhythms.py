@@ -16,6 +16,8 @@ from sim_devices.chain import FloatArray
 
 LINES = 2
 """How many of each are tried."""
+ALIKE = 0.5
+"""s by which the clearest jumps of recordings may differ and be one after the same time."""
 SHARP = 3e-3
 """s: lateness known worse than that says nothing of looks at equal intervals."""
 SLOWEST_LOOK, QUICKEST_LOOK = 1.0, 2e-3
@@ -128,20 +130,33 @@ def jumps(time: FloatArray, residual: FloatArray, recording: NDArray[np.int64]) 
     the one between two of them."""
     order = np.argsort(time, kind="stable")
     time, residual, recording = time[order], residual[order], recording[order]
-    moments, worth = [], []
-    for k in np.unique(recording):
-        at = recording == k
-        stamps, gain = time[at], _step_gain(residual[at])
-        if len(stamps) > 12:
-            best = 3 + int(np.argmax(gain[3:-4]))
-            moments.append(float(0.5 * (stamps[best] + stamps[best + 1])))
-            worth.append(float(gain[best]))
-    out = [moments[k] for k in np.argsort(worth)[::-1][:LINES]]
+    out = [moment for _, moment, _ in _jump_of_each(time, residual, recording)[:LINES]]
     borders = np.flatnonzero(np.diff(recording))
     if len(borders):
         best = int(borders[np.argmax(_step_gain(residual)[borders])])
         out.append(float(0.5 * (time[best] + time[best + 1])))
     return out
+
+
+def since_the_start(time: FloatArray, residual: FloatArray, recording: NDArray[np.int64]) -> list[float]:
+    """How long, s, after the start of its recording a residual (n,) is most different from its past: as most of them
+    have in common, then as the clearest have."""
+    clearest = [moment - begin for _, moment, begin in _jump_of_each(time, residual, recording)]
+    return list(dict.fromkeys([*in_common(clearest, ALIKE), *clearest]))[:LINES]
+
+
+def _jump_of_each(
+    time: FloatArray, residual: FloatArray, recording: NDArray[np.int64]
+) -> list[tuple[float, float, float]]:
+    """Of each recording the χ² that one jump takes off, its moment, s, and when the recording begins, s; the clearest
+    first."""
+    found = []
+    for k in np.unique(recording):
+        stamps, gain = time[recording == k], _step_gain(residual[recording == k])
+        if len(stamps) > 12:
+            best = 3 + int(np.argmax(gain[3:-4]))
+            found.append((float(gain[best]), float(0.5 * (stamps[best] + stamps[best + 1])), float(stamps[0])))
+    return sorted(found, reverse=True)
 
 
 def spells(time: FloatArray, residual: FloatArray, recording: NDArray[np.int64]) -> list[tuple[float, float]]:

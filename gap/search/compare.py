@@ -141,7 +141,7 @@ def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) ->
             best = max(tries, key=lambda f: f.log_evidence(1.0, problem.prior_scales))
         final = under(problem, best.prior_mean, best.best_prior(problem.prior_scales))
         known = fit(final, hypothesis, best.unit, best.nuisance, belief=belief)
-        known = fits[block] = sharpened(final, known) if candidate.event else known
+        known = fits[block] = sharpened(final, known)
         simulations += sum(f.simulations for f in tries) + known.simulations
     return fits, simulations
 

@@ -1,4 +1,4 @@
-"""Where an event begins and ends: its edges moved by themselves, for a fit finds them from close by only."""
+"""Where an event begins and ends, and thresholds: moved by themselves, for a fit finds them from close by only."""
 
 from __future__ import annotations
 
@@ -11,12 +11,21 @@ from gap.inference.evidence import Fit, split
 from gap.inference.hypothesis import Candidate, to_unit
 from gap.inference.least_squares import fit
 from gap.inference.problem import Problem
+from gap.search.starts import by_steps
 from sim_devices.chain import FloatArray
 
 SHIFTS = (-0.4, -0.2, -0.1, -0.05, -0.02, 0.02, 0.05, 0.1, 0.2, 0.4)
 """s by which edges are moved."""
-MOVES: tuple[Mapping[str, float], ...] = ({"moment": 1.0}, {"duration": 1.0}, {"moment": 1.0, "duration": -1.0})
+MOVES: tuple[Mapping[str, float], ...] = (
+    {"moment": 1.0},
+    {"duration": 1.0},
+    {"moment": 1.0, "duration": -1.0},
+    {"later": 1.0},
+)
 """Which of an event's parameters take a shift, and which way: all of it, its end, its beginning."""
+BAND, FACTORS = "band", (0.7, 0.8, 0.9, 0.95, 0.98, 1.02, 1.05, 1.1, 1.25, 1.4)
+"""A strength that is a threshold, and factors by which it is moved: between thresholds that let another step through
+nothing changes, and no derivative leads from one to the next."""
 ROUNDS = 3
 """Refits at most, each from the best of these."""
 LEAST = 2.0
@@ -24,10 +33,12 @@ LEAST = 2.0
 
 
 def shifted(candidate: Candidate, unit: FloatArray) -> list[FloatArray]:
-    """Points (k,) in prior quantiles like ``unit`` whose event begins or ends a little earlier or later, or both."""
+    """Points (k,) in prior quantiles like ``unit`` whose event begins or ends a little earlier or later, or both, or
+    whose threshold is a little lower or higher."""
     values = candidate.values(unit)
     moves = [m for m in MOVES if set(m) <= set(values)]
     places = [{name: values[name] + way * by for name, way in m.items()} for m in moves for by in SHIFTS]
+    places += [{BAND: values[BAND] * by} for by in FACTORS if by_steps(candidate)]
     points = []
     for place in places:
         point = unit.copy()
@@ -39,7 +50,7 @@ def shifted(candidate: Candidate, unit: FloatArray) -> list[FloatArray]:
 
 
 def sharpened(problem: Problem, fitted: Fit) -> Fit:
-    """A fit whose last effect is an event, begun again from other edges as long as that takes χ² away."""
+    """A fit, begun again from other edges of its last effect, if that has any, as long as that takes χ² away."""
     candidate = fitted.hypothesis[-1]
     own = len(candidate.parameters)
     for _ in range(ROUNDS):

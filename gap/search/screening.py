@@ -16,7 +16,7 @@ from gap.inference.linear import Projector
 from gap.inference.problem import Problem
 from gap.inference.workers import each
 from gap.search.joint import together
-from gap.search.starts import plain_start, starting_points
+from gap.search.starts import by_steps, plain_start, starting_points
 from sim_devices.chain import FloatArray
 
 STEEP = 10.0
@@ -38,6 +38,8 @@ NEARLY, FEW, FROM_SOUND = 8, 8, 4
 """How many are fitted for a few steps there, those steps, and how many of other names are refitted for it."""
 AMPLITUDES = (0.25, 2.0)
 """How far a linear rescaling of a screened effect may be trusted, as a multiple of its simulated strength."""
+AS_IT_IS = (1.0, 1.0)
+"""The same of an answer by steps: with another threshold other steps are left out, and none is larger."""
 
 
 @dataclass
@@ -81,17 +83,17 @@ class _ProfiledResidual:
 
 
 def _seen_through(
-    profiled: Sequence[_ProfiledResidual], changes: FloatArray
+    profiled: Sequence[_ProfiledResidual], changes: FloatArray, sizes: tuple[float, float] = AMPLITUDES
 ) -> tuple[FloatArray, _ProfiledResidual, float]:
-    """Twice the nats that each of the ``changes`` (n, k) earns, its size adjusted; the lens that shows the best; and
-    the fall of χ² that the best would bring at any size."""
+    """Twice the nats that each of the ``changes`` (n, k) earns, between ``sizes`` times as large; the lens that shows
+    the best; and the fall of χ² that the best would bring at any size."""
     scores, score = [], 0.0
     seen = profiled[0].projector.jacobian.T @ changes
     for lens in profiled:
         along = np.maximum(lens.projector.squares(changes, seen), 1e-9)
         cross = lens.aim @ changes
         score = max(score, float(np.max(np.square(cross) / along)))
-        size = np.clip(cross / along, *AMPLITUDES)
+        size = np.clip(cross / along, *sizes)
         scores.append(lens.evidence + 0.5 * np.maximum(2 * cross - along, size * (2 * cross - size * along)))
     base = np.logaddexp.reduce([lens.evidence for lens in profiled])
     best = int(np.argmax(np.max(scores, axis=1)))
@@ -130,7 +132,7 @@ def screen(
         starts, widths = {}, {}
         for b, changes in traces.items():
             along += own[b].squares(changes, own[b].jacobian.T @ changes)
-            gains, lens, most = _seen_through(profiled[b], changes)
+            gains, lens, most = _seen_through(profiled[b], changes, AS_IT_IS if by_steps(candidate) else AMPLITUDES)
             score += most
             times = [problems[b].noise_scale({candidate: candidate.values(unit)}) for unit in units]
             if times[0] is not None:  # the residual does not move, it counts for less

@@ -2,7 +2,8 @@
 
 A fit finds a narrow optimum (rhythm, moment, one recording) only from close by. Effects say by the names of their
 parameters that they are such: a ``phase`` with a ``frequency``, an ``interval``, a ``period`` or a ``tau``; a
-``moment``, which may have a ``duration``; a ``within``; a ``capacity``; a ``knee``; in processing, a ``delay``.
+``moment``, which may have a ``duration``; a ``later``; a ``within``; a ``capacity``; a ``knee``; in processing, a
+``delay``.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from itertools import product
 
 import numpy as np
 
-from gap.data.rhythms import jumps, lines, looks, spells, wanderings
+from gap.data.rhythms import jumps, lines, looks, since_the_start, spells, wanderings
 from gap.inference.evidence import Fit, Hypothesis
 from gap.inference.hypothesis import Candidate, Lateness, to_unit
 from gap.inference.problem import Problem
@@ -69,6 +70,11 @@ def grid(candidate: Candidate) -> list[FloatArray]:
     return star(candidate, np.array(points)) if several else points
 
 
+def by_steps(candidate: Candidate) -> bool:
+    """Whether the strength of an effect is a threshold below which nothing answers."""
+    return any(p.name == "band" and p.null is not None for p in candidate.parameters)
+
+
 def plain_start(candidate: Candidate) -> FloatArray:
     """A point (k,) of an effect's prior, in quantiles, from which a fit may lead anywhere: small, of usual shape."""
     at = np.full(len(candidate.parameters), 0.5)
@@ -107,14 +113,9 @@ def _places(candidate: Candidate, problem: Problem, base: Fit) -> tuple[Sequence
     parameters = {p.name: p for p in candidate.parameters}
     time, recording, residual = problem.rows.time, problem.rows.recording, base.residual
     if "moment" in parameters:
-        moments = jumps(time, residual, recording)
-        if "duration" not in parameters:
-            return [{"moment": m} for m in moments], False
-        lasting = [{"moment": m, "duration": parameters["duration"].high} for m in moments]
-        change = _all_along(candidate, problem, base)
-        windows = spells(time, residual, recording)
-        windows += [] if has_level(change) else [answered(base, problem.rows, change)]
-        return lasting + [{"moment": m, "duration": length} for m, length in windows], False
+        return _spells(candidate, problem, base), False
+    if "later" in parameters:
+        return [{"later": later} for later in since_the_start(time, residual, recording)], False
     if "capacity" in parameters:
         most = float(np.max(np.abs(problem.measured)))
         return [{"capacity": share * most} for share in FULL], False
@@ -145,6 +146,19 @@ def _places(candidate: Candidate, problem: Problem, base: Fit) -> tuple[Sequence
         seen = Lateness(time, residual, np.ones(len(residual)))
         return [{"tau": length, "phase": phase} for length, phase, _ in wanderings(seen, tau.low, tau.high)], False
     return [], False
+
+
+def _spells(event: Candidate, problem: Problem, base: Fit) -> list[Place]:
+    """When an event may begin, and how long it may last."""
+    time, recording, residual = problem.rows.time, problem.rows.recording, base.residual
+    longest = [p.high for p in event.parameters if p.name == "duration"]
+    moments = jumps(time, residual, recording)
+    if not longest:
+        return [{"moment": m} for m in moments]
+    change = _all_along(event, problem, base)
+    windows = spells(time, residual, recording)
+    windows += [] if has_level(change) else [answered(base, problem.rows, change)]
+    return [{"moment": m, "duration": length} for m, length in [*[(m, longest[0]) for m in moments], *windows]]
 
 
 def _all_along(event: Candidate, problem: Problem, base: Fit) -> FloatArray:

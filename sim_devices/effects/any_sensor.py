@@ -8,6 +8,7 @@ from typing import Any
 
 from sim_devices.chain import Chain, Effect, FloatArray, Parameter
 from sim_devices.effects.build import (
+    AT_ONCE,
     LONGEST,
     PHASE,
     Values,
@@ -31,6 +32,7 @@ HEIGHT, FORCE = "optics", "transducers"
 CHANNEL = choice("channel", 0, "transducer a", "b", "c", "all three")
 _COURSES = ("linear in time", "towards a limit, as in warming up", "to and fro")
 ANEW_COURSE = choice("form", 1, *_COURSES, "towards a limit, switched on with every recording")
+LATER = shape("later", "s", 0.2, 300.0, 5.0, "after the start of each recording", log=True, only=(2,), fine=AT_ONCE)
 WARMING = shape("warming", "s", 0.5, 120.0, 8.0, "within which it warms up", log=True, only=(3,))
 _EACH_COURSE = choice("form", 1, *_COURSES, "towards a limit, each transducer its own")
 
@@ -74,6 +76,10 @@ def _offset(v: Values, amount: float) -> tuple[Law, tuple[float, ...]]:
 
 
 def _offset_height(chain: Chain, v: Values) -> Chain:
+    if chosen(v, "form") == 2:
+        op: Any = chain["latency"]
+        parameters = (v["offset"], v["later"], *op.marks)
+        return map_after(chain, HEIGHT, "sensor_offset", "sensor", laws.jump_each_time, parameters)
     # Behind the zeroing: in front of it a constant would vanish.
     return map_after(chain, "zeroing", "sensor_offset", "sensor", *_offset(v, v["offset"]))
 
@@ -177,8 +183,10 @@ def on_both(instruments: tuple[str, ...], scale: float, unit: str) -> list[Effec
                 signed("offset", unit, 0.5 * scale, 0.1 * scale),
                 *((signed("position", "m", 3e-4, 0.0, "of the position sensor of the same number"), CHANNEL)
                   if robot else ()),
-                choice("form", 0, "always", "from one moment on, or for a while"),
+                choice("form", 0, "always", "from one moment on, or for a while",
+                       *(() if robot else ("in every recording, some time after its start",))),
                 *for_a_while(1, lasting=LONGEST),
+                *(() if robot else (LATER,)),
             ),
             _offset_force if robot else _offset_height,
         ),

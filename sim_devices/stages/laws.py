@@ -34,10 +34,14 @@ def spell(time: FloatArray, moment: float, duration: float) -> FloatArray:
 
     A sample stands for the time since the one before. So a spell's effect is continuous in both parameters,
     and a fit finds the moment within a fraction of a sample."""
-    step = np.diff(time, prepend=time[0] - LONGEST_STEP)
-    step = np.clip(step, 1e-9, LONGEST_STEP)
+    step = _stood(time)
     begun = np.clip((time - moment) / step, 0.0, 1.0)
     return np.asarray(begun - np.clip((time - moment - duration) / step, 0.0, 1.0))
+
+
+def _stood(time: FloatArray) -> FloatArray:
+    """s (n,) before each sample for which it stands."""
+    return np.clip(np.diff(time, prepend=time[0] - LONGEST_STEP), 1e-9, LONGEST_STEP)
 
 
 def offset_for_a_while(time: FloatArray, u: FloatArray, amount: float, moment: float, duration: float) -> FloatArray:
@@ -62,9 +66,18 @@ def flawed(time: FloatArray, u: FloatArray, amount: float, at: float, width: flo
 
 def fading_offset(time: FloatArray, u: FloatArray, amount: float, tau: float, *marks: float) -> FloatArray:
     """u + amount exp(-(t - t0)/tau), t0 the latest of ``marks``, or 0."""
+    return np.asarray(u + amount * np.exp(-np.maximum(_age(time, marks), 0.0) / tau))
+
+
+def jump_each_time(time: FloatArray, u: FloatArray, amount: float, later: float, *marks: float) -> FloatArray:
+    """u + amount from ``later`` s after each of ``marks`` until the next; the share of it in the sample of the jump."""
+    return np.asarray(u + amount * np.clip((_age(time, marks) - later) / _stood(time), 0.0, 1.0))
+
+
+def _age(time: FloatArray, marks: tuple[float, ...]) -> FloatArray:
+    """s (n,) since the latest of ``marks``, or since 0."""
     since = np.array([0.0, *sorted(marks)])
-    age = time - since[np.maximum(np.searchsorted(since, time, side="right") - 1, 0)]
-    return np.asarray(u + amount * np.exp(-np.maximum(age, 0.0) / tau))
+    return np.asarray(time - since[np.maximum(np.searchsorted(since, time, side="right") - 1, 0)])
 
 
 def affine(time: FloatArray, u: FloatArray, error: float, amount: float) -> FloatArray:

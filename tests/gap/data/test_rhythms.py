@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from gap.data.rhythms import jumps, lines, looks, spells, wanderings
+from gap.data.rhythms import jumps, lines, looks, since_the_start, spells, wanderings
 from gap.inference.hypothesis import Lateness
 
 
@@ -78,3 +78,15 @@ def test_a_spell_is_found_with_its_end() -> None:
     (moment, length), *_ = spells(time, residual, recording)
     assert moment == pytest.approx(19.9)
     assert length == pytest.approx(6.0)
+
+
+def test_jumps_after_the_same_time_in_most_recordings_are_found() -> None:
+    """One recording drifts instead, by more than the others jump."""
+    rng, time, residual, recording = np.random.default_rng(3), [], [], []
+    for k, begin in enumerate((5.0, 40.0, 75.0, 110.0)):
+        own = np.arange(0.0, 20.0, 0.1)
+        time.append(begin + own)
+        residual.append(rng.normal(size=len(own)) + (own - 10.0 if k == 2 else 4.0 * (own > 6.4)))
+        recording.append(np.full(len(own), k))
+    found = since_the_start(*map(np.concatenate, (time, residual, recording)))
+    assert found[0] == pytest.approx(6.4, abs=0.15)

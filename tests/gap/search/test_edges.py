@@ -9,6 +9,7 @@ from gap.inference.hypothesis import to_unit
 from gap.inference.least_squares import fit
 from gap.search.edges import sharpened
 from sim_devices.chain import Parameter
+from sim_devices.effects.any_sensor import LATER
 from sim_devices.effects.build import for_a_while
 from sim_devices.stages import laws
 from tests.gap.conftest import LinearProblem, candidate
@@ -35,3 +36,37 @@ def test_edges_are_found_from_some_tenths_of_a_second_away(off: dict[str, float]
     assert values["moment"] == pytest.approx(TRUE["moment"], abs=0.01)
     assert values["duration"] == pytest.approx(TRUE["duration"], abs=0.02)
     assert found.chi2 < 1.2 * 600
+
+
+def stairs(band: float) -> np.ndarray:
+    """The answer to a rising command of a valve that follows it, wholly, once it is more than ``band`` off: for most
+    thresholds the answer is the same as for the next one."""
+    command, held, answer = np.repeat([0.0, 3.0, 7.0, 15.0, 18.0, 30.0, 31.0, 44.0], 50), 0.0, []
+    for wanted in command:
+        held = wanted if abs(wanted - held) > band else held
+        answer.append(held)
+    return np.asarray(answer)
+
+
+def test_a_threshold_is_found_where_no_derivative_leads() -> None:
+    y = stairs(10.0) + 0.1 * np.random.default_rng(0).normal(size=400)
+    problem = LinearProblem(y / 0.1, np.full((400, 1), 10.0), {"valve": lambda v: stairs(v["band"]) / 0.1})
+    valve = candidate("valve", Parameter("band", "1", 0.1, 40.0, 0.0, 1.0, "log"))
+    at = fit(problem, (valve,), np.array([to_unit(valve.parameters[0], 14.5)]))
+    found = sharpened(problem, at)
+    assert at.chi2 > 5 * 400
+    assert found.chi2 < 1.2 * 400
+
+
+@pytest.mark.parametrize("off", [0.7, 1.2])
+def test_what_happens_after_each_start_is_found_from_some_tenths_of_a_second_away(off: float) -> None:
+    time, marks = np.arange(0.0, 60.0, 0.1), (0.0, 31.0)
+
+    def jumped(v) -> np.ndarray:
+        return laws.jump_each_time(time, np.zeros_like(time), v["a"], v["later"], *marks) / 0.1
+
+    y = 30.0 + jumped({"a": 4.0, "later": 9.13}) + np.random.default_rng(0).normal(size=len(time))
+    problem = LinearProblem(y, np.full((len(time), 1), 10.0), {"jump": jumped})
+    jump = candidate("jump", Parameter("a", "1", -10.0, 10.0), LATER)
+    unit = np.array([to_unit(p, {"a": 4.0, "later": 9.13 - off}[p.name]) for p in jump.parameters])
+    assert jump.values(sharpened(problem, fit(problem, (jump,), unit)).unit)["later"] == pytest.approx(9.13, abs=0.03)

@@ -196,3 +196,20 @@ def test_strengths_of_one_effect_are_looked_at_together(linear, candidate) -> No
     start = found[0].candidate.values(found[0].starts["linear"][0])
     assert found[0].gain > 50
     assert start == pytest.approx({name: 0.4 * value for name, value in true.items()}, abs=0.25)
+
+
+def test_an_answer_by_steps_is_not_made_larger(linear, candidate) -> None:
+    """Another threshold leaves other steps out, and makes none larger: what is half of the true answer at a wrong one
+    began a fit that never came to the right one (seed 410004)."""
+    command = np.repeat([0.0, 3.0, 7.0, 15.0, 18.0, 30.0, 31.0, 44.0], 50)
+    right, half = np.where(command == 18.0, -3.0, 0.0), np.where(command == 18.0, -1.6, 0.0)
+
+    def missed(v: dict[str, float]) -> np.ndarray:
+        return 9.0 * (right if 4.0 < v["band"] < 5.0 else half if v["band"] > 5.0 else 0.0 * command)
+
+    y = 9.0 * right + np.random.default_rng(1).normal(size=len(T))
+    problem = linear(y, np.ones((len(T), 1)), {"valve": missed})
+    valve = candidate("valve", Parameter("band", "1", 0.1, 40.0, 0.0, 1.0, "log"))
+    found, _ = screen({"linear": problem}, Hypothesis((), {"linear": fit(problem)}), [valve])
+    first = valve.values(found[0].starts["linear"][0])["band"]
+    assert 4.0 < first < 5.0

@@ -202,6 +202,17 @@ def test_what_is_switched_on_with_every_recording_warms_up_in_each(name: str, si
         assert early > 10 * late
 
 
+def test_a_height_that_jumps_anew_in_every_recording() -> None:
+    time, inputs, chain = session("cutometer")
+    jump = {"offset": 5e-5, "form": 2, "later": 9.5}
+    height = effects("cutometer")["sensor_offset"].apply(chain, jump).run(time, inputs)["apex_height"]
+    off = height - reference("cutometer")["apex_height"]
+    for begin in (0.0, 320.0):
+        before, behind = (np.interp(begin + at, time, off) for at in (9.3, 9.7))
+        assert before == pytest.approx(0.0, abs=1e-9)
+        assert behind == pytest.approx(5e-5)
+
+
 def test_a_spell_ends() -> None:
     time, inputs, chain = session("cutometer")
     spell = {"form": 2, "share": 0.3, "moment": 3.0, "duration": 1.0}
