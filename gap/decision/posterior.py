@@ -256,8 +256,8 @@ def _earned(
     temper: Mapping[str, float],
     stated: Stated,
 ) -> bool:
-    """Whether each further effect of a hypothesis is seen itself, is no tolerance, and explains enough of what fewer
-    leave; form errors are always worth some χ²."""
+    """Whether each further effect of a hypothesis is seen itself, above the noise, is no tolerance, and explains enough
+    of what fewer leave; form errors are always worth some χ²."""
     if len(h.effects) < 2:
         return True
     if _one_event(h, t.at_once) or any(in_stated(e, h, stated) <= t.tolerances for e in h.effects):
@@ -265,6 +265,8 @@ def _earned(
     singles = [s for s in comparison.hypotheses if len(s.effects) == 1 and s.effects[0] in h.effects]
     best = max(singles, key=lambda s: weighed[id(s)].evidence)
     second = [e for e in h.effects if e not in best.effects]
+    if all(best.fits[b].chi2 < len(best.fits[b].residual) for e in second for b in e.blocks):
+        return False
     if 2 * (weighed[id(h)].evidence - weighed[id(best)].evidence) < t.seen_of(second) ** 2:
         return False
     n = sum(len(f.residual) for f in h.fits.values())

@@ -16,6 +16,7 @@ from gap.decision.qualified import Qualified
 from gap.decision.thresholds import Thresholds
 from gap.decision.tolerance import Stated, in_tolerances, strained
 from gap.decision.transfer import (
+    Carried,
     Shrink,
     best_elsewhere,
     gap_without_discrepancy,
@@ -37,10 +38,12 @@ members of the first one's class."""
 
 @dataclass(frozen=True)
 class Trial:
-    """A hypothesis as a simulation by itself, and how far the gap shrinks with it, by split."""
+    """A hypothesis as a simulation by itself, and how far the gap shrinks with it, by split: of the whole session, and
+    on withheld recordings also in the blocks that it changes."""
 
     answer: Hypothesis
     shrinks: Mapping[str, Shrink]
+    changed: Mapping[str, Shrink]
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,7 @@ class Case:
     stated: Stated
     qualified: Qualified | None = None
     _answers: dict[int, Hypothesis] = field(default_factory=dict, repr=False)
-    _carried: dict[int, Mapping[str, Shrink]] = field(default_factory=dict, repr=False)
+    _carried: dict[int, Carried] = field(default_factory=dict, repr=False)
 
     def tried(self, hypotheses: Sequence[Hypothesis], transfers: int, jobs: int) -> list[Trial]:
         """Trials of some hypotheses, the first ``transfers`` of them also on withheld recordings."""
@@ -70,8 +73,9 @@ class Case:
         gap = gap_without_discrepancy(self.null)
         trials = []
         for k, h in enumerate(hypotheses):
-            answer, carried = self._answers[id(h)], self._carried[id(h)] if k < transfers else {}
-            trials.append(Trial(answer, {"fitted": Shrink(gap, gap_without_discrepancy(answer)), **carried}))
+            answer, carried = self._answers[id(h)], self._carried[id(h)] if k < transfers else Carried({}, {})
+            fitted = Shrink(gap, gap_without_discrepancy(answer))
+            trials.append(Trial(answer, {"fitted": fitted, **carried.session}, carried.changed))
         return trials
 
     def posterior(self, t: Thresholds, *, qualified: bool = True) -> Posterior:
@@ -114,7 +118,7 @@ def settle(case: Case, t: Thresholds, jobs: int = 1) -> Settled:
         t=t,
         fitted=in_changed_blocks(case.null, trials[0].answer),
         each=in_each_block(case.null, trials[0].answer),
-        held_out=_withheld(trials[0]),
+        held_out=trials[0].changed,
         rival=_rival(case, found, t, jobs),
         without_skin=without_skin(first, comparison, found.temper),
         tolerances=sizes[0],

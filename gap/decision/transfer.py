@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,13 +111,21 @@ def best_elsewhere(held_out: Sequence[Mapping[str, Shrink]], margin: float) -> i
     return best if left(held_out[best]) < (1.0 - margin) * left(held_out[0]) else 0
 
 
+class Carried(NamedTuple):
+    """How far the gap shrinks on withheld recordings, by split: of the whole session, and in the blocks that an answer
+    changes, which nothing else in the session dilutes."""
+
+    session: Mapping[str, Shrink]
+    changed: Mapping[str, Shrink]
+
+
 def transferred(
     problems: Mapping[str, Problem],
     null: Hypothesis,
     answers: Sequence[Hypothesis],
     withheld: Mapping[str, set[int]],
     jobs: int = 1,
-) -> list[dict[str, Shrink]]:
+) -> list[Carried]:
     """For each of the ``answers`` and each split: fit it without the ``withheld`` recordings, hold what that says of
     the effect, and see how well these can be met with it; before, how well they can be met without.
 
@@ -131,8 +140,8 @@ def transferred(
     left = each(lambda part: _carried(problems[part[2]], part[0].fits[part[2]], outs[part[1:]]), parts, jobs)
     square |= {(id(h), s, b): x for (h, s, b), x in zip(parts, left, strict=True)}
 
-    def shrunk(answer: Hypothesis, split: str) -> Shrink:
-        keys = [key for key in outs if key[0] == split]
+    def shrunk(answer: Hypothesis, split: str, blocks: Collection[str]) -> Shrink:
+        keys = [key for key in outs if key[0] == split and key[1] in blocks]
         n = sum(np.count_nonzero(outs[key]) for key in keys)
         if not n:
             return Shrink(1.0, 1.0)
@@ -140,7 +149,10 @@ def transferred(
         after = sum(square.get((id(answer), *key), square[id(null), *key]) for key in keys)
         return Shrink(float(np.sqrt(before / n)), float(np.sqrt(after / n)))
 
-    return [{split: shrunk(answer, split) for split in withheld} for answer in answers]
+    return [
+        Carried(*({split: shrunk(answer, split, where) for split in withheld} for where in (problems, blocks)))
+        for answer, blocks in zip(answers, touched, strict=True)
+    ]
 
 
 def _left(f: Fit, out: NDArray[np.bool_]) -> float:

@@ -19,12 +19,13 @@ VERDICTS = ("effect", "several", "none", "unknown", "undetectable")
 
 @dataclass(frozen=True)
 class Findings:
-    """All that the rules look at. ``fitted`` is the gap in the channels that the first cause changes, ``each`` in every
-    such block, ``held_out`` on recordings that its parameters were not fitted to, by split, and ``rival`` the same of
-    the next cause of other effects; ``without_skin``, the nats that blocks without skin give the first cause;
-    ``tolerances``, how many stated tolerances the smallest member of its class is large (inf where none is stated), and
-    ``beyond``, the tempered σ by which it exceeds any tolerance; ``strained``, whether without it tolerances are
-    strained far; ``chance``, how large residuals laid to chance are, of normal ones."""
+    """All that the rules look at. ``fitted`` is the gap in the channels that the first cause changes, ``each`` in
+    every such block, ``held_out`` in them on recordings that its parameters were not fitted to, by split, and
+    ``rival`` that of the next cause of other effects, in all blocks; ``without_skin``, the nats that blocks without
+    skin give the first cause; ``tolerances``, how many stated tolerances the smallest member of its class is large
+    (inf where none is stated), and ``beyond``, the tempered σ by which it exceeds any tolerance; ``strained``,
+    whether without it tolerances are strained far; ``chance``, how large residuals laid to chance are, of normal
+    ones."""
 
     posterior: Posterior
     t: Thresholds

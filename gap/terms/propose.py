@@ -247,7 +247,7 @@ def _tested(case: Case, found: _Linear, t: Thresholds, jobs: int) -> Proposal:
     widths = {b: null.fits[b].prior_sd for b in candidate.blocks}
     fits, _ = refit(problems, null, Screened(candidate, (unit,), 0.0, starts, widths))
     answer = plain(problems, Hypothesis((candidate,), {**null.fits, **fits}), case.null)
-    carried = transferred(problems, case.null, [answer], case.withheld, jobs)[0]
+    carried = transferred(problems, case.null, [answer], case.withheld, jobs)[0].session
     shrinks = {"fitted": in_changed_blocks(case.null, answer), **carried}
     last = answer.fits[candidate.blocks[-1]]
     values = last.active[candidate]

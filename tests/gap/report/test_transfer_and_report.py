@@ -52,10 +52,26 @@ def test_an_effect_carries_over_though_the_nuisance_does_not(linear, candidate) 
     known = [candidate(name, Parameter("a", "1", -10.0, 10.0)) for name in effects]
     null = Hypothesis((), {"linear": fit(problem)})
     answers = [Hypothesis((c,), {"linear": fit(problem, (c,))}) for c in known]
-    right, wrong = transferred({"linear": problem}, null, answers, {"recording": {1}})
+    right, wrong = (c.session for c in transferred({"linear": problem}, null, answers, {"recording": {1}}))
     assert right["recording"].before > 1.4
     assert right["recording"].value > 0.85
     assert abs(wrong["recording"].value) < 0.05
+
+
+def test_channels_that_an_effect_leaves_alone_do_not_dilute_what_it_takes_away(linear, candidate) -> None:
+    """A regulator was claimed that left a gap of 2.00 of 2.00 on another waveform: skin's, in the height (410005)."""
+    t = np.linspace(0.0, 1.0, 400)
+    wave, rng = np.sin(40 * t), np.random.default_rng(0)
+    effects = {"wave": lambda v: v["a"] * wave}
+    first = linear(2.0 * wave + rng.normal(size=400), np.ones((400, 1)), effects, runs=2)
+    other = linear(5.0 * np.cos(70 * t) + rng.normal(size=400), np.ones((400, 1)), name="other", runs=2)
+    problems = {"linear": first, "other": other}
+    null = Hypothesis((), {name: fit(p) for name, p in problems.items()})
+    known = candidate("wave", Parameter("a", "1", -10.0, 10.0))
+    answer = Hypothesis((known,), null.fits | {"linear": fit(first, (known,))})
+    carried = transferred(problems, null, [answer], {"recording": {1}})[0]
+    assert carried.session["recording"].value < 0.3
+    assert carried.changed["recording"].value > 0.9
 
 
 def test_a_rhythm_carries_over_though_nobody_foretells_its_phase(linear, candidate) -> None:
@@ -74,7 +90,7 @@ def test_a_rhythm_carries_over_though_nobody_foretells_its_phase(linear, candida
     null = Hypothesis((), {"linear": fit(problem)})
     answers = [Hypothesis((c,), {"linear": fit(problem, (c,), np.array([0.65, 0.1]), iterations=0)}) for c in known]
     before = float(np.sqrt(np.mean(np.square(null.fits["linear"].residual[second]))))
-    right, wrong = transferred({"linear": problem}, null, answers, {"recording": {1}})
+    right, wrong = (c.session for c in transferred({"linear": problem}, null, answers, {"recording": {1}}))
     assert right["recording"].after < 0.6 * before
     assert wrong["recording"].after > 0.9 * before
 
