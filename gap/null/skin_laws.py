@@ -21,6 +21,8 @@ from sim_devices.chain import Chain, FloatArray, Signals
 from sim_devices.stages.kernels import evaluate, hold_weights, yield_flow
 from sim_devices.stages.operators import Wired, after, before
 
+FULL = 1.0 - 1e-13
+"""Greatest tanh of half an activated dashpot's lag, whose inverse is still known: a lag of 30 units of its flow."""
 DASHPOT = 5e-3
 """s: relaxation time of the spring in series with which a dashpot is stepped."""
 
@@ -183,26 +185,29 @@ class LoadFlow(Wired):
 def activated(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Creep by Eyring's dashpots: y = u + sum g_i z_i with z_i' = sinh(a (u - z_i)) / (a tau_i).
 
-    ``p`` = (a, g1, tau1 s, ...). Exact at rest; u is held in the middle of steps of a twentieth of 1/a or less.
+    ``p`` = (a, g1, tau1 s, ...). Exact for u linear between nodes: x = tanh(a (u - z) / 2) obeys Riccati's equation
+    x' = r/2 - x/tau - r/2 x² with r = a u'.
     """
     n = (p.size - 1) // 2
+    a = max(abs(p[0]), 1e-9)
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2] = 1.0, t[0], u[0]
-    a = max(abs(p[0]), 1e-9)
+        s[3 : 3 + n] = math.tanh(min(max(0.5 * a * u[0], -15.0), 15.0))
     for i in range(t.size):
         dt, du = t[i] - s[1], u[i] - s[2]
         out = u[i]
         for k in range(n):
-            tau = p[2 + 2 * k]
-            parts = 1
-            if du != 0.0:
-                parts = int(min(max(math.ceil(20.0 * a * abs(du)), min(math.ceil(8.0 * dt / tau), 16.0), 1.0), 64.0))
-            decay = math.exp(-dt / (parts * tau))
-            for j in range(parts):
-                held = s[2] + du * (j + 0.5) / parts
-                far = min(max(0.5 * a * (held - s[3 + k]), -15.0), 15.0)
-                s[3 + k] = held - 2.0 / a * math.atanh(math.tanh(far) * decay)
-            out += p[1 + 2 * k] * s[3 + k]
+            x, tau = s[3 + k], p[2 + 2 * k]
+            if dt > 0.0:
+                rate = a * du / dt
+                d = math.sqrt(1.0 / (tau * tau) + rate * rate)
+                e = math.exp(-d * dt)
+                grown, left = 1.0 - e, (1.0 + e) * d  # of tanh(d dt / 2), half the work
+                x = (x * left + (rate - x / tau) * grown) / (left + (rate * x + 1.0 / tau) * grown)
+            elif du != 0.0:
+                x = math.tanh(min(max(math.atanh(x) + 0.5 * a * du, -15.0), 15.0))
+            s[3 + k] = x = min(max(x, -FULL), FULL)
+            out += p[1 + 2 * k] * (u[i] - math.log((1.0 + x) / (1.0 - x)) / a)
         s[1], s[2] = t[i], u[i]
         y[i] = out
 
