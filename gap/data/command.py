@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from sim_devices.chain import FloatArray
@@ -19,6 +20,9 @@ EVEN, ROUNDED, MOSTLY = 2e-3, 1e-3, 0.8
 share of a table. Rows that somebody chose, the corners of a protocol, are meant as they stand."""
 STEP = 0.02
 """Of a command's range: the least change between two rows of a dense table that may be a step."""
+HALF_WAY, RESTS, AT_REST = 0.02, 4.0, 0.02
+"""Of a step: how far from half-way a row is that was sampled on its way, how many times more than rows beyond it moves,
+and the most that these do."""
 NEAR, AROUND = 0.02, 1.0
 """s: what bends within `NEAR` of a row is the same kink, and what bends within `AROUND` says whether rows bend there
 anyhow."""
@@ -51,7 +55,7 @@ def command(time: FloatArray, value: FloatArray) -> Command:
 
 def stepped(time: FloatArray, value: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The table with every jump between two rows of a dense, even one as a step at the later: it is a command that was
-    sampled, and that is when it came."""
+    sampled, and that is when it came. Where a row was sampled on the way of a step, it came in two."""
     span = float(np.ptp(value)) if len(value) else 0.0
     if len(time) < DENSE or span == 0:
         return time, value
@@ -65,8 +69,23 @@ def stepped(time: FloatArray, value: FloatArray) -> tuple[FloatArray, FloatArray
     alone = jump & ~np.r_[False, jump[:-1]] & ~np.r_[jump[1:], False]
     # A smooth command that is quick moves as much in the rows around.
     beside = np.maximum(np.abs(np.r_[0.0, change[:-1]]), np.abs(np.r_[change[1:], 0.0]))
-    at = np.flatnonzero(alone & (beside < 0.5 * np.abs(change))) + 1
+    steps = (alone & (beside < 0.5 * np.abs(change))) | _in_two(np.where(even, change, 0.0), STEP * span)
+    at = np.flatnonzero(steps) + 1
     return np.insert(time, at, time[at]), np.insert(value, at, value[at - 1])
+
+
+def _in_two(change: FloatArray, least: float) -> NDArray[np.bool_]:
+    """Which changes (n,) are one of the two parts of a step of at least ``least`` that was sampled on its way: next to
+    none comes before and behind. One of two equal parts may be of a ramp that took two intervals, and is none."""
+    size = np.abs(change)
+    # The two changes before each two neighbours, and the two behind them.
+    beyond = sliding_window_view(np.pad(size, 2), 6)[:, [0, 1, 4, 5]].max(axis=1)
+    total = change[:-1] + change[1:]
+    parts = np.minimum(size[:-1], size[1:])
+    one_way = (change[:-1] * change[1:] > 0) & (np.abs(total) > least)
+    uneven = np.abs(change[:-1] - 0.5 * total) > HALF_WAY * np.abs(total)
+    pair = one_way & uneven & (parts > RESTS * beyond) & (beyond < AT_REST * np.abs(total))
+    return np.asarray(np.r_[pair, False] | np.r_[False, pair])
 
 
 def needed_rows(time: FloatArray, value: FloatArray, tolerance: float) -> NDArray[np.bool_]:

@@ -72,20 +72,27 @@ def _cut(recording: Recording, begin: float, end: float, first: float, number: i
             streams[name] = replace(s, value=s.value[inside], time=s.time[inside], time_host=host, seq=seq)
     info = replace(recording.info, id=f"{recording.info.id} part {number}" if number > 1 else recording.info.id)
     segments = tuple(s for s in recording.segments if s.end > first and s.begin < end)
-    setpoints = {name: _between(s, first, end) for name, s in recording.setpoints.items()}
+    setpoints = {name: _between(s, first, end, GUARD) for name, s in recording.setpoints.items()}
     return replace(
         recording, info=info, streams=streams, setpoints=setpoints, segments=segments, frames=None, derived={}
     )
 
 
-def _between(table: Series, first: float, last: float) -> Series:
-    """The rows of a table of set-points from ``first`` to ``last`` s, with a row at each end."""
+def _between(table: Series, first: float, last: float, beyond: float) -> Series:
+    """The rows of a table of set-points from ``first`` to ``last`` s, with a row at each end: the last one ``beyond`` s
+    later, on the same straight line. A line to what follows the pause would begin before it, and a record whose stamps
+    are late would show it."""
     time, value = np.asarray(table.time, dtype=float), np.asarray(table.value, dtype=float)
     if not len(time):
         return table
-    ends = np.array([x for x in (first, last) if time[0] < x < time[-1]])
     inside = (time > first) & (time < last)
-    at: FloatArray = np.concatenate([time[inside], ends])
-    order = np.argsort(at, kind="stable")
-    values = np.concatenate([value[inside], np.interp(ends, time, value)])
-    return replace(table, time=at[order], value=values[order], time_host=None, seq=None)
+    times, values = [time[inside]], [value[inside]]
+    if time[0] < first < time[-1]:
+        times, values = [np.array([first]), *times], [np.interp([first], time, value), *values]
+    if time[0] < last < time[-1]:
+        k = int(np.searchsorted(time, last))
+        slope = (value[k] - value[k - 1]) / (time[k] - time[k - 1])
+        times.append(np.array([last + beyond]))
+        values.append(np.array([value[k - 1] + slope * (last + beyond - time[k - 1])]))
+    at: FloatArray = np.concatenate(times)
+    return replace(table, time=at, value=np.concatenate(values), time_host=None, seq=None)

@@ -35,8 +35,8 @@ SIMPLE_SHIFT = 1e-3
 """s: how late a channel may be that samples, neither holds nor integrates."""
 AFTER_KINK = 1e-3 * np.concatenate([np.arange(1, 13), 13.0 * 1.08 ** np.arange(57)])
 """s after a kink of the command: nodes so dense that straight lines between them are within .02 σ of the signal."""
-COARSER = 5
-"""Of those nodes, each how many-th is enough for a difference of two simulations."""
+COARSER = 2
+"""Of the bins, each how many-th has a node where two simulations are compared."""
 BEFORE = 5e-3
 """s by which a recording begins before its first sample."""
 ELSEWHERE = (0.1, 0.9)
@@ -302,11 +302,13 @@ class Block(abc.ABC):
         return np.unique(np.concatenate([c.kinks for c in group.commands.values()]))
 
     def _nodes(self, group: Group, at: slice, coarse: bool) -> list[FloatArray]:
-        """Where a group is simulated: the ends of its bins, or ``coarse`` their middles, and times after kinks."""
-        after = np.unique((self.kinks(group)[:, None] + AFTER_KINK[:: COARSER if coarse else 1]).ravel())
+        """Where a group is simulated: the ends of its bins and times after kinks; ``coarse``, the middles of every other
+        bin, and no more after kinks than any simulation has."""
+        if coarse:
+            return [np.unique(np.append(self.stamps[at][::COARSER], self.stamps[at][-1]))]
+        after = np.unique((self.kinks(group)[:, None] + AFTER_KINK).ravel())
         begin, end = self.stamps[at][[0, -1]]
-        bins = self.stamps[at] if coarse else np.unique(self._ends[:, at])
-        return [bins, after[(after > begin) & (after < end)]]
+        return [np.unique(self._ends[:, at]), after[(after > begin) & (after < end)]]
 
     def _on_nodes(
         self, group: Group, nodes: Sequence[FloatArray], delays: Sequence[Retimed] = ()

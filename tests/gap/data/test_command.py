@@ -46,6 +46,23 @@ def test_a_jump_between_two_rows_is_a_step_at_the_later() -> None:
     assert set(c.time[jumps]) <= set(c.kinks)
 
 
+@pytest.mark.parametrize("share", [0.003, 0.3, 0.66, 0.995])
+def test_a_step_that_was_sampled_on_its_way_comes_in_two(share: float) -> None:
+    """It was taken for a ramp of two intervals, 10 ms early: a sound regulator was 19 sigma off."""
+    table = np.where(ROWS > 5.0, 1.0, 0.0)
+    k = int(np.argmax(table > 0))
+    table[k] = share
+    c = command(ROWS, table)
+    before, between, after = np.interp([ROWS[k] - 1e-6, ROWS[k] + 1e-6, ROWS[k + 1] + 1e-6], c.time, c.value)
+    assert (before, between, after) == pytest.approx((0.0, share, 1.0), abs=1e-3)
+    assert np.interp(ROWS[k + 1] - 1e-6, c.time, c.value) == pytest.approx(share, abs=1e-3)
+
+
+def test_a_ramp_of_two_intervals_stays_one() -> None:
+    table = np.interp(ROWS, [5.0, 5.04], [0.0, 1.0])
+    assert off(ROWS, table) < 2 * COLLINEAR
+
+
 def test_rows_that_somebody_chose_are_straight_lines_however_many() -> None:
     """A ramp of 0.1 s ahead of a sine in 160 rows of 102 ms was made a step at its end."""
     sine = 1.5 + 0.1018 * np.arange(160)

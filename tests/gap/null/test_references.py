@@ -96,7 +96,7 @@ def named(diagnosis: Diagnosis) -> set[str]:
     ("effect", "values"),
     [
         ("scale_error", {"error": 0.08}),
-        ("sensor_low_pass", {"tau": 0.15}),
+        ("sensor_low_pass", {"tau": 0.1}),
         ("gauge_gain", {"error": 0.06}),
         ("rim_friction", {"width": 3e-5}),
     ],
