@@ -19,7 +19,7 @@ from gap.null.chains import needed
 from gap.null.skin_laws import bounded_exp
 from sim_devices.chain import Chain, Effect, FloatArray, Signals
 from sim_devices.stages import nominal
-from sim_devices.stages.kernels import evaluate, low_pass
+from sim_devices.stages.kernels import evaluate, low_pass, prony
 from sim_devices.stages.operators import Wired, after
 from sim_devices.stages.sampling import REFINEMENT, simulate
 from sim_devices.stages.suction import REGULATOR_TAU, tissue_operators
@@ -67,9 +67,13 @@ class FurtherLags(Wired):
 
     def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
         u = signals[self.source[0]]
-        lagged = sum(k * (evaluate(low_pass, time, u, tau) - u) for k, tau in self.shares if k)
-        led = u + self.lead * np.gradient(u, time) if self.lead >= 0 else evaluate(low_pass, time, u, -self.lead)
-        signals[self.target[0]] = led + lagged
+        lags = [pair for pair in self.shares if pair[0]]
+        made = evaluate(prony, time, u, 1.0 - sum(k for k, _ in lags), *np.ravel(lags)) if lags else u
+        if self.lead > 0.0:
+            made = made + self.lead * np.gradient(u, time)
+        elif self.lead < 0.0:
+            made = made + evaluate(low_pass, time, u, -self.lead) - u
+        signals[self.target[0]] = made
 
 
 def _specimen(name: str) -> SuctionTissue:

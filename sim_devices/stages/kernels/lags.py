@@ -15,15 +15,20 @@ def low_pass(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Floa
     """First-order lag, tau y' = u - y. ``p`` = (tau s,)."""
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2] = 1.0, t[0], u[0]
-    last, e, a, b = -1.0, 1.0, 0.0, 0.0
+    last, before, lagged = s[1], s[2], s[3]
+    known, e, a, b = np.zeros(STEPS), np.empty(STEPS), np.empty(STEPS), np.empty(STEPS)
     for i in range(t.size):
-        dt = t[i] - s[1]
-        if abs(dt - last) > 1e-9 * last:
-            e, a, b = hold_weights(dt, p[0])
-            last = dt
-        s[3] = e * s[3] + a * s[2] + b * u[i] if dt > 0.0 or p[0] <= 0.0 else s[3]
-        s[1], s[2] = t[i], u[i]
-        y[i] = s[3]
+        dt = t[i] - last
+        if dt > 0.0:
+            j = place(dt)
+            if abs(dt - known[j]) > SAME * dt:
+                known[j] = dt
+                e[j], a[j], b[j] = hold_weights(dt, p[0])
+            lagged = e[j] * lagged + a[j] * before + b[j] * u[i]
+        elif p[0] <= 0.0:
+            lagged = u[i]
+        last, before, y[i] = t[i], u[i], lagged
+    s[1], s[2], s[3] = last, before, lagged
 
 
 @njit(cache=True)
@@ -61,21 +66,24 @@ def second_order(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: 
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2] = 1.0, t[0], u[0]
     w, z = 1.0 / max(p[0], 1e-9), p[1]
-    last, e = -1.0, (1.0, 0.0, 0.0, 1.0)
+    last, before, level, speed = s[1], s[2], s[3], s[4]
+    known, kept = np.zeros(STEPS), np.empty((STEPS, 4))
     for i in range(t.size):
-        dt = t[i] - s[1]
+        dt = t[i] - last
         if dt * w > 1e-7:
-            if abs(dt - last) > 1e-9 * last:
-                last, e = dt, oscillation(dt, w, z)
-            rate = (u[i] - s[2]) / dt
+            j = place(dt)
+            if abs(dt - known[j]) > SAME * dt:
+                known[j] = dt
+                kept[j, 0], kept[j, 1], kept[j, 2], kept[j, 3] = oscillation(dt, w, z)
+            rate = (u[i] - before) / dt
             lag = rate * 2.0 * z / w  # a ramp is followed this far behind
-            x, v = s[3] - (s[2] - lag), s[4] - rate
-            s[3] = u[i] - lag + e[0] * x + e[1] * v
-            s[4] = rate + e[2] * x + e[3] * v
+            x, v = level - (before - lag), speed - rate
+            level = u[i] - lag + kept[j, 0] * x + kept[j, 1] * v
+            speed = rate + kept[j, 2] * x + kept[j, 3] * v
         else:
-            s[3] += s[4] * dt
-        s[1], s[2] = t[i], u[i]
-        y[i] = s[3]
+            level += speed * dt
+        last, before, y[i] = t[i], u[i], level
+    s[1], s[2], s[3], s[4] = last, before, level, speed
 
 
 @njit(cache=True)
