@@ -14,6 +14,7 @@ from acquire.recording.model import Recording
 from gap.data import signatures
 from gap.data.checks import DiagnosisError, in_order, refuse_impossible, remarks
 from gap.data.pauses import without_pauses
+from gap.data.pulse import pulse
 from gap.data.splits import splits, splits_of_a_rig
 from gap.data.tolerances import sampled, tolerances
 from gap.decision.earlier import Earlier, Skin, gains, known_skin, moved, skin_of, unlike
@@ -217,6 +218,7 @@ def gathered(recordings: Sequence[Recording], options: Options = Options()) -> t
     if options.qualified is not None:
         told += _informed(problems, options.qualified)
     marks = signatures.find(recordings, model.channels if model else None)
+    marks += [] if model else pulse(recordings)
     suspects = _suspects(problems, candidates, marks)
     problems = [_on_known_skin(p, options.skins) for p in problems]
     comparison = compare(problems, candidates, options.effort, suspects, options.jobs, options.tell)

@@ -68,7 +68,7 @@ DIFFERENCE = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
 class Signature:
     """A mark in ``channel`` made by an effect named ``effect``: ``nats`` of evidence, ``text`` for people. The effects
     of ``also`` leave the same. ``noise`` is how many times wider the defect makes the channel's noise, which a gap,
-    told in units of that noise, does not show."""
+    told in units of that noise, does not show; ``alone``, whether it then acts whatever else does."""
 
     effect: str
     channel: str
@@ -76,6 +76,7 @@ class Signature:
     text: str
     also: tuple[str, ...] = ()
     noise: float = 1.0
+    alone: bool = True
 
 
 def find(recordings: Sequence[Recording], channels: Sequence[str] | None = None) -> list[Signature]:

@@ -211,13 +211,14 @@ def _mark_nats(
     t: Thresholds,
 ) -> float:
     """Nats that the channels' marks add to a hypothesis: of an effect that explains nothing they say nothing. A defect
-    that makes the noise is told by its marks alone, as its simulation foretells no sample of it; whatever else acts,
-    this does."""
+    that makes the noise is told by its marks, as its simulation foretells no sample of it; whatever else acts, this
+    does, unless the mark says that something else may lead."""
     nats = sum(s.nats for s in signatures if any(made_by(s, e) for e in h.effects))
     gain = weighed[id(h)].evidence - weighed[id(comparison.null)].evidence
     if len(h.effects) == 1 and wider_noise(h, signatures) > t.quiet_gap:
         best = max(w.evidence for w in weighed.values()) - weighed[id(comparison.null)].evidence
-        return nats + best - gain
+        sure = any(s.alone for s in signatures if made_by(s, h.effects[0]))
+        return nats + (best if sure else max(gain, 0.0)) - gain
     if nats and (gain > 0 or explains_marks(at_marks(comparison.problems, comparison.null, h, signatures), t)):
         return min(nats, t.mark)
     return 0.0

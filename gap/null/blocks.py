@@ -302,8 +302,8 @@ class Block(abc.ABC):
         return np.unique(np.concatenate([c.kinks for c in group.commands.values()]))
 
     def _nodes(self, group: Group, at: slice, coarse: bool) -> list[FloatArray]:
-        """Where a group is simulated: the ends of its bins and times after kinks; ``coarse``, the middles of every other
-        bin, and no more after kinks than any simulation has."""
+        """Where a group is simulated: the ends of its bins and times after kinks; ``coarse``, the middles of some bins,
+        and no more after kinks than any simulation has."""
         if coarse:
             return [np.unique(np.append(self.stamps[at][::COARSER], self.stamps[at][-1]))]
         after = np.unique((self.kinks(group)[:, None] + AFTER_KINK).ravel())

@@ -1,0 +1,62 @@
+"""A pulse whose rate wanders shows in the spectrum; noise of any colour, creep and moving commands do not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from acquire.recording.model import Recording
+from gap.data.pulse import pulse
+
+TIME = np.arange(0.0, 26.0, 0.02)
+HOLD = {"pressure": ([0.0, 1.0, 1.0, 16.0, 16.0, 26.0], [0.0, 0.0, -3e4, -3e4, 0.0, 0.0])}
+SINE = {"pressure": (TIME, -1.5e4 * (1.0 - np.cos(2 * np.pi * 0.9 * TIME)))}
+
+
+def wandering(rng: np.random.Generator, rate: float, amplitude: float) -> np.ndarray:
+    """A pulse whose frequency wanders by a tenth."""
+    slow = np.interp(TIME, np.linspace(0, 26, 7), rng.normal(0.0, 0.1, 7))
+    return amplitude * np.sin(2 * np.pi * np.cumsum(rate * (1.0 + slow)) * 0.02 + rng.uniform(0, 6))
+
+
+def skin(rng: np.random.Generator, slow: float = 0.0) -> np.ndarray:
+    """Height that creeps, with noise of 4 µm of which a share ``slow`` forgets within a second."""
+    since = np.maximum(TIME - 1.0, 0.0)
+    height = np.where(TIME < 16.0, 3e-4 * since**0.1, 8e-5 * np.exp(-np.maximum(TIME - 16.0, 0.0) / 8.0))
+    noise = rng.normal(size=len(TIME))
+    walk = np.zeros(len(TIME))
+    for k in range(1, len(TIME)):
+        walk[k] = 0.98 * walk[k - 1] + np.sqrt(1 - 0.98**2) * rng.normal()
+    return height + 4e-6 * (np.sqrt(1 - slow**2) * noise + slow * walk)
+
+
+@pytest.mark.parametrize("rate", [0.9, 1.2, 1.8])
+def test_a_pulse_that_wanders_is_found_at_its_rate(recording: Callable[..., Recording], rate: float) -> None:
+    rng = np.random.default_rng(4)
+    session = [recording({"apex_height": skin(rng) + wandering(rng, rate, 4e-6)}, TIME, HOLD) for _ in range(5)]
+    (mark,) = pulse(session)
+    assert mark.effect == "pulse_breathing"
+    assert float(mark.text.split("about ")[1].split(" Hz")[0]) == pytest.approx(rate, abs=0.15)
+    assert mark.noise > 1.2
+    assert not mark.alone  # a device's effect that explains more leads
+
+
+@pytest.mark.parametrize("slow", [0.0, 0.5, 0.9])
+@pytest.mark.parametrize("seed", range(4))
+def test_noise_of_any_colour_is_no_pulse(recording: Callable[..., Recording], slow: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    assert pulse([recording({"apex_height": skin(rng, slow)}, TIME, HOLD) for _ in range(5)]) == []
+
+
+def test_what_answers_a_command_is_no_pulse(recording: Callable[..., Recording]) -> None:
+    rng = np.random.default_rng(1)
+    height = 1e-4 * (1.0 - np.cos(2 * np.pi * 0.9 * TIME)) + 4e-6 * rng.normal(size=len(TIME))
+    assert pulse([recording({"apex_height": height}, TIME, SINE) for _ in range(4)]) == []
+
+
+def test_a_reference_specimen_has_no_pulse(recording: Callable[..., Recording]) -> None:
+    rng = np.random.default_rng(4)
+    height = skin(rng) + wandering(rng, 1.2, 4e-6)
+    assert pulse([recording({"apex_height": height}, TIME, HOLD, specimen="silicone") for _ in range(4)]) == []
