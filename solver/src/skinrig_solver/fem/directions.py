@@ -6,12 +6,9 @@ import numpy as np
 from numba import njit
 
 from ..api import Array
-from .kernels import FLAGS
+from .kernels import FLAGS, PARTS
 from .mesh import Index
 from .products import add_product
-
-# of F_rr, F_rz, F_zr, F_zz, F_tt: the displacement (r or z) that moves them, and which of a node's gradients
-PARTS = ((0, 0), (0, 1), (1, 0), (1, 1), (0, 2))
 
 
 @njit(cache=True, fastmath=FLAGS)
