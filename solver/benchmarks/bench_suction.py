@@ -62,10 +62,13 @@ def compiled(case: peers.Case, density: float, repeats: int, order: int) -> peer
         f"print(*astuple(peers.with_ngsolve(peers.{case!r}, {density}, {repeats}, {order}, compiled=True)), sep=';')"
     )
     here = os.path.dirname(os.path.abspath(__file__))
+    # NGSolve looks for its compiler's wrapper, which pip installs beside Python, on the path
+    path = os.pathsep.join([os.path.dirname(sys.executable), os.environ["PATH"]])
     try:
         done = subprocess.run(
-            [sys.executable, "-c", code], cwd=here, timeout=COMPILE_LIMIT, capture_output=True, text=True, check=True
-        )
+            [sys.executable, "-c", code], cwd=here, timeout=COMPILE_LIMIT, capture_output=True, text=True, check=True,
+            env={**os.environ, "PATH": path},
+        )  # fmt: skip
     except subprocess.TimeoutExpired:
         raise RuntimeError(f"not compiled within {COMPILE_LIMIT:.0f} s") from None
     except subprocess.CalledProcessError as error:

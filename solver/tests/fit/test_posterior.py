@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -233,6 +234,18 @@ def test_a_posterior_that_did_not_converge_says_so(
     assert not late.trusted
     assert "did not converge: R-hat" in late.warnings[0]
     assert not late.as_dict()["mcmc"]["converged"]
+
+
+def test_the_posterior_is_the_same_whoever_runs_the_model(dashpot: Any, record: Record) -> None:
+    spec = read_spec({"model": "dashpot", "parameters": {"b": "free", "c": "free"}}, dashpot.info)
+    problem = Problem(dashpot, cases([record(TRUTH)], spec, dashpot.info), spec.variables(dashpot.info))
+    noise = Noise((2e-6,), (1.0,))
+    alone = posterior(problem, problem.variables.start, noise)
+    with ThreadPoolExecutor(2) as pair:
+        shared = posterior(problem, problem.variables.start, noise, executor=pair)
+    assert np.array_equal(alone.draws, shared.draws)
+    assert alone.check == shared.check
+    assert alone.full_solves == shared.full_solves
 
 
 def test_a_model_object_needs_no_registration(dashpot: Any, record: Record) -> None:

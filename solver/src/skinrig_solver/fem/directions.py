@@ -6,8 +6,9 @@ import numpy as np
 from numba import njit
 
 from ..api import Array
-from .kernels import FLAGS
+from .kernels import FLAGS, PARTS
 from .mesh import Index
+from .products import add_product
 
 
 @njit(cache=True, fastmath=FLAGS)
@@ -16,67 +17,56 @@ def partial_forces(
 ) -> None:
     """Add the condensed ∂R/∂parameter at fixed unknowns to ``force`` (equations, m) from dstress (9 E, 6, m)."""
     m = dstress.shape[2]
-    Rt = np.empty((3, m))
-    R = np.empty((18, m))
+    R, Rt = np.empty((18, m)), np.empty((3, m))
+    heavy, heavy_linear = np.empty((9, 9, 3)), np.empty((9, 3))
     for e in range(weights.shape[0]):
-        Rt[:] = 0.0
         R[:] = 0.0
+        Rt[:] = 0.0
         for k in range(9):
-            S, w = dstress[9 * e + k], weights[e, k]
-            for a in range(9):
-                gr, gz, gt = w * gradients[e, k, a, 0], w * gradients[e, k, a, 1], w * gradients[e, k, a, 2]
-                for j in range(m):
-                    R[2 * a, j] += gr * S[0, j] + gz * S[1, j] + gt * S[4, j]
-                    R[2 * a + 1, j] += gr * S[2, j] + gz * S[3, j]
             for i in range(3):
-                for j in range(m):
-                    Rt[i, j] += w * linear[k, i] * S[5, j]
+                heavy_linear[k, i] = weights[e, k] * linear[k, i]
+                for a in range(9):
+                    heavy[k, a, i] = weights[e, k] * gradients[e, k, a, i]
+        first = 54 * e * m
+        for i in range(5):
+            c, d = PARTS[i]
+            add_product(heavy, d, 3, 27, dstress, first + i * m, 6 * m, R, c * m, 2 * m, 9, 9, m)
+        add_product(heavy_linear, 0, 1, 3, dstress, first + 5 * m, 6 * m, Rt, 0, m, 3, 9, m)
+        add_product(Theta, 54 * e, 1, 18, Rt, 0, m, R, 0, m, 18, 3, m)
         for a in range(18):
             row = equations[e, a]
             if row >= 0:
                 for j in range(m):
-                    force[row, j] += (
-                        R[a, j] + Theta[e, 0, a] * Rt[0, j] + Theta[e, 1, a] * Rt[1, j] + Theta[e, 2, a] * Rt[2, j]
-                    )
+                    force[row, j] += R[a, j]
 
 
 @njit(cache=True, fastmath=FLAGS)
 def partial_kinematics(gradients: Array, linear: Array, Theta: Array, equations: Index, du: Array, dkin: Array) -> None:
     """dkin (9 E, 6, m) of the solution derivatives du (equations, m)."""
     m = du.shape[1]
-    dtheta = np.empty((3, m))
+    own, dtheta = np.empty((18, m)), np.empty((3, m))
+    dkin[:] = 0.0
     for e in range(equations.shape[0]):
-        dtheta[:] = 0.0
-        dkin[9 * e : 9 * e + 9] = 0.0
         for a in range(18):
             row = equations[e, a]
-            if row < 0:
-                continue
-            for i in range(3):
-                for j in range(m):
-                    dtheta[i, j] += Theta[e, i, a] * du[row, j]
-            first = 2 * (a % 2)  # r displacements move F_rr, F_rz, F_tt; z displacements F_zr, F_zz
-            for k in range(9):
-                out = dkin[9 * e + k]
-                gr, gz, gt = gradients[e, k, a // 2, 0], gradients[e, k, a // 2, 1], gradients[e, k, a // 2, 2]
-                for j in range(m):
-                    out[first, j] += gr * du[row, j]
-                    out[first + 1, j] += gz * du[row, j]
-                if first == 0:
-                    for j in range(m):
-                        out[4, j] += gt * du[row, j]
-        for k in range(9):
             for j in range(m):
-                dkin[9 * e + k, 5, j] = dtheta[0, j] + linear[k, 1] * dtheta[1, j] + linear[k, 2] * dtheta[2, j]
+                own[a, j] = du[row, j] if row >= 0 else 0.0
+        dtheta[:] = 0.0
+        add_product(Theta, 54 * e, 18, 1, own, 0, m, dtheta, 0, m, 3, 18, m)
+        first = 54 * e * m
+        for i in range(5):
+            c, d = PARTS[i]
+            add_product(gradients, 243 * e + d, 27, 3, own, c * m, 2 * m, dkin, first + i * m, 6 * m, 9, 9, m)
+        add_product(linear, 0, 3, 1, dtheta, 0, m, dkin, first + 5 * m, 6 * m, 9, 3, m)
 
 
 @njit(cache=True, fastmath=FLAGS)
 def add_products(matrices: Array, vectors: Array, out: Array) -> None:
     """out (points, rows, m) += matrices (points, rows, columns) @ vectors (points, columns, m)."""
-    for g in range(out.shape[0]):
-        for i in range(out.shape[1]):
-            for c in range(matrices.shape[2]):
-                factor = matrices[g, i, c]
-                if factor != 0.0:
-                    for j in range(out.shape[2]):
-                        out[g, i, j] += factor * vectors[g, c, j]
+    points, rows, columns = matrices.shape
+    m = out.shape[2]
+    for g in range(points):
+        add_product(
+            matrices, g * rows * columns, columns, 1, vectors, g * columns * m, m, out, g * rows * m, m,
+            rows, columns, m,
+        )  # fmt: skip

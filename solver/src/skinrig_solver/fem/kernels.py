@@ -22,8 +22,11 @@ from numba import njit
 
 from ..api import Array
 from .mesh import Index
+from .products import add_product, subtract_product
 
 FLAGS = {"contract", "reassoc", "arcp", "nsz"}
+# of F_rr, F_rz, F_zr, F_zz, F_tt: the displacement (r or z) that moves them, and which of a node's gradients
+PARTS = ((0, 0), (0, 1), (1, 0), (1, 1), (0, 2))
 MIDDLE = 8  # first of the two unknowns of an element's middle node
 
 
@@ -93,79 +96,86 @@ def assemble(
     ``scatter`` (E, 18, 18) positions in ``values``, −1 where fixed or eliminated, and ``equations`` (E, 18) rows of
     ``residual``, −1 where fixed; the middle nodes' rows get their residual as it is.
     """
-    K, AB = np.empty((18, 18)), np.empty((8, 18))
+    K, AB = np.empty((18, 18)), np.empty((9, 8, 18))
     G, Ktu = np.empty((3, 18)), np.empty((3, 18))
     R, Rt, Rp = np.empty(18), np.empty(3), np.empty(3)
     for e in range(weights.shape[0]):
         Kut, Ktt = out.Kut[e], out.Ktt[e]
-        K[:] = 0.0
-        G[:] = 0.0
-        Kut[:] = 0.0
-        Ktu[:] = 0.0
         R[:] = 0.0
         Rt[:] = 0.0
         Rp[:] = 0.0
         Ktt[:] = 0.0
         for k in range(9):
             g, w = 9 * e + k, weights[e, k]
-            n1, n2 = linear[k, 1], linear[k, 2]
             a, b, c, d, t, theta = kin[g, 0], kin[g, 1], kin[g, 2], kin[g, 3], kin[g, 4], kin[g, 5]
-            p = pressure[e, 0] + n1 * pressure[e, 1] + n2 * pressure[e, 2]
-            A = tangent[g]
+            p = pressure[e, 0] + linear[k, 1] * pressure[e, 1] + linear[k, 2] * pressure[e, 2]
             plane = a * d - b * c
-            crr, crz, czr, czz = d * t, -c * t, -b * t, a * t
-            s0, s1, s2 = w * (stress[g, 0] + p * crr), w * (stress[g, 1] + p * crz), w * (stress[g, 2] + p * czr)
-            s3, s4 = w * (stress[g, 3] + p * czz), w * (stress[g, 4] + p * plane)
-            pt, pa, pb, pc, pd = p * t, p * a, p * b, p * c, p * d
-            for i in range(9):
-                gr, gz, gt = gradients[e, k, i, 0], gradients[e, k, i, 1], gradients[e, k, i, 2]
-                j = 2 * i
-                # columns of A + p ∂cof(F)/∂F contracted with the gradients of node i
-                AB[0, j] = w * (A[0, 0] * gr + A[0, 1] * gz + (A[0, 4] + pd) * gt)
-                AB[1, j] = w * (A[1, 0] * gr + A[1, 1] * gz + (A[1, 4] - pc) * gt)
-                AB[2, j] = w * (A[2, 0] * gr + (A[2, 1] - pt) * gz + (A[2, 4] - pb) * gt)
-                AB[3, j] = w * ((A[3, 0] + pt) * gr + A[3, 1] * gz + (A[3, 4] + pa) * gt)
-                AB[4, j] = w * ((A[4, 0] + pd) * gr + (A[4, 1] - pc) * gz + A[4, 4] * gt)
-                AB[0, j + 1] = w * (A[0, 2] * gr + (A[0, 3] + pt) * gz)
-                AB[1, j + 1] = w * ((A[1, 2] - pt) * gr + A[1, 3] * gz)
-                AB[2, j + 1] = w * (A[2, 2] * gr + A[2, 3] * gz)
-                AB[3, j + 1] = w * (A[3, 2] * gr + A[3, 3] * gz)
-                AB[4, j + 1] = w * ((A[4, 2] - pb) * gr + (A[4, 3] + pa) * gz)
-                AB[5, j], AB[5, j + 1] = w * (crr * gr + crz * gz + plane * gt), w * (czr * gr + czz * gz)
-                AB[6, j] = w * (A[0, 5] * gr + A[1, 5] * gz + A[4, 5] * gt)
-                AB[6, j + 1] = w * (A[2, 5] * gr + A[3, 5] * gz)
-                AB[7, j] = w * (A[5, 0] * gr + A[5, 1] * gz + A[5, 4] * gt)
-                AB[7, j + 1] = w * (A[5, 2] * gr + A[5, 3] * gz)
-                R[j] += s0 * gr + s1 * gz + s4 * gt
-                R[j + 1] += s2 * gr + s3 * gz
-            for i in range(9):
-                gr, gz, gt = gradients[e, k, i, 0], gradients[e, k, i, 1], gradients[e, k, i, 2]
-                for j in range(18):
-                    K[2 * i, j] += gr * AB[0, j] + gz * AB[1, j] + gt * AB[4, j]
-                    K[2 * i + 1, j] += gr * AB[2, j] + gz * AB[3, j]
-            for j in range(18):
-                c0, c1, c2 = AB[5, j], AB[6, j], AB[7, j]
-                G[0, j] += c0
-                G[1, j] += n1 * c0
-                G[2, j] += n2 * c0
-                Kut[0, j] += c1
-                Kut[1, j] += n1 * c1
-                Kut[2, j] += n2 * c1
-                Ktu[0, j] += c2
-                Ktu[1, j] += n1 * c2
-                Ktu[2, j] += n2 * c2
-            rt, rp, ktt = w * (stress[g, 5] - p), w * (plane * t - theta), w * A[5, 5]
+            _point(gradients[e, k], w, a, b, c, d, t, plane, p, stress[g], tangent[g], AB[k], R)
+            rt, rp, ktt = w * (stress[g, 5] - p), w * (plane * t - theta), w * tangent[g, 5, 5]
             for i in range(3):
                 ni = linear[k, i]
                 Rt[i] += ni * rt
                 Rp[i] += ni * rp
                 for j in range(3):
                     Ktt[i, j] += ni * linear[k, j] * ktt
-        _condense(inverse_mass[e], G, Kut, Ktu, Ktt, Rt, Rp, K, R, out.Theta[e], out.theta0[e], out.Pi[e], out.pi0[e])
+        # sums over points: rows of nodes 2 a and 2 a + 1 by gradients, those of θ and p by the linear basis
+        K[:] = 0.0
+        for i in range(5):
+            component, direction = PARTS[i]
+            first = 243 * e + direction
+            add_product(gradients, first, 3, 27, AB, 18 * i, 144, K, 18 * component, 36, 9, 9, 18)
+        for i, matrix in ((5, G), (6, Kut), (7, Ktu)):
+            matrix[:] = 0.0
+            add_product(linear, 0, 1, 3, AB, 18 * i, 144, matrix, 0, 18, 3, 9, 18)
+        _condense(e, inverse_mass, G, Ktu, Rt, Rp, K, R, out)
         if equations[e, MIDDLE] >= 0 and equations[e, MIDDLE + 1] >= 0:
-            _without_middle(K, out.C[e], out.L[e], out.inverse[e])
+            _without_middle(e, K, out.C, out.L, out.inverse[e])
             _residual_without_middle(out.C[e], R)
         _scatter(e, equations, scatter, R, K, residual, values)
+
+
+@njit(cache=True, fastmath=FLAGS)
+def _point(
+    gradients: Array,
+    w: float,
+    a: float,
+    b: float,
+    c: float,
+    d: float,
+    t: float,
+    plane: float,
+    p: float,
+    stress: Array,
+    A: Array,
+    AB: Array,
+    R: Array,
+) -> None:
+    """AB (8, 18): a point's A + p ∂cof(F)/∂F, cof(F), and the derivatives by θ and of the pressure law, contracted with
+    the gradients of the nodes; its stress is added to R."""
+    crr, crz, czr, czz = d * t, -c * t, -b * t, a * t
+    s0, s1, s2 = w * (stress[0] + p * crr), w * (stress[1] + p * crz), w * (stress[2] + p * czr)
+    s3, s4 = w * (stress[3] + p * czz), w * (stress[4] + p * plane)
+    pt, pa, pb, pc, pd = p * t, p * a, p * b, p * c, p * d
+    for i in range(9):
+        gr, gz, gt = gradients[i, 0], gradients[i, 1], gradients[i, 2]
+        j = 2 * i
+        AB[0, j] = w * (A[0, 0] * gr + A[0, 1] * gz + (A[0, 4] + pd) * gt)
+        AB[1, j] = w * (A[1, 0] * gr + A[1, 1] * gz + (A[1, 4] - pc) * gt)
+        AB[2, j] = w * (A[2, 0] * gr + (A[2, 1] - pt) * gz + (A[2, 4] - pb) * gt)
+        AB[3, j] = w * ((A[3, 0] + pt) * gr + A[3, 1] * gz + (A[3, 4] + pa) * gt)
+        AB[4, j] = w * ((A[4, 0] + pd) * gr + (A[4, 1] - pc) * gz + A[4, 4] * gt)
+        AB[0, j + 1] = w * (A[0, 2] * gr + (A[0, 3] + pt) * gz)
+        AB[1, j + 1] = w * ((A[1, 2] - pt) * gr + A[1, 3] * gz)
+        AB[2, j + 1] = w * (A[2, 2] * gr + A[2, 3] * gz)
+        AB[3, j + 1] = w * (A[3, 2] * gr + A[3, 3] * gz)
+        AB[4, j + 1] = w * ((A[4, 2] - pb) * gr + (A[4, 3] + pa) * gz)
+        AB[5, j], AB[5, j + 1] = w * (crr * gr + crz * gz + plane * gt), w * (czr * gr + czz * gz)
+        AB[6, j] = w * (A[0, 5] * gr + A[1, 5] * gz + A[4, 5] * gt)
+        AB[6, j + 1] = w * (A[2, 5] * gr + A[3, 5] * gz)
+        AB[7, j] = w * (A[5, 0] * gr + A[5, 1] * gz + A[5, 4] * gt)
+        AB[7, j + 1] = w * (A[5, 2] * gr + A[5, 3] * gz)
+        R[j] += s0 * gr + s1 * gz + s4 * gt
+        R[j + 1] += s2 * gr + s3 * gz
 
 
 @njit(cache=True, fastmath=FLAGS)
@@ -181,47 +191,30 @@ def _scatter(e: int, equations: Index, places: Index, R: Array, K: Array, residu
 
 @njit(cache=True, fastmath=FLAGS)
 def _condense(
-    inverse: Array,
-    G: Array,
-    Kut: Array,
-    Ktu: Array,
-    Ktt: Array,
-    Rt: Array,
-    Rp: Array,
-    K: Array,
-    R: Array,
-    Theta: Array,
-    theta0: Array,
-    Pi: Array,
-    pi0: Array,
+    e: int, inverse_mass: Array, G: Array, Ktu: Array, Rt: Array, Rp: Array, K: Array, R: Array, out: Eliminated
 ) -> None:
-    lower = np.empty((3, 18))  # K_θu + K_θθ Θ
-    rest = np.empty(3)  # K_θθ θ0 + R_θ
+    """Eliminate θ and p: Ktu becomes K_θu + K_θθ Θ, Rt becomes K_θθ θ0 + R_θ."""
+    inverse, Kut, Theta, theta0, pi0 = inverse_mass[e], out.Kut[e], out.Theta[e], out.theta0[e], out.pi0[e]
+    Theta[:] = 0.0
+    out.Pi[e] = 0.0
+    add_product(inverse_mass, 9 * e, 3, 1, G, 0, 18, out.Theta, 54 * e, 18, 3, 3, 18)
+    add_product(out.Ktt, 9 * e, 3, 1, out.Theta, 54 * e, 18, Ktu, 0, 18, 3, 3, 18)
+    add_product(inverse_mass, 9 * e, 3, 1, Ktu, 0, 18, out.Pi, 54 * e, 18, 3, 3, 18)
     for i in range(3):
         theta0[i] = inverse[i, 0] * Rp[0] + inverse[i, 1] * Rp[1] + inverse[i, 2] * Rp[2]
-        for j in range(18):
-            Theta[i, j] = inverse[i, 0] * G[0, j] + inverse[i, 1] * G[1, j] + inverse[i, 2] * G[2, j]
     for i in range(3):
-        rest[i] = Rt[i] + Ktt[i, 0] * theta0[0] + Ktt[i, 1] * theta0[1] + Ktt[i, 2] * theta0[2]
-        for j in range(18):
-            lower[i, j] = Ktu[i, j] + Ktt[i, 0] * Theta[0, j] + Ktt[i, 1] * Theta[1, j] + Ktt[i, 2] * Theta[2, j]
+        Rt[i] += out.Ktt[e, i, 0] * theta0[0] + out.Ktt[e, i, 1] * theta0[1] + out.Ktt[e, i, 2] * theta0[2]
     for i in range(3):
-        pi0[i] = inverse[i, 0] * rest[0] + inverse[i, 1] * rest[1] + inverse[i, 2] * rest[2]
+        pi0[i] = inverse[i, 0] * Rt[0] + inverse[i, 1] * Rt[1] + inverse[i, 2] * Rt[2]
         for j in range(18):
-            Pi[i, j] = inverse[i, 0] * lower[0, j] + inverse[i, 1] * lower[1, j] + inverse[i, 2] * lower[2, j]
-    for i in range(18):
-        a0, a1, a2, b0, b1, b2 = Kut[0, i], Kut[1, i], Kut[2, i], Theta[0, i], Theta[1, i], Theta[2, i]
-        R[i] += a0 * theta0[0] + a1 * theta0[1] + a2 * theta0[2] + b0 * rest[0] + b1 * rest[1] + b2 * rest[2]
-        for j in range(18):
-            K[i, j] += (
-                a0 * Theta[0, j] + a1 * Theta[1, j] + a2 * Theta[2, j]
-                + b0 * lower[0, j] + b1 * lower[1, j] + b2 * lower[2, j]
-            )  # fmt: skip
+            R[j] += Kut[i, j] * theta0[i] + Theta[i, j] * Rt[i]
+    add_product(out.Kut, 54 * e, 1, 18, out.Theta, 54 * e, 18, K, 0, 18, 18, 3, 18)
+    add_product(out.Theta, 54 * e, 1, 18, Ktu, 0, 18, K, 0, 18, 18, 3, 18)
 
 
 @njit(cache=True, fastmath=FLAGS)
-def _without_middle(K: Array, C: Array, L: Array, inverse: Array) -> None:
-    m = MIDDLE
+def _without_middle(e: int, K: Array, every_C: Array, every_L: Array, inverse: Array) -> None:
+    m, C, L = MIDDLE, every_C[e], every_L[e]
     det = K[m, m] * K[m + 1, m + 1] - K[m, m + 1] * K[m + 1, m]
     inverse[0, 0], inverse[0, 1] = K[m + 1, m + 1] / det, -K[m, m + 1] / det
     inverse[1, 0], inverse[1, 1] = -K[m + 1, m] / det, K[m, m] / det
@@ -230,13 +223,12 @@ def _without_middle(K: Array, C: Array, L: Array, inverse: Array) -> None:
         L[1, j] = inverse[1, 0] * K[m, j] + inverse[1, 1] * K[m + 1, j]
         C[j, 0] = K[j, m] * inverse[0, 0] + K[j, m + 1] * inverse[1, 0]
         C[j, 1] = K[j, m] * inverse[0, 1] + K[j, m + 1] * inverse[1, 1]
-    for i in range(18):
-        if i != m and i != m + 1:
-            for j in range(18):
-                K[i, j] -= C[i, 0] * K[m, j] + C[i, 1] * K[m + 1, j]
     for j in (m, m + 1):
         C[j, :] = 0.0
         L[:, j] = 0.0
+    subtract_product(every_C, 36 * e, 2, 1, K, 18 * m, 18, K, 0, 18, m, 2, 18)
+    beyond = m + 2
+    subtract_product(every_C, 36 * e + 2 * beyond, 2, 1, K, 18 * m, 18, K, 18 * beyond, 18, 18 - beyond, 2, 18)
 
 
 @njit(cache=True, fastmath=FLAGS)

@@ -10,10 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
+from numba import njit, uint64
 
 from ..api import Array
 from .mesh import Index
+from .products import subtract_product
 
 LEAF = 2  # cells of a part that is not divided further
 PANEL = 4  # unknowns eliminated together
@@ -198,10 +199,11 @@ def _factorise(
             g = parent[f]
             size = first[g + 1] - first[g]
             B = storage[begin[g] : begin[g + 1]].reshape(size, size)
-            for i in range(m, n):
-                row = B[into[first[f] + i]]
-                for j in range(m, n):
-                    row[into[first[f] + j]] += A[i, j]
+            border = into[first[f] + m : first[f + 1]]
+            for i in range(border.size):
+                row, own = B[border[i]], A[m + i, m:]
+                for j in range(border.size):
+                    row[uint64(border[j])] += own[j]  # a place that may be negative takes twice as long
     return True
 
 
@@ -234,35 +236,24 @@ def _exchange(A: Array, k: int, m: int, rows: Index) -> bool:
 
 @njit(cache=True, fastmath=FLAGS, error_model="numpy")
 def _within_panel(A: Array, k: int, stop: int) -> None:
-    inverse = 1.0 / A[k, k]
-    for i in range(k + 1, A.shape[0]):
-        factor = A[i, k] * inverse
-        A[i, k] = factor
+    pivot, below = A[k], A[k + 1 :]
+    inverse = 1.0 / pivot[k]
+    for i in range(below.shape[0]):
+        row = below[i]
+        factor = row[k] * inverse
+        row[k] = factor
         for j in range(k + 1, stop):
-            A[i, j] -= factor * A[k, j]
+            row[j] -= factor * pivot[j]
 
 
 @njit(cache=True, fastmath=FLAGS)
 def _beyond_panel(A: Array, start: int, stop: int) -> None:
     n = A.shape[0]
-    for k in range(start + 1, stop):  # the panel's own rows
-        for l in range(start, k):
-            factor = A[k, l]
-            for j in range(stop, n):
-                A[k, j] -= factor * A[l, j]
-    if stop - start < PANEL:
-        for i in range(stop, n):
-            for k in range(start, stop):
-                factor = A[i, k]
-                for j in range(stop, n):
-                    A[i, j] -= factor * A[k, j]
-        return
-    u0, u1, u2, u3 = A[start], A[start + 1], A[start + 2], A[start + 3]
-    for i in range(stop, n):
-        row = A[i]
-        a, b, c, d = row[start], row[start + 1], row[start + 2], row[start + 3]
-        for j in range(stop, n):
-            row[j] -= a * u0[j] + b * u1[j] + c * u2[j] + d * u3[j]
+    right = start * n + stop  # the panel's rows beyond its columns
+    for k in range(start + 1, stop):
+        subtract_product(A, k * n + start, n, 1, A, right, n, A, k * n + stop, n, 1, k - start, n - stop)
+    below = stop * n
+    subtract_product(A, below + start, n, 1, A, right, n, A, below + stop, n, n - stop, stop - start, n - stop)
 
 
 @njit(cache=True, fastmath=FLAGS, error_model="numpy")
@@ -309,32 +300,32 @@ def _spread(y: Array, own: Index, count: int, x: Array) -> None:
 
 @njit(cache=True, fastmath=FLAGS)
 def _forward(A: Array, p: int, y: Array) -> None:
-    for i in range(A.shape[0]):
-        if y.shape[1] == 1:
+    n, m = A.shape[0], y.shape[1]
+    if m == 1:
+        for i in range(n):
             s = y[i, 0]
             for k in range(min(i, p)):
                 s -= A[i, k] * y[k, 0]
             y[i, 0] = s
-        else:
-            for k in range(min(i, p)):
-                factor = A[i, k]
-                for j in range(y.shape[1]):
-                    y[i, j] -= factor * y[k, j]
+        return
+    for i in range(1, p):
+        subtract_product(A, i * n, n, 1, y, 0, m, y, i * m, m, 1, i, m)
+    subtract_product(A, p * n, n, 1, y, 0, m, y, p * m, m, n - p, p, m)
 
 
 @njit(cache=True, fastmath=FLAGS, error_model="numpy")
 def _backward(A: Array, p: int, y: Array) -> None:
-    for k in range(p - 1, -1, -1):
-        inverse = 1.0 / A[k, k]
-        if y.shape[1] == 1:
+    n, m = A.shape[0], y.shape[1]
+    if m == 1:
+        for k in range(p - 1, -1, -1):
             s = y[k, 0]
-            for i in range(k + 1, A.shape[0]):
+            for i in range(k + 1, n):
                 s -= A[k, i] * y[i, 0]
-            y[k, 0] = s * inverse
-        else:
-            for i in range(k + 1, A.shape[0]):
-                factor = A[k, i]
-                for j in range(y.shape[1]):
-                    y[k, j] -= factor * y[i, j]
-            for j in range(y.shape[1]):
-                y[k, j] *= inverse
+            y[k, 0] = s / A[k, k]
+        return
+    subtract_product(A, p, n, 1, y, p * m, m, y, 0, m, p, n - p, m)
+    for k in range(p - 1, -1, -1):
+        subtract_product(A, k * n + k + 1, n, 1, y, (k + 1) * m, m, y, k * m, m, 1, p - 1 - k, m)
+        inverse = 1.0 / A[k, k]
+        for j in range(m):
+            y[k, j] *= inverse

@@ -24,11 +24,9 @@ ROUNDS = 8
 MOST_SOLVES = 240
 WIDE = 1.15  # of the region over the farthest of nearly all draws
 SHARE = 0.999  # of the draws that the region must hold
-MOST = (
-    0.99  # of them that must keep away from its rim where features bound it: a posterior with long tails touches that
-)
-# rim however far out it lies, and the final chain counts what it loses beyond
-
+MOST = 0.99  # of them that must keep away from its rim where features bound it: a posterior with long tails touches
+# that rim however far out it lies, and the final chain counts what it loses beyond
+AWAY = 0.9  # of the way to such a rim: nearer, the chain would lose too much beyond, and have to be drawn twice
 SPREAD = 1.2  # of training points over the posterior's own deviations
 ROUGH = 3.0  # error of the log density above which an emulator's draws do not move the region
 STEPS = 8  # towards the maximum
@@ -153,7 +151,7 @@ def _fits(emulator: Emulator, draws: Array) -> bool:
     region, chart = emulator.region, emulator.chart
     if chart.features is not None:
         size = np.linalg.norm(chart.points(draws), axis=1)
-        return float(np.quantile(size, MOST)) <= 0.97 * chart.radius
+        return float(np.quantile(size, MOST)) <= AWAY * chart.radius
     farthest = float(np.quantile(np.linalg.norm(region.units(draws), axis=1), SHARE))
     return 0.4 <= farthest <= 0.97
 

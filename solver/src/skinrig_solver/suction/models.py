@@ -13,6 +13,7 @@ import numpy as np
 
 from ..api import Array, Cost, Experiment, ModelInfo, Result
 from ..fem.body import Body
+from ..fem.mesh import Index
 from ..fem.snapshots import Snapshots
 from ..fem.types import Directions, Load, Rim
 from ..law import Law
@@ -85,39 +86,52 @@ class SuctionModel:
         moments: tuple[float, ...],
     ) -> _Recorder:
         body = _body(self.law, geometry)
-        layers = [name for name, _ in geometry.layers]
-        prefix = {layer: f"{layer}." if len(self.layers) > 1 else "" for layer in layers}
-        factors = {f"{prefix[n]}{THICKNESS}": values.get(f"{prefix[n]}{THICKNESS}", 1.0) for n in layers}
+        symbols = self._symbols(geometry)
+        factors = {own[THICKNESS]: values.get(own[THICKNESS], 1.0) for own in symbols}
         nodes, moves = geometry.stretched(list(factors.values()))
         if not np.array_equal(nodes, body.mesh.nodes):
             body.place(replace(body.mesh, nodes=nodes))
-        tissue = [np.array([values[prefix[n] + s] for s in self.law.parameters]) for n in layers]
+        tissue = [np.array([values[own[s]] for s in self.law.parameters]) for own in symbols]
+        run = Run(body, tissue, self._directions(symbols, wanted, dict(zip(factors, moves, strict=True))))
         friction, spring = values["friction"], values["spring_force"]
-        directions = None
-        if wanted:
-            names = [[prefix[n] + s for s in self.law.parameters] for n in layers]
-            directions = Directions(
-                law=tuple(np.array([own.index(s) if s in own else -1 for s in wanted]) for own in names),
-                friction=np.array([float(s == "friction") for s in wanted]),
-                force=np.array([float(s == "spring_force") for s in wanted]),
-                shape=tuple((wanted.index(s), move) for s, move in zip(factors, moves, strict=True) if s in wanted),
-            )
-            if "friction" in wanted:
-                friction = max(friction, 1e-6)  # the one-sided derivative at no friction
-        run = Run(body, tissue, directions)
-        floating = geometry.probe == "floating"
-        area = np.pi * (geometry.opening_radius + geometry.rim_fillet) ** 2
+        if "friction" in wanted:
+            friction = max(friction, 1e-6)  # the one-sided derivative at no friction
         if spring > 0.0:
             start = pieces[0].start
             preload = Segment(start - geometry.preload_time, start, 0.0, spring, PRELOAD_STEPS, 1.0)
             run.advance(preload, lambda force: Load(0.0, None, force, friction, force / spring), lambda _: None)
-        held = None if floating and spring > 0.0 else run.state.height
+        held = None if geometry.probe == "floating" and spring > 0.0 else run.state.height
         times = moments or (max(pieces, key=lambda s: abs(s.drive_stop)).stop, pieces[-1].stop)
         snapshots = Snapshots(run, times, interpolation(pieces, np.array(times)), bool(moments))
         recorder = _Recorder(run, body, geometry.zero_at_start, snapshots)
+        area = np.pi * (geometry.opening_radius + geometry.rim_fillet) ** 2
         for piece in pieces:
             run.advance(piece, lambda p: Load(p, held, spring - p * area, friction), recorder.visit)
         return recorder
+
+    def _symbols(self, geometry: SuctionGeometry) -> list[dict[str, str]]:
+        """For each layer, the symbols of the law's parameters and of the thickness by their names in the law."""
+        names = (*self.law.parameters, THICKNESS)
+        return [{n: f"{layer}.{n}" if len(self.layers) > 1 else n for n in names} for layer, _ in geometry.layers]
+
+    def _directions(
+        self, symbols: list[dict[str, str]], wanted: tuple[str, ...], moves: Mapping[str, Array]
+    ) -> Directions | None:
+        """The parameters ``wanted``, in this order, as a body differentiates by them; ``moves`` of thicknesses."""
+        if not wanted:
+            return None
+        order = {symbol: k for k, symbol in enumerate(wanted)}
+        return Directions(
+            law=tuple(_places(wanted, [own[s] for s in self.law.parameters]) for own in symbols),
+            friction=np.array([float(s == "friction") for s in wanted]),
+            force=np.array([float(s == "spring_force") for s in wanted]),
+            shape=tuple((order[s], move) for s, move in moves.items() if s in order),
+        )
+
+
+def _places(wanted: Sequence[str], own: Sequence[str]) -> Index:
+    """Where each of ``wanted`` stands in ``own``, −1 where it does not."""
+    return np.array([own.index(s) if s in own else -1 for s in wanted])
 
 
 PRELOAD_STEPS = 4

@@ -1,0 +1,106 @@
+"""Products of small matrices inside kernels, as LLVM instructions on vectors of four numbers.
+
+Loops over a few columns, whose number is known only as they run, are what LLVM does worst: it makes vectors of eight
+or thirty-two for long rows and leaves short ones to single numbers, and none at all where it cannot rule out that rows
+of one matrix overlap. Fronts, elements and parameter directions have 4 to 60 columns.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Sequence
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+LANES = 4  # numbers of a vector: a register of AVX2
+TOGETHER = 3  # vectors of a row that are summed side by side: their additions need not wait for each other
+FLAGS = ("contract",)
+DOUBLE, INDEX = ir.DoubleType(), ir.IntType(64)
+NAMES = "A first_a row_a column_a B first_b row_b C first_c row_c rows inner columns"
+
+
+def _product(subtract: bool) -> Any:
+    """An intrinsic C (rows, columns) ± A (rows, inner) B (inner, columns)."""
+
+    def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
+        given = dict(zip(NAMES.split(), arguments, strict=True))
+        for name, kind in zip("ABC", (sig.args[0], sig.args[4], sig.args[7]), strict=True):
+            data = context.make_array(kind)(context, builder, given[name]).data
+            given[name] = builder.gep(data, [given[f"first_{name.lower()}"]])
+        _columns(builder, given, subtract)
+        return context.get_dummy_value()
+
+    def product(_: Any, *kinds: Any) -> Any:
+        matrices, numbers = (kinds[0], kinds[4], kinds[7]), [types.intp] * 3
+        for kind in matrices:
+            if not (isinstance(kind, types.Array) and kind.layout == "C" and kind.dtype == types.float64):
+                raise TypeError(f"products take contiguous arrays of doubles, not {kind}")
+        a, b, c = matrices
+        return types.void(a, *numbers, b, *numbers[:2], c, *numbers[:2], *numbers), generate
+
+    parameters = [inspect.Parameter(n, inspect.Parameter.POSITIONAL_OR_KEYWORD) for n in ("typing", *NAMES.split())]
+    product.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    return intrinsic(product)
+
+
+def _columns(b: Any, given: dict[str, Any], subtract: bool) -> None:
+    """Blocks of `TOGETHER` vectors, then single vectors, half ones, and single numbers."""
+    done: Any = INDEX(0)
+    for vectors, lanes in ((TOGETHER, LANES), (1, LANES), (1, LANES // 2), (1, 1)):
+        width = INDEX(vectors * lanes)
+        end = b.sub(given["columns"], b.srem(b.sub(given["columns"], done), width))
+        columns, rows = cgutils.for_range_slice(b, done, end, width, inc=True), cgutils.for_range(b, given["rows"])
+        with columns as (column, _), rows as row:
+            _row(b, given, row.index, column, vectors, lanes, subtract)
+        done = end
+
+
+def _row(b: Any, given: dict[str, Any], row: Any, column: Any, vectors: int, lanes: int, subtract: bool) -> None:
+    kind = DOUBLE if lanes == 1 else ir.VectorType(DOUBLE, lanes)
+    pointer = kind.as_pointer()
+
+    def places(matrix: str, at: Any) -> list[Any]:
+        first = b.add(b.mul(at, given[f"row_{matrix.lower()}"]), column)
+        return [b.bitcast(b.gep(given[matrix], [b.add(first, INDEX(lanes * i))]), pointer) for i in range(vectors)]
+
+    targets = places("C", row)
+    own = b.mul(row, given["row_a"])
+    before = b.block
+    start = [b.load(place, align=8) for place in targets]
+    check, body, after = (b.append_basic_block(f"product.{name}") for name in ("check", "body", "after"))
+    b.branch(check)
+    b.position_at_end(check)
+    index = b.phi(INDEX)
+    index.add_incoming(INDEX(0), before)
+    sums = [b.phi(kind) for _ in targets]
+    for total, value in zip(sums, start, strict=True):
+        total.add_incoming(value, before)
+    b.cbranch(b.icmp_signed("<", index, given["inner"]), body, after)
+    b.position_at_end(body)
+    factor = b.load(b.gep(given["A"], [b.add(own, b.mul(index, given["column_a"]))]), align=8)
+    if lanes > 1:
+        factor = _spread(b, factor, kind)
+    terms = [b.fmul(factor, b.load(place, align=8), flags=FLAGS) for place in places("B", index)]
+    combine = b.fsub if subtract else b.fadd
+    for total, term in zip(sums, terms, strict=True):
+        total.add_incoming(combine(total, term, flags=FLAGS), body)
+    index.add_incoming(b.add(index, INDEX(1)), body)
+    b.branch(check)
+    b.position_at_end(after)
+    for total, place in zip(sums, targets, strict=True):
+        b.store(total, place, align=8)
+
+
+def _spread(b: Any, number: Any, kind: Any) -> Any:
+    """The number in every lane."""
+    vector = b.insert_element(ir.Constant(kind, ir.Undefined), number, ir.IntType(32)(0))
+    lanes: Sequence[int] = [0] * kind.count
+    return b.shuffle_vector(vector, vector, ir.Constant(ir.VectorType(ir.IntType(32), kind.count), lanes))
+
+
+add_product = _product(subtract=False)
+subtract_product = _product(subtract=True)
