@@ -39,7 +39,9 @@ def loop_grid(
     kinks: FloatArray, corners: FloatArray, begin: float, end: float, delays: Sequence[Retimed] = ()
 ) -> FloatArray:
     """Nodes for a loop from ``begin`` to ``end`` s: the same steps after every kink, as the exponential of each length
-    is computed once, and the command's ``corners``; both when ``delays`` show them."""
+    is computed once, and the command's ``corners``; both when ``delays`` show them, and the corners where they are, as
+    what is delayed is read between nodes."""
+    own = np.concatenate([corners, corners + KINK]) if delays else np.zeros(0)
     for op in delays:
         kinks, corners = op.shows(kinks), op.shows(corners)
         if isinstance(op, Polled) and op.period > QUICK:  # held between looks, then a step
@@ -49,6 +51,6 @@ def loop_grid(
     offsets = np.concatenate([[0.0, KINK], AFTER_KINK[:-1], steps])
     starts = [begin, *kinks[(kinks > begin) & (kinks < end)].tolist(), end]
     parts = [a + offsets[offsets < b - a] for a, b in pairwise(starts)]
-    grid = np.unique(np.concatenate([*parts, corners, corners + KINK, [end]]))
+    grid = np.unique(np.concatenate([*parts, corners, corners + KINK, own, [end]]))
     grid = grid[(grid >= begin) & (grid <= end)]
     return np.asarray(grid[np.diff(grid, prepend=-np.inf) > 0.5 * KINK])

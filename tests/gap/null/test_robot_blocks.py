@@ -107,6 +107,21 @@ def test_blocks_of_a_sound_own_robot_are_at_the_noise_floor() -> None:
         assert np.sqrt(f.chi2 / len(f.residual)) < 1.1
 
 
+def test_a_late_command_is_a_record_that_is_early_by_as_much() -> None:
+    """The corners of a delayed command lay between nodes of the loop's grid and were cut: 6 sigma at each."""
+    legs = [own.direction_cycles(0.4, 0.1, 1.2e-3, 4.0, 1)]
+    axes = AxesBlock(GroupedSession(own.robot_session(np.random.default_rng(3), legs=legs), QUANTITIES), {})
+    late = library("microrobot")["latency[form=0]"]
+    axes = axes.knowing({"latency": late})
+    candidate = Candidate("latency", "latency", "timing", late.parameters, ("axes",))
+    for delay in (4e-3, 11.8e-3, 35e-3):
+        moved = axes.start()
+        moved[3] -= delay
+        shifted = axes.evaluate(moved, {}, want_jacobian=False).residual
+        delayed = axes.evaluate(axes.start(), {candidate: {"delay": delay}}, want_jacobian=False).residual
+        assert np.max(np.abs(delayed - shifted)) < 0.5
+
+
 def test_bins_begin_at_turns_and_not_at_every_piece_of_a_curve() -> None:
     recordings = own.robot_session(np.random.default_rng(5), [], legs=[own.direction_cycles(0.3, 0.0, 1.2e-3, 8.0, 1)])
     session = GroupedSession(recordings, QUANTITIES)
