@@ -24,8 +24,13 @@ CERTAIN = 30.0
 """Nats of a signature that admits no other reading."""
 AT_REST = 5
 """Equal samples in a row that a channel with noise of its own has by no chance."""
+PILE, PILE_LEVELS, PILE_NEAR = 6.0, 12, 0.1
+"""Times more often than at any other level that a channel stands at its end to be cut off there, and how many levels
+there must be within which share of its range."""
 COUNTED = 400
 """Small changes from whose number that of no change is foretold."""
+NO_MORE = 3
+"""Repeats beyond those foretold, and what chance adds to these, that are none."""
 SURPRISING = 14.0
 """Nats against more repeats by chance: of thousands of channels none has so many."""
 COARSER = 1.3
@@ -128,10 +133,21 @@ def _clipping(name: str, series: Sequence[Series]) -> list[Signature]:
             if e - b >= 3 and len(before) >= 3 and top - float(np.mean(before)) > 2 * step:
                 clipped += e - b
         share = clipped / len(value)
-        if share > 0.005 and share > 1.2 * near and share > _still(value[~at]):
+        sloped = share > 0.005 and share > 1.2 * near and share > _still(value[~at])
+        if not sloped and _piles_up(sign * value, top, span) and np.mean(at) > _still(value[~at]):
+            sloped, share = True, float(np.mean(at))
+        if sloped:
             text = f"{name} stands at {sign * top:.4g} exactly in {100 * share:.1f} % of its samples"
             out.append(Signature(effect, name, CERTAIN, text))
     return out
+
+
+def _piles_up(value: FloatArray, top: float, span: float) -> bool:
+    """Whether a channel whose noise spreads over many levels stands at its ``top`` so often as at no other near it: it
+    creeps up to an end of its range, and noise takes it below again and again."""
+    levels, times = np.unique(value, return_counts=True)
+    beside = times[(levels < top - 1e-9 * span) & (levels > top - PILE_NEAR * span)]
+    return len(beside) >= PILE_LEVELS and bool(times[-1] >= PILE * max(float(np.max(beside)), 2.0))
 
 
 def _still(value: FloatArray) -> float:
@@ -146,7 +162,18 @@ def _repeats(name: str, series: Sequence[Series]) -> list[Signature]:
     On a grid, changes of nought are as frequent as small changes either way, however fine the grid is; off a grid,
     noise never repeats.
     """
-    repeated, expected = 0, 0.0
+    repeated, expected, counted = _repeated(series)
+    surprise = repeats_surprise(repeated, expected)
+    if counted and repeated > 5 and repeated > 1.3 * expected and surprise > SURPRISING:
+        text = f"{name} repeats its last value {repeated} times where {expected:.0f} are expected"
+        # A device asked twice for the same value gives an old one under a new stamp.
+        return [Signature("dropped_samples", name, min(surprise, CERTAIN), text, ("late_samples",))]
+    return []
+
+
+def _repeated(series: Sequence[Series]) -> tuple[int, float, int]:
+    """How often a channel repeats its last value, how often it should, and of how many samples that can be told."""
+    repeated, expected, counted = 0, 0.0, 0
     for s in series:
         v = s.value[np.isfinite(s.value)]
         if len(v) < 30 or np.ptp(v) == 0:
@@ -160,12 +187,20 @@ def _repeats(name: str, series: Sequence[Series]) -> list[Signature]:
         inside = (v[1:] > v.min()) & (v[1:] < v.max())  # values at an extreme are clipped, not repeated
         repeated += int(np.sum((change == 0) & inside))
         expected += repeats_foretold(change[inside], step)
-    surprise = repeats_surprise(repeated, expected)
-    if repeated > 5 and repeated > 1.3 * expected and surprise > SURPRISING:
-        text = f"{name} repeats its last value {repeated} times where {expected:.0f} are expected"
-        # A device asked twice for the same value gives an old one under a new stamp.
-        return [Signature("dropped_samples", name, min(surprise, CERTAIN), text, ("late_samples",))]
-    return []
+        counted += len(v)
+    return repeated, expected, counted
+
+
+def never_repeat(recordings: Sequence[Recording]) -> bool:
+    """Whether a value repeated in place of a lost sample would show in every channel that is measured, and none is."""
+    computed = ("probe_", "force_") if any("transducer_force_a" in r.streams for r in recordings) else ()
+    names = dict.fromkeys(n for r in recordings for n in r.streams if not n.startswith(computed or "\0"))
+    for name in names:
+        series = [r.streams[name] for r in recordings if name in r.streams]
+        repeated, expected, counted = _repeated(series)
+        if counted < sum(len(s.value) for s in series) or repeated > expected + 3.0 * np.sqrt(expected) + NO_MORE:
+            return False
+    return bool(names)
 
 
 def repeats_foretold(change: FloatArray, step: float) -> float:

@@ -33,10 +33,9 @@ MAX_GRID = 9
 AGREED = 0.85
 """Share of the commands' lateness that looks at equal intervals must explain to be refitted wherever they rank."""
 
-FULL = (1.05, 1.25)
-"""Capacities that are looked at, as multiples of the greatest value: far above none shows, below all is lost."""
-KNEES = (0.3, 0.6, 0.85)
-"""Knees that are looked at, as shares of the greatest value: above that nothing shows."""
+SHARES = {"capacity": (1.05, 1.25), "knee": (0.3, 0.6, 0.85), "limit": (1.0, 1.2)}
+"""Values that are looked at, as shares of the greatest one measured. Far above it no capacity shows, below it all is
+lost; a knee does not show above it; at a limit a channel is cut off, or it bends towards one beyond."""
 
 Place = Mapping[str, float]
 """Values of some of an effect's parameters."""
@@ -116,12 +115,8 @@ def _places(candidate: Candidate, problem: Problem, base: Fit) -> tuple[Sequence
         return _spells(candidate, problem, base), False
     if "later" in parameters:
         return [{"later": later} for later in since_the_start(time, residual, recording)], False
-    if "capacity" in parameters:
-        most = float(np.max(np.abs(problem.measured)))
-        return [{"capacity": share * most} for share in FULL], False
-    if "knee" in parameters:
-        most = float(np.max(np.abs(problem.measured)))
-        return [{"knee": share * most} for share in KNEES], False
+    if places := _of_the_greatest(candidate, problem):
+        return places, False
     if "within" in parameters:
         return [{"within": float(np.median(time[recording == k]))} for k in np.unique(recording)], False
     if "delay" in parameters and candidate.stage == "processing" and problem.resets:
@@ -146,6 +141,16 @@ def _places(candidate: Candidate, problem: Problem, base: Fit) -> tuple[Sequence
         seen = Lateness(time, residual, np.ones(len(residual)))
         return [{"tau": length, "phase": phase} for length, phase, _ in wanderings(seen, tau.low, tau.high)], False
     return [], False
+
+
+def _of_the_greatest(candidate: Candidate, problem: Problem) -> list[Place]:
+    """Where an effect begins that only great values meet: shares of the greatest. What is cut off ends there."""
+    most = float(np.max(np.abs(problem.measured)))
+    for p in candidate.parameters:
+        # A limit of force is not in the unit of an axis.
+        if p.name in SHARES and (p.name != "limit" or (candidate.name == "sensor_saturation" and p.unit == "m")):
+            return [{p.name: share * most} for share in SHARES[p.name]]
+    return []
 
 
 def _spells(event: Candidate, problem: Problem, base: Fit) -> list[Place]:

@@ -11,7 +11,7 @@ from acquire.recording.model import SegmentRecord
 from gap.data.labels import direction, level, phases
 from gap.data.noise import finest_step
 from gap.data.session import REST, Session
-from gap.data.signatures import HUM, MAINS, find, repeats_foretold
+from gap.data.signatures import HUM, MAINS, find, never_repeat, repeats_foretold
 
 TIME = np.arange(0.0, 10.0, 0.01)
 COMMAND = ([0.0, 1.0, 1.0, 6.0, 6.0, 10.0], [0.0, 0.0, -3e4, -3e4, 0.0, 0.0])
@@ -85,6 +85,27 @@ def test_a_clipped_channel_is_told(recording, sign: int, effect: str) -> None:
     found = find([made(recording, sign * np.minimum(wave(), 0.7e-3))])
     assert [(s.effect, s.channel) for s in found] == [(effect, "apex_height")]
     assert "apex_height stands at" in found[0].text
+
+
+@pytest.mark.parametrize("top", [2.0, 9.0])
+def test_what_creeps_up_to_its_end_under_noise_is_clipped_there(recording, top: float) -> None:
+    """Noise takes it below again and again: no run of samples at the end is entered with a slope."""
+    t = np.arange(0.0, 20.0, 0.02)
+    value = 1.5 * t**0.1 + 0.02 * np.random.default_rng(3).normal(size=len(t))
+    marks = {s.effect for s in find([recording({"apex_height": np.minimum(value, top)}, t)])}
+    assert ("saturation" in marks) == (top < value.max())
+
+
+def test_a_repeated_value_would_show_where_noise_is_finer_than_the_grid(recording) -> None:
+    t = np.arange(0.0, 20.0, 0.02)
+    rng = np.random.default_rng(5)
+    fine = np.round(np.sin(t) + 0.02 * rng.normal(size=len(t)), 4)
+    lost = np.where(rng.random(len(t)) < 0.02, np.roll(fine, 1), fine)
+    assert never_repeat([recording({"pressure": fine}, t)])
+    assert not never_repeat([recording({"pressure": lost}, t)])
+    assert not never_repeat(
+        [recording({"pressure": fine, "apex_height": np.round(fine, 1)}, t)]
+    )  # it could not be seen
 
 
 def test_a_slow_signal_on_a_coarse_grid_is_not_clipped(recording) -> None:

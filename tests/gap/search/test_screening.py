@@ -68,6 +68,16 @@ def test_a_threshold_is_looked_for_where_it_begins_to_show(linear, candidate) ->
     assert found[0].gain > 100
 
 
+def test_a_limit_is_looked_for_where_the_channel_ends(linear, candidate) -> None:
+    """A height that was cut off was told a wrong scale: the limits that were tried lay above it."""
+    y = np.minimum(np.linspace(0.0, 20.0, 400), 14.0)
+    cut = {"sensor_saturation": lambda v: np.zeros(400)}
+    saturation = candidate("sensor_saturation", Parameter("limit", "m", 0.1, 1e3, 1e3, 500.0, "log"))
+    problem = linear(y, np.ones((400, 1)), cut, np.full(1, 100.0))
+    points, _ = starting_points(saturation, {"linear": problem}, Hypothesis((), {"linear": fit(problem)}))
+    assert min(saturation.values(point)["limit"] for point in points) == pytest.approx(14.0)
+
+
 def test_a_knee_is_looked_for_below_the_greatest_value(linear, candidate) -> None:
     """A gauge of two slopes was missed (δ_free 170): half of the knee's range was above all pressures."""
     y = np.linspace(0.0, 20.0, 400)
