@@ -165,7 +165,7 @@ def diagnose(
         verdict=verdict,
         signatures=tuple(case.marks),
         shrinks=tuple(trial.shrinks for trial in settled.trials),
-        bounds=bounds(case.comparison, settled.found.temper),
+        bounds=bounds(case.comparison, settled.found.temper, t, case.stated),
         confusable=confusable(case.comparison, settled.found.temper),
         remarks=(*told, *words),
         seconds=clock.perf_counter() - begin,
@@ -217,6 +217,8 @@ def gathered(recordings: Sequence[Recording], options: Options = Options()) -> t
     problems, candidates = _problems(recordings, options)
     if options.qualified is not None:
         told += _informed(problems, options.qualified)
+    if model is None:
+        candidates = _possible(candidates, recordings)
     marks = signatures.find(recordings, model.channels if model else None)
     marks += [] if model else pulse(recordings)
     suspects = _suspects(problems, candidates, marks)
@@ -241,6 +243,13 @@ def gathered(recordings: Sequence[Recording], options: Options = Options()) -> t
         qualified=options.qualified,
     )
     return case, told
+
+
+def _possible(candidates: Sequence[Candidate], recordings: Sequence[Recording]) -> tuple[Candidate, ...]:
+    """The candidates without those that would have left marks that are not there: a repeated value in place of a lost
+    sample."""
+    absent = signatures.never_repeat(recordings)
+    return tuple(c for c in candidates if not (absent and c.name == "dropped_samples" and c.form == 0))
 
 
 def _informed(problems: Sequence[Problem], qualified: Qualified) -> list[str]:

@@ -7,25 +7,34 @@ from itertools import combinations
 
 import numpy as np
 
+from gap.decision.thresholds import Thresholds
+from gap.decision.tolerance import Stated
 from gap.inference.evidence import Hypothesis
 from gap.search.compare import Comparison
 
 
-def bounds(comparison: Comparison, tempers: Mapping[str, float], seen_at: float = 3.0) -> dict[str, float]:
-    """For each effect, the strength that would have stood out by ``seen_at`` σ; inf where none in the prior would."""
+def bounds(
+    comparison: Comparison, tempers: Mapping[str, float], t: Thresholds, stated: Stated | None = None
+) -> dict[str, float]:
+    """For each effect, the strength from which on it would have been named, as far as straight lines tell; inf where
+    none in the prior would. It stands out by as many σ as a claim needs, each block as far as it is trusted, and
+    exceeds any ``stated`` tolerance as often as a finding must."""
+    trust = comparison.weighed(tempers)[id(comparison.null)].trust
     out: dict[str, float] = {}
     for s in comparison.screened:
         strengths = [k for k, p in enumerate(s.candidate.parameters) if p.null is not None]
         if not strengths or not s.detectability:
             continue
         p = s.candidate.parameters[strengths[0]]
-        temper = max(tempers[b] for b in s.candidate.blocks)
+        believed = min(trust[b] / tempers[b] for b in s.candidate.blocks)
         per_strength = [
-            seen_at * abs(s.candidate.values(u)[p.name] - (p.null or 0.0)) / (d / np.sqrt(temper))
+            t.seen_of([s.candidate]) * abs(s.candidate.values(u)[p.name] - (p.null or 0.0)) / (d * np.sqrt(believed))
             for u, d in s.detectability
             if d > 0
         ]
         bound = float(np.median(per_strength)) if per_strength else float("inf")
+        if stated and not s.candidate.event and (known := stated.get(s.candidate.name, {}).get(p.name)) is not None:
+            bound = max(bound, t.tolerances * known.value)
         out[s.candidate.key] = min(bound, out.get(s.candidate.key, float("inf")))
     return out
 

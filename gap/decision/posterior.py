@@ -159,7 +159,7 @@ def posterior(
     # Whether anything acts is one question, its name another: a weak effect often answers the second.
     acts = 1.0 - float(softmax(score)[0])
     share = np.r_[0.0, softmax(score[1:])] if len(score) > 1 else np.zeros(1)
-    causes = _classes(every, score, share, weighed, temper, t)
+    causes = _classes(every, score, share, weighed, temper, t, signatures)
     causes = [_marked(c, comparison, signatures, t) for c in causes]
     before = gap_of(comparison.null)
     after = gap_of(causes[0].hypothesis) if causes else before
@@ -305,6 +305,13 @@ def _alike(
     return _distance(one, other, trust, temper) < max(t.separable, t.blunt * float(np.sqrt(left)))
 
 
+def _same_mark(one: Hypothesis, other: Hypothesis, signatures: Sequence[Signature]) -> bool:
+    """Whether two single effects leave a mark that was found: an old value under a new stamp is a late sample or a
+    repeated one, and how often they come tells by the form of chance only."""
+    both = [h.effects[0] for h in (one, other) if len(h.effects) == 1]
+    return len(both) == 2 and any(all(made_by(s, e) for e in both) for s in signatures)
+
+
 def _same_event(one: Hypothesis, other: Hypothesis, near: float) -> bool:
     """Whether two single effects in the same blocks are events that begin and end at the same times, to ``near`` s."""
     spells = []
@@ -325,6 +332,7 @@ def _classes(
     weighed: Mapping[int, Weight],
     temper: Mapping[str, float],
     t: Thresholds,
+    signatures: Sequence[Signature] = (),
 ) -> list[Cause]:
     """Group explanations that these data cannot split, all but the first of ``hypotheses``, which is none; within a
     class the one with fewest parameters leads, unless it is worse by more than `Thresholds.lead`."""
@@ -337,6 +345,13 @@ def _classes(
         trust = weighed[id(hypotheses[lead])].trust
         near = [k for k in order if k == lead or score[lead] - score[k] < t.evidence_tie]
         members = [k for k in near if k == lead or _alike(hypotheses[lead], hypotheses[k], trust, temper, t)]
+        members += [
+            k
+            for k in order
+            if k not in members
+            and score[lead] - score[k] < t.mark
+            and _same_mark(hypotheses[lead], hypotheses[k], signatures)
+        ]
         leaders = [k for k in members if score[lead] - score[k] <= t.lead]
         simplest = min(leaders, key=lambda k: (sum(len(e.parameters) for e in hypotheses[k].effects), -score[k]))
         order = [k for k in order if k not in members]

@@ -10,7 +10,7 @@ from scipy.special import expit
 
 from gap.data.signatures import Signature
 from gap.data.tolerances import Tolerance
-from gap.decision.limits import confusable
+from gap.decision.limits import bounds, confusable
 from gap.decision.marks import explains_marks, made_by
 from gap.decision.posterior import posterior
 from gap.decision.thresholds import INSTRUMENT
@@ -18,7 +18,7 @@ from gap.decision.transfer import Shrink, best_elsewhere, plain
 from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import to_unit
 from gap.inference.least_squares import fit
-from gap.search.compare import Comparison, compare
+from gap.search.compare import Comparison, Effort, compare
 from sim_devices.chain import Parameter
 from tests.gap.decision.waves import DESIGN, SHAPES, T, judge, total, weak_wave
 
@@ -106,6 +106,22 @@ def test_a_defect_of_the_noise_is_told_by_its_marks_alone(verdict_on) -> None:
     assert beside.causes[0].names == ("late",)
 
 
+def test_effects_that_leave_one_mark_are_one_class(linear, candidate) -> None:
+    """Old values under new stamps are late samples or repeated ones: .91 was said for the wrong one of the two."""
+
+    def bump(middle: float) -> np.ndarray:
+        return np.exp(-(((T - middle) / 0.05) ** 2))
+
+    y = DESIGN @ [2.0, 1.0] + 40.0 * bump(0.302) + np.random.default_rng(1).normal(size=len(T))
+    effects = {"late": lambda v: v["a"] * bump(0.297), "lost": lambda v: v["a"] * bump(0.308)}
+    known = [candidate(n, Parameter("a", "1", -90.0, 90.0)) for n in effects]
+    found = compare([linear(y, DESIGN, effects, np.full(2, 100.0))], known, Effort(pair_bases=0))
+    mark = Signature("lost", "height", 8.0, "repeats", also=("late",))
+    alone, marked = judge(found, known).causes[0], judge(found, known, INSTRUMENT, (mark,)).causes[0]
+    assert len(alone.names) == 1
+    assert set(marked.names) == {"late", "lost"}
+
+
 def test_a_prior_for_no_effect_wins_on_weak_evidence(verdict_on) -> None:
     doubtful = {"bump": 0.9}
     sure_of_none = replace(INSTRUMENT, prior_effect=1e-6, prior_pair=1e-9)
@@ -136,6 +152,23 @@ def test_the_simplest_leads_its_class_unless_it_is_much_worse(linear, candidate,
     verdict = judge(compare([linear(y, DESIGN, made, np.full(2, 100.0))], known), known, rules)
     assert verdict.causes[0].names[0] == leader
     assert set(verdict.causes[0].names) == {"bump", "rich"}
+
+
+@pytest.mark.parametrize(("times", "named"), [(0.7, False), (1.4, True)])
+def test_a_bound_is_the_strength_that_would_be_named(linear, candidate, times: float, named: bool) -> None:
+    """It was told for 3 sigma where claims need five: eleven effects above their bounds went unseen."""
+    known = [candidate("wave", Parameter("a", "1", -60.0, 60.0, 0.0))]
+    noise = np.random.default_rng(7).normal(size=len(T))
+
+    def compared(strength: float) -> Comparison:
+        y = DESIGN @ [2.0, 1.0] + strength * SHAPES["wave"] + noise
+        return compare([linear(y, DESIGN, {"wave": lambda v: v["a"] * SHAPES["wave"]}, np.full(2, 100.0))], known)
+
+    quiet = compared(0.0)
+    bound = bounds(quiet, quiet.temper(), INSTRUMENT)["wave"]
+    assert judge(compared(times * bound), known).claims == named
+    stated = {"wave": {"a": Tolerance(10.0 * bound, "1", "test")}}  # within twice a tolerance it is no finding
+    assert bounds(quiet, quiet.temper(), INSTRUMENT, stated)["wave"] == pytest.approx(20.0 * bound)
 
 
 def test_what_cannot_be_told_apart_is_so_in_its_best_form(linear, candidate) -> None:
