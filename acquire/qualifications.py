@@ -10,7 +10,6 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, Final, Literal
 
-import yaml
 from platformdirs import user_data_dir
 from pydantic import Field, model_validator
 
@@ -18,7 +17,7 @@ from acquire.files import write_text
 from acquire.recording.model import RecordingError
 from protocols.errors import ProtocolError
 from protocols.fields import Model
-from protocols.source import read
+from protocols.source import read, written
 from protocols.text import validate
 
 SCHEMA: Final = "qualification/1"
@@ -130,7 +129,7 @@ def load_qualification(path: Path | str) -> Qualification:
 def dump(qualification: Qualification) -> str:
     """The file's text."""
     plain = qualification.model_dump(mode="json", by_alias=True, exclude_none=True)
-    return yaml.safe_dump(plain, sort_keys=False, allow_unicode=True, width=110)
+    return written(plain)
 
 
 def folder_of(instrument: str, serial: str, root: Path | None = None) -> Path:

@@ -27,7 +27,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import yaml
 from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
 from acquire.engine.rules import BOUNDS, LONGEST_TRACKING, Rules, check_tracking
@@ -39,7 +38,7 @@ from protocols import units
 from protocols.fields import Model, Text, Unit
 from protocols.limits import Limits
 from protocols.schema import Limit
-from protocols.source import Source, read
+from protocols.source import Source, read, written
 from protocols.text import validate
 
 Provenance = Literal["documented", "reported", "assumed", "measured"]
@@ -245,7 +244,7 @@ class Station(Model):
     def text(self) -> str:
         """The station as YAML, for the recording."""
         data = self.model_dump(mode="json", by_alias=True, exclude_defaults=True)
-        return yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
+        return written(data)
 
 
 def parse_limits(written: dict[str, Limit], origin: str) -> Limits:

@@ -193,3 +193,24 @@ def _number(said: str, path: Key, source: Source) -> str | int | float:
     if _NOT_FINITE.fullmatch(said):
         return float(said.replace(".", ""))
     raise source.fault(path, f"{shortened(said)!r} is not a plain number; in quotes it is a text")
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes a text of several lines as a block, one that `read` would take for a number in quotes, nothing as an
+    alias."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+def _text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
+    style = "|" if "\n" in text else "'" if NUMBER.fullmatch(text) else None
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
+
+
+_Dumper.add_representer(str, _text)
+
+
+def written(data: Any) -> str:
+    """Plain ``data`` as YAML that `read` reads back as they are."""
+    return yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110)

@@ -13,7 +13,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from acquire.recording.bundle_schema import SUCTION, Bundle, Images, Source, StatedNoise, TimeAxis
 from acquire.recording.images import find_frames
@@ -24,7 +23,7 @@ from acquire.recording.tables import Table, evenly
 from protocols import specimens, units
 from protocols.errors import ProtocolError
 from protocols.files import contents, in_words, inside, is_file
-from protocols.source import Key, read
+from protocols.source import Key, read, written
 from protocols.source import Source as Yaml
 from protocols.specimens import Stated
 from protocols.text import validate
@@ -298,7 +297,7 @@ class _Import:
         if given is None:
             return "", ""
         if isinstance(given, dict):
-            return yaml.safe_dump(given, sort_keys=False, allow_unicode=True), str(given.get("name", ""))
+            return written(given), str(given.get("name", ""))
         if "\n" in given:
             return given, ""
         from protocols.catalogue import library

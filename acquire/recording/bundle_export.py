@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from acquire.files import whole_folder
@@ -17,6 +16,7 @@ from acquire.recording.bundle_schema import SCHEMA
 from acquire.recording.model import FloatArray, Frames, Recording, RecordingError, RunInfo, SegmentRecord, Series
 from acquire.recording.segments import write_csv as write_segments
 from acquire.recording.tables import write_table
+from protocols.source import written
 
 _OWN_KEYS = (
     "instrument",
@@ -60,8 +60,7 @@ def _write(recording: Recording, folder: Path) -> None:
         "run": _run(recording),
     }
     about = {key: value for key, value in about.items() if value not in ({}, [], "")}
-    text = yaml.dump(about, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110)
-    (folder / FILE_NAME).write_text(text, encoding="utf-8")
+    (folder / FILE_NAME).write_text(written(about), encoding="utf-8")
 
 
 def _description(info: RunInfo, folder: Path) -> dict[str, Any]:
@@ -200,17 +199,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     return value
-
-
-class _Dumper(yaml.SafeDumper):
-    """Writes a text of several lines as a block, and nothing as an alias."""
-
-    def ignore_aliases(self, data: Any) -> bool:
-        return True
-
-
-def _text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
-    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style="|" if "\n" in text else None)
-
-
-_Dumper.add_representer(str, _text)
