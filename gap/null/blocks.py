@@ -35,8 +35,6 @@ SIMPLE_SHIFT = 1e-3
 """s: how late a channel may be that samples, neither holds nor integrates."""
 AFTER_KINK = 1e-3 * np.concatenate([np.arange(1, 13), 13.0 * 1.08 ** np.arange(57)])
 """s after a kink of the command: nodes so dense that straight lines between them are within .02 σ of the signal."""
-COARSER = 2
-"""Of the bins, each how many-th has a node where two simulations are compared."""
 BEFORE = 5e-3
 """s by which a recording begins before its first sample."""
 ELSEWHERE = (0.1, 0.9)
@@ -302,10 +300,10 @@ class Block(abc.ABC):
         return np.unique(np.concatenate([c.kinks for c in group.commands.values()]))
 
     def _nodes(self, group: Group, at: slice, coarse: bool) -> list[FloatArray]:
-        """Where a group is simulated: the ends of its bins and times after kinks; ``coarse``, the middles of some bins,
+        """Where a group is simulated: the ends of its bins and times after kinks; ``coarse``, the middles of its bins,
         and no more after kinks than any simulation has."""
         if coarse:
-            return [np.unique(np.append(self.stamps[at][::COARSER], self.stamps[at][-1]))]
+            return [self.stamps[at]]
         after = np.unique((self.kinks(group)[:, None] + AFTER_KINK).ravel())
         begin, end = self.stamps[at][[0, -1]]
         return [np.unique(self._ends[:, at]), after[(after > begin) & (after < end)]]

@@ -254,7 +254,8 @@ def _tested(case: Case, found: _Linear, t: Thresholds, jobs: int) -> Proposal:
     scale = max(_temper(problems[candidate.blocks[-1]], last), 1.0)
     sd = float(np.sqrt(scale * last.covariance[0, 0])) * (candidate.parameters[0].high - candidate.parameters[0].low)
     fitted = term.at(values)
-    errors = tuple(sd * abs(a / fitted.amounts[0]) for a in fitted.amounts)
+    first = fitted.amounts[0]  # nought where a withheld fit took all of the term away
+    errors = tuple(sd * abs(a / first) if first else np.inf for a in fitted.amounts)
     nats = _evidence(problems, null, Hypothesis((candidate,), fits)) - _choosing(found, fitted)
     return Proposal(fitted, nats, shrinks, errors, _doubt(shrinks, t), answer)
 
