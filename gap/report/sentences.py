@@ -40,6 +40,9 @@ def _how_far(d: Diagnosis) -> str:
 
 
 def _nothing(d: Diagnosis) -> str:
+    if d.verdict.causes and d.verdict.rules[0].startswith("within tolerance:"):
+        what = " and ".join(words(e.name) for e in d.verdict.causes[0].effects)
+        return f"{what.capitalize()} would explain what stands out, and is within twice a stated tolerance: no finding."
     if _within_noise(d):
         if d.verdict.verdict == "none":
             return "No effect of the library is needed to explain these recordings."

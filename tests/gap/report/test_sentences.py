@@ -43,6 +43,16 @@ def test_a_pressure_is_never_laid_to_skin(linear, open_law: bool, skin: bool) ->
     assert skin or "skin plays no part in pressure" in told
 
 
+def test_a_tolerance_that_explains_the_gap_is_said_to(linear, candidate) -> None:
+    """ "No effect stands out" was said of a leak of 30 sigma that came first."""
+    d = diagnosis(linear, "undetectable", 1.5, open_law=False)
+    leak = Cause(Hypothesis((candidate("leak", Parameter("share", "1", 0.0, 1.0)),), {}), ("leak",), 0.45, 30.0)
+    d.verdict.causes, d.verdict.rules = (leak,), ("within tolerance: 0.4 stated tolerances <= 2",)
+    told = " ".join(sentences(d))
+    assert "Leak would explain what stands out, and is within twice a stated tolerance" in told
+    assert "No effect stands out" not in told
+
+
 def test_the_set_is_the_smallest_with_nine_tenths() -> None:
     empty = Hypothesis((), {})
     causes = (Cause(empty, ("leak", "gain"), 0.6, 9.0), Cause(empty, ("drift",), 0.15, 9.0))
