@@ -254,10 +254,15 @@ def _tested(case: Case, found: _Linear, t: Thresholds, jobs: int) -> Proposal:
     scale = max(_temper(problems[candidate.blocks[-1]], last), 1.0)
     sd = float(np.sqrt(scale * last.covariance[0, 0])) * (candidate.parameters[0].high - candidate.parameters[0].low)
     fitted = term.at(values)
-    first = fitted.amounts[0]  # nought where a withheld fit took all of the term away
-    errors = tuple(sd * abs(a / first) if first else np.inf for a in fitted.amounts)
+    errors = errors_of(fitted.amounts, sd)
     nats = _evidence(problems, null, Hypothesis((candidate,), fits)) - _choosing(found, fitted)
     return Proposal(fitted, nats, shrinks, errors, _doubt(shrinks, t), answer)
+
+
+def errors_of(amounts: Sequence[float], sd: float) -> tuple[float, ...]:
+    """Standard errors of amounts that keep their ratios, where the first has one of ``sd``; of a term that the fit took
+    away, all of them have that."""
+    return tuple(sd * abs(a / amounts[0]) if amounts[0] else sd for a in amounts)
 
 
 def _evidence(problems: Mapping[str, Problem], null: Hypothesis, h: Hypothesis) -> float:

@@ -27,7 +27,7 @@ from gap.rig.problem import RigProblem
 from gap.search.compare import Effort, compare
 from gap.terms.dictionary import choices
 from gap.terms.parts import ERROR, INPUT, OWN, START, Part, Place
-from gap.terms.propose import Proposal, best_term
+from gap.terms.propose import Proposal, best_term, errors_of
 from gap.terms.term import Term, as_effect, save_term
 from sim_devices.chain import Parameter
 from sim_devices.stages import nominal
@@ -230,3 +230,9 @@ def test_a_robot_on_a_reference_has_no_place_for_a_term() -> None:
     block.session = SimpleNamespace(instrument="microrobot")
     block.measured = np.ones(9)
     assert choices({"reference": block}) == []
+
+
+def test_a_term_that_the_fit_took_away_has_an_error() -> None:
+    """An amount of nought ended a diagnosis with a division by zero."""
+    assert errors_of((0.2, -0.1), 0.05) == pytest.approx((0.05, 0.025))
+    assert errors_of((0.0, 0.0), 0.05) == (0.05, 0.05)
