@@ -90,8 +90,7 @@ def find(recordings: Sequence[Recording], channels: Sequence[str] | None = None)
     lines say nothing."""
     out: list[Signature] = []
     nominal = _resolutions(recordings[0].info.instrument)
-    computed = ("probe_", "force_") if any("transducer_force_a" in r.streams for r in recordings) else ()
-    for name in dict.fromkeys(n for r in recordings for n in r.streams if not n.startswith(computed or "\0")):
+    for name in _measured(recordings):
         series = [r.streams[name] for r in recordings if name in r.streams and len(r.streams[name].value) > 30]
         if not series or (channels is not None and name not in channels):
             continue
@@ -99,6 +98,12 @@ def find(recordings: Sequence[Recording], channels: Sequence[str] | None = None)
         out += [*_repeats(name, series), *_hum(name, series)] if channels is None else []
         out += _coarse(name, series, nominal.get(name, np.inf))
     return out
+
+
+def _measured(recordings: Sequence[Recording]) -> list[str]:
+    """The channels that are measured, not computed from others as a robot's probe position and force are."""
+    computed = ("probe_", "force_") if any("transducer_force_a" in r.streams for r in recordings) else ()
+    return list(dict.fromkeys(n for r in recordings for n in r.streams if not n.startswith(computed or "\0")))
 
 
 def _resolutions(kind: str) -> dict[str, float]:
@@ -193,8 +198,7 @@ def _repeated(series: Sequence[Series]) -> tuple[int, float, int]:
 
 def never_repeat(recordings: Sequence[Recording]) -> bool:
     """Whether a value repeated in place of a lost sample would show in every channel that is measured, and none is."""
-    computed = ("probe_", "force_") if any("transducer_force_a" in r.streams for r in recordings) else ()
-    names = dict.fromkeys(n for r in recordings for n in r.streams if not n.startswith(computed or "\0"))
+    names = _measured(recordings)
     for name in names:
         series = [r.streams[name] for r in recordings if name in r.streams]
         repeated, expected, counted = _repeated(series)
