@@ -56,7 +56,7 @@ class Body:
         self.contactness = contactness or Contactness()
         self.code = law.kernels()
         middle = np.zeros(len(fixed), dtype=bool)
-        middle[mesh.elements[:, kernels.MIDDLE // 2]] = True
+        middle[mesh.elements[:, kernels.MIDDLE]] = True
         middle &= ~fixed.any(axis=1)
         # the middle nodes' unknowns come first, then those of the linear system, the probe's height last
         first, rest = (np.argwhere(~fixed & nodes[:, None]) for nodes in (middle, ~middle))
@@ -65,7 +65,7 @@ class Body:
         self.middles, self.displacements = len(first), len(first) + len(rest)
         self.size = self.displacements + (rim is not None)
         self.number = number
-        self.equations = number[mesh.elements].reshape(-1, 18)
+        self.equations = number[mesh.elements].transpose(0, 2, 1).reshape(-1, 18)
         self.load_equations = number[loaded].reshape(-1, 6)
         groups = [self.equations, self.load_equations]
         if rim is not None:
