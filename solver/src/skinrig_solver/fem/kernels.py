@@ -297,25 +297,52 @@ def expand(equations: Index, L: Array, inverse: Array, force: Array, delta: Arra
 
 
 @njit(cache=True)
-def move(number: Index, delta: Array, factor: float, du: Array, u: Array) -> None:
-    """du (N, 2) = ``factor`` times the entries of delta (equations, 1), 0 where number is −1; u += du."""
+def largest(delta: Array) -> float:
+    """The largest absolute value of (n, 1), NaN where there is one."""
+    size = 0.0
+    for i in range(delta.shape[0]):
+        x = abs(delta[i, 0])
+        if not x <= size:
+            size = x
+            if np.isnan(x):
+                break
+    return size
+
+
+@njit(cache=True, fastmath=FLAGS)
+def advance(
+    number: Index,
+    elements: Index,
+    delta: Array,
+    factor: float,
+    Theta: Array,
+    theta0: Array,
+    Pi: Array,
+    pi0: Array,
+    du: Array,
+    u: Array,
+    theta: Array,
+    pressure: Array,
+) -> None:
+    """du (N, 2) = ``factor`` times the entries of delta (equations, 1), 0 where number is −1; u += du.
+
+    θ and p (E, 3) advance by the increments that belong to it where ``factor`` is 1.
+    """
     for n in range(number.shape[0]):
         for c in range(2):
             du[n, c] = factor * delta[number[n, c], 0] if number[n, c] >= 0 else 0.0
             u[n, c] += du[n, c]
-
-
-@njit(cache=True, fastmath=FLAGS)
-def update(
-    elements: Index, du: Array, Theta: Array, theta0: Array, Pi: Array, pi0: Array, theta: Array, pressure: Array
-) -> None:
-    """Advance θ and p (E, 3) by the increments that belong to du (N, 2)."""
+    if factor < 1.0:
+        return
+    own = np.empty(18)
     for e in range(elements.shape[0]):
+        for a in range(9):
+            node = uint64(elements[e, a])
+            own[a], own[9 + a] = du[node, 0], du[node, 1]
         for i in range(3):
             dt, dp = theta0[e, i], pi0[e, i]
-            for a in range(9):
-                ur, uz = du[elements[e, a], 0], du[elements[e, a], 1]
-                dt += Theta[e, i, a] * ur + Theta[e, i, 9 + a] * uz
-                dp += Pi[e, i, a] * ur + Pi[e, i, 9 + a] * uz
+            for a in range(18):
+                dt += Theta[e, i, a] * own[a]
+                dp += Pi[e, i, a] * own[a]
             theta[e, i] += dt
             pressure[e, i] += dp

@@ -199,7 +199,8 @@ def slip_derivatives(shapes: Array, gap: Array, equations: Index, du: Array, dsl
 @njit(cache=True)
 def follower(
     edges: Index,
-    positions: Array,
+    nodes: Array,
+    u: Array,
     shapes: Array,
     slopes: Array,
     weights: Array,
@@ -219,9 +220,11 @@ def follower(
         for k in range(3):
             r, dr, dz = 0.0, 0.0, 0.0
             for a in range(3):
-                r += shapes[k, a] * positions[edges[e, a], 0]
-                dr += slopes[k, a] * positions[edges[e, a], 0]
-                dz += slopes[k, a] * positions[edges[e, a], 1]
+                node = edges[e, a]
+                at = nodes[node, 0] + u[node, 0]
+                r += shapes[k, a] * at
+                dr += slopes[k, a] * at
+                dz += slopes[k, a] * (nodes[node, 1] + u[node, 1])
             ring = 2.0 * np.pi * r if axisymmetric else 1.0
             dring = 2.0 * np.pi if axisymmetric else 0.0
             w = weights[k] * pressure
