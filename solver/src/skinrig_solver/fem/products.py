@@ -8,7 +8,7 @@ of one matrix overlap. Fronts, elements and parameter directions have 4 to 60 co
 from __future__ import annotations
 
 import inspect
-from collections.abc import Sequence
+from itertools import product
 from typing import Any
 
 from llvmlite import ir
@@ -35,7 +35,7 @@ def _product(sign: int) -> Any:
         _blocks(builder, given, sign)
         return context.get_dummy_value()
 
-    def product(_: Any, *kinds: Any) -> Any:
+    def typed(_: Any, *kinds: Any) -> Any:
         matrices, numbers = (kinds[0], kinds[4], kinds[7]), [types.intp] * 3
         for kind in matrices:
             if not (isinstance(kind, types.Array) and kind.layout == "C" and kind.dtype == types.float64):
@@ -44,8 +44,8 @@ def _product(sign: int) -> Any:
         return types.void(a, *numbers, b, *numbers[:2], c, *numbers[:2], *numbers), generate
 
     parameters = [inspect.Parameter(n, inspect.Parameter.POSITIONAL_OR_KEYWORD) for n in ("typing", *NAMES.split())]
-    product.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    return intrinsic(product)
+    typed.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    return intrinsic(typed)
 
 
 def _blocks(b: Any, given: dict[str, Any], sign: int) -> None:
@@ -66,39 +66,22 @@ def _blocks(b: Any, given: dict[str, Any], sign: int) -> None:
 
 def _block(b: Any, given: dict[str, Any], row: Any, column: Any, size: tuple[int, int, int], sign: int) -> None:
     """``size``: rows, vectors of each, numbers of a vector. All sums stay in registers until they are done."""
-    rows, vectors, lanes = size
-    kind = DOUBLE if lanes == 1 else ir.VectorType(DOUBLE, lanes)
-    pointer = kind.as_pointer()
-
-    def places(matrix: str, at: Any) -> list[Any]:
-        first = b.add(b.mul(at, given[f"row_{matrix.lower()}"]), column)
-        return [b.bitcast(b.gep(given[matrix], [b.add(first, INDEX(lanes * i))]), pointer) for i in range(vectors)]
-
+    rows, _, lanes = size
     own = [b.add(row, INDEX(i)) for i in range(rows)]
-    targets = [place for r in own for place in places("C", r)]
-    factors = [b.mul(r, given["row_a"]) for r in own]
+    targets = [place for r in own for place in _places(b, given, "C", r, column, size)]
+    beginnings = [b.mul(r, given["row_a"]) for r in own]
     before = b.block
-    zero = ir.Constant(kind, 0.0 if lanes == 1 else [0.0] * lanes)
+    zero = ir.Constant(_kind(lanes), 0.0 if lanes == 1 else [0.0] * lanes)
     start = [b.load(place, align=8) if sign else zero for place in targets]
     check, body, after = (b.append_basic_block(f"product.{name}") for name in ("check", "body", "after"))
     b.branch(check)
     b.position_at_end(check)
-    index = b.phi(INDEX)
-    index.add_incoming(INDEX(0), before)
-    sums = [b.phi(kind) for _ in targets]
-    for total, value in zip(sums, start, strict=True):
-        total.add_incoming(value, before)
+    index, *sums = (_varying(b, value, before) for value in (INDEX(0), *start))
     b.cbranch(b.icmp_signed("<", index, given["inner"]), body, after)
     b.position_at_end(body)
-    along = b.mul(index, given["column_a"])
-    taken = [b.load(place, align=8) for place in places("B", index)]
     combine = b.fsub if sign < 0 else b.fadd
-    for r, first in enumerate(factors):
-        factor = b.load(b.gep(given["A"], [b.add(first, along)]), align=8)
-        if lanes > 1:
-            factor = _spread(b, factor, kind)
-        for total, value in zip(sums[r * vectors : (r + 1) * vectors], taken, strict=True):
-            total.add_incoming(combine(total, b.fmul(factor, value, flags=FLAGS), flags=FLAGS), body)
+    for total, term in zip(sums, _terms(b, given, beginnings, index, column, size), strict=True):
+        total.add_incoming(combine(total, term, flags=FLAGS), body)
     index.add_incoming(b.add(index, INDEX(1)), body)
     b.branch(check)
     b.position_at_end(after)
@@ -106,11 +89,42 @@ def _block(b: Any, given: dict[str, Any], row: Any, column: Any, size: tuple[int
         b.store(total, place, align=8)
 
 
-def _spread(b: Any, number: Any, kind: Any) -> Any:
+def _terms(
+    b: Any, given: dict[str, Any], beginnings: list[Any], index: Any, column: Any, size: tuple[int, int, int]
+) -> list[Any]:
+    """What a block's sums gain from one ``index``: row after row, whose numbers of A lie at ``beginnings``."""
+    along = b.mul(index, given["column_a"])
+    taken = [b.load(place, align=8) for place in _places(b, given, "B", index, column, size)]
+    factors = [b.load(b.gep(given["A"], [b.add(first, along)]), align=8) for first in beginnings]
+    pairs = product([_spread(b, factor, size[2]) for factor in factors], taken)
+    return [b.fmul(factor, value, flags=FLAGS) for factor, value in pairs]
+
+
+def _varying(b: Any, start: Any, before: Any) -> Any:
+    """A value of a loop, ``start`` as it is entered."""
+    value = b.phi(start.type)
+    value.add_incoming(start, before)
+    return value
+
+
+def _kind(lanes: int) -> Any:
+    return DOUBLE if lanes == 1 else ir.VectorType(DOUBLE, lanes)
+
+
+def _places(b: Any, given: dict[str, Any], matrix: str, row: Any, column: Any, size: tuple[int, int, int]) -> list[Any]:
+    """Addresses of a row's vectors."""
+    _, vectors, lanes = size
+    first = b.add(b.mul(row, given[f"row_{matrix.lower()}"]), column)
+    at = [b.gep(given[matrix], [b.add(first, INDEX(lanes * i))]) for i in range(vectors)]
+    return [b.bitcast(place, _kind(lanes).as_pointer()) for place in at]
+
+
+def _spread(b: Any, number: Any, lanes: int) -> Any:
     """The number in every lane."""
-    vector = b.insert_element(ir.Constant(kind, ir.Undefined), number, ir.IntType(32)(0))
-    lanes: Sequence[int] = [0] * kind.count
-    return b.shuffle_vector(vector, vector, ir.Constant(ir.VectorType(ir.IntType(32), kind.count), lanes))
+    if lanes == 1:
+        return number
+    vector = b.insert_element(ir.Constant(_kind(lanes), ir.Undefined), number, ir.IntType(32)(0))
+    return b.shuffle_vector(vector, vector, ir.Constant(ir.VectorType(ir.IntType(32), lanes), [0] * lanes))
 
 
 add_product = _product(1)

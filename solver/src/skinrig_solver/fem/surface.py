@@ -236,11 +236,11 @@ def follower(
                         continue
                     normal = -dz if c == 0 else dr  # outward normal times line element
                     residual[row] += n * ring * normal
+                    # normal and ring move with the nodes: dz with z, dr and the ring with r
+                    turns_r, turns_z = (0.0, -n * ring) if c == 0 else (n * ring, 0.0)
                     for b in range(3):
                         at_r, at_z = scatter[e, 2 * a + c, 2 * b], scatter[e, 2 * a + c, 2 * b + 1]
                         if at_r >= 0:
-                            values[at_r] += n * dring * shapes[k, b] * normal
-                            if c == 1:
-                                values[at_r] += n * ring * slopes[k, b]
-                        if at_z >= 0 and c == 0:
-                            values[at_z] -= n * ring * slopes[k, b]
+                            values[at_r] += n * dring * shapes[k, b] * normal + turns_r * slopes[k, b]
+                        if at_z >= 0:
+                            values[at_z] += turns_z * slopes[k, b]
