@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import partial
 from math import isfinite
 
 import numpy as np
@@ -81,6 +81,7 @@ class Body:
         self.tangent, self.by_kin = np.zeros((points, 6, 6)), np.zeros((points, len(law.rest), 6))
         self.memory = np.full((points, self.code.ROOTS), np.nan)
         self.scratch = np.empty((points, len(law.rest)))
+        self.rest_history = np.tile(np.array(list(law.rest.values()), dtype=np.float64), (points, 1))
         self.eliminated = kernels.Eliminated.of(elements)
         self.values, self.residual = np.empty(self.pattern.nnz), np.empty(self.size)
         self.delta = np.zeros((self.size, 1))  # Newton's last correction
@@ -106,10 +107,6 @@ class Body:
             radius = np.einsum("ka,ea->ek", self.shapes2, where[..., 0])
             self.contact_weights = (length * (2.0 * np.pi * radius if mesh.axisymmetric else 1.0)).ravel()
 
-    @cached_property
-    def _rest_history(self) -> Array:
-        return np.tile(np.array(list(self.law.rest.values()), dtype=np.float64), (9 * len(self.mesh.elements), 1))
-
     def rest(self) -> State:
         """The undeformed, stress-free body with the probe touching it."""
         self.memory[:] = np.nan  # a run must not depend on the one before
@@ -121,7 +118,7 @@ class Body:
         contacts = 0 if self.rim is None else 2 * len(self.rim.edges)
         zero = np.zeros(contacts)
         state = State(
-            np.zeros_like(self.mesh.nodes), theta, np.zeros((elements, 3)), self._rest_history.copy(), zero, zero, zero
+            np.zeros_like(self.mesh.nodes), theta, np.zeros((elements, 3)), self.rest_history.copy(), zero, zero, zero
         ).copy()
         if self.rim is not None:
             self._gaps(state)
