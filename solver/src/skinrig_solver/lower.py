@@ -123,23 +123,27 @@ class Code:
 
     def _combined(self, row: Mapping[Expr, Expr], found: Mapping[Expr, Base], width: int) -> Vector:
         """Σ coefficient · derivative."""
-        b, kind = self.builder, DOUBLE if width == 1 else ir.VectorType(DOUBLE, width)
+        b = self.builder
         lanes = {lane: c for node, c in row.items() if isinstance(lane := found[node], int)}
-        total = None
-        if lanes or not row:
-            total = ir.Constant(kind, 0.0 if width == 1 else [0.0] * width)
-            for lane, coefficient in lanes.items():
-                total = b.insert_element(total, self.values[coefficient], ir.IntType(32)(lane))
+        total = self._lanes(lanes, width) if lanes or not row else None
         for node, coefficient in row.items():
-            if isinstance(found[node], int):
-                continue
             term = found[node]
-            if coefficient.op == "const" and coefficient.extra == -1.0 and total is not None:
+            if isinstance(term, int):
+                continue
+            known = coefficient.extra if coefficient.op == "const" else None
+            if known == -1.0 and total is not None:
                 total = b.fsub(total, term)
                 continue
-            if not (coefficient.op == "const" and coefficient.extra == 1.0):
+            if known != 1.0:
                 term = b.fmul(self._spread(self.values[coefficient], width), term)
             total = term if total is None else b.fadd(total, term)
+        return total
+
+    def _lanes(self, coefficients: Mapping[int, Expr], width: int) -> Vector:
+        """A vector of these numbers in their lanes, 0 in the others."""
+        total = ir.Constant(*((DOUBLE, 0.0) if width == 1 else (ir.VectorType(DOUBLE, width), [0.0] * width)))
+        for lane, coefficient in coefficients.items():
+            total = self.builder.insert_element(total, self.values[coefficient], ir.IntType(32)(lane))
         return total
 
     def _spread(self, value: Any, width: int) -> Vector:

@@ -7,13 +7,19 @@ import pytest
 from numba import njit
 
 from skinrig_solver.api import Array
-from skinrig_solver.fem.products import add_product, subtract_product
+from skinrig_solver.fem.products import add_product, set_product, subtract_product
 
 
 @njit
 def added(A: Array, B: Array, C: Array) -> None:
     (rows, inner), columns = A.shape, B.shape[1]
     add_product(A, 0, inner, 1, B, 0, columns, C, 0, columns, rows, inner, columns)
+
+
+@njit
+def written(A: Array, B: Array, C: Array) -> None:
+    (rows, inner), columns = A.shape, B.shape[1]
+    set_product(A, 0, inner, 1, B, 0, columns, C, 0, columns, rows, inner, columns)
 
 
 @njit
@@ -31,16 +37,18 @@ def transposed(A: Array, B: Array, C: Array) -> None:
 
 
 @pytest.mark.parametrize("columns", [0, 1, 2, 3, 4, 5, 6, 7, 11, 12, 13, 16, 18, 31])
-@pytest.mark.parametrize(("rows", "inner"), [(1, 1), (3, 5), (9, 0), (0, 4)])
+@pytest.mark.parametrize(("rows", "inner"), [(1, 1), (3, 5), (4, 2), (9, 0), (0, 4), (11, 3)])
 def test_products_are_those_of_numpy(rows: int, inner: int, columns: int) -> None:
     random = np.random.default_rng(rows + inner + columns)
     A, B, C = (random.standard_normal(shape) for shape in ((rows, inner), (inner, columns), (rows, columns)))
     expected = C + A @ B
-    again = C.copy()
+    again, alone = C.copy(), np.full_like(C, np.nan)
     added(A, B, C)
     transposed(A.T.copy(), B, again)
     np.testing.assert_allclose(C, expected, atol=1e-13)
+    written(A, B, alone)
     np.testing.assert_allclose(again, expected, atol=1e-13)
+    np.testing.assert_allclose(alone, A @ B, atol=1e-13)
 
 
 @pytest.mark.parametrize(("start", "stop"), [(0, 4), (3, 7), (8, 10)])

@@ -3,14 +3,16 @@
 Unknowns of the linear system are the free displacements of nodes that elements share and, where a probe is present, its
 height; θ, p, the elements' middle nodes and the contact pressure λ are eliminated (see `kernels`, `surface`).
 
-Newton's method keeps a factorised tangent over iterations and steps while its corrections contract well enough.
+Newton's method keeps a factorised tangent over iterations and steps while its corrections contract well enough: see
+`newton`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import partial
+from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,14 +23,9 @@ from . import directions as derivatives
 from . import kernels, surface
 from .linear import Factor, Pattern
 from .mesh import GAUSS2, GAUSS3, WEIGHT3, Index, Mesh, line_shapes
+from .newton import NEAR, Newton
 from .types import Contactness, Directions, Load, Rim, ShapePartial, State, Tangents
 
-MAX_NEWTON = 14  # tangents in a step
-OLD = 0.1  # of it: the share accepted after a correction with an old tangent, which no square makes smaller
-CHEAP = 3  # iterations that an old tangent may still need: three cost about as much as a new one
-CONTRACTION = 0.1  # of successive corrections with an old tangent, as long as none has been seen
-NEAR = 1e-2  # of the length scale: a step that is expected to move the body less begins with the last one's tangent
-TOLERANCE = 1e-6  # error accepted after a step, relative to the length scale: last correction times its contraction
 SHAPE_STEP = 1e-5  # of the nodes, relative to the length scale, in differences of the residual
 
 
@@ -56,7 +53,7 @@ class Body:
         self.contactness = contactness or Contactness()
         self.code = law.kernels()
         middle = np.zeros(len(fixed), dtype=bool)
-        middle[mesh.elements[:, kernels.MIDDLE // 2]] = True
+        middle[mesh.elements[:, kernels.MIDDLE]] = True
         middle &= ~fixed.any(axis=1)
         # the middle nodes' unknowns come first, then those of the linear system, the probe's height last
         first, rest = (np.argwhere(~fixed & nodes[:, None]) for nodes in (middle, ~middle))
@@ -65,7 +62,7 @@ class Body:
         self.middles, self.displacements = len(first), len(first) + len(rest)
         self.size = self.displacements + (rim is not None)
         self.number = number
-        self.equations = number[mesh.elements].reshape(-1, 18)
+        self.equations = number[mesh.elements].transpose(0, 2, 1).reshape(-1, 18)
         self.load_equations = number[loaded].reshape(-1, 6)
         groups = [self.equations, self.load_equations]
         if rim is not None:
@@ -84,8 +81,10 @@ class Body:
         self.tangent, self.by_kin = np.zeros((points, 6, 6)), np.zeros((points, len(law.rest), 6))
         self.memory = np.full((points, self.code.ROOTS), np.nan)
         self.scratch = np.empty((points, len(law.rest)))
+        self.rest_history = np.tile(np.array(list(law.rest.values()), dtype=np.float64), (points, 1))
         self.eliminated = kernels.Eliminated.of(elements)
         self.values, self.residual = np.empty(self.pattern.nnz), np.empty(self.size)
+        self.delta = np.zeros((self.size, 1))  # Newton's last correction
         self.increment = np.empty(fixed.shape)
         self.spare = np.empty(self.pattern.nnz)  # takes what surfaces add to a tangent that is not wanted
         self.drift = np.inf  # how far the solution has moved since the tangent was factorised [m]
@@ -108,10 +107,6 @@ class Body:
             radius = np.einsum("ka,ea->ek", self.shapes2, where[..., 0])
             self.contact_weights = (length * (2.0 * np.pi * radius if mesh.axisymmetric else 1.0)).ravel()
 
-    @cached_property
-    def _rest_history(self) -> Array:
-        return np.tile(np.array(list(self.law.rest.values()), dtype=np.float64), (9 * len(self.mesh.elements), 1))
-
     def rest(self) -> State:
         """The undeformed, stress-free body with the probe touching it."""
         self.memory[:] = np.nan  # a run must not depend on the one before
@@ -123,7 +118,7 @@ class Body:
         contacts = 0 if self.rim is None else 2 * len(self.rim.edges)
         zero = np.zeros(contacts)
         state = State(
-            np.zeros_like(self.mesh.nodes), theta, np.zeros((elements, 3)), self._rest_history.copy(), zero, zero, zero
+            np.zeros_like(self.mesh.nodes), theta, np.zeros((elements, 3)), self.rest_history.copy(), zero, zero, zero
         ).copy()
         if self.rim is not None:
             self._gaps(state)
@@ -139,73 +134,74 @@ class Body:
         state, the number of Newton iterations, and how far [m] it lies from where the tangent in ``factor`` was taken.
         Raises ``SolverError`` where Newton's method does not converge.
         """
-        new = guess.copy()
-        new.history = old.history
-        trouble = {"pressure": load.pressure} | ({"probe_force": load.force} if load.height is None else {})
-        best, previous, tangents, iteration = np.inf, np.inf, 0, 0
+        acting = {"pressure": load.pressure} | ({"probe_force": load.force} if load.height is None else {})
+        fault = partial(SolverError, time=time, load=acting)
         # an old tangent serves where the body creeps; a step that moves it far, or goes a new way, changes contact
-        reuse = guess is not old and float(np.abs(guess.u - old.u).max()) <= NEAR * self.scale
-        reuse &= np.isfinite(self.drift)
-        renew = not reuse
-        self.drift = np.inf if renew else self.scale  # a tangent of another step is not this one's
-        while tangents < MAX_NEWTON:
-            iteration += 1
-            bad = self._kinematics(new)
-            if bad >= 0:
-                raise SolverError("an element inverted", time=time, load=trouble, element=bad)
-            try:
-                if renew:
-                    tangents += 1
-                    self._assemble(old, new, load, dt, parameters)
-                    self._factorise()
-                else:
-                    self._residual(old, new, load, dt, parameters)
-                delta = self._solved(self.residual)
-            except np.linalg.LinAlgError as error:
-                raise SolverError(str(error), time=time, load=trouble) from error
-            size = float(np.max(np.abs(delta)))
-            if not np.isfinite(size):
-                raise SolverError("the solution is not finite", time=time, load=trouble)
-            if tangents > 6 and size > 2.0 * best:
+        creeps = guess is not old and float(np.abs(guess.u - old.u).max()) <= NEAR * self.scale
+        newton = Newton(self.scale, bool(creeps and np.isfinite(self.drift)))
+        self.drift = np.inf if newton.renew else self.scale  # a tangent of another step is not this one's
+        new = _begun(old, guess)
+        delta = self.delta
+        while newton.begins():
+            size = self._correction(old, new, load, dt, parameters, newton.renew, fault)
+            if newton.diverges(size):
                 break
-            if not renew and size > min(previous, NEAR * self.scale):
-                reuse, renew, previous = False, True, np.inf  # an old tangent that leads astray
-                new = guess.copy()
-                new.history = old.history
+            if newton.strays(size):
+                new = _begun(old, guess)
                 continue
-            # far from the solution a full step may fold elements: move no node further than the length scale
-            self._advance(new, delta, min(1.0, 0.5 * self.scale / size) if size > 0 else 1.0)
+            self._advance(new, delta, newton.share(size))
             self.drift += size
-            seen = min(1.0, size / previous)
-            # one small correction may be chance where tangents serve twice: none counts as contracting better
-            left = size * (max(seen, CONTRACTION) if reuse else seen or 1.0)
-            if left <= TOLERANCE * self.scale * (1.0 if renew else OLD):
-                self._commit(old, new, load, dt, parameters if history else (), time)
-                return new, iteration, self.drift
-            best, previous = min(best, size), size
-            expected = seen if 0.0 < seen < 1.0 else CONTRACTION
-            renew = not reuse or size * expected**CHEAP > TOLERANCE * self.scale
-        worst = int(np.argmax(np.abs(delta)))
-        owner = np.argwhere(self.equations == worst)
-        raise SolverError(
-            f"Newton's method did not converge in {iteration} iterations (last correction {size:.3g} m)",
-            time=time,
-            load=trouble,
+            if newton.converges(size):
+                self._commit(old, new, load, dt, parameters if history else (), fault)
+                return new, newton.iterations, self.drift
+        owner = np.argwhere(self.equations == int(np.argmax(np.abs(delta))))
+        raise fault(
+            f"Newton's method did not converge in {newton.iterations} iterations (last correction {size:.3g} m)",
             element=int(owner[0, 0]) if len(owner) else None,
         )
+
+    def _correction(
+        self,
+        old: State,
+        new: State,
+        load: Load,
+        dt: float,
+        parameters: Sequence[Array],
+        anew: bool,
+        fault: Callable[..., SolverError],
+    ) -> float:
+        """The size [m] of the correction ``delta`` of ``new``, with a tangent of its own where ``anew``."""
+        self._look(new, fault)
+        try:
+            if anew:
+                self._assemble(old, new, load, dt, parameters)
+                self._factorise()
+            else:
+                self._residual(old, new, load, dt, parameters)
+        except np.linalg.LinAlgError as error:
+            raise fault(str(error)) from error
+        self._solve(self.residual[:, None], self.delta)
+        size: float = kernels.largest(self.delta)
+        if not isfinite(size):
+            raise fault("the solution is not finite")
+        return size
+
+    def _look(self, state: State, fault: Callable[..., SolverError]) -> None:
+        """Its kinematics. Raises ``SolverError`` where an element is inverted."""
+        bad = self._kinematics(state)
+        if bad >= 0:
+            raise fault("an element inverted", element=bad)
 
     def _factorise(self) -> None:
         self.drift = np.inf  # stays so where the matrix is singular
         self.factor.update(self.values)
         self.drift = 0.0
 
-    def _solved(self, force: Array) -> Array:
-        """−K⁻¹ force for condensed right-hand sides (equations,) or (equations, m), middle nodes included."""
-        force = force.reshape(self.size, -1)
-        delta = np.empty_like(force)
-        delta[self.middles :] = -self.factor.solve(force[self.middles :])
+    def _solve(self, force: Array, delta: Array) -> None:
+        """``delta`` = −K⁻¹ force for condensed right-hand sides (equations, m), middle nodes included."""
+        np.negative(force, out=delta)
+        self.factor.substitute(delta[self.middles :])
         kernels.expand(self.equations, self.eliminated.L, self.eliminated.inverse, force, delta)
-        return delta
 
     def _workspace(self, history: Array) -> tuple[Array, Array, Array]:
         """dstress, dkin and the next history: kept between steps, since fresh megabytes cost page faults."""
@@ -289,7 +285,8 @@ class Body:
         kernels.condense(self.equations, self.eliminated.C, force)
         for move in moves:
             force[: self.displacements, move.column] += move.force[: self.displacements]
-        du = self._solved(force)
+        du = np.empty_like(force)
+        self._solve(force, du)
         derivatives.partial_kinematics(pts.gradients, pts.linear, self.eliminated.Theta, self.equations, du, dkin)
         for move in moves:
             dkin[:, :, move.column] += move.kin
@@ -350,10 +347,9 @@ class Body:
         self._surfaces(old, new, load, self.spare)
 
     def _surfaces(self, old: State, new: State, load: Load, values: Array) -> None:
-        positions = self.mesh.nodes + new.u
         surface.follower(
-            self.loaded, positions, self.shapes3, self.slopes3, WEIGHT3, load.pressure, self.mesh.axisymmetric,
-            self.load_scatter, self.load_equations, values, self.residual,
+            self.loaded, self.mesh.nodes, new.u, self.shapes3, self.slopes3, WEIGHT3, load.pressure,
+            self.mesh.axisymmetric, self.load_scatter, self.load_equations, values, self.residual,
         )  # fmt: skip
         if self.rim is not None:
             self._contact(old, new, load, values)
@@ -373,23 +369,30 @@ class Body:
             self.residual[-1] = new.height - load.height
 
     def _advance(self, state: State, delta: Array, factor: float) -> None:
-        du = self.increment
-        kernels.move(self.number, delta, factor, du, state.u)
+        own = self.eliminated
+        kernels.advance(
+            self.number, self.mesh.elements, delta, factor, own.Theta, own.theta0, own.Pi, own.pi0, self.increment,
+            state.u, state.theta, state.p,
+        )  # fmt: skip
         if factor < 1.0:  # a shortened step keeps θ, p and λ: they follow at the next full one
             return
-        own = self.eliminated
-        kernels.update(self.mesh.elements, du, own.Theta, own.theta0, own.Pi, own.pi0, state.theta, state.p)
         if self.rim is not None:
             state.height += float(delta[-1, 0])
             surface.advance(
                 self.shapes2, self.gap, self.work, self.contact_equations, delta[:, 0], state.lam, state.shear
             )
 
-    def _commit(self, old: State, new: State, load: Load, dt: float, parameters: Sequence[Array], time: float) -> None:
+    def _commit(
+        self,
+        old: State,
+        new: State,
+        load: Load,
+        dt: float,
+        parameters: Sequence[Array],
+        fault: Callable[..., SolverError],
+    ) -> None:
         """The history that the state at the end of the step leaves behind; no ``parameters``, no history."""
-        bad = self._kinematics(new)
-        if bad >= 0:
-            raise SolverError("an element inverted", time=time, load={"pressure": load.pressure}, element=bad)
+        self._look(new, fault)
         if parameters:
             new.history = np.empty_like(old.history)
             for (a, b), par in zip(self.mesh.layer_points, parameters, strict=True):
@@ -397,3 +400,10 @@ class Body:
         if self.rim is not None:
             self._gaps(new)
             new.slip = self.gap[:, 6].copy()
+
+
+def _begun(old: State, guess: State) -> State:
+    """Where an iteration starts: at ``guess``, with the history of ``old``."""
+    new = guess.copy()
+    new.history = old.history
+    return new

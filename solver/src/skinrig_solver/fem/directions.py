@@ -18,7 +18,7 @@ def partial_forces(
     """Add the condensed ∂R/∂parameter at fixed unknowns to ``force`` (equations, m) from dstress (9 E, 6, m)."""
     m = dstress.shape[2]
     R, Rt = np.empty((18, m)), np.empty((3, m))
-    heavy, heavy_linear = np.empty((9, 9, 3)), np.empty((9, 3))
+    heavy, heavy_linear = np.empty((3, 9, 9)), np.empty((9, 3))
     for e in range(weights.shape[0]):
         R[:] = 0.0
         Rt[:] = 0.0
@@ -26,11 +26,11 @@ def partial_forces(
             for i in range(3):
                 heavy_linear[k, i] = weights[e, k] * linear[k, i]
                 for a in range(9):
-                    heavy[k, a, i] = weights[e, k] * gradients[e, k, a, i]
+                    heavy[i, k, a] = weights[e, k] * gradients[e, i, k, a]
         first = 54 * e * m
         for i in range(5):
             c, d = PARTS[i]
-            add_product(heavy, d, 3, 27, dstress, first + i * m, 6 * m, R, c * m, 2 * m, 9, 9, m)
+            add_product(heavy, 81 * d, 1, 9, dstress, first + i * m, 6 * m, R, 9 * c * m, m, 9, 9, m)
         add_product(heavy_linear, 0, 1, 3, dstress, first + 5 * m, 6 * m, Rt, 0, m, 3, 9, m)
         add_product(Theta, 54 * e, 1, 18, Rt, 0, m, R, 0, m, 18, 3, m)
         for a in range(18):
@@ -56,7 +56,7 @@ def partial_kinematics(gradients: Array, linear: Array, Theta: Array, equations:
         first = 54 * e * m
         for i in range(5):
             c, d = PARTS[i]
-            add_product(gradients, 243 * e + d, 27, 3, own, c * m, 2 * m, dkin, first + i * m, 6 * m, 9, 9, m)
+            add_product(gradients, 243 * e + 81 * d, 9, 1, own, 9 * c * m, m, dkin, first + i * m, 6 * m, 9, 9, m)
         add_product(linear, 0, 3, 1, dtheta, 0, m, dkin, first + 5 * m, 6 * m, 9, 3, m)
 
 

@@ -167,11 +167,13 @@ class Factor:
     def solve(self, right: Array) -> Array:
         """K⁻¹ right for right (n,) or (n, m)."""
         solution = np.array(right, order="C")
-        f = self.fronts
-        _substitute(
-            f.unknowns, f.first, f.pivots, f.begin, self.storage, self.rows, solution.reshape(len(solution), -1)
-        )
+        self.substitute(solution.reshape(len(solution), -1))
         return solution
+
+    def substitute(self, right: Array) -> None:
+        """The same in place, for contiguous (n, m)."""
+        f = self.fronts
+        _substitute(f.unknowns, f.first, f.pivots, f.begin, self.storage, self.rows, right)
 
 
 @njit(cache=True, fastmath=FLAGS)

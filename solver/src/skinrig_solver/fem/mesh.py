@@ -61,7 +61,7 @@ class Mesh:
 
 @dataclass(frozen=True)
 class MeshPoints:
-    """Per Gauss point (9 an element): ``gradients`` (E, 9, 9, 3) = ∂N/∂r, ∂N/∂z, N/r by point and node; ``weights``
+    """Per Gauss point (9 an element): ``gradients`` (E, 3, 9, 9) = ∂N/∂r, ∂N/∂z, N/r by point and node; ``weights``
     (E, 9) volumes [m³] (area per unit thickness in plane strain); ``linear`` (9, 3) the discontinuous linear basis
     1, ξ, η; ``inverse_mass`` (E, 3, 3) of that basis."""
 
@@ -89,7 +89,7 @@ class MeshPoints:
         linear = np.stack([np.ones_like(xi), xi, eta], axis=-1)
         mass = np.einsum("eq,qi,qj->eij", weights, linear, linear)
         return MeshPoints(
-            np.ascontiguousarray(np.concatenate([gradients, hoop], axis=-1)),
+            np.ascontiguousarray(np.moveaxis(np.concatenate([gradients, hoop], axis=-1), -1, 1)),
             np.ascontiguousarray(weights),
             linear,
             np.linalg.inv(mass),

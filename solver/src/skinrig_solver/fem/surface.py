@@ -199,7 +199,8 @@ def slip_derivatives(shapes: Array, gap: Array, equations: Index, du: Array, dsl
 @njit(cache=True)
 def follower(
     edges: Index,
-    positions: Array,
+    nodes: Array,
+    u: Array,
     shapes: Array,
     slopes: Array,
     weights: Array,
@@ -219,9 +220,11 @@ def follower(
         for k in range(3):
             r, dr, dz = 0.0, 0.0, 0.0
             for a in range(3):
-                r += shapes[k, a] * positions[edges[e, a], 0]
-                dr += slopes[k, a] * positions[edges[e, a], 0]
-                dz += slopes[k, a] * positions[edges[e, a], 1]
+                node = edges[e, a]
+                at = nodes[node, 0] + u[node, 0]
+                r += shapes[k, a] * at
+                dr += slopes[k, a] * at
+                dz += slopes[k, a] * (nodes[node, 1] + u[node, 1])
             ring = 2.0 * np.pi * r if axisymmetric else 1.0
             dring = 2.0 * np.pi if axisymmetric else 0.0
             w = weights[k] * pressure
@@ -233,11 +236,11 @@ def follower(
                         continue
                     normal = -dz if c == 0 else dr  # outward normal times line element
                     residual[row] += n * ring * normal
+                    # normal and ring move with the nodes: dz with z, dr and the ring with r
+                    turns_r, turns_z = (0.0, -n * ring) if c == 0 else (n * ring, 0.0)
                     for b in range(3):
                         at_r, at_z = scatter[e, 2 * a + c, 2 * b], scatter[e, 2 * a + c, 2 * b + 1]
                         if at_r >= 0:
-                            values[at_r] += n * dring * shapes[k, b] * normal
-                            if c == 1:
-                                values[at_r] += n * ring * slopes[k, b]
-                        if at_z >= 0 and c == 0:
-                            values[at_z] -= n * ring * slopes[k, b]
+                            values[at_r] += n * dring * shapes[k, b] * normal + turns_r * slopes[k, b]
+                        if at_z >= 0:
+                            values[at_z] += turns_z * slopes[k, b]

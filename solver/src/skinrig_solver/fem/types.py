@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+
 from ..api import Array
 from .mesh import Index
 
@@ -36,8 +38,25 @@ class State:
     height: float = 0.0
 
     def copy(self) -> State:
-        u, theta, p, history = self.u.copy(), self.theta.copy(), self.p.copy(), self.history.copy()
-        return State(u, theta, p, history, self.lam.copy(), self.slip.copy(), self.shear.copy(), self.height)
+        """A state of its own, but for the history, which is replaced as a whole and never written into."""
+        u, theta, p, lam = self.u.copy(), self.theta.copy(), self.p.copy(), self.lam.copy()
+        return State(u, theta, p, self.history, lam, self.slip.copy(), self.shear.copy(), self.height)
+
+    def beyond(self, before: State) -> State:
+        """The state if the change since ``before`` came once more; the history is this one's."""
+        u, theta, p, lam, shear = (
+            2.0 * now - then
+            for now, then in (
+                (self.u, before.u),
+                (self.theta, before.theta),
+                (self.p, before.p),
+                (self.lam, before.lam),
+                (self.shear, before.shear),
+            )
+        )
+        return State(
+            u, theta, p, self.history, np.maximum(lam, 0.0), self.slip, shear, 2.0 * self.height - before.height
+        )
 
 
 @dataclass

@@ -59,12 +59,8 @@ class Case:
 def cases(recordings: Sequence[Any], spec: Spec, info: ModelInfo) -> list[Case]:
     """The recordings that ``spec`` does not skip, as cases. Raises RecordingError naming what is missing."""
     found: list[Case] = []
-    labels: set[str] = set()
-    for number, recording in enumerate(recordings):
-        label = str(recording.info.id) or f"recording {number + 1}"
-        while label in labels:
-            label += "'"
-        labels.add(label)
+    labels = _labels(recordings)
+    for number, (recording, label) in enumerate(zip(recordings, labels, strict=True)):
         options = [o for o in spec.recordings if matches(o.pattern, label, recording.info.instrument, number)]
         if not any(o.skip for o in options):
             found.append(_case(recording, label, spec, info, options))
@@ -74,6 +70,17 @@ def cases(recordings: Sequence[Any], spec: Spec, info: ModelInfo) -> list[Case]:
     if not found:
         raise RecordingError("a fit needs at least one recording")
     return _balanced(found) if spec.balance == "recordings" else found
+
+
+def _labels(recordings: Sequence[Any]) -> list[str]:
+    """The recordings' ids, or numbers where they have none, made different by primes."""
+    labels: list[str] = []
+    for number, recording in enumerate(recordings):
+        label = str(recording.info.id) or f"recording {number + 1}"
+        while label in labels:
+            label += "'"
+        labels.append(label)
+    return labels
 
 
 def matches(pattern: str, label: str, instrument: str, number: int) -> bool:
@@ -88,22 +95,9 @@ def _case(recording: Any, label: str, spec: Spec, info: ModelInfo, options: Sequ
         raise RecordingError(
             f"recording {label} is of a {instrument}; model {info.name} is fitted to {' or '.join(allowed)}"
         )
-    channels = [c for c in info.channels if spec.channels.get(c, 1.0) > 0.0]
-    for channel in spec.channels:
-        if channel not in info.channels:
-            raise RecordingError(f"channels.{channel}: model {info.name} has {', '.join(info.channels)}")
-    if not channels:
-        raise RecordingError("channels: every channel has weight 0")
-    series = {c: _stream(recording, label, MEASURED_AS.get(c, c)) for c in channels}
+    series = {c: _stream(recording, label, MEASURED_AS.get(c, c)) for c in _channels(spec, info)}
     time, data = _common(label, series)
-    names = DRIVES[info.problem]
-    notes = []
-    drive = {}
-    for name in names:
-        source, commanded = _drive(recording, label, name, spec.drive)
-        drive[name] = _resampled(label, name, source, time)
-        if commanded and spec.drive == "measured":
-            notes.append(f"{name} was not recorded: set-point used")
+    drive, notes = _driven(recording, label, DRIVES[info.problem], spec.drive, time)
     sampled = time.size
     reduce = _averaged if info.problem == "sheet" else _picked
     time, data, drive = reduce(time, data, drive, -(-sampled // spec.samples))
@@ -117,12 +111,39 @@ def _case(recording: Any, label: str, spec: Spec, info: ModelInfo, options: Sequ
     origin = float(time[0]) if spec.phase_origin == "recording" else _loading(time, drive)
     of_phase = _phase_weights(time - origin, spec)
     experiment = Experiment(instrument, time - time[0], drive, geometry, label)
+    weights = {c: np.sqrt(weight * spec.channels.get(c, 1.0) * of_phase) for c in data}
+    return Case(label, experiment, data, _scales(label, data), weights, "; ".join(notes))
+
+
+def _channels(spec: Spec, info: ModelInfo) -> list[str]:
+    """Those that are compared."""
+    for channel in spec.channels:
+        if channel not in info.channels:
+            raise RecordingError(f"channels.{channel}: model {info.name} has {', '.join(info.channels)}")
+    channels = [c for c in info.channels if spec.channels.get(c, 1.0) > 0.0]
+    if not channels:
+        raise RecordingError("channels: every channel has weight 0")
+    return channels
+
+
+def _scales(label: str, data: Mapping[str, Array]) -> dict[str, float]:
     largest = {c: float(np.abs(values).max()) for c, values in data.items()}
     if not max(largest.values()) > 0.0:
         raise RecordingError(f"recording {label}: {' and '.join(data)} are zero throughout")
-    scale = {c: max(size, IDLE * max(largest.values())) for c, size in largest.items()}
-    weights = {c: np.sqrt(weight * spec.channels.get(c, 1.0) * of_phase) for c in data}
-    return Case(label, experiment, data, scale, weights, "; ".join(notes))
+    return {c: max(size, IDLE * max(largest.values())) for c, size in largest.items()}
+
+
+def _driven(
+    recording: Any, label: str, names: Sequence[str], wanted: str, time: Array
+) -> tuple[dict[str, Array], list[str]]:
+    """The drives at ``time``, and notes of those that were not measured."""
+    drive, notes = {}, []
+    for name in names:
+        source, commanded = _drive(recording, label, name, wanted)
+        drive[name] = _resampled(label, name, source, time)
+        if commanded and wanted == "measured":
+            notes.append(f"{name} was not recorded: set-point used")
+    return drive, notes
 
 
 def _stream(recording: Any, label: str, name: str) -> Any:

@@ -101,13 +101,7 @@ def compare(
     """
     if len(laws) < 2:
         raise ValueError("a comparison needs two laws at least")
-    fits: list[tuple[FitResult, Problem]] = []
-    for law in laws:
-        model = models()[law] if isinstance(law, str) else law
-        named = {"model": law} if isinstance(law, str) else {"model": model}
-        result = fit(recordings, (specs or {}).get(model.info.name), executor=executor, progress=progress, **named)
-        variables = result.spec.variables(model.info)
-        fits.append((result, Problem(law, cases(recordings, result.spec, model.info), variables, executor)))
+    fits = [_fitted(recordings, law, specs or {}, executor, progress) for law in laws]
     channels = [[(c.label, c.channel) for c in result.curves] for result, _ in fits]
     if any(own != channels[0] for own in channels):
         raise ValueError("laws can be compared on the same channels of the same recordings only")
@@ -124,3 +118,16 @@ def compare(
         found.append(Law(result.info.name, result, posterior(problem, z, noise, result.spec.seed, executor, told)))
     found.sort(key=lambda law: -law.log_evidence)
     return Comparison(tuple(found), noise.deviation)
+
+
+def _fitted(
+    recordings: Sequence[Any],
+    law: str | Model,
+    specs: Mapping[str, Spec | Mapping[str, Any]],
+    executor: Executor | None,
+    progress: Observer | None,
+) -> tuple[FitResult, Problem]:
+    model = models()[law] if isinstance(law, str) else law
+    result = fit(recordings, specs.get(model.info.name), model=law, executor=executor, progress=progress)
+    variables = result.spec.variables(model.info)
+    return result, Problem(law, cases(recordings, result.spec, model.info), variables, executor)

@@ -96,19 +96,24 @@ def exchanges(variables: Variables) -> list[Exchange]:
     tied = {t.tied for t in variables.tied}
     found = []
     for terms in series(variables):
-        alike: dict[tuple[object, ...], list[Term]] = {}
-        for term in terms:
-            own = (term.weight.k, term.constant.k)
-            if min(own) >= 0 and not tied & {variables.symbols[k] for k in own}:
-                frees = [variables.free[k] for k in own]
-                kind = tuple((f.lower, f.upper, f.log, f.prior) for f in frees)
-                alike.setdefault(kind, []).append(term)
-        for group in alike.values():
+        for group in _alike(variables, terms, tied):
             if len(group) > 1:
                 weights, constants = [t.weight for t in group], [t.constant.k for t in group]
                 units = tuple(w.factor for w in weights)
                 found.append(Exchange(tuple(w.k for w in weights), tuple(constants), units))
     return found
+
+
+def _alike(variables: Variables, terms: Sequence[Term], tied: set[str]) -> list[list[Term]]:
+    """The free terms, none of whose symbols is ``tied`` to, in groups of the same bounds and priors."""
+    alike: dict[tuple[object, ...], list[Term]] = {}
+    for term in terms:
+        own = (term.weight.k, term.constant.k)
+        if min(own) >= 0 and not tied & {variables.symbols[k] for k in own}:
+            frees = [variables.free[k] for k in own]
+            kind = tuple((f.lower, f.upper, f.log, f.prior) for f in frees)
+            alike.setdefault(kind, []).append(term)
+    return list(alike.values())
 
 
 @dataclass(frozen=True)

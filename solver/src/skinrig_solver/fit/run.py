@@ -23,7 +23,7 @@ from .profile import profiles
 from .result import Curve, Effort, FitResult, Start
 from .ridge import widened
 from .spec import Spec, SpecError, Stage, load_spec, read_spec
-from .statistics import doubts, estimates, misfit, uncertainty, vaf
+from .statistics import Uncertainty, doubts, estimates, misfit, uncertainty, vaf
 from .target import Noise
 from .variables import Variables
 
@@ -197,38 +197,11 @@ def _result(
         replace(e, free=replace(e.free, start=first[e.free.symbol]))  # where the fit began, not its last stage
         for e in profiles(problem, best, known, estimates(problem, best, known), spec)
     ]
-    warnings = [*known.warnings, *doubts(found), *dict.fromkeys(w for r in best.results for w in r.warnings)]
-    if not optimum.converged:
-        warnings.insert(0, f"the optimiser stopped before it converged: {optimum.reason}")
-    data = problem.scaled_data()
-    explained = vaf(best.residual, data)
-    distinct, broken = elsewhere(starts), failed(starts)
-    if broken:
-        warnings.append(f"the model could not be run at {broken} of {len(starts)} starts")
-    if distinct:
-        warnings.append(f"{distinct} of {len(starts)} starts ended in a worse place: the objective has several minima")
-    if fault := misfit(known, explained):
+    explained = vaf(best.residual, problem.scaled_data())
+    fault = misfit(known, explained)
+    warnings = _warnings(optimum, [*known.warnings, *doubts(found)], starts, fault)
+    if fault:
         found = [replace(e, identifiable=False) for e in found]
-        alone = len(starts) - distinct - broken < 2
-        warnings.insert(0, f"not to be trusted: {fault}" + ("; try more starts (starts: 20)" if alone else ""))
-    curves = []
-    for (number, channel, where), noise, together in zip(problem.groups(), known.noise, known.persistence, strict=True):
-        case, result = problem.cases[number], best.results[number]
-        own = best.residual[where]
-        curves.append(
-            Curve(
-                case.label,
-                case.experiment.instrument,
-                channel,
-                case.experiment.time,
-                case.data[channel],
-                result.channels[channel],
-                case.weight[channel] ** 2,
-                vaf(own, data[where]),
-                noise,
-                together,
-            )
-        )
     values = problem.variables.values(best.z)
     slope = np.array([f.slope(values[f.symbol]) for f in problem.variables.free])
     tally = problem.tally
@@ -241,7 +214,7 @@ def _result(
         correlation=known.correlation,
         vaf=explained,
         objective=best.objective,
-        curves=tuple(curves),
+        curves=_curves(problem, best, known),
         drives={case.label: case.experiment.drive for case in problem.cases},
         fields=pictures(problem, values),
         experiments={case.label: case.experiment for case in problem.cases},
@@ -252,6 +225,44 @@ def _result(
         converged=optimum.converged,
         reason=optimum.reason,
         trusted=not fault,
-        warnings=tuple(warnings),
+        warnings=warnings,
         effort=Effort(tally.forward_runs, tally.failed_runs, tally.evaluations, tally.seconds, tally.model_seconds),
     )
+
+
+def _warnings(optimum: Optimum, known: Sequence[str], starts: Sequence[Start], fault: str) -> tuple[str, ...]:
+    """What the result must be read with, the gravest first; ``fault``: why it is not to be trusted, '' where it is."""
+    warnings = [*known, *dict.fromkeys(w for r in optimum.evaluation.results for w in r.warnings)]
+    if not optimum.converged:
+        warnings.insert(0, f"the optimiser stopped before it converged: {optimum.reason}")
+    distinct, broken = elsewhere(starts), failed(starts)
+    if broken:
+        warnings.append(f"the model could not be run at {broken} of {len(starts)} starts")
+    if distinct:
+        warnings.append(f"{distinct} of {len(starts)} starts ended in a worse place: the objective has several minima")
+    if fault:
+        alone = len(starts) - distinct - broken < 2
+        warnings.insert(0, f"not to be trusted: {fault}" + ("; try more starts (starts: 20)" if alone else ""))
+    return tuple(warnings)
+
+
+def _curves(problem: Problem, best: Evaluation, known: Uncertainty) -> tuple[Curve, ...]:
+    data, curves = problem.scaled_data(), []
+    for (number, channel, where), noise, together in zip(problem.groups(), known.noise, known.persistence, strict=True):
+        case, result = problem.cases[number], best.results[number]
+        own = vaf(best.residual[where], data[where])
+        curves.append(
+            Curve(
+                case.label,
+                case.experiment.instrument,
+                channel,
+                case.experiment.time,
+                case.data[channel],
+                result.channels[channel],
+                case.weight[channel] ** 2,
+                own,
+                noise,
+                together,
+            )
+        )
+    return tuple(curves)

@@ -128,15 +128,15 @@ class Spec:
             if getattr(self, name) not in get_args(kind):
                 raise SpecError(f"{name}: {getattr(self, name)!r} is none of {', '.join(get_args(kind))}")
         for name, least in {"samples": 10, "starts": 1, "evaluations": 1, "seed": 0}.items():
-            value = getattr(self, name)
-            if name == "starts" and value == "auto":
-                continue
-            if isinstance(value, bool) or not isinstance(value, int) or value < least:
-                raise SpecError(f"{name}: {value!r} must be a whole number of at least {least}")
+            if not (name == "starts" and self.starts == "auto"):
+                _whole(name, getattr(self, name), least)
         if not self.spread > 1.0:
             raise SpecError(f"spread: {self.spread} must be above 1")
         if not 0.0 < self.tolerance < 1.0:
             raise SpecError(f"tolerance: {self.tolerance} must lie between 0 and 1")
+        self._check_weights()
+
+    def _check_weights(self) -> None:
         for channel, weight in self.channels.items():
             if not weight >= 0.0:
                 raise SpecError(f"channels.{channel}: weight {weight} must not be negative")
@@ -170,6 +170,11 @@ class Spec:
             return Variables(info, tuple(free), tuple(tied), values)
         except ValueError as error:
             raise SpecError(f"parameters: {error}") from error
+
+
+def _whole(name: str, value: Any, least: int) -> None:
+    if isinstance(value, bool) or not isinstance(value, int) or value < least:
+        raise SpecError(f"{name}: {value!r} must be a whole number of at least {least}")
 
 
 def free_by_default(info: ModelInfo) -> tuple[str, ...]:
@@ -227,18 +232,8 @@ def read_spec(data: Any, info: ModelInfo | None = None) -> Spec:
 
     ``info`` describes the model where it is not registered under its name. Raises SpecError.
     """
-    if not isinstance(data, Mapping):
-        raise SpecError("model: a specification is a mapping with at least a model")
-    known = set(Spec.__dataclass_fields__)
-    for name in data:
-        if name not in known:
-            raise SpecError(f"{name}: unknown; there are {', '.join(sorted(known))}")
-    if not isinstance(data.get("model"), str):
-        raise SpecError("model: the name of a forward model is needed")
+    _check_form(data)
     values: dict[str, Any] = dict(data)
-    for name in ("parameters", "geometry", "channels", "recordings"):
-        if not isinstance(data.get(name, {}), Mapping):
-            raise SpecError(f"{name}: must be a mapping")
     info = info or _info(data["model"])
     values["parameters"] = {s: _parameter(info, str(s), v) for s, v in data.get("parameters", {}).items()}
     values["channels"] = {c: _number(w, "", f"channels.{c}") for c, w in data.get("channels", {}).items()}
@@ -254,6 +249,21 @@ def read_spec(data: Any, info: ModelInfo | None = None) -> Spec:
     spec = Spec(**values)
     spec.variables(info)
     return spec
+
+
+def _check_form(data: Any) -> None:
+    """Raise SpecError for keys that are unknown, and for what is no mapping where there must be one."""
+    if not isinstance(data, Mapping):
+        raise SpecError("model: a specification is a mapping with at least a model")
+    known = set(Spec.__dataclass_fields__)
+    for name in data:
+        if name not in known:
+            raise SpecError(f"{name}: unknown; there are {', '.join(sorted(known))}")
+    if not isinstance(data.get("model"), str):
+        raise SpecError("model: the name of a forward model is needed")
+    for name in ("parameters", "geometry", "channels", "recordings"):
+        if not isinstance(data.get(name, {}), Mapping):
+            raise SpecError(f"{name}: must be a mapping")
 
 
 def _info(name: str) -> ModelInfo:

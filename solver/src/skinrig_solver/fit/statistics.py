@@ -98,18 +98,22 @@ def uncertainty(problem: Problem, optimum: Evaluation) -> Uncertainty:
         correlation = np.clip(covariance / np.outer(deviation, deviation), -1.0, 1.0)
     names = [variables.symbols[k] for k in inner]
     on_bound = tuple("" if s == 0 else "lower" if s < 0 else "upper" for s in sides)
-    warnings = [
-        f"{free.symbol} ended on its {side} bound, {units.show(optimum_value, variables.info[free.symbol].unit)}: "
-        "the data want it beyond, or do not feel it"
-        for free, side, optimum_value in zip(
-            variables.free, on_bound, (variables.values(optimum.z)[s] for s in variables.symbols), strict=True
-        )
-        if side
-    ]
+    warnings = _at_bounds(variables, optimum.z, on_bound)
     warnings += [f"the data say nothing about {_listed([variables.symbols[k] for k in blind])}"] if len(blind) else []
     warnings += _pairs(names, correlation[np.ix_(inner, inner)])
     warnings += _curves(problem, persistence)
     return Uncertainty(covariance, correlation, tuple(noise), tuple(persistence), on_bound, tuple(warnings))
+
+
+def _at_bounds(variables: Variables, z: Array, sides: Sequence[str]) -> list[str]:
+    values = variables.values(z)
+    return [
+        f"{free.symbol} ended on its {side} bound, "
+        f"{units.show(values[free.symbol], variables.info[free.symbol].unit)}: "
+        "the data want it beyond, or do not feel it"
+        for free, side in zip(variables.free, sides, strict=True)
+        if side
+    ]
 
 
 def on_bounds(variables: Variables, z: Array) -> NDArray[np.int_]:

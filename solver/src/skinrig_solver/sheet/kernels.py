@@ -16,6 +16,24 @@ from ..laws.law import FUNCTION, SIGNATURE
 _PLACE = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])
 
 
+@njit(cache=True)
+def _flatten(derivatives, S, D, dS):  # type: ignore[no-untyped-def]
+    """Condense D and dS to S33 = 0."""
+    for m in range(dS.shape[0] if derivatives else 0):
+        for i in range(6):
+            if i != 2:
+                dS[m, i] -= D[i, 2] / D[2, 2] * dS[m, 2]
+        dS[m, 2] = 0.0
+    for i in range(6):
+        if i != 2:
+            for j in range(6):
+                if j != 2:
+                    D[i, j] -= D[i, 2] * D[2, j] / D[2, 2]
+    D[2, :] = 0.0
+    D[:, 2] = 0.0
+    S[2] = 0.0
+
+
 @njit(types.float64(FUNCTION, *SIGNATURE.args), cache=True)
 def plane_stress(law, C, p, derivatives, S, D, dS):  # type: ignore[no-untyped-def]
     """Find C33 with S33 = 0, starting from ``C[2]`` and leaving it there; condense D and dS accordingly.
@@ -37,19 +55,7 @@ def plane_stress(law, C, p, derivatives, S, D, dS):  # type: ignore[no-untyped-d
         C[2] += max(-0.5 * C[2], min(-2.0 * S[2] / abs(D[2, 2]), C[2]))
     else:
         return np.nan
-    for m in range(dS.shape[0] if derivatives else 0):
-        for i in range(6):
-            if i != 2:
-                dS[m, i] -= D[i, 2] / D[2, 2] * dS[m, 2]
-        dS[m, 2] = 0.0
-    for i in range(6):
-        if i != 2:
-            for j in range(6):
-                if j != 2:
-                    D[i, j] -= D[i, 2] * D[2, j] / D[2, 2]
-    D[2, :] = 0.0
-    D[:, 2] = 0.0
-    S[2] = 0.0
+    _flatten(derivatives, S, D, dS)
     return error
 
 

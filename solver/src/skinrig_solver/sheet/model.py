@@ -6,7 +6,7 @@ Parameters are the law's, the pre-stress sx, sy and two relaxation terms, the se
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 
@@ -88,13 +88,18 @@ class SheetModel:
             Cost(1, perf_counter() - began, work.iterations, work.steps, work.cuts, 3 * len(options.mesh().nodes)),
             fields,
             {f"prestretch_{axis}": float(x) for axis, x in zip("xy", response.state.stretches, strict=True)},
-            tuple(
-                f"s{axis} = {values[f's{axis}']:.3g} Pa stretches the sheet to {x:.2f} times its length along {axis}; "
-                f"skin tears near {TEARS}"
-                for axis, x in zip("xy", response.state.stretches, strict=True)
-                if x > TEARS
-            ),
+            _tears(values, response.state.stretches),
         )
+
+
+def _tears(values: Mapping[str, float], stretches: Iterable[float]) -> tuple[str, ...]:
+    """Warnings of a pre-stress that skin would not stand."""
+    return tuple(
+        f"s{axis} = {values[f's{axis}']:.3g} Pa stretches the sheet to {x:.2f} times its length along {axis}; "
+        f"skin tears near {TEARS}"
+        for axis, x in zip("xy", stretches, strict=True)
+        if x > TEARS
+    )
 
 
 def _path(experiment: Experiment, options: Options) -> Array:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-
-import numpy as np
+from math import inf, isfinite
 
 from ..api import Array, SolverError
 from ..fem.body import Body
@@ -35,6 +34,7 @@ class Run:
             if fault := self.body.law.domain(values):
                 raise SolverError(f"{name}: {fault}")
         self._stable_to = [self.body.law.stable_to(values) for values in self.parameters]
+        self._always_stable = all(reach == inf for reach in self._stable_to)
         self.state = self.body.rest()
         if self.directions is not None:
             self.tangents = self.body.rest_tangents(len(self.directions.friction))
@@ -44,7 +44,9 @@ class Run:
         now, previous = piece.start, None
         for time in piece.times:
             start = self.state
-            self._step(float(now), float(time), piece, load, _extrapolated(previous, start))
+            # steps are even in the drive or in the logarithm of time
+            guess = start if previous is None else start.beyond(previous)
+            self._step(float(now), float(time), piece, load, guess)
             previous, now = start, time
             visit(float(time))
 
@@ -128,7 +130,7 @@ class Run:
 
     def _refuse_instability(self, time: float) -> None:
         """Raise SolverError where a layer is distorted beyond the reach of its stable energy."""
-        if not np.isfinite(self._stable_to).any():
+        if self._always_stable:
             return
         layers = zip(self.body.mesh.layer_names, self.body.distortions(), self._stable_to, strict=True)
         for name, distortion, reach in layers:
@@ -142,20 +144,7 @@ class Run:
     def _explained(self, error: SolverError) -> SolverError:
         """The error, with the energy's instability named where there is one that could be behind it."""
         reach = min(self._stable_to)
-        if not np.isfinite(reach):
+        if not isfinite(reach):
             return error
         hint = f"; the energy is unstable beyond I1 - 3 = {reach:.3g}"
         return SolverError(error.reason + hint, time=error.time, load=error.load, element=error.element)
-
-
-def _extrapolated(before: State | None, now: State) -> State:
-    """The state if the last step's change came once more: steps are even in the drive or in the logarithm of time."""
-    if before is None:
-        return now
-    guess = now.copy()
-    for name in ("u", "theta", "p", "lam", "shear"):
-        values, old = getattr(guess, name), getattr(before, name)
-        values += values - old
-    guess.height += guess.height - before.height
-    np.maximum(guess.lam, 0.0, out=guess.lam)
-    return guess
