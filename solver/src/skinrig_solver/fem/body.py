@@ -140,21 +140,20 @@ class Body:
         creeps = guess is not old and float(np.abs(guess.u - old.u).max()) <= NEAR * self.scale
         newton = Newton(self.scale, bool(creeps and np.isfinite(self.drift)))
         self.drift = np.inf if newton.renew else self.scale  # a tangent of another step is not this one's
-        new = _begun(old, guess)
-        delta = self.delta
+        new = guess.copy(old.history)
         while newton.begins():
             size = self._correction(old, new, load, dt, parameters, newton.renew, fault)
             if newton.diverges(size):
                 break
             if newton.strays(size):
-                new = _begun(old, guess)
+                new = guess.copy(old.history)
                 continue
-            self._advance(new, delta, newton.share(size))
+            self._advance(new, self.delta, newton.share(size))
             self.drift += size
             if newton.converges(size):
                 self._commit(old, new, load, dt, parameters if history else (), fault)
                 return new, newton.iterations, self.drift
-        owner = np.argwhere(self.equations == int(np.argmax(np.abs(delta))))
+        owner = np.argwhere(self.equations == int(np.argmax(np.abs(self.delta))))
         raise fault(
             f"Newton's method did not converge in {newton.iterations} iterations (last correction {size:.3g} m)",
             element=int(owner[0, 0]) if len(owner) else None,
@@ -298,8 +297,7 @@ class Body:
 
     def _kinematics(self, state: State) -> int:
         pts = self.mesh.points
-        bad: int = kernels.kinematics(self.mesh.elements, pts.gradients, pts.linear, state.u, state.theta, self.kin)
-        return bad
+        return int(kernels.kinematics(self.mesh.elements, pts.gradients, pts.linear, state.u, state.theta, self.kin))
 
     def distortions(self) -> list[float]:
         """Largest isochoric invariant Ĩ1 − 3 of each layer at the state that was solved last."""
@@ -400,10 +398,3 @@ class Body:
         if self.rim is not None:
             self._gaps(new)
             new.slip = self.gap[:, 6].copy()
-
-
-def _begun(old: State, guess: State) -> State:
-    """Where an iteration starts: at ``guess``, with the history of ``old``."""
-    new = guess.copy()
-    new.history = old.history
-    return new

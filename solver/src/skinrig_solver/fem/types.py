@@ -37,10 +37,11 @@ class State:
     shear: Array
     height: float = 0.0
 
-    def copy(self) -> State:
-        """A state of its own, but for the history, which is replaced as a whole and never written into."""
+    def copy(self, history: Array | None = None) -> State:
+        """A state of its own, but for the history (or the given one): it is replaced as a whole, never written into."""
         u, theta, p, lam = self.u.copy(), self.theta.copy(), self.p.copy(), self.lam.copy()
-        return State(u, theta, p, self.history, lam, self.slip.copy(), self.shear.copy(), self.height)
+        kept = self.history if history is None else history
+        return State(u, theta, p, kept, lam, self.slip.copy(), self.shear.copy(), self.height)
 
     def beyond(self, before: State) -> State:
         """The state if the change since ``before`` came once more; the history is this one's."""
