@@ -27,6 +27,8 @@ WHOLE = 1.0
 SIGNED = (-0.2, -0.04, -0.006, 0.006, 0.04, 0.2)
 """Quantiles of the prior from the value that does nothing, where that lies inside: half the range is mostly absurd."""
 SHAPES = (0.2, 0.5, 0.8)
+BESIDE = (0.1, 0.5)
+"""The same for a law that is usually plain: with a little of something beside it, or much."""
 THRESHOLDS = tuple(np.linspace(0.1, 0.9, 27).tolist())
 """Quantiles of a ``band`` within which nothing answers: an answer to a ramp by steps fits from close by only."""
 MAX_GRID = 9
@@ -51,7 +53,7 @@ def grid(candidate: Candidate) -> list[FloatArray]:
         if p.null is not None and p.default == p.high:
             values = (*STRENGTHS, WHOLE)
         if p.null is None and p.scale == "linear" and p.default in (p.low, p.high):
-            values = (to_unit(p, p.default), 0.5)  # the plain form of a law, and one that has something beside it
+            values = (to_unit(p, p.default), *BESIDE)
         if p.name == "band":
             values = THRESHOLDS
         elif k in several:

@@ -32,7 +32,8 @@ _END_STOP = 6e-3  # m from the centre; only a lost control of an axis leads ther
 _RUBBING = [4, 5, 6, 8]  # of a loop's parameters: drag, dry friction, stiction, presliding
 _LONGEST = 14  # and the longest substep, s
 _SETTLED = 1e-3  # relative difference to dry friction at full slip below which it is that
-_STATE = 8  # [0] started [1] time [2] target [3] load [4] integral [5] position [6] velocity [7] presliding friction
+_ROUNDS, _CLOSE = 30, 1e-9  # of the search for presliding friction at most; of its level, by which it may be off
+_STATE = 8  # [0] started [1] time [2] target [3] load [4] integral [5] position [6] velocity [7] dry friction
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,7 @@ class AxisLoop(Wired):
         values = (
             m, 3 * m * p**2, m * p**3, 3 * m * p, self.drag, self.coulomb, self.stiction, self.stribeck_speed,
             self.presliding, self.force_limit, self.windup, self.slope, self.curvature, self.spring,
-            math.inf if linear else (0.25 * SUBSTEP if self.presliding else SUBSTEP), self.soft, self.carried, self.fed,
+            math.inf if linear else SUBSTEP, self.soft, self.carried, self.fed,
         )  # fmt: skip
         return np.zeros((len(self.target), _STATE)), np.array(values)
 
@@ -249,6 +250,35 @@ def _steady(
     return True
 
 
+@njit(cache=True)
+def _bristle(held: float, free: float, yields: float, level: float, per_metre: float) -> float:
+    """Presliding friction (N) behind a step: Dahl's f' = |x'| (±level - f) / presliding, solved with the speed that it
+    leaves.
+
+    ``held`` N is that before it, ``free`` m/s the mean speed without friction, which each newton of both friction
+    forces lowers by ``yields``, and ``per_metre`` the step over the presliding length, s/m. What friction leaves of
+    the speed falls and what builds up grows with it, so that there is one solution between the levels.
+    """
+    low, high = -level, level
+    after = min(max(held, low), high)
+    for _ in range(_ROUNDS):
+        speed = free - yields * (held + after)
+        goal = level if speed > 0.0 else -level
+        decay = math.exp(-abs(speed) * per_metre)
+        excess = after - goal - (held - goal) * decay
+        if excess > 0.0:
+            high = after
+        else:
+            low = after
+        slope = 1.0 + yields * per_metre * abs(goal - held) * decay
+        after -= excess / slope
+        if not low <= after <= high:
+            after = 0.5 * (low + high)
+        if abs(excess) < _CLOSE * level:
+            break
+    return after
+
+
 @njit(cache=True, inline="always")
 def _run(
     s: FloatArray,
@@ -280,14 +310,14 @@ def _run(
         v = rho + w * (e[2, 0] * d0 + e[2, 1] * d1 + e[2, 2] * d2)
         if coulomb > 0.0 or stiction > 0.0:
             gain = w * w * e[2, 0] / ki  # of the speed at the end of the step, per newton
-            speed = 0.5 * (s[6] + v)
+            speed = 0.5 * (s[6] + v - gain * s[7])  # with the friction of the step before
             level = coulomb + stiction * math.exp(-((speed / v_s) ** 2))
             if presliding > 0.0:
-                goal = level if speed > 0.0 else -level
-                s[7] = goal + (s[7] - goal) * math.exp(-abs(speed) * h / presliding)
-                dry = -s[7]
+                after = _bristle(s[7], 0.5 * (s[6] + v), 0.25 * gain, level, h / presliding)
+                dry, s[7] = -0.5 * (s[7] + after), after
             else:
                 dry = min(max(-v / gain, -level), level)
+                s[7] = -dry
             v += gain * dry
             x += w * e[1, 0] * dry / ki
             integral -= (1.0 - e[0, 0]) * dry / ki

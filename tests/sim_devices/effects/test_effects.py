@@ -27,8 +27,9 @@ FLOOR = {"pressure": 1.0, "apex_height": 1e-7, "axis": 1e-8, "transducer": 1e-5,
 """Changes that count, per channel: far below any noise."""
 STEPWISE = ("overshoot", "late_samples", "dropped_samples", "wrong_zeroing")
 """Effects whose strength is logarithmic or a count, so that they have no small form."""
-UNHELD = ("force_saturation", "integral_windup")
-"""With a given load nothing holds an axis whose coil is at its limit; in its loop it is tested with the stages."""
+UNHELD = ("force_saturation", "integral_windup", "stribeck_friction")
+"""With a given load nothing holds an axis whose coil is at its limit, and one that sticks and slips multiplies what is
+rounded; both are tested with the stages."""
 
 
 @functools.cache
