@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -33,7 +35,7 @@ def test_presliding_friction_follows_dahl(length: float) -> None:
 
     time = np.arange(0.0, 3.0, 0.02)
     parts, state = [np.zeros(1)], np.zeros(4)
-    for a, b in zip(CORNERS[:-1], CORNERS[1:], strict=True):
+    for a, b in itertools.pairwise(CORNERS):
         at = time[(time > a + 1e-9) & (time <= b + 1e-9)]
         out = solve_ivp(slope, (a, b), state, method="LSODA", t_eval=[*at[:-1], b], rtol=1e-8, atol=1e-11)
         parts.append(out.y[1])
