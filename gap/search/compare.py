@@ -114,7 +114,7 @@ def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) ->
     fits: dict[str, Fit] = {}
     simulations = 0
     known: Fit | None = None
-    for block in candidate.blocks:
+    for block in screened.starts:
         problem, before = problems[block], base.fits[block]
         hypothesis = (*before.hypothesis, candidate)
         # An effect is the same in every block: the fit of one is the next one's start.

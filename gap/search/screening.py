@@ -36,6 +36,8 @@ HALVINGS = (0.2, 0.1, 0.05, 0.025)
 """Quantiles of its prior by which a strength is moved there, to see where it explains most."""
 NEARLY, FEW, FROM_SOUND = 8, 8, 4
 """How many are fitted for a few steps there, those steps, and how many of other names are refitted for it."""
+QUICK = 3
+"""Steps of a first fit of a screened effect."""
 AMPLITUDES = (0.25, 2.0)
 """How far a linear rescaling of a screened effect may be trusted, as a multiple of its simulated strength."""
 AS_IT_IS = (1.0, 1.0)
@@ -128,8 +130,8 @@ def screen(
         else:
             units, traces, sure = looked[candidate]
             simulations += len(candidate.blocks) * len(units)
-        gain, score, along, by_chance = 0.0, 0.0, np.zeros(len(units)), False
-        starts, widths = {}, {}
+        score, along, by_chance = 0.0, np.zeros(len(units)), False
+        earned, widths = {}, {}
         for b, changes in traces.items():
             along += own[b].squares(changes, own[b].jacobian.T @ changes)
             gains, lens, most = _seen_through(profiled[b], changes, AS_IT_IS if by_steps(candidate) else AMPLITUDES)
@@ -138,11 +140,8 @@ def screen(
             if times[0] is not None:  # the residual does not move, it counts for less
                 by_chance = True
                 gains = np.array([_widened(base.fits[b].residual, t) for t in times if t is not None])
-            best = float(gains.max())
-            order = np.argsort(-gains)[:STARTS]
-            starts[b] = tuple(units[k] for k in order if k == order[0] or gains[k] > 0.6 * best)
-            widths[b] = lens.sd
-            gain += best
+            earned[b], widths[b] = gains, lens.sd
+        gain, starts = _beginnings(candidate, units, earned)
         if candidate.event:
             gain -= _windows(sum(len(base.fits[b].residual) for b in traces))
         seen = list(zip(units, np.sqrt(np.maximum(along, 0.0)).tolist(), strict=True))
@@ -155,6 +154,24 @@ def screen(
         if gain > s.gain:
             s.gain, s.starts = gain, starts
     return sorted(out, key=lambda s: -s.gain), simulations
+
+
+def _beginnings(
+    candidate: Candidate, units: Sequence[FloatArray], earned: dict[str, FloatArray]
+) -> tuple[float, dict[str, tuple[FloatArray, ...]]]:
+    """What an effect earns with its best points of ``units``, by the gains (points,) ``earned`` in each block; and
+    the points to fit from. An event is at the same moment in all blocks, and the one that shows it most comes first.
+    """
+    if candidate.event:
+        whole = np.sum(list(earned.values()), axis=0)
+        first = int(np.argmax(whole))
+        earned = {b: whole for b, _ in sorted(earned.items(), key=lambda one: -one[1][first])}
+    starts = {}
+    for b, gains in earned.items():
+        order = np.argsort(-gains)[:STARTS]
+        starts[b] = tuple(units[k] for k in order if k == order[0] or gains[k] > 0.6 * gains.max())
+    bests = [float(gains.max()) for gains in earned.values()]
+    return bests[0] if candidate.event else sum(bests), starts
 
 
 def strains(problem: Problem, base: Fit) -> bool:
@@ -340,13 +357,17 @@ def _quick_fit(
 ) -> tuple[float, dict[str, tuple[FloatArray, ...]], int]:
     """A few steps of a fit from where the linear screening sees most: its gain, where it came to, and the number of
     simulations."""
-    gain, simulations = 0.0, 0
+    gain, simulations, there = 0.0, 0, None
     starts = {}
     for block, (unit, *others) in screened.starts.items():
         before, problem = base.fits[block], problems[block]
         here = under(problem, before.prior_mean, screened.widths[block])
-        hypothesis, start = (*before.hypothesis, screened.candidate), np.concatenate([before.unit, unit])
-        quick = fit(here, hypothesis, start, before.nuisance, iterations=3, jacobian=before.jacobian, gram=before.gram)
+        hypothesis = (*before.hypothesis, screened.candidate)
+        start = np.concatenate([before.unit, unit if there is None else there])
+        steps = QUICK if there is None else 0
+        quick = fit(here, hypothesis, start, before.nuisance, steps, jacobian=before.jacobian, gram=before.gram)
+        if screened.candidate.event:  # where the block that shows it most has it
+            there = quick.unit[len(before.unit) :]
         gain += 2 * (quick.log_evidence(1.0, problem.prior_scales) - before.log_evidence(1.0, problem.prior_scales))
         simulations += quick.simulations
         starts[block] = (quick.unit[len(before.unit) :], *others)

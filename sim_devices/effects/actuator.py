@@ -28,8 +28,6 @@ from sim_devices.stages.axes import FORCE_LIMIT
 
 BEND = PRESSURE / 2
 """Pa above which a gauge of two slopes is wrong, or a valve lifts, where nothing else is said."""
-SLOW_PATH = 1 / 3
-"""Share of the flow that lags behind a regulator of two paths."""
 
 
 def _regulator_lag(chain: Chain, v: Values) -> Chain:
@@ -37,7 +35,7 @@ def _regulator_lag(chain: Chain, v: Values) -> Chain:
         op: Any = chain["regulator"]
         return chain.tuned("regulator", tau=math.hypot(op.tau, v["tau"] / 2))
     if chosen(v, "form") == 2:
-        slow = (1.0 - SLOW_PATH, SLOW_PATH, v["tau"])
+        slow = (1.0 - v["share"], v["share"], v["tau"])
         return law_after(chain, "regulator", "regulator_lag", "actuator", kernels.prony, slow)
     if chosen(v, "form") == 5:
         return law_after(chain, "regulator", "regulator_lag", "actuator", kernels.second_order, (v["tau"] / 2, 1.0))
@@ -175,8 +173,9 @@ EFFECTS = (
         (
             strength("tau", "s", 1e-3, 3.0, 0.3, "time constant beyond the nominal regulator's"),
             choice("form", 0, "a first-order lag behind the regulator", "a slower second-order regulator",
-                   "a third of the flow lags", "while suction grows only", "while suction falls only",
+                   "a share of the flow lags", "while suction grows only", "while suction falls only",
                    "a second-order lag behind it"),
+            shape("share", "1", 0.05, 0.95, 1 / 3, "that lags", only=(2,)),
         ),
         _regulator_lag,
     ),
@@ -216,7 +215,7 @@ EFFECTS = (
             choice("form", 0, "a power of suction", "a valve that lifts at some pressure",
                    "made up for by an integrating regulator", "open for a while"),
             shape("knee", "Pa", 2e3, 25e3, BEND, "at which the valve lifts", only=(1,)),
-            shape("repair", "s", 0.1, 20.0, 1.5, "within which it is made up for", log=True, only=(2,)),
+            shape("repair", "s", 0.3, 20.0, 1.5, "within which it is made up for", log=True, only=(2,)),
             *for_a_while(3),
         ),
         _leak,

@@ -10,7 +10,7 @@ from gap.inference.hypothesis import Candidate
 from gap.inference.least_squares import fit, under
 from gap.search.compare import Effort, compare
 from gap.search.screening import as_if_known, screen
-from gap.search.starts import grid, starting_points
+from gap.search.starts import BESIDE, grid, starting_points
 from sim_devices.chain import Parameter
 
 T = np.linspace(0.0, 1.0, 400)
@@ -28,8 +28,8 @@ def test_the_screening_looks_at_the_plain_form_of_a_law() -> None:
     strength = Parameter("force", "N", 1e-3, 5.0, 0.0, 0.4, "log")
     beside = Parameter("presliding", "m", 0.0, 6e-5, None, 0.0, "linear")
     points = grid(Candidate("c", "coulomb_friction", "actuator", (strength, beside), ()))
-    assert {float(u[1]) for u in points} == {0.0, 0.5}
-    assert len(points) == 6
+    assert {float(u[1]) for u in points} == {0.0, *BESIDE}
+    assert len(points) == 9
 
 
 def test_the_screening_looks_at_an_exchange_that_is_whole() -> None:
