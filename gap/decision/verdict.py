@@ -208,9 +208,9 @@ def _stays_behind(f: Findings) -> bool:
 
 
 def _outdone(f: Findings) -> bool:
-    """Other effects than the first cause's meet every withheld recording better."""
-    pairs = [(s, f.rival[split]) for split, s in f.withheld.items() if split in f.rival]
-    return bool(pairs) and all(other.after < (1.0 - f.t.rival_lead) * max(s.after, 1.0) for s, other in pairs)
+    """Other effects than the first cause's meet every withheld recording better; at the noise none does."""
+    pairs = [(s.after, f.rival[split].after) for split, s in f.withheld.items() if split in f.rival]
+    return bool(pairs) and all(max(other, 1.0) < (1.0 - f.t.rival_lead) * max(own, 1.0) for own, other in pairs)
 
 
 def _told(split: str) -> Callable[[Findings], str]:

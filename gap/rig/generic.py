@@ -27,11 +27,12 @@ class GenericEffect:
     with. What ``resists`` motion adds to a tapped resistance and is taken from a tapped net force. A ``form`` tells
     apart effects that are one concept of one name. An effect ``of_turns`` shows only where the signal it acts with
     turns back: on one way it is nothing but a bent characteristic. ``looks_ahead`` ones need whole series: they can act
-    on an input, which is known beforehand, not inside a model's own integration. ``taps`` are the only ones it fits;
-    none named: all.
+    on an input, which is known beforehand, not inside a model's own integration. One ``of_net`` acts on a net force
+    alone, which moves nothing where friction holds it. ``taps`` are the only ones it fits; none named: all.
 
     Parameters of unit ``signal`` have priors relative to the range of the signal, ``velocity`` and ``position``
-    relative to those of the related one; they are scaled when the effect meets its rig.
+    relative to those of the related one; they are scaled when the effect meets its rig. A ``level`` is one between the
+    signal's lowest and highest value, a ``size`` a share of its greatest.
     """
 
     name: str
@@ -47,6 +48,7 @@ class GenericEffect:
     form: str = ""
     of_turns: bool = False
     looks_ahead: bool = False
+    of_net: bool = False
     taps: tuple[str, ...] = ()
 
 
@@ -109,6 +111,28 @@ GENERIC: tuple[GenericEffect, ...] = (
         laws.coulomb,
         needs="velocity",
         resists=True,
+    ),
+    GenericEffect(
+        "coulomb_friction",
+        "dry friction that holds what a net force does not overcome, of something without inertia",
+        "lubricate, or compensate in the controller",
+        (_rel("level", 1e-3, 1.0),),
+        laws.breakaway,
+        needs="velocity",
+        resists=True,
+        of_net=True,
+        form="breakaway",
+    ),
+    GenericEffect(
+        "stribeck_friction",
+        "dry friction that holds at standstill with more than it has in motion, of something without inertia",
+        "stiffer drive, dither",
+        (_rel("level", 1e-3, 1.0), _shape("excess", 0.03, 3.0, "1")),
+        laws.breakaway,
+        needs="velocity",
+        resists=True,
+        of_net=True,
+        form="stick_slip",
     ),
     GenericEffect(
         "stribeck_friction",
@@ -226,6 +250,14 @@ GENERIC: tuple[GenericEffect, ...] = (
         laws.low_pass,
     ),
     GenericEffect(
+        "low_pass",
+        "a lag of second order, without overshoot",
+        "a faster sensor or filter",
+        (_rel("tau", 0.02, 500.0, "dt", "both its times together"),),
+        laws.two_lags,
+        form="second_order_low_pass",
+    ),
+    GenericEffect(
         "leak",
         "a held value bleeds away",
         "find and seal the leak",
@@ -268,6 +300,14 @@ GENERIC: tuple[GenericEffect, ...] = (
         laws.saturation,
     ),
     GenericEffect(
+        "saturation",
+        "the signal stops at a limit, the same both ways",
+        "a larger range, or smaller commands",
+        (Parameter("limit", "size", 0.3, 1.0, null=None, default=0.9),),
+        laws.symmetric_saturation,
+        form="symmetric_saturation",
+    ),
+    GenericEffect(
         "lower_saturation",
         "the signal stops at a lower limit",
         "a larger range, or smaller commands",
@@ -280,6 +320,14 @@ GENERIC: tuple[GenericEffect, ...] = (
         "warm up, take zeros between runs",
         (_signed("rate", 0.5, "signal/duration"),),
         laws.drift,
+    ),
+    GenericEffect(
+        "drift",
+        "a slow run of the signal towards a limit, as in warming up",
+        "warm up, take zeros between runs",
+        (_signed("amount", 0.5), _shape("tau", 0.05, 3.0, "duration")),
+        laws.warming,
+        form="warming",
     ),
     GenericEffect(
         "quadratic_error",

@@ -52,6 +52,13 @@ def coulomb(state: State, time: Signal, y: Signal, related: Related, p: Values) 
     return y + p["level"] * _lopsided(np.tanh(related["velocity"] / p["sharpness"]), p)
 
 
+def breakaway(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
+    """What is left of a net force ``y`` (Karnopp 1985, without inertia): it moves what it overcomes, and no more."""
+    held = p["level"] * (1 + p.get("excess", 0.0) * (related["velocity"] == 0.0))
+    moves = np.abs(y) > held
+    return moves * (y - p["level"] * np.sign(y))
+
+
 def stribeck(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     v = related["velocity"]
     excess = p["excess"] * np.exp(-np.square(v / p["stribeck_velocity"]))
@@ -267,6 +274,12 @@ def _leak_kernel(
     return out
 
 
+def two_lags(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
+    half = {"tau": 0.5 * p["tau"]}
+    first = low_pass(state.setdefault("first", {}), time, y, related, half)
+    return low_pass(state.setdefault("second", {}), time, first, related, half)
+
+
 def leak(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     """The held value bleeds away, the faster the more there is, until a move of ``refill`` makes good for it."""
     return y - _remembering(_leak_kernel, state, 3, time, y, p["share"], p["tau"], p["refill"])
@@ -274,6 +287,10 @@ def leak(state: State, time: Signal, y: Signal, related: Related, p: Values) -> 
 
 def saturation(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     return np.minimum(y, p["limit"])
+
+
+def symmetric_saturation(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
+    return np.minimum(np.maximum(y, -p["limit"]), p["limit"])
 
 
 def lower_saturation(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
@@ -289,6 +306,10 @@ def _since_begin(state: State, time: Signal) -> Signal:
 
 def drift(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     return y + p["rate"] * _since_begin(state, time)
+
+
+def warming(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
+    return y + p["amount"] * (1.0 - np.exp(-_since_begin(state, time) / p["tau"]))
 
 
 def quadratic_error(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:

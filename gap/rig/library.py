@@ -14,6 +14,8 @@ from gap.rig.model import ForwardModel
 from gap.rig.taps import Seen, scaled
 from sim_devices.chain import FloatArray, Parameter
 
+BOTH_WAYS = 0.3
+"""Share of the larger way that a signal must go the other way to have a limit on both sides."""
 NOTHING = 1e-9
 """Share of a larger signal below which one counts as nought."""
 
@@ -72,6 +74,7 @@ def can_act(effect: GenericEffect, tap: str, seen: Seen) -> bool:
         (not effect.taps or tap in effect.taps)
         and (not effect.needs or effect.needs in seen.related)
         and (not effect.of_turns or seen.turns(effect.needs))
+        and (not effect.of_net or not seen.opposes)
         and (not effect.looks_ahead or seen.whole)
     )
 
@@ -82,7 +85,9 @@ def would_show(effect: GenericEffect, seen: Seen, measured: float) -> bool:
     if size < NOTHING * measured and not effect.needs:
         return False  # a tap that carries nothing nominally can only gain something from a related signal
     still = seen.high - seen.low < NOTHING * size
-    return not (still and any(p.unit == "level" for p in effect.parameters))  # it ends at no level
+    one_way = min(-seen.low, seen.high) < BOTH_WAYS * size
+    ends = {p.unit for p in effect.parameters}
+    return not (still and ends & {"level", "size"}) and not (one_way and "size" in ends)  # it ends at no limit
 
 
 def _of_each_recording(

@@ -13,6 +13,8 @@ from gap.rig.generic import GENERIC, GenericEffect
 from gap.rig.generic_laws import State
 from sim_devices.chain import FloatArray, Parameter
 
+STEADY = 0.05
+"""Share of its size that a signal's range counts as at least."""
 BACK = 0.05
 """Share of its range by which a signal must come back to have turned; less is noise."""
 
@@ -160,7 +162,8 @@ def scaled(
 ) -> Parameter:
     """The generic prior in the units of this rig; ``signal_unit`` is that of the tap's signal."""
     span = seen.high - seen.low
-    signal = span if span > 1e-9 * max(measured, 1e-300) else measured
+    # What hardly moves, as the air about an oven, may yet run off by more than that.
+    signal = max(span, STEADY * max(abs(seen.low), abs(seen.high))) or measured
     velocity = seen.related.get("velocity", 1.0) or 1.0
     position = seen.related.get("position", 1.0) or 1.0
     other = seen.related.get("other", 1.0) or 1.0
@@ -170,6 +173,10 @@ def scaled(
         "signal/position³": signal / position**3, "1/position": 1 / position, "1/signal": 1 / signal,
         "signal/duration": signal / duration, "signal/other": signal / other, "rate": seen.rate or signal / duration,
     }  # fmt: skip
+    if parameter.unit == "size":
+        size = max(abs(seen.low), abs(seen.high))
+        low, high = parameter.low * size, parameter.high * size
+        return replace(parameter, unit=signal_unit, low=low, high=high, default=size)
     if parameter.unit == "level":
         return replace(
             parameter,

@@ -363,6 +363,7 @@ def test_a_claim_on_a_rig_carries_over_and_no_rival_does_better(linear, candidat
     assert said(good, rival=Shrink(5.0, 1.38)) == "claimed"
     assert said(good, rival=Shrink(5.0, 1.1)) == "outdone by a rival"
     assert said(good, rival=Shrink(5.0, 1.1), t=INSTRUMENT) == "claimed"
+    assert said(Shrink(5.0, 0.52), rival=Shrink(5.0, 0.48)) == "claimed", "both are within the noise"
 
 
 def test_nothing_is_claimed_on_a_rig_within_its_noise_that_no_withheld_recording_shows(linear, candidate) -> None:

@@ -67,6 +67,17 @@ def test_known_forms() -> None:
     delayed = acted(named["delay"], {"time": 0.1})
     assert delayed[100:] == pytest.approx(np.interp(TIME[100:] - 0.1, TIME, SIGNAL))
     assert acted(named["saturation"], {"limit": 1.0}).max() == 1.0
+    step = named["second_order_low_pass"].act({}, TIME, 1.0 * (TIME > 0), {}, {"tau": 0.4})
+    assert step == pytest.approx(1 - np.exp(-TIME / 0.2) * (1 + TIME / 0.2), abs=0.02)
+    both = acted(named["symmetric_saturation"], {"limit": 0.8})
+    assert (both.min(), both.max()) == (-0.8, 0.8)
+    still = {"velocity": np.zeros(3)}
+    net = np.array([0.9, 1.1, -2.0])
+    held = named["breakaway"].act({}, TIME[:3], net, still, {"level": 1.0})
+    assert held == pytest.approx([0.0, 0.1, -1.0])
+    assert named["stick_slip"].act({}, TIME[:3], net, still, {"level": 1.0, "excess": 0.5})[1] == 0.0
+    warm = acted(named["warming"], {"amount": 2.0, "tau": 0.5}) - SIGNAL
+    assert warm == pytest.approx(2.0 * (1 - np.exp(-TIME / 0.5)))
     lag = acted(named["low_pass"], {"tau": 0.2})
     rate = np.gradient(lag, TIME)
     assert 0.2 * rate[5:-5] + lag[5:-5] == pytest.approx(SIGNAL[5:-5], abs=2e-3)

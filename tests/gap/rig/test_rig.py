@@ -62,7 +62,7 @@ def test_a_tap_that_stands_still_can_leak_and_one_that_carries_nothing_cannot(re
             tap("idle", np.zeros_like(time))
             return {"pressure": tap("chamber", np.full_like(time, parameters["filling"]))}
 
-    pressure = 7.5e5 * np.exp(-TIME / 400) + 50 * np.random.default_rng(4).normal(size=len(TIME))
+    pressure = 7.5e5 * np.exp(-TIME / 8) + 50 * np.random.default_rng(4).normal(size=len(TIME))
     run = recording({"pressure": pressure}, TIME, instrument="held")
     keys = {c.key for c in RigProblem([run], Held()).candidates}
     assert "leak@chamber" in keys
