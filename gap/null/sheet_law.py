@@ -65,6 +65,7 @@ AMOUNTS: Mapping[str, tuple[str, ...]] = {
 TISSUE_SD: Mapping[str, float] = {
     **dict.fromkeys(("stiffness1", "stiffness2", "stiffness3"), 1.0),  # logarithms
     "angle": 1.5,
+    **dict.fromkeys(("tilt_x", "tilt_y"), 0.1),  # rad: nobody levels a forearm
     "length": 0.7,  # logarithm
     "stiffening": 0.3,
     "isotropy": 0.5,
@@ -141,6 +142,7 @@ def sheet(nuisance: FloatArray, base: SheetTissue, typical: float) -> SheetTissu
         base,
         stiffness=(k1, k2, k3),
         angle=base.angle + c["angle"],
+        tilt=(c["tilt_x"], c["tilt_y"]),
         length=length,
         exponent=exponent,
         isotropy=0.5 + c["isotropy"],

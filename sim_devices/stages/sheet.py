@@ -31,13 +31,16 @@ class Sheet(Wired):
     glue: tuple[float, float] = (0.0, 0.0)
 
     def fresh(self) -> Any:
-        k1, k2, k3 = self.tissue.stiffness
-        c, s = math.cos(self.tissue.angle), math.sin(self.tissue.angle)
-        stiffness = (k1 * c * c + k2 * s * s, (k1 - k2) * c * s, k1 * s * s + k2 * c * c, k3)
         t = self.tissue
+        axes = _turn(2, t.angle)
+        for about, angle in enumerate(t.tilt):
+            if angle:
+                axes = _turn(about, angle) @ axes
+        k = axes @ np.diag(t.stiffness) @ axes.T
+        stiffness = (k[0, 0], k[0, 1], k[1, 1], k[2, 2])
         shape = (max(sum(t.stiffness) / 3, 1e-12) * t.length**2, t.exponent)
         soft = (t.softening, t.softening_force, t.softening_rise, t.softening_fall)
-        parameters = np.array([*stiffness, *shape, *soft, *self.glue, t.isotropy, sum(t.stiffness) / 3])
+        parameters = np.array([*stiffness, *shape, *soft, *self.glue, t.isotropy, sum(t.stiffness) / 3, k[0, 2], k[1, 2]])
         state = np.zeros(_HEAD + 3 * len(t.times))
         return state, parameters, np.array(t.relaxation, dtype=float), np.array(t.times, dtype=float)
 
@@ -47,6 +50,15 @@ class Sheet(Wired):
         weights = _weights(time, state[0], (self.tissue.softening_rise, self.tissue.softening_fall), state[3])
         _advance_sheet(state[0], time, u[0], u[1], u[2], state[1], state[2], weights, f)
         signals.update(zip(self.target, f, strict=True))
+
+
+def _turn(about: int, angle: float) -> FloatArray:
+    """The rotation matrix (3, 3) by ``angle`` rad about x (0), y (1) or z (2)."""
+    c, s = math.cos(angle), math.sin(angle)
+    out = np.eye(3)
+    i, j = (about + 1) % 3, (about + 2) % 3
+    out[i, i], out[i, j], out[j, i], out[j, j] = c, -s, s, c
+    return out
 
 
 _known: OrderedDict[tuple[int, bytes], tuple[FloatArray, FloatArray]] = OrderedDict()
@@ -92,7 +104,9 @@ def _weighed(time: FloatArray, begin: float, rise: float, fall: float, tau: Floa
 @njit(cache=True)
 def _elastic(ux: float, uy: float, uz: float, p: FloatArray) -> tuple[float, float, float]:
     """Force of the tissue on the probe without memory: minus the gradient of a potential, if nothing is isotropic."""
-    fx, fy, fz = p[0] * ux + p[1] * uy, p[1] * ux + p[2] * uy, p[3] * uz
+    fx = p[0] * ux + p[1] * uy + p[14] * uz
+    fy = p[1] * ux + p[2] * uy + p[15] * uz
+    fz = p[14] * ux + p[15] * uy + p[3] * uz
     energy, square = fx * ux + fy * uy + fz * uz, p[13] * (ux * ux + uy * uy + uz * uz)
     stretch = max(1.0 + (energy + p[12] * (square - energy)) / p[4], 1e-3)  # isotropy beyond 0 to 1, in a fit
     factor = -(stretch ** p[5]) if p[5] != 0.0 else -1.0

@@ -44,13 +44,14 @@ class SuctionTissue:
 class SheetTissue:
     """Skin moved by a glued probe in three directions.
 
-    Elastic force f = K u (1 + u.K u / (k l²))^p with K from ``stiffness`` along axes turned by ``angle`` about z and k
-    their mean: it has a potential. With ``isotropy`` 1 u.u stands for u.K u / k: stiffening by distance, not by energy.
-    Memory f - sum g_i lag(f, tau_i); softening by loading 1 - a w.
+    Elastic force f = K u (1 + u.K u / (k l²))^p with K from ``stiffness`` along axes turned by ``angle`` about z, then
+    by ``tilt`` about x and y, as where skin is not level under the robot, and k their mean: it has a potential. With
+    ``isotropy`` 1 u.u stands for u.K u / k: stiffening by distance, not by energy. Memory f - sum g_i lag(f, tau_i); softening by loading 1 - a w.
     """
 
     stiffness: tuple[float, float, float]  # N/m: along, across, normal
     angle: float = 0.3  # rad, of the stiffest in-plane direction (across Langer's lines)
+    tilt: tuple[float, float] = (0.0, 0.0)  # rad
     length: float = 1.2e-3  # l, m
     exponent: float = 0.35  # p; above 0: stiffening
     isotropy: float = 0.0
