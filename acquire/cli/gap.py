@@ -173,7 +173,7 @@ def effects(
 ) -> None:
     """List the effects that the diagnosis knows."""
     if instrument == "rig":
-        from gap.rig.generic import GENERIC
+        from gap.rig.catalogue import GENERIC
 
         columns = {"name": "effect", "needs": "needs at its tap", "meaning": "meaning"}
         _print_effects(GENERIC, ("name", "form", "needs", "meaning", "remedy"), columns, as_json)

@@ -3,7 +3,7 @@
 Simple laws have two relaxation times or a power law of time; the usual one has any relaxation spectrum. Further ones,
 each a textbook's, are tried where no simple one is at the noise: a memory of strain beside a spring, consolidation
 (Terzaghi 1943), activated flow (Eyring 1936), springs that slip (Iwan 1967), a sheet that is not the same this way and
-that. A law that is less simple must earn its freedom.
+that, one on a bed that stiffens when it is pushed, with a toe. A law that is less simple must earn its freedom.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gap.inference.hypothesis import FROZEN
-from gap.null.sheet_operators import Activated, Consolidation, Skew, Springs
+from gap.null.sheet_operators import Activated, Bedding, Consolidation, Skew, Springs
 from gap.null.skin_laws import bounded_exp
 from sim_devices.chain import Chain, FloatArray
 from sim_devices.effects.tissue import spectrum
@@ -51,6 +51,8 @@ SLIPS = "slip1", "slip2", "slip3"
 """Shares of those springs."""
 SKEWS = tuple(f"skew{k + 1}" for k in range(10))
 """Coefficients of a cubic potential."""
+TOE = 0.4
+"""Of the typical displacement, about which it is sought within which skin is soft."""
 AMOUNTS: Mapping[str, tuple[str, ...]] = {
     "amount1": ("time1",),
     "amount2": ("time2",),
@@ -60,6 +62,8 @@ AMOUNTS: Mapping[str, tuple[str, ...]] = {
     "activation": (),
     **{slip: (at,) for slip, at in zip(SLIPS, YIELDS, strict=True)},
     **dict.fromkeys(SKEWS, ()),
+    **dict.fromkeys(("push", "pull"), ()),
+    "toe": ("toe_reach",),
 }
 """Amounts of a law's optional parts, and the parameters that are nothing without them."""
 TISSUE_SD: Mapping[str, float] = {
@@ -78,8 +82,11 @@ TISSUE_SD: Mapping[str, float] = {
     "activation": 4.0,  # of the strongest force
     **dict.fromkeys(SLIPS, 0.5),  # of the secant stiffness
     **dict.fromkeys(SKEWS, 0.2),  # of the secant stiffness
+    **dict.fromkeys(("push", "pull"), 0.5),  # of the secant stiffness
+    "toe": 0.4,  # of the force
     **dict.fromkeys(("time1", "time2"), 1.5),  # logarithms
     "exponent": 0.5,
+    "toe_reach": 0.7,  # logarithm
     **dict.fromkeys(YIELDS, 1.0),  # logarithms
 }
 """Widths of the prior, about nought, of all that a law may free."""
@@ -118,6 +125,7 @@ FURTHER = (
     _relaxing(TWO_TIMES | {"activation": 2.0}, QUICK_MODE, TURNED),
     _relaxing(TWO_TIMES | dict.fromkeys(SLIPS, 0.1), QUICK_MODE, TURNED),
     _relaxing(TWO_TIMES | dict.fromkeys(SKEWS, 0.0), QUICK_MODE),
+    _relaxing(TWO_TIMES | {"push": 0.1, "pull": 0.0, "toe": 0.1}, QUICK_MODE),
 )
 """Those that are tried where no simple one is at the noise."""
 
@@ -159,7 +167,8 @@ def rewired(chain: Chain, nuisance: FloatArray, typical: float, strongest: float
     """
     c = dict(zip(TISSUE, nuisance.tolist(), strict=False))
     skew = [c[name] for name in SKEWS]
-    if not any((c["spring"], c["closing"], c["activation"], c["slip1"], *skew)):
+    bedding = c["push"], c["pull"], c["toe"]
+    if not any((c["spring"], c["closing"], c["activation"], c["slip1"], *skew, *bedding)):
         return chain
     skin: SheetTissue = chain["tissue"].tissue  # type: ignore[attr-defined]
     secant = (1.0 + (typical / skin.length) ** 2) ** skin.exponent
@@ -183,6 +192,11 @@ def rewired(chain: Chain, nuisance: FloatArray, typical: float, strongest: float
     if c["activation"]:
         parameters = (c["activation"] / strongest, *prony[1:])
         return after(chain, "tissue", lambda s, t: Activated("memory", "tissue", s, t, skin.angle, parameters))
+    if any(bedding):
+        normal = float(stiffness[2]) / typical
+        bed = c["push"] * normal, c["pull"] * normal, c["toe"], TOE * typical * _scale(c["toe_reach"], 3.0)
+        chain = after(chain, "tissue", lambda s, t: MemoryLaw("memory", "tissue", s, t, kernels.prony, prony))
+        return after(chain, "tissue", lambda s, t: Bedding("bedding", "tissue", s + moved, t, *bed))
     cubic = tuple((np.array(skew) * float(np.mean(stiffness)) * typical).tolist())
     chain = after(chain, "tissue", lambda s, t: MemoryLaw("memory", "tissue", s, t, kernels.prony, prony))
     return after(chain, "tissue", lambda s, t: Skew("skew", "tissue", s + moved, t, cubic, typical))

@@ -87,6 +87,25 @@ class Skew(Beside):
         return np.asarray(np.tensordot(np.array(self.cubic), terms, 1))
 
 
+@dataclass(frozen=True)
+class Bedding(Wired):
+    """Forces (sources x, y, z, N) of skin that is soft within ``reach`` m of rest, by the share ``toe``, and on a bed
+    that resists by ``push`` and ``pull`` N/m² times the square of the way (sources x, y, z, m) along +z and -z."""
+
+    push: float
+    pull: float
+    toe: float
+    reach: float
+
+    def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
+        x, y, z = (signals[s] for s in self.source[3:])
+        taut = 1.0 - self.toe * np.exp(-(x * x + y * y + z * z) / self.reach**2)
+        for source, target in zip(self.source[:3], self.target, strict=True):
+            signals[target] = signals[source] * taut
+        bed = self.push * np.maximum(z, 0.0) ** 2 - self.pull * np.minimum(z, 0.0) ** 2
+        signals[self.target[2]] = signals[self.target[2]] - bed
+
+
 _cubics = Kept(6)
 """Gradients of the cubic monomials of a path, (10, 3, n)."""
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from gap.data.noise import Counts
 from gap.inference.hypothesis import Candidate
-from gap.rig.generic import GENERIC, INITIAL, GenericEffect, counted
+from gap.rig.catalogue import GENERIC
+from gap.rig.generic import INITIAL, GenericEffect, counted
 from gap.rig.model import ForwardModel
 from gap.rig.taps import Seen, scaled
 from sim_devices.chain import FloatArray, Parameter

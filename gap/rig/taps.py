@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from gap.rig.generic import GENERIC, GenericEffect
+from gap.rig.catalogue import GENERIC
+from gap.rig.generic import GenericEffect
 from gap.rig.generic_laws import State
 from sim_devices.chain import FloatArray, Parameter
 

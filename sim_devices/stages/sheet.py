@@ -37,10 +37,13 @@ class Sheet(Wired):
             if angle:
                 axes = _turn(about, angle) @ axes
         k = axes @ np.diag(t.stiffness) @ axes.T
+        mean = sum(t.stiffness) / 3
         stiffness = (k[0, 0], k[0, 1], k[1, 1], k[2, 2])
-        shape = (max(sum(t.stiffness) / 3, 1e-12) * t.length**2, t.exponent)
+        shape = (max(mean, 1e-12) * t.length**2, t.exponent)
         soft = (t.softening, t.softening_force, t.softening_rise, t.softening_fall)
-        parameters = np.array([*stiffness, *shape, *soft, *self.glue, t.isotropy, sum(t.stiffness) / 3, k[0, 2], k[1, 2]])
+        parameters = np.array(
+            [*stiffness, *shape, *soft, *self.glue, t.isotropy, sum(t.stiffness) / 3, k[0, 2], k[1, 2]]
+        )
         state = np.zeros(_HEAD + 3 * len(t.times))
         return state, parameters, np.array(t.relaxation, dtype=float), np.array(t.times, dtype=float)
 

@@ -46,7 +46,8 @@ class SheetTissue:
 
     Elastic force f = K u (1 + u.K u / (k l²))^p with K from ``stiffness`` along axes turned by ``angle`` about z, then
     by ``tilt`` about x and y, as where skin is not level under the robot, and k their mean: it has a potential. With
-    ``isotropy`` 1 u.u stands for u.K u / k: stiffening by distance, not by energy. Memory f - sum g_i lag(f, tau_i); softening by loading 1 - a w.
+    ``isotropy`` 1 u.u stands for u.K u / k: stiffening by distance, not by energy. Memory f - sum g_i lag(f, tau_i);
+    softening by loading 1 - a w.
     """
 
     stiffness: tuple[float, float, float]  # N/m: along, across, normal

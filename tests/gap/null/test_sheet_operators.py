@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gap.null.chains import run
-from gap.null.sheet_operators import ODD, Activated, Consolidation, Skew, Springs, turned
+from gap.null.sheet_operators import ODD, Activated, Bedding, Consolidation, Skew, Springs, turned
 from sim_devices.stages.kernels import evaluate, prony
 from sim_devices.stages.robot import xyz
 
@@ -84,3 +84,13 @@ def test_hardly_activated_flow_relaxes_linearly_in_every_direction() -> None:
     op = Activated("memory", "tissue", FORCE, OUT, 0.7, (1e-6, -0.2, 0.5, -0.1, 3.0))
     expected = [evaluate(prony, TIME, f, 1.0, -0.2, 0.5, -0.1, 3.0) for f in signals.values()]
     assert np.allclose(_felt(op, signals), expected, atol=2e-2)
+
+
+def test_a_bed_resists_what_is_pushed_into_it_and_a_toe_is_soft() -> None:
+    path = _path()
+    force = dict(zip(FORCE, (-300.0 * path[s] for s in MOVED), strict=True))
+    felt = _felt(Bedding("bedding", "tissue", FORCE + MOVED, OUT, 2e5, 0.0, 0.4, 3e-4), force | path)
+    x, y, z = (path[s] for s in MOVED)
+    soft = 1 - 0.4 * np.exp(-(x**2 + y**2 + z**2) / 3e-4**2)
+    assert np.allclose(felt[0], force[FORCE[0]] * soft)
+    assert np.allclose(felt[2], force[FORCE[2]] * soft - 2e5 * np.where(z > 0, z, 0.0) ** 2)

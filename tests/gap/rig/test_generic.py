@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gap.rig.generic import GENERIC, GenericEffect
+from gap.rig.catalogue import GENERIC
+from gap.rig.generic import GenericEffect
 
 TIME = np.linspace(0.0, 4.0, 801)
 SIGNAL = 2.0 * np.sin(3 * TIME) + 0.5 * TIME
