@@ -34,6 +34,8 @@ STRAIN_EACH, STRAIN_ONE = 2.5, 3.0
 fault-free instrument, too."""
 HALVINGS = (0.2, 0.1, 0.05, 0.025)
 """Quantiles of its prior by which a strength is moved there, to see where it explains most."""
+UNSEEN = 0.3
+"""σ by which an effect must change a row to be looked at there."""
 NEARLY, FEW, FROM_SOUND = 8, 8, 4
 """How many are fitted for a few steps there, those steps, and how many of other names are refitted for it."""
 QUICK = 3
@@ -198,14 +200,13 @@ def from_sound(
             continue
         jacobian = problem.evaluate(sound, {}).jacobian
         refits = [Projector(jacobian, sd) for sd in problem.prior_scales]
-        found = []
-        for s in screened:
-            if block in s.candidate.blocks:
-                left, unit, tried = _nearest(problem, sound, refits, s)
-                simulations += tried
-                found.append((left, unit, s))
-        best = sorted(found, key=lambda f: f[0])[:NEARLY]
-        near = [(fit(problem, (s.candidate,), unit, sound, FEW), s) for _, unit, s in best]
+        seen = [s for s in screened if block in s.traces and np.max(np.abs(s.traces[block]), initial=0.0) > UNSEEN]
+        looked = [(_Beside(problem, sound, refits, s.candidate), s) for s in seen]
+        first = sorted(((beside.nearest(s.units), beside, s) for beside, s in looked), key=lambda one: one[0][0])
+        closer = [(beside.closer(*nearest), beside, s) for nearest, beside, s in first[: 2 * NEARLY]]
+        simulations += sum(beside.tried for beside, _ in looked)
+        best = sorted(closer, key=lambda one: one[0][0])[:NEARLY]
+        near = [(fit(problem, (s.candidate,), unit, sound, FEW), s) for (_, unit), _, s in best]
         simulations += sum(f.simulations for f, _ in near)
         names: set[str] = set()
         for f, s in sorted(near, key=lambda one: one[0].objective):
@@ -217,32 +218,40 @@ def from_sound(
     return out, simulations
 
 
-def _nearest(
-    problem: Problem, sound: FloatArray, refits: Sequence[Projector], s: Screened
-) -> tuple[float, FloatArray, int]:
-    """The least deviance that an effect leaves beside a ``sound`` instrument (p,), where in its prior that is, (k,),
-    and the number of simulations. A threshold or a lag is no straight line: strengths between those that were looked at
-    are looked at, too."""
+@dataclass
+class _Beside:
+    """An effect beside a ``sound`` instrument (p,) in a block, whose nuisance is refitted; ``tried`` counts."""
 
-    def left(unit: FloatArray) -> float:
-        active = {s.candidate: s.candidate.values(unit)}
-        residual = problem.evaluate(sound, active, want_jacobian=False).residual
-        times = problem.noise_scale(active)
+    problem: Problem
+    sound: FloatArray
+    refits: Sequence[Projector]
+    candidate: Candidate
+    tried: int = 0
+
+    def left(self, unit: FloatArray) -> float:
+        """The deviance that it leaves where it is at ``unit`` (k,) of its prior."""
+        self.tried += 1
+        active = {self.candidate: self.candidate.values(unit)}
+        residual = self.problem.evaluate(self.sound, active, want_jacobian=False).residual
+        times = self.problem.noise_scale(active)
         wider = 0.0 if times is None else 2.0 * float(np.sum(np.log(times)))
-        return wider + min(refit.chi2(residual) for refit in refits)
+        return wider + min(refit.chi2(residual) for refit in self.refits)
 
-    tried = [(left(unit), unit) for unit in s.units]
-    best = min(tried, key=lambda t: t[0])
-    strengths = [k for k, p in enumerate(s.candidate.parameters) if p.null is not None]
-    for step in HALVINGS if len(strengths) == 1 else ():
-        beside = []
-        for by in (-step, step):
-            unit = best[1].copy()
-            unit[strengths[0]] = np.clip(unit[strengths[0]] + by, 0.0, 1.0)
-            beside.append((left(unit), unit))
-        tried += beside
-        best = min(best, *beside, key=lambda t: t[0])
-    return (*best, len(tried))
+    def nearest(self, units: Sequence[FloatArray]) -> tuple[float, FloatArray]:
+        """The least that it leaves at one of ``units``, and that one."""
+        return min(((self.left(unit), unit) for unit in units), key=lambda one: one[0])
+
+    def closer(self, left: float, unit: FloatArray) -> tuple[float, FloatArray]:
+        """The same at other strengths beside it: a threshold or a lag is no straight line."""
+        strengths = [k for k, p in enumerate(self.candidate.parameters) if p.null is not None]
+        for step in HALVINGS if len(strengths) == 1 else ():
+            beside = []
+            for by in (-step, step):
+                moved = unit.copy()
+                moved[strengths[0]] = np.clip(moved[strengths[0]] + by, 0.0, 1.0)
+                beside.append(moved)
+            left, unit = min((left, unit), self.nearest(beside), key=lambda one: one[0])
+        return left, unit
 
 
 def as_if_known(
