@@ -3,7 +3,8 @@
 Simple laws have two relaxation times or a power law of time; the usual one has any relaxation spectrum. Further ones,
 each a textbook's, are tried where no simple one is at the noise: a memory of strain beside a spring, consolidation
 (Terzaghi 1943), activated flow (Eyring 1936), springs that slip (Iwan 1967), a sheet that is not the same this way and
-that, one on a bed that stiffens when it is pushed, with a toe. A law that is less simple must earn its freedom.
+that, one on a bed that stiffens when it is pushed, with a toe, one that stiffens along each of its axes apart. A law
+that is less simple must earn its freedom.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gap.inference.hypothesis import FROZEN
-from gap.null.sheet_operators import Activated, Bedding, Consolidation, Skew, Springs
+from gap.null.sheet_operators import Activated, Apart, Bedding, Consolidation, Skew, Springs
 from gap.null.skin_laws import bounded_exp
 from sim_devices.chain import Chain, FloatArray
 from sim_devices.effects.tissue import spectrum
@@ -23,6 +24,7 @@ from sim_devices.stages import kernels
 from sim_devices.stages.operators import Law as MemoryLaw
 from sim_devices.stages.operators import after, before
 from sim_devices.stages.robot import xyz
+from sim_devices.stages.sheet import principal_axes
 from sim_devices.stages.tissues import SheetTissue
 
 RELAXATION_TIMES = tuple(0.025 * 2.0**k for k in range(15))
@@ -64,6 +66,7 @@ AMOUNTS: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(SKEWS, ()),
     **dict.fromkeys(("push", "pull"), ()),
     "toe": ("toe_reach",),
+    "apart": ("apart_length",),
 }
 """Amounts of a law's optional parts, and the parameters that are nothing without them."""
 TISSUE_SD: Mapping[str, float] = {
@@ -84,9 +87,10 @@ TISSUE_SD: Mapping[str, float] = {
     **dict.fromkeys(SKEWS, 0.2),  # of the secant stiffness
     **dict.fromkeys(("push", "pull"), 0.5),  # of the secant stiffness
     "toe": 0.4,  # of the force
+    "apart": 0.5,  # logarithm of the force at the typical displacement
     **dict.fromkeys(("time1", "time2"), 1.5),  # logarithms
     "exponent": 0.5,
-    "toe_reach": 0.7,  # logarithm
+    **dict.fromkeys(("toe_reach", "apart_length"), 0.7),  # logarithms
     **dict.fromkeys(YIELDS, 1.0),  # logarithms
 }
 """Widths of the prior, about nought, of all that a law may free."""
@@ -126,6 +130,7 @@ FURTHER = (
     _relaxing(TWO_TIMES | dict.fromkeys(SLIPS, 0.1), QUICK_MODE, TURNED),
     _relaxing(TWO_TIMES | dict.fromkeys(SKEWS, 0.0), QUICK_MODE),
     _relaxing(TWO_TIMES | {"push": 0.1, "pull": 0.0, "toe": 0.1}, QUICK_MODE),
+    _relaxing(TWO_TIMES | {"apart": 0.2}, QUICK_MODE, TURNED),
 )
 """Those that are tried where no simple one is at the noise."""
 
@@ -168,9 +173,11 @@ def rewired(chain: Chain, nuisance: FloatArray, typical: float, strongest: float
     c = dict(zip(TISSUE, nuisance.tolist(), strict=False))
     skew = [c[name] for name in SKEWS]
     bedding = c["push"], c["pull"], c["toe"]
+    skin: SheetTissue = chain["tissue"].tissue  # type: ignore[attr-defined]
+    if c["apart"]:
+        return _apart(chain, skin, c["apart"], typical * _scale(c["apart_length"], 3.0), typical)
     if not any((c["spring"], c["closing"], c["activation"], c["slip1"], *skew, *bedding)):
         return chain
-    skin: SheetTissue = chain["tissue"].tissue  # type: ignore[attr-defined]
     secant = (1.0 + (typical / skin.length) ** 2) ** skin.exponent
     stiffness = np.array(skin.stiffness) * secant
     pairs = [(-g, tau) for g, tau in zip(skin.relaxation, skin.times, strict=True)]
@@ -200,6 +207,14 @@ def rewired(chain: Chain, nuisance: FloatArray, typical: float, strongest: float
     cubic = tuple((np.array(skew) * float(np.mean(stiffness)) * typical).tolist())
     chain = after(chain, "tissue", lambda s, t: MemoryLaw("memory", "tissue", s, t, kernels.prony, prony))
     return after(chain, "tissue", lambda s, t: Skew("skew", "tissue", s + moved, t, cubic, typical))
+
+
+def _apart(chain: Chain, skin: SheetTissue, stiffening: float, length: float, typical: float) -> Chain:
+    """The chain of a sheet whose force grows along each of its axes by itself, by the logarithm ``stiffening`` at the
+    ``typical`` way, with a curve of some ``length`` (m)."""
+    exponent = min(max(stiffening / math.log1p((typical / length) ** 2), -0.3), STEEPEST)
+    axes = tuple(principal_axes(skin).ravel().tolist())
+    return before(chain, "tissue", lambda s, t: Apart("apart", "tissue", s, t, axes, exponent, length))
 
 
 def _scale(logarithm: float, most: float) -> float:

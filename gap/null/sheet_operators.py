@@ -106,6 +106,22 @@ class Bedding(Wired):
         signals[self.target[2]] = signals[self.target[2]] - bed
 
 
+@dataclass(frozen=True)
+class Apart(Wired):
+    """Displacements (sources x, y, z, m) made longer along each of a sheet's ``axes`` (columns of a matrix, 9 numbers,
+    row by row) by the factor (1 + (u/length)²)^exponent: a linear sheet behind it stiffens along each by itself."""
+
+    axes: tuple[float, ...]
+    exponent: float
+    length: float
+
+    def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
+        turn = np.array(self.axes).reshape(3, 3)
+        along = turn.T @ np.stack([signals[s] for s in self.source])
+        longer = along * (1.0 + (along / self.length) ** 2) ** self.exponent
+        signals.update(zip(self.target, turn @ longer, strict=True))
+
+
 _cubics = Kept(6)
 """Gradients of the cubic monomials of a path, (10, 3, n)."""
 

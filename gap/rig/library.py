@@ -17,6 +17,8 @@ from sim_devices.chain import FloatArray, Parameter
 
 BOTH_WAYS = 0.3
 """Share of the larger way that a signal must go the other way to have a limit on both sides."""
+HARDLY = 1e-3
+"""Share of its size by which a signal moves at least to come to an end of its range."""
 NOTHING = 1e-9
 """Share of a larger signal below which one counts as nought."""
 
@@ -85,7 +87,7 @@ def would_show(effect: GenericEffect, seen: Seen, measured: float) -> bool:
     size = max(abs(seen.low), abs(seen.high))
     if size < NOTHING * measured and not effect.needs:
         return False  # a tap that carries nothing nominally can only gain something from a related signal
-    still = seen.high - seen.low < NOTHING * size
+    still = seen.high - seen.low < HARDLY * size
     one_way = min(-seen.low, seen.high) < BOTH_WAYS * size
     ends = {p.unit for p in effect.parameters}
     return not (still and ends & {"level", "size"}) and not (one_way and "size" in ends)  # it ends at no limit

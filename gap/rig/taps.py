@@ -184,7 +184,7 @@ def scaled(
             unit=signal_unit,
             low=seen.low + parameter.low * span,
             high=seen.low + parameter.high * span,
-            default=seen.high,
+            default=seen.low + parameter.default * span,
         )
     k = scales.get(parameter.unit, 1.0)
     unit = {"dt": "s", "duration": "s", "signal": signal_unit}.get(parameter.unit, parameter.unit)

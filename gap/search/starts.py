@@ -31,6 +31,9 @@ BESIDE = (0.1, 0.5)
 """The same for a law that is usually plain: with a little of something beside it, or much."""
 THRESHOLDS = tuple(np.linspace(0.1, 0.9, 27).tolist())
 """Quantiles of a ``band`` within which nothing answers: an answer to a ramp by steps fits from close by only."""
+LIMITS = (0.1, 0.25, 0.4, 0.48, 0.53, 0.57, 0.61, 0.66, 0.72, 0.8)
+"""The same of a limit by itself: many a signal meets one for moments only, or would go farther by a simulation that was
+never fitted to it."""
 MAX_GRID = 9
 AGREED = 0.85
 """Share of the commands' lateness that looks at equal intervals must explain to be refitted wherever they rank."""
@@ -56,12 +59,14 @@ def grid(candidate: Candidate) -> list[FloatArray]:
             values = (to_unit(p, p.default), *BESIDE)
         if p.name == "band":
             values = THRESHOLDS
+        if p.name == "limit" and p.null is None:
+            values = LIMITS if p.default > 0.5 * (p.low + p.high) else tuple(1.0 - q for q in LIMITS)
         elif k in several:
             values = (0.5,)
         elif p.null is not None and p.low < p.null < p.high:
             middle = to_unit(p, p.null)
             values = tuple(float(np.clip(middle + d, 0, 1)) for d in SIGNED)
-        if size * len(values) > MAX_GRID and values is not THRESHOLDS:
+        if size * len(values) > MAX_GRID and values not in (THRESHOLDS, LIMITS):
             values = (0.5,) if p.null is None else (values[len(values) // 2 - 1], values[len(values) // 2])
             if size * len(values) > MAX_GRID:
                 values = (0.5,)

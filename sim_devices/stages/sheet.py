@@ -32,10 +32,7 @@ class Sheet(Wired):
 
     def fresh(self) -> Any:
         t = self.tissue
-        axes = _turn(2, t.angle)
-        for about, angle in enumerate(t.tilt):
-            if angle:
-                axes = _turn(about, angle) @ axes
+        axes = principal_axes(t)
         k = axes @ np.diag(t.stiffness) @ axes.T
         mean = sum(t.stiffness) / 3
         stiffness = (k[0, 0], k[0, 1], k[1, 1], k[2, 2])
@@ -53,6 +50,15 @@ class Sheet(Wired):
         weights = _weights(time, state[0], (self.tissue.softening_rise, self.tissue.softening_fall), state[3])
         _advance_sheet(state[0], time, u[0], u[1], u[2], state[1], state[2], weights, f)
         signals.update(zip(self.target, f, strict=True))
+
+
+def principal_axes(tissue: SheetTissue) -> FloatArray:
+    """The directions, columns (3, 3), along which a sheet has its three stiffnesses."""
+    axes = _turn(2, tissue.angle)
+    for about, angle in enumerate(tissue.tilt):
+        if angle:
+            axes = _turn(about, angle) @ axes
+    return axes
 
 
 def _turn(about: int, angle: float) -> FloatArray:

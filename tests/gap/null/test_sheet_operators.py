@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gap.null.chains import run
-from gap.null.sheet_operators import ODD, Activated, Bedding, Consolidation, Skew, Springs, turned
+from gap.null.sheet_operators import ODD, Activated, Apart, Bedding, Consolidation, Skew, Springs, turned
 from sim_devices.stages.kernels import evaluate, prony
 from sim_devices.stages.robot import xyz
 
@@ -94,3 +94,12 @@ def test_a_bed_resists_what_is_pushed_into_it_and_a_toe_is_soft() -> None:
     soft = 1 - 0.4 * np.exp(-(x**2 + y**2 + z**2) / 3e-4**2)
     assert np.allclose(felt[0], force[FORCE[0]] * soft)
     assert np.allclose(felt[2], force[FORCE[2]] * soft - 2e5 * np.where(z > 0, z, 0.0) ** 2)
+
+
+def test_a_sheet_stiffens_along_each_of_its_axes_apart() -> None:
+    path = _path()
+    c, s = np.cos(0.4), np.sin(0.4)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    made = _felt(Apart("apart", "tissue", MOVED, OUT, tuple(turn.ravel()), 1.0, 5e-4), path)
+    u = turn.T @ np.stack([path[m] for m in MOVED])
+    assert np.allclose(turn.T @ made, u + u**3 / 5e-4**2)
