@@ -17,7 +17,8 @@ from scipy.stats import gamma
 
 from acquire.plugins import instrument
 from acquire.recording.model import Recording, Series
-from gap.data.noise import finest_step, grid_step, high_band_sigma
+from gap.data.noise import grid_step, high_band_sigma
+from gap.data.repeats import repeated_values, repeats_surprise, stale_rows
 from sim_devices.chain import FloatArray
 
 CERTAIN = 30.0
@@ -27,8 +28,6 @@ AT_REST = 5
 PILE, PILE_LEVELS, PILE_NEAR = 6.0, 12, 0.1
 """Times more often than at any other level that a channel stands at its end to be cut off there, and how many levels
 there must be within which share of its range."""
-COUNTED = 400
-"""Small changes from whose number that of no change is foretold."""
 NO_MORE = 3
 """Repeats beyond those foretold, and what chance adds to these, that are none."""
 SURPRISING = 14.0
@@ -73,7 +72,8 @@ DIFFERENCE = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
 class Signature:
     """A mark in ``channel`` made by an effect named ``effect``: ``nats`` of evidence, ``text`` for people. The effects
     of ``also`` leave the same. ``noise`` is how many times wider the defect makes the channel's noise, which a gap,
-    told in units of that noise, does not show; ``alone``, whether it then acts whatever else does."""
+    told in units of that noise, does not show; ``alone``, whether it then acts whatever else does. One that is
+    ``certain`` has no other cause, however little that moves."""
 
     effect: str
     channel: str
@@ -82,6 +82,7 @@ class Signature:
     also: tuple[str, ...] = ()
     noise: float = 1.0
     alone: bool = True
+    certain: bool = False
 
 
 def find(recordings: Sequence[Recording], channels: Sequence[str] | None = None) -> list[Signature]:
@@ -97,7 +98,7 @@ def find(recordings: Sequence[Recording], channels: Sequence[str] | None = None)
         out += _clipping(name, series) + _lost(name, series)
         out += [*_repeats(name, series), *_hum(name, series)] if channels is None else []
         out += _coarse(name, series, nominal.get(name, np.inf))
-    return out
+    return out + (_stale_rows(recordings) if channels is None else [])
 
 
 def _measured(recordings: Sequence[Recording]) -> list[str]:
@@ -167,7 +168,7 @@ def _repeats(name: str, series: Sequence[Series]) -> list[Signature]:
     On a grid, changes of nought are as frequent as small changes either way, however fine the grid is; off a grid,
     noise never repeats.
     """
-    repeated, expected, counted = _repeated(series)
+    repeated, expected, counted = repeated_values(series)
     surprise = repeats_surprise(repeated, expected)
     if counted and repeated > 5 and repeated > 1.3 * expected and surprise > SURPRISING:
         text = f"{name} repeats its last value {repeated} times where {expected:.0f} are expected"
@@ -176,24 +177,14 @@ def _repeats(name: str, series: Sequence[Series]) -> list[Signature]:
     return []
 
 
-def _repeated(series: Sequence[Series]) -> tuple[int, float, int]:
-    """How often a channel repeats its last value, how often it should, and of how many samples that can be told."""
-    repeated, expected, counted = 0, 0.0, 0
-    for s in series:
-        v = s.value[np.isfinite(s.value)]
-        if len(v) < 30 or np.ptp(v) == 0:
-            continue
-        step = finest_step(v)
-        if step == 0 and len(np.unique(v)) < 0.97 * (1 + np.count_nonzero(np.diff(v))):
-            continue  # values come back, not only stand: computed from coarse channels, its repeats are theirs
-        if step and high_band_sigma(v) < 1.5 * step:
-            continue  # on so coarse a grid stillness is no news
-        change = np.diff(v)
-        inside = (v[1:] > v.min()) & (v[1:] < v.max())  # values at an extreme are clipped, not repeated
-        repeated += int(np.sum((change == 0) & inside))
-        expected += repeats_foretold(change[inside], step)
-        counted += len(v)
-    return repeated, expected, counted
+def _stale_rows(recordings: Sequence[Recording]) -> list[Signature]:
+    """Samples in which all channels of an instrument stand at once, as they do where an old one is written again."""
+    names = _measured(recordings)
+    rows, expected = stale_rows(recordings, names)
+    if rows > NO_MORE + 3.0 * expected and repeats_surprise(rows, expected) > SURPRISING:
+        text = f"all {len(names)} channels repeat their last values {rows} times where {expected:.1f} are expected"
+        return [Signature("dropped_samples", names[0], CERTAIN, text, ("late_samples",), certain=True)]
+    return []
 
 
 def never_repeat(recordings: Sequence[Recording]) -> bool:
@@ -201,34 +192,10 @@ def never_repeat(recordings: Sequence[Recording]) -> bool:
     names = _measured(recordings)
     for name in names:
         series = [r.streams[name] for r in recordings if name in r.streams]
-        repeated, expected, counted = _repeated(series)
+        repeated, expected, counted = repeated_values(series)
         if counted < sum(len(s.value) for s in series) or repeated > expected + 3.0 * np.sqrt(expected) + NO_MORE:
             return False
     return bool(names)
-
-
-def repeats_foretold(change: FloatArray, step: float) -> float:
-    """How many of the changes (n,) of a channel on a grid of ``step`` should be nought, by how many are small.
-
-    The density of changes of noise is flat about nought: so many as there are within the least change that occurs
-    often enough, shared among the steps that it spans.
-    """
-    if step <= 0 or not len(change):
-        return 0.0
-    counts = np.sort(np.abs(np.round(change[change != 0] / step)))
-    if not len(counts):
-        return 0.0
-    reach = counts[min(COUNTED, len(counts) - 1, max(len(counts) // 4, 1))]
-    share: float = float(np.searchsorted(counts, reach, side="right")) / (2.0 * max(reach, 1.0))
-    return share
-
-
-def repeats_surprise(repeated: int, expected: float) -> float:
-    """Nats against so many repeats by chance (the Poisson likelihood ratio; one is always possible)."""
-    foretold = max(expected, 1.0)
-    if repeated <= foretold:
-        return 0.0
-    return float(repeated * np.log(repeated / foretold) - (repeated - foretold))
 
 
 def _lost(name: str, series: Sequence[Series]) -> list[Signature]:

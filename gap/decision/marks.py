@@ -64,6 +64,11 @@ def wider_noise(h: Hypothesis, signatures: Sequence[Signature]) -> float:
     return max((s.noise for s in signatures if any(made_by(s, e) for e in h.effects)), default=1.0)
 
 
+def certain(h: Hypothesis, signatures: Sequence[Signature]) -> bool:
+    """Whether a hypothesis' effects leave a mark that nothing else does."""
+    return any(s.certain and made_by(s, e) for s in signatures for e in h.effects)
+
+
 def explains_marks(at_mark: Shrink | None, t: Thresholds) -> bool:
     """Whether an effect takes away what stands above the noise where its marks are."""
     if at_mark is None or at_mark.before <= t.quiet_gap:

@@ -6,7 +6,7 @@ of what is left no explanation reaches says how probable it is that the cause is
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import softmax
 
 from gap.data.signatures import HUM, Signature
-from gap.decision.marks import at_marks, explains_marks, made_by, wider_noise
+from gap.decision.marks import at_marks, certain, explains_marks, made_by, wider_noise
 from gap.decision.thresholds import Thresholds
 from gap.decision.tolerance import Stated, in_stated, weakest
 from gap.decision.transfer import Shrink
@@ -29,7 +29,8 @@ class Cause:
     """A class of explanations that the data cannot split: its leading hypothesis, the names of all (a pair is "a + b"),
     the leader's first, and the probability that one of them acts. ``detectability`` is in tempered σ;
     ``marked``, whether a channel's own marks speak for it, ``at_marks`` the gap there without and with it, and
-    ``noise`` how many times wider it makes the channel's noise, by them."""
+    ``noise`` how many times wider it makes the channel's noise, by them; ``certain``, whether nothing else leaves them.
+    """
 
     hypothesis: Hypothesis
     names: tuple[str, ...]
@@ -39,6 +40,7 @@ class Cause:
     marked: bool = False
     at_marks: Shrink | None = None
     noise: float = 1.0
+    certain: bool = False
 
     @property
     def effects(self) -> tuple[Candidate, ...]:
@@ -155,7 +157,9 @@ def posterior(
     prior = _log_priors(every, candidates, t) + np.array([beforehand(h) for h in every])
     at_bound = t.at_bound * np.array([weakest(h, t.weakest) for h in every])
     score = prior + np.array([weighed[id(h)].evidence for h in every]) + marks - at_bound
-    score = _with_earned_pairs(score, every, comparison, weighed, t, temper, stated or {})
+    by_chance = {c.candidate for c in comparison.screened if c.by_chance}
+    unmarked = {e for e in by_chance if not any(made_by(s, e) for s in signatures)}
+    score = _with_earned_pairs(score, every, comparison, weighed, t, temper, stated or {}, unmarked)
     # Whether anything acts is one question, its name another: a weak effect often answers the second.
     acts = 1.0 - float(softmax(score)[0])
     share = np.r_[0.0, softmax(score[1:])] if len(score) > 1 else np.zeros(1)
@@ -215,7 +219,7 @@ def _mark_nats(
     does, unless the mark says that something else may lead."""
     nats = sum(s.nats for s in signatures if any(made_by(s, e) for e in h.effects))
     gain = weighed[id(h)].evidence - weighed[id(comparison.null)].evidence
-    if len(h.effects) == 1 and wider_noise(h, signatures) > t.quiet_gap:
+    if len(h.effects) == 1 and (wider_noise(h, signatures) > t.quiet_gap or certain(h, signatures)):
         best = max(w.evidence for w in weighed.values()) - weighed[id(comparison.null)].evidence
         sure = any(s.alone for s in signatures if made_by(s, h.effects[0]))
         return nats + (best if sure else max(gain, 0.0)) - gain
@@ -230,7 +234,8 @@ def _marked(cause: Cause, comparison: Comparison, signatures: Sequence[Signature
     if not any(made_by(s, e) for s in signatures for e in h.effects):
         return cause
     at = at_marks(comparison.problems, comparison.null, h, signatures)
-    return replace(cause, marked=True, at_marks=at, noise=wider_noise(h, signatures))
+    sure = certain(h, signatures)
+    return replace(cause, marked=True, at_marks=at, noise=wider_noise(h, signatures), certain=sure)
 
 
 def _with_earned_pairs(
@@ -241,11 +246,12 @@ def _with_earned_pairs(
     t: Thresholds,
     temper: Mapping[str, float],
     stated: Stated,
+    unmarked: Set[Candidate],
 ) -> FloatArray:
     """Scores in which a pair that does not earn its second effect stays below the best single effect: it is what should
     be looked for next, and no more."""
     single = max((s for s, h in zip(score, every, strict=True) if len(h.effects) == 1), default=score[0])
-    unearned = np.array([not _earned(h, comparison, weighed, t, temper, stated) for h in every])
+    unearned = np.array([not _earned(h, comparison, weighed, t, temper, stated, unmarked) for h in every])
     return np.where(unearned, np.minimum(score, single - t.unearned), score)
 
 
@@ -256,9 +262,11 @@ def _earned(
     t: Thresholds,
     temper: Mapping[str, float],
     stated: Stated,
+    unmarked: Set[Candidate],
 ) -> bool:
     """Whether each further effect of a hypothesis is seen itself, above the noise, is no tolerance, and explains enough
-    of what fewer leave; form errors are always worth some χ²."""
+    of what fewer leave; form errors are always worth some χ². One by chance that left no mark is none: noise that is
+    wider where signals are steep repairs every form error there."""
     if len(h.effects) < 2:
         return True
     if _one_event(h, t.at_once) or any(in_stated(e, h, stated) <= t.tolerances for e in h.effects):
@@ -266,6 +274,8 @@ def _earned(
     singles = [s for s in comparison.hypotheses if len(s.effects) == 1 and s.effects[0] in h.effects]
     best = max(singles, key=lambda s: weighed[id(s)].evidence)
     second = [e for e in h.effects if e not in best.effects]
+    if unmarked & set(second):
+        return False
     if all(best.fits[b].chi2 < len(best.fits[b].residual) for e in second for b in e.blocks):
         return False
     if 2 * (weighed[id(h)].evidence - weighed[id(best)].evidence) < t.seen_of(second) ** 2:

@@ -242,6 +242,12 @@ RULES: tuple[Rule, ...] = (
         lambda f: f"posterior {f.first.probability:.2f}, {_standing_out(f)}",
     ),
     Rule(
+        "told by its marks",
+        lambda f: f.first.certain,
+        lambda f: "several" if len(f.first.effects) > 1 else "effect",
+        lambda f: f"posterior {f.first.probability:.2f}, a mark in the samples that nothing else leaves",
+    ),
+    Rule(
         "not seen",
         lambda f: f.first.detectability < f.seen and not f.shows_itself,
         Findings.quiet,

@@ -19,7 +19,7 @@ from gap.inference.hypothesis import Candidate, Lateness, to_unit
 from gap.inference.problem import Problem
 from gap.search.joint import signed, star
 from gap.search.windows import answered, has_level
-from sim_devices.chain import FloatArray
+from sim_devices.chain import FloatArray, Parameter
 
 STRENGTHS = (0.06, 0.3, 0.7)
 WHOLE = 1.0
@@ -34,6 +34,7 @@ THRESHOLDS = tuple(np.linspace(0.1, 0.9, 27).tolist())
 LIMITS = (0.1, 0.25, 0.4, 0.48, 0.53, 0.57, 0.61, 0.66, 0.72, 0.8)
 """The same of a limit by itself: many a signal meets one for moments only, or would go farther by a simulation that was
 never fitted to it."""
+LOWER_LIMITS = tuple(1.0 - q for q in LIMITS)
 MAX_GRID = 9
 AGREED = 0.85
 """Share of the commands' lateness that looks at equal intervals must explain to be refitted wherever they rank."""
@@ -52,28 +53,42 @@ def grid(candidate: Candidate) -> list[FloatArray]:
     several = which if len(which := signed(candidate)) > 1 else []  # each alone, then together
     size = max(len(several), 1)
     for k, p in enumerate(candidate.parameters):
-        values: tuple[float, ...] = STRENGTHS if p.null is not None else SHAPES
-        if p.null is not None and p.default == p.high:
-            values = (*STRENGTHS, WHOLE)
-        if p.null is None and p.scale == "linear" and p.default in (p.low, p.high):
-            values = (to_unit(p, p.default), *BESIDE)
-        if p.name == "band":
-            values = THRESHOLDS
-        if p.name == "limit" and p.null is None:
-            values = LIMITS if p.default > 0.5 * (p.low + p.high) else tuple(1.0 - q for q in LIMITS)
-        elif k in several:
-            values = (0.5,)
-        elif p.null is not None and p.low < p.null < p.high:
-            middle = to_unit(p, p.null)
-            values = tuple(float(np.clip(middle + d, 0, 1)) for d in SIGNED)
-        if size * len(values) > MAX_GRID and values not in (THRESHOLDS, LIMITS):
-            values = (0.5,) if p.null is None else (values[len(values) // 2 - 1], values[len(values) // 2])
-            if size * len(values) > MAX_GRID:
-                values = (0.5,)
+        values = (0.5,) if k in several else _values(p)
+        if values not in (THRESHOLDS, LIMITS, LOWER_LIMITS):
+            values = next((v for v in (values, _fewer(p, values)) if size * len(v) <= MAX_GRID), _usual(p))
         size *= len(values)
         axes.append(values)
     points = [np.array(point) for point in product(*axes)]
     return star(candidate, np.array(points)) if several else points
+
+
+def _values(p: Parameter) -> tuple[float, ...]:
+    """Quantiles of its prior at which a parameter is looked at."""
+    if p.name == "band":
+        return THRESHOLDS
+    if p.name == "limit" and p.null is None:
+        return LIMITS if p.default > 0.5 * (p.low + p.high) else LOWER_LIMITS
+    if p.null is None:
+        return (to_unit(p, p.default), *BESIDE) if _plain(p) else SHAPES
+    if p.low < p.null < p.high:
+        middle = to_unit(p, p.null)
+        return tuple(float(np.clip(middle + d, 0, 1)) for d in SIGNED)
+    return (*STRENGTHS, WHOLE) if p.default == p.high else STRENGTHS
+
+
+def _plain(p: Parameter) -> bool:
+    """Whether a shape is nothing in the plain form of a law, and so at an end of its prior."""
+    return p.null is None and p.scale == "linear" and p.default in (p.low, p.high)
+
+
+def _fewer(p: Parameter, values: tuple[float, ...]) -> tuple[float, ...]:
+    """Of these the fewest that serve: of a strength two, of a shape the usual one."""
+    return _usual(p) if p.null is None else values[len(values) // 2 - 1 : len(values) // 2 + 1]
+
+
+def _usual(p: Parameter) -> tuple[float, ...]:
+    """The one value of a parameter where there is room for no more."""
+    return BESIDE[:1] if _plain(p) else (0.5,)
 
 
 def by_steps(candidate: Candidate) -> bool:

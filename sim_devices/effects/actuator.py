@@ -157,11 +157,12 @@ def _saturation(chain: Chain, v: Values) -> Chain:
 
 
 def _stribeck(chain: Chain, v: Values) -> Chain:
-    coulomb, alone = v["stiction"] * v["coulomb_share"], chosen(v, "axis")
-    return chain.tuned("axes", stiction=v["stiction"], coulomb=coulomb, stribeck_speed=v["speed"], alone=alone)
+    chain = chain.tuned("axes", stiction=v["stiction"], stribeck_speed=v["speed"], alone=chosen(v, "axis"))
+    return chain.tuned("axes", coulomb=v["stiction"] * v["coulomb_share"], presliding=v["presliding"])
 
 
 _AXIS = choice("axis", 0, "all axes", "axis 1", "axis 2", "axis 3")
+_PRESLIDING = shape("presliding", "m", 0.0, 60e-6, 0.0, "distance over which it builds up; 0: at once")
 
 
 EFFECTS = (
@@ -312,7 +313,7 @@ EFFECTS = (
         "ALPS RDC1014 alone has up to 0.25 N; Dahl 1968 for the presliding form",
         (
             strength("force", "N", 1e-3, 5.0, 0.4, "of one axis"),
-            shape("presliding", "m", 0.0, 60e-6, 0.0, "distance over which it builds up; 0: at once"),
+            _PRESLIDING,
             _AXIS,
         ),
         _friction,
@@ -321,11 +322,12 @@ EFFECTS = (
         "stribeck_friction", "actuator", ROBOT,
         "Dry friction that is higher near standstill.",
         "Other lubricant; dither; a faster approach.",
-        "Stribeck 1902; Armstrong-Hélouvry et al. 1994",
+        "Stribeck 1902; Armstrong-Hélouvry et al. 1994; with bristles Canudas de Wit et al. 1995",
         (
             strength("stiction", "N", 1e-3, 5.0, 0.5, "above the kinetic friction, at standstill"),
             shape("coulomb_share", "1", 0.0, 2.0, 0.5, "kinetic friction against that"),
             shape("speed", "m/s", 5e-5, 5e-3, 5e-4, "Stribeck speed", log=True),
+            _PRESLIDING,
             _AXIS,
         ),
         _stribeck, extends=("coulomb_friction",),

@@ -10,8 +10,9 @@ import pytest
 from acquire.recording.model import SegmentRecord
 from gap.data.labels import direction, level, phases
 from gap.data.noise import finest_step
+from gap.data.repeats import repeats_foretold
 from gap.data.session import REST, Session
-from gap.data.signatures import HUM, MAINS, find, never_repeat, repeats_foretold
+from gap.data.signatures import HUM, MAINS, find, never_repeat
 
 TIME = np.arange(0.0, 10.0, 0.01)
 COMMAND = ([0.0, 1.0, 1.0, 6.0, 6.0, 10.0], [0.0, 0.0, -3e4, -3e4, 0.0, 0.0])

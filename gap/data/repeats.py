@@ -1,0 +1,80 @@
+"""Values that come again: how often, and how often they should by chance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from acquire.recording.model import Recording, Series
+from gap.data.noise import finest_step, high_band_sigma
+from sim_devices.chain import FloatArray
+
+COUNTED = 400
+"""Small changes from whose number that of no change is foretold."""
+TOGETHER = 3
+"""Channels at least that must stand at once to say something together."""
+ABOUT = 51
+"""Samples within which a channel stands as often as about one of them."""
+SELDOM = 0.2
+"""Share of the samples above which those that come again are how an instrument is asked, and no fault."""
+
+
+def repeated_values(series: Sequence[Series]) -> tuple[int, float, int]:
+    """How often a channel repeats its last value, how often it should, and of how many samples that can be told."""
+    repeated, expected, counted = 0, 0.0, 0
+    for s in series:
+        v = s.value[np.isfinite(s.value)]
+        if len(v) < 30 or np.ptp(v) == 0:
+            continue
+        step = finest_step(v)
+        if step == 0 and len(np.unique(v)) < 0.97 * (1 + np.count_nonzero(np.diff(v))):
+            continue  # values come back, not only stand: computed from coarse channels, its repeats are theirs
+        if step and high_band_sigma(v) < 1.5 * step:
+            continue  # on so coarse a grid stillness is no news
+        change = np.diff(v)
+        inside = (v[1:] > v.min()) & (v[1:] < v.max())  # values at an extreme are clipped, not repeated
+        repeated += int(np.sum((change == 0) & inside))
+        expected += repeats_foretold(change[inside], step)
+        counted += len(v)
+    return repeated, expected, counted
+
+
+def repeats_foretold(change: FloatArray, step: float) -> float:
+    """How many of the changes (n,) of a channel on a grid of ``step`` should be nought, by how many are small.
+
+    The density of changes of noise is flat about nought: so many as there are within the least change that occurs
+    often enough, shared among the steps that it spans.
+    """
+    if step <= 0 or not len(change):
+        return 0.0
+    counts = np.sort(np.abs(np.round(change[change != 0] / step)))
+    if not len(counts):
+        return 0.0
+    reach = counts[min(COUNTED, len(counts) - 1, max(len(counts) // 4, 1))]
+    share: float = float(np.searchsorted(counts, reach, side="right")) / (2.0 * max(reach, 1.0))
+    return share
+
+
+def repeats_surprise(repeated: int, expected: float) -> float:
+    """Nats against so many repeats by chance (the Poisson likelihood ratio; one is always possible)."""
+    foretold = max(expected, 1.0)
+    if repeated <= foretold:
+        return 0.0
+    return float(repeated * np.log(repeated / foretold) - (repeated - foretold))
+
+
+def stale_rows(recordings: Sequence[Recording], names: Sequence[str]) -> tuple[int, float]:
+    """Of how many samples all channels ``names`` repeat the values of the one before, and of how many they would if
+    each did by itself, as often as it does nearby. None of channels that are not sampled together."""
+    rows, expected, counted = 0, 0.0, 0
+    for recording in recordings:
+        series = [recording.streams[n].value for n in names if n in recording.streams]
+        if len(series) < TOGETHER or len({len(v) for v in series}) > 1 or len(series[0]) <= ABOUT:
+            continue
+        still = np.array([np.diff(v) == 0 for v in series])
+        nearby = [np.convolve(one, np.full(ABOUT, 1.0 / ABOUT), "same") for one in still]
+        rows += int(np.sum(np.all(still, axis=0)))
+        expected += float(np.sum(np.prod(nearby, axis=0)))
+        counted += still.shape[1]
+    return (rows, expected) if rows <= SELDOM * counted else (0, 0.0)
