@@ -179,7 +179,10 @@ def effects(
         _print_effects(GENERIC, ("name", "form", "needs", "meaning", "remedy"), columns, as_json)
     else:
         from sim_devices.effects import effects as library
+        from sim_devices.stages import INSTRUMENTS
 
+        if instrument and instrument not in INSTRUMENTS:
+            raise ValueError(f"no instrument {instrument!r}; there are {', '.join(INSTRUMENTS)}, and rig")
         columns = {"name": "effect", "stage": "stage", "instruments": "instruments", "meaning": "meaning"}
         attributes = ("name", "stage", "instruments", "meaning", "remedy", "source")
         _print_effects(library(instrument or None).values(), attributes, columns, as_json)

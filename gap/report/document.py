@@ -16,7 +16,7 @@ from gap.report.breakdown import breakdown
 from gap.report.parameters import of_cause, of_model, rounded
 from gap.report.sentences import sentences
 from gap.report.terms import of_term
-from gap.report.words import words
+from gap.report.words import options, words
 
 SCHEMA = "gap-report/1"
 UNCALIBRATED = "cumulative posterior probability; not conformal, as nothing is calibrated on such a rig"
@@ -145,6 +145,7 @@ def _cause(d: Diagnosis, cause: Cause, rank: int) -> dict[str, Any]:
         "class": list(cause.names),
         "stages": [e.stage for e in cause.effects],
         "where": [e.key for e in cause.effects],
+        "options": [options(e, d.recordings[0].info.instrument) for e in cause.effects],
         "probability": rounded(cause.probability),
         "parameters": of_cause(d, cause),
         "detectability": rounded(cause.detectability),

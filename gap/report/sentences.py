@@ -9,10 +9,12 @@ from gap.diagnosis import Diagnosis
 from gap.report.breakdown import breakdown
 from gap.report.parameters import of_cause
 from gap.report.terms import text
-from gap.report.words import SPLITS, quantity, significant, words
+from gap.report.words import SPLITS, options, quantity, significant, words
 
 UNKNOWN_NEXT = "The cause is not known: the pictures show where to look, and an effect of your own can be added."
 BOUNDS = "The bounds below say how strong each effect could still be."
+MOST = 80.0
+"""Per cent of the excess that are no longer few."""
 DOING = {"load": "loading", "unload": "unloading", "hold": "holding", "rest": "resting"}
 
 
@@ -71,8 +73,11 @@ def _unknown(d: Diagnosis) -> str:
         "worse on repeats": "makes a withheld repeat worse",
         "worse elsewhere": "makes withheld recordings of another waveform worse",
         "does not carry over": "does not carry over to another waveform",
+        "stays behind": "takes away little of withheld recordings",
+        "outdone by a rival": "is outdone by another on withheld recordings",
     }
-    return f"{nearest} {failed.get(rule) or f'takes away only {_share(d):.0f} % of it'}."
+    some = f"takes away only {_share(d):.0f} % of it" if _share(d) < MOST else "is not shown to be the cause"
+    return f"{nearest} {failed.get(rule, some)}."
 
 
 def _share(d: Diagnosis) -> float:
@@ -84,7 +89,9 @@ def _explained(d: Diagnosis, cause: Cause) -> str:
     several = len(cause.effects) > 1
     what = " and ".join(words(e.name) for e in cause.effects)
     stage = ", ".join(dict.fromkeys(e.stage for e in cause.effects))
-    named = f"{what.capitalize()} ({'; '.join([stage, *numbers(d, cause)])})"
+    instrument = d.recordings[0].info.instrument
+    how = [label for e in cause.effects for label in options(e, instrument).values()]
+    named = f"{what.capitalize()} ({'; '.join([stage, *how, *numbers(d, cause)])})"
     sure = f"(probability {cause.probability:.2f})"
     if _within_noise(d):
         return f"{named} {'stand' if several else 'stands'} out all the same, by {cause.detectability:.0f} σ {sure}."

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
+
+from gap.inference.hypothesis import Candidate
+from sim_devices.effects import effects
 
 PREFIXED = {"m": (("mm", 1e3, 1e-3), ("µm", 1e6, 1e-7), ("nm", 1e9, 0.0)), "s": (("s", 1.0, 0.1), ("ms", 1e3, 0.0)),
             "Pa": (("mbar", 1e-2, 0.0),), "N": (("N", 1.0, 0.1), ("mN", 1e3, 0.0)),
@@ -20,6 +24,20 @@ SPLITS = {"waveform": "another waveform", "level": "another level", "direction":
 def words(name: str) -> str:
     """An effect's name as people say it."""
     return name.replace("_", " ")
+
+
+def options(effect: Candidate, instrument: str) -> dict[str, str]:
+    """Which of its forms, channels or axes an effect of an instrument has, in words; of a rig's, the tap that it acts
+    at."""
+    if "@" in effect.key:
+        return {"tap": effect.key.split("@", 1)[1]}
+    known = effects(instrument).get(effect.name) if "[" in effect.key else None
+    if known is None:
+        return {}
+    taken = dict(part.split("=") for part in effect.key.partition("[")[2].rstrip("]").split(","))
+    form = int(taken.get("form", 0))
+    means = [p for p in known.parameters if p.name in taken and (not p.only or form in p.only)]
+    return {p.name: re.split(r"(?:^|, )\d+ ", p.meaning)[1:][int(taken[p.name])] for p in means}
 
 
 def quantity(value: float, unit: str, se: float | None = None, name: str = "") -> str:
