@@ -114,6 +114,9 @@ def _gauge_gain(chain: Chain, v: Values) -> Chain:
 def _gauge_offset(chain: Chain, v: Values) -> Chain:
     if chosen(v, "form") < 3:
         return _gauge(chain, v, 0.0, v["offset"])
+    if chosen(v, "form") == 4:
+        warming = (v["offset"], v["tau"], 1.0)
+        return map_after(chain, "gauge", "gauge_drift", "actuator", laws.drift, warming)
     shift = (v["offset"], v["moment"], v["duration"])
     return map_after(chain, "gauge", "gauge_shift", "actuator", laws.offset_for_a_while, shift)
 
@@ -261,8 +264,10 @@ EFFECTS = (
         "null shift of pressure sensors; gap.md",
         (
             signed("offset", "Pa", 5e3, 1e3, "reading minus truth"),
-            choice("form", 0, *WHERE, "in the record only, from one moment on, or for a while"),
+            choice("form", 0, *WHERE, "in the record only, from one moment on, or for a while",
+                   "in the record only, towards a limit, as in warming up"),
             *for_a_while(3, lasting=LONGEST),
+            shape("tau", "s", 3.0, 600.0, 60.0, "within which it warms up", log=True, only=(4,)),
         ),
         _gauge_offset,
     ),
