@@ -57,6 +57,7 @@ class Thresholds:
     helps: float
     worse_repeat: float
     worse_elsewhere: float
+    worse_share: float
     worse_block: float
     carries_over: float
     carried_share: float

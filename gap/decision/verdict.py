@@ -57,8 +57,14 @@ class Findings:
 
     @property
     def withheld(self) -> Mapping[str, Shrink]:
-        """Held-out gaps that judge an effect: another waveform where there is one."""
-        return {k: s for k, s in self.held_out.items() if k == "waveform" or "waveform" not in self.held_out}
+        """Held-out gaps that judge an effect: another waveform where there is one that shows what there is to show."""
+        other = self.held_out.get("waveform")
+        if other is None:
+            return self.held_out
+        shown = _excess(self.fitted.before, self.t) if self.fitted is not None else 0.0
+        others = {k: s for k, s in self.held_out.items() if k != "waveform"}
+        silent = _excess(other.before, self.t) < self.t.worse_share * shown
+        return others if silent and others else {"waveform": other}
 
     def quiet(self) -> str:
         """The verdict where no effect is needed."""
@@ -162,9 +168,16 @@ def _repairs_one(f: Findings) -> bool:
 def _worse(split: str, limit: Callable[[Findings], float]) -> Callable[[Findings], bool]:
     def holds(f: Findings) -> bool:
         s = f.held_out.get(split)
-        return s is not None and s.after > limit(f) * max(s.before, 1.0)
+        return s is not None and s.after > limit(f) * max(s.before, 1.0) and not _next_to(s, f)
 
     return holds
+
+
+def _next_to(s: Shrink, f: Findings) -> bool:
+    """Whether an effect makes a withheld gap worse by next to nothing of what it takes away where it was fitted: its
+    parameters are known by the other recordings, to so much."""
+    had = f.fitted.before**2 - f.fitted.after**2 if f.fitted is not None else 0.0
+    return s.after**2 - s.before**2 < f.t.worse_share * had
 
 
 def _worse_on_repeats(f: Findings) -> bool:

@@ -222,6 +222,18 @@ def test_what_takes_little_away_must_help_elsewhere(linear, candidate, after, el
     assert judge(comparison, known, fitted=Shrink(0.95, after), held_out=held_out).verdict == said
 
 
+@pytest.mark.parametrize(("repeat", "said"), [(1.1, "claimed"), (25.0, "worse on repeats")])
+def test_a_waveform_that_hardly_shows_an_effect_does_not_judge_it(linear, candidate, repeat, said) -> None:
+    """Commands looked at every 52 ms took a gap of 14.4 to 1.2, one of 19.7 on repeats to .9, and made one of 2.1 on
+    another waveform 2.7."""
+    comparison, known = weak_wave(linear, candidate, 9.0)
+    held_out = {"waveform": Shrink(2.1, 2.7), "repeat": Shrink(12.1, repeat)}
+    fitted = Shrink(14.4, 1.2)
+    assert judge(comparison, known, fitted=fitted, held_out=held_out).rules[0].startswith(said)
+    louder = held_out | {"waveform": Shrink(6.0, 9.0)}
+    assert not judge(comparison, known, fitted=fitted, held_out=louder).claims
+
+
 @pytest.mark.parametrize(("far", "said"), [(True, "effect"), (False, "undetectable")])
 def test_what_strains_a_tolerance_far_may_take_little_away(linear, candidate, far: bool, said: str) -> None:
     """A gauge five hundredths off takes .02 of a gap of .98, and nothing on withheld recordings, whose own fits strain
