@@ -143,26 +143,29 @@ def _places(candidate: Candidate, problem: Problem, base: Fit) -> tuple[Sequence
         return [{"within": float(np.median(time[recording == k]))} for k in np.unique(recording)], False
     if "delay" in parameters and candidate.stage == "processing" and problem.resets:
         return [{"delay": delay} for delay in problem.resets], True
-    if "phase" not in parameters:
-        return [], False
+    return _rhythms(parameters, problem, base) if "phase" in parameters else ([], False)
+
+
+def _rhythms(parameters: Mapping[str, Parameter], problem: Problem, base: Fit) -> tuple[Sequence[Place], bool]:
+    """The rhythms that a residual, or the lateness of what it is about, may have; and whether one explains it."""
+    time, residual = problem.rows.time, base.residual
     if "frequency" in parameters:
         low, high = parameters["frequency"].low, parameters["frequency"].high
         return [_wave(time, residual, line) for line in lines(time, residual, low, high)], False
-    if "interval" in parameters:
-        late = problem.lateness(base)
-        found = looks(late) if late is not None else []
-        places = [{"interval": interval, "phase": phase} for interval, phase, _ in found]
-        return places, any(share > AGREED for _, _, share in found)
-    if "period" in parameters:
-        late = problem.lateness(base)
-        period = parameters["period"]
-        swings = wanderings(late, period.low, period.high) if late is not None else []
-        return [{"swing": a, "period": length, "phase": phase} for length, phase, a in swings], False
     if "tau" in parameters:
         tau = parameters["tau"]
         seen = Lateness(time, residual, np.ones(len(residual)))
         return [{"tau": length, "phase": phase} for length, phase, _ in wanderings(seen, tau.low, tau.high)], False
-    return [], False
+    late = problem.lateness(base)
+    if late is None or not parameters.keys() & {"interval", "period"}:
+        return [], False
+    if "interval" in parameters:
+        found = looks(late)
+        places = [{"interval": interval, "phase": phase} for interval, phase, _ in found]
+        return places, any(share > AGREED for _, _, share in found)
+    period = parameters["period"]
+    swings = wanderings(late, period.low, period.high)
+    return [{"swing": a, "period": length, "phase": phase} for length, phase, a in swings], False
 
 
 def _of_the_greatest(candidate: Candidate, problem: Problem) -> list[Place]:
