@@ -272,3 +272,19 @@ def test_phases_are_the_recorded_segments_where_there_are_any(recording) -> None
     assert phases(replace(r, segments=segments), asked) == phases(r, asked) == expected
     renamed = tuple(replace(s, phase="hold") for s in segments)
     assert set(phases(replace(r, segments=renamed), asked)) == {"hold"}
+
+
+def test_rows_in_which_all_channels_repeat_are_told(recording) -> None:
+    """Each channel by itself repeats on its grid now and then; all at once they do where an old sample is written."""
+    rng = np.random.default_rng(2)
+    t = np.arange(6000) * 0.005
+    names = [*(f"axis_position_{k}" for k in (1, 2, 3)), *(f"transducer_force_{k}" for k in "abc")]
+    values = {n: np.round(np.sin(0.3 * t + k) * 500 + rng.normal(0, 3.0, len(t))) for k, n in enumerate(names)}
+    sound = find([recording(values, t, instrument="microrobot")])
+    assert not any(s.certain for s in sound)
+    lost = np.sort(rng.choice(np.arange(1, 6000), 60, replace=False))
+    for v in values.values():
+        v[lost] = v[lost - 1]
+    marks = [s for s in find([recording(values, t, instrument="microrobot")]) if s.certain]
+    assert [(s.effect, s.also) for s in marks] == [("dropped_samples", ("late_samples",))]
+    assert "where 0.0 are expected" in marks[0].text

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import Candidate
 from gap.inference.least_squares import fit, under
 from gap.search.compare import Effort, compare
-from gap.search.screening import as_if_known, screen
+from gap.search.screening import _beginnings, as_if_known, screen
 from gap.search.starts import BESIDE, grid, starting_points
 from sim_devices.chain import Parameter
 
@@ -223,3 +225,16 @@ def test_an_answer_by_steps_is_not_made_larger(linear, candidate) -> None:
     found, _ = screen({"linear": problem}, Hypothesis((), {"linear": fit(problem)}), [valve])
     first = valve.values(found[0].starts["linear"][0])["band"]
     assert 4.0 < first < 5.0
+
+
+def test_an_event_begins_at_one_moment_in_all_blocks() -> None:
+    """A block of references in which it did not happen must not lead its fit elsewhere."""
+    units = [np.array([0.1]), np.array([0.8])]
+    earned = {"reference": np.array([9.0, 0.0]), "height": np.array([1.0, 50.0])}
+    always = Candidate("leak", "leak", "interface", (), ("reference", "height"))
+    gain, starts = _beginnings(replace(always, event=True), units, earned)
+    assert gain == 50.0
+    assert [(b, [float(u[0]) for u in us]) for b, us in starts.items()] == [("height", [0.8]), ("reference", [0.8])]
+    gain, starts = _beginnings(always, units, earned)
+    assert gain == 59.0
+    assert [float(us[0][0]) for us in starts.values()] == [0.1, 0.8]
