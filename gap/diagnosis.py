@@ -18,7 +18,7 @@ from gap.data.pulse import pulse
 from gap.data.splits import splits, splits_of_a_rig
 from gap.data.tolerances import sampled, tolerances
 from gap.decision.earlier import Earlier, Skin, gains, known_skin, moved, skin_of, unlike
-from gap.decision.limits import bounds, confusable
+from gap.decision.limits import beyond_the_fitted, bounds, confusable
 from gap.decision.marks import made_by
 from gap.decision.posterior import Posterior
 from gap.decision.qualified import Qualified, inform
@@ -165,7 +165,7 @@ def diagnose(
         verdict=verdict,
         signatures=tuple(case.marks),
         shrinks=tuple(trial.shrinks for trial in settled.trials),
-        bounds=bounds(case.comparison, settled.found.temper, t, case.stated),
+        bounds=beyond_the_fitted(bounds(case.comparison, settled.found.temper, t, case.stated), verdict),
         confusable=confusable(case.comparison, settled.found.temper),
         remarks=(*told, *words),
         seconds=clock.perf_counter() - begin,

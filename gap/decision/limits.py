@@ -9,6 +9,7 @@ import numpy as np
 
 from gap.decision.thresholds import Thresholds
 from gap.decision.tolerance import Stated
+from gap.decision.verdict import Verdict
 from gap.inference.evidence import Hypothesis
 from gap.search.compare import Comparison
 
@@ -27,15 +28,29 @@ def bounds(
             continue
         p = s.candidate.parameters[strengths[0]]
         believed = min(trust[b] / tempers[b] for b in s.candidate.blocks)
-        per_strength = [
-            t.seen_of([s.candidate]) * abs(s.candidate.values(u)[p.name] - (p.null or 0.0)) / (d * np.sqrt(believed))
-            for u, d in s.detectability
-            if d > 0
-        ]
+        sizes = ((abs(s.candidate.values(u)[p.name] - (p.null or 0.0)), d) for u, d in s.detectability)
+        asked = t.seen_of([s.candidate]) / np.sqrt(believed)
+        # Of several strengths others may act at a point, and this one not.
+        per_strength = [asked * size / d for size, d in sizes if d > 0 and size > 0]
         bound = float(np.median(per_strength)) if per_strength else float("inf")
         if stated and not s.candidate.event and (known := stated.get(s.candidate.name, {}).get(p.name)) is not None:
             bound = max(bound, t.tolerances * known.value)
         out[s.candidate.key] = min(bound, out.get(s.candidate.key, float("inf")))
+    return out
+
+
+def beyond_the_fitted(found: Mapping[str, float], verdict: Verdict) -> dict[str, float]:
+    """Bounds that do not contradict a verdict: of an effect that came first and was not claimed they are no less than
+    the strength that fits best."""
+    out = dict(found)
+    if verdict.claims or not verdict.causes or len(verdict.causes[0].effects) > 1:
+        return out
+    for h in verdict.causes[0].members or (verdict.causes[0].hypothesis,):
+        e = h.effects[0]
+        strength = next((p for p in e.parameters if p.null is not None), None)
+        if e.key in out and strength is not None:
+            fitted = next(f.active[e][strength.name] for f in h.fits.values() if e in f.active)
+            out[e.key] = max(out[e.key], abs(fitted - (strength.null or 0.0)))
     return out
 
 
