@@ -360,7 +360,10 @@ def _classes(
             for k in order
             if k not in members
             and score[lead] - score[k] < t.mark
-            and _same_mark(hypotheses[lead], hypotheses[k], signatures)
+            and (
+                _same_mark(hypotheses[lead], hypotheses[k], signatures)
+                or _same_event(hypotheses[lead], hypotheses[k], t.same_edges)
+            )
         ]
         leaders = [k for k in members if score[lead] - score[k] <= t.lead]
         simplest = min(leaders, key=lambda k: (sum(len(e.parameters) for e in hypotheses[k].effects), -score[k]))

@@ -12,6 +12,9 @@ import yaml
 
 from gap.inference.hypothesis import Candidate
 
+LIKE_SKIN = ("support_slip",)
+"""Effects of an interface that skin imitates: what yields in its plane slips."""
+
 
 @dataclass(frozen=True)
 class Thresholds:
@@ -25,6 +28,7 @@ class Thresholds:
     detect: float
     seen: float
     seen_event: float
+    seen_like_skin: float
     seen_marked: float
     quiet_gap: float
     unusual_gap: float
@@ -70,7 +74,8 @@ class Thresholds:
 
     def seen_of(self, effects: Sequence[Candidate]) -> float:
         """Detectability that ``effects`` need to be named."""
-        return self.seen_event if any(e.event for e in effects) else self.seen
+        like_skin = self.seen_like_skin if any(e.name in LIKE_SKIN for e in effects) else 0.0
+        return max(self.seen_event if any(e.event for e in effects) else self.seen, like_skin)
 
 
 @cache

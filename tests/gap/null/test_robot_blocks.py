@@ -16,9 +16,9 @@ from gap.inference.least_squares import fit, under
 from gap.null import robot_grid
 from gap.null.blocks import GroupedSession, candidates_for
 from gap.null.chains import needed
-from gap.null.robot import robot_problems
+from gap.null.robot import RoughForceBlock, robot_problems
 from gap.null.robot_axes import AXES, QUANTITIES, AxesBlock
-from gap.null.robot_force import AT_NOISE, ForceBlock, RoughForceBlock
+from gap.null.robot_force import AT_NOISE, ForceBlock
 from gap.null.robot_loop import CONTROLLERS
 from gap.null.sheet_discrepancy import gradients, lagged, played, sheet_discrepancy
 from gap.null.sheet_law import FURTHER, SPECTRUM, Law
