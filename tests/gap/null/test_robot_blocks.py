@@ -202,7 +202,7 @@ def test_limits_are_looked_for_where_the_session_meets_them() -> None:
     assert any(c.key == "force_saturation[form=1]" for c in candidates)
 
 
-MORE = {"spring": 0.4, "closing": -0.5, "activation": 4.0, "slip1": 0.2, "skew1": 0.15}
+MORE = {"spring": 0.4, "closing": -0.5, "activation": 4.0, "slip1": 0.2, "skew1": 0.15, "push": 0.3, "apart": 0.6}
 """Of each further law, in their order, what tells it from two relaxation times."""
 
 
@@ -234,7 +234,7 @@ def test_skin_of_a_further_law_is_fitted_by_it_alone(
 def test_skin_of_three_times_beside_a_further_law_is_no_discrepancy(sheets: tuple[GroupedSession, AxesBlock]) -> None:
     """Else a slow creep, which is the third time, is a finding."""
     session, axes = sheets
-    block, law = ForceBlock(session, {}, axes), FURTHER[-1]
+    block, law = ForceBlock(session, {}, axes), FURTHER[list(MORE).index("skew1")]
     at = block.prior_mean.copy()
     at[: len(law.sd)] = law.guesses[0]
     at[block.TISSUE.index("skew1")] = MORE["skew1"]
