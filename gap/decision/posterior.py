@@ -248,8 +248,8 @@ def _with_earned_pairs(
     stated: Stated,
     unmarked: Set[Candidate],
 ) -> FloatArray:
-    """Scores in which a pair that does not earn its second effect stays below the best single effect: it is what should
-    be looked for next, and no more."""
+    """Scores in which a pair that does not earn its second effect stays below the best single effect: the second is
+    to be looked for next, and no more."""
     single = max((s for s, h in zip(score, every, strict=True) if len(h.effects) == 1), default=score[0])
     unearned = np.array([not _earned(h, comparison, weighed, t, temper, stated, unmarked) for h in every])
     return np.where(unearned, np.minimum(score, single - t.unearned), score)
@@ -265,8 +265,8 @@ def _earned(
     unmarked: Set[Candidate],
 ) -> bool:
     """Whether each further effect of a hypothesis is seen itself, above the noise, is no tolerance, and explains enough
-    of what fewer leave; form errors are always worth some χ². One by chance that left no mark is none: noise that is
-    wider where signals are steep repairs every form error there."""
+    of the rest that fewer leave; form errors are always worth some χ². One by chance that left no mark is none: noise
+    that is wider where signals are steep repairs every form error there."""
     if len(h.effects) < 2:
         return True
     if _one_event(h, t.at_once) or any(in_stated(e, h, stated) <= t.tolerances for e in h.effects):

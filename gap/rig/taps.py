@@ -49,9 +49,9 @@ class Way:
 @dataclass
 class Seen:
     """Statistics of a tap in a nominal run: the scale of its signal and of the related ones, how many values of it
-    there are to a sample, and whether it takes ``whole`` series. ``opposes`` says that motion is resisted by what is
-    added, not by what is taken away. ``ways`` has those of the signal (under ``""``) and of the related ones in each
-    run."""
+    there are to a sample, and whether it takes ``whole`` series. ``opposes`` says that motion is resisted by an
+    addition to the signal, not by a subtraction. ``ways`` has those of the signal (under ``""``) and of the related
+    ones in each run."""
 
     low: float = np.inf
     high: float = -np.inf
@@ -163,7 +163,7 @@ def scaled(
 ) -> Parameter:
     """The generic prior in the units of this rig; ``signal_unit`` is that of the tap's signal."""
     span = seen.high - seen.low
-    # What hardly moves, as the air about an oven, may yet run off by more than that.
+    # A signal that hardly moves, as the air about an oven, may yet drift by more than that.
     signal = max(span, STEADY * max(abs(seen.low), abs(seen.high))) or measured
     velocity = seen.related.get("velocity", 1.0) or 1.0
     position = seen.related.get("position", 1.0) or 1.0

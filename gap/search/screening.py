@@ -161,7 +161,7 @@ def screen(
 def _beginnings(
     candidate: Candidate, units: Sequence[FloatArray], earned: dict[str, FloatArray]
 ) -> tuple[float, dict[str, tuple[FloatArray, ...]]]:
-    """What an effect earns with its best points of ``units``, by the gains (points,) ``earned`` in each block; and
+    """The gain of an effect at its best points of ``units``, by the gains (points,) ``earned`` in each block; and
     the points to fit from. An event is at the same moment in all blocks, and the one that shows it most comes first.
     """
     if candidate.event:
@@ -198,16 +198,8 @@ def from_sound(
         sound = problem.sound
         if sound is None or not strains(problem, base.fits[block]):
             continue
-        jacobian = problem.evaluate(sound, {}).jacobian
-        refits = [Projector(jacobian, sd) for sd in problem.prior_scales]
-        seen = [s for s in screened if block in s.traces and np.max(np.abs(s.traces[block]), initial=0.0) > UNSEEN]
-        looked = [(_Beside(problem, sound, refits, s.candidate), s) for s in seen]
-        first = sorted(((beside.nearest(s.units), beside, s) for beside, s in looked), key=lambda one: one[0][0])
-        closer = [(beside.closer(*nearest), beside, s) for nearest, beside, s in first[: 2 * NEARLY]]
-        simulations += sum(beside.tried for beside, _ in looked)
-        best = sorted(closer, key=lambda one: one[0][0])[:NEARLY]
-        near = [(fit(problem, (s.candidate,), unit, sound, FEW), s) for (_, unit), _, s in best]
-        simulations += sum(f.simulations for f, _ in near)
+        near, tried = _near_sound(problem, sound, block, screened)
+        simulations += tried
         names: set[str] = set()
         for f, s in sorted(near, key=lambda one: one[0].objective):
             if s.candidate.name not in names and len(names) < FROM_SOUND:
@@ -216,6 +208,22 @@ def from_sound(
                 s.starts = {b: (f.unit, *others[: STARTS - 1]) for b, others in s.starts.items()}
                 out += [s] if s not in out else []
     return out, simulations
+
+
+def _near_sound(
+    problem: Problem, sound: FloatArray, block: str, screened: Sequence[Screened]
+) -> tuple[list[tuple[Fit, Screened]], int]:
+    """Short fits of the effects that explain most of a block beside its ``sound`` (p,) instrument, and the number of
+    simulations."""
+    jacobian = problem.evaluate(sound, {}).jacobian
+    refits = [Projector(jacobian, sd) for sd in problem.prior_scales]
+    seen = [s for s in screened if block in s.traces and np.max(np.abs(s.traces[block]), initial=0.0) > UNSEEN]
+    looked = [(_Beside(problem, sound, refits, s.candidate), s) for s in seen]
+    first = sorted(((beside.nearest(s.units), beside, s) for beside, s in looked), key=lambda one: one[0][0])
+    closer = [(beside.closer(*nearest), s) for nearest, beside, s in first[: 2 * NEARLY]]
+    best = sorted(closer, key=lambda one: one[0][0])[:NEARLY]
+    near = [(fit(problem, (s.candidate,), unit, sound, FEW), s) for (_, unit), s in best]
+    return near, sum(beside.tried for beside, _ in looked) + sum(f.simulations for f, _ in near)
 
 
 @dataclass

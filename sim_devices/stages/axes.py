@@ -46,7 +46,7 @@ class AxisLoop(Wired):
     weight, so that the limit is nearer one way; ``windup`` 0 (integrator frozen while the force is limited) to 1
     (runs on); relative change of the force constant ``slope`` 1/m and ``curvature`` 1/m². Drag and dry friction are of
     the axis ``alone`` (1 to 3), or of all (0).
-    ``fed`` N s/m is the part of the load that is the coil's own: what a controller adds in proportion to the target's
+    ``fed`` N s/m is the part of the load that is the coil's own: a controller's force in proportion to the target's
     speed counts against the limit, and depends on the force constant.
     ``spring`` N/m holds each axis towards zero: the stiffness that loops through a tissue assume of it
     (``robot.closed_loop``), so that only the difference is iterated.
@@ -256,8 +256,8 @@ def _bristle(held: float, free: float, yields: float, level: float, per_metre: f
     leaves.
 
     ``held`` N is that before it, ``free`` m/s the mean speed without friction, which each newton of both friction
-    forces lowers by ``yields``, and ``per_metre`` the step over the presliding length, s/m. What friction leaves of
-    the speed falls and what builds up grows with it, so that there is one solution between the levels.
+    forces lowers by ``yields``, and ``per_metre`` the step over the presliding length, s/m. More friction leaves less
+    speed, and less speed builds up less friction, so that there is one solution between the levels.
     """
     low, high = -level, level
     after = min(max(held, low), high)

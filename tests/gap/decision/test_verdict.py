@@ -110,10 +110,10 @@ def test_mains_in_the_noise_leave_the_verdict_alone(verdict_on) -> None:
     ("strength", "gap", "transfer", "said"),
     [
         (2.5, 2.0, 0.9, "effect"),
-        (2.5, 2.0, 0.05, "unknown"),  # repairs what it was fitted to, and no more
+        (2.5, 2.0, 0.05, "unknown"),  # repairs the fitted recordings, and no more
         (2.5, 1.0, 0.05, "effect"),  # nothing is left to take away
         (2.5, 2.0, None, "effect"),  # one waveform only
-        (30.0, 2.0, 0.05, "effect"),  # beyond what skin could leave
+        (30.0, 2.0, 0.05, "effect"),  # beyond the rest that skin could leave
     ],
 )
 def test_a_device_effect_must_carry_over_where_skin_is_in_play(
@@ -130,7 +130,9 @@ def test_a_device_effect_must_carry_over_where_skin_is_in_play(
     assert skin == 0.0
     final = judge(comparison, known, fitted=fitted, held_out=held_out, without_skin=skin)
     assert final.verdict == said
-    assert (final.causes[0].probability > 0.5) == (said == "effect")  # what is not named is not likelier than not
+    assert (final.causes[0].probability > 0.5) == (
+        said == "effect"
+    )  # an effect that is not named is not likelier than not
     assert total(final) == pytest.approx(1.0)
 
 

@@ -1,4 +1,4 @@
-"""The screening: where it looks, and what it sees through several widths of the nuisance's prior."""
+"""The screening: its points, and the gains it sees through several widths of the nuisance's prior."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_the_screening_looks_at_an_exchange_that_is_whole() -> None:
 
 def test_what_a_wide_prior_swallows_is_seen_through_a_narrow_one(linear, candidate) -> None:
     wave = np.sin(9 * T)
-    design = np.column_stack([np.ones_like(T), wave + 0.02 * T])  # nuisance that can nearly do what the effect does
+    design = np.column_stack([np.ones_like(T), wave + 0.02 * T])  # nuisance that nearly imitates the effect
     y = 3 * wave + np.random.default_rng(1).normal(size=len(T))
     wide, narrow = np.array([10.0, 10.0]), np.array([10.0, 0.01])
     problem = linear(y, design, {"wave": lambda v: v["a"] * wave, "none": lambda v: v["a"] * np.cos(40 * T)}, wide)
@@ -141,7 +141,7 @@ def test_what_a_wide_prior_swallows_is_tried_under_a_simple_law(linear, candidat
 
 
 def test_who_could_do_what_a_tolerance_took_on_is_refitted_too(linear, candidate) -> None:
-    """The best effect then changes no residual, only what is paid for the tolerance."""
+    """The best effect then changes no residual, only the penalty of the tolerance."""
     t = np.linspace(0.0, 1.0, 300)
     y = 6.0 * t**2 + np.random.default_rng(0).normal(size=300)
     effects = {
@@ -174,7 +174,7 @@ def test_a_point_at_which_the_simulation_diverges_says_nothing(linear, candidate
 
 
 def test_a_shape_between_those_that_were_screened_counts_as_alike(linear, candidate) -> None:
-    """The nuisance can do nearly all of what a line does, so that powers of 0.6 and 1.4 stand apart from it."""
+    """The nuisance imitates nearly all of a line, so that powers of 0.6 and 1.4 stand apart from it."""
     t = np.linspace(0.01, 1.0, 300)
     y = 6.0 * t + np.random.default_rng(0).normal(size=300)
     effects = {

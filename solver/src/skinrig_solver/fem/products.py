@@ -1,6 +1,6 @@
 """Products of small matrices inside kernels, as LLVM instructions on vectors of four numbers.
 
-Loops over a few columns, whose number is known only as they run, are what LLVM does worst: it makes vectors of eight
+Loops over a few columns, whose number is known only as they run, are compiled worst by LLVM: it makes vectors of eight
 or thirty-two for long rows and leaves short ones to single numbers, and none at all where it cannot rule out that rows
 of one matrix overlap. Fronts, elements and parameter directions have 4 to 60 columns.
 """
@@ -49,7 +49,7 @@ def _product(sign: int) -> Any:
 
 
 def _blocks(b: Any, given: dict[str, Any], sign: int) -> None:
-    """Columns by the first of `BLOCKS`, what is left of them by the next ones; rows in blocks, then one by one."""
+    """Columns by the first of `BLOCKS`, the rest of them by the next ones; rows in blocks, then one by one."""
     done: Any = INDEX(0)
     for vectors, lanes, high in BLOCKS:
         width = INDEX(vectors * lanes)
@@ -92,7 +92,7 @@ def _block(b: Any, given: dict[str, Any], row: Any, column: Any, size: tuple[int
 def _terms(
     b: Any, given: dict[str, Any], beginnings: list[Any], index: Any, column: Any, size: tuple[int, int, int]
 ) -> list[Any]:
-    """What a block's sums gain from one ``index``: row after row, whose numbers of A lie at ``beginnings``."""
+    """The gain of a block's sums from one ``index``: row after row, whose numbers of A lie at ``beginnings``."""
     along = b.mul(index, given["column_a"])
     taken = [b.load(place, align=8) for place in _places(b, given, "B", index, column, size)]
     factors = [b.load(b.gep(given["A"], [b.add(first, along)]), align=8) for first in beginnings]

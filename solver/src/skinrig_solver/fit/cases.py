@@ -1,4 +1,4 @@
-"""From recordings to cases: what a model is run on and what it is compared with.
+"""From recordings to cases: the drive of a model and the data it is compared with.
 
 Recordings are duck-typed: ``info`` (id, instrument, protocol), ``streams`` and ``setpoints``, mappings of series with
 ``time``, ``value`` and ``unit`` in SI.
@@ -31,7 +31,7 @@ _UNIT = {"pressure": "Pa", "force_x": "N", "force_y": "N", "force_z": "N"}  # al
 
 
 class RecordingError(ValueError):
-    """A recording that a model cannot be fitted to; the message names the recording and what is missing."""
+    """A recording that a model cannot be fitted to; the message names the recording and the channel that is missing."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Case:
 
     ``data``, ``scale`` and ``weight`` are keyed by the model's channel: measured values (n,) in SI, what residuals are
     divided by (the largest measured value of each force component, paper M), and the square root of each sample's
-    weight (n,). ``note`` says what was done to the recorded samples.
+    weight (n,). ``note`` says how the recorded samples were prepared.
     """
 
     label: str
@@ -57,7 +57,7 @@ class Case:
 
 
 def cases(recordings: Sequence[Any], spec: Spec, info: ModelInfo) -> list[Case]:
-    """The recordings that ``spec`` does not skip, as cases. Raises RecordingError naming what is missing."""
+    """The recordings that ``spec`` does not skip, as cases. Raises RecordingError naming the missing channel."""
     found: list[Case] = []
     labels = _labels(recordings)
     for number, (recording, label) in enumerate(zip(recordings, labels, strict=True)):
@@ -204,7 +204,7 @@ _Curves = tuple[Array, dict[str, Array], dict[str, Array]]
 
 
 def _averaged(time: Array, data: dict[str, Array], drive: dict[str, Array], group: int) -> _Curves:
-    """means of neighbours."""  # the sheet's drive is smooth, and means keep what noise would hide
+    """means of neighbours."""  # the sheet's drive is smooth, and means keep a signal that noise would hide
     count = time.size // group
 
     def mean(values: Array) -> Array:

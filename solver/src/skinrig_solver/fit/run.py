@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Progress:
-    """Where a fit stands: what it does, evaluations so far, the best objective over that of the start, seconds."""
+    """Where a fit stands: its task, evaluations so far, the best objective over that of the start, seconds."""
 
     what: str
     evaluations: int
@@ -59,7 +59,7 @@ def fit(
     Parameters
     ----------
     recordings : `acquire.recording.Recording` objects, or anything shaped like them (see cases.py)
-    spec : a Spec, its plain data, or a file; without one, what the papers identified is free
+    spec : a Spec, its plain data, or a file; without one, the parameters that the papers identified are free
     model : a model's name, needed where the specification has none; or a Model that is not registered under any
     executor : runs the recordings of an evaluation, or the starts of a multi-start fit, side by side
     progress : called with a `Progress` after every evaluation that this process sees
@@ -231,7 +231,7 @@ def _result(
 
 
 def _warnings(optimum: Optimum, known: Sequence[str], starts: Sequence[Start], fault: str) -> tuple[str, ...]:
-    """What the result must be read with, the gravest first; ``fault``: why it is not to be trusted, '' where it is."""
+    """Warnings to read the result with, the gravest first; ``fault``: why it is not to be trusted, '' where it is."""
     warnings = [*known, *dict.fromkeys(w for r in optimum.evaluation.results for w in r.warnings)]
     if not optimum.converged:
         warnings.insert(0, f"the optimiser stopped before it converged: {optimum.reason}")

@@ -1,4 +1,4 @@
-"""How well parameters are known: covariance, correlations, what cannot be told apart, profile likelihood."""
+"""How well parameters are known: covariance, correlations, confounded groups, profile likelihood."""
 
 from __future__ import annotations
 
@@ -154,7 +154,7 @@ def samples_as_one(residual: Array) -> float:
     spectrum = np.abs(np.fft.rfft(residual - residual.mean(), 2 * n)) ** 2
     correlation = np.fft.irfft(spectrum)[: n // 2]
     if correlation[0] <= 0.0 or correlation[1] / correlation[0] < 3.0 / np.sqrt(n):
-        return 1.0  # white within what n samples can tell
+        return 1.0  # white, as far as n samples can tell
     total = 2.0 * np.cumsum(correlation / correlation[0]) - 1.0
     window = np.flatnonzero(np.arange(total.size) >= 5.0 * total)
     return float(max(1.0, total[window[0] if window.size else -1]))
@@ -235,7 +235,7 @@ def estimates(problem: Problem, optimum: Evaluation, known: Uncertainty) -> list
     alike = np.nan_to_num(np.abs(known.correlation))
     np.fill_diagonal(alike, 0.0)
     together = np.any(alike >= INSEPARABLE, axis=1)
-    # Standard errors are those of a straight ridge. Where it is long, they say little of what bends along with it.
+    # Standard errors are those of a straight ridge. Where it is long, parameters that bend with it are known less well.
     long = np.intersect1d(np.flatnonzero(together), hardly_known(problem, optimum, known))
     carried = np.any(alike[:, long] >= CARRIED, axis=1)
     found = []
