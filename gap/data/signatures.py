@@ -182,7 +182,7 @@ def _stale_rows(recordings: Sequence[Recording]) -> list[Signature]:
     names = _measured(recordings)
     rows, expected = stale_rows(recordings, names)
     if rows > NO_MORE + 3.0 * expected and repeats_surprise(rows, expected) > SURPRISING:
-        text = f"all {len(names)} channels repeat their last values {rows} times where {expected:.1f} are expected"
+        text = f"all {len(names)} channels repeat their last values {rows} times where {expected:.2g} are expected"
         return [Signature("dropped_samples", names[0], CERTAIN, text, ("late_samples",), certain=True)]
     return []
 

@@ -90,12 +90,21 @@ def _explained(d: Diagnosis, cause: Cause) -> str:
     what = " and ".join(words(e.name) for e in cause.effects)
     stage = ", ".join(dict.fromkeys(e.stage for e in cause.effects))
     instrument = d.recordings[0].info.instrument
-    how = [label for e in cause.effects for label in options(e, instrument).values()]
+    how = [_said(name, label) for e in cause.effects for name, label in options(e, instrument).items()]
     named = f"{what.capitalize()} ({'; '.join([stage, *how, *numbers(d, cause)])})"
     sure = f"(probability {cause.probability:.2f})"
+    if cause.certain:
+        return f"{named} {'act' if several else 'acts'} {sure}: {'; '.join(s.text for s in d.signatures if s.certain)}."
     if _within_noise(d):
         return f"{named} {'stand' if several else 'stands'} out all the same, by {cause.detectability:.0f} σ {sure}."
     return f"{named} {'explain' if several else 'explains'} {_share(d):.0f} % of it {sure}."
+
+
+def _said(option: str, label: str) -> str:
+    """The label of an option as people say it beside others."""
+    if option == "tap":
+        return f"at {label}"
+    return f"all {words(option)}s" if label == "all" else label
 
 
 def _tested(d: Diagnosis, cause: Cause) -> str:
