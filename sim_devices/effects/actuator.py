@@ -28,6 +28,8 @@ from sim_devices.stages.axes import FORCE_LIMIT
 
 BEND = PRESSURE / 2
 """Pa above which a gauge of two slopes is wrong, or a valve lifts, where nothing else is said."""
+DRAWN = 500.0
+"""Pa of suction from which on it draws a leak's edges together."""
 
 
 def _regulator_lag(chain: Chain, v: Values) -> Chain:
@@ -78,6 +80,8 @@ def _leak(chain: Chain, v: Values) -> Chain:
         # Leaked suction is missing at once; an integrating regulator makes up for it.
         repaired = (1.0 - v["shortfall"], v["shortfall"], v["repair"])
         return law_after(chain, "regulator", "leak", "actuator", kernels.prony, repaired)
+    if chosen(v, "form") == 4:
+        return law_after(chain, "regulator", "leak", "actuator", kernels.sealing, (v["shortfall"], v["seal"], DRAWN))
     if chosen(v, "form") == 3:
         spell = (v["shortfall"], v["exponent"], PRESSURE, v["moment"], v["duration"])
         return map_after(chain, "regulator", "leak", "actuator", leak_for_a_while, spell)
@@ -217,9 +221,11 @@ EFFECTS = (
             strength("shortfall", "1", 3e-4, 0.6, 0.1, "of 300 mbar at 300 mbar"),
             shape("exponent", "1", -0.5, 1.5, 0.7, "-0.5 orifice, 0 laminar, above: a leak that opens", only=(0, 3)),
             choice("form", 0, "a power of suction", "a valve that lifts at some pressure",
-                   "made up for by an integrating regulator", "open for a while"),
+                   "made up for by an integrating regulator", "open for a while",
+                   "that suction closes, each time anew"),
             shape("knee", "Pa", 2e3, 25e3, BEND, "at which the valve lifts", only=(1,)),
             shape("repair", "s", 0.3, 20.0, 1.5, "within which it is made up for", log=True, only=(2,)),
+            shape("seal", "s", 0.1, 20.0, 1.5, "within which it closes", log=True, only=(4,)),
             *for_a_while(3),
         ),
         _leak,

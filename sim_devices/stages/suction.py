@@ -32,7 +32,8 @@ class Regulator(Wired):
     """Second-order pressure regulation, tau² p'' + 2 zeta tau p' + p = set-point, within the pump's limits.
 
     ``rates`` (Pa/s) limit how fast pressure rises and falls, at once or, if it is ``eased``, ever more as they are
-    approached.
+    approached. One with a ``valve`` (r 1/s, b, build, vent, lean of `kernels.valve_loop`) is a PI loop whose flow
+    follows the pressure; it is the second order where these are 0, 1, 0, 0, 0.
     """
 
     tau: float = REGULATOR_TAU
@@ -41,14 +42,17 @@ class Regulator(Wired):
     highest: float = 0.0
     rates: tuple[float, float] = (np.inf, np.inf)
     eased: bool = False
+    valve: tuple[float, ...] = ()
 
     def fresh(self) -> Any:
-        return np.zeros(kernels.STATE), np.array([self.tau, self.zeta, *self.rates])
+        valve = (*self.valve, -self.lowest, float(self.eased)) if self.valve else ()
+        return np.zeros(kernels.STATE), np.array([self.tau, self.zeta, *self.rates, *valve])
 
     def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
         out = np.empty(len(time))
         law = kernels.eased if self.eased else kernels.hurried
         law = kernels.second_order if np.isinf(self.rates).all() else law
+        law = kernels.valve_loop if self.valve else law
         law(state[0], time, signals[self.source[0]], state[1], out)
         signals[self.target[0]] = np.clip(out, self.lowest, self.highest, out=out)
 

@@ -32,6 +32,7 @@ from sim_devices.stages.kernels.history import (
     exposure_gain,
     limited_store,
     mullins,
+    sealing,
     worked,
     yield_flow,
 )
@@ -56,6 +57,7 @@ from sim_devices.stages.kernels.lags import (
     second_order,
     uneven_low_pass,
 )
+from sim_devices.stages.kernels.loops import valve_loop
 from sim_devices.stages.kernels.sampling import faulty_samples, jittered, late_by_any, slope_so_far
 
 __all__ = [
@@ -90,11 +92,13 @@ __all__ = [
     "prony",
     "rate_limit",
     "resting",
+    "sealing",
     "second_order",
     "slipping",
     "slope_so_far",
     "soft_play",
     "uneven_low_pass",
+    "valve_loop",
     "worked",
     "yield_flow",
 ]

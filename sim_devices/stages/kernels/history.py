@@ -33,6 +33,24 @@ def exposure_gain(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y:
 
 
 @njit(cache=True)
+def sealing(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """A leak that closes once suction draws its edges together, and opens again without: y = u (1 - a w), w' = -w/tau
+    while |u| is above ``least``, else w = 1. ``p`` = (a, tau s, least)."""
+    if s[0] == 0.0 and t.size:
+        s[0], s[1], s[2], s[3] = 1.0, t[0], abs(u[0]), 1.0
+    for i in range(t.size):
+        now, dt = abs(u[i]), t[i] - s[1]
+        if now <= p[2]:
+            s[3] = 1.0
+        elif s[2] <= p[2]:  # closes from when suction passed ``least``
+            s[3] = math.exp(-dt * (now - p[2]) / (now - s[2]) / p[1])
+        else:
+            s[3] *= math.exp(-dt / p[1])
+        s[1], s[2] = t[i], now
+        y[i] = u[i] * (1.0 - p[0] * s[3])
+
+
+@njit(cache=True)
 def emptying_store(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """A store that runs empty: y = u (1 - a (E - 1)+), where E' = (|u| - kept) / (ref tau) while a pump, which alone
     keeps ``kept``, cannot follow, and E falls back to 0 within tau_back while it can.

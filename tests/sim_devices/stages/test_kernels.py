@@ -22,6 +22,8 @@ CASES: list[tuple[Kernel, tuple[float, ...]]] = [
     (kernels.second_order, (0.2, 1.0)),
     (kernels.second_order, (0.2, 2.5)),
     (kernels.hurried, (0.2, 1.0, 3.0, 2.0)),
+    (kernels.valve_loop, (0.2, 0.8, 3.0, 2.0, 0.5, 0.9, 0.4, 0.4, 0.2, 2.0, 0.0)),
+    (kernels.sealing, (0.2, 0.5, 0.1)),
     (kernels.uneven_low_pass, (0.3, 0.05)),
     (kernels.limited_store, (0.3, 1.0, 0.8, 0.5, 2.0)),
     (kernels.emptying_store, (0.2, 1.0, 0.3, 0.5, 0.2)),
@@ -240,3 +242,11 @@ def test_the_example_in_the_module_is_true() -> None:
     result = doctest.testmod(kernels)
     assert result.attempted
     assert not result.failed
+
+
+def test_a_leak_closes_within_its_time_whenever_suction_comes_back() -> None:
+    t = np.arange(0.0, 10.0, 0.01)
+    suction = -1e4 * ((t >= 1.0) & (t < 4.0) | (t >= 6.0))
+    lost = 1.0 - evaluate(kernels.sealing, t, suction, 0.1, 1.5, 500.0)[suction < 0] / suction[suction < 0]
+    since = np.where(t < 4.0, t - 1.0, t - 6.0)[suction < 0]
+    np.testing.assert_allclose(lost, 0.1 * np.exp(-since / 1.5), atol=1e-3)  # a step of 10 ms
