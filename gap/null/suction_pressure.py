@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gap.data.tolerances import Tolerance
 from gap.inference.evidence import Fit
-from gap.inference.hypothesis import Active, Candidate, Evaluation, Lateness, Start
+from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Lateness, Start
 from gap.inference.least_squares import fit, under
 from gap.null.blocks import Block, Group, GroupedSession, Table
 from gap.null.chains import needed
@@ -39,6 +39,14 @@ AWAY, BACK = 8.0, 4.0
 """σ by which a recording must begin off where it rests to count as begun in motion, and from which on it rests."""
 QUIET = 1e-6
 """Share of the most telling kink's information on lateness below which a kink says nothing."""
+NOISY = 1.2
+"""χ² for each row above which a regulator of another structure is tried,"""
+TAKEN = 0.5
+"""which is one if it takes away so much of what another leaves above the noise,"""
+OVERSHOT = 5e3
+"""Pa above the air's pressure to which such a loop may vent."""
+VALVE_START = {"reset": 0.1, "build": 0.6, "vent": 0.6, "lean": 0.3}
+"""looked for from here: a valve whose flow follows the pressure."""
 NO_TISSUE = SuctionTissue(0.0, creep=(), times=(), residual=0.0, softening=0.0)
 
 
@@ -97,13 +105,15 @@ def commanded_line(chain: Chain, group: Group, time: FloatArray, early: Callable
 class PressureBlock(Block):
     """Command -> recorded pressure.
 
-    Nuisance: the regulator's time constant and damping, the sampling convention (a shift within one sample), and
-    three quick lags and a lead that other regulators than the nominal second-order one would add.
+    Nuisance: the regulator's time constant and damping, the sampling convention (a shift within one sample), three
+    quick lags and a lead that other regulators than the nominal second-order one would add, and the integral, set-point
+    weight and uneven flow of a loop about a valve, where nothing less comes to the noise.
     """
 
     name, channels = "pressure", ("pressure",)
     floor = 5.0  # Pa: a twentieth of the command's resolution
     LAGS = (0.015, 0.04, 0.1)
+    VALVE: Mapping[str, float] = {"reset": 0.0, "weight": 1.0, "build": 0.0, "vent": 0.0, "lean": 0.0}
 
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect]) -> None:
         # An open probe holds no pressure: its record says nothing of the regulator.
@@ -111,16 +121,44 @@ class PressureBlock(Block):
         self.sigma[self._in_motion()] *= IGNORED
         self.prior_sd = self._prior(lambda t: t.value)
         self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
+        self._begin: FloatArray | None = None  # where a loop about a valve was found
         # As a sound instrument of the nominal kind, or a regulator of another time and damping.
         self.prior_scales = (self.prior_sd, self._prior(lambda t: t.widest))
         self.blur_steep_parts(self._slope())
         self.prior_sd = max(self.prior_scales, key=self._probability)
+        found = fit(self)
+        if found.chi2 > len(found.residual) * NOISY:
+            self._try_valve(found)
 
-    def _prior(self, width: Callable[[Tolerance], float]) -> FloatArray:
-        """Prior widths (p,) of a sound instrument, by the one of its tolerances that ``width`` takes."""
+    def _try_valve(self, found: Fit) -> None:
+        """Take on a loop about a valve, as a third width of the prior, where that is more probable than ``found``."""
+        valve = self._prior(lambda t: t.widest, valve=True)
+        begin = self.prior_mean.copy()
+        begin[self._valve] = [VALVE_START.get(name, 0.0) for name in self.VALVE]
+        looked = under(self, self.prior_mean, valve)
+        tries = [fit(looked, nuisance=start) for start in (begin, found.nuisance)]
+        best = max(tries, key=lambda f: f.log_evidence(1.0, (valve,)))
+        if best.chi2 < len(best.residual) + (1.0 - TAKEN) * (found.chi2 - len(found.residual)):
+            self.prior_scales, self.prior_sd, self._begin = (*self.prior_scales, valve), valve, best.nuisance
+
+    @property
+    def _valve(self) -> slice:
+        return slice(5 + len(self.LAGS), 5 + len(self.LAGS) + len(self.VALVE))
+
+    @property
+    def _valve_places(self) -> range:
+        return range(self._valve.start, self._valve.stop)
+
+    def start(self) -> FloatArray:
+        return self.prior_mean.copy() if self._begin is None else self._begin.copy()
+
+    def _prior(self, width: Callable[[Tolerance], float], valve: bool = False) -> FloatArray:
+        """Prior widths (p,) of a sound instrument, by the one of its tolerances that ``width`` takes; those of a loop
+        about a ``valve`` are nought, or as of another make."""
         own, regulator = self.tolerances, self.tolerances["regulator"]
         loop = [width(regulator["time"]), width(regulator["damping"]), self.shift_sd, own["clock_skew"]["rate"].value]
         further = [*[width(regulator["further_lags"])] * len(self.LAGS), width(regulator["lead"])]
+        further += [width(regulator[f"valve_{name}"]) if valve else FROZEN for name in self.VALVE]
         return np.array([*loop, *further, own["gauge_gain"]["error"].value, own["gauge_offset"]["offset"].value])
 
     def _in_motion(self) -> NDArray[np.bool_]:
@@ -150,6 +188,9 @@ class PressureBlock(Block):
         # Bins average over the staircase of the command's resolution: simulate its mean.
         chain = chain_of(self.session, group, NO_TISSUE, command_step=0.0)
         chain = chain.tuned("regulator", tau=REGULATOR_TAU * bounded_exp(nuisance[0]), zeta=bounded_exp(nuisance[1]))
+        if np.any(np.abs(nuisance[self._valve]) > FROZEN):
+            valve = tuple(nuisance[self._valve] + list(self.VALVE.values()))
+            chain = chain.tuned("regulator", valve=valve, highest=OVERSHOT)  # its integral has to empty first
         shares = tuple(nuisance[4 : 4 + len(self.LAGS)].tolist())
         lead = float(nuisance[4 + len(self.LAGS)])
         if not lead and not any(shares):
@@ -195,6 +236,11 @@ class PressureBlock(Block):
             **{
                 f"regulator_lag_{1e3 * lag:.0f}_ms": (float(c), "1")
                 for lag, c in zip(self.LAGS, nuisance[4:], strict=False)
+            },
+            **{
+                f"regulator_{name}": (float(c) + plain, "1/s" if name == "reset" else "1")
+                for (name, plain), c in zip(self.VALVE.items(), nuisance[self._valve], strict=True)
+                if self._begin is not None
             },
             "sampling_shift": (float(nuisance[2]), "s"),
             "clock_rate": (float(nuisance[3]), "s/s"),
@@ -258,7 +304,11 @@ class PressureBlock(Block):
         if not want_jacobian:
             return Evaluation(residual, np.zeros((0, 0)))
         jacobian = np.ones((len(residual), len(nuisance)))
-        for k, step in enumerate((1e-3, 1e-3, 0.05 * self.dt, 1e-6, *[1e-3] * len(self.LAGS), 1e-4)):
+        valve = [1e-3] * len(self.VALVE)
+        for k, step in enumerate((1e-3, 1e-3, 0.05 * self.dt, 1e-6, *[1e-3] * len(self.LAGS), 1e-4, *valve)):
+            if k in self._valve_places and self.prior_sd[k] <= FROZEN:
+                jacobian[:, k] = 0.0
+                continue
             moved = nuisance.copy()
             moved[k] += step
             jacobian[:, k] = (self._predict(moved, active) - made) * (1.0 + gain) / step

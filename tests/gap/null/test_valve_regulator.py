@@ -1,0 +1,102 @@
+"""A regulator of another make: a PI loop about a valve whose flow follows the pressure, simulated by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from acquire.recording.model import Recording
+from gap.effects.load import library
+from gap.inference.hypothesis import FROZEN
+from gap.inference.least_squares import fit
+from gap.null.blocks import GroupedSession
+from gap.null.suction_pressure import PressureBlock
+from sim_devices.stages.kernels import evaluate, second_order, valve_loop
+
+STEP, NOISE = 1e-3, 30.0
+FREE = (np.inf, np.inf)
+
+
+def suction_of(time: np.ndarray) -> np.ndarray:
+    """Suction asked for, Pa: a triangle, then two holds."""
+    corners = np.array([0, 2, 6, 10, 12, 12.001, 16, 16.001, 20, 20.001, 24.0])
+    return np.interp(time, corners, 1e3 * np.array([0, 0, 30, 0, 0, 25, 25, 10, 10, 0, 0]))
+
+
+def by_a_valve(asked: np.ndarray, supply: float = 80e3) -> np.ndarray:
+    """Suction (n,) Pa that a PI loop about a valve makes of ``asked``: flow falls as suction nears the supply's."""
+    p, valve, integral, out = 0.0, 0.0, 0.0, np.empty(len(asked))
+    for k, u in enumerate(asked):
+        out[k] = p
+        for _ in range(4):
+            h = 0.25 * STEP
+            error = u - p
+            integral += h * 1.2 * error
+            valve += h * (18.0 * error + integral - valve) / 0.014
+            p += h * valve * (1.25 * (supply - p) / supply if valve > 0 else 1.25 * (0.35 + p / supply))
+    return out
+
+
+def session(recording: Callable[..., Recording], make: Callable[[np.ndarray], np.ndarray], seed: int) -> PressureBlock:
+    time, rng = np.arange(0.0, 24.0, STEP), np.random.default_rng(seed)
+    measured = -make(suction_of(time))[::20] + NOISE * rng.normal(size=len(time[::20]))
+    corners = np.array([0, 2, 6, 10, 12, 12.001, 16, 16.001, 20, 20.001, 24.0])
+    table = (corners, -suction_of(corners))
+    made = recording({"pressure": measured}, time[::20], {"pressure": table})
+    return PressureBlock(GroupedSession([made], ("pressure",)), library("cutometer"))
+
+
+def test_a_loop_about_a_valve_is_at_the_noise(recording: Callable[..., Recording]) -> None:
+    block = session(recording, by_a_valve, 1)
+    found = fit(block)
+    assert found.chi2 / len(found.residual) < 1.2
+    assert len(block.prior_scales) == 3
+    told = block.quantities(found.nuisance)
+    assert told["regulator_build"][0] == pytest.approx(50 / 80 * 1.25 / 0.85, rel=0.5)  # against the mean of both ways
+    assert 0.0 < told["regulator_reset"][0] < 0.5  # 1.2 / 18
+
+
+def test_a_second_order_needs_no_valve(recording: Callable[..., Recording]) -> None:
+    time = np.arange(0.0, 24.0, STEP)
+    block = session(recording, lambda u: evaluate(second_order, time, u, 0.05, 0.9), 2)
+    assert len(block.prior_scales) == 2
+    assert np.all(block.prior_sd[block._valve] <= FROZEN)
+
+
+@pytest.mark.parametrize(("tau", "zeta"), [(0.04, 1.0), (0.03, 0.6), (0.06, 2.0)])
+def test_a_valve_loop_without_integral_is_a_second_order(tau: float, zeta: float) -> None:
+    time = np.unique(np.r_[np.arange(0.0, 24.0, 0.02), 12.0 + np.arange(0.0, 1.0, 1e-3)])
+    asked = -suction_of(time)
+    plain = evaluate(second_order, time, asked, tau, zeta)
+    loop = evaluate(valve_loop, time, asked, tau, zeta, *FREE, 0.0, 1.0, 0.0, 0.0, 0.0, 50e3, 0.0)
+    np.testing.assert_allclose(loop, plain, atol=0.5)
+
+
+def test_a_valve_loop_solves_its_equations() -> None:
+    time = np.arange(0.0, 6.0, 2e-3)
+    asked = -20e3 * np.clip(time / 2.0, 0.0, 1.0)
+    tau, zeta, reset, weight, build, vent, lean = 0.05, 0.8, 0.4, 0.9, 0.5, 0.6, 0.2
+    gain, late = 1 / (2 * zeta * tau), tau / (2 * zeta)
+
+    def rate(t: float, y: np.ndarray) -> list[float]:
+        p, x, integral = y
+        u, level = float(np.interp(t, time, asked)), min(max(-p / 50e3, 0.0), 1.0)
+        flow = 1 + lean - build * level if x < 0 else 1 - lean + vent * level
+        return [flow * x, (gain * (weight * u - p) + integral - x) / late, gain * reset * (u - p)]
+
+    exact = solve_ivp(rate, (0, time[-1]), [0, 0, 0], t_eval=time, rtol=1e-9, atol=1e-6, max_step=5e-3).y[0]
+    loop = evaluate(valve_loop, time, asked, tau, zeta, *FREE, reset, weight, build, vent, lean, 50e3, 0.0)
+    np.testing.assert_allclose(loop, exact, atol=1.0)
+
+
+def test_a_limited_flow_of_a_valve_loop_is_kept() -> None:
+    time = np.arange(0.0, 3.0, 1e-3)
+    asked = np.where(time > 0.5, -20e3, 0.0)
+    shape = (0.04, 1.0, 3e4, 1e4, 0.0, 1.0, 0.0, 0.0, 0.0, 50e3)
+    for soft in (0.0, 1.0):
+        made = evaluate(valve_loop, time, asked, *shape, soft)
+        assert np.min(np.diff(made)) >= -1e4 * 1e-3 * (1 + 1e-9)
+        assert made[-1] == pytest.approx(-20e3, rel=0.02)
