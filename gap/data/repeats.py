@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from acquire.recording.model import Recording, Series
 from gap.data.noise import finest_step, high_band_sigma
@@ -16,6 +17,12 @@ TOGETHER = 3
 """Channels at least that must stand at once to say something together."""
 ABOUT = 51
 """Samples within which a channel stands as often as about one of them."""
+JUMPS = 6.0
+"""σ of its noise by which a channel jumps that stood still while its signal went on."""
+OLD = 32
+"""Samples by which one that was delivered late may be old."""
+UNALIKE = 1e-3
+"""Least chance with which one channel of another sample's value is told: files are written to some digits."""
 SELDOM = 0.2
 """Share of the samples above which those that come again are how an instrument is asked, and no fault."""
 
@@ -78,3 +85,62 @@ def stale_rows(recordings: Sequence[Recording], names: Sequence[str]) -> tuple[i
         expected += float(np.sum(np.prod(nearby, axis=0)))
         counted += still.shape[1]
     return (rows, expected) if rows <= SELDOM * counted else (0, 0.0)
+
+
+def held_values(series: Sequence[Series]) -> tuple[int, float]:
+    """How often a channel holds a value for longer than its noise would let it, and jumps to another one then; and the
+    nats of that against chance, which had every sample to begin at."""
+    runs, nats = 0, 0.0
+    for s in series:
+        v = s.value[np.isfinite(s.value)]
+        if len(v) <= 2 * ABOUT:
+            continue
+        change = np.diff(v)
+        moves = np.abs(change[change != 0])
+        jump = JUMPS * max(high_band_sigma(v), 0.5 * float(np.median(moves))) if len(moves) else np.inf
+        still = (change == 0) & (v[1:] > v.min()) & (v[1:] < v.max())
+        for begin, end in _runs_of(still):
+            unlikely = _unlikely(still[None], begin, end) - np.log(len(v))
+            if unlikely > 0 and end < len(change) and abs(change[end]) > jump:
+                runs, nats = runs + 1, nats + unlikely
+    return runs, nats
+
+
+def copied_rows(recordings: Sequence[Recording], names: Sequence[str]) -> tuple[int, float]:
+    """How many samples are copies of older ones in all channels ``names`` together, and the nats of that against
+    chance.
+
+    A sample that was delivered late carries the noise of the instant it was taken at, so that a run of them repeats an
+    earlier run to the last digit. Chance makes a run with the product of the shares in which each channel comes again
+    after so many samples nearby; it had every sample and every age to begin at.
+    """
+    copies, nats = 0, 0.0
+    for recording in recordings:
+        values = [recording.streams[n].value for n in names if n in recording.streams]
+        if len(values) < 2 or len({len(v) for v in values}) > 1 or len(values[0]) <= 2 * ABOUT:
+            continue
+        tries = np.log(OLD * len(values[0]))
+        taken = np.zeros(len(values[0]), dtype=bool)
+        for age in range(2, OLD + 1):
+            again = np.array([v[age:] == v[:-age] for v in values])
+            moved = np.any([v[age:] != v[age - 1 : -1] for v in values], axis=0)  # else it stands still
+            for begin, end in _runs_of(np.all(again, axis=0) & moved):
+                unlikely = _unlikely(again, begin, end) - tries
+                if unlikely > 0 and not np.any(taken[begin + age : end + age]):
+                    taken[begin + age : end + age] = True
+                    copies, nats = copies + end - begin, nats + unlikely
+    return copies, nats
+
+
+def _unlikely(again: NDArray[np.bool_], begin: int, end: int) -> float:
+    """Nats against a run of coincidences by chance; ``again`` (channels, n) where each comes again."""
+    low, high = max(begin - ABOUT, 0), end + ABOUT
+    beside = np.concatenate([again[:, low:begin], again[:, end:high]], axis=1)
+    nearby = (np.sum(beside, axis=1) + 0.5) / (beside.shape[1] + 1.0)
+    chance = np.maximum(np.maximum(nearby, np.mean(again, axis=1)), UNALIKE)
+    return float((begin - end) * np.sum(np.log(chance)))
+
+
+def _runs_of(at: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.r_[False, at, False]))
+    return [(int(b), int(e)) for b, e in edges.reshape(-1, 2)]

@@ -18,7 +18,8 @@ from scipy.stats import gamma
 from acquire.plugins import instrument
 from acquire.recording.model import Recording, Series
 from gap.data.noise import grid_step, high_band_sigma
-from gap.data.repeats import repeated_values, repeats_surprise, stale_rows
+from gap.data.polled import looks_at_commands
+from gap.data.repeats import copied_rows, held_values, repeated_values, repeats_surprise, stale_rows
 from sim_devices.chain import FloatArray
 
 CERTAIN = 30.0
@@ -41,6 +42,12 @@ UNEVEN, UNEVENLY = 0.03, 0.25
 uneven. A converter's codes times a constant are even to the last digit of the file, which is allowed for."""
 SHOWN = 1.05
 """Times that uneven steps must widen the noise to be told: those of a command are its levels."""
+SHAKEN_LEVELS, SHAKEN = 100, (0.3, 10.0)
+"""Levels, and noise in steps, from which on uneven steps are the converter's whatever they add to the noise: no command
+chose these levels. In more noise than that they do no harm."""
+ROUNDED = 1.155
+"""The same of even steps. Up to two σ of the noise a step only adds its square over twelve (Widrow and Kollár,
+*Quantization Noise*, 2008): a laboratory that writes few digits has no fault."""
 HUM = "periodic_disturbance"
 """A line in a channel's noise: a pump, say. No effect of the library makes it."""
 MAINS = "mains_pick_up"
@@ -98,7 +105,11 @@ def find(recordings: Sequence[Recording], channels: Sequence[str] | None = None)
         out += _clipping(name, series) + _lost(name, series)
         out += [*_repeats(name, series), *_hum(name, series)] if channels is None else []
         out += _coarse(name, series, nominal.get(name, np.inf))
-    return out + (_stale_rows(recordings) if channels is None else [])
+    if channels is not None:
+        return out
+    looks = _looks(recordings)
+    # A line that goes with the speed is no pump's.
+    return [s for s in out if not looks or s.effect != HUM] + _old_rows(recordings) + looks
 
 
 def _measured(recordings: Sequence[Recording]) -> list[str]:
@@ -166,8 +177,12 @@ def _repeats(name: str, series: Sequence[Series]) -> list[Signature]:
     """More exact repeats of the last value than the spread of its changes foretells.
 
     On a grid, changes of nought are as frequent as small changes either way, however fine the grid is; off a grid,
-    noise never repeats.
+    noise never repeats. A value held for long, from which the channel jumps, is certainly an old one.
     """
+    held, nats = held_values(series)
+    if held >= NO_MORE and nats > SURPRISING:
+        text = f"{name} holds a value {held} times for longer than its noise lets it, and jumps then"
+        return [Signature("dropped_samples", name, CERTAIN, text, certain=True)]
     repeated, expected, counted = repeated_values(series)
     surprise = repeats_surprise(repeated, expected)
     if counted and repeated > 5 and repeated > 1.3 * expected and surprise > SURPRISING:
@@ -177,13 +192,28 @@ def _repeats(name: str, series: Sequence[Series]) -> list[Signature]:
     return []
 
 
-def _stale_rows(recordings: Sequence[Recording]) -> list[Signature]:
-    """Samples in which all channels of an instrument stand at once, as they do where an old one is written again."""
+def _looks(recordings: Sequence[Recording]) -> list[Signature]:
+    """The ripple of a command that is held until a controller looks at it next, in the channels that follow it."""
+    followed = [n for n in _measured(recordings) if n == "pressure" or n.startswith("axis_position")]
+    frequency = looks_at_commands(recordings, followed)
+    if frequency is None:
+        return []
+    text = f"{followed[0]} has a ripple at {frequency:.1f} Hz (or its alias by sampling) that goes with the speed"
+    return [Signature("latency", followed[0], CERTAIN, text, certain=True)]
+
+
+def _old_rows(recordings: Sequence[Recording]) -> list[Signature]:
+    """Samples in which all channels of an instrument stand at once, or come again later, as they do where an old one is
+    written again."""
     names = _measured(recordings)
     rows, expected = stale_rows(recordings, names)
     if rows > NO_MORE + 3.0 * expected and repeats_surprise(rows, expected) > SURPRISING:
         text = f"all {len(names)} channels repeat their last values {rows} times where {expected:.2g} are expected"
         return [Signature("dropped_samples", names[0], CERTAIN, text, ("late_samples",), certain=True)]
+    copies, nats = copied_rows(recordings, names)
+    if copies > NO_MORE and nats > SURPRISING:
+        text = f"{copies} samples are copies of older ones, in all {len(names)} channels and to the last digit"
+        return [Signature("late_samples", names[0], CERTAIN, text, certain=True)]
     return []
 
 
@@ -224,14 +254,15 @@ def _coarse(name: str, series: Sequence[Series], nominal: float) -> list[Signatu
         return []
     gaps = np.concatenate([np.diff(np.unique(v)) for v in values])  # each recording may have a zero of its own
     wider = _by_steps(value, gaps, nominal)
-    uneven = wider > SHOWN and _uneven(gaps, levels)
+    shaken = len(levels) >= SHAKEN_LEVELS and SHAKEN[0] < high_band_sigma(value) / float(np.median(gaps)) < SHAKEN[1]
+    uneven = (wider > SHOWN or shaken) and _uneven(gaps, levels)
     step = float(np.quantile(np.diff(levels), 0.1))  # sparse levels skip steps
-    if not uneven and step <= COARSER * nominal:
+    if not uneven and (step <= COARSER * nominal or wider <= ROUNDED):
         return []
     text = f"{name} comes in steps of {step:.3g}, {step / nominal:.1f} times its resolution"
     if uneven:
         text = f"{name} comes in uneven steps of {np.quantile(gaps, 0.1):.3g} to {np.quantile(gaps, 0.9):.3g}"
-    return [Signature("sensor_quantisation", name, CERTAIN, text, noise=wider)]
+    return [Signature("sensor_quantisation", name, CERTAIN, text, noise=wider, certain=uneven and shaken)]
 
 
 def _uneven(gaps: FloatArray, levels: FloatArray) -> bool:

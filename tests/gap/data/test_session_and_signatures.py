@@ -289,3 +289,56 @@ def test_rows_in_which_all_channels_repeat_are_told(recording) -> None:
     assert [(s.effect, s.also) for s in marks] == [("dropped_samples", ("late_samples",))]
     times, expected = (float(part.split()[0]) for part in marks[0].text.split("last values ")[1].split(" times where "))
     assert times > 50 > 1e3 * expected
+
+
+def suction_on_a_grid(recording, seed: int, change=None):
+    """Pressure and height in steps of half their noise, 50 Hz, on triangles; ``change`` puts older rows in."""
+    time, rng = np.arange(0.0, 60.0, 0.02), np.random.default_rng(seed)
+    path = np.abs((time / 5.0) % 2.0 - 1.0)
+    rows = np.column_stack([-2e4 * path + 60.0 * rng.normal(size=len(time)), path + 3e-3 * rng.normal(size=len(time))])
+    rows = np.round(rows / [30.0, 1.5e-3]) * [30.0, 1.5e-3]
+    if change is not None:
+        rows = rows[change(np.arange(len(time)), rng)]
+    return recording({"pressure": rows[:, 0], "apex_height": 1e-3 * rows[:, 1]}, time)
+
+
+def late_bursts(row: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    for begin in rng.integers(50, len(row) - 50, 6):
+        row[begin : begin + 6] -= 4
+    return row
+
+
+def lost_runs(row: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    for begin in rng.integers(50, len(row) - 50, 12):
+        row[begin : begin + 14] = row[begin]
+    return row
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_late_samples_are_copies_of_older_ones(recording, seed: int) -> None:
+    assert not [s for s in find([suction_on_a_grid(recording, seed)]) if s.certain]
+    marks = [s for s in find([suction_on_a_grid(recording, seed, late_bursts)]) if s.certain]
+    assert [s.effect for s in marks] == ["late_samples"]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_lost_samples_hold_a_value_and_jump(recording, seed: int) -> None:
+    marks = [s.effect for s in find([suction_on_a_grid(recording, seed, lost_runs)]) if s.certain]
+    assert marks
+    assert set(marks) == {"dropped_samples"}
+
+
+def test_a_quiet_channel_that_steps_holds_no_old_value(recording) -> None:
+    """At rest a coarse channel stands still by itself, and steps with its command."""
+    rng = np.random.default_rng(3)
+    level = -1e3 * np.repeat(rng.integers(0, 20, 30), 100) + 20.0 * rng.normal(size=3000)
+    assert not [s for s in find([recording({"pressure": np.round(level / 100.0) * 100.0}, TIME[:3000])]) if s.certain]
+
+
+def test_few_digits_are_no_coarse_channel(recording) -> None:
+    """Steps up to twice the noise add their square over twelve to it, and no more."""
+    rng = np.random.default_rng(4)
+    value = -1e4 * np.abs(np.sin(0.3 * np.arange(4000) * 0.02)) + 40.0 * rng.normal(size=4000)
+    for step, told in ((50.0, False), (300.0, True)):
+        series = recording({"pressure": np.round(value / step) * step}, np.arange(4000) * 0.02)
+        assert bool([s for s in find([series]) if s.effect == "sensor_quantisation"]) == told

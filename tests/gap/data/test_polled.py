@@ -1,0 +1,47 @@
+"""Ripple of commands that a controller looks at now and then."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from gap.data.polled import looks_at_commands
+from gap.data.signatures import HUM, find
+
+NAMES = ("axis_position_1", "axis_position_2", "axis_position_3")
+TIME = np.arange(0.0, 20.0, 1e-3)
+
+
+def followed(recording, interval: float, seed: int, hum: float = 0.0, rate: int = 10):
+    """Three axes that follow sines within 8 ms, sampled at 100 Hz with 10 µm of noise; a command is held for
+    ``interval`` s."""
+    rng, streams = np.random.default_rng(seed), {}
+    seen = np.floor((TIME + 0.37 * interval) / interval) * interval - 0.37 * interval if interval else TIME
+    for k, name in enumerate(NAMES):
+        command = 1.5e-3 * np.sin(2 * np.pi * (0.15 + 0.1 * k) * seen + k) * (seen > 3.0)
+        way = lfilter([1.0 - np.exp(-1 / 8.0)], [1.0, -np.exp(-1 / 8.0)], command)
+        way = way + hum * np.sin(2 * np.pi * 31.0 * TIME)
+        streams[name] = way[::rate] + 1e-5 * rng.normal(size=len(way[::rate]))
+    return recording(streams, TIME[::rate])
+
+
+@pytest.mark.parametrize(("interval", "seen"), [(0.0408, 24.5), (0.0181, 44.75)])  # the latter by its alias
+def test_a_ripple_that_goes_with_the_speed_is_a_controllers_look(recording, interval: float, seen: float) -> None:
+    session = [followed(recording, interval, k) for k in range(4)]
+    assert looks_at_commands(session, NAMES) == pytest.approx(seen, abs=0.1)
+    marks = find(session)
+    assert [s.effect for s in marks if s.certain] == ["latency"]
+    assert not [s for s in marks if s.effect == HUM]
+
+
+@pytest.mark.parametrize("hum", [0.0, 4e-6])
+def test_neither_noise_nor_a_pump_is_one(recording, hum: float) -> None:
+    assert looks_at_commands([followed(recording, 0.0, k, hum) for k in range(4)], NAMES) is None
+
+
+def test_nothing_is_told_of_channels_that_rest_or_are_short(recording) -> None:
+    rng = np.random.default_rng(0)
+    rests = [{n: rng.normal(size=len(TIME[::10])) for n in NAMES} for _ in range(3)]
+    assert looks_at_commands([recording(rest, TIME[::10]) for rest in rests], NAMES) is None
+    assert looks_at_commands([recording({n: v[:50] for n, v in rests[0].items()}, TIME[:500:10])], NAMES) is None
