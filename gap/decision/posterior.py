@@ -174,15 +174,11 @@ def posterior(
     if causes and explains_marks(causes[0].at_marks, t):  # whatever else acts, this does
         lacking = t.prior_outside
     known = acts * (1.0 - lacking)
-    stages: dict[str, float] = {}
-    for h, w in zip(every[1:], share[1:], strict=True):
-        for e in h.effects:
-            stages[e.stage] = stages.get(e.stage, 0.0) + known * float(w) / len(h.effects)
     return Posterior(
         causes=tuple(replace(c, probability=known * c.probability) for c in causes),
         none=(1.0 - acts) * (1.0 - strange),
         outside=(1.0 - acts) * strange + acts * lacking,
-        stages=dict(sorted(stages.items(), key=lambda kv: -kv[1])),
+        stages=_by_stage(every[1:], known * share[1:]),
         unexplained=left,
         gap_before=before,
         gap_after=after,
@@ -191,6 +187,15 @@ def posterior(
         acts=acts,
         hum=hum,
     )
+
+
+def _by_stage(hypotheses: Sequence[Hypothesis], probability: FloatArray) -> dict[str, float]:
+    """The probability of every stage that an effect acts in, the most probable first."""
+    stages: dict[str, float] = {}
+    for h, p in zip(hypotheses, probability, strict=True):
+        for e in h.effects:
+            stages[e.stage] = stages.get(e.stage, 0.0) + float(p) / len(h.effects)
+    return dict(sorted(stages.items(), key=lambda one: -one[1]))
 
 
 def _log_priors(every: Sequence[Hypothesis], candidates: Sequence[Candidate], t: Thresholds) -> FloatArray:
@@ -346,39 +351,46 @@ def _classes(
 ) -> list[Cause]:
     """Group explanations that these data cannot split, all but the first of ``hypotheses``, which is none; within a
     class the one with fewest parameters leads, unless it is worse by more than `Thresholds.lead`."""
-
     order = [int(k) for k in np.argsort(-score) if k]
     null = weighed[id(hypotheses[0])].evidence
     causes = []
     while order:
-        lead = order[0]
-        trust = weighed[id(hypotheses[lead])].trust
-        near = [k for k in order if k == lead or score[lead] - score[k] < t.evidence_tie]
-        members = [k for k in near if k == lead or _alike(hypotheses[lead], hypotheses[k], trust, temper, t)]
-        members += [
-            k
-            for k in order
-            if k not in members
-            and score[lead] - score[k] < t.mark
-            and (
-                _same_mark(hypotheses[lead], hypotheses[k], signatures)
-                or _same_event(hypotheses[lead], hypotheses[k], t.same_edges)
-            )
-        ]
-        leaders = [k for k in members if score[lead] - score[k] <= t.lead]
+        members = _members(order, hypotheses, score, weighed, temper, t, signatures)
+        leaders = [k for k in members if score[order[0]] - score[k] <= t.lead]
         simplest = min(leaders, key=lambda k: (sum(len(e.parameters) for e in hypotheses[k].effects), -score[k]))
-        order = [k for k in order if k not in members]
-        same = [k for k in order if concept(hypotheses[k]) == concept(hypotheses[simplest])]
-        order = [k for k in order if k not in same]
-        names = dict.fromkeys([concept(hypotheses[simplest]), *(concept(hypotheses[k]) for k in members)])
+        own = concept(hypotheses[simplest])
+        same = [k for k in order if k not in members and concept(hypotheses[k]) == own]
+        order = [k for k in order if k not in members and k not in same]
         gain = 2 * (weighed[id(hypotheses[simplest])].evidence - null)
         causes.append(
             Cause(
                 hypotheses[simplest],
-                tuple(names),
+                tuple(dict.fromkeys([own, *(concept(hypotheses[k]) for k in members)])),
                 float(sum(share[k] for k in (*members, *same))),
                 float(np.sqrt(max(gain, 0.0))),
                 tuple(hypotheses[k] for k in members),
             )
         )
     return sorted(causes, key=lambda c: -c.probability)
+
+
+def _members(
+    order: Sequence[int],
+    hypotheses: Sequence[Hypothesis],
+    score: FloatArray,
+    weighed: Mapping[int, Weight],
+    temper: Mapping[str, float],
+    t: Thresholds,
+    signatures: Sequence[Signature],
+) -> list[int]:
+    """Which of ``order``, best first, these data cannot split from the first of them."""
+    lead, first = order[0], hypotheses[order[0]]
+    trust = weighed[id(first)].trust
+    near = [k for k in order if k == lead or score[lead] - score[k] < t.evidence_tie]
+    members = [k for k in near if k == lead or _alike(first, hypotheses[k], trust, temper, t)]
+    marked = [k for k in order if k not in members and score[lead] - score[k] < t.mark]
+    return members + [
+        k
+        for k in marked
+        if _same_mark(first, hypotheses[k], signatures) or _same_event(first, hypotheses[k], t.same_edges)
+    ]

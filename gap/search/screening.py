@@ -17,16 +17,11 @@ from gap.inference.problem import Problem
 from gap.inference.workers import each
 from gap.search.joint import together
 from gap.search.starts import by_steps, plain_start, starting_points
+from gap.search.traces import traced
 from sim_devices.chain import FloatArray
 
 STEEP = 10.0
 """Detectability at the weakest strength simulated above which the linear screening says nothing."""
-SMALL = (3.0, 60.0)
-"""σ by which a point should change the data for straight lines to say something."""
-APART = 2.5
-"""Factor by which the change of a point may differ from the residual for a fit to start well from it."""
-BISECTIONS = 7
-"""Simulations at most to find one."""
 STARTS = 2
 """Screening points from which a refit starts."""
 STRAIN_EACH, STRAIN_ONE = 2.5, 3.0
@@ -132,22 +127,7 @@ def screen(
         else:
             units, traces, sure = looked[candidate]
             simulations += len(candidate.blocks) * len(units)
-        score, along, by_chance = 0.0, np.zeros(len(units)), False
-        earned, widths = {}, {}
-        for b, changes in traces.items():
-            along += own[b].squares(changes, own[b].jacobian.T @ changes)
-            gains, lens, most = _seen_through(profiled[b], changes, AS_IT_IS if by_steps(candidate) else AMPLITUDES)
-            score += most
-            times = [problems[b].noise_scale({candidate: candidate.values(unit)}) for unit in units]
-            if times[0] is not None:  # the residual does not move, it counts for less
-                by_chance = True
-                gains = np.array([_widened(base.fits[b].residual, t) for t in times if t is not None])
-            earned[b], widths[b] = gains, lens.sd
-        gain, starts = _beginnings(candidate, units, earned)
-        if candidate.event:
-            gain -= _windows(sum(len(base.fits[b].residual) for b in traces))
-        seen = list(zip(units, np.sqrt(np.maximum(along, 0.0)).tolist(), strict=True))
-        out.append(Screened(candidate, units, gain, starts, widths, seen, traces, sure, score, by_chance))
+        out.append(_screened(candidate, units, traces, sure, problems, base, own, profiled))
     out.sort(key=lambda s: -s.gain)
     far = [s for s in out[quick_fits:] if s.score >= least_score and min(d for _, d in s.detectability) > STEEP]
     unsure = out[:quick_fits] + sorted(far, key=lambda s: -s.score)[:far_fits]
@@ -156,6 +136,35 @@ def screen(
         if gain > s.gain:
             s.gain, s.starts = gain, starts
     return sorted(out, key=lambda s: -s.gain), simulations
+
+
+def _screened(
+    candidate: Candidate,
+    units: tuple[FloatArray, ...],
+    traces: dict[str, FloatArray],
+    sure: bool,
+    problems: dict[str, Problem],
+    base: Hypothesis,
+    own: dict[str, Projector],
+    profiled: dict[str, list[_ProfiledResidual]],
+) -> Screened:
+    """A candidate as its ``traces`` (n, points) show it in each block."""
+    score, along, by_chance = 0.0, np.zeros(len(units)), False
+    earned, widths = {}, {}
+    for b, changes in traces.items():
+        along += own[b].squares(changes, own[b].jacobian.T @ changes)
+        gains, lens, most = _seen_through(profiled[b], changes, AS_IT_IS if by_steps(candidate) else AMPLITUDES)
+        score += most
+        times = [problems[b].noise_scale({candidate: candidate.values(unit)}) for unit in units]
+        if times[0] is not None:  # the residual does not move, it counts for less
+            by_chance = True
+            gains = np.array([_widened(base.fits[b].residual, t) for t in times if t is not None])
+        earned[b], widths[b] = gains, lens.sd
+    gain, starts = _beginnings(candidate, units, earned)
+    if candidate.event:
+        gain -= _windows(sum(len(base.fits[b].residual) for b in traces))
+    seen = list(zip(units, np.sqrt(np.maximum(along, 0.0)).tolist(), strict=True))
+    return Screened(candidate, units, gain, starts, widths, seen, traces, sure, score, by_chance)
 
 
 def _beginnings(
@@ -314,59 +323,12 @@ def _looked_at(
 ) -> tuple[tuple[FloatArray, ...], dict[str, FloatArray], bool]:
     """Where ``candidate`` is looked at, its traces there, and whether it must be refitted."""
     points, sure = starting_points(candidate, problems, base)
-    units, traces = _traced(candidate, problems, base, own, points)
+    units, traces = traced(candidate, problems, base, own, points)
     lenses = {b: [(r.evidence, r.projector, r.aim) for r in profiled[b]] for b in candidate.blocks}
     if more := together(candidate, units, traces, lenses):
-        further, changes = _traced(candidate, problems, base, own, more)
+        further, changes = traced(candidate, problems, base, own, more)
         units, traces = (*units, *further), {b: np.hstack([traces[b], changes[b]]) for b in traces}
     return units, traces, sure
-
-
-def _traced(
-    candidate: Candidate,
-    problems: dict[str, Problem],
-    base: Hypothesis,
-    own: dict[str, Projector],
-    points: list[FloatArray],
-) -> tuple[tuple[FloatArray, ...], dict[str, FloatArray]]:
-    """The points and, for each block, their changes, (n, points); with points where the effect begins to show and
-    where it is as large as the base's rest, if none of them is there: a threshold leaves nothing to linearise
-    below it, and too much far above."""
-    units: list[FloatArray] = []
-    columns: dict[str, list[FloatArray]] = {b: [] for b in candidate.blocks}
-    sizes: list[tuple[float, float]] = []  # the change of a point, as it is and beside the nuisance
-
-    def look(unit: FloatArray) -> None:
-        raw, beside = 0.0, 0.0
-        for b, column in columns.items():
-            column.append(_trace(problems[b], base.fits[b], candidate, unit))
-            raw += float(np.sum(np.square(column[-1])))
-            beside += max(own[b].chi2(column[-1]), 0.0)
-        units.append(unit)
-        sizes.append((float(np.sqrt(raw)), float(np.sqrt(beside))))
-
-    for unit in points:
-        look(unit)
-    strengths = [k for k, p in enumerate(candidate.parameters) if p.null is not None and p.scale == "log"]
-    if len(strengths) == 1:
-        at = strengths[0]
-        middle = [k for k, u in enumerate(units) if all(u[j] == 0.5 for j in range(len(u)) if j != at)]
-        middle = middle or [k for k, u in enumerate(units) if np.array_equal(np.delete(u, at), np.delete(units[0], at))]
-        left = float(np.sqrt(sum(max(base.fits[b].chi2 - len(base.fits[b].residual), 0.0) for b in columns)))
-        for which, low, high in ((0, *SMALL), (1, left / APART, left * APART)):
-            if high < SMALL[1]:
-                continue
-            for _ in range(BISECTIONS):
-                known = sorted((units[k][at], sizes[k][which]) for k in middle)
-                below = max((u for u, size in known if size < low), default=None)
-                above = min((u for u, size in known if size > high), default=None)
-                if below is None or above is None or any(low <= size <= high for _, size in known):
-                    break
-                unit = units[middle[0]].copy()
-                unit[at] = 0.5 * (below + above)
-                look(unit)
-                middle = [*middle, len(units) - 1]
-    return tuple(units), {b: np.column_stack(c) for b, c in columns.items()}
 
 
 def _quick_fit(
@@ -389,11 +351,3 @@ def _quick_fit(
         simulations += quick.simulations
         starts[block] = (quick.unit[len(before.unit) :], *others)
     return gain, starts, simulations
-
-
-def _trace(problem: Problem, f: Fit, candidate: Candidate, unit: FloatArray) -> FloatArray:
-    """The projection that a candidate at ``unit`` (k,) takes from a fit's whitened residual (n,)."""
-    active = {**f.active, candidate: candidate.values(unit)}
-    trace = f.residual - problem.evaluate(f.nuisance, active, want_jacobian=False).residual
-    # A point at which the simulation diverges says nothing.
-    return np.asarray(trace) if np.all(np.isfinite(trace)) else np.zeros(len(trace))
