@@ -42,9 +42,9 @@ UNEVEN, UNEVENLY = 0.03, 0.25
 uneven. A converter's codes times a constant are even to the last digit of the file, which is allowed for."""
 SHOWN = 1.05
 """Times that uneven steps must widen the noise to be told: those of a command are its levels."""
-SHAKEN_LEVELS, SHAKEN = 100, (0.3, 10.0)
-"""Levels, and noise in steps, from which on uneven steps are the converter's whatever they add to the noise: no command
-chose these levels. In more noise than that they do no harm."""
+SHAKEN_LEVELS, SHAKEN_VISITS, SHAKEN = 100, 3, (0.3, 10.0)
+"""Levels, how often each is usually met, and noise in steps, from which on uneven steps are the converter's, whatever
+they add to the noise: no command chose these levels. In more noise than that they do no harm."""
 ROUNDED = 1.155
 """The same of even steps. Up to two σ of the noise a step only adds its square over twelve (Widrow and Kollár,
 *Quantization Noise*, 2008): a laboratory that writes few digits has no fault."""
@@ -249,12 +249,13 @@ def _coarse(name: str, series: Sequence[Series], nominal: float) -> list[Signatu
     steps of one size, whatever its resolution."""
     values = [s.value[np.isfinite(s.value)] for s in series]
     value = np.concatenate(values)
-    levels = np.unique(value)
+    levels, visits = np.unique(value, return_counts=True)
     if len(levels) < 3 or len(levels) > 0.25 * len(value):
         return []
     gaps = np.concatenate([np.diff(np.unique(v)) for v in values])  # each recording may have a zero of its own
     wider = _by_steps(value, gaps, nominal)
-    shaken = len(levels) >= SHAKEN_LEVELS and SHAKEN[0] < high_band_sigma(value) / float(np.median(gaps)) < SHAKEN[1]
+    shaken = len(levels) >= SHAKEN_LEVELS and float(np.median(visits)) >= SHAKEN_VISITS
+    shaken &= SHAKEN[0] < high_band_sigma(value) / float(np.median(gaps)) < SHAKEN[1]
     uneven = (wider > SHOWN or shaken) and _uneven(gaps, levels)
     step = float(np.quantile(np.diff(levels), 0.1))  # sparse levels skip steps
     if not uneven and (step <= COARSER * nominal or wider <= ROUNDED):
@@ -262,7 +263,7 @@ def _coarse(name: str, series: Sequence[Series], nominal: float) -> list[Signatu
     text = f"{name} comes in steps of {step:.3g}, {step / nominal:.1f} times its resolution"
     if uneven:
         text = f"{name} comes in uneven steps of {np.quantile(gaps, 0.1):.3g} to {np.quantile(gaps, 0.9):.3g}"
-    return [Signature("sensor_quantisation", name, CERTAIN, text, noise=wider, certain=uneven and shaken)]
+    return [Signature("sensor_quantisation", name, CERTAIN, text, noise=wider, certain=bool(uneven and shaken))]
 
 
 def _uneven(gaps: FloatArray, levels: FloatArray) -> bool:

@@ -41,8 +41,9 @@ QUIET = 1e-6
 """Share of the most telling kink's information on lateness below which a kink says nothing."""
 NOISY = 1.2
 """χ² for each row above which a regulator of another structure is tried,"""
-TAKEN = 0.5
-"""which is one if it takes away so much of what another leaves above the noise,"""
+LEFT, FOLLOWS = 2.0, 0.5
+"""which is one if it leaves less than so much of χ² and strain for each row, and if its flow follows the pressure by so
+many tolerances: else it is but a better place to start from, and something else acts,"""
 OVERSHOT = 5e3
 """Pa above the air's pressure to which such a loop may vent."""
 VALVE_START = {"reset": 0.1, "build": 0.6, "vent": 0.6, "lean": 0.3}
@@ -138,7 +139,9 @@ class PressureBlock(Block):
         looked = under(self, self.prior_mean, valve)
         tries = [fit(looked, nuisance=start) for start in (begin, found.nuisance)]
         best = max(tries, key=lambda f: f.log_evidence(1.0, (valve,)))
-        if best.chi2 < len(best.residual) + (1.0 - TAKEN) * (found.chi2 - len(found.residual)):
+        flow = (best.nuisance / valve)[self._valve][2:]  # build, vent, lean
+        better = best.objective < min(LEFT * len(best.residual), found.objective)
+        if better and np.linalg.norm(flow) > FOLLOWS:
             self.prior_scales, self.prior_sd, self._begin = (*self.prior_scales, valve), valve, best.nuisance
 
     @property

@@ -218,6 +218,11 @@ class ManometerBlock(PressureBlock):
 
     name, channels = "manometer", ("pressure_reference",)
 
+    @property
+    def shift_sd(self) -> float:
+        """How late the second gauge may be, s, which has a response and stamps of its own."""
+        return float(np.hypot(super().shift_sd, self.tolerances["sampling"]["second_gauge"].value))
+
     def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:
         return {
             "pressure_gauge_gain_error": (-float(nuisance[-2]), "1"),
