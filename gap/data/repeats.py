@@ -99,7 +99,7 @@ def held_values(series: Sequence[Series]) -> tuple[int, float]:
         moves = np.abs(change[change != 0])
         jump = JUMPS * max(high_band_sigma(v), 0.5 * float(np.median(moves))) if len(moves) else np.inf
         still = (change == 0) & (v[1:] > v.min()) & (v[1:] < v.max())
-        for begin, end in _runs_of(still):
+        for begin, end in runs_of(still):
             unlikely = _unlikely(still[None], begin, end) - np.log(len(v))
             if unlikely > 0 and end < len(change) and abs(change[end]) > jump:
                 runs, nats = runs + 1, nats + unlikely
@@ -124,7 +124,10 @@ def copied_rows(recordings: Sequence[Recording], names: Sequence[str]) -> tuple[
         for age in range(2, OLD + 1):
             again = np.array([v[age:] == v[:-age] for v in values])
             moved = np.any([v[age:] != v[age - 1 : -1] for v in values], axis=0)  # else it stands still
-            for begin, end in _runs_of(np.all(again, axis=0) & moved):
+            most = -float(np.sum(np.log(np.maximum(np.mean(again, axis=1), UNALIKE))))  # nats of a row
+            for begin, end in runs_of(np.all(again, axis=0) & moved):
+                if (end - begin) * most <= tries:
+                    continue
                 unlikely = _unlikely(again, begin, end) - tries
                 if unlikely > 0 and not np.any(taken[begin + age : end + age]):
                     taken[begin + age : end + age] = True
@@ -141,6 +144,7 @@ def _unlikely(again: NDArray[np.bool_], begin: int, end: int) -> float:
     return float((begin - end) * np.sum(np.log(chance)))
 
 
-def _runs_of(at: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def runs_of(at: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Begin and end of each run of true values among ``at`` (n,)."""
     edges = np.flatnonzero(np.diff(np.r_[False, at, False]))
     return [(int(b), int(e)) for b, e in edges.reshape(-1, 2)]

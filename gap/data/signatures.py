@@ -18,8 +18,8 @@ from scipy.stats import gamma
 from acquire.plugins import instrument
 from acquire.recording.model import Recording, Series
 from gap.data.noise import grid_step, high_band_sigma
-from gap.data.polled import looks_at_commands
-from gap.data.repeats import copied_rows, held_values, repeated_values, repeats_surprise, stale_rows
+from gap.data.polled import DIFFERENCE, looks_at_commands
+from gap.data.repeats import copied_rows, held_values, repeated_values, repeats_surprise, runs_of, stale_rows
 from sim_devices.chain import FloatArray
 
 CERTAIN = 30.0
@@ -71,8 +71,6 @@ EDGE = 8.0
 """by more than so many times the median bend."""
 EDGE_NEAR = 0.3
 """s about such an edge that are left out: seven time constants of a pressure regulator."""
-DIFFERENCE = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
-"""Fourth differences: of a smooth signal they leave the noise."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +142,7 @@ def _clipping(name: str, series: Sequence[Series]) -> list[Signature]:
         near = float(np.mean((sign * value < top - 1e-9 * span) & (sign * value > top - 0.03 * span)))
         step = max(grid_step(value), 3 * high_band_sigma(value), 0.003 * span)
         clipped = 0
-        for b, e in _runs(at):
+        for b, e in runs_of(at):
             before = sign * value[max(b - max(3, (e - b) // 2), 0) : b]
             # A slow signal on a coarse grid also dwells at its largest value, but it comes there step by step.
             if e - b >= 3 and len(before) >= 3 and top - float(np.mean(before)) > 2 * step:
@@ -169,7 +167,7 @@ def _piles_up(value: FloatArray, top: float, span: float) -> bool:
 
 def _still(value: FloatArray) -> float:
     """Share of samples (n,) in runs of one exact value, `AT_REST` samples long at least."""
-    runs = _runs(np.r_[False, np.diff(value) == 0]) if len(value) > 1 else []
+    runs = runs_of(np.r_[False, np.diff(value) == 0]) if len(value) > 1 else []
     return sum(e - b + 1 for b, e in runs if e - b + 1 >= AT_REST) / max(len(value), 1)
 
 
@@ -370,9 +368,3 @@ def _edges(value: FloatArray, rate: float) -> NDArray[np.bool_]:
     bend[m:-m] = np.abs(value[2 * m :] - 2.0 * value[m:-m] + value[: -2 * m])
     usual = float(np.median(bend[m:-m]))
     return np.asarray(binary_dilation(bend > EDGE * usual, iterations=max(int(EDGE_NEAR * rate), m)))
-
-
-def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
-    """Begin and end of each run of true values."""
-    edges = np.flatnonzero(np.diff(np.r_[0, mask.astype(np.int8), 0]))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
