@@ -10,14 +10,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.ndimage import median_filter
 from scipy.stats import gamma
 
 from acquire.recording.model import Recording
+from gap.data.lines import Spectra, differences, rate_of, without_the_loudest
 from sim_devices.chain import FloatArray
 
-DIFFERENCE = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
-"""Fourth differences: of a smooth path they leave the ripple and the noise."""
 SLOWEST, QUICKEST = 2.0, 0.49
 """Hz, and of the sampling rate: where a line is looked for."""
 WIDTH = 1.5
@@ -32,65 +30,42 @@ SMOOTH = 0.1
 """s over which a speed is taken."""
 LEAST = 128
 """Samples of a recording that is asked."""
-CLIPPED = 6.0
-"""Times its median up to which a difference counts: edges of a path have lines of their own."""
 
 
 def looks_at_commands(recordings: Sequence[Recording], names: Sequence[str]) -> float | None:
     """Frequency, Hz, of the ripple that follows the speed in the channels ``names``, in all recordings together; None
     where there is none."""
-    paths = [
-        (np.asarray(s.time, dtype=float), np.asarray(s.value, dtype=float))
-        for r in recordings
-        for s in (r.streams[n] for n in names if n in r.streams)
-        if len(s.value) >= LEAST and np.all(np.isfinite(s.value)) and np.ptp(s.value) > 0
-    ]
-    if not paths:
+    series = [r.streams[n] for r in recordings for n in names if n in r.streams]
+    series = [s for s in series if len(s.value) >= LEAST and np.all(np.isfinite(s.value))]
+    rate = rate_of([s.time for s in series]) if series else 0.0
+    if rate == 0.0:
         return None
-    step = float(np.median([float(t[-1] - t[0]) / (len(t) - 1) for t, _ in paths]))
-    if not step > 0.0:
+    moving = [(differences(v), _speed(v, max(int(SMOOTH * rate), 2))) for v in (s.value for s in series)]
+    moving = [(ripple, speed) for ripple, speed in moving if ripple.any() and speed.any()]
+    if len(moving) < 2:
         return None
-    rate = 1.0 / step
-    size = 2 ** int(np.ceil(np.log2(2 * max(len(v) for _, v in paths))))
-    frequency = np.fft.rfftfreq(size, 1.0 / rate)
-    among = (frequency > SLOWEST) & (frequency < QUICKEST * rate)
-    above = []
-    with_speed, without = np.zeros(len(frequency)), np.zeros(len(frequency))
-    for _, value in paths:
-        ripple, speed = _ripple(value, max(int(SMOOTH * rate), 2))
-        if speed.any() and ripple.any():
-            moving, always = _power(ripple, speed, size), _power(ripple, np.ones(len(ripple)), size)
-            above.append(_above(moving, int(WIDTH * size / rate)))
-            with_speed, without = with_speed + moving, without + always
-    if len(above) < 2:
-        return None
-    together = np.sum(above, axis=0) - np.max(above, axis=0)  # the one that speaks for it the most does not count
-    together[~among] = 0.0
-    k = int(np.argmax(together))
-    likely = gamma.sf(together[k], len(above) - 1) * np.count_nonzero(among) < CHANCE
+    spectra = Spectra(rate, max(len(s.value) for s in series))
+    with_speed = [_explained(spectra, ripple, speed) for ripple, speed in moving]
+    always = np.sum([_explained(spectra, ripple, np.ones(len(ripple))) for ripple, _ in moving], axis=0)
+    together, counted = without_the_loudest([spectra.above(power, WIDTH) for power in with_speed])
+    among = (spectra.frequency > SLOWEST) & (spectra.frequency < QUICKEST * rate)
+    k = int(np.argmax(np.where(among, together, 0.0)))
+    likely = gamma.sf(together[k], counted) * np.count_nonzero(among) < CHANCE
     # A line that is always there has its power apart where it is multiplied by a speed that turns.
-    always_there = float(np.max(without[np.abs(frequency - frequency[k]) < NEAR]))
-    return float(frequency[k]) if likely and with_speed[k] > SHARE * always_there else None
+    near = np.abs(spectra.frequency - spectra.frequency[k]) < NEAR
+    turns = float(np.sum(with_speed, axis=0)[k]) > SHARE * float(np.max(always[near]))
+    return float(spectra.frequency[k]) if likely and turns else None
 
 
-def _ripple(value: FloatArray, half: int) -> tuple[FloatArray, FloatArray]:
-    """Fourth differences of a path (n,), clipped, and its speed where they are, over its rms."""
-    change = np.convolve(value, DIFFERENCE, "valid")
-    usual = float(np.median(np.abs(change))) or float(np.std(change)) or 1.0
+def _speed(value: FloatArray, half: int) -> FloatArray:
+    """Speed (n - 4,) of a path (n,) where its fourth differences are, over its rms."""
     speed = np.zeros(len(value))
     speed[half:-half] = value[2 * half :] - value[: -2 * half]
     speed = speed[2:-2]
-    size = float(np.sqrt(np.mean(np.square(speed)))) or 1.0
-    return np.clip(change / usual, -CLIPPED, CLIPPED), speed / size
+    return np.asarray(speed / (float(np.sqrt(np.mean(np.square(speed)))) or 1.0))
 
 
-def _power(ripple: FloatArray, times: FloatArray, size: int) -> FloatArray:
-    """By frequency, what a wave times ``times`` (n,) explains of a ripple (n,)."""
+def _explained(spectra: Spectra, ripple: FloatArray, times: FloatArray) -> FloatArray:
+    """By frequency (k,), what a wave times ``times`` (n,) explains of a ripple (n,)."""
     window = np.hanning(len(ripple)) * times
-    return np.asarray(np.abs(np.fft.rfft(ripple * window, size)) ** 2 / np.sum(np.square(window)))
-
-
-def _above(power: FloatArray, width: int) -> FloatArray:
-    """Power over the usual one within ``width`` frequencies: exponential where it is noise."""
-    usual = median_filter(power, width | 1, mode="reflect")
-    return np.asarray(power * np.log(2.0) / np.maximum(usual, 1e-9 * power.max()))
+    return spectra.power(ripple * window) / float(np.sum(np.square(window)))

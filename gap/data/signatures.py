@@ -12,13 +12,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, median_filter
+from scipy.ndimage import binary_dilation
 from scipy.stats import gamma
 
 from acquire.plugins import instrument
 from acquire.recording.model import Recording, Series
+from gap.data.lines import DIFFERENCE, Spectra, differences, rate_of, without_the_loudest
 from gap.data.noise import grid_step, high_band_sigma
-from gap.data.polled import DIFFERENCE, looks_at_commands
+from gap.data.polled import looks_at_commands
 from gap.data.repeats import copied_rows, held_values, repeated_values, repeats_surprise, runs_of, stale_rows
 from sim_devices.chain import FloatArray
 
@@ -305,32 +306,17 @@ def _hum(name: str, series: Sequence[Series]) -> list[Signature]:
     lines. The recording that speaks for a line the most is not counted, where there are several.
     """
     values = [v for s in series if len(v := np.asarray(s.value, dtype=float)[np.isfinite(s.value)]) > 128]
-    steps = [float(s.time[-1] - s.time[0]) / (len(s.time) - 1) for s in series]  # stamps may come in blocks
-    step = float(np.median(steps))
-    if not values or not step > 0:
+    rate = rate_of([s.time for s in series])
+    if not values or rate == 0.0:
         return []
-    rate = 1.0 / step
-    size = 2 ** int(np.ceil(np.log2(2 * max(len(v) for v in values))))
-    frequency = np.fft.rfftfreq(size, 1.0 / rate)
-    passed = np.maximum(np.abs(np.fft.rfft(DIFFERENCE, size)) ** 2, 1e-12)
-    each: list[FloatArray] = []
-    for v in values:
-        change = np.convolve(v, DIFFERENCE, "valid")
-        spread = float(np.median(np.abs(change))) or float(np.std(change))
-        if spread == 0.0:
-            continue
-        near = _edges(v, rate)[2:-2]
-        noise = np.where(near, 0.0, np.clip(change / spread, -6.0, 6.0)) * np.hanning(len(change))
-        if np.mean(near) > 0.5 or not noise.any():
-            continue
-        power = np.abs(np.fft.rfft(noise, size)) ** 2 / passed
-        usual = median_filter(power, int(HUM_WIDTH * size / rate) | 1, mode="reflect")
-        each.append(power * np.log(2.0) / np.maximum(usual, 1e-9 * power.max()))
+    spectra = Spectra(rate, max(len(v) for v in values))
+    each = [power for v in values if (power := _quiet_power(v, spectra)) is not None]
     if not each:
         return []
-    above = np.sum(each, axis=0) - (np.max(each, axis=0) if len(each) > 1 else 0.0)
+    frequency = spectra.frequency
+    above, counted = without_the_loudest(each)
     above[frequency < rate / HUM_FROM] = 0.0
-    likely = gamma.sf(above, max(len(each) - 1, 1)) * max(len(v) for v in values) < HUM_CHANCE
+    likely = gamma.sf(above, counted) * spectra.longest < HUM_CHANCE
     theirs = _of_the_mains(frequency, np.where(likely, above, 0.0))
     out = []
     for mark, among, more in (
@@ -341,6 +327,17 @@ def _hum(name: str, series: Sequence[Series]) -> list[Signature]:
             k = int(np.argmax(np.where(among, above, 0.0)))
             out.append(Signature(mark, name, CERTAIN, f"{name} has a line at {frequency[k]:.1f} Hz{more}"))
     return out
+
+
+def _quiet_power(value: FloatArray, spectra: Spectra) -> FloatArray | None:
+    """Power (k,) of the noise of a channel (n,) over the usual one, away from edges of its signal; None if little is
+    left."""
+    near = _edges(value, spectra.rate)[2:-2]
+    noise = np.where(near, 0.0, differences(value)) * np.hanning(len(near))
+    if np.mean(near) > 0.5 or not noise.any():
+        return None
+    passed = np.maximum(spectra.power(DIFFERENCE), 1e-12)
+    return spectra.above(spectra.power(noise) / passed, HUM_WIDTH)
 
 
 def _of_the_mains(frequency: NDArray[np.floating[Any]], power: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:

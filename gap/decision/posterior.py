@@ -15,6 +15,7 @@ from scipy.special import softmax
 
 from gap.data.signatures import HUM, Signature
 from gap.decision.marks import at_marks, certain, explains_marks, made_by, wider_noise
+from gap.decision.priors import log_priors
 from gap.decision.thresholds import Thresholds
 from gap.decision.tolerance import Stated, in_stated, weakest
 from gap.decision.transfer import Shrink
@@ -153,10 +154,8 @@ def posterior(
     temper = comparison.temper()
     weighed = comparison.weighed(temper)
     every = [comparison.null, *comparison.hypotheses]
-    marks = np.array([_mark_nats(h, comparison, weighed, signatures, t) for h in every])
-    prior = _log_priors(every, candidates, t) + np.array([beforehand(h) for h in every])
-    at_bound = t.at_bound * np.array([weakest(h, t.weakest) for h in every])
-    score = prior + np.array([weighed[id(h)].evidence for h in every]) + marks - at_bound
+    prior = log_priors(every, candidates, t) + np.array([beforehand(h) for h in every])
+    score = prior + _earned_alone(every, comparison, weighed, signatures, t)
     by_chance = {c.candidate for c in comparison.screened if c.by_chance}
     unmarked = {e for e in by_chance if not any(made_by(s, e) for s in signatures)}
     score = _with_earned_pairs(score, every, comparison, weighed, t, temper, stated or {}, unmarked)
@@ -189,6 +188,19 @@ def posterior(
     )
 
 
+def _earned_alone(
+    every: Sequence[Hypothesis],
+    comparison: Comparison,
+    weighed: Mapping[int, Weight],
+    signatures: Sequence[Signature],
+    t: Thresholds,
+) -> FloatArray:
+    """Nats of each hypothesis by its fits and the channels' marks, less for strengths at the end of their range."""
+    marks = np.array([_mark_nats(h, comparison, weighed, signatures, t) for h in every])
+    at_bound = t.at_bound * np.array([weakest(h, t.weakest) for h in every])
+    return np.asarray(np.array([weighed[id(h)].evidence for h in every]) + marks - at_bound)
+
+
 def _by_stage(hypotheses: Sequence[Hypothesis], probability: FloatArray) -> dict[str, float]:
     """The probability of every stage that an effect acts in, the most probable first."""
     stages: dict[str, float] = {}
@@ -196,20 +208,6 @@ def _by_stage(hypotheses: Sequence[Hypothesis], probability: FloatArray) -> dict
         for e in h.effects:
             stages[e.stage] = stages.get(e.stage, 0.0) + float(p) / len(h.effects)
     return dict(sorted(stages.items(), key=lambda one: -one[1]))
-
-
-def _log_priors(every: Sequence[Hypothesis], candidates: Sequence[Candidate], t: Thresholds) -> FloatArray:
-    """log prior of each hypothesis: concepts are equally probable, and the forms of one share its prior."""
-    names = [c.name for c in candidates]
-    n = len(set(names)) or 1
-    pairs = max(n * (n - 1) / 2, 1)
-    one, two = np.log(t.prior_effect / n), np.log(t.prior_pair / pairs)
-    out = np.full(len(every), np.log(1.0 - t.prior_effect - t.prior_pair))
-    for k, h in enumerate(every):
-        if h.effects:
-            shared = sum(np.log(max(names.count(e.name), 1)) for e in h.effects)
-            out[k] = (one if len(h.effects) == 1 else two) - shared
-    return out
 
 
 def _mark_nats(

@@ -132,7 +132,8 @@ class PressureBlock(Block):
             self._try_valve(found)
 
     def _try_valve(self, found: Fit) -> None:
-        """Take on a loop about a valve, as a third width of the prior, where that is more probable than ``found``."""
+        """Take on a loop about a valve, as a third width of the prior, where it comes to the noise and ``found`` does
+        not, by a flow that follows the pressure."""
         valve = self._prior(lambda t: t.widest, valve=True)
         begin = self.prior_mean.copy()
         begin[self._valve] = [VALVE_START.get(name, 0.0) for name in self.VALVE]
@@ -147,10 +148,6 @@ class PressureBlock(Block):
     @property
     def _valve(self) -> slice:
         return slice(5 + len(self.LAGS), 5 + len(self.LAGS) + len(self.VALVE))
-
-    @property
-    def _valve_places(self) -> range:
-        return range(self._valve.start, self._valve.stop)
 
     def start(self) -> FloatArray:
         return self.prior_mean.copy() if self._begin is None else self._begin.copy()
@@ -309,7 +306,7 @@ class PressureBlock(Block):
         jacobian = np.ones((len(residual), len(nuisance)))
         valve = [1e-3] * len(self.VALVE)
         for k, step in enumerate((1e-3, 1e-3, 0.05 * self.dt, 1e-6, *[1e-3] * len(self.LAGS), 1e-4, *valve)):
-            if k in self._valve_places and self.prior_sd[k] <= FROZEN:
+            if self._valve.start <= k < self._valve.stop and self.prior_sd[k] <= FROZEN:
                 jacobian[:, k] = 0.0
                 continue
             moved = nuisance.copy()
