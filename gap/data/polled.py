@@ -40,15 +40,19 @@ def looks_at_commands(recordings: Sequence[Recording], names: Sequence[str]) -> 
     rate = rate_of([s.time for s in series]) if series else 0.0
     if rate == 0.0:
         return None
-    moving = [(differences(v), _speed(v, max(int(SMOOTH * rate), 2))) for v in (s.value for s in series)]
-    moving = [(ripple, speed) for ripple, speed in moving if ripple.any() and speed.any()]
+    every = [(differences(s.value), _speed(s.value, max(int(SMOOTH * rate), 2))) for s in series]
+    moving = [(ripple, speed) for ripple, speed in every if ripple.any() and speed.any()]
     if len(moving) < 2:
         return None
-    spectra = Spectra(rate, max(len(s.value) for s in series))
+    return _line_with_speed(moving, Spectra(rate, max(len(s.value) for s in series)))
+
+
+def _line_with_speed(moving: Sequence[tuple[FloatArray, FloatArray]], spectra: Spectra) -> float | None:
+    """Frequency, Hz, of a line that goes with the speed of paths, ripple and speed (n,) each."""
     with_speed = [_explained(spectra, ripple, speed) for ripple, speed in moving]
     always = np.sum([_explained(spectra, ripple, np.ones(len(ripple))) for ripple, _ in moving], axis=0)
     together, counted = without_the_loudest([spectra.above(power, WIDTH) for power in with_speed])
-    among = (spectra.frequency > SLOWEST) & (spectra.frequency < QUICKEST * rate)
+    among = (spectra.frequency > SLOWEST) & (spectra.frequency < QUICKEST * spectra.rate)
     k = int(np.argmax(np.where(among, together, 0.0)))
     likely = gamma.sf(together[k], counted) * np.count_nonzero(among) < CHANCE
     # A line that is always there has its power apart where it is multiplied by a speed that turns.

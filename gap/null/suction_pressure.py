@@ -46,7 +46,7 @@ LEFT, FOLLOWS = 2.0, 0.5
 many tolerances: else it is but a better place to start from, and something else acts,"""
 OVERSHOT = 5e3
 """Pa above the air's pressure to which such a loop may vent."""
-VALVE_START = {"reset": 0.1, "build": 0.6, "vent": 0.6, "lean": 0.3}
+VALVE_START = {"integral_rate": 0.1, "suction_flow_slope": 0.6, "venting_flow_slope": 0.6, "flow_asymmetry": 0.3}
 """looked for from here: a valve whose flow follows the pressure."""
 NO_TISSUE = SuctionTissue(0.0, creep=(), times=(), residual=0.0, softening=0.0)
 
@@ -114,7 +114,13 @@ class PressureBlock(Block):
     name, channels = "pressure", ("pressure",)
     floor = 5.0  # Pa: a twentieth of the command's resolution
     LAGS = (0.015, 0.04, 0.1)
-    VALVE: Mapping[str, float] = {"reset": 0.0, "weight": 1.0, "build": 0.0, "vent": 0.0, "lean": 0.0}
+    VALVE: Mapping[str, float] = {  # what these are in a second order
+        "integral_rate": 0.0,
+        "setpoint_weight": 1.0,
+        "suction_flow_slope": 0.0,
+        "venting_flow_slope": 0.0,
+        "flow_asymmetry": 0.0,
+    }
 
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect]) -> None:
         # An open probe holds no pressure: its record says nothing of the regulator.
@@ -140,7 +146,7 @@ class PressureBlock(Block):
         looked = under(self, self.prior_mean, valve)
         tries = [fit(looked, nuisance=start) for start in (begin, found.nuisance)]
         best = max(tries, key=lambda f: f.log_evidence(1.0, (valve,)))
-        flow = (best.nuisance / valve)[self._valve][2:]  # build, vent, lean
+        flow = (best.nuisance / valve)[self._valve][2:]  # but for the controller's two
         better = best.objective < min(LEFT * len(best.residual), found.objective)
         if better and np.linalg.norm(flow) > FOLLOWS:
             self.prior_scales, self.prior_sd, self._begin = (*self.prior_scales, valve), valve, best.nuisance
@@ -238,7 +244,7 @@ class PressureBlock(Block):
                 for lag, c in zip(self.LAGS, nuisance[4:], strict=False)
             },
             **{
-                f"regulator_{name}": (float(c) + plain, "1/s" if name == "reset" else "1")
+                f"regulator_{name}": (float(c) + plain, "1/s" if name == "integral_rate" else "1")
                 for (name, plain), c in zip(self.VALVE.items(), nuisance[self._valve], strict=True)
                 if self._begin is not None
             },

@@ -55,8 +55,9 @@ def test_a_loop_about_a_valve_is_at_the_noise(recording: Callable[..., Recording
     assert found.chi2 / len(found.residual) < 1.2
     assert len(block.prior_scales) == 3
     told = block.quantities(found.nuisance)
-    assert told["regulator_build"][0] == pytest.approx(50 / 80 * 1.25 / 0.85, rel=0.5)  # against the mean of both ways
-    assert 0.0 < told["regulator_reset"][0] < 0.5  # 1.2 / 18
+    # Against the mean of both ways.
+    assert told["regulator_suction_flow_slope"][0] == pytest.approx(50 / 80 * 1.25 / 0.85, rel=0.5)
+    assert 0.0 < told["regulator_integral_rate"][0] < 0.5  # 1.2 / 18
 
 
 def test_a_second_order_needs_no_valve(recording: Callable[..., Recording]) -> None:
