@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import re
+import runpy
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from acquire.cli.app import COMMANDS, GROUPS
+from drivers.microrobot.forces import matrix
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(
@@ -38,3 +41,15 @@ def test_decisions_are_numbered_short_and_indexed() -> None:
         assert len(lines) <= 40, record.name
         assert lines[0].startswith(f"# {number}. "), record.name
         assert f"[{lines[0].lstrip('# ')}]({record.name})" in index, record.name
+
+
+def test_the_list_of_effects_is_that_of_the_library() -> None:
+    made = runpy.run_path(str(ROOT / "tools/effect_list.py"))["page"]()
+    assert (ROOT / "docs/effect-list.md").read_text(encoding="utf-8") == made, "run tools/effect_list.py"
+
+
+def test_the_force_matrix_of_bundles_is_the_drivers() -> None:
+    text = (ROOT / "docs/recordings.md").read_text(encoding="utf-8")
+    rows = re.search(r"rows of M\n\n```\n(.*?)```", text, flags=re.DOTALL)
+    assert rows is not None
+    assert np.array([line.split() for line in rows[1].splitlines()], dtype=float) == pytest.approx(matrix(), abs=1e-4)
