@@ -144,7 +144,17 @@ GAUGE = choice("form", 0, *WHERE)
 def _slew_robot(chain: Chain, v: Values) -> Chain:
     rate = 1e-3 / v["span_time"]
     targets = ("target_1", "target_2", "target_3")
-    return law_before(chain, "axes", "slew_limit", "actuator", kernels.rate_limit, (rate, rate), *targets)
+    chain = law_before(chain, "axes", "slew_limit", "actuator", kernels.rate_limit, (rate, rate), *targets)
+    if chosen(v, "form") == 0:
+        return chain
+    return law_before(chain, "axes", "slew_rounding", "actuator", kernels.low_pass, (v["rounding"],), *targets)
+
+
+def _drag(chain: Chain, v: Values) -> Chain:
+    alone = chosen(v, "axis")
+    if chosen(v, "form") == 0:
+        return chain.tuned("axes", drag=v["drag"], alone=alone)
+    return chain.tuned("axes", thinning=v["thinning"], thinning_power=v["power"], alone=alone)
 
 
 def _backlash(chain: Chain, v: Values) -> Chain:
@@ -294,7 +304,11 @@ EFFECTS = (
         "The rate of axis motion is limited.",
         "Slower trajectories, or a higher limit in the controller.",
         "trajectory generators' velocity limits; gap.md",
-        (strength("span_time", "s", 0.2, 50.0, 6.0, "time for 1 mm of an axis"),),
+        (
+            strength("span_time", "s", 0.2, 50.0, 6.0, "time for 1 mm of an axis"),
+            choice("form", 0, "abruptly", "rounded, as a limited jerk does"),
+            shape("rounding", "s", 1e-3, 0.2, 0.02, "time constant of it", log=True, only=(1,)),
+        ),
         _slew_robot,
     ),
     effect(
@@ -311,11 +325,17 @@ EFFECTS = (
     ),
     effect(
         "viscous_drag", "actuator", ROBOT,
-        "Drag of an axis in proportion to its speed.",
+        "Drag of an axis that grows with its speed.",
         "Other grease; feed the speed forward.",
-        "slides and position sensors; gap.md",
-        (strength("drag", "N s/m", 1.0, 3e3, 200.0, "per axis"), _AXIS),
-        lambda chain, v: chain.tuned("axes", drag=v["drag"], alone=chosen(v, "axis")),
+        "slides and position sensors; gap.md; greases thin by shear, Herschel and Bulkley 1926",
+        (
+            strength("drag", "N s/m", 1.0, 3e3, 200.0, "per axis", only=(0,)),
+            strength("thinning", "N", 1e-3, 1.0, 0.05, "at 1 mm/s, per axis", only=(1,)),
+            shape("power", "1", 0.2, 0.9, 0.5, "of the speed that it grows with", only=(1,)),
+            choice("form", 0, "in proportion to its speed", "with a power of it, as grease thins"),
+            _AXIS,
+        ),
+        _drag,
     ),
     effect(
         "coulomb_friction", "actuator", ROBOT,

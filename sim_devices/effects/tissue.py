@@ -28,12 +28,21 @@ from sim_devices.effects.build import (
     strength,
 )
 from sim_devices.effects.interface import Slip
+from sim_devices.effects.sheet_forces import (
+    Forces,
+    deep_layer_force,
+    fibre_force,
+    stiffening_force,
+    tension_for_a_while,
+    tension_force,
+    tether_force,
+    to_and_fro,
+)
 from sim_devices.stages import kernels, laws
-from sim_devices.stages.operators import Wired, after
+from sim_devices.stages.operators import Map, Wired, after
 from sim_devices.stages.robot import xyz
 
 _SKIN = xyz("skin")
-Forces = tuple[FloatArray, FloatArray, FloatArray]
 
 
 @dataclass(frozen=True)
@@ -135,55 +144,6 @@ def _with_skin(chain: Chain, name: str, function: Callable[..., Forces], paramet
     return map_after(chain, "tissue", name, "tissue", function, parameters, reading=_SKIN)
 
 
-def deep_layer_force(
-    time: FloatArray, fx: FloatArray, fy: FloatArray, fz: FloatArray, x: FloatArray, y: FloatArray, z: FloatArray,
-    stiffness: float, start: float, width: float,
-) -> Forces:  # fmt: skip
-    """A spring towards rest that is engaged beyond a displacement of ``start``."""
-    far = np.sqrt(x * x + y * y + z * z)
-    pull = stiffness * laws.ramp(far, start, width) / np.maximum(far, 1e-12)
-    return fx - pull * x, fy - pull * y, fz - pull * z
-
-
-def stiffening_force(
-    time: FloatArray, fx: FloatArray, fy: FloatArray, fz: FloatArray, x: FloatArray, y: FloatArray, z: FloatArray,
-    strength: float, exponent: float,
-) -> Forces:  # fmt: skip
-    """Force times 1 + strength (displacement / 1 mm)^exponent."""
-    factor = 1.0 + strength * (np.sqrt(x * x + y * y + z * z) / 1e-3) ** exponent
-    return fx * factor, fy * factor, fz * factor
-
-
-def tension_force(
-    time: FloatArray, fx: FloatArray, fy: FloatArray, fz: FloatArray, x: FloatArray, y: FloatArray, z: FloatArray,
-    stiffness: float, angle: float,
-) -> Forces:  # fmt: skip
-    """More tension along ``angle``, as much less across: the mean over directions stays."""
-    c, s = math.cos(2 * angle), math.sin(2 * angle)
-    return fx - stiffness * (c * x + s * y), fy - stiffness * (s * x - c * y), fz
-
-
-def fibre_force(
-    time: FloatArray, fx: FloatArray, fy: FloatArray, fz: FloatArray, x: FloatArray, y: FloatArray, z: FloatArray,
-    stiffness: float, angle: float, slack: float,
-) -> Forces:  # fmt: skip
-    """Fibres along ``angle`` that pull back, either way, once the skin has moved by more than their ``slack``."""
-    c, s = math.cos(angle), math.sin(angle)
-    along = c * x + s * y
-    pull = stiffness * np.copysign(laws.ramp(np.abs(along), slack, 0.05e-3), along)
-    return fx - pull * c, fy - pull * s, fz
-
-
-def tether_force(
-    time: FloatArray, fx: FloatArray, fy: FloatArray, fz: FloatArray, x: FloatArray, y: FloatArray, z: FloatArray,
-    stiffness: float, angle: float, slack: float,
-) -> Forces:  # fmt: skip
-    """A thread that pulls back only when the skin moves away along ``angle`` by more than ``slack``."""
-    c, s = math.cos(angle), math.sin(angle)
-    pull = stiffness * laws.ramp(c * x + s * y, slack, 0.05e-3)
-    return fx - pull * c, fy - pull * s, fz
-
-
 def _deep_layer(chain: Chain, v: Values) -> Chain:
     if _is_robot(chain):
         parameters = (400.0 * v["stiffness"], v["start"] * 1e-3, 0.15e-3 * v["start"])
@@ -194,9 +154,13 @@ def _deep_layer(chain: Chain, v: Values) -> Chain:
 
 
 def _prestress(chain: Chain, v: Values) -> Chain:
-    if chosen(v, "form") == 0:
-        return _with_skin(chain, "prestress_anisotropy", tension_force, (v["stiffness"], v["angle"]))
-    return _with_skin(chain, "prestress_anisotropy", fibre_force, (v["stiffness"], v["angle"], v["slack"]))
+    law, more = (
+        (tension_force, ()),
+        (fibre_force, ("slack",)),
+        (tension_for_a_while, ("moment", "duration")),
+    )[chosen(v, "form")]
+    parameters = (v["stiffness"], v["angle"], *(v[name] for name in more))
+    return _with_skin(chain, "prestress_anisotropy", law, parameters)
 
 
 def _stiffening(chain: Chain, v: Values) -> Chain:
@@ -212,10 +176,10 @@ def _pulse_suction(chain: Chain, v: Values) -> Chain:
 
 
 def _pulse_robot(chain: Chain, v: Values) -> Chain:
-    for signal, part in (("reaction_z", 1.0), ("reaction_x", 0.4), ("reaction_y", 0.2)):
-        parameters = (part * v["amplitude"], v["frequency"], v["phase"])
-        chain = map_after(chain, "tissue", "pulse_breathing", "tissue", laws.pulse, parameters, signal)
-    return chain
+    name, stage, rhythm = "pulse_breathing", "tissue", (v["frequency"], v["phase"], v["azimuth"], v["elevation"])
+    if chosen(v, "form") == 0:
+        return after(chain, "tissue", lambda s, t: Map(name, stage, s, t, to_and_fro, (v["amplitude"], *rhythm)))
+    return after(chain, "glue", lambda s, t: Map(name, stage, s, t, to_and_fro, (-v["motion"], *rhythm)))
 
 
 def _tone(chain: Chain, v: Values) -> Chain:
@@ -229,16 +193,17 @@ def _tone(chain: Chain, v: Values) -> Chain:
     return map_after(chain, anchor, "muscle_tone_change", "tissue", law, parameters)
 
 
-def _pulse(instruments: tuple[str, ...], unit: str, low: float, high: float, default: float, install: Any) -> Any:
+def _pulse(instruments: tuple[str, ...], strengths: tuple[Any, ...], install: Any, *further: Any) -> Any:
     return effect(
         "pulse_breathing", "tissue", instruments,
         "Periodic motion by heart beat or breath.",
         "Average over beats, or record pulse and breath and subtract.",
         "0.15 to 0.4 Hz breath, 0.8 to 2 Hz pulse",
         (
-            strength("amplitude", unit, low, high, default),
+            *strengths,
             shape("frequency", "Hz", 0.15, 2.0, 1.1, log=True, fine=1e-5),
             shape("phase", "rad", 0.0, 2 * math.pi, 0.0),
+            *further,
         ),
         install,
     )  # fmt: skip
@@ -335,7 +300,8 @@ EFFECTS = (
             strength("stiffness", "N/m", 5.0, 1500.0, 150.0, "more along, less across"),
             shape("angle", "rad", 0.0, math.pi, 1.2, "direction of the greater tension"),
             shape("slack", "m", 0.0, 1e-3, 0.3e-3, "displacement at which they engage", only=(1,)),
-            choice("form", 0, "tension, more along and less across", "fibres that engage late"),
+            choice("form", 0, "tension, more along and less across", "fibres that engage late", "tension for a while"),
+            *for_a_while(2),
         ),
         _prestress,
     ),
@@ -364,8 +330,18 @@ EFFECTS = (
         ),
         _stiffening,
     ),
-    _pulse(SUCTION, "m", 3e-7, 3e-4, 1.5e-5, _pulse_suction),
-    _pulse(ROBOT, "N", 5e-4, 0.3, 0.03, _pulse_robot),
+    _pulse(SUCTION, (strength("amplitude", "m", 3e-7, 3e-4, 1.5e-5),), _pulse_suction),
+    _pulse(
+        ROBOT,
+        (
+            strength("amplitude", "N", 5e-4, 0.3, 0.03, only=(0,)),
+            strength("motion", "m", 1e-6, 1e-3, 5e-5, only=(1,)),
+        ),
+        _pulse_robot,
+        choice("form", 0, "a force on the probe", "the skin moves under it"),
+        shape("azimuth", "rad", 0.0, 2 * math.pi, 0.5, "of its direction, in plane"),
+        shape("elevation", "rad", -0.5 * math.pi, 0.5 * math.pi, 1.1, "of its direction, out of the plane"),
+    ),
     effect(
         "muscle_tone_change", "tissue", ALL,
         "Stiffness changes during the session.",

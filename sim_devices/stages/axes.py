@@ -28,8 +28,10 @@ FORCE_LIMIT = 10.0
 """Greatest force of a coil, N (assumed)."""
 SUBSTEP = 1e-3
 """s, where a nonlinearity is present."""
+THIN_AT = 1e-3
+"""m/s at which the drag of a thinning grease is stated."""
 _END_STOP = 6e-3  # m from the centre; only a lost control of an axis leads there
-_RUBBING = [4, 5, 6, 8]  # of a loop's parameters: drag, dry friction, stiction, presliding
+_RUBBING = [4, 5, 6, 8, 18]  # of a loop's parameters: drag, dry friction, stiction, presliding, drag that thins
 _LONGEST = 14  # and the longest substep, s
 _SETTLED = 1e-3  # relative difference to dry friction at full slip below which it is that
 _ROUNDS, _CLOSE = 30, 1e-9  # of the search for presliding friction at most; of its level, by which it may be off
@@ -44,8 +46,9 @@ class AxisLoop(Wired):
     ``stiction`` N above it near standstill with Stribeck speed ``stribeck_speed`` m/s, ``presliding`` m (0: none);
     ``force_limit`` N, met abruptly, or approached as by tanh if ``soft`` is 1; ``carried`` N of a coil's force hold a
     weight, so that the limit is nearer one way; ``windup`` 0 (integrator frozen while the force is limited) to 1
-    (runs on); relative change of the force constant ``slope`` 1/m and ``curvature`` 1/m². Drag and dry friction are of
-    the axis ``alone`` (1 to 3), or of all (0).
+    (runs on); relative change of the force constant ``slope`` 1/m and ``curvature`` 1/m². Grease that shear thins
+    brakes with ``thinning`` N at 1 mm/s and with ``thinning_power`` of the speed. What rubs is of the axis ``alone``
+    (1 to 3), or of all (0).
     ``fed`` N s/m is the part of the load that is the coil's own: a controller's force in proportion to the target's
     speed counts against the limit, and depends on the force constant.
     ``spring`` N/m holds each axis towards zero: the stiffness that loops through a tissue assume of it
@@ -68,14 +71,17 @@ class AxisLoop(Wired):
     carried: float = 0.0
     alone: int = 0
     fed: float = 0.0
+    thinning: float = 0.0
+    thinning_power: float = 0.5
 
     def fresh(self) -> Any:
         p, m = self.rate, self.mass
-        linear = not (self.coulomb or self.stiction or self.slope or self.curvature or self.soft)
+        linear = not (self.coulomb or self.stiction or self.slope or self.curvature or self.soft or self.thinning)
         values = (
             m, 3 * m * p**2, m * p**3, 3 * m * p, self.drag, self.coulomb, self.stiction, self.stribeck_speed,
             self.presliding, self.force_limit, self.windup, self.slope, self.curvature, self.spring,
             math.inf if linear else SUBSTEP, self.soft, self.carried, self.fed,
+            self.thinning, self.thinning_power,
         )  # fmt: skip
         return np.zeros((len(self.target), _STATE)), np.array(values)
 
@@ -132,7 +138,7 @@ def _advance_axis(
     a[2, 0], a[2, 1], a[2, 2] = ki / (m * w * w), -(kp + spring) / (m * w), -(kd + drag) / m
     bound = 3.0 * w + (kd + drag) / m + spring / (m * w)
     known, exponentials = np.zeros(STEPS), np.empty((STEPS, 3, 3))
-    dry_only = longest < math.inf and p[6] == 0.0 and p[11] == 0.0 and p[12] == 0.0 and p[15] == 0.0
+    dry_only = longest < math.inf and p[6] == 0.0 and p[11] == 0.0 and p[12] == 0.0 and p[15] == 0.0 and p[18] == 0.0
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2], s[3] = 1.0, t[0], target[0], load[0]
     for i in range(t.size):
@@ -279,6 +285,30 @@ def _bristle(held: float, free: float, yields: float, level: float, per_metre: f
     return after
 
 
+@njit(cache=True)
+def _thinned(free: float, yields: float, strength: float, power: float) -> float:
+    """Drag (N) of a grease that shear thins, against a step's mean speed ``free`` m/s that it is lowered from by
+    ``yields`` for each newton: ``strength`` N at `THIN_AT`, growing with a ``power`` of the speed that is left."""
+    way, speed = math.copysign(1.0, free), abs(free)
+    low, high = 0.0, speed / yields  # what would stop it
+    drag = min(strength * (speed / THIN_AT) ** power, high)
+    for _ in range(_ROUNDS):
+        left = max(speed - yields * drag, 0.0)
+        pull = strength * (left / THIN_AT) ** power
+        excess = drag - pull
+        if excess > 0.0:
+            high = drag
+        else:
+            low = drag
+        if abs(excess) < _CLOSE * strength or high - low < _CLOSE * strength:
+            break
+        steep = power * pull / left * yields if left > 0.0 else math.inf
+        drag -= excess / (1.0 + steep)
+        if not low < drag < high:
+            drag = 0.5 * (low + high)
+    return float(-way * drag)
+
+
 @njit(cache=True, inline="always")
 def _run(
     s: FloatArray,
@@ -308,8 +338,13 @@ def _run(
         integral = ip0 - lam * h / ki + (e[0, 0] * d0 + e[0, 1] * d1 + e[0, 2] * d2) / w
         x = r1 + lam / ki + e[1, 0] * d0 + e[1, 1] * d1 + e[1, 2] * d2
         v = rho + w * (e[2, 0] * d0 + e[2, 1] * d1 + e[2, 2] * d2)
+        gain = w * w * e[2, 0] / ki  # of the speed at the end of the step, per newton
+        if p[18] > 0.0:
+            grease = _thinned(0.5 * (s[6] + v), 0.5 * gain, p[18], p[19])
+            v += gain * grease
+            x += w * e[1, 0] * grease / ki
+            integral -= (1.0 - e[0, 0]) * grease / ki
         if coulomb > 0.0 or stiction > 0.0:
-            gain = w * w * e[2, 0] / ki  # of the speed at the end of the step, per newton
             speed = 0.5 * (s[6] + v - gain * s[7])  # with the friction of the step before
             level = coulomb + stiction * math.exp(-((speed / v_s) ** 2))
             if presliding > 0.0:

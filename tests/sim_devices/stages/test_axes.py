@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from sim_devices.stages.axes import LOOP_RATE, MASS, AxisLoop
 
 CORNERS = np.array([0.0, 0.5, 1.5, 2.5, 3.0])
 WAY = 1e-3 * np.array([0.0, 0.0, 1.0, 0.0, 0.0])
+Rate = Callable[[FloatArray], float]
 KP, KI, KD = 3 * MASS * LOOP_RATE**2, MASS * LOOP_RATE**3, 3 * MASS * LOOP_RATE
 
 
@@ -24,25 +26,39 @@ def moved(time: FloatArray, **rubbing: float) -> FloatArray:
     return signals["axis_1"]
 
 
+def integrated(time: FloatArray, brake: Callable[[FloatArray], float], rate: Rate | None = None) -> FloatArray:
+    """Positions (n,) m of such an axis under a braking force, N, of its state (integral, position, speed and, with a
+    ``rate`` of it, friction)."""
+
+    def slope(t: float, s: FloatArray) -> list[float]:
+        error = np.interp(t, CORNERS, WAY) - s[1]
+        force = KP * error + KI * s[0] - KD * s[2] - brake(s)
+        return [error, s[2], force / MASS, *([rate(s)] if rate else [])]
+
+    out, state = np.zeros(len(time)), np.zeros(4 if rate else 3)
+    for a, b in itertools.pairwise(CORNERS):
+        at = (time > a + 1e-9) & (time <= b + 1e-9)
+        found = solve_ivp(slope, (a, b), state, method="LSODA", dense_output=True, rtol=1e-9, atol=1e-12, max_step=2e-3)
+        out[at], state = found.sol(time[at])[1], found.y[:, -1]
+    return out
+
+
 @pytest.mark.parametrize("length", [2e-6, 6e-6, 4e-5])
 def test_presliding_friction_follows_dahl(length: float) -> None:
     """Dahl 1968: f' = x' (f_c - f sign x') / length, however long the steps of a log are."""
-
-    def slope(t: float, s: FloatArray) -> list[float]:
-        integral, x, v, f = s
-        error = np.interp(t, CORNERS, WAY) - x
-        return [error, v, (KP * error + KI * integral - KD * v - f) / MASS, (0.15 * v - abs(v) * f) / length]
-
     time = np.arange(0.0, 3.0, 0.02)
-    parts, state = [np.zeros(1)], np.zeros(4)
-    for a, b in itertools.pairwise(CORNERS):
-        at = time[(time > a + 1e-9) & (time <= b + 1e-9)]
-        out = solve_ivp(slope, (a, b), state, method="LSODA", t_eval=[*at[:-1], b], rtol=1e-8, atol=1e-11)
-        parts.append(out.y[1])
-        state = out.y[:, -1]
-    expected = np.concatenate(parts)[: len(time)]
+    expected = integrated(time, lambda s: float(s[3]), lambda s: float(0.15 * s[2] - abs(s[2]) * s[3]) / length)
     assert np.abs(expected - moved(time)).max() > 4e-6, "friction shows"
     np.testing.assert_allclose(moved(time, coulomb=0.15, presliding=length), expected, atol=6e-7)
+
+
+@pytest.mark.parametrize("power", [0.3, 0.7])
+def test_grease_that_shear_thins_brakes_by_a_power_of_the_speed(power: float) -> None:
+    """Herschel and Bulkley 1926, without a yield stress."""
+    time = np.arange(0.0, 3.0, 0.02)
+    expected = integrated(time, lambda s: float(0.1 * np.sign(s[2]) * (abs(s[2]) / 1e-3) ** power))
+    assert np.abs(expected - moved(time)).max() > 5e-5, "drag shows"
+    np.testing.assert_allclose(moved(time, thinning=0.1, thinning_power=power), expected, atol=2e-7)
 
 
 def test_what_sticks_breaks_away_at_the_stiction() -> None:

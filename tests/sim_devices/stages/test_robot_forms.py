@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sim_devices.effects import parse_effect
-from sim_devices.effects.tissue import fibre_force
+from sim_devices.effects.sheet_forces import fibre_force, tension_for_a_while, tension_force, to_and_fro
 from sim_devices.stages import nominal
 from sim_devices.stages.axes import AxisLoop
 from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
@@ -52,6 +52,53 @@ def test_late_fibres_do_nothing_within_their_slack_and_pull_back_both_ways() -> 
     assert abs(fx[1]) < 1e-4  # the knee is a little round
     assert not fy.any()
     assert not fz.any()
+
+
+def test_tension_for_a_while_is_tension_between_its_moments() -> None:
+    time = np.array([0.5, 1.5, 2.5])
+    zero, x = np.zeros(3), np.full(3, 1e-3)
+    while_it_lasts = tension_for_a_while(time, zero, zero, zero, x, zero, zero, 500.0, 0.3, 1.0, 1.0)
+    always = tension_force(time, zero, zero, zero, x, zero, zero, 500.0, 0.3)
+    for now, then in zip(while_it_lasts, always, strict=True):
+        assert now == pytest.approx(np.array([0.0, then[1], 0.0]), abs=1e-12)
+
+
+def test_a_rhythm_is_along_its_direction() -> None:
+    time, zero = np.linspace(0.0, 2.0, 400), np.zeros(400)
+    x, y, z = to_and_fro(time, zero, zero, zero, 2e-3, 1.5, 0.4, np.pi / 6, np.pi / 3)
+    assert y == pytest.approx(x * np.tan(np.pi / 6))
+    assert z == pytest.approx(np.hypot(x, y) * np.sign(x) * np.tan(np.pi / 3))
+    assert 2e-3 < np.max(np.sqrt(x * x + y * y + z * z)) < 2.6e-3
+
+
+def test_skin_that_moves_under_a_probe_at_rest_takes_it_along() -> None:
+    text = "pulse_breathing:motion=1e-4,form=1,frequency=0.3,phase=0,azimuth=0,elevation=0"
+    effect, values = parse_effect(text, "microrobot")
+    time = np.arange(0.0, 10.0, 0.01)
+    made = effect.apply(nominal("microrobot", tissue="forearm"), values).run(time, _sent(time))
+    turn = 2 * np.pi * 0.3 * time
+    in_phase, ahead = (2 / len(time) * float(w @ made["reaction_x"]) for w in (np.sin(turn), np.cos(turn)))
+    assert 0.5 * 800.0 < np.hypot(in_phase, ahead) / 1e-4 < 1.1 * 840.0  # N/m, less what relaxes
+    assert in_phase > 0  # skin that goes to +x pulls the probe along
+    assert ahead > 0  # and relaxes
+
+
+def test_a_rounded_speed_limit_lags_behind_an_abrupt_one() -> None:
+    time = np.arange(0.0, 3.0, 0.005)
+    halfway = []
+    for text in ("span_time=1", "span_time=1,form=1,rounding=0.05"):
+        effect, values = parse_effect(f"slew_limit:{text}", "microrobot")
+        made = effect.apply(nominal("microrobot", tissue="open air"), values).run(
+            time, _sent(time, 1e-3 * (time > 0.5))
+        )
+        halfway.append(float(time[np.argmax(made["axis_1"] > 0.5e-3)]))
+    assert halfway[1] - halfway[0] == pytest.approx(0.05, abs=0.01)  # a ramp through a low-pass
+
+
+def _sent(time: np.ndarray, z: np.ndarray | None = None) -> dict[str, np.ndarray]:
+    """Commands of a tip that rests, or goes along z."""
+    still = np.zeros(len(time))
+    return {"command_x": still, "command_y": still, "command_z": still if z is None else z}
 
 
 def test_a_position_leaks_into_the_transducer_that_is_named() -> None:
