@@ -86,8 +86,9 @@ def remarks(recordings: Sequence[Recording], one_clock: bool) -> list[str]:
                 )
             if len(s.time) > 1 and np.any(np.diff(s.time) <= 0):
                 out.append(f"{r.info.id}: time stamps of {name} do not always increase")
-    if one_clock and Session(recordings).own_clocks:
-        out.append(f"every recording has a clock of its own: rests of {REST:.0f} s between them are assumed")
+    if one_clock and Session(recordings).rests_assumed:
+        apart = "recordings' clocks begin anew, and their start times do not say how far apart"
+        out.append(f"{apart}: rests of {REST:.0f} s between them are assumed")
     if len(recordings) == 1:
         out.append(
             "one recording only: no repeat to take the noise from, and shrinkage on unused data cannot be tested"

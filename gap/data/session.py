@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from datetime import datetime
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,11 +16,28 @@ from gap.data.noise import grid_step, high_band_sigma, rounding_floor
 from gap.data.slow_noise import no_jerks, slow_variance
 from sim_devices.chain import FloatArray
 
-REST = 45.0
-"""s between recordings whose clocks all begin anew (assumed; then the report says so)."""
+REST, LONGEST_REST = 45.0, 3600.0
+"""s between recordings whose clocks all begin anew and that do not say when they began (assumed; then the report says
+so); and the longest that is simulated: skin has forgotten by then."""
+OVERLAP = 1.0
+"""s by which a recording may seem to begin before the last one ended: nobody pressed a key at an exact second."""
 CLOCK_SD = 2e-5
 """How fast the recording's clock may soundly run against the command's: an ordinary crystal (assumed)."""
 SKIN = "skin"
+
+
+class Sigma(NamedTuple):
+    """Noise of one sample of a channel, SI, and two parts that averaging does not lower: its grid's, and what is
+    slow."""
+
+    white: float
+    grid: float
+    slow: float
+
+    @property
+    def kept(self) -> float:
+        """What averaging does not lower."""
+        return float(np.hypot(self.grid, self.slow))
 
 
 class Session:
@@ -26,7 +45,7 @@ class Session:
 
     def __init__(self, recordings: Sequence[Recording]) -> None:
         self.recordings = tuple(recordings)
-        self.shifts, self.own_clocks = _shifts(recordings)
+        self.shifts, self.rests_assumed = _shifts(recordings)
 
     def time(self, k: int, series: Series) -> FloatArray:
         """Time stamps of a series of recording ``k`` on the session's clock, s."""
@@ -79,35 +98,48 @@ class Session:
         good = np.isfinite(value)
         return breaks(self.time(k, series)[good], value[good], high_band_sigma(value))
 
-    def sigma(self, channel: str, members: Sequence[int], kinks: FloatArray) -> tuple[float, float]:
-        """Noise of one sample of a channel, and the part that averaging does not lower (its grid's, and what is slow),
-        in SI; the command has ``kinks`` (k,) s."""
+    def sigma(self, channel: str, members: Sequence[int], kinks: FloatArray) -> Sigma:
+        """Noise of one sample of a channel; the command has ``kinks`` (k,) s."""
         series = [self.recordings[k].streams[channel] for k in members]
         runs = [(self.time(k, s), np.asarray(s.value, dtype=float)) for k, s in zip(members, series, strict=True)]
         stated = [s.noise for s in series if s.noise > 0]
         white = float(np.median(stated or [high_band_sigma(v) for _, v in runs]))
         step = max(grid_step(v) for _, v in runs)
-        return white, float(np.sqrt(rounding_floor(white, step) ** 2 + slow_variance(runs, kinks, white)))
+        return Sigma(white, rounding_floor(white, step), float(np.sqrt(slow_variance(runs, kinks, white))))
 
-    def sigmas(
-        self, channels: Sequence[str], members: Sequence[int], kinks: FloatArray
-    ) -> Sequence[tuple[float, float]]:
+    def sigmas(self, channels: Sequence[str], members: Sequence[int], kinks: FloatArray) -> Sequence[Sigma]:
         """The same of several channels, alike where there are three or more: one that jerks is no noisier than they."""
         noise = [self.sigma(c, members, kinks) for c in channels]
-        return [(white, kept) for (white, _), kept in zip(noise, no_jerks(noise), strict=True)]
+        slow = no_jerks([(n.white, n.slow) for n in noise])
+        return [n._replace(slow=kept) for n, kept in zip(noise, slow, strict=True)]
 
 
 def _shifts(recordings: Sequence[Recording]) -> tuple[FloatArray, bool]:
-    """The shift of each recording's clock; and whether every recording has a clock of its own."""
+    """The shift of each recording's clock; and whether the rests between recordings are not known: each has a clock of
+    its own, and they do not say when they began."""
     spans = []
     for r in recordings:
         times = [np.asarray(s.time, dtype=float) for s in r.streams.values() if len(s.time)]
         spans.append((min(float(t[0]) for t in times), max(float(t[-1]) for t in times)))
     own = any(b[0] < a[1] for a, b in pairwise(spans))
     shifts = np.zeros(len(recordings))
-    if own:
-        at = 0.0
-        for k, (begin, end) in enumerate(spans):
-            shifts[k] = at - begin
-            at += end - begin + REST
-    return shifts, own
+    if not own:
+        return shifts, False
+    rests = _rests([r.info.start_time for r in recordings], [end - begin for begin, end in spans])
+    at = 0.0
+    for k, (begin, end) in enumerate(spans):
+        shifts[k] = at - begin
+        at += end - begin + (REST if rests is None else rests[min(k, len(rests) - 1)])
+    return shifts, rests is None
+
+
+def _rests(started: Sequence[str], lasted: Sequence[float]) -> list[float] | None:
+    """Rests (n − 1) s between n recordings that ``started`` then (ISO 8601) and ``lasted`` so many s; None where one
+    does not say, or they contradict each other, as recordings of a simulation that ran faster than time do."""
+    try:
+        begun = [datetime.fromisoformat(text) for text in started]
+        apart = [(b - a).total_seconds() for a, b in pairwise(begun)]
+    except (ValueError, TypeError):  # no time, or with a time zone and without
+        return None
+    rests = [gap - length for gap, length in zip(apart, lasted, strict=False)]
+    return None if min(rests) < -OVERLAP else [min(max(rest, 0.0), LONGEST_REST) for rest in rests]

@@ -208,9 +208,9 @@ def _noise(session: Session, channel: str) -> tuple[float, float]:
     members = [k for k, r in enumerate(session.recordings) if channel in r.streams]
     if not members:  # not measured: its rows say nothing, but for a second gauge's, which an experiment may add
         return (MANOMETER_NOISE, 0.0) if channel == SECOND else (np.inf, 0.0)
-    white, floor = session.sigma(channel, members, np.zeros(0))
+    noise = session.sigma(channel, members, np.zeros(0))
     times = COMPUTED if channel in (*xyz("probe"), *xyz("force")) else 1.0
-    return max(white, 1e-12) * times, floor * times
+    return max(noise.white, 1e-12) * times, noise.kept * times
 
 
 def scaled(instrument: str, recordings: Sequence[Recording], legs: Sequence[Leg]) -> SuctionTissue | SheetTissue:

@@ -11,7 +11,7 @@ from acquire.recording.model import SegmentRecord
 from gap.data.labels import direction, level, phases
 from gap.data.noise import finest_step
 from gap.data.repeats import repeats_foretold
-from gap.data.session import REST, Session
+from gap.data.session import LONGEST_REST, REST, Session
 from gap.data.signatures import HUM, MAINS, find, never_repeat
 
 TIME = np.arange(0.0, 10.0, 0.01)
@@ -26,13 +26,35 @@ def test_recordings_on_one_clock_stay_there(recording) -> None:
             recording({"pressure": 0 * TIME}, TIME + 30, {"pressure": later}),
         ]
     )
-    assert not session.own_clocks
+    assert not session.rests_assumed
     assert session.span(1)[0] == pytest.approx(30.0)
 
 
 def test_recordings_whose_clocks_begin_anew_are_laid_one_after_another(recording) -> None:
     session = Session([recording({"pressure": 0 * TIME}, TIME, {"pressure": COMMAND}) for _ in range(2)])
-    assert session.own_clocks
+    assert session.rests_assumed
+    assert session.span(1)[0] == pytest.approx(session.span(0)[1] + REST)
+
+
+def begun(recording, *started: str) -> Session:
+    """Recordings of some ten seconds, whose clocks begin anew, by when they were started."""
+    made = [recording({"pressure": 0 * TIME}, TIME, {"pressure": COMMAND}) for _ in started]
+    return Session([replace(r, info=replace(r.info, start_time=t)) for r, t in zip(made, started, strict=True)])
+
+
+def test_rests_are_those_between_the_times_at_which_recordings_began(recording) -> None:
+    noon = "2026-03-01T12:00:00+01:00"
+    session = begun(recording, noon, "2026-03-01T12:02:00+01:00", "2026-03-01T11:02:30+00:00")
+    assert not session.rests_assumed
+    assert [session.span(k)[0] for k in range(3)] == pytest.approx([0.0, 120.0, 150.0])
+    assert begun(recording, noon, "2026-03-04T12:00:00+01:00").span(1)[0] == pytest.approx(LONGEST_REST + TIME[-1])
+
+
+@pytest.mark.parametrize("second", ["", "at noon", "2026-03-01T12:02:00", "2026-03-01T12:00:02+01:00"])
+def test_rests_are_assumed_where_the_times_do_not_say(recording, second: str) -> None:
+    """No time, none that can be read or compared, or one during the recording before (a simulation ran faster)."""
+    session = begun(recording, "2026-03-01T12:00:00+01:00", second)
+    assert session.rests_assumed
     assert session.span(1)[0] == pytest.approx(session.span(0)[1] + REST)
 
 

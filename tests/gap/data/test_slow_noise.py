@@ -86,7 +86,8 @@ def test_bins_of_a_sensor_with_slow_noise_count_as_they_scatter(recording) -> No
     made = [recording({"pressure": forgetting(rng, 0.25, 1.0)}, TIME + 30 * k, held) for k in range(8)]
     session = Session(made)
     kinks = np.concatenate([KINKS + 30 * k for k in range(8)])
-    white, hard = session.sigma("pressure", range(8), kinks)
+    noise = session.sigma("pressure", range(8), kinks)
+    white, hard = noise.white, noise.kept
     bins = [session.binned("pressure", k, kinks) for k in range(8)]
     wide = np.concatenate([b.value[b.count > 15] / np.sqrt(white**2 / b.count[b.count > 15] + hard**2) for b in bins])
     assert 0.8 < np.sqrt(np.mean(wide**2)) < 1.2
