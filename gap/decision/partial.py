@@ -46,6 +46,9 @@ class _Part:
     def noise_scale(self, active: Active) -> FloatArray | None:
         return self.problem.noise_scale(active)
 
+    def unwhitened(self, residual: FloatArray, active: Active) -> FloatArray:
+        return self.problem.unwhitened(residual, active)
+
     def timing_log_bayes(self, fitted: Fit) -> float:
         return 0.0
 

@@ -224,9 +224,7 @@ def autocorrelation_penalty(residual: FloatArray, times: FloatArray | None, reco
 
 def predicted(problem: Problem, f: Fit) -> FloatArray:
     """The measurement that a fit of ``problem`` predicts, (n,) SI."""
-    wider = problem.noise_scale(f.active)
-    sigma = problem.sigma if wider is None else problem.sigma * wider
-    return np.asarray(problem.measured - f.residual * sigma)
+    return np.asarray(problem.measured - problem.unwhitened(f.residual, f.active))
 
 
 def under(problem: Problem, mean: FloatArray, sd: FloatArray) -> Problem:

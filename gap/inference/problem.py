@@ -17,8 +17,9 @@ from sim_devices.chain import FloatArray
 class Problem(Protocol):
     """One block of data with its forward model.
 
-    ``measured`` (n,) and ``sigma`` (n,) are the data behind the rows in SI and their noise, so that the prediction
-    is measured − residual·sigma (`gap.inference.least_squares.predicted`, as chance widens the noise).
+    ``measured`` (n,) and ``sigma`` (n,) are the data behind the rows in SI and their noise. A whitened residual is not
+    always their difference over sigma: of noise that neighbours have in common it holds the innovations
+    (`gap.inference.least_squares.predicted` goes back).
     ``prior_scales`` are prior widths (p,) over which the evidence is averaged, narrow ones first; ``prior_sd`` is
     the one used while fitting, ``sd_without_discrepancy`` that of the simulation by itself, without a discrepancy.
     ``sound`` (p,) is the nuisance of an instrument as it should be, where that is all there is to know; None where
@@ -29,11 +30,15 @@ class Problem(Protocol):
     name: str
     rows: Rows
     measured: FloatArray
-    sigma: FloatArray
     prior_mean: FloatArray
     prior_sd: FloatArray
     prior_scales: Sequence[FloatArray]
     sound: FloatArray | None
+
+    @property
+    def sigma(self) -> FloatArray:
+        """Noise (n,) of the rows, SI."""
+        ...
 
     @property
     def likelihood_powers(self) -> Sequence[float]:
@@ -83,6 +88,10 @@ class Problem(Protocol):
 
     def noise_scale(self, active: Active) -> FloatArray | None:
         """How many times wider (n,) the noise is under effects that happen by chance; None without such effects."""
+        ...
+
+    def unwhitened(self, residual: FloatArray, active: Active) -> FloatArray:
+        """The difference (n,), SI, of measurement and prediction behind a whitened ``residual`` (n,)."""
         ...
 
     def timing_log_bayes(self, fitted: Fit) -> float:

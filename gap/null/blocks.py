@@ -9,7 +9,7 @@ from __future__ import annotations
 import abc
 import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
@@ -17,6 +17,7 @@ import numpy as np
 from acquire.recording.model import Recording, RunInfo
 from gap.data.binning import GROWTH, WIDEST
 from gap.data.command import Command
+from gap.data.innovations import RowNoise
 from gap.data.labels import label_rows
 from gap.data.pauses import continues
 from gap.data.scatter import timing_log_bayes
@@ -37,8 +38,6 @@ AFTER_KINK = 1e-3 * np.concatenate([np.arange(1, 13), 13.0 * 1.08 ** np.arange(5
 """s after a kink of the command: nodes so dense that straight lines between them are within .02 σ of the signal."""
 BEFORE = 5e-3
 """s by which a recording begins before its first sample."""
-ELSEWHERE = (0.1, 0.9)
-"""Quantiles of its prior at which an effect is tried whose default does nothing."""
 Table = tuple[FloatArray, FloatArray]
 """Times (m,) s and values (m,)."""
 
@@ -165,10 +164,11 @@ class Block(abc.ABC):
         values = np.hstack([p[1] for p in parts])
         counts = np.hstack([p[2] for p in parts])
         noise = session.sigmas(self.channels, self.runs, session.kinks)
-        self.noise = np.array([white for white, _ in noise])
-        hard = np.hypot(np.array([grid for _, grid in noise]), self.floor)
+        self.noise = np.array([sigma.white for sigma in noise])
+        grid = np.hypot([sigma.grid for sigma in noise], self.floor)
         self.measured, self.counts = values.ravel(), counts.ravel()
-        self.sigma = np.sqrt(self.noise[:, None] ** 2 / counts + hard[:, None] ** 2).ravel()
+        new = self.noise[:, None] ** 2 / counts + grid[:, None] ** 2
+        self.row_noise = RowNoise(self.stamps, self.run, new, [sigma.slow for sigma in noise])
         self.dt = float(
             np.median([np.median(np.diff(session.recordings[k].streams[self.channels[0]].time)) for k in self.runs])
         )
@@ -207,7 +207,12 @@ class Block(abc.ABC):
     def blur_steep_parts(self, slope: FloatArray) -> None:
         """Add uncertain stamps' share of the noise where the signal, of ``slope`` (channels · n,) per s, is steep."""
         self.slope = slope
-        self.sigma = np.hypot(self.sigma, slope * self.tolerances["sampling"]["stamp"].value)
+        self.row_noise.blur(slope * self.tolerances["sampling"]["stamp"].value)
+
+    @property
+    def sigma(self) -> FloatArray:
+        """Noise (channels · n,) of the rows, SI."""
+        return self.row_noise.sigma
 
     def by_chance(self, key: str) -> bool:
         """Whether an effect counts as noise on steep parts, not by the change of one draw."""
@@ -219,15 +224,20 @@ class Block(abc.ABC):
         defaults = {p.name: p.default for p in effect.parameters}
         return effect.scatter(self.session.instrument, defaults | dict(values)) if effect.scatter else {}
 
-    def noise_scale(self, active: Active) -> FloatArray | None:
-        """The noise that scattered instants add, averaged over each bin's samples."""
+    def scattered(self, active: Active) -> FloatArray | None:
+        """The variance (n,) that scattered instants add, averaged over a bin's samples; None without such effects."""
         variance: FloatArray | None = None
         for candidate, values in active.items():
             rms = self._scatter(candidate.key, values)
             if self.slope is None or not rms:
                 continue
             variance = np.square(self.slope * self._by_row(rms)) / self.counts + (0.0 if variance is None else variance)
-        return None if variance is None else np.sqrt(1.0 + variance / np.square(self.sigma))
+        return variance
+
+    def noise_scale(self, active: Active) -> FloatArray | None:
+        """How many times wider the noise is by the scattered instants of effects."""
+        variance = self.scattered(active)
+        return None if variance is None else self.row_noise.sd(variance) / self.row_noise.sd()
 
     def _by_row(self, of_channels: Mapping[str, float]) -> FloatArray:
         return np.repeat([of_channels.get(c, 0.0) for c in self.channels], len(self.stamps))
@@ -240,15 +250,16 @@ class Block(abc.ABC):
             return 0.0
         candidate, rms = chance[0]
         at = (self.counts == 1) & (self._by_row(rms) > 0)
-        residual, reach = (fitted.residual * times)[at], (self.slope / self.sigma)[at]
+        residual, reach = (fitted.residual * times)[at], (self.slope / self.row_noise.sd())[at]
         return timing_log_bayes(residual, reach, max(rms.values()), self.library[candidate.key].sparse)
 
     def whitened(self, difference: FloatArray, active: Active) -> FloatArray:
         """``difference`` (n,) or (n, p) in σ, wider where an effect of chance makes it so."""
-        wider = self.noise_scale(active)
-        sigma = self.sigma if wider is None else self.sigma * wider
-        whitened: FloatArray = difference / (sigma if difference.ndim == 1 else sigma[:, None])
-        return whitened
+        return self.row_noise.whitened(difference, self.scattered(active))
+
+    def unwhitened(self, residual: FloatArray, active: Active) -> FloatArray:
+        """The difference (n,), SI, of measurement and prediction behind a ``residual`` (n,)."""
+        return self.row_noise.unwhitened(residual, self.scattered(active))
 
     @property
     def member(self) -> FloatArray:
@@ -361,40 +372,3 @@ def compressed(columns: FloatArray, weights: FloatArray, size: int) -> tuple[Flo
     basis = scaled @ vectors[:, order]
     rms = np.sqrt(np.mean(basis**2, axis=0))
     return basis / np.maximum(rms, 1e-300), rms
-
-
-def _all_along(event: Candidate, blocks: Sequence[Block]) -> dict[str, float]:
-    """When an event happens and for how long, if it does so from the first sample on: at another moment nothing may be
-    there to be changed. Nothing of other effects."""
-    found = {p.name: p for p in event.parameters if event.event}
-    begin = min(float(b.stamps[0]) for b in blocks)
-    at = {"moment": min(max(begin, found["moment"].low), found["moment"].high)} if "moment" in found else {}
-    return at | ({"duration": found["duration"].high} if "duration" in found else {})
-
-
-def candidates_for(
-    effects: Mapping[str, Effect], blocks: Sequence[Block], threshold: float = 0.05
-) -> tuple[Candidate, ...]:
-    """One candidate per effect; which blocks it changes is found by switching it on at its default strength, or
-    elsewhere in its prior where that does nothing in these recordings."""
-    at_rest = {b.name: b.evaluate(b.start(), {}, want_jacobian=False).residual for b in blocks}
-    out = []
-    for key, effect in effects.items():
-        # Which draw it was, nobody knows: only how strong.
-        parameters = effect.strengths if all(b.by_chance(key) for b in blocks) else effect.parameters
-        trial = Candidate(
-            key, effect.name, effect.stage, parameters, (), effect.meaning, effect.remedy, effect.form, effect.event,
-            effect.sparse, effect.extends,
-        )  # fmt: skip
-        elsewhere = (trial.values(np.full(len(parameters), u)) for u in ELSEWHERE)
-        default = {p.name: p.default for p in parameters}
-        for values in (default, *elsewhere, default | _all_along(trial, blocks)):
-            touched = []
-            for block in blocks:
-                changed = block.evaluate(block.start(), {trial: values}, want_jacobian=False).residual
-                if float(np.max(np.abs(changed - at_rest[block.name]))) > threshold:
-                    touched.append(block.name)
-            if touched:
-                out.append(replace(trial, blocks=tuple(touched)))
-                break
-    return tuple(out)

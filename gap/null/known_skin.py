@@ -83,6 +83,9 @@ class KnownSkin:
     def noise_scale(self, active: Active) -> FloatArray | None:
         return self.block.noise_scale(active)
 
+    def unwhitened(self, residual: FloatArray, active: Active) -> FloatArray:
+        return self.block.unwhitened(residual, active)
+
     def timing_log_bayes(self, fitted: Fit) -> float:
         return self.block.timing_log_bayes(fitted)
 

@@ -13,7 +13,8 @@ from dataclasses import replace
 from acquire.recording.model import Recording
 from gap.inference.hypothesis import Candidate
 from gap.inference.problem import Problem
-from gap.null.blocks import Block, GroupedSession, candidates_for
+from gap.null.blocks import Block, GroupedSession
+from gap.null.candidates import candidates_for
 from gap.null.robot_arithmetic import ArithmeticBlock
 from gap.null.robot_axes import AXES, QUANTITIES, AxesBlock
 from gap.null.robot_force import ForceBlock

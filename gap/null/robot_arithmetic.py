@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from gap.data.innovations import RowNoise
 from gap.inference.hypothesis import Active, Evaluation
 from gap.null.blocks import Block, Group, GroupedSession, Table
 from gap.null.chains import needed, run
@@ -35,7 +36,7 @@ class ArithmeticBlock(Block):
         self.name, self.channels, self._source, self.floor = name, tuple(target), tuple(source), floor
         super().__init__(session, library)
         # A recomputed channel carries the noise of its inputs: both are the recording's own.
-        self.sigma = np.full(len(self.measured), floor)
+        self.row_noise = RowNoise(self.stamps, self.run, np.full((len(target), len(self.stamps)), floor**2))
         self.slope = np.zeros(len(self.measured))  # nor does it matter when they were taken
         self._runs = np.kron(np.eye(3), self.member)
         self.prior_sd = np.full(self._runs.shape[1], floor)

@@ -170,6 +170,7 @@ class AxesBlock(Block):
         self._best = fit(self, best.hypothesis, best.unit, best.nuisance, iterations=3)
         alone = self._best if not best.hypothesis else fit(self, nuisance=self._start, iterations=3)
         self._start = alone.nuisance
+        self.row_noise.remember(self.unwhitened(self._best.residual, self._best.active), self.noise.tolist())
 
     def _forget(self) -> None:
         """Drop tables made for another load or controller."""

@@ -240,9 +240,9 @@ class ForceBlock(Block):
         best = max((held._from_guesses(law, self._simple(law), FEW) for law in self.LAWS[:-1]), key=_own_evidence)
         return best.prior_sd, best.nuisance
 
-    def noise_scale(self, active: Active) -> FloatArray | None:
+    def scattered(self, active: Active) -> FloatArray | None:
         """None beside a discrepancy: the residual where force is steep may be the skin's as well as chance."""
-        return None if self._basis.shape[1] else super().noise_scale(active)
+        return None if self._basis.shape[1] else super().scattered(active)
 
     def greatest(self) -> float:
         """The greatest force of a transducer in the session, N."""

@@ -88,8 +88,8 @@ class ReferenceForceBlock(ForceBlock):
     def sound(self) -> FloatArray:  # type: ignore[override]
         return self.prior_mean
 
-    def noise_scale(self, active: Active) -> FloatArray | None:
-        return Block.noise_scale(self, active)
+    def scattered(self, active: Active) -> FloatArray | None:
+        return Block.scattered(self, active)
 
     def loosened(self) -> Mapping[str, tuple[FloatArray, tuple[int, ...]]]:
         """For each specimen with a number, the prior widths (p,) were that number unknown, and its recordings."""

@@ -7,7 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from acquire.recording.model import Recording
 from gap.inference.hypothesis import Candidate
 from gap.inference.problem import Problem
-from gap.null.blocks import Block, GroupedSession, candidates_for
+from gap.null.blocks import Block, GroupedSession
+from gap.null.candidates import candidates_for
 from gap.null.suction_height import HeightBlock
 from gap.null.suction_pressure import PressureBlock
 from gap.null.suction_reference import ManometerBlock, ReferenceBlock

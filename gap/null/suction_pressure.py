@@ -125,7 +125,7 @@ class PressureBlock(Block):
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect]) -> None:
         # An open probe holds no pressure: its record says nothing of the regulator.
         super().__init__(session, library, without=("open air",))
-        self.sigma[self._in_motion()] *= IGNORED
+        self.row_noise.widen(np.flatnonzero(self._in_motion()), IGNORED)
         self.prior_sd = self._prior(lambda t: t.value)
         self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
         self._begin: FloatArray | None = None  # where a loop about a valve was found

@@ -89,7 +89,7 @@ class ReferenceBlock(FedBlock):
             there = np.ones_like(there)
         edges = 0.5 * (self.stamps[at][moved] + self.stamps[at][moved + 1])
         near = np.min(np.abs(self.stamps[at][:, None] - edges), axis=1, initial=np.inf) < MOVING
-        self.sigma[at][near] *= IGNORED
+        self.row_noise.widen(at.start + np.flatnonzero(near), IGNORED)
         return self.stamps[at], np.where(there, height, 0.0)
 
     def _membrane_curve(self) -> tuple[float, float, float]:

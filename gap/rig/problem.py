@@ -245,6 +245,9 @@ class RigProblem:
     def noise_scale(self, active: Active) -> None:
         return None
 
+    def unwhitened(self, residual: FloatArray, active: Active) -> FloatArray:
+        return residual * self.sigma
+
     def timing_log_bayes(self, fitted: Fit) -> float:
         return 0.0
 

@@ -8,7 +8,7 @@ parameters that they are such: a ``phase`` with a ``frequency``, an ``interval``
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from itertools import product
 
 import numpy as np
@@ -35,7 +35,9 @@ LIMITS = (0.1, 0.25, 0.4, 0.48, 0.53, 0.57, 0.61, 0.66, 0.72, 0.8)
 """The same of a limit by itself: many a signal meets one for moments only, or would go farther by a simulation that was
 never fitted to it."""
 LOWER_LIMITS = tuple(1.0 - q for q in LIMITS)
-MAX_GRID = 9
+DIRECTIONS = {"azimuth": (0.1, 0.35), "elevation": (0.5, 0.85)}
+"""The same of a direction: two in plane, two that rise."""
+MAX_GRID = 12
 AGREED = 0.85
 """Share of the commands' lateness that looks at equal intervals must explain to be refitted wherever they rank."""
 
@@ -47,13 +49,14 @@ Place = Mapping[str, float]
 """Values of some of an effect's parameters."""
 
 
-def grid(candidate: Candidate) -> list[FloatArray]:
-    """Screening points (k,) in prior quantiles: strengths first, shapes as far as `MAX_GRID` allows."""
+def grid(candidate: Candidate, known: Collection[str] = ()) -> list[FloatArray]:
+    """Screening points (k,) in prior quantiles: strengths first, shapes as far as `MAX_GRID` allows. Parameters that
+    are ``known`` from elsewhere are not varied."""
     axes = []
     several = which if len(which := signed(candidate)) > 1 else []  # each alone, then together
     size = max(len(several), 1)
     for k, p in enumerate(candidate.parameters):
-        values = (0.5,) if k in several else _values(p)
+        values = (0.5,) if k in several or p.name in known else _values(p)
         if values not in (THRESHOLDS, LIMITS, LOWER_LIMITS):
             values = next((v for v in (values, _fewer(p, values)) if size * len(v) <= MAX_GRID), _usual(p))
         size *= len(values)
@@ -64,7 +67,9 @@ def grid(candidate: Candidate) -> list[FloatArray]:
 
 def _values(p: Parameter) -> tuple[float, ...]:
     """Quantiles of its prior at which a parameter is looked at."""
-    if p.name == "band":
+    if p.name in DIRECTIONS:
+        return DIRECTIONS[p.name]
+    if p.name == "band" and p.null is not None:
         return THRESHOLDS
     if p.name == "limit" and p.null is None:
         return LIMITS if p.default > 0.5 * (p.low + p.high) else LOWER_LIMITS
@@ -110,13 +115,13 @@ def starting_points(
 ) -> tuple[list[FloatArray], bool]:
     """Points (k,) in prior quantiles at which to screen ``candidate`` on top of ``base``; and whether they stand out
     so clearly that it must be refitted."""
-    points = grid(candidate)
     places: list[Place] = []
     sure = False
     for b in candidate.blocks:
         found, certain = _places(candidate, problems[b], base.fits[b])
         places += found
         sure |= certain
+    points = grid(candidate, {name for place in places for name in place})
     return [p for place in places for p in _placed(candidate, points, place)] or points, sure
 
 
@@ -151,7 +156,8 @@ def _rhythms(parameters: Mapping[str, Parameter], problem: Problem, base: Fit) -
     time, residual = problem.rows.time, base.residual
     if "frequency" in parameters:
         low, high = parameters["frequency"].low, parameters["frequency"].high
-        return [_wave(time, residual, line) for line in lines(time, residual, low, high)], False
+        ways = (0.0, np.pi) if "elevation" in parameters else (0.0,)  # a direction may point either way
+        return [_wave(time, residual, line, way) for line in lines(time, residual, low, high) for way in ways], False
     if "tau" in parameters:
         tau = parameters["tau"]
         seen = Lateness(time, residual, np.ones(len(residual)))
@@ -199,8 +205,8 @@ def _all_along(event: Candidate, problem: Problem, base: Fit) -> FloatArray:
     return np.nan_to_num(base.residual - changed)
 
 
-def _wave(time: FloatArray, residual: FloatArray, frequency: float) -> Place:
-    """The phase, rad, that a wave of some frequency has in a residual (n,)."""
+def _wave(time: FloatArray, residual: FloatArray, frequency: float, ahead: float) -> Place:
+    """The phase, rad, that a wave of some frequency has in a residual (n,), and ``ahead`` rad more."""
     turn = 2 * np.pi * frequency * time
-    phase = float(np.arctan2(residual @ np.cos(turn), residual @ np.sin(turn))) % (2 * np.pi)
-    return {"frequency": frequency, "phase": phase}
+    phase = float(np.arctan2(residual @ np.cos(turn), residual @ np.sin(turn))) + ahead
+    return {"frequency": frequency, "phase": phase % (2 * np.pi)}

@@ -52,6 +52,10 @@ class LinearProblem:
     def lateness(self, fitted: object) -> None:
         return None
 
+    def unwhitened(self, residual: FloatArray, active: Active) -> FloatArray:
+        wider = self.noise_scale(active)
+        return residual * self.sigma * (1.0 if wider is None else wider)
+
     def noise_scale(self, active: Active) -> FloatArray | None:
         return None
 

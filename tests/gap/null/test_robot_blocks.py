@@ -14,7 +14,8 @@ from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import Candidate, to_unit
 from gap.inference.least_squares import fit, under
 from gap.null import robot_grid
-from gap.null.blocks import GroupedSession, candidates_for
+from gap.null.blocks import GroupedSession
+from gap.null.candidates import candidates_for
 from gap.null.chains import needed
 from gap.null.robot import RoughForceBlock, robot_problems
 from gap.null.robot_axes import AXES, QUANTITIES, AxesBlock

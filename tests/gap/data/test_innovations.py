@@ -1,0 +1,120 @@
+"""Rows of noise that a sensor remembers in part."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gap.data.innovations import RowNoise
+
+SLOW, TAU = 0.3, 1.5
+
+
+def stamps(rng: np.random.Generator, n: int = 300) -> tuple[np.ndarray, np.ndarray]:
+    """Uneven times, s, of three recordings, and which each belongs to."""
+    time = np.cumsum(rng.exponential(0.15, n))
+    recording = np.repeat([0, 2, 5], n // 3)
+    return time + 10.0 * recording, recording
+
+
+def covariance(time: np.ndarray, recording: np.ndarray, slow: float, tau: float) -> np.ndarray:
+    """Of an Ornstein-Uhlenbeck process that begins anew with each recording."""
+    same = recording[:, None] == recording[None, :]
+    return same * slow**2 * np.exp(-np.abs(time[:, None] - time[None, :]) / tau)
+
+
+def drawn(rng: np.random.Generator, channels: int = 3, slow: float = SLOW) -> tuple[np.ndarray, ...]:
+    """Times, recordings, new variance (channels, n) and one draw (channels, n) of white and slow noise."""
+    time, recording = stamps(rng)
+    new = rng.uniform(0.02, 1.0, (channels, len(time)))
+    root = np.linalg.cholesky(covariance(time, recording, slow, TAU) + 1e-12 * np.eye(len(time)))
+    return time, recording, new, np.sqrt(new) * rng.normal(size=new.shape) + rng.normal(size=new.shape) @ root.T
+
+
+def remembering(rng: np.random.Generator) -> tuple[RowNoise, tuple[np.ndarray, ...]]:
+    time, recording, new, rest = drawn(rng)
+    noise = RowNoise(time, recording, new)
+    noise.remember(rest.ravel(), [1.0, 1.0, 1.0])
+    return noise, (time, recording, new, rest)
+
+
+def test_innovations_are_the_whitening_by_the_covariance() -> None:
+    """L⁻¹ x, with L the Cholesky factor of the whole covariance of a channel."""
+    rng = np.random.default_rng(0)
+    noise, (time, recording, new, rest) = remembering(rng)
+    assert noise.memory is not None
+    slow, tau = noise.memory
+    for k in range(3):
+        full = np.diag(new[k]) + covariance(time, recording, float(slow[k]), float(tau[k]))
+        expected = np.linalg.solve(np.linalg.cholesky(full), rest[k])
+        found = noise.whitened(rest.ravel()).reshape(rest.shape)[k]
+        assert found == pytest.approx(expected, abs=1e-8)
+        assert np.sum(np.log(noise.sd().reshape(rest.shape)[k])) == pytest.approx(0.5 * np.linalg.slogdet(full)[1])
+
+
+def test_slow_noise_is_found_and_its_innovations_are_white() -> None:
+    noise, (_, _, new, rest) = remembering(np.random.default_rng(1))
+    white = noise.whitened(rest.ravel()).reshape(rest.shape)
+    assert np.mean(white**2) == pytest.approx(1.0, abs=0.1)
+    assert np.mean(white[:, 1:] * white[:, :-1]) == pytest.approx(0.0, abs=0.07)
+    rows = rest / np.sqrt(new)
+    assert np.mean(rows**2) > 1.3
+    assert noise.memory is not None
+    assert noise.memory[0] == pytest.approx(3 * [SLOW], abs=0.15)
+
+
+def test_white_noise_has_no_slow_part() -> None:
+    rng = np.random.default_rng(2)
+    time, recording, new, _ = drawn(rng)
+    noise = RowNoise(time, recording, new, [0.1, 0.1, 0.1])
+    before = noise.sigma
+    rest = np.sqrt(new) * rng.normal(size=new.shape)
+    noise.remember(rest.ravel(), [1.0, 1.0, 1.0])
+    assert np.array_equal(noise.sigma, before)
+    assert noise.whitened(rest.ravel()) == pytest.approx(rest.ravel() / before)
+
+
+def test_a_channel_that_misfits_does_not_tell_for_the_others() -> None:
+    rng = np.random.default_rng(3)
+    time, recording, new, _ = drawn(rng)
+    rest = np.sqrt(new) * rng.normal(size=new.shape)
+    rest[1] += 0.4 * np.sign(np.sin(time))
+    noise = RowNoise(time, recording, new)
+    noise.remember(rest.ravel(), [1.0, 1.0, 1.0])
+    assert noise.sigma == pytest.approx(np.sqrt(new).ravel())
+
+
+def test_a_misfit_beyond_what_sensors_have_is_no_noise() -> None:
+    rng = np.random.default_rng(4)
+    time, recording, new, rest = drawn(rng)
+    noise = RowNoise(time, recording, new)
+    noise.remember((rest + 2.0 * np.sign(np.sin(time))).ravel(), [1.0, 1.0, 1.0])
+    assert noise.memory is None
+    assert noise.sigma == pytest.approx(np.sqrt(new).ravel())
+
+
+@settings(deadline=None)
+@given(st.integers(0, 1000), st.booleans(), st.booleans())
+def test_a_residual_leads_back_to_its_difference(seed: int, slow: bool, wider: bool) -> None:
+    rng = np.random.default_rng(seed)
+    time, recording, new, rest = drawn(rng, slow=0.6 if slow else 0.0)
+    noise = RowNoise(time, recording, new, [0.2, 0.1, 0.3])
+    noise.remember(rest.ravel(), [1.0, 1.0, 1.0])
+    added = rng.uniform(0, 1, new.size) if wider else None
+    difference = rng.normal(size=new.size)
+    assert noise.unwhitened(noise.whitened(difference, added), added) == pytest.approx(difference)
+    columns = rng.normal(size=(new.size, 4))
+    together = noise.whitened(columns, added)
+    assert together[:, 2] == pytest.approx(noise.whitened(columns[:, 2].copy(), added))
+
+
+def test_rows_are_blurred_and_widened() -> None:
+    noise = RowNoise(np.arange(3.0), np.zeros(3, np.int64), np.full((1, 3), 9.0), [4.0])
+    assert noise.sigma == pytest.approx([5.0, 5.0, 5.0])
+    noise.widen(np.array([1]), 10.0)
+    assert noise.sigma == pytest.approx([5.0, 50.0, 5.0])
+    noise.blur(np.array([12.0, 0.0, 0.0]))
+    assert noise.sigma == pytest.approx([13.0, 50.0, 5.0])
+    assert noise.sd(np.array([0.0, 0.0, 11.0])) == pytest.approx([13.0, 50.0, 6.0])
