@@ -15,6 +15,7 @@ from gap.data import signatures
 from gap.data.checks import DiagnosisError, in_order, refuse_impossible, remarks
 from gap.data.pauses import without_pauses
 from gap.data.pulse import pulse
+from gap.data.session import Session
 from gap.data.splits import splits, splits_of_a_rig
 from gap.data.tolerances import sampled, tolerances
 from gap.decision.earlier import Earlier, Skin, gains, known_skin, moved, skin_of, unlike
@@ -246,10 +247,11 @@ def gathered(recordings: Sequence[Recording], options: Options = Options()) -> t
 
 
 def _possible(candidates: Sequence[Candidate], recordings: Sequence[Recording]) -> tuple[Candidate, ...]:
-    """The candidates without those that would have left marks that are not there: a repeated value in place of a lost
-    sample."""
-    absent = signatures.never_repeat(recordings)
-    return tuple(c for c in candidates if not (absent and c.name == "dropped_samples" and c.form == 0))
+    """The candidates without those that would have left marks that are not there (a repeated value in place of a lost
+    sample), or that need a clock which goes on through the session, where each recording has its own."""
+    absent, anew = signatures.never_repeat(recordings), Session(recordings).own_clocks
+    left_out = [("dropped_samples", 0)] * absent + [("clock_skew", form) for form in (1, 2) if anew]
+    return tuple(c for c in candidates if (c.name, c.form) not in left_out)
 
 
 def _informed(problems: Sequence[Problem], qualified: Qualified) -> list[str]:

@@ -45,7 +45,15 @@ class Session:
 
     def __init__(self, recordings: Sequence[Recording]) -> None:
         self.recordings = tuple(recordings)
-        self.shifts, self.rests_assumed = _shifts(recordings)
+        self.shifts, self.own_clocks, self.rests_assumed = _shifts(recordings)
+        self._set = np.array([self.span(k)[0] for k in range(len(recordings) if self.own_clocks else 1)])
+
+    def clock_age(self, time: FloatArray) -> FloatArray:
+        """s, of the shape of ``time`` s, since the recording's clock was set: at the start of the session, or of each
+        recording that has a clock of its own."""
+        which = np.searchsorted(self._set - OVERLAP, time, side="right") - 1
+        age: FloatArray = time - self._set[np.maximum(which, 0)]
+        return age
 
     def time(self, k: int, series: Series) -> FloatArray:
         """Time stamps of a series of recording ``k`` on the session's clock, s."""
@@ -114,9 +122,9 @@ class Session:
         return [n._replace(slow=kept) for n, kept in zip(noise, slow, strict=True)]
 
 
-def _shifts(recordings: Sequence[Recording]) -> tuple[FloatArray, bool]:
-    """The shift of each recording's clock; and whether the rests between recordings are not known: each has a clock of
-    its own, and they do not say when they began."""
+def _shifts(recordings: Sequence[Recording]) -> tuple[FloatArray, bool, bool]:
+    """The shift of each recording's clock; whether each has a clock of its own; and whether the rests between them are
+    not known, as they do not say when they began."""
     spans = []
     for r in recordings:
         times = [np.asarray(s.time, dtype=float) for s in r.streams.values() if len(s.time)]
@@ -124,13 +132,13 @@ def _shifts(recordings: Sequence[Recording]) -> tuple[FloatArray, bool]:
     own = any(b[0] < a[1] for a, b in pairwise(spans))
     shifts = np.zeros(len(recordings))
     if not own:
-        return shifts, False
+        return shifts, False, False
     rests = _rests([r.info.start_time for r in recordings], [end - begin for begin, end in spans])
     at = 0.0
     for k, (begin, end) in enumerate(spans):
         shifts[k] = at - begin
         at += end - begin + (REST if rests is None else rests[min(k, len(rests) - 1)])
-    return shifts, rests is None
+    return shifts, True, rests is None
 
 
 def _rests(started: Sequence[str], lasted: Sequence[float]) -> list[float] | None:

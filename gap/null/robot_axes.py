@@ -284,7 +284,7 @@ class AxesBlock(Block):
 
     def _commanded(self, time: FloatArray, nuisance: FloatArray) -> FloatArray:
         """The record's ``time`` s by the command's clock."""
-        return np.asarray(time + nuisance[3] + nuisance[4] * (time - self.stamps[0]))
+        return np.asarray(time + nuisance[3] + nuisance[4] * self.session.clock_age(time))
 
     def true_axes(self, group: Group, time: FloatArray) -> FloatArray:
         """Where the axes were at ``time`` (n,) s, (3, n) m, as far as the quick fits know."""

@@ -207,7 +207,7 @@ class PressureBlock(Block):
     def early(self, time: FloatArray) -> FloatArray:
         """How far the record's stamps ``time`` (n,) are before the command's clock, s."""
         c = self._fitted
-        return np.asarray(c[2] + c[3] * (time - self.stamps[0]))
+        return np.asarray(c[2] + c[3] * self.session.clock_age(time))
 
     def true(self, recorded: FloatArray) -> FloatArray:
         """Recorded pressures (n,) Pa without the gauge's error, as far as a sound one's goes."""
@@ -228,7 +228,7 @@ class PressureBlock(Block):
         """Recorded pressure (n,) Pa, by a gauge without an error: its gain would shrink the noise of a record."""
         out = np.empty(len(self.stamps))
         for g, at in self.groups:
-            shift = nuisance[2] + nuisance[3] * (self.stamps[at] - self.stamps[0])
+            shift = nuisance[2] + nuisance[3] * self.session.clock_age(self.stamps[at])
             chain = self.with_effects(self._regulated(g, nuisance), active, g)
             # Signals a gauge may read beside pressure are as recorded.
             out[at] = self.simulated(chain, g, at, shift, self.session.recorded("apex_height", g))[0]

@@ -15,7 +15,16 @@ from itertools import product
 
 from protocols import units
 from sim_devices.chain import Chain, Effect, Parameter
-from sim_devices.effects import actuator, force_sensor, interface, processing, sensor, timing, tissue
+from sim_devices.effects import (
+    actuator,
+    force_sensor,
+    interface,
+    processing,
+    robot_axes,
+    sensor,
+    timing,
+    tissue,
+)
 from sim_devices.effects.build import CHOICE
 
 GROUP = "acquire.effects"
@@ -114,7 +123,9 @@ def _fixed(effect: Effect, fixed: Mapping[str, float]) -> Effect:
 @cache
 def _all() -> tuple[tuple[Effect, ...], tuple[tuple[str, str], ...]]:
     own = [
-        e for module in (timing, actuator, interface, tissue, sensor, force_sensor, processing) for e in module.EFFECTS
+        e
+        for module in (timing, actuator, robot_axes, interface, tissue, sensor, force_sensor, processing)
+        for e in module.EFFECTS
     ]
     added, errors = _plugins(entry_points(group=GROUP))
     return (*own, *added), tuple(errors.items())

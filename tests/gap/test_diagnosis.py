@@ -9,7 +9,8 @@ import pytest
 
 from acquire.recording.model import Recording
 from gap.design import simulated as own
-from gap.diagnosis import DiagnosisError, diagnose
+from gap.diagnosis import DiagnosisError, _possible, diagnose
+from gap.inference.hypothesis import Candidate
 from gap.report.document import as_json
 from gap.rig.model import ModelError
 from sim_devices.effects import effects
@@ -146,13 +147,25 @@ def test_recordings_in_any_order_give_the_same_answer() -> None:
     assert forth["causes"][0]["probability"] == back["causes"][0]["probability"]
 
 
+def test_a_clock_that_begins_anew_does_not_wander_through_the_session(recording) -> None:
+    time = np.arange(0.0, 10.0, 0.01)
+    own = [recording({"pressure": 0 * time}, time, {"pressure": ([0, 10], [0, 0])}) for _ in range(2)]
+    one = [own[0], recording({"pressure": 0 * time}, time + 20, {"pressure": ([20, 30], [0, 0])})]
+    candidates = [
+        Candidate(f"{name}[form={form}]", name, "timing", (), ("pressure",), form=form)
+        for name, form in (("clock_skew", 0), ("clock_skew", 1), ("clock_skew", 2), ("latency", 1))
+    ]
+    assert [(c.name, c.form) for c in _possible(candidates, own)] == [("clock_skew", 0), ("latency", 1)]
+    assert list(_possible(candidates, one)) == candidates
+
+
 def test_clocks_that_begin_anew_are_told() -> None:
     anew = []
     for r in session("cutometer"):
         first = r.streams["pressure"].time[0]
         shifted = {n: replace(s, time=s.time - first) for n, s in r.streams.items()}
         commands = {n: replace(s, time=s.time - first) for n, s in r.setpoints.items()}
-        anew.append(replace(r, streams=shifted, setpoints=commands))
+        anew.append(replace(r, info=replace(r.info, start_time=""), streams=shifted, setpoints=commands))
     diagnosis = diagnose(anew)
-    assert any("clock" in r for r in diagnosis.remarks)
+    assert any("rests of 45 s" in r for r in diagnosis.remarks)
     assert diagnosis.verdict.posterior.gap_before < 2

@@ -139,6 +139,20 @@ def test_positive_suction_is_remarked_upon(tmp_path: Path) -> None:
     assert [event.code for event in recording.events] == ["pressure_sign"]
 
 
+def test_a_channel_that_the_instrument_does_not_have_is_kept_and_remarked_upon(tmp_path: Path) -> None:
+    channels = {
+        "pressure": channel("p", "mbar"),
+        "pressure_reference": channel("p", "mbar"),
+        "banana": channel("h", "mm"),
+    }
+    recording = load(make(tmp_path / "a", channels=channels))
+    assert set(recording.streams) == set(channels)
+    (event,) = recording.events
+    assert (event.level, event.code) == ("warning", "unknown_channel")
+    assert event.text == "banana: kept, but not among the channels of the cutometer (apex_height, pressure)"
+    assert load(write_bundle(recording, tmp_path / "b")).events == recording.events
+
+
 def test_frames(tmp_path: Path) -> None:
     images = np.random.default_rng(0).integers(0, 255, (11, 20, 30), dtype=np.uint8)
     folder = make(tmp_path, frames={"files": "img_*.png", "rate": "25 Hz"})
@@ -197,7 +211,8 @@ def test_export_of_channels_with_times_of_their_own(tmp_path: Path) -> None:
     recording = sample_recording(frames=0)
     slow = recording.streams["apex_height"]
     slow = replace(slow, value=slow.value[::4], time=slow.time[::4], seq=np.arange(7, 757), time_host=None)
-    recording = replace(recording, streams={"time": slow, "pressure": recording.streams["pressure"]})
+    streams = {"time": slow, "pressure": recording.streams["pressure"]}
+    recording = replace(recording, info=replace(recording.info, instrument="another"), streams=streams)
     assert difference(recording, load(write_bundle(recording, tmp_path / "bundle"))) == ""
 
 

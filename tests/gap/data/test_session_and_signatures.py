@@ -58,6 +58,16 @@ def test_rests_are_assumed_where_the_times_do_not_say(recording, second: str) ->
     assert session.span(1)[0] == pytest.approx(session.span(0)[1] + REST)
 
 
+def test_a_clock_is_as_old_as_its_recording_or_as_the_session(recording) -> None:
+    later = ([t + 30 for t in COMMAND[0]], COMMAND[1])
+    made = [recording({"pressure": 0 * T}, T, {"pressure": c}) for T, c in ((TIME, COMMAND), (TIME + 30, later))]
+    at = np.array([0.0, 4.0, 29.99, 31.0])
+    assert Session(made).clock_age(at) == pytest.approx(at)
+    own = Session([made[0], made[0]])
+    begin = own.span(1)[0]
+    assert own.clock_age(np.array([4.0, begin - 0.01, begin + 2.5])) == pytest.approx([4.0, -0.01, 2.5])
+
+
 def test_a_command_is_at_rest_between_recordings(recording) -> None:
     held = ([0.0, 1.0, 1.0, 10.0], [0.0, 0.0, -3e4, -3e4])
     session = Session([recording({"pressure": 0 * TIME}, TIME, {"pressure": held}) for _ in range(2)])

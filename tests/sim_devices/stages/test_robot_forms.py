@@ -95,6 +95,24 @@ def test_a_rounded_speed_limit_lags_behind_an_abrupt_one() -> None:
     assert halfway[1] - halfway[0] == pytest.approx(0.05, abs=0.01)  # a ramp through a low-pass
 
 
+def test_a_limit_of_the_tip_keeps_it_on_its_way() -> None:
+    """At its speed, whatever the direction; limits of axes by themselves bend the way."""
+    time = np.arange(0.0, 3.0, 0.005)
+    goal = 1e-3 * np.array([0.6, 0.0, 0.8])
+    sent = {f"command_{a}": part * (time > 0.5) for a, part in zip("xyz", goal, strict=True)}
+    off = []
+    for text in ("span_time=1,form=2,rounding=1e-3", "span_time=1"):
+        effect, values = parse_effect(f"slew_limit:{text}", "microrobot")
+        made = effect.apply(nominal("microrobot", tissue="open air"), values).run(time, sent)
+        tip = np.array([made[f"tip_{a}"] for a in "xyz"])
+        on_way = goal[:, None] * (goal @ tip) / (goal @ goal)
+        off.append(float(np.max(np.linalg.norm(tip - on_way, axis=0))))
+        if len(off) == 1:
+            speed = np.linalg.norm(np.diff(tip, axis=1), axis=0) / 0.005
+            assert np.median(speed[(time[1:] > 0.8) & (time[1:] < 1.3)]) == pytest.approx(1e-3, rel=0.01)
+    assert off[0] < 2e-6 < 2e-5 < off[1]
+
+
 def _sent(time: np.ndarray, z: np.ndarray | None = None) -> dict[str, np.ndarray]:
     """Commands of a tip that rests, or goes along z."""
     still = np.zeros(len(time))
