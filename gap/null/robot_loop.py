@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -62,6 +63,7 @@ class Controller:
     drag: float
     on_error: bool
     centred: bool
+    mass: float = MASS  # kg, that an axis moves
 
     def installed(self, chain: Chain, scale: FloatArray, drag: float = 0.0) -> Chain:
         """The chain with this controller, its three gains multiplied by ``scale`` (3,), and further ``drag`` N s/m."""
@@ -70,7 +72,7 @@ class Controller:
         assert isinstance(loop, AxisLoop)
         kept = {f.name: getattr(loop, f.name) for f in fields(AxisLoop)}
         fed = d if self.on_error else 0.0
-        tuned = TunedLoop(**kept | {"fed": fed}, gains=(p, i, d + self.drag + drag))
+        tuned = TunedLoop(**kept | {"fed": fed, "mass": self.mass}, gains=(p, i, d + self.drag + drag))
         operators = tuple(tuned if op is loop else op for op in chain.operators)
         chain = Chain(chain.instrument, operators)
         feed = Feed("load_and_feed", "actuator", numbered("target") + PUSHED, numbered("load"), gain=fed)
@@ -83,3 +85,26 @@ CONTROLLERS = (
     Controller(1500.0, 12000.0, 15.0, 1.0, on_error=False, centred=True),
 )
 """Ours (a triple pole), and the one of the blind check's nominal instrument. All figures assumed."""
+STATED = {"loop_proportional": "N/m", "loop_integral": "N/(m s)", "loop_derivative": "N s/m", "axis_mass": "kg"}
+"""Calibrations by which a recording states its controller, and their units."""
+
+
+def controllers(calibration: Mapping[str, Mapping[str, Any]]) -> tuple[Controller, ...]:
+    """The controllers that a recording with this ``calibration`` may have: the one it states, whose derivative may be
+    of the error or of the position, or the known ones.
+
+    Raises ValueError for part of a controller, another unit, or a number that is none.
+    """
+    given = [name for name in STATED if name in calibration]
+    if not given:
+        return CONTROLLERS
+    if missing := [name for name in STATED if name not in given]:
+        raise ValueError(f"calibration: a controller needs {', '.join(missing)} besides {', '.join(given)}")
+    values = []
+    for name, unit in STATED.items():
+        value, its = calibration[name].get("value"), calibration[name].get("unit")
+        if its != unit or isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < np.inf:
+            raise ValueError(f"calibration: {name} is {value!r} {its!r}, not a positive number of {unit}")
+        values.append(float(value))
+    p, i, d, mass = values
+    return tuple(Controller(p, i, d, 0.0, on_error, centred=False, mass=mass) for on_error in (False, True))

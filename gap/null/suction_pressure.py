@@ -18,6 +18,7 @@ from gap.null.blocks import Block, Group, GroupedSession, Table
 from gap.null.chains import needed
 from gap.null.skin_laws import bounded_exp
 from sim_devices.chain import Chain, Effect, FloatArray, Signals
+from sim_devices.effects.build import PRESSURE
 from sim_devices.stages import nominal
 from sim_devices.stages.kernels import evaluate, low_pass, prony
 from sim_devices.stages.operators import Wired, after
@@ -46,6 +47,8 @@ LEFT, FOLLOWS = 2.0, 0.5
 many tolerances: else it is but a better place to start from, and something else acts,"""
 OVERSHOT = 5e3
 """Pa above the air's pressure to which such a loop may vent."""
+SPANS = (0.04, 0.08, 0.15)
+"""s for 300 mbar at which a limited rate is looked for."""
 VALVE_START = {"integral_rate": 0.1, "suction_flow_slope": 0.6, "venting_flow_slope": 0.6, "flow_asymmetry": 0.3}
 """looked for from here: a valve whose flow follows the pressure."""
 NO_TISSUE = SuctionTissue(0.0, creep=(), times=(), residual=0.0, softening=0.0)
@@ -107,12 +110,13 @@ class PressureBlock(Block):
     """Command -> recorded pressure.
 
     Nuisance: the regulator's time constant and damping, the sampling convention (a shift within one sample), three
-    quick lags and a lead that other regulators than the nominal second-order one would add, and the integral, set-point
-    weight and uneven flow of a loop about a valve, where nothing less comes to the noise.
+    quick lags and a lead that other regulators than the nominal second-order one would add, and, where nothing less
+    comes to the noise, a limited rate, or the integral, set-point weight and uneven flow of a loop about a valve.
     """
 
     name, channels = "pressure", ("pressure",)
     floor = 5.0  # Pa: a twentieth of the command's resolution
+    trust_other = 0.25  # where the regulator is of another structure, ours of that structure is not quite it
     LAGS = (0.015, 0.04, 0.1)
     VALVE: Mapping[str, float] = {  # what these are in a second order
         "integral_rate": 0.0,
@@ -128,14 +132,33 @@ class PressureBlock(Block):
         self.row_noise.widen(np.flatnonzero(self._in_motion()), IGNORED)
         self.prior_sd = self._prior(lambda t: t.value)
         self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
-        self._begin: FloatArray | None = None  # where a loop about a valve was found
+        self._begin: FloatArray | None = None  # where a limited rate or a loop about a valve was found
         # As a sound instrument of the nominal kind, or a regulator of another time and damping.
         self.prior_scales = (self.prior_sd, self._prior(lambda t: t.widest))
         self.blur_steep_parts(self._slope())
         self.prior_sd = max(self.prior_scales, key=self._probability)
         found = fit(self)
-        if found.chi2 > len(found.residual) * NOISY:
+        if found.chi2 > len(found.residual) * NOISY and not self._try_rate(found):
             self._try_valve(found)
+        best = fit(self)
+        self.row_noise.remember(self.unwhitened(best.residual, {}), self.noise.tolist())
+
+    def _try_rate(self, found: Fit) -> bool:
+        """Take on a rate that is limited within twice its tolerance, as a third width of the prior, where it comes to
+        the noise and ``found`` does not; whether it was."""
+        span = self.tolerances["slew_limit"]["span_time"].value
+        limited = self._prior(lambda t: t.widest)
+        limited[self._span] = span
+        looked = under(self, self.prior_mean, limited)
+        begins = np.tile(found.nuisance, (len(SPANS), 1))
+        begins[:, self._span] = SPANS
+        first = min((fit(looked, nuisance=start, iterations=3) for start in begins), key=lambda f: f.objective)
+        best = fit(looked, nuisance=first.nuisance)
+        better = best.objective < min(LEFT * len(best.residual), found.objective)
+        if not (better and 0.0 < best.nuisance[self._span] < 2.0 * span):
+            return False
+        self.prior_scales, self.prior_sd, self._begin = (*self.prior_scales, limited), limited, best.nuisance
+        return True
 
     def _try_valve(self, found: Fit) -> None:
         """Take on a loop about a valve, as a third width of the prior, where it comes to the noise and ``found`` does
@@ -152,8 +175,17 @@ class PressureBlock(Block):
             self.prior_scales, self.prior_sd, self._begin = (*self.prior_scales, valve), valve, best.nuisance
 
     @property
+    def likelihood_powers(self) -> Sequence[float]:
+        return (self.trust, self.trust, self.trust_other)[: len(self.prior_scales)]
+
+    @property
     def _valve(self) -> slice:
         return slice(5 + len(self.LAGS), 5 + len(self.LAGS) + len(self.VALVE))
+
+    @property
+    def _span(self) -> int:
+        """Where the s for 300 mbar of a limited rate stand."""
+        return 5 + len(self.LAGS) + len(self.VALVE)
 
     def start(self) -> FloatArray:
         return self.prior_mean.copy() if self._begin is None else self._begin.copy()
@@ -165,7 +197,9 @@ class PressureBlock(Block):
         loop = [width(regulator["time"]), width(regulator["damping"]), self.shift_sd, own["clock_skew"]["rate"].value]
         further = [*[width(regulator["further_lags"])] * len(self.LAGS), width(regulator["lead"])]
         further += [width(regulator[f"valve_{name}"]) if valve else FROZEN for name in self.VALVE]
-        return np.array([*loop, *further, own["gauge_gain"]["error"].value, own["gauge_offset"]["offset"].value])
+        return np.array(
+            [*loop, *further, FROZEN, own["gauge_gain"]["error"].value, own["gauge_offset"]["offset"].value]
+        )
 
     def _in_motion(self) -> NDArray[np.bool_]:
         """Rows (n,) of recordings that begin while the pressure still comes back from what was before, until it rests:
@@ -197,6 +231,8 @@ class PressureBlock(Block):
         if np.any(np.abs(nuisance[self._valve]) > FROZEN):
             valve = tuple(nuisance[self._valve] + list(self.VALVE.values()))
             chain = chain.tuned("regulator", valve=valve, highest=OVERSHOT)  # its integral has to empty first
+        if (span := float(nuisance[self._span])) > FROZEN:
+            chain = chain.tuned("regulator", rates=(PRESSURE / span, PRESSURE / span))
         shares = tuple(nuisance[4 : 4 + len(self.LAGS)].tolist())
         lead = float(nuisance[4 + len(self.LAGS)])
         if not lead and not any(shares):
@@ -246,8 +282,13 @@ class PressureBlock(Block):
             **{
                 f"regulator_{name}": (float(c) + plain, "1/s" if name == "integral_rate" else "1")
                 for (name, plain), c in zip(self.VALVE.items(), nuisance[self._valve], strict=True)
-                if self._begin is not None
+                if self.prior_sd[self._valve.start] > FROZEN
             },
+            **(
+                {"regulator_span_time": (float(nuisance[self._span]), "s")}
+                if self.prior_sd[self._span] > FROZEN
+                else {}
+            ),
             "sampling_shift": (float(nuisance[2]), "s"),
             "clock_rate": (float(nuisance[3]), "s/s"),
             "gauge_gain_error": (float(nuisance[-2]), "1"),
@@ -310,9 +351,9 @@ class PressureBlock(Block):
         if not want_jacobian:
             return Evaluation(residual, np.zeros((0, 0)))
         jacobian = np.ones((len(residual), len(nuisance)))
-        valve = [1e-3] * len(self.VALVE)
-        for k, step in enumerate((1e-3, 1e-3, 0.05 * self.dt, 1e-6, *[1e-3] * len(self.LAGS), 1e-4, *valve)):
-            if self._valve.start <= k < self._valve.stop and self.prior_sd[k] <= FROZEN:
+        other = [1e-3] * (len(self.VALVE) + 1)
+        for k, step in enumerate((1e-3, 1e-3, 0.05 * self.dt, 1e-6, *[1e-3] * len(self.LAGS), 1e-4, *other)):
+            if self._valve.start <= k <= self._span and self.prior_sd[k] <= FROZEN:
                 jacobian[:, k] = 0.0
                 continue
             moved = nuisance.copy()

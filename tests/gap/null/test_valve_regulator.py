@@ -60,11 +60,36 @@ def test_a_loop_about_a_valve_is_at_the_noise(recording: Callable[..., Recording
     assert 0.0 < told["regulator_integral_rate"][0] < 0.5  # 1.2 / 18
 
 
+def at_a_limited_rate(asked: np.ndarray, rate: float) -> np.ndarray:
+    """Suction (n,) Pa of a first-order regulator of 45 ms whose pump gives no more than ``rate`` Pa/s."""
+    p, out = 0.0, np.empty(len(asked))
+    for k, u in enumerate(asked):
+        out[k] = p
+        p += STEP * np.clip((u - p) / 0.045, -rate, rate)
+    return out
+
+
+def test_a_rate_that_is_limited_within_its_tolerance_is_another_make(recording: Callable[..., Recording]) -> None:
+    block = session(recording, lambda asked: at_a_limited_rate(asked, 2.5e5), 3)
+    found = fit(block)
+    assert found.chi2 / len(found.residual) < 1.3
+    assert block.quantities(found.nuisance)["regulator_span_time"][0] == pytest.approx(0.12, rel=0.1)
+    assert np.all(block.prior_sd[block._valve] <= FROZEN)
+
+
+def test_a_slower_one_is_a_finding(recording: Callable[..., Recording]) -> None:
+    block = session(recording, lambda asked: at_a_limited_rate(asked, 5e4), 4)
+    found = fit(block)
+    assert found.chi2 / len(found.residual) > 3
+    assert "regulator_span_time" not in block.quantities(found.nuisance)
+
+
 def test_a_second_order_needs_no_valve(recording: Callable[..., Recording]) -> None:
     time = np.arange(0.0, 24.0, STEP)
     block = session(recording, lambda u: evaluate(second_order, time, u, 0.05, 0.9), 2)
     assert len(block.prior_scales) == 2
     assert np.all(block.prior_sd[block._valve] <= FROZEN)
+    assert block.prior_sd[block._span] <= FROZEN
 
 
 @pytest.mark.parametrize(("tau", "zeta"), [(0.04, 1.0), (0.03, 0.6), (0.06, 2.0)])

@@ -1,0 +1,42 @@
+"""The loops that the robot's axes may soundly have: those that recordings state."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from gap.null.robot_loop import CONTROLLERS, STATED, TunedLoop, controllers
+from sim_devices.stages import nominal
+
+
+def test_a_recording_may_state_its_controller() -> None:
+    assert controllers({"opening": {"value": 2e-3, "unit": "m"}}) is CONTROLLERS
+    values = {"loop_proportional": 3e3, "loop_integral": 5.5e4, "loop_derivative": 18.0, "axis_mass": 0.05}
+    said = {name: {"value": value, "unit": STATED[name]} for name, value in values.items()}
+    stated = controllers(said)
+    assert [(c.proportional, c.derivative, c.mass, c.on_error) for c in stated] == [
+        (3e3, 18.0, 0.05, False),
+        (3e3, 18.0, 0.05, True),
+    ]
+    loop = stated[0].installed(nominal("microrobot"), np.ones(3))["axes"]
+    assert isinstance(loop, TunedLoop)
+    assert (loop.mass, loop.gains) == (0.05, (3e3, 5.5e4, 18.0))
+
+
+@pytest.mark.parametrize(
+    ("said", "message"),
+    [
+        (
+            {"axis_mass": {"value": 0.05, "unit": "kg"}},
+            "needs loop_proportional, loop_integral, loop_derivative besides",
+        ),
+        ({n: {"value": 1.0, "unit": "N/m"} for n in STATED}, "loop_integral is 1.0 'N/m', not a positive number"),
+        ({n: {"value": -1.0, "unit": u} for n, u in STATED.items()}, "loop_proportional is -1.0"),
+        ({n: {"value": "3", "unit": u} for n, u in STATED.items()}, "loop_proportional is '3'"),
+    ],
+)
+def test_half_a_controller_is_refused(said: dict[str, dict[str, object]], message: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(message)):
+        controllers(said)
