@@ -14,46 +14,15 @@ import numpy as np
 from scipy.special import softmax
 
 from gap.data.signatures import HUM, Signature
+from gap.decision.classes import Cause, Scored
 from gap.decision.marks import at_marks, certain, explains_marks, made_by, wider_noise
 from gap.decision.priors import log_priors
 from gap.decision.thresholds import Thresholds
 from gap.decision.tolerance import Stated, in_stated, weakest
-from gap.decision.transfer import Shrink
 from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import Candidate
 from gap.search.compare import Comparison, Weight
 from sim_devices.chain import FloatArray
-
-
-@dataclass(frozen=True)
-class Cause:
-    """A class of explanations that the data cannot split: its leading hypothesis, the names of all (a pair is "a + b"),
-    the leader's first, and the probability that one of them acts. ``detectability`` is in tempered σ;
-    ``marked``, whether a channel's own marks speak for it, ``at_marks`` the gap there without and with it, and
-    ``noise`` how many times wider it makes the channel's noise, by them; ``certain``, whether nothing else leaves them.
-    """
-
-    hypothesis: Hypothesis
-    names: tuple[str, ...]
-    probability: float
-    detectability: float
-    members: tuple[Hypothesis, ...] = ()
-    marked: bool = False
-    at_marks: Shrink | None = None
-    noise: float = 1.0
-    certain: bool = False
-
-    @property
-    def effects(self) -> tuple[Candidate, ...]:
-        return self.hypothesis.effects
-
-    def led_by(self, leader: Hypothesis) -> Cause:
-        """The same class with another of its members first; the marks were its leader's."""
-        if leader is self.hypothesis:
-            return self
-        name = concept(leader)
-        names = (name, *(n for n in self.names if n != name))
-        return replace(self, hypothesis=leader, names=names, marked=False, at_marks=None, noise=1.0)
 
 
 @dataclass(frozen=True)
@@ -108,17 +77,6 @@ class Posterior:
         return replace(self, causes=(self.causes[0].led_by(leader), *self.causes[1:]))
 
 
-def concept(h: Hypothesis) -> str:
-    """The name of a hypothesis at the level of concepts."""
-    return " + ".join(sorted(e.name for e in h.effects))
-
-
-def extends(one: Hypothesis, other: Hypothesis) -> bool:
-    """Whether a single effect becomes another one in a limit of its parameters."""
-    names = [e.name for e in other.effects]
-    return len(one.effects) == len(names) == 1 and names[0] in one.effects[0].extends
-
-
 def gap_of(h: Hypothesis) -> float:
     """rms of the whitened residual over all blocks: 1 at the noise floor."""
     n = sum(len(f.residual) for f in h.fits.values())
@@ -162,7 +120,7 @@ def posterior(
     # Whether anything acts is one question, its name another: a weak effect often answers the second.
     acts = 1.0 - float(softmax(score)[0])
     share = np.r_[0.0, softmax(score[1:])] if len(score) > 1 else np.zeros(1)
-    causes = _classes(every, score, share, weighed, temper, t, signatures)
+    causes = Scored(every, score, share, weighed, temper, t, signatures).classes()
     causes = [_marked(c, comparison, signatures, t) for c in causes]
     before = gap_of(comparison.null)
     after = gap_of(causes[0].hypothesis) if causes else before
@@ -295,100 +253,3 @@ def _one_event(h: Hypothesis, at_once: float) -> bool:
     known = {e: values for f in h.fits.values() for e, values in f.active.items() if e.event}
     moments = sorted(values["moment"] for values in known.values() if "moment" in values)
     return any(later - earlier < at_once for earlier, later in pairwise(moments))
-
-
-def _distance(a: Hypothesis, b: Hypothesis, trust: Mapping[str, float], temper: Mapping[str, float]) -> float:
-    """How far apart two fitted explanations predict, in tempered σ, each block as far as it is trusted."""
-    square = 0.0
-    for k, share in trust.items():
-        square += share / temper[k] * float(np.sum(np.square(a.fits[k].residual - b.fits[k].residual)))
-    return float(np.sqrt(square))
-
-
-def _alike(
-    one: Hypothesis, other: Hypothesis, trust: Mapping[str, float], temper: Mapping[str, float], t: Thresholds
-) -> bool:
-    """Whether data that tell two explanations apart by next to nothing cannot split them: they predict alike, one is a
-    limit of the other, or both say that something happened at the same time."""
-    if len(one.effects) != len(other.effects):
-        return False
-    if extends(one, other) or extends(other, one) or _same_event(one, other, t.same_edges):
-        return True
-    left = sum(max(f.chi2 - len(f.residual), 0.0) / temper[b] for b, f in one.fits.items())
-    return _distance(one, other, trust, temper) < max(t.separable, t.blunt * float(np.sqrt(left)))
-
-
-def _same_mark(one: Hypothesis, other: Hypothesis, signatures: Sequence[Signature]) -> bool:
-    """Whether two single effects leave a mark that was found: an old value under a new stamp is a late sample or a
-    repeated one, and how often they come tells by the form of chance only."""
-    both = [h.effects[0] for h in (one, other) if len(h.effects) == 1]
-    return len(both) == 2 and any(all(made_by(s, e) for e in both) for s in signatures)
-
-
-def _same_event(one: Hypothesis, other: Hypothesis, near: float) -> bool:
-    """Whether two single effects in the same blocks are events that begin and end at the same times, to ``near`` s."""
-    spells = []
-    for h in (one, other):
-        if len(h.effects) != 1 or not h.effects[0].event:
-            return False
-        values = next(f.active[h.effects[0]] for f in h.fits.values() if h.effects[0] in f.active)
-        begin = values.get("moment", np.nan)
-        spells.append((set(h.effects[0].blocks), begin, begin + values.get("duration", 0.0)))
-    (blocks, begin, end), (others, from_then, until) = spells
-    return blocks == others and abs(begin - from_then) < near and abs(end - until) < near
-
-
-def _classes(
-    hypotheses: Sequence[Hypothesis],
-    score: FloatArray,
-    share: FloatArray,
-    weighed: Mapping[int, Weight],
-    temper: Mapping[str, float],
-    t: Thresholds,
-    signatures: Sequence[Signature] = (),
-) -> list[Cause]:
-    """Group explanations that these data cannot split, all but the first of ``hypotheses``, which is none; within a
-    class the one with fewest parameters leads, unless it is worse by more than `Thresholds.lead`."""
-    order = [int(k) for k in np.argsort(-score) if k]
-    null = weighed[id(hypotheses[0])].evidence
-    causes = []
-    while order:
-        members = _members(order, hypotheses, score, weighed, temper, t, signatures)
-        leaders = [k for k in members if score[order[0]] - score[k] <= t.lead]
-        simplest = min(leaders, key=lambda k: (sum(len(e.parameters) for e in hypotheses[k].effects), -score[k]))
-        own = concept(hypotheses[simplest])
-        same = [k for k in order if k not in members and concept(hypotheses[k]) == own]
-        order = [k for k in order if k not in members and k not in same]
-        gain = 2 * (weighed[id(hypotheses[simplest])].evidence - null)
-        causes.append(
-            Cause(
-                hypotheses[simplest],
-                tuple(dict.fromkeys([own, *(concept(hypotheses[k]) for k in members)])),
-                float(sum(share[k] for k in (*members, *same))),
-                float(np.sqrt(max(gain, 0.0))),
-                tuple(hypotheses[k] for k in members),
-            )
-        )
-    return sorted(causes, key=lambda c: -c.probability)
-
-
-def _members(
-    order: Sequence[int],
-    hypotheses: Sequence[Hypothesis],
-    score: FloatArray,
-    weighed: Mapping[int, Weight],
-    temper: Mapping[str, float],
-    t: Thresholds,
-    signatures: Sequence[Signature],
-) -> list[int]:
-    """Which of ``order``, best first, these data cannot split from the first of them."""
-    lead, first = order[0], hypotheses[order[0]]
-    trust = weighed[id(first)].trust
-    near = [k for k in order if k == lead or score[lead] - score[k] < t.evidence_tie]
-    members = [k for k in near if k == lead or _alike(first, hypotheses[k], trust, temper, t)]
-    marked = [k for k in order if k not in members and score[lead] - score[k] < t.mark]
-    return members + [
-        k
-        for k in marked
-        if _same_mark(first, hypotheses[k], signatures) or _same_event(first, hypotheses[k], t.same_edges)
-    ]

@@ -10,8 +10,9 @@ import numpy as np
 
 from gap.data.signatures import Signature
 from gap.decision.chance import size_of_chance
+from gap.decision.classes import concept
 from gap.decision.marks import explains_marks
-from gap.decision.posterior import Posterior, concept, posterior
+from gap.decision.posterior import Posterior, posterior
 from gap.decision.qualified import Qualified
 from gap.decision.thresholds import Thresholds
 from gap.decision.tolerance import Stated, in_tolerances, strained

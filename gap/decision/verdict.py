@@ -7,8 +7,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from gap.decision.classes import Cause
 from gap.decision.marks import explains_marks
-from gap.decision.posterior import Cause, Posterior, misfit
+from gap.decision.posterior import Posterior, misfit
 from gap.decision.thresholds import Thresholds
 from gap.decision.tolerance import weakest
 from gap.decision.transfer import Shrink

@@ -14,7 +14,7 @@ from acquire.provenance import versions
 from acquire.qualifications import SCHEMA, SERIAL, VALID_DAYS, Bound, Covariance, Finding, Parameter, Qualification
 from acquire.recording.model import Recording
 from gap.data.tolerances import Tolerance, tolerances
-from gap.decision.posterior import Cause
+from gap.decision.classes import Cause
 from gap.diagnosis import Diagnosis, DiagnosisError, Tell, diagnose
 from gap.qualify.steps import STANDARD
 from gap.report.parameters import covariance, of_cause, rounded

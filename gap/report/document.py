@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from gap.data.session import SKIN
+from gap.decision.classes import Cause
 from gap.decision.conformal import COVERAGE, chosen, shares, threshold
-from gap.decision.posterior import Cause, Posterior, misfit
+from gap.decision.posterior import Posterior, misfit
 from gap.decision.qualified import moved
 from gap.diagnosis import Diagnosis
 from gap.report.assumed import assumed

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from gap.decision.posterior import Cause
+from gap.decision.classes import Cause
 from gap.diagnosis import Diagnosis
 from gap.inference.evidence import Fit
 from gap.inference.hypothesis import FROZEN, Candidate, from_unit

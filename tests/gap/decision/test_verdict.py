@@ -10,7 +10,8 @@ import pytest
 
 from gap.data.signatures import HUM, MAINS, Signature
 from gap.data.tolerances import Tolerance, tolerances
-from gap.decision.posterior import Cause, posterior
+from gap.decision.classes import Cause
+from gap.decision.posterior import posterior
 from gap.decision.settle import Case, settle
 from gap.decision.thresholds import INSTRUMENT, RIG, Thresholds, provenance
 from gap.decision.tolerance import Stated, in_tolerances, weakest

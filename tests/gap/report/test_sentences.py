@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from gap.decision.posterior import Cause
+from gap.decision.classes import Cause
 from gap.decision.thresholds import INSTRUMENT
 from gap.decision.transfer import Shrink
 from gap.inference.evidence import Hypothesis

@@ -1,0 +1,153 @@
+"""Classes of explanations that the data cannot split: they predict alike, one is a limit of another, or both leave the
+same mark or say that something happened at the same time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gap.data.signatures import Signature
+from gap.decision.marks import made_by
+from gap.decision.thresholds import Thresholds
+from gap.decision.transfer import Shrink
+from gap.inference.evidence import Hypothesis
+from gap.inference.hypothesis import Candidate
+from gap.search.compare import Weight
+from sim_devices.chain import FloatArray
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A class of explanations that the data cannot split: its leading hypothesis, the names of all (a pair is "a + b"),
+    the leader's first, and the probability that one of them acts. ``detectability`` is in tempered σ;
+    ``marked``, whether a channel's own marks speak for it, ``at_marks`` the gap there without and with it, and
+    ``noise`` how many times wider it makes the channel's noise, by them; ``certain``, whether nothing else leaves them.
+    """
+
+    hypothesis: Hypothesis
+    names: tuple[str, ...]
+    probability: float
+    detectability: float
+    members: tuple[Hypothesis, ...] = ()
+    marked: bool = False
+    at_marks: Shrink | None = None
+    noise: float = 1.0
+    certain: bool = False
+
+    @property
+    def effects(self) -> tuple[Candidate, ...]:
+        return self.hypothesis.effects
+
+    def led_by(self, leader: Hypothesis) -> Cause:
+        """The same class with another of its members first; the marks were its leader's."""
+        if leader is self.hypothesis:
+            return self
+        name = concept(leader)
+        names = (name, *(n for n in self.names if n != name))
+        return replace(self, hypothesis=leader, names=names, marked=False, at_marks=None, noise=1.0)
+
+
+def concept(h: Hypothesis) -> str:
+    """The name of a hypothesis at the level of concepts."""
+    return " + ".join(sorted(e.name for e in h.effects))
+
+
+@dataclass(frozen=True)
+class Scored:
+    """Explanations, the first of which is none, with their log probability ``score`` (n,) but for a constant, and
+    their ``share`` (n,) of the probability that one of them acts."""
+
+    hypotheses: Sequence[Hypothesis]
+    score: FloatArray
+    share: FloatArray
+    weighed: Mapping[int, Weight]
+    temper: Mapping[str, float]
+    thresholds: Thresholds
+    signatures: Sequence[Signature] = ()
+
+    def classes(self) -> list[Cause]:
+        """All but none in classes, the most probable first."""
+        order = [int(k) for k in np.argsort(-self.score) if k]
+        causes = []
+        while order:
+            members = self._members(order)
+            leader = self._leader(order[0], members)
+            own = concept(self.hypotheses[leader])
+            same = [k for k in order if k not in members and concept(self.hypotheses[k]) == own]
+            order = [k for k in order if k not in members and k not in same]
+            causes.append(self._cause(leader, members, same))
+        return sorted(causes, key=lambda c: -c.probability)
+
+    def _leader(self, best: int, members: Sequence[int]) -> int:
+        """The one with fewest parameters, unless it is worse than the best by more than `Thresholds.lead`."""
+        near = [k for k in members if self.score[best] - self.score[k] <= self.thresholds.lead]
+        return min(near, key=lambda k: (sum(len(e.parameters) for e in self.hypotheses[k].effects), -self.score[k]))
+
+    def _cause(self, leader: int, members: Sequence[int], same: Sequence[int]) -> Cause:
+        """The class of ``members``, whose probability has that of others of the ``same`` name."""
+        evidence = [self.weighed[id(self.hypotheses[k])].evidence for k in (leader, 0)]
+        return Cause(
+            self.hypotheses[leader],
+            tuple(dict.fromkeys(concept(self.hypotheses[k]) for k in (leader, *members))),
+            float(sum(self.share[k] for k in (*members, *same))),
+            float(np.sqrt(max(2 * (evidence[0] - evidence[1]), 0.0))),
+            tuple(self.hypotheses[k] for k in members),
+        )
+
+    def _members(self, order: Sequence[int]) -> list[int]:
+        """Which of ``order``, best first, these data cannot split from the first of them."""
+        t, lead, first = self.thresholds, order[0], self.hypotheses[order[0]]
+        behind = {k: float(self.score[lead] - self.score[k]) for k in order}
+        members = [k for k in order if k == lead or (behind[k] < t.evidence_tie and self._alike(first, k))]
+        return members + [k for k in order if k not in members and behind[k] < t.mark and self._told_alike(first, k)]
+
+    def _alike(self, one: Hypothesis, k: int) -> bool:
+        """Whether data tell another explanation from ``one`` by next to nothing."""
+        t, other = self.thresholds, self.hypotheses[k]
+        if len(one.effects) != len(other.effects):
+            return False
+        if _extends(one, other) or _extends(other, one) or _same_event(one, other, t.same_edges):
+            return True
+        left = sum(max(f.chi2 - len(f.residual), 0.0) / self.temper[b] for b, f in one.fits.items())
+        return self._distance(one, other) < max(t.separable, t.blunt * float(np.sqrt(left)))
+
+    def _told_alike(self, one: Hypothesis, k: int) -> bool:
+        """Whether another explanation leaves the same mark, or happens at the same time."""
+        other = self.hypotheses[k]
+        return _same_mark(one, other, self.signatures) or _same_event(one, other, self.thresholds.same_edges)
+
+    def _distance(self, one: Hypothesis, other: Hypothesis) -> float:
+        """How far apart two fitted explanations predict, in tempered σ, each block as far as the first trusts it."""
+        square = 0.0
+        for b, trust in self.weighed[id(one)].trust.items():
+            change = one.fits[b].residual - other.fits[b].residual
+            square += trust / self.temper[b] * float(np.sum(np.square(change)))
+        return float(np.sqrt(square))
+
+
+def _extends(one: Hypothesis, other: Hypothesis) -> bool:
+    """Whether a single effect becomes another one in a limit of its parameters."""
+    names = [e.name for e in other.effects]
+    return len(one.effects) == len(names) == 1 and names[0] in one.effects[0].extends
+
+
+def _same_mark(one: Hypothesis, other: Hypothesis, signatures: Sequence[Signature]) -> bool:
+    """Whether two single effects leave a mark that was found: an old value under a new stamp is a late sample or a
+    repeated one, and how often they come tells by the form of chance only."""
+    both = [h.effects[0] for h in (one, other) if len(h.effects) == 1]
+    return len(both) == 2 and any(all(made_by(s, e) for e in both) for s in signatures)
+
+
+def _same_event(one: Hypothesis, other: Hypothesis, near: float) -> bool:
+    """Whether two single effects in the same blocks are events that begin and end at the same times, to ``near`` s."""
+    spells = []
+    for h in (one, other):
+        if len(h.effects) != 1 or not h.effects[0].event:
+            return False
+        values = next(f.active[h.effects[0]] for f in h.fits.values() if h.effects[0] in f.active)
+        begin = values.get("moment", np.nan)
+        spells.append((set(h.effects[0].blocks), begin, begin + values.get("duration", 0.0)))
+    (blocks, begin, end), (others, from_then, until) = spells
+    return blocks == others and abs(begin - from_then) < near and abs(end - until) < near
