@@ -34,7 +34,7 @@ def _slew_robot(chain: Chain, v: Values) -> Chain:
         chain = law_before(chain, anchor, name, stage, kernels.rate_limit, (rate, rate), *signals)
     if chosen(v, "form") == 0:
         return chain
-    return law_before(chain, anchor, "slew_rounding", stage, kernels.low_pass, (v["rounding"],), *signals)
+    return law_before(chain, anchor, "slew_rounding", stage, kernels.low_pass, (v["rounding"] / rate,), *signals)
 
 
 def _drag(chain: Chain, v: Values) -> Chain:
@@ -74,7 +74,7 @@ EFFECTS = (
         (
             strength("span_time", "s", 0.2, 50.0, 6.0, "time for 1 mm of an axis"),
             choice("form", 0, "of each axis", "of each axis, rounded as by a limited jerk", "of the tip, rounded"),
-            shape("rounding", "s", 1e-3, 0.2, 0.02, "time constant of it", log=True, only=(1, 2)),
+            shape("rounding", "m", 1e-6, 2e-4, 2e-5, "way over which it is rounded", log=True, only=(1, 2)),
         ),
         _slew_robot,
     ),

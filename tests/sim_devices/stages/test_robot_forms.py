@@ -86,7 +86,7 @@ def test_skin_that_moves_under_a_probe_at_rest_takes_it_along() -> None:
 def test_a_rounded_speed_limit_lags_behind_an_abrupt_one() -> None:
     time = np.arange(0.0, 3.0, 0.005)
     halfway = []
-    for text in ("span_time=1", "span_time=1,form=1,rounding=0.05"):
+    for text in ("span_time=1", "span_time=1,form=1,rounding=5e-5"):
         effect, values = parse_effect(f"slew_limit:{text}", "microrobot")
         made = effect.apply(nominal("microrobot", tissue="open air"), values).run(
             time, _sent(time, 1e-3 * (time > 0.5))
@@ -101,7 +101,7 @@ def test_a_limit_of_the_tip_keeps_it_on_its_way() -> None:
     goal = 1e-3 * np.array([0.6, 0.0, 0.8])
     sent = {f"command_{a}": part * (time > 0.5) for a, part in zip("xyz", goal, strict=True)}
     off = []
-    for text in ("span_time=1,form=2,rounding=1e-3", "span_time=1"):
+    for text in ("span_time=1,form=2,rounding=1e-6", "span_time=1"):
         effect, values = parse_effect(f"slew_limit:{text}", "microrobot")
         made = effect.apply(nominal("microrobot", tissue="open air"), values).run(time, sent)
         tip = np.array([made[f"tip_{a}"] for a in "xyz"])
