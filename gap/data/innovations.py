@@ -1,7 +1,7 @@
 """Noise that a sensor remembers: white noise and, beside it, a first-order (Ornstein-Uhlenbeck) process.
 
 Neighbouring samples then have a part in common, so that residuals over σ are not independent. Their innovations are:
-what each sample adds to the one foretold by all before it (Kalman filter of a scalar state).
+the difference of each sample from the one foretold by all before it (Kalman filter of a scalar state).
 """
 
 from __future__ import annotations
@@ -73,9 +73,9 @@ def _undone(e: FloatArray, gain: FloatArray, decay: FloatArray, sd: FloatArray) 
 class RowNoise:
     """Noise of rows: C channels at the same n time stamps, recordings by themselves.
 
-    ``new`` (C, n) is the variance of what each row adds. ``slow`` (C,) is the standard deviation, SI, of what
-    neighbouring rows have in common: a floor that averaging does not lower, and rows count as independent, unless
-    `remember` finds out how long it lasts. Then residuals are innovations.
+    ``new`` (C, n) is the variance of the white part, row by row. ``slow`` (C,) is the standard deviation, SI, of the
+    part that neighbouring rows have in common: a floor that averaging does not lower, and rows count as independent,
+    unless `remember` finds its correlation time. Then residuals are innovations.
     """
 
     def __init__(
@@ -128,35 +128,29 @@ class RowNoise:
         return -0.5 * float(np.sum(np.square(innovations)) + np.sum(np.log(variance)))
 
     def _filters(self, added: FloatArray | None) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
-        """Gains, decays and standard deviations (n,) of each channel's filter, with ``added`` variance (C·n,)."""
+        """Gains, decays and standard deviations (n,) of each channel's filter, with ``added`` variance (C·n,). Of rows
+        that count as independent the filter remembers nothing."""
         new = self._new if added is None else self._new + added.reshape(self._new.shape)
+        if self._taus is None:
+            nothing = np.zeros(len(self._time))
+            return [(nothing, nothing, np.sqrt(own + slow**2)) for own, slow in zip(new, self._slow, strict=True)]
         filters = []
-        taus = np.zeros(0) if self._taus is None else self._taus
-        for own, slow, tau in zip(new, self._slow, taus, strict=True):
+        for own, slow, tau in zip(new, self._slow, self._taus, strict=True):
             variance, gain, decay = _gains(self._time, self._recording, own, slow**2, tau)
             filters.append((gain, decay, np.sqrt(variance)))
         return filters
 
     def sd(self, added: FloatArray | None = None) -> FloatArray:
-        """Standard deviation (C·n,) of what is whitened: rows or their innovations, with ``added`` variance (C·n,)."""
-        if self._taus is None:
-            return self.sigma if added is None else np.sqrt(np.square(self.sigma) + added)
+        """Standard deviation (C·n,) of the innovations, with ``added`` variance (C·n,)."""
         return np.concatenate([sd for _, _, sd in self._filters(added)])
 
     def whitened(self, difference: FloatArray, added: FloatArray | None = None) -> FloatArray:
         """``difference`` (C·n,) or (C·n, p) in σ, with ``added`` variance (C·n,): independent parts if it is noise."""
         columns = difference if difference.ndim > 1 else difference[:, None]
-        if self._taus is None:
-            out = columns / self.sd(added)[:, None]
-        else:
-            parts = np.split(columns, len(self._new))
-            filters = self._filters(added)
-            out = np.concatenate([_innovations(x, *f) for x, f in zip(parts, filters, strict=True)])
-        return out.reshape(difference.shape)
+        parts = zip(np.split(columns, len(self._new)), self._filters(added), strict=True)
+        return np.concatenate([_innovations(x, *f) for x, f in parts]).reshape(difference.shape)
 
     def unwhitened(self, residual: FloatArray, added: FloatArray | None = None) -> FloatArray:
         """The difference (C·n,), SI, that is whitened to ``residual`` (C·n,)."""
-        if self._taus is None:
-            return residual * self.sd(added)
-        parts = np.split(residual, len(self._new))
-        return np.concatenate([_undone(e, *f) for e, f in zip(parts, self._filters(added), strict=True)])
+        parts = zip(np.split(residual, len(self._new)), self._filters(added), strict=True)
+        return np.concatenate([_undone(e, *f) for e, f in parts])

@@ -18,7 +18,7 @@ from gap.null.blocks import Block, Group, GroupedSession, Table
 from gap.null.chains import needed, run
 from gap.null.robot_grid import averaged, loop_grid, retimed
 from gap.null.robot_load import SPRING, RecordedLoad
-from gap.null.robot_loop import Controller, controllers
+from gap.null.robot_loop import Controller, controllers, stated
 from sim_devices.chain import Chain, Effect, FloatArray, Operator
 from sim_devices.stages import nominal
 from sim_devices.stages.operators import Retimed
@@ -131,8 +131,8 @@ class AxesBlock(Block):
         self._misleading: dict[str, bool] = {}
         self._runs = np.kron(np.eye(3), self.member)
         self.prior_mean = self.sound = np.zeros(self.TOLERANCES + self._runs.shape[1])
-        stated = session.recordings[self.runs[0]].info.calibration
-        fits = [pair for controller in controllers(stated) for pair in self._tried(controller)]
+        known = controllers(stated([session.recordings[k] for k in self.runs]))
+        fits = [pair for controller in known for pair in self._tried(controller)]
         self._best, controller = min(fits, key=lambda pair: pair[0].objective)
         alone = [f for f, its in fits if its is controller and not f.hypothesis]
         self._start, self._strained = alone[0].nuisance, alone[0].penalty > STRAINED

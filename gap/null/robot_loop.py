@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
+from acquire.recording.model import Recording
 from sim_devices.chain import Chain, FloatArray, Signals
 from sim_devices.stages.axes import LOOP_RATE, MASS, AxisLoop
 from sim_devices.stages.operators import Wired
@@ -87,6 +88,19 @@ CONTROLLERS = (
 """Ours (a triple pole), and the one of the blind check's nominal instrument. All figures assumed."""
 STATED = {"loop_proportional": "N/m", "loop_integral": "N/(m s)", "loop_derivative": "N s/m", "axis_mass": "kg"}
 """Calibrations by which a recording states its controller, and their units."""
+
+
+def stated(recordings: Sequence[Recording]) -> dict[str, Mapping[str, Any]]:
+    """The controller among the calibrations of some recordings; empty where none states one.
+
+    Raises ValueError where two state different ones.
+    """
+    said = {r.info.id: {n: known for n, known in r.info.calibration.items() if n in STATED} for r in recordings}
+    said = {name: own for name, own in said.items() if own}
+    first = next(iter(said), "")
+    if other := next((name for name, own in said.items() if own != said[first]), ""):
+        raise ValueError(f"recordings {first} and {other} of one session state different controllers")
+    return dict(said.get(first, {}))
 
 
 def controllers(calibration: Mapping[str, Mapping[str, Any]]) -> tuple[Controller, ...]:

@@ -140,7 +140,7 @@ class PressureBlock(Block):
         found = fit(self)
         if found.chi2 > len(found.residual) * NOISY and not self._try_rate(found):
             self._try_valve(found)
-        best = fit(self)
+        best = found if self._begin is None else fit(self)
         self.row_noise.remember(self.unwhitened(best.residual, {}), self.noise.tolist())
 
     def _try_rate(self, found: Fit) -> bool:
@@ -157,7 +157,7 @@ class PressureBlock(Block):
         better = best.objective < min(LEFT * len(best.residual), found.objective)
         if not (better and 0.0 < best.nuisance[self._span] < 2.0 * span):
             return False
-        self.prior_scales, self.prior_sd, self._begin = (*self.prior_scales, limited), limited, best.nuisance
+        self._take(limited, best)
         return True
 
     def _try_valve(self, found: Fit) -> None:
@@ -172,7 +172,11 @@ class PressureBlock(Block):
         flow = (best.nuisance / valve)[self._valve][2:]  # but for the controller's two
         better = best.objective < min(LEFT * len(best.residual), found.objective)
         if better and np.linalg.norm(flow) > FOLLOWS:
-            self.prior_scales, self.prior_sd, self._begin = (*self.prior_scales, valve), valve, best.nuisance
+            self._take(valve, best)
+
+    def _take(self, width: FloatArray, found: Fit) -> None:
+        """Let a third ``width`` (p,) of the prior be this regulator's, which was ``found`` under it."""
+        self.prior_scales, self.prior_sd, self._begin = (*self.prior_scales, width), width, found.nuisance
 
     @property
     def likelihood_powers(self) -> Sequence[float]:

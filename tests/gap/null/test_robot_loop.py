@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from gap.null.robot_loop import CONTROLLERS, STATED, TunedLoop, controllers
+from gap.null.robot_loop import CONTROLLERS, STATED, TunedLoop, controllers, stated
 from sim_devices.stages import nominal
 
 
@@ -15,14 +16,27 @@ def test_a_recording_may_state_its_controller() -> None:
     assert controllers({"opening": {"value": 2e-3, "unit": "m"}}) is CONTROLLERS
     values = {"loop_proportional": 3e3, "loop_integral": 5.5e4, "loop_derivative": 18.0, "axis_mass": 0.05}
     said = {name: {"value": value, "unit": STATED[name]} for name, value in values.items()}
-    stated = controllers(said)
-    assert [(c.proportional, c.derivative, c.mass, c.on_error) for c in stated] == [
+    two = controllers(said)
+    assert [(c.proportional, c.derivative, c.mass, c.on_error) for c in two] == [
         (3e3, 18.0, 0.05, False),
         (3e3, 18.0, 0.05, True),
     ]
-    loop = stated[0].installed(nominal("microrobot"), np.ones(3))["axes"]
+    loop = two[0].installed(nominal("microrobot"), np.ones(3))["axes"]
     assert isinstance(loop, TunedLoop)
     assert (loop.mass, loop.gains) == (0.05, (3e3, 5.5e4, 18.0))
+
+
+def test_recordings_of_a_session_have_one_controller(recording) -> None:
+    said = {name: {"value": 1.0, "unit": unit} for name, unit in STATED.items()}
+    made = [recording({"probe_x": np.zeros(9)}, np.arange(9.0), name=f"r{k}") for k in range(3)]
+    silent, one, other = (
+        replace(r, info=replace(r.info, calibration=its))
+        for r, its in zip(made, ({}, said, said | {"axis_mass": {"value": 2.0, "unit": "kg"}}), strict=True)
+    )
+    assert stated([silent]) == {}
+    assert stated([silent, one, one]) == said
+    with pytest.raises(ValueError, match="recordings r1 and r2 of one session state different controllers"):
+        stated([silent, one, other])
 
 
 @pytest.mark.parametrize(
