@@ -10,9 +10,10 @@ import abc
 import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from acquire.recording.model import Recording, RunInfo
 from gap.data.binning import GROWTH, WIDEST
@@ -115,6 +116,16 @@ def _label(info: RunInfo) -> str:
     return ", ".join([info.specimen or SKIN, *(f"{key} {stated}" for key, stated in known.items())])
 
 
+class _Part(NamedTuple):
+    """One recording's bins: mean time and spread of the samples (n,) s, value and number of samples (channels, n)."""
+
+    run: int
+    time: FloatArray
+    value: FloatArray
+    samples: NDArray[np.int64]
+    spread: FloatArray
+
+
 class Block(abc.ABC):
     """Rows in bins, whitening, effects by candidate; subclasses define prediction and nuisance."""
 
@@ -136,33 +147,23 @@ class Block(abc.ABC):
         self.session, self.library = session, library
         self.tolerances = tolerances(session.instrument)
         self.groups: list[tuple[Group, slice]] = []
-        runs: list[int] = []
-        parts = []
+        parts: list[_Part] = []
         at = 0
         for group in session.groups:
-            if group.name in without:
-                continue
-            begin = at
-            for k in group.members:
-                if not all(c in session.recordings[k].streams for c in self.channels):
-                    continue
-                ends = self.breaks(k)
-                bins = [session.binned(c, k, session.kinks, self.growth, self.widest, ends) for c in self.channels]
-                n = min(len(b.time) for b in bins)  # equal unless a channel lost samples at its end
-                values = np.stack([b.value[:n] for b in bins])
-                parts.append((bins[0].time[:n], values, np.stack([b.count[:n] for b in bins]), bins[0].spread[:n]))
-                runs += [k] * n
-                at += n
-            if at > begin:
-                self.groups.append((group, slice(begin, at)))
+            own = [self._part(k) for k in group.members if group.name not in without and self._has_channels(k)]
+            size = sum(len(part.time) for part in own)
+            if size:
+                self.groups.append((group, slice(at, at + size)))
+            parts += own
+            at += size
         if not at:
             raise ValueError(f"no recording has all channels {', '.join(self.channels)}")
-        self.stamps = np.concatenate([p[0] for p in parts])
-        self._ends = self.stamps + np.concatenate([p[3] for p in parts]) * np.array([[-1.0], [1.0]])
-        self.run = np.asarray(runs, dtype=np.int64)
-        self.runs = sorted(set(runs))
-        values = np.hstack([p[1] for p in parts])
-        counts = np.hstack([p[2] for p in parts])
+        self.stamps = np.concatenate([part.time for part in parts])
+        self._ends = self.stamps + np.concatenate([part.spread for part in parts]) * np.array([[-1.0], [1.0]])
+        self.run = np.repeat([part.run for part in parts], [len(part.time) for part in parts])
+        self.runs = sorted(set(self.run.tolist()))
+        values = np.hstack([part.value for part in parts])
+        counts = np.hstack([part.samples for part in parts])
         noise = session.sigmas(self.channels, self.runs, session.kinks)
         self.noise = np.array([sigma.white for sigma in noise])
         grid = np.hypot([sigma.grid for sigma in noise], self.floor)
@@ -174,6 +175,17 @@ class Block(abc.ABC):
         )
         self.rows = self._labelled()
         self._grids, self._delayed = Kept(), Kept(2 * len(self.groups))
+
+    def _has_channels(self, k: int) -> bool:
+        return all(c in self.session.recordings[k].streams for c in self.channels)
+
+    def _part(self, k: int) -> _Part:
+        """The channels of recording ``k`` in bins."""
+        session, ends = self.session, self.breaks(k)
+        bins = [session.binned(c, k, session.kinks, self.growth, self.widest, ends) for c in self.channels]
+        n = min(len(b.time) for b in bins)  # equal unless a channel lost samples at its end
+        value, count = np.stack([b.value[:n] for b in bins]), np.stack([b.count[:n] for b in bins])
+        return _Part(k, bins[0].time[:n], value, count, bins[0].spread[:n])
 
     def knowing(self, further: Mapping[str, Effect]) -> Self:
         """The same block with further effects, by their candidates' keys."""
