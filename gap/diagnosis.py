@@ -24,7 +24,7 @@ from gap.decision.marks import made_by
 from gap.decision.posterior import Posterior
 from gap.decision.qualified import Qualified, inform
 from gap.decision.qualified import read as read_qualification
-from gap.decision.settle import Case, settle
+from gap.decision.settle import Case, beside_tolerances, settle
 from gap.decision.thresholds import INSTRUMENT, RIG, Thresholds
 from gap.decision.tolerance import Stated
 from gap.decision.transfer import Shrink, gap_without_discrepancy, plain
@@ -156,6 +156,7 @@ def diagnose(
     skins, unsound = _skins(earlier, recordings, options)
     options = replace(options, skins=skins)
     recordings, case, doubted, told = _without_doubted(recordings, options)
+    case, taken = beside_tolerances(case, t)
     settled = settle(case, t, options.jobs)
     verdict, solves, words = _checked(case.comparison, settled.verdict, t) if solver else (settled.verdict, 0, [])
     proposal = _proposed(case, verdict, t, options) if propose_term else None
@@ -168,7 +169,7 @@ def diagnose(
         shrinks=tuple(trial.shrinks for trial in settled.trials),
         bounds=beyond_the_fitted(bounds(case.comparison, settled.found.temper, t, case.stated), verdict),
         confusable=confusable(case.comparison, settled.found.temper),
-        remarks=(*told, *words),
+        remarks=(*told, *taken, *words),
         seconds=clock.perf_counter() - begin,
         null=case.null,
         best=next((trial.answer for trial in settled.trials), case.null),

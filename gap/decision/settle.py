@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -16,6 +16,7 @@ from gap.decision.posterior import Posterior, posterior
 from gap.decision.qualified import Qualified
 from gap.decision.thresholds import Thresholds
 from gap.decision.tolerance import Stated, in_tolerances, strained
+from gap.decision.tolerated import beside, told, tolerated
 from gap.decision.transfer import (
     Carried,
     Shrink,
@@ -102,6 +103,23 @@ class Settled:
     verdict: Verdict
     found: Posterior
     trials: tuple[Trial, ...]
+
+
+def beside_tolerances(case: Case, t: Thresholds) -> tuple[Case, list[str]]:
+    """The case whose simulation has taken on effects within tolerance, which are told in remarks."""
+    known = case.qualified
+    taken = tolerated(
+        case.comparison,
+        case.stated,
+        t.tolerances,
+        lambda h: known is not None and bool(known.expected(h)),  # references have shown that it is more
+    )
+    if not taken:
+        return case, []
+    comparison = beside(case.comparison, taken)
+    null = plain(comparison.problems, comparison.null)
+    there = replace(case, comparison=comparison, null=null, _answers={}, _carried={})
+    return there, told(taken, case.stated)
 
 
 def settle(case: Case, t: Thresholds, jobs: int = 1) -> Settled:

@@ -15,8 +15,8 @@ from gap.inference.problem import Problem
 Stated = Mapping[str, Mapping[str, Tolerance]]
 """Tolerances of parameters by effect; under `CHANNELS` those of channels as functions of their own values."""
 CHANNELS = "channels"
-STRAINED = 40.0
-"""Fall of the nuisance's penalty beside an effect from which on tolerances were strained without: over 6 of them."""
+STRAINED = 25.0
+"""Fall of the nuisance's penalty beside an effect from which on tolerances were strained without: 5 of them."""
 DEGREE = 3
 """Of the polynomial that a channel's error is of its own value: zero, gain, and a bend with one turn."""
 
@@ -33,9 +33,10 @@ def in_tolerances(
     what it does to the channels' own scales (inf where none is stated); and by how many tempered σ, less than ``seen``
     if possible, it shows beyond that.
 
-    It is inf, too, where the simulation by itself strains tolerances to take on what a hypothesis explains."""
+    Where the simulation by itself strains tolerances to take on what a hypothesis explains, the channels do not change
+    by what it does: its parameters alone tell its size then."""
     fair = [h for h in members if all(null.fits[b].penalty - h.fits[b].penalty <= STRAINED for b in problems)]
-    sizes = [(_by_parameters(h, stated), 0.0) for h in fair]
+    sizes = [(_by_parameters(h, stated), 0.0) for h in members]
     sizes += [_by_channels(problems, null, h, stated.get(CHANNELS, {}), temper) for h in fair]
     return min(sizes, key=lambda size: size[0] if size[1] < seen else np.inf, default=(np.inf, 0.0))
 
@@ -66,10 +67,11 @@ def weakest(h: Hypothesis, within: float) -> bool:
     """Whether a single effect is as weak as its prior allows: ``within`` that share of its range in logarithms."""
     if len(h.effects) != 1:
         return False
-    parameters = h.effects[0].parameters
-    strength = [k for k, p in enumerate(parameters) if p.null is not None and p.scale == "log" and p.null < p.low]
-    fitted = [f for f in h.fits.values() if f.hypothesis]
-    return bool(strength) and all(f.unit[strength[0]] < within for f in fitted)
+    effect = h.effects[0]
+    known = enumerate(effect.parameters)
+    strength = [k for k, p in known if p.null is not None and p.scale == "log" and p.null < p.low]
+    fitted = [f for f in h.fits.values() if effect in f.hypothesis]
+    return bool(strength) and all(f.unit[f.place(effect) + strength[0]] < within for f in fitted)
 
 
 def _by_channels(

@@ -147,6 +147,10 @@ class Fit:
     def active(self) -> dict[Candidate, dict[str, float]]:
         return split(self.hypothesis, self.unit)
 
+    def place(self, effect: Candidate) -> int:
+        """Where the parameters of one of the hypothesis' effects begin in ``unit``."""
+        return sum(len(e.parameters) for e in self.hypothesis[: self.hypothesis.index(effect)])
+
 
 @dataclass(frozen=True)
 class Hypothesis:

@@ -10,7 +10,7 @@ import numpy as np
 from gap.decision.classes import Cause
 from gap.diagnosis import Diagnosis
 from gap.inference.evidence import Fit
-from gap.inference.hypothesis import FROZEN, Candidate, from_unit
+from gap.inference.hypothesis import FROZEN, from_unit
 from gap.inference.problem import Problem
 from sim_devices.chain import FloatArray
 
@@ -27,7 +27,8 @@ def of_cause(d: Diagnosis, cause: Cause) -> dict[str, dict[str, Any]]:
     """Values, standard errors and units of a cause's parameters."""
     out: dict[str, dict[str, Any]] = {}
     for effect in cause.effects:
-        f, at = _fit_of(cause, effect)
+        f = cause.hypothesis.fits[effect.blocks[0]]
+        at = f.place(effect)
         temper = d.verdict.posterior.temper[effect.blocks[0]]
         for k, p in enumerate(effect.parameters):
             u = float(f.unit[at + k])
@@ -52,17 +53,6 @@ def _on_its_clock(d: Diagnosis, moment: float) -> dict[str, Any]:
     before = [k for k in begins if begins[k] <= moment] or [min(begins, key=lambda k: begins[k])]
     run = max(before, key=lambda k: begins[k])
     return {"recording": d.recordings[run].info.id, "in_recording": rounded(moment - begins[run])}
-
-
-def _fit_of(cause: Cause, effect: Candidate) -> tuple[Fit, int]:
-    """The fit that holds an effect's parameters, and where they begin in it."""
-    f = cause.hypothesis.fits[effect.blocks[0]]
-    at = 0
-    for other in f.hypothesis:
-        if other == effect:
-            break
-        at += len(other.parameters)
-    return f, at
 
 
 def of_model(d: Diagnosis) -> dict[str, dict[str, Any]]:

@@ -112,13 +112,14 @@ def extended(problems: Mapping[str, Problem], key: str, term: Term) -> dict[str,
 
 @dataclass(frozen=True)
 class _Point:
-    """Where a block is linearised: its nuisance (p,), the residual (n,) and Jacobian (n, p) there.
+    """Where a block is linearised: its nuisance (p,), what acts, the residual (n,) and Jacobian (n, p) there.
 
     At the null's fit; where that strains tolerances, which have then taken on much of the gap, at a sound
     instrument, from where no straight line leads back.
     """
 
     nuisance: FloatArray
+    active: Active
     residual: FloatArray
     jacobian: FloatArray
     mean: FloatArray
@@ -127,9 +128,9 @@ class _Point:
     @classmethod
     def of(cls, problem: Problem, f: Fit) -> _Point:
         if problem.sound is None or f.penalty < STRAIN_EACH:
-            return cls(f.nuisance, f.residual, f.jacobian, f.prior_mean, (f.prior_sd,))
+            return cls(f.nuisance, f.active, f.residual, f.jacobian, f.prior_mean, (f.prior_sd,))
         here = problem.evaluate(problem.sound, {})
-        return cls(problem.sound, here.residual, here.jacobian, f.prior_mean, tuple(problem.prior_scales))
+        return cls(problem.sound, {}, here.residual, here.jacobian, f.prior_mean, tuple(problem.prior_scales))
 
 
 def _traces(problems: Mapping[str, Problem], points: Mapping[str, _Point], choice: Choice) -> dict[str, FloatArray]:
@@ -157,7 +158,7 @@ def _traces(problems: Mapping[str, Problem], points: Mapping[str, _Point], choic
 
 def _trace(problem: Problem, at: _Point, active: Active) -> FloatArray:
     """The change of the whitened residual (n,), per size, by a part at the share `TRIAL` of its place's size."""
-    moved = problem.evaluate(at.nuisance, active, want_jacobian=False).residual
+    moved = problem.evaluate(at.nuisance, {**at.active, **active}, want_jacobian=False).residual
     return np.asarray((at.residual - moved) / TRIAL)
 
 
@@ -252,7 +253,8 @@ def _tested(case: Case, found: _Linear, t: Thresholds, jobs: int) -> Proposal:
     last = answer.fits[candidate.blocks[-1]]
     values = last.active[candidate]
     scale = max(_temper(problems[candidate.blocks[-1]], last), 1.0)
-    sd = float(np.sqrt(scale * last.covariance[0, 0])) * (candidate.parameters[0].high - candidate.parameters[0].low)
+    at = last.place(candidate)
+    sd = float(np.sqrt(scale * last.covariance[at, at])) * (candidate.parameters[0].high - candidate.parameters[0].low)
     fitted = term.at(values)
     errors = errors_of(fitted.amounts, sd)
     nats = _evidence(problems, null, Hypothesis((candidate,), fits)) - _choosing(found, fitted)

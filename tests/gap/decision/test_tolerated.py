@@ -1,0 +1,112 @@
+"""Effects within tolerance are the simulation's, and others are found beside them."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from gap.data.tolerances import Tolerance
+from gap.decision.posterior import posterior
+from gap.decision.settle import Case, beside_tolerances, settle
+from gap.decision.thresholds import INSTRUMENT
+from gap.decision.tolerated import beside, told, tolerated
+from gap.decision.transfer import plain
+from gap.search.compare import Comparison, compare
+from sim_devices.chain import Parameter
+from tests.gap.decision.waves import DESIGN, SHAPES, T
+
+LIMIT = {"bump": {"a": Tolerance(4.0, "1", "of a test")}}
+"""A bump of 8 is two tolerances."""
+
+
+@pytest.fixture
+def two_channels(linear, candidate):
+    """``two_channels(bump, late, wave)``: a comparison where ``bump`` and ``late`` act in the first channel and
+    ``wave`` in the second, with such strengths; and its candidates."""
+
+    def made(bump: float, late: float = 0.0, wave: float = 0.0) -> tuple[Comparison, list]:
+        noise = np.random.default_rng(1).normal(size=(2, len(T)))
+        y = DESIGN @ [2.0, 1.0] + noise
+        y[0] += bump * SHAPES["bump"] + late * SHAPES["late"]
+        y[1] += wave * SHAPES["wave"]
+        effects = {n: (lambda v, n=n: v["a"] * SHAPES[n]) for n in ("bump", "late", "wave")}
+        problems = [linear(y[k], DESIGN, effects, np.full(2, 100.0), name=name) for k, name in enumerate(("p", "h"))]
+        size = Parameter("a", "1", -30.0, 30.0, 0.0)
+        known = [candidate(n, size, block=b) for n, b in (("bump", "p"), ("late", "p"), ("wave", "h"))]
+        return compare(problems, known), known
+
+    return made
+
+
+def _case(comparison: Comparison, known: list) -> Case:
+    return Case(comparison, known, (), plain(comparison.problems, comparison.null), {}, LIMIT)
+
+
+def test_an_effect_within_tolerance_hides_none_in_another_channel(two_channels) -> None:
+    """A rate limited within tolerance came first in most sessions of another author, and a late height second."""
+    comparison, known = two_channels(bump=7.0, wave=1.0)
+    before = settle(_case(comparison, known), INSTRUMENT).verdict
+    assert before.causes[0].names == ("bump",)
+    assert not before.claims
+    case, words = beside_tolerances(_case(comparison, known), INSTRUMENT)
+    after = settle(case, INSTRUMENT).verdict
+    assert after.verdict == "effect"
+    assert after.causes[0].names == ("wave",)
+    assert re.fullmatch(r"the simulation takes on bump of 1\.\d stated tolerances, which is no finding", *words)
+
+
+def test_an_effect_within_tolerance_hides_none_in_its_own_channel(two_channels) -> None:
+    comparison, known = two_channels(bump=7.0, late=4.0)
+    case, _ = beside_tolerances(_case(comparison, known), INSTRUMENT)
+    verdict = settle(case, INSTRUMENT).verdict
+    assert verdict.causes[0].names == ("late",)
+    fitted = verdict.causes[0].hypothesis.fits["p"]
+    assert {e.name for e in fitted.hypothesis} == {"bump", "late"}
+    effect = verdict.causes[0].effects[0]
+    assert fitted.active[effect]["a"] == pytest.approx(4.0, abs=1.0)
+    assert -30.0 + 60.0 * fitted.unit[fitted.place(effect)] == pytest.approx(fitted.active[effect]["a"])
+
+
+def test_alone_it_is_the_simulation(two_channels) -> None:
+    comparison, known = two_channels(bump=7.0)
+    case, _ = beside_tolerances(_case(comparison, known), INSTRUMENT)
+    found = posterior(case.comparison, known, INSTRUMENT)
+    assert found.none > 0.7  # of three effects that might act, one has become as probable as before the data
+    assert posterior(comparison, known, INSTRUMENT).none < 0.01
+    assert case.null.fits["p"].chi2 < comparison.null.fits["p"].chi2
+
+
+@pytest.mark.parametrize("bump", [0.0, 12.0])
+def test_nothing_and_more_than_a_tolerance_stay(two_channels, bump: float) -> None:
+    comparison, known = two_channels(bump=bump)
+    case = _case(comparison, known)
+    there, words = beside_tolerances(case, INSTRUMENT)
+    assert there is case
+    assert not words
+
+
+def test_one_that_references_have_shown_stays(two_channels) -> None:
+    comparison, _ = two_channels(bump=7.0)
+    assert tolerated(comparison, LIMIT, 2.0)
+    assert not tolerated(comparison, LIMIT, 2.0, known=lambda h: h.name == "bump")
+
+
+def test_a_stronger_one_in_the_same_channel_is_not_hidden(two_channels) -> None:
+    comparison, _ = two_channels(bump=4.0, late=12.0)
+    assert not tolerated(comparison, LIMIT, 2.0)
+
+
+def test_every_hypothesis_is_compared_with_it(two_channels) -> None:
+    """No effect of another channel has the fits without it."""
+    comparison, _ = two_channels(bump=7.0, wave=1.0)
+    taken = tolerated(comparison, LIMIT, 2.0)
+    there = beside(comparison, taken)
+    assert there.null.effects == ()
+    assert told(taken, LIMIT)
+    for h in there.hypotheses:
+        if "p" not in {b for e in h.effects for b in e.blocks}:
+            assert h.fits["p"] is there.null.fits["p"]
+    singles = [h.name for h in there.hypotheses]
+    assert len(singles) == len(set(singles))
