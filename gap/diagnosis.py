@@ -24,11 +24,11 @@ from gap.decision.marks import made_by
 from gap.decision.posterior import Posterior
 from gap.decision.qualified import Qualified, inform
 from gap.decision.qualified import read as read_qualification
-from gap.decision.settle import Case, beside_tolerances, settle
+from gap.decision.settle import Case, Settled, beside_tolerances, settle
 from gap.decision.thresholds import INSTRUMENT, RIG, Thresholds
 from gap.decision.tolerance import Stated
 from gap.decision.transfer import Shrink, gap_without_discrepancy, plain
-from gap.decision.verdict import Verdict, undetectable
+from gap.decision.verdict import Verdict, in_doubt, undetectable
 from gap.effects.load import generic, library
 from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import Candidate
@@ -155,13 +155,12 @@ def diagnose(
     options = Options(model, effort, user_effects, solver, 1 if solver else jobs, tell, qualified)
     skins, unsound = _skins(earlier, recordings, options)
     options = replace(options, skins=skins)
-    recordings, case, doubted, told = _without_doubted(recordings, options)
-    case, taken = beside_tolerances(case, t)
-    settled = settle(case, t, options.jobs)
+    judged = _judged(recordings, options, t)
+    case, settled = judged.case, judged.settled
     verdict, solves, words = _checked(case.comparison, settled.verdict, t) if solver else (settled.verdict, 0, [])
     proposal = _proposed(case, verdict, t, options) if propose_term else None
     return Diagnosis(
-        recordings=tuple(recordings),
+        recordings=tuple(judged.recordings),
         problems=case.comparison.problems,
         comparison=case.comparison,
         verdict=verdict,
@@ -169,13 +168,13 @@ def diagnose(
         shrinks=tuple(trial.shrinks for trial in settled.trials),
         bounds=beyond_the_fitted(bounds(case.comparison, settled.found.temper, t, case.stated), verdict),
         confusable=confusable(case.comparison, settled.found.temper),
-        remarks=(*told, *taken, *words),
+        remarks=(*judged.remarks, *words),
         seconds=clock.perf_counter() - begin,
         null=case.null,
         best=next((trial.answer for trial in settled.trials), case.null),
         thresholds=t,
         fe_solves=solves,
-        doubts=tuple(map(str, doubted)),
+        doubts=tuple(map(str, judged.doubted)),
         qualified=qualified,
         unqualified=case.posterior(t, qualified=False) if qualified is not None else None,
         term=proposal,
@@ -195,20 +194,41 @@ def _proposed(case: Case, verdict: Verdict, t: Thresholds, options: Options) -> 
     return best_term(case, t, options.jobs)
 
 
-def _without_doubted(
-    recordings: Sequence[Recording], options: Options
-) -> tuple[Sequence[Recording], Case, list[Doubt], list[str]]:
-    """The recordings that may be believed, all that their verdict rests on, the reference specimens that contradict
-    their statement and are left out, and remarks."""
-    case, told = gathered(recordings, options)
-    doubted = wrong_references(case.comparison)
+@dataclass(frozen=True)
+class _Judged:
+    """The recordings that may be believed, all that their verdict rests on, the verdict, the reference specimens that
+    contradict their statement, and remarks."""
+
+    recordings: Sequence[Recording]
+    case: Case
+    settled: Settled
+    doubted: Sequence[Doubt]
+    remarks: Sequence[str]
+
+
+def _judged(recordings: Sequence[Recording], options: Options, t: Thresholds) -> _Judged:
+    """The verdict without specimens that contradict their statement; where nothing else is found, and one effect
+    explains them as well, the verdict is that it may be either."""
+    whole, told = gathered(recordings, options)
+    doubted = wrong_references(whole.comparison)
     wrong = {k for d in doubted for k in d.runs}
     kept = [r for k, r in enumerate(recordings) if k not in wrong]
-    if doubted and kept:
-        recordings = kept
-        case, told = gathered(recordings, options)
-        told += [f"left out, {d}" for d in doubted]
-    return recordings, case, doubted, told
+    if not doubted or not kept:
+        case, taken = beside_tolerances(whole, t)
+        return _Judged(recordings, case, settle(case, t, options.jobs), doubted, (*told, *taken))
+    rest, told = gathered(kept, options)
+    case, taken = beside_tolerances(rest, t)
+    left_out = [f"left out, {d}" for d in doubted]
+    judged = _Judged(kept, case, settle(case, t, options.jobs), doubted, (*told, *taken, *left_out))
+    if judged.settled.verdict.claims or not all(d.effect for d in doubted):
+        return judged
+    case, taken = beside_tolerances(whole, t)
+    settled = settle(case, t, options.jobs)
+    causes = settled.verdict.causes
+    if not causes or causes[0].hypothesis.name not in {d.effect for d in doubted}:
+        return judged
+    verdict = in_doubt(settled.verdict, f"in doubt: {doubted[0]}", t)
+    return _Judged(recordings, case, replace(settled, verdict=verdict), doubted, (*told, *taken))
 
 
 def gathered(recordings: Sequence[Recording], options: Options = Options()) -> tuple[Case, list[str]]:
@@ -251,7 +271,9 @@ def _possible(candidates: Sequence[Candidate], recordings: Sequence[Recording]) 
     """The candidates without those that would have left marks that are not there (a repeated value in place of a lost
     sample), or that need a clock which goes on through the session, where each recording has its own."""
     absent, anew = signatures.never_repeat(recordings), Session(recordings).own_clocks
-    left_out = [("dropped_samples", 0)] * absent + [("clock_skew", form) for form in (1, 2) if anew]
+    left_out = (
+        [("dropped_samples", 0)] * absent + [("clock_skew", form) for form in (1, 2) if anew] + [("latency", 1)] * anew
+    )
     return tuple(c for c in candidates if (c.name, c.form) not in left_out)
 
 

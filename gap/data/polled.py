@@ -8,6 +8,7 @@ pump's line knows nothing of the speed.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import gamma
@@ -32,23 +33,79 @@ LEAST = 128
 """Samples of a recording that is asked."""
 
 
+THINNED = (1, 2, 4, 8)
+"""Samples that are averaged to one: of the ripple of rare looks, the noise of quick samples leaves no line."""
+TURNS, PARTS = 1.5, 10
+"""Lines of a recording's own width by which a frequency is refined, and parts of the session's width it is refined to.
+"""
+
+
+@dataclass(frozen=True)
+class Ripple:
+    """Where a ripple that goes with the speed was found: its ``frequency``, Hz, and of each path the time (n,) s, the
+    ripple (n,) and its envelope (n,)."""
+
+    frequency: float
+    paths: tuple[tuple[FloatArray, FloatArray, FloatArray], ...]
+
+    @property
+    def intervals(self) -> tuple[float, ...]:
+        """s between looks, by one clock that all paths share and by clocks that begin with each path."""
+        own = [time - time[0] for time, _, _ in self.paths]
+        return tuple(dict.fromkeys(self._interval(times) for times in ([time for time, _, _ in self.paths], own)))
+
+    def _interval(self, times: Sequence[FloatArray]) -> float:
+        longest = max(float(np.ptp(time)) for time in times)
+        span = max(float(time[-1]) for time in times) - min(float(time[0]) for time in times)
+        near = self.frequency + np.arange(-TURNS / longest, TURNS / longest, 1.0 / (PARTS * span))
+        time = np.concatenate(times)
+        waves = np.concatenate([ripple * envelope for _, ripple, envelope in self.paths])
+        power = [abs(np.sum(waves * np.exp(-2j * np.pi * f * time))) for f in near]
+        return 1.0 / float(near[int(np.argmax(power))])
+
+
 def looks_at_commands(recordings: Sequence[Recording], names: Sequence[str]) -> float | None:
     """Frequency, Hz, of the ripple that follows the speed in the channels ``names``, in all recordings together; None
     where there is none."""
     series = [r.streams[n] for r in recordings for n in names if n in r.streams]
-    series = [s for s in series if len(s.value) >= LEAST and np.all(np.isfinite(s.value))]
-    rate = rate_of([s.time for s in series]) if series else 0.0
+    found = ripple_of([(np.asarray(s.time, dtype=float), np.asarray(s.value, dtype=float)) for s in series])
+    return found.frequency if found else None
+
+
+def ripple_of(paths: Sequence[tuple[FloatArray, FloatArray]]) -> Ripple | None:
+    """The clearest ripple that follows the speed of paths, time and value (n,) each, in all of them together; None
+    where there is none."""
+    found = [each for size in THINNED if (each := _ripple([_thinned(*path, size) for path in paths])) is not None]
+    return max(found, key=lambda each: each[0], default=(0.0, None))[1]
+
+
+def _thinned(time: FloatArray, value: FloatArray, size: int) -> tuple[FloatArray, FloatArray]:
+    count = len(value) // size
+    shape, kept = (count, size), count * size
+    return time[:kept].reshape(shape).mean(axis=1), value[:kept].reshape(shape).mean(axis=1)
+
+
+def _ripple(paths: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[float, Ripple] | None:
+    """A ripple, and how many times the usual power it has."""
+    paths = [(time, value) for time, value in paths if len(value) >= LEAST and np.all(np.isfinite(value))]
+    rate = rate_of([time for time, _ in paths]) if paths else 0.0
     if rate == 0.0:
         return None
-    every = [(differences(s.value), _speed(s.value, max(int(SMOOTH * rate), 2))) for s in series]
-    moving = [(ripple, speed) for ripple, speed in every if ripple.any() and speed.any()]
+    half = max(int(SMOOTH * rate), 2)
+    every = [(time[2:-2], differences(value), _speed(value, half)) for time, value in paths]
+    moving = [(time, ripple, speed) for time, ripple, speed in every if ripple.any() and speed.any()]
     if len(moving) < 2:
         return None
-    return _line_with_speed(moving, Spectra(rate, max(len(s.value) for s in series)))
+    found = _line_with_speed([path[1:] for path in moving], Spectra(rate, max(len(value) for _, value in paths)))
+    if found is None:
+        return None
+    known = tuple((time, ripple, np.hanning(len(ripple)) * speed) for time, ripple, speed in moving)
+    return found[1], Ripple(found[0], known)
 
 
-def _line_with_speed(moving: Sequence[tuple[FloatArray, FloatArray]], spectra: Spectra) -> float | None:
-    """Frequency, Hz, of a line that goes with the speed of paths, ripple and speed (n,) each."""
+def _line_with_speed(moving: Sequence[tuple[FloatArray, FloatArray]], spectra: Spectra) -> tuple[float, float] | None:
+    """Frequency, Hz, of a line that goes with the speed of paths, ripple and speed (n,) each, and its power over the
+    usual one."""
     with_speed = [_explained(spectra, ripple, speed) for ripple, speed in moving]
     always = np.sum([_explained(spectra, ripple, np.ones(len(ripple))) for ripple, _ in moving], axis=0)
     together, counted = without_the_loudest([spectra.above(power, WIDTH) for power in with_speed])
@@ -58,7 +115,7 @@ def _line_with_speed(moving: Sequence[tuple[FloatArray, FloatArray]], spectra: S
     # A line that is always there has its power apart where it is multiplied by a speed that turns.
     near = np.abs(spectra.frequency - spectra.frequency[k]) < NEAR
     turns = float(np.sum(with_speed, axis=0)[k]) > SHARE * float(np.max(always[near]))
-    return float(spectra.frequency[k]) if likely and turns else None
+    return (float(spectra.frequency[k]), float(together[k])) if likely and turns else None
 
 
 def _speed(value: FloatArray, half: int) -> FloatArray:

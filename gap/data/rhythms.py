@@ -30,6 +30,8 @@ TRIED = 8
 """How many intervals are looked at for each skew."""
 SKEWS = CLOCK_SD * np.linspace(-2.0, 2.0, 9)
 """Rates of sound clocks that are tried."""
+PHASES = 6
+"""Phases that are tried of looks whose interval a ripple tells."""
 SPARSE = 2.0
 """How many times the range of lateness an interval may be."""
 
@@ -47,7 +49,12 @@ def lines(time: FloatArray, residual: FloatArray, low: float, high: float) -> li
 
 def looks(lateness: Lateness) -> list[tuple[float, float, float]]:
     """Intervals (s) at which a device could look at its command, the phase (0 to 1) of it, and the share of lateness
-    (0 to 1) that waiting for the next look explains, beside a constant and a sound clock's skew. The best first."""
+    (0 to 1) that waiting for the next look explains, beside a constant and a sound clock's skew. The best first.
+
+    Where a ripple tells intervals, they may have any phase: a regulator delays the ripple as it does all else.
+    """
+    if lateness.intervals:
+        return [(interval, float(k) / PHASES, 1.0) for interval in lateness.intervals for k in range(PHASES)]
     sharp = lateness.sd < SHARP
     time, late = lateness.time[sharp], lateness.late[sharp]
     sd = np.hypot(lateness.sd[sharp], BLUR)

@@ -2,12 +2,14 @@
 
 A share that forgets within some tenths of a second to seconds is as good as the same for all samples of a bin, so that
 the bin's mean is off by all of it. It is read from third differences of means of neighbouring blocks, which any signal
-that is smooth over four blocks leaves alone: away from kinks of the command, in rests and late in holds and ramps.
+that is smooth over four blocks leaves alone: away from kinks of the command, in rests and late in holds, and in ramps
+where there are few of these: what shakes a channel in motion alone (a set-point that is polled) is no sensor's noise.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,6 +19,9 @@ LENGTHS = (0.1, 0.2, 0.4, 0.8, 1.6)
 """s of a block."""
 AGE = 3.0
 """Lengths of a block after a kink before blocks count: what relaxes is then smooth enough."""
+STILL, CHANCE = 0.02, 6.0
+"""Share of a channel's range, and standard deviations of a block's mean, by which neighbouring four blocks of a rest or
+late in a hold differ at most;"""
 FEWEST = 12
 """Third differences at least, of which there is a variance to tell."""
 WHITE = 20.0
@@ -41,22 +46,29 @@ slow noise is believed: a single channel has an error of half of it."""
 def slow_variance(runs: Sequence[tuple[FloatArray, FloatArray]], kinks: FloatArray, white: float) -> float:
     """Variance of the noise that averaging over a bin keeps, in runs of (time, value) (n,) sampled evenly, whose
     command has ``kinks`` (k,) s; ``white`` is the standard deviation of a sample's white noise. 0 where none shows."""
+    values = np.concatenate([v[np.isfinite(v)] for _, v in runs] or [np.zeros(0)])
+    moves = STILL * float(np.ptp(values)) if len(values) else 0.0
+    at_rest: bool | None = None
     found: list[float] = []
     most, unsure = np.inf, False
     for length in LENGTHS:
-        differences = [_third(time, value, kinks, length) for time, value in runs]
-        change = np.concatenate([d for d, _ in differences] or [np.zeros(0)])
-        if len(change) < FEWEST:
+        blocks = [_third(time, value, kinks, length) for time, value in runs]
+        still = [b.difference[b.moved <= max(moves, CHANCE * white / np.sqrt(b.size))] for b in blocks]
+        at_rest = sum(map(len, still)) >= FEWEST if at_rest is None else at_rest
+        differences = still if at_rest else [b.difference for b in blocks]
+        count = sum(map(len, differences))
+        if count < FEWEST:
             break
-        averaged = white**2 / float(np.average([n for _, n in differences], weights=[len(d) for d, _ in differences]))
-        variance = _typical([d for d, _ in differences]) / WHITE
+        sizes = np.average([b.size for b in blocks], weights=[len(d) for d in differences])
+        averaged = white**2 / float(sizes)
+        variance = _typical(differences) / WHITE
         excess = variance - averaged
         if excess > GROWS * max(most, averaged):
             found[-1] -= excess / CURVED
             unsure = False
             break
         unsure = excess > DOUBLES * max(most, averaged)
-        chance = variance * SPREAD / np.sqrt(len(change))
+        chance = variance * SPREAD / np.sqrt(count)
         found.append(excess - chance)
         most = excess + chance
     if unsure:
@@ -84,20 +96,29 @@ def _typical(runs: Sequence[FloatArray]) -> float:
     return known[int(np.searchsorted(reached, 0.5 * reached[-1]))][0] / 0.455
 
 
-def _third(time: FloatArray, value: FloatArray, kinks: FloatArray, length: float) -> tuple[FloatArray, int]:
-    """Third differences of means over blocks of ``length`` s, none of which lies within `AGE` lengths after a kink, and
-    the number of samples in a block."""
+class _Blocks(NamedTuple):
+    """Third differences (n,) of means over blocks of ``size`` samples, and by how much the outer two of each differ."""
+
+    difference: FloatArray
+    moved: FloatArray
+    size: int
+
+
+def _third(time: FloatArray, value: FloatArray, kinks: FloatArray, length: float) -> _Blocks:
+    """Of blocks of ``length`` s, none of which lies within `AGE` lengths after a kink."""
+    nothing = _Blocks(np.zeros(0), np.zeros(0), 1)
     good = np.isfinite(value)
     time, value = time[good], value[good]
     if len(time) < 8:
-        return np.zeros(0), 1
+        return nothing
     size = round(length / max(float(np.median(np.diff(time))), 1e-9))
     count = len(time) // size if size >= 4 else 0
     if count < 4:
-        return np.zeros(0), 1
+        return nothing
     means = value[: count * size].reshape(count, size).mean(axis=1)
     begin, end = time[: count * size : size], time[size - 1 : count * size : size]
     first, last = begin[:-3], end[3:]
     known = np.concatenate([[-np.inf], kinks])
     since = first - known[np.searchsorted(known, last, side="right") - 1]
-    return np.diff(means, 3)[since > AGE * length], size
+    aged = since > AGE * length
+    return _Blocks(np.diff(means, 3)[aged], np.abs(means[3:] - means[:-3])[aged], size)

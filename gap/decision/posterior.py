@@ -179,11 +179,15 @@ def _mark_nats(
     that makes the noise is told by its marks, as its simulation foretells no sample of it; whatever else acts, this
     does, unless the mark says that something else may lead."""
     nats = sum(s.nats for s in signatures if any(made_by(s, e) for e in h.effects))
-    gain = weighed[id(h)].evidence - weighed[id(comparison.null)].evidence
+    null = weighed[id(comparison.null)].evidence
+    gain = weighed[id(h)].evidence - null
     if len(h.effects) == 1 and (wider_noise(h, signatures) > t.quiet_gap or certain(h, signatures)):
-        best = max(w.evidence for w in weighed.values()) - weighed[id(comparison.null)].evidence
-        sure = any(s.alone for s in signatures if made_by(s, h.effects[0]))
-        return nats + (best if sure else max(gain, 0.0)) - gain
+        if not any(s.alone for s in signatures if made_by(s, h.effects[0])):
+            return nats + max(gain, 0.0) - gain
+        # Its best form is as good as any hypothesis; its others are as far behind as they fit worse.
+        best = max(w.evidence for w in weighed.values())
+        forms = [o for o in comparison.hypotheses if len(o.effects) == 1 and o.effects[0].name == h.effects[0].name]
+        return nats + best - max(null, *(weighed[id(o)].evidence for o in forms))
     if nats and (gain > 0 or explains_marks(at_marks(comparison.problems, comparison.null, h, signatures), t)):
         return min(nats, t.mark)
     return 0.0

@@ -378,6 +378,11 @@ def undetectable(verdict: Verdict, reason: str) -> Verdict:
     return replace(verdict, verdict="undetectable", rules=(*verdict.rules, reason))
 
 
+def in_doubt(settled: Verdict, reason: str, t: Thresholds) -> Verdict:
+    """The same findings where the first cause may as well be a fault of what was measured, for ``reason``."""
+    return Verdict("unknown", settled.posterior.doubted(1.0 - t.unnamed), (*settled.rules, reason))
+
+
 def without_skin(cause: Cause, comparison: Comparison, temper: Mapping[str, float]) -> float:
     """Nats that blocks whose null leaves no room for skin of another law give a cause; inf where all are such."""
     nats = 0.0

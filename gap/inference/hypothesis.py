@@ -96,8 +96,10 @@ class Start(NamedTuple):
 
 @dataclass(frozen=True)
 class Lateness:
-    """How much later than simulated the command's kinks at ``time`` (m,) s show: ``late`` and its ``sd``, (m,) s."""
+    """How much later than simulated the command's kinks at ``time`` (m,) s show: ``late`` and its ``sd``, (m,) s.
+    ``intervals`` s may be those between looks at the command, where a ripple tells them."""
 
     time: FloatArray
     late: FloatArray
     sd: FloatArray
+    intervals: tuple[float, ...] = ()

@@ -20,14 +20,16 @@ TIE = 10.0
 @dataclass(frozen=True)
 class Doubt:
     """A ``specimen`` (with its numbers) whose properties do not hold, by the fall of χ² if they need not; ``runs`` are
-    the numbers of its recordings."""
+    the numbers of its recordings; ``effect`` is the one that explains them as well, '' if none does."""
 
     specimen: str
     fall: float
     runs: tuple[int, ...]
+    effect: str = ""
 
     def __str__(self) -> str:
-        return f"{self.specimen}: it is not what it says (χ² falls by {self.fall:.0f} if it need not be)"
+        said = f"{self.specimen}: it is not what it says (χ² falls by {self.fall:.0f} if it need not be)"
+        return f"{said}, or {self.effect} acts, which explains as much" if self.effect else said
 
 
 def doubts(problems: Mapping[str, Problem], null: Hypothesis, tried: Sequence[Hypothesis]) -> list[Doubt]:
@@ -41,12 +43,13 @@ def doubts(problems: Mapping[str, Problem], null: Hypothesis, tried: Sequence[Hy
         if not isinstance(problem, ReferenceBlock | ReferenceForceBlock):
             continue
         alone = null.fits[name]
-        explained = alone.objective - min([h.fits[name].objective for h in tried], default=alone.objective)
+        best = min(tried, key=lambda h: h.fits[name].objective, default=null)
+        explained = alone.objective - best.fits[name].objective
         for label, (widths, runs) in problem.loosened().items():
             free = fit(under(problem, problem.prior_mean, widths), nuisance=alone.nuisance, iterations=8)
             fall = alone.objective - free.objective
             if fall > max(LEAST, explained - TIE):
-                found.append(Doubt(label, fall, runs))
+                found.append(Doubt(label, fall, runs, best.name if fall < explained + TIE else ""))
     found.sort(key=lambda doubt: -doubt.fall)
     # One wrong reference strains the parameters it shares with the others: only the worst is named, and those as bad.
     return [doubt for doubt in found if doubt.fall > 0.9 * found[0].fall]

@@ -51,6 +51,7 @@ def loop_grid(
     offsets = np.concatenate([[0.0, KINK], AFTER_KINK[:-1], steps])
     starts = [begin, *kinks[(kinks > begin) & (kinks < end)].tolist(), end]
     parts = [a + offsets[offsets < b - a] for a, b in pairwise(starts)]
-    grid = np.unique(np.concatenate([*parts, corners, corners + KINK, own, [end]]))
+    # Before a corner, too: a step is as late as it is, and does not begin at the node before it.
+    grid = np.unique(np.concatenate([*parts, corners - KINK, corners, corners + KINK, own, [end]]))
     grid = grid[(grid >= begin) & (grid <= end)]
     return np.asarray(grid[np.diff(grid, prepend=-np.inf) > 0.5 * KINK])

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gap.data.polled import Ripple, ripple_of
 from gap.data.tolerances import Tolerance
 from gap.inference.evidence import Fit
 from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Lateness, Start
@@ -304,7 +305,10 @@ class PressureBlock(Block):
         return Start(self.prior_mean, self.prior_scales[0], self.prior_mean, unit)
 
     def lateness(self, fitted: Fit) -> Lateness | None:
-        """Each kink's response, until the next, moved to and fro as a whole."""
+        """Each kink's response, until the next, moved to and fro as a whole; or the interval of looks at the command
+        that a ripple tells."""
+        if self._ripple is not None:
+            return Lateness(np.zeros(0), np.zeros(0), np.zeros(0), self._ripple.intervals)
         kinks = self.session.kinks[np.diff(self.session.kinks, prepend=-np.inf) > TOGETHER]
         number = np.searchsorted(kinks, self.stamps, side="right") - 1
         number[(number < 0) | (self.stamps - kinks[number] > RESPONSE)] = len(kinks)
@@ -323,6 +327,12 @@ class PressureBlock(Block):
         late, sd = min(seen, key=lambda found: float(np.median(found[1][telling])))
         good = np.isfinite(sd)
         return Lateness(kinks[good], late[good], sd[good])
+
+    @cached_property
+    def _ripple(self) -> Ripple | None:
+        """The ripple of a command that is held until the regulator looks at it next."""
+        series = [(k, self.session.recordings[k].streams["pressure"]) for k in self.runs]
+        return ripple_of([(self.session.time(k, s), np.asarray(s.value, dtype=float)) for k, s in series])
 
     def _late(
         self, nuisance: FloatArray, active: Active, number: NDArray[np.int64], telling: NDArray[np.bool_]

@@ -65,9 +65,10 @@ def _scattered(instrument: str, v: Values) -> dict[str, float]:
 
 
 def _latency(chain: Chain, v: Values) -> Chain:
-    if chosen(v, "form") == 1:
-        return after(chain, "latency", lambda s, t: Polled("polled", "timing", s, t, v["interval"], v["phase"]))
     op: Any = chain["latency"]
+    if form := chosen(v, "form"):
+        looks = (v["interval"], v["phase"], op.marks if form == 2 else ())
+        return after(chain, "latency", lambda s, t: Polled("polled", "timing", s, t, *looks))
     return chain.tuned("latency", delay=op.delay + v["delay"])
 
 
@@ -165,9 +166,10 @@ EFFECTS = (
         "buffered serial and USB links; gap.md",
         (
             strength("delay", "s", 2e-4, 0.5, 0.08, "dead time", only=(0,)),
-            strength("interval", "s", 2e-3, 1.0, 0.087, "between looks at the command", only=(1,), fine=1e-8),
-            choice("form", 0, "constant", "until the device looks next, which it does at equal intervals"),
-            shape("phase", "1", 0.0, 1.0, 0.37, "when it looks, in intervals", only=(1,)),
+            strength("interval", "s", 2e-3, 1.0, 0.087, "between looks at the command", only=(1, 2), fine=1e-8),
+            choice("form", 0, "constant", "until the device looks next, which it does at equal intervals",
+                   "the same, by intervals that begin with each recording"),
+            shape("phase", "1", 0.0, 1.0, 0.37, "when it looks, in intervals", only=(1, 2)),
         ),
         _latency,
     ),

@@ -15,6 +15,8 @@ from sim_devices.stages.kernels import STATE, Kernel
 Names = tuple[str, ...]
 ROUNDING = 2e-10
 """s by which rounding may put a moment beside the one it is: less than a step of the command takes."""
+RARE = 0.01
+"""s between looks from which each is a jump: of a command that is looked at more often, nodes are as dense."""
 
 
 @dataclass(frozen=True)
@@ -104,6 +106,10 @@ class Retimed(Wired):
     def shows(self, moments: FloatArray) -> FloatArray:
         """When the source's ``moments`` (n,) s appear in the target."""
 
+    def jumps(self, begin: float, end: float) -> FloatArray:
+        """Moments (k,) s between ``begin`` and ``end`` at which the target jumps though the source may not."""
+        return np.zeros(0)
+
     def fresh(self) -> Any:
         return {"time": np.empty(0), **{source: np.empty(0) for source in self.source}}
 
@@ -139,14 +145,16 @@ class Delay(Retimed):
         return self.delay != 0.0 or self.skew != 0.0
 
     def seen(self, time: FloatArray) -> FloatArray:
-        return time - self.delay - self.skew * (time - self._aligned(time))
+        return time - self.delay - self.skew * (time - _latest(self.marks, time))
 
     def shows(self, moments: FloatArray) -> FloatArray:
-        return moments + (self.delay + self.skew * (moments - self._aligned(moments))) / (1.0 - self.skew)
+        return moments + (self.delay + self.skew * (moments - _latest(self.marks, moments))) / (1.0 - self.skew)
 
-    def _aligned(self, time: FloatArray) -> FloatArray:
-        marks = np.array([0.0, *sorted(self.marks)])
-        return marks[np.maximum(np.searchsorted(marks, time, side="right") - 1, 0)]
+
+def _latest(marks: tuple[float, ...], time: FloatArray) -> FloatArray:
+    """The latest of ``marks`` (s), or 0, before each of ``time`` (n,) s."""
+    since = np.array([0.0, *sorted(marks)])
+    return since[np.maximum(np.searchsorted(since, time, side="right") - 1, 0)]
 
 
 @dataclass(frozen=True)
@@ -175,20 +183,32 @@ class Gap(Retimed):
 
 @dataclass(frozen=True)
 class Polled(Retimed):
-    """The source is looked at every ``period`` s only, at ``phase`` (0 to 1 of it), and held in between."""
+    """The source is looked at every ``period`` s only, and held in between.
+
+    The first look is at ``phase`` (0 to 1 of it) after the latest of ``marks`` (s; the start of time, if there is
+    none).
+    """
 
     period: float = 0.0
     phase: float = 0.0
+    marks: tuple[float, ...] = ()
 
     @property
     def moves(self) -> bool:
         return self.period > 0.0
 
     def seen(self, time: FloatArray) -> FloatArray:
-        return self.period * (np.floor((time + ROUNDING) / self.period - self.phase) + self.phase)
+        since = _latest(self.marks, time)
+        return since + self.period * (np.floor((time - since + ROUNDING) / self.period - self.phase) + self.phase)
 
     def shows(self, moments: FloatArray) -> FloatArray:
-        return self.period * (np.ceil((moments - ROUNDING) / self.period - self.phase) + self.phase)
+        since = _latest(self.marks, moments)
+        return since + self.period * (np.ceil((moments - since - ROUNDING) / self.period - self.phase) + self.phase)
+
+    def jumps(self, begin: float, end: float) -> FloatArray:
+        if self.period < RARE:
+            return np.zeros(0)
+        return np.unique(self.shows(np.arange(begin, end, self.period)))
 
 
 @dataclass(frozen=True)

@@ -45,10 +45,13 @@ def time_grid(
         delayed = delay.shows(delayed)
         nodes += [delayed, delayed - JUMP]
     nodes.append((delayed[:, None] + REFINEMENT).ravel())
+    lowest = min(float(ends[:, 0].min()), float(kinks[0]) - JUMP if len(kinks) else np.inf)
+    for delay in delays:
+        jumps = delay.jumps(lowest, float(ends[:, 1].max()))
+        nodes += [jumps, jumps - JUMP]
     if step:
         nodes.append(np.arange(ends[:, 0].min(), ends[:, 1].max(), step))
     grid = np.concatenate(nodes)
-    lowest = min(float(ends[:, 0].min()), float(kinks[0]) - JUMP if len(kinks) else np.inf)
     grid = grid[(grid >= lowest) & (grid <= ends[:, 1].max())]
     grid = np.sort(grid, kind="stable")  # merges runs that are sorted: ten times as fast here as the usual sort
     return grid[np.diff(grid, prepend=-np.inf) > 0.25 * JUMP]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from gap.data.polled import looks_at_commands
+from gap.data.polled import looks_at_commands, ripple_of
 from gap.data.signatures import HUM, find
 
 NAMES = ("axis_position_1", "axis_position_2", "axis_position_3")
@@ -45,3 +45,22 @@ def test_nothing_is_told_of_channels_that_rest_or_are_short(recording) -> None:
     rests = [{n: rng.normal(size=len(TIME[::10])) for n in NAMES} for _ in range(3)]
     assert looks_at_commands([recording(rest, TIME[::10]) for rest in rests], NAMES) is None
     assert looks_at_commands([recording({n: v[:50] for n, v in rests[0].items()}, TIME[:500:10])], NAMES) is None
+
+
+@pytest.mark.parametrize("own", [False, True])
+def test_rare_looks_are_told_and_their_interval_to_a_millionth(own: bool) -> None:
+    """Five looks a second at the command of a regulator of 40 ms, whose gauge is read a hundred times a second: its
+    fourth differences show noise only, those of means over four samples a line. All by one clock, or each recording
+    by its own."""
+    rng, paths, interval = np.random.default_rng(3), [], 0.2003
+    for begin in (0.0, 60.0, 131.7, 240.1):
+        time = np.arange(0.0, 30.0, 1e-3)
+        since = time + (0.0 if own else begin)
+        seen = np.floor(since / interval) * interval - (since - time)
+        command = 1.0e4 * (1.0 - np.cos(0.6 * np.clip(seen - 2.0, 0.0, None)))
+        pressure = lfilter([1.0 - np.exp(-1 / 40.0)], [1.0, -np.exp(-1 / 40.0)], command)[::10]
+        paths.append((begin + time[::10], pressure + 50.0 * rng.normal(size=len(pressure))))
+    ripple = ripple_of(paths)
+    assert ripple is not None
+    assert ripple.frequency == pytest.approx(1.0 / interval, abs=0.02)
+    assert ripple.intervals[1 if own else 0] == pytest.approx(interval, rel=5e-5)

@@ -122,6 +122,22 @@ def test_a_command_that_is_looked_at_seldom_acts_at_the_next_look() -> None:
     assert 1.1 <= began < 1.13
 
 
+def test_a_ramp_that_is_looked_at_now_and_then_is_a_staircase() -> None:
+    """However sparse the stamps are: looks in a ramp are no kinks of the command, and were lost between nodes."""
+    ramps = {"pressure": (np.array([0.0, 1, 10, 13, 20]), -3e4 * np.array([0.0, 0, 1, 1, 0]))}
+    sparse = np.array([2.3, 4.41, 7.77, 9.6, 14.2, 15.55, 18.8])
+    made = []
+    for form in (1, 2):
+        chain = nominal("cutometer", marks=(0.0, 12.05))
+        chain = effects("cutometer")["latency"].apply(chain, {"form": form, "interval": 0.2, "phase": 0.35})
+        made.append(simulate(chain, ramps, {"pressure": STAMPS}, step=1e-3)["pressure"])
+        here = simulate(chain, ramps, {"pressure": sparse})["pressure"]
+        np.testing.assert_allclose(here, np.interp(sparse, STAMPS, made[-1]), atol=1.0)
+    assert np.array_equal(made[0][STAMPS < 12.0], made[1][STAMPS < 12.0])
+    # By intervals that begin anew at 12.05 s, each look is 50 ms later: so much of a ramp.
+    assert np.max(np.abs(made[0] - made[1])[STAMPS > 13.0]) > 200.0
+
+
 def test_a_zero_may_be_late_between_samples_or_a_mean_that_is_taken_off_at_once() -> None:
     stamps = {"apex_height": STAMPS}
     table = {"pressure": steps(40e3)}
