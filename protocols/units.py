@@ -34,9 +34,10 @@ _ENDLESS = re.compile(r"(\*\*|\^)[^a-zA-Zµμ%°]*(\*\*|\^)|\d{4}")
 def _registry() -> Any:
     import pint
 
-    # Pint's own px is the typesetter's, a length; a camera's pixels are counted.
+    # Pint's own px is the typesetter's, a length; a camera's pixels are counted. Its Nm is a yarn's length by mass.
     pixels: Any = lambda text: re.sub(r"\bpx\b", "pixel", text)  # noqa: E731
-    return pint.UnitRegistry(cache_folder=None, preprocessors=[pixels])
+    torques: Any = lambda text: re.sub(r"\b([kmuµμ]?)Nm\b", r"\1N*m", text)  # noqa: E731
+    return pint.UnitRegistry(cache_folder=None, preprocessors=[pixels, torques])
 
 
 @functools.lru_cache(maxsize=256)
@@ -131,11 +132,24 @@ def rate_kind(kind: str) -> str:
 _NAMED = ("Pa", "N", "V", "J", "W", "m/s", "m/s^2", "N/m", "N/s", "Pa/s", "V/s")
 
 
+TORQUE = "N m"
+"""SI name of a torque, which has the dimension of an energy and is none."""
+
+
+def _is_torque(unit: Any) -> bool:
+    """Whether a unit is written as a force times a length."""
+    registry = _registry()
+    parts = dict(registry.Quantity(1.0, unit).unit_items())
+    kinds = {registry.Unit(name).dimensionality for name in parts}
+    return set(parts.values()) == {1} and kinds == {registry.Unit(name).dimensionality for name in TORQUE.split()}
+
+
 @functools.lru_cache(maxsize=256)
 def to_si(unit: str) -> tuple[str, float, float]:
     """SI unit, factor and offset of ``unit`` of any kind: ``si = factor * value + offset`` (``degC`` has an offset).
 
-    ``mbar`` gives Pa, ``gf`` N, ``%``, ``-`` and an empty unit ``1``. Raises ValueError for a unit that nobody knows.
+    ``mbar`` gives Pa, ``gf`` N, ``mN m`` N m, ``%``, ``-`` and an empty unit ``1``. Raises ValueError for a unit that
+    nobody knows, and for a logarithmic one.
     """
     registry = _registry()
     try:
@@ -143,10 +157,12 @@ def to_si(unit: str) -> tuple[str, float, float]:
         parsed = registry.Unit("" if unit.strip() in ("", "1", "-") else unit)
         named = (name for name in _NAMED if registry.Unit(name).dimensionality == parsed.dimensionality)
         base = registry.Quantity(1.0, parsed).to_base_units().units
-        si = next(named, f"{base:~C}".replace("**", "^") or "1")
+        si = TORQUE if _is_torque(parsed) else next(named, f"{base:~C}".replace("**", "^") or "1")
         target = registry.Unit(si if si != "1" else "")
-        offset = float(registry.Quantity(0.0, parsed).to(target).magnitude)
-        factor = float(registry.Quantity(1.0, parsed).to(target).magnitude) - offset
+        offset, first, second = (float(registry.Quantity(v, parsed).to(target).magnitude) for v in (0.0, 1.0, 2.0))
+        factor = first - offset
+        if not math.isclose(second, offset + 2.0 * factor, rel_tol=1e-9, abs_tol=1e-300):
+            raise ValueError("a logarithmic unit has no factor")
     except Exception as error:  # pint raises its own tree, and Python's tokenizer leaks through it
         raise ValueError(f"{unit[:MAX_LENGTH]!r} is not a unit") from error
     if not (math.isfinite(factor) and math.isfinite(offset) and factor):

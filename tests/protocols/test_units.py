@@ -58,6 +58,32 @@ def test_people_get_the_units_they_use() -> None:
     assert units.write(math.radians(45), "angle") == "45 deg"
 
 
+@pytest.mark.parametrize(
+    ("written", "si", "factor"),
+    [
+        ("N m", "N m", 1.0),
+        ("mN*m", "N m", 1e-3),
+        ("Nm", "N m", 1.0),
+        ("mNm", "N m", 1e-3),
+        ("kgf cm", "N m", 0.0980665),
+        ("lbf ft", "N m", 1.3558179483314),
+        ("J", "J", 1.0),
+        ("W s", "J", 1.0),
+        ("N m/s", "W", 1.0),
+        ("rpm", "rad/s", math.pi / 30),
+        ("%", "1", 0.01),
+    ],
+)
+def test_a_torque_is_no_energy(written: str, si: str, factor: float) -> None:
+    assert units.to_si(written) == (si, pytest.approx(factor), 0.0)
+
+
+def test_a_temperature_has_an_offset_and_a_logarithm_is_refused() -> None:
+    assert units.to_si("degC") == ("K", 1.0, pytest.approx(273.15))
+    with pytest.raises(ValueError, match="not a unit"):
+        units.to_si("dB")
+
+
 def test_kinds_of_channels() -> None:
     assert units.kind_of("probe_x") == "length"
     assert units.kind_of("force_z") == "force"
