@@ -90,7 +90,10 @@ def _opening(recording: Recording) -> str:
         protocol = yaml.safe_load(recording.info.protocol or "")
     except yaml.YAMLError:
         return ""
-    return str(protocol.get("opening") or "") if isinstance(protocol, dict) else ""
+    if not isinstance(protocol, dict):
+        return ""
+    setup = protocol.get("setup")
+    return str((setup if isinstance(setup, dict) else protocol).get("opening") or "")
 
 
 def skin_of(session: str, block: HeightBlock, f: Fit, temper: float) -> Skin:

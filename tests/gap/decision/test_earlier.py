@@ -126,6 +126,7 @@ def test_other_people_sites_and_instruments_are_named() -> None:
     assert "another instrument" in unlike(other(instrument="cutometer"), here)
     assert "states none" in unlike(other(subject=""), here)
     assert "opening" in unlike(other(protocol="opening: 4 mm"), here)
+    assert "another opening of the probe: 4 mm" in unlike(other(protocol="setup: {opening: 4 mm}"), here)
     assert unlike(other(protocol="{ not yaml"), here) == ""
     assert "itself" in unlike(here[:1], here)
 
