@@ -175,7 +175,7 @@ def effects(
     if instrument == "rig":
         from gap.rig.catalogue import GENERIC
 
-        columns = {"name": "effect", "needs": "needs at its tap", "meaning": "meaning"}
+        columns = {"name": "effect", "form": "form", "needs": "needs at its tap", "meaning": "meaning"}
         _print_effects(GENERIC, ("name", "form", "needs", "meaning", "remedy"), columns, as_json)
     else:
         from sim_devices.effects import effects as library

@@ -225,6 +225,7 @@ def test_the_effects_of_any_rig_are_listed(capsys) -> None:
     status, text, _ = called(capsys, "gap", "effects", "rig")
     assert status == 0
     assert "low_pass" in text
+    assert "form" in text
 
 
 @pytest.mark.parametrize(
