@@ -11,6 +11,12 @@ import pytest
 
 from acquire.cli.app import COMMANDS, GROUPS
 from drivers.microrobot.forces import matrix
+from drivers.microrobot.kinematics import GEOMETRY
+from gap.data.tolerances import tolerances
+from gap.null.robot_loop import CONTROLLERS
+from sim_devices.stages.axes import FORCE_LIMIT, LOOP_RATE, MASS
+from sim_devices.stages.suction import COMMAND_STEP, OPENING, REGULATOR_TAU, VACUUM
+from sim_devices.stages.tissues import SHEET, SUCTION
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(
@@ -46,6 +52,32 @@ def test_decisions_are_numbered_short_and_indexed() -> None:
 def test_the_list_of_effects_is_that_of_the_library() -> None:
     made = runpy.run_path(str(ROOT / "tools/effect_list.py"))["page"]()
     assert (ROOT / "docs/effect-list.md").read_text(encoding="utf-8") == made, "run tools/effect_list.py"
+
+
+def test_the_nominal_page_has_the_numbers_of_the_code() -> None:
+    text = (ROOT / "docs/nominal.md").read_text(encoding="utf-8")
+    skin, sheet, regulator = SUCTION["forearm"], SHEET["forearm"], tolerances("cutometer")["regulator"]
+    said = [
+        f"τ = {1e3 * REGULATOR_TAU:g} ms,  ζ = 1",
+        f"rounded to {COMMAND_STEP / 100:g} mbar",
+        *(f"0 to −{-pressure / 100:g} mbar" for pressure in VACUUM.values()),
+        f"opening** is {1e3 * OPENING['cutometer']:g} mm (Cutometer) and {1e3 * OPENING['aspiration']:g} mm",
+        f"C = {1e9 * skin.compliance:g} nm/Pa",
+        f"q₀ = {skin.knee / 100:g} mbar, m = {skin.exponent:g}",
+        f"τ within {100 * regulator['time'].other:g} % and ζ within {100 * regulator['damping'].other:g} %",
+        f"a valve's lag, of {1e3 * regulator['lead'].other:g} ms",
+        f"m = {1e3 * MASS:g} g is",
+        f"{3 * MASS * LOOP_RATE**2:g} N/m, Ki",
+        f"{MASS * LOOP_RATE**3:g} N/(m s), Kd",
+        f"{3 * MASS * LOOP_RATE:g} N s/m.",
+        f"≤ {FORCE_LIMIT:g} N",
+        f"ρ = {1e3 * GEOMETRY.axis_radius:g} mm",
+        f"H = {1e3 * GEOMETRY.tip_height:g} mm",
+        "{:g}, {:g} and {:g} N/m".format(*sheet.stiffness),
+        f"l = {1e3 * sheet.length:g} mm, p = {sheet.exponent:g}",
+        *(f"{c.proportional:g} N/m, {c.integral:g} N/(m s), {c.derivative:g} N s/m, {c.drag:g}" for c in CONTROLLERS),
+    ]
+    assert [words for words in said if words not in text] == []
 
 
 def test_the_force_matrix_of_bundles_is_the_drivers() -> None:
