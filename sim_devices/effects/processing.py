@@ -178,7 +178,7 @@ EFFECTS = (
     ),
     effect(
         "wrong_zeroing", "processing", SUCTION,
-        "Zero taken at the wrong moment, or at each suction anew.",
+        "Zero of the height taken late, or again at each suction within a recording.",
         "Keep the raw height and subtract the zero afterwards.",
         "the Cutometer resets to 0 when suction starts (paper)",
         (

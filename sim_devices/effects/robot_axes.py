@@ -132,7 +132,7 @@ EFFECTS = (
     ),
     effect(
         "backlash", "actuator", ROBOT,
-        "Play between axis and platform.",
+        "Play between an axis, behind its position sensor, and the platform, which no load moves within it.",
         "Preload the pivots with stiffer springs.",
         "vee-jewel pivots held by springs (M)",
         (
