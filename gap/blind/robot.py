@@ -214,7 +214,7 @@ def _on_the_head(s: Session, f: Array, normal: Array, fx: Knobs) -> Array:
     if m := get("head_mass", 0.0):
         f = f + 9.81 * m * normal * np.array([1.0, 1.0, 0.0])
     if m := get("head_overhang", 0.0):
-        f = f + 9.81 * m * (normal - np.array([0, 0, 1.0])) * np.array([1.6, 0.7, 1.0])
+        f = f + 9.81 * m * (normal - np.array([0, 0, 1.0])) * np.array([-1.6, -0.7, 1.0])
     return spells.head(s, f, fx)
 
 

@@ -40,6 +40,11 @@ class Sigma(NamedTuple):
         return float(np.hypot(self.grid, self.slow))
 
 
+HELD = 10.0
+"""s for which a recording that begins at a level is taken to have been there: regulators and loops are at rest then;
+how long it was, it does not tell (assumed)."""
+
+
 class Session:
     """Recordings in order on the session's clock."""
 
@@ -66,16 +71,26 @@ class Session:
         return min(float(t[0]) for t in times) + self.shifts[k], max(float(t[-1]) for t in times) + self.shifts[k]
 
     def command(self, quantity: str, members: Sequence[int]) -> Command:
-        """The command over the recordings ``members``, at rest (zero) between them."""
+        """The command over the recordings ``members``, at rest (zero) between them.
+
+        One that begins at another level has been there for `HELD`, or half of the time since the recording before.
+        """
         times, values, kinks = list[FloatArray](), list[FloatArray](), list[FloatArray]()
+        ended = -np.inf
         for k in members:
             table = self.recordings[k].setpoints[quantity]
             own = command(np.asarray(table.time, dtype=float), np.asarray(table.value, dtype=float))
             begin, end = self.span(k)
             t, v = own.time + self.shifts[k], own.value
-            kinks.append(np.r_[min(begin, t[0]), own.kinks + self.shifts[k], max(end, t[-1])])
-            times.append(np.concatenate([[min(begin, t[0])], t, [max(end, t[-1])]]))
+            first, last = min(begin, t[0]), max(end, t[-1])
+            if v[0] != 0:
+                first -= min(HELD, 0.5 * (first - ended))
+                times.append(np.array([first]))
+                values.append(np.zeros(1))
+            kinks.append(np.r_[first, own.kinks + self.shifts[k], last])
+            times.append(np.concatenate([[first], t, [last]]))
             values.append(np.concatenate([[v[0]], v, [v[-1]]]))
+            ended = last
             if v[-1] != 0 and k != members[-1]:
                 times.append(times[-1][-1:])
                 values.append(np.zeros(1))

@@ -109,6 +109,11 @@ class GroupedSession(Session):
         acting = np.flatnonzero((value != 0) & (time >= begin) & (time <= end))
         return float(time[max(acting[0] - 1, 0)]) if len(acting) else begin
 
+    def begins_under_suction(self, k: int) -> bool:
+        """Whether recording ``k`` begins under suction: then it does not tell where the height's zero was."""
+        value = np.asarray(self.recordings[k].setpoints["pressure"].value, dtype=float)
+        return bool(value[0] != 0)
+
 
 def _label(info: RunInfo) -> str:
     """The identity of a specimen: its name and, of a reference, its known properties."""

@@ -132,7 +132,8 @@ class ReferenceBlock(FedBlock):
         for j, k in enumerate(self.runs):
             member = self.member[:, j]
             # Whether a reading is zeroed when it begins, at the first suction or at both, instruments do not agree.
-            columns += [_Column(member, zero), _Column(member * (self.stamps < self.session.onset(k)), zero)]
+            free = float(np.max(np.abs(self.measured))) if self.session.begins_under_suction(k) else zero
+            columns += [_Column(member, free), _Column(member * (self.stamps < self.session.onset(k)), zero)]
             known = self.session.recordings[k].info.specimen_properties
             if "height" in known:
                 share = max(known["height"].se / max(known["height"].scalar, 1e-9), 1e-6)

@@ -74,10 +74,13 @@ def weighed(
     time: FloatArray, fx: FloatArray, fy: FloatArray, fz: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray,
     weight: float, rho: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:  # fmt: skip
-    """Force on the transducers with the head's weight, which turns in their frame as the platform tilts."""
+    """Force on the transducers with the head's weight, which turns in their frame as the platform tilts.
+
+    Its parts along the platform's axes, less the one that was tared.
+    """
     gx, gy = (2 * a - b - c) / (3 * rho), (b - c) / (math.sqrt(3.0) * rho)
     q = np.sqrt(1.0 + gx * gx + gy * gy)
-    return fx - weight * gx / q, fy - weight * gy / q, fz + weight * (1.0 / q - 1.0)
+    return fx + weight * gx / q, fy + weight * gy / q, fz + weight * (1.0 / q - 1.0)
 
 
 def _gravity(chain: Chain, v: Values) -> Chain:

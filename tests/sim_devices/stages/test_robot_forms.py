@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from sim_devices.effects import parse_effect
+from sim_devices.effects.force_sensor import weighed
 from sim_devices.effects.sheet_forces import fibre_force, tension_for_a_while, tension_force, to_and_fro
 from sim_devices.stages import nominal
 from sim_devices.stages.axes import AxisLoop
@@ -150,3 +151,17 @@ def test_dry_friction_that_is_higher_near_standstill_may_be_of_one_axis() -> Non
     loop = effect.apply(nominal("microrobot"), values)["axes"]
     assert isinstance(loop, AxisLoop)
     assert (loop.alone, loop.stiction) == (3, 0.2)
+
+
+def test_the_heads_weight_turns_in_the_axes_of_the_platform() -> None:
+    """Its parts are those of a rotation of the platform's axes, less the weight that was tared on the level one."""
+    gx, gy, rho, weight = 0.06, -0.04, 0.03, 0.5
+    x, y = np.array([1.0, 0.0, gx]), np.array([0.0, 1.0, gy])
+    normal = np.cross(x, y)
+    normal /= np.linalg.norm(normal)
+    heights = [gx * rho * np.cos(t) + gy * rho * np.sin(t) for t in (0.0, 2 * np.pi / 3, 4 * np.pi / 3)]
+    nothing = np.zeros(1)
+    made = np.ravel(weighed(nothing, nothing, nothing, nothing, *(np.array([h]) for h in heights), weight, rho))
+    axes = (x / np.linalg.norm(x), y / np.linalg.norm(y), normal)
+    expected = weight * np.array([axis[2] for axis in axes]) - [0.0, 0.0, weight]
+    np.testing.assert_allclose(made, expected, rtol=2e-3)
