@@ -24,7 +24,7 @@ from gap.decision.marks import made_by
 from gap.decision.posterior import Posterior
 from gap.decision.qualified import Qualified, inform
 from gap.decision.qualified import read as read_qualification
-from gap.decision.settle import Case, Settled, beside_tolerances, settle
+from gap.decision.settle import Case, Settled, believed, settle
 from gap.decision.thresholds import INSTRUMENT, RIG, Thresholds
 from gap.decision.tolerance import Stated
 from gap.decision.transfer import Shrink, gap_without_discrepancy, plain
@@ -214,15 +214,15 @@ def _judged(recordings: Sequence[Recording], options: Options, t: Thresholds) ->
     wrong = {k for d in doubted for k in d.runs}
     kept = [r for k, r in enumerate(recordings) if k not in wrong]
     if not doubted or not kept:
-        case, taken = beside_tolerances(whole, t)
+        case, taken = believed(whole, t)
         return _Judged(recordings, case, settle(case, t, options.jobs), doubted, (*told, *taken))
     rest, told = gathered(kept, options)
-    case, taken = beside_tolerances(rest, t)
+    case, taken = believed(rest, t)
     left_out = [f"left out, {d}" for d in doubted]
     judged = _Judged(kept, case, settle(case, t, options.jobs), doubted, (*told, *taken, *left_out))
     if judged.settled.verdict.claims or not all(d.effect for d in doubted):
         return judged
-    case, taken = beside_tolerances(whole, t)
+    case, taken = believed(whole, t)
     settled = settle(case, t, options.jobs)
     causes = settled.verdict.causes
     if not causes or causes[0].hypothesis.name not in {d.effect for d in doubted}:

@@ -21,7 +21,7 @@ from gap.batch import session_paths
 from gap.blind.answers import load as load_truths
 from gap.data.checks import in_order
 from gap.data.pauses import without_pauses
-from gap.decision.settle import Case, beside_tolerances, settle
+from gap.decision.settle import Case, believed, settle
 from gap.decision.thresholds import INSTRUMENT, Thresholds, provenance
 from gap.diagnosis import EFFORTS, Options, gathered
 from gap.search.compare import Effort
@@ -32,7 +32,7 @@ NOT_ASKED = ("coverage", "surrogate")
 
 def outcome(case: Case, truth: tuple[str, ...], t: Thresholds) -> tuple[bool, bool]:
     """Whether the right class is claimed, and whether a wrong one is."""
-    verdict = settle(beside_tolerances(case, t)[0], t).verdict
+    verdict = settle(believed(case, t)[0], t).verdict
     if not verdict.claims:
         return False, False
     right = bool(truth) and set(truth) <= {n for name in verdict.causes[0].names for n in name.split(" + ")}

@@ -34,7 +34,8 @@ LEAST = 128
 
 
 THINNED = (1, 2, 4, 8)
-"""Samples that are averaged to one: of the ripple of rare looks, the noise of quick samples leaves no line."""
+"""Samples that are averaged to one: of the ripple of rare looks, the noise of quick samples leaves no line. But kinks
+of a command that come at equal intervals may then leave one, so that only a fit can tell."""
 TURNS, PARTS = 1.5, 10
 """Lines of a recording's own width by which a frequency is refined, and parts of the session's width it is refined to.
 """
@@ -68,13 +69,13 @@ def looks_at_commands(recordings: Sequence[Recording], names: Sequence[str]) -> 
     """Frequency, Hz, of the ripple that follows the speed in the channels ``names``, in all recordings together; None
     where there is none."""
     series = [r.streams[n] for r in recordings for n in names if n in r.streams]
-    found = ripple_of([(np.asarray(s.time, dtype=float), np.asarray(s.value, dtype=float)) for s in series])
-    return found.frequency if found else None
+    found = _ripple([(np.asarray(s.time, dtype=float), np.asarray(s.value, dtype=float)) for s in series])
+    return found[1].frequency if found else None
 
 
 def ripple_of(paths: Sequence[tuple[FloatArray, FloatArray]]) -> Ripple | None:
-    """The clearest ripple that follows the speed of paths, time and value (n,) each, in all of them together; None
-    where there is none."""
+    """The clearest line that follows the speed of paths, time and value (n,) each, in all of them together, also of
+    rare looks; None where there is none."""
     found = [each for size in THINNED if (each := _ripple([_thinned(*path, size) for path in paths])) is not None]
     return max(found, key=lambda each: each[0], default=(0.0, None))[1]
 

@@ -53,8 +53,12 @@ def looks(lateness: Lateness) -> list[tuple[float, float, float]]:
 
     Where a ripple tells intervals, they may have any phase: a regulator delays the ripple as it does all else.
     """
-    if lateness.intervals:
-        return [(interval, float(k) / PHASES, 1.0) for interval in lateness.intervals for k in range(PHASES)]
+    told = [(interval, k / PHASES, 1.0) for interval in lateness.intervals for k in range(PHASES)]
+    return told + _looks(lateness)
+
+
+def _looks(lateness: Lateness) -> list[tuple[float, float, float]]:
+    """Those that the kinks alone tell."""
     sharp = lateness.sd < SHARP
     time, late = lateness.time[sharp], lateness.late[sharp]
     sd = np.hypot(lateness.sd[sharp], BLUR)

@@ -105,19 +105,20 @@ class Settled:
     trials: tuple[Trial, ...]
 
 
-def beside_tolerances(case: Case, t: Thresholds) -> tuple[Case, list[str]]:
-    """The case whose simulation has taken on effects within tolerance, which are told in remarks."""
-    known = case.qualified
+def believed(case: Case, t: Thresholds) -> tuple[Case, list[str]]:
+    """The case without explanations by chance whose residuals are not of the size that they say, and whose simulation
+    has taken on effects within tolerance; these are told in remarks."""
+    comparison, known = case.comparison, case.qualified
+    kept = [h for h in comparison.hypotheses if size_of_chance(comparison.problems, h) >= t.chance]
+    comparison = replace(comparison, hypotheses=kept)
     taken = tolerated(
-        case.comparison,
+        comparison,
         case.stated,
         t.tolerances,
         lambda h: known is not None and bool(known.expected(h)),  # references have shown that it is more
     )
-    if not taken:
-        return case, []
-    comparison = beside(case.comparison, taken)
-    null = plain(comparison.problems, comparison.null)
+    comparison = beside(comparison, taken)
+    null = plain(comparison.problems, comparison.null) if taken else case.null
     there = replace(case, comparison=comparison, null=null, _answers={}, _carried={})
     return there, told(taken, case.stated)
 
@@ -143,7 +144,6 @@ def settle(case: Case, t: Thresholds, jobs: int = 1) -> Settled:
         tolerances=sizes[0],
         beyond=sizes[1],
         strained=strained(comparison.problems, comparison.null, first.hypothesis),
-        chance=size_of_chance(comparison.problems, first.hypothesis),
     )
     return Settled(decide(findings), found, trials)
 

@@ -25,8 +25,7 @@ class Findings:
     ``rival`` that of the next cause of other effects, in all blocks; ``without_skin``, the nats that blocks without
     skin give the first cause; ``tolerances``, how many stated tolerances the smallest member of its class is large
     (inf where none is stated), and ``beyond``, the tempered σ by which it exceeds any tolerance; ``strained``,
-    whether without it tolerances are strained far; ``chance``, how large residuals laid to chance are, of normal
-    ones."""
+    whether without it tolerances are strained far."""
 
     posterior: Posterior
     t: Thresholds
@@ -38,7 +37,6 @@ class Findings:
     tolerances: float = np.inf
     beyond: float = 0.0
     strained: bool = False
-    chance: float = 1.0
 
     @property
     def first(self) -> Cause:
@@ -293,12 +291,6 @@ RULES: tuple[Rule, ...] = (
         lambda f: f.tolerances <= f.t.tolerances and f.beyond < f.seen,
         Findings.tolerated,
         lambda f: f"{f.tolerances:.1f} stated tolerances <= {f.t.tolerances:g}",
-    ),
-    Rule(
-        "not by chance",
-        lambda f: f.chance < f.t.chance,
-        Findings.spoiled,
-        lambda f: f"median residual laid to chance {f.chance:.2f} of a normal one's < {f.t.chance:g}",
     ),
     Rule(
         "takes nothing away",

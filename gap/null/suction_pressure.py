@@ -305,10 +305,9 @@ class PressureBlock(Block):
         return Start(self.prior_mean, self.prior_scales[0], self.prior_mean, unit)
 
     def lateness(self, fitted: Fit) -> Lateness | None:
-        """Each kink's response, until the next, moved to and fro as a whole; or the interval of looks at the command
-        that a ripple tells."""
-        if self._ripple is not None:
-            return Lateness(np.zeros(0), np.zeros(0), np.zeros(0), self._ripple.intervals)
+        """Each kink's response, until the next, moved to and fro as a whole; and intervals of looks at the command that a
+        ripple may tell."""
+        intervals = self._ripple.intervals if self._ripple else ()
         kinks = self.session.kinks[np.diff(self.session.kinks, prepend=-np.inf) > TOGETHER]
         number = np.searchsorted(kinks, self.stamps, side="right") - 1
         number[(number < 0) | (self.stamps - kinks[number] > RESPONSE)] = len(kinks)
@@ -320,13 +319,13 @@ class PressureBlock(Block):
         known = over(slope**2)
         telling = known > QUIET * np.max(known)
         if not np.any(telling & (over(slope * fitted.residual) ** 2 > LATE**2 * known)):
-            return None
+            return Lateness(np.zeros(0), np.zeros(0), np.zeros(0), intervals) if intervals else None
         # The fitted regulator and clock have taken on much of the effect, the nominal ones may answer otherwise.
         nominal = np.concatenate([np.zeros(len(fitted.nuisance) - 2), fitted.nuisance[-2:]])
         seen = [self._late(n, fitted.active, number, telling) for n in (nominal, fitted.nuisance)]
         late, sd = min(seen, key=lambda found: float(np.median(found[1][telling])))
         good = np.isfinite(sd)
-        return Lateness(kinks[good], late[good], sd[good])
+        return Lateness(kinks[good], late[good], sd[good], intervals)
 
     @cached_property
     def _ripple(self) -> Ripple | None:

@@ -324,9 +324,14 @@ def _pairs(comparison: Comparison, candidates: Sequence[Candidate], effort: Effo
     temper = comparison.temper()
     weight = comparison.weighed(temper)
     earned = {id(h): weight[id(h)].evidence - weight[id(comparison.null)].evidence for h in comparison.hypotheses}
-    singles = sorted(comparison.hypotheses, key=lambda h: -earned[id(h)])[: effort.pair_bases]
+    ranked = sorted(comparison.hypotheses, key=lambda h: -earned[id(h)])
+    singles = ranked[: effort.pair_bases]
     if not singles or earned[id(singles[0])] < effort.pair_evidence:
         return
+    # Wider noise takes on any response that is not understood yet, and hides it from a second effect.
+    by_chance = {s.candidate for s in comparison.screened if s.by_chance}
+    if by_chance.issuperset(h.effects[0] for h in singles):
+        singles += [h for h in ranked if h.effects[0] not in by_chance][:1]
     tried: set[frozenset[str]] = set()
     parts = []
     for base in singles:

@@ -170,7 +170,7 @@ def _rhythms(parameters: Mapping[str, Parameter], problem: Problem, base: Fit) -
         places = [{"interval": interval, "phase": phase} for interval, phase, _ in found]
         return places, any(share > AGREED for _, _, share in found)
     period = parameters["period"]
-    swings = wanderings(late, period.low, period.high)
+    swings = wanderings(late, period.low, period.high) if len(late.time) else []
     return [{"swing": a, "period": length, "phase": phase} for length, phase, a in swings], False
 
 

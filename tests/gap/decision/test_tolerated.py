@@ -9,7 +9,7 @@ import pytest
 
 from gap.data.tolerances import Tolerance
 from gap.decision.posterior import posterior
-from gap.decision.settle import Case, beside_tolerances, settle
+from gap.decision.settle import Case, believed, settle
 from gap.decision.thresholds import INSTRUMENT
 from gap.decision.tolerated import beside, told, tolerated
 from gap.decision.transfer import plain
@@ -50,7 +50,7 @@ def test_an_effect_within_tolerance_hides_none_in_another_channel(two_channels) 
     before = settle(_case(comparison, known), INSTRUMENT).verdict
     assert before.causes[0].names == ("bump",)
     assert not before.claims
-    case, words = beside_tolerances(_case(comparison, known), INSTRUMENT)
+    case, words = believed(_case(comparison, known), INSTRUMENT)
     after = settle(case, INSTRUMENT).verdict
     assert after.verdict == "effect"
     assert after.causes[0].names == ("wave",)
@@ -59,7 +59,7 @@ def test_an_effect_within_tolerance_hides_none_in_another_channel(two_channels) 
 
 def test_an_effect_within_tolerance_hides_none_in_its_own_channel(two_channels) -> None:
     comparison, known = two_channels(bump=7.0, late=4.0)
-    case, _ = beside_tolerances(_case(comparison, known), INSTRUMENT)
+    case, _ = believed(_case(comparison, known), INSTRUMENT)
     verdict = settle(case, INSTRUMENT).verdict
     assert verdict.causes[0].names == ("late",)
     fitted = verdict.causes[0].hypothesis.fits["p"]
@@ -71,7 +71,7 @@ def test_an_effect_within_tolerance_hides_none_in_its_own_channel(two_channels) 
 
 def test_alone_it_is_the_simulation(two_channels) -> None:
     comparison, known = two_channels(bump=7.0)
-    case, _ = beside_tolerances(_case(comparison, known), INSTRUMENT)
+    case, _ = believed(_case(comparison, known), INSTRUMENT)
     found = posterior(case.comparison, known, INSTRUMENT)
     assert found.none > 0.7  # of three effects that might act, one has become as probable as before the data
     assert posterior(comparison, known, INSTRUMENT).none < 0.01
@@ -82,8 +82,9 @@ def test_alone_it_is_the_simulation(two_channels) -> None:
 def test_nothing_and_more_than_a_tolerance_stay(two_channels, bump: float) -> None:
     comparison, known = two_channels(bump=bump)
     case = _case(comparison, known)
-    there, words = beside_tolerances(case, INSTRUMENT)
-    assert there is case
+    there, words = believed(case, INSTRUMENT)
+    assert there.comparison == comparison
+    assert there.null is case.null
     assert not words
 
 
