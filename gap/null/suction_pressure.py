@@ -305,8 +305,8 @@ class PressureBlock(Block):
         return Start(self.prior_mean, self.prior_scales[0], self.prior_mean, unit)
 
     def lateness(self, fitted: Fit) -> Lateness | None:
-        """Each kink's response, until the next, moved to and fro as a whole; and intervals of looks at the command that a
-        ripple may tell."""
+        """Each kink's response, until the next, moved to and fro as a whole; and intervals of looks at the command that
+        a ripple may tell."""
         intervals = self._ripple.intervals if self._ripple else ()
         kinks = self.session.kinks[np.diff(self.session.kinks, prepend=-np.inf) > TOGETHER]
         number = np.searchsorted(kinks, self.stamps, side="right") - 1
