@@ -27,7 +27,7 @@ from gap.decision.transfer import (
     plain,
     transferred,
 )
-from gap.decision.verdict import Findings, Verdict, decide, without_skin
+from gap.decision.verdict import UNFINISHED, Findings, Verdict, decide, without_skin
 from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import Candidate
 from gap.inference.workers import each
@@ -124,7 +124,18 @@ def believed(case: Case, t: Thresholds) -> tuple[Case, list[str]]:
 
 
 def settle(case: Case, t: Thresholds, jobs: int = 1) -> Settled:
-    """The verdict on a case under some thresholds."""
+    """The verdict on a case under some thresholds. Where two effects are not all, one of them may be, and the other has
+    repaired its form: then what is claimed of it alone is the verdict."""
+    settled = _settled(case, t, jobs)
+    if settled.verdict.settled_by != UNFINISHED:
+        return settled
+    comparison, pair = case.comparison, settled.verdict.causes[0].effects
+    singles = [h for h in comparison.hypotheses if len(h.effects) == 1]
+    alone = _settled(replace(case, comparison=replace(comparison, hypotheses=singles)), t, jobs)
+    return alone if alone.verdict.claims and set(alone.verdict.causes[0].effects) <= set(pair) else settled
+
+
+def _settled(case: Case, t: Thresholds, jobs: int) -> Settled:
     found = case.posterior(t)
     if not found.causes:
         return Settled(decide(Findings(found, t)), found, ())

@@ -15,6 +15,7 @@ from gap.decision.tolerance import weakest
 from gap.decision.transfer import Shrink
 from gap.search.compare import Comparison
 
+UNFINISHED = "unfinished pair"
 VERDICTS = ("effect", "several", "none", "unknown", "undetectable")
 
 
@@ -109,6 +110,11 @@ class Verdict:
     @property
     def causes(self) -> tuple[Cause, ...]:
         return self.posterior.causes
+
+    @property
+    def settled_by(self) -> str:
+        """The name of the rule that settled it."""
+        return self.rules[0].partition(":")[0]
 
     @property
     def claims(self) -> bool:
@@ -281,7 +287,7 @@ RULES: tuple[Rule, ...] = (
         lambda f: f"an effect for a while leaves a gap of {f.posterior.gap_after:.2f}, {_fall(f)}".removesuffix(", "),
     ),
     Rule(
-        "unfinished pair",
+        UNFINISHED,
         _unfinished,
         _always("unknown"),
         lambda f: f"several effects leave a gap > {f.t.unfinished_pair:g} where they act: {_fall(f)}",
