@@ -72,6 +72,21 @@ class Posterior:
         share = (1.0 - least) / (1.0 - self.outside)
         return replace(self.scaled(share, 1.0), none=share * self.none, outside=least)
 
+    def with_tolerated(self, taken: Sequence[Cause], share: float) -> Posterior:
+        """With effects within tolerance among the causes, which the data show though they are no finding: each has an
+        equal part of ``share`` of the probability of none."""
+        if not taken:
+            return self
+        each, names = share * self.none / len(taken), {c.names for c in taken}
+        known = [c for c in self.causes if c.names not in names]
+        freed = sum(c.probability for c in self.causes if c.names in names)
+        causes = sorted([*(replace(c, probability=each) for c in taken), *known], key=lambda c: -c.probability)
+        stages = dict(self.stages)
+        for c in taken:
+            stages[c.effects[0].stage] = stages.get(c.effects[0].stage, 0.0) + each
+        none = (1.0 - share) * self.none + freed
+        return replace(self, causes=tuple(causes), none=none, stages=_ranked(stages))
+
     def led_by(self, leader: Hypothesis) -> Posterior:
         """The same with another leader of the first class."""
         return replace(self, causes=(self.causes[0].led_by(leader), *self.causes[1:]))
@@ -165,6 +180,10 @@ def _by_stage(hypotheses: Sequence[Hypothesis], probability: FloatArray) -> dict
     for h, p in zip(hypotheses, probability, strict=True):
         for e in h.effects:
             stages[e.stage] = stages.get(e.stage, 0.0) + float(p) / len(h.effects)
+    return _ranked(stages)
+
+
+def _ranked(stages: Mapping[str, float]) -> dict[str, float]:
     return dict(sorted(stages.items(), key=lambda one: -one[1]))
 
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import takewhile
 
 import numpy as np
 
 from gap.data.signatures import Signature
 from gap.decision.chance import size_of_chance
-from gap.decision.classes import concept
+from gap.decision.classes import Cause, concept
 from gap.decision.marks import explains_marks
 from gap.decision.posterior import Posterior, posterior
 from gap.decision.qualified import Qualified
@@ -51,7 +52,8 @@ class Trial:
 @dataclass(frozen=True)
 class Case:
     """All that a verdict rests on: ``null`` is the simulation by itself, ``withheld`` the recordings (by number) that
-    each split leaves out, ``stated`` the instrument's tolerances. Trials are made once."""
+    each split leaves out, ``stated`` the instrument's tolerances, ``taken`` the effects within them that the simulation
+    has taken on. Trials are made once."""
 
     comparison: Comparison
     candidates: Sequence[Candidate]
@@ -60,6 +62,7 @@ class Case:
     withheld: Mapping[str, set[int]]
     stated: Stated
     qualified: Qualified | None = None
+    taken: Sequence[Cause] = ()
     _answers: dict[int, Hypothesis] = field(default_factory=dict, repr=False)
     _carried: dict[int, Carried] = field(default_factory=dict, repr=False)
 
@@ -119,7 +122,7 @@ def believed(case: Case, t: Thresholds) -> tuple[Case, list[str]]:
     )
     comparison = beside(comparison, taken)
     null = plain(comparison.problems, comparison.null) if taken else case.null
-    there = replace(case, comparison=comparison, null=null, _answers={}, _carried={})
+    there = replace(case, comparison=comparison, null=null, taken=taken, _answers={}, _carried={})
     return there, told(taken, case.stated)
 
 
@@ -127,6 +130,8 @@ def settle(case: Case, t: Thresholds, jobs: int = 1) -> Settled:
     """The verdict on a case under some thresholds. Where two effects are not all, one of them may be, and the other has
     repaired its form: then what is claimed of it alone is the verdict."""
     settled = _settled(case, t, jobs)
+    if not settled.verdict.claims and case.taken:
+        return _with_tolerated(settled, case, t)
     if settled.verdict.settled_by != UNFINISHED:
         return settled
     comparison, pair = case.comparison, settled.verdict.causes[0].effects
@@ -157,6 +162,17 @@ def _settled(case: Case, t: Thresholds, jobs: int) -> Settled:
         strained=strained(comparison.problems, comparison.null, first.hypothesis),
     )
     return Settled(decide(findings), found, trials)
+
+
+def _with_tolerated(settled: Settled, case: Case, t: Thresholds) -> Settled:
+    """What the data show within tolerance, where nothing is named."""
+    found = settled.verdict.posterior.with_tolerated(case.taken, t.unnamed)
+    gap = gap_without_discrepancy(case.null)
+    tried = {id(c.hypothesis): trial for c, trial in zip(settled.verdict.causes, settled.trials, strict=False)}
+    tried |= {id(c.hypothesis): Trial(case.null, {"fitted": Shrink(gap, gap)}, {}) for c in case.taken}
+    known = takewhile(lambda c: id(c.hypothesis) in tried, found.causes)
+    trials = tuple(tried[id(c.hypothesis)] for c in known)
+    return Settled(replace(settled.verdict, posterior=found), settled.found, trials)
 
 
 def _withheld(trial: Trial) -> Mapping[str, Shrink]:

@@ -5,40 +5,43 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import numpy as np
+
+from gap.decision.classes import Cause, concept
 from gap.decision.tolerance import Stated, in_stated
 from gap.inference.evidence import Hypothesis
-from gap.inference.hypothesis import Candidate
 from gap.search.compare import Comparison
 
 
 def tolerated(
     comparison: Comparison, stated: Stated, within: float, known: Callable[[Hypothesis], bool] = lambda h: False
-) -> list[Hypothesis]:
+) -> list[Cause]:
     """Single effects of ``within`` stated tolerances at most that explain the blocks that they touch better than
     nothing and than any other single effect does; but for those ``known`` to be more.
 
     Such an effect is no finding, but a simulation without it leaves a rest that other effects would be told for."""
     weighed = comparison.weighed(comparison.temper())
-    singles = sorted((h for h in comparison.hypotheses if len(h.effects) == 1), key=lambda h: -weighed[id(h)].evidence)
+    earned = {id(h): weighed[id(h)].evidence - weighed[id(comparison.null)].evidence for h in comparison.hypotheses}
+    singles = sorted((h for h in comparison.hypotheses if len(h.effects) == 1), key=lambda h: -earned[id(h)])
     found, judged = [], set[str]()
     for h in singles:
-        if weighed[id(h)].evidence <= weighed[id(comparison.null)].evidence:
+        if earned[id(h)] <= 0.0:
             break
         blocks = set(h.effects[0].blocks)
         if not judged & blocks and in_stated(h.effects[0], h, stated) <= within and not known(h):
-            found.append(h)
+            found.append(Cause(h, (concept(h),), 0.0, float(np.sqrt(2.0 * earned[id(h)])), (h,)))
         judged |= blocks
     return found
 
 
-def beside(comparison: Comparison, taken: Sequence[Hypothesis]) -> Comparison:
+def beside(comparison: Comparison, taken: Sequence[Cause]) -> Comparison:
     """The comparison with the effects ``taken`` on by the simulation: its fits are theirs in the blocks that they
     touch, and a pair with one of them is the other effect alone. Effects that touch none of these blocks have the
     simulation's fits there."""
     if not taken:
         return comparison
-    fits = {b: h.fits[b] for h in taken for b in h.effects[0].blocks}
-    part = {h.effects[0] for h in taken}
+    fits = {b: c.hypothesis.fits[b] for c in taken for b in c.effects[0].blocks}
+    part = {c.effects[0] for c in taken}
     hypotheses = []
     for h in comparison.hypotheses:
         alone = len(h.effects) == 1
@@ -49,10 +52,9 @@ def beside(comparison: Comparison, taken: Sequence[Hypothesis]) -> Comparison:
     return replace(comparison, null=Hypothesis((), comparison.null.fits | fits), hypotheses=hypotheses)
 
 
-def told(taken: Sequence[Hypothesis], stated: Stated) -> list[str]:
+def told(taken: Sequence[Cause], stated: Stated) -> list[str]:
     """Remarks on effects that the simulation has taken on."""
-    return [f"the simulation takes on {_sized(h.effects[0], h, stated)}, which is no finding" for h in taken]
-
-
-def _sized(effect: Candidate, h: Hypothesis, stated: Stated) -> str:
-    return f"{effect.name} of {in_stated(effect, h, stated):.1f} stated tolerances"
+    sizes = [(c.effects[0].name, in_stated(c.effects[0], c.hypothesis, stated)) for c in taken]
+    return [
+        f"the simulation takes on {name} of {size:.1f} stated tolerances, which is no finding" for name, size in sizes
+    ]

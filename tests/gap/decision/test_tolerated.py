@@ -72,6 +72,14 @@ def test_an_effect_within_tolerance_hides_none_in_its_own_channel(two_channels) 
 def test_alone_it_is_the_simulation(two_channels) -> None:
     comparison, known = two_channels(bump=7.0)
     case, _ = believed(_case(comparison, known), INSTRUMENT)
+    settled = settle(case, INSTRUMENT)
+    assert settled.verdict.causes[0].names == ("bump",)
+    assert not settled.verdict.claims
+    assert 0.3 < settled.verdict.causes[0].probability <= 0.45
+    assert settled.trials[0].answer is case.null
+    total = settled.verdict.posterior
+    assert total.none + total.named + total.outside == pytest.approx(1.0)
+    assert sum(total.stages.values()) == pytest.approx(total.named)
     found = posterior(case.comparison, known, INSTRUMENT)
     assert found.none > 0.7  # of three effects that might act, one has become as probable as before the data
     assert posterior(comparison, known, INSTRUMENT).none < 0.01
