@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from sim_devices.chain import FloatArray, Operator
-from sim_devices.stages.operators import Polled, Retimed
+from sim_devices.stages.operators import Retimed
 from sim_devices.stages.sampling import RETIMED, mean_before
 
 KINK = 1e-6
@@ -18,8 +18,6 @@ LOOP_STEP = 0.02
 a sigma off."""
 AFTER_KINK = np.concatenate([np.arange(0.004, 0.1, 0.004), np.arange(0.1, 0.3, 0.01)])
 """s after a kink: nodes for the loop's answer, which straight lines over `LOOP_STEP` would miss by several µm."""
-QUICK = 5e-3
-"""s between looks at a command below which the loop evens out their steps."""
 
 
 def retimed(operators: Sequence[Operator]) -> tuple[Retimed, ...]:
@@ -41,12 +39,11 @@ def loop_grid(
     """Nodes for a loop from ``begin`` to ``end`` s: the same steps after every kink, as the exponential of each length
     is computed once, and the command's ``corners``; both when ``delays`` show them, and the corners where they are, as
     what is delayed is read between nodes."""
-    own = np.concatenate([corners, corners + KINK]) if delays else np.zeros(0)
+    own = np.concatenate([corners - KINK, corners, corners + KINK]) if delays else np.zeros(0)
     for op in delays:
         kinks, corners = op.shows(kinks), op.shows(corners)
-        if isinstance(op, Polled) and op.period > QUICK:  # held between looks, then a step
-            looks = op.period * (np.arange(np.ceil(begin / op.period), np.floor(end / op.period)) + op.phase)
-            kinks, corners = np.unique(np.concatenate([kinks, looks])), np.concatenate([corners, looks - KINK])
+        jumps = op.jumps(begin, end)
+        kinks, corners = np.unique(np.concatenate([kinks, jumps])), np.concatenate([corners, jumps])
     steps = np.arange(AFTER_KINK[-1], end - begin, LOOP_STEP)
     offsets = np.concatenate([[0.0, KINK], AFTER_KINK[:-1], steps])
     starts = [begin, *kinks[(kinks > begin) & (kinks < end)].tolist(), end]

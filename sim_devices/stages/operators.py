@@ -15,8 +15,9 @@ from sim_devices.stages.kernels import STATE, Kernel
 Names = tuple[str, ...]
 ROUNDING = 2e-10
 """s by which rounding may put a moment beside the one it is: less than a step of the command takes."""
-RARE = 0.01
-"""s between looks from which each is a jump: of a command that is looked at more often, nodes are as dense."""
+RARE = 5e-3
+"""s between looks from which each is a jump: steps of a command that is looked at more often, regulators and loops even
+out."""
 
 
 @dataclass(frozen=True)
