@@ -46,10 +46,10 @@ if TYPE_CHECKING:
 
 EFFORTS = {
     "microrobot": Effort(
-        quick_fits=5,
+        quick_fits=8,
         least_score=8.0,
-        far_fits=8,
-        refit_singles=7,
+        far_fits=12,
+        refit_singles=9,
         known_law=0,
         imitators=1,
         pair_bases=1,
