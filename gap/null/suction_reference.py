@@ -26,6 +26,9 @@ from sim_devices.stages.suction import elastic_height
 STEP, MEMBRANE = "gauge step", "reference membrane"
 MOVING = 1.5
 """s about the moment at which a step is slid in or out that are left out."""
+FLAT, ON_THE_WAY, LEAST_STEP = 0.8, 0.04, 0.1
+"""Quantile of the readings that a step's flat has at least; share of it by which a reading beside a record's end is off
+both that and nought if the step is on its way; and share of the stated height below which no step is there."""
 BEND_SD = 0.02
 """Of the membrane's greatest height, by which its curve may differ from one of three parameters, per function."""
 MEMORIES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
@@ -76,19 +79,23 @@ class ReferenceBlock(FedBlock):
 
     def _solid(self, group: Group, at: slice) -> Table | None:
         """Height of a solid over a group's time, m; None of a membrane. A step is there from when the record shows half
-        of it on, and the moments in which it is moved are left out."""
+        of what it reads of it on, and the moments in which it is moved are left out."""
         begin, end = self.stamps[at][[0, -1]]
         if group.name == MEMBRANE:
             return None
         if group.name != STEP or "height" not in group.known:
             return np.array([begin, end]), np.zeros(2)
         height = group.known["height"].scalar
-        there = self.measured[at] > 0.5 * height
+        level = float(np.quantile(self.measured[at], FLAT))  # as it is read: a gain may be half of what it should be
+        share = self.measured[at] / level if level > LEAST_STEP * height else np.ones(at.stop - at.start)
+        there = share > 0.5  # where no step shows, its statement is wrong, and the misfit will tell
         moved = np.flatnonzero(np.diff(there.astype(int)) != 0)
-        if not there.any():  # nor is it there at all: its statement is wrong, and the misfit will tell
-            there = np.ones_like(there)
         edges = 0.5 * (self.stamps[at][moved] + self.stamps[at][moved + 1])
-        near = np.min(np.abs(self.stamps[at][:, None] - edges), axis=1, initial=np.inf) < MOVING
+        # It may come or leave as the record begins or ends.
+        beside = np.minimum(self.stamps[at] - begin, end - self.stamps[at]) < MOVING
+        off = beside & (share > ON_THE_WAY) & (share < 1.0 - ON_THE_WAY)
+        moves = np.concatenate([edges, self.stamps[at][off]])
+        near = np.min(np.abs(self.stamps[at][:, None] - moves), axis=1, initial=np.inf) < MOVING
         self.row_noise.widen(at.start + np.flatnonzero(near), IGNORED)
         return self.stamps[at], np.where(there, height, 0.0)
 

@@ -64,6 +64,34 @@ def test_a_sound_instrument_s_references_are_at_the_noise() -> None:
     assert lag.blocks == ("reference", "height")  # and the reference speaks first
 
 
+def _step(change) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Time from the first sample, reading and noise of a step's rows, whose record is ``change``d (time, value)."""
+    recordings = []
+    for r in suction():
+        if r.info.specimen == "gauge step" and str(r.info.specimen_properties["height"]).startswith("0.001"):
+            h = r.streams["apex_height"]
+            r = replace(r, streams={**r.streams, "apex_height": replace(h, value=change(h.time - h.time[0], h.value))})
+        recordings.append(r)
+    problems, _ = suction_problems(recordings, library("aspiration"))
+    block = next(p for p in problems if p.name == "reference")
+    number = next(k for k, r in enumerate(recordings) if "0.001" in str(r.info.specimen_properties.get("height", "")))
+    at = block.rows.recording == number
+    return block.rows.time[at] - block.rows.time[at][0], block.measured[at], block.sigma[at]
+
+
+def test_the_moments_in_which_a_step_is_moved_are_left_out_whatever_is_read_of_it() -> None:
+    """A gain of a half, and a step that left as its record ended, were told a jump and a scale for a moment."""
+    time, value, sigma = _step(lambda t, v: v)
+    moved = time[np.flatnonzero(np.diff(value > 0.5e-3))]
+    _, _, halved = _step(lambda t, v: 0.45 * v)
+    np.testing.assert_array_equal(halved > 1e-3, sigma > 1e-3)
+    assert np.all((sigma > 1e-3)[np.min(np.abs(time[:, None] - moved), axis=1) < 1.0])
+    assert np.mean(sigma > 1e-3) < 0.5
+    _, _, leaving = _step(lambda t, v: np.where(t > t[-1] - 0.1, 0.9 * v, v))
+    assert leaving[-1] > 1e-3
+    assert not sigma[-1] > 1e-3
+
+
 def test_a_robot_s_references_are_at_the_noise() -> None:
     problems, _ = robot_problems(robot(), library("microrobot"))
     reference = next(p for p in problems if p.name == "reference")
