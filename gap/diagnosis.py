@@ -225,7 +225,7 @@ def _judged(recordings: Sequence[Recording], options: Options, t: Thresholds) ->
     case, taken = believed(whole, t)
     settled = settle(case, t, options.jobs)
     causes = settled.verdict.causes
-    if not causes or causes[0].hypothesis.name not in {d.effect for d in doubted}:
+    if not causes or not {d.effect for d in doubted} & set(causes[0].names):
         return judged
     verdict = in_doubt(settled.verdict, f"in doubt: {doubted[0]}", t)
     return _Judged(recordings, case, replace(settled, verdict=verdict), doubted, (*told, *taken))

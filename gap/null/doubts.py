@@ -49,7 +49,8 @@ def doubts(problems: Mapping[str, Problem], null: Hypothesis, tried: Sequence[Hy
             free = fit(under(problem, problem.prior_mean, widths), nuisance=alone.nuisance, iterations=8)
             fall = alone.objective - free.objective
             if fall > max(LEAST, explained - TIE):
-                found.append(Doubt(label, fall, runs, best.name if fall < explained + TIE else ""))
+                as_well = best.effects if fall < explained + TIE else ()
+                found.append(Doubt(label, fall, runs, as_well[0].name if as_well else ""))
     found.sort(key=lambda doubt: -doubt.fall)
     # One wrong reference strains the parameters it shares with the others: only the worst is named, and those as bad.
     return [doubt for doubt in found if doubt.fall > 0.9 * found[0].fall]
