@@ -141,7 +141,7 @@ def _same_mark(one: Hypothesis, other: Hypothesis, signatures: Sequence[Signatur
 
 
 def _same_event(one: Hypothesis, other: Hypothesis, near: float) -> bool:
-    """Whether two single effects in the same blocks are events that begin and end at the same times, to ``near`` s."""
+    """Whether two single effects that share a block are events that begin and end at the same times, to ``near`` s."""
     spells = []
     for h in (one, other):
         if len(h.effects) != 1 or not h.effects[0].event:
@@ -150,4 +150,4 @@ def _same_event(one: Hypothesis, other: Hypothesis, near: float) -> bool:
         begin = values.get("moment", np.nan)
         spells.append((set(h.effects[0].blocks), begin, begin + values.get("duration", 0.0)))
     (blocks, begin, end), (others, from_then, until) = spells
-    return blocks == others and abs(begin - from_then) < near and abs(end - until) < near
+    return bool(blocks & others) and abs(begin - from_then) < near and abs(end - until) < near
