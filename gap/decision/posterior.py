@@ -77,15 +77,12 @@ class Posterior:
         equal part of ``share`` of the probability of none."""
         if not taken:
             return self
-        each, names = share * self.none / len(taken), {c.names for c in taken}
-        known = [c for c in self.causes if c.names not in names]
-        freed = sum(c.probability for c in self.causes if c.names in names)
-        causes = sorted([*(replace(c, probability=each) for c in taken), *known], key=lambda c: -c.probability)
+        each = share * self.none / len(taken)
+        causes = sorted([*(replace(c, probability=each) for c in taken), *self.causes], key=lambda c: -c.probability)
         stages = dict(self.stages)
         for c in taken:
             stages[c.effects[0].stage] = stages.get(c.effects[0].stage, 0.0) + each
-        none = (1.0 - share) * self.none + freed
-        return replace(self, causes=tuple(causes), none=none, stages=_ranked(stages))
+        return replace(self, causes=tuple(causes), none=(1.0 - share) * self.none, stages=_ranked(stages))
 
     def led_by(self, leader: Hypothesis) -> Posterior:
         """The same with another leader of the first class."""

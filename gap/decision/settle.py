@@ -120,7 +120,7 @@ def believed(case: Case, t: Thresholds) -> tuple[Case, list[str]]:
         t.tolerances,
         lambda h: known is not None and bool(known.expected(h)),  # references have shown that it is more
     )
-    comparison = beside(comparison, taken)
+    comparison = beside(comparison, taken, t.second_excess)
     null = plain(comparison.problems, comparison.null) if taken else case.null
     there = replace(case, comparison=comparison, null=null, taken=taken, _answers={}, _carried={})
     return there, told(taken, case.stated)

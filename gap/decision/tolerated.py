@@ -34,18 +34,23 @@ def tolerated(
     return found
 
 
-def beside(comparison: Comparison, taken: Sequence[Cause]) -> Comparison:
+def beside(comparison: Comparison, taken: Sequence[Cause], least: float = 0.0) -> Comparison:
     """The comparison with the effects ``taken`` on by the simulation: its fits are theirs in the blocks that they
-    touch, and a pair with one of them is the other effect alone. Effects that touch none of these blocks have the
-    simulation's fits there."""
+    touch, and a pair with one of them is the other effect alone, where that takes away at least a share of what the
+    first one does: less may be the first one's form. Effects that touch none of these blocks have the simulation's
+    fits there."""
     if not taken:
         return comparison
     fits = {b: c.hypothesis.fits[b] for c in taken for b in c.effects[0].blocks}
-    part = {c.effects[0] for c in taken}
+    part = {c.effects[0]: c.hypothesis for c in taken}
+    before = comparison.null.deviance
     hypotheses = []
     for h in comparison.hypotheses:
         alone = len(h.effects) == 1
         others = h.effects if alone else tuple(e for e in h.effects if e not in part)
+        first = next((part[e] for e in h.effects if e in part), None)
+        if first is not None and (alone or first.deviance - h.deviance < least * (before - first.deviance)):
+            continue
         untouched = fits.keys() - {b for e in others for b in e.blocks}
         if others == h.effects or (others and len(untouched) < len(fits)):
             hypotheses.append(Hypothesis(others, h.fits | {b: fits[b] for b in untouched}))

@@ -364,5 +364,5 @@ def test_skin_is_fitted_anew_beside_an_effect_that_bends_it() -> None:
     null = fit(block)
     screened = Screened(candidate, (), 0.0, {"force": (np.array([0.97]),)}, {"force": block.prior_sd})
     found = refit({"force": block}, Hypothesis((), {"force": null}), screened)[0]["force"]
-    assert candidate.values(found.unit)["share"] > 0.9
+    assert candidate.values(found.unit)["share"] > 0.85
     assert found.objective < 1.1 * len(found.residual)
