@@ -165,14 +165,15 @@ def _settled(case: Case, t: Thresholds, jobs: int) -> Settled:
 
 
 def _with_tolerated(settled: Settled, case: Case, t: Thresholds) -> Settled:
-    """What the data show within tolerance, where nothing is named."""
+    """What the data show within tolerance, where nothing is named: then none is not sure."""
     found = settled.verdict.posterior.with_tolerated(case.taken, t.unnamed)
     gap = gap_without_discrepancy(case.null)
     tried = {id(c.hypothesis): trial for c, trial in zip(settled.verdict.causes, settled.trials, strict=False)}
     tried |= {id(c.hypothesis): Trial(case.null, {"fitted": Shrink(gap, gap)}, {}) for c in case.taken}
     known = takewhile(lambda c: id(c.hypothesis) in tried, found.causes)
     trials = tuple(tried[id(c.hypothesis)] for c in known)
-    return Settled(replace(settled.verdict, posterior=found), settled.found, trials)
+    said = "undetectable" if settled.verdict.verdict == "none" else settled.verdict.verdict
+    return Settled(replace(settled.verdict, verdict=said, posterior=found), settled.found, trials)
 
 
 def _withheld(trial: Trial) -> Mapping[str, Shrink]:

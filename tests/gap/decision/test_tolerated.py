@@ -86,7 +86,7 @@ def test_alone_it_is_the_simulation(two_channels) -> None:
     case, _ = believed(_case(comparison, known), INSTRUMENT)
     settled = settle(case, INSTRUMENT)
     assert settled.verdict.causes[0].names == ("bump",)
-    assert not settled.verdict.claims
+    assert settled.verdict.verdict == "undetectable"
     assert 0.3 < settled.verdict.causes[0].probability <= 0.45
     assert settled.trials[0].answer is case.null
     total = settled.verdict.posterior
