@@ -28,7 +28,7 @@ from gap.decision.settle import Case, Settled, believed, settle
 from gap.decision.thresholds import INSTRUMENT, RIG, Thresholds
 from gap.decision.tolerance import Stated
 from gap.decision.transfer import Shrink, gap_without_discrepancy, plain
-from gap.decision.verdict import Verdict, in_doubt, undetectable
+from gap.decision.verdict import DOUBT, Verdict, in_doubt, undetectable
 from gap.effects.load import generic, library
 from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import Candidate
@@ -188,7 +188,7 @@ def _wide(effort: Effort, quick: bool) -> Effort:
 
 def _proposed(case: Case, verdict: Verdict, t: Thresholds, options: Options) -> Proposal | None:
     """A term for a gap that no known effect explains; None where one does, or where a solver makes each try dear."""
-    if options.solver or verdict.verdict != "unknown":
+    if options.solver or verdict.verdict != "unknown" or verdict.settled_by == DOUBT:
         return None
     options.tell("looking for a term", 0.95)
     return best_term(case, t, options.jobs)
@@ -227,7 +227,7 @@ def _judged(recordings: Sequence[Recording], options: Options, t: Thresholds) ->
     causes = settled.verdict.causes
     if not causes or not {d.effect for d in doubted} & set(causes[0].names):
         return judged
-    verdict = in_doubt(settled.verdict, f"in doubt: {doubted[0]}", t)
+    verdict = in_doubt(settled.verdict, str(doubted[0]), t)
     return _Judged(recordings, case, replace(settled, verdict=verdict), doubted, (*told, *taken))
 
 

@@ -345,11 +345,7 @@ def _record(s: Session, traces: Mapping[str, tuple[Array, Array]], fx: Knobs, se
     """Sampling, resolution and processing of every recording, from its specimen's axis positions and transducers."""
     out: Channels = {name: [] for name in AXES + LEGS + PROBE + FORCE}
     get = fx.get
-    matrix = force_matrix()
-    if get("matrix_sign", 0.0):
-        matrix[int(get("row", 0)), int(get("leg", 0))] *= -1
-    if get("row_sign", 0.0):
-        matrix[int(get("row", 0))] *= -1
+    matrix = _matrix(fx)
     timing = {k: v for k, v in fx.items() if k not in _SUCTION_ONLY}
     for k, r in enumerate(s.recordings):
         q, legs = traces[r.specimen]
@@ -382,6 +378,14 @@ def _record(s: Session, traces: Mapping[str, tuple[Array, Array]], fx: Knobs, se
             for i, name in enumerate(names):
                 out[name].append(spells.computed(name, np.ascontiguousarray(values[:, i]), fx))
     return out
+
+
+def _matrix(fx: Knobs) -> Array:
+    """The force matrix (3, 3) of the processing, with signs that may be wrong."""
+    matrix, row = force_matrix(), int(fx.get("row", 0))
+    matrix[row, int(fx.get("leg", 0))] *= -1 if fx.get("matrix_sign", 0.0) else 1
+    matrix[row] *= -1 if fx.get("row_sign", 0.0) else 1
+    return matrix
 
 
 def _leg_digits(x: Array, step: float, fx: Knobs, noisy: bool) -> Array:

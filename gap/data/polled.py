@@ -31,8 +31,6 @@ SMOOTH = 0.1
 """s over which a speed is taken."""
 LEAST = 128
 """Samples of a recording that is asked."""
-
-
 THINNED = (1, 2, 4, 8)
 """Samples that are averaged to one: of the ripple of rare looks, the noise of quick samples leaves no line. But kinks
 of a command that come at equal intervals may then leave one, so that only a fit can tell."""
@@ -43,10 +41,11 @@ TURNS, PARTS = 1.5, 10
 
 @dataclass(frozen=True)
 class Ripple:
-    """Where a ripple that goes with the speed was found: its ``frequency``, Hz, and of each path the time (n,) s, the
-    ripple (n,) and its envelope (n,)."""
+    """A ripple that goes with the speed: its ``frequency``, Hz, its ``power`` over the usual one, and of each path the
+    time (n,) s, the ripple (n,) and its envelope (n,)."""
 
     frequency: float
+    power: float
     paths: tuple[tuple[FloatArray, FloatArray, FloatArray], ...]
 
     @property
@@ -70,14 +69,14 @@ def looks_at_commands(recordings: Sequence[Recording], names: Sequence[str]) -> 
     where there is none."""
     series = [r.streams[n] for r in recordings for n in names if n in r.streams]
     found = _ripple([(np.asarray(s.time, dtype=float), np.asarray(s.value, dtype=float)) for s in series])
-    return found[1].frequency if found else None
+    return found.frequency if found else None
 
 
 def ripple_of(paths: Sequence[tuple[FloatArray, FloatArray]]) -> Ripple | None:
     """The clearest line that follows the speed of paths, time and value (n,) each, in all of them together, also of
     rare looks; None where there is none."""
-    found = [each for size in THINNED if (each := _ripple([_thinned(*path, size) for path in paths])) is not None]
-    return max(found, key=lambda each: each[0], default=(0.0, None))[1]
+    found = [_ripple([_thinned(*path, size) for path in paths]) for size in THINNED]
+    return max(filter(None, found), key=lambda ripple: ripple.power, default=None)
 
 
 def _thinned(time: FloatArray, value: FloatArray, size: int) -> tuple[FloatArray, FloatArray]:
@@ -86,8 +85,7 @@ def _thinned(time: FloatArray, value: FloatArray, size: int) -> tuple[FloatArray
     return time[:kept].reshape(shape).mean(axis=1), value[:kept].reshape(shape).mean(axis=1)
 
 
-def _ripple(paths: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[float, Ripple] | None:
-    """A ripple, and how many times the usual power it has."""
+def _ripple(paths: Sequence[tuple[FloatArray, FloatArray]]) -> Ripple | None:
     paths = [(time, value) for time, value in paths if len(value) >= LEAST and np.all(np.isfinite(value))]
     rate = rate_of([time for time, _ in paths]) if paths else 0.0
     if rate == 0.0:
@@ -101,7 +99,7 @@ def _ripple(paths: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[float, Ripp
     if found is None:
         return None
     known = tuple((time, ripple, np.hanning(len(ripple)) * speed) for time, ripple, speed in moving)
-    return found[1], Ripple(found[0], known)
+    return Ripple(*found, known)
 
 
 def _line_with_speed(moving: Sequence[tuple[FloatArray, FloatArray]], spectra: Spectra) -> tuple[float, float] | None:

@@ -24,6 +24,9 @@ OVERLAP = 1.0
 CLOCK_SD = 2e-5
 """How fast the recording's clock may soundly run against the command's: an ordinary crystal (assumed)."""
 SKIN = "skin"
+HELD = 10.0
+"""s for which a recording that begins at a level is taken to have been there: regulators and loops are at rest then;
+how long it was, it does not tell (assumed)."""
 
 
 class Sigma(NamedTuple):
@@ -38,11 +41,6 @@ class Sigma(NamedTuple):
     def kept(self) -> float:
         """What averaging does not lower."""
         return float(np.hypot(self.grid, self.slow))
-
-
-HELD = 10.0
-"""s for which a recording that begins at a level is taken to have been there: regulators and loops are at rest then;
-how long it was, it does not tell (assumed)."""
 
 
 class Session:

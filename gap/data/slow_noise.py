@@ -3,7 +3,7 @@
 A share that forgets within some tenths of a second to seconds is as good as the same for all samples of a bin, so that
 the bin's mean is off by all of it. It is read from third differences of means of neighbouring blocks, which any signal
 that is smooth over four blocks leaves alone: away from kinks of the command, in rests and late in holds, and in ramps
-where there are few of these: what shakes a channel in motion alone (a set-point that is polled) is no sensor's noise.
+where there are few of these: ripple that is there in motion alone (of a set-point that is polled) is no sensor's noise.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from sim_devices.chain import FloatArray
 LENGTHS = (0.1, 0.2, 0.4, 0.8, 1.6)
 """s of a block."""
 AGE = 3.0
-"""Lengths of a block after a kink before blocks count: what relaxes is then smooth enough."""
+"""Lengths of a block after a kink before blocks count: relaxation is then smooth enough."""
 STILL, CHANCE = 0.02, 6.0
 """Share of a channel's range, and standard deviations of a block's mean, by which neighbouring four blocks of a rest or
 late in a hold differ at most;"""
@@ -27,8 +27,8 @@ FEWEST = 12
 WHITE = 20.0
 """Variance of a third difference of white noise of variance 1."""
 GROWS, DOUBLES = 2.5, 1.5
-"""Growth of what is not white, from one length of block to its double, above which it is the signal's own curve: noise
-that forgets grows by 2 at most. Above the lesser one it may be either, and the next length has to tell."""
+"""Growth of the part that is not white, from one length of block to its double, above which it is the signal's own
+curve: noise that forgets grows by 2 at most. Above the lesser one it may be either, and the next length has to tell."""
 CURVED = 64.0
 """The same growth of a signal that is curved."""
 KEPT = 3.2
@@ -77,9 +77,9 @@ def slow_variance(runs: Sequence[tuple[FloatArray, FloatArray]], kinks: FloatArr
 
 
 def no_jerks(noise: Sequence[tuple[float, float]]) -> Sequence[float]:
-    """What averaging does not lower of the noise of channels that are alike, from what each shows of it (white, slow).
+    """The slow noise of channels that are alike, by the white and slow noise (white, slow) that each seems to have.
 
-    An axis that sticks and slips shows what looks like slow noise; the others, by the same kind of sensor, tell.
+    An axis that sticks and slips seems to have slow noise; the others, by the same kind of sensor, tell.
     """
     if len(noise) < 3:
         return [slow for _, slow in noise]

@@ -139,9 +139,7 @@ def posterior(
     left = min(max(after**2 - 1, 0.0) / max(before**2 - 1, 1e-9), 1.0)
     hum = any(s.effect == HUM for s in signatures)
     strange = 1.0 if hum else foreign(before if gap is None else gap, t)
-    lacking = max(t.prior_outside, misfit(left, after)) if causes else 1.0
-    if causes and explains_marks(causes[0].at_marks, t):  # whatever else acts, this does
-        lacking = t.prior_outside
+    lacking = _lacking(causes[0], left, after, t) if causes else 1.0
     known = acts * (1.0 - lacking)
     return Posterior(
         causes=tuple(replace(c, probability=known * c.probability) for c in causes),
@@ -156,6 +154,12 @@ def posterior(
         acts=acts,
         hum=hum,
     )
+
+
+def _lacking(first: Cause, left: float, gap: float, t: Thresholds) -> float:
+    """The probability that the library lacks the cause, where its best explanation leaves a share ``left`` of the
+    excess and ``gap``; one that explains its marks acts, whatever else does."""
+    return t.prior_outside if explains_marks(first.at_marks, t) else max(t.prior_outside, misfit(left, gap))
 
 
 def _earned_alone(

@@ -16,7 +16,7 @@ from gap.decision.marks import explains_marks
 from gap.decision.posterior import Posterior, posterior
 from gap.decision.qualified import Qualified
 from gap.decision.thresholds import Thresholds
-from gap.decision.tolerance import Stated, in_tolerances, strained
+from gap.decision.tolerance import Stated, in_stated, in_tolerances, strained
 from gap.decision.tolerated import beside, told, tolerated
 from gap.decision.transfer import (
     Carried,
@@ -28,15 +28,15 @@ from gap.decision.transfer import (
     plain,
     transferred,
 )
-from gap.decision.verdict import UNFINISHED, Findings, Verdict, decide, without_skin
+from gap.decision.verdict import UNFINISHED, WITHIN, Findings, Verdict, decide, without_skin
 from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import Candidate
 from gap.inference.workers import each
 from gap.search.compare import Comparison
 
 SHRUNK, TRANSFERRED, MEMBERS = 3, 2, 3
-"""How many causes are tried as a simulation by themselves, how many on what they were not fitted to, and how many
-members of the first one's class."""
+"""How many causes are tried as a simulation by themselves, how many on recordings that they were not fitted to, and how
+many members of the first one's class."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class Case:
         return trials
 
     def posterior(self, t: Thresholds, *, qualified: bool = True) -> Posterior:
-        """The posterior, with or without what a qualification says beforehand."""
+        """The posterior, with or without the instrument's qualification as prior."""
         known = self.qualified if qualified else None
         prior = t.prior_effect / max(len({c.name for c in self.candidates}), 1)
         beforehand = partial(known.nats, prior=prior) if known is not None else lambda h: 0.0
@@ -127,17 +127,20 @@ def believed(case: Case, t: Thresholds) -> tuple[Case, list[str]]:
 
 
 def settle(case: Case, t: Thresholds, jobs: int = 1) -> Settled:
-    """The verdict on a case under some thresholds. Where two effects are not all, one of them may be, and the other has
-    repaired its form: then what is claimed of it alone is the verdict."""
+    """The verdict on a case under some thresholds. Where nothing is named, effects within tolerance that the data show
+    are listed."""
     settled = _settled(case, t, jobs)
-    if not settled.verdict.claims and case.taken:
-        return _with_tolerated(settled, case, t)
-    if settled.verdict.settled_by != UNFINISHED:
-        return settled
-    comparison, pair = case.comparison, settled.verdict.causes[0].effects
-    singles = [h for h in comparison.hypotheses if len(h.effects) == 1]
-    alone = _settled(replace(case, comparison=replace(comparison, hypotheses=singles)), t, jobs)
-    return alone if alone.verdict.claims and set(alone.verdict.causes[0].effects) <= set(pair) else settled
+    if settled.verdict.settled_by == UNFINISHED:
+        settled = _one_of_two(settled, case, t, jobs)
+    return settled if settled.verdict.claims or not case.taken else _with_tolerated(settled, case, t)
+
+
+def _one_of_two(pair: Settled, case: Case, t: Thresholds, jobs: int) -> Settled:
+    """The claim of one of two effects that are not all, where it holds alone: the other may have repaired its form."""
+    singles = [h for h in case.comparison.hypotheses if len(h.effects) == 1]
+    alone = _settled(replace(case, comparison=replace(case.comparison, hypotheses=singles)), t, jobs)
+    both = set(pair.verdict.causes[0].effects)
+    return alone if alone.verdict.claims and set(alone.verdict.causes[0].effects) <= both else pair
 
 
 def _settled(case: Case, t: Thresholds, jobs: int) -> Settled:
@@ -165,15 +168,19 @@ def _settled(case: Case, t: Thresholds, jobs: int) -> Settled:
 
 
 def _with_tolerated(settled: Settled, case: Case, t: Thresholds) -> Settled:
-    """What the data show within tolerance, where nothing is named: then none is not sure."""
-    found = settled.verdict.posterior.with_tolerated(case.taken, t.unnamed)
-    gap = gap_without_discrepancy(case.null)
-    tried = {id(c.hypothesis): trial for c, trial in zip(settled.verdict.causes, settled.trials, strict=False)}
+    """Effects within tolerance among the causes, where nothing is named: then none is not sure."""
+    verdict, gap = settled.verdict, gap_without_discrepancy(case.null)
+    found = verdict.posterior.with_tolerated(case.taken, t.unnamed)
+    tried = {id(c.hypothesis): trial for c, trial in zip(verdict.causes, settled.trials, strict=False)}
     tried |= {id(c.hypothesis): Trial(case.null, {"fitted": Shrink(gap, gap)}, {}) for c in case.taken}
     known = takewhile(lambda c: id(c.hypothesis) in tried, found.causes)
     trials = tuple(tried[id(c.hypothesis)] for c in known)
-    said = "undetectable" if settled.verdict.verdict == "none" else settled.verdict.verdict
-    return Settled(replace(settled.verdict, verdict=said, posterior=found), settled.found, trials)
+    rules = verdict.rules
+    if verdict.verdict in ("none", "undetectable") and found.causes[0].names in {c.names for c in case.taken}:
+        size = in_stated(found.causes[0].effects[0], found.causes[0].hypothesis, case.stated)
+        rules = (f"{WITHIN}: {size:.1f} stated tolerances <= {t.tolerances:g}", *rules)
+    said = "undetectable" if verdict.verdict == "none" else verdict.verdict
+    return Settled(Verdict(said, found, rules), settled.found, trials)
 
 
 def _withheld(trial: Trial) -> Mapping[str, Shrink]:

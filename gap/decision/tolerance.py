@@ -1,4 +1,4 @@
-"""Whether an effect is no more than what an instrument may be off: then it is no finding."""
+"""Whether an effect is within the tolerances of a sound instrument: then it is no finding."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ def in_tolerances(
     seen: float = np.inf,
 ) -> tuple[float, float]:
     """How many stated tolerances the smallest of hypotheses that cannot be told apart is large, by its parameters or by
-    what it does to the channels' own scales (inf where none is stated); and by how many tempered σ, less than ``seen``
+    its change of the channels' own scales (inf where none is stated); and by how many tempered σ, less than ``seen``
     if possible, it shows beyond that.
 
-    Where the simulation by itself strains tolerances to take on what a hypothesis explains, the channels do not change
-    by what it does: its parameters alone tell its size then."""
+    Where the simulation by itself strains tolerances to do a hypothesis' work, the hypothesis does not change the
+    channels: its parameters alone tell its size then."""
     fair = [h for h in members if all(null.fits[b].penalty - h.fits[b].penalty <= STRAINED for b in problems)]
     sizes = [(_by_parameters(h, stated), 0.0) for h in members]
     sizes += [_by_channels(problems, null, h, stated.get(CHANNELS, {}), temper) for h in fair]

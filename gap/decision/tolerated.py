@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from gap.decision.classes import Cause, concept
 from gap.decision.tolerance import Stated, in_stated
 from gap.inference.evidence import Hypothesis
+from gap.inference.hypothesis import Candidate
 from gap.search.compare import Comparison
 
 
@@ -34,27 +35,30 @@ def tolerated(
     return found
 
 
-def beside(comparison: Comparison, taken: Sequence[Cause], least: float = 0.0) -> Comparison:
+def beside(comparison: Comparison, taken: Sequence[Cause], least: float) -> Comparison:
     """The comparison with the effects ``taken`` on by the simulation: its fits are theirs in the blocks that they
-    touch, and a pair with one of them is the other effect alone, where that takes away at least a share of what the
-    first one does: less may be the first one's form. Effects that touch none of these blocks have the simulation's
+    touch, and a pair with one of them is the other effect alone, where that takes away at least a share of ``least`` of
+    the first one's: less may be the first one's form. Effects that touch none of these blocks have the simulation's
     fits there."""
     if not taken:
         return comparison
     fits = {b: c.hypothesis.fits[b] for c in taken for b in c.effects[0].blocks}
     part = {c.effects[0]: c.hypothesis for c in taken}
-    before = comparison.null.deviance
+    alone = {h.effects for h in comparison.hypotheses}
     hypotheses = []
     for h in comparison.hypotheses:
-        alone = len(h.effects) == 1
-        others = h.effects if alone else tuple(e for e in h.effects if e not in part)
-        first = next((part[e] for e in h.effects if e in part), None)
-        if first is not None and (alone or first.deviance - h.deviance < least * (before - first.deviance)):
-            continue
-        untouched = fits.keys() - {b for e in others for b in e.blocks}
-        if others == h.effects or (others and len(untouched) < len(fits)):
-            hypotheses.append(Hypothesis(others, h.fits | {b: fits[b] for b in untouched}))
+        others = tuple(e for e in h.effects if e not in part)
+        touched = {b for e in others for b in e.blocks}
+        again = others != h.effects and others in alone and touched.isdisjoint(fits)  # as that effect by itself
+        if others and not again and _adds(h, part, comparison.null, least):
+            hypotheses.append(Hypothesis(others, h.fits | {b: f for b, f in fits.items() if b not in touched}))
     return replace(comparison, null=Hypothesis((), comparison.null.fits | fits), hypotheses=hypotheses)
+
+
+def _adds(h: Hypothesis, part: Mapping[Candidate, Hypothesis], null: Hypothesis, least: float) -> bool:
+    """Whether a hypothesis takes away a share of ``least`` beside the effect within tolerance that is part of it."""
+    first = next((part[e] for e in h.effects if e in part), None)
+    return first is None or first.deviance - h.deviance >= least * (null.deviance - first.deviance)
 
 
 def told(taken: Sequence[Cause], stated: Stated) -> list[str]:

@@ -15,7 +15,8 @@ from gap.decision.tolerance import weakest
 from gap.decision.transfer import Shrink
 from gap.search.compare import Comparison
 
-UNFINISHED = "unfinished pair"
+UNFINISHED, WITHIN, DOUBT = "unfinished pair", "within tolerance", "in doubt"
+"""Names of rules that others ask for."""
 VERDICTS = ("effect", "several", "none", "unknown", "undetectable")
 
 
@@ -57,7 +58,7 @@ class Findings:
 
     @property
     def withheld(self) -> Mapping[str, Shrink]:
-        """Held-out gaps that judge an effect: another waveform where there is one that shows what there is to show."""
+        """Held-out gaps that judge an effect: another waveform, where there is one that shows a gap."""
         other = self.held_out.get("waveform")
         if other is None:
             return self.held_out
@@ -179,7 +180,7 @@ def _worse(split: str, limit: Callable[[Findings], float]) -> Callable[[Findings
 
 
 def _next_to(s: Shrink, f: Findings) -> bool:
-    """Whether an effect makes a withheld gap worse by next to nothing of what it takes away where it was fitted: its
+    """Whether an effect makes a withheld gap worse by next to nothing of the gap it removes where it was fitted: its
     parameters are known by the other recordings, to so much."""
     had = f.fitted.before**2 - f.fitted.after**2 if f.fitted is not None else 0.0
     return s.after**2 - s.before**2 < f.t.worse_share * had
@@ -293,7 +294,7 @@ RULES: tuple[Rule, ...] = (
         lambda f: f"several effects leave a gap > {f.t.unfinished_pair:g} where they act: {_fall(f)}",
     ),
     Rule(
-        "within tolerance",
+        WITHIN,
         lambda f: f.tolerances <= f.t.tolerances and f.beyond < f.seen,
         Findings.tolerated,
         lambda f: f"{f.tolerances:.1f} stated tolerances <= {f.t.tolerances:g}",
@@ -376,9 +377,11 @@ def undetectable(verdict: Verdict, reason: str) -> Verdict:
     return replace(verdict, verdict="undetectable", rules=(*verdict.rules, reason))
 
 
-def in_doubt(settled: Verdict, reason: str, t: Thresholds) -> Verdict:
-    """The same findings where the first cause may as well be a fault of what was measured, for ``reason``."""
-    return Verdict("unknown", settled.posterior.doubted(1.0 - t.unnamed), (*settled.rules, reason))
+def in_doubt(verdict: Verdict, reason: str, t: Thresholds) -> Verdict:
+    """The same findings where a reference specimen that is not as stated explains as much as the first cause, for
+    ``reason``."""
+    rules = (f"{DOUBT}: {reason}", *verdict.rules)
+    return Verdict("unknown", verdict.posterior.doubted(1.0 - t.unnamed), rules)
 
 
 def without_skin(cause: Cause, comparison: Comparison, temper: Mapping[str, float]) -> float:

@@ -152,17 +152,7 @@ class Block(abc.ABC):
         self.session, self.library = session, library
         self.tolerances = tolerances(session.instrument)
         self.groups: list[tuple[Group, slice]] = []
-        parts: list[_Part] = []
-        at = 0
-        for group in session.groups:
-            own = [self._part(k) for k in group.members if group.name not in without and self._has_channels(k)]
-            size = sum(len(part.time) for part in own)
-            if size:
-                self.groups.append((group, slice(at, at + size)))
-            parts += own
-            at += size
-        if not at:
-            raise ValueError(f"no recording has all channels {', '.join(self.channels)}")
+        parts = self._grouped(without)
         self.stamps = np.concatenate([part.time for part in parts])
         self._ends = self.stamps + np.concatenate([part.spread for part in parts]) * np.array([[-1.0], [1.0]])
         self.run = np.repeat([part.run for part in parts], [len(part.time) for part in parts])
@@ -180,6 +170,22 @@ class Block(abc.ABC):
         )
         self.rows = self._labelled()
         self._grids, self._delayed = Kept(), Kept(2 * len(self.groups))
+
+    def _grouped(self, without: Sequence[str]) -> list[_Part]:
+        """The bins of all recordings that have the channels, group by group but for those ``without``; `groups` gets
+        the rows of each."""
+        parts: list[_Part] = []
+        at = 0
+        for group in self.session.groups:
+            own = [self._part(k) for k in group.members if group.name not in without and self._has_channels(k)]
+            size = sum(len(part.time) for part in own)
+            if size:
+                self.groups.append((group, slice(at, at + size)))
+            parts += own
+            at += size
+        if not at:
+            raise ValueError(f"no recording has all channels {', '.join(self.channels)}")
+        return parts
 
     def _has_channels(self, k: int) -> bool:
         return all(c in self.session.recordings[k].streams for c in self.channels)

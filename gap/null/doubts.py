@@ -28,8 +28,8 @@ class Doubt:
     effect: str = ""
 
     def __str__(self) -> str:
-        said = f"{self.specimen}: it is not what it says (χ² falls by {self.fall:.0f} if it need not be)"
-        return f"{said}, or {self.effect} acts, which explains as much" if self.effect else said
+        said = f"{self.specimen}: it is not as stated (χ² falls by {self.fall:.0f} if it need not be)"
+        return f"{said}, or {self.effect} acts, which would explain as much" if self.effect else said
 
 
 def doubts(problems: Mapping[str, Problem], null: Hypothesis, tried: Sequence[Hypothesis]) -> list[Doubt]:

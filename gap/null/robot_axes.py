@@ -184,8 +184,8 @@ class AxesBlock(Block):
         self._kept.clear()
 
     def _tried(self, controller: Controller) -> list[tuple[Fit, Controller]]:
-        """Quick fits with a controller; also with what rubs or is late where its gains are strained without, because
-        much of that looks like the other controller."""
+        """Quick fits with a controller; also with friction, drag or lateness where its gains are strained without,
+        because much of these looks like the other controller."""
         self._take(controller)
         fits = [fit(self, nuisance=self.prior_mean, iterations=3)]
         if fits[0].penalty > STRAINED:
@@ -231,8 +231,8 @@ class AxesBlock(Block):
         return Start(self.prior_mean, self.prior_sd, self.prior_mean, unit)
 
     def _loads_under(self, active: Active) -> tuple[Sequence[dict[str, Table]], tuple[object, ...]]:
-        """The loads of all groups once errors of the transducers among the effects are undone, and what tells them from
-        others."""
+        """The loads of all groups once errors of the transducers among the effects are undone, and a key that tells
+        them from others."""
         key = tuple((c.key, *sorted(v.items())) for c, v in active.items() if self._misleads(c))
         if key and key != self._undone[0]:
             loads = []
@@ -305,7 +305,7 @@ class AxesBlock(Block):
         given: Mapping[str, Table],
     ) -> FloatArray:
         """The wanted signals at ``stamps`` (n,) s, (signals, n), by way of a group's own grid: the loop's exact step is
-        then computed for few lengths and not for every sample, and what is ahead of it but once."""
+        then computed for few lengths and not for every sample, and the stages ahead of it but once."""
         grid, made = self._on_grid(group, operators, given)
         return np.stack([np.interp(stamps, grid, made[name]) for name in wanted])
 

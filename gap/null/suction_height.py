@@ -2,9 +2,9 @@
 
 The block is fed with the *smoothed* recorded pressure (raw gauge noise would imitate friction and preload) and meets
 the tissue. Which law a person's skin has, nobody knows: simple ones are tried first, with an elastic curve of three
-parameters and two creep times or a power law of time, or what is not linear (`gap.null.skin_laws`); then four creep
+parameters and two creep times or a power law of time, or nonlinear ones (`gap.null.skin_laws`); then four creep
 times under any elastic curve; then, beside these, a discrepancy that other laws could leave
-(`gap.null.suction_discrepancy`), so that only a change beyond any tissue is a device effect. What is less simple
+(`gap.null.suction_discrepancy`), so that only a change beyond any tissue is a device effect. A less simple law
 must earn its freedom (`Problem.prior_scales`).
 """
 
@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from gap.inference.workers import each
 from gap.null.blocks import SIMPLE_SHIFT, Group, GroupedSession, compressed
 from gap.null.chains import Kept
 from gap.null.skin_laws import BASIC, CREEP, FURTHER, PARTS, USUAL, Part, SkinLaw, guesses, rewired, switched
+from gap.null.skin_tries import Alone, Try, probability
 from gap.null.suction_discrepancy import USUAL_MEMORY, Suction, elastic_freedom, suction_discrepancy
 from gap.null.suction_feed import FedBlock
 from gap.null.suction_pressure import PressureBlock, chain_of
@@ -50,21 +51,6 @@ SAME = 0.02
 """s within which recordings jump equally late."""
 TAKEN = 300.0
 """Nats by which a law that is not linear may be better and still have taken on an effect (of δ 25)."""
-
-
-class Try(NamedTuple):
-    """A fit of the simulation by itself: the law, the nuisance (p,) to begin from, iterations, and a fit near there of
-    the same law whose Jacobian may do."""
-
-    law: SkinLaw
-    begin: FloatArray
-    iterations: int
-    near: Fit | None = None
-
-
-def _probability(alone: tuple[Fit, SkinLaw]) -> float:
-    """log evidence of a law fitted alone."""
-    return alone[0].log_evidence(1.0, (alone[0].prior_sd,))
 
 
 class HeightBlock(FedBlock):
@@ -155,8 +141,8 @@ class HeightBlock(FedBlock):
         return self.USUAL_LAW.beside(self.laws[0].nonlinear)
 
     def _sd(self, sd: FloatArray, law: SkinLaw) -> FloatArray:
-        """Prior widths ``sd`` (p,) with what a law has only; a simple one has an elastic curve of three parameters and
-        a channel that neither holds nor integrates."""
+        """Prior widths ``sd`` (p,), nought for parts that a law lacks; a simple one has an elastic curve of three
+        parameters and a channel that neither holds nor integrates."""
         out = sd.copy()
         for k, part in enumerate(self.PARTS.values()):
             if not law.frees(part):
@@ -221,7 +207,7 @@ class HeightBlock(FedBlock):
             self.prior_sd = fit(self, nuisance=self._start).best_prior(self.prior_scales)
         return self._start.copy()
 
-    def _best_alone(self) -> tuple[Fit, SkinLaw]:
+    def _best_alone(self) -> Alone:
         """The most probable of all laws, fitted alone: basic ones, further ones where these are not at the noise, the
         usual one where none is. From it follow `laws`, and the laws tried when effects are fitted.
 
@@ -230,29 +216,33 @@ class HeightBlock(FedBlock):
         begins = self._guesses()
         entered = {law: begins if law.timed else begins[:1] for law in self.SIMPLE_LAWS}
         alone = [found for law, its in entered.items() for found in self._race([(law, g) for g in its])]
-        basic, plain = max(alone, key=_probability)
+        basic = max(alone, key=probability)
         if not self._enough(alone):
             alone += self._race([(law, begins[0]) for law in self.FURTHER_LAWS], 2)
-        simple, best = max(alone, key=_probability)
+        simple, best = max(alone, key=probability)
         self.laws = tuple(dict.fromkeys([best, *(law.beside(best.nonlinear) for law in self.SIMPLE_LAWS)]))
-        # Above the noise the null has taken on much of an effect: with one, fits begin anew, too. What is not
-        # linear may be nothing but an effect.
-        self._tries = [Try(best, simple.nuisance, 25, simple)]
-        if not self._enough([(simple, best)]):
-            self._tries.append(Try(best, begins[0], 25))
-        if best != plain and _probability((simple, best)) < _probability((basic, plain)) + TAKEN:
-            self._tries.append(Try(plain, begins[0], 25))
+        self._tries = self._beside_an_effect((simple, best), basic, begins[0])
         if not self._enough(alone):
             self._bend(simple.nuisance)
             alone += self._race([(self.full, g) for g in (simple.nuisance, *begins)])
-        found, law = max(alone, key=_probability)
+        found, law = max(alone, key=probability)
         if not law.simple:
             self._tries.append(Try(law, begins[0], 15))
         if found.chi2 > FAR * len(self.measured):  # which law it is, such a fit does not tell
-            known = [(t.law, id(t.begin)) for t in self._tries]
-            basics = [(basic, g) for basic, its in entered.items() for g in its]
-            self._tries += [Try(basic, g, QUICK) for basic, g in basics if (basic, id(g)) not in known]
+            known = {(t.law, id(t.begin)) for t in self._tries}
+            self._tries += [Try(of, g, QUICK) for of, its in entered.items() for g in its if (of, id(g)) not in known]
         return found, law
+
+    def _beside_an_effect(self, best: Alone, basic: Alone, begin: FloatArray) -> list[Try]:
+        """Where fits with an effect begin: at the ``best`` simple law, above the noise, where that has taken on much of
+        an effect, also at ``begin`` (p,); and under the ``basic`` law if a nonlinear one is hardly better."""
+        fitted, law = best
+        tries = [Try(law, fitted.nuisance, 25, fitted)]
+        if not self._enough([best]):
+            tries.append(Try(law, begin, 25))
+        if law != basic[1] and probability(best) < probability(basic) + TAKEN:
+            tries.append(Try(basic[1], begin, 25))
+        return tries
 
     def _bend(self, nuisance: FloatArray) -> None:
         """Columns of other elastic curves that go with the memory of ``nuisance`` (p,)."""
@@ -262,13 +252,13 @@ class HeightBlock(FedBlock):
         at = slice(self._curve_part.start - self._offset, self._curve_part.stop - self._offset)
         self._added[:, at] = self._by_group(elastic_freedom, memory, of_stress)[0] * self._span
 
-    def _race(self, entered: Sequence[tuple[SkinLaw, FloatArray]], kept: int = 1) -> list[tuple[Fit, SkinLaw]]:
+    def _race(self, entered: Sequence[tuple[SkinLaw, FloatArray]], kept: int = 1) -> list[Alone]:
         """Laws fitted alone, each from a nuisance (p,): all a few steps, the most probable to convergence."""
         first = self._alone((), np.zeros(0), [Try(law, begin, QUICK) for law, begin in entered], self.jobs)
-        best = sorted(first, key=_probability, reverse=True)[:kept]
+        best = sorted(first, key=probability, reverse=True)[:kept]
         return self._alone((), np.zeros(0), [Try(law, f.nuisance, 40, f) for f, law in best], self.jobs)
 
-    def _enough(self, alone: Sequence[tuple[Fit, SkinLaw]]) -> bool:
+    def _enough(self, alone: Sequence[Alone]) -> bool:
         """Whether some law is at the noise, so that nothing less simple is tried."""
         return any(f.chi2 < ENOUGH * len(self.measured) for f, _ in alone)
 
@@ -301,13 +291,13 @@ class HeightBlock(FedBlock):
 
     def _alone(
         self, hypothesis: Sequence[Candidate], unit: FloatArray, tries: Sequence[Try], jobs: int = 1
-    ) -> list[tuple[Fit, SkinLaw]]:
+    ) -> list[Alone]:
         """The simulation by itself, the person's tissue not yet known, with effects from ``unit`` (k,) on: a fit for
         each of the ``tries``, and its law. The usual one is left out where a simple one is at the noise."""
         wide = self.sd_without_discrepancy
         wide[: len(self.PARTS)] = [part.sd for part in self.PARTS.values()]
 
-        def fitted(one: Try) -> tuple[Fit, SkinLaw]:
+        def fitted(one: Try) -> Alone:
             problem = under(self, self._mean(one.law), self._sd(wide, one.law))
             begin, near = switched(self.PARTS, one.begin, one.law), one.near
             jacobian, gram = (near.jacobian, near.gram) if near else (None, None)
@@ -327,7 +317,7 @@ class HeightBlock(FedBlock):
         tries = self._tries or [*(Try(law, guess, 25) for law in self.SIMPLE_LAWS), Try(self.USUAL_LAW, guess, 15)]
         if len(tries) > 1:
             first = self._alone(hypothesis, unit, [t._replace(iterations=SHORT) for t in tries])
-            best, law = max(first, key=_probability)
+            best, law = max(first, key=probability)
             unit, tries = best.unit, [Try(law, best.nuisance, 25, best)]
         found, law = self._alone(hypothesis, unit, tries)[0]
         mean = self.prior_mean.copy()

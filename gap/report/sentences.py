@@ -5,6 +5,7 @@ from __future__ import annotations
 from gap.data.signatures import HUM
 from gap.decision.classes import Cause
 from gap.decision.transfer import gap_without_discrepancy, shrink
+from gap.decision.verdict import DOUBT, WITHIN
 from gap.diagnosis import Diagnosis
 from gap.report.breakdown import breakdown
 from gap.report.parameters import of_cause
@@ -23,6 +24,8 @@ def sentences(d: Diagnosis) -> list[str]:
     if d.verdict.verdict in ("none", "undetectable"):
         return [_how_far(d), _nothing(d), *([BOUNDS] if d.bounds else [])]
     if d.verdict.verdict == "unknown":
+        if d.verdict.settled_by == DOUBT:
+            return [_how_far(d), _doubted(d)]
         return [_how_far(d), _unknown(d), text(d.term) if d.term is not None else UNKNOWN_NEXT]
     return [_how_far(d), _explained(d, d.verdict.causes[0]), _tested(d, d.verdict.causes[0])]
 
@@ -42,7 +45,7 @@ def _how_far(d: Diagnosis) -> str:
 
 
 def _nothing(d: Diagnosis) -> str:
-    if d.verdict.causes and d.verdict.rules[0].startswith("within tolerance:"):
+    if d.verdict.causes and d.verdict.settled_by == WITHIN:
         what = " and ".join(words(e.name) for e in d.verdict.causes[0].effects)
         return f"{what.capitalize()} would explain what stands out, and is within twice a stated tolerance: no finding."
     if _within_noise(d):
@@ -61,6 +64,11 @@ def _nothing(d: Diagnosis) -> str:
     return f"No effect stands out, though skin plays no part in {where}: more noise, or wider tolerances, would do it."
 
 
+def _doubted(d: Diagnosis) -> str:
+    doubt = d.doubts[0]
+    return f"{doubt[0].upper()}{doubt[1:]}. Check the specimen, or measure another one."
+
+
 def _unknown(d: Diagnosis) -> str:
     if hum := [s.text for s in d.signatures if s.effect == HUM]:
         return f"{'; '.join(hum)}: no effect of the library makes that."
@@ -68,7 +76,6 @@ def _unknown(d: Diagnosis) -> str:
         return "Nothing in the library explains it."
     what = " and ".join(words(e.name) for e in d.verdict.causes[0].effects)
     nearest = f"Nothing in the library explains it: the best candidate, {what},"
-    rule = d.verdict.rules[0].partition(":")[0]
     failed = {
         "worse on repeats": "makes a withheld repeat worse",
         "worse elsewhere": "makes withheld recordings of another waveform worse",
@@ -77,7 +84,7 @@ def _unknown(d: Diagnosis) -> str:
         "outdone by a rival": "is outdone by another on withheld recordings",
     }
     some = f"takes away only {_share(d):.0f} % of it" if _share(d) < MOST else "is not shown to be the cause"
-    return f"{nearest} {failed.get(rule, some)}."
+    return f"{nearest} {failed.get(d.verdict.settled_by, some)}."
 
 
 def _share(d: Diagnosis) -> float:

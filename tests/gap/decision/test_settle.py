@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gap.decision.settle import Case, settle
+from gap.data.tolerances import Tolerance
+from gap.decision.settle import Case, believed, settle
 from gap.decision.thresholds import INSTRUMENT
 from gap.decision.transfer import plain
 from gap.search.compare import compare
@@ -28,3 +29,22 @@ def test_of_two_effects_that_are_not_all_one_is_claimed(linear, candidate, rest:
     assert verdict.claims
     assert verdict.settled_by == "claimed"
     assert verdict.causes[0].names == (names,)
+
+
+def test_one_of_two_is_claimed_beside_a_tolerance_of_another_channel(linear, candidate) -> None:
+    noise = np.random.default_rng(0).normal(size=(2, len(T)))
+    other = 0.8 * np.random.default_rng(7).choice([-1.0, 1.0], size=len(T))
+    y = DESIGN @ [2.0, 1.0] + noise
+    y[0] += 40.0 * SHAPES["bump"] + 8.0 * SHAPES["late"] + other
+    y[1] += 2.0 * SHAPES["wave"]
+    effects = {n: (lambda v, n=n: v["a"] * SHAPES[n]) for n in ("bump", "late", "wave")}
+    problems = [linear(y[k], DESIGN, effects, np.full(2, 100.0), name=name) for k, name in enumerate(("p", "h"))]
+    blocks = {"bump": "p", "late": "p", "wave": "h"}
+    known = [candidate(n, Parameter("a", "1", -60.0, 60.0, 0.0), block=b) for n, b in blocks.items()]
+    comparison = compare(problems, known)
+    stated = {"wave": {"a": Tolerance(2.0, "1", "of a test")}}
+    null = plain(comparison.problems, comparison.null)
+    case, words = believed(Case(comparison, known, (), null, {}, stated), INSTRUMENT)
+    assert words
+    verdict = settle(case, INSTRUMENT).verdict
+    assert (verdict.settled_by, verdict.causes[0].names) == ("claimed", ("bump",))

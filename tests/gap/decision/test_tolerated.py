@@ -86,6 +86,7 @@ def test_alone_it_is_the_simulation(two_channels) -> None:
     case, _ = believed(_case(comparison, known), INSTRUMENT)
     settled = settle(case, INSTRUMENT)
     assert settled.verdict.causes[0].names == ("bump",)
+    assert settled.verdict.settled_by == "within tolerance"
     assert settled.verdict.verdict == "undetectable"
     assert 0.3 < settled.verdict.causes[0].probability <= 0.45
     assert settled.trials[0].answer is case.null
@@ -123,7 +124,7 @@ def test_every_hypothesis_is_compared_with_it(two_channels) -> None:
     """No effect of another channel has the fits without it."""
     comparison, _ = two_channels(bump=7.0, wave=1.0)
     taken = tolerated(comparison, LIMIT, 2.0)
-    there = beside(comparison, taken)
+    there = beside(comparison, taken, least=0.0)
     assert there.null.effects == ()
     assert told(taken, LIMIT)
     for h in there.hypotheses:

@@ -11,8 +11,10 @@ import pytest
 from gap.decision.classes import Cause
 from gap.decision.thresholds import INSTRUMENT
 from gap.decision.transfer import Shrink
+from gap.decision.verdict import Verdict
 from gap.inference.evidence import Hypothesis
 from gap.inference.least_squares import fit
+from gap.null.doubts import Doubt
 from gap.report.document import probable_set
 from gap.report.parameters import of_cause
 from gap.report.sentences import sentences
@@ -29,7 +31,7 @@ def diagnosis(linear, verdict: str, excess: float, open_law: bool, **more):
     null = Hypothesis((), {"pressure": fit(problem)})
     gap = float(np.sqrt(np.mean(y**2)))
     posterior = SimpleNamespace(none=0.9, outside=0.1, causes=())
-    said = SimpleNamespace(verdict=verdict, causes=(), posterior=posterior, rules=("not seen: …",))
+    said = Verdict(verdict, posterior, ("not seen: …",))
     return SimpleNamespace(
         problems={"pressure": problem}, null=null, best=null, gap_before=gap, gap_after=gap, verdict=said,
         signatures=(), bounds={}, shrinks=(), thresholds=INSTRUMENT, **more,
@@ -47,10 +49,24 @@ def test_a_tolerance_that_explains_the_gap_is_said_to(linear, candidate) -> None
     """ "No effect stands out" was said of a leak of 30 sigma that came first."""
     d = diagnosis(linear, "undetectable", 1.5, open_law=False)
     leak = Cause(Hypothesis((candidate("leak", Parameter("share", "1", 0.0, 1.0)),), {}), ("leak",), 0.45, 30.0)
-    d.verdict.causes, d.verdict.rules = (leak,), ("within tolerance: 0.4 stated tolerances <= 2",)
+    d.verdict.posterior.causes = (leak,)
+    d.verdict = replace(d.verdict, rules=("within tolerance: 0.4 stated tolerances <= 2",))
     told = " ".join(sentences(d))
     assert "Leak would explain what stands out, and is within twice a stated tolerance" in told
     assert "No effect stands out" not in told
+
+
+def test_an_effect_that_may_be_a_wrong_reference_is_said_to_be_either(linear) -> None:
+    """Crosstalk that a block which gives way explains as well was "not shown to be the cause", and a term was looked
+    for."""
+    doubt = Doubt("rigid block", 400.0, (0,), "crosstalk")
+    d = diagnosis(linear, "unknown", 3.0, open_law=False, doubts=(str(doubt),), term=None)
+    d.verdict = replace(d.verdict, rules=(f"in doubt: {doubt}", *d.verdict.rules))
+    told = " ".join(sentences(d))
+    assert "Rigid block: it is not as stated" in told
+    assert "or crosstalk acts" in told
+    assert "Check the specimen" in told
+    assert "Nothing in the library" not in told
 
 
 def test_the_set_is_the_smallest_with_nine_tenths() -> None:
