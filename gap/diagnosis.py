@@ -25,6 +25,7 @@ from gap.decision.posterior import Posterior
 from gap.decision.qualified import Qualified, inform
 from gap.decision.qualified import read as read_qualification
 from gap.decision.settle import Case, Settled, believed, settle
+from gap.decision.structure import regulator_unknown
 from gap.decision.thresholds import INSTRUMENT, RIG, Thresholds
 from gap.decision.tolerance import Stated
 from gap.decision.transfer import Shrink, gap_without_discrepancy, plain
@@ -105,7 +106,8 @@ def _untold(stage: str, share: float) -> None:
 class Options:
     """The grounds of a diagnosis besides its recordings, and how wide it searches; as for `diagnose`.
 
-    ``qualified`` is the qualification once read, ``skins`` those of earlier sessions that are believed.
+    ``qualified`` is the qualification once read, ``skins`` those of earlier sessions that are believed. With an
+    ``unknown_regulator``, a suction instrument's may be of any structure.
     """
 
     model: ForwardModel | None = None
@@ -116,6 +118,7 @@ class Options:
     tell: Tell = _untold
     qualified: Qualified | None = None
     skins: Sequence[Skin] = ()
+    unknown_regulator: bool = False
 
 
 # Systems this small take many times as long on several threads when the cores are busy.
@@ -150,7 +153,8 @@ def diagnose(
     recordings = without_pauses(in_order(recordings))
     if model is None:
         refuse_impossible(recordings)
-    effort = _wide(effort or EFFORTS.get(recordings[0].info.instrument, Effort()), quick)
+    effort = effort or EFFORTS.get(recordings[0].info.instrument, Effort())
+    effort = effort.quicker() if quick else effort
     qualified = read_qualification(qualification, recordings) if qualification is not None else None
     options = Options(model, effort, user_effects, solver, 1 if solver else jobs, tell, qualified)
     skins, unsound = _skins(earlier, recordings, options)
@@ -180,10 +184,6 @@ def diagnose(
         term=proposal,
         earlier=_learnt(case.comparison, skins, unsound) if earlier else None,
     )
-
-
-def _wide(effort: Effort, quick: bool) -> Effort:
-    return effort.quicker() if quick else effort
 
 
 def _proposed(case: Case, verdict: Verdict, t: Thresholds, options: Options) -> Proposal | None:
@@ -232,7 +232,16 @@ def _judged(recordings: Sequence[Recording], options: Options, t: Thresholds) ->
 
 
 def gathered(recordings: Sequence[Recording], options: Options = Options()) -> tuple[Case, list[str]]:
-    """All that the verdict on recordings rests on, every fit done; and remarks on the data."""
+    """All that the verdict on recordings rests on, every fit done; and remarks on the data. Where nothing explains a
+    pressure by a regulator that is known, all is done again with one that is not."""
+    case, told = _gathered(recordings, options)
+    if options.solver or not regulator_unknown(case.comparison):
+        return case, told
+    case, told = _gathered(recordings, replace(options, unknown_regulator=True))
+    return case, [*told, "the regulator is of a structure that the library does not hold: its answers are fitted"]
+
+
+def _gathered(recordings: Sequence[Recording], options: Options) -> tuple[Case, list[str]]:
     options.tell("reading the recordings", 0.0)
     model = options.model
     told = remarks(recordings, one_clock=model is None)
@@ -255,7 +264,7 @@ def gathered(recordings: Sequence[Recording], options: Options = Options()) -> t
     else:
         stated, withheld = tolerances(recordings[0].info.instrument), splits(recordings)
     options.tell("testing on recordings withheld", 0.88)
-    case = Case(
+    return Case(
         comparison=comparison,
         candidates=candidates,
         marks=marks,
@@ -263,8 +272,7 @@ def gathered(recordings: Sequence[Recording], options: Options = Options()) -> t
         withheld=withheld,
         stated=stated,
         qualified=options.qualified,
-    )
-    return case, told
+    ), told
 
 
 def _possible(candidates: Sequence[Candidate], recordings: Sequence[Recording]) -> tuple[Candidate, ...]:
@@ -372,21 +380,18 @@ def _problems(recordings: Sequence[Recording], options: Options) -> tuple[Sequen
         return [rig], rig.candidates
     instrument = recordings[0].info.instrument
     if instrument in ("cutometer", "aspiration"):
+        from gap.null.fe_tissue import fe_height
         from gap.null.suction import suction_problems
 
+        effects, jobs, unknown = library(instrument, user_effects), options.jobs, options.unknown_regulator
         if solver:
-            from gap.null.fe_tissue import fe_height
-
-            return suction_problems(recordings, library(instrument, user_effects), fe_height(solver))
-        return suction_problems(recordings, library(instrument, user_effects), jobs=options.jobs)
+            return suction_problems(recordings, effects, fe_height(solver))
+        return suction_problems(recordings, effects, jobs=jobs, unknown_regulator=unknown)
     if instrument == "microrobot":
+        from gap.null.fe_sheet import fe_force
         from gap.null.robot import robot_problems
 
-        if solver:
-            from gap.null.fe_sheet import fe_force
-
-            return robot_problems(recordings, library(instrument, user_effects), fe_force(solver))
-        return robot_problems(recordings, library(instrument, user_effects))
+        return robot_problems(recordings, library(instrument, user_effects), *([fe_force(solver)] if solver else []))
     raise DiagnosisError(f"instrument {instrument!r} has no built-in forward model: give one with --model file.py:Name")
 
 

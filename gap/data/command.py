@@ -20,6 +20,8 @@ EVEN, ROUNDED, MOSTLY = 2e-3, 1e-3, 0.8
 share of a table. Rows that somebody chose, the corners of a protocol, are meant as they stand."""
 STEP = 0.02
 """Of a command's range: the least change between two rows of a dense table that may be a step."""
+ON_ITS_WAY = 0.2
+"""Of a step: the most that the command moves in the interval before or behind it."""
 HALF_WAY, RESTS, AT_REST = 0.02, 4.0, 0.02
 """Of a step: how far from half-way a row is that was sampled on its way, how many times more than rows beyond it moves,
 and the most that these do."""
@@ -67,9 +69,13 @@ def stepped(time: FloatArray, value: FloatArray) -> tuple[FloatArray, FloatArray
     slope = np.divide(change, dt, out=np.zeros(len(dt)), where=dt > 0)
     jump = even & (np.abs(change) > STEP * span) & (np.abs(slope) * usual > STEP * span)
     alone = jump & ~np.r_[False, jump[:-1]] & ~np.r_[jump[1:], False]
-    # A smooth command that is quick moves as much in the rows around.
-    beside = np.maximum(np.abs(np.r_[0.0, change[:-1]]), np.abs(np.r_[change[1:], 0.0]))
-    steps = (alone & (beside < 0.5 * np.abs(change))) | _in_two(np.where(even, change, 0.0), STEP * span)
+    # A smooth command that is quick moves as much in the rows around; one may be on its way when it steps.
+    beside = np.maximum(np.abs(np.r_[0.0, change[:-1]]), np.abs(np.r_[change[1:], 0.0])) / np.maximum(
+        np.abs(change), 1e-300
+    )
+    steps = (
+        (alone & (beside < 0.5)) | (jump & (beside < ON_ITS_WAY)) | _in_two(np.where(even, change, 0.0), STEP * span)
+    )
     at = np.flatnonzero(steps) + 1
     return np.insert(time, at, time[at]), np.insert(value, at, value[at - 1])
 

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.stats import gamma
 
 from acquire.recording.model import Recording
+from gap.data.command import command
 from gap.data.lines import Spectra, differences, rate_of, without_the_loudest
 from sim_devices.chain import FloatArray
 
@@ -29,6 +30,9 @@ CHANCE = 1e-9
 """Chance that noise alone has such a line."""
 SMOOTH = 0.1
 """s over which a speed is taken."""
+ANSWER = 1.0
+"""s behind a step of the command in which nothing is looked for: a staircase's answers, as often as its steps, leave a
+line, too."""
 LEAST = 128
 """Samples of a recording that is asked."""
 THINNED = (1, 2, 4, 8)
@@ -67,9 +71,28 @@ class Ripple:
 def looks_at_commands(recordings: Sequence[Recording], names: Sequence[str]) -> float | None:
     """Frequency, Hz, of the ripple that follows the speed in the channels ``names``, in all recordings together; None
     where there is none."""
-    series = [r.streams[n] for r in recordings for n in names if n in r.streams]
-    found = _ripple([(np.asarray(s.time, dtype=float), np.asarray(s.value, dtype=float)) for s in series])
+    series = [(r, r.streams[n]) for r in recordings for n in names if n in r.streams]
+    paths = [(np.asarray(s.time, dtype=float), np.asarray(s.value, dtype=float)) for _, s in series]
+    found = _ripple(paths, [_steps(r) for r, _ in series])
     return found.frequency if found else None
+
+
+def _steps(recording: Recording) -> FloatArray:
+    """When a recording's commands step, s."""
+    found = [np.zeros(0)]
+    for table in recording.setpoints.values():
+        c = command(np.asarray(table.time, dtype=float), np.asarray(table.value, dtype=float))
+        found.append(c.time[1:][np.diff(c.time) <= 0])
+    return np.concatenate(found)
+
+
+def _away(time: FloatArray, steps: FloatArray) -> FloatArray:
+    """1 where ``time`` (n,) s is not within `ANSWER` behind one of ``steps`` (k,) s, or so near before it that the
+    speed knows of it, else 0."""
+    out = np.ones(len(time))
+    for step in steps:
+        out[(time > step - 2.0 * SMOOTH) & (time < step + ANSWER)] = 0.0
+    return out
 
 
 def ripple_of(paths: Sequence[tuple[FloatArray, FloatArray]]) -> Ripple | None:
@@ -85,17 +108,22 @@ def _thinned(time: FloatArray, value: FloatArray, size: int) -> tuple[FloatArray
     return time[:kept].reshape(shape).mean(axis=1), value[:kept].reshape(shape).mean(axis=1)
 
 
-def _ripple(paths: Sequence[tuple[FloatArray, FloatArray]]) -> Ripple | None:
-    paths = [(time, value) for time, value in paths if len(value) >= LEAST and np.all(np.isfinite(value))]
-    rate = rate_of([time for time, _ in paths]) if paths else 0.0
+def _ripple(paths: Sequence[tuple[FloatArray, FloatArray]], steps: Sequence[FloatArray] | None = None) -> Ripple | None:
+    """The line that follows the speed of paths, the answers to their ``steps`` (k,) s left out."""
+    stepped = zip(paths, steps or [np.zeros(0)] * len(paths), strict=True)
+    asked = [(*path, own) for path, own in stepped if len(path[1]) >= LEAST and np.all(np.isfinite(path[1]))]
+    rate = rate_of([time for time, _, _ in asked]) if asked else 0.0
     if rate == 0.0:
         return None
     half = max(int(SMOOTH * rate), 2)
-    every = [(time[2:-2], differences(value), _speed(value, half)) for time, value in paths]
+    every = [
+        (time[2:-2], differences(value) * _away(time[2:-2], own), _speed(value, half) * _away(time[2:-2], own))
+        for time, value, own in asked
+    ]
     moving = [(time, ripple, speed) for time, ripple, speed in every if ripple.any() and speed.any()]
     if len(moving) < 2:
         return None
-    found = _line_with_speed([path[1:] for path in moving], Spectra(rate, max(len(value) for _, value in paths)))
+    found = _line_with_speed([path[1:] for path in moving], Spectra(rate, max(len(value) for _, value, _ in asked)))
     if found is None:
         return None
     known = tuple((time, ripple, np.hanning(len(ripple)) * speed) for time, ripple, speed in moving)

@@ -118,6 +118,7 @@ def believed(case: Case, t: Thresholds) -> tuple[Case, list[str]]:
         comparison,
         case.stated,
         t.tolerances,
+        t.separable,
         lambda h: known is not None and bool(known.expected(h)),  # references have shown that it is more
     )
     comparison = beside(comparison, taken, t.second_excess)

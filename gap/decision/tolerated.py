@@ -15,10 +15,14 @@ from gap.search.compare import Comparison
 
 
 def tolerated(
-    comparison: Comparison, stated: Stated, within: float, known: Callable[[Hypothesis], bool] = lambda h: False
+    comparison: Comparison,
+    stated: Stated,
+    within: float,
+    seen: float,
+    known: Callable[[Hypothesis], bool] = lambda h: False,
 ) -> list[Cause]:
-    """Single effects of ``within`` stated tolerances at most that explain the blocks that they touch better than
-    nothing and than any other single effect does; but for those ``known`` to be more.
+    """Single effects of ``within`` stated tolerances at most that stand out by ``seen`` σ and explain the blocks that
+    they touch better than any other single effect does; but for those ``known`` to be more.
 
     Such an effect is no finding, but a simulation without it leaves a rest that other effects would be told for."""
     weighed = comparison.weighed(comparison.temper())
@@ -26,7 +30,7 @@ def tolerated(
     singles = sorted((h for h in comparison.hypotheses if len(h.effects) == 1), key=lambda h: -earned[id(h)])
     found, judged = [], set[str]()
     for h in singles:
-        if earned[id(h)] <= 0.0:
+        if 2.0 * earned[id(h)] < seen**2:
             break
         blocks = set(h.effects[0].blocks)
         if not judged & blocks and in_stated(h.effects[0], h, stated) <= within and not known(h):

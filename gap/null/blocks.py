@@ -23,6 +23,7 @@ from gap.data.labels import label_rows
 from gap.data.pauses import continues
 from gap.data.scatter import timing_log_bayes
 from gap.data.session import SKIN, Session
+from gap.data.smoothing import significant
 from gap.data.tolerances import tolerances
 from gap.inference.evidence import Fit
 from gap.inference.hypothesis import Active, Candidate, Evaluation, Lateness, Rows, Start
@@ -79,7 +80,7 @@ class GroupedSession(Session):
         self.instrument = recordings[0].info.instrument
         labels = [_label(r.info) for r in recordings]
         self.groups = []
-        self._recorded: dict[tuple[str, str], dict[str, Table]] = {}
+        self._recorded: dict[tuple[str, str, bool], dict[str, Table]] = {}
         for label in dict.fromkeys(labels):
             members = tuple(k for k, s in enumerate(labels) if s == label)
             info = recordings[members[0]].info
@@ -90,29 +91,30 @@ class GroupedSession(Session):
         armed = [k for k, r in enumerate(recordings) if not continues(r)]
         self.marks = tuple(self.span(k)[0] - BEFORE for k in armed)
 
-    def recorded(self, channel: str, group: Group) -> dict[str, Table]:
-        """A channel of a group's recordings as a table, always the same one; nothing where it was not recorded."""
-        key = (channel, group.specimen)
+    def recorded(self, channel: str, group: Group, *, smoothed: bool = False) -> dict[str, Table]:
+        """A channel of a group's recordings as a table, always the same one; nothing where it was not recorded.
+
+        What another sensor reads of it is ``smoothed``: its noise, fed into a prediction of itself, would explain it.
+        """
+        key = (channel, group.specimen, smoothed)
         if key not in self._recorded:
-            found = [(k, s) for k in group.members if (s := self.recordings[k].streams.get(channel)) is not None]
-            value = np.concatenate([np.asarray(s.value, dtype=float) for _, s in found] or [np.zeros(0)])
-            time = np.concatenate([self.time(k, s) for k, s in found] or [np.zeros(0)])
-            good = np.isfinite(value)
-            self._recorded[key] = {channel: (time[good], value[good])} if np.any(good) else {}
+            series = [(k, s) for k in group.members if (s := self.recordings[k].streams.get(channel)) is not None]
+            found = [(self.time(k, s), np.asarray(s.value, dtype=float)) for k, s in series]
+            found = [(t[good], v[good]) for t, v in found if np.any(good := np.isfinite(v))]
+            values = [significant(t, v) if smoothed else v for t, v in found]
+            whole = (np.concatenate([t for t, _ in found]), np.concatenate(values)) if found else None
+            self._recorded[key] = {channel: whole} if whole else {}
         return self._recorded[key]
 
     def onset(self, k: int) -> float:
         """When suction is first commanded in recording ``k``, s; its begin where it never is."""
-        group = next(g for g in self.groups if k in g.members)
-        time, value = group.commands["pressure"].time, group.commands["pressure"].value
-        begin, end = self.span(k)
-        acting = np.flatnonzero((value != 0) & (time >= begin) & (time <= end))
-        return float(time[max(acting[0] - 1, 0)]) if len(acting) else begin
+        asked, (begin, end) = next(g for g in self.groups if k in g.members).commands["pressure"], self.span(k)
+        acting = np.flatnonzero((asked.value != 0) & (asked.time >= begin) & (asked.time <= end))
+        return float(asked.time[max(acting[0] - 1, 0)]) if len(acting) else begin
 
     def begins_under_suction(self, k: int) -> bool:
         """Whether recording ``k`` begins under suction: then it does not tell where the height's zero was."""
-        value = np.asarray(self.recordings[k].setpoints["pressure"].value, dtype=float)
-        return bool(value[0] != 0)
+        return bool(self.recordings[k].setpoints["pressure"].value[0] != 0)
 
 
 def _label(info: RunInfo) -> str:

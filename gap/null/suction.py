@@ -20,11 +20,12 @@ def suction_problems(
     effects: Mapping[str, Effect],
     height: Callable[[GroupedSession, Mapping[str, Effect], PressureBlock | None], HeightBlock] = HeightBlock,
     jobs: int = 1,
+    unknown_regulator: bool = False,
 ) -> tuple[Sequence[Problem], tuple[Candidate, ...]]:
     """The blocks that a session's channels allow, and the effects that show in them.
 
     ``height`` makes the block of the apex height: with the reduced tissue, or another one. Its first fits are shared by
-    ``jobs`` processes.
+    ``jobs`` processes. With an ``unknown_regulator`` it may be of a structure that nobody knows.
 
     Raises ValueError when set-points or a measured channel are missing.
     """
@@ -35,10 +36,10 @@ def suction_problems(
     blocks: list[Block] = []
     pressure = None
     if any("pressure" in r.streams for r in recordings):
-        pressure = PressureBlock(session, effects)
+        pressure = PressureBlock(session, effects, unknown_regulator)
         blocks.append(pressure)
     if any("pressure_reference" in r.streams for r in recordings):
-        blocks.append(ManometerBlock(session, effects))
+        blocks.append(ManometerBlock(session, effects, unknown_regulator))
     shown = {g.reference for g in session.groups for k in g.members if "apex_height" in recordings[k].streams}
     if True in shown:  # ahead of the skin: the fit of an effect on a reference goes on to it
         blocks.append(ReferenceBlock(session, effects, pressure))

@@ -47,7 +47,7 @@ class FedPressure:
         sound = sound_chain(self.session.instrument, self.session.marks)
         if all(c.stage == "tissue" for c in active):
             return line
-        height = self.session.recorded("apex_height", group)  # which a gauge may read, too
+        height = self.session.recorded("apex_height", group, smoothed=True)  # which a gauge may read, too
         known = (wanted[0], *height)
         if needed(chain, wanted[1:], known) == needed(sound, wanted[1:], known):
             return line

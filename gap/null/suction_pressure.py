@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -17,14 +17,24 @@ from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Late
 from gap.inference.least_squares import fit, under
 from gap.null.blocks import Block, Group, GroupedSession, Table
 from gap.null.chains import needed
-from gap.null.skin_laws import bounded_exp
-from sim_devices.chain import Chain, Effect, FloatArray, Signals
-from sim_devices.effects.build import PRESSURE
+from gap.null.suction_regulator import (
+    CLOCK,
+    GAIN,
+    SHIFT,
+    SPAN,
+    UNKNOWN,
+    VALVE,
+    VALVE_NOMINAL,
+    ZERO,
+    prior_widths,
+    quantities,
+    regulated,
+    steps,
+)
+from sim_devices.chain import Chain, Effect, FloatArray
 from sim_devices.stages import nominal
-from sim_devices.stages.kernels import evaluate, low_pass, prony
-from sim_devices.stages.operators import Wired, after
 from sim_devices.stages.sampling import REFINEMENT, simulate
-from sim_devices.stages.suction import REGULATOR_TAU, tissue_operators
+from sim_devices.stages.suction import tissue_operators
 from sim_devices.stages.tissues import SuctionTissue, suction_tissue
 
 TOGETHER, RESPONSE = 5e-3, 0.8
@@ -46,10 +56,11 @@ NOISY = 1.2
 LEFT, FOLLOWS = 2.0, 0.5
 """which is one if it leaves less than so much of χ² and strain for each row, and if its flow follows the pressure by so
 many tolerances: else it is but a better place to start from, and something else acts,"""
-OVERSHOT = 5e3
-"""Pa above the air's pressure to which such a loop may vent."""
 SPANS = (0.04, 0.08, 0.15)
 """s for 300 mbar at which a limited rate is looked for."""
+UNEXPLAINED = 0.2
+"""Share of what stands above the noise that a regulator of an unknown structure may leave: it has many parameters, and
+what it leaves more of is something else."""
 VALVE_START = {"integral_rate": 0.1, "suction_flow_slope": 0.6, "venting_flow_slope": 0.6, "flow_asymmetry": 0.3}
 """looked for from here: a valve whose flow follows the pressure."""
 NO_TISSUE = SuctionTissue(0.0, creep=(), times=(), residual=0.0, softening=0.0)
@@ -67,26 +78,6 @@ def chain_of(session: GroupedSession, group: Group, tissue: SuctionTissue, **opt
 def sound_chain(instrument: str, marks: tuple[float, ...], **options: Any) -> Chain:
     """The nominal chain of an instrument that is armed anew at ``marks`` (s)."""
     return nominal(instrument, marks=marks, **options)
-
-
-@dataclass(frozen=True)
-class FurtherLags(Wired):
-    """The difference of a regulator of another structure from a second-order one: ``shares`` (share, s) of its response
-    come with a further lag each, and its slope comes ``lead`` s ahead, of a set-point that is fed forward or
-    weighed; below nought all of it comes with a lag of so much, as by a valve that has one."""
-
-    shares: tuple[tuple[float, float], ...]
-    lead: float
-
-    def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
-        u = signals[self.source[0]]
-        lags = [pair for pair in self.shares if pair[0]]
-        made = evaluate(prony, time, u, 1.0 - sum(k for k, _ in lags), *np.ravel(lags)) if lags else u
-        if self.lead > 0.0:
-            made = made + self.lead * np.gradient(u, time)
-        elif self.lead < 0.0:
-            made = made + evaluate(low_pass, time, u, -self.lead) - u
-        signals[self.target[0]] = made
 
 
 def _specimen(name: str) -> SuctionTissue:
@@ -112,22 +103,15 @@ class PressureBlock(Block):
 
     Nuisance: the regulator's time constant and damping, the sampling convention (a shift within one sample), three
     quick lags and a lead that other regulators than the nominal second-order one would add, and, where nothing less
-    comes to the noise, a limited rate, or the integral, set-point weight and uneven flow of a loop about a valve.
+    comes to the noise, a limited rate, or the integral, set-point weight and uneven flow of a loop about a valve. Where
+    it may be ``unknown``, that is tried first: whoever asks for it knows that nothing else will do.
     """
 
     name, channels = "pressure", ("pressure",)
     floor = 5.0  # Pa: a twentieth of the command's resolution
     trust_other = 0.25  # where the regulator is of another structure, ours of that structure is not quite it
-    LAGS = (0.015, 0.04, 0.1)
-    VALVE: Mapping[str, float] = {  # what these are in a second order
-        "integral_rate": 0.0,
-        "setpoint_weight": 1.0,
-        "suction_flow_slope": 0.0,
-        "venting_flow_slope": 0.0,
-        "flow_asymmetry": 0.0,
-    }
 
-    def __init__(self, session: GroupedSession, library: Mapping[str, Effect]) -> None:
+    def __init__(self, session: GroupedSession, library: Mapping[str, Effect], unknown: bool = False) -> None:
         # An open probe holds no pressure: its record says nothing of the regulator.
         super().__init__(session, library, without=("open air",))
         self.row_noise.widen(np.flatnonzero(self._in_motion()), IGNORED)
@@ -139,9 +123,11 @@ class PressureBlock(Block):
         self.blur_steep_parts(self._slope())
         self.prior_sd = max(self.prior_scales, key=self._probability)
         found = fit(self)
-        if found.chi2 > len(found.residual) * NOISY and not self._try_rate(found):
-            self._try_valve(found)
+        tries = (*([self._try_unknown] if unknown else []), self._try_rate, self._try_valve)
+        if found.chi2 > len(found.residual) * NOISY:
+            any(attempt(found) for attempt in tries)
         best = found if self._begin is None else fit(self)
+        self.explained = best.chi2 < len(best.residual) * NOISY  # by a regulator that is known
         self.row_noise.remember(self.unwhitened(best.residual, {}), self.noise.tolist())
 
     def _try_rate(self, found: Fit) -> bool:
@@ -149,31 +135,48 @@ class PressureBlock(Block):
         the noise and ``found`` does not; whether it was."""
         span = self.tolerances["slew_limit"]["span_time"].value
         limited = self._prior(lambda t: t.widest)
-        limited[self._span] = span
+        limited[SPAN] = span
         looked = under(self, self.prior_mean, limited)
         begins = np.tile(found.nuisance, (len(SPANS), 1))
-        begins[:, self._span] = SPANS
+        begins[:, SPAN] = SPANS
         first = min((fit(looked, nuisance=start, iterations=3) for start in begins), key=lambda f: f.objective)
         best = fit(looked, nuisance=first.nuisance)
         better = best.objective < min(LEFT * len(best.residual), found.objective)
-        if not (better and 0.0 < best.nuisance[self._span] < 2.0 * span):
+        if not (better and 0.0 < best.nuisance[SPAN] < 2.0 * span):
             return False
         self._take(limited, best)
         return True
 
-    def _try_valve(self, found: Fit) -> None:
+    def _try_valve(self, found: Fit) -> bool:
         """Take on a loop about a valve, as a third width of the prior, where it comes to the noise and ``found`` does
-        not, by a flow that follows the pressure."""
-        valve = self._prior(lambda t: t.widest, valve=True)
+        not, by a flow that follows the pressure; whether it was."""
+        valve = self._prior(lambda t: t.widest, VALVE)
         begin = self.prior_mean.copy()
-        begin[self._valve] = [VALVE_START.get(name, 0.0) for name in self.VALVE]
+        begin[VALVE] = [VALVE_START.get(name, 0.0) for name in VALVE_NOMINAL]
         looked = under(self, self.prior_mean, valve)
         tries = [fit(looked, nuisance=start) for start in (begin, found.nuisance)]
         best = max(tries, key=lambda f: f.log_evidence(1.0, (valve,)))
-        flow = (best.nuisance / valve)[self._valve][2:]  # but for the controller's two
+        flow = (best.nuisance / valve)[VALVE][2:]  # but for the controller's two
         better = best.objective < min(LEFT * len(best.residual), found.objective)
-        if better and np.linalg.norm(flow) > FOLLOWS:
-            self._take(valve, best)
+        if not (better and np.linalg.norm(flow) > FOLLOWS):
+            return False
+        self._take(valve, best)
+        return True
+
+    def _try_unknown(self, found: Fit) -> bool:
+        """Take on a regulator of a structure that nobody knows, as a third width of the prior, where it takes away most
+        of what ``found`` leaves; whether it was."""
+        width = self._prior(lambda t: t.widest, UNKNOWN)
+        looked = under(self, self.prior_mean, width)
+        first = min(
+            (fit(looked, nuisance=c, iterations=8) for c in (found.nuisance, self.prior_mean)),
+            key=lambda f: f.objective,
+        )
+        best, n = fit(looked, nuisance=first.nuisance, iterations=60), len(found.residual)
+        if best.objective - n > UNEXPLAINED * (found.objective - n):
+            return False
+        self._take(width, best)
+        return True
 
     def _take(self, width: FloatArray, found: Fit) -> None:
         """Let a third ``width`` (p,) of the prior be this regulator's, which was ``found`` under it."""
@@ -184,27 +187,16 @@ class PressureBlock(Block):
         return (self.trust, self.trust, self.trust_other)[: len(self.prior_scales)]
 
     @property
-    def _valve(self) -> slice:
-        return slice(5 + len(self.LAGS), 5 + len(self.LAGS) + len(self.VALVE))
-
-    @property
-    def _span(self) -> int:
-        """Where the s for 300 mbar of a limited rate stand."""
-        return 5 + len(self.LAGS) + len(self.VALVE)
+    def unknown(self) -> bool:
+        """Whether the regulator is of a structure that nobody knows."""
+        return bool(self.prior_sd[UNKNOWN.start] > FROZEN)
 
     def start(self) -> FloatArray:
         return self.prior_mean.copy() if self._begin is None else self._begin.copy()
 
-    def _prior(self, width: Callable[[Tolerance], float], valve: bool = False) -> FloatArray:
-        """Prior widths (p,) of a sound instrument, by the one of its tolerances that ``width`` takes; those of a loop
-        about a ``valve`` are nought, or as of another make."""
-        own, regulator = self.tolerances, self.tolerances["regulator"]
-        loop = [width(regulator["time"]), width(regulator["damping"]), self.shift_sd, own["clock_skew"]["rate"].value]
-        further = [*[width(regulator["further_lags"])] * len(self.LAGS), width(regulator["lead"])]
-        further += [width(regulator[f"valve_{name}"]) if valve else FROZEN for name in self.VALVE]
-        return np.array(
-            [*loop, *further, FROZEN, own["gauge_gain"]["error"].value, own["gauge_offset"]["offset"].value]
-        )
+    def _prior(self, width: Callable[[Tolerance], float], opened: slice = slice(0)) -> FloatArray:
+        """Prior widths (p,) of a sound instrument, by the one of its tolerances that ``width`` takes."""
+        return prior_widths(self.tolerances, self.shift_sd, width, opened)
 
     def _in_motion(self) -> NDArray[np.bool_]:
         """Rows (n,) of recordings that begin while the pressure still comes back from what was before, until it rests:
@@ -232,27 +224,21 @@ class PressureBlock(Block):
         """A group's nominal chain with the regulator at a nuisance vector."""
         # Bins average over the staircase of the command's resolution: simulate its mean.
         chain = chain_of(self.session, group, NO_TISSUE, command_step=0.0)
-        chain = chain.tuned("regulator", tau=REGULATOR_TAU * bounded_exp(nuisance[0]), zeta=bounded_exp(nuisance[1]))
-        if np.any(np.abs(nuisance[self._valve]) > FROZEN):
-            valve = tuple(nuisance[self._valve] + list(self.VALVE.values()))
-            chain = chain.tuned("regulator", valve=valve, highest=OVERSHOT)  # its integral has to empty first
-        if (span := float(nuisance[self._span])) > FROZEN:
-            chain = chain.tuned("regulator", rates=(PRESSURE / span, PRESSURE / span))
-        shares = tuple(nuisance[4 : 4 + len(self.LAGS)].tolist())
-        lead = float(nuisance[4 + len(self.LAGS)])
-        if not lead and not any(shares):
-            return chain
-        lags = tuple(zip(shares, self.LAGS, strict=True))
-        return after(chain, "regulator", lambda s, t: FurtherLags("further_lags", "actuator", s, t, lags, lead))
+        return regulated(chain, nuisance, self._largest)
+
+    @cached_property
+    def _largest(self) -> float:
+        """The largest suction that is asked for, Pa."""
+        return max(float(np.max(np.abs(g.commands["pressure"].value))) for g, _ in self.groups)
 
     def early(self, time: FloatArray) -> FloatArray:
         """How far the record's stamps ``time`` (n,) are before the command's clock, s."""
         c = self._fitted
-        return np.asarray(c[2] + c[3] * self.session.clock_age(time))
+        return np.asarray(c[SHIFT] + c[CLOCK] * self.session.clock_age(time))
 
     def true(self, recorded: FloatArray) -> FloatArray:
         """Recorded pressures (n,) Pa without the gauge's error, as far as a sound one's goes."""
-        gain, zero = self._fitted[-2:]
+        gain, zero = self._fitted[[GAIN, ZERO]]
         true: FloatArray = recorded * (1.0 - gain) - zero
         return true
 
@@ -262,43 +248,21 @@ class PressureBlock(Block):
 
     def _slope(self) -> FloatArray:
         later, earlier = self.prior_mean.copy(), self.prior_mean.copy()
-        later[2], earlier[2] = 1e-3, -1e-3
+        later[SHIFT], earlier[SHIFT] = 1e-3, -1e-3
         return (self._predict(later, {}) - self._predict(earlier, {})) / 2e-3
 
     def _predict(self, nuisance: FloatArray, active: Active) -> FloatArray:
         """Recorded pressure (n,) Pa, by a gauge without an error: its gain would shrink the noise of a record."""
         out = np.empty(len(self.stamps))
         for g, at in self.groups:
-            shift = nuisance[2] + nuisance[3] * self.session.clock_age(self.stamps[at])
+            shift = nuisance[SHIFT] + nuisance[CLOCK] * self.session.clock_age(self.stamps[at])
             chain = self.with_effects(self._regulated(g, nuisance), active, g)
             # Signals a gauge may read beside pressure are as recorded.
-            out[at] = self.simulated(chain, g, at, shift, self.session.recorded("apex_height", g))[0]
+            out[at] = self.simulated(chain, g, at, shift, self.session.recorded("apex_height", g, smoothed=True))[0]
         return out
 
     def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:
-        return {
-            "regulator_time": (REGULATOR_TAU * float(np.exp(nuisance[0])), "s"),
-            "regulator_damping": (float(np.exp(nuisance[1])), "1"),
-            "regulator_lead": (float(nuisance[4 + len(self.LAGS)]), "s"),
-            **{
-                f"regulator_lag_{1e3 * lag:.0f}_ms": (float(c), "1")
-                for lag, c in zip(self.LAGS, nuisance[4:], strict=False)
-            },
-            **{
-                f"regulator_{name}": (float(c) + plain, "1/s" if name == "integral_rate" else "1")
-                for (name, plain), c in zip(self.VALVE.items(), nuisance[self._valve], strict=True)
-                if self.prior_sd[self._valve.start] > FROZEN
-            },
-            **(
-                {"regulator_span_time": (float(nuisance[self._span]), "s")}
-                if self.prior_sd[self._span] > FROZEN
-                else {}
-            ),
-            "sampling_shift": (float(nuisance[2]), "s"),
-            "clock_rate": (float(nuisance[3]), "s/s"),
-            "gauge_gain_error": (float(nuisance[-2]), "1"),
-            "gauge_zero": (float(nuisance[-1]), "Pa"),
-        }
+        return quantities(nuisance, self.prior_sd)
 
     def warm_start(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
         # Not from the null's shift, which has taken on much of a delay.
@@ -311,7 +275,7 @@ class PressureBlock(Block):
         kinks = self.session.kinks[np.diff(self.session.kinks, prepend=-np.inf) > TOGETHER]
         number = np.searchsorted(kinks, self.stamps, side="right") - 1
         number[(number < 0) | (self.stamps - kinks[number] > RESPONSE)] = len(kinks)
-        slope = fitted.jacobian[:, 2]
+        slope = fitted.jacobian[:, SHIFT]
 
         def over(values: FloatArray) -> FloatArray:
             return np.bincount(number, values, len(kinks) + 1)[:-1].astype(float)
@@ -342,7 +306,7 @@ class PressureBlock(Block):
         rows, chi2 = [], []
         for move in moved:
             there = nuisance.copy()
-            there[2] -= move
+            there[SHIFT] -= move
             rows.append(self.evaluate(there, active, want_jacobian=False).residual)
             chi2.append(np.bincount(number, rows[-1] ** 2, len(telling) + 1)[:-1])
         best = np.clip(np.argmin(chi2, axis=0), 1, len(moved) - 2)
@@ -359,18 +323,17 @@ class PressureBlock(Block):
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         made = self._predict(nuisance, active)
-        gain, zero = nuisance[-2:]
+        gain, zero = nuisance[[GAIN, ZERO]]
         residual = self.whitened(self.measured - made * (1.0 + gain) - zero, active)
         if not want_jacobian:
             return Evaluation(residual, np.zeros((0, 0)))
         jacobian = np.ones((len(residual), len(nuisance)))
-        other = [1e-3] * (len(self.VALVE) + 1)
-        for k, step in enumerate((1e-3, 1e-3, 0.05 * self.dt, 1e-6, *[1e-3] * len(self.LAGS), 1e-4, *other)):
-            if self._valve.start <= k <= self._span and self.prior_sd[k] <= FROZEN:
+        for k, step in enumerate(steps(self.dt)):
+            if VALVE.start <= k < UNKNOWN.stop and self.prior_sd[k] <= FROZEN:
                 jacobian[:, k] = 0.0
                 continue
             moved = nuisance.copy()
             moved[k] += step
             jacobian[:, k] = (self._predict(moved, active) - made) * (1.0 + gain) / step
-        jacobian[:, -2] = made
+        jacobian[:, GAIN] = made
         return Evaluation(residual, self.whitened(jacobian, active))

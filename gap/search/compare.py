@@ -22,7 +22,7 @@ from gap.inference.linear import Projector
 from gap.inference.problem import Problem
 from gap.inference.workers import each
 from gap.search.edges import sharpened
-from gap.search.screening import Screened, as_if_known, from_sound, screen, strains
+from gap.search.screening import Screened, as_if_known, as_open, from_sound, screen, strains
 from sim_devices.chain import FloatArray
 
 ALIKE = 0.85
@@ -124,12 +124,12 @@ def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) ->
         tries = []
         for unit in starts:
             start = np.concatenate([before.unit, unit])
-            here = under(problem, before.prior_mean, screened.widths[block])
+            width = as_open(screened.widths[block], before)
+            here = under(problem, before.prior_mean, width)
             tries.append(from_base(here, hypothesis, start, before.nuisance, 5))
             if problem.sound is not None and strains(problem, before):  # tolerances that took the effect on
                 tries.append(fit(here, hypothesis, start, problem.sound, 5, belief=belief))
             if len(tries) == 1 and (moved := problem.warm_start(hypothesis, start)) is not None:
-                width = screened.widths[block]
                 for sd in (moved.sd,) if width is moved.sd else (width, moved.sd):
                     there, near = under(problem, moved.mean, sd), moved.jacobian if sd is moved.sd else None
                     tries.append(fit(there, hypothesis, moved.unit, moved.nuisance, 5, jacobian=near, belief=belief))

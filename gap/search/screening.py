@@ -185,6 +185,12 @@ def _beginnings(
     return bests[0] if candidate.event else sum(bests), starts
 
 
+def as_open(width: FloatArray, base: Fit) -> FloatArray:
+    """The prior's ``width`` (p,) to fit an effect under from ``base``: the base's, if it would freeze what the base
+    needs."""
+    return base.prior_sd if np.any((width <= FROZEN) & (base.prior_sd > FROZEN)) else width
+
+
 def strains(problem: Problem, base: Fit) -> bool:
     """Whether a fit of the simulation by itself strains the tolerances that its nuisance is."""
     free = problem.prior_sd > FROZEN
@@ -340,7 +346,7 @@ def _quick_fit(
     starts = {}
     for block, (unit, *others) in screened.starts.items():
         before, problem = base.fits[block], problems[block]
-        here = under(problem, before.prior_mean, screened.widths[block])
+        here = under(problem, before.prior_mean, as_open(screened.widths[block], before))
         hypothesis = (*before.hypothesis, screened.candidate)
         start = np.concatenate([before.unit, unit if there is None else there])
         steps = QUICK if there is None else 0

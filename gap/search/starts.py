@@ -2,8 +2,8 @@
 
 A fit finds a narrow optimum (rhythm, moment, one recording) only from close by. Effects say by the names of their
 parameters that they are such: a ``phase`` with a ``frequency``, an ``interval``, a ``period`` or a ``tau``; a
-``moment``, which may have a ``duration``; a ``later``; a ``within``; a ``capacity``; a ``knee``; in processing, a
-``delay``.
+``moment``, which may have a ``duration``; a ``later``; a ``within``; a ``capacity``; a ``knee``; a ``rest``; in
+processing, a ``delay``.
 """
 
 from __future__ import annotations
@@ -31,6 +31,9 @@ BESIDE = (0.1, 0.5)
 """The same for a law that is usually plain: with a little of something beside it, or much."""
 THRESHOLDS = tuple(np.linspace(0.1, 0.9, 27).tolist())
 """Quantiles of a ``band`` within which nothing answers: an answer to a ramp by steps fits from close by only."""
+RESTS = tuple(np.linspace(0.35, 0.95, 12).tolist())
+"""The same of a ``rest`` that must be long enough: rests of a protocol differ by steps, and no fit leads from one to
+another."""
 LIMITS = (0.1, 0.25, 0.4, 0.48, 0.53, 0.57, 0.61, 0.66, 0.72, 0.8)
 """The same of a limit by itself: many a signal meets one for moments only, or would go farther by a simulation that was
 never fitted to it."""
@@ -45,6 +48,9 @@ SHARES = {"capacity": (1.05, 1.25), "knee": (0.3, 0.6, 0.85), "limit": (1.0, 1.2
 """Values that are looked at, as shares of the greatest one measured. Far above it no capacity shows, below it all is
 lost; a knee does not show above it; at a limit a channel is cut off, or it bends towards one beyond."""
 
+BLEEDS = (0.03, 0.2)
+"""1/s that a held suction draws from a store: what is drawn at once and what is drawn in holds empty it otherwise."""
+
 Place = Mapping[str, float]
 """Values of some of an effect's parameters."""
 
@@ -57,7 +63,7 @@ def grid(candidate: Candidate, known: Collection[str] = ()) -> list[FloatArray]:
     size = max(len(several), 1)
     for k, p in enumerate(candidate.parameters):
         values = (0.5,) if k in several or p.name in known else _values(p)
-        if values not in (THRESHOLDS, LIMITS, LOWER_LIMITS):
+        if values not in (THRESHOLDS, RESTS, LIMITS, LOWER_LIMITS):
             values = next((v for v in (values, _fewer(p, values)) if size * len(v) <= MAX_GRID), _usual(p))
         size *= len(values)
         axes.append(values)
@@ -71,6 +77,8 @@ def _values(p: Parameter) -> tuple[float, ...]:
         return DIRECTIONS[p.name]
     if p.name == "band" and p.null is not None:
         return THRESHOLDS
+    if p.name == "rest":
+        return RESTS
     if p.name == "limit" and p.null is None:
         return LIMITS if p.default > 0.5 * (p.low + p.high) else LOWER_LIMITS
     if p.null is None:
@@ -180,7 +188,10 @@ def _of_the_greatest(candidate: Candidate, problem: Problem) -> list[Place]:
     for p in candidate.parameters:
         # A limit of force is not in the unit of an axis.
         if p.name in SHARES and (p.name != "limit" or (candidate.name == "sensor_saturation" and p.unit == "m")):
-            return [{p.name: share * most} for share in SHARES[p.name]]
+            shares: list[Place] = [{p.name: share * most} for share in SHARES[p.name]]
+            bleeds = BLEEDS if any(q.name == "bleed" for q in candidate.parameters) else ()
+            with_bleed: list[Place] = [{**place, "bleed": bleed} for place in shares for bleed in bleeds]
+            return with_bleed or shares
     return []
 
 

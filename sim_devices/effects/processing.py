@@ -48,7 +48,7 @@ class Retare(Wired):
 def _zeroing(chain: Chain, v: Values) -> Chain:
     form = chosen(v, "form")
     if form == 1:
-        return chain.tuned("zeroing", anew=v["delay"])
+        return chain.tuned("zeroing", anew=v["rest"])
     return chain.tuned("zeroing", delay=v["delay"], averaged=form == 2)
 
 
@@ -182,7 +182,8 @@ EFFECTS = (
         "Keep the raw height and subtract the zero afterwards.",
         "the Cutometer resets to 0 when suction starts (paper)",
         (
-            strength("delay", "s", 5e-3, 10.0, 0.3, "after the start of suction; form 1: rest that is needed"),
+            strength("delay", "s", 5e-3, 10.0, 0.3, "after the start of suction", only=(0, 2)),
+            strength("rest", "s", 0.05, 30.0, 3.0, "that is needed before it", only=(1,)),
             choice("form", 0, "late", "at every suction after a rest", "a mean that takes so long"),
         ),
         _zeroing,

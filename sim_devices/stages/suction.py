@@ -33,7 +33,8 @@ class Regulator(Wired):
 
     ``rates`` (Pa/s) limit how fast pressure rises and falls, at once or, if it is ``eased``, ever more as they are
     approached. One with a ``valve`` (r 1/s, b, build, vent, lean of `kernels.valve_loop`) is a PI loop whose flow
-    follows the pressure; it is the second order where these are 0, 1, 0, 0, 0.
+    follows the pressure; it is the second order where these are 0, 1, 0, 0, 0. One of ``unknown`` structure (largest
+    command Pa, logarithms of `kernels.free_loop`) is the second order where these are 0.
     """
 
     tau: float = REGULATOR_TAU
@@ -43,8 +44,11 @@ class Regulator(Wired):
     rates: tuple[float, float] = (np.inf, np.inf)
     eased: bool = False
     valve: tuple[float, ...] = ()
+    unknown: tuple[float, ...] = ()
 
     def fresh(self) -> Any:
+        if self.unknown:
+            return np.zeros(kernels.STATE), np.array([self.tau, self.zeta, *self.unknown])
         valve = (*self.valve, -self.lowest, float(self.eased)) if self.valve else ()
         return np.zeros(kernels.STATE), np.array([self.tau, self.zeta, *self.rates, *valve])
 
@@ -53,6 +57,7 @@ class Regulator(Wired):
         law = kernels.eased if self.eased else kernels.hurried
         law = kernels.second_order if np.isinf(self.rates).all() else law
         law = kernels.valve_loop if self.valve else law
+        law = kernels.free_loop if self.unknown else law
         law(state[0], time, signals[self.source[0]], state[1], out)
         signals[self.target[0]] = np.clip(out, self.lowest, self.highest, out=out)
 

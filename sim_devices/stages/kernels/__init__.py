@@ -57,10 +57,11 @@ from sim_devices.stages.kernels.lags import (
     second_order,
     uneven_low_pass,
 )
-from sim_devices.stages.kernels.loops import valve_loop
+from sim_devices.stages.kernels.loops import FREE, free_loop, valve_loop
 from sim_devices.stages.kernels.sampling import faulty_samples, jittered, late_by_any, slope_so_far
 
 __all__ = [
+    "FREE",
     "SAME",
     "STATE",
     "STEPS",
@@ -74,6 +75,7 @@ __all__ = [
     "evaluate",
     "exposure_gain",
     "faulty_samples",
+    "free_loop",
     "friction",
     "hash_uniform",
     "hold_weights",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import njit
 
 from sim_devices.stages.kernels.base import FloatArray
@@ -69,4 +70,86 @@ def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
                 )
                 sy, sx, si = sy + w * dy, sx + w * dx, si + w * di
             s[3], s[4], s[5] = y0 + h / 6.0 * sy, x0 + h / 6.0 * sx, i0 + h / 6.0 * si
+        s[1], s[2], y[i] = t[i], u[i], s[3]
+
+
+LONGEST = 4e-3
+"""s of a step of `free_loop`, whose quickest rates are 100/s or so."""
+DRIVE_KNOTS = (0.0, 0.03, 0.1, 0.25, 0.5)
+"""Of the largest command: errors between which the drive of `free_loop` is straight."""
+SPEED_KNOTS = (0.0, 0.05, 0.15, 0.3)
+"""Of the largest command over the time constant: speeds between which its resistance is straight."""
+LEAST_SLOPE, MOST_SLOPE = -4.0, 2.0
+"""Logarithms between which those of `free_loop` are held: beyond, its step would be too long."""
+SETTLES = 0.2
+"""s in which the controller's memory of `free_loop` forgets, nominally."""
+FREE = 2 * (len(DRIVE_KNOTS) + len(SPEED_KNOTS)) + 12
+"""How many logarithms make `free_loop` another than a second order."""
+
+
+@njit(cache=True)
+def _broken(x: float, knots: FloatArray, slopes: FloatArray) -> float:
+    """A line through 0 that is straight between ``knots`` of |x|, with ``slopes`` of its own for either sign."""
+    at = 0 if x < 0.0 else len(knots)
+    size, out = abs(x), 0.0
+    for k in range(len(knots)):
+        if size <= knots[k]:
+            break
+        end = knots[k + 1] if k + 1 < len(knots) else math.inf
+        out += slopes[at + k] * (min(size, end) - knots[k])
+    return math.copysign(out, x)
+
+
+@njit(cache=True)
+def _grown(q: float, rise: FloatArray, k: int) -> float:
+    """How many times larger one of the four lines is at a share ``q`` of the largest command."""
+    return math.exp(q * (rise[k] + q * rise[k + 5]))
+
+
+@njit(cache=True)
+def free_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """Pressure by a regulator of unknown structure, which is at rest where it meets its command:
+    tau² y'' = D(e) + z - 2 zeta tau R(y'), T z' = a e + b (D(e) - D'(0) e) - z, e = u - y, with D and R rising lines
+    that are broken at `DRIVE_KNOTS` and `SPEED_KNOTS` and have slopes of their own for either sign and at either end of
+    the line's pressure; z is what a controller keeps of its error, and of what it could not do.
+
+    ``p`` = (tau s, zeta, largest command Pa, log slopes of D below and above 0, those of R, how all of these grow with
+    q = -y / span, how D does where nothing is asked for, and how they grow with q², a, b, log T); it is a second-order
+    lag where all but the first three are 0. Classical Runge-Kutta.
+    """
+    tau, zeta, span = p[0], p[1], p[2]
+    nd, nr = len(DRIVE_KNOTS), len(SPEED_KNOTS)
+    drive_knots, speed_knots = np.array(DRIVE_KNOTS) * span, np.array(SPEED_KNOTS) * span / tau
+    slopes = np.exp(np.minimum(np.maximum(p[3:], LEAST_SLOPE), MOST_SLOPE))
+    drive, resist = slopes[: 2 * nd], slopes[2 * nd : 2 * (nd + nr)]
+    rise = np.minimum(np.maximum(p[3 + 2 * (nd + nr) :], LEAST_SLOPE), MOST_SLOPE)
+    kept, wound, forgets = rise[9], rise[10], SETTLES * math.exp(rise[11])
+    if s[0] == 0.0 and t.size:
+        s[0], s[1], s[2] = 1.0, t[0], u[0]
+    for i in range(t.size):
+        dt, change = t[i] - s[1], u[i] - s[2]
+        parts = max(math.ceil(dt / LONGEST * (1.0 - 1e-9)), 1) if dt > 1e-7 else 0
+        h = dt / max(parts, 1)
+        s[6] = max(s[6], abs(u[i]))
+        for j in range(parts):
+            if change == 0.0 and abs(u[i] - s[3]) + abs(s[4]) * tau + abs(s[5]) < AT_REST * s[6]:
+                break
+            at, slope = s[2] + j / parts * change, change / dt
+            y0, v0, z0 = s[3], s[4], s[5]
+            dy, dv, dz = 0.0, 0.0, 0.0
+            sy, sv, sz = 0.0, 0.0, 0.0
+            for stage in range(4):
+                part = 0.0 if stage == 0 else (h if stage == 3 else 0.5 * h)
+                w = 1.0 if stage == 0 or stage == 3 else 2.0
+                yy, vv, zz, now = y0 + part * dy, v0 + part * dv, z0 + part * dz, at + part * slope
+                e, q = now - yy, min(max(-yy / span, 0.0), 1.0)
+                side = 0 if e < 0.0 else 1
+                push = _broken(e, drive_knots, drive)
+                undone = push - drive[side * nd] * e
+                push *= _grown(q, rise, side) * (math.exp(rise[4]) if now > -1.0 else 1.0)
+                drag = _broken(vv, speed_knots, resist) * _grown(q, rise, 2 if vv < 0.0 else 3)
+                dy, dv = vv, (push + zz - 2.0 * zeta * tau * drag) / (tau * tau)
+                dz = (kept * e + wound * undone - zz) / forgets
+                sy, sv, sz = sy + w * dy, sv + w * dv, sz + w * dz
+            s[3], s[4], s[5] = y0 + h / 6.0 * sy, v0 + h / 6.0 * sv, z0 + h / 6.0 * sz
         s[1], s[2], y[i] = t[i], u[i], s[3]

@@ -46,6 +46,16 @@ def test_a_jump_between_two_rows_is_a_step_at_the_later() -> None:
     assert set(c.time[jumps]) <= set(c.kinks)
 
 
+def test_a_command_may_be_on_its_way_when_it_steps() -> None:
+    """A sine that was cut off between two rows of 50 ms was a ramp: 90 sigma of a sound instrument."""
+    rows = np.arange(0.0, 20.0, 0.05)
+    sine = np.where(rows < 9.98, 18.0 + 7.0 * np.sin(np.pi * rows / 2.0), 0.0)
+    c = command(rows, sine)
+    assert c.time[np.flatnonzero(np.diff(c.time) == 0)] == pytest.approx([10.0])
+    quick = np.sin(2 * np.pi * 1.7 * rows)
+    assert not np.any(np.diff(command(rows, quick).time) == 0)
+
+
 @pytest.mark.parametrize("share", [0.003, 0.3, 0.66, 0.995])
 def test_a_step_that_was_sampled_on_its_way_comes_in_two(share: float) -> None:
     """It was taken for a ramp of two intervals, 10 ms early: a sound regulator was 19 sigma off."""

@@ -72,7 +72,7 @@ def test_an_effect_within_tolerance_hides_none_in_its_own_channel(two_channels) 
 def test_the_form_of_one_within_tolerance_is_not_repaired_by_another(two_channels) -> None:
     """A lag within tolerance left a sixtieth of what it explained, which creep took away, and was claimed for."""
     comparison, _ = two_channels(bump=7.0, late=4.0)
-    taken = tolerated(comparison, LIMIT, 2.0)
+    taken = tolerated(comparison, LIMIT, 2.0, 3.0)
     both = [h for h in comparison.hypotheses if {e.name for e in h.effects} == {"bump", "late"}]
     first = taken[0].hypothesis
     share = (first.deviance - both[0].deviance) / (comparison.null.deviance - first.deviance)
@@ -111,19 +111,19 @@ def test_nothing_and_more_than_a_tolerance_stay(two_channels, bump: float) -> No
 
 def test_one_that_references_have_shown_stays(two_channels) -> None:
     comparison, _ = two_channels(bump=7.0)
-    assert tolerated(comparison, LIMIT, 2.0)
-    assert not tolerated(comparison, LIMIT, 2.0, known=lambda h: h.name == "bump")
+    assert tolerated(comparison, LIMIT, 2.0, 3.0)
+    assert not tolerated(comparison, LIMIT, 2.0, 3.0, known=lambda h: h.name == "bump")
 
 
 def test_a_stronger_one_in_the_same_channel_is_not_hidden(two_channels) -> None:
     comparison, _ = two_channels(bump=4.0, late=12.0)
-    assert not tolerated(comparison, LIMIT, 2.0)
+    assert not tolerated(comparison, LIMIT, 2.0, 3.0)
 
 
 def test_every_hypothesis_is_compared_with_it(two_channels) -> None:
     """No effect of another channel has the fits without it."""
     comparison, _ = two_channels(bump=7.0, wave=1.0)
-    taken = tolerated(comparison, LIMIT, 2.0)
+    taken = tolerated(comparison, LIMIT, 2.0, 3.0)
     there = beside(comparison, taken, least=0.0)
     assert there.null.effects == ()
     assert told(taken, LIMIT)
@@ -132,3 +132,11 @@ def test_every_hypothesis_is_compared_with_it(two_channels) -> None:
             assert h.fits["p"] is there.null.fits["p"]
     singles = [h.name for h in there.hypotheses]
     assert len(singles) == len(set(singles))
+
+
+def test_one_that_hardly_stands_out_is_not_taken_on(two_channels) -> None:
+    """A rate limit that explained 0.8 nats halved the probability that nothing acts."""
+    comparison, _ = two_channels(bump=0.85)
+    (cause,) = tolerated(comparison, LIMIT, 2.0, 0.0)
+    assert 0.0 < cause.detectability < 3.0
+    assert not tolerated(comparison, LIMIT, 2.0, 3.0)

@@ -14,6 +14,7 @@ from gap.inference.hypothesis import FROZEN
 from gap.inference.least_squares import fit
 from gap.null.blocks import GroupedSession
 from gap.null.suction_pressure import PressureBlock
+from gap.null.suction_regulator import SPAN, VALVE
 from sim_devices.stages.kernels import evaluate, second_order, valve_loop
 
 STEP, NOISE = 1e-3, 30.0
@@ -74,7 +75,7 @@ def test_a_rate_that_is_limited_within_its_tolerance_is_another_make(recording: 
     found = fit(block)
     assert found.chi2 / len(found.residual) < 1.3
     assert block.quantities(found.nuisance)["regulator_span_time"][0] == pytest.approx(0.12, rel=0.1)
-    assert np.all(block.prior_sd[block._valve] <= FROZEN)
+    assert np.all(block.prior_sd[VALVE] <= FROZEN)
 
 
 def test_a_slower_one_is_a_finding(recording: Callable[..., Recording]) -> None:
@@ -88,8 +89,8 @@ def test_a_second_order_needs_no_valve(recording: Callable[..., Recording]) -> N
     time = np.arange(0.0, 24.0, STEP)
     block = session(recording, lambda u: evaluate(second_order, time, u, 0.05, 0.9), 2)
     assert len(block.prior_scales) == 2
-    assert np.all(block.prior_sd[block._valve] <= FROZEN)
-    assert block.prior_sd[block._span] <= FROZEN
+    assert np.all(block.prior_sd[VALVE] <= FROZEN)
+    assert block.prior_sd[SPAN] <= FROZEN
 
 
 @pytest.mark.parametrize(("tau", "zeta"), [(0.04, 1.0), (0.03, 0.6), (0.06, 2.0)])

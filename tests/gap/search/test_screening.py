@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
+from gap.effects.load import library
 from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import Candidate
 from gap.inference.least_squares import fit, under
 from gap.search.compare import Effort, compare
 from gap.search.screening import _beginnings, as_if_known, screen
-from gap.search.starts import BESIDE, grid, starting_points
+from gap.search.starts import BESIDE, RESTS, grid, starting_points
 from sim_devices.chain import Parameter
 
 T = np.linspace(0.0, 1.0, 400)
@@ -38,6 +40,17 @@ def test_the_screening_looks_at_an_exchange_that_is_whole() -> None:
     share = Parameter("share", "1", 0.01, 1.0, 0.0, 1.0, "log")
     swap = Candidate("swap", "axis_swap", "processing", (share,), ())
     assert max(swap.values(u)["share"] for u in grid(swap)) == 1.0
+
+
+def test_the_screening_looks_at_rests_of_every_length() -> None:
+    """Where those of 7 s at least are zeroed after, no fit leads there from points at 1 s and 30 s."""
+    effect = library("aspiration")["wrong_zeroing[form=1]"]
+    rests = [float(u[0]) for u in grid(Candidate("z", effect.name, effect.stage, effect.parameters, ()))]
+    assert tuple(rests) == RESTS
+    seconds = [effect.parameters[0].low * 600.0**u for u in rests]
+    assert all(later / earlier < 1.5 for earlier, later in pairwise(seconds))
+    assert seconds[0] < 0.5
+    assert seconds[-1] > 20.0
 
 
 def test_what_a_wide_prior_swallows_is_seen_through_a_narrow_one(linear, candidate) -> None:

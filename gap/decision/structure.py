@@ -1,0 +1,32 @@
+"""Whether a regulator is of a structure that nobody knows: the last resort, for it can do most of what effects do."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gap.inference.least_squares import fit
+from gap.null.suction_pressure import PressureBlock
+from gap.search.compare import Comparison
+
+LEAVES = 1.5
+"""Times the χ² that a regulator of unknown structure leaves, which the best effect about a known one must leave for it
+to be believed: effects of other forms than the library's leave less, as a rule. Pairs are not asked: two of them can be
+many a structure."""
+
+
+def regulator_unknown(comparison: Comparison) -> bool:
+    """Whether a regulator of unknown structure explains a recorded pressure far better than any single effect about one
+    that is known."""
+    pressures = [(name, p) for name, p in comparison.problems.items() if isinstance(p, PressureBlock)]
+    return any(_far_better(comparison, name, p) for name, p in pressures if not p.explained)
+
+
+def _far_better(comparison: Comparison, name: str, known: PressureBlock) -> bool:
+    free = type(known)(known.session, known.library, unknown=True)
+    if not free.unknown:
+        return False
+    # Noise is what a block's best simulation leaves: the two are compared by that of the better one.
+    left = [
+        known.unwhitened(h.fits[name].residual, h.fits[name].active) for h in (comparison.null, *comparison.hypotheses)
+    ]
+    return min(float(np.sum(np.square(free.whitened(rest, {})))) for rest in left) > LEAVES * fit(free).chi2

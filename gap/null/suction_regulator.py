@@ -1,0 +1,136 @@
+"""The regulator of a suction instrument among the nuisance: near the nominal one, of another make, or of a structure
+that nobody knows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gap.data.tolerances import Tolerance
+from gap.inference.hypothesis import FROZEN
+from gap.null.skin_laws import bounded_exp
+from sim_devices.chain import Chain, FloatArray, Signals
+from sim_devices.effects.build import PRESSURE
+from sim_devices.stages.kernels import FREE, evaluate, low_pass, prony
+from sim_devices.stages.operators import Wired, after
+from sim_devices.stages.suction import REGULATOR_TAU
+
+LAGS, SLOW_LAGS = (0.015, 0.04, 0.1), (0.3, 1.5, 7.0)
+"""s of further lags, of which a regulator has small shares; the slow ones are of an integral that is."""
+VALVE_NOMINAL: Mapping[str, float] = {
+    "integral_rate": 0.0,
+    "setpoint_weight": 1.0,
+    "suction_flow_slope": 0.0,
+    "venting_flow_slope": 0.0,
+    "flow_asymmetry": 0.0,
+}
+"""A loop about a valve, and what these are in a second order."""
+TIME, DAMPING, SHIFT, CLOCK = range(4)
+FURTHER = slice(4, 4 + len(LAGS))
+LEAD = FURTHER.stop
+VALVE = slice(LEAD + 1, LEAD + 1 + len(VALVE_NOMINAL))
+SPAN = VALVE.stop
+SLOW = slice(SPAN + 1, SPAN + 1 + len(SLOW_LAGS))
+UNKNOWN = slice(SLOW.stop, SLOW.stop + FREE)
+GAIN, ZERO = UNKNOWN.stop, UNKNOWN.stop + 1
+SIZE = ZERO + 1
+"""Where the nuisance (SIZE,) has the logarithm of the regulator's time and damping, how late its samples are (s) and
+its clock's rate; shares of further lags, a lead (s), the loop about a valve, the s for 300 mbar of a limited rate,
+shares of slow lags, the logarithms of `kernels.free_loop`; and the gauge's gain and zero (Pa)."""
+OVERSHOT = 5e3
+"""Pa above the air's pressure to which a loop about a valve may vent."""
+
+
+@dataclass(frozen=True)
+class FurtherLags(Wired):
+    """The difference of a regulator of another structure from a second-order one: ``shares`` (share, s) of its response
+    come with a further lag each, and its slope comes ``lead`` s ahead, of a set-point that is fed forward or
+    weighed; below nought all of it comes with a lag of so much, as by a valve that has one."""
+
+    shares: tuple[tuple[float, float], ...]
+    lead: float
+
+    def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
+        u = signals[self.source[0]]
+        lags = [pair for pair in self.shares if pair[0]]
+        made = evaluate(prony, time, u, 1.0 - sum(k for k, _ in lags), *np.ravel(lags)) if lags else u
+        if self.lead > 0.0:
+            made = made + self.lead * np.gradient(u, time)
+        elif self.lead < 0.0:
+            made = made + evaluate(low_pass, time, u, -self.lead) - u
+        signals[self.target[0]] = made
+
+
+def prior_widths(
+    own: Mapping[str, Mapping[str, Tolerance]],
+    shift: float,
+    width: Callable[[Tolerance], float],
+    opened: slice = slice(0),
+) -> FloatArray:
+    """Prior widths (SIZE,) by an instrument's ``own`` tolerances, of which ``width`` takes one; ``shift`` s is how late
+    a sound channel may be. What makes a regulator another than a second order is frozen, but for the part ``opened``.
+    """
+    regulator = own["regulator"]
+    out = np.full(SIZE, FROZEN)
+    out[[TIME, DAMPING]] = width(regulator["time"]), width(regulator["damping"])
+    out[[SHIFT, CLOCK]] = shift, own["clock_skew"]["rate"].value
+    out[FURTHER], out[LEAD] = width(regulator["further_lags"]), width(regulator["lead"])
+    if opened == VALVE:
+        out[VALVE] = [width(regulator[f"valve_{name}"]) for name in VALVE_NOMINAL]
+    if opened == UNKNOWN:
+        out[UNKNOWN], out[SLOW] = width(regulator["unknown_slopes"]), width(regulator["further_lags"])
+    out[[GAIN, ZERO]] = own["gauge_gain"]["error"].value, own["gauge_offset"]["offset"].value
+    return out
+
+
+def steps(sampling: float) -> FloatArray:
+    """Steps (SIZE - 2,) of differences for the Jacobian; ``sampling`` s is the sampling period."""
+    out = np.full(SIZE - 2, 1e-3)
+    out[[SHIFT, CLOCK, LEAD]] = 0.05 * sampling, 1e-6, 1e-4
+    return out
+
+
+def regulated(chain: Chain, c: FloatArray, largest: float) -> Chain:
+    """The nominal chain with the regulator at a nuisance vector (SIZE,); ``largest`` Pa is asked for at most."""
+    chain = chain.tuned("regulator", tau=REGULATOR_TAU * bounded_exp(c[TIME]), zeta=bounded_exp(c[DAMPING]))
+    if np.any(np.abs(c[VALVE]) > FROZEN):
+        valve = tuple(c[VALVE] + list(VALVE_NOMINAL.values()))
+        chain = chain.tuned("regulator", valve=valve, highest=OVERSHOT)  # its integral has to empty first
+    if np.any(np.abs(c[UNKNOWN]) > FROZEN):
+        chain = chain.tuned("regulator", unknown=(largest, *c[UNKNOWN].tolist()))
+    if (span := float(c[SPAN])) > FROZEN:
+        chain = chain.tuned("regulator", rates=(PRESSURE / span, PRESSURE / span))
+    shares, lead = (*c[FURTHER].tolist(), *c[SLOW].tolist()), float(c[LEAD])
+    if not lead and not any(shares):
+        return chain
+    lags = tuple(zip(shares, (*LAGS, *SLOW_LAGS), strict=True))
+    return after(chain, "regulator", lambda s, t: FurtherLags("further_lags", "actuator", s, t, lags, lead))
+
+
+def quantities(c: FloatArray, sd: FloatArray) -> Mapping[str, tuple[float, str]]:
+    """The regulator's and gauge's parameters at a nuisance vector (SIZE,) under a prior of widths ``sd`` (SIZE,): value
+    and unit. A structure that nobody knows has no time and damping of its own."""
+    out: dict[str, tuple[float, str]] = {}
+    if sd[UNKNOWN.start] <= FROZEN:
+        out["regulator_time"] = (REGULATOR_TAU * float(np.exp(c[TIME])), "s")
+        out["regulator_damping"] = (float(np.exp(c[DAMPING])), "1")
+    out["regulator_lead"] = (float(c[LEAD]), "s")
+    lags = [*zip(LAGS, c[FURTHER], sd[FURTHER], strict=True), *zip(SLOW_LAGS, c[SLOW], sd[SLOW], strict=True)]
+    out |= {f"regulator_lag_{1e3 * lag:.0f}_ms": (float(share), "1") for lag, share, width in lags if width > FROZEN}
+    if sd[VALVE.start] > FROZEN:
+        valve = zip(VALVE_NOMINAL.items(), c[VALVE], strict=True)
+        out |= {
+            f"regulator_{name}": (float(x) + plain, "1/s" if name == "integral_rate" else "1")
+            for (name, plain), x in valve
+        }
+    if sd[SPAN] > FROZEN:
+        out["regulator_span_time"] = (float(c[SPAN]), "s")
+    return out | {
+        "sampling_shift": (float(c[SHIFT]), "s"),
+        "clock_rate": (float(c[CLOCK]), "s/s"),
+        "gauge_gain_error": (float(c[GAIN]), "1"),
+        "gauge_zero": (float(c[ZERO]), "Pa"),
+    }
