@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from gap.inference.least_squares import fit
 from gap.null.suction_pressure import PressureBlock
 from gap.search.compare import Comparison
@@ -26,7 +24,6 @@ def _far_better(comparison: Comparison, name: str, known: PressureBlock) -> bool
     if not free.unknown:
         return False
     # Noise is what a block's best simulation leaves: the two are compared by that of the better one.
-    left = [
-        known.unwhitened(h.fits[name].residual, h.fits[name].active) for h in (comparison.null, *comparison.hypotheses)
-    ]
-    return min(float(np.sum(np.square(free.whitened(rest, {})))) for rest in left) > LEAVES * fit(free).chi2
+    fits = [h.fits[name] for h in (comparison.null, *comparison.hypotheses) if len(h.effects) < 2]
+    left = [free.whitened(known.unwhitened(f.residual, f.active), {}) for f in fits]
+    return min(float(rest @ rest) for rest in left) > LEAVES * fit(free).chi2
