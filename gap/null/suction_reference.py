@@ -15,6 +15,7 @@ from scipy.optimize import least_squares
 
 from gap.inference.hypothesis import Active, Evaluation
 from gap.null.blocks import Group, GroupedSession, Table
+from gap.null.skin_laws import bounded_exp
 from gap.null.suction_discrepancy import KNEES
 from gap.null.suction_feed import FedBlock
 from gap.null.suction_pressure import IGNORED, NO_TISSUE, PressureBlock, chain_of
@@ -31,6 +32,9 @@ FLAT, ON_THE_WAY, LEAST_STEP = 0.8, 0.04, 0.1
 both that and nought if the step is on its way; and share of the stated height below which no step is there."""
 BEND_SD = 0.02
 """Of the membrane's greatest height, by which its curve may differ from one of three parameters, per function."""
+CURVE_SD = np.array([0.7, 2.0, 1.5])
+"""Logarithms by which these three, compliance, knee and exponent, may differ from what fits the heights as they are
+read: nobody knows them, and a height that lags bends the curve that seems to fit."""
 MEMORIES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
 """s: of the little memory that a membrane may have."""
 LOOSE, BENT = 0.2, 1e-4
@@ -67,13 +71,17 @@ class ReferenceBlock(FedBlock):
         super().__init__(session, library, pressure, without=tuple(others))
         self._bulge = [self._solid(g, at) for g, at in self.groups]
         self._curve = self._membrane_curve()
-        later, earlier = (self._chain_height(np.array([s]), {}) for s in (1e-3, -1e-3))
+        later, earlier = (
+            self._chain_height(np.array([s]), {}) for s in (1e-3, -1e-3)
+        )  # along the curve that was fitted
         self.blur_steep_parts((later - earlier) / 2e-3)
         columns = self._columns()
         self._added = np.column_stack([c.values for c in columns])
         self._of = [c.of for c in columns]
-        self._loose = np.array([c.loose for c in columns])
-        self.prior_sd = np.array([self.shift_sd, *(c.sd for c in columns)])
+        curve = CURVE_SD if any(g.name == MEMBRANE for g, _ in self.groups) else np.zeros(0)
+        self._of += [""] * len(curve)
+        self._loose = np.array([*(c.loose for c in columns), *curve])
+        self.prior_sd = np.array([self.shift_sd, *(c.sd for c in columns), *curve])
         self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
         self.prior_scales = (self.prior_sd,)
 
@@ -185,19 +193,22 @@ class ReferenceBlock(FedBlock):
                 out[g.specimen] = widths, g.members
         return out
 
-    def _chain_of(self, group: Group) -> Chain:
+    def _chain_of(self, group: Group, nuisance: FloatArray) -> Chain:
+        """The chain of a group, a membrane's curve as the nuisance's last three have it, where it has more than a
+        shift."""
         chain = chain_of(self.session, group, NO_TISSUE)
         if group.name == STEP:
             return chain.tuned("zeroing", held=True)
         if group.name == MEMBRANE:
-            return chain.tuned("elastic", parameters=self._curve)
+            curve = zip(self._curve, nuisance[-3:] if len(nuisance) > 1 else np.zeros(3), strict=True)
+            return chain.tuned("elastic", parameters=tuple(value * bounded_exp(log) for value, log in curve))
         return chain
 
     def _chain_height(self, nuisance: FloatArray, active: Active) -> FloatArray:
         """Apex height of the chain, (n,) m."""
         out = np.empty(len(self.stamps))
         for (g, at), line, solid in zip(self.groups, self._line, self._bulge, strict=True):
-            chain = self.with_effects(self._chain_of(g), active, g)
+            chain = self.with_effects(self._chain_of(g, nuisance), active, g)
             given = {"line_pressure": self._fed.beside(chain, g, active, line)}
             if solid is not None:
                 given["bulge"] = solid
@@ -208,14 +219,19 @@ class ReferenceBlock(FedBlock):
         return {"height_gain_error": (float(nuisance[1]), "1"), "height_shift": (float(nuisance[0]), "s")}
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
-        height = self._chain_height(nuisance, active)
-        residual = self.whitened(self.measured - height - self._added @ nuisance[1:], active)
+        height, columns = self._chain_height(nuisance, active), self._added.shape[1]
+        residual = self.whitened(self.measured - height - self._added @ nuisance[1 : 1 + columns], active)
         if not want_jacobian:
             return Evaluation(residual, np.zeros((0, 0)))
-        moved = nuisance.copy()
-        moved[0] += 0.05 * self.dt
-        shifted = (self._chain_height(moved, active) - height) / (0.05 * self.dt)
-        return Evaluation(residual, self.whitened(np.column_stack([shifted, self._added]), active))
+
+        def moved(k: int, step: float) -> FloatArray:
+            there = nuisance.copy()
+            there[k] += step
+            return (self._chain_height(there, active) - height) / step
+
+        curve = [moved(k, 1e-3) for k in range(1 + columns, len(nuisance))]
+        jacobian = np.column_stack([moved(0, 0.05 * self.dt), self._added, *curve])
+        return Evaluation(residual, self.whitened(jacobian, active))
 
 
 class ManometerBlock(PressureBlock):

@@ -7,6 +7,7 @@ from typing import Any
 
 from sim_devices.chain import Chain, FloatArray
 from sim_devices.effects.build import (
+    DRAWN,
     LONGEST,
     PRESSURE,
     SUCTION,
@@ -26,8 +27,6 @@ from sim_devices.stages import kernels, laws
 
 BEND = PRESSURE / 2
 """Pa above which a gauge of two slopes is wrong, or a valve lifts, where nothing else is said."""
-DRAWN = 500.0
-"""Pa of suction from which on it draws a leak's edges together."""
 
 
 def _regulator_lag(chain: Chain, v: Values) -> Chain:

@@ -18,6 +18,8 @@ CUTOMETER, ASPIRATION, ROBOT = ("cutometer",), ("aspiration",), ("microrobot",)
 ALL = (*SUCTION, *ROBOT)
 PRESSURE = 30e3
 """Pa at which relative errors of pressure are quoted: 300 mbar."""
+DRAWN = 500.0
+"""Pa of suction from which on it draws a leak's edges together."""
 CHOICE = "choice"
 """Unit of a shape parameter that takes whole numbers only, each a form or a channel of its own."""
 

@@ -11,6 +11,7 @@ import numpy as np
 from sim_devices.chain import Chain, FloatArray, Signals
 from sim_devices.effects.build import (
     CUTOMETER,
+    DRAWN,
     PRESSURE,
     ROBOT,
     SUCTION,
@@ -157,6 +158,8 @@ def _rim_leak(chain: Chain, v: Values) -> Chain:
     if chosen(v, "form") == 2:
         spell = (-v["share"], v["moment"], v["duration"])
         return map_after(chain, "probe", "rim_leak", "interface", laws.gain_for_a_while, spell)
+    if chosen(v, "form") == 4:
+        return law_after(chain, "probe", "rim_leak", "interface", kernels.sealing, (v["share"], v["seal"], DRAWN))
     if chosen(v, "form") == 3:
         # Flow through the hose to a leak at its end: less suction than at the gauge, and later.
         return law_after(chain, "probe", "rim_leak", "interface", kernels.prony, (0.0, 1.0 - v["share"], v["tau"]))
@@ -228,10 +231,12 @@ EFFECTS = (
         (
             strength("share", "1", 2e-3, 0.6, 0.12, "of the suction at 300 mbar (form 1: of 300 mbar in the end)"),
             choice("form", 0, "a power of suction", "until suction has sealed the rim", "open for a while",
-                   "at the end of a long hose, which delays suction besides"),
+                   "at the end of a long hose, which delays suction besides",
+                   "until suction has pressed the rim tight, each time anew"),
             shape("exponent", "1", -0.5, 1.5, 0.5, "-0.5 orifice, 0 laminar, above: a leak that opens", only=(0,)),
             *for_a_while(2),
             shape("tau", "s", 0.01, 3.0, 0.2, "of the hose", log=True, only=(3,)),
+            shape("seal", "s", 0.1, 20.0, 1.5, "within which it closes", log=True, only=(4,)),
         ),
         _rim_leak,
     ),
