@@ -13,6 +13,8 @@ from gap.null.suction_reference import ReferenceBlock
 
 LEAST = 40.0
 """Fall of χ² and prior together that a specimen's doubt must bring: chance never does."""
+OF_CURVES = 60.0
+"""The same under suction: a sound membrane whose curve bends in its own way brings 40."""
 TIE = 10.0
 """Fall by which an effect must do better to be believed: one that shows on a single specimen may be the specimen's."""
 
@@ -44,11 +46,12 @@ def doubts(problems: Mapping[str, Problem], null: Hypothesis, tried: Sequence[Hy
             continue
         alone = null.fits[name]
         best = min(tried, key=lambda h: h.fits[name].objective, default=null)
+        least = OF_CURVES if isinstance(problem, ReferenceBlock) else LEAST
         explained = alone.objective - best.fits[name].objective
         for label, (widths, runs) in problem.loosened().items():
             free = fit(under(problem, problem.prior_mean, widths), nuisance=alone.nuisance, iterations=8)
             fall = alone.objective - free.objective
-            if fall > max(LEAST, explained - TIE):
+            if fall > max(least, explained - TIE):
                 as_well = best.effects if fall < explained + TIE else ()
                 found.append(Doubt(label, fall, runs, as_well[0].name if as_well else ""))
     found.sort(key=lambda doubt: -doubt.fall)

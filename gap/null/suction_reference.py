@@ -30,7 +30,7 @@ MOVING = 1.5
 FLAT, ON_THE_WAY, LEAST_STEP = 0.8, 0.04, 0.1
 """Quantile of the readings that a step's flat has at least; share of it by which a reading beside a record's end is off
 both that and nought if the step is on its way; and share of the stated height below which no step is there."""
-BEND_SD = 0.02
+BEND_SD = 0.05
 """Of the membrane's greatest height, by which its curve may differ from one of three parameters, per function."""
 CURVE_SD = np.array([0.7, 2.0, 1.5])
 """Logarithms by which these three, compliance, knee and exponent, may differ from what fits the heights as they are
