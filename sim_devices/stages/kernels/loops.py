@@ -81,6 +81,8 @@ SPEED_KNOTS = (0.0, 0.05, 0.15, 0.3)
 """Of the largest command over the time constant: speeds between which its resistance is straight."""
 LEAST_SLOPE, MOST_SLOPE = -4.0, 2.0
 """Logarithms between which those of `free_loop` are held: beyond, its step would be too long."""
+FARTHEST = 10.0
+"""Largest commands beyond which nothing of `free_loop` is believed."""
 SETTLES = 0.2
 """s in which the controller's memory of `free_loop` forgets, nominally."""
 FREE = 2 * (len(DRIVE_KNOTS) + len(SPEED_KNOTS)) + 12
@@ -152,4 +154,10 @@ def free_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Flo
                 dz = (kept * e + wound * undone - zz) / forgets
                 sy, sv, sz = sy + w * dy, sv + w * dv, sz + w * dz
             s[3], s[4], s[5] = y0 + h / 6.0 * sy, v0 + h / 6.0 * sv, z0 + h / 6.0 * sz
+            if not (abs(s[3]) < FARTHEST * span and abs(s[4]) * tau < FARTHEST * span and abs(s[5]) < FARTHEST * span):
+                s[3], s[4], s[5] = (
+                    now,
+                    0.0,
+                    0.0,
+                )  # steps too long for such slopes: a fit is to go elsewhere, with numbers
         s[1], s[2], y[i] = t[i], u[i], s[3]

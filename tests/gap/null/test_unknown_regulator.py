@@ -79,3 +79,12 @@ def test_a_free_loop_solves_its_equations() -> None:
 
     exact = solve_ivp(rate, (0, time[-1]), [0, 0, 0], t_eval=time, rtol=1e-8, atol=1e-5, max_step=2e-3).y[0]
     np.testing.assert_allclose(evaluate(free_loop, time, asked, tau, zeta, span, *logs), exact, atol=5.0)
+
+
+def test_a_free_loop_of_absurd_slopes_stays_finite() -> None:
+    """A fit that tries them is to get a bad number, not none at all."""
+    asked = -np.interp(TIME, CORNERS, SUCTION)
+    logs = [2.0] * (FREE - 12) + [2.0, 2.0, 2.0, 2.0, 2.0, 2.0, 2.0, 2.0, 2.0, 3.0, 3.0, -3.0]
+    made = evaluate(free_loop, TIME, asked, 0.02, 5.0, 30e3, *logs)
+    assert np.all(np.isfinite(made))
+    assert np.max(np.abs(made)) < 20 * 30e3
