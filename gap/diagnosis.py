@@ -242,6 +242,7 @@ def gathered(recordings: Sequence[Recording], options: Options = Options()) -> t
 
 
 def _gathered(recordings: Sequence[Recording], options: Options) -> tuple[Case, list[str]]:
+    """The same with the regulators that ``options`` allow."""
     options.tell("reading the recordings", 0.0)
     model = options.model
     told = remarks(recordings, one_clock=model is None)

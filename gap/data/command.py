@@ -70,12 +70,9 @@ def stepped(time: FloatArray, value: FloatArray) -> tuple[FloatArray, FloatArray
     jump = even & (np.abs(change) > STEP * span) & (np.abs(slope) * usual > STEP * span)
     alone = jump & ~np.r_[False, jump[:-1]] & ~np.r_[jump[1:], False]
     # A smooth command that is quick moves as much in the rows around; one may be on its way when it steps.
-    beside = np.maximum(np.abs(np.r_[0.0, change[:-1]]), np.abs(np.r_[change[1:], 0.0])) / np.maximum(
-        np.abs(change), 1e-300
-    )
-    steps = (
-        (alone & (beside < 0.5)) | (jump & (beside < ON_ITS_WAY)) | _in_two(np.where(even, change, 0.0), STEP * span)
-    )
+    beside = np.maximum(np.abs(np.r_[0.0, change[:-1]]), np.abs(np.r_[change[1:], 0.0]))
+    clear = (alone & (beside < 0.5 * np.abs(change))) | (jump & (beside < ON_ITS_WAY * np.abs(change)))
+    steps = clear | _in_two(np.where(even, change, 0.0), STEP * span)
     at = np.flatnonzero(steps) + 1
     return np.insert(time, at, time[at]), np.insert(value, at, value[at - 1])
 

@@ -116,9 +116,10 @@ def _ripple(paths: Sequence[tuple[FloatArray, FloatArray]], steps: Sequence[Floa
     if rate == 0.0:
         return None
     half = max(int(SMOOTH * rate), 2)
+    away = [_away(time[2:-2], own) for time, _, own in asked]
     every = [
-        (time[2:-2], differences(value) * _away(time[2:-2], own), _speed(value, half) * _away(time[2:-2], own))
-        for time, value, own in asked
+        (time[2:-2], differences(value) * free, _speed(value, half) * free)
+        for (time, value, _), free in zip(asked, away, strict=True)
     ]
     moving = [(time, ripple, speed) for time, ripple, speed in every if ripple.any() and speed.any()]
     if len(moving) < 2:

@@ -9,7 +9,7 @@ import numpy as np
 
 from gap.decision.classes import Cause, concept
 from gap.decision.tolerance import Stated, in_stated
-from gap.inference.evidence import Hypothesis
+from gap.inference.evidence import Fit, Hypothesis
 from gap.inference.hypothesis import Candidate
 from gap.search.compare import Comparison
 
@@ -49,14 +49,28 @@ def beside(comparison: Comparison, taken: Sequence[Cause], least: float) -> Comp
     fits = {b: c.hypothesis.fits[b] for c in taken for b in c.effects[0].blocks}
     part = {c.effects[0]: c.hypothesis for c in taken}
     alone = {h.effects for h in comparison.hypotheses}
-    hypotheses = []
-    for h in comparison.hypotheses:
-        others = tuple(e for e in h.effects if e not in part)
-        touched = {b for e in others for b in e.blocks}
-        again = others != h.effects and others in alone and touched.isdisjoint(fits)  # as that effect by itself
-        if others and not again and _adds(h, part, comparison.null, least):
-            hypotheses.append(Hypothesis(others, h.fits | {b: f for b, f in fits.items() if b not in touched}))
+    kept = [h for h in comparison.hypotheses if _adds(h, part, comparison.null, least)]
+    without = [(tuple(e for e in h.effects if e not in part), h) for h in kept]
+    new = [
+        (others, h) for others, h in without if others == h.effects or others not in alone or not _apart(others, fits)
+    ]
+    hypotheses = [_with(fits, others, h) for others, h in new if others]
     return replace(comparison, null=Hypothesis((), comparison.null.fits | fits), hypotheses=hypotheses)
+
+
+def _touched(effects: Sequence[Candidate]) -> set[str]:
+    return {b for e in effects for b in e.blocks}
+
+
+def _apart(effects: Sequence[Candidate], fits: Mapping[str, Fit]) -> bool:
+    """Whether effects touch none of the blocks of ``fits``: then a pair without its part within tolerance is what its
+    other effect is by itself."""
+    return _touched(effects).isdisjoint(fits)
+
+
+def _with(fits: Mapping[str, Fit], effects: tuple[Candidate, ...], h: Hypothesis) -> Hypothesis:
+    """A hypothesis of ``effects`` with ``fits`` where they touch nothing, and those of ``h`` elsewhere."""
+    return Hypothesis(effects, {**h.fits, **{b: f for b, f in fits.items() if b not in _touched(effects)}})
 
 
 def _adds(h: Hypothesis, part: Mapping[Candidate, Hypothesis], null: Hypothesis, least: float) -> bool:

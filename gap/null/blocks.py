@@ -94,7 +94,7 @@ class GroupedSession(Session):
     def recorded(self, channel: str, group: Group, *, smoothed: bool = False) -> dict[str, Table]:
         """A channel of a group's recordings as a table, always the same one; nothing where it was not recorded.
 
-        What another sensor reads of it is ``smoothed``: its noise, fed into a prediction of itself, would explain it.
+        It is ``smoothed`` for a sensor that reads it, too: noise fed into a prediction of itself would explain itself.
         """
         key = (channel, group.specimen, smoothed)
         if key not in self._recorded:

@@ -229,9 +229,13 @@ class HeightBlock(FedBlock):
         if not law.simple:
             self._tries.append(Try(law, begins[0], 15))
         if found.chi2 > FAR * len(self.measured):  # which law it is, such a fit does not tell
-            known = {(t.law, id(t.begin)) for t in self._tries}
-            self._tries += [Try(of, g, QUICK) for of, its in entered.items() for g in its if (of, id(g)) not in known]
+            self._tries += self._untried([Try(of, g, QUICK) for of, its in entered.items() for g in its])
         return found, law
+
+    def _untried(self, tries: Sequence[Try]) -> list[Try]:
+        """Those of ``tries`` whose law and beginning are none of the block's."""
+        known = {(t.law, id(t.begin)) for t in self._tries}
+        return [t for t in tries if (t.law, id(t.begin)) not in known]
 
     def _beside_an_effect(self, best: Alone, basic: Alone, begin: FloatArray) -> list[Try]:
         """Where fits with an effect begin: at the ``best`` simple law, above the noise, where that has taken on much of

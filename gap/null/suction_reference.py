@@ -35,6 +35,8 @@ BEND_SD = 0.05
 CURVE_SD = np.array([0.7, 2.0, 1.5])
 """Logarithms by which these three, compliance, knee and exponent, may differ from what fits the heights as they are
 read: nobody knows them, and a height that lags bends the curve that seems to fit."""
+AS_FITTED, CURVE_STEP = np.zeros(3), 1e-3
+"""None of this, and a step of it for differences."""
 MEMORIES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
 """s: of the little memory that a membrane may have."""
 LOOSE, BENT = 0.2, 1e-4
@@ -71,9 +73,7 @@ class ReferenceBlock(FedBlock):
         super().__init__(session, library, pressure, without=tuple(others))
         self._bulge = [self._solid(g, at) for g, at in self.groups]
         self._curve = self._membrane_curve()
-        later, earlier = (
-            self._chain_height(np.array([s]), {}) for s in (1e-3, -1e-3)
-        )  # along the curve that was fitted
+        later, earlier = (self._chain_height(shift, {}) for shift in (1e-3, -1e-3))
         self.blur_steep_parts((later - earlier) / 2e-3)
         columns = self._columns()
         self._added = np.column_stack([c.values for c in columns])
@@ -134,7 +134,7 @@ class ReferenceBlock(FedBlock):
     def _columns(self) -> list[_Column]:
         """Columns that are simply added to the prediction."""
         n = len(self.stamps)
-        height = self._chain_height(np.zeros(1), {})
+        height = self._chain_height(0.0, {})
         on_step = np.zeros(n)
         solid: dict[int, bool] = {}
         for g, at in self.groups:
@@ -193,45 +193,43 @@ class ReferenceBlock(FedBlock):
                 out[g.specimen] = widths, g.members
         return out
 
-    def _chain_of(self, group: Group, nuisance: FloatArray) -> Chain:
-        """The chain of a group, a membrane's curve as the nuisance's last three have it, where it has more than a
-        shift."""
+    def _chain_of(self, group: Group, off: FloatArray) -> Chain:
+        """The chain of a group; the curve of a membrane is ``off`` (3,) the one that fits, in `CURVE_SD`'s terms."""
         chain = chain_of(self.session, group, NO_TISSUE)
         if group.name == STEP:
             return chain.tuned("zeroing", held=True)
         if group.name == MEMBRANE:
-            curve = zip(self._curve, nuisance[-3:] if len(nuisance) > 1 else np.zeros(3), strict=True)
-            return chain.tuned("elastic", parameters=tuple(value * bounded_exp(log) for value, log in curve))
+            curve = tuple(value * bounded_exp(log) for value, log in zip(self._curve, off, strict=True))
+            return chain.tuned("elastic", parameters=curve)
         return chain
 
-    def _chain_height(self, nuisance: FloatArray, active: Active) -> FloatArray:
-        """Apex height of the chain, (n,) m."""
+    def _chain_height(self, shift: float, active: Active, off: FloatArray = AS_FITTED) -> FloatArray:
+        """Apex height of the chain, (n,) m, read ``shift`` s late; a membrane's curve is ``off`` (3,) what fits."""
         out = np.empty(len(self.stamps))
         for (g, at), line, solid in zip(self.groups, self._line, self._bulge, strict=True):
-            chain = self.with_effects(self._chain_of(g, nuisance), active, g)
+            chain = self.with_effects(self._chain_of(g, off), active, g)
             given = {"line_pressure": self._fed.beside(chain, g, active, line)}
             if solid is not None:
                 given["bulge"] = solid
-            out[at] = self.simulated(chain, g, at, nuisance[0], given)[0]
+            out[at] = self.simulated(chain, g, at, shift, given)[0]
         return out
 
     def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:
         return {"height_gain_error": (float(nuisance[1]), "1"), "height_shift": (float(nuisance[0]), "s")}
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
-        height, columns = self._chain_height(nuisance, active), self._added.shape[1]
-        residual = self.whitened(self.measured - height - self._added @ nuisance[1 : 1 + columns], active)
+        """The nuisance is the shift, the added columns' and, of a membrane, its curve's."""
+        curve_at = 1 + self._added.shape[1]
+        shift, off = float(nuisance[0]), nuisance[curve_at:]
+        height = self._chain_height(shift, active, off)
+        residual = self.whitened(self.measured - height - self._added @ nuisance[1:curve_at], active)
         if not want_jacobian:
             return Evaluation(residual, np.zeros((0, 0)))
-
-        def moved(k: int, step: float) -> FloatArray:
-            there = nuisance.copy()
-            there[k] += step
-            return (self._chain_height(there, active) - height) / step
-
-        curve = [moved(k, 1e-3) for k in range(1 + columns, len(nuisance))]
-        jacobian = np.column_stack([moved(0, 0.05 * self.dt), self._added, *curve])
-        return Evaluation(residual, self.whitened(jacobian, active))
+        step = 0.05 * self.dt
+        late = (self._chain_height(shift + step, active, off) - height) / step
+        steps = CURVE_STEP * np.eye(len(off))
+        bent = [(self._chain_height(shift, active, off + by) - height) / CURVE_STEP for by in steps]
+        return Evaluation(residual, self.whitened(np.column_stack([late, self._added, *bent]), active))
 
 
 class ManometerBlock(PressureBlock):

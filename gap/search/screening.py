@@ -111,8 +111,8 @@ def screen(
 ) -> tuple[list[Screened], int]:
     """Every candidate on top of ``base``, by the linear nuisance refit; best first. Also the number of simulations.
 
-    The traces of candidates that are ``known`` from another base are used again: a second effect adds nearly what it
-    changes alone, and whatever looks worth it is refitted. The best ``quick_fits`` are fitted a little, and so are
+    The traces of candidates that are ``known`` from another base are used again: a second effect adds nearly its
+    change alone, and whatever looks worth it is refitted. The best ``quick_fits`` are fitted a little, and so are
     ``far_fits`` of those whose weakest strength is still far from linear and whose traces would bring ``least_score``
     at any size. Candidates are simulated and fitted by ``jobs`` processes."""
     before = {s.candidate: s for s in known}
@@ -186,8 +186,8 @@ def _beginnings(
 
 
 def as_open(width: FloatArray, base: Fit) -> FloatArray:
-    """The prior's ``width`` (p,) to fit an effect under from ``base``: the base's, if it would freeze what the base
-    needs."""
+    """The prior's ``width`` (p,) to fit an effect under from ``base``: the base's, if it would freeze parameters that
+    the base has moved."""
     return base.prior_sd if np.any((width <= FROZEN) & (base.prior_sd > FROZEN)) else width
 
 

@@ -155,15 +155,20 @@ def tells(path: Path, folder: Path, words: Collection[str]) -> bool:
     return any(w in content or w in str(path.relative_to(folder)) for w in words)
 
 
-def test_blind_check_end_to_end_without_leaking_labels(capsys, tmp_path: Path) -> None:
-    """A few cases of two tiers: made, diagnosed, scored; nothing in a case folder names an effect."""
+def sealed(capsys, tmp_path: Path) -> dict[Path, Path]:
+    """Two cases of each of two tiers, made by the command: folders and their keys."""
     sets = {}
     for tier, seed in (("T0", 4), ("T2", 5)):
         out = tmp_path / tier
         arguments = ("--tier", tier, "--n", 2, "--seed", seed, "--instrument", "cutometer", "--passphrase", "x")
         assert called(capsys, "gap", "blind", "make", *arguments, "-o", out)[0] == 0
         sets[out] = tmp_path / f"{tier}-key" / "key.bin"
-    reports = tmp_path / "reports"
+    return sets
+
+
+def test_blind_check_end_to_end_without_leaking_labels(capsys, tmp_path: Path) -> None:
+    """A few cases of two tiers: made, diagnosed, scored; nothing in a case folder names an effect."""
+    sets, reports = sealed(capsys, tmp_path), tmp_path / "reports"
     for folder, key in sets.items():
         words = {e["concept"] for case in labels_of(key, "x") for e in case["effects"]} | {"effect", "tier"}
         assert not key.is_relative_to(folder)

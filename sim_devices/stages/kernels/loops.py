@@ -73,6 +73,7 @@ def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
         s[1], s[2], y[i] = t[i], u[i], s[3]
 
 
+Lines = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 LONGEST = 4e-3
 """s of a step of `free_loop`, whose quickest rates are 100/s or so."""
 DRIVE_KNOTS = (0.0, 0.03, 0.1, 0.25, 0.5)
@@ -83,6 +84,8 @@ LEAST_SLOPE, MOST_SLOPE = -4.0, 2.0
 """Logarithms between which those of `free_loop` are held: beyond, its step would be too long."""
 FARTHEST = 10.0
 """Largest commands beyond which nothing of `free_loop` is believed."""
+NOTHING = -1.0
+"""Pa above which a command asks for nothing."""
 SETTLES = 0.2
 """s in which the controller's memory of `free_loop` forgets, nominally."""
 FREE = 2 * (len(DRIVE_KNOTS) + len(SPEED_KNOTS)) + 12
@@ -109,6 +112,24 @@ def _grown(q: float, rise: FloatArray, k: int) -> float:
 
 
 @njit(cache=True)
+def _free_rates(
+    y: float, v: float, z: float, u: float, p: FloatArray, lines: Lines, rise: FloatArray
+) -> tuple[float, float, float]:
+    """Rates of pressure, its speed and the controller's memory in a `free_loop` whose ``lines`` D and R, knots and
+    slopes of each, grow by ``rise``."""
+    drive_knots, drive, speed_knots, resist = lines
+    tau, zeta, span = p[0], p[1], p[2]
+    e, q = u - y, min(max(-y / span, 0.0), 1.0)
+    side, way = 0 if e < 0.0 else 1, 2 if v < 0.0 else 3
+    push = _broken(e, drive_knots, drive)
+    undone = push - drive[side * len(drive_knots)] * e
+    push *= _grown(q, rise, side) * (math.exp(rise[4]) if u > NOTHING else 1.0)
+    drag = _broken(v, speed_knots, resist) * _grown(q, rise, way)
+    forgets = SETTLES * math.exp(rise[11])
+    return v, (push + z - 2.0 * zeta * tau * drag) / (tau * tau), (rise[9] * e + rise[10] * undone - z) / forgets
+
+
+@njit(cache=True)
 def free_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Pressure by a regulator of unknown structure, which is at rest where it meets its command:
     tau² y'' = D(e) + z - 2 zeta tau R(y'), T z' = a e + b (D(e) - D'(0) e) - z, e = u - y, with D and R rising lines
@@ -119,13 +140,12 @@ def free_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Flo
     q = -y / span, how D does where nothing is asked for, and how they grow with q², a, b, log T); it is a second-order
     lag where all but the first three are 0. Classical Runge-Kutta.
     """
-    tau, zeta, span = p[0], p[1], p[2]
+    tau, span = p[0], p[2]
     nd, nr = len(DRIVE_KNOTS), len(SPEED_KNOTS)
-    drive_knots, speed_knots = np.array(DRIVE_KNOTS) * span, np.array(SPEED_KNOTS) * span / tau
-    slopes = np.exp(np.minimum(np.maximum(p[3:], LEAST_SLOPE), MOST_SLOPE))
-    drive, resist = slopes[: 2 * nd], slopes[2 * nd : 2 * (nd + nr)]
-    rise = np.minimum(np.maximum(p[3 + 2 * (nd + nr) :], LEAST_SLOPE), MOST_SLOPE)
-    kept, wound, forgets = rise[9], rise[10], SETTLES * math.exp(rise[11])
+    held = np.minimum(np.maximum(p[3:], LEAST_SLOPE), MOST_SLOPE)
+    slopes, rise = np.exp(held[: 2 * (nd + nr)]), held[2 * (nd + nr) :]
+    speeds = np.array(SPEED_KNOTS) * span / tau
+    lines = (np.array(DRIVE_KNOTS) * span, slopes[: 2 * nd], speeds, slopes[2 * nd :])
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2] = 1.0, t[0], u[0]
     for i in range(t.size):
@@ -136,28 +156,16 @@ def free_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Flo
         for j in range(parts):
             if change == 0.0 and abs(u[i] - s[3]) + abs(s[4]) * tau + abs(s[5]) < AT_REST * s[6]:
                 break
-            at, slope = s[2] + j / parts * change, change / dt
-            y0, v0, z0 = s[3], s[4], s[5]
-            dy, dv, dz = 0.0, 0.0, 0.0
-            sy, sv, sz = 0.0, 0.0, 0.0
-            for stage in range(4):
-                part = 0.0 if stage == 0 else (h if stage == 3 else 0.5 * h)
-                w = 1.0 if stage == 0 or stage == 3 else 2.0
-                yy, vv, zz, now = y0 + part * dy, v0 + part * dv, z0 + part * dz, at + part * slope
-                e, q = now - yy, min(max(-yy / span, 0.0), 1.0)
-                side = 0 if e < 0.0 else 1
-                push = _broken(e, drive_knots, drive)
-                undone = push - drive[side * nd] * e
-                push *= _grown(q, rise, side) * (math.exp(rise[4]) if now > -1.0 else 1.0)
-                drag = _broken(vv, speed_knots, resist) * _grown(q, rise, 2 if vv < 0.0 else 3)
-                dy, dv = vv, (push + zz - 2.0 * zeta * tau * drag) / (tau * tau)
-                dz = (kept * e + wound * undone - zz) / forgets
-                sy, sv, sz = sy + w * dy, sv + w * dv, sz + w * dz
-            s[3], s[4], s[5] = y0 + h / 6.0 * sy, v0 + h / 6.0 * sv, z0 + h / 6.0 * sz
-            if not (abs(s[3]) < FARTHEST * span and abs(s[4]) * tau < FARTHEST * span and abs(s[5]) < FARTHEST * span):
-                s[3], s[4], s[5] = (
-                    now,
-                    0.0,
-                    0.0,
-                )  # steps too long for such slopes: a fit is to go elsewhere, with numbers
+            y0, v0, z0, at, half = s[3], s[4], s[5], s[2] + j / parts * change, 0.5 * h
+            middle, end = at + half * change / dt, at + h * change / dt
+            a1, b1, c1 = _free_rates(y0, v0, z0, at, p, lines, rise)
+            a2, b2, c2 = _free_rates(y0 + half * a1, v0 + half * b1, z0 + half * c1, middle, p, lines, rise)
+            a3, b3, c3 = _free_rates(y0 + half * a2, v0 + half * b2, z0 + half * c2, middle, p, lines, rise)
+            a4, b4, c4 = _free_rates(y0 + h * a3, v0 + h * b3, z0 + h * c3, end, p, lines, rise)
+            s[3] = y0 + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
+            s[4] = v0 + h / 6.0 * (b1 + 2.0 * (b2 + b3) + b4)
+            s[5] = z0 + h / 6.0 * (c1 + 2.0 * (c2 + c3) + c4)
+            # Steps are too long for some slopes: a fit that tries these is to get a bad number, not none.
+            if not max(abs(s[3]), abs(s[4]) * tau, abs(s[5])) < FARTHEST * span:
+                s[3], s[4], s[5] = end, 0.0, 0.0
         s[1], s[2], y[i] = t[i], u[i], s[3]

@@ -1,4 +1,4 @@
-"""The suction blocks: what is taken out of the gauge, and what skin may do without being called a device."""
+"""The suction blocks: corrections of the gauge, and the freedom of skin that is not called a device's effect."""
 
 from __future__ import annotations
 
@@ -273,7 +273,7 @@ def test_a_gauge_that_reads_the_height_is_taken_out_of_what_skin_is_fed() -> Non
 
 
 def test_a_gauge_reads_no_noise_of_the_height() -> None:
-    """Fed into what skin is fed, it explained itself: a crosstalk was told by 34 nats of a height's own noise."""
+    """Noise that is fed to the skin explains itself: a crosstalk was told by 34 nats of a height's own noise."""
     _, height = blocks(session())
     group, _ = height.groups[0]
     (time, raw), (_, smooth) = (
