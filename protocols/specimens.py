@@ -291,7 +291,7 @@ def _read_mapping(given: Mapping[Any, Any]) -> _Raw:
     given = {("se" if k in ("uncertainty", "u", "standard_uncertainty") else k): v for k, v in given.items()}
     if unknown := [str(k) for k in given if k not in ("value", "se", "unit")]:
         raise ValueError(f"{', '.join(unknown)} is not understood; there is value, se and unit")
-    if isinstance(given.get("value"), str) and "unit" not in given:
+    if isinstance(given.get("value"), str) and not given.get("unit"):
         value, se, unit = _read_text(given["value"])
         factor = 1.0
     else:
@@ -308,7 +308,7 @@ def _uncertainty(given: object, value: tuple[float, ...], unit: str, factor: flo
         (se,), _, own = _read_text(given + (" " if "%" not in given else ""))
         if given.strip().endswith("%"):
             return _not_negative(se * max(abs(v) for v in value) * factor)
-        if own and own != unit:
+        if own and own != unit and not (own == "rad" and len(value) > 1):  # a direction's is an angle
             raise ValueError(f"its uncertainty is in {own}, not in {unit or '1'}")
         return _not_negative(se if own else se * factor)
     (se,) = _numbers(given)

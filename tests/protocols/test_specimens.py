@@ -51,6 +51,18 @@ def test_a_direction_has_three_components() -> None:
 
 
 @pytest.mark.parametrize(
+    "given",
+    [
+        {"value": [0, 0, 1], "se": "0.02 rad"},
+        {"value": "0, 0, 1", "se": 0.02, "unit": ""},
+        {"value": [0, 0, 1], "se": 0.02, "unit": "1"},
+    ],
+)
+def test_a_direction_may_be_a_mapping(given: Any) -> None:
+    assert stated("dead weight", {"direction": given})["direction"] == Stated((0.0, 0.0, 1.0), 0.02, "1")
+
+
+@pytest.mark.parametrize(
     ("specimen", "properties", "words"),
     [
         ("gauge step", {"k": "3 N/m"}, "k: no property of a gauge step"),
