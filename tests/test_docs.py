@@ -49,7 +49,9 @@ def test_decisions_are_numbered_short_and_indexed() -> None:
         assert f"[{lines[0].lstrip('# ')}]({record.name})" in index, record.name
 
 
-@pytest.mark.parametrize("tool, page", [("effect_list.py", "effect-list.md"), ("tolerance_list.py", "tolerances.md")])
+@pytest.mark.parametrize(
+    ("tool", "page"), [("effect_list.py", "effect-list.md"), ("tolerance_list.py", "tolerances.md")]
+)
 def test_made_pages_are_those_of_the_library(tool: str, page: str) -> None:
     made = runpy.run_path(str(ROOT / "tools" / tool))["page"]()
     assert (ROOT / "docs" / page).read_text(encoding="utf-8") == made, f"run tools/{tool} docs/{page}"
