@@ -22,6 +22,7 @@ from gap.inference.linear import Projector
 from gap.inference.problem import Problem
 from gap.inference.workers import each
 from gap.search.edges import sharpened
+from gap.search.restarts import begun_anew, leaves_much
 from gap.search.screening import Screened, as_if_known, as_open, from_sound, screen, strains
 from sim_devices.chain import FloatArray
 
@@ -164,6 +165,7 @@ class Effort:
     refit_singles: int = 9
     known_law: int = 4  # those that explain most if the law is a simple one, where the null says it is none
     imitators: int = 3  # of the best, that are refitted besides
+    anew: int = 4  # of the best, that are begun from all over their priors where the best leaves much
     pair_bases: int = 2
     refit_pairs: int = 3  # second effects, of different names, for each of the bases
     pair_gain: float = 12.0  # tempered fall of χ² below which a second effect is not even refitted
@@ -171,7 +173,9 @@ class Effort:
 
     def quicker(self) -> Effort:
         """A narrower search: few refits, no pairs."""
-        return replace(self, quick_fits=4, refit_singles=4, known_law=0, imitators=0, pair_bases=0, least_score=20.0)
+        return replace(
+            self, quick_fits=4, refit_singles=4, known_law=0, imitators=0, anew=0, pair_bases=0, least_score=20.0
+        )
 
 
 def compare(
@@ -209,6 +213,7 @@ def compare(
     _refit_all(comparison, [(comparison.null, s) for s in others[: effort.imitators]], jobs)
     if effort.imitators:
         _refit_all(comparison, [(comparison.null, s) for s in _other_forms(comparison, chosen)], jobs)
+    _begin_anew(comparison, effort.anew, jobs)
     _finish_null(comparison)
     tell("trying pairs of effects", 0.73)
     _pairs(comparison, usable, effort, jobs)
@@ -318,6 +323,27 @@ def _other_forms(comparison: Comparison, chosen: Sequence[Screened]) -> list[Scr
         return []
     name = best.effects[0].name
     return [s for s in comparison.screened if s.candidate.name == name and s not in chosen][:FORMS]
+
+
+def _begin_anew(comparison: Comparison, most: int, jobs: int) -> None:
+    """Where the best effect leaves much, fit ``most`` of those of several parameters from elsewhere, too."""
+    weight = comparison.weighed(comparison.temper())
+    ranked = sorted(comparison.hypotheses, key=lambda h: -weight[id(h)].evidence)
+    if not (most and ranked and leaves_much(ranked[0], comparison.problems)):
+        return
+    known = {s.candidate: s for s in comparison.screened if not (s.by_chance or s.candidate.event)}
+    several = [h for h in ranked if h.effects[0] in known and len(h.effects[0].parameters) > 2][:most]
+    looked = each(lambda h: begun_anew(h, known[h.effects[0]], comparison.problems), several, jobs)
+    fitted = each(lambda s: refit(comparison.problems, comparison.null, s), [s for s, _ in looked], jobs)
+    for h, (_, tried), (fits, n) in zip(several, looked, fitted, strict=True):
+        comparison.simulations += tried + n
+        if _earned(fits, comparison.problems) > _earned({b: h.fits[b] for b in fits}, comparison.problems):
+            h.fits.update(fits)
+
+
+def _earned(fits: Mapping[str, Fit], problems: Mapping[str, Problem]) -> float:
+    """log evidence of fits, a block each, as far as the noise is believed wholly."""
+    return sum(f.log_evidence(1.0, problems[b].prior_scales) for b, f in fits.items())
 
 
 def _pairs(comparison: Comparison, candidates: Sequence[Candidate], effort: Effort, jobs: int) -> None:

@@ -15,6 +15,7 @@ from gap.inference.least_squares import fit, under
 from gap.inference.linear import Projector
 from gap.inference.problem import Problem
 from gap.inference.workers import each
+from gap.search.beside import Beside
 from gap.search.joint import together
 from gap.search.starts import by_steps, plain_start, starting_points
 from gap.search.traces import traced
@@ -27,8 +28,6 @@ STARTS = 2
 STRAIN_EACH, STRAIN_ONE = 2.5, 3.0
 """Mean penalty of a base's tolerances, or σ by which one is off, from which on effects are looked at beside a
 fault-free instrument, too."""
-HALVINGS = (0.2, 0.1, 0.05, 0.025)
-"""Quantiles of its prior by which a strength is moved there, to see where it explains most."""
 UNSEEN = 0.3
 """σ by which an effect must change a row to be looked at there."""
 NEARLY, FEW, FROM_SOUND = 8, 8, 4
@@ -233,48 +232,12 @@ def _near_sound(
     jacobian = problem.evaluate(sound, {}).jacobian
     refits = [Projector(jacobian, sd) for sd in problem.prior_scales]
     seen = [s for s in screened if block in s.traces and np.max(np.abs(s.traces[block]), initial=0.0) > UNSEEN]
-    looked = [(_Beside(problem, sound, refits, s.candidate), s) for s in seen]
+    looked = [(Beside(problem, sound, refits, s.candidate), s) for s in seen]
     first = sorted(((beside.nearest(s.units), beside, s) for beside, s in looked), key=lambda one: one[0][0])
     closer = [(beside.closer(*nearest), s) for nearest, beside, s in first[: 2 * NEARLY]]
     best = sorted(closer, key=lambda one: one[0][0])[:NEARLY]
     near = [(fit(problem, (s.candidate,), unit, sound, FEW), s) for (_, unit), s in best]
     return near, sum(beside.tried for beside, _ in looked) + sum(f.simulations for f, _ in near)
-
-
-@dataclass
-class _Beside:
-    """An effect beside a ``sound`` instrument (p,) in a block, whose nuisance is refitted; ``tried`` counts."""
-
-    problem: Problem
-    sound: FloatArray
-    refits: Sequence[Projector]
-    candidate: Candidate
-    tried: int = 0
-
-    def left(self, unit: FloatArray) -> float:
-        """The deviance that it leaves where it is at ``unit`` (k,) of its prior."""
-        self.tried += 1
-        active = {self.candidate: self.candidate.values(unit)}
-        residual = self.problem.evaluate(self.sound, active, want_jacobian=False).residual
-        times = self.problem.noise_scale(active)
-        wider = 0.0 if times is None else 2.0 * float(np.sum(np.log(times)))
-        return wider + min(refit.chi2(residual) for refit in self.refits)
-
-    def nearest(self, units: Sequence[FloatArray]) -> tuple[float, FloatArray]:
-        """The least that it leaves at one of ``units``, and that one."""
-        return min(((self.left(unit), unit) for unit in units), key=lambda one: one[0])
-
-    def closer(self, left: float, unit: FloatArray) -> tuple[float, FloatArray]:
-        """The same at other strengths beside it: a threshold or a lag is no straight line."""
-        strengths = [k for k, p in enumerate(self.candidate.parameters) if p.null is not None]
-        for step in HALVINGS if len(strengths) == 1 else ():
-            beside = []
-            for by in (-step, step):
-                moved = unit.copy()
-                moved[strengths[0]] = np.clip(moved[strengths[0]] + by, 0.0, 1.0)
-                beside.append(moved)
-            left, unit = min((left, unit), self.nearest(beside), key=lambda one: one[0])
-        return left, unit
 
 
 def as_if_known(

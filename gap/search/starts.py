@@ -48,7 +48,7 @@ SHARES = {"capacity": (1.05, 1.25), "knee": (0.3, 0.6, 0.85), "limit": (1.0, 1.2
 """Values that are looked at, as shares of the greatest one measured. Far above it no capacity shows, below it all is
 lost; a knee does not show above it; at a limit a channel is cut off, or it bends towards one beyond."""
 
-BLEEDS = (0.03, 0.2)
+BLEEDS = (0.01, 0.2)
 """1/s that a held suction draws from a store: what is drawn at once and what is drawn in holds empty it otherwise."""
 
 Place = Mapping[str, float]

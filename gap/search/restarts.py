@@ -1,0 +1,63 @@
+"""The best effects begun again from all over their priors, where even the best explanation leaves much.
+
+A store, a limit or a rhythm has several places from which a fit goes downhill, and the few points of the screening lie
+in some of them only.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import differential_evolution
+from scipy.stats import qmc
+
+from gap.inference.evidence import Fit, Hypothesis
+from gap.inference.linear import Projector
+from gap.inference.problem import Problem
+from gap.search.beside import Beside
+from gap.search.screening import STARTS, Screened
+from sim_devices.chain import FloatArray
+
+LEFT = 1.3
+"""χ² for each row of a block from which on its explanation leaves much."""
+POPULATION, GENERATIONS = 40, 15
+"""Of a differential evolution over an effect's prior: points, and how often these are bred."""
+APART = 0.05
+"""Quantiles by which two starts differ at least."""
+
+
+def leaves_much(hypothesis: Hypothesis, problems: Mapping[str, Problem]) -> bool:
+    """Whether a hypothesis leaves much of a block that its first effect touches."""
+    return any(_left(hypothesis.fits[b]) > LEFT for b in hypothesis.effects[0].blocks if b in problems)
+
+
+def begun_anew(hypothesis: Hypothesis, screened: Screened, problems: Mapping[str, Problem]) -> tuple[Screened, int]:
+    """A ``screened`` effect with the points of its prior that explain most of the block of which ``hypothesis``, the
+    effect as it was fitted, leaves most, as starts; and the number of simulations."""
+    block = max(screened.starts, key=lambda b: _left(hypothesis.fits[b]))
+    fitted, problem = hypothesis.fits[block], problems[block]
+    refits = [Projector(fitted.jacobian, sd) for sd in problem.prior_scales]
+    beside = Beside(problem, fitted.nuisance, refits, screened.candidate)
+    found: list[tuple[float, FloatArray]] = []
+
+    def left(unit: FloatArray) -> float:
+        found.append((beside.left(unit), np.array(unit)))
+        return found[-1][0]
+
+    size = len(screened.candidate.parameters)
+    anywhere = qmc.Sobol(size, seed=0).random_base2(math.ceil(math.log2(POPULATION)))
+    first = np.vstack([fitted.unit, *screened.units, *anywhere])[:POPULATION]
+    differential_evolution(left, [(0.0, 1.0)] * size, init=first, maxiter=GENERATIONS, polish=False, tol=0.0, seed=0)
+    starts: list[FloatArray] = []
+    for _, unit in sorted(found, key=lambda one: one[0]):
+        if len(starts) < STARTS and all(np.max(np.abs(unit - other)) > APART for other in starts):
+            starts.append(unit)
+    # In the other blocks the effect is as in this one.
+    return replace(screened, starts={block: tuple(starts)} | {b: () for b in screened.starts if b != block}), len(found)
+
+
+def _left(fitted: Fit) -> float:
+    return fitted.chi2 / max(len(fitted.residual), 1)

@@ -1,0 +1,55 @@
+"""Effects of several parameters are found where the points of the screening lead nowhere."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gap.effects.load import library
+from gap.inference.hypothesis import Candidate
+from gap.search.compare import Effort, compare
+from sim_devices.stages import kernels
+from tests.gap.conftest import LinearProblem
+
+TIME = np.arange(0.0, 120.0, 0.1)
+TRUE = {"draw": 0.08, "capacity": 33.5e3, "bleed": 0.008, "fill": 40.0}
+STORE = ("draw", "reference", "capacity", "bleed", "fill")
+
+
+def asked() -> np.ndarray:
+    """Suction of four loadings, the last two to what the store hardly gives, Pa."""
+    q = np.zeros(len(TIME))
+    for begin, top in ((5.0, 15e3), (30.0, 25e3), (55.0, 31e3), (85.0, 33e3)):
+        q = np.maximum(q, top * np.clip(np.minimum((TIME - begin) / 2.0, (begin + 18.0 - TIME) / 2.0), 0.0, 1.0))
+    return -q
+
+
+def given(values) -> np.ndarray:
+    out = np.empty(len(TIME))
+    parameters = np.array([(values | {"reference": 30e3})[name] for name in STORE])
+    kernels.limited_store(np.zeros(8), TIME, asked(), parameters, out)
+    return out
+
+
+def problem(noise: float = 50.0) -> LinearProblem:
+    y = given(TRUE) + noise * np.random.default_rng(0).normal(size=len(TIME))
+    design = np.column_stack([np.ones(len(TIME)), 0.01 * asked()]) / noise
+    return LinearProblem((y - asked()) / noise, design, {"reservoir_depletion": lambda v: (given(v) - asked()) / noise})
+
+
+@pytest.fixture(scope="module")
+def store() -> Candidate:
+    effect = library("cutometer")["reservoir_depletion[form=2]"]
+    return Candidate(effect.name, effect.name, effect.stage, effect.parameters, ("linear",))
+
+
+@pytest.mark.parametrize(("anew", "found"), [(0, False), (4, True)])
+def test_a_store_is_found_between_the_points_of_the_screening(store: Candidate, anew: int, found: bool) -> None:
+    best = compare([problem()], [store], replace(Effort(), anew=anew)).hypotheses[0].fits["linear"]
+    assert (best.chi2 < 1.2 * len(TIME)) is found
+    if found:
+        values = best.active[store]
+        assert values["capacity"] == pytest.approx(TRUE["capacity"], rel=0.02)
+        assert values["fill"] == pytest.approx(TRUE["fill"], rel=0.3)
