@@ -36,6 +36,9 @@ binary sequence, and how long the line before or behind it is. Rows on a curve t
 FAINT = 1e-4
 """Of a command's range, per second: a change of its rate below which there is no kink."""
 
+CURVED = 0.005
+"""Of a command's range: the standard deviation about a straight line that a curve has at least."""
+
 
 @dataclass(frozen=True)
 class Command:
@@ -45,6 +48,20 @@ class Command:
     time: FloatArray
     value: FloatArray
     kinks: FloatArray
+
+    def turning(self, start: float, stop: float) -> float:
+        """How fast the command turns between ``start`` and ``stop`` s, rad/s: the angular frequency of a sine; 0 of a
+        straight line, and of what hardly differs from one."""
+        if not stop > start:
+            return 0.0
+        rows = int(np.searchsorted(self.time, stop) - np.searchsorted(self.time, start))
+        time = np.linspace(start, stop, max(2 * rows, 64))
+        value = np.interp(time, self.time, self.value)
+        curved = value - np.polyval(np.polyfit(time - start, value, 1), time - start)
+        size = float(np.std(curved))
+        if size <= CURVED * float(np.ptp(self.value)):
+            return 0.0
+        return float(np.std(np.diff(curved)) / (time[1] - time[0]) / size)
 
 
 def command(time: FloatArray, value: FloatArray) -> Command:

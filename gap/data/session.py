@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import datetime
+from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -49,6 +50,7 @@ class Session:
     def __init__(self, recordings: Sequence[Recording]) -> None:
         self.recordings = tuple(recordings)
         self.shifts, self.own_clocks, self.rests_assumed = _shifts(recordings)
+        self._own: dict[int, list[Command]] = {}
         self._set = np.array([self.span(k)[0] for k in range(len(recordings) if self.own_clocks else 1)])
 
     def clock_age(self, time: FloatArray) -> FloatArray:
@@ -109,8 +111,31 @@ class Session:
         series = self.recordings[k].streams[channel]
         time = self.time(k, series)
         dt = float(np.median(np.diff(time)))
-        edges = np.union1d(bin_edges(time[0], time[-1], kinks, dt, growth, widest), ends)
+        edges = np.union1d(bin_edges(time[0], time[-1], kinks, dt, growth, widest, partial(self.turning, k)), ends)
         return bin_means(time, np.asarray(series.value, dtype=float), edges)
+
+    def turning(self, k: int, start: float, stop: float) -> float:
+        """How fast the quickest command of recording ``k`` turns between two times of the session, rad/s."""
+        shift = self.shifts[k]
+        return max((c.turning(start - shift, stop - shift) for c in self._commands(k)), default=0.0)
+
+    def resolving(self, members: Sequence[int], step: float, turn: float) -> float:
+        """A time step, s, of ``step`` at most, in which no command of recordings turns by more than ``turn`` rad."""
+        quickest = max((self.turning(k, *pair) for k in members for pair in pairwise(self._stretches(k))), default=0.0)
+        return min(step, turn / max(quickest, 1e-9))
+
+    def _stretches(self, k: int) -> list[float]:
+        """The kinks of recording ``k``, and its ends, s."""
+        begin, end = self.span(k)
+        kinks = np.concatenate([c.kinks for c in self._commands(k)]) + self.shifts[k]
+        return sorted({begin, *kinks[(kinks > begin) & (kinks < end)].tolist(), end})
+
+    def _commands(self, k: int) -> list[Command]:
+        """The commands of recording ``k`` by its own clock."""
+        if k not in self._own:
+            tables = self.recordings[k].setpoints.values()
+            self._own[k] = [command(np.asarray(t.time, dtype=float), np.asarray(t.value, dtype=float)) for t in tables]
+        return self._own[k]
 
     def breaks(self, channel: str, k: int) -> FloatArray:
         """Times (m,) s at which a channel of recording ``k`` jumps."""

@@ -16,7 +16,7 @@ from gap.inference.least_squares import fit
 from gap.inference.linear import Projector
 from gap.null.blocks import Block, Group, GroupedSession, Table
 from gap.null.chains import needed, run
-from gap.null.robot_grid import averaged, loop_grid, retimed
+from gap.null.robot_grid import LOOP_STEP, LOOP_TURN, averaged, loop_grid, retimed
 from gap.null.robot_load import SPRING, RecordedLoad
 from gap.null.robot_loop import Controller, controllers, stated
 from sim_devices.chain import Chain, Effect, FloatArray, Operator
@@ -329,7 +329,8 @@ class AxesBlock(Block):
             corners = tables["probe_x"][0]
             spans = [self.session.span(k) for k in group.members]
             begin, end = min(spans[0][0], corners[0]) - EARLY, spans[-1][1] + EARLY
-            grid = loop_grid(self.session.kinks, corners, begin, end, delays)
+            step = self.session.resolving(group.members, LOOP_STEP, LOOP_TURN)
+            grid = loop_grid(self.session.kinks, corners, begin, end, delays, step)
             commands = {f"command_{a}": np.interp(grid, *tables[f"probe_{a}"]) for a in "xyz"}
             chain = specimen_chain(group, sheet_tissue("forearm"), self.session.marks)
             ahead = needed(chain, numbered("target"), commands)

@@ -22,8 +22,8 @@ from sim_devices.chain import Chain, Effect, FloatArray
 from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
 from sim_devices.stages.tissues import SheetTissue, sheet_tissue
 
-SHEET_STEP = 0.1
-"""s between nodes of the sheet, stamps apart."""
+SHEET_STEP, SHEET_TURN = 0.1, 0.05
+"""s between nodes of the sheet, stamps apart, at most; and rad by which a curved command may turn in it."""
 AT_NOISE = 1.3
 """χ²/n of the best simple law above which further ones are tried."""
 FEW, PROMISING = 10, 4
@@ -254,7 +254,7 @@ class ForceBlock(Block):
         time = axes["axis_1"][0]
         begin, end = min(ends.min(), time[0]), ends.max() + 0.05
         kinks = self.session.kinks
-        even = np.arange(begin, end, SHEET_STEP)
+        even = np.arange(begin, end, self.session.resolving(group.members, SHEET_STEP, SHEET_TURN))
         grid = np.unique(np.concatenate([even, ends, kinks[(kinks > begin) & (kinks < end)], [end]]))
         return grid, {name: np.interp(grid, *table) for name, table in axes.items()}
 

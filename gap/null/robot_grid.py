@@ -13,9 +13,9 @@ from sim_devices.stages.sampling import RETIMED, mean_before
 
 KINK = 1e-6
 """s, within which a speed changes."""
-LOOP_STEP = 0.02
-"""s; the loop is exact between kinks, so this only has to resolve curved motion: of twice that, quick curves were half
-a sigma off."""
+LOOP_STEP, LOOP_TURN = 0.02, 0.1
+"""s at most, and rad by which a curved command may turn in it: the loop is exact between kinks, so this only has to
+resolve curved motion."""
 AFTER_KINK = np.concatenate([np.arange(0.004, 0.1, 0.004), np.arange(0.1, 0.3, 0.01)])
 """s after a kink: nodes for the loop's answer, which straight lines over `LOOP_STEP` would miss by several µm."""
 
@@ -34,17 +34,22 @@ def averaged(grid: FloatArray, signals: Sequence[FloatArray], ends: FloatArray) 
 
 
 def loop_grid(
-    kinks: FloatArray, corners: FloatArray, begin: float, end: float, delays: Sequence[Retimed] = ()
+    kinks: FloatArray,
+    corners: FloatArray,
+    begin: float,
+    end: float,
+    delays: Sequence[Retimed] = (),
+    step: float = LOOP_STEP,
 ) -> FloatArray:
-    """Nodes for a loop from ``begin`` to ``end`` s: the same steps after every kink, as the exponential of each length
-    is computed once, and the command's ``corners``; both when ``delays`` show them, and the corners where they are, as
-    what is delayed is read between nodes."""
+    """Nodes for a loop from ``begin`` to ``end`` s: the same steps, at last ``step`` s, after every kink, as the
+    exponential of each length is computed once, and the command's ``corners``; both when ``delays`` show them, and the
+    corners where they are, as what is delayed is read between nodes."""
     own = np.concatenate([corners - KINK, corners, corners + KINK]) if delays else np.zeros(0)
     for op in delays:
         kinks, corners = op.shows(kinks), op.shows(corners)
         jumps = op.jumps(begin, end)
         kinks, corners = np.unique(np.concatenate([kinks, jumps])), np.concatenate([corners, jumps])
-    steps = np.arange(AFTER_KINK[-1], end - begin, LOOP_STEP)
+    steps = np.arange(AFTER_KINK[-1], end - begin, step)
     offsets = np.concatenate([[0.0, KINK], AFTER_KINK[:-1], steps])
     starts = [begin, *kinks[(kinks > begin) & (kinks < end)].tolist(), end]
     parts = [a + offsets[offsets < b - a] for a, b in pairwise(starts)]
