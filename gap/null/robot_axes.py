@@ -32,8 +32,9 @@ ROBOT_BINS = 0.3, 0.4
 """Growth and largest width (s) of the bins: the motion is slow."""
 STRAINED = 30.0
 """Penalty of the loop's tolerances above which the quick fit looks for friction."""
-EARLY = 0.1
-"""s by which a grid goes beyond the recordings: clocks differ."""
+SETTLED, BEYOND = 3.0, 0.1
+"""s for which a grid begins before the recordings, as a loop holds its load when they begin, a weight that hangs; and
+by which it goes beyond them, as clocks differ."""
 MISTAKEN = "viscous_drag", "coulomb_friction", "latency"
 """Effects that the quick fits look for then: each looks like another controller."""
 STRENGTHS = np.linspace(0.1, 0.9, 17)
@@ -328,7 +329,7 @@ class AxesBlock(Block):
             tables = group.tables()
             corners = tables["probe_x"][0]
             spans = [self.session.span(k) for k in group.members]
-            begin, end = min(spans[0][0], corners[0]) - EARLY, spans[-1][1] + EARLY
+            begin, end = min(spans[0][0], corners[0]) - SETTLED, spans[-1][1] + BEYOND
             step = self.session.resolving(group.members, LOOP_STEP, LOOP_TURN)
             grid = loop_grid(self.session.kinks, corners, begin, end, delays, step)
             commands = {f"command_{a}": np.interp(grid, *tables[f"probe_{a}"]) for a in "xyz"}

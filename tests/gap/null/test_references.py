@@ -14,7 +14,10 @@ from gap.design import simulated as own
 from gap.diagnosis import Diagnosis
 from gap.effects.load import library
 from gap.inference.least_squares import fit
+from gap.null.blocks import GroupedSession
 from gap.null.robot import robot_problems
+from gap.null.robot_axes import QUANTITIES, AxesBlock
+from gap.null.robot_loop import CONTROLLERS
 from gap.null.suction import suction_problems
 from protocols.specimens import stated
 from sim_devices.effects import effects
@@ -46,6 +49,7 @@ WEIGHT = [
     )
     for direction in ("0, 0, -1", "1, 0, 0")
 ]
+HEAVY = {"mass": "50 g", "direction": "1, 0, 0"}
 
 
 def robot(name: str = "", values: Mapping[str, float] | None = None) -> list[Recording]:
@@ -62,6 +66,16 @@ def test_a_sound_instrument_s_references_are_at_the_noise() -> None:
     lag = next(c for c in candidates if c.name == "sensor_low_pass")
     assert creep.blocks == ("height",)  # a person's tissue does it
     assert lag.blocks == ("reference", "height")  # and the reference speaks first
+
+
+def test_a_weight_hangs_before_its_recording_begins() -> None:
+    """A loop of little integral gain takes 0.4 s to hold it: a sound session was told a transducer's gain for it."""
+    weights = own.robot_session(np.random.default_rng(2), legs=[replace(WEIGHT[1], known=stated("dead weight", HEAVY))])
+    axes = AxesBlock(GroupedSession(weights, QUANTITIES), {})
+    axes._take(CONTROLLERS[-1])
+    predicted = axes._predict(axes.prior_mean, {}).reshape(3, -1)
+    at_rest = axes.stamps < axes.stamps[0] + 0.5
+    assert np.ptp(predicted[:, at_rest], axis=1).max() < 1e-6
 
 
 def _step(change) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
