@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 from itertools import pairwise
@@ -42,6 +43,24 @@ class Sigma(NamedTuple):
     def kept(self) -> float:
         """What averaging does not lower."""
         return float(np.hypot(self.grid, self.slow))
+
+
+@dataclass(frozen=True)
+class Pace:
+    """Time ``steps`` (n + 1,) s before, between and behind ``edges`` (n,) s."""
+
+    edges: FloatArray
+    steps: FloatArray
+
+    def at(self, time: float) -> float:
+        """The step, s, at a ``time`` s."""
+        return float(self.steps[np.searchsorted(self.edges, time, side="right")])
+
+    def nodes(self, begin: float, end: float) -> FloatArray:
+        """Times (m,) s from ``begin`` to ``end`` s at this pace."""
+        inside = self.edges[(self.edges > begin) & (self.edges < end)].tolist()
+        parts = [np.arange(a, b, self.at(0.5 * (a + b))) for a, b in pairwise([begin, *inside, end])]
+        return np.concatenate(parts)
 
 
 class Session:
@@ -119,10 +138,14 @@ class Session:
         shift = self.shifts[k]
         return max((c.turning(start - shift, stop - shift) for c in self._commands(k)), default=0.0)
 
-    def resolving(self, members: Sequence[int], step: float, turn: float) -> float:
-        """A time step, s, of ``step`` at most, in which no command of recordings turns by more than ``turn`` rad."""
-        quickest = max((self.turning(k, *pair) for k in members for pair in pairwise(self._stretches(k))), default=0.0)
-        return min(step, turn / max(quickest, 1e-9))
+    def pace(self, members: Sequence[int], step: float, turn: float) -> Pace:
+        """Time steps of ``step`` s at most, in which no command of the recordings turns by more than ``turn`` rad."""
+        edges, steps = list[float](), [step]
+        for k in members:
+            for start, stop in pairwise(self._stretches(k)):
+                edges += [start, stop]
+                steps += [min(step, turn / max(self.turning(k, start, stop), 1e-9)), step]
+        return Pace(np.asarray(edges), np.asarray(steps))
 
     def _stretches(self, k: int) -> list[float]:
         """The kinks of recording ``k``, and its ends, s."""

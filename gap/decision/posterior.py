@@ -234,9 +234,14 @@ def _with_earned_pairs(
     unmarked: Set[Candidate],
 ) -> FloatArray:
     """Scores in which a pair that does not earn its second effect stays below the best single effect: the second is
-    to be looked for next, and no more."""
+    to be looked for next, and no more. Nor does a pair earn anything that explains less than one other effect whose
+    form a second one repairs a little."""
     single = max((s for s, h in zip(score, every, strict=True) if len(h.effects) == 1), default=score[0])
     unearned = np.array([not _earned(h, comparison, weighed, t, temper, stated, unmarked) for h in every])
+    repaired = [(s, h) for s, h, un in zip(score, every, unearned, strict=True) if un and not unmarked & {*h.effects}]
+    for k, h in enumerate(every):
+        if len(h.effects) > 1 and not unearned[k]:
+            unearned[k] = any(s > score[k] and not {*h.effects} & {*other.effects[:1]} for s, other in repaired)
     return np.where(unearned, np.minimum(score, single - t.unearned), score)
 
 

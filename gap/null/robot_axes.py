@@ -330,8 +330,9 @@ class AxesBlock(Block):
             corners = tables["probe_x"][0]
             spans = [self.session.span(k) for k in group.members]
             begin, end = min(spans[0][0], corners[0]) - SETTLED, spans[-1][1] + BEYOND
-            step = self.session.resolving(group.members, LOOP_STEP, LOOP_TURN)
-            grid = loop_grid(self.session.kinks, corners, begin, end, delays, step)
+            grid = loop_grid(
+                self.session.kinks, corners, begin, end, delays, self.session.pace(group.members, LOOP_STEP, LOOP_TURN)
+            )
             commands = {f"command_{a}": np.interp(grid, *tables[f"probe_{a}"]) for a in "xyz"}
             chain = specimen_chain(group, sheet_tissue("forearm"), self.session.marks)
             ahead = needed(chain, numbered("target"), commands)

@@ -254,7 +254,7 @@ class ForceBlock(Block):
         time = axes["axis_1"][0]
         begin, end = min(ends.min(), time[0]), ends.max() + 0.05
         kinks = self.session.kinks
-        even = np.arange(begin, end, self.session.resolving(group.members, SHEET_STEP, SHEET_TURN))
+        even = self.session.pace(group.members, SHEET_STEP, SHEET_TURN).nodes(begin, end)
         grid = np.unique(np.concatenate([even, ends, kinks[(kinks > begin) & (kinks < end)], [end]]))
         return grid, {name: np.interp(grid, *table) for name, table in axes.items()}
 

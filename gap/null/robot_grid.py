@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from gap.data.session import Pace
 from sim_devices.chain import FloatArray, Operator
 from sim_devices.stages.operators import Retimed
 from sim_devices.stages.sampling import RETIMED, mean_before
@@ -33,27 +34,36 @@ def averaged(grid: FloatArray, signals: Sequence[FloatArray], ends: FloatArray) 
     return mean_before(grid, np.stack(signals), last, window)
 
 
+EVEN = Pace(np.zeros(0), np.array([LOOP_STEP]))
+
+
 def loop_grid(
     kinks: FloatArray,
     corners: FloatArray,
     begin: float,
     end: float,
     delays: Sequence[Retimed] = (),
-    step: float = LOOP_STEP,
+    pace: Pace = EVEN,
 ) -> FloatArray:
-    """Nodes for a loop from ``begin`` to ``end`` s: the same steps, at last ``step`` s, after every kink, as the
+    """Nodes for a loop from ``begin`` to ``end`` s: the same steps, at last by ``pace``, after every kink, as the
     exponential of each length is computed once, and the command's ``corners``; both when ``delays`` show them, and the
-    corners where they are, as what is delayed is read between nodes."""
+    corners where they are, as what is delayed is read between nodes. Rows of a dense curve are no corners."""
+    far = np.diff(corners, prepend=-np.inf) > LOOP_STEP
+    corners = corners[far | np.isin(corners, kinks)]
     own = np.concatenate([corners - KINK, corners, corners + KINK]) if delays else np.zeros(0)
     for op in delays:
         kinks, corners = op.shows(kinks), op.shows(corners)
         jumps = op.jumps(begin, end)
         kinks, corners = np.unique(np.concatenate([kinks, jumps])), np.concatenate([corners, jumps])
-    steps = np.arange(AFTER_KINK[-1], end - begin, step)
-    offsets = np.concatenate([[0.0, KINK], AFTER_KINK[:-1], steps])
     starts = [begin, *kinks[(kinks > begin) & (kinks < end)].tolist(), end]
-    parts = [a + offsets[offsets < b - a] for a, b in pairwise(starts)]
+    parts = [_after(a, b, pace.at(0.5 * (a + b))) for a, b in pairwise(starts)]
     # Before a corner, too: a step is as late as it is, and does not begin at the node before it.
     grid = np.unique(np.concatenate([*parts, corners - KINK, corners, corners + KINK, own, [end]]))
     grid = grid[(grid >= begin) & (grid <= end)]
     return np.asarray(grid[np.diff(grid, prepend=-np.inf) > 0.5 * KINK])
+
+
+def _after(kink: float, end: float, step: float) -> FloatArray:
+    """Nodes (n,) s after a ``kink``, at last ``step`` s apart."""
+    offsets = np.concatenate([[0.0, KINK], AFTER_KINK[:-1], np.arange(AFTER_KINK[-1], end - kink, step)])
+    return np.asarray(kink + offsets[offsets < end - kink])

@@ -331,3 +331,19 @@ def test_a_second_effect_must_act_above_the_noise(linear, candidate, sigma: floa
     comparison = compare([height, pressure], known)
     likely = replace(INSTRUMENT, prior_pair=0.5, second_least=0.0, second_share=0.0)
     assert len(posterior(comparison, known, likely).causes[0].effects) == effects
+
+
+def test_two_effects_earn_nothing_where_one_of_a_little_other_form_explains_more(linear, candidate) -> None:
+    """The play of a valve's stem, which a little preconditioning repaired, was told hysteresis and preconditioning."""
+    rng = np.random.default_rng(0)
+    y = DESIGN @ [2.0, 1.0] + 60.0 * SHAPES["bump"] + 1.5 * SHAPES["wave"] + rng.normal(size=len(T))
+    changes = {
+        "play": lambda v: v["a"] * SHAPES["bump"],
+        "repair": lambda v: v["a"] * SHAPES["wave"],
+        "hysteresis": lambda v: v["a"] * (SHAPES["bump"] + 0.3 * SHAPES["late"]),
+        "fading": lambda v: v["a"] * (SHAPES["late"] - 0.06 * SHAPES["wave"]),
+    }
+    known = [candidate(n, Parameter("a", "1", -90.0, 90.0, 0.0)) for n in changes]
+    comparison = compare([linear(y, DESIGN, changes, np.full(2, 100.0))], known)
+    assert {"play + repair", "hysteresis + fading"} <= {h.name for h in comparison.hypotheses}
+    assert posterior(comparison, known, INSTRUMENT).causes[0].names == ("play",)
