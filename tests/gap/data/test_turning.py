@@ -26,6 +26,11 @@ def test_straight_lines_do_not_turn() -> None:
     assert ramps.turning(1.0, 1.0) == 0.0
 
 
+def test_a_step_at_an_end_is_no_curve() -> None:
+    held = command(np.array([0.0, 1.0, 1.0, 5.0, 5.0, 9.0]), np.array([0.0, 0.0, 1.0, 1.0, 0.0, 0.0]))
+    assert [held.turning(*pair) for pair in ((0.0, 1.0), (1.0, 5.0), (5.0, 9.0))] == [0.0, 0.0, 0.0]
+
+
 def test_a_command_that_is_rounded_hardly_differs_from_a_straight_line() -> None:
     time = np.arange(0.0, 10.0, 0.01)
     assert command(time, np.round(30e3 * time / 10.0, -2)).turning(0.0, 9.99) == 0.0
