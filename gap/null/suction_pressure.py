@@ -26,12 +26,14 @@ from gap.null.suction_regulator import (
     VALVE,
     VALVE_NOMINAL,
     ZERO,
+    opened_flow,
     prior_widths,
     quantities,
     regulated,
     steps,
 )
 from sim_devices.chain import Chain, Effect, FloatArray
+from sim_devices.effects.build import PRESSURE
 from sim_devices.stages import nominal
 from sim_devices.stages.sampling import REFINEMENT, simulate
 from sim_devices.stages.suction import tissue_operators
@@ -61,8 +63,18 @@ SPANS = (0.04, 0.08, 0.15)
 UNEXPLAINED = 0.2
 """Share of what stands above the noise that a regulator of an unknown structure may leave: it has many parameters, and
 what it leaves more of is something else."""
-VALVE_START = {"integral_rate": 0.1, "suction_flow_slope": 0.6, "venting_flow_slope": 0.6, "flow_asymmetry": 0.3}
-"""looked for from here: a valve whose flow follows the pressure."""
+VALVE_STARTS = (
+    {"integral_rate": 0.1, "suction_flow_slope": 0.6, "venting_flow_slope": 0.6, "flow_asymmetry": 0.3},
+    {
+        "integral_rate": 1.0,
+        "suction_flow_slope": 1.2,
+        "venting_flow_slope": 1.2,
+        "flow_asymmetry": 0.9,
+        "opened_wholly": 2.0,
+    },
+)
+"""A valve whose flow follows the pressure is looked for from here: one that vents a chamber also when it is nearly
+empty, and one between a supply and the air, whose flow is in proportion to the pressure across it."""
 NO_TISSUE = SuctionTissue(0.0, creep=(), times=(), residual=0.0, softening=0.0)
 
 
@@ -151,14 +163,16 @@ class PressureBlock(Block):
         """Take on a loop about a valve, as a third width of the prior, where it comes to the noise and ``found`` does
         not, by a flow that follows the pressure; whether it was."""
         valve = self._prior(lambda t: t.widest, VALVE)
-        begin = self.prior_mean.copy()
-        begin[VALVE] = [VALVE_START.get(name, 0.0) for name in VALVE_NOMINAL]
+        begins = np.tile(self.prior_mean, (len(VALVE_STARTS), 1))
+        begins[:, VALVE] = [[at.get(name, 0.0) for name in VALVE_NOMINAL] for at in VALVE_STARTS]
         looked = under(self, self.prior_mean, valve)
-        tries = [fit(looked, nuisance=start) for start in (begin, found.nuisance)]
+        tries = [fit(looked, nuisance=start) for start in (*begins, found.nuisance)]
         best = max(tries, key=lambda f: f.log_evidence(1.0, (valve,)))
-        flow = (best.nuisance / valve)[VALVE][2:]  # but for the controller's two
+        flow = (best.nuisance / valve)[VALVE][2:5]  # but for the controller's two, and how far it opens
         better = best.objective < min(LEFT * len(best.residual), found.objective)
-        if not (better and np.linalg.norm(flow) > FOLLOWS):
+        slowest = PRESSURE / (2.0 * self.tolerances["slew_limit"]["span_time"].value)
+        quick = opened_flow(best.nuisance, self._largest) > slowest
+        if not (better and quick and np.linalg.norm(flow) > FOLLOWS):
             return False
         self._take(valve, best)
         return True

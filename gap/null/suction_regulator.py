@@ -26,8 +26,10 @@ VALVE_NOMINAL: Mapping[str, float] = {
     "suction_flow_slope": 0.0,
     "venting_flow_slope": 0.0,
     "flow_asymmetry": 0.0,
+    "opened_wholly": 0.0,
 }
-"""A loop about a valve, and what these are in a second order."""
+"""A loop about a valve, and what these are in a second order: the last is the largest command over the error that opens
+the valve as far as it goes."""
 TIME, DAMPING, SHIFT, CLOCK = range(4)
 FURTHER = slice(4, 4 + len(LAGS))
 LEAD = FURTHER.stop
@@ -97,7 +99,8 @@ def regulated(chain: Chain, c: FloatArray, largest: float) -> Chain:
     """The nominal chain with the regulator at a nuisance vector (SIZE,); ``largest`` Pa is asked for at most."""
     chain = chain.tuned("regulator", tau=REGULATOR_TAU * bounded_exp(c[TIME]), zeta=bounded_exp(c[DAMPING]))
     if np.any(np.abs(c[VALVE]) > FROZEN):
-        valve = tuple(c[VALVE] + list(VALVE_NOMINAL.values()))
+        *loop, wholly = c[VALVE] + list(VALVE_NOMINAL.values())
+        valve = *loop, largest / max(wholly, 1e-9)
         chain = chain.tuned("regulator", valve=valve, highest=OVERSHOT)  # its integral has to empty first
     if np.any(np.abs(c[UNKNOWN]) > FROZEN):
         chain = chain.tuned("regulator", unknown=(largest, *c[UNKNOWN].tolist()))
@@ -108,6 +111,13 @@ def regulated(chain: Chain, c: FloatArray, largest: float) -> Chain:
         return chain
     lags = tuple(zip(shares, (*LAGS, *SLOW_LAGS), strict=True))
     return after(chain, "regulator", lambda s, t: FurtherLags("further_lags", "actuator", s, t, lags, lead))
+
+
+def opened_flow(c: FloatArray, largest: float) -> float:
+    """Pa/s that the valve of a nuisance vector (SIZE,) gives to an empty chamber where it is opened wholly."""
+    per_error = 1.0 / (2.0 * REGULATOR_TAU * bounded_exp(c[TIME]) * bounded_exp(c[DAMPING]))
+    lean, wholly = c[VALVE][4:6]
+    return float(per_error * (1.0 + lean) * largest / max(wholly, 1e-9))
 
 
 def quantities(c: FloatArray, sd: FloatArray) -> Mapping[str, tuple[float, str]]:

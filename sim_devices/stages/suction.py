@@ -32,9 +32,9 @@ class Regulator(Wired):
     """Second-order pressure regulation, tau² p'' + 2 zeta tau p' + p = set-point, within the pump's limits.
 
     ``rates`` (Pa/s) limit how fast pressure rises and falls, at once or, if it is ``eased``, ever more as they are
-    approached. One with a ``valve`` (r 1/s, b, build, vent, lean of `kernels.valve_loop`) is a PI loop whose flow
-    follows the pressure; it is the second order where these are 0, 1, 0, 0, 0. One of ``unknown`` structure (largest
-    command Pa, logarithms of `kernels.free_loop`) is the second order where these are 0.
+    approached. One with a ``valve`` (r 1/s, b, build, vent, lean, open Pa of `kernels.valve_loop`) is a PI loop whose
+    flow follows the pressure; it is the second order where these are 0, 1, 0, 0, 0, inf. One of ``unknown`` structure
+    (largest command Pa, logarithms of `kernels.free_loop`) is the second order where these are 0.
     """
 
     tau: float = REGULATOR_TAU
@@ -49,7 +49,7 @@ class Regulator(Wired):
     def fresh(self) -> Any:
         if self.unknown:
             return np.zeros(kernels.STATE), np.array([self.tau, self.zeta, *self.unknown])
-        valve = (*self.valve, -self.lowest, float(self.eased)) if self.valve else ()
+        valve = (*self.valve[:-1], -self.lowest, float(self.eased), self.valve[-1]) if self.valve else ()
         return np.zeros(kernels.STATE), np.array([self.tau, self.zeta, *self.rates, *valve])
 
     def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:

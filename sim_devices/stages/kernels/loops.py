@@ -15,7 +15,11 @@ QUICKEST = 3e-3
 """s: a valve that is quicker than this counts as so quick; it saves steps and moves no pressure that is sampled."""
 AT_REST = 1e-9
 """Share of the command's largest value by which pressure may be off it, or move within a step, and be at rest."""
-LEAST = 0.05
+NOTHING, VENTED = -1.0, -50.0
+"""Pa above which a command asks for nothing, and a chamber is empty."""
+STILL = 0.2
+"""Of the nominal flow: what leaves an empty chamber less than this leaves a controller's integral as it is."""
+LEAST = 1e-3
 """Of the nominal flow, at the ends of what a supply can give."""
 
 
@@ -39,12 +43,15 @@ def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
     b = 1, r = 0 and g = 1.
 
     The flow that a valve lets through follows the pressure across it (ISO 6358): g = 1 + lean - build q while suction
-    builds up, 1 - lean + vent q while it is vented, q = -y / span. ``p`` = (tau s, zeta, fastest rise and fall, r 1/s,
-    b, build, vent, lean, span, 1 if the limits are approached softly). Classical Runge-Kutta.
+    builds up, 1 - lean + vent q while it is vented, q = -y / span. An error of ``open`` Pa opens it as far as it goes;
+    the integral waits meanwhile. It is emptied in a vented chamber from which hardly anything flows, or it would stay.
+    ``p`` = (tau s, zeta, fastest rise and fall, r 1/s, b, build, vent, lean, span, 1 if the limits are approached
+    softly, open). Classical Runge-Kutta.
     """
     k = 1.0 / (2.0 * p[1] * max(p[0], 1e-9))
     late = max(p[0] / (2.0 * p[1]), QUICKEST)
-    reset, weight = p[4], p[5]
+    reset, weight, widest = p[4], p[5], k * p[11]
+    empties = 1.0 - p[8] < STILL
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2] = 1.0, t[0], u[0]
     for i in range(t.size):
@@ -63,13 +70,14 @@ def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
                 part = 0.0 if stage == 0 else (h if stage == 3 else 0.5 * h)
                 w = 1.0 if stage == 0 or stage == 3 else 2.0
                 yy, xx, ii, now = y0 + part * dy, x0 + part * dx, i0 + part * di, at + part * slope
-                dy, dx, di = (
-                    _flow(yy, xx, p),
-                    (k * (weight * now - yy) + ii - xx) / late,
-                    k * reset * (now - yy),
-                )
+                asked = k * (weight * now - yy) + ii
+                held = min(max(asked, -widest), widest)
+                dy, dx = _flow(yy, xx, p), (held - xx) / late
+                di = k * reset * (now - yy) if held == asked else 0.0
                 sy, sx, si = sy + w * dy, sx + w * dx, si + w * di
             s[3], s[4], s[5] = y0 + h / 6.0 * sy, x0 + h / 6.0 * sx, i0 + h / 6.0 * si
+        if empties and u[i] > NOTHING and s[3] > VENTED:
+            s[5] = 0.0
         s[1], s[2], y[i] = t[i], u[i], s[3]
 
 
@@ -84,8 +92,6 @@ LEAST_SLOPE, MOST_SLOPE = -4.0, 2.0
 """Logarithms between which those of `free_loop` are held: beyond, its step would be too long."""
 FARTHEST = 10.0
 """Largest commands beyond which nothing of `free_loop` is believed."""
-NOTHING = -1.0
-"""Pa above which a command asks for nothing."""
 SETTLES = 0.2
 """s in which the controller's memory of `free_loop` forgets, nominally."""
 FREE = 2 * (len(DRIVE_KNOTS) + len(SPEED_KNOTS)) + 12
