@@ -25,6 +25,7 @@ from gap.null.suction_regulator import (
     UNKNOWN,
     VALVE,
     VALVE_NOMINAL,
+    VENTED,
     ZERO,
     opened_flow,
     prior_widths,
@@ -75,6 +76,8 @@ VALVE_STARTS = (
 )
 """A valve whose flow follows the pressure is looked for from here: one that vents a chamber also when it is nearly
 empty, and one between a supply and the air, whose flow is in proportion to the pressure across it."""
+EMPTY = 500.0
+"""Pa of suction from which on a line is not vented."""
 NO_TISSUE = SuctionTissue(0.0, creep=(), times=(), residual=0.0, softening=0.0)
 
 
@@ -299,7 +302,7 @@ class PressureBlock(Block):
         if not np.any(telling & (over(slope * fitted.residual) ** 2 > LATE**2 * known)):
             return Lateness(np.zeros(0), np.zeros(0), np.zeros(0), intervals) if intervals else None
         # The fitted regulator and clock have taken on much of the effect, the nominal ones may answer otherwise.
-        nominal = np.concatenate([np.zeros(len(fitted.nuisance) - 2), fitted.nuisance[-2:]])
+        nominal = np.concatenate([np.zeros(GAIN), fitted.nuisance[GAIN:]])
         seen = [self._late(n, fitted.active, number, telling) for n in (nominal, fitted.nuisance)]
         late, sd = min(seen, key=lambda found: float(np.median(found[1][telling])))
         good = np.isfinite(sd)
@@ -337,8 +340,9 @@ class PressureBlock(Block):
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         made = self._predict(nuisance, active)
-        gain, zero = nuisance[[GAIN, ZERO]]
-        residual = self.whitened(self.measured - made * (1.0 + gain) - zero, active)
+        gain, zero, more = nuisance[GAIN:]
+        vented = np.clip(1.0 + made / EMPTY, 0.0, 1.0)
+        residual = self.whitened(self.measured - made * (1.0 + gain) - zero - more * vented, active)
         if not want_jacobian:
             return Evaluation(residual, np.zeros((0, 0)))
         jacobian = np.ones((len(residual), len(nuisance)))
@@ -349,5 +353,5 @@ class PressureBlock(Block):
             moved = nuisance.copy()
             moved[k] += step
             jacobian[:, k] = (self._predict(moved, active) - made) * (1.0 + gain) / step
-        jacobian[:, GAIN] = made
+        jacobian[:, GAIN], jacobian[:, VENTED] = made, vented
         return Evaluation(residual, self.whitened(jacobian, active))

@@ -19,6 +19,7 @@ from gap.null.skin_laws import bounded_exp
 from gap.null.suction_discrepancy import KNEES
 from gap.null.suction_feed import FedBlock
 from gap.null.suction_pressure import IGNORED, NO_TISSUE, PressureBlock, chain_of
+from gap.null.suction_regulator import GAIN, ZERO
 from protocols.specimens import MEMORY
 from sim_devices.chain import Chain, Effect, FloatArray
 from sim_devices.stages.kernels import evaluate, low_pass
@@ -247,6 +248,6 @@ class ManometerBlock(PressureBlock):
 
     def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:
         return {
-            "pressure_gauge_gain_error": (-float(nuisance[-2]), "1"),
-            "pressure_gauge_zero": (-float(nuisance[-1]), "Pa"),
+            "pressure_gauge_gain_error": (-float(nuisance[GAIN]), "1"),
+            "pressure_gauge_zero": (-float(nuisance[ZERO]), "Pa"),
         }

@@ -37,11 +37,12 @@ VALVE = slice(LEAD + 1, LEAD + 1 + len(VALVE_NOMINAL))
 SPAN = VALVE.stop
 SLOW = slice(SPAN + 1, SPAN + 1 + len(SLOW_LAGS))
 UNKNOWN = slice(SLOW.stop, SLOW.stop + FREE)
-GAIN, ZERO = UNKNOWN.stop, UNKNOWN.stop + 1
-SIZE = ZERO + 1
+GAIN, ZERO, VENTED = range(UNKNOWN.stop, UNKNOWN.stop + 3)
+SIZE = VENTED + 1
 """Where the nuisance (SIZE,) has the logarithm of the regulator's time and damping, how late its samples are (s) and
 its clock's rate; shares of further lags, a lead (s), the loop about a valve, the s for 300 mbar of a limited rate,
-shares of slow lags, the logarithms of `kernels.free_loop`; and the gauge's gain and zero (Pa)."""
+shares of slow lags, the logarithms of `kernels.free_loop`; and the gauge's gain, its zero (Pa), and by how much it
+reads more (Pa) while the line is vented: a zero that closes the loop shows at one of both only."""
 OVERSHOT = 5e3
 """Pa above the air's pressure to which a loop about a valve may vent."""
 
@@ -85,12 +86,13 @@ def prior_widths(
     if opened == UNKNOWN:
         out[UNKNOWN], out[SLOW] = width(regulator["unknown_slopes"]), width(regulator["further_lags"])
     out[[GAIN, ZERO]] = own["gauge_gain"]["error"].value, own["gauge_offset"]["offset"].value
+    out[VENTED] = out[ZERO]
     return out
 
 
 def steps(sampling: float) -> FloatArray:
-    """Steps (SIZE - 2,) of differences for the Jacobian; ``sampling`` s is the sampling period."""
-    out = np.full(SIZE - 2, 1e-3)
+    """Steps (GAIN,) of differences for the Jacobian; ``sampling`` s is the sampling period."""
+    out = np.full(GAIN, 1e-3)
     out[[SHIFT, CLOCK, LEAD]] = 0.05 * sampling, 1e-6, 1e-4
     return out
 
