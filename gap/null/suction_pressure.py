@@ -19,13 +19,16 @@ from gap.null.blocks import Block, Group, GroupedSession, Table
 from gap.null.chains import needed
 from gap.null.suction_regulator import (
     CLOCK,
+    DAMPING,
     GAIN,
     SHIFT,
     SPAN,
+    TIME,
     UNKNOWN,
     VALVE,
     VALVE_NOMINAL,
     VENTED,
+    WEIGHED,
     ZERO,
     opened_flow,
     prior_widths,
@@ -54,8 +57,9 @@ AWAY, BACK = 8.0, 4.0
 """σ by which a recording must begin off where it rests to count as begun in motion, and from which on it rests."""
 QUIET = 1e-6
 """Share of the most telling kink's information on lateness below which a kink says nothing."""
-NOISY = 1.2
-"""χ² for each row above which a regulator of another structure is tried,"""
+NOISY, STRAINED = 1.2, 60.0
+"""χ² for each row above which a regulator of another structure is tried, and strain of tolerances above which one that
+weighs its set-point is,"""
 LEFT, FOLLOWS = 2.0, 0.5
 """which is one if it leaves less than so much of χ² and strain for each row, and if its flow follows the pressure by so
 many tolerances: else it is but a better place to start from, and something else acts,"""
@@ -64,6 +68,10 @@ SPANS = (0.04, 0.08, 0.15)
 UNEXPLAINED = 0.2
 """Share of what stands above the noise that a regulator of an unknown structure may leave: it has many parameters, and
 what it leaves more of is something else."""
+QUICK_INTEGRAL = 3.0
+"""1/s from which on an integral is none that makes up for a leak."""
+WEIGHED_STARTS = ((-0.6, 0.0, 6.0, -0.4), (0.0, 0.0, 6.0, -0.8))
+"""A weighed set-point is looked for from these: logarithms of time and damping, the integral's rate, weight less 1."""
 VALVE_STARTS = (
     {"integral_rate": 0.1, "suction_flow_slope": 0.6, "venting_flow_slope": 0.6, "flow_asymmetry": 0.3},
     {
@@ -138,9 +146,11 @@ class PressureBlock(Block):
         self.blur_steep_parts(self._slope())
         self.prior_sd = max(self.prior_scales, key=self._probability)
         found = fit(self)
-        tries = (*([self._try_unknown] if unknown else []), self._try_rate, self._try_valve)
+        tries = (*([self._try_unknown] if unknown else []), self._try_weighed, self._try_rate, self._try_valve)
         if found.chi2 > len(found.residual) * NOISY:
             any(attempt(found) for attempt in tries)
+        elif found.penalty > STRAINED:
+            self._try_weighed(found)
         best = found if self._begin is None else fit(self)
         self.explained = best.chi2 < len(best.residual) * NOISY  # by a regulator that is known
         self.row_noise.remember(self.unwhitened(best.residual, {}), self.noise.tolist())
@@ -160,6 +170,21 @@ class PressureBlock(Block):
         if not (better and 0.0 < best.nuisance[SPAN] < 2.0 * span):
             return False
         self._take(limited, best)
+        return True
+
+    def _try_weighed(self, found: Fit) -> bool:
+        """Take on a PI loop whose proportional part sees only a share of the set-point, as a third width of the prior,
+        where it comes to the noise and ``found`` does not; whether it was."""
+        width = self._prior(lambda t: t.widest, WEIGHED)
+        looked = under(self, self.prior_mean, width)
+        begins = np.tile(self.prior_mean, (len(WEIGHED_STARTS), 1))
+        begins[:, [TIME, DAMPING, WEIGHED.start, WEIGHED.start + 1]] = WEIGHED_STARTS
+        best = min((fit(looked, nuisance=start) for start in begins), key=lambda f: f.objective)
+        rate, weight = best.nuisance[WEIGHED]
+        at_noise = best.objective < min(NOISY * len(best.residual), found.objective)
+        if not (at_noise and rate > QUICK_INTEGRAL and -1.0 < weight < 0.0):
+            return False
+        self._take(width, best)
         return True
 
     def _try_valve(self, found: Fit) -> bool:

@@ -34,6 +34,7 @@ TIME, DAMPING, SHIFT, CLOCK = range(4)
 FURTHER = slice(4, 4 + len(LAGS))
 LEAD = FURTHER.stop
 VALVE = slice(LEAD + 1, LEAD + 1 + len(VALVE_NOMINAL))
+WEIGHED = slice(VALVE.start, VALVE.start + 2)
 SPAN = VALVE.stop
 SLOW = slice(SPAN + 1, SPAN + 1 + len(SLOW_LAGS))
 UNKNOWN = slice(SLOW.stop, SLOW.stop + FREE)
@@ -74,8 +75,8 @@ def prior_widths(
     opened: slice = slice(0),
 ) -> FloatArray:
     """Prior widths (SIZE,) by an instrument's ``own`` tolerances, of which ``width`` takes one; ``shift`` s is how late
-    a sound channel may be. What makes a regulator another than a second order is frozen, but for the part ``opened``.
-    """
+    a sound channel may be. What makes a regulator another than a second order is frozen, but for the part ``opened``:
+    a loop about a valve, one of an even flow whose set-point is weighed, or a structure that nobody knows."""
     regulator = own["regulator"]
     out = np.full(SIZE, FROZEN)
     out[[TIME, DAMPING]] = width(regulator["time"]), width(regulator["damping"])
@@ -83,6 +84,8 @@ def prior_widths(
     out[FURTHER], out[LEAD] = width(regulator["further_lags"]), width(regulator["lead"])
     if opened == VALVE:
         out[VALVE] = [width(regulator[f"valve_{name}"]) for name in VALVE_NOMINAL]
+    if opened == WEIGHED:
+        out[WEIGHED] = [width(regulator[f"weighed_{name}"]) for name in list(VALVE_NOMINAL)[:2]]
     if opened == UNKNOWN:
         out[UNKNOWN], out[SLOW] = width(regulator["unknown_slopes"]), width(regulator["further_lags"])
     out[[GAIN, ZERO]] = own["gauge_gain"]["error"].value, own["gauge_offset"]["offset"].value

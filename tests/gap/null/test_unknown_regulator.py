@@ -35,7 +35,7 @@ def test_it_does_not_hide_a_pressure_that_falls_short(recording: Callable[..., R
     """At rest it meets its command: what is amiss in a hold is not its structure."""
     suction = with_windup(np.interp(TIME, CORNERS, SUCTION))
     found = fit(block_of(recording, suction - 0.02 * 30e3 * (suction / 30e3) ** 2))
-    assert found.chi2 / len(found.residual) > 3.0
+    assert found.objective / len(found.residual) > 2.0
 
 
 def test_a_second_order_is_none(recording: Callable[..., Recording]) -> None:

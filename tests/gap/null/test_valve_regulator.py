@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.signal import lsim, lti
 
 from acquire.recording.model import Recording
 from gap.effects.load import library
@@ -87,6 +88,25 @@ def test_a_valve_that_opens_wholly_between_a_supply_and_the_air_is_sound(recordi
     told = block.quantities(found.nuisance)
     assert 30e3 / told["regulator_opened_wholly"][0] == pytest.approx(15e3, rel=0.1)
     assert told["regulator_integral_rate"][0] == pytest.approx(15 / 7, rel=0.2)
+
+
+def weighed(asked: np.ndarray, weight: float = 0.3) -> np.ndarray:
+    """Suction (n,) Pa by a PI controller whose proportional part sees a share of the set-point, and a valve of even
+    flow."""
+    time = STEP * np.arange(len(asked))
+    loop = lti([28.0 * weight, 210.0], [0.012, 1.0, 28.0, 210.0])
+    return np.asarray(lsim(loop, asked, time)[1])
+
+
+def test_a_pi_loop_that_weighs_its_set_point_is_sound(recording: Callable[..., Recording]) -> None:
+    """An outside author's: strained tolerances by 300, and told a regulator's lag (.92) where a lens was bent."""
+    block = session(recording, weighed, 6)
+    found = fit(block)
+    assert found.chi2 / len(found.residual) < 1.2
+    assert found.penalty < 25
+    told = block.quantities(found.nuisance)
+    assert told["regulator_integral_rate"][0] == pytest.approx(7.5, rel=0.3)
+    assert told["regulator_setpoint_weight"][0] == pytest.approx(0.3, abs=0.1)
 
 
 def at_a_limited_rate(asked: np.ndarray, rate: float) -> np.ndarray:
