@@ -44,8 +44,9 @@ def begun_anew(hypothesis: Hypothesis, screened: Screened, problems: Mapping[str
     found: list[tuple[float, FloatArray]] = []
 
     def left(unit: FloatArray) -> float:
-        found.append((beside.left(unit), np.array(unit)))
-        return found[-1][0]
+        deviance = float(np.nan_to_num(beside.left(unit), nan=np.inf))
+        found.append((deviance, np.array(unit)))
+        return deviance
 
     size = len(screened.candidate.parameters)
     anywhere = qmc.Sobol(size, seed=0).random_base2(math.ceil(math.log2(POPULATION)))
