@@ -151,7 +151,8 @@ def _settled(case: Case, t: Thresholds, jobs: int) -> Settled:
     found, trials = _with_best_leader(case, found, t, jobs)
     first, comparison = found.causes[0], case.comparison
     sizes = in_tolerances(comparison.problems, comparison.null, first.members, case.stated, found.temper, t.seen)
-    if case.qualified is not None and case.qualified.expected(first.hypothesis):
+    expected = case.qualified is not None and bool(case.qualified.expected(first.hypothesis))
+    if expected:
         sizes = (np.inf, 0.0)  # references, on which no skin could do as much, have shown that it is more than that
     findings = Findings(
         posterior=found,
@@ -164,6 +165,7 @@ def _settled(case: Case, t: Thresholds, jobs: int) -> Settled:
         tolerances=sizes[0],
         beyond=sizes[1],
         strained=strained(comparison.problems, comparison.null, first.hypothesis),
+        expected=expected,
     )
     return Settled(decide(findings), found, trials)
 

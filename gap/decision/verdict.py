@@ -27,7 +27,7 @@ class Findings:
     ``rival`` that of the next cause of other effects, in all blocks; ``without_skin``, the nats that blocks without
     skin give the first cause; ``tolerances``, how many stated tolerances the smallest member of its class is large
     (inf where none is stated), and ``beyond``, the tempered σ by which it exceeds any tolerance; ``strained``,
-    whether without it tolerances are strained far."""
+    whether without it tolerances are strained far; ``expected``, whether the instrument's references have shown it."""
 
     posterior: Posterior
     t: Thresholds
@@ -39,6 +39,7 @@ class Findings:
     tolerances: float = np.inf
     beyond: float = 0.0
     strained: bool = False
+    expected: bool = False
 
     @property
     def first(self) -> Cause:
@@ -47,7 +48,7 @@ class Findings:
     @property
     def seen(self) -> float:
         """Detectability that the first cause needs."""
-        if self.first.marked:
+        if self.first.marked or self.expected:
             return self.t.seen_marked
         return self.t.seen_of(self.first.effects)
 

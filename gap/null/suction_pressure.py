@@ -20,6 +20,7 @@ from gap.null.chains import needed
 from gap.null.suction_regulator import (
     CLOCK,
     DAMPING,
+    FLOW,
     GAIN,
     SHIFT,
     SPAN,
@@ -196,7 +197,7 @@ class PressureBlock(Block):
         looked = under(self, self.prior_mean, valve)
         tries = [fit(looked, nuisance=start) for start in (*begins, found.nuisance)]
         best = max(tries, key=lambda f: f.log_evidence(1.0, (valve,)))
-        flow = (best.nuisance / valve)[VALVE][2:5]  # but for the controller's two, and how far it opens
+        flow = (best.nuisance / valve)[FLOW]
         better = best.objective < min(LEFT * len(best.residual), found.objective)
         slowest = PRESSURE / (2.0 * self.tolerances["slew_limit"]["span_time"].value)
         quick = opened_flow(best.nuisance, self._largest) > slowest

@@ -35,15 +35,18 @@ FURTHER = slice(4, 4 + len(LAGS))
 LEAD = FURTHER.stop
 VALVE = slice(LEAD + 1, LEAD + 1 + len(VALVE_NOMINAL))
 WEIGHED = slice(VALVE.start, VALVE.start + 2)
+FLOW = slice(WEIGHED.stop, WEIGHED.stop + 3)
+WHOLLY = FLOW.stop
 SPAN = VALVE.stop
 SLOW = slice(SPAN + 1, SPAN + 1 + len(SLOW_LAGS))
 UNKNOWN = slice(SLOW.stop, SLOW.stop + FREE)
 GAIN, ZERO, VENTED = range(UNKNOWN.stop, UNKNOWN.stop + 3)
 SIZE = VENTED + 1
 """Where the nuisance (SIZE,) has the logarithm of the regulator's time and damping, how late its samples are (s) and
-its clock's rate; shares of further lags, a lead (s), the loop about a valve, the s for 300 mbar of a limited rate,
-shares of slow lags, the logarithms of `kernels.free_loop`; and the gauge's gain, its zero (Pa), and by how much it
-reads more (Pa) while the line is vented: a zero that closes the loop shows at one of both only."""
+its clock's rate; shares of further lags, a lead (s), the loop about a valve (`WEIGHED` its controller's, `FLOW` how its
+flow follows the pressure, `WHOLLY` how far it opens), the s for 300 mbar of a limited rate, shares of slow lags, the
+logarithms of `kernels.free_loop`; and the gauge's gain, its zero (Pa), and by how much it reads more (Pa) while the
+line is vented: a zero that closes the loop shows at one of both only."""
 OVERSHOT = 5e3
 """Pa above the air's pressure to which a loop about a valve may vent."""
 
@@ -121,8 +124,8 @@ def regulated(chain: Chain, c: FloatArray, largest: float) -> Chain:
 def opened_flow(c: FloatArray, largest: float) -> float:
     """Pa/s that the valve of a nuisance vector (SIZE,) gives to an empty chamber where it is opened wholly."""
     per_error = 1.0 / (2.0 * REGULATOR_TAU * bounded_exp(c[TIME]) * bounded_exp(c[DAMPING]))
-    lean, wholly = c[VALVE][4:6]
-    return float(per_error * (1.0 + lean) * largest / max(wholly, 1e-9))
+    lean = c[FLOW][-1]
+    return float(per_error * (1.0 + lean) * largest / max(c[WHOLLY], 1e-9))
 
 
 def quantities(c: FloatArray, sd: FloatArray) -> Mapping[str, tuple[float, str]]:
