@@ -17,6 +17,8 @@ AT_REST = 1e-9
 """Share of the command's largest value by which pressure may be off it, or move within a step, and be at rest."""
 NOTHING, VENTED = -1.0, -50.0
 """Pa above which a command asks for nothing, and a chamber is empty."""
+LONG, MOST = 5.0, 5000
+"""s of a command that stays as it is, behind which a chamber is at rest; and steps of an interval at most."""
 STILL = 0.2
 """Of the nominal flow: what leaves an empty chamber less than this leaves a controller's integral as it is."""
 LEAST = 1e-3
@@ -56,7 +58,9 @@ def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
         s[0], s[1], s[2] = 1.0, t[0], u[0]
     for i in range(t.size):
         dt, change = t[i] - s[1], u[i] - s[2]
-        parts = max(math.ceil(PARTS * dt * max(k, 1.0 / late)), 1) if dt > 1e-7 else 0
+        long = change == 0.0 and dt > LONG
+        dt = LONG if long else dt
+        parts = min(max(math.ceil(PARTS * dt * max(k, 1.0 / late)), 1), MOST) if dt > 1e-7 else 0
         h = dt / max(parts, 1)
         s[6] = max(s[6], abs(u[i]))
         for j in range(parts):
@@ -76,6 +80,8 @@ def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
                 di = k * reset * (now - yy) if held == asked else 0.0
                 sy, sx, si = sy + w * dy, sx + w * dx, si + w * di
             s[3], s[4], s[5] = y0 + h / 6.0 * sy, x0 + h / 6.0 * sx, i0 + h / 6.0 * si
+        if long:  # what is left of a slow end has gone
+            s[3], s[4], s[5] = u[i], 0.0, 0.0
         if empties and u[i] > NOTHING and s[3] > VENTED:
             s[5] = 0.0
         s[1], s[2], y[i] = t[i], u[i], s[3]

@@ -12,6 +12,7 @@ from gap.design import simulated as own
 from gap.inference.least_squares import fit
 from gap.null.blocks import GroupedSession
 from gap.null.suction_pressure import PressureBlock
+from gap.null.suction_regulator import GAIN
 
 
 @pytest.mark.parametrize("instrument", ["cutometer", "aspiration", "microrobot"])
@@ -43,7 +44,7 @@ def test_no_gain_of_the_gauge_makes_its_noise_less() -> None:
     recordings = own.suction_session("cutometer", np.random.default_rng(3), [])
     block = PressureBlock(GroupedSession(recordings, ("pressure",)), {})
     jacobian = block.evaluate(block.prior_mean, {}).jacobian
-    gain = jacobian[:, -2] * block.sigma
+    gain = jacobian[:, GAIN] * block.sigma
     held = (block.measured < -0.5 * np.ptp(block.measured)) & (block.counts == 1)
     assert np.std((gain - block.measured)[held]) > 0.5 * block.noise[0]  # the noise of single samples is not in it
     assert np.mean(gain[held]) == pytest.approx(np.mean(block.measured[held]), rel=0.01)
