@@ -49,7 +49,9 @@ def session(instrument: str, effect: str = "", seed: int = 11, **values: float) 
         ("microrobot", "latency", {"delay": 0.07}),
         # The simulation by itself strains its tolerances or its skin for this:
         ("cutometer", "overshoot", {"overshoot": 0.38, "slowness": 0.13}),
-        ("cutometer", "wrong_zeroing", {"delay": 5.3}),
+        pytest.param(
+            "cutometer", "wrong_zeroing", {"delay": 5.3}, marks=pytest.mark.xfail(strict=True, reason="docs/limits.md")
+        ),
         ("cutometer", "jitter", {"sigma": 7e-3, "channel": 1}),
         ("aspiration", "late_samples", {"fraction": 0.2, "channel": 1, "form": 1, "delay": 0.03}),
     ],
@@ -58,9 +60,7 @@ def test_a_strong_effect_is_named_with_its_stage(instrument: str, effect: str, v
     report = as_json(diagnose(session(instrument, effect, **values)))
     first = report["causes"][0]
     assert report["verdict"] in ("effect", "several")
-    # A zero that is taken late is a reading that jumps as late: the two are not told apart yet (docs/limits.md).
-    same = {"wrong_zeroing": {"wrong_zeroing", "sensor_offset"}}.get(effect, {effect})
-    assert same & {n for name in first["class"] for n in name.split(" + ")}
+    assert effect in {n for name in first["class"] for n in name.split(" + ")}
     assert report["where"][0]["stage"] == effects(instrument)[effect].stage
     assert first["detectability"] > 10
     by_chance = effects(instrument)[effect].scatter is not None  # only widens the noise
