@@ -51,7 +51,7 @@ class Command:
 
     def turning(self, start: float, stop: float) -> float:
         """How fast the command turns between ``start`` and ``stop`` s, rad/s: the angular frequency of a sine; 0 of a
-        straight line, and of what hardly differs from one."""
+        straight line, and of a curve that hardly differs from one."""
         if not stop > start:
             return 0.0
         rows = int(np.searchsorted(self.time, stop) - np.searchsorted(self.time, start))

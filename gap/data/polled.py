@@ -113,15 +113,7 @@ def _ripple(paths: Sequence[tuple[FloatArray, FloatArray]], steps: Sequence[Floa
     stepped = zip(paths, steps or [np.zeros(0)] * len(paths), strict=True)
     asked = [(*path, own) for path, own in stepped if len(path[1]) >= LEAST and np.all(np.isfinite(path[1]))]
     rate = rate_of([time for time, _, _ in asked]) if asked else 0.0
-    if rate == 0.0:
-        return None
-    half = max(int(SMOOTH * rate), 2)
-    away = [_away(time[2:-2], own) for time, _, own in asked]
-    every = [
-        (time[2:-2], differences(value) * free, _speed(value, half) * free)
-        for (time, value, _), free in zip(asked, away, strict=True)
-    ]
-    moving = [(time, ripple, speed) for time, ripple, speed in every if ripple.any() and speed.any()]
+    moving = _moving(asked, max(int(SMOOTH * rate), 2)) if rate else []
     if len(moving) < 2:
         return None
     found = _line_with_speed([path[1:] for path in moving], Spectra(rate, max(len(value) for _, value, _ in asked)))
@@ -129,6 +121,20 @@ def _ripple(paths: Sequence[tuple[FloatArray, FloatArray]], steps: Sequence[Floa
         return None
     known = tuple((time, ripple, np.hanning(len(ripple)) * speed) for time, ripple, speed in moving)
     return Ripple(*found, known)
+
+
+def _moving(
+    paths: Sequence[tuple[FloatArray, FloatArray, FloatArray]], half: int
+) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
+    """Time, ripple and speed (over ``half`` samples either way) of those paths, time, value and steps each, that have
+    both away from their steps."""
+    out = []
+    for time, value, steps in paths:
+        away = _away(time[2:-2], steps)
+        ripple, speed = differences(value) * away, _speed(value, half) * away
+        if ripple.any() and speed.any():
+            out.append((time[2:-2], ripple, speed))
+    return out
 
 
 def _line_with_speed(moving: Sequence[tuple[FloatArray, FloatArray]], spectra: Spectra) -> tuple[float, float] | None:

@@ -69,7 +69,7 @@ class Session:
     def __init__(self, recordings: Sequence[Recording]) -> None:
         self.recordings = tuple(recordings)
         self.shifts, self.own_clocks, self.rests_assumed = _shifts(recordings)
-        self._own: dict[int, list[Command]] = {}
+        self._own: dict[int, dict[str, Command]] = {}
         self._set = np.array([self.span(k)[0] for k in range(len(recordings) if self.own_clocks else 1)])
 
     def clock_age(self, time: FloatArray) -> FloatArray:
@@ -97,8 +97,7 @@ class Session:
         times, values, kinks = list[FloatArray](), list[FloatArray](), list[FloatArray]()
         ended = -np.inf
         for k in members:
-            table = self.recordings[k].setpoints[quantity]
-            own = command(np.asarray(table.time, dtype=float), np.asarray(table.value, dtype=float))
+            own = self._commands(k)[quantity]
             begin, end = self.span(k)
             t, v = own.time + self.shifts[k], own.value
             first, last = min(begin, t[0]), max(end, t[-1])
@@ -136,7 +135,7 @@ class Session:
     def turning(self, k: int, start: float, stop: float) -> float:
         """How fast the quickest command of recording ``k`` turns between two times of the session, rad/s."""
         shift = self.shifts[k]
-        return max((c.turning(start - shift, stop - shift) for c in self._commands(k)), default=0.0)
+        return max((c.turning(start - shift, stop - shift) for c in self._commands(k).values()), default=0.0)
 
     def pace(self, members: Sequence[int], step: float, turn: float) -> Pace:
         """Time steps of ``step`` s at most, in which no command of the recordings turns by more than ``turn`` rad."""
@@ -150,14 +149,14 @@ class Session:
     def _stretches(self, k: int) -> list[float]:
         """The kinks of recording ``k``, and its ends, s."""
         begin, end = self.span(k)
-        kinks = np.concatenate([c.kinks for c in self._commands(k)]) + self.shifts[k]
+        kinks = np.concatenate([c.kinks for c in self._commands(k).values()]) + self.shifts[k]
         return sorted({begin, *kinks[(kinks > begin) & (kinks < end)].tolist(), end})
 
-    def _commands(self, k: int) -> list[Command]:
-        """The commands of recording ``k`` by its own clock."""
+    def _commands(self, k: int) -> dict[str, Command]:
+        """The commands of recording ``k`` by quantity, on its own clock."""
         if k not in self._own:
-            tables = self.recordings[k].setpoints.values()
-            self._own[k] = [command(np.asarray(t.time, dtype=float), np.asarray(t.value, dtype=float)) for t in tables]
+            tables = self.recordings[k].setpoints.items()
+            self._own[k] = {q: command(np.asarray(t.time, float), np.asarray(t.value, float)) for q, t in tables}
         return self._own[k]
 
     def breaks(self, channel: str, k: int) -> FloatArray:

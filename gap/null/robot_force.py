@@ -100,7 +100,7 @@ class ForceBlock(Block):
         self._skins, self._linear = Kept(LATELY), Kept(LATELY)
 
     def left_out(self, session: GroupedSession) -> tuple[str, ...]:
-        """Names of the specimens that say nothing here: a reference block has them, and what stands against a post by
+        """Names of the specimens that say nothing here: a reference block has them, and against a post skin moves by
         micrometres that nobody measures."""
         return tuple(SPECIMENS)
 
@@ -260,7 +260,7 @@ class ForceBlock(Block):
 
     def _smoothed(self, group: Group, axes: AxesBlock) -> dict[str, Table]:
         """Recorded axis positions of a group without their sensors' noise: the fitted axes, and the significant part
-        of what the record shows beyond them."""
+        of the record's difference from them."""
         raw = recorded(self, group, AXES, numbered("axis"), smooth=False)
         time = raw["axis_1"][0]
         fitted = axes.true_axes(group, time)
@@ -312,7 +312,7 @@ class ForceBlock(Block):
     def _true_axes(
         self, group: Group, grid: FloatArray, axes: Mapping[str, FloatArray], active: Active
     ) -> Mapping[str, FloatArray]:
-        """A group's axes at its nodes, where processing spoils what is recorded of them: a sensor's small error looks
+        """A group's axes at its nodes, where processing spoils their record: a sensor's small error looks
         like another stiffness, an exchange of channels like nothing that skin does."""
         spoiling = {c: values for c, values in active.items() if c.stage == "processing"}
         if not spoiling:

@@ -30,7 +30,6 @@ from gap.null.suction_regulator import (
     VALVE_NOMINAL,
     VENTED,
     WEIGHED,
-    ZERO,
     opened_flow,
     prior_widths,
     quantities,
@@ -67,8 +66,8 @@ many tolerances: else it is but a better place to start from, and something else
 SPANS = (0.04, 0.08, 0.15)
 """s for 300 mbar at which a limited rate is looked for."""
 UNEXPLAINED = 0.2
-"""Share of what stands above the noise that a regulator of an unknown structure may leave: it has many parameters, and
-what it leaves more of is something else."""
+"""Share of the excess over the noise that a regulator of an unknown structure may leave: it has many parameters, and a
+larger rest is something else's."""
 QUICK_INTEGRAL = 3.0
 """1/s from which on an integral is none that makes up for a leak."""
 WEIGHED_STARTS = ((-0.6, 0.0, 6.0, -0.4), (0.0, 0.0, 6.0, -0.8))
@@ -120,6 +119,11 @@ def commanded_line(chain: Chain, group: Group, time: FloatArray, early: Callable
     fine = fine[(fine >= time[0]) & (fine <= time[-1])]
     partial = replace(chain, operators=needed(chain, ("line_pressure",)))
     return fine, simulate(partial, group.tables(), {"line_pressure": fine + early(fine)})["line_pressure"]
+
+
+def vented(pressure: FloatArray) -> FloatArray:
+    """How far (n,), 0 to 1, a line at ``pressure`` (n,) Pa is vented."""
+    return np.clip(1.0 + pressure / EMPTY, 0.0, 1.0)
 
 
 class PressureBlock(Block):
@@ -242,7 +246,7 @@ class PressureBlock(Block):
         return prior_widths(self.tolerances, self.shift_sd, width, opened)
 
     def _in_motion(self) -> NDArray[np.bool_]:
-        """Rows (n,) of recordings that begin while the pressure still comes back from what was before, until it rests:
+        """Rows (n,) of recordings that begin while the pressure still comes back from the one before, until it rests:
         of that state no command tells."""
         out = np.zeros(len(self.stamps), dtype=bool)
         for k in self.runs:
@@ -281,8 +285,8 @@ class PressureBlock(Block):
 
     def true(self, recorded: FloatArray) -> FloatArray:
         """Recorded pressures (n,) Pa without the gauge's error, as far as a sound one's goes."""
-        gain, zero = self._fitted[[GAIN, ZERO]]
-        true: FloatArray = recorded * (1.0 - gain) - zero
+        gain, zero, more = self._fitted[GAIN:]
+        true: FloatArray = recorded * (1.0 - gain) - zero - more * vented(recorded)
         return true
 
     @cached_property
@@ -367,8 +371,8 @@ class PressureBlock(Block):
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         made = self._predict(nuisance, active)
         gain, zero, more = nuisance[GAIN:]
-        vented = np.clip(1.0 + made / EMPTY, 0.0, 1.0)
-        residual = self.whitened(self.measured - made * (1.0 + gain) - zero - more * vented, active)
+        empty = vented(made)
+        residual = self.whitened(self.measured - made * (1.0 + gain) - zero - more * empty, active)
         if not want_jacobian:
             return Evaluation(residual, np.zeros((0, 0)))
         jacobian = np.ones((len(residual), len(nuisance)))
@@ -379,5 +383,5 @@ class PressureBlock(Block):
             moved = nuisance.copy()
             moved[k] += step
             jacobian[:, k] = (self._predict(moved, active) - made) * (1.0 + gain) / step
-        jacobian[:, GAIN], jacobian[:, VENTED] = made, vented
+        jacobian[:, GAIN], jacobian[:, VENTED] = made, empty
         return Evaluation(residual, self.whitened(jacobian, active))

@@ -34,7 +34,7 @@ both that and nought if the step is on its way; and share of the stated height b
 BEND_SD = 0.05
 """Of the membrane's greatest height, by which its curve may differ from one of three parameters, per function."""
 CURVE_SD = np.array([0.7, 2.0, 1.5])
-"""Logarithms by which these three, compliance, knee and exponent, may differ from what fits the heights as they are
+"""Logarithms by which these three, compliance, knee and exponent, may differ from the curve that fits the heights as
 read: nobody knows them, and a height that lags bends the curve that seems to fit."""
 AS_FITTED, CURVE_STEP = np.zeros(3), 1e-3
 """None of this, and a step of it for differences."""
@@ -87,15 +87,15 @@ class ReferenceBlock(FedBlock):
         self.prior_scales = (self.prior_sd,)
 
     def _solid(self, group: Group, at: slice) -> Table | None:
-        """Height of a solid over a group's time, m; None of a membrane. A step is there from when the record shows half
-        of what it reads of it on, and the moments in which it is moved are left out."""
+        """Height of a solid over a group's time, m; None of a membrane. A step is there from half of its reading on,
+        and the moments in which it is moved are left out."""
         begin, end = self.stamps[at][[0, -1]]
         if group.name == MEMBRANE:
             return None
         if group.name != STEP or "height" not in group.known:
             return np.array([begin, end]), np.zeros(2)
         height = group.known["height"].scalar
-        level = float(np.quantile(self.measured[at], FLAT))  # as it is read: a gain may be half of what it should be
+        level = float(np.quantile(self.measured[at], FLAT))  # as read: a gain may be half of the right one
         share = self.measured[at] / level if level > LEAST_STEP * height else np.ones(at.stop - at.start)
         there = share > 0.5  # where no step shows, its statement is wrong, and the misfit will tell
         moved = np.flatnonzero(np.diff(there.astype(int)) != 0)
@@ -205,7 +205,7 @@ class ReferenceBlock(FedBlock):
         return chain
 
     def _chain_height(self, shift: float, active: Active, off: FloatArray = AS_FITTED) -> FloatArray:
-        """Apex height of the chain, (n,) m, read ``shift`` s late; a membrane's curve is ``off`` (3,) what fits."""
+        """Apex height of the chain, (n,) m, read ``shift`` s late; ``off`` (3,) is how a membrane's curve differs."""
         out = np.empty(len(self.stamps))
         for (g, at), line, solid in zip(self.groups, self._line, self._bulge, strict=True):
             chain = self.with_effects(self._chain_of(g, off), active, g)

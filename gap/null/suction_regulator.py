@@ -138,12 +138,12 @@ def quantities(c: FloatArray, sd: FloatArray) -> Mapping[str, tuple[float, str]]
     out["regulator_lead"] = (float(c[LEAD]), "s")
     lags = [*zip(LAGS, c[FURTHER], sd[FURTHER], strict=True), *zip(SLOW_LAGS, c[SLOW], sd[SLOW], strict=True)]
     out |= {f"regulator_lag_{1e3 * lag:.0f}_ms": (float(share), "1") for lag, share, width in lags if width > FROZEN}
-    if sd[VALVE.start] > FROZEN:
-        valve = zip(VALVE_NOMINAL.items(), c[VALVE], strict=True)
-        out |= {
-            f"regulator_{name}": (float(x) + plain, "1/s" if name == "integral_rate" else "1")
-            for (name, plain), x in valve
-        }
+    valve = zip(VALVE_NOMINAL.items(), c[VALVE], sd[VALVE], strict=True)
+    out |= {
+        f"regulator_{name}": (float(x) + plain, "1/s" if name == "integral_rate" else "1")
+        for (name, plain), x, width in valve
+        if width > FROZEN
+    }
     if sd[SPAN] > FROZEN:
         out["regulator_span_time"] = (float(c[SPAN]), "s")
     return out | {
@@ -151,4 +151,5 @@ def quantities(c: FloatArray, sd: FloatArray) -> Mapping[str, tuple[float, str]]
         "clock_rate": (float(c[CLOCK]), "s/s"),
         "gauge_gain_error": (float(c[GAIN]), "1"),
         "gauge_zero": (float(c[ZERO]), "Pa"),
+        "gauge_zero_more_while_vented": (float(c[VENTED]), "Pa"),
     }

@@ -6,7 +6,6 @@ in some of them only.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -18,15 +17,17 @@ from gap.inference.evidence import Fit, Hypothesis
 from gap.inference.linear import Projector
 from gap.inference.problem import Problem
 from gap.search.beside import Beside
-from gap.search.screening import STARTS, Screened
+from gap.search.screening import Screened
 from sim_devices.chain import FloatArray
 
 LEFT = 1.3
 """χ² for each row of a block from which on its explanation leaves much."""
 POPULATION, GENERATIONS = 40, 15
-"""Of a differential evolution over an effect's prior: points, and how often these are bred."""
-APART = 0.05
-"""Quantiles by which two starts differ at least."""
+"""Of a differential evolution over an effect's prior: points, half of them the screening's, and how often these are
+bred, from any (rand1bin): from the best alone they all end where the fit was."""
+BEGINNINGS, APART = 8, 0.1
+"""From how many of the points fits begin, and quantiles by which two of these differ at least: with the nuisance as it
+was fitted, the best of them may lie where the fit was, too."""
 
 
 def leaves_much(hypothesis: Hypothesis, problems: Mapping[str, Problem]) -> bool:
@@ -49,12 +50,14 @@ def begun_anew(hypothesis: Hypothesis, screened: Screened, problems: Mapping[str
         return deviance
 
     size = len(screened.candidate.parameters)
-    anywhere = qmc.Sobol(size, seed=0).random_base2(math.ceil(math.log2(POPULATION)))
-    first = np.vstack([fitted.unit, *screened.units, *anywhere])[:POPULATION]
-    differential_evolution(left, [(0.0, 1.0)] * size, init=first, maxiter=GENERATIONS, polish=False, tol=0.0, seed=0)
+    known = screened.units[: POPULATION // 2]
+    first = np.vstack([*known, qmc.LatinHypercube(size, seed=0).random(POPULATION - len(known))])
+    differential_evolution(
+        left, [(0.0, 1.0)] * size, init=first, maxiter=GENERATIONS, strategy="rand1bin", polish=False, tol=0.0, seed=0
+    )
     starts: list[FloatArray] = []
     for _, unit in sorted(found, key=lambda one: one[0]):
-        if len(starts) < STARTS and all(np.max(np.abs(unit - other)) > APART for other in starts):
+        if len(starts) < BEGINNINGS and all(np.max(np.abs(unit - other)) > APART for other in starts):
             starts.append(unit)
     # In the other blocks the effect is as in this one.
     return replace(screened, starts={block: tuple(starts)} | {b: () for b in screened.starts if b != block}), len(found)

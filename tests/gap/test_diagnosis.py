@@ -49,9 +49,7 @@ def session(instrument: str, effect: str = "", seed: int = 11, **values: float) 
         ("microrobot", "latency", {"delay": 0.07}),
         # The simulation by itself strains its tolerances or its skin for this:
         ("cutometer", "overshoot", {"overshoot": 0.38, "slowness": 0.13}),
-        pytest.param(
-            "cutometer", "wrong_zeroing", {"delay": 5.3}, marks=pytest.mark.xfail(strict=True, reason="docs/limits.md")
-        ),
+        ("cutometer", "wrong_zeroing", {"delay": 5.3}),
         ("cutometer", "jitter", {"sigma": 7e-3, "channel": 1}),
         ("aspiration", "late_samples", {"fraction": 0.2, "channel": 1, "form": 1, "delay": 0.03}),
     ],

@@ -20,9 +20,9 @@ NOTHING, VENTED = -1.0, -50.0
 LONG, MOST = 5.0, 5000
 """s of a command that stays as it is, behind which a chamber is at rest; and steps of an interval at most."""
 STILL = 0.2
-"""Of the nominal flow: what leaves an empty chamber less than this leaves a controller's integral as it is."""
+"""Of the nominal flow: where a valve lets less out of an empty chamber, its controller's integral would stay."""
 LEAST = 1e-3
-"""Of the nominal flow, at the ends of what a supply can give."""
+"""Of the nominal flow, at the ends of a supply's range."""
 
 
 @njit(cache=True)
@@ -39,6 +39,40 @@ def _flow(p: float, x: float, law: FloatArray) -> float:
 
 
 @njit(cache=True)
+def _valve_pace(p: FloatArray) -> tuple[float, float]:
+    """Gain k, 1/s, of a `valve_loop`'s controller and lag T, s, of its valve."""
+    return 1.0 / (2.0 * p[1] * max(p[0], 1e-9)), max(p[0] / (2.0 * p[1]), QUICKEST)
+
+
+@njit(cache=True)
+def _valve_rates(y: float, x: float, integral: float, u: float, p: FloatArray) -> tuple[float, float, float]:
+    """Rates of pressure, valve and integral of a `valve_loop` that is asked for ``u``."""
+    k, late = _valve_pace(p)
+    asked = k * (p[5] * u - y) + integral
+    held = min(max(asked, -k * p[11]), k * p[11])
+    return _flow(y, x, p), (held - x) / late, k * p[4] * (u - y) if held == asked else 0.0
+
+
+@njit(cache=True)
+def _valve_moved(
+    state: tuple[float, float, float], begin: float, end: float, h: float, p: FloatArray
+) -> tuple[float, float, float]:
+    """Pressure, valve and integral of a `valve_loop` after a step of ``h`` s, while its command goes from ``begin`` to
+    ``end``. Classical Runge-Kutta."""
+    y, x, i = state
+    half, middle = 0.5 * h, 0.5 * (begin + end)
+    y1, x1, i1 = _valve_rates(y, x, i, begin, p)
+    y2, x2, i2 = _valve_rates(y + half * y1, x + half * x1, i + half * i1, middle, p)
+    y3, x3, i3 = _valve_rates(y + half * y2, x + half * x2, i + half * i2, middle, p)
+    y4, x4, i4 = _valve_rates(y + h * y3, x + h * x3, i + h * i3, end, p)
+    return (
+        y + h / 6.0 * (y1 + 2.0 * (y2 + y3) + y4),
+        x + h / 6.0 * (x1 + 2.0 * (x2 + x3) + x4),
+        i + h / 6.0 * (i1 + 2.0 * (i2 + i3) + i4),
+    )
+
+
+@njit(cache=True)
 def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Pressure of a chamber by a PI controller and a proportional valve: y' = g(y, x) x, T x' = v - x,
     v = k (b u - y) + I, I' = k r (u - y), with 1/k = 2 zeta tau and T = tau / (2 zeta); it is a second-order lag where
@@ -48,39 +82,24 @@ def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
     builds up, 1 - lean + vent q while it is vented, q = -y / span. An error of ``open`` Pa opens it as far as it goes;
     the integral waits meanwhile. It is emptied in a vented chamber from which hardly anything flows, or it would stay.
     ``p`` = (tau s, zeta, fastest rise and fall, r 1/s, b, build, vent, lean, span, 1 if the limits are approached
-    softly, open). Classical Runge-Kutta.
+    softly, open).
     """
-    k = 1.0 / (2.0 * p[1] * max(p[0], 1e-9))
-    late = max(p[0] / (2.0 * p[1]), QUICKEST)
-    reset, weight, widest = p[4], p[5], k * p[11]
+    k, late = _valve_pace(p)
     empties = 1.0 - p[8] < STILL
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2] = 1.0, t[0], u[0]
     for i in range(t.size):
         dt, change = t[i] - s[1], u[i] - s[2]
+        s[6] = max(s[6], abs(u[i]))
         long = change == 0.0 and dt > LONG
         dt = LONG if long else dt
         parts = min(max(math.ceil(PARTS * dt * max(k, 1.0 / late)), 1), MOST) if dt > 1e-7 else 0
-        h = dt / max(parts, 1)
-        s[6] = max(s[6], abs(u[i]))
         for j in range(parts):
             if change == 0.0 and abs(u[i] - s[3]) + abs(s[4]) * late < AT_REST * s[6]:
                 break
-            at, slope = s[2] + j / parts * change, change / dt
-            y0, x0, i0 = s[3], s[4], s[5]
-            dy, dx, di = 0.0, 0.0, 0.0
-            sy, sx, si = 0.0, 0.0, 0.0
-            for stage in range(4):
-                part = 0.0 if stage == 0 else (h if stage == 3 else 0.5 * h)
-                w = 1.0 if stage == 0 or stage == 3 else 2.0
-                yy, xx, ii, now = y0 + part * dy, x0 + part * dx, i0 + part * di, at + part * slope
-                asked = k * (weight * now - yy) + ii
-                held = min(max(asked, -widest), widest)
-                dy, dx = _flow(yy, xx, p), (held - xx) / late
-                di = k * reset * (now - yy) if held == asked else 0.0
-                sy, sx, si = sy + w * dy, sx + w * dx, si + w * di
-            s[3], s[4], s[5] = y0 + h / 6.0 * sy, x0 + h / 6.0 * sx, i0 + h / 6.0 * si
-        if long:  # what is left of a slow end has gone
+            begin, end = s[2] + j / parts * change, s[2] + (j + 1) / parts * change
+            s[3], s[4], s[5] = _valve_moved((s[3], s[4], s[5]), begin, end, dt / parts, p)
+        if long:  # the rest of a slow end has gone
             s[3], s[4], s[5] = u[i], 0.0, 0.0
         if empties and u[i] > NOTHING and s[3] > VENTED:
             s[5] = 0.0
@@ -146,7 +165,7 @@ def free_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Flo
     """Pressure by a regulator of unknown structure, which is at rest where it meets its command:
     tau² y'' = D(e) + z - 2 zeta tau R(y'), T z' = a e + b (D(e) - D'(0) e) - z, e = u - y, with D and R rising lines
     that are broken at `DRIVE_KNOTS` and `SPEED_KNOTS` and have slopes of their own for either sign and at either end of
-    the line's pressure; z is what a controller keeps of its error, and of what it could not do.
+    the line's pressure; z is a controller's memory of its error, and of the drive that a limit withheld.
 
     ``p`` = (tau s, zeta, largest command Pa, log slopes of D below and above 0, those of R, how all of these grow with
     q = -y / span, how D does where nothing is asked for, and how they grow with q², a, b, log T); it is a second-order
