@@ -116,7 +116,7 @@ def needed_rows(time: FloatArray, value: FloatArray, tolerance: float) -> NDArra
     return keep
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _swing(time: FloatArray, value: FloatArray, tolerance: float, keep: NDArray[np.bool_]) -> None:
     """From each kept row on as far as one straight line through it meets all rows on the way (swinging door)."""
     anchor = 0

@@ -24,7 +24,7 @@ EARNED = 10.0
 """Nats that a slow part must earn in a channel to be believed."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _gains(
     time: FloatArray, recording: NDArray[np.int64], white: FloatArray, slow: float, tau: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -43,7 +43,7 @@ def _gains(
     return variance, gain, decay
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _innovations(x: FloatArray, gain: FloatArray, decay: FloatArray, sd: FloatArray) -> FloatArray:
     """Columns of x (n, p) as innovations over their standard deviations ``sd`` (n,)."""
     out = np.empty_like(x)
@@ -57,7 +57,7 @@ def _innovations(x: FloatArray, gain: FloatArray, decay: FloatArray, sd: FloatAr
     return out
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _undone(e: FloatArray, gain: FloatArray, decay: FloatArray, sd: FloatArray) -> FloatArray:
     """The column (n,) whose innovations over ``sd`` are e (n,)."""
     out = np.empty_like(e)

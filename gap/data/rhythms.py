@@ -5,6 +5,7 @@ A fit finds a rhythm, or a moment, only from close by; a grid over its prior wou
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -76,9 +77,9 @@ def _looks(lateness: Lateness) -> list[tuple[float, float, float]]:
     found = []
     for skew in SKEWS:
         shown = time + late - skew * time
-        for k in _peaks(np.abs(_turns(frequency, shown)), 10, TRIED):
-            near = frequency[k] + step * np.linspace(-1.0, 1.0, 41)
-            interval = 1.0 / float(near[np.argmax(np.abs(_turns(near, shown)))])
+        for k in _peaks(np.abs(_turns(frequency[0], step, len(frequency), shown)), 10, TRIED):
+            least_near, closer = frequency[k] - step, step / 20
+            interval = 1.0 / float(least_near + closer * np.argmax(np.abs(_turns(least_near, closer, 41, shown))))
             phases = np.linspace(0.0, 1.0, 400, endpoint=False)
             wait = interval * np.mod(phases[:, None] - time / interval, 1.0)
             left = sound.misfit(late - wait)
@@ -105,12 +106,15 @@ class _Sound:
         return np.asarray(np.sum(np.square((late - self.part(late)) * self.weight), axis=-1))
 
 
-def _turns(frequency: FloatArray, moments: FloatArray) -> NDArray[np.complex128]:
-    """Sum of exp(2πi f t) over moments (m,) s, for each frequency (n,) Hz."""
-    out = np.zeros(len(frequency), dtype=np.complex128)
-    for moment in moments:
-        out += np.exp(2j * np.pi * np.mod(frequency * moment, 1.0))
-    return out
+def _turns(first: float, step: float, n: int, moments: FloatArray) -> NDArray[np.complex128]:
+    """Sum of exp(2πi f t) over moments (m,) s, for each of ``n`` frequencies from ``first`` on, ``step`` Hz apart.
+
+    A frequency is a coarse one and a little more, so that the sums are a product of two small matrices.
+    """
+    few = math.isqrt(n - 1) + 1
+    coarse = np.exp(2j * np.pi * np.outer(first + few * step * np.arange(few), moments))
+    more = np.exp(2j * np.pi * np.outer(step * np.arange(few), moments))
+    return np.asarray((coarse @ more.T).ravel()[:n])
 
 
 def wanderings(lateness: Lateness, low: float, high: float) -> list[tuple[float, float, float]]:

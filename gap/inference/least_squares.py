@@ -101,13 +101,14 @@ class _Objective:
         return 0.0 if times is None else 2.0 * float(np.sum(np.log(times)))
 
     def cost(self, residual: FloatArray, c: FloatArray, u: FloatArray) -> float:
-        with np.errstate(over="ignore"):  # a trial that diverges is a bad one
+        with np.errstate(over="ignore"):
             prior = np.sum(self.precision * np.square(c - self.mean))
             return float(residual @ residual + prior) + self.believed.cost(u) + self.wider(u)
 
     def simulated(self, c: FloatArray, u: FloatArray, want_jacobian: bool = False) -> Evaluation:
         self.simulations += 1
-        return self.problem.evaluate(c, split(self.hypothesis, u), want_jacobian)
+        with np.errstate(over="ignore", invalid="ignore"):  # a trial that diverges is a bad one
+            return self.problem.evaluate(c, split(self.hypothesis, u), want_jacobian)
 
     def by_effect(self, residual: FloatArray, c: FloatArray, u: FloatArray) -> FloatArray:
         """The Jacobian (n, k) of the effects' parameters, where the residual is known."""

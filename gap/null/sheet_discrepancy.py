@@ -97,7 +97,7 @@ def lagged(time: FloatArray, values: FloatArray, tau: float) -> FloatArray:
     return out
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _lag(time: FloatArray, values: FloatArray, tau: float, out: FloatArray) -> None:
     state = np.zeros(len(values))
     out[:, 0] = 0.0
@@ -108,7 +108,7 @@ def _lag(time: FloatArray, values: FloatArray, tau: float, out: FloatArray) -> N
             out[k, i] = state[k]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def flowing(time: FloatArray, u: FloatArray, away: float, back: float, out: FloatArray) -> None:
     """A point drawn towards u (3, m) within ``away`` s while that is farther from rest than it, else ``back`` s."""
     s = np.zeros(3)
@@ -119,7 +119,7 @@ def flowing(time: FloatArray, u: FloatArray, away: float, back: float, out: Floa
         out[:, i] = s
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def played(u: FloatArray, width: float, out: FloatArray) -> None:
     """A point carried along by u (3, m) at a distance ``width``: play in space."""
     s = np.zeros(3)

@@ -61,7 +61,7 @@ class Springs(Beside):
         return turned(list(np.array(self.stiffness)[:, None] * along), -self.angle)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _slipping(u: FloatArray, length: float) -> FloatArray:
     """Lengths (k, n) of springs moved by u (k, n) m that slip beyond ``length`` m, each on its own."""
     out = np.zeros_like(u)

@@ -181,7 +181,7 @@ class LoadFlow(Wired):
         signals[self.target[0]] = height - self.compliance * flown
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def activated(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Creep by Eyring's dashpots: y = u + sum g_i z_i with z_i' = sinh(a (u - z_i)) / (a tau_i).
 
@@ -212,7 +212,7 @@ def activated(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Flo
         y[i] = out
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def slowed(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Creep in reduced time: y = u + sum g_i lag(u, tau_i exp(a |u|)). ``p`` = (a, g1, tau1 s, ...)."""
     n = (p.size - 1) // 2
@@ -230,7 +230,7 @@ def slowed(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatA
         y[i] = out
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def stiffening_sheet(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Height of a sheet that stiffens, in parallel with a dashpot and a Maxwell arm, under gauge pressure u, Pa.
 

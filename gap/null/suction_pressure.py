@@ -132,7 +132,7 @@ class PressureBlock(Block):
     Nuisance: the regulator's time constant and damping, the sampling convention (a shift within one sample), three
     quick lags and a lead that other regulators than the nominal second-order one would add, and, where nothing less
     comes to the noise, a limited rate, or the integral, set-point weight and uneven flow of a loop about a valve. Where
-    it may be ``unknown``, that is tried first: whoever asks for it knows that nothing else will do.
+    it may be ``unknown``, only that is tried: whoever asks for it knows that nothing else will do.
     """
 
     name, channels = "pressure", ("pressure",)
@@ -151,7 +151,7 @@ class PressureBlock(Block):
         self.blur_steep_parts(self._slope())
         self.prior_sd = max(self.prior_scales, key=self._probability)
         found = fit(self)
-        tries = (*([self._try_unknown] if unknown else []), self._try_weighed, self._try_rate, self._try_valve)
+        tries = (self._try_unknown,) if unknown else (self._try_weighed, self._try_rate, self._try_valve)
         if found.chi2 > len(found.residual) * NOISY:
             any(attempt(found) for attempt in tries)
         elif found.penalty > STRAINED:

@@ -82,7 +82,7 @@ def position_gain(state: State, time: Signal, y: Signal, related: Related, p: Va
     return y * (1 + p["slope"] * related["position"])
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _dahl_kernel(time: FloatArray, x: FloatArray, memory: FloatArray, presliding: float) -> FloatArray:
     """Dahl's first-order presliding law in displacement: dz/dx = (1 − z sgn dx)/presliding, exact per step."""
     out = np.empty_like(x)
@@ -106,7 +106,7 @@ def dahl(state: State, time: Signal, y: Signal, related: Related, p: Values) -> 
     return y + p["level"] * _lopsided(z, p)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _stops_kernel(
     time: FloatArray,
     y: FloatArray,
@@ -151,7 +151,7 @@ def own_hysteresis(state: State, time: Signal, y: Signal, related: Related, p: V
     return y + p["level"] * (state["total"] * (bent - y) - loop)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _play_kernel(time: FloatArray, x: FloatArray, memory: FloatArray, half: float) -> FloatArray:
     out = np.empty_like(x)
     y = x[0] if np.isnan(memory[0]) else memory[0]
@@ -193,7 +193,7 @@ def advance(state: State, time: Signal, y: Signal, related: Related, p: Values) 
     return y if isinstance(y, float) else np.interp(time + p["time"], time, y)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _lags_kernel(
     time: FloatArray,
     y: FloatArray,
@@ -251,7 +251,7 @@ def relaxation(state: State, time: Signal, y: Signal, related: Related, p: Value
     return y - p["share"] * _slow(state, time, y, p)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _leak_kernel(
     time: FloatArray,
     y: FloatArray,
@@ -332,7 +332,7 @@ def quantisation(state: State, time: Signal, y: Signal, related: Related, p: Val
     return p["step"] * np.round(y / p["step"])
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _slew_kernel(time: FloatArray, x: FloatArray, memory: FloatArray, rate: float) -> FloatArray:
     out = np.empty_like(x)
     if np.isnan(memory[0]):

@@ -101,7 +101,7 @@ class AxisLoop(Wired):
             signals[target] = out
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _exponential(a: FloatArray, h: float, rate: float, out: FloatArray) -> None:
     """exp(a h) (3, 3) by Taylor series with scaling and squaring; ``rate`` bounds the eigenvalues."""
     squarings = int(max(0.0, math.ceil(math.log2(max(rate * h, 1e-9) / 0.05))))
@@ -116,7 +116,7 @@ def _exponential(a: FloatArray, h: float, rate: float, out: FloatArray) -> None:
     out[:] = result
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _product(a: FloatArray, b: FloatArray) -> FloatArray:
     c = np.zeros((3, 3))
     for i in range(3):
@@ -125,7 +125,7 @@ def _product(a: FloatArray, b: FloatArray) -> FloatArray:
     return c
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _advance_axis(
     s: FloatArray, t: FloatArray, target: FloatArray, load: FloatArray, p: FloatArray, y: FloatArray
 ) -> None:
@@ -158,7 +158,7 @@ def _advance_axis(
         y[i] = s[5]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _of_length(h: float, a: FloatArray, bound: float, known: FloatArray, kept: FloatArray) -> FloatArray:
     """exp(a h), kept with others by its length."""
     j = place(h)
@@ -169,7 +169,7 @@ def _of_length(h: float, a: FloatArray, bound: float, known: FloatArray, kept: F
     return found
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
 def _glides(
     s: FloatArray,
     p: FloatArray,
@@ -201,7 +201,7 @@ def _glides(
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _steady(
     s: FloatArray,
     p: FloatArray,
@@ -256,7 +256,7 @@ def _steady(
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _bristle(held: float, free: float, yields: float, level: float, per_metre: float) -> float:
     """Presliding friction (N) behind a step: Dahl's f' = |x'| (±level - f) / presliding, solved with the speed that it
     leaves.
@@ -285,7 +285,7 @@ def _bristle(held: float, free: float, yields: float, level: float, per_metre: f
     return after
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _thinned(free: float, yields: float, strength: float, power: float) -> float:
     """Drag (N) of a grease that shear thins, against a step's mean speed ``free`` m/s that it is lowered from by
     ``yields`` for each newton: ``strength`` N at `THIN_AT`, growing with a ``power`` of the speed that is left."""
@@ -309,7 +309,7 @@ def _thinned(free: float, yields: float, strength: float, power: float) -> float
     return float(-way * drag)
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
 def _run(
     s: FloatArray,
     p: FloatArray,

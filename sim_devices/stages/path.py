@@ -29,7 +29,7 @@ class PathSpeed(Wired):
         signals.update(zip(self.target, out, strict=True))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _followed(s: FloatArray, t: FloatArray, u: FloatArray, rate: float, out: FloatArray) -> None:
     """State s (5,): [0] started [1] last time [2:5] where it is."""
     if s[0] == 0.0 and t.size:

@@ -91,7 +91,7 @@ def _weights(time: FloatArray, state: FloatArray, softening: tuple[float, float]
     return found[1]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _weighed(time: FloatArray, begin: float, rise: float, fall: float, tau: FloatArray) -> FloatArray:
     """Of each step to ``time`` (n,) s the decays of softening as it rises and falls, then `hold_weights` of each of
     ``tau`` (k,) s, (n, 2 + 3 k)."""
@@ -110,7 +110,7 @@ def _weighed(time: FloatArray, begin: float, rise: float, fall: float, tau: Floa
     return out
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _elastic(ux: float, uy: float, uz: float, p: FloatArray) -> tuple[float, float, float]:
     """Force of the tissue on the probe without memory: minus the gradient of a potential, if nothing is isotropic."""
     fx = p[0] * ux + p[1] * uy + p[14] * uz
@@ -125,7 +125,7 @@ def _elastic(ux: float, uy: float, uz: float, p: FloatArray) -> tuple[float, flo
 Triple = tuple[float, float, float]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _through_glue(
     at: Triple, u: Triple, f: Triple, past: Triple, now: float, soft: float, p: FloatArray
 ) -> tuple[float, float, float, float, float, float]:
@@ -148,7 +148,7 @@ def _through_glue(
     return ux, uy, uz, fx, fy, fz
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _advance_sheet(
     s: FloatArray,
     t: FloatArray,

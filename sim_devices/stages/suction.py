@@ -95,7 +95,7 @@ ZERO_STATE = 8
 """Length of the state of `zeroed`."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def zeroed(
     s: FloatArray,
     t: FloatArray,
@@ -129,7 +129,7 @@ def zeroed(
         y[i] = h[i] - s[0]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _arm(s: FloatArray, now: float, marks: FloatArray) -> None:
     """Arm the zeroing at ``now``, past all marks until then."""
     while now >= marks[int(s[3])]:
@@ -137,7 +137,7 @@ def _arm(s: FloatArray, now: float, marks: FloatArray) -> None:
     s[1], s[4] = 1.0, now
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _waited(s: FloatArray, now: float, height: float) -> bool:
     """Go on to a sample, or to the end of the delay, which lies between two; whether the delay is over."""
     end = min(now, s[2])
@@ -148,13 +148,13 @@ def _waited(s: FloatArray, now: float, height: float) -> bool:
     return bool(now >= s[2] - 1e-9)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _starts(s: FloatArray, now: float, anew: float) -> bool:
     """Whether suction at ``now`` is the first since the zeroing was armed, or since a rest of ``anew`` s."""
     return bool(s[1] == 1.0 or (s[1] == 3.0 and 0.0 < anew <= now - s[4]))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _take_off(s: FloatArray, t: FloatArray, h: FloatArray, marks: FloatArray, end: int, y: FloatArray) -> None:
     """Take the zero off the samples before ``end``, back to the last mark."""
     begin = marks[int(s[3]) - 1] if s[3] > 0.0 else -np.inf

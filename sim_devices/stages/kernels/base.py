@@ -30,7 +30,7 @@ def evaluate(kernel: Kernel, time: FloatArray, signal: FloatArray, *parameters: 
     return out
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def hold_weights(dt: float, tau: float) -> tuple[float, float, float]:
     """Weights (e, a, b) of y1 = e y0 + a u0 + b u1, the exact step of tau y' = u - y for u linear in between."""
     if tau <= 0.0:
@@ -41,14 +41,14 @@ def hold_weights(dt: float, tau: float) -> tuple[float, float, float]:
     return e, f - e, 1.0 - f
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def place(dt: float) -> int:
     """Where among ``STEPS`` the weights of a step of ``dt`` s are kept: a grid has few lengths of steps, in any order,
     and their exponentials are most of a kernel's work."""
     return ((int(dt * 1e6 + 0.5) * 40503) >> 4) & (STEPS - 1)  # whole milliseconds are spread as well
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def hash_uniform(seed: float, index: float) -> float:
     """A number in [0, 1) that depends on seed and index only: the same whatever the chunks (splitmix64)."""
     z = np.uint64(np.int64(seed)) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(np.int64(index)) * np.uint64(

@@ -10,7 +10,7 @@ from numba import njit
 from sim_devices.stages.kernels.base import SAME, STEPS, FloatArray, place
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def exposure_gain(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """A gain that load builds up and rest restores: y = u (1 + a w), w -> |u|/ref within tau_up, back within tau_down.
 
@@ -32,7 +32,7 @@ def exposure_gain(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y:
     s[1], s[2], s[3] = last, before, w
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def sealing(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """A leak that closes once suction draws its edges together, and opens again without: y = u (1 - a w), w' = -w/tau
     while |u| is above ``least``, else w = 1. ``p`` = (a, tau s, least)."""
@@ -50,7 +50,7 @@ def sealing(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Float
         y[i] = u[i] * (1.0 - p[0] * s[3])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def emptying_store(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """A store that runs empty: y = u (1 - a (E - 1)+), where E' = (|u| - kept) / (ref tau) while a pump, which alone
     keeps ``kept``, cannot follow, and E falls back to 0 within tau_back while it can.
@@ -67,7 +67,7 @@ def emptying_store(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y
         y[i] = u[i] * (1.0 - min(p[0] * max(s[3] - 1.0, 0.0), 1.0))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def limited_store(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """A store that suction cannot exceed: y = max(u, -c S), of which what grows in y, and a bleed b |y| dt, take the
     share a/ref, and which fills up again, S -> 1 within tau. Suction is negative.
@@ -86,7 +86,7 @@ def limited_store(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y:
         y[i] = s[2]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def yield_flow(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Slow flow under load that comes back slower: y = u + r, r -> k (u - y0)+ within tau_up, back within tau_down.
 
@@ -112,7 +112,7 @@ def yield_flow(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
     s[1], s[2], s[3] = last, before, r
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def mullins(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Softening by the greatest load so far: y = u (1 + a (1 - |u|/m)), m the maximum, forgotten within tau.
 
@@ -127,7 +127,7 @@ def mullins(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Float
         y[i] = u[i] * (1.0 + p[0] * (1.0 - now / s[3])) if s[3] > 0.0 else u[i]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def worked(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Softening by work and off the virgin path: y = u (1 + a (v erf((1 - |u|/m)/b) + (1 - v) (1 - exp(-w/W)))), m the
     maximum so far, w the integral of |u|.
@@ -146,7 +146,7 @@ def worked(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatA
         y[i] = u[i] * (1.0 + p[0] * (p[1] * off - (1.0 - p[1]) * math.expm1(-s[2] / p[3])))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def by_loadings(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """A gain that changes with every loading that is over: y = u (1 + a (1 - exp(-n/N))), n their number.
 

@@ -9,7 +9,7 @@ from numba import njit
 from sim_devices.stages.kernels.base import FloatArray
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def play(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Backlash, also Coulomb friction behind a spring: y moves only when |u - y| reaches ``p`` = (half width,)."""
     for i in range(t.size):
@@ -17,7 +17,7 @@ def play(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArr
         y[i] = s[3]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def soft_play(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Backlash taken up gradually (Dahl): u - y nears ±``p`` = (half width,) exponentially over that distance."""
     half = max(p[0], 1e-300)
@@ -29,7 +29,7 @@ def soft_play(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Flo
         y[i] = u[i] - s[3]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def play_within(s: FloatArray, u: FloatArray, width: FloatArray, soft: float, y: FloatArray) -> None:
     """``play`` whose half ``width`` (n,) changes, as dry friction does with the normal load.
 
@@ -50,7 +50,7 @@ def play_within(s: FloatArray, u: FloatArray, width: FloatArray, soft: float, y:
         y[i] = s[3]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def slipping(s: FloatArray, u: FloatArray, reach: float, share: float, out: FloatArray) -> None:
     """Play in k directions at once: point s (k,) is carried along at a distance ``reach`` of u (k, n).
 
@@ -67,7 +67,7 @@ def slipping(s: FloatArray, u: FloatArray, reach: float, share: float, out: Floa
             out[k, i] = u[k, i] - share * s[k]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def resting(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """A controller that rests until its error exceeds a half band, then corrects it down to a share of the band.
 
@@ -83,7 +83,7 @@ def resting(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Float
         y[i] = s[3]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def prandtl(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Prandtl–Ishlinskii hysteresis, a sum of stops each within ±w_i.
 
@@ -97,7 +97,7 @@ def prandtl(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Float
             y[i] += p[2 * k + 1] * (u[i] - s[3 + k]) / r
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def bouc_wen(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Bouc–Wen hysteresis within ±a: dz = (1 - |z|^n (1 + sign(z du))/2) du/d, y = a z. ``p`` = (a, d, n >= 1).
 
@@ -127,7 +127,7 @@ def bouc_wen(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Floa
         y[i] = p[0] * s[3]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def friction(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Friction force of a contact at position u: Coulomb, Stribeck, Dahl and LuGre's steady part in one.
 

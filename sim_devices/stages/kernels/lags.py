@@ -10,7 +10,7 @@ from numba import njit
 from sim_devices.stages.kernels.base import SAME, STEPS, FloatArray, hold_weights, place
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def low_pass(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """First-order lag, tau y' = u - y. ``p`` = (tau s,)."""
     if s[0] == 0.0 and t.size:
@@ -31,7 +31,7 @@ def low_pass(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Floa
     s[1], s[2], s[3] = last, before, lagged
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def uneven_low_pass(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """First-order lag that rises within one time and falls within another. ``p`` = (tau up, tau down), s; from 0."""
     if s[0] == 0.0 and t.size:
@@ -43,7 +43,7 @@ def uneven_low_pass(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, 
         y[i] = s[3]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def oscillation(dt: float, w: float, z: float) -> tuple[float, float, float, float]:
     """Matrix (by rows) that takes (y, y') of y'' + 2 z w y' + w² y = 0 over ``dt`` s."""
     d2 = w * w * (z * z - 1.0)
@@ -60,7 +60,7 @@ def oscillation(dt: float, w: float, z: float) -> tuple[float, float, float, flo
     return c + z * w * q, q, -w * w * q, c - z * w * q
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def second_order(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Second-order lag, tau² y'' + 2 zeta tau y' + y = u. ``p`` = (tau s, zeta)."""
     if s[0] == 0.0 and t.size:
@@ -86,7 +86,7 @@ def second_order(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: 
     s[1], s[2], s[3], s[4] = last, before, level, speed
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def hurried(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Second-order lag whose own rate is limited: tau² y'' + 2 zeta tau y' + y = u, -down <= y' <= up.
 
@@ -121,7 +121,7 @@ def hurried(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Float
         y[i] = s[3]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def eased(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Second-order lag whose own rate approaches a limit: y' = r tanh(v/r), tau² v' = u - y - 2 zeta tau v.
 
@@ -154,7 +154,7 @@ def eased(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatAr
         y[i] = s[3]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def rate_limit(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Slew limit. ``p`` = (fastest rise, fastest fall), both positive, in the signal's unit per second."""
     if s[0] == 0.0 and t.size:
@@ -166,7 +166,7 @@ def rate_limit(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
         y[i] = s[3]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def lead(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Movement is exaggerated: y = u + a (u - lag of u). ``p`` = (a, tau s)."""
     low_pass(s, t, u, p[1:2], y)
@@ -174,7 +174,7 @@ def lead(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArr
         y[i] = u[i] + p[0] * (u[i] - y[i])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def prony(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Linear memory, y = g0 u + sum g_i lag(u, tau_i).
 

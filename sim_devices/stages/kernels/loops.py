@@ -9,8 +9,8 @@ from numba import njit
 
 from sim_devices.stages.kernels.base import FloatArray
 
-PARTS = 4.0
-"""Steps for the quicker of valve and chamber."""
+PARTS, QUICK_PARTS = 4.0, 1.5
+"""Steps in the loop's time constant or the chamber's, and in the valve's, which need not be followed as closely."""
 QUICKEST = 3e-3
 """s: a valve that is quicker than this counts as so quick; it saves steps and moves no pressure that is sampled."""
 AT_REST = 1e-9
@@ -25,7 +25,7 @@ LEAST = 1e-3
 """Of the nominal flow, at the ends of a supply's range."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _flow(p: float, x: float, law: FloatArray) -> float:
     """Flow into the chamber, Pa/s, of a valve that asks for ``x`` at the pressure ``p``."""
     up, down, build, vent, lean, span, soft = law[2], law[3], law[6], law[7], law[8], law[9], law[10]
@@ -38,33 +38,36 @@ def _flow(p: float, x: float, law: FloatArray) -> float:
     return float(min(max(flow, -down), up))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _valve_pace(p: FloatArray) -> tuple[float, float]:
     """Gain k, 1/s, of a `valve_loop`'s controller and lag T, s, of its valve."""
     return 1.0 / (2.0 * p[1] * max(p[0], 1e-9)), max(p[0] / (2.0 * p[1]), QUICKEST)
 
 
-@njit(cache=True)
-def _valve_rates(y: float, x: float, integral: float, u: float, p: FloatArray) -> tuple[float, float, float]:
-    """Rates of pressure, valve and integral of a `valve_loop` that is asked for ``u``."""
-    k, late = _valve_pace(p)
+@njit(cache=True, error_model="numpy")
+def _valve_rates(
+    y: float, x: float, integral: float, u: float, p: FloatArray, k: float, late: float
+) -> tuple[float, float, float]:
+    """Rates of pressure, valve and integral of a `valve_loop` of gain ``k`` and valve's lag ``late`` that is asked for
+    ``u``."""
     asked = k * (p[5] * u - y) + integral
     held = min(max(asked, -k * p[11]), k * p[11])
     return _flow(y, x, p), (held - x) / late, k * p[4] * (u - y) if held == asked else 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _valve_moved(
     state: tuple[float, float, float], begin: float, end: float, h: float, p: FloatArray
 ) -> tuple[float, float, float]:
     """Pressure, valve and integral of a `valve_loop` after a step of ``h`` s, while its command goes from ``begin`` to
     ``end``. Classical Runge-Kutta."""
     y, x, i = state
+    k, late = _valve_pace(p)
     half, middle = 0.5 * h, 0.5 * (begin + end)
-    y1, x1, i1 = _valve_rates(y, x, i, begin, p)
-    y2, x2, i2 = _valve_rates(y + half * y1, x + half * x1, i + half * i1, middle, p)
-    y3, x3, i3 = _valve_rates(y + half * y2, x + half * x2, i + half * i2, middle, p)
-    y4, x4, i4 = _valve_rates(y + h * y3, x + h * x3, i + h * i3, end, p)
+    y1, x1, i1 = _valve_rates(y, x, i, begin, p, k, late)
+    y2, x2, i2 = _valve_rates(y + half * y1, x + half * x1, i + half * i1, middle, p, k, late)
+    y3, x3, i3 = _valve_rates(y + half * y2, x + half * x2, i + half * i2, middle, p, k, late)
+    y4, x4, i4 = _valve_rates(y + h * y3, x + h * x3, i + h * i3, end, p, k, late)
     return (
         y + h / 6.0 * (y1 + 2.0 * (y2 + y3) + y4),
         x + h / 6.0 * (x1 + 2.0 * (x2 + x3) + x4),
@@ -72,7 +75,7 @@ def _valve_moved(
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Pressure of a chamber by a PI controller and a proportional valve: y' = g(y, x) x, T x' = v - x,
     v = k (b u - y) + I, I' = k r (u - y), with 1/k = 2 zeta tau and T = tau / (2 zeta); it is a second-order lag where
@@ -85,6 +88,7 @@ def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
     softly, open).
     """
     k, late = _valve_pace(p)
+    pace = max(PARTS * k, PARTS / max(p[0], QUICKEST), QUICK_PARTS / late)
     empties = 1.0 - p[8] < STILL
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2] = 1.0, t[0], u[0]
@@ -93,7 +97,7 @@ def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
         s[6] = max(s[6], abs(u[i]))
         long = change == 0.0 and dt > LONG
         dt = LONG if long else dt
-        parts = min(max(math.ceil(PARTS * dt * max(k, 1.0 / late)), 1), MOST) if dt > 1e-7 else 0
+        parts = min(max(math.ceil(dt * pace), 1), MOST) if dt > 1e-7 else 0
         for j in range(parts):
             if change == 0.0 and abs(u[i] - s[3]) + abs(s[4]) * late < AT_REST * s[6]:
                 break
@@ -123,7 +127,7 @@ FREE = 2 * (len(DRIVE_KNOTS) + len(SPEED_KNOTS)) + 12
 """How many logarithms make `free_loop` another than a second order."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _broken(x: float, knots: FloatArray, slopes: FloatArray) -> float:
     """A line through 0 that is straight between ``knots`` of |x|, with ``slopes`` of its own for either sign."""
     at = 0 if x < 0.0 else len(knots)
@@ -136,13 +140,13 @@ def _broken(x: float, knots: FloatArray, slopes: FloatArray) -> float:
     return math.copysign(out, x)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _grown(q: float, rise: FloatArray, k: int) -> float:
     """How many times larger one of the four lines is at a share ``q`` of the largest command."""
     return math.exp(q * (rise[k] + q * rise[k + 5]))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _free_rates(
     y: float, v: float, z: float, u: float, p: FloatArray, lines: Lines, rise: FloatArray
 ) -> tuple[float, float, float]:
@@ -160,7 +164,7 @@ def _free_rates(
     return v, (push + z - 2.0 * zeta * tau * drag) / (tau * tau), (rise[9] * e + rise[10] * undone - z) / forgets
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def free_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Pressure by a regulator of unknown structure, which is at rest where it meets its command:
     tau² y'' = D(e) + z - 2 zeta tau R(y'), T z' = a e + b (D(e) - D'(0) e) - z, e = u - y, with D and R rising lines

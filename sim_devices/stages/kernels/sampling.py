@@ -9,7 +9,7 @@ from numba import njit
 from sim_devices.stages.kernels.base import FloatArray, hash_uniform
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def faulty_samples(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Late or lost samples at stamps k T: with probability q the one before is delivered. ``p`` = (T s, q, seed, lost).
 
@@ -25,7 +25,7 @@ def faulty_samples(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y
         y[i] = u[i] if s[7] == 0.0 else (s[6] if p[3] >= 0.5 else s[5])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def slope_so_far(s: FloatArray, now: float, value: float) -> float:
     """The slope of a signal since its value before, which the state ``s`` (0 … 3) keeps."""
     if s[0] == 0.0:
@@ -36,7 +36,7 @@ def slope_so_far(s: FloatArray, now: float, value: float) -> float:
     return float(s[3])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def late_by_any(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Samples at stamps k T of which some are old: with probability q, y = u - u' d_k, d_k uniform up to 2 d.
 
@@ -47,7 +47,7 @@ def late_by_any(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: F
         y[i] = u[i] - slope_so_far(s, t[i], u[i]) * (2.0 * p[3] * chance if chance < 1.0 else 0.0)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def jittered(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Sampling instants that scatter about the stamps k T: y = u + u' d_k, d_k uniform, rms sigma.
 
