@@ -36,6 +36,8 @@ binary sequence, and how long the line before or behind it is. Rows on a curve t
 FAINT = 1e-4
 """Of a command's range, per second: a change of its rate below which there is no kink."""
 
+BRIEF = 0.03
+"""s: a line of the table that is no longer than this and goes far is a step."""
 CURVED = 0.005
 """Of a command's range: the standard deviation about a straight line that a curve has at least."""
 
@@ -48,6 +50,12 @@ class Command:
     time: FloatArray
     value: FloatArray
     kinks: FloatArray
+
+    @property
+    def steps(self) -> FloatArray:
+        """Times (k,) s at which the command jumps."""
+        far = np.abs(np.diff(self.value)) > STEP * float(np.ptp(self.value))
+        return self.time[:-1][far & (np.diff(self.time) <= BRIEF)]
 
     def turning(self, start: float, stop: float) -> float:
         """How fast the command turns between ``start`` and ``stop`` s, rad/s: the angular frequency of a sine; 0 of a

@@ -79,11 +79,9 @@ def looks_at_commands(recordings: Sequence[Recording], names: Sequence[str]) -> 
 
 def _steps(recording: Recording) -> FloatArray:
     """When a recording's commands step, s."""
-    found = [np.zeros(0)]
-    for table in recording.setpoints.values():
-        c = command(np.asarray(table.time, dtype=float), np.asarray(table.value, dtype=float))
-        found.append(c.time[1:][np.diff(c.time) <= 0])
-    return np.concatenate(found)
+    tables = recording.setpoints.values()
+    commands = [command(np.asarray(t.time, dtype=float), np.asarray(t.value, dtype=float)) for t in tables]
+    return np.concatenate([np.zeros(0), *(c.steps for c in commands)])
 
 
 def _away(time: FloatArray, steps: FloatArray) -> FloatArray:

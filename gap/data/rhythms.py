@@ -61,9 +61,9 @@ def looks(lateness: Lateness) -> list[tuple[float, float, float]]:
 def _looks(lateness: Lateness) -> list[tuple[float, float, float]]:
     """Those that the kinks alone tell."""
     sharp = lateness.sd < SHARP
-    time, late = lateness.time[sharp], lateness.late[sharp]
+    time, late, steps = lateness.time[sharp], lateness.late[sharp], lateness.steps[sharp]
     sd = np.hypot(lateness.sd[sharp], BLUR)
-    if len(time) < 5:
+    if np.sum(steps) < 5:
         return []
     sound = _Sound(time, sd)
     spread = float(np.ptp(late - sound.part(late)))
@@ -76,12 +76,12 @@ def _looks(lateness: Lateness) -> list[tuple[float, float, float]]:
     frequency = np.arange(1.0 / most, min(1.0 / least, 1.0 / most + MANY * step), step)
     found = []
     for skew in SKEWS:
-        shown = time + late - skew * time
+        shown = (time + late - skew * time)[steps]
         for k in _peaks(np.abs(_turns(frequency[0], step, len(frequency), shown)), 10, TRIED):
             least_near, closer = frequency[k] - step, step / 20
             interval = 1.0 / float(least_near + closer * np.argmax(np.abs(_turns(least_near, closer, 41, shown))))
             phases = np.linspace(0.0, 1.0, 400, endpoint=False)
-            wait = interval * np.mod(phases[:, None] - time / interval, 1.0)
+            wait = interval * np.where(steps, np.mod(phases[:, None] - time / interval, 1.0), 0.5)
             left = sound.misfit(late - wait)
             best = int(np.argmin(left))
             found.append((interval, float(phases[best]), 1.0 - float(left[best] / sound.misfit(late[None])[0])))

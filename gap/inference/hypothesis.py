@@ -97,9 +97,11 @@ class Start(NamedTuple):
 @dataclass(frozen=True)
 class Lateness:
     """How much later than simulated the command's kinks at ``time`` (m,) s show: ``late`` and its ``sd``, (m,) s.
+    ``steps`` are those (m,) at which it jumps: they wait for the next look at it, a ramp is late by the mean wait.
     ``intervals`` s may be those between looks at the command, where a ripple tells them."""
 
     time: FloatArray
     late: FloatArray
     sd: FloatArray
+    steps: NDArray[np.bool_]
     intervals: tuple[float, ...] = ()

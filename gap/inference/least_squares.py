@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import scipy.linalg as sla
@@ -71,6 +71,9 @@ def fit(
         if gain < tolerance * max(best, 1.0) * 0.1 + 0.02:
             break
     return aim.finished(c, u, residual, jac, gram if aim.moves.all() else jac.T @ jac, effect)
+
+
+P = TypeVar("P", bound=Problem)
 
 
 class _Trial(NamedTuple):
@@ -228,7 +231,7 @@ def predicted(problem: Problem, f: Fit) -> FloatArray:
     return np.asarray(problem.measured - problem.unwhitened(f.residual, f.active))
 
 
-def under(problem: Problem, mean: FloatArray, sd: FloatArray) -> Problem:
+def under(problem: P, mean: FloatArray, sd: FloatArray) -> P:
     """``problem`` with another prior of its nuisance, (p,) each."""
     out = copy.copy(problem)
     out.prior_mean, out.prior_sd = mean, sd

@@ -19,25 +19,19 @@ from gap.null.blocks import Block, Group, GroupedSession, Table
 from gap.null.chains import needed
 from gap.null.suction_regulator import (
     CLOCK,
-    DAMPING,
-    FLOW,
     GAIN,
     SHIFT,
-    SPAN,
-    TIME,
+    TOPS,
     UNKNOWN,
     VALVE,
-    VALVE_NOMINAL,
     VENTED,
-    WEIGHED,
-    opened_flow,
     prior_widths,
     quantities,
     regulated,
     steps,
 )
+from gap.null.suction_structures import NOISY, Structure, other_structure
 from sim_devices.chain import Chain, Effect, FloatArray
-from sim_devices.effects.build import PRESSURE
 from sim_devices.stages import nominal
 from sim_devices.stages.sampling import REFINEMENT, simulate
 from sim_devices.stages.suction import tissue_operators
@@ -57,33 +51,6 @@ AWAY, BACK = 8.0, 4.0
 """σ by which a recording must begin off where it rests to count as begun in motion, and from which on it rests."""
 QUIET = 1e-6
 """Share of the most telling kink's information on lateness below which a kink says nothing."""
-NOISY, STRAINED = 1.2, 60.0
-"""χ² for each row above which a regulator of another structure is tried, and strain of tolerances above which one that
-weighs its set-point is,"""
-LEFT, FOLLOWS = 2.0, 0.5
-"""which is one if it leaves less than so much of χ² and strain for each row, and if its flow follows the pressure by so
-many tolerances: else it is but a better place to start from, and something else acts,"""
-SPANS = (0.04, 0.08, 0.15)
-"""s for 300 mbar at which a limited rate is looked for."""
-UNEXPLAINED = 0.2
-"""Share of the excess over the noise that a regulator of an unknown structure may leave: it has many parameters, and a
-larger rest is something else's."""
-QUICK_INTEGRAL = 3.0
-"""1/s from which on an integral is none that makes up for a leak."""
-WEIGHED_STARTS = ((-0.6, 0.0, 6.0, -0.4), (0.0, 0.0, 6.0, -0.8))
-"""A weighed set-point is looked for from these: logarithms of time and damping, the integral's rate, weight less 1."""
-VALVE_STARTS = (
-    {"integral_rate": 0.1, "suction_flow_slope": 0.6, "venting_flow_slope": 0.6, "flow_asymmetry": 0.3},
-    {
-        "integral_rate": 1.0,
-        "suction_flow_slope": 1.2,
-        "venting_flow_slope": 1.2,
-        "flow_asymmetry": 0.9,
-        "opened_wholly": 2.0,
-    },
-)
-"""A valve whose flow follows the pressure is looked for from here: one that vents a chamber also when it is nearly
-empty, and one between a supply and the air, whose flow is in proportion to the pressure across it."""
 EMPTY = 500.0
 """Pa of suction from which on a line is not vented."""
 NO_TISSUE = SuctionTissue(0.0, creep=(), times=(), residual=0.0, softening=0.0)
@@ -138,96 +105,30 @@ class PressureBlock(Block):
     name, channels = "pressure", ("pressure",)
     floor = 5.0  # Pa: a twentieth of the command's resolution
     trust_other = 0.25  # where the regulator is of another structure, ours of that structure is not quite it
+    top = TOPS[0]
 
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect], unknown: bool = False) -> None:
         # An open probe holds no pressure: its record says nothing of the regulator.
         super().__init__(session, library, without=("open air",))
         self.row_noise.widen(np.flatnonzero(self._in_motion()), IGNORED)
-        self.prior_sd = self._prior(lambda t: t.value)
+        self.prior_sd = self.prior(lambda t: t.value)
         self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
         self._begin: FloatArray | None = None  # where a limited rate or a loop about a valve was found
         # As a sound instrument of the nominal kind, or a regulator of another time and damping.
-        self.prior_scales = (self.prior_sd, self._prior(lambda t: t.widest))
+        self.prior_scales = (self.prior_sd, self.prior(lambda t: t.widest))
         self.blur_steep_parts(self._slope())
         self.prior_sd = max(self.prior_scales, key=self._probability)
         found = fit(self)
-        tries = (self._try_unknown,) if unknown else (self._try_weighed, self._try_rate, self._try_valve)
-        if found.chi2 > len(found.residual) * NOISY:
-            any(attempt(found) for attempt in tries)
-        elif found.penalty > STRAINED:
-            self._try_weighed(found)
+        if (other := other_structure(self, found, unknown)) is not None:
+            self._take(other)
         best = found if self._begin is None else fit(self)
         self.explained = best.chi2 < len(best.residual) * NOISY  # by a regulator that is known
         self.row_noise.remember(self.unwhitened(best.residual, {}), self.noise.tolist())
 
-    def _try_rate(self, found: Fit) -> bool:
-        """Take on a rate that is limited within twice its tolerance, as a third width of the prior, where it comes to
-        the noise and ``found`` does not; whether it was."""
-        span = self.tolerances["slew_limit"]["span_time"].value
-        limited = self._prior(lambda t: t.widest)
-        limited[SPAN] = span
-        looked = under(self, self.prior_mean, limited)
-        begins = np.tile(found.nuisance, (len(SPANS), 1))
-        begins[:, SPAN] = SPANS
-        first = min((fit(looked, nuisance=start, iterations=3) for start in begins), key=lambda f: f.objective)
-        best = fit(looked, nuisance=first.nuisance)
-        better = best.objective < min(LEFT * len(best.residual), found.objective)
-        if not (better and 0.0 < best.nuisance[SPAN] < 2.0 * span):
-            return False
-        self._take(limited, best)
-        return True
-
-    def _try_weighed(self, found: Fit) -> bool:
-        """Take on a PI loop whose proportional part sees only a share of the set-point, as a third width of the prior,
-        where it comes to the noise and ``found`` does not; whether it was."""
-        width = self._prior(lambda t: t.widest, WEIGHED)
-        looked = under(self, self.prior_mean, width)
-        begins = np.tile(self.prior_mean, (len(WEIGHED_STARTS), 1))
-        begins[:, [TIME, DAMPING, WEIGHED.start, WEIGHED.start + 1]] = WEIGHED_STARTS
-        best = min((fit(looked, nuisance=start) for start in begins), key=lambda f: f.objective)
-        rate, weight = best.nuisance[WEIGHED]
-        at_noise = best.objective < min(NOISY * len(best.residual), found.objective)
-        if not (at_noise and rate > QUICK_INTEGRAL and -1.0 < weight < 0.0):
-            return False
-        self._take(width, best)
-        return True
-
-    def _try_valve(self, found: Fit) -> bool:
-        """Take on a loop about a valve, as a third width of the prior, where it comes to the noise and ``found`` does
-        not, by a flow that follows the pressure; whether it was."""
-        valve = self._prior(lambda t: t.widest, VALVE)
-        begins = np.tile(self.prior_mean, (len(VALVE_STARTS), 1))
-        begins[:, VALVE] = [[at.get(name, 0.0) for name in VALVE_NOMINAL] for at in VALVE_STARTS]
-        looked = under(self, self.prior_mean, valve)
-        tries = [fit(looked, nuisance=start) for start in (*begins, found.nuisance)]
-        best = max(tries, key=lambda f: f.log_evidence(1.0, (valve,)))
-        flow = (best.nuisance / valve)[FLOW]
-        better = best.objective < min(LEFT * len(best.residual), found.objective)
-        slowest = PRESSURE / (2.0 * self.tolerances["slew_limit"]["span_time"].value)
-        quick = opened_flow(best.nuisance, self._largest) > slowest
-        if not (better and quick and np.linalg.norm(flow) > FOLLOWS):
-            return False
-        self._take(valve, best)
-        return True
-
-    def _try_unknown(self, found: Fit) -> bool:
-        """Take on a regulator of a structure that nobody knows, as a third width of the prior, where it takes away most
-        of what ``found`` leaves; whether it was."""
-        width = self._prior(lambda t: t.widest, UNKNOWN)
-        looked = under(self, self.prior_mean, width)
-        first = min(
-            (fit(looked, nuisance=c, iterations=8) for c in (found.nuisance, self.prior_mean)),
-            key=lambda f: f.objective,
-        )
-        best, n = fit(looked, nuisance=first.nuisance, iterations=60), len(found.residual)
-        if best.objective - n > UNEXPLAINED * (found.objective - n):
-            return False
-        self._take(width, best)
-        return True
-
-    def _take(self, width: FloatArray, found: Fit) -> None:
-        """Let a third ``width`` (p,) of the prior be this regulator's, which was ``found`` under it."""
-        self.prior_scales, self.prior_sd, self._begin = (*self.prior_scales, width), width, found.nuisance
+    def _take(self, structure: Structure) -> None:
+        """Let a regulator of another structure be a third width of the prior."""
+        self.prior_scales, self.prior_sd = (*self.prior_scales, structure.width), structure.width
+        self._begin, self.top = structure.begin, structure.top
 
     @property
     def likelihood_powers(self) -> Sequence[float]:
@@ -241,7 +142,7 @@ class PressureBlock(Block):
     def start(self) -> FloatArray:
         return self.prior_mean.copy() if self._begin is None else self._begin.copy()
 
-    def _prior(self, width: Callable[[Tolerance], float], opened: slice = slice(0)) -> FloatArray:
+    def prior(self, width: Callable[[Tolerance], float], opened: slice = slice(0)) -> FloatArray:
         """Prior widths (p,) of a sound instrument, by the one of its tolerances that ``width`` takes."""
         return prior_widths(self.tolerances, self.shift_sd, width, opened)
 
@@ -271,10 +172,10 @@ class PressureBlock(Block):
         """A group's nominal chain with the regulator at a nuisance vector."""
         # Bins average over the staircase of the command's resolution: simulate its mean.
         chain = chain_of(self.session, group, NO_TISSUE, command_step=0.0)
-        return regulated(chain, nuisance, self._largest)
+        return regulated(chain, nuisance, self.largest, self.top)
 
     @cached_property
-    def _largest(self) -> float:
+    def largest(self) -> float:
         """The largest suction that is asked for, Pa."""
         return max(float(np.max(np.abs(g.commands["pressure"].value))) for g, _ in self.groups)
 
@@ -330,13 +231,15 @@ class PressureBlock(Block):
         known = over(slope**2)
         telling = known > QUIET * np.max(known)
         if not np.any(telling & (over(slope * fitted.residual) ** 2 > LATE**2 * known)):
-            return Lateness(np.zeros(0), np.zeros(0), np.zeros(0), intervals) if intervals else None
+            none = np.zeros(0)
+            return Lateness(none, none, none, none > 0, intervals) if intervals else None
         # The fitted regulator and clock have taken on much of the effect, the nominal ones may answer otherwise.
         nominal = np.concatenate([np.zeros(GAIN), fitted.nuisance[GAIN:]])
         seen = [self._late(n, fitted.active, number, telling) for n in (nominal, fitted.nuisance)]
         late, sd = min(seen, key=lambda found: float(np.median(found[1][telling])))
         good = np.isfinite(sd)
-        return Lateness(kinks[good], late[good], sd[good], intervals)
+        steps = np.concatenate([g.commands["pressure"].steps for g, _ in self.groups])
+        return Lateness(kinks[good], late[good], sd[good], np.isin(kinks[good], steps), intervals)
 
     @cached_property
     def _ripple(self) -> Ripple | None:

@@ -47,8 +47,9 @@ its clock's rate; shares of further lags, a lead (s), the loop about a valve (`W
 flow follows the pressure, `WHOLLY` how far it opens), the s for 300 mbar of a limited rate, shares of slow lags, the
 logarithms of `kernels.free_loop`; and the gauge's gain, its zero (Pa), and by how much it reads more (Pa) while the
 line is vented: a zero that closes the loop shows at one of both only."""
-OVERSHOT = 5e3
-"""Pa above the air's pressure to which a loop about a valve may vent."""
+TOPS = (5e3, 0.0)
+"""Pa above the air's pressure to which a loop about a valve may vent: its integral empties there, or it stays as a
+chamber that vents to the air's leaves it."""
 
 
 @dataclass(frozen=True)
@@ -103,13 +104,14 @@ def steps(sampling: float) -> FloatArray:
     return out
 
 
-def regulated(chain: Chain, c: FloatArray, largest: float) -> Chain:
-    """The nominal chain with the regulator at a nuisance vector (SIZE,); ``largest`` Pa is asked for at most."""
+def regulated(chain: Chain, c: FloatArray, largest: float, top: float) -> Chain:
+    """The nominal chain with the regulator at a nuisance vector (SIZE,); ``largest`` Pa is asked for at most, and a
+    loop about a valve vents to the ``top`` of `TOPS`."""
     chain = chain.tuned("regulator", tau=REGULATOR_TAU * bounded_exp(c[TIME]), zeta=bounded_exp(c[DAMPING]))
     if np.any(np.abs(c[VALVE]) > FROZEN):
         *loop, wholly = c[VALVE] + list(VALVE_NOMINAL.values())
         valve = *loop, largest / max(wholly, 1e-9)
-        chain = chain.tuned("regulator", valve=valve, highest=OVERSHOT)  # its integral has to empty first
+        chain = chain.tuned("regulator", valve=valve, highest=top)
     if np.any(np.abs(c[UNKNOWN]) > FROZEN):
         chain = chain.tuned("regulator", unknown=(largest, *c[UNKNOWN].tolist()))
     if (span := float(c[SPAN])) > FROZEN:

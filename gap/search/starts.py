@@ -168,7 +168,7 @@ def _rhythms(parameters: Mapping[str, Parameter], problem: Problem, base: Fit) -
         return [_wave(time, residual, line, way) for line in lines(time, residual, low, high) for way in ways], False
     if "tau" in parameters:
         tau = parameters["tau"]
-        seen = Lateness(time, residual, np.ones(len(residual)))
+        seen = Lateness(time, residual, np.ones(len(residual)), np.zeros(len(residual), dtype=bool))
         return [{"tau": length, "phase": phase} for length, phase, _ in wanderings(seen, tau.low, tau.high)], False
     late = problem.lateness(base)
     if late is None or not parameters.keys() & {"interval", "period"}:

@@ -49,7 +49,7 @@ class Regulator(Wired):
     def fresh(self) -> Any:
         if self.unknown:
             return np.zeros(kernels.STATE), np.array([self.tau, self.zeta, *self.unknown])
-        valve = (*self.valve[:-1], -self.lowest, float(self.eased), self.valve[-1]) if self.valve else ()
+        valve = (*self.valve[:-1], -self.lowest, float(self.eased), self.valve[-1], self.highest) if self.valve else ()
         return np.zeros(kernels.STATE), np.array([self.tau, self.zeta, *self.rates, *valve])
 
     def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:

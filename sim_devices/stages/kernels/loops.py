@@ -9,7 +9,7 @@ from numba import njit
 
 from sim_devices.stages.kernels.base import FloatArray
 
-PARTS, QUICK_PARTS = 4.0, 1.5
+PARTS, QUICK_PARTS = 6.0, 2.0
 """Steps in the loop's time constant or the chamber's, and in the valve's, which need not be followed as closely."""
 QUICKEST = 3e-3
 """s: a valve that is quicker than this counts as so quick; it saves steps and moves no pressure that is sampled."""
@@ -50,6 +50,7 @@ def _valve_rates(
 ) -> tuple[float, float, float]:
     """Rates of pressure, valve and integral of a `valve_loop` of gain ``k`` and valve's lag ``late`` that is asked for
     ``u``."""
+    y = min(y, p[12])
     asked = k * (p[5] * u - y) + integral
     held = min(max(asked, -k * p[11]), k * p[11])
     return _flow(y, x, p), (held - x) / late, k * p[4] * (u - y) if held == asked else 0.0
@@ -83,9 +84,9 @@ def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
 
     The flow that a valve lets through follows the pressure across it (ISO 6358): g = 1 + lean - build q while suction
     builds up, 1 - lean + vent q while it is vented, q = -y / span. An error of ``open`` Pa opens it as far as it goes;
-    the integral waits meanwhile. It is emptied in a vented chamber from which hardly anything flows, or it would stay.
-    ``p`` = (tau s, zeta, fastest rise and fall, r 1/s, b, build, vent, lean, span, 1 if the limits are approached
-    softly, open).
+    the integral waits meanwhile. It is emptied in a vented chamber from which hardly anything flows, or it would stay;
+    and so it does where a chamber vents to ``highest``, the air's pressure, and no further. ``p`` = (tau s, zeta,
+    fastest rise and fall, r 1/s, b, build, vent, lean, span, 1 if the limits are approached softly, open, highest).
     """
     k, late = _valve_pace(p)
     pace = max(PARTS * k, PARTS / max(p[0], QUICKEST), QUICK_PARTS / late)
@@ -103,8 +104,11 @@ def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
                 break
             begin, end = s[2] + j / parts * change, s[2] + (j + 1) / parts * change
             s[3], s[4], s[5] = _valve_moved((s[3], s[4], s[5]), begin, end, dt / parts, p)
-        if long:  # the rest of a slow end has gone
-            s[3], s[4], s[5] = u[i], 0.0, 0.0
+            s[3] = min(s[3], p[12])
+        if long and s[3] >= p[12]:  # vented: the integral stays
+            s[4] = s[5]
+        elif long:  # the rest of a slow end has gone
+            s[3], s[4], s[5] = u[i], 0.0, k * (1.0 - p[5]) * u[i]
         if empties and u[i] > NOTHING and s[3] > VENTED:
             s[5] = 0.0
         s[1], s[2], y[i] = t[i], u[i], s[3]

@@ -15,6 +15,11 @@ def moments(seed: int, n: int = 12) -> np.ndarray:
     return np.sort(np.random.default_rng(seed).uniform(0, 300, n))
 
 
+def stepped(time: np.ndarray, late: np.ndarray, sd: float) -> Lateness:
+    """Lateness of steps of a command."""
+    return Lateness(time, late, np.full(len(time), sd), np.ones(len(time), dtype=bool))
+
+
 def test_lines_of_a_residual_are_found() -> None:
     rng = np.random.default_rng(0)
     time = np.sort(rng.uniform(0, 200, 1500))
@@ -30,7 +35,7 @@ def test_waits_for_the_next_look_are_explained(seed: int, interval: float, phase
     time = moments(seed)
     wait = interval * np.mod(phase - time / interval, 1.0)
     late = wait + 2e-3 + np.random.default_rng(seed).normal(0, 2e-4, len(time))
-    found = looks(Lateness(time, late, np.full(len(time), 3e-4)))
+    found = looks(stepped(time, late, 3e-4))
     if np.ptp(wait) > 0.5 * interval:
         assert found
         assert found[0][2] > 0.8
@@ -39,22 +44,31 @@ def test_waits_for_the_next_look_are_explained(seed: int, interval: float, phase
 def test_the_interval_of_many_looks_is_found() -> None:
     time = moments(3, 24)
     late = 0.05 * np.mod(0.3 - time / 0.05, 1.0)
-    interval, phase, share = looks(Lateness(time, late, np.full(len(time), 1e-4)))[0]
+    interval, phase, share = looks(stepped(time, late, 1e-4))[0]
     assert interval == pytest.approx(0.05, rel=1e-4)
     assert share > 0.99
     waits = interval * np.mod(phase - time / interval, 1.0)
     np.testing.assert_allclose(waits, late, atol=1e-3)
 
 
+def test_ramps_are_late_by_the_mean_wait() -> None:
+    """Between looks a ramp is a staircase, late by half an interval whenever it begins: only steps wait for a look."""
+    time, steps = moments(4, 40), np.arange(40) % 4 == 0
+    late = 0.04 * np.where(steps, np.mod(0.3 - time / 0.04, 1.0), 0.5)
+    interval, _, share = looks(Lateness(time, late, np.full(40, 1e-4), steps))[0]
+    assert interval == pytest.approx(0.04, rel=1e-4)
+    assert share > 0.99
+
+
 @pytest.mark.parametrize("late", [np.zeros(12), np.full(12, 0.04)])
 def test_equal_lateness_asks_for_no_looks(late: np.ndarray) -> None:
-    assert looks(Lateness(moments(1), late, np.full(12, 1e-4))) == []
+    assert looks(stepped(moments(1), late, 1e-4)) == []
 
 
 def test_a_wandering_clock_is_found() -> None:
     time = moments(5, 30)
     late = 4e-3 * np.sin(2 * np.pi * (time / 90.0 - 0.2)) + 1e-3
-    period, phase, amplitude = wanderings(Lateness(time, late, np.full(30, 3e-4)), 15.0, 1500.0)[0]
+    period, phase, amplitude = wanderings(stepped(time, late, 3e-4), 15.0, 1500.0)[0]
     assert period == pytest.approx(90.0, rel=0.05)
     assert amplitude == pytest.approx(4e-3, rel=0.1)
     assert phase == pytest.approx(0.2, abs=0.1)

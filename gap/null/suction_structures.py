@@ -1,0 +1,155 @@
+"""Structures that a suction regulator may have beside a second order: each is tried until one comes to the noise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from itertools import product
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from gap.data.tolerances import Tolerance
+from gap.inference.evidence import Fit
+from gap.inference.least_squares import fit, under
+from gap.inference.problem import Problem
+from gap.null.suction_regulator import (
+    DAMPING,
+    FLOW,
+    SPAN,
+    TIME,
+    TOPS,
+    UNKNOWN,
+    VALVE,
+    VALVE_NOMINAL,
+    WEIGHED,
+    opened_flow,
+)
+from sim_devices.chain import FloatArray
+from sim_devices.effects.build import PRESSURE
+
+NOISY, STRAINED = 1.2, 60.0
+"""χ² for each row above which a regulator of another structure is tried, and strain of tolerances above which one that
+weighs its set-point is,"""
+LEFT, FOLLOWS = 2.0, 0.5
+"""which is one if it leaves less than so much of χ² and strain for each row, and if its flow follows the pressure by so
+many tolerances: else it is but a better place to start from, and something else acts,"""
+SPANS = (0.04, 0.08, 0.15)
+"""s for 300 mbar at which a limited rate is looked for."""
+UNEXPLAINED = 0.2
+"""Share of the excess over the noise that a regulator of an unknown structure may leave: it has many parameters, and a
+larger rest is something else's."""
+QUICK_INTEGRAL = 3.0
+"""1/s from which on an integral is none that makes up for a leak."""
+WEIGHED_STARTS = ((-0.6, 0.0, 6.0, -0.4), (0.0, 0.0, 6.0, -0.8))
+"""A weighed set-point is looked for from these: logarithms of time and damping, the integral's rate, weight less 1."""
+VALVE_STARTS = (
+    {"integral_rate": 0.1, "suction_flow_slope": 0.6, "venting_flow_slope": 0.6, "flow_asymmetry": 0.3},
+    {
+        "integral_rate": 1.0,
+        "suction_flow_slope": 1.2,
+        "venting_flow_slope": 1.2,
+        "flow_asymmetry": 0.9,
+        "opened_wholly": 2.0,
+    },
+)
+"""A valve whose flow follows the pressure is looked for from here: one that vents a chamber also when it is nearly
+empty, and one between a supply and the air, whose flow is in proportion to the pressure across it."""
+
+
+class Structure(NamedTuple):
+    """A structure that was found: the widths (p,) of its prior, where a fit begins (p,), and how many Pa above the
+    air's pressure its line may vent."""
+
+    width: FloatArray
+    begin: FloatArray
+    top: float
+
+
+class Regulated(Problem, Protocol):
+    """A recorded pressure whose regulator may be of another structure."""
+
+    tolerances: Mapping[str, Mapping[str, Tolerance]]
+    top: float
+
+    @property
+    def largest(self) -> float: ...
+    def prior(self, width: Callable[[Tolerance], float], opened: slice = ...) -> FloatArray: ...
+
+
+def other_structure(block: Regulated, found: Fit, unknown: bool) -> Structure | None:
+    """The first structure that comes to the noise where a second order, ``found``, does not or strains the tolerances;
+    None where it does, or none of them does. Where it may be ``unknown``, only that is tried."""
+    if found.chi2 > len(found.residual) * NOISY:
+        tries = (_unknown,) if unknown else (_weighed, _limited, _valve)
+        return next(filter(None, (attempt(block, found) for attempt in tries)), None)
+    return _weighed(block, found) if found.penalty > STRAINED else None
+
+
+def _limited(block: Regulated, found: Fit) -> Structure | None:
+    """A rate that is limited within twice its tolerance."""
+    span = block.tolerances["slew_limit"]["span_time"].value
+    width = block.prior(lambda t: t.widest)
+    width[SPAN] = span
+    looked = under(block, block.prior_mean, width)
+    begins = np.tile(found.nuisance, (len(SPANS), 1))
+    begins[:, SPAN] = SPANS
+    first = min((fit(looked, nuisance=start, iterations=3) for start in begins), key=lambda f: f.objective)
+    best = fit(looked, nuisance=first.nuisance)
+    better = best.objective < min(LEFT * len(best.residual), found.objective)
+    if not (better and 0.0 < best.nuisance[SPAN] < 2.0 * span):
+        return None
+    return Structure(width, best.nuisance, TOPS[0])
+
+
+def _weighed(block: Regulated, found: Fit) -> Structure | None:
+    """A PI loop whose proportional part sees only a share of the set-point."""
+    width = block.prior(lambda t: t.widest, WEIGHED)
+    begins = np.tile(block.prior_mean, (len(WEIGHED_STARTS), 1))
+    begins[:, [TIME, DAMPING, WEIGHED.start, WEIGHED.start + 1]] = WEIGHED_STARTS
+    best, top = min(_with_integral(block, width, begins), key=lambda tried: tried[0].objective)
+    rate, weight = best.nuisance[WEIGHED]
+    at_noise = best.objective < min(NOISY * len(best.residual), found.objective)
+    if not (at_noise and rate > QUICK_INTEGRAL and -1.0 < weight < 0.0):
+        return None
+    return Structure(width, best.nuisance, top)
+
+
+def _valve(block: Regulated, found: Fit) -> Structure | None:
+    """A loop about a valve whose flow follows the pressure."""
+    width = block.prior(lambda t: t.widest, VALVE)
+    begins = np.tile(block.prior_mean, (len(VALVE_STARTS), 1))
+    begins[:, VALVE] = [[at.get(name, 0.0) for name in VALVE_NOMINAL] for at in VALVE_STARTS]
+    tries = _with_integral(block, width, (*begins, found.nuisance))
+    best, top = max(tries, key=lambda tried: tried[0].log_evidence(1.0, (width,)))
+    flow = (best.nuisance / width)[FLOW]
+    better = best.objective < min(LEFT * len(best.residual), found.objective)
+    slowest = PRESSURE / (2.0 * block.tolerances["slew_limit"]["span_time"].value)
+    quick = opened_flow(best.nuisance, block.largest) > slowest
+    if not (better and quick and np.linalg.norm(flow) > FOLLOWS):
+        return None
+    return Structure(width, best.nuisance, top)
+
+
+def _with_integral(block: Regulated, width: FloatArray, begins: Iterable[FloatArray]) -> list[tuple[Fit, float]]:
+    """Fits under a ``width`` (p,) of the prior, from each of ``begins`` (p,), of loops that vent to each of `TOPS`,
+    with that."""
+    out = []
+    for top, start in product(TOPS, begins):
+        looked = under(block, block.prior_mean, width)
+        looked.top = top
+        out.append((fit(looked, nuisance=start), top))
+    return out
+
+
+def _unknown(block: Regulated, found: Fit) -> Structure | None:
+    """A structure that nobody knows, where it takes away most of what a second order leaves."""
+    width = block.prior(lambda t: t.widest, UNKNOWN)
+    looked = under(block, block.prior_mean, width)
+    first = min(
+        (fit(looked, nuisance=c, iterations=8) for c in (found.nuisance, block.prior_mean)),
+        key=lambda f: f.objective,
+    )
+    best, n = fit(looked, nuisance=first.nuisance, iterations=60), len(found.residual)
+    if best.objective - n > UNEXPLAINED * (found.objective - n):
+        return None
+    return Structure(width, best.nuisance, TOPS[0])
