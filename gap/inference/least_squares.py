@@ -19,6 +19,8 @@ from sim_devices.chain import FloatArray
 MAX_ITERATIONS = 30
 DOUBTED = 2.0
 """Standard deviations by which neighbouring samples of white noise seem alike."""
+DIVERGED = 1e4
+"""Standard deviations by which a simulation that diverges is off everywhere."""
 
 
 def fit(
@@ -110,8 +112,12 @@ class _Objective:
 
     def simulated(self, c: FloatArray, u: FloatArray, want_jacobian: bool = False) -> Evaluation:
         self.simulations += 1
-        with np.errstate(over="ignore", invalid="ignore"):  # a trial that diverges is a bad one
-            return self.problem.evaluate(c, split(self.hypothesis, u), want_jacobian)
+        with np.errstate(over="ignore", invalid="ignore"):
+            made = self.problem.evaluate(c, split(self.hypothesis, u), want_jacobian)
+            if np.isfinite(made.residual @ made.residual):
+                return made
+        # It diverged: a bad trial, from which no way leads on.
+        return Evaluation(np.full(len(made.residual), DIVERGED), np.zeros_like(made.jacobian))
 
     def by_effect(self, residual: FloatArray, c: FloatArray, u: FloatArray) -> FloatArray:
         """The Jacobian (n, k) of the effects' parameters, where the residual is known."""

@@ -31,9 +31,10 @@ from sim_devices.stages.operators import Names, Wired, after
 
 @dataclass(frozen=True)
 class RimFriction(Wired):
-    """Height (first source) that lags within a play which the skin's pressure on the rim (second source) opens.
+    """Height, or the suction that skin feels (first source), that lags within a play which the skin's pressure on the
+    rim (second source) opens.
 
-    ``share`` of the half ``width`` (m, at 300 mbar) is in proportion to suction, the rest is always there.
+    ``share`` of the half ``width`` (m or Pa, at 300 mbar) is in proportion to suction, the rest is always there.
     """
 
     width: float
@@ -144,12 +145,14 @@ def lost_height(time: FloatArray, height: FloatArray, lost: float) -> FloatArray
 
 
 def _rim_friction(chain: Chain, v: Values) -> Chain:
-    def make(source: Names, target: Names) -> Wired:
-        return RimFriction(
-            "rim_friction", "interface", (*source, "skin_pressure"), target, v["width"], v["share"], v["form"]
-        )
+    behind, width = ("softening", v["width"]) if chosen(v, "form") < 2 else ("probe", v["friction"])
+    soft = float(chosen(v, "form") % 2)
 
-    return after(chain, "softening", make)
+    def make(source: Names, target: Names) -> Wired:
+        load = "skin_pressure" if behind == "softening" else source[0]
+        return RimFriction("rim_friction", "interface", (*source, load), target, width, v["share"], soft)
+
+    return after(chain, behind, make)
 
 
 def _rim_leak(chain: Chain, v: Values) -> Chain:
@@ -217,9 +220,11 @@ EFFECTS = (
         "A lubricated or rounded rim; compare with a silicone block.",
         "F: Coulomb friction 0.35 at the rim",
         (
-            strength("width", "m", 1e-6, 5e-4, 3e-5, "half width of the lag at 300 mbar"),
+            strength("width", "m", 1e-6, 5e-4, 3e-5, "half width of the lag at 300 mbar", only=(0, 1)),
+            strength("friction", "Pa", 10.0, 2e4, 1e3, "suction that it carries at 300 mbar", only=(2, 3)),
             shape("share", "1", 0.0, 1.0, 0.5, "of it in proportion to suction, the rest constant"),
-            choice("form", 0, "sharp play", "taken up gradually"),
+            choice("form", 0, "sharp play of the height", "play taken up gradually",
+                   "it carries some of the suction", "it carries ever more of the suction, up to a limit"),
         ),
         _rim_friction,
     ),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -182,3 +184,18 @@ def test_what_is_frozen_is_at_its_mean_wherever_a_fit_begins(linear) -> None:
     found = fit(problem, nuisance=np.array([0.5, 0.2]))
     assert found.nuisance == pytest.approx([2.0, 0.0], abs=0.02)
     assert found.penalty < 1.0
+
+
+def test_a_fit_that_begins_where_the_simulation_diverges_is_a_bad_one_and_no_nan(linear) -> None:
+    t = np.linspace(0.0, 1.0, 50)
+    problem = linear(2.0 * t, np.column_stack([t, np.ones_like(t)]))
+    sound = problem.evaluate
+
+    def evaluate(nuisance, active, want_jacobian=True):
+        made = sound(nuisance, active, want_jacobian)
+        return replace(made, residual=made.residual * np.inf) if nuisance[0] > 5 else made
+
+    problem.evaluate = evaluate
+    lost = fit(problem, nuisance=np.array([6.0, 0.0]))
+    assert np.isfinite(lost.log_evidence(1.0, (problem.prior_sd,)))
+    assert lost.objective > 1e6 > fit(problem).objective

@@ -214,6 +214,17 @@ def test_a_height_that_jumps_anew_in_every_recording() -> None:
         assert behind == pytest.approx(5e-5)
 
 
+def test_friction_at_the_rim_may_carry_some_of_the_suction() -> None:
+    time = np.linspace(0.0, 20.0, 4001)
+    asked = {"command_pressure": -30e3 * np.interp(time, [0, 10, 20], [0, 1, 0])}
+    rubbing = effects("cutometer")["rim_friction"].apply(
+        nominal("cutometer"), {"width": 0.0, "friction": 1e3, "share": 0.0, "form": 2.0}
+    )
+    less = rubbing.run(time, asked)["skin_pressure"] - nominal("cutometer").run(time, asked)["skin_pressure"]
+    np.testing.assert_allclose(less[(time > 5) & (time < 9)], 1e3, atol=1.0)
+    np.testing.assert_allclose(less[(time > 12) & (time < 16)], -1e3, atol=1.0)
+
+
 def test_a_spell_ends() -> None:
     time, inputs, chain = session("cutometer")
     spell = {"form": 2, "share": 0.3, "moment": 3.0, "duration": 1.0}
