@@ -167,13 +167,23 @@ class Session:
         return breaks(self.time(k, series)[good], value[good], high_band_sigma(value))
 
     def sigma(self, channel: str, members: Sequence[int], kinks: FloatArray) -> Sigma:
-        """Noise of one sample of a channel; the command has ``kinks`` (k,) s."""
+        """Noise of one sample of a channel in recordings ``members``; the command has ``kinks`` (k,) s.
+
+        Its slow part may be too slow for few and short recordings to tell: it is what the session tells, if that is
+        more.
+        """
         series = [self.recordings[k].streams[channel] for k in members]
-        runs = [(self.time(k, s), np.asarray(s.value, dtype=float)) for k, s in zip(members, series, strict=True)]
         stated = [s.noise for s in series if s.noise > 0]
-        white = float(np.median(stated or [high_band_sigma(v) for _, v in runs]))
-        step = max(grid_step(v) for _, v in runs)
-        return Sigma(white, rounding_floor(white, step), float(np.sqrt(slow_variance(runs, kinks, white))))
+        white = float(np.median(stated or [high_band_sigma(v) for _, v in self._runs(channel, members)]))
+        step = max(grid_step(v) for _, v in self._runs(channel, members))
+        having = [k for k, r in enumerate(self.recordings) if channel in r.streams]
+        slow = max(slow_variance(self._runs(channel, some), kinks, white) for some in (members, having))
+        return Sigma(white, rounding_floor(white, step), float(np.sqrt(slow)))
+
+    def _runs(self, channel: str, members: Sequence[int]) -> list[tuple[FloatArray, FloatArray]]:
+        """Time and value (n,) of a channel in recordings ``members``."""
+        series = [(k, self.recordings[k].streams[channel]) for k in members]
+        return [(self.time(k, s), np.asarray(s.value, dtype=float)) for k, s in series]
 
     def sigmas(self, channels: Sequence[str], members: Sequence[int], kinks: FloatArray) -> Sequence[Sigma]:
         """The same of several channels, alike where there are three or more: one that jerks is no noisier than they."""

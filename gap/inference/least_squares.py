@@ -223,7 +223,8 @@ def autocorrelation_penalty(residual: FloatArray, times: FloatArray | None, reco
     """
     if times is None:
         return 0.0
-    share = 1.0 - 1.0 / np.square(times)  # the share of the residual that is laid to chance
+    # The share of the residual that is laid to chance: none where noise that remembers foretells some of it.
+    share = np.maximum(1.0 - 1.0 / np.square(times), 0.0)
     weight = np.sqrt(share[1:] * share[:-1]) * (recording[1:] == recording[:-1])
     own = 0.5 * float(weight @ (np.square(residual[1:]) + np.square(residual[:-1])))
     common = float(weight @ (residual[1:] * residual[:-1])) - DOUBTED * float(np.linalg.norm(weight))

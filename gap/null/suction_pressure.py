@@ -129,6 +129,8 @@ class PressureBlock(Block):
         """Let a regulator of another structure be a third width of the prior."""
         self.prior_scales, self.prior_sd = (*self.prior_scales, structure.width), structure.width
         self._begin, self.top = structure.begin, structure.top
+        if structure.top == 0.0:
+            self.row_noise.widen(np.flatnonzero(self._after_others()), IGNORED)
 
     @property
     def likelihood_powers(self) -> Sequence[float]:
@@ -157,6 +159,19 @@ class PressureBlock(Block):
             off = np.abs(self.measured[rest] - np.median(self.measured[rest[len(rest) // 2 :]])) / self.sigma[rest]
             if off[0] > AWAY:
                 out[rest[: 1 + np.flatnonzero(off > BACK)[-1]]] = True
+        return out
+
+    def _after_others(self) -> NDArray[np.bool_]:
+        """Rows (n,) of the first stretch of suction in recordings that follow one of another specimen: an integral that
+        stays is of a command that is not in theirs."""
+        out = np.zeros(len(self.stamps), dtype=bool)
+        for group, _ in self.groups:
+            for k in group.members:
+                if k > 0 and k - 1 not in group.members:
+                    begin = self.session.onset(k)
+                    turn = self.session.kinks[self.session.kinks > begin + TOGETHER]
+                    until = float(turn[0]) if len(turn) else np.inf
+                    out |= (self.run == k) & (self.stamps >= begin) & (self.stamps < until)
         return out
 
     def _probability(self, sd: FloatArray) -> float:

@@ -89,7 +89,7 @@ def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
     fastest rise and fall, r 1/s, b, build, vent, lean, span, 1 if the limits are approached softly, open, highest).
     """
     k, late = _valve_pace(p)
-    pace = max(PARTS * k, PARTS / max(p[0], QUICKEST), QUICK_PARTS / late)
+    pace = max(PARTS * k, PARTS * math.sqrt(k / late), QUICK_PARTS / late)
     empties = 1.0 - p[8] < STILL
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2] = 1.0, t[0], u[0]

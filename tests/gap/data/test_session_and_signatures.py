@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from acquire.recording.model import SegmentRecord
 from gap.data.labels import direction, level, phases
@@ -13,6 +14,7 @@ from gap.data.noise import finest_step
 from gap.data.repeats import repeats_foretold
 from gap.data.session import LONGEST_REST, REST, Session
 from gap.data.signatures import HUM, MAINS, find, never_repeat
+from gap.data.slow_noise import slow_variance
 
 TIME = np.arange(0.0, 10.0, 0.01)
 COMMAND = ([0.0, 1.0, 1.0, 6.0, 6.0, 10.0], [0.0, 0.0, -3e4, -3e4, 0.0, 0.0])
@@ -375,3 +377,18 @@ def test_few_digits_are_no_coarse_channel(recording) -> None:
     for step, told in ((50.0, False), (300.0, True)):
         series = recording({"pressure": np.round(value / step) * step}, np.arange(4000) * 0.02)
         assert bool([s for s in find([series]) if s.effect == "sensor_quantisation"]) == told
+
+
+def test_a_short_recordings_slow_noise_is_told_by_the_others(recording) -> None:
+    """18 s on a rigid block are too few to tell it, and had been told a drift of the light (.93)."""
+    rng = np.random.default_rng(3)
+    made = []
+    for k, (length, name) in enumerate([(18.0, "rigid block"), (90.0, "skin"), (90.0, "skin")]):
+        time = 200.0 * k + np.arange(0.0, length, 0.02)
+        slow = lfilter([np.sqrt(1 - 0.98**2)], [1, -0.98], rng.normal(size=len(time)))
+        value = 5e-6 * rng.normal(size=len(time)) + 1.5e-6 * slow
+        table = (200.0 * k + np.array([0.0, length]), np.zeros(2))
+        made.append(recording({"apex_height": value}, time, {"pressure": table}, specimen=name, name=f"r{k}"))
+    session = Session(made)
+    short = slow_variance(session._runs("apex_height", [0]), np.zeros(0), 5e-6)
+    assert session.sigma("apex_height", [0], np.zeros(0)).slow > max(5e-7, 1.5 * np.sqrt(short))
