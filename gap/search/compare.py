@@ -332,7 +332,7 @@ def _begin_anew(comparison: Comparison, most: int, jobs: int) -> None:
     if not (most and ranked and leaves_much(ranked[0], comparison.problems)):
         return
     known = {s.candidate: s for s in comparison.screened if not (s.by_chance or s.candidate.event)}
-    several = [h for h in ranked if h.effects[0] in known and len(h.effects[0].parameters) > 2][:most]
+    several = [h for h in ranked if h.effects[0] in known and len(h.effects[0].parameters) > 1][:most]
     looked = each(lambda h: begun_anew(h, known[h.effects[0]], comparison.problems), several, jobs)
     fitted = each(lambda s: refit(comparison.problems, comparison.null, s), [s for s, _ in looked], jobs)
     for h, (_, tried), (fits, n) in zip(several, looked, fitted, strict=True):

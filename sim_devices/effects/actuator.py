@@ -24,6 +24,7 @@ from sim_devices.effects.build import (
     strength,
 )
 from sim_devices.stages import kernels, laws
+from sim_devices.stages.suction import Regulator
 
 BEND = PRESSURE / 2
 """Pa above which a gauge of two slopes is wrong, or a valve lifts, where nothing else is said."""
@@ -101,8 +102,10 @@ def _depletion(chain: Chain, v: Values) -> Chain:
 
 
 def _dead_band(chain: Chain, v: Values) -> Chain:
-    form = chosen(v, "form")
-    settings = (v["band"], (1.0, 0.0, v["left"], 1.0, v["left"])[form], float(form >= 3))
+    form, known = chosen(v, "form"), chain["regulator"]
+    if form == 5 and isinstance(known, Regulator) and known.second_order:
+        return chain.tuned("regulator", sleeps=(v["band"], v["left"]))
+    settings = (v["band"], (1.0, 0.0, v["left"], 1.0, v["left"], v["left"])[form], float(form >= 3))
     return law_before(chain, "regulator", "dead_band", "actuator", kernels.resting, settings)
 
 
@@ -224,8 +227,9 @@ EFFECTS = (
         "on-off and proportional valves; gap.md",
         (
             strength("band", "Pa", 5.0, 8e3, 1e3, "half width of the ignored error"),
-            choice("form", 3, *CORRECTS, *(f"{how}, vented at zero" for how in CORRECTS[::2])),
-            shape("left", "1", 0.05, 0.95, 0.3, "share of the band that a correction leaves", only=(2, 4)),
+            choice("form", 3, *CORRECTS, *(f"{how}, vented at zero" for how in CORRECTS[::2]),
+                   "it sleeps until the pressure itself is off by the band, vented at zero"),
+            shape("left", "1", 0.05, 0.95, 0.3, "share of the band that a correction leaves", only=(2, 4, 5)),
         ),
         _dead_band,
     ),

@@ -34,7 +34,8 @@ class Regulator(Wired):
     ``rates`` (Pa/s) limit how fast pressure rises and falls, at once or, if it is ``eased``, ever more as they are
     approached. One with a ``valve`` (r 1/s, b, build, vent, lean, open Pa of `kernels.valve_loop`) is a PI loop whose
     flow follows the pressure; it is the second order where these are 0, 1, 0, 0, 0, inf. One of ``unknown`` structure
-    (largest command Pa, logarithms of `kernels.free_loop`) is the second order where these are 0.
+    (largest command Pa, logarithms of `kernels.free_loop`) is the second order where these are 0. One that ``sleeps``
+    (band Pa, share of `kernels.sleeping_loop`) is, where it is awake.
     """
 
     tau: float = REGULATOR_TAU
@@ -45,10 +46,18 @@ class Regulator(Wired):
     eased: bool = False
     valve: tuple[float, ...] = ()
     unknown: tuple[float, ...] = ()
+    sleeps: tuple[float, ...] = ()
+
+    @property
+    def second_order(self) -> bool:
+        """Whether it is of the nominal structure, and its rates are not limited."""
+        return not (self.valve or self.unknown or self.sleeps) and bool(np.isinf(self.rates).all())
 
     def fresh(self) -> Any:
         if self.unknown:
             return np.zeros(kernels.STATE), np.array([self.tau, self.zeta, *self.unknown])
+        if self.sleeps:
+            return np.zeros(kernels.STATE), np.array([self.tau, self.zeta, *self.sleeps])
         valve = (*self.valve[:-1], -self.lowest, float(self.eased), self.valve[-1], self.highest) if self.valve else ()
         return np.zeros(kernels.STATE), np.array([self.tau, self.zeta, *self.rates, *valve])
 
@@ -57,6 +66,7 @@ class Regulator(Wired):
         law = kernels.eased if self.eased else kernels.hurried
         law = kernels.second_order if np.isinf(self.rates).all() else law
         law = kernels.valve_loop if self.valve else law
+        law = kernels.sleeping_loop if self.sleeps else law
         law = kernels.free_loop if self.unknown else law
         law(state[0], time, signals[self.source[0]], state[1], out)
         signals[self.target[0]] = np.clip(out, self.lowest, self.highest, out=out)

@@ -57,7 +57,7 @@ from sim_devices.stages.kernels.lags import (
     second_order,
     uneven_low_pass,
 )
-from sim_devices.stages.kernels.loops import FREE, free_loop, valve_loop
+from sim_devices.stages.kernels.loops import FREE, free_loop, sleeping_loop, valve_loop
 from sim_devices.stages.kernels.sampling import faulty_samples, jittered, late_by_any, slope_so_far
 
 __all__ = [
@@ -96,6 +96,7 @@ __all__ = [
     "resting",
     "sealing",
     "second_order",
+    "sleeping_loop",
     "slipping",
     "slope_so_far",
     "soft_play",

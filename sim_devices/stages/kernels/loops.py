@@ -114,6 +114,41 @@ def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
         s[1], s[2], y[i] = t[i], u[i], s[3]
 
 
+DOZING = 20.0
+"""Steps of `sleeping_loop` in its time constant: what wakes it is found no finer."""
+
+
+@njit(cache=True, error_model="numpy")
+def sleeping_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """Pressure by a second-order regulator whose valve sleeps until the pressure is off the command by more than a band,
+    and then corrects until it is off by less than a share of this: tau² y'' + 2 zeta tau y' = u - y while awake, 0 while
+    asleep. It is awake where nothing is asked for: the chamber is vented.
+
+    ``p`` = (tau s, zeta, band Pa, share). Midpoint rule; the pressure never rises above the air's.
+    """
+    tau, zeta, band, left = p[0], p[1], p[2], p[2] * p[3]
+    if s[0] == 0.0 and t.size:
+        s[0], s[1], s[2] = 1.0, t[0], u[0]
+    for i in range(t.size):
+        dt, change = t[i] - s[1], u[i] - s[2]
+        parts = max(math.ceil(dt * DOZING / tau), 1) if dt > 1e-7 else 0
+        h = dt / max(parts, 1)
+        for j in range(parts):
+            now, middle = s[2] + j / parts * change, s[2] + (j + 0.5) / parts * change
+            off = abs(now - s[3])
+            s[5] = 0.0 if now > NOTHING or off > band else (1.0 if off < left else s[5])
+            if change == 0.0 and abs(s[4]) * tau < AT_REST * band and (s[5] == 1.0 or off < AT_REST * band):
+                break
+            awake = 1.0 - s[5]
+            rate = s[4] + 0.5 * h * (awake * (now - s[3]) - 2.0 * zeta * tau * s[4]) / (tau * tau)
+            half = s[3] + 0.5 * h * s[4]
+            s[4] += h * (awake * (middle - half) - 2.0 * zeta * tau * rate) / (tau * tau)
+            s[3] += h * rate
+            if s[3] > 0.0:
+                s[3] = s[4] = 0.0
+        s[1], s[2], y[i] = t[i], u[i], s[3]
+
+
 Lines = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 LONGEST = 4e-3
 """s of a step of `free_loop`, whose quickest rates are 100/s or so."""

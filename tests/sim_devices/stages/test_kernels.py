@@ -22,7 +22,8 @@ CASES: list[tuple[Kernel, tuple[float, ...]]] = [
     (kernels.second_order, (0.2, 1.0)),
     (kernels.second_order, (0.2, 2.5)),
     (kernels.hurried, (0.2, 1.0, 3.0, 2.0)),
-    (kernels.valve_loop, (0.2, 0.8, 3.0, 2.0, 0.5, 0.9, 0.4, 0.4, 0.2, 2.0, 0.0, 0.7)),
+    (kernels.valve_loop, (0.2, 0.8, 3.0, 2.0, 0.5, 0.9, 0.4, 0.4, 0.2, 2.0, 0.0, 0.7, 0.0)),
+    (kernels.sleeping_loop, (0.2, 0.8, 0.3, 0.3)),
     (kernels.free_loop, (0.2, 0.8, 2.0, *np.linspace(-0.5, 0.5, kernels.FREE).tolist())),
     (kernels.sealing, (0.2, 0.5, 0.1)),
     (kernels.uneven_low_pass, (0.3, 0.05)),
@@ -251,3 +252,25 @@ def test_a_leak_closes_within_its_time_whenever_suction_comes_back() -> None:
     lost = 1.0 - evaluate(kernels.sealing, t, suction, 0.1, 1.5, 500.0)[suction < 0] / suction[suction < 0]
     since = np.where(t < 4.0, t - 1.0, t - 6.0)[suction < 0]
     np.testing.assert_allclose(lost, 0.1 * np.exp(-since / 1.5), atol=1e-3)  # a step of 10 ms
+
+
+def test_a_valve_that_sleeps_corrects_when_the_pressure_itself_is_off() -> None:
+    """Against Euler's rule with a tenth of the step."""
+    tau, zeta, band, left, h = 0.04, 1.0, 450.0, 0.25, 2e-4
+    corners = np.array([0.0, 1.0, 6.0, 8.0, 9.0, 12.0, 14.0])
+    time = np.arange(0.0, 14.0, h)
+    asked = -np.interp(time, corners, np.array([0.0, 0.0, 6e3, 6e3, 5.7e3, 0.0, 0.0]))
+    expected, y, rate, awake = np.empty(len(time)), 0.0, 0.0, True
+    for k, u in enumerate(asked):
+        expected[k] = y
+        off = abs(u - y)
+        awake = u > -1.0 or off > band or (awake and off >= left * band)
+        rate += h * ((u - y if awake else 0.0) - 2 * zeta * tau * rate) / tau**2
+        y = y + h * rate
+        if y > 0.0:
+            y = rate = 0.0
+    made = evaluate(kernels.sleeping_loop, time[::50], asked[::50], tau, zeta, band, left)
+    off = np.abs(made - expected[::50])
+    assert np.median(off) < 5.0
+    assert np.mean(off < 0.2 * band) > 0.95
+    assert np.max(off) < 1.2 * band
