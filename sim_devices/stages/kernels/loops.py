@@ -120,9 +120,9 @@ DOZING = 20.0
 
 @njit(cache=True, error_model="numpy")
 def sleeping_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
-    """Pressure by a second-order regulator whose valve sleeps until the pressure is off the command by more than a band,
-    and then corrects until it is off by less than a share of this: tau² y'' + 2 zeta tau y' = u - y while awake, 0 while
-    asleep. It is awake where nothing is asked for: the chamber is vented.
+    """Pressure by a second-order regulator whose valve sleeps until the pressure is off the command by more than a
+    band, and then corrects until it is off by less than a share of this: tau² y'' + 2 zeta tau y' = u - y while awake,
+    0 while asleep. It is awake where nothing is asked for: the chamber is vented.
 
     ``p`` = (tau s, zeta, band Pa, share). Midpoint rule; the pressure never rises above the air's.
     """
