@@ -57,7 +57,7 @@ def concept(h: Hypothesis) -> str:
 @dataclass(frozen=True)
 class Scored:
     """Explanations, the first of which is none, with their log probability ``score`` (n,) but for a constant, and
-    their ``share`` (n,) of the probability that one of them acts."""
+    their ``share`` (n,) of the probability that one of them acts. ``skin`` are the blocks of tissue of no known law."""
 
     hypotheses: Sequence[Hypothesis]
     score: FloatArray
@@ -66,6 +66,7 @@ class Scored:
     temper: Mapping[str, float]
     thresholds: Thresholds
     signatures: Sequence[Signature] = ()
+    skin: frozenset[str] = frozenset()
 
     def classes(self) -> list[Cause]:
         """All but none in classes, the most probable first."""
@@ -101,6 +102,13 @@ class Scored:
         t, lead, first = self.thresholds, order[0], self.hypotheses[order[0]]
         behind = {k: float(self.score[lead] - self.score[k]) for k in order}
         members = [k for k in order if k == lead or (behind[k] < t.evidence_tie and self._alike(first, k))]
+        members += [k for k in order if k not in members and behind[k] < t.skin_tie and self._but_for_skin(first, k)]
+        edges = t.edges_share * float(self.score[lead] - self.score[0])
+        members += [
+            k
+            for k in order
+            if k not in members and behind[k] < edges and _same_event(first, self.hypotheses[k], t.same_edges)
+        ]
         return members + [k for k in order if k not in members and behind[k] < t.mark and self._told_alike(first, k)]
 
     def _alike(self, one: Hypothesis, k: int) -> bool:
@@ -113,15 +121,27 @@ class Scored:
         left = sum(max(f.chi2 - len(f.residual), 0.0) / self.temper[b] for b, f in one.fits.items())
         return self._distance(one, other) < max(t.separable, t.blunt * float(np.sqrt(left)))
 
+    def _but_for_skin(self, one: Hypothesis, k: int) -> bool:
+        """Whether another explanation of what shows outside skin is told from ``one`` by skin alone, whose law is not
+        exact: a gauge that reads too little from a leak."""
+        other, none = self.hypotheses[k], self.hypotheses[0]
+        if len(one.effects) != len(other.effects) or not self.skin:
+            return False
+        shows = self._distance(one, none, self.skin) > self.thresholds.seen
+        return shows and self._distance(one, other, self.skin) < self.thresholds.separable
+
     def _told_alike(self, one: Hypothesis, k: int) -> bool:
         """Whether another explanation leaves the same mark, or happens at the same time."""
         other = self.hypotheses[k]
         return _same_mark(one, other, self.signatures) or _same_event(one, other, self.thresholds.same_edges)
 
-    def _distance(self, one: Hypothesis, other: Hypothesis) -> float:
-        """How far apart two fitted explanations predict, in tempered σ, each block as far as the first trusts it."""
+    def _distance(self, one: Hypothesis, other: Hypothesis, without: frozenset[str] = frozenset()) -> float:
+        """How far apart two fitted explanations predict, in tempered σ, each block as far as the first trusts it, but
+        for blocks ``without`` which to compare them."""
         square = 0.0
         for b, trust in self.weighed[id(one)].trust.items():
+            if b in without:
+                continue
             change = one.fits[b].residual - other.fits[b].residual
             square += trust / self.temper[b] * float(np.sum(np.square(change)))
         return float(np.sqrt(square))

@@ -132,7 +132,8 @@ def posterior(
     # Whether anything acts is one question, its name another: a weak effect often answers the second.
     acts = 1.0 - float(softmax(score)[0])
     share = np.r_[0.0, softmax(score[1:])] if len(score) > 1 else np.zeros(1)
-    causes = Scored(every, score, share, weighed, temper, t, signatures).classes()
+    skin = frozenset(name for name, p in comparison.problems.items() if p.sound is None)
+    causes = Scored(every, score, share, weighed, temper, t, signatures, skin).classes()
     causes = [_marked(c, comparison, signatures, t) for c in causes]
     before = gap_of(comparison.null)
     after = gap_of(causes[0].hypothesis) if causes else before

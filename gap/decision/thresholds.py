@@ -21,6 +21,8 @@ class Thresholds:
     """One value for each entry of ``thresholds.yaml``, in its unit; what it means is told there."""
 
     prior_effect: float
+    skin_tie: float
+    edges_share: float
     prior_pair: float
     prior_outside: float
     mark: float
