@@ -103,12 +103,7 @@ class Scored:
         behind = {k: float(self.score[lead] - self.score[k]) for k in order}
         members = [k for k in order if k == lead or (behind[k] < t.evidence_tie and self._alike(first, k))]
         members += [k for k in order if k not in members and behind[k] < t.skin_tie and self._but_for_skin(first, k)]
-        edges = t.edges_share * float(self.score[lead] - self.score[0])
-        members += [
-            k
-            for k in order
-            if k not in members and behind[k] < edges and _same_event(first, self.hypotheses[k], t.same_edges)
-        ]
+        members += [k for k in order if k not in members and self._but_for_edges(first, k)]
         return members + [k for k in order if k not in members and behind[k] < t.mark and self._told_alike(first, k)]
 
     def _alike(self, one: Hypothesis, k: int) -> bool:
@@ -129,6 +124,14 @@ class Scored:
             return False
         shows = self._distance(one, none, self.skin) > self.thresholds.seen
         return shows and self._distance(one, other, self.skin) < self.thresholds.separable
+
+    def _but_for_edges(self, one: Hypothesis, k: int) -> bool:
+        """Whether another event at the time of ``one`` explains nearly as much: its edges are of another form."""
+        other, none = self.hypotheses[k], self.hypotheses[0]
+        if not _same_event(one, other, self.thresholds.same_edges):
+            return False
+        explained = [sum(none.fits[b].chi2 - f.chi2 for b, f in h.fits.items()) for h in (one, other)]
+        return explained[1] > (1.0 - self.thresholds.edges_share) * explained[0]
 
     def _told_alike(self, one: Hypothesis, k: int) -> bool:
         """Whether another explanation leaves the same mark, or happens at the same time."""

@@ -269,7 +269,7 @@ def test_one_event_in_other_words_is_one_class(linear, candidate, later: float, 
     )
     close = replace(INSTRUMENT, evidence_tie=1e6)
     assert (len(posterior(comparison, [tone, leak], close).causes[0].names) == 2) == together
-    by_edges = replace(INSTRUMENT, evidence_tie=0.0, mark=0.0, edges_share=0.9)
+    by_edges = replace(INSTRUMENT, evidence_tie=0.0, mark=0.0, edges_share=0.5)
     assert (len(posterior(comparison, [tone, leak], by_edges).causes[0].names) == 2) == together
 
 
@@ -280,7 +280,7 @@ def test_skin_of_an_inexact_law_does_not_split_what_the_pressure_cannot(
     """A gauge of two slopes (3.7 %) was claimed as a leak (.92) by 6 nats of a skin whose law left 95 (seed 510010)."""
     rng = np.random.default_rng(0)
     gauge = {n: (lambda v: v["a"] * SHAPES["bump"]) for n in ("leak", "gauge_gain")}
-    skin = {"leak": lambda v: 0.0 * T, "gauge_gain": lambda v: 0.3 * v["a"] * SHAPES["late"]}
+    skin = {"leak": lambda v: 0.0 * T, "gauge_gain": lambda v: 0.1 * v["a"] * SHAPES["late"]}
     known = [
         replace(candidate(n, Parameter("a", "1", -30.0, 30.0, 0.0)), blocks=("linear", "skin"))
         for n in ("leak", "gauge_gain")
