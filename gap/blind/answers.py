@@ -11,6 +11,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from .lock import unseal
+from .tolerated import within_tolerance
 from .vocabulary import CONCEPTS
 
 NEGLIGIBLE = 0.005
@@ -62,7 +63,8 @@ class Report(BaseModel):
 
 @dataclass(frozen=True)
 class Case:
-    """Truth and answer of one case. ``report`` is None where the diagnosis delivered none (counted as wrong)."""
+    """Truth and answer of one case. ``report`` is None where the diagnosis delivered none (counted as wrong);
+    ``tolerated``, whether all that is hidden lies within twice a stated tolerance."""
 
     name: str
     tier: str
@@ -74,6 +76,7 @@ class Case:
     report: Report | None
     delta_free: float | None = None
     reference: bool = False
+    tolerated: bool = False
 
     @property
     def claims(self) -> bool:
@@ -183,6 +186,7 @@ def load(reports: Path, keys: Sequence[Path], passphrase: str = "", least: float
                     _load_report(reports / f"{t['case']}.json"),
                     t.get("delta_free"),
                     bool(t.get("reference", False)),
+                    bool(hidden) and all(within_tolerance(h["knobs"], t["instrument"] == "microrobot") for h in hidden),
                 )
             )
     return cases

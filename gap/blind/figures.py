@@ -228,6 +228,8 @@ _alarm = _share(lambda c: c.false_alarm)
 FIGURES = (
     Definition("top-1, skin alone, delta_free >= 5", lambda c: free(c) and not c.reference, _first, ">= 0.80"),
     Definition("top-1, with references, delta_free >= 5", lambda c: free(c) and c.reference, _first, ">= 0.90"),
+    Definition("top-1, beyond twice the stated tolerances", lambda c: free(c) and not c.tolerated, _first),
+    Definition("within twice a stated tolerance: unclaimed", lambda c: c.tolerated, _share(lambda c: not c.claims)),
     Definition("right among claims", claimed, _share(lambda c: bool(c.effects) and c.hit(1)), ">= 0.95"),
     Definition(
         "coverage of the 90 % set",

@@ -177,7 +177,7 @@ class Session:
         white = float(np.median(stated or [high_band_sigma(v) for _, v in self._runs(channel, members)]))
         step = max(grid_step(v) for _, v in self._runs(channel, members))
         having = [k for k, r in enumerate(self.recordings) if channel in r.streams]
-        slow = max(slow_variance(self._runs(channel, some), kinks, white) for some in (members, having))
+        slow = max(slow_variance(self._runs(channel, some), kinks, white) for some in {tuple(members), tuple(having)})
         return Sigma(white, rounding_floor(white, step), float(np.sqrt(slow)))
 
     def _runs(self, channel: str, members: Sequence[int]) -> list[tuple[FloatArray, FloatArray]]:

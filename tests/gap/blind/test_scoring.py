@@ -13,6 +13,7 @@ from scipy.stats import binom
 from gap.blind import Hidden, Truth, score, write_key
 from gap.blind.__main__ import main
 from gap.blind.answers import visible
+from gap.blind.tolerated import within_tolerance
 from gap.blind.vocabulary import CONCEPTS, stage_of
 
 
@@ -42,6 +43,25 @@ def scored(folder: Path, pairs: list[tuple[Truth, dict | None]]):
             (reports / f"{t.case}.json").write_text(json.dumps(r))
     write_key(folder / "key.bin", [t for t, _ in pairs], "secret")
     return score(reports, folder / "key.bin", "secret")
+
+
+def test_what_is_within_a_stated_tolerance_is_counted_by_itself(tmp_path: Path):
+    """172 Pa of a gauge of which 100 are a standard deviation: 122 of the record's, and no finding."""
+
+    def offset(case: str, pascal: float) -> Truth:
+        hidden = Hidden("gauge_offset", "actuator", "in the loop", 1.0, 122.0, {"loop_offset": -pascal})
+        return replace(truth(case, "T2"), effects=[hidden], delta_free=122.0)
+
+    silent, told = report("undetectable"), report("effect", cause("gauge_offset"))
+    card = scored(tmp_path, [(offset("a", 172.0), silent), (offset("b", 172.0), told), (offset("c", 900.0), told)])
+    assert card["within twice a stated tolerance: unclaimed"].value == 0.5
+    beyond = card["top-1, beyond twice the stated tolerances"]
+    assert (beyond.value, beyond.n) == (1.0, 1)
+
+
+@pytest.mark.parametrize(("rate", "robotic", "within"), [(4e5, False, True), (1e5, False, False), (4e5, True, False)])
+def test_a_rate_is_within_its_tolerance_where_it_is_quick(rate: float, robotic: bool, within: bool):
+    assert within_tolerance({"slew": rate, "slew_soft": 1.0}, robotic) == within
 
 
 def test_hits_stages_and_bins(tmp_path: Path):
