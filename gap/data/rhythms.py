@@ -66,10 +66,9 @@ def _looks(lateness: Lateness) -> list[tuple[float, float, float]]:
     if np.sum(steps) < 5:
         return []
     sound = _Sound(time, sd)
-    spread = float(np.ptp(late - sound.part(late)))
     # Lateness fills the interval: one much longer than its range would agree with any. Some of it may look like skew.
-    widest = max(spread, float(np.ptp(late)))
-    least, most = max(spread / 1.2, QUICKEST_LOOK), min(SPARSE * widest, SLOWEST_LOOK)
+    spreads = float(np.ptp(late - sound.part(late))), float(np.ptp(late))
+    least, most = max(min(spreads) / 1.2, QUICKEST_LOOK), min(SPARSE * max(spreads), SLOWEST_LOOK)
     if least >= most:
         return []
     step = 0.1 / float(np.ptp(time))
