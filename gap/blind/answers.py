@@ -150,6 +150,10 @@ def _load_report(path: Path) -> Report | None:
         raise ValueError(f"{path.name}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
 
 
+def _tolerated(hidden: dict[str, Any], instrument: str) -> bool:
+    return within_tolerance(hidden.get("knobs", {}), instrument == "microrobot")
+
+
 def visible(key: Path, least: float, passphrase: str = "", nothing: bool = True) -> list[str]:
     """Names of a sealed key's cases that hide effects of a δ_free of ``least`` at the least or, if ``nothing``, none.
 
@@ -186,7 +190,8 @@ def load(reports: Path, keys: Sequence[Path], passphrase: str = "", least: float
                     _load_report(reports / f"{t['case']}.json"),
                     t.get("delta_free"),
                     bool(t.get("reference", False)),
-                    bool(hidden) and all(within_tolerance(h["knobs"], t["instrument"] == "microrobot") for h in hidden),
+                    bool(hidden)
+                    and all(within_tolerance(h.get("knobs", {}), t["instrument"] == "microrobot") for h in hidden),
                 )
             )
     return cases

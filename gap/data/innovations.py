@@ -20,8 +20,8 @@ SHARES, MOST = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.45, 0.6, 0.8, 1.2), 0.4
 of its variance in it (assumed). More is a misfit, and none of it is the sensor's."""
 TIMES = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4)
 """s within which the slow part forgets."""
-EARNED, EARNED_FLAT = 10.0, 5.0
-"""Nats that a slow part must earn in a channel to be believed, and where nothing moves."""
+EARNED = 10.0
+"""Nats that a slow part must earn in a channel to be believed."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -106,35 +106,24 @@ class RowNoise:
         new[rows] += np.square(self.sigma[rows]) * (times**2 - 1.0)
         self._new = new.reshape(self._new.shape)
 
-    def remember(self, left: FloatArray, noise: Sequence[float], rows: NDArray[np.bool_] | None = None) -> None:
-        """Take a slow part into account if the rest ``left`` (C·n,) of a fit of all channels shows one in ``rows`` (n,)
-        in which nothing moves (None: in all rows).
+    def remember(self, left: FloatArray, noise: Sequence[float]) -> None:
+        """Take a slow part into account if the rest ``left`` (C·n,) of a fit of all channels shows one.
 
         ``noise`` (C,) is the white noise of a sample. Channels are alike: share and time are those of the middle one by
         each, as one that sticks, or misfits otherwise, does not tell for the others.
         """
         found = []
-        at = np.ones(len(self._time), dtype=bool) if rows is None else rows
-        for new, rest, sigma in zip(self._new[:, at], left.reshape(self._new.shape)[:, at], noise, strict=True):
+        for new, rest, sigma in zip(self._new, left.reshape(self._new.shape), noise, strict=True):
             alone = -0.5 * float(np.sum(np.square(rest) / new + np.log(new)))
-            likely = (
-                (self._log_likelihood(rest, new, s * sigma, tau, at), s, tau) for s, tau in product(SHARES, TIMES)
-            )
+            likely = ((self._log_likelihood(rest, new, s * sigma, tau), s, tau) for s, tau in product(SHARES, TIMES))
             best, share, tau = max(likely)
             found.append((best - alone, share, tau))
         earned, share, tau = (float(np.median(values)) for values in zip(*found, strict=True))
-        if earned > (EARNED if rows is None else EARNED_FLAT) and share <= MOST:
+        if earned > EARNED and share <= MOST:
             self._slow, self._taus = share * np.asarray(noise), np.full(len(noise), tau)
 
-    def remember_as(self, other: RowNoise) -> None:
-        """Take the slow part of the same channels in ``other`` rows for that of these, where it is known there."""
-        if other._taus is not None:
-            self._slow, self._taus = np.maximum(self._slow, other._slow), other._taus
-
-    def _log_likelihood(
-        self, rest: FloatArray, new: FloatArray, slow: float, tau: float, at: NDArray[np.bool_]
-    ) -> float:
-        variance, gain, decay = _gains(self._time[at], self._recording[at], new, slow**2, tau)
+    def _log_likelihood(self, rest: FloatArray, new: FloatArray, slow: float, tau: float) -> float:
+        variance, gain, decay = _gains(self._time, self._recording, new, slow**2, tau)
         innovations = _innovations(rest[:, None], gain, decay, np.sqrt(variance))
         return -0.5 * float(np.sum(np.square(innovations)) + np.sum(np.log(variance)))
 

@@ -34,7 +34,7 @@ def suction_problems(
         raise ValueError(f"recording {missing[0]} has no set-points of pressure: its command is not known")
     session = GroupedSession(recordings, ("pressure",))
     blocks: list[Block] = []
-    pressure = reference = None
+    pressure = None
     if any("pressure" in r.streams for r in recordings):
         pressure = PressureBlock(session, effects, unknown_regulator)
         blocks.append(pressure)
@@ -42,13 +42,10 @@ def suction_problems(
         blocks.append(ManometerBlock(session, effects, unknown_regulator))
     shown = {g.reference for g in session.groups for k in g.members if "apex_height" in recordings[k].streams}
     if True in shown:  # ahead of the skin: the fit of an effect on a reference goes on to it
-        reference = ReferenceBlock(session, effects, pressure)
-        blocks.append(reference)
+        blocks.append(ReferenceBlock(session, effects, pressure))
     if False in shown:
         skin = height(session, effects, pressure)
         skin.jobs = jobs
-        if reference is not None:
-            skin.row_noise.remember_as(reference.row_noise)
         blocks.append(skin)
     if not blocks:
         raise ValueError(f"recording {recordings[0].info.id} has neither channel pressure nor apex_height")

@@ -14,7 +14,6 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from gap.inference.hypothesis import Active, Evaluation
-from gap.inference.least_squares import fit
 from gap.null.blocks import Group, GroupedSession, Table
 from gap.null.skin_laws import bounded_exp
 from gap.null.suction_discrepancy import KNEES
@@ -86,11 +85,6 @@ class ReferenceBlock(FedBlock):
         self.prior_sd = np.array([self.shift_sd, *(c.sd for c in columns), *curve])
         self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
         self.prior_scales = (self.prior_sd,)
-        flat = np.zeros(len(self.stamps), dtype=bool)  # a membrane that lags or sticks is not noisy
-        for group, at in self.groups:
-            flat[at] = group.name != MEMBRANE
-        if np.any(flat):
-            self.row_noise.remember(self.unwhitened(fit(self).residual, {}), self.noise.tolist(), flat)
 
     def _solid(self, group: Group, at: slice) -> Table | None:
         """Height of a solid over a group's time, m; None of a membrane. A step is there from half of its reading on,

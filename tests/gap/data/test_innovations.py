@@ -65,23 +65,6 @@ def test_slow_noise_is_found_and_its_innovations_are_white() -> None:
     assert noise.memory[0] == pytest.approx(3 * [SLOW], abs=0.15)
 
 
-def test_slow_noise_is_told_where_nothing_moves() -> None:
-    """Of a membrane that sticks the other rows know nothing; and rows of the same sensor on skin remember alike."""
-    rng = np.random.default_rng(8)
-    time, recording, new, rest = drawn(rng, 1)
-    still = recording != 5
-    wrong = rest + 3.0 * ~still * np.sign(np.sin(time))
-    noise, all_rows, skin = (RowNoise(time, recording, new) for _ in range(3))
-    noise.remember(wrong.ravel(), [1.0], still)
-    all_rows.remember(wrong.ravel(), [1.0])
-    assert noise.memory is not None
-    assert noise.memory[0] == pytest.approx([SLOW], abs=0.15)
-    assert all_rows.memory is None
-    skin.remember_as(noise)
-    assert skin.memory is not None
-    assert skin.memory[1] == noise.memory[1]
-
-
 def test_white_noise_has_no_slow_part() -> None:
     rng = np.random.default_rng(2)
     time, recording, new, _ = drawn(rng)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from acquire.cli.app import run
 from acquire.cli.check import limits_of
 from gap.design import simulated as own
 from gap.design.catalogue import catalogue
@@ -80,3 +82,14 @@ def test_effects_are_drawn_alike_for_a_seed_and_told() -> None:
     assert hidden_in_words(drawn("cutometer", 4)) == hidden_in_words(drawn("cutometer", 4))
     assert len({hidden_in_words(drawn("cutometer", k)) for k in range(6)}) > 3
     assert hidden_in_words(named(["none"], "cutometer")) == "nothing"
+
+
+def test_one_experiment_splits_the_class_of_the_demonstration(tmp_path: Path) -> None:
+    """Light that fades or a muscle that tightens: a drift of a gauge step was once taken for its noise."""
+    asked = ["--specimen", "gauge step", "--specimen", "rigid block", "--quick", "--most", "1"]
+    out = tmp_path / "loop"
+    assert run(["gap", "loop", "cutometer", "--effect", "illumination_drift:change=0.5", *asked, "-o", str(out)]) == 0
+    reports = [json.loads((out / f"report-{k}.json").read_text("utf-8")) for k in (0, 1)]
+    before, after = (r["causes"][0]["class"] for r in reports)
+    assert len(before) > 1
+    assert after == ["illumination_drift"]
