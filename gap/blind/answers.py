@@ -190,8 +190,7 @@ def load(reports: Path, keys: Sequence[Path], passphrase: str = "", least: float
                     _load_report(reports / f"{t['case']}.json"),
                     t.get("delta_free"),
                     bool(t.get("reference", False)),
-                    bool(hidden)
-                    and all(within_tolerance(h.get("knobs", {}), t["instrument"] == "microrobot") for h in hidden),
+                    bool(hidden) and all(_tolerated(h, t["instrument"]) for h in hidden),
                 )
             )
     return cases

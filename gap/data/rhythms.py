@@ -77,8 +77,8 @@ def _looks(lateness: Lateness) -> list[tuple[float, float, float]]:
     for skew in SKEWS:
         shown = (time + late - skew * time)[steps]
         for k in _peaks(np.abs(_turns(frequency[0], step, len(frequency), shown)), 10, TRIED):
-            least_near, closer = frequency[k] - step, step / 20
-            interval = 1.0 / float(least_near + closer * np.argmax(np.abs(_turns(least_near, closer, 41, shown))))
+            low, fine = frequency[k] - step, step / 20
+            interval = 1.0 / float(low + fine * np.argmax(np.abs(_turns(low, fine, 41, shown))))
             phases = np.linspace(0.0, 1.0, 400, endpoint=False)
             wait = interval * np.where(steps, np.mod(phases[:, None] - time / interval, 1.0), 0.5)
             left = sound.misfit(late - wait)

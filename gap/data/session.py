@@ -32,8 +32,8 @@ how long it was, it does not tell (assumed)."""
 
 
 class Sigma(NamedTuple):
-    """Noise of one sample of a channel, SI, and two parts that averaging does not lower: its grid's, and what is
-    slow."""
+    """Noise of one sample of a channel, SI, and two parts that averaging does not lower: its grid's, and its
+    slow one."""
 
     white: float
     grid: float
@@ -41,7 +41,7 @@ class Sigma(NamedTuple):
 
     @property
     def kept(self) -> float:
-        """What averaging does not lower."""
+        """The part that averaging does not lower."""
         return float(np.hypot(self.grid, self.slow))
 
 
@@ -169,21 +169,20 @@ class Session:
     def sigma(self, channel: str, members: Sequence[int], kinks: FloatArray) -> Sigma:
         """Noise of one sample of a channel in recordings ``members``; the command has ``kinks`` (k,) s.
 
-        Its slow part may be too slow for few and short recordings to tell: it is what the session tells, if that is
-        more.
+        Its slow part may be too slow for few and short recordings to tell: all of the session may tell more.
         """
-        series = [self.recordings[k].streams[channel] for k in members]
-        stated = [s.noise for s in series if s.noise > 0]
-        white = float(np.median(stated or [high_band_sigma(v) for _, v in self._runs(channel, members)]))
-        step = max(grid_step(v) for _, v in self._runs(channel, members))
-        having = [k for k, r in enumerate(self.recordings) if channel in r.streams]
-        slow = max(slow_variance(self._runs(channel, some), kinks, white) for some in {tuple(members), tuple(having)})
+        noise = [self.recordings[k].streams[channel].noise for k in members]
+        runs, every = self._runs(channel, members), self._runs(channel, range(len(self.recordings)))
+        white = float(np.median([n for n in noise if n > 0] or [high_band_sigma(v) for _, v in runs]))
+        step = max(grid_step(v) for _, v in runs)
+        asked = [runs] if len(runs) == len(every) else [runs, every]
+        slow = max(slow_variance(some, kinks, white) for some in asked)
         return Sigma(white, rounding_floor(white, step), float(np.sqrt(slow)))
 
     def _runs(self, channel: str, members: Sequence[int]) -> list[tuple[FloatArray, FloatArray]]:
-        """Time and value (n,) of a channel in recordings ``members``."""
-        series = [(k, self.recordings[k].streams[channel]) for k in members]
-        return [(self.time(k, s), np.asarray(s.value, dtype=float)) for k, s in series]
+        """Time and value (n,) of a channel in those of recordings ``members`` that have it."""
+        series = [(k, self.recordings[k].streams.get(channel)) for k in members]
+        return [(self.time(k, s), np.asarray(s.value, dtype=float)) for k, s in series if s is not None]
 
     def sigmas(self, channels: Sequence[str], members: Sequence[int], kinks: FloatArray) -> Sequence[Sigma]:
         """The same of several channels, alike where there are three or more: one that jerks is no noisier than they."""

@@ -117,8 +117,8 @@ class Scored:
         return self._distance(one, other) < max(t.separable, t.blunt * float(np.sqrt(left)))
 
     def _but_for_skin(self, one: Hypothesis, k: int) -> bool:
-        """Whether another explanation of what shows outside skin is told from ``one`` by skin alone, whose law is not
-        exact: a gauge that reads too little from a leak."""
+        """Whether only skin, whose law is not exact, tells another explanation from ``one``, which shows elsewhere as
+        well: a gauge that reads too little from a leak."""
         other, none = self.hypotheses[k], self.hypotheses[0]
         if len(one.effects) != len(other.effects) or not self.skin:
             return False

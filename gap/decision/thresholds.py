@@ -21,8 +21,6 @@ class Thresholds:
     """One value for each entry of ``thresholds.yaml``, in its unit; what it means is told there."""
 
     prior_effect: float
-    skin_tie: float
-    edges_share: float
     prior_pair: float
     prior_outside: float
     mark: float
@@ -39,6 +37,8 @@ class Thresholds:
     separable: float
     blunt: float
     evidence_tie: float
+    skin_tie: float
+    edges_share: float
     lead: float
     transfer_lead: float
     second_share: float

@@ -37,7 +37,7 @@ def fit(
     """Nuisance and effect parameters that minimise χ² + prior, from ``nuisance`` (p,) and ``unit`` (k,).
 
     Levenberg-Marquardt; effect derivatives by differences, nuisance derivatives from the problem, or a ``jacobian``
-    (n, p) from near the start, with its ``gram`` JᵀJ, good for as long as it foretells what happens. ``tolerance`` is
+    (n, p) from near the start, with its ``gram`` JᵀJ, good for as long as it foretells the gain. ``tolerance`` is
     the relative gain below which it stops. ``belief`` is the prior of the effects by other data.
     """
     c = problem.start() if nuisance is None else nuisance.copy()
@@ -218,8 +218,8 @@ class _Objective:
 def autocorrelation_penalty(residual: FloatArray, times: FloatArray | None, recording: NDArray[np.int64]) -> float:
     """Twice the nats that noise wider by ``times`` (n,) seems to earn on a whitened residual (n,) that is no chance.
 
-    Scattered instants are one by one; what neighbours have in common beyond what noise could is a wrong response, and
-    counts as few.
+    Scattered instants are one by one; a part that neighbours share beyond the noise's is a wrong response, and counts
+    as few.
     """
     if times is None:
         return 0.0

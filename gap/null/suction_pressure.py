@@ -247,7 +247,7 @@ class PressureBlock(Block):
         telling = known > QUIET * np.max(known)
         if not np.any(telling & (over(slope * fitted.residual) ** 2 > LATE**2 * known)):
             none = np.zeros(0)
-            return Lateness(none, none, none, none > 0, intervals) if intervals else None
+            return Lateness(none, none, none, none.astype(bool), intervals) if intervals else None
         # The fitted regulator and clock have taken on much of the effect, the nominal ones may answer otherwise.
         nominal = np.concatenate([np.zeros(GAIN), fitted.nuisance[GAIN:]])
         seen = [self._late(n, fitted.active, number, telling) for n in (nominal, fitted.nuisance)]

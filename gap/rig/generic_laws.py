@@ -53,7 +53,7 @@ def coulomb(state: State, time: Signal, y: Signal, related: Related, p: Values) 
 
 
 def breakaway(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
-    """What is left of a net force ``y`` (Karnopp 1985, without inertia): it moves what it overcomes, and no more."""
+    """The part of a net force ``y`` beyond the level (Karnopp 1985, without inertia); nought of a lesser force."""
     held = p["level"] * (1 + p.get("excess", 0.0) * (related["velocity"] == 0.0))
     moves = np.abs(y) > held
     return moves * (y - p["level"] * np.sign(y))
@@ -137,7 +137,7 @@ def own_hysteresis(state: State, time: Signal, y: Signal, related: Related, p: V
     """The rate-independent loop of piezos, magnets and gauges: many plays of a signal that saturates about ``bend``.
 
     They are up to a half ``width``, of shares ∝ that to the ``exponent``: the less, the fuller are small loops. Every
-    loop inside another closes; those over twice ``width`` have the full height, twice ``level``. What is proportional
+    loop inside another closes; those over twice ``width`` have the full height, twice ``level``. The part in proportion
     to the signal is left out: the generalised form of Al Janaideh, Rakheja and Su, IEEE/ASME Trans. Mechatronics 16
     (2011) 734, less a gain.
     """

@@ -138,7 +138,7 @@ def _advance_axis(
     a[2, 0], a[2, 1], a[2, 2] = ki / (m * w * w), -(kp + spring) / (m * w), -(kd + drag) / m
     bound = 3.0 * w + (kd + drag) / m + spring / (m * w)
     known, exponentials = np.zeros(STEPS), np.empty((STEPS, 3, 3))
-    dry_only = longest < math.inf and p[6] == 0.0 and p[11] == 0.0 and p[12] == 0.0 and p[15] == 0.0 and p[18] == 0.0
+    dry_only = longest < math.inf and _only_dry(p)
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2], s[3] = 1.0, t[0], target[0], load[0]
     for i in range(t.size):
@@ -156,6 +156,12 @@ def _advance_axis(
                 _run(s, p, w, _of_length(h, a, bound, known, exponentials), target[i], load[i], h, steps)
         s[1], s[2], s[3] = t[i], target[i], load[i]
         y[i] = s[5]
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _only_dry(p: FloatArray) -> bool:
+    """Whether of all that is not linear only dry friction acts."""
+    return bool(p[6] == 0.0 and p[11] == 0.0 and p[12] == 0.0 and p[15] == 0.0 and p[18] == 0.0)
 
 
 @njit(cache=True, error_model="numpy")

@@ -77,6 +77,15 @@ def _valve_moved(
 
 
 @njit(cache=True, error_model="numpy")
+def _valve_rested(s: FloatArray, u: float, k: float, p: FloatArray) -> None:
+    """Bring the state of a `valve_loop` of gain ``k`` to the end of a long rest at a command of ``u``."""
+    if s[3] >= p[12]:  # vented: the integral stays
+        s[4] = s[5]
+    else:  # the rest of a slow end has gone
+        s[3], s[4], s[5] = u, 0.0, k * (1.0 - p[5]) * u
+
+
+@njit(cache=True, error_model="numpy")
 def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Pressure of a chamber by a PI controller and a proportional valve: y' = g(y, x) x, T x' = v - x,
     v = k (b u - y) + I, I' = k r (u - y), with 1/k = 2 zeta tau and T = tau / (2 zeta); it is a second-order lag where
@@ -105,17 +114,15 @@ def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
             begin, end = s[2] + j / parts * change, s[2] + (j + 1) / parts * change
             s[3], s[4], s[5] = _valve_moved((s[3], s[4], s[5]), begin, end, dt / parts, p)
             s[3] = min(s[3], p[12])
-        if long and s[3] >= p[12]:  # vented: the integral stays
-            s[4] = s[5]
-        elif long:  # the rest of a slow end has gone
-            s[3], s[4], s[5] = u[i], 0.0, k * (1.0 - p[5]) * u[i]
+        if long:
+            _valve_rested(s, u[i], k, p)
         if empties and u[i] > NOTHING and s[3] > VENTED:
             s[5] = 0.0
         s[1], s[2], y[i] = t[i], u[i], s[3]
 
 
 DOZING = 20.0
-"""Steps of `sleeping_loop` in its time constant: what wakes it is found no finer."""
+"""Steps of `sleeping_loop` in its time constant: the moment at which it wakes is found no finer."""
 
 
 @njit(cache=True, error_model="numpy")

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from gap.blind import Hidden, Truth, score, write_key
+from gap.blind import Hidden, Scorecard, Truth, score, write_key
 from gap.blind.__main__ import main
 from gap.blind.answers import visible
 from gap.blind.tolerated import within_tolerance
 from gap.blind.vocabulary import CONCEPTS, stage_of
+from gap.data.tolerances import tolerances
 
 
 def truth(case: str, tier: str, *effects: tuple[str, float]) -> Truth:
@@ -59,14 +60,37 @@ def test_what_is_within_a_stated_tolerance_is_counted_by_itself(tmp_path: Path):
     assert (beyond.value, beyond.n) == (1.0, 1)
 
 
+@pytest.mark.parametrize(
+    ("knob", "robotic", "group", "quantity"),
+    [
+        ("latency", False, "latency", "delay"), ("poll", False, "latency", "interval"),
+        ("skew", False, "clock_skew", "rate"), ("lag_height", False, "desynchronisation", "shift"),
+        ("lag", False, "regulator_lag", "tau"), ("lead", False, "regulator", "lead"),
+        ("band", False, "dead_band", "band"), ("loop_offset", False, "gauge_offset", "offset"),
+        ("gauge_gain", False, "gauge_gain", "error"), ("gain", False, "sensor_gain", "error"),
+        ("drop_gap", False, "dropped_samples", "fraction"), ("pulse", False, "pulse_breathing", "amplitude"),
+        ("latency", True, "latency", "delay"), ("skew", True, "clock_skew", "rate"),
+        ("leg_gain", True, "sensor_gain", "error"), ("drag", True, "viscous_drag", "drag"),
+        ("drop_gap", True, "dropped_samples", "fraction"),
+    ],
+)  # fmt: skip
+def test_twice_a_stated_tolerance_is_that_of_the_documents(knob: str, robotic: bool, group: str, quantity: str):
+    stated = tolerances("microrobot" if robotic else "cutometer")[group][quantity]
+    limit = 2 * (stated.value if group != "regulator" else stated.widest)
+    assert within_tolerance({knob: -limit}, robotic)
+    assert not within_tolerance({knob: 1.01 * limit}, robotic)
+
+
 @pytest.mark.parametrize(("rate", "robotic", "within"), [(4e5, False, True), (1e5, False, False), (4e5, True, False)])
 def test_a_rate_is_within_its_tolerance_where_it_is_quick(rate: float, robotic: bool, within: bool):
     assert within_tolerance({"slew": rate, "slew_soft": 1.0}, robotic) == within
 
 
-def test_hits_stages_and_bins(tmp_path: Path):
+@pytest.fixture
+def five(tmp_path: Path) -> Scorecard:
+    """Five cases: right, right by its class, wrong, faint and without a report."""
     lag = ("regulator_lag", 40.0)
-    card = scored(
+    return scored(
         tmp_path,
         [
             (truth("a", "T2", lag), report("effect", cause("regulator_lag"), cost={"seconds": 2.0})),
@@ -76,23 +100,35 @@ def test_hits_stages_and_bins(tmp_path: Path):
             (truth("e", "T1", lag), None),
         ],
     )
-    assert card["top-1"].value == 0.5
-    assert card["top-1"].n == 4
-    assert card["top-1"].met is False
-    assert card["top-3"].value == 0.75
-    assert card["stage"].value == 0.75
-    assert card["top-1, delta > 30"].value == pytest.approx(2 / 3)
-    assert card["top-1, delta 5 - 10"].value == 0.0
-    assert card["power at delta = 6"].value == 0.0
-    assert card["seconds a case (median)"].value == 3.0
-    assert card["seconds a case (median)"].met is True
-    assert card["shrink on another waveform (median; truth: 1)"].value == pytest.approx(0.97)
-    assert card["top-1, T1"].value == 0.0
-    assert (card.cases, card.missing) == (5, 1)
-    assert card["top-1"].low <= 0.5 <= card["top-1"].high
-    assert ("cutometer: regulator_lag", "leak", 1) in card.mistakes
-    assert card["false alarms T6"].n == 0
-    assert np.isnan(card["false alarms T6"].value)
+
+
+@pytest.mark.parametrize(
+    ("figure", "value"),
+    [
+        ("top-1", 0.5),
+        ("top-3", 0.75),
+        ("stage", 0.75),
+        ("top-1, delta > 30", 2 / 3),
+        ("top-1, delta 5 - 10", 0.0),
+        ("power at delta = 6", 0.0),
+        ("seconds a case (median)", 3.0),
+        ("shrink on another waveform (median; truth: 1)", 0.97),
+        ("top-1, T1", 0.0),
+    ],
+)
+def test_hits_stages_and_bins(five: Scorecard, figure: str, value: float):
+    assert five[figure].value == pytest.approx(value)
+
+
+def test_a_card_counts_its_cases_and_compares_with_targets(five: Scorecard):
+    assert five["top-1"].n == 4
+    assert five["top-1"].met is False
+    assert five["seconds a case (median)"].met is True
+    assert (five.cases, five.missing) == (5, 1)
+    assert five["top-1"].low <= 0.5 <= five["top-1"].high
+    assert ("cutometer: regulator_lag", "leak", 1) in five.mistakes
+    assert five["false alarms T6"].n == 0
+    assert np.isnan(five["false alarms T6"].value)
 
 
 def test_causes_are_ranked_by_probability(tmp_path: Path):
