@@ -53,13 +53,12 @@ def _by_parameters(h: Hypothesis, stated: Stated) -> float:
 
 def in_stated(effect: Candidate, h: Hypothesis, stated: Stated) -> float:
     """The size of an effect of a hypothesis in stated tolerances of its parameters; inf where none is stated."""
-    fitted = next((f for f in h.fits.values() if effect in f.hypothesis), None)
     known = stated.get(effect.name, {})
     strengths = [p for p in effect.parameters if p.null is not None]
     # An event is no tolerance: an instrument is off all the time.
-    if effect.event or fitted is None or not strengths or any(p.name not in known for p in strengths):
+    if effect.event or not strengths or any(p.name not in known for p in strengths):
         return float(np.inf)
-    values = fitted.active[effect]
+    values = h.fits[h.surest(effect)].active[effect]
     return float(max(abs(values[p.name] - (p.null or 0.0)) / known[p.name].value for p in strengths))
 
 

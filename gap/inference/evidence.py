@@ -171,6 +171,17 @@ class Hypothesis:
     def name(self) -> str:
         return " + ".join(e.key for e in self.effects) or "none"
 
+    def surest(self, effect: Candidate) -> str:
+        """The block that tells one of the effects best: its fit believes those of the blocks before it.
+
+        Raises ValueError of an effect that is in none."""
+
+        def spread(block: str) -> float:
+            f, at = self.fits[block], self.fits[block].place(effect)
+            return float(np.trace(f.covariance[at : at + len(effect.parameters), at : at + len(effect.parameters)]))
+
+        return min((b for b, f in self.fits.items() if effect in f.hypothesis), key=spread)
+
 
 def split(hypothesis: Sequence[Candidate], unit: FloatArray) -> dict[Candidate, dict[str, float]]:
     """Parameter values of each effect from one vector of prior quantiles."""

@@ -89,8 +89,8 @@ def _within_reach(candidate: Candidate, blocks: Sequence[Block]) -> Candidate:
     screening."""
     block = next((b for b in blocks if b.name == LIMITED.get(candidate.name)), None)
     greatest = block.greatest() if isinstance(block, AxesBlock | ForceBlock) else 0.0
-    if not greatest:
+    first, *others = candidate.parameters
+    if not greatest or first.name != "limit":
         return candidate
     low, high = GRADUAL if candidate.form == 1 else ABRUPT
-    first, *others = candidate.parameters
     return replace(candidate, parameters=(replace(first, low=low * greatest, high=high * greatest), *others))

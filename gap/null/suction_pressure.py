@@ -19,9 +19,10 @@ from gap.null.blocks import Block, Group, GroupedSession, Table
 from gap.null.chains import needed
 from gap.null.suction_regulator import (
     CLOCK,
+    EMPTIES,
     GAIN,
     SHIFT,
-    TOPS,
+    STAYS,
     UNKNOWN,
     VALVE,
     VENTED,
@@ -105,7 +106,7 @@ class PressureBlock(Block):
     name, channels = "pressure", ("pressure",)
     floor = 5.0  # Pa: a twentieth of the command's resolution
     trust_other = 0.25  # where the regulator is of another structure, ours of that structure is not quite it
-    top = TOPS[0]
+    vent = EMPTIES
 
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect], unknown: bool = False) -> None:
         # An open probe holds no pressure: its record says nothing of the regulator.
@@ -128,8 +129,8 @@ class PressureBlock(Block):
     def _take(self, structure: Structure) -> None:
         """Let a regulator of another structure be a third width of the prior."""
         self.prior_scales, self.prior_sd = (*self.prior_scales, structure.width), structure.width
-        self._begin, self.top = structure.begin, structure.top
-        if structure.top == 0.0:
+        self._begin, self.vent = structure.begin, structure.vent
+        if structure.vent == STAYS:
             self.row_noise.widen(np.flatnonzero(self._after_others()), IGNORED)
 
     @property
@@ -187,7 +188,7 @@ class PressureBlock(Block):
         """A group's nominal chain with the regulator at a nuisance vector."""
         # Bins average over the staircase of the command's resolution: simulate its mean.
         chain = chain_of(self.session, group, NO_TISSUE, command_step=0.0)
-        return regulated(chain, nuisance, self.largest, self.top)
+        return regulated(chain, nuisance, self.largest, self.vent)
 
     @cached_property
     def largest(self) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -47,9 +47,18 @@ its clock's rate; shares of further lags, a lead (s), the loop about a valve (`W
 flow follows the pressure, `WHOLLY` how far it opens), the s for 300 mbar of a limited rate, shares of slow lags, the
 logarithms of `kernels.free_loop`; and the gauge's gain, its zero (Pa), and by how much it reads more (Pa) while the
 line is vented: a zero that closes the loop shows at one of both only."""
-TOPS = (5e3, 0.0)
-"""Pa above the air's pressure to which a loop about a valve may vent: its integral empties there, or it stays as a
-chamber that vents to the air's leaves it."""
+
+
+class Vent(NamedTuple):
+    """How a loop about a valve vents: to ``highest`` Pa above the air's pressure, above which its integral empties; if
+    only to the air's, the integral stays as it is, or begins anew when the instrument is ``armed`` for a recording."""
+
+    highest: float
+    armed: bool = False
+
+
+EMPTIES, STAYS, ARMED = Vent(5e3), Vent(0.0), Vent(0.0, armed=True)
+VENTS = (EMPTIES, STAYS, ARMED)
 
 
 @dataclass(frozen=True)
@@ -104,14 +113,15 @@ def steps(sampling: float) -> FloatArray:
     return out
 
 
-def regulated(chain: Chain, c: FloatArray, largest: float, top: float) -> Chain:
+def regulated(chain: Chain, c: FloatArray, largest: float, vent: Vent) -> Chain:
     """The nominal chain with the regulator at a nuisance vector (SIZE,); ``largest`` Pa is asked for at most, and a
-    loop about a valve vents to the ``top`` of `TOPS`."""
+    loop about a valve is that of one ``vent``."""
     chain = chain.tuned("regulator", tau=REGULATOR_TAU * bounded_exp(c[TIME]), zeta=bounded_exp(c[DAMPING]))
     if np.any(np.abs(c[VALVE]) > FROZEN):
         *loop, wholly = c[VALVE] + list(VALVE_NOMINAL.values())
         valve = *loop, largest / max(wholly, 1e-9)
-        chain = chain.tuned("regulator", valve=valve, highest=top)
+        armed = chain["latency"].marks if vent.armed else ()  # type: ignore[attr-defined]
+        chain = chain.tuned("regulator", valve=valve, highest=vent.highest, armed=armed)
     if np.any(np.abs(c[UNKNOWN]) > FROZEN):
         chain = chain.tuned("regulator", unknown=(largest, *c[UNKNOWN].tolist()))
     if (span := float(c[SPAN])) > FROZEN:

@@ -14,14 +14,16 @@ from gap.inference.least_squares import fit, under
 from gap.inference.problem import Problem
 from gap.null.suction_regulator import (
     DAMPING,
+    EMPTIES,
     FLOW,
     SPAN,
     TIME,
-    TOPS,
     UNKNOWN,
     VALVE,
     VALVE_NOMINAL,
+    VENTS,
     WEIGHED,
+    Vent,
     opened_flow,
 )
 from sim_devices.chain import FloatArray
@@ -57,19 +59,18 @@ empty, and one between a supply and the air, whose flow is in proportion to the 
 
 
 class Structure(NamedTuple):
-    """A structure that was found: the widths (p,) of its prior, where a fit begins (p,), and how many Pa above the
-    air's pressure its line may vent."""
+    """A structure that was found: the widths (p,) of its prior, where a fit begins (p,), and how it vents."""
 
     width: FloatArray
     begin: FloatArray
-    top: float
+    vent: Vent
 
 
 class Regulated(Problem, Protocol):
     """A recorded pressure whose regulator may be of another structure."""
 
     tolerances: Mapping[str, Mapping[str, Tolerance]]
-    top: float
+    vent: Vent
 
     @property
     def largest(self) -> float: ...
@@ -98,7 +99,7 @@ def _limited(block: Regulated, found: Fit) -> Structure | None:
     better = best.objective < min(LEFT * len(best.residual), found.objective)
     if not (better and 0.0 < best.nuisance[SPAN] < 2.0 * span):
         return None
-    return Structure(width, best.nuisance, TOPS[0])
+    return Structure(width, best.nuisance, EMPTIES)
 
 
 def _weighed(block: Regulated, found: Fit) -> Structure | None:
@@ -106,12 +107,12 @@ def _weighed(block: Regulated, found: Fit) -> Structure | None:
     width = block.prior(lambda t: t.widest, WEIGHED)
     begins = np.tile(block.prior_mean, (len(WEIGHED_STARTS), 1))
     begins[:, [TIME, DAMPING, WEIGHED.start, WEIGHED.start + 1]] = WEIGHED_STARTS
-    best, top = min(_with_integral(block, width, begins), key=lambda tried: tried[0].objective)
+    best, vent = min(_with_integral(block, width, begins), key=lambda tried: tried[0].objective)
     rate, weight = best.nuisance[WEIGHED]
     at_noise = best.objective < min(NOISY * len(best.residual), found.objective)
     if not (at_noise and rate > QUICK_INTEGRAL and -1.0 < weight < 0.0):
         return None
-    return Structure(width, best.nuisance, top)
+    return Structure(width, best.nuisance, vent)
 
 
 def _valve(block: Regulated, found: Fit) -> Structure | None:
@@ -120,24 +121,23 @@ def _valve(block: Regulated, found: Fit) -> Structure | None:
     begins = np.tile(block.prior_mean, (len(VALVE_STARTS), 1))
     begins[:, VALVE] = [[at.get(name, 0.0) for name in VALVE_NOMINAL] for at in VALVE_STARTS]
     tries = _with_integral(block, width, (*begins, found.nuisance))
-    best, top = max(tries, key=lambda tried: tried[0].log_evidence(1.0, (width,)))
+    best, vent = max(tries, key=lambda tried: tried[0].log_evidence(1.0, (width,)))
     flow = (best.nuisance / width)[FLOW]
     better = best.objective < min(LEFT * len(best.residual), found.objective)
     slowest = PRESSURE / (2.0 * block.tolerances["slew_limit"]["span_time"].value)
     quick = opened_flow(best.nuisance, block.largest) > slowest
     if not (better and quick and np.linalg.norm(flow) > FOLLOWS):
         return None
-    return Structure(width, best.nuisance, top)
+    return Structure(width, best.nuisance, vent)
 
 
-def _with_integral(block: Regulated, width: FloatArray, begins: Iterable[FloatArray]) -> list[tuple[Fit, float]]:
-    """Fits under a ``width`` (p,) of the prior, from each of ``begins`` (p,), of loops that vent to each of `TOPS`,
-    with that."""
+def _with_integral(block: Regulated, width: FloatArray, begins: Iterable[FloatArray]) -> list[tuple[Fit, Vent]]:
+    """Fits under a ``width`` (p,) of the prior, from each of ``begins`` (p,), of loops of each of `VENTS`."""
     out = []
-    for top, start in product(TOPS, begins):
+    for vent, start in product(VENTS, begins):
         looked = under(block, block.prior_mean, width)
-        looked.top = top
-        out.append((fit(looked, nuisance=start), top))
+        looked.vent = vent
+        out.append((fit(looked, nuisance=start), vent))
     return out
 
 
@@ -152,4 +152,4 @@ def _unknown(block: Regulated, found: Fit) -> Structure | None:
     best, n = fit(looked, nuisance=first.nuisance, iterations=60), len(found.residual)
     if best.objective - n > UNEXPLAINED * (found.objective - n):
         return None
-    return Structure(width, best.nuisance, TOPS[0])
+    return Structure(width, best.nuisance, EMPTIES)

@@ -27,9 +27,9 @@ def of_cause(d: Diagnosis, cause: Cause) -> dict[str, dict[str, Any]]:
     """Values, standard errors and units of a cause's parameters."""
     out: dict[str, dict[str, Any]] = {}
     for effect in cause.effects:
-        f = cause.hypothesis.fits[effect.blocks[0]]
+        block = cause.hypothesis.surest(effect)
+        f, temper = cause.hypothesis.fits[block], d.verdict.posterior.temper[block]
         at = f.place(effect)
-        temper = d.verdict.posterior.temper[effect.blocks[0]]
         for k, p in enumerate(effect.parameters):
             u = float(f.unit[at + k])
             slope = (from_unit(p, min(u + STEP, 1.0)) - from_unit(p, max(u - STEP, 0.0))) / (2 * STEP)

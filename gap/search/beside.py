@@ -19,7 +19,8 @@ HALVINGS = (0.2, 0.1, 0.05, 0.025)
 
 @dataclass
 class Beside:
-    """An effect in a block, beside a ``nuisance`` (p,) that is refitted along straight lines; ``tried`` counts."""
+    """An effect in a block, beside a ``nuisance`` (p,) that is refitted along straight lines, the same for all
+    ``refits``; ``tried`` counts."""
 
     problem: Problem
     nuisance: FloatArray
@@ -34,7 +35,9 @@ class Beside:
         residual = self.problem.evaluate(self.nuisance, active, want_jacobian=False).residual
         times = self.problem.noise_scale(active)
         wider = 0.0 if times is None else 2.0 * float(np.sum(np.log(times)))
-        return wider + min(refit.chi2(residual) for refit in self.refits)
+        column = residual[:, None]
+        seen = self.refits[0].jacobian.T @ column
+        return wider + min(float(refit.squares(column, seen)[0]) for refit in self.refits)
 
     def nearest(self, units: Sequence[FloatArray]) -> tuple[float, FloatArray]:
         """The least that it leaves at one of ``units``, and that one."""

@@ -224,10 +224,9 @@ def _finish_null(comparison: Comparison) -> None:
     """Fit the null again from where the effects' fits ended: one that stopped early would give them nats they have
     not earned."""
     for block, problem in comparison.problems.items():
-        best = min((h.fits[block] for h in comparison.hypotheses), key=lambda f: f.chi2, default=None)
-        for start in (comparison.null.fits[block], best):
-            if start is None:
-                continue
+        others = [h.fits[block] for h in comparison.hypotheses]
+        nearest = [min(others, key=by) for by in (_misfit, _with_strain) if others]
+        for start in (comparison.null.fits[block], *nearest):
             again = fit(problem, nuisance=start.nuisance, iterations=40, tolerance=1e-5)
             comparison.simulations += again.simulations
             if again.objective < comparison.null.fits[block].objective:
@@ -236,6 +235,14 @@ def _finish_null(comparison: Comparison) -> None:
         touched = {b for e in h.effects for b in e.blocks}
         for block in comparison.problems.keys() - touched:
             h.fits[block] = comparison.null.fits[block]
+
+
+def _misfit(f: Fit) -> float:
+    return f.chi2
+
+
+def _with_strain(f: Fit) -> float:
+    return f.chi2 + f.penalty
 
 
 def _shortlist(screened: Sequence[Screened], size: int) -> list[Screened]:

@@ -56,15 +56,20 @@ class _Points:
 
     def between(self, at: int, which: int, low: float, high: float, along: list[int]) -> None:
         """Look for a point whose size is between ``low`` and ``high`` σ, by halves between those ``along`` the
-        parameter ``at`` that are smaller and larger; adds to these."""
+        parameter ``at`` that are smaller and larger; adds to these. A limit is small where no signal meets it, at the
+        upper end of its prior, of which the usual points may all be far."""
+        p = self.candidate.parameters[at]
+        nothing = 1.0 if p.null is not None and p.null >= p.high else 0.0
         for _ in range(BISECTIONS):
-            known = sorted((self.units[k][at], self.sizes[k][which]) for k in along)
-            below = max((u for u, size in known if size < low), default=None)
-            above = min((u for u, size in known if size > high), default=None)
-            if below is None or above is None or any(low <= size <= high for _, size in known):
+            known = [(abs(self.units[k][at] - nothing), self.sizes[k][which]) for k in along]
+            if any(low <= size <= high for _, size in known):
+                return
+            below = max((away for away, size in known if size < low), default=0.0 if nothing else None)
+            above = min((away for away, size in known if size > high), default=None)
+            if below is None or above is None:
                 return
             unit = self.units[along[0]].copy()
-            unit[at] = 0.5 * (below + above)
+            unit[at] = abs(nothing - 0.5 * (below + above))
             self.look(unit)
             along.append(len(self.units) - 1)
 

@@ -91,6 +91,9 @@ def _leak(chain: Chain, v: Values) -> Chain:
 
 
 def _depletion(chain: Chain, v: Values) -> Chain:
+    if chosen(v, "form") == 3:
+        drawn = (v["sag"], PRESSURE, v["bleed"], v["fill"])
+        return law_after(chain, "regulator", "reservoir_depletion", "actuator", kernels.sagging_store, drawn)
     if chosen(v, "form") == 2:
         limit = (v["draw"], PRESSURE, v["capacity"], v["bleed"], v["fill"])
         return law_after(chain, "regulator", "reservoir_depletion", "actuator", kernels.limited_store, limit)
@@ -104,7 +107,7 @@ def _depletion(chain: Chain, v: Values) -> Chain:
 def _dead_band(chain: Chain, v: Values) -> Chain:
     form, known = chosen(v, "form"), chain["regulator"]
     if form == 5 and isinstance(known, Regulator) and known.second_order:
-        return chain.tuned("regulator", sleeps=(v["band"], v["left"]))
+        return chain.tuned("regulator", sleeps=(v["band"], v["left"], v["patience"]))
     settings = (v["band"], (1.0, 0.0, v["left"], 1.0, v["left"], v["left"])[form], float(form >= 3))
     return law_before(chain, "regulator", "dead_band", "actuator", kernels.resting, settings)
 
@@ -205,14 +208,14 @@ EFFECTS = (
         "A larger reservoir, a pump that runs, pauses to refill.",
         "the aspiration device's air reservoir (W)",
         (
-            strength("sag", "1", 3e-4, 0.6, 0.1, "of the pressure, at 300 mbar held for long (form 1: as long again)",
-                     only=(0, 1)),
+            strength("sag", "1", 3e-4, 0.6, 0.1, "of the pressure, at 300 mbar held for long (form 1: as long again; "
+                     "form 3: by one rise to 300 mbar)", only=(0, 1, 3)),
             strength("draw", "1", 1e-3, 1.0, 0.05, "of the store, to 300 mbar once", only=(2,)),
             choice("form", 0, "all along", "once the store is empty, which a pump keeps from it up to some suction",
-                   "suction is no larger than what the store has left"),
+                   "suction is no larger than what the store has left", "by what rises and holds have drawn"),
             shape("capacity", "Pa", 3e3, 90e3, 33e3, "suction of a full store", log=True, only=(2,)),
-            shape("bleed", "1/s", 3e-3, 3.0, 0.1, "what a held suction draws, of itself", log=True, only=(2,)),
-            shape("fill", "s", 3.0, 300.0, 30.0, "within which a pump fills the store", log=True, only=(2,)),
+            shape("bleed", "1/s", 3e-3, 3.0, 0.1, "what a held suction draws, of itself", log=True, only=(2, 3)),
+            shape("fill", "s", 3.0, 300.0, 30.0, "within which a pump fills the store", log=True, only=(2, 3)),
             shape("reserve", "s", 0.1, 20.0, 2.0, "how long the store keeps 300 mbar", log=True, only=(1,)),
             shape("pump", "1", 0.02, 1.2, 0.2, "of 300 mbar, what the pump keeps alone", log=True, only=(1,)),
             shape("tau", "s", 2.0, 300.0, 30.0, "time to empty", log=True, only=(0,)),
@@ -230,6 +233,7 @@ EFFECTS = (
             choice("form", 3, *CORRECTS, *(f"{how}, vented at zero" for how in CORRECTS[::2]),
                    "it sleeps until the pressure itself is off by the band, vented at zero"),
             shape("left", "1", 0.05, 0.95, 0.3, "share of the band that a correction leaves", only=(2, 4, 5)),
+            shape("patience", "s", 0.0, 0.5, 0.0, "within that share before the valve sleeps", only=(5,)),
         ),
         _dead_band,
     ),

@@ -60,6 +60,12 @@ def _saturation(chain: Chain, v: Values) -> Chain:
     return chain.tuned("axes", force_limit=v["limit"], soft=float(chosen(v, "form") == 1), carried=carried)
 
 
+def _windup(chain: Chain, v: Values) -> Chain:
+    if chosen(v, "form") == 1:
+        return chain.tuned("axes", windup=v["share"])
+    return chain.tuned("axes", force_limit=v["limit"], windup=v["running"])
+
+
 def _stribeck(chain: Chain, v: Values) -> Chain:
     chain = chain.tuned("axes", stiction=v["stiction"], stribeck_speed=v["speed"], alone=chosen(v, "axis"))
     return chain.tuned("axes", coulomb=v["stiction"] * v["coulomb_share"], presliding=v["presliding"])
@@ -147,10 +153,13 @@ EFFECTS = (
         "Freeze the integrator while the output is limited.",
         "Åström & Hägglund, PID Controllers",
         (
-            strength("limit", "N", 0.02, FORCE_LIMIT, 0.25, "force at which the output is limited", null=FORCE_LIMIT),
-            shape("running", "1", 0.2, 1.0, 1.0, "share of the integration that goes on"),
+            strength("limit", "N", 0.02, FORCE_LIMIT, 0.25, "force at which the output is limited", null=FORCE_LIMIT,
+                     only=(0,)),
+            shape("running", "1", 0.2, 1.0, 1.0, "share of the integration that goes on", only=(0,)),
+            strength("share", "1", 1e-3, 1.0, 0.3, "of the integration that goes on", only=(1,)),
+            choice("form", 0, "at a limit below the coil's", "at the coil's own limit"),
         ),
-        lambda chain, v: chain.tuned("axes", force_limit=v["limit"], windup=v["running"]),
+        _windup,
     ),
     effect(
         "position_dependent_force_constant", "actuator", ROBOT,

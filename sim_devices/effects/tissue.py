@@ -187,7 +187,7 @@ def _tone(chain: Chain, v: Values) -> Chain:
     stronger: Callable[..., FloatArray] = laws.gain_drift
     stiffer: Callable[..., FloatArray] = laws.stiffness_drift
     if chosen(v, "form") == 3:
-        parameters = (v["change"], v["moment"], v["duration"])
+        parameters = (v["change"], v["moment"], v["duration"], v["ease"])
         stronger, stiffer = laws.gain_for_a_while, laws.softer_for_a_while
     anchor, law = ("tissue", stronger) if _is_robot(chain) else ("softening", stiffer)
     return map_after(chain, anchor, "muscle_tone_change", "tissue", law, parameters)
@@ -353,6 +353,7 @@ EFFECTS = (
             choice("form", 1, "linear in time", "towards a new level", "to and fro", "for a while"),
             PHASE,
             *for_a_while(3),
+            shape("ease", "s", 0.0, 20.0, 0.0, "within which it comes and goes", only=(3,)),
         ),
         _tone,
     ),

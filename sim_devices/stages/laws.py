@@ -29,14 +29,14 @@ LONGEST_STEP = 0.1
 """s before a sample for which it stands at most: longer ones are pauses."""
 
 
-def spell(time: FloatArray, moment: float, duration: float) -> FloatArray:
+def spell(time: FloatArray, moment: float, duration: float, ease: float = 0.0) -> FloatArray:
     """1 from ``moment`` on for ``duration`` s, else 0; the share of its step in a sample (n,) where it begins or ends.
 
     A sample stands for the time since the one before. So a spell's effect is continuous in both parameters,
-    and a fit finds the moment within a fraction of a sample."""
-    step = _stood(time)
-    begun = np.clip((time - moment) / step, 0.0, 1.0)
-    return np.asarray(begun - np.clip((time - moment - duration) / step, 0.0, 1.0))
+    and a fit finds the moment within a fraction of a sample. With an ``ease``, s, it begins and ends within that time,
+    the moments in the middle."""
+    step, since = _stood(time) + ease, time - moment + 0.5 * ease
+    return np.asarray(np.clip(since / step, 0.0, 1.0) - np.clip((since - duration) / step, 0.0, 1.0))
 
 
 def _stood(time: FloatArray) -> FloatArray:
@@ -49,14 +49,18 @@ def offset_for_a_while(time: FloatArray, u: FloatArray, amount: float, moment: f
     return u + amount * spell(time, moment, duration)
 
 
-def gain_for_a_while(time: FloatArray, u: FloatArray, error: float, moment: float, duration: float) -> FloatArray:
+def gain_for_a_while(
+    time: FloatArray, u: FloatArray, error: float, moment: float, duration: float, ease: float = 0.0
+) -> FloatArray:
     """u (1 + error) for a while."""
-    return u * (1.0 + error * spell(time, moment, duration))
+    return u * (1.0 + error * spell(time, moment, duration, ease))
 
 
-def softer_for_a_while(time: FloatArray, u: FloatArray, change: float, moment: float, duration: float) -> FloatArray:
+def softer_for_a_while(
+    time: FloatArray, u: FloatArray, change: float, moment: float, duration: float, ease: float = 0.0
+) -> FloatArray:
     """u / (1 + change) for a while: the response of something stiffer, where the denominator stays above 0.05."""
-    return u / np.maximum(1.0 + change * spell(time, moment, duration), 0.05)
+    return u / np.maximum(1.0 + change * spell(time, moment, duration, ease), 0.05)
 
 
 def flawed(time: FloatArray, u: FloatArray, amount: float, at: float, width: float) -> FloatArray:

@@ -35,7 +35,8 @@ class Regulator(Wired):
     approached. One with a ``valve`` (r 1/s, b, build, vent, lean, open Pa of `kernels.valve_loop`) is a PI loop whose
     flow follows the pressure; it is the second order where these are 0, 1, 0, 0, 0, inf. One of ``unknown`` structure
     (largest command Pa, logarithms of `kernels.free_loop`) is the second order where these are 0. One that ``sleeps``
-    (band Pa, share of `kernels.sleeping_loop`) is, where it is awake.
+    (band Pa, share and s of `kernels.sleeping_loop`) is, where it is awake. At times when it is ``armed`` (s) a loop
+    about a valve begins with its integral empty and its valve closed.
     """
 
     tau: float = REGULATOR_TAU
@@ -47,6 +48,7 @@ class Regulator(Wired):
     valve: tuple[float, ...] = ()
     unknown: tuple[float, ...] = ()
     sleeps: tuple[float, ...] = ()
+    armed: tuple[float, ...] = ()
 
     @property
     def second_order(self) -> bool:
@@ -68,8 +70,17 @@ class Regulator(Wired):
         law = kernels.valve_loop if self.valve else law
         law = kernels.sleeping_loop if self.sleeps else law
         law = kernels.free_loop if self.unknown else law
-        law(state[0], time, signals[self.source[0]], state[1], out)
+        asked, begin = signals[self.source[0]], 0
+        for end in (*np.searchsorted(time, self._armed_after(state[0])).tolist(), len(time)):
+            law(state[0], time[begin:end], asked[begin:end], state[1], out[begin:end])
+            if end < len(time):
+                state[0][4:6] = 0.0
+            begin = end
         signals[self.target[0]] = np.clip(out, self.lowest, self.highest, out=out)
+
+    def _armed_after(self, state: FloatArray) -> list[float]:
+        """The times, s, at which it is armed after those that the ``state`` of its loop has seen."""
+        return [mark for mark in self.armed if not state[0] or mark > state[1]]
 
 
 @dataclass(frozen=True)

@@ -87,6 +87,23 @@ def limited_store(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y:
 
 
 @njit(cache=True, error_model="numpy")
+def sagging_store(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """Suction that sags by what its store lacks: y = u (1 - e), of which growth of |u| takes a share c/ref, and a bleed
+    b |u| dt as much, and which fills up again, e -> 0 within tau. Suction is negative.
+
+    ``p`` = (c, ref, b 1/s, tau s).
+    """
+    if s[0] == 0.0 and t.size:
+        s[0], s[1], s[2] = 1.0, t[0], abs(u[0])
+    for i in range(t.size):
+        now, dt = abs(u[i]), t[i] - s[1]
+        drawn = max(now - s[2], 0.0) + 0.5 * p[2] * (now + s[2]) * dt
+        s[3] = s[3] * math.exp(-dt / p[3]) + p[0] * drawn / p[1]
+        s[1], s[2] = t[i], now
+        y[i] = u[i] * max(1.0 - s[3], 0.0)
+
+
+@njit(cache=True, error_model="numpy")
 def yield_flow(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Slow flow under load that comes back slower: y = u + r, r -> k (u - y0)+ within tau_up, back within tau_down.
 

@@ -128,12 +128,12 @@ DOZING = 20.0
 @njit(cache=True, error_model="numpy")
 def sleeping_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Pressure by a second-order regulator whose valve sleeps until the pressure is off the command by more than a
-    band, and then corrects until it is off by less than a share of this: tau² y'' + 2 zeta tau y' = u - y while awake,
-    0 while asleep. It is awake where nothing is asked for: the chamber is vented.
+    band, and then corrects until it has been off by less than a share of this for a while: tau² y'' + 2 zeta tau y' =
+    u - y while awake, 0 while asleep. It is awake where nothing is asked for: the chamber is vented.
 
-    ``p`` = (tau s, zeta, band Pa, share). Midpoint rule; the pressure never rises above the air's.
+    ``p`` = (tau s, zeta, band Pa, share, while s). Midpoint rule; the pressure never rises above the air's.
     """
-    tau, zeta, band, left = p[0], p[1], p[2], p[2] * p[3]
+    tau, zeta, band, left, patience = p[0], p[1], p[2], p[2] * p[3], p[4]
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2] = 1.0, t[0], u[0]
     for i in range(t.size):
@@ -143,8 +143,11 @@ def sleeping_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y:
         for j in range(parts):
             now, middle = s[2] + j / parts * change, s[2] + (j + 0.5) / parts * change
             off = abs(now - s[3])
-            s[5] = 0.0 if now > NOTHING or off > band else (1.0 if off < left else s[5])
+            vented = now > NOTHING
+            s[6] = 0.0 if vented or off >= left else s[6] + h
+            s[5] = 0.0 if vented or off > band else (1.0 if s[6] > patience else s[5])
             if change == 0.0 and abs(s[4]) * tau < AT_REST * band and (s[5] == 1.0 or off < AT_REST * band):
+                s[6] += 0.0 if vented else (parts - j - 1) * h
                 break
             awake = 1.0 - s[5]
             rate = s[4] + 0.5 * h * (awake * (now - s[3]) - 2.0 * zeta * tau * s[4]) / (tau * tau)

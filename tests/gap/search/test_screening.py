@@ -69,6 +69,20 @@ def test_what_a_wide_prior_swallows_is_seen_through_a_narrow_one(linear, candida
     assert first.widths["linear"] is narrow
 
 
+def test_a_limit_that_all_usual_strengths_are_far_below_is_looked_for_where_it_is_met(linear, candidate) -> None:
+    """The signal goes to 1: at a limit of 0.75 and less it is cut by hundreds of σ, of 1.5 it does nothing."""
+    signal = 1e4 * T
+
+    def cut(values):
+        return np.minimum(signal, 1e4 * values["limit"]) - signal
+
+    y = cut({"limit": 0.995}) + np.random.default_rng(4).normal(size=len(T))
+    problem = linear(y, np.ones((len(T), 1)), {"cut": cut})
+    limit = candidate("cut", Parameter("limit", "1", 0.05, 1.5, 10.0, 0.4, "log"))
+    found, _ = screen({"linear": problem}, Hypothesis((), {"linear": fit(problem)}), [limit])
+    assert found[0].gain > 20.0
+
+
 def test_a_threshold_is_looked_for_where_it_begins_to_show(linear, candidate) -> None:
     """Below 0.3 it does nothing, at 0.8 it is a hundred and fifty σ in each: straight lines are good for neither."""
     late = T > 0.9

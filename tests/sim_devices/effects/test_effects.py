@@ -246,6 +246,15 @@ def test_what_a_spell_does_is_continuous_in_when_it_begins_and_ends() -> None:
     np.testing.assert_array_equal(within[inside], ((time >= 20.0) & (time < 32.0))[inside])
 
 
+def test_what_comes_and_goes_gradually_is_half_there_at_its_moments() -> None:
+    time = np.arange(0.0, 20.0, 0.01)
+    part = laws.spell(time, 5.0, 6.0, 2.0)
+    np.testing.assert_allclose(
+        np.interp([3.9, 4.5, 5.0, 8.0, 11.5, 12.1], time, part), [0, 0.25, 0.5, 1, 0.25, 0], atol=0.01
+    )
+    assert part.sum() * 0.01 == pytest.approx(6.0)
+
+
 def test_friction_may_be_one_axis_alone() -> None:
     time, inputs, chain = session("microrobot")
     rough = effects("microrobot")["coulomb_friction"].apply(chain, {"axis": 2}).run(time, inputs)
@@ -297,6 +306,17 @@ def test_frames_counted_at_a_wrong_rate_come_ever_later_in_each_recording() -> N
         at = begin + np.array([1.5, 8.5, 11.5])
         late = np.interp(at - 0.01 * (at - begin), time, reference("aspiration")["apex_height"])
         np.testing.assert_allclose(np.interp(at, time, out), late, atol=3e-6)
+
+
+def test_suction_sags_by_what_rises_and_holds_have_drawn() -> None:
+    """With a store that fills up within hours: the share of a rise, and of a hold by its length."""
+    time, inputs, chain = session("cutometer")
+    sagging = variants(effects("cutometer")["reservoir_depletion"])["reservoir_depletion[form=3]"]
+    full = reference("cutometer")["line_pressure"]
+    line = sagging.apply(chain, {"sag": 0.03, "bleed": 0.1, "fill": 300.0}).run(time, inputs)["line_pressure"]
+    lost = 1.0 - np.interp([2.0, 5.0], time, line) / np.interp([2.0, 5.0], time, full)
+    rise = 0.03 * 40e3 / 30e3
+    np.testing.assert_allclose(lost, [rise + 0.1 * rise, rise + 0.4 * rise], rtol=0.05)
 
 
 def test_suction_never_exceeds_what_its_store_has_left() -> None:

@@ -23,11 +23,12 @@ CASES: list[tuple[Kernel, tuple[float, ...]]] = [
     (kernels.second_order, (0.2, 2.5)),
     (kernels.hurried, (0.2, 1.0, 3.0, 2.0)),
     (kernels.valve_loop, (0.2, 0.8, 3.0, 2.0, 0.5, 0.9, 0.4, 0.4, 0.2, 2.0, 0.0, 0.7, 0.0)),
-    (kernels.sleeping_loop, (0.2, 0.8, 0.3, 0.3)),
+    (kernels.sleeping_loop, (0.2, 0.8, 0.3, 0.3, 0.1)),
     (kernels.free_loop, (0.2, 0.8, 2.0, *np.linspace(-0.5, 0.5, kernels.FREE).tolist())),
     (kernels.sealing, (0.2, 0.5, 0.1)),
     (kernels.uneven_low_pass, (0.3, 0.05)),
     (kernels.limited_store, (0.3, 1.0, 0.8, 0.5, 2.0)),
+    (kernels.sagging_store, (0.1, 1.0, 0.5, 2.0)),
     (kernels.emptying_store, (0.2, 1.0, 0.3, 0.5, 0.2)),
     (kernels.prony, (1.0, 0.3, 0.1, -0.2, 2.0)),
     (kernels.rate_limit, (0.5, 2.0)),
@@ -254,6 +255,19 @@ def test_a_leak_closes_within_its_time_whenever_suction_comes_back() -> None:
     np.testing.assert_allclose(lost, 0.1 * np.exp(-since / 1.5), atol=1e-3)  # a step of 10 ms
 
 
+def test_a_valve_falls_asleep_only_where_it_has_been_right_for_a_while() -> None:
+    """On a slow ramp it lags by more than its share of the band: it stays awake, and follows. After a rest at the end
+    of one it sleeps until the next has gone by the band."""
+    time = np.arange(0.0, 12.0, 1e-3)
+    asked = -np.interp(time, [1.0, 4.0, 8.0, 11.0], [0.0, 6e3, 6e3, 9e3])
+    made = evaluate(kernels.sleeping_loop, time, asked, 0.05, 1.0, 600.0, 0.1, 0.3)
+    follows = evaluate(kernels.second_order, time, asked, 0.05, 1.0)
+    ramp, held, later = time < 4.0, (time > 7.0) & (time < 8.5), (time > 9.0) & (time < 11.0)
+    np.testing.assert_allclose(made[ramp], follows[ramp], atol=5.0)
+    assert np.ptp(made[held]) < 5.0
+    np.testing.assert_allclose(made[later], follows[later], atol=60.0)
+
+
 def test_a_valve_that_sleeps_corrects_when_the_pressure_itself_is_off() -> None:
     """Against Euler's rule with a tenth of the step."""
     tau, zeta, band, left, h = 0.04, 1.0, 450.0, 0.25, 2e-4
@@ -269,7 +283,7 @@ def test_a_valve_that_sleeps_corrects_when_the_pressure_itself_is_off() -> None:
         y = y + h * rate
         if y > 0.0:
             y = rate = 0.0
-    made = evaluate(kernels.sleeping_loop, time[::50], asked[::50], tau, zeta, band, left)
+    made = evaluate(kernels.sleeping_loop, time[::50], asked[::50], tau, zeta, band, left, 0.0)
     off = np.abs(made - expected[::50])
     assert np.median(off) < 5.0
     assert np.mean(off < 0.2 * band) > 0.95
