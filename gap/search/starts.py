@@ -18,7 +18,7 @@ from gap.inference.evidence import Fit, Hypothesis
 from gap.inference.hypothesis import Candidate, Lateness, to_unit
 from gap.inference.problem import Problem
 from gap.search.joint import signed, star
-from gap.search.windows import answered, has_level
+from gap.search.windows import answered, has_level, to_the_end
 from sim_devices.chain import FloatArray, Parameter
 
 STRENGTHS = (0.06, 0.3, 0.7)
@@ -40,6 +40,8 @@ never fitted to it."""
 LOWER_LIMITS = tuple(1.0 - q for q in LIMITS)
 DIRECTIONS = {"azimuth": (0.1, 0.35), "elevation": (0.5, 0.85)}
 """The same of a direction: two in plane, two that rise."""
+BURSTS = 3
+"""Moments at which samples may be lost that are tried."""
 MAX_GRID = 12
 AGREED = 0.85
 """Share of the commands' lateness that looks at equal intervals must explain to be refitted wherever they rank."""
@@ -199,13 +201,24 @@ def _spells(event: Candidate, problem: Problem, base: Fit) -> list[Place]:
     """When an event may begin, and how long it may last."""
     time, recording, residual = problem.rows.time, problem.rows.recording, base.residual
     longest = [p.high for p in event.parameters if p.name == "duration"]
-    moments = jumps(time, residual, recording)
     if not longest:
-        return [{"moment": m} for m in moments]
+        return [{"moment": m} for m in to_the_end(base, problem.rows, _begun(event, problem, base))[:BURSTS]]
+    moments = jumps(time, residual, recording)
     change = _all_along(event, problem, base)
     windows = spells(time, residual, recording)
     windows += [] if has_level(change) else [answered(base, problem.rows, change)]
     return [{"moment": m, "duration": length} for m, length in [*[(m, longest[0]) for m in moments], *windows]]
+
+
+def _begun(event: Candidate, problem: Problem, base: Fit) -> FloatArray:
+    """The change (n,) of a whitened prediction by an event that begins with each recording's first sample."""
+    values, change = event.values(plain_start(event)), np.zeros(len(base.residual))
+    for k in np.unique(problem.rows.recording):
+        own = problem.rows.recording == k
+        active = {**base.active, event: values | {"moment": float(np.min(problem.rows.time[own]))}}
+        changed = problem.evaluate(base.nuisance, active, want_jacobian=False).residual
+        change[own] = np.nan_to_num(base.residual - changed)[own]
+    return change
 
 
 def _all_along(event: Candidate, problem: Problem, base: Fit) -> FloatArray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from gap.inference.evidence import Fit
@@ -29,9 +31,27 @@ def answered(base: Fit, rows: Rows, change: FloatArray) -> tuple[float, float]:
     recording at once by cumulative sums. Tone that is another for some seconds multiplies a force about nought: the
     residual has no level there, and skin that is fitted to all recordings hides some of it.
     """
+    found = []
+    for edges, gain in _gains(base, rows, change):
+        first, behind = np.unravel_index(int(np.argmax(gain)), gain.shape)
+        found.append((float(gain[first, behind]), float(edges[first]), float(edges[behind] - edges[first])))
+    return max(found)[1:]
+
+
+def to_the_end(base: Fit, rows: Rows, change: FloatArray) -> list[float]:
+    """Of each recording the moment, s, from which on until its end the ``change`` (n,) takes most off a fit's χ², the
+    nuisance refitted; the most first."""
+    found = []
+    for edges, gain in _gains(base, rows, change):
+        first = int(np.argmax(gain[:, -1]))
+        found.append((float(gain[first, -1]), float(edges[first])))
+    return [moment for _, moment in sorted(found, reverse=True)]
+
+
+def _gains(base: Fit, rows: Rows, change: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Of each recording the edges (m,) s of its rows, and the gain (m, m) of each window from one to another."""
     projector = Projector(base.jacobian, base.prior_sd, base.gram)
     worth = projector.apply(base.at_mean) * change
-    found = []
     for k in np.unique(rows.recording):
         at = np.flatnonzero(rows.recording == k)
         stamps, where = np.unique(rows.time[at], return_inverse=True)
@@ -43,7 +63,5 @@ def answered(base: Fit, rows: Rows, change: FloatArray) -> tuple[float, float]:
         of_both = np.add.outer(np.diag(inner), np.diag(inner)) - 2.0 * inner
         size = np.maximum(np.subtract.outer(square, square).T - of_both, LEAST * square[-1])
         gain = np.triu(np.square(np.subtract.outer(along, along)) / np.maximum(size, 1e-300), 1)
-        first, behind = np.unravel_index(int(np.argmax(gain)), gain.shape)
         edges = np.concatenate([stamps[:1], 0.5 * (stamps[1:] + stamps[:-1]), stamps[-1:]])
-        found.append((float(gain[first, behind]), float(edges[first]), float(edges[behind] - edges[first])))
-    return max(found)[1:]
+        yield edges, gain

@@ -148,7 +148,7 @@ def _lost_samples(instruments: tuple[str, ...], *further: str) -> Any:
         "overrun serial buffers, cameras without frame numbers; gap.md",
         (
             strength("fraction", "1", 1e-5, 0.5, 0.1, "of the samples", only=(0, 1)),
-            strength("lost", "s", 0.01, 3.0, 0.2, "that the burst takes", only=(2, 3)),
+            strength("lost", "s", 2e-3, 3.0, 0.2, "that the burst takes", only=(2, 3)),
             choice("form", 0, "the last value is repeated", "the samples after it move up, in all channels",
                    "a burst in one recording, all channels move up", *further),
             *(replace(p, only=(0,)) for p in (_CHANNEL, _SEED, _RATE)),

@@ -50,3 +50,18 @@ def test_the_screening_looks_there(stiffer: LinearProblem) -> None:
     points, _ = starting_points(event, {"linear": stiffer}, Hypothesis((), {"linear": fit(stiffer)}))
     found = [event.values(p) for p in points]
     assert any(abs(v["moment"] - BEGIN) < 3.0 and abs(v["duration"] - LENGTH) < 8.0 for v in found)
+
+
+def test_lost_samples_are_looked_for_where_all_is_ahead_until_the_end() -> None:
+    """One sample of 10 ms, lost on the way: the residual is the signal's speed, of no level, to the recording's end."""
+
+    def ahead(values: Mapping[str, float]) -> FloatArray:
+        end = 300.0 if values["moment"] < 300.0 else 600.0
+        return np.asarray(values["lost"] * SIGNAL * ((values["moment"] <= TIME) & (end > TIME)))
+
+    y = ahead({"lost": 0.3, "moment": 170.0}) + np.random.default_rng(50004).normal(size=600)
+    problem = LinearProblem(y, np.ones((600, 1)), {"loss": ahead}, runs=2)
+    burst = Parameter("lost", "s", 2e-3, 3.0, 0.0, 0.2, "log"), Parameter("moment", "s", 1.0, 3600.0, None, 10.0, "log")
+    event = candidate("loss", *burst, block="linear")
+    points, _ = starting_points(event, {"linear": problem}, Hypothesis((), {"linear": fit(problem)}))
+    assert min(abs(event.values(p)["moment"] - 170.0) for p in points) < 8.0
