@@ -25,8 +25,9 @@ from sim_devices.stages.robot import TRANSDUCERS, xyz
 
 LIMITED = {"force_saturation": "axes", "integral_windup": "axes", "sensor_saturation": "force"}
 """Effects of a limit, and the block that knows how far the session goes."""
-ABRUPT, GRADUAL = (0.4, 1.3), (0.8, 4.0)
-"""Where a limit counts, of the session's greatest force: well below it an axis falls, well above nothing happens."""
+ABRUPT, GRADUAL, ONE_WAY = (0.4, 1.3), (0.8, 4.0), (0.15, 4.0)
+"""Where a limit counts, of the session's greatest force: well below it an axis falls, well above nothing happens; one
+that acts one way may meet what is small that way."""
 PROBE_FLOOR, FORCE_FLOOR = 2e-6, 1e-4
 """m and N by which computed channels may differ from what they are computed of. Sound ones of two generators differ
 by up to 2 µm, as the kinematics are linear or not, and by 20 nN, as numbers are rounded; a matrix leaves no more."""
@@ -93,4 +94,5 @@ def _within_reach(candidate: Candidate, blocks: Sequence[Block]) -> Candidate:
     if not greatest or first.name != "limit":
         return candidate
     low, high = GRADUAL if candidate.form == 1 else ABRUPT
+    low, high = ONE_WAY if candidate.name == "sensor_saturation" and candidate.form > 1 else (low, high)
     return replace(candidate, parameters=(replace(first, low=low * greatest, high=high * greatest), *others))

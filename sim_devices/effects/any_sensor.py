@@ -52,6 +52,17 @@ def _mapped(name: str, law: Law, parameters: Callable[[Chain, Values], tuple[flo
     return install
 
 
+_ONE_WAY = "bent where it is negative alone: a preload is used up", "bent where it is positive alone"
+
+
+def _saturated(robot: bool) -> Any:
+    both_ways = _mapped("sensor_saturation", laws.saturation, lambda c, v: (v["limit"], v["form"]), robot)
+    one_way = _mapped(
+        "sensor_saturation", laws.saturation_one_way, lambda c, v: (v["limit"], 2.0 * v["form"] - 5.0), robot
+    )
+    return lambda chain, v: (one_way if chosen(v, "form") > 1 else both_ways)(chain, v)
+
+
 def gain(name: str, robot: bool) -> Any:
     """A wrong sensitivity, always or for a while."""
 
@@ -227,9 +238,9 @@ def on_both(instruments: tuple[str, ...], scale: float, unit: str) -> list[Effec
             (
                 strength("limit", unit, 0.05 * scale, 30 * scale, 0.4 * scale, null=30 * scale),
                 *which,
-                choice("form", 0, "clipped", "bent"),
+                choice("form", 0, "clipped", "bent", *(_ONE_WAY if robot else ())),
             ),
-            _mapped("sensor_saturation", laws.saturation, lambda c, v: (v["limit"], v["form"]), robot),
+            _saturated(robot),
         ),
         effect(
             "sensor_quantisation", "sensor", instruments,

@@ -117,6 +117,12 @@ def saturation(time: FloatArray, u: FloatArray, limit: float, soft: float = 0.0)
     return np.clip(u, -limit, limit)
 
 
+def saturation_one_way(time: FloatArray, u: FloatArray, limit: float, way: float) -> FloatArray:
+    """u that is bent towards the limit where it has the sign of ``way`` alone: a preloaded transducer reads tension
+    until its preload is used up."""
+    return np.where(u * way > 0.0, saturation(time, u, limit, 1.0), u)
+
+
 def dead_zone(time: FloatArray, u: FloatArray, half_width: float) -> FloatArray:
     """Zero within ±half_width, u less that beyond."""
     return u - np.clip(u, -half_width, half_width)

@@ -308,6 +308,20 @@ def test_frames_counted_at_a_wrong_rate_come_ever_later_in_each_recording() -> N
         np.testing.assert_allclose(np.interp(at, time, out), late, atol=3e-6)
 
 
+def test_a_used_up_preload_bends_a_reading_one_way_alone() -> None:
+    u = np.linspace(-2.0, 2.0, 9)
+    bent = laws.saturation_one_way(u, u, 0.5, -1.0)
+    np.testing.assert_array_equal(bent[u >= 0.0], u[u >= 0.0])
+    np.testing.assert_allclose(bent[u <= -1.5], -0.5, atol=1e-3)
+    np.testing.assert_allclose(laws.saturation_one_way(u, -u, 0.5, 1.0), -bent)
+    time, inputs, chain = session("microrobot")
+    effect = variants(effects("microrobot")["sensor_saturation"])["sensor_saturation[channel=0,form=2]"]
+    cut = effect.apply(chain, {"limit": 0.1}).run(time, inputs)["transducer_force_a"]
+    whole = reference("microrobot")["transducer_force_a"]
+    np.testing.assert_allclose(cut[whole > 0.0], whole[whole > 0.0])
+    assert cut.min() == pytest.approx(max(whole.min(), -0.1), abs=2e-3)
+
+
 def test_suction_sags_by_what_rises_and_holds_have_drawn() -> None:
     """With a store that fills up within hours: the share of a rise, and of a hold by its length."""
     time, inputs, chain = session("cutometer")
