@@ -308,6 +308,14 @@ def test_frames_counted_at_a_wrong_rate_come_ever_later_in_each_recording() -> N
         np.testing.assert_allclose(np.interp(at, time, out), late, atol=3e-6)
 
 
+def test_an_integral_may_run_on_at_the_coils_own_limit() -> None:
+    forms, chain = variants(effects("microrobot")["integral_windup"]), nominal("microrobot")
+    at_its_own = forms["integral_windup[form=1]"].apply(chain, {"share": 0.4})["axes"]
+    assert (at_its_own.windup, at_its_own.force_limit) == (0.4, chain["axes"].force_limit)
+    below = forms["integral_windup[form=0]"].apply(chain, {"limit": 0.3, "running": 1.0})["axes"]
+    assert (below.windup, below.force_limit) == (1.0, 0.3)
+
+
 def test_a_used_up_preload_bends_a_reading_one_way_alone() -> None:
     u = np.linspace(-2.0, 2.0, 9)
     bent = laws.saturation_one_way(u, u, 0.5, -1.0)

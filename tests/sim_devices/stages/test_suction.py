@@ -179,3 +179,22 @@ def test_averaged_samples_are_means_of_the_window_before() -> None:
     np.testing.assert_allclose(out["pressure"], expected, atol=2e-5)
     constant = mean_before(np.array([0.0, 1.0]), np.array([3.0, 3.0]), np.array([-5.0, 0.05, 9.0]), 0.1)
     np.testing.assert_allclose(constant, 3.0)
+
+
+def test_an_armed_loop_begins_with_its_integral_empty() -> None:
+    """Also in parts, and where one begins after it was armed: the second suction is answered as the first."""
+    valve = (0.3, 1.0, 0.4, 0.5, 0.2, np.inf)
+    time = np.arange(0.0, 40.0, 0.01)
+    asked = {"command_pressure": -20e3 * (((time > 2.0) & (time < 8.0)) | ((time > 22.0) & (time < 28.0)))}
+    loops = {
+        armed: nominal("cutometer").tuned("regulator", valve=valve, highest=0.0, armed=armed) for armed in ((), (20.0,))
+    }
+    line = {armed: loop.run(time, asked)["line_pressure"] for armed, loop in loops.items()}
+    first, second = time < 20.0, time >= 20.0
+    np.testing.assert_allclose(line[20.0,][second], line[20.0,][first], atol=1e-6)
+    assert np.max(np.abs(line[()][second] - line[()][first])) > 300.0
+    stream = Runner(loops[20.0,])
+    parts = [
+        stream.advance(time[a : a + 300], {k: v[a : a + 300] for k, v in asked.items()}) for a in range(0, 4000, 300)
+    ]
+    np.testing.assert_allclose(np.concatenate([p["line_pressure"] for p in parts]), line[20.0,], atol=1e-6)
