@@ -19,9 +19,10 @@ How far a sound instrument of a laboratory may be off: each number is one **stan
 moves the quantity within it and pays for that; where a group is an effect of the [list](effect-list.md), an effect
 within twice the number is no finding. *Another make* is the wider tolerance of a sound instrument that was not built
 or tuned as the nominal one; the width that the recordings make more probable is taken. A group in *italics* is no
-effect: a part of the nominal instrument, or a quantity of it that a qualification reports. [nominal.md](nominal.md)
-has the equations. No maker publishes these numbers: all are assumed. This page is made by `tools/tolerance_list.py`
-from `gap/data/tolerances.yaml`.
+effect: a part of the nominal instrument, or a quantity of it that a qualification reports. An effect without a row
+has no tolerance: any amount that can be seen is a finding. [nominal.md](nominal.md) has the equations. No maker
+publishes these numbers: all are assumed. This page is made by `tools/tolerance_list.py` from
+`gap/data/tolerances.yaml`.
 """
 TITLES = {
     "cutometer": "Cutometer and aspiration device",
