@@ -47,10 +47,12 @@ _SKIN = xyz("skin")
 
 @dataclass(frozen=True)
 class Softening(Wired):
-    """Force (x, y, z) less the softening by its own magnitude, by ``kernel`` with its ``parameters``."""
+    """Force (x, y, z) less the softening by its own magnitude, by ``kernel`` with its ``parameters``; it begins anew at
+    each of ``marks`` (s)."""
 
     kernel: kernels.Kernel
     parameters: tuple[float, ...]
+    marks: tuple[float, ...] = ()
 
     def fresh(self) -> Any:
         return np.zeros(kernels.STATE), np.array(self.parameters)
@@ -58,8 +60,13 @@ class Softening(Wired):
     def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
         force = np.stack([signals[s] for s in self.source])
         size = np.sqrt((force**2).sum(axis=0))
-        softened = np.empty(len(time))
-        self.kernel(state[0], time, size, state[1], softened)
+        softened, begin, seen = np.empty(len(time)), 0, state[0][1] if state[0][0] else -np.inf
+        ahead = [mark for mark in self.marks if mark > seen]
+        for end in (*np.searchsorted(time, ahead).tolist(), len(time)):
+            self.kernel(state[0], time[begin:end], size[begin:end], state[1], softened[begin:end])
+            if end < len(time):
+                state[0][:] = 0.0
+            begin = end
         factor = np.divide(softened, size, out=np.ones(len(time)), where=size > 0)
         signals.update(zip(self.target, force * factor, strict=True))
 
@@ -125,6 +132,10 @@ def _preconditioning(chain: Chain, v: Values) -> Chain:
         anchor, sign = ("tissue", -1.0) if _is_robot(chain) else ("softening", 1.0)
         return law_after(chain, anchor, name, stage, kernels.mullins, (sign * v["amount"], v["forgetting"]))
     shapes: tuple[float, ...]
+    if chosen(v, "form") == 3 and _is_robot(chain):
+        marks = chain["latency"].marks  # type: ignore[attr-defined]
+        softer = (-v["amount"] / (1.0 + v["amount"]), 0.5 * v["rise"])
+        return after(chain, "tissue", lambda s, t: Softening(name, stage, s, t, kernels.worked_off, softer, marks))
     if chosen(v, "form") == 3:
         work = v["rise"] * height_scale(chain)
         return law_after(chain, "softening", name, stage, kernels.worked, (v["amount"], v["virgin"], v["band"], work))
@@ -222,6 +233,12 @@ _RESIDUAL_SHAPE = (
 _RISE, _FALL = shape("rise", "s", 0.5, 120.0, 8.0, log=True), shape("fall", "s", 60.0, 1e5, 3000.0, log=True)
 
 
+_FIRST_PATH = (
+    shape("virgin", "1", 0.0, 1.0, 0.5, "share that is there again at the greatest load", only=(3,)),
+    shape("band", "1", 1e-3, 0.5, 0.02, "share of the greatest load below which it is whole", log=True, only=(3,)),
+)
+
+
 def _preconditioned(instruments: tuple[str, ...], *further: str) -> Any:
     return effect(
         "preconditioning", "tissue", instruments,
@@ -233,9 +250,7 @@ def _preconditioned(instruments: tuple[str, ...], *further: str) -> Any:
             shape("rise", "s", 0.5, 120.0, 8.0, "time under load that it takes", log=True, only=(0, 3)),
             shape("forgetting", "s", 100.0, 1e5, 2000.0, "time of rest that undoes it", log=True, only=(0, 1)),
             shape("loadings", "1", 0.3, 20.0, 2.0, "loadings that it takes", log=True, only=(2,)),
-            shape("virgin", "1", 0.0, 1.0, 0.5, "share that is there again at the greatest load", only=(3,)),
-            shape("band", "1", 1e-3, 0.5, 0.02, "share of the greatest load below which it is whole", log=True,
-                  only=(3,)),
+            *(_FIRST_PATH if instruments == SUCTION else ()),
             choice("form", 0, "by exposure", "by the greatest load so far", "by the number of loadings", *further),
         ),
         _preconditioning,
@@ -279,7 +294,7 @@ EFFECTS = (
         _residual_robot,
     ),
     _preconditioned(SUCTION, "by work, and less along the first path"),
-    _preconditioned(ROBOT),
+    _preconditioned(ROBOT, "by work, anew in each recording, which goes another way"),
     effect(
         "missing_deep_layer", "tissue", ALL,
         "A deeper layer takes part once deformation reaches it.",

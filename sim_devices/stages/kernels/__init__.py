@@ -35,6 +35,7 @@ from sim_devices.stages.kernels.history import (
     sagging_store,
     sealing,
     worked,
+    worked_off,
     yield_flow,
 )
 from sim_devices.stages.kernels.hysteresis import (
@@ -105,5 +106,6 @@ __all__ = [
     "uneven_low_pass",
     "valve_loop",
     "worked",
+    "worked_off",
     "yield_flow",
 ]

@@ -145,6 +145,21 @@ def mullins(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Float
 
 
 @njit(cache=True, error_model="numpy")
+def worked_off(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """Softening by work alone: y = u (1 + a (1 - exp(-w/W))), w the integral of |u|.
+
+    ``p`` = (a, W).
+    """
+    if s[0] == 0.0 and t.size:
+        s[0], s[1], s[2] = 1.0, t[0], abs(u[0])
+    for i in range(t.size):
+        now = abs(u[i])
+        s[3] += 0.5 * (now + s[2]) * (t[i] - s[1])
+        s[1], s[2] = t[i], now
+        y[i] = u[i] * (1.0 + p[0] * (1.0 - math.exp(-s[3] / p[1])))
+
+
+@njit(cache=True, error_model="numpy")
 def worked(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Softening by work and off the virgin path: y = u (1 + a (v erf((1 - |u|/m)/b) + (1 - v) (1 - exp(-w/W)))), m the
     maximum so far, w the integral of |u|.

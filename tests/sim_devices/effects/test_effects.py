@@ -308,6 +308,18 @@ def test_frames_counted_at_a_wrong_rate_come_ever_later_in_each_recording() -> N
         np.testing.assert_allclose(np.interp(at, time, out), late, atol=3e-6)
 
 
+def test_softening_by_work_begins_anew_with_each_recording() -> None:
+    time, inputs, chain = session("microrobot")
+    effect = variants(effects("microrobot")["preconditioning"])["preconditioning[form=3]"]
+    made = effect.apply(chain, {"amount": 0.25, "rise": 0.2}).run(time, inputs)
+    whole, soft = (np.sqrt(sum(np.square(run[n]) for n in xyz("reaction"))) for run in (reference("microrobot"), made))
+    first, second = time < 12.0, time >= 320.0
+    loaded = np.minimum(whole[first], whole[second]) > 0.1
+    left = [soft[part][loaded] / whole[part][loaded] for part in (first, second)]
+    assert left[0].min() == pytest.approx(1.0 / 1.25, abs=0.02)
+    np.testing.assert_allclose(left[1], left[0], atol=0.03)
+
+
 def test_an_integral_may_run_on_at_the_coils_own_limit() -> None:
     forms, chain = variants(effects("microrobot")["integral_windup"]), nominal("microrobot")
     at_its_own = forms["integral_windup[form=1]"].apply(chain, {"share": 0.4})["axes"]

@@ -29,6 +29,7 @@ CASES: list[tuple[Kernel, tuple[float, ...]]] = [
     (kernels.uneven_low_pass, (0.3, 0.05)),
     (kernels.limited_store, (0.3, 1.0, 0.8, 0.5, 2.0)),
     (kernels.sagging_store, (0.1, 1.0, 0.5, 2.0)),
+    (kernels.worked_off, (-0.2, 1.5)),
     (kernels.emptying_store, (0.2, 1.0, 0.3, 0.5, 0.2)),
     (kernels.prony, (1.0, 0.3, 0.1, -0.2, 2.0)),
     (kernels.rate_limit, (0.5, 2.0)),
