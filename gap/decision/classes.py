@@ -169,7 +169,7 @@ def _same_event(one: Hypothesis, other: Hypothesis, near: float) -> bool:
     for h in (one, other):
         if len(h.effects) != 1 or not h.effects[0].event:
             return False
-        values = next(f.active[h.effects[0]] for f in h.fits.values() if h.effects[0] in f.active)
+        values = h.values(h.effects[0])
         begin = values.get("moment", np.nan)
         spells.append((set(h.effects[0].blocks), begin, begin + values.get("duration", 0.0)))
     (blocks, begin, end), (others, from_then, until) = spells

@@ -49,7 +49,7 @@ def beyond_the_fitted(found: Mapping[str, float], verdict: Verdict) -> dict[str,
         e = h.effects[0]
         strength = next((p for p in e.parameters if p.null is not None), None)
         if e.key in out and strength is not None:
-            fitted = next(f.active[e][strength.name] for f in h.fits.values() if e in f.active)
+            fitted = h.values(e)[strength.name]
             out[e.key] = max(out[e.key], abs(fitted - (strength.null or 0.0)))
     return out
 

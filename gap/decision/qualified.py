@@ -79,7 +79,7 @@ class Qualified:
             bound = self.qualification.effects.get(e.name)
             if bound is None or e.name in known:
                 continue
-            values = h.fits[h.surest(e)].active[e]
+            values = h.values(e)
             null = next((p.null or 0.0 for p in e.parameters if p.name == bound.parameter), None)
             if null is not None and abs(values[bound.parameter] - null) > bound.value:
                 yield e.name

@@ -58,7 +58,7 @@ def in_stated(effect: Candidate, h: Hypothesis, stated: Stated) -> float:
     # An event is no tolerance: an instrument is off all the time.
     if effect.event or not strengths or any(p.name not in known for p in strengths):
         return float(np.inf)
-    values = h.fits[h.surest(effect)].active[effect]
+    values = h.values(effect)
     return float(max(abs(values[p.name] - (p.null or 0.0)) / known[p.name].value for p in strengths))
 
 

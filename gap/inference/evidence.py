@@ -182,6 +182,10 @@ class Hypothesis:
 
         return min((b for b, f in self.fits.items() if effect in f.hypothesis), key=spread)
 
+    def values(self, effect: Candidate) -> dict[str, float]:
+        """The parameters of one of the effects, as the block says that tells it best."""
+        return self.fits[self.surest(effect)].active[effect]
+
 
 def split(hypothesis: Sequence[Candidate], unit: FloatArray) -> dict[Candidate, dict[str, float]]:
     """Parameter values of each effect from one vector of prior quantiles."""

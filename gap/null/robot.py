@@ -28,6 +28,13 @@ LIMITED = {"force_saturation": "axes", "integral_windup": "axes", "sensor_satura
 ABRUPT, GRADUAL, ONE_WAY = (0.4, 1.3), (0.8, 4.0), (0.15, 4.0)
 """Where a limit counts, of the session's greatest force: well below it an axis falls, well above nothing happens; one
 that acts one way may meet what is small that way."""
+REACH = {
+    ("force_saturation", 1): GRADUAL,
+    ("sensor_saturation", 1): GRADUAL,
+    ("sensor_saturation", 2): ONE_WAY,
+    ("sensor_saturation", 3): ONE_WAY,
+}
+"""By name and form, of those that are not abrupt."""
 PROBE_FLOOR, FORCE_FLOOR = 2e-6, 1e-4
 """m and N by which computed channels may differ from what they are computed of. Sound ones of two generators differ
 by up to 2 µm, as the kinematics are linear or not, and by 20 nN, as numbers are rounded; a matrix leaves no more."""
@@ -72,17 +79,30 @@ def robot_problems(
     if has(*TRANSDUCERS, *xyz("force")):
         blocks.append(ArithmeticBlock(session, effects, "matrix", TRANSDUCERS, xyz("force"), FORCE_FLOOR))
     if has(*AXES, *TRANSDUCERS):
-        rough = RoughForceBlock(session, effects, axes)
-        if [g for g, _ in rough.groups] == [g for g, _ in axes.groups]:
-            axes.reload(rough.denoised())
-        shown = {g.reference for g in session.groups if g.name != "rigid post"}
-        if True in shown:  # ahead of the skin: the fit of an effect on a reference goes on to it
-            blocks.append(ReferenceForceBlock(session, effects, axes))
-        if False in shown:
-            blocks.append(force(session, effects, axes))
+        blocks += _force_blocks(session, effects, axes, force)
     if not blocks:
         raise ValueError(f"recording {recordings[0].info.id} has neither axis positions nor transducer forces")
     return blocks, tuple(_within_reach(c, blocks) for c in candidates_for(effects, blocks))
+
+
+def _force_blocks(
+    session: GroupedSession,
+    effects: Mapping[str, Effect],
+    axes: AxesBlock,
+    force: Callable[[GroupedSession, Mapping[str, Effect], AxesBlock], ForceBlock],
+) -> list[Block]:
+    """The blocks of the transducers on references and on skin; the forces that load the ``axes`` are taken from a rough
+    fit of them."""
+    rough = RoughForceBlock(session, effects, axes)
+    if [g for g, _ in rough.groups] == [g for g, _ in axes.groups]:
+        axes.reload(rough.denoised())
+    shown = {g.reference for g in session.groups if g.name != "rigid post"}
+    blocks: list[Block] = []
+    if True in shown:  # ahead of the skin: the fit of an effect on a reference goes on to it
+        blocks.append(ReferenceForceBlock(session, effects, axes))
+    if False in shown:
+        blocks.append(force(session, effects, axes))
+    return blocks
 
 
 def _within_reach(candidate: Candidate, blocks: Sequence[Block]) -> Candidate:
@@ -93,6 +113,5 @@ def _within_reach(candidate: Candidate, blocks: Sequence[Block]) -> Candidate:
     first, *others = candidate.parameters
     if not greatest or first.name != "limit":
         return candidate
-    low, high = GRADUAL if candidate.form == 1 else ABRUPT
-    low, high = ONE_WAY if candidate.name == "sensor_saturation" and candidate.form > 1 else (low, high)
+    low, high = REACH.get((candidate.name, candidate.form), ABRUPT)
     return replace(candidate, parameters=(replace(first, low=low * greatest, high=high * greatest), *others))

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from operator import attrgetter
 
 import numpy as np
 
@@ -225,7 +226,7 @@ def _finish_null(comparison: Comparison) -> None:
     not earned."""
     for block, problem in comparison.problems.items():
         others = [h.fits[block] for h in comparison.hypotheses]
-        nearest = [min(others, key=by) for by in (_misfit, _with_strain) if others]
+        nearest = [min(others, key=by) for by in (attrgetter("chi2"), attrgetter("objective")) if others]
         for start in (comparison.null.fits[block], *nearest):
             again = fit(problem, nuisance=start.nuisance, iterations=40, tolerance=1e-5)
             comparison.simulations += again.simulations
@@ -235,14 +236,6 @@ def _finish_null(comparison: Comparison) -> None:
         touched = {b for e in h.effects for b in e.blocks}
         for block in comparison.problems.keys() - touched:
             h.fits[block] = comparison.null.fits[block]
-
-
-def _misfit(f: Fit) -> float:
-    return f.chi2
-
-
-def _with_strain(f: Fit) -> float:
-    return f.chi2 + f.penalty
 
 
 def _shortlist(screened: Sequence[Screened], size: int) -> list[Screened]:

@@ -52,13 +52,15 @@ def _mapped(name: str, law: Law, parameters: Callable[[Chain, Values], tuple[flo
     return install
 
 
+WAYS = {2: -1.0, 3: 1.0}
+"""Signs of the readings that forms of one way bend."""
 _ONE_WAY = "bent where it is negative alone: a preload is used up", "bent where it is positive alone"
 
 
 def _saturated(robot: bool) -> Any:
     both_ways = _mapped("sensor_saturation", laws.saturation, lambda c, v: (v["limit"], v["form"]), robot)
     one_way = _mapped(
-        "sensor_saturation", laws.saturation_one_way, lambda c, v: (v["limit"], 2.0 * v["form"] - 5.0), robot
+        "sensor_saturation", laws.saturation_one_way, lambda c, v: (v["limit"], WAYS[chosen(v, "form")]), robot
     )
     return lambda chain, v: (one_way if chosen(v, "form") > 1 else both_ways)(chain, v)
 
@@ -181,9 +183,19 @@ def _bent_position(chain: Chain, v: Values) -> Chain:
 
 def on_both(instruments: tuple[str, ...], scale: float, unit: str) -> list[Effect]:
     """Effects that height (m) and transducer force (N) share; ``scale`` is the typical reading."""
+    parts = (_of_zero, _of_scale, _of_resolution)
+    return [e for part in parts for e in part(instruments, scale, unit)]
+
+
+def _sensor(unit: str) -> tuple[bool, tuple[Parameter, ...], str]:
+    """Whether a reading in ``unit`` is the robot's, the parameter that tells its channel, and the word for it."""
     robot = unit == "N"
-    which = (CHANNEL,) if robot else ()
-    what = "force" if robot else "height"
+    return robot, (CHANNEL,) if robot else (), "force" if robot else "height"
+
+
+def _of_zero(instruments: tuple[str, ...], scale: float, unit: str) -> list[Effect]:
+    """Errors of its zero."""
+    robot, which, what = _sensor(unit)
     return [
         effect(
             "sensor_offset", "sensor", instruments,
@@ -217,6 +229,13 @@ def on_both(instruments: tuple[str, ...], scale: float, unit: str) -> list[Effec
             ),
             _drift_of_each if robot else _drift,
         ),
+    ]  # fmt: skip
+
+
+def _of_scale(instruments: tuple[str, ...], scale: float, unit: str) -> list[Effect]:
+    """Errors of its characteristic."""
+    robot, which, what = _sensor(unit)
+    return [
         effect(
             "quadratic_error", "sensor", instruments,
             f"Non-linear characteristic of the {what} sensor.",
@@ -242,6 +261,13 @@ def on_both(instruments: tuple[str, ...], scale: float, unit: str) -> list[Effec
             ),
             _saturated(robot),
         ),
+    ]  # fmt: skip
+
+
+def _of_resolution(instruments: tuple[str, ...], scale: float, unit: str) -> list[Effect]:
+    """Readings that come in steps, or depend on the way to them."""
+    robot, which, what = _sensor(unit)
+    return [
         effect(
             "sensor_quantisation", "sensor", instruments,
             f"Coarser steps of {what} than the nominal resolution.",

@@ -60,13 +60,7 @@ class Softening(Wired):
     def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
         force = np.stack([signals[s] for s in self.source])
         size = np.sqrt((force**2).sum(axis=0))
-        softened, begin, seen = np.empty(len(time)), 0, state[0][1] if state[0][0] else -np.inf
-        ahead = [mark for mark in self.marks if mark > seen]
-        for end in (*np.searchsorted(time, ahead).tolist(), len(time)):
-            self.kernel(state[0], time[begin:end], size[begin:end], state[1], softened[begin:end])
-            if end < len(time):
-                state[0][:] = 0.0
-            begin = end
+        softened = kernels.anew(self.kernel, state[0], time, size, state[1], self.marks)
         factor = np.divide(softened, size, out=np.ones(len(time)), where=size > 0)
         signals.update(zip(self.target, force * factor, strict=True))
 

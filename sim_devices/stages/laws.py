@@ -59,8 +59,13 @@ def gain_for_a_while(
 def softer_for_a_while(
     time: FloatArray, u: FloatArray, change: float, moment: float, duration: float, ease: float = 0.0
 ) -> FloatArray:
-    """u / (1 + change) for a while: the response of something stiffer, where the denominator stays above 0.05."""
-    return u / np.maximum(1.0 + change * spell(time, moment, duration, ease), 0.05)
+    """u / (1 + change) for a while."""
+    return _of_stiffer(u, change * spell(time, moment, duration, ease))
+
+
+def _of_stiffer(u: FloatArray, change: FloatArray) -> FloatArray:
+    """u / (1 + change): the response of something stiffer, where the denominator stays above 0.05."""
+    return np.asarray(u / np.maximum(1.0 + change, 0.05))
 
 
 def flawed(time: FloatArray, u: FloatArray, amount: float, at: float, width: float) -> FloatArray:
@@ -174,8 +179,8 @@ def gain_drift(
 def stiffness_drift(
     time: FloatArray, u: FloatArray, amount: float, tau: float, form: float, phase: float = 0.0
 ) -> FloatArray:
-    """u / (1 + amount · ``course``), where the denominator stays above 0.05."""
-    return u / np.maximum(1.0 + amount * course(time, tau, form, phase), 0.05)
+    """u / (1 + amount · ``course``)."""
+    return _of_stiffer(u, amount * course(time, tau, form, phase))
 
 
 def stiffening(time: FloatArray, u: FloatArray, strength: float, exponent: float, reference: float) -> FloatArray:

@@ -27,6 +27,10 @@ REGULATOR_TAU = 0.040
 """Time constant of the second-order pressure regulator, s (assumed)."""
 
 
+VALVE_AND_INTEGRAL = slice(4, 6)
+"""Where the state of `kernels.valve_loop` has them."""
+
+
 @dataclass(frozen=True)
 class Regulator(Wired):
     """Second-order pressure regulation, tau² p'' + 2 zeta tau p' + p = set-point, within the pump's limits.
@@ -64,23 +68,13 @@ class Regulator(Wired):
         return np.zeros(kernels.STATE), np.array([self.tau, self.zeta, *self.rates, *valve])
 
     def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
-        out = np.empty(len(time))
         law = kernels.eased if self.eased else kernels.hurried
         law = kernels.second_order if np.isinf(self.rates).all() else law
         law = kernels.valve_loop if self.valve else law
         law = kernels.sleeping_loop if self.sleeps else law
         law = kernels.free_loop if self.unknown else law
-        asked, begin = signals[self.source[0]], 0
-        for end in (*np.searchsorted(time, self._armed_after(state[0])).tolist(), len(time)):
-            law(state[0], time[begin:end], asked[begin:end], state[1], out[begin:end])
-            if end < len(time):
-                state[0][4:6] = 0.0
-            begin = end
+        out = kernels.anew(law, state[0], time, signals[self.source[0]], state[1], self.armed, VALVE_AND_INTEGRAL)
         signals[self.target[0]] = np.clip(out, self.lowest, self.highest, out=out)
-
-    def _armed_after(self, state: FloatArray) -> list[float]:
-        """The times, s, at which it is armed after those that the ``state`` of its loop has seen."""
-        return [mark for mark in self.armed if not state[0] or mark > state[1]]
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numba import njit
@@ -27,6 +27,26 @@ def evaluate(kernel: Kernel, time: FloatArray, signal: FloatArray, *parameters: 
     out = np.empty(len(time))
     u = np.ascontiguousarray(signal, dtype=float)
     kernel(np.zeros(STATE), np.ascontiguousarray(time, dtype=float), u, np.array(parameters, dtype=float), out)
+    return out
+
+
+def anew(
+    kernel: Kernel,
+    s: FloatArray,
+    t: FloatArray,
+    u: FloatArray,
+    p: FloatArray,
+    marks: Sequence[float],
+    forgotten: slice = slice(None),
+) -> FloatArray:
+    """Output (n,) of a ``kernel`` that begins anew at each of ``marks`` (s) that its state ``s`` has not seen yet: the
+    ``forgotten`` part of the state is zero from there."""
+    out, begin, last = np.empty(len(t)), 0, s[1] if s[0] else -np.inf
+    for end in (*np.searchsorted(t, [mark for mark in marks if mark > last]).tolist(), len(t)):
+        kernel(s, t[begin:end], u[begin:end], p, out[begin:end])
+        if end < len(t):
+            s[forgotten] = 0.0
+        begin = end
     return out
 
 

@@ -126,6 +126,15 @@ DOZING = 20.0
 
 
 @njit(cache=True, error_model="numpy")
+def _doze(s: FloatArray, vented: bool, off: float, h: float, p: FloatArray) -> None:
+    """Count in s[6] for how long a `sleeping_loop` has been ``off`` (Pa) the command by little, after another ``h`` s,
+    and let its valve sleep (s[5] = 1) or wake."""
+    band, left, patience = p[2], p[2] * p[3], p[4]
+    s[6] = 0.0 if vented or off >= left else s[6] + h
+    s[5] = 0.0 if vented or off > band else (1.0 if s[6] > patience else s[5])
+
+
+@njit(cache=True, error_model="numpy")
 def sleeping_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Pressure by a second-order regulator whose valve sleeps until the pressure is off the command by more than a
     band, and then corrects until it has been off by less than a share of this for a while: tau² y'' + 2 zeta tau y' =
@@ -133,7 +142,7 @@ def sleeping_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y:
 
     ``p`` = (tau s, zeta, band Pa, share, while s). Midpoint rule; the pressure never rises above the air's.
     """
-    tau, zeta, band, left, patience = p[0], p[1], p[2], p[2] * p[3], p[4]
+    tau, zeta, band = p[0], p[1], p[2]
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2] = 1.0, t[0], u[0]
     for i in range(t.size):
@@ -144,8 +153,7 @@ def sleeping_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y:
             now, middle = s[2] + j / parts * change, s[2] + (j + 0.5) / parts * change
             off = abs(now - s[3])
             vented = now > NOTHING
-            s[6] = 0.0 if vented or off >= left else s[6] + h
-            s[5] = 0.0 if vented or off > band else (1.0 if s[6] > patience else s[5])
+            _doze(s, vented, off, h, p)
             if change == 0.0 and abs(s[4]) * tau < AT_REST * band and (s[5] == 1.0 or off < AT_REST * band):
                 s[6] += 0.0 if vented else (parts - j - 1) * h
                 break
