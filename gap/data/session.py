@@ -70,6 +70,7 @@ class Session:
         self.recordings = tuple(recordings)
         self.shifts, self.own_clocks, self.rests_assumed = _shifts(recordings)
         self._own: dict[int, dict[str, Command]] = {}
+        self._paces: dict[tuple[tuple[int, ...], float, float], Pace] = {}
         self._set = np.array([self.span(k)[0] for k in range(len(recordings) if self.own_clocks else 1)])
 
     def clock_age(self, time: FloatArray) -> FloatArray:
@@ -139,6 +140,12 @@ class Session:
 
     def pace(self, members: Sequence[int], step: float, turn: float) -> Pace:
         """Time steps of ``step`` s at most, in which no command of the recordings turns by more than ``turn`` rad."""
+        asked = (tuple(members), step, turn)
+        if asked not in self._paces:
+            self._paces[asked] = self._pace(*asked)
+        return self._paces[asked]
+
+    def _pace(self, members: Sequence[int], step: float, turn: float) -> Pace:
         edges, steps = list[float](), [step]
         for k in members:
             for start, stop in pairwise(self._stretches(k)):

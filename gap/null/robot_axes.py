@@ -16,18 +16,19 @@ from gap.inference.least_squares import fit
 from gap.inference.linear import Projector
 from gap.null.blocks import Block, Group, GroupedSession, Table
 from gap.null.chains import needed, run
-from gap.null.robot_grid import LOOP_STEP, LOOP_TURN, averaged, loop_grid, retimed
+from gap.null.robot_grid import LOOP_STEP, LOOP_TURN, averaged, commanded, leading, loop_grid, retimed
 from gap.null.robot_load import SPRING, RecordedLoad
 from gap.null.robot_loop import Controller, controllers, stated
 from sim_devices.chain import Chain, Effect, FloatArray, Operator
 from sim_devices.stages import nominal
 from sim_devices.stages.operators import Retimed
 from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
+from sim_devices.stages.sampling import COMMANDS
 from sim_devices.stages.specimens import SHEETS, sheet_of, with_weight
 from sim_devices.stages.tissues import SheetTissue, sheet_tissue
 
 QUANTITIES = ("probe_x", "probe_y", "probe_z")
-AXES = numbered("axis_position")
+AXES, TARGETS = numbered("axis_position"), numbered("target")
 ROBOT_BINS = 0.3, 0.4
 """Growth and largest width (s) of the bins: the motion is slow."""
 STRAINED = 30.0
@@ -314,33 +315,33 @@ class AxesBlock(Block):
         self, group: Group, operators: Sequence[Operator], given: Mapping[str, Table]
     ) -> tuple[FloatArray, Mapping[str, FloatArray]]:
         """A group's grid, (n,) s, and the signals that operators make there."""
-        grid, ahead, signals = self._grid_ahead(group, retimed(operators))
-        if operators[: len(ahead)] == ahead:
-            operators = operators[len(ahead) :]
+        lead = leading(operators)
+        grid, further, signals = self._grid_ahead(group, lead, retimed(operators))
+        operators = operators[len(lead) :]
+        if operators[: len(further)] == further:
+            operators = operators[len(further) :]
         return grid, run(operators, grid, signals | {name: np.interp(grid, *table) for name, table in given.items()})
 
     def _grid_ahead(
-        self, group: Group, delays: tuple[Retimed, ...]
+        self, group: Group, lead: tuple[Retimed, ...], delays: tuple[Retimed, ...]
     ) -> tuple[FloatArray, tuple[Operator, ...], dict[str, FloatArray]]:
-        """Even steps, finer after kinks as ``delays`` show them; the nominal operators ahead of the axes, and all
-        signals up to there."""
+        """Even steps, finer after kinks as ``delays`` show them; the nominal operators between those that ``lead`` and
+        the axes, and all signals up to there."""
 
         def make() -> tuple[FloatArray, tuple[Operator, ...], dict[str, FloatArray]]:
-            tables = group.tables()
-            corners = tables["probe_x"][0]
+            tables = {COMMANDS[q]: table for q, table in group.tables().items()}
+            corners = np.unique(np.concatenate([time for time, _ in tables.values()]))
             spans = [self.session.span(k) for k in group.members]
             begin, end = min(spans[0][0], corners[0]) - SETTLED, spans[-1][1] + BEYOND
-            grid = loop_grid(
-                self.session.kinks, corners, begin, end, delays, self.session.pace(group.members, LOOP_STEP, LOOP_TURN)
-            )
-            commands = {f"command_{a}": np.interp(grid, *tables[f"probe_{a}"]) for a in "xyz"}
-            chain = specimen_chain(group, sheet_tissue("forearm"), self.session.marks)
-            ahead = needed(chain, numbered("target"), commands)
-            return grid, ahead, run(ahead, grid, commands)
+            pace = self.session.pace(group.members, LOOP_STEP, LOOP_TURN)
+            grid = loop_grid(self.session.kinks, corners, begin, end, delays, pace)
+            ahead = needed(specimen_chain(group, sheet_tissue("forearm"), self.session.marks), TARGETS, tables)
+            further = ahead[len(leading(ahead)) :]
+            return grid, further, run(further, grid, commanded(grid, tables, lead))
 
         if delays:
             found: tuple[FloatArray, tuple[Operator, ...], dict[str, FloatArray]]
-            found = self._delayed.get((group.specimen, delays), make)
+            found = self._delayed.get((group.specimen, lead, delays), make)
             return found
         if group.specimen not in self._grids_ahead:
             self._grids_ahead[group.specimen] = make()

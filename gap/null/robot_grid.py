@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import pairwise
+from collections.abc import Mapping, Sequence
+from itertools import pairwise, takewhile
 
 import numpy as np
 
 from gap.data.session import Pace
-from sim_devices.chain import FloatArray, Operator
+from gap.null.chains import run
+from sim_devices.chain import FloatArray, Operator, Signals
 from sim_devices.stages.operators import Retimed
-from sim_devices.stages.sampling import RETIMED, mean_before
+from sim_devices.stages.sampling import RETIMED, Table, mean_before
 
 KINK = 1e-6
 """s, within which a speed changes."""
-LOOP_STEP, LOOP_TURN = 0.02, 0.1
+LOOP_STEP, LOOP_TURN = 0.02, 0.07
 """s at most, and rad by which a curved command may turn in it: the loop is exact between kinks, so this only has to
 resolve curved motion."""
 AFTER_KINK = np.concatenate([np.arange(0.004, 0.1, 0.004), np.arange(0.1, 0.3, 0.01)])
@@ -24,6 +25,37 @@ AFTER_KINK = np.concatenate([np.arange(0.004, 0.1, 0.004), np.arange(0.1, 0.3, 0
 def retimed(operators: Sequence[Operator]) -> tuple[Retimed, ...]:
     """Those of the operators that show the command at other moments."""
     return tuple(op for op in operators if isinstance(op, Retimed) and op.name in RETIMED and op.moves)
+
+
+def leading(operators: Sequence[Operator]) -> tuple[Retimed, ...]:
+    """The operators that show the command at other moments before anything else is done with it, moving or not."""
+    return tuple(op for op in takewhile(lambda op: isinstance(op, Retimed), operators) if isinstance(op, Retimed))
+
+
+def commanded(grid: FloatArray, tables: Mapping[str, Table], delays: Sequence[Retimed]) -> dict[str, FloatArray]:
+    """Commands by ``tables``, and what ``delays`` ahead of all else make of them, moving or not, on a ``grid`` (n,) s.
+
+    Between the nodes a command is straight and as high in the mean as it is, so that a curve may be sampled as widely
+    as the loop follows slowly; and delays show its own rows, not those of the grid, whose curve is flatter.
+    """
+    steps = [time[1:][np.diff(time) <= KINK] - KINK for time, _ in tables.values()]
+    shown = rows = np.concatenate([*(time for time, _ in tables.values()), *steps])
+    for op in delays:
+        shown = op.shows(shown)
+    time = np.unique(np.concatenate([rows, shown, grid]))
+    signals: Signals = run(delays, time, {name: np.interp(time, *table) for name, table in tables.items()})
+    return {name: _as_high(grid, time, value) for name, value in signals.items()}
+
+
+def _as_high(grid: FloatArray, time: FloatArray, value: FloatArray) -> FloatArray:
+    """Nodes (n,) on the ``grid`` of straight lines whose mean over a step is, at even curvature, that of the table of
+    ``value`` (m,) by ``time`` (m,) s; a table's corner on the grid stays where it is."""
+    nodes = np.interp(grid, time, value)
+    fine = np.union1d(time, grid)
+    line = np.interp(fine, time, value) - np.interp(fine, grid, nodes)
+    area = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(fine) * (line[1:] + line[:-1]))])
+    above = np.diff(area[np.searchsorted(fine, grid)]) / np.diff(grid)
+    return np.asarray(nodes + 0.5 * (np.append(above, 0.0) + np.append(0.0, above)))
 
 
 def averaged(grid: FloatArray, signals: Sequence[FloatArray], ends: FloatArray) -> FloatArray:
@@ -46,11 +78,10 @@ def loop_grid(
     pace: Pace = EVEN,
 ) -> FloatArray:
     """Nodes for a loop from ``begin`` to ``end`` s: the same steps, at last by ``pace``, after every kink, as the
-    exponential of each length is computed once, and the command's ``corners``; both when ``delays`` show them, and the
-    corners where they are, as what is delayed is read between nodes. Rows of a dense curve are no corners."""
+    exponential of each length is computed once, and the command's ``corners``; both when ``delays`` show them. Rows of
+    a dense curve are no corners."""
     far = np.diff(corners, prepend=-np.inf) > LOOP_STEP
     corners = corners[far | np.isin(corners, kinks)]
-    own = np.concatenate([corners - KINK, corners, corners + KINK]) if delays else np.zeros(0)
     for op in delays:
         kinks, corners = op.shows(kinks), op.shows(corners)
         jumps = op.jumps(begin, end)
@@ -58,7 +89,7 @@ def loop_grid(
     starts = [begin, *kinks[(kinks > begin) & (kinks < end)].tolist(), end]
     parts = [_after(a, b, pace.at(0.5 * (a + b))) for a, b in pairwise(starts)]
     # Before a corner, too: a step is as late as it is, and does not begin at the node before it.
-    grid = np.unique(np.concatenate([*parts, corners - KINK, corners, corners + KINK, own, [end]]))
+    grid = np.unique(np.concatenate([*parts, corners - KINK, corners, corners + KINK, [end]]))
     grid = grid[(grid >= begin) & (grid <= end)]
     return np.asarray(grid[np.diff(grid, prepend=-np.inf) > 0.5 * KINK])
 
