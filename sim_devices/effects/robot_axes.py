@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from sim_devices.chain import Chain
 from sim_devices.effects.build import (
     ROBOT,
@@ -52,6 +54,8 @@ def _backlash(chain: Chain, v: Values) -> Chain:
 
 
 def _friction(chain: Chain, v: Values) -> Chain:
+    if chosen(v, "form") == 1:
+        return chain.tuned("axes", coulomb=v["force"], easing=v["easing"], alone=chosen(v, "axis"))
     return chain.tuned("axes", coulomb=v["force"], presliding=v["presliding"], alone=chosen(v, "axis"))
 
 
@@ -117,7 +121,9 @@ EFFECTS = (
         "ALPS RDC1014 alone has up to 0.25 N; Dahl 1968 for the presliding form",
         (
             strength("force", "N", 1e-3, 5.0, 0.4, "of one axis"),
-            _PRESLIDING,
+            choice("form", 0, "abrupt where motion turns", "eased about standstill, as a tanh of the speed"),
+            replace(_PRESLIDING, only=(0,)),
+            shape("easing", "m/s", 1e-5, 2e-3, 1.5e-4, "speed within which it is eased", log=True, only=(1,)),
             _AXIS,
         ),
         _friction,

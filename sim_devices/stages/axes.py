@@ -43,7 +43,8 @@ class AxisLoop(Wired):
     """Closed loop of each axis. Sources are the targets (m), then the loads on the axes (N; absent means none).
 
     ``rate`` (1/s) sets the gains. The rest are imperfections, zero when there are none: ``drag`` N s/m; ``coulomb`` N,
-    ``stiction`` N above it near standstill with Stribeck speed ``stribeck_speed`` m/s, ``presliding`` m (0: none);
+    ``stiction`` N above it near standstill with Stribeck speed ``stribeck_speed`` m/s, ``presliding`` m (0: none), or
+    dry friction in proportion to tanh(x'/``easing``), m/s (0: none);
     ``force_limit`` N, met abruptly, or approached as by tanh if ``soft`` is 1; ``carried`` N of a coil's force hold a
     weight, so that the limit is nearer one way; ``windup`` 0 (integrator frozen while the force is limited) to 1
     (runs on); relative change of the force constant ``slope`` 1/m and ``curvature`` 1/m². Grease that shear thins
@@ -73,6 +74,7 @@ class AxisLoop(Wired):
     fed: float = 0.0
     thinning: float = 0.0
     thinning_power: float = 0.5
+    easing: float = 0.0
 
     def fresh(self) -> Any:
         p, m = self.rate, self.mass
@@ -81,7 +83,7 @@ class AxisLoop(Wired):
             m, 3 * m * p**2, m * p**3, 3 * m * p, self.drag, self.coulomb, self.stiction, self.stribeck_speed,
             self.presliding, self.force_limit, self.windup, self.slope, self.curvature, self.spring,
             math.inf if linear else SUBSTEP, self.soft, self.carried, self.fed,
-            self.thinning, self.thinning_power,
+            self.thinning, self.thinning_power, self.easing,
         )  # fmt: skip
         return np.zeros((len(self.target), _STATE)), np.array(values)
 
@@ -161,7 +163,7 @@ def _advance_axis(
 @njit(cache=True, error_model="numpy", inline="always")
 def _only_dry(p: FloatArray) -> bool:
     """Whether of all that is not linear only dry friction acts."""
-    return bool(p[6] == 0.0 and p[11] == 0.0 and p[12] == 0.0 and p[15] == 0.0 and p[18] == 0.0)
+    return bool(p[6] == 0.0 and p[11] == 0.0 and p[12] == 0.0 and p[15] == 0.0 and p[18] == 0.0 and p[20] == 0.0)
 
 
 @njit(cache=True, error_model="numpy")
@@ -315,6 +317,28 @@ def _thinned(free: float, yields: float, strength: float, power: float) -> float
     return float(-way * drag)
 
 
+@njit(cache=True, error_model="numpy")
+def _eased(free: float, yields: float, level: float, easing: float) -> float:
+    """Dry friction (N) that is eased about standstill, level·tanh(speed/easing), against a step's mean speed ``free``
+    m/s that it is lowered from by ``yields`` for each newton."""
+    way, speed = math.copysign(1.0, free), abs(free)
+    low, high = 0.0, min(level, speed / yields)  # what would stop it
+    dry = high
+    for _ in range(_ROUNDS):
+        share = math.tanh((speed - yields * dry) / easing)
+        excess = dry - level * share
+        if excess > 0.0:
+            high = dry
+        else:
+            low = dry
+        if abs(excess) < _CLOSE * level:
+            break
+        dry -= excess / (1.0 + level * (1.0 - share * share) * yields / easing)
+        if not low < dry < high:
+            dry = 0.5 * (low + high)
+    return float(-way * dry)
+
+
 @njit(cache=True, error_model="numpy", inline="always")
 def _run(
     s: FloatArray,
@@ -350,7 +374,12 @@ def _run(
             v += gain * grease
             x += w * e[1, 0] * grease / ki
             integral -= (1.0 - e[0, 0]) * grease / ki
-        if coulomb > 0.0 or stiction > 0.0:
+        if p[20] > 0.0:
+            dry = _eased(0.5 * (s[6] + v), 0.5 * gain, coulomb, p[20])
+            v += gain * dry
+            x += w * e[1, 0] * dry / ki
+            integral -= (1.0 - e[0, 0]) * dry / ki
+        elif coulomb > 0.0 or stiction > 0.0:
             speed = 0.5 * (s[6] + v - gain * s[7])  # with the friction of the step before
             level = coulomb + stiction * math.exp(-((speed / v_s) ** 2))
             if presliding > 0.0:

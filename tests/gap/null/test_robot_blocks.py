@@ -13,7 +13,6 @@ from gap.effects.load import library
 from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import Candidate, to_unit
 from gap.inference.least_squares import fit, under
-from gap.null import robot_axes, robot_force, robot_grid
 from gap.null.blocks import GroupedSession
 from gap.null.candidates import candidates_for
 from gap.null.chains import needed
@@ -261,67 +260,15 @@ def test_bins_behind_a_kink_are_means_of_what_the_loop_does_there(sheets: tuple[
     assert np.max(np.abs(off)) < 0.05
 
 
-def test_a_clock_is_the_same_as_an_effect_and_as_a_tolerance() -> None:
-    """A quartz 160 ppm off was worth 100 of χ² less as an effect than as a strained tolerance: what is delayed missed
-    the corners of motion along y, and read a sine between the nodes of its chords."""
-    skew = library("microrobot")["clock_skew[form=1]"]
-    legs = [own.direction_cycles(a, 0.0, 1.2e-3, 8.0, 1) for a in (0.0, 0.5 * np.pi)]
-    legs += [own.Leg(waving_tables(0.8), 12.0)]
-    session = GroupedSession(own.robot_session(np.random.default_rng(3), legs=legs), QUANTITIES)
-    axes = AxesBlock(session, {"clock_skew[form=1]": skew})
-    candidate = Candidate("clock_skew[form=1]", "clock_skew", "timing", skew.parameters, ("axes",))
-    strained = axes.prior_mean.copy()
-    strained[4] = -1.6e-4
-    tolerated = axes.evaluate(strained, {}, want_jacobian=False).residual
-    acting = axes.evaluate(axes.prior_mean, {candidate: {"rate": 1.6e-4}}, want_jacobian=False).residual
-    assert np.sum(np.square(tolerated - acting)) < 1.0
-
-
-def waving_tables(frequency: float) -> dict[str, tuple[FloatArray, FloatArray]]:
-    """The tip on a circle that swells and fades in 12 s, at a frequency in Hz."""
-    time = np.arange(0.0, 12.0, 0.01)
-    swelling = 1.2e-3 * np.sin(np.pi * time / 12.0) ** 2
-    turn = 2 * np.pi * frequency * time
-    return {
-        f"probe_{a}": (time, share * swelling * wave)
-        for a, share, wave in zip("xyz", (0.8, 0.5, 0.3), (np.sin(turn), 1.0 - np.cos(turn), np.sin(turn)), strict=True)
-    }
-
-
-def waving(frequency: float) -> GroupedSession:
-    tables = waving_tables(frequency)
-    return GroupedSession(own.robot_session(np.random.default_rng(8), [], legs=[own.Leg(tables, 12.0)]), QUANTITIES)
-
-
-@pytest.mark.parametrize("frequency", [0.1, 0.25, 0.8, 1.5])
-def test_curved_motion_is_simulated_finely_enough(frequency: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Else commands seen now and then, whose grid is finer, explain a part of the error; and skin that follows a sine
-    of 1.5 Hz by nodes 0.1 s apart was 30 times the noise off."""
-    session = waving(frequency)
-
-    def predicted() -> tuple[np.ndarray, np.ndarray]:
-        axes = AxesBlock(session, {})
-        force = ForceBlock(session, {}, axes)
-        return axes._predict(axes.prior_mean, {}) / axes.sigma, -force.evaluate(force.prior_mean, {}).residual
-
-    usual = predicted()
-    monkeypatch.setattr(robot_axes, "LOOP_STEP", 0.25 * robot_grid.LOOP_STEP)
-    monkeypatch.setattr(robot_axes, "LOOP_TURN", 0.25 * robot_grid.LOOP_TURN)
-    monkeypatch.setattr(robot_force, "SHEET_STEP", 0.25 * robot_force.SHEET_STEP)
-    monkeypatch.setattr(robot_force, "SHEET_TURN", 0.25 * robot_force.SHEET_TURN)
-    for coarse, fine, most in zip(usual, predicted(), (0.01, 0.03), strict=True):
-        assert np.mean(np.square(fine - coarse)) < most
-
-
 def test_dry_friction_is_found_though_its_null_strains_the_loop() -> None:
     """A force that changes sign leaves no slope to follow from gains that have taken on what they could of it."""
     effects = {k: e for k, e in library("microrobot").items() if e.name in ("coulomb_friction", "viscous_drag")}
     legs = [own.direction_cycles(a, 0.0, 1.2e-3, 8.0, 2) for a in (0.0, 0.3 * np.pi, 0.5 * np.pi)]
-    rubbing = (effects["coulomb_friction[axis=0]"], {"force": 0.3})
+    rubbing = (effects["coulomb_friction[form=0,axis=0]"], {"force": 0.3})
     recordings = own.robot_session(np.random.default_rng(5), [rubbing], legs=legs)
     axes = AxesBlock(GroupedSession(recordings, QUANTITIES), effects)
     assert axes.controller is CONTROLLERS[0]
-    candidate = next(c for c in candidates_for(effects, [axes]) if c.key == "coulomb_friction[axis=0]")
+    candidate = next(c for c in candidates_for(effects, [axes]) if c.key == "coulomb_friction[form=0,axis=0]")
     moved = axes.warm_start((candidate,), np.array([0.3, 0.2]))
     assert moved is not None
     found = fit(axes, (candidate,), moved.unit, moved.nuisance)

@@ -61,6 +61,13 @@ def test_grease_that_shear_thins_brakes_by_a_power_of_the_speed(power: float) ->
     np.testing.assert_allclose(moved(time, thinning=0.1, thinning_power=power), expected, atol=2e-7)
 
 
+@pytest.mark.parametrize("easing", [2e-5, 1.5e-4, 1e-3])
+def test_friction_that_is_eased_about_standstill_follows_its_equation(easing: float) -> None:
+    time = np.arange(0.0, 3.0, 1e-3)
+    expected = integrated(time, lambda s: 0.11 * np.tanh(s[2] / easing))
+    np.testing.assert_allclose(moved(time, coulomb=0.11, easing=easing), expected, atol=1.5e-6)
+
+
 def test_what_sticks_breaks_away_at_the_stiction() -> None:
     """An axis at rest builds up the whole stiction before it moves: its speed in the law is its own, and not that which
     the coil would give it without friction."""
