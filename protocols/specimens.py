@@ -199,8 +199,12 @@ def check(specimen: str, instrument: str) -> None:
     found = SPECIMENS.get(specimen)
     if found is None or instrument not in (*SUCTION, *ROBOT) or instrument in found.instruments:
         return
-    fitting = ", ".join(s.name for s in SPECIMENS.values() if instrument in s.instruments)
-    raise ValueError(f"specimen: a {specimen} is not for a {instrument}, which has {fitting}")
+    raise ValueError(f"specimen: a {specimen} is not for a {instrument}, which has {', '.join(of(instrument))}")
+
+
+def of(instrument: str) -> tuple[str, ...]:
+    """Names of the reference specimens for ``instrument``; none for one that is not ours."""
+    return tuple(s.name for s in SPECIMENS.values() if instrument in s.instruments)
 
 
 def yields(specimen: str) -> bool:

@@ -14,14 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
-from acquire.plugins import instrument
+from acquire.recording.bundle_doubts import doubts
 from acquire.recording.bundle_schema import SUCTION, Bundle, Images, Source, StatedNoise, TimeAxis
 from acquire.recording.images import find_frames
 from acquire.recording.model import Event, FloatArray, Frames, Recording, RecordingError, RunInfo, SegmentRecord, Series
 from acquire.recording.segments import of_setpoints
 from acquire.recording.segments import read_csv as read_segments
 from acquire.recording.tables import Table, evenly
-from drivers.signals import REFERENCE
 from protocols import specimens, units
 from protocols.errors import ProtocolError
 from protocols.files import contents, in_words, inside, is_file
@@ -83,8 +82,6 @@ class _Import:
         segments = self.segments()
         if not setpoints:
             setpoints, segments = self.compiled(protocol, start)
-        self.check_names(streams)
-        self.check_sign(streams)
         recording = Recording(
             info=self.info(protocol, name),
             streams=streams,
@@ -95,6 +92,7 @@ class _Import:
             derived=derived,
             plot=self.bundle.run.plot,
         )
+        recording = replace(recording, events=(*recording.events, *doubts(self.bundle, recording)))
         return self.threshold(recording)
 
     def fault(self, path: Key, message: str) -> RecordingError:
@@ -245,23 +243,6 @@ class _Import:
             message = f"time goes back from {time[row - 1]:g} to {time[row]:g}"
             raise RecordingError(f"{table.path}:{lines[row]}: channel {channel}, column {axis.column!r}: {message}")
         return factor * time + offset
-
-    def check_names(self, streams: Mapping[str, Series]) -> None:
-        """A channel that an instrument of ours does not have is kept, but nothing here would read it."""
-        try:
-            known = {channel.name for channel in instrument(self.bundle.instrument).channels}
-        except ValueError:  # not one of ours
-            return
-        unknown = [name for name in streams if name.removesuffix(REFERENCE) not in known]
-        if unknown and all(event.code != "unknown_channel" for event in self.events):
-            text = f"not among the channels of the {self.bundle.instrument} ({', '.join(sorted(known))})"
-            self.events.append(Event(0.0, "warning", "unknown_channel", f"{', '.join(unknown)}: kept, but {text}"))
-
-    def check_sign(self, streams: Mapping[str, Series]) -> None:
-        pressure = streams.get("pressure")
-        if self.bundle.instrument in SUCTION and pressure is not None and np.median(pressure.value) > 1e3:
-            text = "the pressure is mostly positive; suction is negative in a bundle, so check its sign"
-            self.events.append(Event(float(pressure.time[0]), "warning", "pressure_sign", text))
 
     # Images ------------------------------------------------------------------------------------------------------
 

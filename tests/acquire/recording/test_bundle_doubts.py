@@ -1,0 +1,60 @@
+"""Warnings about bundles that can be imported, though something in them is strange."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from acquire.recording import load
+from acquire.recording.bundle_export import write_bundle
+from tests.acquire.recording.test_bundle import DATA, channel, make
+
+COMMAND = {"data.csv": DATA, "command.csv": "t,x\n0,0\n2,0.001\n"}
+
+
+def told(folder: Path, files: dict[str, str] | None = None, **head: Any) -> dict[str, str]:
+    """The warnings about a bundle by their code; an exported copy has the same."""
+    recording = load(make(folder / "a", files, **head))
+    assert load(write_bundle(recording, folder / "b")).events == recording.events
+    return {event.code: event.text for event in recording.events}
+
+
+@pytest.mark.parametrize("specimen", ["skin", "rigid block", "manometer"])
+def test_what_is_understood_is_not_remarked_upon(tmp_path: Path, specimen: str) -> None:
+    assert told(tmp_path, specimen=specimen) == {}
+
+
+def test_a_name_that_is_nearly_a_reference_is_asked_about(tmp_path: Path) -> None:
+    text = told(tmp_path, specimen="gauge stepp", specimen_properties={"height": "1.000±0.002 mm"})["unknown_specimen"]
+    assert "'gauge stepp'" in text
+    assert "did you mean 'gauge step'?" in text
+    assert "there is rigid block, gauge step" in told(tmp_path / "b", specimen="phantom")["unknown_specimen"]
+
+
+def test_a_reference_without_its_number_is_remarked_upon(tmp_path: Path) -> None:
+    assert told(tmp_path, specimen="gauge step")["incomplete_specimen"].startswith("height: state it for a gauge step")
+
+
+def test_an_uncertainty_as_large_as_the_value_is_asked_about(tmp_path: Path) -> None:
+    """0.5000 mm ± 2: the author meant micrometres."""
+    stated = {"specimen": "gauge step", "specimen_properties": {"height": "0.5000 mm ± 2"}}
+    text = told(tmp_path, **stated)["wide_uncertainty"]
+    assert text == "height is 0.0005 ± 0.002 m: a ± without a unit has that of the value, so write the unit of both"
+
+
+def test_setpoints_that_nothing_reads_are_remarked_upon(tmp_path: Path) -> None:
+    setpoints = {f"probe_{a}": channel("x", "m", "command.csv") for a in "xyw"}
+    channels = {"axis_position_1": channel("h", "mm")}
+    robot = {"instrument": "microrobot", "channels": channels}
+    text = told(tmp_path, COMMAND, setpoints=setpoints, **robot)["unknown_setpoint"]
+    assert text == "probe_w: kept, but the microrobot is commanded by probe_x, probe_y, probe_z"
+    del setpoints["probe_w"]
+    text = told(tmp_path / "b", COMMAND, setpoints=setpoints, **robot)["missing_setpoint"]
+    assert text == "no set-points of probe_z, which a diagnosis needs"
+
+
+def test_a_start_that_is_no_time_is_remarked_upon(tmp_path: Path) -> None:
+    assert "'yesterday' is no time such as" in told(tmp_path, run={"start_time": "yesterday"})["start_time"]
+    assert told(tmp_path / "b", run={"start_time": "2026-04-02T09:10:00+02:00"}) == {}
