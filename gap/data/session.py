@@ -70,7 +70,7 @@ class Session:
         self.recordings = tuple(recordings)
         self.shifts, self.own_clocks, self.rests_assumed = _shifts(recordings)
         self._own: dict[int, dict[str, Command]] = {}
-        self._paces: dict[tuple[tuple[int, ...], float, float], Pace] = {}
+        self._paces: dict[tuple[tuple[int, ...], float, float, float], Pace] = {}
         self._set = np.array([self.span(k)[0] for k in range(len(recordings) if self.own_clocks else 1)])
 
     def clock_age(self, time: FloatArray) -> FloatArray:
@@ -138,19 +138,21 @@ class Session:
         shift = self.shifts[k]
         return max((c.turning(start - shift, stop - shift) for c in self._commands(k).values()), default=0.0)
 
-    def pace(self, members: Sequence[int], step: float, turn: float) -> Pace:
-        """Time steps of ``step`` s at most, in which no command of the recordings turns by more than ``turn`` rad."""
-        asked = (tuple(members), step, turn)
+    def pace(self, members: Sequence[int], step: float, turn: float, curve: float = np.inf) -> Pace:
+        """Time steps of ``step`` s at most, and of ``curve`` s where a command of the recordings is curved, in which
+        none turns by more than ``turn`` rad."""
+        asked = (tuple(members), step, turn, curve)
         if asked not in self._paces:
             self._paces[asked] = self._pace(*asked)
         return self._paces[asked]
 
-    def _pace(self, members: Sequence[int], step: float, turn: float) -> Pace:
+    def _pace(self, members: Sequence[int], step: float, turn: float, curve: float) -> Pace:
         edges, steps = list[float](), [step]
         for k in members:
             for start, stop in pairwise(self._stretches(k)):
+                turning = self.turning(k, start, stop)
                 edges += [start, stop]
-                steps += [min(step, turn / max(self.turning(k, start, stop), 1e-9)), step]
+                steps += [min(step, curve, turn / turning) if turning > 0.0 else step, step]
         return Pace(np.asarray(edges), np.asarray(steps))
 
     def _stretches(self, k: int) -> list[float]:

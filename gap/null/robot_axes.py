@@ -16,7 +16,7 @@ from gap.inference.least_squares import fit
 from gap.inference.linear import Projector
 from gap.null.blocks import Block, Group, GroupedSession, Table
 from gap.null.chains import needed, run
-from gap.null.robot_grid import LOOP_STEP, LOOP_TURN, averaged, commanded, leading, loop_grid, retimed
+from gap.null.robot_grid import LOOP_CURVE, LOOP_STEP, LOOP_TURN, averaged, commanded, leading, loop_grid, retimed
 from gap.null.robot_load import SPRING, RecordedLoad
 from gap.null.robot_loop import Controller, controllers, stated
 from sim_devices.chain import Chain, Effect, FloatArray, Operator
@@ -31,6 +31,8 @@ QUANTITIES = ("probe_x", "probe_y", "probe_z")
 AXES, TARGETS = numbered("axis_position"), numbered("target")
 ROBOT_BINS = 0.3, 0.4
 """Growth and largest width (s) of the bins: the motion is slow."""
+MOST_SUBSTEPS = 12
+"""Of a step of the loop's grid, where friction or the like acts: 1 ms behind a kink, 4 ms where motion is straight."""
 STRAINED = 30.0
 """Penalty of the loop's tolerances above which the quick fit looks for friction."""
 SETTLED, BEYOND = 3.0, 0.1
@@ -266,7 +268,7 @@ class AxesBlock(Block):
             float(nuisance[6]),
         )
         spring = SPRING if self._loads[0] else 0.0
-        return self.with_effects(chain.tuned("axes", spring=spring), active, group)
+        return self.with_effects(chain.tuned("axes", spring=spring, most_substeps=MOST_SUBSTEPS), active, group)
 
     def _predict(self, nuisance: FloatArray, active: Active) -> FloatArray:
         out = np.empty((3, len(self.stamps)))
@@ -333,7 +335,7 @@ class AxesBlock(Block):
             corners = np.unique(np.concatenate([time for time, _ in tables.values()]))
             spans = [self.session.span(k) for k in group.members]
             begin, end = min(spans[0][0], corners[0]) - SETTLED, spans[-1][1] + BEYOND
-            pace = self.session.pace(group.members, LOOP_STEP, LOOP_TURN)
+            pace = self.session.pace(group.members, LOOP_STEP, LOOP_TURN, LOOP_CURVE)
             grid = loop_grid(self.session.kinks, corners, begin, end, delays, pace)
             ahead = needed(specimen_chain(group, sheet_tissue("forearm"), self.session.marks), TARGETS, tables)
             further = ahead[len(leading(ahead)) :]

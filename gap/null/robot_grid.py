@@ -15,9 +15,11 @@ from sim_devices.stages.sampling import RETIMED, Table, mean_before
 
 KINK = 1e-6
 """s, within which a speed changes."""
-LOOP_STEP, LOOP_TURN = 0.02, 0.07
-"""s at most, and rad by which a curved command may turn in it: the loop is exact between kinks, so this only has to
-resolve curved motion."""
+LOOP_STEP, LOOP_CURVE, LOOP_TURN = 0.05, 0.02, 0.04
+"""s at most; of a curved command, and rad by which it may turn in a step: the loop is exact between kinks, so this only
+has to resolve curved motion, and how the load changes."""
+CURVE = 0.05
+"""s between two rows of a command up to which they are of a curve: the loop follows its nodes as well as the rows."""
 AFTER_KINK = np.concatenate([np.arange(0.004, 0.1, 0.004), np.arange(0.1, 0.3, 0.01)])
 """s after a kink: nodes for the loop's answer, which straight lines over `LOOP_STEP` would miss by several µm."""
 
@@ -80,16 +82,15 @@ def loop_grid(
     """Nodes for a loop from ``begin`` to ``end`` s: the same steps, at last by ``pace``, after every kink, as the
     exponential of each length is computed once, and the command's ``corners``; both when ``delays`` show them. Rows of
     a dense curve are no corners."""
-    far = np.diff(corners, prepend=-np.inf) > LOOP_STEP
-    corners = corners[far | np.isin(corners, kinks)]
+    corners = corners[np.diff(corners, prepend=-np.inf) > CURVE]
     for op in delays:
         kinks, corners = op.shows(kinks), op.shows(corners)
         jumps = op.jumps(begin, end)
         kinks, corners = np.unique(np.concatenate([kinks, jumps])), np.concatenate([corners, jumps])
     starts = [begin, *kinks[(kinks > begin) & (kinks < end)].tolist(), end]
     parts = [_after(a, b, pace.at(0.5 * (a + b))) for a, b in pairwise(starts)]
-    # Before a corner, too: a step is as late as it is, and does not begin at the node before it.
-    grid = np.unique(np.concatenate([*parts, corners - KINK, corners, corners + KINK, [end]]))
+    # Before a kink, too: a step is as late as it is, and does not begin at the node before it.
+    grid = np.unique(np.concatenate([*parts, kinks - KINK, kinks, kinks + KINK, corners, [end]]))
     grid = grid[(grid >= begin) & (grid <= end)]
     return np.asarray(grid[np.diff(grid, prepend=-np.inf) > 0.5 * KINK])
 

@@ -53,7 +53,8 @@ class AxisLoop(Wired):
     ``fed`` N s/m is the part of the load that is the coil's own: a controller's force in proportion to the target's
     speed counts against the limit, and depends on the force constant.
     ``spring`` N/m holds each axis towards zero: the stiffness that loops through a tissue assume of it
-    (``robot.closed_loop``), so that only the difference is iterated.
+    (``robot.closed_loop``), so that only the difference is iterated. A step has ``most_substeps``, however long it is:
+    where nodes are dense after kinks and wide elsewhere, few are enough.
     """
 
     rate: float = LOOP_RATE
@@ -75,6 +76,7 @@ class AxisLoop(Wired):
     thinning: float = 0.0
     thinning_power: float = 0.5
     easing: float = 0.0
+    most_substeps: float = math.inf
 
     def fresh(self) -> Any:
         p, m = self.rate, self.mass
@@ -83,7 +85,7 @@ class AxisLoop(Wired):
             m, 3 * m * p**2, m * p**3, 3 * m * p, self.drag, self.coulomb, self.stiction, self.stribeck_speed,
             self.presliding, self.force_limit, self.windup, self.slope, self.curvature, self.spring,
             math.inf if linear else SUBSTEP, self.soft, self.carried, self.fed,
-            self.thinning, self.thinning_power, self.easing,
+            self.thinning, self.thinning_power, self.easing, self.most_substeps,
         )  # fmt: skip
         return np.zeros((len(self.target), _STATE)), np.array(values)
 
@@ -147,6 +149,7 @@ def _advance_axis(
         dt = t[i] - s[1]
         if dt > 1e-7:
             steps = max(math.ceil(dt / (SUBSTEP if longest == math.inf else longest) * (1.0 - 1e-9)), 1)
+            steps = steps if steps < p[21] else int(p[21])
             if longest == math.inf:
                 e = _of_length(dt, a, bound, known, exponentials)
                 # Only a coil at its limit forbids one long step.
