@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise, takewhile
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gap.data.session import Pace
 from gap.null.chains import run
@@ -41,22 +42,28 @@ def commanded(grid: FloatArray, tables: Mapping[str, Table], delays: Sequence[Re
     as the loop follows slowly; and delays show its own rows, not those of the grid, whose curve is flatter.
     """
     steps = [time[1:][np.diff(time) <= KINK] - KINK for time, _ in tables.values()]
-    shown = rows = np.concatenate([*(time for time, _ in tables.values()), *steps])
+    shown = rows = _merged([*(time for time, _ in tables.values()), *steps])
     for op in delays:
         shown = op.shows(shown)
-    time = np.unique(np.concatenate([rows, shown, grid]))
+    time = _merged([rows, shown, grid])
     signals: Signals = run(delays, time, {name: np.interp(time, *table) for name, table in tables.items()})
-    return {name: _as_high(grid, time, value) for name, value in signals.items()}
+    read = delays[-1].target if delays else tuple(tables)
+    at = np.searchsorted(time, grid)
+    return {name: _as_high(time, signals[name], at) for name in read}
 
 
-def _as_high(grid: FloatArray, time: FloatArray, value: FloatArray) -> FloatArray:
-    """Nodes (n,) on the ``grid`` of straight lines whose mean over a step is, at even curvature, that of the table of
-    ``value`` (m,) by ``time`` (m,) s; a table's corner on the grid stays where it is."""
-    nodes = np.interp(grid, time, value)
-    fine = np.union1d(time, grid)
-    line = np.interp(fine, time, value) - np.interp(fine, grid, nodes)
-    area = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(fine) * (line[1:] + line[:-1]))])
-    above = np.diff(area[np.searchsorted(fine, grid)]) / np.diff(grid)
+def _merged(runs: Sequence[FloatArray]) -> FloatArray:
+    """All values of sorted ``runs``, each once: a sort that merges is ten times as fast here as the usual one."""
+    values = np.sort(np.concatenate(runs), kind="stable")
+    return np.asarray(values[np.diff(values, prepend=-np.inf) > 0.0])
+
+
+def _as_high(time: FloatArray, value: FloatArray, at: NDArray[np.int64]) -> FloatArray:
+    """Nodes (n,) of straight lines whose mean over a step is, at even curvature, that of the table of ``value`` (m,) by
+    ``time`` (m,) s, of which they are the rows ``at`` (n,); a table's corner that is a node stays where it is."""
+    nodes, step = value[at], np.diff(time[at])
+    area = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(time) * (value[1:] + value[:-1]))])
+    above = np.diff(area[at]) / step - 0.5 * (nodes[1:] + nodes[:-1])
     return np.asarray(nodes + 0.5 * (np.append(above, 0.0) + np.append(0.0, above)))
 
 
@@ -90,7 +97,7 @@ def loop_grid(
     starts = [begin, *kinks[(kinks > begin) & (kinks < end)].tolist(), end]
     parts = [_after(a, b, pace.at(0.5 * (a + b))) for a, b in pairwise(starts)]
     # Before a kink, too: a step is as late as it is, and does not begin at the node before it.
-    grid = np.unique(np.concatenate([*parts, kinks - KINK, kinks, kinks + KINK, corners, [end]]))
+    grid = _merged([*parts, kinks - KINK, kinks, kinks + KINK, corners, np.array([end])])
     grid = grid[(grid >= begin) & (grid <= end)]
     return np.asarray(grid[np.diff(grid, prepend=-np.inf) > 0.5 * KINK])
 
