@@ -92,8 +92,7 @@ def loop_grid(
     corners = corners[np.diff(corners, prepend=-np.inf) > CURVE]
     for op in delays:
         kinks, corners = op.shows(kinks), op.shows(corners)
-        jumps = op.jumps(begin, end)
-        kinks, corners = np.unique(np.concatenate([kinks, jumps])), np.concatenate([corners, jumps])
+        kinks = np.unique(np.concatenate([kinks, op.jumps(begin, end)]))
     starts = [begin, *kinks[(kinks > begin) & (kinks < end)].tolist(), end]
     parts = [_after(a, b, pace.at(0.5 * (a + b))) for a, b in pairwise(starts)]
     # Before a kink, too: a step is as late as it is, and does not begin at the node before it.
