@@ -73,6 +73,16 @@ def weakest(h: Hypothesis, within: float) -> bool:
     return bool(strength) and all(f.unit[f.place(effect) + strength[0]] < within for f in fitted)
 
 
+def shortest(h: Hypothesis, within: float) -> bool:
+    """Whether a single event is as short as its prior allows: ``within`` that share of its range in logarithms."""
+    if len(h.effects) != 1 or not h.effects[0].event:
+        return False
+    effect = h.effects[0]
+    lasting = [k for k, p in enumerate(effect.parameters) if p.name == "duration"]
+    fitted = [f for f in h.fits.values() if effect in f.hypothesis]
+    return bool(lasting and fitted) and all(f.unit[f.place(effect) + lasting[0]] < within for f in fitted)
+
+
 def _by_channels(
     problems: Mapping[str, Problem],
     null: Hypothesis,

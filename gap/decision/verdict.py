@@ -11,7 +11,7 @@ from gap.decision.classes import Cause
 from gap.decision.marks import explains_marks
 from gap.decision.posterior import Posterior, misfit
 from gap.decision.thresholds import Thresholds
-from gap.decision.tolerance import weakest
+from gap.decision.tolerance import shortest, weakest
 from gap.decision.transfer import Shrink
 from gap.search.compare import Comparison
 
@@ -193,9 +193,12 @@ def _worse_on_repeats(f: Findings) -> bool:
 
 
 def _patched(f: Findings) -> bool:
-    """Something for a while that does not get near the noise: such patches repair anything a bit."""
+    """Something for a while that does not get near the noise, or as short as may be, as is what a step's answer leaves:
+    such patches repair anything a bit."""
     if f.shows_itself or not any(e.event for e in f.first.effects):
         return False
+    if shortest(f.first.hypothesis, f.t.weakest):
+        return True
     p = f.posterior
     left, had = (p.gap_after, p.gap_before) if f.fitted is None else (f.fitted.after, f.fitted.before)
     leaves_most = _excess(left, f.t) > f.t.event_leaves * _excess(had, f.t)

@@ -113,7 +113,7 @@ class AxesBlock(Block):
     """
 
     name, channels = "axes", AXES
-    trust = 0.7  # the skin's force loads the axes, as far as the recorded force tells
+    trust = 0.5  # the skin's force loads the axes, as far as the recorded force tells
     growth, widest = ROBOT_BINS
     floor = 0.5e-6  # m
     TOLERANCES = 7

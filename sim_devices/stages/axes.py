@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 
 from sim_devices.chain import FloatArray, Signals
+from sim_devices.stages.friction import bristle, eased, thinned
 from sim_devices.stages.kernels import SAME, STEPS, place
 from sim_devices.stages.operators import Wired
 
@@ -28,13 +29,10 @@ FORCE_LIMIT = 10.0
 """Greatest force of a coil, N (assumed)."""
 SUBSTEP = 1e-3
 """s, where a nonlinearity is present."""
-THIN_AT = 1e-3
-"""m/s at which the drag of a thinning grease is stated."""
 _END_STOP = 6e-3  # m from the centre; only a lost control of an axis leads there
 _RUBBING = [4, 5, 6, 8, 18]  # of a loop's parameters: drag, dry friction, stiction, presliding, drag that thins
 _LONGEST = 14  # and the longest substep, s
 _SETTLED = 1e-3  # relative difference to dry friction at full slip below which it is that
-_ROUNDS, _CLOSE = 30, 1e-9  # of the search for presliding friction at most; of its level, by which it may be off
 _STATE = 8  # [0] started [1] time [2] target [3] load [4] integral [5] position [6] velocity [7] dry friction
 
 
@@ -267,81 +265,6 @@ def _steady(
     return True
 
 
-@njit(cache=True, error_model="numpy")
-def _bristle(held: float, free: float, yields: float, level: float, per_metre: float) -> float:
-    """Presliding friction (N) behind a step: Dahl's f' = |x'| (±level - f) / presliding, solved with the speed that it
-    leaves.
-
-    ``held`` N is that before it, ``free`` m/s the mean speed without friction, which each newton of both friction
-    forces lowers by ``yields``, and ``per_metre`` the step over the presliding length, s/m. More friction leaves less
-    speed, and less speed builds up less friction, so that there is one solution between the levels.
-    """
-    low, high = -level, level
-    after = min(max(held, low), high)
-    for _ in range(_ROUNDS):
-        speed = free - yields * (held + after)
-        goal = level if speed > 0.0 else -level
-        decay = math.exp(-abs(speed) * per_metre)
-        excess = after - goal - (held - goal) * decay
-        if excess > 0.0:
-            high = after
-        else:
-            low = after
-        slope = 1.0 + yields * per_metre * abs(goal - held) * decay
-        after -= excess / slope
-        if not low <= after <= high:
-            after = 0.5 * (low + high)
-        if abs(excess) < _CLOSE * level:
-            break
-    return after
-
-
-@njit(cache=True, error_model="numpy")
-def _thinned(free: float, yields: float, strength: float, power: float) -> float:
-    """Drag (N) of a grease that shear thins, against a step's mean speed ``free`` m/s that it is lowered from by
-    ``yields`` for each newton: ``strength`` N at `THIN_AT`, growing with a ``power`` of the speed that is left."""
-    way, speed = math.copysign(1.0, free), abs(free)
-    low, high = 0.0, speed / yields  # what would stop it
-    drag = min(strength * (speed / THIN_AT) ** power, high)
-    for _ in range(_ROUNDS):
-        left = max(speed - yields * drag, 0.0)
-        pull = strength * (left / THIN_AT) ** power
-        excess = drag - pull
-        if excess > 0.0:
-            high = drag
-        else:
-            low = drag
-        if abs(excess) < _CLOSE * strength or high - low < _CLOSE * strength:
-            break
-        steep = power * pull / left * yields if left > 0.0 else math.inf
-        drag -= excess / (1.0 + steep)
-        if not low < drag < high:
-            drag = 0.5 * (low + high)
-    return float(-way * drag)
-
-
-@njit(cache=True, error_model="numpy")
-def _eased(free: float, yields: float, level: float, easing: float) -> float:
-    """Dry friction (N) that is eased about standstill, level·tanh(speed/easing), against a step's mean speed ``free``
-    m/s that it is lowered from by ``yields`` for each newton."""
-    way, speed = math.copysign(1.0, free), abs(free)
-    low, high = 0.0, min(level, speed / yields)  # what would stop it
-    dry = high
-    for _ in range(_ROUNDS):
-        share = math.tanh((speed - yields * dry) / easing)
-        excess = dry - level * share
-        if excess > 0.0:
-            high = dry
-        else:
-            low = dry
-        if abs(excess) < _CLOSE * level:
-            break
-        dry -= excess / (1.0 + level * (1.0 - share * share) * yields / easing)
-        if not low < dry < high:
-            dry = 0.5 * (low + high)
-    return float(-way * dry)
-
-
 @njit(cache=True, error_model="numpy", inline="always")
 def _run(
     s: FloatArray,
@@ -373,12 +296,12 @@ def _run(
         v = rho + w * (e[2, 0] * d0 + e[2, 1] * d1 + e[2, 2] * d2)
         gain = w * w * e[2, 0] / ki  # of the speed at the end of the step, per newton
         if p[18] > 0.0:
-            grease = _thinned(0.5 * (s[6] + v), 0.5 * gain, p[18], p[19])
+            grease = thinned(0.5 * (s[6] + v), 0.5 * gain, p[18], p[19])
             v += gain * grease
             x += w * e[1, 0] * grease / ki
             integral -= (1.0 - e[0, 0]) * grease / ki
         if p[20] > 0.0:
-            dry = _eased(0.5 * (s[6] + v), 0.5 * gain, coulomb, p[20])
+            dry = eased(0.5 * (s[6] + v), 0.5 * gain, coulomb, p[20])
             v += gain * dry
             x += w * e[1, 0] * dry / ki
             integral -= (1.0 - e[0, 0]) * dry / ki
@@ -386,7 +309,7 @@ def _run(
             speed = 0.5 * (s[6] + v - gain * s[7])  # with the friction of the step before
             level = coulomb + stiction * math.exp(-((speed / v_s) ** 2))
             if presliding > 0.0:
-                after = _bristle(s[7], 0.5 * (s[6] + v), 0.25 * gain, level, h / presliding)
+                after = bristle(s[7], 0.5 * (s[6] + v), 0.25 * gain, level, h / presliding)
                 dry, s[7] = -0.5 * (s[7] + after), after
             else:
                 dry = min(max(-v / gain, -level), level)

@@ -10,7 +10,7 @@ from gap.decision.tolerance import in_stated
 from gap.inference.hypothesis import Candidate
 from gap.search.compare import Effort, compare
 from sim_devices.chain import Parameter
-from tests.gap.decision.waves import T
+from tests.gap.decision.waves import T, judge
 
 
 def test_the_size_of_an_effect_is_what_the_block_says_that_tells_it_best(linear) -> None:
@@ -31,3 +31,18 @@ def test_the_size_of_an_effect_is_what_the_block_says_that_tells_it_best(linear)
     h = next(h for h in found.hypotheses if h.effects == (gauge,))
     assert h.surest(gauge) == "manometer"
     assert in_stated(gauge, h, {"gauge": {"a": Tolerance(1.0, "1", "of a test")}}) == pytest.approx(5.0, abs=0.5)
+
+
+@pytest.mark.parametrize(("width", "rule"), [(0.017, "patched"), (0.2, "claimed")])
+def test_an_event_as_short_as_may_be_is_what_a_step_leaves(linear, width: float, rule: str) -> None:
+    """A tension of half a second, the least that is looked for, was claimed for what a law of skin left behind a step
+    of the quickest recording."""
+    noise = np.random.default_rng(0).normal(size=len(T))
+    lasting = Parameter("duration", "1", 0.02, 1.0, default=0.1, scale="log", null=None)
+    spell = Candidate(
+        "spell", "spell", "sensor", (Parameter("a", "1", -60.0, 60.0), lasting), ("linear",), "s", "", event=True
+    )
+    shapes = {"spell": lambda v: v["a"] * np.exp(-(((T - 0.4) / v["duration"]) ** 2))}
+    y = 25.0 * np.exp(-(((T - 0.4) / width) ** 2)) + noise
+    comparison = compare([linear(y, np.ones((len(T), 1)), shapes)], [spell], Effort(pair_bases=0))
+    assert judge(comparison, [spell]).rules[0].startswith(rule)

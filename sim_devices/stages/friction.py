@@ -1,0 +1,86 @@
+"""Friction of an axis within a step, solved with the speed that it leaves."""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+THIN_AT = 1e-3
+"""m/s at which the drag of a thinning grease is stated."""
+_ROUNDS, _CLOSE = 30, 1e-9  # of the search for presliding friction at most; of its level, by which it may be off
+
+
+@njit(cache=True, error_model="numpy")
+def bristle(held: float, free: float, yields: float, level: float, per_metre: float) -> float:
+    """Presliding friction (N) behind a step: Dahl's f' = |x'| (±level - f) / presliding, solved with the speed that it
+    leaves.
+
+    ``held`` N is that before it, ``free`` m/s the mean speed without friction, which each newton of both friction
+    forces lowers by ``yields``, and ``per_metre`` the step over the presliding length, s/m. More friction leaves less
+    speed, and less speed builds up less friction, so that there is one solution between the levels.
+    """
+    low, high = -level, level
+    after = min(max(held, low), high)
+    for _ in range(_ROUNDS):
+        speed = free - yields * (held + after)
+        goal = level if speed > 0.0 else -level
+        decay = math.exp(-abs(speed) * per_metre)
+        excess = after - goal - (held - goal) * decay
+        if excess > 0.0:
+            high = after
+        else:
+            low = after
+        slope = 1.0 + yields * per_metre * abs(goal - held) * decay
+        after -= excess / slope
+        if not low <= after <= high:
+            after = 0.5 * (low + high)
+        if abs(excess) < _CLOSE * level:
+            break
+    return after
+
+
+@njit(cache=True, error_model="numpy")
+def thinned(free: float, yields: float, strength: float, power: float) -> float:
+    """Drag (N) of a grease that shear thins, against a step's mean speed ``free`` m/s that it is lowered from by
+    ``yields`` for each newton: ``strength`` N at `THIN_AT`, growing with a ``power`` of the speed that is left."""
+    way, speed = math.copysign(1.0, free), abs(free)
+    low, high = 0.0, speed / yields  # what would stop it
+    drag = min(strength * (speed / THIN_AT) ** power, high)
+    for _ in range(_ROUNDS):
+        left = max(speed - yields * drag, 0.0)
+        pull = strength * (left / THIN_AT) ** power
+        excess = drag - pull
+        if excess > 0.0:
+            high = drag
+        else:
+            low = drag
+        if abs(excess) < _CLOSE * strength or high - low < _CLOSE * strength:
+            break
+        steep = power * pull / left * yields if left > 0.0 else math.inf
+        drag -= excess / (1.0 + steep)
+        if not low < drag < high:
+            drag = 0.5 * (low + high)
+    return float(-way * drag)
+
+
+@njit(cache=True, error_model="numpy")
+def eased(free: float, yields: float, level: float, easing: float) -> float:
+    """Dry friction (N) that is eased about standstill, level·tanh(speed/easing), against a step's mean speed ``free``
+    m/s that it is lowered from by ``yields`` for each newton."""
+    way, speed = math.copysign(1.0, free), abs(free)
+    low, high = 0.0, min(level, speed / yields)  # what would stop it
+    dry = high
+    for _ in range(_ROUNDS):
+        share = math.tanh((speed - yields * dry) / easing)
+        excess = dry - level * share
+        if excess > 0.0:
+            high = dry
+        else:
+            low = dry
+        if abs(excess) < _CLOSE * level:
+            break
+        dry -= excess / (1.0 + level * (1.0 - share * share) * yields / easing)
+        if not low < dry < high:
+            dry = 0.5 * (low + high)
+    return float(-way * dry)
