@@ -50,17 +50,22 @@ def _bounded(flow, change, rate, soft, integrates):  # type: ignore[no-untyped-d
 @njit(cache=True)
 def _loop(c, dt, w, zeta, hindered, lead, pi, late):  # type: ignore[no-untyped-def]
     """RK4 of p' = flow - leaks(p) and of the regulator's state; returns p + lead flow. ``w`` < 0 is a first order;
-    ``late`` grid steps pass before the regulator sees its own pressure."""
+    ``late`` s pass before the regulator sees its own pressure."""
     rate, soft, leak, root_leak, late_leak, late_at, band = hindered
     integrates = pi[0] > 0.0
     limited = rate > 0.0 and soft == 0.0 and not integrates and w > 0.0
     y, seen = np.zeros_like(c), np.zeros_like(c)
     p, v = 0.0, 0.0
+    ago, passed = 0, 0.0  # the node that the regulator sees, and how long it was before the last one
     for i in range(1, c.size):
         h = dt[i]
+        passed += dt[i - 1] if i > 1 else 0.0
+        while ago < i - 1 and abs(passed - dt[ago + 1] - late) <= abs(passed - late):
+            ago += 1
+            passed -= dt[ago]
         sp, sv = 0.0, 0.0
         kp, kv = 0.0, 0.0
-        old = seen[max(i - 1 - late, 0)] - seen[i - 1]
+        old = seen[ago] - seen[i - 1]
         for k in range(4):
             part = _PARTS[k]
             x, vi = p + part * h * kp, v + part * h * kv
@@ -87,10 +92,10 @@ def controlled(
     pressure, dead band), ``quick`` the speed against the nominal one, ``zeta`` the damping of a second order.
 
     Knobs: ``one_lag`` [s] of a first order; ``pi_gain``, ``pi_reset``, ``pi_weight``, ``pi_flow`` of a PI;
-    ``late_steps`` dead time inside the loop, in grid steps.
+    ``late_steps`` dead time inside the loop, in the finest steps of the grid.
     """
     rate, *others = hindered
-    late = round(fx.get("late_steps", 0.0))
+    late = round(fx.get("late_steps", 0.0)) * float(np.min(dt[1:]))
     none = np.zeros(3)
     if tau := fx.get("one_lag", 0.0):
         lead = lead + 0.03 * (1.0 - zeta) * (zeta < 1.0)  # a first order that overshoots has a zero
