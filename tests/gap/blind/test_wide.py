@@ -36,7 +36,7 @@ def test_every_controller_brings_the_pressure_to_its_command(structure: dict[str
 
 
 def test_late_feedback_is_as_late_between_recordings():
-    """Its dead time was of grid steps, which are 20 times as long there: the pressure rose to 500 mbar above the air's."""
+    """Its dead time was of grid steps, 20 times as long there: the pressure rose to 500 mbar above the air's."""
     dt = np.concatenate([np.full(800, 2.5e-3), np.full(600, 0.05), np.full(400, 2.5e-3)])
     c = np.where((np.arange(len(dt)) > 100) & (np.arange(len(dt)) < 700), 30e3, 0.0)
     p = controlled(c, dt, 1.0, 1.0, (0.0,) * 7, 0.0, {"late_steps": 4.0})
