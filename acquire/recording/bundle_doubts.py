@@ -7,7 +7,6 @@ of a reference, an uncertainty as large as its value, a rest that no start time 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from datetime import datetime
 
 import numpy as np
@@ -23,15 +22,6 @@ WIDE = 0.1
 """Of a stated value, its standard uncertainty from which on the unit of the uncertainty is asked about."""
 
 
-@dataclass(frozen=True)
-class _Doubt:
-    """A ``text`` for people under a ``code``, at ``time`` s."""
-
-    code: str
-    text: str
-    time: float = 0.0
-
-
 def doubts(bundle: Bundle, recording: Recording) -> tuple[Event, ...]:
     """Warnings about a bundle and the recording that was read from it. A code that is among its events is not repeated.
 
@@ -41,10 +31,14 @@ def doubts(bundle: Bundle, recording: Recording) -> tuple[Event, ...]:
     asked = [*_channels(bundle, recording), *_sign(bundle, recording)]
     if bundle.run.id is None:
         asked += [*_setpoints(bundle, recording), *_specimen(bundle, recording), *_start(recording)]
-    return tuple(Event(d.time, "warning", d.code, d.text) for d in asked if d.code not in told)
+    return tuple(event for event in asked if event.code not in told)
 
 
-def _channels(bundle: Bundle, recording: Recording) -> Iterator[_Doubt]:
+def _warning(code: str, text: str, time: float = 0.0) -> Event:
+    return Event(time, "warning", code, text)
+
+
+def _channels(bundle: Bundle, recording: Recording) -> Iterator[Event]:
     """A channel that an instrument of ours does not have is kept, but nothing here would read it."""
     try:
         known = {channel.name for channel in instrument(bundle.instrument).channels}
@@ -53,17 +47,17 @@ def _channels(bundle: Bundle, recording: Recording) -> Iterator[_Doubt]:
     unknown = [name for name in recording.streams if name.removesuffix(REFERENCE) not in known]
     if unknown:
         text = f"not among the channels of the {bundle.instrument} ({', '.join(sorted(known))})"
-        yield _Doubt("unknown_channel", f"{', '.join(unknown)}: kept, but {text}")
+        yield _warning("unknown_channel", f"{', '.join(unknown)}: kept, but {text}")
 
 
-def _sign(bundle: Bundle, recording: Recording) -> Iterator[_Doubt]:
+def _sign(bundle: Bundle, recording: Recording) -> Iterator[Event]:
     pressure = recording.streams.get("pressure")
     if bundle.instrument in SUCTION and pressure is not None and np.median(pressure.value) > 1e3:
         text = "the pressure is mostly positive; suction is negative in a bundle, so check its sign"
-        yield _Doubt("pressure_sign", text, float(pressure.time[0]))
+        yield _warning("pressure_sign", text, float(pressure.time[0]))
 
 
-def _setpoints(bundle: Bundle, recording: Recording) -> Iterator[_Doubt]:
+def _setpoints(bundle: Bundle, recording: Recording) -> Iterator[Event]:
     try:
         known = instrument(bundle.instrument).quantities
     except ValueError:
@@ -72,30 +66,30 @@ def _setpoints(bundle: Bundle, recording: Recording) -> Iterator[_Doubt]:
     missing = [name for name in known if name not in recording.setpoints]
     if unknown:
         text = f"{', '.join(unknown)}: kept, but the {bundle.instrument} is commanded by {', '.join(known)}"
-        yield _Doubt("unknown_setpoint", text)
+        yield _warning("unknown_setpoint", text)
     elif missing and recording.setpoints:
-        yield _Doubt("missing_setpoint", f"no set-points of {', '.join(missing)}, which a diagnosis needs")
+        yield _warning("missing_setpoint", f"no set-points of {', '.join(missing)}, which a diagnosis needs")
 
 
-def _specimen(bundle: Bundle, recording: Recording) -> Iterator[_Doubt]:
+def _specimen(bundle: Bundle, recording: Recording) -> Iterator[Event]:
     name, fitting = bundle.specimen, specimens.of(bundle.instrument)
     if fitting and name != specimens.SKIN and name not in specimens.SPECIMENS:
         text = f"specimen {name!r} is kept, but a diagnosis concludes nothing from it: it is no reference"
-        yield _Doubt("unknown_specimen", text + did_you_mean(name, fitting))
+        yield _warning("unknown_specimen", text + did_you_mean(name, fitting))
     try:
         specimens.check_complete(name, bundle.instrument, recording.info.specimen_properties)
     except ValueError as error:
-        yield _Doubt("incomplete_specimen", str(error))
+        yield _warning("incomplete_specimen", str(error))
     for key, stated in recording.info.specimen_properties.items():
         if len(stated.value) == 1 and stated.se > WIDE * abs(stated.scalar) > 0.0:
             text = f"{key} is {stated}: a ± without a unit has that of the value, so write the unit of both"
-            yield _Doubt("wide_uncertainty", text)
+            yield _warning("wide_uncertainty", text)
 
 
-def _start(recording: Recording) -> Iterator[_Doubt]:
+def _start(recording: Recording) -> Iterator[Event]:
     text = recording.info.start_time
     try:
         datetime.fromisoformat(text or "2000-01-01")
     except ValueError:
         told = "the rest before this recording is assumed, as if no time were stated"
-        yield _Doubt("start_time", f"start_time {text!r} is no time such as 2026-04-02T09:10:00+02:00: {told}")
+        yield _warning("start_time", f"start_time {text!r} is no time such as 2026-04-02T09:10:00+02:00: {told}")

@@ -14,7 +14,7 @@ from gap.decision.thresholds import Thresholds
 from gap.decision.transfer import Shrink
 from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import Candidate
-from gap.search.compare import Weight
+from gap.search.compare import Comparison, Weight
 from sim_devices.chain import FloatArray
 
 
@@ -174,3 +174,14 @@ def _same_event(one: Hypothesis, other: Hypothesis, near: float) -> bool:
         spells.append((set(h.effects[0].blocks), begin, begin + values.get("duration", 0.0)))
     (blocks, begin, end), (others, from_then, until) = spells
     return bool(blocks & others) and abs(begin - from_then) < near and abs(end - until) < near
+
+
+def without_skin(cause: Cause, comparison: Comparison, temper: Mapping[str, float]) -> float:
+    """Nats that blocks whose null leaves no room for skin of another law give a cause; inf where all are such."""
+    nats = 0.0
+    for block, problem in comparison.problems.items():
+        if not problem.open_law:
+            fits = cause.hypothesis.fits[block], comparison.null.fits[block]
+            one, other = (f.log_evidence(temper[block], problem.prior_scales) for f in fits)
+            nats += problem.likelihood_powers[0] * (one - other)
+    return nats if any(p.open_law for p in comparison.problems.values()) else np.inf

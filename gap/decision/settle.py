@@ -11,7 +11,7 @@ import numpy as np
 
 from gap.data.signatures import Signature
 from gap.decision.chance import size_of_chance
-from gap.decision.classes import Cause, concept
+from gap.decision.classes import Cause, concept, without_skin
 from gap.decision.marks import explains_marks
 from gap.decision.posterior import Posterior, posterior
 from gap.decision.qualified import Qualified
@@ -28,7 +28,7 @@ from gap.decision.transfer import (
     plain,
     transferred,
 )
-from gap.decision.verdict import UNFINISHED, WITHIN, Findings, Verdict, decide, without_skin
+from gap.decision.verdict import UNFINISHED, WITHIN, Findings, Verdict, decide
 from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import Candidate
 from gap.inference.workers import each

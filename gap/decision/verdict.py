@@ -13,7 +13,6 @@ from gap.decision.posterior import Posterior, misfit
 from gap.decision.thresholds import Thresholds
 from gap.decision.tolerance import shortest, weakest
 from gap.decision.transfer import Shrink
-from gap.search.compare import Comparison
 
 UNFINISHED, WITHIN, DOUBT = "unfinished pair", "within tolerance", "in doubt"
 """Names of rules that others ask for."""
@@ -197,12 +196,11 @@ def _patched(f: Findings) -> bool:
     such patches repair anything a bit."""
     if f.shows_itself or not any(e.event for e in f.first.effects):
         return False
-    if shortest(f.first.hypothesis, f.t.weakest):
-        return True
     p = f.posterior
     left, had = (p.gap_after, p.gap_before) if f.fitted is None else (f.fitted.after, f.fitted.before)
     leaves_most = _excess(left, f.t) > f.t.event_leaves * _excess(had, f.t)
-    return p.gap_after > f.t.patched or (had > f.t.unusual_gap and leaves_most)
+    leaves = p.gap_after > f.t.patched or (had > f.t.unusual_gap and leaves_most)
+    return leaves or shortest(f.first.hypothesis, f.t.weakest)
 
 
 def _unfinished(f: Findings) -> bool:
@@ -244,6 +242,10 @@ def _standing_out(f: Findings) -> str:
     if f.shows_itself and (at := f.first.at_marks):
         return f"gap {at.before:.2f} -> {at.after:.2f} where the samples are marked"
     return f"detectability {f.first.detectability:.1f} >= {f.seen:g}"
+
+
+def _while(f: Findings) -> str:
+    return "as short as may be" if shortest(f.first.hypothesis, f.t.weakest) else "for a while"
 
 
 def _fall(f: Findings) -> str:
@@ -289,7 +291,7 @@ RULES: tuple[Rule, ...] = (
         "patched",
         _patched,
         _always("unknown"),
-        lambda f: f"an effect for a while leaves a gap of {f.posterior.gap_after:.2f}, {_fall(f)}".removesuffix(", "),
+        lambda f: f"an effect {_while(f)} leaves a gap of {f.posterior.gap_after:.2f}, {_fall(f)}".removesuffix(", "),
     ),
     Rule(
         UNFINISHED,
@@ -386,14 +388,3 @@ def in_doubt(verdict: Verdict, reason: str, t: Thresholds) -> Verdict:
     ``reason``."""
     rules = (f"{DOUBT}: {reason}", *verdict.rules)
     return Verdict("unknown", verdict.posterior.doubted(1.0 - t.unnamed), rules)
-
-
-def without_skin(cause: Cause, comparison: Comparison, temper: Mapping[str, float]) -> float:
-    """Nats that blocks whose null leaves no room for skin of another law give a cause; inf where all are such."""
-    nats = 0.0
-    for block, problem in comparison.problems.items():
-        if not problem.open_law:
-            fits = cause.hypothesis.fits[block], comparison.null.fits[block]
-            one, other = (f.log_evidence(temper[block], problem.prior_scales) for f in fits)
-            nats += problem.likelihood_powers[0] * (one - other)
-    return nats if any(p.open_law for p in comparison.problems.values()) else np.inf

@@ -12,7 +12,7 @@ from gap.data.session import Pace
 from gap.null.chains import run
 from sim_devices.chain import FloatArray, Operator, Signals
 from sim_devices.stages.operators import Retimed
-from sim_devices.stages.sampling import RETIMED, Table, mean_before
+from sim_devices.stages.sampling import RETIMED, Table, mean_before, merged
 
 KINK = 1e-6
 """s, within which a speed changes."""
@@ -42,20 +42,14 @@ def commanded(grid: FloatArray, tables: Mapping[str, Table], delays: Sequence[Re
     as the loop follows slowly; and delays show its own rows, not those of the grid, whose curve is flatter.
     """
     steps = [time[1:][np.diff(time) <= KINK] - KINK for time, _ in tables.values()]
-    shown = rows = _merged([*(time for time, _ in tables.values()), *steps])
+    shown = rows = np.concatenate([*(time for time, _ in tables.values()), *steps])
     for op in delays:
         shown = op.shows(shown)
-    time = _merged([rows, shown, grid])
+    time = merged(np.concatenate([rows, shown, grid]), 0.0)
     signals: Signals = run(delays, time, {name: np.interp(time, *table) for name, table in tables.items()})
     read = delays[-1].target if delays else tuple(tables)
     at = np.searchsorted(time, grid)
     return {name: _as_high(time, signals[name], at) for name in read}
-
-
-def _merged(runs: Sequence[FloatArray]) -> FloatArray:
-    """All values of sorted ``runs``, each once: a sort that merges is ten times as fast here as the usual one."""
-    values = np.sort(np.concatenate(runs), kind="stable")
-    return np.asarray(values[np.diff(values, prepend=-np.inf) > 0.0])
 
 
 def _as_high(time: FloatArray, value: FloatArray, at: NDArray[np.int64]) -> FloatArray:
@@ -96,9 +90,8 @@ def loop_grid(
     starts = [begin, *kinks[(kinks > begin) & (kinks < end)].tolist(), end]
     parts = [_after(a, b, pace.at(0.5 * (a + b))) for a, b in pairwise(starts)]
     # Before a kink, too: a step is as late as it is, and does not begin at the node before it.
-    grid = _merged([*parts, kinks - KINK, kinks, kinks + KINK, corners, np.array([end])])
-    grid = grid[(grid >= begin) & (grid <= end)]
-    return np.asarray(grid[np.diff(grid, prepend=-np.inf) > 0.5 * KINK])
+    grid = np.concatenate([*parts, kinks - KINK, kinks, kinks + KINK, corners, [end]])
+    return merged(grid[(grid >= begin) & (grid <= end)], 0.5 * KINK)
 
 
 def _after(kink: float, end: float, step: float) -> FloatArray:

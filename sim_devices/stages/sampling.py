@@ -53,8 +53,16 @@ def time_grid(
         nodes.append(np.arange(ends[:, 0].min(), ends[:, 1].max(), step))
     grid = np.concatenate(nodes)
     grid = grid[(grid >= lowest) & (grid <= ends[:, 1].max())]
-    grid = np.sort(grid, kind="stable")  # merges runs that are sorted: ten times as fast here as the usual sort
-    return grid[np.diff(grid, prepend=-np.inf) > 0.25 * JUMP]
+    return merged(grid, 0.25 * JUMP)
+
+
+def merged(times: FloatArray, apart: float) -> FloatArray:
+    """Sorted ``times`` (n,) s, without those that are not more than ``apart`` s behind the one before.
+
+    A stable sort merges runs that are sorted already: ten times as fast here as the usual sort.
+    """
+    times = np.sort(times, kind="stable")
+    return np.asarray(times[np.diff(times, prepend=-np.inf) > apart])
 
 
 def command_at(table: Table, time: FloatArray) -> FloatArray:
