@@ -290,7 +290,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "patched",
         _patched,
-        _always("unknown"),
+        Findings.spoiled,
         lambda f: f"an effect {_while(f)} leaves a gap of {f.posterior.gap_after:.2f}, {_fall(f)}".removesuffix(", "),
     ),
     Rule(

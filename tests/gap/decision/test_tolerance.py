@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from gap.data.tolerances import Tolerance
+from gap.decision.posterior import posterior
+from gap.decision.thresholds import INSTRUMENT
 from gap.decision.tolerance import in_stated
+from gap.decision.transfer import Shrink
+from gap.decision.verdict import Findings, decide
 from gap.inference.hypothesis import Candidate
 from gap.search.compare import Effort, compare
 from sim_devices.chain import Parameter
@@ -46,3 +52,6 @@ def test_an_event_as_short_as_may_be_is_what_a_step_leaves(linear, width: float,
     y = 25.0 * np.exp(-(((T - 0.4) / width) ** 2)) + noise
     comparison = compare([linear(y, np.ones((len(T), 1)), shapes)], [spell], Effort(pair_bases=0))
     assert judge(comparison, [spell]).rules[0].startswith(rule)
+    at_noise = replace(posterior(comparison, [spell], INSTRUMENT), gap_before=0.78, gap_after=0.74, unexplained=0.0)
+    final = decide(Findings(at_noise, INSTRUMENT, fitted=Shrink(1.04, 0.95)))
+    assert final.verdict == ("undetectable" if rule == "patched" else "effect")
