@@ -137,25 +137,19 @@ def known_skin(block: HeightBlock, skins: Sequence[Skin]) -> tuple[KnownSkin | N
 
 
 def _here(skin: Skin, block: HeightBlock) -> tuple[FloatArray, FloatArray]:
-    """Mean and covariance of the parameters as a block has them: its compliance is relative, at its own strongest
-    suction."""
+    """Mean and covariance of the parameters as a block has them: with the compliance at its own strongest suction."""
     begin = block.start()
     k = list(block.PARTS).index("compliance")
-    unit = block.quantities(begin)["elastic_height"][0] / (1.0 + begin[k])
+    unit = block.quantities(begin)["elastic_height"][0] / np.exp(begin[k])
     reached = elastic_height(np.zeros(1), np.array([-block.strongest]), *skin.curve)[0] / unit
-    at = skin.names.index("compliance")
-    stretch = np.ones(len(skin.names))
-    stretch[at] = reached / (1.0 + skin.mean[at])
     mean = skin.mean.copy()
-    mean[at] = reached - 1.0
-    return mean, skin.covariance * np.outer(stretch, stretch)
+    mean[skin.names.index("compliance")] = np.log(reached)
+    return mean, skin.covariance
 
 
 def _scatter(name: str, mean: float) -> float:
     """How much a parameter about a mean differs between sessions, sd."""
     table = between_sessions()
-    if name == "compliance":
-        return table[name] * max(1.0 + mean, 0.1)
     if name in table:
         return table[name]
     if name in CREEP:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
+from operator import attrgetter
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -17,6 +18,10 @@ from gap.inference.problem import Problem
 from sim_devices.chain import FloatArray
 
 MAX_ITERATIONS = 30
+DAMPED = 1e-3
+"""Damping from which a fit begins, of the diagonal of the normal matrix."""
+FORETOLD = 0.9
+"""Share of the gain foretold by the straight line from which on it is good enough."""
 DOUBTED = 2.0
 """Standard deviations by which neighbouring samples of white noise seem alike."""
 DIVERGED = 1e4
@@ -44,42 +49,43 @@ def fit(
     aim = _Objective(problem, tuple(hypothesis), belief)  # a start may choose the priors
     u = np.full(aim.size, 0.5) if unit is None else unit.astype(float).copy()
     c[~aim.moves] = aim.mean[~aim.moves]  # a frozen one stays there, wherever another law left it
-    here = aim.simulated(c, u, want_jacobian=jacobian is None)
-    residual, fresh = here.residual, jacobian is None
-    jac = here.jacobian if jacobian is None else jacobian
+    first = aim.simulated(c, u, want_jacobian=jacobian is None)
+    here, fresh = _Trial(c, u, first.residual, aim.cost(first.residual, c, u)), jacobian is None
+    jac = first.jacobian if jacobian is None else jacobian
     gram = aim.gram_of(jac) if gram is None or fresh else gram
-    effect = aim.by_effect(residual, c, u)
-    best = aim.cost(residual, c, u)
-    damping = 1e-3
+    effect = aim.by_effect(here)
+    damping = DAMPED
     for _ in range(iterations):
-        normal, gradient = aim.normal_equations(residual, c, u, jac, gram, effect)
-        step, trial, damping = aim.descend(normal, gradient, c, u, best, damping)
+        normal, gradient = aim.normal_equations(here, jac, gram, effect)
+        step, trial, damping = aim.descend(normal, gradient, here, jac, effect, damping)
         if trial is None and fresh:
             break
         if trial is None:  # an old Jacobian may be to blame
-            jac = aim.simulated(c, u, want_jacobian=True).jacobian
-            gram, fresh, damping = aim.gram_of(jac), True, 1e-3
+            jac = aim.simulated(here.nuisance, here.unit, want_jacobian=True).jacobian
+            gram, fresh, damping = aim.gram_of(jac), True, DAMPED
             continue
-        gain = best - trial.cost
-        # While the linear model foretells the gain, its costly nuisance part is good enough for another step.
+        gain = here.cost - trial.cost
+        small = gain < tolerance * max(trial.cost, 1.0) * 0.1 + 0.02
+        # While the linear model foretells the gain, its costly nuisance part is good enough for another step; but that
+        # little is left to gain, only a Jacobian of this place can tell.
         foretold = float(2 * gradient @ step - step @ normal @ step)
-        stale = not 0.75 < gain / max(foretold, 1e-12) < 1.3
-        c, u, best, residual = trial.nuisance, trial.unit, trial.cost, trial.residual
-        damping *= 0.2
-        effect, fresh = aim.by_effect(residual, c, u), stale
-        if stale:
-            jac = aim.simulated(c, u, want_jacobian=True).jacobian
+        over = small and fresh
+        fresh = (small and not over) or not FORETOLD < gain / max(foretold, 1e-12) < 1.3
+        here, damping = trial, min(0.2 * damping, DAMPED) if small else 0.2 * damping
+        effect = aim.by_effect(here)
+        if fresh:
+            jac = aim.simulated(here.nuisance, here.unit, want_jacobian=True).jacobian
             gram = aim.gram_of(jac)
-        if gain < tolerance * max(best, 1.0) * 0.1 + 0.02:
+        if over:
             break
-    return aim.finished(c, u, residual, jac, gram if aim.moves.all() else jac.T @ jac, effect)
+    return aim.finished(here, jac, gram if aim.moves.all() else jac.T @ jac, effect)
 
 
 P = TypeVar("P", bound=Problem)
 
 
 class _Trial(NamedTuple):
-    """A step that was tried and lowers the objective."""
+    """Parameters that were tried."""
 
     nuisance: FloatArray
     unit: FloatArray
@@ -119,8 +125,9 @@ class _Objective:
         # It diverged: a bad trial, from which no way leads on.
         return Evaluation(np.full(len(made.residual), DIVERGED), np.zeros_like(made.jacobian))
 
-    def by_effect(self, residual: FloatArray, c: FloatArray, u: FloatArray) -> FloatArray:
-        """The Jacobian (n, k) of the effects' parameters, where the residual is known."""
+    def by_effect(self, here: _Trial) -> FloatArray:
+        """The Jacobian (n, k) of the effects' parameters."""
+        c, u, residual, _ = here
         columns = np.empty((len(residual), len(u)))
         for k in range(len(u)):
             step = self.fine[k] if u[k] < 0.5 else -self.fine[k]
@@ -139,9 +146,10 @@ class _Objective:
         return out
 
     def normal_equations(
-        self, residual: FloatArray, c: FloatArray, u: FloatArray, jac: FloatArray, gram: FloatArray, effect: FloatArray
+        self, here: _Trial, jac: FloatArray, gram: FloatArray, effect: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Matrix (p + k, p + k) and right-hand side (p + k,) of a Gauss-Newton step."""
+        c, u, residual, _ = here
         p = len(c)
         normal = bordered(gram, jac, effect)
         normal[np.arange(p), np.arange(p)] += self.precision
@@ -157,32 +165,55 @@ class _Objective:
         return normal, gradient
 
     def descend(
-        self, normal: FloatArray, gradient: FloatArray, c: FloatArray, u: FloatArray, best: float, damping: float
+        self,
+        normal: FloatArray,
+        gradient: FloatArray,
+        here: _Trial,
+        jac: FloatArray,
+        effect: FloatArray,
+        damping: float,
     ) -> tuple[FloatArray, _Trial | None, float]:
-        """A step (p + k,) that lowers the objective below ``best``, its evaluation, and the damping it took; nothing
-        after six attempts, each damped more."""
-        p = len(c)
+        """A step (p + k,) that lowers the objective, its evaluation, and the damping it took; nothing after six
+        attempts, each damped more.
+
+        Where the straight line foretold more than the step brings, the step is bent, too: along a narrow valley that
+        turns, most of the way is in the bend (geodesic acceleration; Transtrum and Sethna 2012, arXiv:1201.5885, with
+        the second derivative from the whole step).
+        """
+        p = len(here.nuisance)
         # Parameters at a bound that the step would leave stay there.
-        fixed = np.append(~self.moves, np.zeros(len(u), bool))
-        fixed[p:] = ((u <= 0) & (gradient[p:] < 0)) | ((u >= 1) & (gradient[p:] > 0))
+        fixed = np.append(~self.moves, np.zeros(self.size, bool))
+        fixed[p:] = ((here.unit <= 0) & (gradient[p:] < 0)) | ((here.unit >= 1) & (gradient[p:] > 0))
         free = ~fixed
         step = np.zeros(len(gradient))
         for _ in range(6):
             damped = normal[np.ix_(free, free)]
             damped[np.diag_indices_from(damped)] *= 1.0 + damping
-            step[free] = sla.cho_solve(factorise(damped), gradient[free])
-            c_new, u_new = c + step[:p], np.clip(u + np.clip(step[p:], -0.3, 0.3), 0.0, 1.0)
-            residual = self.simulated(c_new, u_new).residual
-            value = self.cost(residual, c_new, u_new)
-            if np.isfinite(value) and value < best:
-                return step, _Trial(c_new, u_new, residual, value), damping
+            factor = factorise(damped)
+            step[free] = sla.cho_solve(factor, gradient[free])
+            trial = self.tried(here, step)
+            if here.cost - trial.cost < FORETOLD * float(2 * gradient @ step - step @ normal @ step):
+                moved = trial.nuisance - here.nuisance, trial.unit - here.unit
+                bent = trial.residual - here.residual + jac @ moved[0] + effect @ moved[1]
+                bend = np.zeros(len(gradient))
+                bend[free] = sla.cho_solve(factor, np.concatenate([jac.T @ bent, effect.T @ bent])[free])
+                trial = min(trial, self.tried(here, step + bend), key=attrgetter("cost"))
+            if trial.cost < here.cost:
+                return step, trial, damping
             damping = max(damping * 8.0, 1e-4)
         return step, None, damping
 
-    def finished(
-        self, c: FloatArray, u: FloatArray, residual: FloatArray, jac: FloatArray, gram: FloatArray, effect: FloatArray
-    ) -> Fit:
+    def tried(self, here: _Trial, step: FloatArray) -> _Trial:
+        """Where a step (p + k,) leads, within the bounds of the effects' parameters."""
+        p = len(here.nuisance)
+        c, u = here.nuisance + step[:p], np.clip(here.unit + np.clip(step[p:], -0.3, 0.3), 0.0, 1.0)
+        residual = self.simulated(c, u).residual
+        value = self.cost(residual, c, u)
+        return _Trial(c, u, residual, value if np.isfinite(value) else np.inf)
+
+    def finished(self, here: _Trial, jac: FloatArray, gram: FloatArray, effect: FloatArray) -> Fit:
         """Curvature, evidence terms and covariance at the optimum."""
+        c, u, residual, _ = here
         belief = self.believed
         times = self.problem.noise_scale(split(self.hypothesis, u))
         normal = gram.copy()

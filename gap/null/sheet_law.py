@@ -178,7 +178,7 @@ def rewired(chain: Chain, nuisance: FloatArray, typical: float, strongest: float
         return _apart(chain, skin, c["apart"], typical * _scale(c["apart_length"], 3.0), typical)
     if not any((c["spring"], c["closing"], c["activation"], c["slip1"], *skew, *bedding)):
         return chain
-    secant = (1.0 + (typical / skin.length) ** 2) ** skin.exponent
+    secant = bounded_exp(skin.exponent * math.log1p((typical / skin.length) ** 2))
     stiffness = np.array(skin.stiffness) * secant
     pairs = [(-g, tau) for g, tau in zip(skin.relaxation, skin.times, strict=True)]
     prony = (1.0, *(x for pair in pairs for x in pair))

@@ -38,7 +38,7 @@ class Part(NamedTuple):
 
 
 PARTS: Mapping[str, Part] = {
-    "compliance": Part(1.5, 0.5),  # relative, at the strongest suction
+    "compliance": Part(1.5, 0.5),  # logarithm, at the strongest suction
     "knee": Part(1.0, 0.15),  # logarithm
     "exponent": Part(0.4, 0.08),
     **{f"creep{k + 1}": Part(0.15, 0.15, g, f"creep{k + 1}") for k, g in enumerate((0.15, 0.15, 0.2, 0.2))},

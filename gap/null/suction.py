@@ -39,7 +39,7 @@ def suction_problems(
         pressure = PressureBlock(session, effects, unknown_regulator)
         blocks.append(pressure)
     if any("pressure_reference" in r.streams for r in recordings):
-        blocks.append(ManometerBlock(session, effects, unknown_regulator))
+        blocks.append(ManometerBlock(session, effects, unknown_regulator, pressure))
     shown = {g.reference for g in session.groups for k in g.members if "apex_height" in recordings[k].streams}
     if True in shown:  # ahead of the skin: the fit of an effect on a reference goes on to it
         blocks.append(ReferenceBlock(session, effects, pressure))

@@ -57,7 +57,8 @@ class HeightBlock(FedBlock):
     """Recorded pressure -> apex height.
 
     Nuisance: the reduced tissue's parameters; per recording a gain (the skin's scatter from run to run), a zero and
-    another before suction begins; the sampling convention; the elastic curve; the discrepancy of tissue laws.
+    another before suction begins; the sampling convention; the elastic curve; the discrepancy of tissue laws. Gains
+    are logarithms, as the compliance is: the two make up for each other along a straight line, which a fit finds.
     """
 
     name, channels = "height", ("apex_height",)
@@ -375,7 +376,7 @@ class HeightBlock(FedBlock):
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         n, r = len(self.PARTS) + 1, self._runs.shape[1]
-        gain = 1 + self._runs @ nuisance[n : n + r]
+        gain = np.exp(self._runs @ nuisance[n : n + r])
         height = self._chain_height(nuisance, active)
         predicted = height * gain + self._added @ nuisance[n + r :]
         residual = self.whitened(self.measured - predicted, active)
@@ -390,5 +391,5 @@ class HeightBlock(FedBlock):
             moved[k] += step
             at, here = self._chain_height(moved, active, tissue), roughly if tissue else height
             chain_part[:, k] = (at - here) / step
-        jacobian = np.hstack([chain_part * gain[:, None], self._runs * height[:, None], self._added])
+        jacobian = np.hstack([chain_part * gain[:, None], self._runs * (height * gain)[:, None], self._added])
         return Evaluation(residual, self.whitened(jacobian, active))

@@ -52,6 +52,8 @@ AWAY, BACK = 8.0, 4.0
 """σ by which a recording must begin off where it rests to count as begun in motion, and from which on it rests."""
 QUIET = 1e-6
 """Share of the most telling kink's information on lateness below which a kink says nothing."""
+SWINGS = 20.0
+"""χ² that a line which swings above the air's pressure must take away."""
 EMPTY = 500.0
 """Pa of suction from which on a line is not vented."""
 NO_TISSUE = SuctionTissue(0.0, creep=(), times=(), residual=0.0, softening=0.0)
@@ -100,37 +102,60 @@ class PressureBlock(Block):
     Nuisance: the regulator's time constant and damping, the sampling convention (a shift within one sample), three
     quick lags and a lead that other regulators than the nominal second-order one would add, and, where nothing less
     comes to the noise, a limited rate, or the integral, set-point weight and uneven flow of a loop about a valve. Where
-    it may be ``unknown``, only that is tried: whoever asks for it knows that nothing else will do.
+    it may be ``unknown``, only that is tried: whoever asks for it knows that nothing else will do. A record of the
+    ``same`` pressure by another gauge has shown the structure already.
     """
 
     name, channels = "pressure", ("pressure",)
     floor = 5.0  # Pa: a twentieth of the command's resolution
     trust_other = 0.25  # where the regulator is of another structure, ours of that structure is not quite it
-    vent = EMPTIES
+    vent = STAYS  # as physics has it: a chamber vents to the air and no further
 
-    def __init__(self, session: GroupedSession, library: Mapping[str, Effect], unknown: bool = False) -> None:
+    def __init__(
+        self,
+        session: GroupedSession,
+        library: Mapping[str, Effect],
+        unknown: bool = False,
+        same: PressureBlock | None = None,
+    ) -> None:
         # An open probe holds no pressure: its record says nothing of the regulator.
         super().__init__(session, library, without=("open air",))
         self.row_noise.widen(np.flatnonzero(self._in_motion()), IGNORED)
         self.prior_sd = self.prior(lambda t: t.value)
         self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
-        self._begin: FloatArray | None = None  # where a limited rate or a loop about a valve was found
+        self._begin = self.prior_mean
         # As a sound instrument of the nominal kind, or a regulator of another time and damping.
         self.prior_scales = (self.prior_sd, self.prior(lambda t: t.widest))
         self.blur_steep_parts(self._slope())
-        self.prior_sd = max(self.prior_scales, key=self._probability)
-        found = fit(self)
-        if (other := other_structure(self, found, unknown)) is not None:
-            self._take(other)
-        best = found if self._begin is None else fit(self)
+        best = self._second_order()
+        if same is None:
+            best = self._vented(best)
+            self.structure = other_structure(self, best, unknown)
+        else:
+            self.structure, self.vent = same.structure, same.vent
+        if self.structure is not None:
+            self._take(self.structure)
+            best = fit(self)
+        self._begin = best.nuisance
         self.explained = best.chi2 < len(best.residual) * NOISY  # by a regulator that is known
         self.row_noise.remember(self.unwhitened(best.residual, {}), self.noise.tolist())
+
+    def _vented(self, found: Fit) -> Fit:
+        """The better fit of ``found``, whose regulator vents to the air and no further, and of one that swings above
+        it, as a line with a supply of its own pressure may, and a second order by itself does."""
+        above = under(self, self.prior_mean, self.prior_sd)
+        above.vent = EMPTIES
+        other = fit(above, nuisance=found.nuisance)
+        if other.objective > found.objective - SWINGS:
+            return found
+        self.vent = EMPTIES
+        return other
 
     def _take(self, structure: Structure) -> None:
         """Let a regulator of another structure be a third width of the prior."""
         self.prior_scales, self.prior_sd = (*self.prior_scales, structure.width), structure.width
         self._begin, self.vent = structure.begin, structure.vent
-        if structure.vent == STAYS:
+        if structure.vent == STAYS and structure.width[VALVE.start] > FROZEN:
             self.row_noise.widen(np.flatnonzero(self._after_others()), IGNORED)
 
     @property
@@ -143,7 +168,7 @@ class PressureBlock(Block):
         return bool(self.prior_sd[UNKNOWN.start] > FROZEN)
 
     def start(self) -> FloatArray:
-        return self.prior_mean.copy() if self._begin is None else self._begin.copy()
+        return self._begin.copy()
 
     def prior(self, width: Callable[[Tolerance], float], opened: slice = slice(0)) -> FloatArray:
         """Prior widths (p,) of a sound instrument, by the one of its tolerances that ``width`` takes."""
@@ -175,9 +200,15 @@ class PressureBlock(Block):
                     out |= (self.run == k) & (self.stamps >= begin) & (self.stamps < until)
         return out
 
-    def _probability(self, sd: FloatArray) -> float:
-        """log evidence of instruments of prior widths ``sd`` (p,), without an effect."""
-        return fit(under(self, self.prior_mean, sd)).log_evidence(1.0, (sd,))
+    def _second_order(self) -> Fit:
+        """The fit of the more probable kind of instrument, the nominal one or one of another time and damping, without
+        an effect. The other is also begun where the nominal one ended: far off there are local optima."""
+        alike, other = (under(self, self.prior_mean, sd) for sd in self.prior_scales)
+        nominal = fit(alike)
+        tries = [nominal, *(fit(other, nuisance=c) for c in (self.prior_mean, nominal.nuisance))]
+        best = max(tries, key=lambda f: f.log_evidence(1.0, (f.prior_sd,)))
+        self.prior_sd = best.prior_sd
+        return best
 
     def line(self, group: Group, time: FloatArray) -> Table:
         """The pressure that the regulator, as fitted to the record, made of the command: times finer than ``time`` (n,)

@@ -50,8 +50,8 @@ line is vented: a zero that closes the loop shows at one of both only."""
 
 
 class Vent(NamedTuple):
-    """How a loop about a valve vents: to ``highest`` Pa above the air's pressure, above which its integral empties; if
-    only to the air's, the integral stays as it is, or begins anew when the instrument is ``armed`` for a recording."""
+    """How a regulator vents: to ``highest`` Pa above the air's pressure, above which a loop's integral empties; if only
+    to the air's, the integral stays as it is, or begins anew when the instrument is ``armed`` for a recording."""
 
     highest: float
     armed: bool = False
@@ -114,14 +114,15 @@ def steps(sampling: float) -> FloatArray:
 
 
 def regulated(chain: Chain, c: FloatArray, largest: float, vent: Vent) -> Chain:
-    """The nominal chain with the regulator at a nuisance vector (SIZE,); ``largest`` Pa is asked for at most, and a
-    loop about a valve is that of one ``vent``."""
-    chain = chain.tuned("regulator", tau=REGULATOR_TAU * bounded_exp(c[TIME]), zeta=bounded_exp(c[DAMPING]))
+    """The nominal chain with the regulator at a nuisance vector (SIZE,); ``largest`` Pa is asked for at most, and it
+    vents as ``vent`` has it."""
+    tau, zeta = REGULATOR_TAU * bounded_exp(c[TIME]), bounded_exp(c[DAMPING])
+    chain = chain.tuned("regulator", tau=tau, zeta=zeta, highest=vent.highest)
     if np.any(np.abs(c[VALVE]) > FROZEN):
         *loop, wholly = c[VALVE] + list(VALVE_NOMINAL.values())
         valve = *loop, largest / max(wholly, 1e-9)
         armed = chain["latency"].marks if vent.armed else ()  # type: ignore[attr-defined]
-        chain = chain.tuned("regulator", valve=valve, highest=vent.highest, armed=armed)
+        chain = chain.tuned("regulator", valve=valve, armed=armed)
     if np.any(np.abs(c[UNKNOWN]) > FROZEN):
         chain = chain.tuned("regulator", unknown=(largest, *c[UNKNOWN].tolist()))
     if (span := float(c[SPAN])) > FROZEN:

@@ -79,5 +79,5 @@ class Loaded:
     def reaching(self, c: Mapping[str, float]) -> float:
         """Elastic height at the strongest suction, m."""
         base = self.base
-        size = base.compliance * self.size * max(1.0 + c["compliance"], 1e-3)
+        size = base.compliance * self.size * bounded_exp(c["compliance"])
         return size * _reach(self.strongest, base.knee, base.exponent)

@@ -14,7 +14,6 @@ from gap.inference.least_squares import fit, under
 from gap.inference.problem import Problem
 from gap.null.suction_regulator import (
     DAMPING,
-    EMPTIES,
     FLOW,
     SPAN,
     TIME,
@@ -99,7 +98,7 @@ def _limited(block: Regulated, found: Fit) -> Structure | None:
     better = best.objective < min(LEFT * len(best.residual), found.objective)
     if not (better and 0.0 < best.nuisance[SPAN] < 2.0 * span):
         return None
-    return Structure(width, best.nuisance, EMPTIES)
+    return Structure(width, best.nuisance, block.vent)
 
 
 def _weighed(block: Regulated, found: Fit) -> Structure | None:
@@ -152,4 +151,4 @@ def _unknown(block: Regulated, found: Fit) -> Structure | None:
     best, n = fit(looked, nuisance=first.nuisance, iterations=60), len(found.residual)
     if best.objective - n > UNEXPLAINED * (found.objective - n):
         return None
-    return Structure(width, best.nuisance, EMPTIES)
+    return Structure(width, best.nuisance, block.vent)

@@ -135,17 +135,26 @@ def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) ->
                 for sd in (moved.sd,) if width is moved.sd else (width, moved.sd):
                     there, near = under(problem, moved.mean, sd), moved.jacobian if sd is moved.sd else None
                     tries.append(fit(there, hypothesis, moved.unit, moved.nuisance, 5, jacobian=near, belief=belief))
-        best = max(tries, key=lambda f: f.log_evidence(1.0, problem.prior_scales))
+        best = max(tries, key=lambda f: _promise(f, problem))
         if screened.sure:  # where the data show it to be, once more: on the way to the right skin it may have left
             there = under(problem, best.prior_mean, best.prior_sd)
             unit = np.concatenate([before.unit, starts[0]])
             tries.append(fit(there, hypothesis, unit, best.nuisance, 10, belief=belief))
-            best = max(tries, key=lambda f: f.log_evidence(1.0, problem.prior_scales))
+            best = max(tries, key=lambda f: _promise(f, problem))
         final = under(problem, best.prior_mean, best.best_prior(problem.prior_scales))
         known = fit(final, hypothesis, best.unit, best.nuisance, belief=belief)
+        if _promise(known, problem) < _promise(best, problem):  # begun where another law had put the skin, and lost
+            simulations += known.simulations
+            final = under(problem, best.prior_mean, best.prior_sd)
+            known = fit(final, hypothesis, best.unit, best.nuisance, belief=belief)
         known = fits[block] = sharpened(final, known)
         simulations += sum(f.simulations for f in tries) + known.simulations
     return fits, simulations
+
+
+def _promise(fitted: Fit, problem: Problem) -> float:
+    """log evidence of a fit as far as the noise is believed wholly, over all widths of the prior."""
+    return fitted.log_evidence(1.0, problem.prior_scales)
 
 
 def _refit_all(comparison: Comparison, parts: Sequence[tuple[Hypothesis, Screened]], jobs: int) -> None:
@@ -343,7 +352,7 @@ def _begin_anew(comparison: Comparison, most: int, jobs: int) -> None:
 
 def _earned(fits: Mapping[str, Fit], problems: Mapping[str, Problem]) -> float:
     """log evidence of fits, a block each, as far as the noise is believed wholly."""
-    return sum(f.log_evidence(1.0, problems[b].prior_scales) for b, f in fits.items())
+    return sum(_promise(f, problems[b]) for b, f in fits.items())
 
 
 def _pairs(comparison: Comparison, candidates: Sequence[Candidate], effort: Effort, jobs: int) -> None:

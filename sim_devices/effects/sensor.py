@@ -76,10 +76,18 @@ def _height_into_pressure(chain: Chain, share: float) -> Chain:
 def _crosstalk_suction(chain: Chain, v: Values) -> Chain:
     if chosen(v, "form") == 2:
         return _height_into_pressure(chain, v["pressure"] / 1e-3)
+    if chosen(v, "form") == 3:
+        parameters: tuple[float, ...] = v["amount"] / math.tanh(PRESSURE / v["knee"]), v["knee"]
+        return map_after(chain, HEIGHT, "crosstalk", "sensor", bent, parameters, reading=("line_pressure",))
     parameters = (-v["amount"] / PRESSURE,)
     if chosen(v, "form") == 1:
         return after(chain, HEIGHT, lambda s, t: Flow("crosstalk", "sensor", (*s, "line_pressure"), t, *parameters))
     return map_after(chain, HEIGHT, "crosstalk", "sensor", mixed, parameters, reading=("line_pressure",))
+
+
+def bent(time: FloatArray, height: FloatArray, pressure: FloatArray, most: float, knee: float) -> FloatArray:
+    """Height with a part of ``most`` m at the greatest, which grows ever less as suction does beyond a ``knee`` Pa."""
+    return height - most * np.tanh(pressure / knee)
 
 
 def tilted_view(time: FloatArray, height: FloatArray, angle: float, hidden: float) -> FloatArray:
@@ -122,7 +130,11 @@ def _illumination(chain: Chain, v: Values) -> Chain:
     return map_after(chain, HEIGHT, "illumination_drift", "sensor", fading, parameters)
 
 
-_INTO = choice("form", 0, "as suction stands", "while suction changes", "of height into the pressure reading")
+_INTO = choice(
+    "form", 0, "as suction stands", "while suction changes", "of height into the pressure reading",
+    "as suction stands, ever less as it grows",
+)  # fmt: skip
+_KNEE = shape("knee", "Pa", 3e3, 100e3, 20e3, "suction beyond which it grows less", log=True, only=(3,))
 _BACK = signed("pressure", "Pa", 5e3, 500.0, "that 1 mm of height adds to its reading", only=(2,))
 EFFECTS = (
     effect(
@@ -138,12 +150,12 @@ EFFECTS = (
     effect(
         "crosstalk", "sensor", CUTOMETER, "Pressure leaks into the height reading, or height into that of pressure.",
         "Record height under suction on a rigid block.", "windows and housings bend under suction",
-        (signed("amount", "m", 2e-4, 3e-5, "at 300 mbar", only=(0, 1)), _BACK, _INTO), _crosstalk_suction,
+        (signed("amount", "m", 2e-4, 3e-5, "at 300 mbar", only=(0, 1, 3)), _BACK, _INTO, _KNEE), _crosstalk_suction,
     ),
     effect(
         "crosstalk", "sensor", ASPIRATION, "Pressure leaks into the height reading, or height into that of pressure.",
         "Record height under suction on a rigid block.", "the camera or mirror moves under suction",
-        (signed("amount", "m", 1e-3, 2e-4, "at 300 mbar", only=(0, 1)), _BACK, _INTO), _crosstalk_suction,
+        (signed("amount", "m", 1e-3, 2e-4, "at 300 mbar", only=(0, 1, 3)), _BACK, _INTO, _KNEE), _crosstalk_suction,
     ),
     effect(
         "misalignment", "sensor", ASPIRATION, "The camera looks from above or below: part of the dome is hidden.",

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gap.inference.evidence import GaussianPrior
-from gap.inference.hypothesis import FROZEN
+from gap.inference.hypothesis import FROZEN, Evaluation
 from gap.inference.least_squares import autocorrelation_penalty, fit
 from gap.inference.linear import Projector
 from sim_devices.chain import Parameter
@@ -199,3 +199,22 @@ def test_a_fit_that_begins_where_the_simulation_diverges_is_a_bad_one_and_no_nan
     lost = fit(problem, nuisance=np.array([6.0, 0.0]))
     assert np.isfinite(lost.log_evidence(1.0, (problem.prior_sd,)))
     assert lost.objective > 1e6 > fit(problem).objective
+
+
+@pytest.mark.parametrize(("steep", "turns"), [(3, 4), (10, 2), (10, 4)])
+def test_a_valley_that_turns_is_followed_to_its_end(linear, steep: float, turns: float) -> None:
+    """Two parameters that make up for each other along a sine, as creep times and the amounts that creep do along some
+    curve: a step along the straight line climbs its walls, and one that is damped for that gains little."""
+
+    class Valley(linear):
+        def evaluate(self, nuisance, active, want_jacobian=True):
+            a, b = nuisance
+            jacobian = np.array([[-turns * steep * np.cos(a), steep], [1.0, 0.0]])
+            predicted = np.array([steep * (b - turns * np.sin(a)), a])
+            return Evaluation(self.measured - predicted, jacobian if want_jacobian else np.zeros((0, 0)))
+
+    valley = Valley(np.array([0.0, 4.0]), np.zeros((2, 2)))
+    found = fit(valley, nuisance=np.array([-3.0, turns * np.sin(-3.0)]), iterations=60, tolerance=1e-5)
+    assert found.nuisance == pytest.approx([4.0, turns * np.sin(4.0)], abs=0.1)
+    assert found.objective < 0.01
+    assert found.simulations < 200
