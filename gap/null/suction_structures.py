@@ -28,9 +28,9 @@ from gap.null.suction_regulator import (
 from sim_devices.chain import FloatArray
 from sim_devices.effects.build import PRESSURE
 
-NOISY, STRAINED = 1.2, 60.0
-"""χ² for each row above which a regulator of another structure is tried, and strain of tolerances above which one that
-weighs its set-point is,"""
+NOISY, ABOVE, STRAINED, WORTH = 1.2, 1.05, 60.0, 20.0
+"""χ² for each row above which a regulator of another structure is tried, and from which on one that weighs its
+set-point is, or from such a strain of tolerances on; and how much of both that must take away at least,"""
 LEFT, FOLLOWS = 2.0, 0.5
 """which is one if it leaves less than so much of χ² and strain for each row, and if its flow follows the pressure by so
 many tolerances: else it is but a better place to start from, and something else acts,"""
@@ -82,7 +82,9 @@ def other_structure(block: Regulated, found: Fit, unknown: bool) -> Structure | 
     if found.chi2 > len(found.residual) * NOISY:
         tries = (_unknown,) if unknown else (_weighed, _limited, _valve)
         return next(filter(None, (attempt(block, found) for attempt in tries)), None)
-    return _weighed(block, found) if found.penalty > STRAINED else None
+    if found.penalty > STRAINED or found.chi2 > len(found.residual) * ABOVE:
+        return _weighed(block, found)
+    return None
 
 
 def _limited(block: Regulated, found: Fit) -> Structure | None:
@@ -108,7 +110,7 @@ def _weighed(block: Regulated, found: Fit) -> Structure | None:
     begins[:, [TIME, DAMPING, WEIGHED.start, WEIGHED.start + 1]] = WEIGHED_STARTS
     best, vent = min(_with_integral(block, width, begins), key=lambda tried: tried[0].objective)
     rate, weight = best.nuisance[WEIGHED]
-    at_noise = best.objective < min(NOISY * len(best.residual), found.objective)
+    at_noise = best.objective < min(NOISY * len(best.residual), found.objective - WORTH)
     if not (at_noise and rate > QUICK_INTEGRAL and -1.0 < weight < 0.0):
         return None
     return Structure(width, best.nuisance, vent)

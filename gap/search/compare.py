@@ -231,15 +231,19 @@ def compare(
 
 
 def _finish_null(comparison: Comparison) -> None:
-    """Fit the null again from where the effects' fits ended: one that stopped early would give them nats they have
-    not earned."""
+    """Fit the null again from where the effects' fits ended, and under the laws that these ended with: one that stopped
+    early, or has not found a simple law that does, would give them nats they have not earned."""
     for block, problem in comparison.problems.items():
-        others = [h.fits[block] for h in comparison.hypotheses]
+        null = comparison.null.fits[block]
+        others = [h.fits[block] for h in comparison.hypotheses if h.fits[block] is not null]
         nearest = [min(others, key=by) for by in (attrgetter("chi2"), attrgetter("objective")) if others]
-        for start in (comparison.null.fits[block], *nearest):
-            again = fit(problem, nuisance=start.nuisance, iterations=40, tolerance=1e-5)
+        likely = [max(others, key=lambda f: _promise(f, problem))] if others else []
+        tries = [(problem, start) for start in (null, *nearest)]
+        tries += [(under(problem, start.prior_mean, start.prior_sd), start) for start in (*nearest, *likely)]
+        for looked, start in tries:
+            again = fit(looked, nuisance=start.nuisance, iterations=40, tolerance=1e-5)
             comparison.simulations += again.simulations
-            if again.objective < comparison.null.fits[block].objective:
+            if _promise(again, problem) > _promise(comparison.null.fits[block], problem):
                 comparison.null.fits[block] = again
     for h in comparison.hypotheses:
         touched = {b for e in h.effects for b in e.blocks}
