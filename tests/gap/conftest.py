@@ -98,7 +98,7 @@ def recording(
     name: str = "r1",
 ) -> Recording:
     """A recording in memory: channels on one time base, the command as corners."""
-    units = {"pressure": "Pa", "apex_height": "m"}
+    units = {"pressure": "Pa", "pressure_reference": "Pa", "apex_height": "m"}
     streams = {k: Series(np.asarray(v, float), np.asarray(time, float), units.get(k, "V")) for k, v in channels.items()}
     setpoints = {
         k: Series(np.asarray(v, float), np.asarray(t, float), units.get(k, "V"))

@@ -163,3 +163,17 @@ def test_a_tissue_far_out_is_simulated(far: float) -> None:
         amount = part.of == name
         nuisance[k] = part.begin if amount and name not in ("fung", "sheet") else 0.0 if amount else far
     assert np.all(np.isfinite(block.evaluate(nuisance, {}, want_jacobian=False).residual))
+
+
+def test_the_compliance_and_gains_of_recordings_make_up_for_each_other_along_a_straight_line() -> None:
+    """Both as logarithms: as shares, the second-order part of a step of a tenth was 190 σ, and fits crept."""
+    recordings = own.suction_session("aspiration", np.random.default_rng(2), legs=[own.step_hold(-15e3, 2.0, 2.0)] * 2)
+    session, effects = GroupedSession(recordings, ("pressure",)), library("aspiration")
+    block = HeightBlock(session, effects, PressureBlock(session, effects))
+    here = fit(block).nuisance
+    moved = here.copy()
+    first = len(block.PARTS) + 1
+    moved[list(block.PARTS).index("compliance")] += 0.3
+    moved[first : first + len(recordings)] -= 0.3
+    change = (block.evaluate(here, {}, False).residual - block.evaluate(moved, {}, False).residual) * block.sigma
+    assert np.max(np.abs(change)) < 2e-3 * np.max(block.measured)

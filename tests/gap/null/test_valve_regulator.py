@@ -15,7 +15,8 @@ from gap.inference.hypothesis import FROZEN
 from gap.inference.least_squares import fit
 from gap.null.blocks import GroupedSession
 from gap.null.suction_pressure import PressureBlock
-from gap.null.suction_regulator import ARMED, SPAN, VALVE
+from gap.null.suction_reference import ManometerBlock
+from gap.null.suction_regulator import ARMED, EMPTIES, SPAN, STAYS, VALVE
 from sim_devices.stages.kernels import evaluate, second_order, valve_loop
 
 STEP, NOISE = 1e-3, 30.0
@@ -112,6 +113,46 @@ def test_a_pi_loop_that_weighs_its_set_point_is_sound(recording: Callable[..., R
     told = block.quantities(found.nuisance)
     assert told["regulator_integral_rate"][0] == pytest.approx(7.5, rel=0.3)
     assert told["regulator_setpoint_weight"][0] == pytest.approx(0.3, abs=0.1)
+
+
+def swinging(asked: np.ndarray) -> np.ndarray:
+    """Suction (n,) Pa by a plain second order, which swings above the air's pressure."""
+    return np.asarray(lsim(lti([1.0], [0.05**2, 2 * 0.7 * 0.05, 1.0]), asked, STEP * np.arange(len(asked)))[1])
+
+
+@pytest.mark.parametrize(
+    ("make", "vent"), [(swinging, EMPTIES), (lambda asked: np.maximum(swinging(asked), 0.0), STAYS)]
+)
+def test_a_regulator_may_swing_above_the_air(
+    recording: Callable[..., Recording], make: Callable[[np.ndarray], np.ndarray], vent: object
+) -> None:
+    """An outside author's was told an overshoot (.91), where the tone of a muscle had changed."""
+    block = session(recording, make, 7)
+    found = fit(block)
+    assert block.vent == vent
+    assert found.chi2 / len(found.residual) < 1.2
+    told = block.quantities(found.nuisance)
+    assert told["regulator_damping"][0] == pytest.approx(0.7, rel=0.05)
+    assert told["regulator_time"][0] == pytest.approx(0.05, rel=0.05)
+
+
+def test_a_manometer_s_regulator_is_the_one_that_the_gauge_shows(recording: Callable[..., Recording]) -> None:
+    """By itself the manometer's record strained its tolerances by the gauge's error, and no structure did."""
+    time, rng = np.arange(0.0, 24.0, STEP), np.random.default_rng(8)
+    made = -weighed(suction_of(time))[::20]
+    corners = np.array([0, 2, 6, 10, 12, 12.001, 16, 16.001, 20, 20.001, 24.0])
+    channels = {
+        "pressure": made + NOISE * rng.normal(size=len(made)),
+        "pressure_reference": made / 1.05 + NOISE * rng.normal(size=len(made)),
+    }
+    taken = recording(channels, time[::20], {"pressure": (corners, -suction_of(corners))}, specimen="manometer")
+    grouped = GroupedSession([taken], ("pressure",))
+    gauge = PressureBlock(grouped, library("cutometer"))
+    block = ManometerBlock(grouped, library("cutometer"), same=gauge)
+    assert gauge.structure is not None
+    found = fit(block)
+    assert found.chi2 / len(found.residual) < 1.2
+    assert block.quantities(found.nuisance)["pressure_gauge_gain_error"][0] == pytest.approx(0.05, abs=0.01)
 
 
 def at_a_limited_rate(asked: np.ndarray, rate: float) -> np.ndarray:

@@ -198,3 +198,14 @@ def test_an_armed_loop_begins_with_its_integral_empty() -> None:
         stream.advance(time[a : a + 300], {k: v[a : a + 300] for k, v in asked.items()}) for a in range(0, 4000, 300)
     ]
     np.testing.assert_allclose(np.concatenate([p["line_pressure"] for p in parts]), line[20.0,], atol=1e-6)
+
+
+def test_crosstalk_that_bends_grows_ever_less_as_suction_does() -> None:
+    effect = effects("cutometer")["crosstalk"]
+    values = {p.name: p.default for p in effect.parameters} | {"form": 3.0, "amount": 20e-6, "knee": 20e3}
+    read = []
+    for level in (15e3, 30e3, 45e3):
+        chain = effect.apply(nominal("cutometer", tissue="rigid block"), values)
+        height = simulate(chain, {"pressure": steps(level)}, {"apex_height": STAMPS})["apex_height"]
+        read.append(float(np.median(height[(STAMPS > 5) & (STAMPS < 10)])))
+    np.testing.assert_allclose(read, 20e-6 * np.tanh([0.75, 1.5, 2.25]) / np.tanh(1.5), rtol=0.01)
