@@ -30,12 +30,12 @@ from sim_devices.effects.build import PRESSURE
 
 NOISY, ABOVE, STRAINED, WORTH = 1.2, 1.05, 60.0, 20.0
 """χ² for each row above which a regulator of another structure is tried, and from which on one that weighs its
-set-point is, or from such a strain of tolerances on; and how much of both that must take away at least,"""
+set-point is, or from such a strain of tolerances on; and how much of both any structure must take away at least,"""
 LEFT, FOLLOWS = 2.0, 0.5
 """which is one if it leaves less than so much of χ² and strain for each row, and if its flow follows the pressure by so
 many tolerances: else it is but a better place to start from, and something else acts,"""
-SPANS = (0.04, 0.08, 0.15)
-"""s for 300 mbar at which a limited rate is looked for."""
+SPANS, LIMITS = (0.04, 0.08, 0.15), 0.01
+"""s for 300 mbar at which a limited rate is looked for, and from which on it is one."""
 UNEXPLAINED = 0.2
 """Share of the excess over the noise that a regulator of an unknown structure may leave: it has many parameters, and a
 larger rest is something else's."""
@@ -97,8 +97,8 @@ def _limited(block: Regulated, found: Fit) -> Structure | None:
     begins[:, SPAN] = SPANS
     first = min((fit(looked, nuisance=start, iterations=3) for start in begins), key=lambda f: f.objective)
     best = fit(looked, nuisance=first.nuisance)
-    better = best.objective < min(LEFT * len(best.residual), found.objective)
-    if not (better and 0.0 < best.nuisance[SPAN] < 2.0 * span):
+    better = best.objective < min(LEFT * len(best.residual), found.objective - WORTH)
+    if not (better and LIMITS < best.nuisance[SPAN] < 2.0 * span):
         return None
     return Structure(width, best.nuisance, block.vent)
 
@@ -124,7 +124,7 @@ def _valve(block: Regulated, found: Fit) -> Structure | None:
     tries = _with_integral(block, width, (*begins, found.nuisance))
     best, vent = max(tries, key=lambda tried: tried[0].log_evidence(1.0, (width,)))
     flow = (best.nuisance / width)[FLOW]
-    better = best.objective < min(LEFT * len(best.residual), found.objective)
+    better = best.objective < min(LEFT * len(best.residual), found.objective - WORTH)
     slowest = PRESSURE / (2.0 * block.tolerances["slew_limit"]["span_time"].value)
     quick = opened_flow(best.nuisance, block.largest) > slowest
     if not (better and quick and np.linalg.norm(flow) > FOLLOWS):
