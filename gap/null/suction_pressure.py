@@ -31,7 +31,7 @@ from gap.null.suction_regulator import (
     regulated,
     steps,
 )
-from gap.null.suction_structures import NOISY, Structure, other_structure
+from gap.null.suction_structures import NOISY, WORTH, Structure, other_structure
 from sim_devices.chain import Chain, Effect, FloatArray
 from sim_devices.stages import nominal
 from sim_devices.stages.sampling import REFINEMENT, simulate
@@ -52,8 +52,6 @@ AWAY, BACK = 8.0, 4.0
 """σ by which a recording must begin off where it rests to count as begun in motion, and from which on it rests."""
 QUIET = 1e-6
 """Share of the most telling kink's information on lateness below which a kink says nothing."""
-SWINGS = 20.0
-"""χ² that a line which swings above the air's pressure must take away."""
 EMPTY = 500.0
 """Pa of suction from which on a line is not vented."""
 NO_TISSUE = SuctionTissue(0.0, creep=(), times=(), residual=0.0, softening=0.0)
@@ -146,7 +144,7 @@ class PressureBlock(Block):
         above = under(self, self.prior_mean, self.prior_sd)
         above.vent = EMPTIES
         other = fit(above, nuisance=found.nuisance)
-        if other.objective > found.objective - SWINGS:
+        if other.objective > found.objective - WORTH:
             return found
         self.vent = EMPTIES
         return other
