@@ -44,6 +44,8 @@ from sim_devices.effects.build import (
 from sim_devices.stages import kernels, laws
 from sim_devices.stages.operators import Map, Wired, after, last_writer
 
+LENS_REFERENCE = 2e-3
+"""m from the axis of a lens at which its distortion is told."""
 FLOW_TIME = 0.1
 """s over which a change of suction counts as flow."""
 
@@ -99,6 +101,17 @@ def tilted_view(time: FloatArray, height: FloatArray, angle: float, hidden: floa
 def _misaligned_view(chain: Chain, v: Values) -> Chain:
     hidden = v["rim"] * abs(math.sin(v["angle"])) * 8e-3
     return map_after(chain, HEIGHT, "misalignment", "sensor", tilted_view, (v["angle"], hidden))
+
+
+def about_an_axis(time: FloatArray, height: FloatArray, coefficient: float, axis: float) -> FloatArray:
+    """Height (n,) m in an image that is distorted by ``coefficient`` at `LENS_REFERENCE` from an ``axis`` m above the
+    rim, which is where the zero is taken."""
+    return height + coefficient / LENS_REFERENCE**2 * ((height - axis) ** 3 + axis**3)
+
+
+def _distorted(chain: Chain, v: Values) -> Chain:
+    axis = v["axis"] if chosen(v, "form") == 1 else 0.0
+    return map_after(chain, HEIGHT, "lens_distortion", "sensor", about_an_axis, (v["coefficient"], axis))
 
 
 def proportional_or_saturating(time: FloatArray, u: FloatArray, bias: float, reach: float, form: float) -> FloatArray:
@@ -181,10 +194,12 @@ EFFECTS = (
     effect(
         "lens_distortion", "sensor", ASPIRATION, "Radial image distortion.",
         "Calibrate the lens with a grid.", "Brown 1966",
-        (signed("coefficient", "1", 0.6, 0.2, "relative error at 2 mm from the axis"),),
-        lambda chain, v: map_after(
-            chain, HEIGHT, "lens_distortion", "sensor", laws.cubic, (v["coefficient"], 2e-3)
+        (
+            signed("coefficient", "1", 0.6, 0.2, "relative error at 2 mm from the axis"),
+            choice("form", 0, "about the rim's height", "about an axis above the rim"),
+            shape("axis", "m", 0.2e-3, 4e-3, 1e-3, "of the lens, above the rim", log=True, only=(1,)),
         ),
+        _distorted,
     ),
     effect(
         "scale_error", "sensor", SUCTION, "Millimetres per pixel (or the height calibration) are wrong.",

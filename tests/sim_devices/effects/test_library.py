@@ -99,7 +99,7 @@ def test_variants_fix_each_choice() -> None:
         assert variant.name == "backlash"
         assert [p.name for p in variant.parameters] == ["gap"]
         assert variant.apply(chain) == effects("microrobot")["backlash"].apply(chain, {"form": form})
-    assert list(variants(effects()["lens_distortion"])) == ["lens_distortion"]
+    assert list(variants(effects()["missing_deep_layer"])) == ["missing_deep_layer"]
 
 
 def test_a_broken_plugin_is_reported_and_disturbs_nobody() -> None:

@@ -209,3 +209,15 @@ def test_crosstalk_that_bends_grows_ever_less_as_suction_does() -> None:
         height = simulate(chain, {"pressure": steps(level)}, {"apex_height": STAMPS})["apex_height"]
         read.append(float(np.median(height[(STAMPS > 5) & (STAMPS < 10)])))
     np.testing.assert_allclose(read, 20e-6 * np.tanh([0.75, 1.5, 2.25]) / np.tanh(1.5), rtol=0.01)
+
+
+@pytest.mark.parametrize(("form", "axis"), [(0, 0.0), (1, 1e-3)])
+def test_a_lens_distorts_about_its_axis_and_not_at_rest(form: int, axis: float) -> None:
+    effect, sound = effects("aspiration")["lens_distortion"], nominal("aspiration")
+    values = {p.name: p.default for p in effect.parameters} | {"form": float(form), "coefficient": 0.1, "axis": 1e-3}
+    seen, true = (
+        simulate(chain, {"pressure": steps(20e3)}, {"apex_height": STAMPS})["apex_height"]
+        for chain in (effect.apply(sound, values), sound)
+    )
+    np.testing.assert_allclose(seen - true, 0.1 / 2e-3**2 * ((true - axis) ** 3 + axis**3), atol=1e-8)
+    assert abs(seen[50] - true[50]) < 1e-9
