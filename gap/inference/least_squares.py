@@ -20,8 +20,8 @@ from sim_devices.chain import FloatArray
 MAX_ITERATIONS = 30
 DAMPED = 1e-3
 """Damping from which a fit begins, of the diagonal of the normal matrix."""
-FORETOLD = 0.9
-"""Share of the gain foretold by the straight line from which on it is good enough."""
+FORETOLD, OVERTOLD = 0.9, 1.3
+"""Gain of a step, against the one that the straight line foretold, between which that is good enough."""
 DOUBTED = 2.0
 """Standard deviations by which neighbouring samples of white noise seem alike."""
 DIVERGED = 1e4
@@ -49,36 +49,28 @@ def fit(
     aim = _Objective(problem, tuple(hypothesis), belief)  # a start may choose the priors
     u = np.full(aim.size, 0.5) if unit is None else unit.astype(float).copy()
     c[~aim.moves] = aim.mean[~aim.moves]  # a frozen one stays there, wherever another law left it
-    first = aim.simulated(c, u, want_jacobian=jacobian is None)
-    here, fresh = _Trial(c, u, first.residual, aim.cost(first.residual, c, u)), jacobian is None
-    jac = first.jacobian if jacobian is None else jacobian
-    gram = aim.gram_of(jac) if gram is None or fresh else gram
-    effect = aim.by_effect(here)
-    damping = DAMPED
+    here, slopes = aim.begun(c, u, jacobian, gram)
+    fresh, damping = jacobian is None, DAMPED
     for _ in range(iterations):
-        normal, gradient = aim.normal_equations(here, jac, gram, effect)
-        step, trial, damping = aim.descend(normal, gradient, here, jac, effect, damping)
+        trial, foretold, damping = aim.descend(here, slopes, damping)
         if trial is None and fresh:
             break
         if trial is None:  # an old Jacobian may be to blame
-            jac = aim.simulated(here.nuisance, here.unit, want_jacobian=True).jacobian
-            gram, fresh, damping = aim.gram_of(jac), True, DAMPED
+            slopes, fresh, damping = aim.renewed(here, slopes), True, DAMPED
             continue
         gain = here.cost - trial.cost
         small = gain < tolerance * max(trial.cost, 1.0) * 0.1 + 0.02
-        # While the linear model foretells the gain, its costly nuisance part is good enough for another step; but that
+        # While the straight line foretells the gain, its costly nuisance part is good enough for another step; but that
         # little is left to gain, only a Jacobian of this place can tell.
-        foretold = float(2 * gradient @ step - step @ normal @ step)
         over = small and fresh
-        fresh = (small and not over) or not FORETOLD < gain / max(foretold, 1e-12) < 1.3
+        fresh = (small and not over) or not FORETOLD < gain / max(foretold, 1e-12) < OVERTOLD
         here, damping = trial, min(0.2 * damping, DAMPED) if small else 0.2 * damping
-        effect = aim.by_effect(here)
+        slopes = slopes._replace(effect=aim.by_effect(here))
         if fresh:
-            jac = aim.simulated(here.nuisance, here.unit, want_jacobian=True).jacobian
-            gram = aim.gram_of(jac)
+            slopes = aim.renewed(here, slopes)
         if over:
             break
-    return aim.finished(here, jac, gram if aim.moves.all() else jac.T @ jac, effect)
+    return aim.finished(here, slopes)
 
 
 P = TypeVar("P", bound=Problem)
@@ -91,6 +83,20 @@ class _Trial(NamedTuple):
     unit: FloatArray
     residual: FloatArray
     cost: float
+
+
+class _Slopes(NamedTuple):
+    """Jacobian (n, p) of the nuisance, its JᵀJ (p, p) where that moves, and the Jacobian (n, k) of the effects."""
+
+    jac: FloatArray
+    gram: FloatArray
+    effect: FloatArray
+
+    def missed(self, here: _Trial, there: _Trial) -> FloatArray:
+        """Right-hand side (p + k,) of the residual that the straight line did not foretell on the way ``there``."""
+        missed = there.residual - here.residual + self.jac @ (there.nuisance - here.nuisance)
+        missed += self.effect @ (there.unit - here.unit)
+        return np.concatenate([self.jac.T @ missed, self.effect.T @ missed])
 
 
 class _Objective:
@@ -125,6 +131,21 @@ class _Objective:
         # It diverged: a bad trial, from which no way leads on.
         return Evaluation(np.full(len(made.residual), DIVERGED), np.zeros_like(made.jacobian))
 
+    def begun(
+        self, c: FloatArray, u: FloatArray, jacobian: FloatArray | None, gram: FloatArray | None
+    ) -> tuple[_Trial, _Slopes]:
+        """The beginning of a fit, its Jacobian and that one's JᵀJ as given or, where there is none, made here."""
+        first = self.simulated(c, u, want_jacobian=jacobian is None)
+        here = _Trial(c, u, first.residual, self.cost(first.residual, c, u))
+        jac = first.jacobian if jacobian is None else jacobian
+        gram = self.gram_of(jac) if gram is None or jacobian is None else gram
+        return here, _Slopes(jac, gram, self.by_effect(here))
+
+    def renewed(self, here: _Trial, slopes: _Slopes) -> _Slopes:
+        """The nuisance's Jacobian made anew."""
+        jac = self.simulated(here.nuisance, here.unit, want_jacobian=True).jacobian
+        return slopes._replace(jac=jac, gram=self.gram_of(jac))
+
     def by_effect(self, here: _Trial) -> FloatArray:
         """The Jacobian (n, k) of the effects' parameters."""
         c, u, residual, _ = here
@@ -145,11 +166,9 @@ class _Objective:
         out[np.ix_(self.moves, self.moves)] = moving.T @ moving  # one array: half the work of a product of two
         return out
 
-    def normal_equations(
-        self, here: _Trial, jac: FloatArray, gram: FloatArray, effect: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def normal_equations(self, here: _Trial, slopes: _Slopes) -> tuple[FloatArray, FloatArray]:
         """Matrix (p + k, p + k) and right-hand side (p + k,) of a Gauss-Newton step."""
-        c, u, residual, _ = here
+        (c, u, residual, _), (jac, gram, effect) = here, slopes
         p = len(c)
         normal = bordered(gram, jac, effect)
         normal[np.arange(p), np.arange(p)] += self.precision
@@ -164,44 +183,36 @@ class _Objective:
                 gradient[p + k] -= 0.5 * (self.wider(moved) - noise) / share
         return normal, gradient
 
-    def descend(
-        self,
-        normal: FloatArray,
-        gradient: FloatArray,
-        here: _Trial,
-        jac: FloatArray,
-        effect: FloatArray,
-        damping: float,
-    ) -> tuple[FloatArray, _Trial | None, float]:
-        """A step (p + k,) that lowers the objective, its evaluation, and the damping it took; nothing after six
-        attempts, each damped more.
+    def descend(self, here: _Trial, slopes: _Slopes, damping: float) -> tuple[_Trial | None, float, float]:
+        """Where a step leads that lowers the objective, the gain that the straight line foretold, and the damping it
+        took; nowhere after six attempts, each damped more.
 
         Where the straight line foretold more than the step brings, the step is bent, too: along a narrow valley that
         turns, most of the way is in the bend (geodesic acceleration; Transtrum and Sethna 2012, arXiv:1201.5885, with
         the second derivative from the whole step).
         """
+        normal, gradient = self.normal_equations(here, slopes)
         p = len(here.nuisance)
         # Parameters at a bound that the step would leave stay there.
         fixed = np.append(~self.moves, np.zeros(self.size, bool))
         fixed[p:] = ((here.unit <= 0) & (gradient[p:] < 0)) | ((here.unit >= 1) & (gradient[p:] > 0))
         free = ~fixed
-        step = np.zeros(len(gradient))
+        step, foretold = np.zeros(len(gradient)), 0.0
         for _ in range(6):
             damped = normal[np.ix_(free, free)]
             damped[np.diag_indices_from(damped)] *= 1.0 + damping
             factor = factorise(damped)
             step[free] = sla.cho_solve(factor, gradient[free])
             trial = self.tried(here, step)
-            if here.cost - trial.cost < FORETOLD * float(2 * gradient @ step - step @ normal @ step):
-                moved = trial.nuisance - here.nuisance, trial.unit - here.unit
-                bent = trial.residual - here.residual + jac @ moved[0] + effect @ moved[1]
+            foretold = float(2 * gradient @ step - step @ normal @ step)
+            if here.cost - trial.cost < FORETOLD * foretold:
                 bend = np.zeros(len(gradient))
-                bend[free] = sla.cho_solve(factor, np.concatenate([jac.T @ bent, effect.T @ bent])[free])
+                bend[free] = sla.cho_solve(factor, slopes.missed(here, trial)[free])
                 trial = min(trial, self.tried(here, step + bend), key=attrgetter("cost"))
             if trial.cost < here.cost:
-                return step, trial, damping
+                return trial, foretold, damping
             damping = max(damping * 8.0, 1e-4)
-        return step, None, damping
+        return None, foretold, damping
 
     def tried(self, here: _Trial, step: FloatArray) -> _Trial:
         """Where a step (p + k,) leads, within the bounds of the effects' parameters."""
@@ -211,9 +222,10 @@ class _Objective:
         value = self.cost(residual, c, u)
         return _Trial(c, u, residual, value if np.isfinite(value) else np.inf)
 
-    def finished(self, here: _Trial, jac: FloatArray, gram: FloatArray, effect: FloatArray) -> Fit:
+    def finished(self, here: _Trial, slopes: _Slopes) -> Fit:
         """Curvature, evidence terms and covariance at the optimum."""
-        c, u, residual, _ = here
+        (c, u, residual, _), (jac, gram, effect) = here, slopes
+        gram = gram if self.moves.all() else jac.T @ jac
         belief = self.believed
         times = self.problem.noise_scale(split(self.hypothesis, u))
         normal = gram.copy()

@@ -64,7 +64,9 @@ class HeightBlock(FedBlock):
     name, channels = "height", ("apex_height",)
     open_law = True
     jobs = 1  # processes that share the fits of `start`
-    trust = 0.2  # of other tissue laws than ours some device effect can repair a part: 3 nats of 26 sound sessions
+    trust = (
+        0.2  # other tissue laws than ours leave what some device effect can repair: 5 nats in the worst of 26 sessions
+    )
     trust_simple = 0.25  # of a simple law, where the data prefer it
     PARTS: ClassVar[Mapping[str, Part]] = PARTS
     SIMPLE_LAWS: ClassVar[Sequence[SkinLaw]] = BASIC

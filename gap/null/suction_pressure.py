@@ -153,7 +153,7 @@ class PressureBlock(Block):
         """Let a regulator of another structure be a third width of the prior."""
         self.prior_scales, self.prior_sd = (*self.prior_scales, structure.width), structure.width
         self._begin, self.vent = structure.begin, structure.vent
-        if structure.vent == STAYS and structure.width[VALVE.start] > FROZEN:
+        if structure.keeps:
             self.row_noise.widen(np.flatnonzero(self._after_others()), IGNORED)
 
     @property

@@ -10,12 +10,14 @@ import numpy as np
 
 from gap.data.tolerances import Tolerance
 from gap.inference.evidence import Fit
+from gap.inference.hypothesis import FROZEN
 from gap.inference.least_squares import fit, under
 from gap.inference.problem import Problem
 from gap.null.suction_regulator import (
     DAMPING,
     FLOW,
     SPAN,
+    STAYS,
     TIME,
     UNKNOWN,
     VALVE,
@@ -63,6 +65,11 @@ class Structure(NamedTuple):
     width: FloatArray
     begin: FloatArray
     vent: Vent
+
+    @property
+    def keeps(self) -> bool:
+        """Whether an integral stays from one stretch of suction to the next."""
+        return self.vent == STAYS and bool(self.width[VALVE.start] > FROZEN)
 
 
 class Regulated(Problem, Protocol):

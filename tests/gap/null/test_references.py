@@ -152,9 +152,10 @@ def test_references_name_what_skin_alone_leaves_open(effect: str, values: dict[s
 
 
 @pytest.mark.slow
-def test_references_name_friction_of_the_rim() -> None:
-    """Skin alone does so, too, since its fits find their optimum."""
-    assert "rim_friction" in named(diagnose(suction("rim_friction", {"width": 3e-5}), quick=True))
+@pytest.mark.parametrize("references", [True, False])
+def test_friction_of_the_rim_is_named_on_skin_alone_as_well(references: bool) -> None:
+    session = suction("rim_friction", {"width": 3e-5}, references=references)
+    assert "rim_friction" in named(diagnose(session, quick=True))
 
 
 @pytest.mark.slow

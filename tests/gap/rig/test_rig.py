@@ -354,9 +354,11 @@ def test_every_recording_begins_in_a_state_of_its_own(recording) -> None:
     assert [p.name for p in loops.parameters if p.name.startswith("initial")] == [f"initial_{k}" for k in (1, 2, 3, 4)]
     null = fit(problem)
     begin = np.array([to_unit(p, p.default) for p in loops.parameters])
-    best = fit(problem, (loops,), begin, null.nuisance, 40)
+    first = fit(problem, (loops,), begin, null.nuisance, 40)
+    again = fit(problem, (loops,), first.unit - 0.1 * np.array([p.name == "initial_1" for p in loops.parameters]))
+    best = min(first, again, key=lambda f: f.chi2)  # two optima
     assert np.sqrt(np.mean(null.residual**2)) > 30
-    assert np.sqrt(np.mean(best.residual**2)) < 6  # of several optima, one a little better
+    assert np.sqrt(np.mean(best.residual**2)) < 4
     found = [v for n, v in loops.values(best.unit).items() if n.startswith("initial")]
     assert max(found) - min(found) > 1e-5  # of up to 5e-5 either way
     alike = {**loops.values(best.unit), **dict.fromkeys([f"initial_{k}" for k in (1, 2, 3, 4)], 0.0)}
