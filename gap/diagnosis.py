@@ -19,6 +19,7 @@ from gap.data.session import Session
 from gap.data.splits import splits, splits_of_a_rig
 from gap.data.tolerances import sampled, tolerances
 from gap.decision.earlier import Earlier, Skin, gains, known_skin, moved, skin_of, unlike
+from gap.decision.gaps import Shrink, gap_without_discrepancy
 from gap.decision.limits import beyond_the_fitted, bounds, confusable
 from gap.decision.marks import made_by
 from gap.decision.posterior import Posterior
@@ -28,7 +29,7 @@ from gap.decision.settle import Case, Settled, believed, settle
 from gap.decision.structure import regulator_unknown
 from gap.decision.thresholds import INSTRUMENT, RIG, Thresholds
 from gap.decision.tolerance import Stated
-from gap.decision.transfer import Shrink, gap_without_discrepancy, plain
+from gap.decision.transfer import plain
 from gap.decision.verdict import DOUBT, Verdict, in_doubt, undetectable
 from gap.effects.load import generic, library
 from gap.inference.evidence import Hypothesis

@@ -108,7 +108,8 @@ class Case:
 
     @property
     def false_alarm(self) -> bool:
-        """A device effect named with more than even odds; a missing report counts as one."""
+        """A device effect that leads a class of more than even odds; a missing report counts as one. That the class may
+        hold an effect of the tissue, too, does not help who reads the first name."""
         if self.report is None:
             return True
         if self.verdict in ("none", "unknown", "undetectable"):
@@ -136,7 +137,7 @@ class Case:
 
 
 def _device(cause: Cause) -> bool:
-    stages = [CONCEPTS[n].stage if n in CONCEPTS else "unlisted" for n in cause.names]
+    stages = [CONCEPTS[n].stage if n in CONCEPTS else "unlisted" for n in cause.effects]
     return bool(stages) and "tissue" not in stages
 
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gap.data.signatures import Signature
+from gap.decision.gaps import Shrink
 from gap.decision.marks import made_by
 from gap.decision.thresholds import Thresholds
-from gap.decision.transfer import Shrink
 from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import Candidate
 from gap.search.compare import Comparison, Weight

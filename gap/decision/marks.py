@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap.data.signatures import Signature
+from gap.decision.gaps import Shrink
 from gap.decision.thresholds import Thresholds
-from gap.decision.transfer import Shrink
 from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import Candidate
 from gap.inference.problem import Problem

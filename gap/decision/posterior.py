@@ -15,6 +15,7 @@ from scipy.special import softmax
 
 from gap.data.signatures import HUM, Signature
 from gap.decision.classes import Cause, Scored
+from gap.decision.gaps import gap_of, worst_gap
 from gap.decision.marks import at_marks, certain, explains_marks, made_by, wider_noise
 from gap.decision.priors import log_priors
 from gap.decision.thresholds import Thresholds
@@ -31,9 +32,9 @@ class Posterior:
 
     ``stages`` adds up the causes by stage. ``unexplained`` is the share of the excess χ² that the best explanation
     leaves; ``gap_before`` and ``gap_after`` are the gaps (rms in σ) without and with it, skin of another law allowed
-    for. ``foreign`` is how probable it is that something else acts where none of the library's effects does, ``acts``
-    that one of them does rather than nothing. ``temper`` divides each block's χ²; ``hum`` is a line in a channel's
-    noise.
+    for, ``gap_worst`` that of one block without it. ``foreign`` is how probable it is that something else acts where
+    none of the library's effects does, ``acts`` that one of them does rather than nothing. ``temper`` divides each
+    block's χ²; ``hum`` is a line in a channel's noise.
     """
 
     causes: tuple[Cause, ...]
@@ -43,6 +44,7 @@ class Posterior:
     unexplained: float
     gap_before: float
     gap_after: float
+    gap_worst: float
     foreign: float
     temper: Mapping[str, float]
     acts: float = 0.0
@@ -89,12 +91,6 @@ class Posterior:
         return replace(self, causes=(self.causes[0].led_by(leader), *self.causes[1:]))
 
 
-def gap_of(h: Hypothesis) -> float:
-    """rms of the whitened residual over all blocks: 1 at the noise floor."""
-    n = sum(len(f.residual) for f in h.fits.values())
-    return float(np.sqrt(sum(f.chi2 for f in h.fits.values()) / n))
-
-
 def misfit(unexplained: float, gap: float) -> float:
     """How surely the cause is none of the library's: from the share of the excess χ² that the best explanation leaves,
     and from how far above the noise the ``gap`` is that it leaves."""
@@ -139,7 +135,8 @@ def posterior(
     after = gap_of(causes[0].hypothesis) if causes else before
     left = min(max(after**2 - 1, 0.0) / max(before**2 - 1, 1e-9), 1.0)
     hum = any(s.effect == HUM for s in signatures)
-    strange = 1.0 if hum else foreign(before if gap is None else gap, t)
+    worst = worst_gap(comparison.null)
+    strange = 1.0 if hum else foreign(max(before if gap is None else gap, worst), t)
     lacking = _lacking(causes[0], left, after, t) if causes else 1.0
     known = acts * (1.0 - lacking)
     return Posterior(
@@ -150,6 +147,7 @@ def posterior(
         unexplained=left,
         gap_before=before,
         gap_after=after,
+        gap_worst=worst,
         foreign=strange,
         temper=temper,
         acts=acts,

@@ -12,22 +12,14 @@ import numpy as np
 from gap.data.signatures import Signature
 from gap.decision.chance import size_of_chance
 from gap.decision.classes import Cause, concept, without_skin
+from gap.decision.gaps import Shrink, gap_without_discrepancy, in_changed_blocks, in_each_block
 from gap.decision.marks import explains_marks
 from gap.decision.posterior import Posterior, posterior
 from gap.decision.qualified import Qualified
 from gap.decision.thresholds import Thresholds
 from gap.decision.tolerance import Stated, in_stated, in_tolerances, strained
 from gap.decision.tolerated import beside, told, tolerated
-from gap.decision.transfer import (
-    Carried,
-    Shrink,
-    best_elsewhere,
-    gap_without_discrepancy,
-    in_changed_blocks,
-    in_each_block,
-    plain,
-    transferred,
-)
+from gap.decision.transfer import Carried, best_elsewhere, plain, transferred
 from gap.decision.verdict import UNFINISHED, WITHIN, Findings, Verdict, decide
 from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import Candidate

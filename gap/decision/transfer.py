@@ -8,12 +8,12 @@ waveform it cannot.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gap.decision.gaps import Shrink, exact
 from gap.decision.partial import Masked, with_own_phases
 from gap.inference.evidence import Fit, GaussianPrior, Hypothesis
 from gap.inference.hypothesis import to_unit
@@ -22,28 +22,8 @@ from gap.inference.problem import Problem
 from gap.inference.workers import each
 from sim_devices.chain import FloatArray
 
-MEASURABLE = 1.05
-"""Gap below which what stands above the noise is of the size of the noise's own error: no share of it is told."""
 KNOWN = 1e10
 """Precision of an effect's parameters, in prior quantiles, that are as good as given."""
-
-
-@dataclass(frozen=True)
-class Shrink:
-    """rms of the whitened residual before and after, strained tolerances included as in `gap_without_discrepancy`;
-    ``value`` is (before − after)/(before − 1)."""
-
-    before: float
-    after: float
-
-    @property
-    def value(self) -> float | None:
-        return shrink(self.before, self.after)
-
-
-def shrink(before: float, after: float, floor: float = 1.0) -> float | None:
-    """(before − after)/(before − floor); None where next to nothing stands above the floor."""
-    return float((before - after) / (before - floor)) if before > floor * MEASURABLE else None
 
 
 def plain(problems: Mapping[str, Problem], h: Hypothesis, null: Hypothesis | None = None) -> Hypothesis:
@@ -77,26 +57,6 @@ def _switched_off(f: Fit) -> FloatArray:
     parameters = [p for e in f.hypothesis for p in e.parameters]
     off = [u if p.null is None else to_unit(p, p.null) for p, u in zip(parameters, f.unit.tolist(), strict=True)]
     return np.asarray(off)
-
-
-def gap_without_discrepancy(h: Hypothesis, blocks: Collection[str] | None = None) -> float:
-    """rms in σ of a plain hypothesis' residual in all or some ``blocks``, tolerances that are strained included: 1 at
-    the noise floor, which effects of chance widen."""
-    fits = [f for name, f in h.fits.items() if blocks is None or name in blocks]
-    n = sum(len(f.residual) for f in fits)
-    return float(np.sqrt(sum(f.chi2 + f.penalty for f in fits) / n))
-
-
-def in_changed_blocks(null: Hypothesis, answer: Hypothesis) -> Shrink:
-    """The plain gap before and after, in the blocks that an answer's effects change."""
-    touched = {b for e in answer.effects for b in e.blocks}
-    return Shrink(gap_without_discrepancy(null, touched), gap_without_discrepancy(answer, touched))
-
-
-def in_each_block(null: Hypothesis, answer: Hypothesis) -> dict[str, Shrink]:
-    """The same for every such block by itself."""
-    touched = sorted({b for e in answer.effects for b in e.blocks})
-    return {b: Shrink(gap_without_discrepancy(null, [b]), gap_without_discrepancy(answer, [b])) for b in touched}
 
 
 def best_elsewhere(held_out: Sequence[Mapping[str, Shrink]], margin: float) -> int:
@@ -133,7 +93,7 @@ def transferred(
     person's skin follows our law to another waveform is not the effect's doing.
     """
     outs = {(s, b): np.isin(p.rows.recording, list(out)) for s, out in withheld.items() for b, p in problems.items()}
-    outs = {key: out for key, out in outs.items() if out.any() and not out.all()}
+    outs = {key: out for key, out in outs.items() if out.any() and not out.all() and not exact(null.fits[key[1]])}
     square = {(id(null), *key): _left(null.fits[key[1]], out) for key, out in outs.items()}
     touched = [{b for e in answer.effects for b in e.blocks} for answer in answers]
     parts = [(h, s, b) for h, blocks in zip(answers, touched, strict=True) for s, b in outs if b in blocks]

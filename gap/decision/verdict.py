@@ -8,11 +8,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gap.decision.classes import Cause
+from gap.decision.gaps import Shrink
 from gap.decision.marks import explains_marks
 from gap.decision.posterior import Posterior, misfit
 from gap.decision.thresholds import Thresholds
 from gap.decision.tolerance import shortest, weakest
-from gap.decision.transfer import Shrink
 
 UNFINISHED, WITHIN, DOUBT = "unfinished pair", "within tolerance", "in doubt"
 """Names of rules that others ask for."""
@@ -72,7 +72,8 @@ class Findings:
         p = self.posterior
         if p.hum or p.gap_before > self.t.unusual_gap:
             return "unknown"
-        return "none" if p.gap_before <= self.t.quiet_gap and p.none >= self.t.sure_none else "undetectable"
+        quiet = max(p.gap_before, p.gap_worst) <= self.t.quiet_gap
+        return "none" if quiet and p.none >= self.t.sure_none else "undetectable"
 
     def unexplained(self) -> str:
         """The verdict where the best explanation leaves much: unknown, unless noise read too low may be all of it."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gap.data.signatures import HUM
 from gap.decision.classes import Cause
-from gap.decision.transfer import gap_without_discrepancy, shrink
+from gap.decision.gaps import gap_without_discrepancy, shrink
 from gap.decision.verdict import DOUBT, WITHIN
 from gap.diagnosis import Diagnosis
 from gap.report.breakdown import breakdown

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from gap.decision.gaps import Shrink
 from gap.decision.limits import beyond_the_fitted
-from gap.decision.transfer import Shrink
 from tests.gap.decision.waves import judge, weak_wave
 
 

@@ -10,11 +10,13 @@ from scipy.special import expit
 
 from gap.data.signatures import Signature
 from gap.data.tolerances import Tolerance
+from gap.decision.gaps import Shrink
 from gap.decision.limits import bounds, confusable
 from gap.decision.marks import explains_marks, made_by
 from gap.decision.posterior import posterior
 from gap.decision.thresholds import INSTRUMENT
-from gap.decision.transfer import Shrink, best_elsewhere, plain
+from gap.decision.transfer import best_elsewhere, plain
+from gap.decision.verdict import Findings
 from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import to_unit
 from gap.inference.least_squares import fit
@@ -373,3 +375,21 @@ def test_two_effects_earn_nothing_where_one_of_a_little_other_form_explains_more
     comparison = compare([linear(y, DESIGN, changes, np.full(2, 100.0))], known)
     assert {"play + repair", "hysteresis + fading"} <= {h.name for h in comparison.hypotheses}
     assert posterior(comparison, known, INSTRUMENT).causes[0].names == ("play",)
+
+
+def test_no_certainty_of_none_beside_a_small_block_that_nothing_explains(linear, candidate) -> None:
+    """A reference of few rows that is left unexplained is lost in the gap of all rows."""
+    comparison, known = weak_wave(linear, candidate, 0.0)
+    (_, fit_of_null), *_ = comparison.null.fits.items()
+    rows = 30
+    for size, said in ((1.0, "none"), (1.7, "undetectable")):
+        left = size * np.sign(np.sin(np.arange(rows)))
+        small = replace(
+            fit_of_null, residual=left, chi2=float(left @ left), jacobian=fit_of_null.jacobian[:rows],
+            effect_jacobian=fit_of_null.effect_jacobian[:rows],
+        )  # fmt: skip
+        null = Hypothesis((), {**comparison.null.fits, "reference": small})
+        found = posterior(replace(comparison, null=null), known, INSTRUMENT)
+        assert found.gap_before < INSTRUMENT.quiet_gap
+        assert Findings(found, INSTRUMENT).quiet() == said
+    assert found.foreign > 0.15

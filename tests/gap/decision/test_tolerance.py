@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from gap.data.tolerances import Tolerance
+from gap.decision.gaps import Shrink
 from gap.decision.posterior import posterior
 from gap.decision.thresholds import INSTRUMENT
 from gap.decision.tolerance import in_stated
-from gap.decision.transfer import Shrink
 from gap.decision.verdict import Findings, decide
 from gap.inference.hypothesis import Candidate
 from gap.search.compare import Effort, compare

@@ -11,11 +11,12 @@ import pytest
 from gap.data.signatures import HUM, MAINS, Signature
 from gap.data.tolerances import Tolerance, tolerances
 from gap.decision.classes import Cause, without_skin
+from gap.decision.gaps import Shrink
 from gap.decision.posterior import posterior
 from gap.decision.settle import Case, settle
 from gap.decision.thresholds import INSTRUMENT, RIG, Thresholds, provenance
 from gap.decision.tolerance import Stated, in_tolerances, weakest
-from gap.decision.transfer import Shrink, plain
+from gap.decision.transfer import plain
 from gap.decision.verdict import RULES, Findings, decide
 from gap.inference.evidence import Hypothesis
 from gap.search.compare import Comparison, compare

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from gap.decision.gaps import Shrink
 from gap.decision.posterior import posterior
 from gap.decision.thresholds import INSTRUMENT, Thresholds
-from gap.decision.transfer import Shrink
 from gap.decision.verdict import Findings, Verdict, decide
 from gap.search.compare import Comparison, compare
 from sim_devices.chain import Parameter

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from gap.decision.classes import Cause
+from gap.decision.gaps import Shrink
 from gap.decision.thresholds import INSTRUMENT
-from gap.decision.transfer import Shrink
 from gap.decision.verdict import Verdict
 from gap.inference.evidence import Hypothesis
 from gap.inference.least_squares import fit

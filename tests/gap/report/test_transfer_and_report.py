@@ -15,7 +15,8 @@ from scipy.signal import lsim
 from acquire.recording.model import Recording
 from gap.data.splits import splits, splits_of_a_rig
 from gap.data.waveform import waveform
-from gap.decision.transfer import Shrink, shrink, transferred
+from gap.decision.gaps import Shrink, shrink
+from gap.decision.transfer import transferred
 from gap.diagnosis import Diagnosis, diagnose
 from gap.inference.evidence import Hypothesis
 from gap.inference.least_squares import fit

@@ -1,0 +1,84 @@
+"""How large the gap is, in all data or in some, and how far it shrinks.
+
+A gap is the rms of whitened residuals, in σ: 1 at the noise floor. Rows that hold no noise of their own do not count:
+a micro-robot's probe position and force are computed from its other channels, which have that noise already, and half
+of all rows at 0 would halve any gap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from gap.inference.evidence import Fit, Hypothesis
+
+MEASURABLE = 1.05
+"""Gap below which what stands above the noise is of the size of the noise's own error: no share of it is told."""
+EXACT = 0.25
+"""χ² a row below which a block is arithmetic, where any noise leaves about 1."""
+SURE = 2.0
+"""Standard deviations of χ² that are allowed for, before one block's gap is more than its few rows' chance."""
+
+
+@dataclass(frozen=True)
+class Shrink:
+    """Gaps before and after, strained tolerances included as in `gap_without_discrepancy`; ``value`` is
+    (before − after)/(before − 1)."""
+
+    before: float
+    after: float
+
+    @property
+    def value(self) -> float | None:
+        return shrink(self.before, self.after)
+
+
+def shrink(before: float, after: float, floor: float = 1.0) -> float | None:
+    """(before − after)/(before − floor); None where next to nothing stands above the floor."""
+    return float((before - after) / (before - floor)) if before > floor * MEASURABLE else None
+
+
+def exact(fit: Fit) -> bool:
+    """Whether a block holds no noise of its own, as its χ² says."""
+    return fit.chi2 < EXACT * len(fit.residual)
+
+
+def counted(fits: Iterable[Fit]) -> list[Fit]:
+    """Those that hold noise; all of them where none does."""
+    every = list(fits)
+    return [f for f in every if not exact(f)] or every
+
+
+def gap_of(h: Hypothesis) -> float:
+    """The gap of a hypothesis, skin of another law allowed for."""
+    fits = counted(h.fits.values())
+    return float(np.sqrt(sum(f.chi2 for f in fits) / sum(len(f.residual) for f in fits)))
+
+
+def gap_without_discrepancy(h: Hypothesis, blocks: Collection[str] | None = None) -> float:
+    """The gap of a plain hypothesis in all or some ``blocks``, tolerances that are strained included; effects of chance
+    widen the noise."""
+    fits = counted(f for name, f in h.fits.items() if blocks is None or name in blocks)
+    return float(np.sqrt(sum(f.chi2 + f.penalty for f in fits) / sum(len(f.residual) for f in fits)))
+
+
+def worst_gap(h: Hypothesis) -> float:
+    """The largest gap of one block, skin of another law allowed for, less the chance of its number of rows: what a
+    small block leaves is lost in the gap of all."""
+    rows = {name: len(f.residual) for name, f in h.fits.items()}
+    least = [f.chi2 / rows[name] * (1.0 - SURE * np.sqrt(2.0 / rows[name])) for name, f in h.fits.items()]
+    return float(np.sqrt(max(0.0, *least)))
+
+
+def in_changed_blocks(null: Hypothesis, answer: Hypothesis) -> Shrink:
+    """The plain gap before and after, in the blocks that an answer's effects change."""
+    touched = {b for e in answer.effects for b in e.blocks}
+    return Shrink(gap_without_discrepancy(null, touched), gap_without_discrepancy(answer, touched))
+
+
+def in_each_block(null: Hypothesis, answer: Hypothesis) -> dict[str, Shrink]:
+    """The same for every such block by itself."""
+    touched = sorted({b for e in answer.effects for b in e.blocks})
+    return {b: Shrink(gap_without_discrepancy(null, [b]), gap_without_discrepancy(answer, [b])) for b in touched}

@@ -1,0 +1,48 @@
+"""The gap: rows without noise do not count, and a small block's is not lost in that of all."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gap.decision.gaps import gap_of, gap_without_discrepancy, shrink, worst_gap
+from gap.inference.evidence import Fit, Hypothesis
+from tests.gap.decision.waves import weak_wave
+
+
+@pytest.fixture
+def of_residuals(linear, candidate):
+    """A hypothesis whose blocks leave given residuals."""
+    like = next(iter(weak_wave(linear, candidate, 0.0)[0].null.fits.values()))
+
+    def made(**left: np.ndarray) -> Hypothesis:
+        def fit(r: np.ndarray) -> Fit:
+            return replace(like, residual=r, chi2=float(r @ r), penalty=0.0)
+
+        return Hypothesis((), {name: fit(r) for name, r in left.items()})
+
+    return made
+
+
+def test_rows_without_noise_do_not_dilute_a_gap(of_residuals) -> None:
+    noise, arithmetic = np.full(100, 1.5), np.full(100, 1e-3)
+    assert gap_of(of_residuals(force=noise, matrix=arithmetic)) == pytest.approx(1.5)
+    assert gap_without_discrepancy(of_residuals(force=noise, matrix=arithmetic)) == pytest.approx(1.5)
+    assert gap_of(of_residuals(matrix=arithmetic)) == pytest.approx(1e-3)
+
+
+def test_arithmetic_that_is_wrong_counts(of_residuals) -> None:
+    assert gap_of(of_residuals(force=np.ones(100), matrix=np.full(100, 7.0))) == pytest.approx(5.0)
+
+
+def test_the_worst_block_is_larger_than_its_rows_chance(of_residuals) -> None:
+    many, few = np.ones(2000), np.full(50, 1.1)
+    assert worst_gap(of_residuals(height=many, reference=few)) < 1.0
+    assert worst_gap(of_residuals(height=many, reference=3.0 * few)) > 2.0
+
+
+def test_next_to_nothing_above_the_floor_has_no_share() -> None:
+    assert shrink(1.04, 1.0) is None
+    assert shrink(3.0, 2.0) == pytest.approx(0.5)
