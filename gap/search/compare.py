@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from operator import attrgetter
 
 import numpy as np
@@ -22,9 +21,9 @@ from gap.inference.least_squares import fit, under
 from gap.inference.linear import Projector
 from gap.inference.problem import Problem
 from gap.inference.workers import each
-from gap.search.edges import sharpened
+from gap.search.refits import promise, refit
 from gap.search.restarts import begun_anew, leaves_much
-from gap.search.screening import Screened, as_if_known, as_open, from_sound, screen, strains
+from gap.search.screening import Screened, as_if_known, from_sound, screen
 from sim_devices.chain import FloatArray
 
 ALIKE = 0.85
@@ -103,58 +102,6 @@ def mean_correlation(residual: FloatArray, recording: np.ndarray) -> float:
     runs = [residual[recording == r] for r in np.unique(recording)]
     times = [correlation_time(run) for run in runs]
     return max(float(np.mean(times)), long_run_share(runs)) if times else 1.0
-
-
-def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) -> tuple[dict[str, Fit], int]:
-    """Fits of ``base`` and one effect more, everything refitted jointly, in the blocks that the effect touches; and the
-    number of simulations.
-
-    A few steps from each of the best screening points, and from where the tissue alone would go with the effect, also
-    as if its law were known; then the best to convergence, under the most probable width of the prior.
-    """
-    candidate = screened.candidate
-    fits: dict[str, Fit] = {}
-    simulations = 0
-    known: Fit | None = None
-    for block in screened.starts:
-        problem, before = problems[block], base.fits[block]
-        hypothesis = (*before.hypothesis, candidate)
-        # An effect is the same in every block: the fit of one is the next one's start.
-        belief = before.belief.joined(len(candidate.parameters), known)
-        starts = screened.starts[block] if known is None else (belief.mean[len(before.unit) :],)
-        from_base = partial(fit, jacobian=before.jacobian, gram=before.gram, belief=belief)
-        tries = []
-        for unit in starts:
-            start = np.concatenate([before.unit, unit])
-            width = as_open(screened.widths[block], before)
-            here = under(problem, before.prior_mean, width)
-            tries.append(from_base(here, hypothesis, start, before.nuisance, 5))
-            if problem.sound is not None and strains(problem, before):  # tolerances that took the effect on
-                tries.append(fit(here, hypothesis, start, problem.sound, 5, belief=belief))
-            if len(tries) == 1 and (moved := problem.warm_start(hypothesis, start)) is not None:
-                for sd in (moved.sd,) if width is moved.sd else (width, moved.sd):
-                    there, near = under(problem, moved.mean, sd), moved.jacobian if sd is moved.sd else None
-                    tries.append(fit(there, hypothesis, moved.unit, moved.nuisance, 5, jacobian=near, belief=belief))
-        best = max(tries, key=lambda f: _promise(f, problem))
-        if screened.sure:  # where the data show it to be, once more: on the way to the right skin it may have left
-            there = under(problem, best.prior_mean, best.prior_sd)
-            unit = np.concatenate([before.unit, starts[0]])
-            tries.append(fit(there, hypothesis, unit, best.nuisance, 10, belief=belief))
-            best = max(tries, key=lambda f: _promise(f, problem))
-        final = under(problem, best.prior_mean, best.best_prior(problem.prior_scales))
-        known = fit(final, hypothesis, best.unit, best.nuisance, belief=belief)
-        if _promise(known, problem) < _promise(best, problem):  # begun where another law had put the skin, and lost
-            simulations += known.simulations
-            final = under(problem, best.prior_mean, best.prior_sd)
-            known = fit(final, hypothesis, best.unit, best.nuisance, belief=belief)
-        known = fits[block] = sharpened(final, known)
-        simulations += sum(f.simulations for f in tries) + known.simulations
-    return fits, simulations
-
-
-def _promise(fitted: Fit, problem: Problem) -> float:
-    """log evidence of a fit as far as the noise is believed wholly, over all widths of the prior."""
-    return fitted.log_evidence(1.0, problem.prior_scales)
 
 
 def _refit_all(comparison: Comparison, parts: Sequence[tuple[Hypothesis, Screened]], jobs: int) -> None:
@@ -237,13 +184,13 @@ def _finish_null(comparison: Comparison) -> None:
         null = comparison.null.fits[block]
         others = [h.fits[block] for h in comparison.hypotheses if h.fits[block] is not null]
         nearest = [min(others, key=by) for by in (attrgetter("chi2"), attrgetter("objective")) if others]
-        likely = [max(others, key=lambda f: _promise(f, problem))] if others else []
+        likely = [max(others, key=lambda f: promise(f, problem))] if others else []
         tries = [(problem, start) for start in (null, *nearest)]
         tries += [(under(problem, start.prior_mean, start.prior_sd), start) for start in (*nearest, *likely)]
         for looked, start in tries:
             again = fit(looked, nuisance=start.nuisance, iterations=40, tolerance=1e-5)
             comparison.simulations += again.simulations
-            if _promise(again, problem) > _promise(comparison.null.fits[block], problem):
+            if promise(again, problem) > promise(comparison.null.fits[block], problem):
                 comparison.null.fits[block] = again
     for h in comparison.hypotheses:
         touched = {b for e in h.effects for b in e.blocks}
@@ -356,7 +303,7 @@ def _begin_anew(comparison: Comparison, most: int, jobs: int) -> None:
 
 def _earned(fits: Mapping[str, Fit], problems: Mapping[str, Problem]) -> float:
     """log evidence of fits, a block each, as far as the noise is believed wholly."""
-    return sum(_promise(f, problems[b]) for b, f in fits.items())
+    return sum(promise(f, problems[b]) for b, f in fits.items())
 
 
 def _pairs(comparison: Comparison, candidates: Sequence[Candidate], effort: Effort, jobs: int) -> None:

@@ -16,16 +16,18 @@ from typing import cast
 import numpy as np
 from scipy.special import gammaln
 
+from gap.decision.gaps import Shrink, gap_without_discrepancy, in_changed_blocks
 from gap.decision.settle import Case
 from gap.decision.thresholds import Thresholds
-from gap.decision.transfer import Shrink, gap_without_discrepancy, in_changed_blocks, plain, transferred
+from gap.decision.transfer import plain, transferred
 from gap.inference.evidence import Fit, Hypothesis
 from gap.inference.hypothesis import Active
 from gap.inference.linear import Projector
 from gap.inference.problem import Problem
 from gap.null.blocks import Block
 from gap.rig.problem import RigProblem
-from gap.search.compare import LEAST_TEMPER, mean_correlation, refit
+from gap.search.compare import LEAST_TEMPER, mean_correlation
+from gap.search.refits import refit
 from gap.search.screening import STRAIN_EACH, Screened
 from gap.terms.dictionary import INSTRUMENTS, Choice, choices
 from gap.terms.term import Term, as_effect, as_generic, candidate_of

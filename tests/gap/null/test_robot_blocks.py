@@ -22,7 +22,7 @@ from gap.null.robot_force import AT_NOISE, ForceBlock
 from gap.null.robot_loop import CONTROLLERS
 from gap.null.sheet_discrepancy import gradients, lagged, played, sheet_discrepancy
 from gap.null.sheet_law import FURTHER, SPECTRUM, Law
-from gap.search.compare import refit
+from gap.search.refits import refit
 from gap.search.screening import Screened
 from sim_devices.chain import FloatArray
 from sim_devices.stages import nominal

@@ -9,7 +9,8 @@ import numpy as np
 from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import Active, Candidate, Evaluation
 from gap.inference.least_squares import fit, under
-from gap.search.compare import Comparison, _finish_null, refit
+from gap.search.compare import Comparison, _finish_null
+from gap.search.refits import refit
 from gap.search.screening import Screened
 from tests.gap.conftest import LinearProblem
 

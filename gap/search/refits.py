@@ -1,0 +1,107 @@
+"""Fits of one effect more: everything refitted jointly, block after block, with one strength in all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from gap.inference.evidence import Fit, Hypothesis
+from gap.inference.hypothesis import Candidate
+from gap.inference.least_squares import fit, under
+from gap.inference.problem import Problem
+from gap.search.edges import sharpened
+from gap.search.screening import Screened, as_open, strains
+
+APART = 3.0
+"""Standard deviations, as one block's fit is believed in the next, between strengths that are not the same."""
+
+
+def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) -> tuple[dict[str, Fit], int]:
+    """Fits of ``base`` and one effect more in the blocks that the effect touches, and the number of simulations.
+
+    An effect is the same in every block, and what one says of it the next one believes. A normal belief about a
+    strength that is hardly there bounds it to no side, where strengths are logarithms: where a later block then tells
+    another strength, and more surely, it goes first.
+    """
+    order = tuple(screened.starts)
+    fits, simulations = _in_turn(problems, base, screened, order)
+    surest = _surest(fits, screened.candidate)
+    if surest != order[0] and _apart(fits, surest, screened.candidate):
+        fits, more = _in_turn(problems, base, screened, (surest, *(b for b in order if b != surest)))
+        simulations += more
+    return {b: fits[b] for b in order}, simulations
+
+
+def _surest(fits: dict[str, Fit], candidate: Candidate) -> str:
+    """The block whose fit tells the effect best."""
+    size = len(candidate.parameters)
+    return min(fits, key=lambda b: float(np.trace(fits[b].covariance[-size:, -size:]))) if size else next(iter(fits))
+
+
+def _apart(fits: dict[str, Fit], surest: str, candidate: Candidate) -> bool:
+    """Whether another block's fit has another strength, on a scale that ends at none, than the ``surest`` one's."""
+    size = len(candidate.parameters)
+    own, sd = fits[surest].unit[-size:], 2.0 * np.sqrt(np.diag(fits[surest].covariance)[-size:])
+    ends = np.array([p.null is not None and p.scale == "log" for p in candidate.parameters])
+    return any(bool(np.any(ends & (np.abs(f.unit[-size:] - own) > APART * sd))) for f in fits.values())
+
+
+def _in_turn(
+    problems: dict[str, Problem], base: Hypothesis, screened: Screened, order: Sequence[str]
+) -> tuple[dict[str, Fit], int]:
+    """The same, block after block in ``order``."""
+    fits: dict[str, Fit] = {}
+    simulations = 0
+    known: Fit | None = None
+    for block in order:
+        known, n = _refitted(problems[block], base.fits[block], screened, block, known)
+        fits[block] = known
+        simulations += n
+    return fits, simulations
+
+
+def _refitted(problem: Problem, before: Fit, screened: Screened, block: str, known: Fit | None) -> tuple[Fit, int]:
+    """The fit of one block, which believes the one that is ``known`` of another; and the number of simulations.
+
+    A few steps from each of the best screening points, and from where the tissue alone would go with the effect, also
+    as if its law were known; then the best to convergence, under the most probable width of the prior.
+    """
+    candidate = screened.candidate
+    hypothesis = (*before.hypothesis, candidate)
+    belief = before.belief.joined(len(candidate.parameters), known)
+    starts = screened.starts[block] if known is None else (belief.mean[len(before.unit) :],)
+    from_base = partial(fit, jacobian=before.jacobian, gram=before.gram, belief=belief)
+    tries = []
+    for unit in starts:
+        start = np.concatenate([before.unit, unit])
+        width = as_open(screened.widths[block], before)
+        here = under(problem, before.prior_mean, width)
+        tries.append(from_base(here, hypothesis, start, before.nuisance, 5))
+        if problem.sound is not None and strains(problem, before):  # tolerances that took the effect on
+            tries.append(fit(here, hypothesis, start, problem.sound, 5, belief=belief))
+        if len(tries) == 1 and (moved := problem.warm_start(hypothesis, start)) is not None:
+            for sd in (moved.sd,) if width is moved.sd else (width, moved.sd):
+                there, near = under(problem, moved.mean, sd), moved.jacobian if sd is moved.sd else None
+                tries.append(fit(there, hypothesis, moved.unit, moved.nuisance, 5, jacobian=near, belief=belief))
+    best = max(tries, key=lambda f: promise(f, problem))
+    if screened.sure:  # where the data show it to be, once more: on the way to the right skin it may have left
+        there = under(problem, best.prior_mean, best.prior_sd)
+        unit = np.concatenate([before.unit, starts[0]])
+        tries.append(fit(there, hypothesis, unit, best.nuisance, 10, belief=belief))
+        best = max(tries, key=lambda f: promise(f, problem))
+    simulations = sum(f.simulations for f in tries)
+    final = under(problem, best.prior_mean, best.best_prior(problem.prior_scales))
+    found = fit(final, hypothesis, best.unit, best.nuisance, belief=belief)
+    if promise(found, problem) < promise(best, problem):  # begun where another law had put the skin, and lost
+        simulations += found.simulations
+        final = under(problem, best.prior_mean, best.prior_sd)
+        found = fit(final, hypothesis, best.unit, best.nuisance, belief=belief)
+    found = sharpened(final, found)
+    return found, simulations + found.simulations
+
+
+def promise(fitted: Fit, problem: Problem) -> float:
+    """log evidence of a fit as far as the noise is believed wholly, over all widths of the prior."""
+    return fitted.log_evidence(1.0, problem.prior_scales)
