@@ -82,11 +82,12 @@ def command(time: FloatArray, value: FloatArray) -> Command:
 
 def stepped(time: FloatArray, value: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The table with every jump between two rows of a dense, even one as a step at the later: it is a command that was
-    sampled, and that is when it came. Where a row was sampled on the way of a step, it came in two."""
+    sampled, and that is when it came. Where a row was sampled on the way of a step, it came in two. A table that writes
+    a step as two rows of one time says itself where its steps are."""
     span = float(np.ptp(value)) if len(value) else 0.0
-    if len(time) < DENSE or span == 0:
-        return time, value
     dt, change = np.diff(time), np.diff(value)
+    if len(time) < DENSE or span == 0 or np.any((dt <= 0.0) & (change != 0.0)):
+        return time, value
     usual = float(np.median(dt))
     even = (np.abs(dt - usual) <= EVEN * usual + ROUNDED) & (dt > 0.5 * usual)
     if np.mean(even) < MOSTLY:
@@ -114,6 +115,20 @@ def _in_two(change: FloatArray, least: float) -> NDArray[np.bool_]:
     uneven = np.abs(change[:-1] - 0.5 * total) > HALF_WAY * np.abs(total)
     pair = one_way & uneven & (parts > RESTS * beyond) & (beyond < AT_REST * np.abs(total))
     return np.asarray(np.r_[pair, False] | np.r_[False, pair])
+
+
+def in_whole_steps(time: FloatArray, value: FloatArray, step: float) -> tuple[FloatArray, FloatArray]:
+    """The table with levels that are held at whole ``step``s, as by a regulator of this resolution. A ramp goes through
+    them all, in its mean straight."""
+    held = (np.diff(value) == 0.0) & (np.diff(time) > 0.0)
+    level = np.round(value / step) * step
+    starts, ends = np.r_[held, False], np.r_[False, held]
+    here = np.where(starts | ends, level, value)
+    # A ramp ends where it was sent to, and the level begins a little beside.
+    meets = np.flatnonzero((starts != ends) & (level != value) & (np.diff(time, prepend=-np.inf) > 0.0))
+    at = meets[(meets > 0) & (meets < len(time) - 1)]
+    extra = at + ends[at].astype(int)
+    return np.insert(time, extra, time[at]), np.insert(here, extra, value[at])
 
 
 def needed_rows(time: FloatArray, value: FloatArray, tolerance: float) -> NDArray[np.bool_]:

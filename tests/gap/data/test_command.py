@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gap.data.command import COLLINEAR, command
+from gap.data.command import COLLINEAR, command, in_whole_steps
 
 ROWS = np.arange(0.0, 60.0, 0.02)
 
@@ -44,6 +44,27 @@ def test_a_jump_between_two_rows_is_a_step_at_the_later() -> None:
     jumps = np.flatnonzero(np.diff(c.time) == 0)
     assert c.time[jumps] == pytest.approx([2.02, 10.0])
     assert set(c.time[jumps]) <= set(c.kinks)
+
+
+def test_a_table_that_writes_its_steps_is_straight_between_other_rows() -> None:
+    """Break points before a sampled sine, each step of them as two rows of one time: the way from the last of them to
+    the sine's first row was taken for a step, 40 ms early."""
+    rows = np.arange(5.04, 25.0, 0.04)
+    time = np.concatenate([[0.0, 2.0, 2.0, 5.0], rows])
+    c = command(time, np.concatenate([[0.0, 0.0, -20.0, -20.0], -35.0 - 5.0 * np.sin(rows)]))
+    assert c.time[np.flatnonzero(np.diff(c.time) == 0)] == pytest.approx([2.0])
+    assert np.interp(5.02, c.time, c.value) == pytest.approx(0.5 * (-20.0 - 35.0 - 5.0 * np.sin(5.04)))
+
+
+def test_levels_are_held_at_whole_steps_and_ramps_go_through_them() -> None:
+    time = np.array([0.0, 1.0, 1.0, 3.0, 5.0, 6.0, 8.0, 8.0, 9.0])
+    value = np.array([0.0, 0.0, 10.4, 10.4, 20.3, 20.3, 5.7, 0.0, 0.0])
+    t, v = in_whole_steps(time, value, 1.0)
+    for at, level in ((0.5, 0.0), (2.0, 10.0), (4.0, 0.5 * (10.4 + 20.3)), (5.5, 20.0), (7.0, 0.5 * (20.3 + 5.7))):
+        assert np.interp(at, t, v) == pytest.approx(level)
+    again = in_whole_steps(time, np.round(value), 1.0)
+    assert np.array_equal(again[0], time)
+    assert np.array_equal(again[1], np.round(value))
 
 
 def test_a_command_may_be_on_its_way_when_it_steps() -> None:
