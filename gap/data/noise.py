@@ -175,19 +175,26 @@ def long_run_share(runs: Sequence[FloatArray]) -> float:
     return most
 
 
-def denoised(time: FloatArray, remainder: FloatArray, width: float = 0.25) -> FloatArray:
+SMOOTH = 0.25
+"""s over which what a record has beyond its fitted actuator is smoothed."""
+
+
+def smoothed_error(sigma: float, dt: float, width: float = SMOOTH) -> float:
+    """Standard error that white noise of ``sigma``, every ``dt`` s, leaves in a Gaussian mean over ``width`` s."""
+    return float(sigma / np.sqrt(2.0 * np.sqrt(np.pi) * max(width / dt, 1.0)))
+
+
+def denoised(time: FloatArray, remainder: FloatArray, width: float = SMOOTH, shrunk: float = 3.0) -> FloatArray:
     """The part of a record beyond its fitted actuator, (n,), without the sensor's noise: smoothed over ``width`` s and
-    shrunk by three standard errors; over a few samples only where it moves quickly.
+    ``shrunk`` by so many standard errors; over a few samples only where it moves quickly.
 
     Raw noise, fed to a tissue, imitates friction and preload; what is left of it at rest, where skin is softest, a
     leaning probe.
     """
     dt = float(np.median(np.diff(time)))
     sigma = high_band_sigma(remainder)
-    samples = max(width / dt, 1.0)
-    wide = gaussian_filter1d(remainder, samples, mode="nearest")
-    standard_error = sigma / np.sqrt(2.0 * np.sqrt(np.pi) * samples)
-    wide = np.sign(wide) * np.maximum(np.abs(wide) - 3.0 * standard_error, 0.0)
+    wide = gaussian_filter1d(remainder, max(width / dt, 1.0), mode="nearest")
+    wide = np.sign(wide) * np.maximum(np.abs(wide) - shrunk * smoothed_error(sigma, dt, width), 0.0)
     narrow = gaussian_filter1d(remainder, 1.0, mode="nearest")
     moving = gaussian_filter1d((np.abs(narrow - wide) > 2.5 * sigma).astype(float), 3.0, mode="nearest")
     trust = np.clip(4.0 * moving - 0.4, 0.0, 1.0)

@@ -48,7 +48,7 @@ UNDOINGS = 2
 
 
 def undone(made: Callable[[FloatArray], FloatArray], read: FloatArray) -> FloatArray:
-    """The true signals (k, n) where the sensors, which ``made`` readings of them, ``read`` these.
+    """The true signals, (n,) or (k, n), where the sensors, which ``made`` readings of them, ``read`` these.
 
     Small errors go step by step; of an exchange of channels, or a sign, twice is nothing.
     """

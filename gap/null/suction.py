@@ -34,12 +34,12 @@ def suction_problems(
         raise ValueError(f"recording {missing[0]} has no set-points of pressure: its command is not known")
     session = GroupedSession(recordings, ("pressure",))
     blocks: list[Block] = []
-    pressure = None
-    if any("pressure" in r.streams for r in recordings):
-        pressure = PressureBlock(session, effects, unknown_regulator)
+    gauges = [c for c in ("pressure", "pressure_reference") if any(c in r.streams for r in recordings)]
+    pressure = PressureBlock(session, effects, unknown_regulator, gauges[0]) if gauges else None
+    if pressure is not None:
         blocks.append(pressure)
-    if any("pressure_reference" in r.streams for r in recordings):
-        blocks.append(ManometerBlock(session, effects, unknown_regulator, pressure))
+    if len(gauges) > 1:
+        blocks.append(ManometerBlock(session, effects, pressure))
     shown = {g.reference for g in session.groups for k in g.members if "apex_height" in recordings[k].streams}
     if True in shown:  # ahead of the skin: the fit of an effect on a reference goes on to it
         blocks.append(ReferenceBlock(session, effects, pressure))

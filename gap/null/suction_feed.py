@@ -11,38 +11,44 @@ import numpy as np
 from gap.data.noise import denoised
 from gap.inference.hypothesis import Active
 from gap.null.blocks import Block, Group, GroupedSession, Table
-from gap.null.chains import Kept, needed
+from gap.null.chains import Kept, needed, run, undone
 from gap.null.suction_pressure import NO_TISSUE, PressureBlock, chain_of, commanded_line, sound_chain
 from sim_devices.chain import Chain, Effect, FloatArray
+from sim_devices.stages.operators import Map, Noise, Pass
 from sim_devices.stages.sampling import simulate
 
 
 class FedPressure:
     """Recorded pressures of a session as inputs of the skin; ``pressure`` is the fitted block of the gauge, where its
-    channel was recorded."""
+    channel was recorded; what it did not foretell is ``shrunk`` by so many standard errors."""
 
-    def __init__(self, session: GroupedSession, pressure: PressureBlock | None) -> None:
-        self.session, self._pressure = session, pressure
+    def __init__(self, session: GroupedSession, pressure: PressureBlock | None, shrunk: float) -> None:
+        self.session, self._pressure, self._shrunk = session, pressure, shrunk
         self._before = Kept(8)
 
     def smoothed(self, group: Group) -> Table:
-        """Recorded pressure of a group as a table, without its gauge noise; the command where none was recorded."""
+        """Recorded pressure of a group as a table, without its gauge noise; where none was recorded, what the regulator
+        as fitted elsewhere makes of the command, or that itself."""
         recorded = self.session.recorded("pressure", group)
         if not recorded:
-            return group.tables()["pressure"]
+            return group.tables()["pressure"] if self._pressure is None else self._made(group, self._pressure)
         time, value = recorded["pressure"]
         if self._pressure is None:
-            fine, base = commanded_line(
-                chain_of(self.session, group, NO_TISSUE, command_step=0.0), group, time, np.zeros_like
-            )
+            chain, kinks = chain_of(self.session, group, NO_TISSUE, command_step=0.0), group.commands["pressure"].kinks
+            fine, base = commanded_line(chain, group.tables(), kinks, time, np.zeros_like)
         else:
             (fine, base), value = self._pressure.line(group, time), self._pressure.true(value)
-        remainder = denoised(time, value - np.interp(time, fine, base))
+        remainder = denoised(time, value - np.interp(time, fine, base), shrunk=self._shrunk)
         return fine, base + np.interp(fine, time, remainder)
+
+    def _made(self, group: Group, pressure: PressureBlock) -> Table:
+        """The pressure that the regulator, as fitted elsewhere, makes of a group's command."""
+        spans = [self.session.span(k) for k in group.members]
+        return pressure.line(group, np.concatenate([np.arange(*s, pressure.dt) for s in spans]))
 
     def beside(self, chain: Chain, group: Group, active: Active, line: Table) -> Table:
         """The true pressure, where ``line`` is the recorded one: as it is for an actuator's effect, less the gauge's
-        error for its own."""
+        error for its own: of one with a memory the error that a nominal regulator would meet."""
         wanted = ("line_pressure", "pressure")
         sound = sound_chain(self.session.instrument, self.session.marks)
         if all(c.stage == "tissue" for c in active):
@@ -52,9 +58,15 @@ class FedPressure:
         if needed(chain, wanted[1:], known) == needed(sound, wanted[1:], known):
             return line
         partial = replace(chain, operators=needed(chain, wanted, height))
+        gauge = needed(chain, wanted[1:], known)
         time, pressure = line
 
         def corrected() -> Table:
+            if all(
+                isinstance(op, Map | Pass | Noise) for op in gauge
+            ):  # what it reads follows from the pressure at once
+                beside = {name: np.interp(time, *table) for name, table in height.items()}
+                return time, undone(lambda true: run(gauge, time, {wanted[0]: true, **beside})["pressure"], pressure)
             made = simulate(partial, group.tables(), dict.fromkeys(wanted, time), height)
             return time, pressure + (made["line_pressure"] - made["pressure"])
 
@@ -65,6 +77,8 @@ class FedPressure:
 class FedBlock(Block):
     """A block whose chain is fed the recorded pressure; commands are placed on the record's clock."""
 
+    shrunk = 3.0  # standard errors: skin at rest is soft
+
     def __init__(
         self,
         session: GroupedSession,
@@ -74,7 +88,7 @@ class FedBlock(Block):
     ) -> None:
         super().__init__(session, library, without)
         self._pressure = pressure
-        self._fed = FedPressure(session, pressure)
+        self._fed = FedPressure(session, pressure, self.shrunk)
         self._line = [self._fed.smoothed(g) for g, _ in self.groups]
 
     def with_effects(self, chain: Chain, active: Active, group: Group) -> Chain:

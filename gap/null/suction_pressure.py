@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gap.data.command import in_whole_steps
+from gap.data.innovations import RowNoise
 from gap.data.polled import Ripple, ripple_of
 from gap.data.tolerances import Tolerance
 from gap.inference.evidence import Fit
 from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Lateness, Start
 from gap.inference.least_squares import fit, under
 from gap.null.blocks import Block, Group, GroupedSession, Table
-from gap.null.chains import needed
+from gap.null.chains import Kept, needed
 from gap.null.suction_regulator import (
     CLOCK,
     EMPTIES,
@@ -26,6 +29,7 @@ from gap.null.suction_regulator import (
     UNKNOWN,
     VALVE,
     VENTED,
+    Vent,
     prior_widths,
     quantities,
     regulated,
@@ -35,7 +39,7 @@ from gap.null.suction_structures import NOISY, WORTH, Structure, other_structure
 from sim_devices.chain import Chain, Effect, FloatArray
 from sim_devices.stages import nominal
 from sim_devices.stages.sampling import REFINEMENT, simulate
-from sim_devices.stages.suction import tissue_operators
+from sim_devices.stages.suction import COMMAND_STEP, tissue_operators
 from sim_devices.stages.tissues import SuctionTissue, suction_tissue
 
 TOGETHER, RESPONSE = 5e-3, 0.8
@@ -78,15 +82,21 @@ def _specimen(name: str) -> SuctionTissue:
         return suction_tissue("silicone")
 
 
-def commanded_line(chain: Chain, group: Group, time: FloatArray, early: Callable[[FloatArray], FloatArray]) -> Table:
-    """True pressure that ``chain`` makes of a group's command: times finer than ``time`` (n,) s, within its span, and
-    Pa; the record's stamps are ``early`` s (a function of them) before the command's clock."""
-    kinks = group.commands["pressure"].kinks
+def commanded_line(
+    chain: Chain,
+    tables: Mapping[str, Table],
+    kinks: FloatArray,
+    time: FloatArray,
+    early: Callable[[FloatArray], FloatArray],
+) -> Table:
+    """True pressure that ``chain`` makes of a command's ``tables``, with ``kinks`` (k,) s: times finer than ``time``
+    (n,) s, within its span, and Pa; the record's stamps are ``early`` s (a function of them) before the command's
+    clock."""
     nodes = np.concatenate([(kinks[:, None] + REFINEMENT).ravel(), kinks])
     fine = np.unique(np.concatenate([time, nodes - early(nodes)]))
     fine = fine[(fine >= time[0]) & (fine <= time[-1])]
     partial = replace(chain, operators=needed(chain, ("line_pressure",)))
-    return fine, simulate(partial, group.tables(), {"line_pressure": fine + early(fine)})["line_pressure"]
+    return fine, simulate(partial, tables, {"line_pressure": fine + early(fine)})["line_pressure"]
 
 
 def vented(pressure: FloatArray) -> FloatArray:
@@ -100,22 +110,24 @@ class PressureBlock(Block):
     Nuisance: the regulator's time constant and damping, the sampling convention (a shift within one sample), three
     quick lags and a lead that other regulators than the nominal second-order one would add, and, where nothing less
     comes to the noise, a limited rate, or the integral, set-point weight and uneven flow of a loop about a valve. Where
-    it may be ``unknown``, only that is tried: whoever asks for it knows that nothing else will do. A record of the
-    ``same`` pressure by another gauge has shown the structure already.
+    it may be ``unknown``, only that is tried: whoever asks for it knows that nothing else will do. ``channel`` is the
+    gauge's.
     """
 
-    name, channels = "pressure", ("pressure",)
+    name = "pressure"
     floor = 5.0  # Pa: a twentieth of the command's resolution
     trust_other = 0.25  # where the regulator is of another structure, ours of that structure is not quite it
     vent = STAYS  # as physics has it: a chamber vents to the air and no further
+    whole = False  # whether levels are held at whole steps of the command's resolution
 
     def __init__(
         self,
         session: GroupedSession,
         library: Mapping[str, Effect],
         unknown: bool = False,
-        same: PressureBlock | None = None,
+        channel: str = "pressure",
     ) -> None:
+        self.channels = (channel,)
         # An open probe holds no pressure: its record says nothing of the regulator.
         super().__init__(session, library, without=("open air",))
         self.row_noise.widen(np.flatnonzero(self._in_motion()), IGNORED)
@@ -125,18 +137,25 @@ class PressureBlock(Block):
         # As a sound instrument of the nominal kind, or a regulator of another time and damping.
         self.prior_scales = (self.prior_sd, self.prior(lambda t: t.widest))
         self.blur_steep_parts(self._slope())
-        best = self._second_order()
-        if same is None:
-            best = self._vented(best)
-            self.structure = other_structure(self, best, unknown)
-        else:
-            self.structure, self.vent = same.structure, same.vent
+        best = self._vented(self._resolved(self._second_order()))
+        self.structure = other_structure(self, best, unknown)
         if self.structure is not None:
             self._take(self.structure)
-            best = fit(self)
+            best = self._resolved(fit(self))
         self._begin = best.nuisance
         self.explained = best.chi2 < len(best.residual) * NOISY  # by a regulator that is known
         self.row_noise.remember(self.unwhitened(best.residual, {}), self.noise.tolist())
+
+    def _resolved(self, found: Fit) -> Fit:
+        """The better fit of ``found`` and of one by which levels are held at whole steps of the command's resolution,
+        or just where they were asked for."""
+        other = under(self, self.prior_mean, self.prior_sd)
+        other.whole, other._grids, other._delayed = not self.whole, Kept(), Kept(2 * len(self.groups))
+        again = fit(other, nuisance=found.nuisance)
+        if again.objective > found.objective - WORTH:
+            return found
+        self.whole, self._grids, self._delayed = other.whole, other._grids, other._delayed
+        return again
 
     def _vented(self, found: Fit) -> Fit:
         """The better fit of ``found``, whose regulator vents to the air and no further, and of one that swings above
@@ -154,7 +173,23 @@ class PressureBlock(Block):
         self.prior_scales, self.prior_sd = (*self.prior_scales, structure.width), structure.width
         self._begin, self.vent = structure.begin, structure.vent
         if structure.keeps:
-            self.row_noise.widen(np.flatnonzero(self._after_others()), IGNORED)
+            self.row_noise = self._for_an_integral_that_stays
+
+    def with_integral(self, width: FloatArray, vent: Vent) -> Self:
+        """The block with a loop of an integral that vents as ``vent`` has it, under a ``width`` (p,) of the prior."""
+        out = under(self, self.prior_mean, width)
+        out.vent = vent
+        if vent == STAYS:
+            out.row_noise = self._for_an_integral_that_stays
+        return out
+
+    @cached_property
+    def _for_an_integral_that_stays(self) -> RowNoise:
+        """The rows' noise without those of the first stretch of suction in recordings that follow one of another
+        specimen: the integral is of a command that is not in theirs."""
+        out = copy.copy(self.row_noise)
+        out.widen(np.flatnonzero(self._after_others()), IGNORED)
+        return out
 
     @property
     def likelihood_powers(self) -> Sequence[float]:
@@ -186,17 +221,21 @@ class PressureBlock(Block):
         return out
 
     def _after_others(self) -> NDArray[np.bool_]:
-        """Rows (n,) of the first stretch of suction in recordings that follow one of another specimen: an integral that
-        stays is of a command that is not in theirs."""
+        """Rows (n,) of the first stretch of suction in recordings that follow one of another specimen."""
         out = np.zeros(len(self.stamps), dtype=bool)
         for group, _ in self.groups:
             for k in group.members:
-                if k > 0 and k - 1 not in group.members:
+                if k > 0 and k - 1 not in group.members and np.any(self._asked(group, k)):
                     begin = self.session.onset(k)
                     turn = self.session.kinks[self.session.kinks > begin + TOGETHER]
                     until = float(turn[0]) if len(turn) else np.inf
                     out |= (self.run == k) & (self.stamps >= begin) & (self.stamps < until)
         return out
+
+    def _asked(self, group: Group, k: int) -> FloatArray:
+        """The set-points of recording ``k``, Pa."""
+        asked, (begin, end) = group.commands["pressure"], self.session.span(k)
+        return asked.value[(asked.time >= begin) & (asked.time <= end)]
 
     def _second_order(self) -> Fit:
         """The fit of the more probable kind of instrument, the nominal one or one of another time and damping, without
@@ -211,7 +250,13 @@ class PressureBlock(Block):
     def line(self, group: Group, time: FloatArray) -> Table:
         """The pressure that the regulator, as fitted to the record, made of the command: times finer than ``time`` (n,)
         s, and Pa."""
-        return commanded_line(self._regulated(group, self._fitted), group, time, self.early)
+        chain, kinks = self._regulated(group, self._fitted), group.commands["pressure"].kinks
+        return commanded_line(chain, self.tables(group), kinks, time, self.early)
+
+    def tables(self, group: Group) -> dict[str, Table]:
+        """The commands, held at levels of whole steps where the regulator shows that."""
+        tables = group.tables()
+        return {q: in_whole_steps(*table, COMMAND_STEP) for q, table in tables.items()} if self.whole else tables
 
     def _regulated(self, group: Group, nuisance: FloatArray) -> Chain:
         """A group's nominal chain with the regulator at a nuisance vector."""
@@ -289,7 +334,7 @@ class PressureBlock(Block):
     @cached_property
     def _ripple(self) -> Ripple | None:
         """The ripple of a command that is held until the regulator looks at it next."""
-        series = [(k, self.session.recordings[k].streams["pressure"]) for k in self.runs]
+        series = [(k, self.session.recordings[k].streams[self.channels[0]]) for k in self.runs]
         return ripple_of([(self.session.time(k, s), np.asarray(s.value, dtype=float)) for k, s in series])
 
     def _late(

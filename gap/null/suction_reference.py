@@ -13,13 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
+from gap.data.noise import smoothed_error
 from gap.inference.hypothesis import Active, Evaluation
+from gap.inference.least_squares import fit
 from gap.null.blocks import Group, GroupedSession, Table
 from gap.null.skin_laws import bounded_exp
 from gap.null.suction_discrepancy import KNEES
 from gap.null.suction_feed import FedBlock
-from gap.null.suction_pressure import IGNORED, NO_TISSUE, PressureBlock, chain_of
-from gap.null.suction_regulator import GAIN, ZERO
+from gap.null.suction_pressure import IGNORED, NO_TISSUE, PressureBlock, chain_of, vented
 from protocols.specimens import MEMORY
 from sim_devices.chain import Chain, Effect, FloatArray
 from sim_devices.stages.kernels import evaluate, low_pass
@@ -233,21 +234,58 @@ class ReferenceBlock(FedBlock):
         return Evaluation(residual, self.whitened(np.column_stack([late, self._added, *bent]), active))
 
 
-class ManometerBlock(PressureBlock):
-    """Command -> true pressure at the probe, by a second gauge.
+class ManometerBlock(FedBlock):
+    """Recorded pressure -> true pressure at the probe, by a second gauge.
 
-    The loop closes over the instrument's own gauge, whose error only the second one tells.
+    The loop closes over the instrument's own gauge, whose error only the second one tells: whichever regulator made
+    the pressure, and whatever it met on its way, both have read the same. Nuisance: how late the second gauge is (s),
+    and the gain, the zero (Pa) and a further zero while vented (Pa) by which it reads other than the first.
     """
 
     name, channels = "manometer", ("pressure_reference",)
+    shrunk = 0.0  # what a regulator of another structure leaves both gauges read
+
+    def __init__(
+        self, session: GroupedSession, library: Mapping[str, Effect], pressure: PressureBlock | None = None
+    ) -> None:
+        super().__init__(session, library, pressure, without=())
+        later, earlier = (self._true(shift, {}) for shift in (1e-3, -1e-3))
+        self.blur_steep_parts((later - earlier) / 2e-3)
+        if pressure is not None:  # whose noise is in it as well
+            fed = smoothed_error(float(pressure.noise[0]), pressure.dt)
+            self.row_noise.blur(np.full(len(self.stamps), fed))
+        gain, zero = self.tolerances["gauge_gain"]["error"].value, self.tolerances["gauge_offset"]["offset"].value
+        self.prior_sd = np.array([self.shift_sd, gain, zero, zero])
+        self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
+        self.prior_scales = (self.prior_sd,)
+        self.row_noise.remember(self.unwhitened(fit(self).residual, {}), self.noise.tolist())
 
     @property
     def shift_sd(self) -> float:
         """How late the second gauge may be, s, which has a response and stamps of its own."""
         return float(np.hypot(super().shift_sd, self.tolerances["sampling"]["second_gauge"].value))
 
+    def _true(self, shift: float, active: Active) -> FloatArray:
+        """True pressure (n,) Pa, read ``shift`` s late."""
+        out = np.empty(len(self.stamps))
+        for (g, at), line in zip(self.groups, self._line, strict=True):
+            chain = self.with_effects(chain_of(self.session, g, NO_TISSUE), active, g)
+            given = {"line_pressure": self._fed.beside(chain, g, active, line)}
+            out[at] = self.simulated(chain, g, at, shift, given)[0]
+        return out
+
     def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:
-        return {
-            "pressure_gauge_gain_error": (-float(nuisance[GAIN]), "1"),
-            "pressure_gauge_zero": (-float(nuisance[ZERO]), "Pa"),
-        }
+        _, gain, zero, _ = nuisance.tolist()
+        return {"pressure_gauge_gain_error": (-gain, "1"), "pressure_gauge_zero": (-zero, "Pa")}
+
+    def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
+        shift, gain, zero, more = nuisance.tolist()
+        true = self._true(shift, active)
+        empty = vented(true)
+        residual = self.whitened(self.measured - true * (1.0 + gain) - zero - more * empty, active)
+        if not want_jacobian:
+            return Evaluation(residual, np.zeros((0, 0)))
+        step = 0.05 * self.dt
+        late = (self._true(shift + step, active) - true) * (1.0 + gain) / step
+        columns = np.column_stack([late, true, np.ones_like(true), empty])
+        return Evaluation(residual, self.whitened(columns, active))

@@ -38,9 +38,13 @@ LEFT, FOLLOWS = 2.0, 0.5
 many tolerances: else it is but a better place to start from, and something else acts,"""
 SPANS, LIMITS = (0.04, 0.08, 0.15), 0.01
 """s for 300 mbar at which a limited rate is looked for, and from which on it is one."""
+LEAVES = 0.05
+"""Share of the excess over the noise that a structure may leave: what acts beside it is then looked for."""
 UNEXPLAINED = 0.2
 """Share of the excess over the noise that a regulator of an unknown structure may leave: it has many parameters, and a
 larger rest is something else's."""
+FAR = 10.0
+"""Times wider noise of rows that are left out."""
 QUICK_INTEGRAL = 3.0
 """1/s from which on an integral is none that makes up for a leak."""
 WEIGHED_STARTS = ((-0.6, 0.0, 6.0, -0.4), (0.0, 0.0, 6.0, -0.8))
@@ -79,8 +83,11 @@ class Regulated(Problem, Protocol):
     vent: Vent
 
     @property
+    def sigma(self) -> FloatArray: ...
+    @property
     def largest(self) -> float: ...
     def prior(self, width: Callable[[Tolerance], float], opened: slice = ...) -> FloatArray: ...
+    def with_integral(self, width: FloatArray, vent: Vent) -> Regulated: ...
 
 
 def other_structure(block: Regulated, found: Fit, unknown: bool) -> Structure | None:
@@ -104,7 +111,7 @@ def _limited(block: Regulated, found: Fit) -> Structure | None:
     begins[:, SPAN] = SPANS
     first = min((fit(looked, nuisance=start, iterations=3) for start in begins), key=lambda f: f.objective)
     best = fit(looked, nuisance=first.nuisance)
-    better = best.objective < min(LEFT * len(best.residual), found.objective - WORTH)
+    better = _near(best.objective, found, LEFT)
     if not (better and LIMITS < best.nuisance[SPAN] < 2.0 * span):
         return None
     return Structure(width, best.nuisance, block.vent)
@@ -115,10 +122,9 @@ def _weighed(block: Regulated, found: Fit) -> Structure | None:
     width = block.prior(lambda t: t.widest, WEIGHED)
     begins = np.tile(block.prior_mean, (len(WEIGHED_STARTS), 1))
     begins[:, [TIME, DAMPING, WEIGHED.start, WEIGHED.start + 1]] = WEIGHED_STARTS
-    best, vent = min(_with_integral(block, width, begins), key=lambda tried: tried[0].objective)
+    best, vent, objective = min(_with_integral(block, width, begins), key=lambda tried: tried.objective)
     rate, weight = best.nuisance[WEIGHED]
-    at_noise = best.objective < min(NOISY * len(best.residual), found.objective - WORTH)
-    if not (at_noise and rate > QUICK_INTEGRAL and -1.0 < weight < 0.0):
+    if not (_near(objective, found, NOISY) and rate > QUICK_INTEGRAL and -1.0 < weight < 0.0):
         return None
     return Structure(width, best.nuisance, vent)
 
@@ -129,9 +135,9 @@ def _valve(block: Regulated, found: Fit) -> Structure | None:
     begins = np.tile(block.prior_mean, (len(VALVE_STARTS), 1))
     begins[:, VALVE] = [[at.get(name, 0.0) for name in VALVE_NOMINAL] for at in VALVE_STARTS]
     tries = _with_integral(block, width, (*begins, found.nuisance))
-    best, vent = max(tries, key=lambda tried: tried[0].log_evidence(1.0, (width,)))
+    best, vent, objective = min(tries, key=lambda tried: tried.objective)
     flow = (best.nuisance / width)[FLOW]
-    better = best.objective < min(LEFT * len(best.residual), found.objective - WORTH)
+    better = _near(objective, found, LEFT)
     slowest = PRESSURE / (2.0 * block.tolerances["slew_limit"]["span_time"].value)
     quick = opened_flow(best.nuisance, block.largest) > slowest
     if not (better and quick and np.linalg.norm(flow) > FOLLOWS):
@@ -139,13 +145,28 @@ def _valve(block: Regulated, found: Fit) -> Structure | None:
     return Structure(width, best.nuisance, vent)
 
 
-def _with_integral(block: Regulated, width: FloatArray, begins: Iterable[FloatArray]) -> list[tuple[Fit, Vent]]:
+def _near(objective: float, found: Fit, left: float) -> bool:
+    """Whether a structure of this ``objective`` is worth it: it comes near the noise, to ``left`` of χ² a row, or takes
+    nearly all away that a second order, ``found``, leaves above it."""
+    n = len(found.residual)
+    return objective < min(max(left * n, n + LEAVES * (found.objective - n)), found.objective - WORTH)
+
+
+class _Tried(NamedTuple):
+    """A fit with an integral, how that vents, and the ``objective`` as if rows that are left out were at the noise."""
+
+    fit: Fit
+    vent: Vent
+    objective: float
+
+
+def _with_integral(block: Regulated, width: FloatArray, begins: Iterable[FloatArray]) -> list[_Tried]:
     """Fits under a ``width`` (p,) of the prior, from each of ``begins`` (p,), of loops of each of `VENTS`."""
     out = []
     for vent, start in product(VENTS, begins):
-        looked = under(block, block.prior_mean, width)
-        looked.vent = vent
-        out.append((fit(looked, nuisance=start), vent))
+        looked = block.with_integral(width, vent)
+        found = fit(looked, nuisance=start)
+        out.append(_Tried(found, vent, found.objective + np.count_nonzero(looked.sigma > FAR * block.sigma)))
     return out
 
 
