@@ -23,7 +23,8 @@ class Cause:
     """A class of explanations that the data cannot split: its leading hypothesis, the names of all (a pair is "a + b"),
     the leader's first, and the probability that one of them acts. ``detectability`` is in tempered σ;
     ``marked``, whether a channel's own marks speak for it, ``at_marks`` the gap there without and with it, and
-    ``noise`` how many times wider it makes the channel's noise, by them; ``certain``, whether nothing else leaves them.
+    ``noise`` how many times wider it makes the channel's noise, by them; ``certain``, whether nothing else leaves them;
+    ``tolerated``, whether it is within a stated tolerance, which the simulation has taken on: no finding.
     """
 
     hypothesis: Hypothesis
@@ -35,6 +36,7 @@ class Cause:
     at_marks: Shrink | None = None
     noise: float = 1.0
     certain: bool = False
+    tolerated: bool = False
 
     @property
     def effects(self) -> tuple[Candidate, ...]:

@@ -80,7 +80,9 @@ class Posterior:
         if not taken:
             return self
         each = share * self.none / len(taken)
-        causes = sorted([*(replace(c, probability=each) for c in taken), *self.causes], key=lambda c: -c.probability)
+        causes = sorted(
+            [*(replace(c, probability=each, tolerated=True) for c in taken), *self.causes], key=lambda c: -c.probability
+        )
         stages = dict(self.stages)
         for c in taken:
             stages[c.effects[0].stage] = stages.get(c.effects[0].stage, 0.0) + each

@@ -164,7 +164,7 @@ def _small(f: Findings) -> bool:
     lower a gap of many samples by much."""
     if f.fitted is None or f.shows_itself or f.strained or not f.withheld or _helps(f):
         return False
-    return f.fitted.after > f.fitted.before * (1.0 - f.t.small_fall)
+    return not any(s.after <= s.before * (1.0 - f.t.small_fall) for s in (f.fitted, *f.withheld.values()))
 
 
 def _repairs_one(f: Findings) -> bool:

@@ -48,6 +48,11 @@ class Draw:
     on_references: float = 1.0
 
 
+def within_tolerance(report: Mapping[str, Any]) -> float:
+    """The probability of causes that are within a stated tolerance: they are no finding, and not to be looked for."""
+    return sum(float(c.get("probability", 0.0)) for c in report.get("causes", []) if c.get("tolerated"))
+
+
 class Beliefs:
     """Draws from a report about the session of a bench."""
 
@@ -67,7 +72,7 @@ class Beliefs:
         self._causes(report.get("causes", []))
         named = {n for d in self.draws for n in d.label.split(" + ")}
         rest = max(1.0 - sum(d.weight for d in self.draws), 0.0)
-        none = float(report.get("none_probability", rest))
+        none = float(report.get("none_probability", rest)) + within_tolerance(report)
         outside = self._outside(max(rest - none, 0.0))
         self._hidden(named, none, outside)
 
@@ -78,7 +83,7 @@ class Beliefs:
         for cause in causes[:CAUSES]:
             probability = float(cause.get("probability", 0.0))
             leader = self._leader(cause)
-            if leader is None or probability < 0.005:
+            if leader is None or probability < 0.005 or cause.get("tolerated"):
                 continue
             label = " + ".join(sorted(cause["effects"]))
             drawn: dict[str, list[tuple[Acting, FloatArray]]] = {label: [(a, self._change(a)) for a in leader]}

@@ -122,7 +122,8 @@ def certain(report: Mapping[str, Any], instrument: str) -> Choice | None:
 
 def _leading(report: Mapping[str, Any]) -> tuple[float, str]:
     """The greatest probability of a cause; and that cause in words, where it is alone in its class."""
-    causes = [(float(c.get("probability", 0.0)), c) for c in report.get("causes", [])]
+    found = [c for c in report.get("causes", []) if not c.get("tolerated")]
+    causes = [(float(c.get("probability", 0.0)), c) for c in found]
     top = max((probability for probability, _ in causes), default=0.0)
     alone = [c for probability, c in causes if probability == top and len(c.get("class", [])) < 2]
     return top, " and ".join(alone[0]["effects"]) if alone else ""

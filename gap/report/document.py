@@ -150,6 +150,7 @@ def _cause(d: Diagnosis, cause: Cause, rank: int) -> dict[str, Any]:
         "probability": rounded(cause.probability),
         "parameters": of_cause(d, cause),
         "detectability": rounded(cause.detectability),
+        "tolerated": cause.tolerated,
         "meaning": [e.meaning for e in cause.effects],
         "remedy": [e.remedy for e in cause.effects],
         "shrink": {k: None if s.value is None else rounded(s.value) for k, s in shrinks.items()} or {"fitted": None},

@@ -215,12 +215,14 @@ def test_a_claim_makes_no_other_channel_worse(linear, candidate, after: float, s
     [
         (0.93, (0.93, 0.93), "undetectable"),
         (0.93, (1.3, 1.1), "effect"),
+        (0.93, (0.98, 0.93), "effect"),
         (0.85, (0.93, 0.9), "effect"),
         (0.93, None, "effect"),
     ],
 )
 def test_what_takes_little_away_must_help_elsewhere(linear, candidate, after, elsewhere, said) -> None:
-    """Uneven counts were told a lag, which took .02 of a gap of .95 and nothing of a withheld waveform's."""
+    """Uneven counts were told a lag, which took .02 of a gap of .95 and nothing of a withheld waveform's. An orifice's
+    leak of 8 sigma took .02 as well, and .05 of a withheld waveform's."""
     comparison, known = weak_wave(linear, candidate, 2.5)
     held_out = {} if elsewhere is None else {"waveform": Shrink(*elsewhere)}
     assert judge(comparison, known, fitted=Shrink(0.95, after), held_out=held_out).verdict == said

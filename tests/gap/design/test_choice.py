@@ -14,6 +14,7 @@ from gap.design.answers import asked_for, believed
 from gap.design.anylaw import lagged
 from gap.design.bench import Bench, telling
 from gap.design.catalogue import catalogue
+from gap.design.beliefs import within_tolerance
 from gap.design.choice import certain, choose
 from gap.design.experiment import Experiment, ExperimentError, fault, read, write
 from gap.design.information import Known, worth
@@ -210,6 +211,15 @@ def test_a_cause_is_certain_by_its_share_of_what_can_be_named() -> None:
     assert "leak is certain" in certain({"causes": [cause]}, "cutometer").reason
     assert certain({"causes": [cause | {"probability": 0.8}]}, "cutometer") is None
     assert certain({"causes": [cause | {"class": ["leak", "gauge_gain"]}]}, "cutometer") is None
+
+
+def test_what_is_within_a_tolerance_is_not_looked_for() -> None:
+    """A gauge's zero of half a tolerance led a report, and two manometers were asked for where a lens was bent."""
+    within = {"effects": ["gauge_offset"], "class": ["gauge_offset"], "probability": 0.97, "tolerated": True}
+    report = {"causes": [within], "none_probability": 0.01}
+    assert certain(report, "cutometer") is None
+    assert within_tolerance(report) == pytest.approx(0.97)
+    assert certain({"causes": [within | {"tolerated": False}]}, "cutometer") is not None
 
 
 def test_repeats_are_simulated_once_and_count_as_often_as_they_are() -> None:
