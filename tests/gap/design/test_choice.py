@@ -12,9 +12,9 @@ from acquire.cli.check import limits_of
 from gap.design import simulated as own
 from gap.design.answers import asked_for, believed
 from gap.design.anylaw import lagged
+from gap.design.beliefs import within_tolerance
 from gap.design.bench import Bench, telling
 from gap.design.catalogue import catalogue
-from gap.design.beliefs import within_tolerance
 from gap.design.choice import certain, choose
 from gap.design.experiment import Experiment, ExperimentError, fault, read, write
 from gap.design.information import Known, worth
