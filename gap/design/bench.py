@@ -174,7 +174,10 @@ class Bench:
 
 
 def unused(leg: Leg, channel: str) -> bool:
-    """Whether a diagnosis does not look at a channel of a recording: forces on a post are as large as it is stiff."""
+    """Whether a recording's channel tells nothing: forces on a post are as large as it is stiff, and who measures with
+    a manometer may leave out the height, which its adapter closes off."""
+    if leg.specimen == MANOMETER:
+        return channel == "apex_height"
     return leg.specimen == POST and channel in (*TRANSDUCERS, *xyz("force"))
 
 
