@@ -223,7 +223,10 @@ def _repairs_skin(f: Findings) -> bool:
 
 
 def _stays_behind(f: Findings) -> bool:
-    """On every withheld recording the first cause takes away little of its share where it was fitted."""
+    """On every withheld recording the first cause takes away little of its share where it was fitted, as it may where
+    a tolerance takes it on in each of them."""
+    if f.strained:
+        return False
     fitted = f.fitted.value if f.fitted is not None else None
     carried = [s.value for s in f.withheld.values() if s.value is not None]
     return fitted is not None and bool(carried) and max(carried) < f.t.carried_share * fitted
