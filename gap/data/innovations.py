@@ -96,6 +96,11 @@ class RowNoise:
         """Standard deviation (C,) of the slow part, SI, and the s (C,) within which it forgets; None unless known."""
         return None if self._taus is None else (self._slow, self._taus)
 
+    def share(self, other: RowNoise) -> None:
+        """Have the slow part of another record as well, from which this one is foretold."""
+        if other._taus is not None:
+            self._slow, self._taus = np.hypot(self._slow, other._slow), other._taus
+
     def blur(self, sd: FloatArray) -> None:
         """Add independent noise of standard deviation ``sd`` (C·n,), SI, to the rows."""
         self._new = self._new + np.square(sd).reshape(self._new.shape)

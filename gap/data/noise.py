@@ -175,8 +175,8 @@ def long_run_share(runs: Sequence[FloatArray]) -> float:
     return most
 
 
-SMOOTH = 0.25
-"""s over which what a record has beyond its fitted actuator is smoothed."""
+SMOOTH, SHRUNK = 0.25, 3.0
+"""s over which what a record has beyond its fitted actuator is smoothed, and standard errors by which it is shrunk."""
 
 
 def smoothed_error(sigma: float, dt: float, width: float = SMOOTH) -> float:
@@ -184,7 +184,7 @@ def smoothed_error(sigma: float, dt: float, width: float = SMOOTH) -> float:
     return float(sigma / np.sqrt(2.0 * np.sqrt(np.pi) * max(width / dt, 1.0)))
 
 
-def denoised(time: FloatArray, remainder: FloatArray, width: float = SMOOTH, shrunk: float = 3.0) -> FloatArray:
+def denoised(time: FloatArray, remainder: FloatArray, width: float = SMOOTH, shrunk: float = SHRUNK) -> FloatArray:
     """The part of a record beyond its fitted actuator, (n,), without the sensor's noise: smoothed over ``width`` s and
     ``shrunk`` by so many standard errors; over a few samples only where it moves quickly.
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gap.data.noise import denoised
+from gap.data.noise import SHRUNK, denoised
 from gap.inference.hypothesis import Active
 from gap.null.blocks import Block, Group, GroupedSession, Table
 from gap.null.chains import Kept, needed, run, undone
@@ -20,10 +20,11 @@ from sim_devices.stages.sampling import simulate
 
 class FedPressure:
     """Recorded pressures of a session as inputs of the skin; ``pressure`` is the fitted block of the gauge, where its
-    channel was recorded; what it did not foretell is ``shrunk`` by so many standard errors."""
+    channel was recorded. Taken ``as_read``, they keep what that gauge's tolerances would explain, and all that its
+    regulator did not foretell."""
 
-    def __init__(self, session: GroupedSession, pressure: PressureBlock | None, shrunk: float) -> None:
-        self.session, self._pressure, self._shrunk = session, pressure, shrunk
+    def __init__(self, session: GroupedSession, pressure: PressureBlock | None, as_read: bool) -> None:
+        self.session, self._pressure, self._as_read = session, pressure, as_read
         self._before = Kept(8)
 
     def smoothed(self, group: Group) -> Table:
@@ -37,8 +38,9 @@ class FedPressure:
             chain, kinks = chain_of(self.session, group, NO_TISSUE, command_step=0.0), group.commands["pressure"].kinks
             fine, base = commanded_line(chain, group.tables(), kinks, time, np.zeros_like)
         else:
-            (fine, base), value = self._pressure.line(group, time), self._pressure.true(value)
-        remainder = denoised(time, value - np.interp(time, fine, base), shrunk=self._shrunk)
+            fine, base = self._pressure.line(group, time)
+            value = value if self._as_read else self._pressure.true(value)
+        remainder = denoised(time, value - np.interp(time, fine, base), shrunk=0.0 if self._as_read else SHRUNK)
         return fine, base + np.interp(fine, time, remainder)
 
     def _made(self, group: Group, pressure: PressureBlock) -> Table:
@@ -77,7 +79,7 @@ class FedPressure:
 class FedBlock(Block):
     """A block whose chain is fed the recorded pressure; commands are placed on the record's clock."""
 
-    shrunk = 3.0  # standard errors: skin at rest is soft
+    as_read = False  # for skin, without the gauge's error and noise
 
     def __init__(
         self,
@@ -88,7 +90,7 @@ class FedBlock(Block):
     ) -> None:
         super().__init__(session, library, without)
         self._pressure = pressure
-        self._fed = FedPressure(session, pressure, self.shrunk)
+        self._fed = FedPressure(session, pressure, self.as_read)
         self._line = [self._fed.smoothed(g) for g, _ in self.groups]
 
     def with_effects(self, chain: Chain, active: Active, group: Group) -> Chain:

@@ -243,7 +243,7 @@ class ManometerBlock(FedBlock):
     """
 
     name, channels = "manometer", ("pressure_reference",)
-    shrunk = 0.0  # what a regulator of another structure leaves both gauges read
+    as_read = True  # both gauges read what a regulator leaves, and the first one's error is what the second tells
 
     def __init__(
         self, session: GroupedSession, library: Mapping[str, Effect], pressure: PressureBlock | None = None
@@ -254,11 +254,13 @@ class ManometerBlock(FedBlock):
         if pressure is not None:  # whose noise is in it as well
             fed = smoothed_error(float(pressure.noise[0]), pressure.dt)
             self.row_noise.blur(np.full(len(self.stamps), fed))
+            self.row_noise.share(pressure.row_noise)
         gain, zero = self.tolerances["gauge_gain"]["error"].value, self.tolerances["gauge_offset"]["offset"].value
         self.prior_sd = np.array([self.shift_sd, gain, zero, zero])
         self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
         self.prior_scales = (self.prior_sd,)
-        self.row_noise.remember(self.unwhitened(fit(self).residual, {}), self.noise.tolist())
+        if self.row_noise.memory is None:
+            self.row_noise.remember(self.unwhitened(fit(self).residual, {}), self.noise.tolist())
 
     @property
     def shift_sd(self) -> float:

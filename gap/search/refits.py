@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -25,11 +26,13 @@ def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) ->
     strength that is hardly there bounds it to no side, where strengths are logarithms: where a later block then tells
     another strength, and more surely, it goes first.
     """
-    order = tuple(screened.starts)
+    order, size = tuple(screened.starts), len(screened.candidate.parameters)
     fits, simulations = _in_turn(problems, base, screened, order)
     surest = _surest(fits, screened.candidate)
     if surest != order[0] and _apart(fits, surest, screened.candidate):
-        fits, more = _in_turn(problems, base, screened, (surest, *(b for b in order if b != surest)))
+        there = (*screened.starts[surest], fits[surest].unit[-size:])
+        begun = replace(screened, starts=screened.starts | {surest: there})
+        fits, more = _in_turn(problems, base, begun, (surest, *(b for b in order if b != surest)))
         simulations += more
     return {b: fits[b] for b in order}, simulations
 
