@@ -114,7 +114,8 @@ class GroupedSession(Session):
 
     def begins_under_suction(self, k: int) -> bool:
         """Whether recording ``k`` begins under suction: then it does not tell where the height's zero was."""
-        return bool(self.recordings[k].setpoints["pressure"].value[0] != 0)
+        asked, begin = self.recordings[k].setpoints["pressure"], self.span(k)[0] - self.shifts[k]
+        return bool(np.interp(begin, asked.time, asked.value) != 0)
 
 
 def _label(info: RunInfo) -> str:

@@ -76,6 +76,10 @@ class FedPressure:
         return lines
 
 
+AT_REST, SURE = 5, 3.0
+"""Rows before suction that tell what a recording reads at rest, and the standard errors that it must be off."""
+
+
 class FedBlock(Block):
     """A block whose chain is fed the recorded pressure; commands are placed on the record's clock."""
 
@@ -113,3 +117,12 @@ class FedBlock(Block):
     def kinks(self, group: Group) -> FloatArray:
         kinks = super().kinks(group)
         return kinks if self._pressure is None else kinks - self._pressure.early(kinks)
+
+    def read_at_rest(self, k: int) -> float:
+        """How far from nought recording ``k`` reads just before its first suction, for sure: where the zero is taken
+        once in the session, by what earlier suction left."""
+        rest = np.flatnonzero((self.run == k) & (self.stamps < self.session.onset(k)))[-AT_REST:]
+        if not len(rest):
+            return 0.0
+        sure = SURE * float(np.sqrt(np.mean(np.square(self.sigma[rest])) / len(rest)))
+        return max(abs(float(np.mean(self.measured[rest]))) - sure, 0.0)

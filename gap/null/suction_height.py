@@ -102,7 +102,7 @@ class HeightBlock(FedBlock):
         n, r, z = len(self.PARTS) + 1, self._runs.shape[1], zeros.shape[1]
         self._curve_part = slice(n + r + z, n + r + z + curves.shape[1])
         zero = float(np.hypot(self.noise[0], self.ZERO_SD * size))
-        free = [size if session.begins_under_suction(k) else zero for k in self.runs]
+        free = [size if session.begins_under_suction(k) else max(zero, self.read_at_rest(k)) for k in self.runs]
         own = [self.shift_sd, *[self.GAIN_SD] * r, *free, *[zero] * (z - r), *[self.CURVE_SD] * curves.shape[1]]
         tissue_sd = [part.sd for part in self.PARTS.values()]
         self.prior_sd = np.concatenate([tissue_sd, own, self.DISCREPANCY_SD * weights])

@@ -112,11 +112,7 @@ def _hysteresis(robot: bool) -> Any:
         if form in (0, 3):
             law = kernels.play if form == 0 else kernels.soft_play
             return law_after(chain, anchor, "sensor_hysteresis", "sensor", law, (w,), *names)
-        law, parameters = (
-            (kernels.prandtl, (w, -w / 3, 2 * w, -w / 3, 4 * w, -w / 3))
-            if form == 1
-            else (kernels.bouc_wen, (-w, 2 * w, 2.0))
-        )
+        law, parameters = (kernels.prandtl, kernels.in_a_row(w)) if form == 1 else (kernels.bouc_wen, (-w, 2 * w, 2.0))
         return law_after(chain, anchor, "sensor_hysteresis", "sensor", law, parameters, *names, add=True)
 
     return install

@@ -145,6 +145,9 @@ def lost_height(time: FloatArray, height: FloatArray, lost: float) -> FloatArray
 
 
 def _rim_friction(chain: Chain, v: Values) -> Chain:
+    if chosen(v, "form") == 4:
+        slips = kernels.in_a_row(v["width"])
+        return law_after(chain, "softening", "rim_friction", "interface", kernels.prandtl, slips, add=True)
     behind, width = ("softening", v["width"]) if chosen(v, "form") < 2 else ("probe", v["friction"])
     soft = float(chosen(v, "form") % 2)
 
@@ -220,11 +223,12 @@ EFFECTS = (
         "A lubricated or rounded rim; compare with a silicone block.",
         "F: Coulomb friction 0.35 at the rim",
         (
-            strength("width", "m", 1e-6, 5e-4, 3e-5, "half width of the lag at 300 mbar", only=(0, 1)),
+            strength("width", "m", 1e-6, 5e-4, 3e-5, "half width of the lag at 300 mbar", only=(0, 1, 4)),
             strength("friction", "Pa", 10.0, 2e4, 1e3, "suction that it carries at 300 mbar", only=(2, 3)),
-            shape("share", "1", 0.0, 1.0, 0.5, "of it in proportion to suction, the rest constant"),
+            shape("share", "1", 0.0, 1.0, 0.5, "of it in proportion to suction, the rest constant", only=(0, 1, 2, 3)),
             choice("form", 0, "sharp play of the height", "play taken up gradually",
-                   "it carries some of the suction", "it carries ever more of the suction, up to a limit"),
+                   "it carries some of the suction", "it carries ever more of the suction, up to a limit",
+                   "several slips in a row (Maxwell slip), of the height"),
         ),
         _rim_friction,
     ),

@@ -42,6 +42,7 @@ from sim_devices.stages.kernels.history import (
 from sim_devices.stages.kernels.hysteresis import (
     bouc_wen,
     friction,
+    in_a_row,
     play,
     play_within,
     prandtl,
@@ -84,6 +85,7 @@ __all__ = [
     "hash_uniform",
     "hold_weights",
     "hurried",
+    "in_a_row",
     "jittered",
     "late_by_any",
     "lead",

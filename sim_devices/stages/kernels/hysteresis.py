@@ -97,6 +97,11 @@ def prandtl(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Float
             y[i] += p[2 * k + 1] * (u[i] - s[3 + k]) / r
 
 
+def in_a_row(width: float) -> tuple[float, ...]:
+    """Parameters of `prandtl`: three stops of ``width`` in all, each half as wide as the next."""
+    return width, -width / 3, 2 * width, -width / 3, 4 * width, -width / 3
+
+
 @njit(cache=True, error_model="numpy")
 def bouc_wen(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Bouc–Wen hysteresis within ±a: dz = (1 - |z|^n (1 + sign(z du))/2) du/d, y = a z. ``p`` = (a, d, n >= 1).

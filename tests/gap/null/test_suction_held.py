@@ -41,3 +41,29 @@ def test_suction_that_acts_before_the_first_sample_has_acted_for_a_while() -> No
             null = fit(block, iterations=40)
             assert null.chi2 / len(null.residual) < 1.25
             assert null.penalty < 60.0
+
+
+def test_suction_before_the_first_sample_may_begin_from_the_air() -> None:
+    """A table that tells when the suction began, before the first sample: its first row is nought, and the zero of the
+    height that was taken under suction was told an offset of .11 mm."""
+    whole = session()
+    cut = begun_later(whole[0], 6.0)
+    command = replace(cut, setpoints=whole[0].setpoints)
+    grouped = GroupedSession([command, *whole[1:]], ("pressure",))
+    assert [grouped.begins_under_suction(k) for k in range(3)] == [True, False, False]
+
+
+def test_a_zero_that_is_taken_once_leaves_what_earlier_suction_left() -> None:
+    """Readings of 10 to 25 um before each recording's first suction strained the zeroes by 900."""
+    off = (0.0, 12e-6, 20e-6)
+    recordings = [
+        replace(r, streams=r.streams | {"apex_height": replace(h, value=h.value + more)})
+        for r, more in zip(session(), off, strict=True)
+        for h in [r.streams["apex_height"]]
+    ]
+    *_, height = blocks(recordings)
+    for k, more in enumerate(off):
+        assert max(more - 1.1e-5, 0.0) <= height.read_at_rest(k) <= more + 1e-6
+    null = fit(height, iterations=40)
+    assert null.chi2 / len(null.residual) < 1.25
+    assert null.penalty < 60.0

@@ -366,3 +366,19 @@ def test_suction_never_exceeds_what_its_store_has_left() -> None:
     np.testing.assert_allclose(line[low], full[low], atol=1.0)
     again = np.interp(326.0, time, line)
     assert again < np.interp(6.0, time, line) + 50.0  # filled up over five minutes
+
+
+def test_slips_in_a_row_at_the_rim_are_a_sensor_s_of_the_same_law() -> None:
+    """An outside author's Maxwell slip at the rim was claimed as hysteresis of the sensor alone."""
+    time = np.linspace(0.0, 12.0, 1201)
+    asked = {"command_pressure": -30e3 * np.abs(np.sin(0.5 * time))}
+    sound = nominal("cutometer").run(time, asked)["apex_height"]
+    rim, sensor = (
+        effects("cutometer")[name].apply(nominal("cutometer"), values).run(time, asked)["apex_height"] - sound
+        for name, values in (
+            ("rim_friction", {"width": 8e-6, "form": 4, "friction": 0.0, "share": 0.0}),
+            ("sensor_hysteresis", {"width": 8e-6, "form": 1}),
+        )
+    )
+    assert np.max(np.abs(rim)) > 2e-6
+    np.testing.assert_allclose(rim, sensor, atol=1e-9)
