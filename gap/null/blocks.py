@@ -115,7 +115,7 @@ class GroupedSession(Session):
     def begins_under_suction(self, k: int) -> bool:
         """Whether recording ``k`` begins under suction: then it does not tell where the height's zero was."""
         asked, begin = self.recordings[k].setpoints["pressure"], self.span(k)[0] - self.shifts[k]
-        return bool(np.interp(begin, asked.time, asked.value) != 0)
+        return bool(np.interp(begin - 1e-9, asked.time, asked.value) != 0)
 
 
 def _label(info: RunInfo) -> str:

@@ -64,9 +64,7 @@ class FedPressure:
         time, pressure = line
 
         def corrected() -> Table:
-            if all(
-                isinstance(op, Map | Pass | Noise) for op in gauge
-            ):  # what it reads follows from the pressure at once
+            if all(isinstance(op, Map | Pass | Noise) for op in gauge):  # no memory: of the pressure at once
                 beside = {name: np.interp(time, *table) for name, table in height.items()}
                 return time, undone(lambda true: run(gauge, time, {wanted[0]: true, **beside})["pressure"], pressure)
             made = simulate(partial, group.tables(), dict.fromkeys(wanted, time), height)

@@ -245,16 +245,13 @@ class ManometerBlock(FedBlock):
     name, channels = "manometer", ("pressure_reference",)
     as_read = True  # both gauges read what a regulator leaves, and the first one's error is what the second tells
 
-    def __init__(
-        self, session: GroupedSession, library: Mapping[str, Effect], pressure: PressureBlock | None = None
-    ) -> None:
+    def __init__(self, session: GroupedSession, library: Mapping[str, Effect], pressure: PressureBlock) -> None:
         super().__init__(session, library, pressure, without=())
         later, earlier = (self._true(shift, {}) for shift in (1e-3, -1e-3))
         self.blur_steep_parts((later - earlier) / 2e-3)
-        if pressure is not None:  # whose noise is in it as well
-            fed = smoothed_error(float(pressure.noise[0]), pressure.dt)
-            self.row_noise.blur(np.full(len(self.stamps), fed))
-            self.row_noise.share(pressure.row_noise)
+        # The first gauge's noise is in it as well.
+        self.row_noise.blur(np.full(len(self.stamps), smoothed_error(float(pressure.noise[0]), pressure.dt)))
+        self.row_noise.share(pressure.row_noise)
         gain, zero = self.tolerances["gauge_gain"]["error"].value, self.tolerances["gauge_offset"]["offset"].value
         self.prior_sd = np.array([self.shift_sd, gain, zero, zero])
         self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
