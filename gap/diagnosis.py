@@ -19,7 +19,7 @@ from gap.data.session import Session
 from gap.data.splits import splits, splits_of_a_rig
 from gap.data.tolerances import sampled, tolerances
 from gap.decision.earlier import Earlier, Skin, gains, known_skin, moved, skin_of, unlike
-from gap.decision.gaps import Shrink, gap_without_discrepancy
+from gap.decision.gaps import Shrink, in_session
 from gap.decision.limits import beyond_the_fitted, bounds, confusable
 from gap.decision.marks import made_by
 from gap.decision.posterior import Posterior
@@ -91,12 +91,12 @@ class Diagnosis:
     @property
     def gap_before(self) -> float:
         """rms of the simulation's residual, in σ, skin of another law not allowed for."""
-        return gap_without_discrepancy(self.null)
+        return in_session(self.null, self.best).before
 
     @property
     def gap_after(self) -> float:
         """The same with the first cause."""
-        return gap_without_discrepancy(self.best)
+        return in_session(self.null, self.best).after
 
 
 def _untold(stage: str, share: float) -> None:

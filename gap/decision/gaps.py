@@ -7,7 +7,7 @@ of all rows at 0 would halve any gap.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,22 +45,22 @@ def exact(fit: Fit) -> bool:
     return fit.chi2 < EXACT * len(fit.residual)
 
 
-def counted(fits: Iterable[Fit]) -> list[Fit]:
-    """Those that hold noise; all of them where none does."""
-    every = list(fits)
-    return [f for f in every if not exact(f)] or every
+def noisy(null: Hypothesis, within: Collection[str] | None = None) -> list[str]:
+    """The blocks, all or ``within`` some, that hold noise without an effect; all of them where none does."""
+    names = list(null.fits) if within is None else [b for b in null.fits if b in within]
+    return [b for b in names if not exact(null.fits[b])] or names
 
 
-def gap_of(h: Hypothesis) -> float:
-    """The gap of a hypothesis, skin of another law allowed for."""
-    fits = counted(h.fits.values())
+def gap_of(h: Hypothesis, blocks: Collection[str]) -> float:
+    """The gap of a hypothesis in some blocks, skin of another law allowed for."""
+    fits = [h.fits[b] for b in blocks]
     return float(np.sqrt(sum(f.chi2 for f in fits) / sum(len(f.residual) for f in fits)))
 
 
-def gap_without_discrepancy(h: Hypothesis, blocks: Collection[str] | None = None) -> float:
-    """The gap of a plain hypothesis in all or some ``blocks``, tolerances that are strained included; effects of chance
-    widen the noise."""
-    fits = counted(f for name, f in h.fits.items() if blocks is None or name in blocks)
+def gap_without_discrepancy(h: Hypothesis, blocks: Collection[str]) -> float:
+    """The gap of a plain hypothesis in some ``blocks``, tolerances that are strained included; effects of chance widen
+    the noise."""
+    fits = [h.fits[b] for b in blocks]
     return float(np.sqrt(sum(f.chi2 + f.penalty for f in fits) / sum(len(f.residual) for f in fits)))
 
 
@@ -72,10 +72,16 @@ def worst_gap(h: Hypothesis) -> float:
     return float(np.sqrt(max(0.0, *least)))
 
 
+def in_session(null: Hypothesis, answer: Hypothesis) -> Shrink:
+    """The plain gap before and after, in all that holds noise."""
+    where = noisy(null)
+    return Shrink(gap_without_discrepancy(null, where), gap_without_discrepancy(answer, where))
+
+
 def in_changed_blocks(null: Hypothesis, answer: Hypothesis) -> Shrink:
     """The plain gap before and after, in the blocks that an answer's effects change."""
-    touched = {b for e in answer.effects for b in e.blocks}
-    return Shrink(gap_without_discrepancy(null, touched), gap_without_discrepancy(answer, touched))
+    where = noisy(null, {b for e in answer.effects for b in e.blocks})
+    return Shrink(gap_without_discrepancy(null, where), gap_without_discrepancy(answer, where))
 
 
 def in_each_block(null: Hypothesis, answer: Hypothesis) -> dict[str, Shrink]:

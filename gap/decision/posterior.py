@@ -15,7 +15,7 @@ from scipy.special import softmax
 
 from gap.data.signatures import HUM, Signature
 from gap.decision.classes import Cause, Scored
-from gap.decision.gaps import gap_of, worst_gap
+from gap.decision.gaps import exact, gap_of, noisy, worst_gap
 from gap.decision.marks import at_marks, certain, explains_marks, made_by, wider_noise
 from gap.decision.priors import log_priors
 from gap.decision.thresholds import Thresholds
@@ -133,9 +133,10 @@ def posterior(
     skin = frozenset(name for name, p in comparison.problems.items() if p.sound is None)
     causes = Scored(every, score, share, weighed, temper, t, signatures, skin).classes()
     causes = [_marked(c, comparison, signatures, t) for c in causes]
-    before = gap_of(comparison.null)
-    after = gap_of(causes[0].hypothesis) if causes else before
-    left = min(max(after**2 - 1, 0.0) / max(before**2 - 1, 1e-9), 1.0)
+    where = _judged_by(comparison.null, causes[0].effects if causes else ())
+    before = gap_of(comparison.null, where)
+    after = gap_of(causes[0].hypothesis, where) if causes else before
+    left = _left(comparison.null, causes[0].hypothesis, where) if causes else 1.0
     hum = any(s.effect == HUM for s in signatures)
     worst = worst_gap(comparison.null)
     strange = 1.0 if hum else foreign(max(before if gap is None else gap, worst), t)
@@ -155,6 +156,20 @@ def posterior(
         acts=acts,
         hum=hum,
     )
+
+
+def _left(null: Hypothesis, first: Hypothesis, noisy: Sequence[str]) -> float:
+    """The share of the null's excess χ² that a hypothesis leaves: of what rows of the ``noisy`` blocks have above 1,
+    and of all that there is in arithmetic."""
+    n = sum(len(null.fits[b].residual) for b in noisy)
+    return min(max(first.chi2 - n, 0.0) / max(null.chi2 - n, 1e-9 * n), 1.0)
+
+
+def _judged_by(null: Hypothesis, effects: Sequence[Candidate]) -> list[str]:
+    """The blocks that hold noise, and those of ``effects`` in mere arithmetic: it is there that they are to explain."""
+    touched = {b for e in effects for b in e.blocks}
+    alone = touched if all(exact(null.fits[b]) for b in touched) else set()
+    return list(dict.fromkeys([*noisy(null), *sorted(alone)]))
 
 
 def _lacking(first: Cause, left: float, gap: float, t: Thresholds) -> float:

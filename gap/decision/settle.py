@@ -12,7 +12,7 @@ import numpy as np
 from gap.data.signatures import Signature
 from gap.decision.chance import size_of_chance
 from gap.decision.classes import Cause, concept, without_skin
-from gap.decision.gaps import Shrink, gap_without_discrepancy, in_changed_blocks, in_each_block
+from gap.decision.gaps import Shrink, gap_without_discrepancy, in_changed_blocks, in_each_block, in_session, noisy
 from gap.decision.marks import explains_marks
 from gap.decision.posterior import Posterior, posterior
 from gap.decision.qualified import Qualified
@@ -67,12 +67,10 @@ class Case:
         new = [h for h in hypotheses[:transfers] if id(h) not in self._carried]
         by_split = transferred(problems, self.null, [self._answers[id(h)] for h in new], self.withheld, jobs)
         self._carried.update((id(h), by) for h, by in zip(new, by_split, strict=True))
-        gap = gap_without_discrepancy(self.null)
         trials = []
         for k, h in enumerate(hypotheses):
             answer, carried = self._answers[id(h)], self._carried[id(h)] if k < transfers else Carried({}, {})
-            fitted = Shrink(gap, gap_without_discrepancy(answer))
-            trials.append(Trial(answer, {"fitted": fitted, **carried.session}, carried.changed))
+            trials.append(Trial(answer, {"fitted": in_session(self.null, answer), **carried.session}, carried.changed))
         return trials
 
     def posterior(self, t: Thresholds, *, qualified: bool = True) -> Posterior:
@@ -85,7 +83,7 @@ class Case:
             self.candidates,
             t,
             self.marks,
-            gap_without_discrepancy(self.null),
+            gap_without_discrepancy(self.null, noisy(self.null)),
             beforehand,
             self.stated,
         )
@@ -164,10 +162,10 @@ def _settled(case: Case, t: Thresholds, jobs: int) -> Settled:
 
 def _with_tolerated(settled: Settled, case: Case, t: Thresholds) -> Settled:
     """Effects within tolerance among the causes, where nothing is named: then none is not sure."""
-    verdict, gap = settled.verdict, gap_without_discrepancy(case.null)
+    verdict = settled.verdict
     found = verdict.posterior.with_tolerated(case.taken, t.unnamed)
     tried = {id(c.hypothesis): trial for c, trial in zip(verdict.causes, settled.trials, strict=False)}
-    tried |= {id(c.hypothesis): Trial(case.null, {"fitted": Shrink(gap, gap)}, {}) for c in case.taken}
+    tried |= {id(c.hypothesis): Trial(case.null, {"fitted": in_session(case.null, case.null)}, {}) for c in case.taken}
     known = takewhile(lambda c: id(c.hypothesis) in tried, found.causes)
     trials = tuple(tried[id(c.hypothesis)] for c in known)
     rules = verdict.rules

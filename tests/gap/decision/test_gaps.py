@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gap.decision.gaps import gap_of, gap_without_discrepancy, shrink, worst_gap
+from gap.decision.gaps import gap_of, in_session, noisy, shrink, worst_gap
 from gap.inference.evidence import Fit, Hypothesis
 from tests.gap.decision.waves import weak_wave
 
@@ -28,13 +28,18 @@ def of_residuals(linear, candidate):
 
 def test_rows_without_noise_do_not_dilute_a_gap(of_residuals) -> None:
     noise, arithmetic = np.full(100, 1.5), np.full(100, 1e-3)
-    assert gap_of(of_residuals(force=noise, matrix=arithmetic)) == pytest.approx(1.5)
-    assert gap_without_discrepancy(of_residuals(force=noise, matrix=arithmetic)) == pytest.approx(1.5)
-    assert gap_of(of_residuals(matrix=arithmetic)) == pytest.approx(1e-3)
+    both, alone = of_residuals(force=noise, matrix=arithmetic), of_residuals(matrix=arithmetic)
+    assert gap_of(both, noisy(both)) == pytest.approx(1.5)
+    assert in_session(both, both).before == pytest.approx(1.5)
+    assert gap_of(alone, noisy(alone)) == pytest.approx(1e-3)
 
 
 def test_arithmetic_that_is_wrong_counts(of_residuals) -> None:
-    assert gap_of(of_residuals(force=np.ones(100), matrix=np.full(100, 7.0))) == pytest.approx(5.0)
+    wrong = of_residuals(force=np.ones(100), matrix=np.full(100, 7.0))
+    right = of_residuals(force=np.ones(100), matrix=np.full(100, 1e-3))
+    assert gap_of(wrong, noisy(wrong)) == pytest.approx(5.0)
+    # Of a wrong unit that is mended the same rows are looked at: what it left of the others is no larger for it.
+    assert in_session(wrong, right).after == pytest.approx(np.sqrt(0.5), rel=1e-3)
 
 
 def test_the_worst_block_is_larger_than_its_rows_chance(of_residuals) -> None:

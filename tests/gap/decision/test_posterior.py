@@ -388,8 +388,8 @@ def test_no_certainty_of_none_beside_a_small_block_that_nothing_explains(linear,
             fit_of_null, residual=left, chi2=float(left @ left), jacobian=fit_of_null.jacobian[:rows],
             effect_jacobian=fit_of_null.effect_jacobian[:rows],
         )  # fmt: skip
-        null = Hypothesis((), {**comparison.null.fits, "reference": small})
-        found = posterior(replace(comparison, null=null), known, INSTRUMENT)
+        beside = [replace(h, fits={**h.fits, "reference": small}) for h in (comparison.null, *comparison.hypotheses)]
+        found = posterior(replace(comparison, null=beside[0], hypotheses=beside[1:]), known, INSTRUMENT)
         assert found.gap_before < INSTRUMENT.quiet_gap
         assert Findings(found, INSTRUMENT).quiet() == said
     assert found.foreign > 0.15
