@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gap.inference.evidence import Fit, Hypothesis
+from gap.inference.hypothesis import touched
 
 MEASURABLE = 1.05
 """Gap below which what stands above the noise is of the size of the noise's own error: no share of it is told."""
@@ -64,12 +65,18 @@ def gap_without_discrepancy(h: Hypothesis, blocks: Collection[str]) -> float:
     return float(np.sqrt(sum(f.chi2 + f.penalty for f in fits) / sum(len(f.residual) for f in fits)))
 
 
+def excess_left(null: Hypothesis, answer: Hypothesis, blocks: Collection[str]) -> float:
+    """The share of the null's excess χ² that an answer leaves: above 1 for each row of the noisy ``blocks``, and all of
+    it in arithmetic."""
+    n = sum(len(null.fits[b].residual) for b in blocks)
+    return min(max(answer.chi2 - n, 0.0) / max(null.chi2 - n, 1e-9 * n), 1.0)
+
+
 def worst_gap(h: Hypothesis) -> float:
     """The largest gap of one block, skin of another law allowed for, less the chance of its number of rows: what a
     small block leaves is lost in the gap of all."""
-    rows = {name: len(f.residual) for name, f in h.fits.items()}
-    least = [f.chi2 / rows[name] * (1.0 - SURE * np.sqrt(2.0 / rows[name])) for name, f in h.fits.items()]
-    return float(np.sqrt(max(0.0, *least)))
+    each = [(f.chi2 / len(f.residual), len(f.residual)) for f in h.fits.values()]
+    return float(np.sqrt(max(0.0, *(square * (1.0 - SURE * np.sqrt(2.0 / n)) for square, n in each))))
 
 
 def in_session(null: Hypothesis, answer: Hypothesis) -> Shrink:
@@ -80,11 +87,11 @@ def in_session(null: Hypothesis, answer: Hypothesis) -> Shrink:
 
 def in_changed_blocks(null: Hypothesis, answer: Hypothesis) -> Shrink:
     """The plain gap before and after, in the blocks that an answer's effects change."""
-    where = noisy(null, {b for e in answer.effects for b in e.blocks})
+    where = noisy(null, touched(answer.effects))
     return Shrink(gap_without_discrepancy(null, where), gap_without_discrepancy(answer, where))
 
 
 def in_each_block(null: Hypothesis, answer: Hypothesis) -> dict[str, Shrink]:
     """The same for every such block by itself."""
-    touched = sorted({b for e in answer.effects for b in e.blocks})
-    return {b: Shrink(gap_without_discrepancy(null, [b]), gap_without_discrepancy(answer, [b])) for b in touched}
+    where = sorted(touched(answer.effects))
+    return {b: Shrink(gap_without_discrepancy(null, [b]), gap_without_discrepancy(answer, [b])) for b in where}

@@ -9,19 +9,20 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import softmax
 
 from gap.data.signatures import HUM, Signature
 from gap.decision.classes import Cause, Scored
-from gap.decision.gaps import exact, gap_of, noisy, worst_gap
+from gap.decision.gaps import exact, excess_left, gap_of, noisy, worst_gap
 from gap.decision.marks import at_marks, certain, explains_marks, made_by, wider_noise
 from gap.decision.priors import log_priors
 from gap.decision.thresholds import Thresholds
 from gap.decision.tolerance import Stated, in_stated, weakest
 from gap.inference.evidence import Hypothesis
-from gap.inference.hypothesis import Candidate
+from gap.inference.hypothesis import Candidate, touched
 from gap.search.compare import Comparison, Weight
 from sim_devices.chain import FloatArray
 
@@ -56,8 +57,7 @@ class Posterior:
         return sum(c.probability for c in self.causes)
 
     def scaled(self, share: float, to_outside: float) -> Posterior:
-        """The causes' probabilities times ``share``; of what they lose, ``to_outside`` goes there and the rest to
-        none."""
+        """The causes' probabilities times ``share``; of their loss, ``to_outside`` goes there and the rest to none."""
         freed = (1.0 - share) * self.named
         return replace(
             self,
@@ -133,24 +133,20 @@ def posterior(
     skin = frozenset(name for name, p in comparison.problems.items() if p.sound is None)
     causes = Scored(every, score, share, weighed, temper, t, signatures, skin).classes()
     causes = [_marked(c, comparison, signatures, t) for c in causes]
-    where = _judged_by(comparison.null, causes[0].effects if causes else ())
-    before = gap_of(comparison.null, where)
-    after = gap_of(causes[0].hypothesis, where) if causes else before
-    left = _left(comparison.null, causes[0].hypothesis, where) if causes else 1.0
+    gaps = _gaps(comparison.null, causes)
     hum = any(s.effect == HUM for s in signatures)
-    worst = worst_gap(comparison.null)
-    strange = 1.0 if hum else foreign(max(before if gap is None else gap, worst), t)
-    lacking = _lacking(causes[0], left, after, t) if causes else 1.0
+    strange = 1.0 if hum else foreign(max(gaps.before if gap is None else gap, gaps.worst), t)
+    lacking = _lacking(causes[0], gaps, t) if causes else 1.0
     known = acts * (1.0 - lacking)
     return Posterior(
         causes=tuple(replace(c, probability=known * c.probability) for c in causes),
         none=(1.0 - acts) * (1.0 - strange),
         outside=(1.0 - acts) * strange + acts * lacking,
         stages=_by_stage(every[1:], known * share[1:]),
-        unexplained=left,
-        gap_before=before,
-        gap_after=after,
-        gap_worst=worst,
+        unexplained=gaps.left,
+        gap_before=gaps.before,
+        gap_after=gaps.after,
+        gap_worst=gaps.worst,
         foreign=strange,
         temper=temper,
         acts=acts,
@@ -158,24 +154,32 @@ def posterior(
     )
 
 
-def _left(null: Hypothesis, first: Hypothesis, noisy: Sequence[str]) -> float:
-    """The share of the null's excess χ² that a hypothesis leaves: of what rows of the ``noisy`` blocks have above 1,
-    and of all that there is in arithmetic."""
-    n = sum(len(null.fits[b].residual) for b in noisy)
-    return min(max(first.chi2 - n, 0.0) / max(null.chi2 - n, 1e-9 * n), 1.0)
+class _Gaps(NamedTuple):
+    """The gaps without and with the first cause, that of the worst block without it, and the share of the excess χ²
+    that it leaves."""
+
+    before: float
+    after: float
+    worst: float
+    left: float
 
 
-def _judged_by(null: Hypothesis, effects: Sequence[Candidate]) -> list[str]:
-    """The blocks that hold noise, and those of ``effects`` in mere arithmetic: it is there that they are to explain."""
-    touched = {b for e in effects for b in e.blocks}
-    alone = touched if all(exact(null.fits[b]) for b in touched) else set()
-    return list(dict.fromkeys([*noisy(null), *sorted(alone)]))
+def _gaps(null: Hypothesis, causes: Sequence[Cause]) -> _Gaps:
+    """Of the blocks that hold noise; of an effect in mere arithmetic, of that as well: it is there that it explains."""
+    changed = touched(causes[0].effects) if causes else set()
+    alone = sorted(changed) if all(exact(null.fits[b]) for b in changed) else []
+    where = list(dict.fromkeys([*noisy(null), *alone]))
+    before, worst = gap_of(null, where), worst_gap(null)
+    if not causes:
+        return _Gaps(before, before, worst, 1.0)
+    first = causes[0].hypothesis
+    return _Gaps(before, gap_of(first, where), worst, excess_left(null, first, where))
 
 
-def _lacking(first: Cause, left: float, gap: float, t: Thresholds) -> float:
-    """The probability that the library lacks the cause, where its best explanation leaves a share ``left`` of the
-    excess and ``gap``; one that explains its marks acts, whatever else does."""
-    return t.prior_outside if explains_marks(first.at_marks, t) else max(t.prior_outside, misfit(left, gap))
+def _lacking(first: Cause, gaps: _Gaps, t: Thresholds) -> float:
+    """The probability that the library lacks the cause, where its best explanation leaves a gap; one that explains its
+    marks acts, whatever else does."""
+    return t.prior_outside if explains_marks(first.at_marks, t) else max(t.prior_outside, misfit(gaps.left, gaps.after))
 
 
 def _earned_alone(

@@ -10,7 +10,7 @@ import numpy as np
 from gap.decision.classes import Cause, concept
 from gap.decision.tolerance import Stated, in_stated
 from gap.inference.evidence import Fit, Hypothesis
-from gap.inference.hypothesis import Candidate
+from gap.inference.hypothesis import Candidate, touched
 from gap.search.compare import Comparison
 
 
@@ -58,19 +58,15 @@ def beside(comparison: Comparison, taken: Sequence[Cause], least: float) -> Comp
     return replace(comparison, null=Hypothesis((), comparison.null.fits | fits), hypotheses=hypotheses)
 
 
-def _touched(effects: Sequence[Candidate]) -> set[str]:
-    return {b for e in effects for b in e.blocks}
-
-
 def _apart(effects: Sequence[Candidate], fits: Mapping[str, Fit]) -> bool:
     """Whether effects touch none of the blocks of ``fits``: then a pair without its part within tolerance is what its
     other effect is by itself."""
-    return _touched(effects).isdisjoint(fits)
+    return touched(effects).isdisjoint(fits)
 
 
 def _with(fits: Mapping[str, Fit], effects: tuple[Candidate, ...], h: Hypothesis) -> Hypothesis:
     """A hypothesis of ``effects`` with ``fits`` where they touch nothing, and those of ``h`` elsewhere."""
-    return Hypothesis(effects, {**h.fits, **{b: f for b, f in fits.items() if b not in _touched(effects)}})
+    return Hypothesis(effects, {**h.fits, **{b: f for b, f in fits.items() if b not in touched(effects)}})
 
 
 def _adds(h: Hypothesis, part: Mapping[Candidate, Hypothesis], null: Hypothesis, least: float) -> bool:

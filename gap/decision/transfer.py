@@ -16,12 +16,14 @@ from numpy.typing import NDArray
 from gap.decision.gaps import Shrink, exact
 from gap.decision.partial import Masked, with_own_phases
 from gap.inference.evidence import Fit, GaussianPrior, Hypothesis
-from gap.inference.hypothesis import to_unit
+from gap.inference.hypothesis import to_unit, touched
 from gap.inference.least_squares import fit, under
 from gap.inference.problem import Problem
 from gap.inference.workers import each
 from sim_devices.chain import FloatArray
 
+Part = tuple[str, str]
+"""A split and a block."""
 KNOWN = 1e10
 """Precision of an effect's parameters, in prior quantiles, that are as good as given."""
 
@@ -32,12 +34,12 @@ def plain(problems: Mapping[str, Problem], h: Hypothesis, null: Hypothesis | Non
     That is the simulation people have, and its gap the one they see. ``null`` is the plain null, whose fits serve for
     blocks that the effects do not touch; a model that holds it does not end above it.
     """
-    touched = {b for e in h.effects for b in e.blocks}
+    changed = touched(h.effects)
     fits = {}
     for block, f in h.fits.items():
         problem = problems[block]
         here = under(problem, f.prior_mean, problem.sd_without_discrepancy)
-        if null is not None and block not in touched:
+        if null is not None and block not in changed:
             fits[block] = null.fits[block]
             continue
         if np.array_equal(problem.sd_without_discrepancy, f.prior_sd):
@@ -92,27 +94,37 @@ def transferred(
     Only the effect has to carry over: tissue and calibration are fitted to the withheld recordings, too, as whether a
     person's skin follows our law to another waveform is not the effect's doing.
     """
-    outs = {(s, b): np.isin(p.rows.recording, list(out)) for s, out in withheld.items() for b, p in problems.items()}
-    outs = {key: out for key, out in outs.items() if out.any() and not out.all() and not exact(null.fits[key[1]])}
-    square = {(id(null), *key): _left(null.fits[key[1]], out) for key, out in outs.items()}
-    touched = [{b for e in answer.effects for b in e.blocks} for answer in answers]
-    parts = [(h, s, b) for h, blocks in zip(answers, touched, strict=True) for s, b in outs if b in blocks]
+    outs = _withheld_rows(problems, null, withheld)
+    before = {(s, b): _left(null.fits[b], out) for (s, b), out in outs.items()}
+    parts = [(h, s, b) for h in answers for s, b in outs if b in touched(h.effects)]
     left = each(lambda part: _carried(problems[part[2]], part[0].fits[part[2]], outs[part[1:]]), parts, jobs)
-    square |= {(id(h), s, b): x for (h, s, b), x in zip(parts, left, strict=True)}
+    found = {(id(h), s, b): x for (h, s, b), x in zip(parts, left, strict=True)}
 
-    def shrunk(answer: Hypothesis, split: str, blocks: Collection[str]) -> Shrink:
-        keys = [key for key in outs if key[0] == split and key[1] in blocks]
-        n = sum(np.count_nonzero(outs[key]) for key in keys)
-        if not n:
-            return Shrink(1.0, 1.0)
-        before = sum(square[id(null), *key] for key in keys)
-        after = sum(square.get((id(answer), *key), square[id(null), *key]) for key in keys)
-        return Shrink(float(np.sqrt(before / n)), float(np.sqrt(after / n)))
+    def shrunk(answer: Hypothesis, blocks: Collection[str]) -> dict[str, Shrink]:
+        after = {key: found.get((id(answer), *key), was) for key, was in before.items()}
+        parts = {s: {p: out for p, out in outs.items() if p[0] == s and p[1] in blocks} for s in withheld}
+        return {s: _shrunk(own, before, after) for s, own in parts.items()}
 
-    return [
-        Carried(*({split: shrunk(answer, split, where) for split in withheld} for where in (problems, blocks)))
-        for answer, blocks in zip(answers, touched, strict=True)
-    ]
+    return [Carried(shrunk(h, problems), shrunk(h, touched(h.effects))) for h in answers]
+
+
+def _withheld_rows(
+    problems: Mapping[str, Problem], null: Hypothesis, withheld: Mapping[str, set[int]]
+) -> dict[Part, NDArray[np.bool_]]:
+    """The rows (n,) of each split and block that are ``withheld``, where some are and others not; no arithmetic."""
+    blocks = [(b, p.rows.recording) for b, p in problems.items() if not exact(null.fits[b])]
+    outs = {(s, b): np.isin(recording, list(out)) for s, out in withheld.items() for b, recording in blocks}
+    return {part: out for part, out in outs.items() if out.any() and not out.all()}
+
+
+def _shrunk(
+    outs: Mapping[Part, NDArray[np.bool_]], before: Mapping[Part, float], after: Mapping[Part, float]
+) -> Shrink:
+    """The gap on the rows ``outs`` (n,) of some parts, by the χ² that is left there ``before`` and ``after``."""
+    n = sum(np.count_nonzero(out) for out in outs.values())
+    if not n:
+        return Shrink(1.0, 1.0)
+    return Shrink(*(float(np.sqrt(sum(left[part] for part in outs) / n)) for left in (before, after)))
 
 
 def _left(f: Fit, out: NDArray[np.bool_]) -> float:

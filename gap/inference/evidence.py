@@ -18,6 +18,9 @@ from sim_devices.chain import FloatArray
 
 UNIFORM_PRECISION = 12.0
 """1/variance of a uniform prior of width 1."""
+DISCOUNT = 2.0
+"""Times as uncertain as it was fitted that an effect is in the next block, where its form, which is not exact, shows
+otherwise."""
 
 
 @dataclass(frozen=True)
@@ -33,16 +36,13 @@ class GaussianPrior:
         return cls(np.full(size, 0.5), np.zeros((size, size)))
 
     def joined(self, size: int, fitted: Fit | None = None) -> GaussianPrior:
-        """With one effect more, of ``size`` parameters, of which a fit of another block may know as its last.
-
-        Four times as uncertain as that fit: the effect's form is not exact, and shows otherwise here.
-        """
+        """With one effect more, of ``size`` parameters, of which a fit of another block may know as its last."""
         k = len(self.mean)
         mean, precision = np.full(k + size, 0.5), np.zeros((k + size, k + size))
         mean[:k], precision[:k, :k] = self.mean, self.precision
         if fitted is not None and size:
             mean[k:] = fitted.unit[-size:]
-            precision[k:, k:] = np.linalg.inv(4.0 * fitted.covariance[-size:, -size:] + 1e-6 * np.eye(size))
+            precision[k:, k:] = np.linalg.inv(DISCOUNT**2 * fitted.covariance[-size:, -size:] + 1e-6 * np.eye(size))
         return GaussianPrior(mean, precision)
 
     def cost(self, unit: FloatArray) -> float:
@@ -151,6 +151,11 @@ class Fit:
         """Where the parameters of one of the hypothesis' effects begin in ``unit``."""
         return sum(len(e.parameters) for e in self.hypothesis[: self.hypothesis.index(effect)])
 
+    def told(self, effect: Candidate) -> tuple[FloatArray, FloatArray]:
+        """The parameters (k,) of one of the hypothesis' effects, in prior quantiles, and their standard deviations."""
+        at = slice(self.place(effect), self.place(effect) + len(effect.parameters))
+        return self.unit[at], np.sqrt(np.diag(self.covariance)[at])
+
 
 @dataclass(frozen=True)
 class Hypothesis:
@@ -175,12 +180,8 @@ class Hypothesis:
         """The block that tells one of the effects best: its fit believes those of the blocks before it.
 
         Raises ValueError of an effect that is in none."""
-
-        def spread(block: str) -> float:
-            f, at = self.fits[block], self.fits[block].place(effect)
-            return float(np.trace(f.covariance[at : at + len(effect.parameters), at : at + len(effect.parameters)]))
-
-        return min((b for b, f in self.fits.items() if effect in f.hypothesis), key=spread)
+        telling = (b for b, f in self.fits.items() if effect in f.hypothesis)
+        return min(telling, key=lambda b: float(np.sum(np.square(self.fits[b].told(effect)[1]))))
 
     def values(self, effect: Candidate) -> dict[str, float]:
         """The parameters of one of the effects, as the block says that tells it best."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -57,6 +57,11 @@ def to_unit(parameter: Parameter, value: float) -> float:
     else:
         u = (value - parameter.low) / (parameter.high - parameter.low)
     return float(np.clip(u, 0.0, 1.0))
+
+
+def touched(effects: Iterable[Candidate]) -> set[str]:
+    """The blocks that some of ``effects`` change."""
+    return {b for e in effects for b in e.blocks}
 
 
 Active = Mapping[Candidate, Mapping[str, float]]

@@ -37,7 +37,9 @@ def suction_problems(
     gauges = [c for c in ("pressure", "pressure_reference") if any(c in r.streams for r in recordings)]
     pressure = PressureBlock(session, effects, unknown_regulator, gauges[0]) if gauges else None
     if pressure is not None:
-        blocks += [pressure, *(ManometerBlock(session, effects, pressure) for _ in gauges[1:])]
+        blocks.append(pressure)
+        if len(gauges) > 1:
+            blocks.append(ManometerBlock(session, effects, pressure))
     shown = {g.reference for g in session.groups for k in g.members if "apex_height" in recordings[k].streams}
     if True in shown:  # ahead of the skin: the fit of an effect on a reference goes on to it
         blocks.append(ReferenceBlock(session, effects, pressure))

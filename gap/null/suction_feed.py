@@ -3,7 +3,7 @@ it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,16 +20,16 @@ from sim_devices.stages.sampling import simulate
 
 class FedPressure:
     """Recorded pressures of a session as inputs of the skin; ``pressure`` is the fitted block of the gauge, where its
-    channel was recorded. Taken ``as_read``, they keep what that gauge's tolerances would explain, and all that its
-    regulator did not foretell."""
+    channel was recorded. Taken ``as_read``, they keep the error that the gauge's tolerances would explain, and all of
+    the rest that its regulator did not foretell."""
 
     def __init__(self, session: GroupedSession, pressure: PressureBlock | None, as_read: bool) -> None:
         self.session, self._pressure, self._as_read = session, pressure, as_read
         self._before = Kept(8)
 
     def smoothed(self, group: Group) -> Table:
-        """Recorded pressure of a group as a table, without its gauge noise; where none was recorded, what the regulator
-        as fitted elsewhere makes of the command, or that itself."""
+        """Recorded pressure of a group as a table, without its gauge noise; where none was recorded, the one that the
+        regulator, as fitted elsewhere, makes of the command, or the command itself."""
         recorded = self.session.recorded("pressure", group)
         if not recorded:
             return group.tables()["pressure"] if self._pressure is None else self._made(group, self._pressure)
@@ -75,7 +75,7 @@ class FedPressure:
 
 
 AT_REST, SURE = 5, 3.0
-"""Rows before suction that tell what a recording reads at rest, and the standard errors that it must be off."""
+"""Rows before suction that tell a recording's reading at rest, and the standard errors that it must be off nought."""
 
 
 class FedBlock(Block):
@@ -106,6 +106,25 @@ class FedBlock(Block):
             return out
         return replace(out, operators=(*due, *(op for op in out.operators if op not in late)))
 
+    def read(
+        self,
+        sound: Callable[[Group], Chain],
+        shift: float,
+        active: Active,
+        solid: Sequence[Table | None] = (),
+        coarse: bool = False,
+    ) -> FloatArray:
+        """The channel (n,) ``shift`` s late, as each group's ``sound`` chain makes it with effects of the pressure that
+        it is fed; ``solid`` has the heights of specimens that do not yield, group by group. As for `simulated`."""
+        out = np.empty(len(self.stamps))
+        for j, (g, at) in enumerate(self.groups):
+            chain = self.with_effects(sound(g), active, g)
+            given = {"line_pressure": self._fed.beside(chain, g, active, self._line[j])}
+            if solid and (height := solid[j]) is not None:
+                given["bulge"] = height
+            out[at] = self.simulated(chain, g, at, shift, given, coarse)[0]
+        return out
+
     def tables(self, group: Group) -> dict[str, Table]:
         """The commands by the record's clock: a zero that is taken milliseconds off is off by as many micrometres."""
         if self._pressure is None:
@@ -118,7 +137,7 @@ class FedBlock(Block):
 
     def read_at_rest(self, k: int) -> float:
         """How far from nought recording ``k`` reads just before its first suction, for sure: where the zero is taken
-        once in the session, by what earlier suction left."""
+        once in the session, by the deformation that earlier suction left."""
         rest = np.flatnonzero((self.run == k) & (self.stamps < self.session.onset(k)))[-AT_REST:]
         if not len(rest):
             return 0.0

@@ -369,12 +369,7 @@ class HeightBlock(FedBlock):
     def _chain_height(self, nuisance: FloatArray, active: Active, coarse: bool = False) -> FloatArray:
         """Apex height of the chain (n,) m, before run scatter and discrepancy; ``coarse`` for differences."""
         shift = nuisance[len(self.PARTS)]
-        out = np.empty(len(self.stamps))
-        for (g, at), line in zip(self.groups, self._line, strict=True):
-            chain = self.with_effects(self._law_chain(g, nuisance), active, g)
-            given = {"line_pressure": self._fed.beside(chain, g, active, line)}
-            out[at] = self.simulated(chain, g, at, shift, given, coarse)[0]
-        return out
+        return self.read(lambda g: self._law_chain(g, nuisance), shift, active, coarse=coarse)
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         n, r = len(self.PARTS) + 1, self._runs.shape[1]

@@ -149,24 +149,23 @@ class PressureBlock(Block):
     def _resolved(self, found: Fit) -> Fit:
         """The better fit of ``found`` and of one by which levels are held at whole steps of the command's resolution,
         or just where they were asked for."""
-        other = under(self, self.prior_mean, self.prior_sd)
-        other.whole, other._grids, other._delayed = not self.whole, Kept(), Kept(2 * len(self.groups))
-        again = fit(other, nuisance=found.nuisance)
-        if again.objective > found.objective - WORTH:
-            return found
-        self.whole, self._grids, self._delayed = other.whole, other._grids, other._delayed
-        return again
+        return self._better(found, whole=not self.whole)
 
     def _vented(self, found: Fit) -> Fit:
         """The better fit of ``found``, whose regulator vents to the air and no further, and of one that swings above
         it, as a line with a supply of its own pressure may, and a second order by itself does."""
-        above = under(self, self.prior_mean, self.prior_sd)
-        above.vent = EMPTIES
-        other = fit(above, nuisance=found.nuisance)
-        if other.objective > found.objective - WORTH:
+        return self._better(found, vent=EMPTIES)
+
+    def _better(self, found: Fit, **other: Any) -> Fit:
+        """``found``, or the fit with ``other`` attributes of the block, which it takes on where that is worth it."""
+        looked = under(self, self.prior_mean, self.prior_sd)
+        changed = {**other, "_grids": Kept(), "_delayed": Kept(2 * len(self.groups))}  # of other commands, maybe
+        vars(looked).update(changed)
+        again = fit(looked, nuisance=found.nuisance)
+        if again.objective > found.objective - WORTH:
             return found
-        self.vent = EMPTIES
-        return other
+        vars(self).update(changed)
+        return again
 
     def _take(self, structure: Structure) -> None:
         """Let a regulator of another structure be a third width of the prior."""

@@ -207,14 +207,7 @@ class ReferenceBlock(FedBlock):
 
     def _chain_height(self, shift: float, active: Active, off: FloatArray = AS_FITTED) -> FloatArray:
         """Apex height of the chain, (n,) m, read ``shift`` s late; ``off`` (3,) is how a membrane's curve differs."""
-        out = np.empty(len(self.stamps))
-        for (g, at), line, solid in zip(self.groups, self._line, self._bulge, strict=True):
-            chain = self.with_effects(self._chain_of(g, off), active, g)
-            given = {"line_pressure": self._fed.beside(chain, g, active, line)}
-            if solid is not None:
-                given["bulge"] = solid
-            out[at] = self.simulated(chain, g, at, shift, given)[0]
-        return out
+        return self.read(lambda g: self._chain_of(g, off), shift, active, self._bulge)
 
     def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:
         return {"height_gain_error": (float(nuisance[1]), "1"), "height_shift": (float(nuisance[0]), "s")}
@@ -266,12 +259,7 @@ class ManometerBlock(FedBlock):
 
     def _true(self, shift: float, active: Active) -> FloatArray:
         """True pressure (n,) Pa, read ``shift`` s late."""
-        out = np.empty(len(self.stamps))
-        for (g, at), line in zip(self.groups, self._line, strict=True):
-            chain = self.with_effects(chain_of(self.session, g, NO_TISSUE), active, g)
-            given = {"line_pressure": self._fed.beside(chain, g, active, line)}
-            out[at] = self.simulated(chain, g, at, shift, given)[0]
-        return out
+        return self.read(lambda g: chain_of(self.session, g, NO_TISSUE), shift, active)
 
     def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:
         _, gain, zero, _ = nuisance.tolist()

@@ -16,7 +16,7 @@ import numpy as np
 
 from gap.data.noise import correlation_time, long_run_share
 from gap.inference.evidence import Fit, Hypothesis
-from gap.inference.hypothesis import Candidate
+from gap.inference.hypothesis import Candidate, touched
 from gap.inference.least_squares import fit, under
 from gap.inference.linear import Projector
 from gap.inference.problem import Problem
@@ -193,8 +193,7 @@ def _finish_null(comparison: Comparison) -> None:
             if promise(again, problem) > promise(comparison.null.fits[block], problem):
                 comparison.null.fits[block] = again
     for h in comparison.hypotheses:
-        touched = {b for e in h.effects for b in e.blocks}
-        for block in comparison.problems.keys() - touched:
+        for block in comparison.problems.keys() - touched(h.effects):
             h.fits[block] = comparison.null.fits[block]
 
 

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from gap.inference.evidence import Fit, Hypothesis
+from gap.inference.evidence import DISCOUNT, Fit, Hypothesis
 from gap.inference.hypothesis import Candidate
 from gap.inference.least_squares import fit, under
 from gap.inference.problem import Problem
@@ -26,29 +26,23 @@ def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) ->
     strength that is hardly there bounds it to no side, where strengths are logarithms: where a later block then tells
     another strength, and more surely, it goes first.
     """
-    order, size = tuple(screened.starts), len(screened.candidate.parameters)
+    order, candidate = tuple(screened.starts), screened.candidate
     fits, simulations = _in_turn(problems, base, screened, order)
-    surest = _surest(fits, screened.candidate)
-    if surest != order[0] and _apart(fits, surest, screened.candidate):
-        there = (*screened.starts[surest], fits[surest].unit[-size:])
+    surest = Hypothesis((candidate,), fits).surest(candidate)
+    if surest != order[0] and _apart(fits, surest, candidate):
+        there = (*screened.starts[surest], fits[surest].told(candidate)[0])
         begun = replace(screened, starts=screened.starts | {surest: there})
         fits, more = _in_turn(problems, base, begun, (surest, *(b for b in order if b != surest)))
         simulations += more
     return {b: fits[b] for b in order}, simulations
 
 
-def _surest(fits: dict[str, Fit], candidate: Candidate) -> str:
-    """The block whose fit tells the effect best."""
-    size = len(candidate.parameters)
-    return min(fits, key=lambda b: float(np.trace(fits[b].covariance[-size:, -size:]))) if size else next(iter(fits))
-
-
 def _apart(fits: dict[str, Fit], surest: str, candidate: Candidate) -> bool:
     """Whether another block's fit has another strength, on a scale that ends at none, than the ``surest`` one's."""
-    size = len(candidate.parameters)
-    own, sd = fits[surest].unit[-size:], 2.0 * np.sqrt(np.diag(fits[surest].covariance)[-size:])
+    own, sd = fits[surest].told(candidate)
     ends = np.array([p.null is not None and p.scale == "log" for p in candidate.parameters])
-    return any(bool(np.any(ends & (np.abs(f.unit[-size:] - own) > APART * sd))) for f in fits.values())
+    others = np.array([f.told(candidate)[0] for f in fits.values()])
+    return bool(np.any(ends & (np.abs(others - own) > APART * DISCOUNT * sd)))
 
 
 def _in_turn(

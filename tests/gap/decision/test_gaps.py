@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gap.decision.gaps import gap_of, in_session, noisy, shrink, worst_gap
+from gap.decision.gaps import excess_left, gap_of, in_session, noisy, shrink, worst_gap
 from gap.inference.evidence import Fit, Hypothesis
 from tests.gap.decision.waves import weak_wave
 
@@ -51,3 +51,12 @@ def test_the_worst_block_is_larger_than_its_rows_chance(of_residuals) -> None:
 def test_next_to_nothing_above_the_floor_has_no_share() -> None:
     assert shrink(1.04, 1.0) is None
     assert shrink(3.0, 2.0) == pytest.approx(0.5)
+
+
+def test_whatever_arithmetic_leaves_is_excess(of_residuals) -> None:
+    """Of 100 rows at 1.1 and a computed channel at .4 a repair of the channel leaves the rest of the others."""
+    null = of_residuals(force=np.full(100, 1.1), matrix=np.full(100, 0.4))
+    mended = of_residuals(force=np.full(100, 1.1), matrix=np.zeros(100))
+    assert noisy(null) == ["force"]
+    assert excess_left(null, mended, noisy(null)) == pytest.approx(0.21 / (0.21 + 0.16))
+    assert excess_left(null, null, noisy(null)) == pytest.approx(1.0)

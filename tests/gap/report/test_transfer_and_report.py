@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from html.parser import HTMLParser
 from typing import ClassVar
 
@@ -179,31 +180,41 @@ def test_the_report_keeps_its_contract(report: dict) -> None:
     assert json.loads(json.dumps(report, allow_nan=False)) == report
     assert report["schema"] == "gap-report/1"
     assert report["verdict"] in ("effect", "several", "none", "unknown", "undetectable")
+    assert report["rules"][0].startswith("claimed: ")
+    assert "--advise" in report["next_experiment_note"]
+    assert isinstance(report["next_experiment"], Mapping)
+    assert any("straight lines" in s for s in report["assumed"])
+    assert all(isinstance(group, list) for group in report["indistinguishable"])
+    assert set(report["cost"]) == {"seconds", "simulations", "fe_solves"}
+    assert report["cost"]["simulations"] > 0
+
+
+def test_gaps_are_told_in_all_and_part_by_part(report: dict) -> None:
     gap = report["gap"]
     assert set(gap) == {"before", "after", "noise_floor", "by"}
     assert {"channel", "phase", "level", "direction", "repeat"} <= set(gap["by"])
     for values in gap["by"].values():
         assert all(set(v) == {"before", "after"} for v in values.values())
     assert all(set(w) == {"stage", "probability"} for w in report["where"])
+
+
+def test_every_cause_has_its_class_its_parameters_and_its_probability(report: dict) -> None:
     for cause in report["causes"]:
-        assert set(cause) >= {"effects", "class", "probability", "parameters", "detectability", "shrink"}
+        assert set(cause) >= {"effects", "class", "probability", "parameters", "detectability", "tolerated", "shrink"}
         assert 0 <= cause["probability"] <= 1
+        assert not cause["tolerated"]
         assert all(set(p) == {"value", "se", "unit"} for p in cause["parameters"].values())
         assert "fitted" in cause["shrink"]
         assert set(cause["effects"]) <= {n for name in cause["class"] for n in name.split(" + ")}
     named = sum(c["probability"] for c in report["causes"])
     assert named + report["none_probability"] + report["outside_probability"] == pytest.approx(1.0, abs=1e-3)
     assert report["set"][: len(report["causes"][0]["class"])] == report["causes"][0]["class"]
-    assert report["rules"][0].startswith("claimed: ")
+
+
+def test_the_simulation_s_own_parameters_have_errors_and_units(report: dict) -> None:
     assert report["model"]["gain"]["unit"] == "1"
     assert report["model"]["gain"]["value"] == pytest.approx(2.0, rel=0.05)
     assert 0 < report["model"]["gain"]["se"] < 0.1
-    assert "--advise" in report["next_experiment_note"]
-    assert any("straight lines" in s for s in report["assumed"])
-    assert all(isinstance(group, list) for group in report["indistinguishable"])
-    assert isinstance(report["next_experiment"], Mapping)
-    assert set(report["cost"]) == {"seconds", "simulations", "fe_solves"}
-    assert report["cost"]["simulations"] > 0
 
 
 def test_three_sentences_say_how_far_what_and_how_sure(report: dict) -> None:
@@ -243,6 +254,15 @@ def test_the_page_is_self_contained_and_says_the_sentences_first(slow_valve: Dia
     assert "{{" not in seen.words
     assert "nan" not in seen.words.split()
     assert not re.search(r"\b(skin|tissue)\b", seen.words)  # there is none in a valve
+
+
+def test_the_page_says_which_cause_is_within_a_tolerance(slow_valve: Diagnosis) -> None:
+    found = slow_valve.verdict.posterior
+    first = replace(found.causes[0], tolerated=True)
+    within = replace(slow_valve.verdict, posterior=replace(found, causes=(first, *found.causes[1:])))
+    said = "within its stated tolerance: no finding"
+    assert said in page(replace(slow_valve, verdict=within))
+    assert said not in page(slow_valve)
 
 
 def test_names_from_a_recording_cannot_bring_markup_into_the_page(recording) -> None:
