@@ -178,12 +178,12 @@ def _same_event(one: Hypothesis, other: Hypothesis, near: float) -> bool:
     return bool(blocks & others) and abs(begin - from_then) < near and abs(end - until) < near
 
 
-def without_skin(cause: Cause, comparison: Comparison, temper: Mapping[str, float]) -> float:
-    """Nats that blocks whose null leaves no room for skin of another law give a cause; inf where all are such."""
-    nats = 0.0
+def without_skin(cause: Cause, comparison: Comparison, temper: Mapping[str, float]) -> dict[str, float]:
+    """Nats that each block whose null leaves no room for skin of another law gives a cause."""
+    nats = {}
     for block, problem in comparison.problems.items():
         if not problem.open_law:
             fits = cause.hypothesis.fits[block], comparison.null.fits[block]
             one, other = (f.log_evidence(temper[block], problem.prior_scales) for f in fits)
-            nats += problem.likelihood_powers[0] * (one - other)
-    return nats if any(p.open_law for p in comparison.problems.values()) else np.inf
+            nats[block] = problem.likelihood_powers[0] * (one - other)
+    return nats

@@ -85,9 +85,9 @@ def in_session(null: Hypothesis, answer: Hypothesis) -> Shrink:
     return Shrink(gap_without_discrepancy(null, where), gap_without_discrepancy(answer, where))
 
 
-def in_changed_blocks(null: Hypothesis, answer: Hypothesis) -> Shrink:
-    """The plain gap before and after, in the blocks that an answer's effects change."""
-    where = noisy(null, touched(answer.effects))
+def in_changed_blocks(null: Hypothesis, answer: Hypothesis, among: Collection[str] = ()) -> Shrink:
+    """The plain gap before and after, in the blocks that an answer's effects change, or in those ``among`` them."""
+    where = noisy(null, touched(answer.effects) & set(among) or touched(answer.effects))
     return Shrink(gap_without_discrepancy(null, where), gap_without_discrepancy(answer, where))
 
 

@@ -144,14 +144,20 @@ def _settled(case: Case, t: Thresholds, jobs: int) -> Settled:
     expected = case.qualified is not None and bool(case.qualified.expected(first.hypothesis))
     if expected:
         sizes = (np.inf, 0.0)  # references, on which no skin could do as much, have shown that it is more than that
+    nats, has_skin = (
+        without_skin(first, comparison, found.temper),
+        any(p.open_law for p in comparison.problems.values()),
+    )
+    once = any(e.event for e in first.effects)  # nothing in other recordings tells an event from skin of another law
+    telling = [b for b, n in nats.items() if n > t.without_skin] if once and has_skin else []
     findings = Findings(
         posterior=found,
         t=t,
-        fitted=in_changed_blocks(case.null, trials[0].answer),
+        fitted=in_changed_blocks(case.null, trials[0].answer, telling),
         each=in_each_block(case.null, trials[0].answer),
         held_out=trials[0].changed,
         rival=_rival(case, found, t, jobs),
-        without_skin=without_skin(first, comparison, found.temper),
+        without_skin=sum(nats.values()) if has_skin else np.inf,
         tolerances=sizes[0],
         beyond=sizes[1],
         strained=strained(comparison.problems, comparison.null, first.hypothesis),

@@ -21,8 +21,9 @@ VERDICTS = ("effect", "several", "none", "unknown", "undetectable")
 
 @dataclass(frozen=True)
 class Findings:
-    """All that the rules look at. ``fitted`` is the gap in the channels that the first cause changes, ``each`` in
-    every such block, ``held_out`` in them on recordings that its parameters were not fitted to, by split, and
+    """All that the rules look at. ``fitted`` is the gap in the channels that the first cause changes (of an event that
+    some of them without skin show, in these: what skin of another law leaves is not its doing), ``each`` in every such
+    block, ``held_out`` in them on recordings that its parameters were not fitted to, by split, and
     ``rival`` that of the next cause of other effects, in all blocks; ``without_skin``, the nats that blocks without
     skin give the first cause; ``tolerances``, how many stated tolerances the smallest member of its class is large
     (inf where none is stated), and ``beyond``, the tempered σ by which it exceeds any tolerance; ``strained``,
@@ -187,15 +188,19 @@ def _next_to(s: Shrink, f: Findings) -> bool:
     return s.after**2 - s.before**2 < f.t.worse_share * had
 
 
+def _happens_once(f: Findings) -> bool:
+    """Whether an event is part of the first cause: it is in one recording, and nothing in the others foretells it."""
+    return any(e.event for e in f.first.effects)
+
+
 def _worse_on_repeats(f: Findings) -> bool:
-    # An event is in one recording, and nothing in its repeats foretells it.
-    return not any(e.event for e in f.first.effects) and _worse("repeat", lambda f: f.t.worse_repeat)(f)
+    return not _happens_once(f) and _worse("repeat", lambda f: f.t.worse_repeat)(f)
 
 
 def _patched(f: Findings) -> bool:
     """Something for a while that does not get near the noise, or as short as may be, as is what a step's answer leaves:
     such patches repair anything a bit."""
-    if f.shows_itself or not any(e.event for e in f.first.effects):
+    if f.shows_itself or not _happens_once(f):
         return False
     p = f.posterior
     left, had = (p.gap_after, p.gap_before) if f.fitted is None else (f.fitted.after, f.fitted.before)
@@ -225,7 +230,7 @@ def _repairs_skin(f: Findings) -> bool:
 def _stays_behind(f: Findings) -> bool:
     """On every withheld recording the first cause takes away little of its share where it was fitted, as it may where
     a tolerance takes it on in each of them."""
-    if f.strained:
+    if f.strained or _happens_once(f):
         return False
     fitted = f.fitted.value if f.fitted is not None else None
     carried = [s.value for s in f.withheld.values() if s.value is not None]

@@ -18,6 +18,7 @@ from sim_devices.effects.build import (
     map_after,
     on_recorded,
     shape,
+    signed,
     strength,
 )
 from sim_devices.stages import laws
@@ -52,13 +53,20 @@ def _zeroing(chain: Chain, v: Values) -> Chain:
     return chain.tuned("zeroing", delay=v["delay"], averaged=form == 2)
 
 
+TAKEN = (0, 1, 2)
+"""Forms of a wrong zero of force that is read within the session."""
+
+
 def _tare(chain: Chain, v: Values) -> Chain:
     op: Any = chain["latency"]
-    marks = op.marks if chosen(v, "form") == 1 else ()
+    form = chosen(v, "form")
+    marks = op.marks if form == 1 else ()
     anchor, names = "transducers", TRANSDUCERS
-    if chosen(v, "form") == 2:
+    if form >= 2:
         k = chosen(v, "computed")
         anchor, names = "force_matrix", xyz("force")[k : k + 1]
+    if form == 3:
+        return map_after(chain, anchor, "wrong_zeroing", "processing", laws.offset, (v["zero"],), *names)
     return after(
         chain,
         anchor,
@@ -194,10 +202,12 @@ EFFECTS = (
         "Tare in free air, before contact.",
         "gap.md",
         (
-            strength("share", "1", 0.01, 1.0, 1.0, "of the force at that moment that is taken for zero"),
-            shape("delay", "s", 0.01, 60.0, 2.0, "after the start", log=True),
-            choice("form", 0, "once in the session", "at each recording anew", "once, of one computed force"),
-            choice("computed", 0, "force x", "force y", "force z", only=(2,)),
+            strength("share", "1", 0.01, 1.0, 1.0, "of the force at that moment that is taken for zero", only=TAKEN),
+            shape("delay", "s", 0.01, 60.0, 2.0, "after the start", log=True, only=TAKEN),
+            choice("form", 0, "once in the session", "at each recording anew", "once, of one computed force",
+                   "before the session, of one computed force"),
+            choice("computed", 0, "force x", "force y", "force z", only=(2, 3)),
+            signed("zero", "N", 0.25, 0.01, "that one force has in all recordings", only=(3,)),
         ),
         _tare,
     ),

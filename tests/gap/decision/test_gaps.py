@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gap.decision.gaps import excess_left, gap_of, in_session, noisy, shrink, worst_gap
+from gap.decision.gaps import excess_left, gap_of, in_changed_blocks, in_session, noisy, shrink, worst_gap
 from gap.inference.evidence import Fit, Hypothesis
 from tests.gap.decision.waves import weak_wave
 
@@ -46,6 +46,16 @@ def test_the_worst_block_is_larger_than_its_rows_chance(of_residuals) -> None:
     many, few = np.ones(2000), np.full(50, 1.1)
     assert worst_gap(of_residuals(height=many, reference=few)) < 1.0
     assert worst_gap(of_residuals(height=many, reference=3.0 * few)) > 2.0
+
+
+def test_a_gap_is_told_of_the_changed_blocks_that_show_it(of_residuals, candidate) -> None:
+    """A jump of a transducer takes most off a reference's gap, and next to nothing off that of skin of another law."""
+    null = of_residuals(force=np.full(900, 1.5), reference=np.full(100, 1.4), axes=np.full(100, 9.0))
+    answer = of_residuals(force=np.full(900, 1.5), reference=np.full(100, 0.9), axes=np.full(100, 9.0))
+    answer = replace(answer, effects=(replace(candidate("jump"), blocks=("force", "reference")),))
+    assert in_changed_blocks(null, answer).after == pytest.approx(1.451, abs=1e-3)
+    assert in_changed_blocks(null, answer, ["reference"]).after == pytest.approx(0.9)
+    assert in_changed_blocks(null, answer, ["axes"]) == in_changed_blocks(null, answer)
 
 
 def test_next_to_nothing_above_the_floor_has_no_share() -> None:

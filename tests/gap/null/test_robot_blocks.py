@@ -320,6 +320,19 @@ def test_a_zero_of_one_computed_force_is_found() -> None:
     assert found.penalty < 0.5 * null.penalty
 
 
+def test_an_old_zero_of_one_computed_force_is_found() -> None:
+    """No reading of the session is what was taken for it."""
+    effects = {k: e for k, e in library("microrobot").items() if k == "wrong_zeroing[form=3,computed=0]"}
+    recordings = own.robot_session(np.random.default_rng(50004), [])
+    block = next(b for b in robot_problems(recordings, effects)[0] if b.name == "matrix")
+    block.measured = block.measured.copy()
+    block.measured.reshape(3, -1)[0] -= 8.9e-3  # N
+    (candidate,) = candidates_for(effects, [block])
+    found = fit(block, (candidate,), None, fit(block).nuisance)
+    assert found.active[candidate]["zero"] == pytest.approx(-8.9e-3, rel=1e-3)
+    assert found.objective < 1.0
+
+
 @pytest.mark.parametrize(("form", "values"), [(0, {"delay": 0.027}), (1, {"interval": 0.06, "phase": 0.3})])
 def test_the_loop_is_simulated_where_a_late_command_shows(form: int, values: dict[str, float]) -> None:
     """Else a corner lies between nodes 40 ms apart, steps of set-points that are held for 60 ms are seen by chance, and
