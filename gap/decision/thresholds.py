@@ -66,6 +66,7 @@ class Thresholds:
     worse_share: float
     worse_block: float
     carries_over: float
+    amid_skin: float
     carried_share: float
     untested_gap: float
     rival_lead: float

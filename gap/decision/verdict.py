@@ -215,16 +215,24 @@ def _unfinished(f: Findings) -> bool:
     return len(f.first.effects) > 1 and left > f.t.unfinished_pair and not f.shows_itself
 
 
+def _skin_may(f: Findings) -> bool:
+    """Whether the first cause, a device effect, may be the rest that skin of another law leaves."""
+    surely = f.first.detectability > f.t.overwhelming or f.without_skin > f.t.without_skin
+    return not surely and not any(e.stage == "tissue" for h in f.first.members for e in h.effects)
+
+
 def _repairs_skin(f: Findings) -> bool:
-    """A device effect that does not carry over to another waveform may be the rest that skin of another law leaves."""
+    """Such an effect does not carry over to another waveform."""
     carried = f.held_out.get("waveform")
-    if carried is None or carried.value is None or carried.value > f.t.carries_over:
-        return False
     if f.fitted is not None and f.fitted.before < f.t.quiet_gap:
         return False
-    if f.first.detectability > f.t.overwhelming or f.without_skin > f.t.without_skin:
-        return False
-    return not any(e.stage == "tissue" for h in f.first.members for e in h.effects)
+    stays = carried is not None and carried.value is not None and carried.value <= f.t.carries_over
+    return stays and _skin_may(f)
+
+
+def _amid_skin(f: Findings) -> bool:
+    """Such an effect leaves the simulation by itself far from the data."""
+    return f.fitted is not None and f.fitted.after > f.t.amid_skin and _skin_may(f) and not f.shows_itself
 
 
 def _stays_behind(f: Findings) -> bool:
@@ -245,6 +253,10 @@ def _outdone(f: Findings) -> bool:
 
 def _told(split: str) -> Callable[[Findings], str]:
     return lambda f: f"gap {f.held_out[split].before:.2f} -> {f.held_out[split].after:.2f} on a withheld {split}"
+
+
+def _all_told(f: Findings) -> str:
+    return ", ".join([*filter(None, [_fall(f)]), *(_told(k)(f) for k in f.withheld)])
 
 
 def _standing_out(f: Findings) -> str:
@@ -320,12 +332,7 @@ RULES: tuple[Rule, ...] = (
         Findings.spoiled,
         lambda f: f"{_fall(f)}, {f.posterior.gap_before:.2f} -> {f.posterior.gap_after:.2f} in all",
     ),
-    Rule(
-        "takes little away",
-        _small,
-        Findings.spoiled,
-        lambda f: ", ".join([_fall(f), *(_told(k)(f) for k in f.withheld)]),
-    ),
+    Rule("takes little away", _small, Findings.spoiled, _all_told),
     Rule("within the noise", _untested, Findings.quiet, _fall),
     Rule(
         "worse in another channel",
@@ -342,12 +349,8 @@ RULES: tuple[Rule, ...] = (
         _told("waveform"),
     ),
     Rule("does not carry over", _repairs_skin, _always("unknown"), _told("waveform")),
-    Rule(
-        "stays behind",
-        _stays_behind,
-        Findings.spoiled,
-        lambda f: ", ".join(_told(k)(f) for k in f.withheld),
-    ),
+    Rule("amid skin of another law", _amid_skin, _always("unknown"), _all_told),
+    Rule("stays behind", _stays_behind, Findings.spoiled, _all_told),
     Rule(
         "outdone by a rival",
         _outdone,
@@ -358,11 +361,7 @@ RULES: tuple[Rule, ...] = (
         "claimed",
         lambda f: True,
         lambda f: "several" if len(f.first.effects) > 1 else "effect",
-        lambda f: (
-            f"posterior {f.first.probability:.2f}, {_standing_out(f)}"
-            + (f", {_fall(f)}" if f.fitted else "")
-            + "".join(f", {_told(k)(f)}" for k in f.withheld)
-        ),
+        lambda f: ", ".join(filter(None, [f"posterior {f.first.probability:.2f}, {_standing_out(f)}", _all_told(f)])),
     ),
 )
 """In order: the first that holds settles the verdict."""

@@ -115,6 +115,7 @@ def test_mains_in_the_noise_leave_the_verdict_alone(verdict_on) -> None:
         (2.5, 2.0, 0.05, "unknown"),  # repairs the fitted recordings, and no more
         (2.5, 1.0, 0.05, "effect"),  # nothing is left to take away
         (2.5, 2.0, None, "effect"),  # one waveform only
+        (2.5, 3.0, 0.9, "unknown"),  # leaves a gap of 2.4
         (30.0, 2.0, 0.05, "effect"),  # beyond the rest that skin could leave
     ],
 )
