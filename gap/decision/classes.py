@@ -42,6 +42,11 @@ class Cause:
     def effects(self) -> tuple[Candidate, ...]:
         return self.hypothesis.effects
 
+    @property
+    def happens_once(self) -> bool:
+        """Whether an event is part of it: that is in one recording, and nothing in the others foretells it."""
+        return any(e.event for e in self.effects)
+
     def led_by(self, leader: Hypothesis) -> Cause:
         """The same class with another of its members first; the marks were its leader's."""
         if leader is self.hypothesis:
@@ -178,7 +183,7 @@ def _same_event(one: Hypothesis, other: Hypothesis, near: float) -> bool:
     return bool(blocks & others) and abs(begin - from_then) < near and abs(end - until) < near
 
 
-def without_skin(cause: Cause, comparison: Comparison, temper: Mapping[str, float]) -> dict[str, float]:
+def nats_without_skin(cause: Cause, comparison: Comparison, temper: Mapping[str, float]) -> dict[str, float]:
     """Nats that each block whose null leaves no room for skin of another law gives a cause."""
     nats = {}
     for block, problem in comparison.problems.items():

@@ -11,7 +11,7 @@ import numpy as np
 
 from gap.data.signatures import Signature
 from gap.decision.chance import size_of_chance
-from gap.decision.classes import Cause, concept, without_skin
+from gap.decision.classes import Cause, concept, nats_without_skin
 from gap.decision.gaps import Shrink, gap_without_discrepancy, in_changed_blocks, in_each_block, in_session, noisy
 from gap.decision.marks import explains_marks
 from gap.decision.posterior import Posterior, posterior
@@ -144,12 +144,10 @@ def _settled(case: Case, t: Thresholds, jobs: int) -> Settled:
     expected = case.qualified is not None and bool(case.qualified.expected(first.hypothesis))
     if expected:
         sizes = (np.inf, 0.0)  # references, on which no skin could do as much, have shown that it is more than that
-    nats, has_skin = (
-        without_skin(first, comparison, found.temper),
-        any(p.open_law for p in comparison.problems.values()),
-    )
-    once = any(e.event for e in first.effects)  # nothing in other recordings tells an event from skin of another law
-    telling = [b for b, n in nats.items() if n > t.without_skin] if once and has_skin else []
+    has_skin = any(p.open_law for p in comparison.problems.values())
+    nats = nats_without_skin(first, comparison, found.temper)
+    # No other recording tells an event from skin of another law.
+    telling = [b for b, n in nats.items() if n > t.without_skin] if has_skin and first.happens_once else []
     findings = Findings(
         posterior=found,
         t=t,

@@ -188,19 +188,14 @@ def _next_to(s: Shrink, f: Findings) -> bool:
     return s.after**2 - s.before**2 < f.t.worse_share * had
 
 
-def _happens_once(f: Findings) -> bool:
-    """Whether an event is part of the first cause: it is in one recording, and nothing in the others foretells it."""
-    return any(e.event for e in f.first.effects)
-
-
 def _worse_on_repeats(f: Findings) -> bool:
-    return not _happens_once(f) and _worse("repeat", lambda f: f.t.worse_repeat)(f)
+    return not f.first.happens_once and _worse("repeat", lambda f: f.t.worse_repeat)(f)
 
 
 def _patched(f: Findings) -> bool:
     """Something for a while that does not get near the noise, or as short as may be, as is what a step's answer leaves:
     such patches repair anything a bit."""
-    if f.shows_itself or not _happens_once(f):
+    if f.shows_itself or not f.first.happens_once:
         return False
     p = f.posterior
     left, had = (p.gap_after, p.gap_before) if f.fitted is None else (f.fitted.after, f.fitted.before)
@@ -238,7 +233,7 @@ def _amid_skin(f: Findings) -> bool:
 def _stays_behind(f: Findings) -> bool:
     """On every withheld recording the first cause takes away little of its share where it was fitted, as it may where
     a tolerance takes it on in each of them."""
-    if f.strained or _happens_once(f):
+    if f.strained or f.first.happens_once:
         return False
     fitted = f.fitted.value if f.fitted is not None else None
     carried = [s.value for s in f.withheld.values() if s.value is not None]

@@ -198,7 +198,7 @@ EFFECTS = (
     ),
     effect(
         "wrong_zeroing", "processing", ROBOT,
-        "Force zeroed while the skin is loaded.",
+        "Force zeroed while the skin is loaded, or on another day.",
         "Tare in free air, before contact.",
         "gap.md",
         (

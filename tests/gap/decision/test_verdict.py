@@ -10,7 +10,7 @@ import pytest
 
 from gap.data.signatures import HUM, MAINS, Signature
 from gap.data.tolerances import Tolerance, tolerances
-from gap.decision.classes import Cause, without_skin
+from gap.decision.classes import Cause, nats_without_skin
 from gap.decision.gaps import Shrink
 from gap.decision.posterior import posterior
 from gap.decision.settle import Case, settle
@@ -125,11 +125,11 @@ def test_a_device_effect_must_carry_over_where_skin_is_in_play(
     comparison, known = weak_wave(linear, candidate, strength)
     held_out = {} if transfer is None else {"waveform": taking(transfer)}
     fitted = Shrink(gap, 0.8 * gap)
-    free = without_skin(posterior(comparison, known, INSTRUMENT).causes[0], comparison, comparison.temper())
+    free = nats_without_skin(posterior(comparison, known, INSTRUMENT).causes[0], comparison, comparison.temper())
     assert free["linear"] > 0.0
     assert judge(comparison, known, fitted=fitted, held_out=held_out, without_skin=np.inf).verdict == "effect"
     comparison.problems["linear"].open_law = True
-    skin = without_skin(posterior(comparison, known, INSTRUMENT).causes[0], comparison, comparison.temper())
+    skin = nats_without_skin(posterior(comparison, known, INSTRUMENT).causes[0], comparison, comparison.temper())
     assert skin == {}
     final = judge(comparison, known, fitted=fitted, held_out=held_out, without_skin=0.0)
     assert final.verdict == said

@@ -10,13 +10,14 @@ import pytest
 from gap.data.smoothing import deviation, significant
 from gap.design import simulated as own
 from gap.effects.load import library
-from gap.inference.evidence import Hypothesis
+from gap.inference.evidence import Fit, Hypothesis
 from gap.inference.hypothesis import Candidate, to_unit
 from gap.inference.least_squares import fit, under
 from gap.null.blocks import GroupedSession
 from gap.null.candidates import candidates_for
 from gap.null.chains import needed
 from gap.null.robot import RoughForceBlock, robot_problems
+from gap.null.robot_arithmetic import ArithmeticBlock
 from gap.null.robot_axes import AXES, QUANTITIES, AxesBlock
 from gap.null.robot_force import AT_NOISE, ForceBlock
 from gap.null.robot_loop import CONTROLLERS
@@ -203,7 +204,7 @@ def test_limits_are_looked_for_where_the_session_meets_them() -> None:
 
 
 MORE = {"spring": 0.4, "closing": -0.5, "activation": 4.0, "slip1": 0.2, "skew1": 0.15, "push": 0.3, "apart": 0.6}
-"""Of each further law, in their order, what tells it from two relaxation times."""
+"""Of each further law, in their order, the parameter that tells it from two relaxation times."""
 
 
 @pytest.fixture(scope="module")
@@ -261,7 +262,7 @@ def test_bins_behind_a_kink_are_means_of_what_the_loop_does_there(sheets: tuple[
 
 
 def test_dry_friction_is_found_though_its_null_strains_the_loop() -> None:
-    """A force that changes sign leaves no slope to follow from gains that have taken on what they could of it."""
+    """A force that changes sign leaves no slope to follow from gains that have taken on their share of it."""
     effects = {k: e for k, e in library("microrobot").items() if e.name in ("coulomb_friction", "viscous_drag")}
     legs = [own.direction_cycles(a, 0.0, 1.2e-3, 8.0, 2) for a in (0.0, 0.3 * np.pi, 0.5 * np.pi)]
     rubbing = (effects["coulomb_friction[form=0,axis=0]"], {"force": 0.3})
@@ -304,15 +305,21 @@ def test_a_loop_of_the_other_gains_that_damps_the_position_is_known() -> None:
     assert all(f.penalty > 10.0 or f.chi2 > 10.0 for f, c in tried if c is not controller)
 
 
-def test_a_zero_of_one_computed_force_is_found() -> None:
-    """The reading that was taken for it is seldom as small; what is computed has no noise of its own."""
-    effects = {k: e for k, e in library("microrobot").items() if k == "wrong_zeroing[form=2,computed=1]"}
+def _off_by(newton: float, key: str, axis: int) -> tuple[ArithmeticBlock, Candidate, Fit]:
+    """The computed forces of which one is off by a constant, the effect ``key`` that may do it, and the null's fit."""
+    effects = {key: library("microrobot")[key]}
     recordings = own.robot_session(np.random.default_rng(50004), [])
     block = next(b for b in robot_problems(recordings, effects)[0] if b.name == "matrix")
+    assert isinstance(block, ArithmeticBlock)
     block.measured = block.measured.copy()
-    block.measured.reshape(3, -1)[1] -= 6e-4  # N
+    block.measured.reshape(3, -1)[axis] += newton
     (candidate,) = candidates_for(effects, [block])
-    null = fit(block)
+    return block, candidate, fit(block)
+
+
+def test_a_zero_of_one_computed_force_is_found() -> None:
+    """The reading taken for zero is seldom as small; a computed channel has no noise of its own."""
+    block, candidate, null = _off_by(-6e-4, "wrong_zeroing[form=2,computed=1]", 1)
     starts = [np.array([1.0, to_unit(candidate.parameters[1], delay)]) for delay in block.resets]
     assert starts
     found = min((fit(block, (candidate,), unit, null.nuisance) for unit in starts), key=lambda f: f.objective)
@@ -320,15 +327,10 @@ def test_a_zero_of_one_computed_force_is_found() -> None:
     assert found.penalty < 0.5 * null.penalty
 
 
-def test_an_old_zero_of_one_computed_force_is_found() -> None:
-    """No reading of the session is what was taken for it."""
-    effects = {k: e for k, e in library("microrobot").items() if k == "wrong_zeroing[form=3,computed=0]"}
-    recordings = own.robot_session(np.random.default_rng(50004), [])
-    block = next(b for b in robot_problems(recordings, effects)[0] if b.name == "matrix")
-    block.measured = block.measured.copy()
-    block.measured.reshape(3, -1)[0] -= 8.9e-3  # N
-    (candidate,) = candidates_for(effects, [block])
-    found = fit(block, (candidate,), None, fit(block).nuisance)
+def test_a_force_zeroed_before_the_session_is_found() -> None:
+    """No reading of the session equals that zero."""
+    block, candidate, null = _off_by(-8.9e-3, "wrong_zeroing[form=3,computed=0]", 0)
+    found = fit(block, (candidate,), None, null.nuisance)
     assert found.active[candidate]["zero"] == pytest.approx(-8.9e-3, rel=1e-3)
     assert found.objective < 1.0
 
