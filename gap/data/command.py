@@ -45,11 +45,18 @@ CURVED = 0.005
 @dataclass(frozen=True)
 class Command:
     """A commanded quantity over the whole session: times (m,) s and values (m,), two points at one time for a step;
-    straight in between. ``kinks`` (k,) s are those times at which its rate jumps."""
+    straight in between. ``kinks`` (k,) s are those times at which its rate jumps. ``late`` (m,) s is half the interval
+    of rows that were sampled: a controller that holds each until the next is so late in the mean, but for its steps."""
 
     time: FloatArray
     value: FloatArray
     kinks: FloatArray
+    late: FloatArray
+
+    def table(self, held: bool) -> tuple[FloatArray, FloatArray]:
+        """Times (m,) s and values (m,) of a controller that goes straight between sampled rows, or has them ``held``,
+        in the mean."""
+        return (self.time + self.late if held else self.time), self.value
 
     @property
     def steps(self) -> FloatArray:
@@ -74,33 +81,44 @@ class Command:
 
 def command(time: FloatArray, value: FloatArray) -> Command:
     """The command of one recording from its table of set-points (n,)."""
-    time, value = stepped(time, value)
+    even = even_intervals(time, value)
+    half = 0.5 * float(np.median(np.diff(time)[even])) if np.any(even) else 0.0
+    steps = np.flatnonzero(_jumps(time, value, even)) + 1
+    late = np.where(np.r_[even, False] | np.r_[False, even], half, 0.0)
+    late[steps] = 0.0
+    # A jump between two rows is a step at the later one.
+    late = np.insert(late, steps, 0.0)
+    time, value = np.insert(time, steps, time[steps]), np.insert(value, steps, value[steps - 1])
     keep = needed_rows(time, value, COLLINEAR * float(np.ptp(value)))
-    time, value = time[keep], value[keep]
-    return Command(time, value, time[bends(time, value)])
+    time, value, late = time[keep], value[keep], late[keep]
+    return Command(time, value, time[bends(time, value)], late)
 
 
-def stepped(time: FloatArray, value: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The table with every jump between two rows of a dense, even one as a step at the later: it is a command that was
-    sampled, and that is when it came. Where a row was sampled on the way of a step, it came in two. A table that writes
-    a step as two rows of one time says itself where its steps are."""
-    span = float(np.ptp(value)) if len(value) else 0.0
-    dt, change = np.diff(time), np.diff(value)
-    if len(time) < DENSE or span == 0 or np.any((dt <= 0.0) & (change != 0.0)):
-        return time, value
+def even_intervals(time: FloatArray, value: FloatArray) -> NDArray[np.bool_]:
+    """Which intervals (n − 1,) lie evenly in a table that was sampled from a command. One that writes a step as two
+    rows of one time says itself where its steps are, and few rows, or mostly uneven ones, are meant as they stand."""
+    dt = np.diff(time)
+    if len(time) < DENSE or np.ptp(value) == 0 or np.any((dt <= 0.0) & (np.diff(value) != 0.0)):
+        return np.zeros(len(dt), dtype=bool)
     usual = float(np.median(dt))
-    even = (np.abs(dt - usual) <= EVEN * usual + ROUNDED) & (dt > 0.5 * usual)
-    if np.mean(even) < MOSTLY:
-        return time, value
+    even: NDArray[np.bool_] = (np.abs(dt - usual) <= EVEN * usual + ROUNDED) & (dt > 0.5 * usual)
+    return even if np.mean(even) >= MOSTLY else np.zeros(len(dt), dtype=bool)
+
+
+def _jumps(time: FloatArray, value: FloatArray, even: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which of the ``even`` intervals (n − 1,) of a table stand for a step. Where a row was sampled on the way of one,
+    it came in two."""
+    if not np.any(even):
+        return even
+    dt, change = np.diff(time), np.diff(value)
+    span, usual = float(np.ptp(value)), float(np.median(dt))
     slope = np.divide(change, dt, out=np.zeros(len(dt)), where=dt > 0)
     jump = even & (np.abs(change) > STEP * span) & (np.abs(slope) * usual > STEP * span)
     alone = jump & ~np.r_[False, jump[:-1]] & ~np.r_[jump[1:], False]
     # A smooth command that is quick moves as much in the rows around; one may be on its way when it steps.
     beside = np.maximum(np.abs(np.r_[0.0, change[:-1]]), np.abs(np.r_[change[1:], 0.0]))
     clear = (alone & (beside < 0.5 * np.abs(change))) | (jump & (beside < ON_ITS_WAY * np.abs(change)))
-    steps = clear | _in_two(np.where(even, change, 0.0), STEP * span)
-    at = np.flatnonzero(steps) + 1
-    return np.insert(time, at, time[at]), np.insert(value, at, value[at - 1])
+    return np.asarray(clear | _in_two(np.where(even, change, 0.0), STEP * span))
 
 
 def _in_two(change: FloatArray, least: float) -> NDArray[np.bool_]:

@@ -95,7 +95,7 @@ class Session:
 
         One that begins at another level has been there for `HELD`, or half of the time since the recording before.
         """
-        times, values, kinks = list[FloatArray](), list[FloatArray](), list[FloatArray]()
+        times, values, kinks, late = (list[FloatArray]() for _ in range(4))
         ended = -np.inf
         for k in members:
             own = self._commands(k)[quantity]
@@ -106,16 +106,20 @@ class Session:
                 first -= min(HELD, 0.5 * (first - ended))
                 times.append(np.array([first]))
                 values.append(np.zeros(1))
+                late.append(np.zeros(1))
             kinks.append(np.r_[first, own.kinks + self.shifts[k], last])
             times.append(np.concatenate([[first], t, [last]]))
             values.append(np.concatenate([[v[0]], v, [v[-1]]]))
+            late.append(np.concatenate([[0.0], own.late, own.late[-1:]]))
             ended = last
             if v[-1] != 0 and k != members[-1]:
                 times.append(times[-1][-1:])
                 values.append(np.zeros(1))
-        time, value = np.concatenate(times), np.concatenate(values)
+                late.append(late[-1][-1:])
+        time = np.concatenate(times)
         order = np.argsort(time, kind="stable")
-        return Command(time[order], value[order], np.unique(np.concatenate(kinks)))
+        value, after = (np.concatenate(parts)[order] for parts in (values, late))
+        return Command(time[order], value, np.unique(np.concatenate(kinks)), after)
 
     def binned(
         self,

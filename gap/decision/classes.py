@@ -14,6 +14,7 @@ from gap.decision.marks import made_by
 from gap.decision.thresholds import Thresholds
 from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import Candidate
+from gap.inference.problem import Problem
 from gap.search.compare import Comparison, Weight
 from sim_devices.chain import FloatArray
 
@@ -192,3 +193,11 @@ def nats_without_skin(cause: Cause, comparison: Comparison, temper: Mapping[str,
             one, other = (f.log_evidence(temper[block], problem.prior_scales) for f in fits)
             nats[block] = problem.likelihood_powers[0] * (one - other)
     return nats
+
+
+def begins_with_skin(problems: Mapping[str, Problem], h: Hypothesis, within: float) -> bool:
+    """Whether an event of the tissue begins ``within`` s of the first sample on skin: nothing tells how the skin was
+    until then, and a law of another toe or memory bends just there."""
+    first = min((float(np.min(p.rows.time)) for p in problems.values() if p.open_law), default=-np.inf)
+    events = [values for f in h.fits.values() for e, values in f.active.items() if e.event and e.stage == "tissue"]
+    return any(values.get("moment", np.inf) < first + within for values in events)

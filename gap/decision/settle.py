@@ -11,7 +11,7 @@ import numpy as np
 
 from gap.data.signatures import Signature
 from gap.decision.chance import size_of_chance
-from gap.decision.classes import Cause, concept, nats_without_skin
+from gap.decision.classes import Cause, begins_with_skin, concept, nats_without_skin
 from gap.decision.gaps import Shrink, gap_without_discrepancy, in_changed_blocks, in_each_block, in_session, noisy
 from gap.decision.marks import explains_marks
 from gap.decision.posterior import Posterior, posterior
@@ -99,10 +99,12 @@ class Settled:
 
 
 def believed(case: Case, t: Thresholds) -> tuple[Case, list[str]]:
-    """The case without explanations by chance whose residuals are not of the size that they say, and whose simulation
-    has taken on effects within tolerance; these are told in remarks."""
+    """The case without explanations by chance whose residuals are not of the size that they say, and by events of skin
+    that begin with it, and whose simulation has taken on effects within tolerance; these are told in remarks."""
     comparison, known = case.comparison, case.qualified
-    kept = [h for h in comparison.hypotheses if size_of_chance(comparison.problems, h) >= t.chance]
+    problems = comparison.problems
+    kept = [h for h in comparison.hypotheses if size_of_chance(problems, h) >= t.chance]
+    kept = [h for h in kept if not begins_with_skin(problems, h, t.skin_before)]
     comparison = replace(comparison, hypotheses=kept)
     taken = tolerated(
         comparison,

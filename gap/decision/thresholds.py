@@ -46,6 +46,7 @@ class Thresholds:
     second_least: float
     at_once: float
     same_edges: float
+    skin_before: float
     chance: float
     unearned: float
     unknown: float

@@ -67,13 +67,15 @@ class Group:
         """Whether it is a reference specimen: no law of a person's is in the way."""
         return self.name in SPECIMENS
 
-    def tables(self) -> dict[str, Table]:
-        """Commands as tables for the simulation."""
-        return {q: (c.time, c.value) for q, c in self.commands.items()}
+    def tables(self, held: bool) -> dict[str, Table]:
+        """Commands as tables for the simulation, sampled rows ``held`` or straight in between."""
+        return {q: c.table(held) for q, c in self.commands.items()}
 
 
 class GroupedSession(Session):
     """A session whose recordings are grouped by specimen."""
+
+    held = False  # whether sampled rows are held until the next: the actuator's block tells those behind it
 
     def __init__(self, recordings: Sequence[Recording], quantities: Sequence[str]) -> None:
         super().__init__(recordings)
@@ -92,10 +94,8 @@ class GroupedSession(Session):
         self.marks = tuple(self.span(k)[0] - BEFORE for k in armed)
 
     def recorded(self, channel: str, group: Group, *, smoothed: bool = False) -> dict[str, Table]:
-        """A channel of a group's recordings as a table, always the same one; nothing where it was not recorded.
-
-        It is ``smoothed`` for a sensor that reads it, too: noise fed into a prediction of itself would explain itself.
-        """
+        """A channel of a group's recordings as a table, always the same one; nothing where it was not recorded. It is
+        ``smoothed`` for a sensor that reads it, too: noise fed into a prediction of itself would explain itself."""
         key = (channel, group.specimen, smoothed)
         if key not in self._recorded:
             series = [(k, s) for k in group.members if (s := self.recordings[k].streams.get(channel)) is not None]
@@ -330,7 +330,7 @@ class Block(abc.ABC):
 
     def tables(self, group: Group) -> dict[str, Table]:
         """The commands of a group."""
-        return group.tables()
+        return group.tables(self.session.held)
 
     def kinks(self, group: Group) -> FloatArray:
         """When the rate of a group's commands jumps, (k,) s by the clock of its `tables`."""

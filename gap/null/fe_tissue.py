@@ -317,7 +317,7 @@ class FeHeightBlock(Anchored, HeightBlock):
         """The pressure on the skin under the active effects, (n,) Pa."""
         given = {"line_pressure": self._fed.beside(chain, group, active, line)}
         reduced = replace(chain, operators=needed(chain, ("skin_pressure",), given))
-        return simulate(reduced, group.tables(), {"skin_pressure": time}, given)["skin_pressure"]
+        return simulate(reduced, group.tables(self.session.held), {"skin_pressure": time}, given)["skin_pressure"]
 
 
 def fe_height(name: str) -> Callable[[GroupedSession, Mapping[str, Effect], PressureBlock | None], FeHeightBlock]:

@@ -38,6 +38,8 @@ STRAINED = 30.0
 SETTLED, BEYOND = 3.0, 0.1
 """s for which a grid begins before the recordings, as a loop holds its load when they begin, a weight that hangs; and
 by which it goes beyond them, as clocks differ."""
+WORTH = 20.0
+"""χ² by which a controller that holds sampled rows must be better than one that goes straight in between."""
 MISTAKEN = "viscous_drag", "coulomb_friction", "latency"
 """Effects that the quick fits look for then: each looks like another controller."""
 STRENGTHS = np.linspace(0.1, 0.9, 17)
@@ -129,24 +131,31 @@ class AxesBlock(Block):
         self._forces = [recorded(self, g, TRANSDUCERS, TRANSDUCERS, smooth=True) for g, _ in self.groups]
         self._seen = [recorded(self, g, AXES, numbered("axis"), smooth=True) for g, _ in self.groups]
         self.blur_steep_parts(steepness(self, self._seen, numbered("axis")))
-        self._grids_ahead: dict[str, tuple[FloatArray, tuple[Operator, ...], dict[str, FloatArray]]] = {}
+        self._grids_ahead: dict[tuple[str, bool], tuple[FloatArray, tuple[Operator, ...], dict[str, FloatArray]]] = {}
         self._made: dict[tuple[object, ...], FloatArray] = {}  # most effects leave the axes alone
         self._kept: list[tuple[FloatArray, FloatArray]] = []  # Jacobians, by the gains that they were made at
         self._misleading: dict[str, bool] = {}
         self._runs = np.kron(np.eye(3), self.member)
         self.prior_mean = self.sound = np.zeros(self.TOLERANCES + self._runs.shape[1])
         known = controllers(stated([session.recordings[k] for k in self.runs]))
-        fits = [pair for controller in known for pair in self._tried(controller)]
-        self._best, controller = min(fits, key=lambda pair: pair[0].objective)
-        alone = [f for f, its in fits if its is controller and not f.hypothesis]
-        self._start, self._strained = alone[0].nuisance, alone[0].penalty > STRAINED
-        self._rubs = {f.hypothesis[0].key: f for f, its in fits if its is controller and f.hypothesis}
+        sampled = any(np.any(c.late > 0.0) for g, _ in self.groups for c in g.commands.values())
+        ways = [(controller, held) for controller in known for held in (False, True)[: 1 + sampled]]
+        fits = {way: self._tried(*way) for way in ways}
+        # Rows are straight unless it is worth it that they are held.
+        costs = {way: min(f.objective for f in fits[way]) + WORTH * way[1] for way in ways}
+        best = min(ways, key=lambda way: costs[way])
+        alone, *rubbed = fits[best]
+        self._best = min(fits[best], key=lambda f: f.objective)
+        self._start, self._strained = alone.nuisance, alone.penalty > STRAINED
+        self._rubs = {f.hypothesis[0].key: f for f in rubbed}
         self.suspected = frozenset(self._rubs)
-        self._take(controller)
+        self._take(*best)
+        session.held = self.held
 
-    def _take(self, controller: Controller) -> None:
-        """Assume a controller, and the tolerances of a sound instrument with it."""
-        self.controller = controller
+    def _take(self, controller: Controller, held: bool) -> None:
+        """Assume a controller that has sampled rows of a command ``held`` until the next or goes straight in between,
+        and the tolerances of a sound instrument with it."""
+        self.controller, self.held = controller, held
         self.prior_sd = self._prior(lambda t: t.widest)
         self.prior_scales = (self._prior(lambda t: t.value), self.prior_sd)
         self._forget()
@@ -187,15 +196,15 @@ class AxesBlock(Block):
         self._made.clear()
         self._kept.clear()
 
-    def _tried(self, controller: Controller) -> list[tuple[Fit, Controller]]:
-        """Quick fits with a controller; also with friction, drag or lateness where its gains are strained without,
-        because much of these looks like the other controller."""
-        self._take(controller)
+    def _tried(self, controller: Controller, held: bool) -> list[Fit]:
+        """Quick fits with a controller that takes sampled rows so; also with friction, drag or lateness where its gains
+        are strained without, because much of these looks like the other controller."""
+        self._take(controller, held)
         fits = [fit(self, nuisance=self.prior_mean, iterations=3)]
         if fits[0].penalty > STRAINED:
             effects = (next(((k, e) for k, e in self.library.items() if e.name == name), None) for name in MISTAKEN)
             fits += [self._rubbed(key, effect) for key, effect in filter(None, effects)]
-        return [(f, controller) for f in fits]
+        return fits
 
     def _rubbed(self, key: str, effect: Effect) -> Fit:
         """A quick fit with an effect on a sound instrument, from the strength that by itself explains most: a step in
@@ -331,7 +340,7 @@ class AxesBlock(Block):
         the axes, and all signals up to there."""
 
         def make() -> tuple[FloatArray, tuple[Operator, ...], dict[str, FloatArray]]:
-            tables = {COMMANDS[q]: table for q, table in group.tables().items()}
+            tables = {COMMANDS[q]: table for q, table in group.tables(self.held).items()}
             corners = np.unique(np.concatenate([time for time, _ in tables.values()]))
             spans = [self.session.span(k) for k in group.members]
             begin, end = min(spans[0][0], corners[0]) - SETTLED, spans[-1][1] + BEYOND
@@ -343,11 +352,12 @@ class AxesBlock(Block):
 
         if delays:
             found: tuple[FloatArray, tuple[Operator, ...], dict[str, FloatArray]]
-            found = self._delayed.get((group.specimen, lead, delays), make)
+            found = self._delayed.get((group.specimen, self.held, lead, delays), make)
             return found
-        if group.specimen not in self._grids_ahead:
-            self._grids_ahead[group.specimen] = make()
-        return self._grids_ahead[group.specimen]
+        key = group.specimen, self.held
+        if key not in self._grids_ahead:
+            self._grids_ahead[key] = make()
+        return self._grids_ahead[key]
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         k = self.TOLERANCES

@@ -32,11 +32,15 @@ class FedPressure:
         regulator, as fitted elsewhere, makes of the command, or the command itself."""
         recorded = self.session.recorded("pressure", group)
         if not recorded:
-            return group.tables()["pressure"] if self._pressure is None else self._made(group, self._pressure)
+            return (
+                group.tables(self.session.held)["pressure"]
+                if self._pressure is None
+                else self._made(group, self._pressure)
+            )
         time, value = recorded["pressure"]
         if self._pressure is None:
             chain, kinks = chain_of(self.session, group, NO_TISSUE, command_step=0.0), group.commands["pressure"].kinks
-            fine, base = commanded_line(chain, group.tables(), kinks, time, np.zeros_like)
+            fine, base = commanded_line(chain, group.tables(self.session.held), kinks, time, np.zeros_like)
         else:
             fine, base = self._pressure.line(group, time)
             value = value if self._as_read else self._pressure.true(value)
@@ -67,7 +71,7 @@ class FedPressure:
             if all(isinstance(op, Map | Pass | Noise) for op in gauge):  # no memory: of the pressure at once
                 beside = {name: np.interp(time, *table) for name, table in height.items()}
                 return time, undone(lambda true: run(gauge, time, {wanted[0]: true, **beside})["pressure"], pressure)
-            made = simulate(partial, group.tables(), dict.fromkeys(wanted, time), height)
+            made = simulate(partial, group.tables(self.session.held), dict.fromkeys(wanted, time), height)
             return time, pressure + (made["line_pressure"] - made["pressure"])
 
         lines: Table = self._before.get((group.specimen, id(time), partial), corrected)
@@ -128,8 +132,8 @@ class FedBlock(Block):
     def tables(self, group: Group) -> dict[str, Table]:
         """The commands by the record's clock: a zero that is taken milliseconds off is off by as many micrometres."""
         if self._pressure is None:
-            return group.tables()
-        return {q: (t - self._pressure.early(t), value) for q, (t, value) in group.tables().items()}
+            return group.tables(self.session.held)
+        return {q: (t - self._pressure.early(t), value) for q, (t, value) in group.tables(self.session.held).items()}
 
     def kinks(self, group: Group) -> FloatArray:
         kinks = super().kinks(group)

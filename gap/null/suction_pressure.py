@@ -118,7 +118,7 @@ class PressureBlock(Block):
     floor = 5.0  # Pa: a twentieth of the command's resolution
     trust_other = 0.25  # where the regulator is of another structure, ours of that structure is not quite it
     vent = STAYS  # as physics has it: a chamber vents to the air and no further
-    whole = False  # whether levels are held at whole steps of the command's resolution
+    whole = held = False  # whether levels are held at whole steps of the command's resolution, sampled rows at all
 
     def __init__(
         self,
@@ -137,11 +137,13 @@ class PressureBlock(Block):
         # As a sound instrument of the nominal kind, or a regulator of another time and damping.
         self.prior_scales = (self.prior_sd, self.prior(lambda t: t.widest))
         self.blur_steep_parts(self._slope())
-        best = self._vented(self._resolved(self._second_order()))
+        best = self._followed(self._vented(self._resolved(self._second_order())))
         self.structure = other_structure(self, best, unknown)
         if self.structure is not None:
             self._take(self.structure)
             best = self._resolved(fit(self))
+        best = self._followed(best)
+        session.held = self.held
         self._begin = best.nuisance
         self.explained = best.chi2 < len(best.residual) * NOISY  # by a regulator that is known
         self.row_noise.remember(self.unwhitened(best.residual, {}), self.noise.tolist())
@@ -150,6 +152,12 @@ class PressureBlock(Block):
         """The better fit of ``found`` and of one by which levels are held at whole steps of the command's resolution,
         or just where they were asked for."""
         return self._better(found, whole=not self.whole)
+
+    def _followed(self, found: Fit) -> Fit:
+        """The better fit of ``found`` and of one whose sampled commands are held at each row until the next, or
+        straight in between."""
+        sampled = any(np.any(c.late > 0.0) for g, _ in self.groups for c in g.commands.values())
+        return self._better(found, held=not self.held) if sampled else found
 
     def _vented(self, found: Fit) -> Fit:
         """The better fit of ``found``, whose regulator vents to the air and no further, and of one that swings above
@@ -254,7 +262,7 @@ class PressureBlock(Block):
 
     def tables(self, group: Group) -> dict[str, Table]:
         """The commands, held at levels of whole steps where the regulator shows that."""
-        tables = group.tables()
+        tables = group.tables(self.held)
         return {q: in_whole_steps(*table, COMMAND_STEP) for q, table in tables.items()} if self.whole else tables
 
     def _regulated(self, group: Group, nuisance: FloatArray) -> Chain:

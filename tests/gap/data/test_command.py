@@ -56,6 +56,26 @@ def test_a_table_that_writes_its_steps_is_straight_between_other_rows() -> None:
     assert np.interp(5.02, c.time, c.value) == pytest.approx(0.5 * (-20.0 - 35.0 - 5.0 * np.sin(5.04)))
 
 
+def test_held_rows_are_late_by_half_an_interval_but_for_steps() -> None:
+    sine = np.where(ROWS < 10.0, 0.0, -3e4) + 1e3 * np.sin(ROWS)
+    c = command(ROWS, sine)
+    time, value = c.table(held=True)
+    assert np.all(np.diff(time) >= 0.0)
+    stairs = np.repeat(ROWS, 2)[1:], np.repeat(sine, 2)[:-1]
+    fine = np.arange(0.1, 59.0, 1e-4)
+    paths = [np.interp(fine, *table) for table in (stairs, (time, value), c.table(held=False))]
+    true, late, straight = (np.convolve(v, np.full(200, 1 / 200), "valid")[::200] for v in paths)  # over rows of 20 ms
+    assert np.max(np.abs(late - true)) < 10.0  # of half a row beside the step, where rows differ by up to 20
+    assert np.median(np.abs(late - true)) < 0.1 * np.median(np.abs(straight - true))
+    assert c.steps == pytest.approx([10.0])
+
+
+def test_corners_of_a_protocol_are_no_sampled_rows() -> None:
+    corners = np.arange(0.0, 40.0, 1.0)
+    assert not np.any(command(corners, np.sin(corners)).late)
+    assert not np.any(command(ROWS, np.zeros(len(ROWS))).late)
+
+
 def test_levels_are_held_at_whole_steps_and_ramps_go_through_them() -> None:
     time = np.array([0.0, 1.0, 1.0, 3.0, 5.0, 6.0, 8.0, 8.0, 9.0])
     value = np.array([0.0, 0.0, 10.4, 10.4, 20.3, 20.3, 5.7, 0.0, 0.0])

@@ -68,3 +68,20 @@ def test_an_event_is_judged_where_a_reference_shows_it(linear, candidate, event:
     force.open_law = True
     case = Case(comparison, known, (), plain(comparison.problems, comparison.null), {}, {})
     assert settle(case, INSTRUMENT).verdict.settled_by == rule
+
+
+@pytest.mark.parametrize(("moment", "tissue", "told"), [(0.1, True, False), (0.1, False, True), (0.4, True, True)])
+def test_an_event_of_skin_that_begins_with_it_is_no_event(
+    linear, candidate, moment: float, tissue: bool, told: bool
+) -> None:
+    """How skin was before its first sample, nothing tells; two sound laws of another toe were told muscle tone."""
+    shape = np.where(moment > T, 0.0, np.sin(3.0 * T))
+    thresholds = replace(INSTRUMENT, skin_before=0.2)  # of a session of 1 s
+    y = 6.0 * shape + np.random.default_rng(0).normal(size=len(T))
+    force = linear(y, DESIGN, {"tone": lambda v: v["a"] * shape}, np.full(2, 100.0))
+    parameters = Parameter("a", "1", -60.0, 60.0, 0.0), Parameter("moment", "s", moment - 0.01, moment + 0.01)
+    known = [replace(candidate("tone", *parameters, stage="tissue" if tissue else "sensor"), event=True)]
+    comparison = compare([force], known)
+    force.open_law = True
+    case = Case(comparison, known, (), plain(comparison.problems, comparison.null), {}, {})
+    assert settle(believed(case, thresholds)[0], thresholds).verdict.claims is told
