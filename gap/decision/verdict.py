@@ -210,10 +210,14 @@ def _unfinished(f: Findings) -> bool:
     return len(f.first.effects) > 1 and left > f.t.unfinished_pair and not f.shows_itself
 
 
+def _of_skin(f: Findings) -> bool:
+    return any(e.stage == "tissue" for h in f.first.members for e in h.effects)
+
+
 def _skin_may(f: Findings) -> bool:
     """Whether the first cause, a device effect, may be the rest that skin of another law leaves."""
     surely = f.first.detectability > f.t.overwhelming or f.without_skin > f.t.without_skin
-    return not surely and not any(e.stage == "tissue" for h in f.first.members for e in h.effects)
+    return not surely and not _of_skin(f)
 
 
 def _repairs_skin(f: Findings) -> bool:
@@ -226,8 +230,10 @@ def _repairs_skin(f: Findings) -> bool:
 
 
 def _amid_skin(f: Findings) -> bool:
-    """Such an effect leaves the simulation by itself far from the data."""
-    return f.fitted is not None and f.fitted.after > f.t.amid_skin and _skin_may(f) and not f.shows_itself
+    """Such an effect, or one of the skin, leaves the simulation by itself far from the data: of a law that is another
+    one's anyway, an effect of skin is no sure part, however much it takes away."""
+    leaves = f.fitted is not None and f.fitted.after > f.t.amid_skin
+    return leaves and (_skin_may(f) or _of_skin(f)) and not f.shows_itself
 
 
 def _stays_behind(f: Findings) -> bool:

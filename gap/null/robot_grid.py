@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gap.data.session import Pace
 from gap.null.chains import run
 from sim_devices.chain import FloatArray, Operator, Signals
-from sim_devices.stages.operators import Retimed
+from sim_devices.stages.operators import Gap, Retimed
 from sim_devices.stages.sampling import RETIMED, Table, mean_before, merged
 
 KINK = 1e-6
@@ -26,8 +26,9 @@ AFTER_KINK = np.concatenate([np.arange(0.004, 0.1, 0.004), np.arange(0.1, 0.3, 0
 
 
 def retimed(operators: Sequence[Operator]) -> tuple[Retimed, ...]:
-    """Those of the operators that show the command at other moments."""
-    return tuple(op for op in operators if isinstance(op, Retimed) and op.name in RETIMED and op.moves)
+    """Those of the operators that show the command at other moments: lost samples, too, as all channels move up."""
+    moved = (op for op in operators if isinstance(op, Retimed) and op.moves)
+    return tuple(op for op in moved if op.name in RETIMED or isinstance(op, Gap))
 
 
 def leading(operators: Sequence[Operator]) -> tuple[Retimed, ...]:

@@ -123,6 +123,25 @@ def test_a_late_command_is_a_record_that_is_early_by_as_much() -> None:
         assert np.max(np.abs(delayed - shifted)) < 0.5
 
 
+def test_after_lost_samples_a_record_is_ahead() -> None:
+    """A nominal command that was kept from before took the place of the one that moves up: nothing changed, and two
+    lost samples (6392 -> 2602 of chi2) were told an offset of a transducer."""
+    legs = [own.direction_cycles(0.4, 0.1, 1.2e-3, 4.0, 1)]
+    axes = AxesBlock(GroupedSession(own.robot_session(np.random.default_rng(3), legs=legs), QUANTITIES), {})
+    burst = library("microrobot")["dropped_samples[form=2,channel=0]"]
+    axes = axes.knowing({"burst": burst})
+    candidate = Candidate("burst", "dropped_samples", "timing", burst.parameters, ("axes",))
+    ahead = axes.start()
+    ahead[3] += 0.02
+    sound = axes.evaluate(axes.start(), {}, want_jacobian=False).residual
+    early = axes.evaluate(ahead, {}, want_jacobian=False).residual
+    lost = axes.evaluate(axes.start(), {candidate: {"lost": 0.02, "moment": 2.0}}, want_jacobian=False).residual
+    before, behind = axes.rows.time < 1.6, axes.rows.time > 2.5
+    assert np.max(np.abs(early - sound)[behind]) > 3.0
+    assert np.max(np.abs(lost - sound)[before]) < 0.1
+    assert np.max(np.abs(lost - early)[behind]) < 0.5
+
+
 def test_bins_begin_at_turns_and_not_at_every_piece_of_a_curve() -> None:
     recordings = own.robot_session(np.random.default_rng(5), [], legs=[own.direction_cycles(0.3, 0.0, 1.2e-3, 8.0, 1)])
     session = GroupedSession(recordings, QUANTITIES)
