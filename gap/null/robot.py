@@ -23,6 +23,8 @@ from gap.null.sheet_law import LAWS
 from sim_devices.chain import Effect
 from sim_devices.stages.robot import TRANSDUCERS, xyz
 
+POST = "rigid post"
+"""The specimen of which a law of forces would tell nothing: it gives way by less than the axes' noise."""
 LIMITED = {"force_saturation": "axes", "integral_windup": "axes", "sensor_saturation": "force"}
 """Effects of a limit, and the block that knows how far the session goes."""
 ABRUPT, GRADUAL, ONE_WAY = (0.4, 1.3), (0.8, 4.0), (0.15, 4.0)
@@ -48,7 +50,7 @@ class RoughForceBlock(ForceBlock):
     DISCREPANCY_SIZE = 60
 
     def left_out(self, session: GroupedSession) -> tuple[str, ...]:
-        return ("rigid post",)
+        return (POST,)
 
 
 def robot_problems(
@@ -93,11 +95,12 @@ def _force_blocks(
 ) -> list[Block]:
     """The blocks of the transducers on references and on skin; the forces that load the ``axes`` are taken from a rough
     fit of them."""
-    rough = RoughForceBlock(session, effects, axes)
-    if [g for g, _ in rough.groups] == [g for g, _ in axes.groups]:
-        axes.reload(rough.denoised())
-    shown = {g.reference for g in session.groups if g.name != "rigid post"}
+    shown = {g.reference for g in session.groups if g.name != POST}
     blocks: list[Block] = []
+    if shown:
+        rough = RoughForceBlock(session, effects, axes)
+        specimens = [g.specimen for g, _ in rough.groups]
+        axes.reload(dict(zip(specimens, rough.denoised(), strict=True)))
     if True in shown:  # ahead of the skin: the fit of an effect on a reference goes on to it
         blocks.append(ReferenceForceBlock(session, effects, axes))
     if False in shown:

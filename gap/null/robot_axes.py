@@ -173,12 +173,14 @@ class AxesBlock(Block):
         rest = [late, own["clock_skew"]["rate"].value, loop["load"].value, drag]
         return np.array([*gains, *rest, *[self.ZERO_SD] * self._runs.shape[1]])
 
-    def reload(self, forces: Sequence[dict[str, Table]]) -> None:
-        """Take the load from transducer forces, a table each for every group, instead of the smoothed record.
+    def reload(self, forces: Mapping[str, dict[str, Table]]) -> None:
+        """Take the load from transducer forces, a table each by specimen, instead of the smoothed record where there
+        are some; then the slow noise of the axes shows.
 
         Smoothing rounds the force where motion turns, and the loop answers to that for a tenth of a second.
         """
-        self._forces = list(forces)
+        known = zip(self.groups, self._forces, strict=True)
+        self._forces = [forces.get(g.specimen, smoothed) for (g, _), smoothed in known]
         self._forget()
         best = self._best
         self._best = fit(self, best.hypothesis, best.unit, best.nuisance, iterations=3)

@@ -278,7 +278,7 @@ def _of_resolution(instruments: tuple[str, ...], scale: float, unit: str) -> lis
             "Approach each value from one side; another sensor.",
             "Prandtl 1928, Bouc 1967, Dahl 1968, Wen 1976 for the forms",
             (
-                strength("width", unit, 0.002 * scale, 0.4 * scale, 0.05 * scale, "half width"),
+                strength("width", unit, 0.0005 * scale, 0.4 * scale, 0.05 * scale, "half width"),
                 *which,
                 choice("form", 0, "play", "Prandtl-Ishlinskii", "Bouc-Wen", "Dahl"),
             ),

@@ -74,7 +74,7 @@ def test_a_weight_hangs_before_its_recording_begins() -> None:
     """A loop of little integral gain takes 0.4 s to hold it: a sound session was told a transducer's gain for it."""
     weights = own.robot_session(np.random.default_rng(2), legs=[replace(WEIGHT[1], known=stated("dead weight", HEAVY))])
     axes = AxesBlock(GroupedSession(weights, QUANTITIES), {})
-    axes._take(CONTROLLERS[-1])
+    axes._take(CONTROLLERS[-1], held=False)
     predicted = axes._predict(axes.prior_mean, {}).reshape(3, -1)
     at_rest = axes.stamps < axes.stamps[0] + 0.5
     assert np.ptp(predicted[:, at_rest], axis=1).max() < 1e-6

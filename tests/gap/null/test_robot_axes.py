@@ -1,0 +1,67 @@
+"""The block of the micro-robot's axes: when it is, and what its noise is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.signal import lfilter
+
+from gap.design import simulated as own
+from gap.effects.load import library
+from gap.inference.hypothesis import Candidate
+from gap.inference.least_squares import fit
+from gap.null.blocks import GroupedSession
+from gap.null.robot import robot_problems
+from gap.null.robot_axes import AXES, QUANTITIES, AxesBlock
+
+
+def test_a_late_command_is_a_record_that_is_early_by_as_much() -> None:
+    """The corners of a delayed command lay between nodes of the loop's grid and were cut: 6 sigma at each."""
+    legs = [own.direction_cycles(0.4, 0.1, 1.2e-3, 4.0, 1)]
+    axes = AxesBlock(GroupedSession(own.robot_session(np.random.default_rng(3), legs=legs), QUANTITIES), {})
+    late = library("microrobot")["latency[form=0]"]
+    axes = axes.knowing({"latency": late})
+    candidate = Candidate("latency", "latency", "timing", late.parameters, ("axes",))
+    for delay in (4e-3, 11.8e-3, 35e-3):
+        moved = axes.start()
+        moved[3] -= delay
+        shifted = axes.evaluate(moved, {}, want_jacobian=False).residual
+        delayed = axes.evaluate(axes.start(), {candidate: {"delay": delay}}, want_jacobian=False).residual
+        assert np.max(np.abs(delayed - shifted)) < 0.5
+
+
+def test_after_lost_samples_a_record_is_ahead() -> None:
+    """A nominal command that was kept from before took the place of the one that moves up: nothing changed, and two
+    lost samples (6392 -> 2602 of chi2) were told an offset of a transducer."""
+    legs = [own.direction_cycles(0.4, 0.1, 1.2e-3, 4.0, 1)]
+    axes = AxesBlock(GroupedSession(own.robot_session(np.random.default_rng(3), legs=legs), QUANTITIES), {})
+    burst = library("microrobot")["dropped_samples[form=2,channel=0]"]
+    axes = axes.knowing({"burst": burst})
+    candidate = Candidate("burst", "dropped_samples", "timing", burst.parameters, ("axes",))
+    ahead = axes.start()
+    ahead[3] += 0.02
+    sound = axes.evaluate(axes.start(), {}, want_jacobian=False).residual
+    early = axes.evaluate(ahead, {}, want_jacobian=False).residual
+    lost = axes.evaluate(axes.start(), {candidate: {"lost": 0.02, "moment": 2.0}}, want_jacobian=False).residual
+    before, behind = axes.rows.time < 1.6, axes.rows.time > 2.5
+    assert np.max(np.abs(early - sound)[behind]) > 3.0
+    assert np.max(np.abs(lost - sound)[before]) < 0.1
+    assert np.max(np.abs(lost - early)[behind]) < 0.5
+
+
+def test_slow_noise_of_the_axes_shows_beside_a_rigid_post() -> None:
+    """No session with a post had its axes' slow noise whitened: a gap of 1.3 in the axes of a sound robot."""
+    legs = [own.direction_cycles(angle, 0.1, 1.2e-3, 8.0, 3) for angle in (0.0, 1.2)]
+    push = replace(own.direction_cycles(0.0, np.pi / 2, 4e-5, 2.0, 1), specimen="rigid post")
+    recordings, rng = own.robot_session(np.random.default_rng(3), legs=[*legs, push]), np.random.default_rng(4)
+    for r in recordings:
+        for name in AXES:
+            series = r.streams[name]
+            slow = lfilter([1.0], [1.0, -np.exp(-0.01 / 0.3)], rng.normal(size=len(series.value)))
+            series.value[:] += 4e-6 * rng.normal(size=len(slow)) + 2e-6 * slow / np.std(slow)
+    blocks, _ = robot_problems(recordings, {})
+    axes = next(b for b in blocks if isinstance(b, AxesBlock))
+    assert axes.row_noise.memory is not None
+    null = fit(axes)
+    assert np.sqrt(null.chi2 / len(null.residual)) < 1.1
