@@ -186,8 +186,11 @@ class Session:
         """
         noise = [self.recordings[k].streams[channel].noise for k in members]
         runs, every = self._runs(channel, members), self._runs(channel, range(len(self.recordings)))
-        white = float(np.median([n for n in noise if n > 0] or [high_band_sigma(v) for _, v in runs]))
+        stated = [n for n in noise if n > 0]
+        white = float(np.median(stated or [high_band_sigma(v) for _, v in runs]))
         step = max(grid_step(v) for _, v in runs)
+        if stated and white < step / np.sqrt(12.0):  # of the sensor, before its values were rounded
+            white = float(np.hypot(white, step / np.sqrt(12.0)))
         asked = [runs] if len(runs) == len(every) else [runs, every]
         slow = max(slow_variance(some, kinks, white) for some in asked)
         return Sigma(white, rounding_floor(white, step), float(np.sqrt(slow)))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,6 +11,7 @@ from hypothesis import strategies as st
 
 from gap.data.binning import GROWTH, bin_edges, bin_means, breaks
 from gap.data.noise import coarse_counts, correlation_time, denoised, grid_step, high_band_sigma, rounding_floor
+from gap.data.session import Session
 
 TIME = np.arange(0.0, 20.0, 0.01)
 SLOW = 3e4 * (1 - np.exp(-TIME / 3.0))
@@ -153,3 +156,14 @@ def test_the_last_samples_before_a_kink_are_averaged_with_no_others() -> None:
     before = (bins.time < kink) & (bins.count > 1)
     assert bins.value[before] == pytest.approx(3e4)
     assert np.any((bins.time < kink) & (bins.value < 3e4))
+
+
+@pytest.mark.parametrize(("stated", "white"), [(2e-6, 3.51e-6), (4e-6, 4e-6)])
+def test_noise_that_is_stated_finer_than_its_rounding_is_the_sensors(recording, stated: float, white: float) -> None:
+    """Of 2 µm on a grid of 10 µm, means of many samples were thought to be off by all of a grid's worst error."""
+    value = np.round((1e-4 * TIME + 2e-6 * np.random.default_rng(0).normal(size=len(TIME))) / 1e-5) * 1e-5
+    made = recording({"apex_height": value}, TIME, {})
+    made = replace(made, streams={"apex_height": replace(made.streams["apex_height"], noise=stated)})
+    sigma = Session([made]).sigma("apex_height", [0], np.zeros(0))
+    assert sigma.white == pytest.approx(white, rel=0.01)
+    assert sigma.grid < 1.2e-6
