@@ -203,9 +203,10 @@ def _print_effects(
         print(json.dumps(rows, indent=1))
         return
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Column, Table
 
-    table = Table(*columns.values(), "parameters")
+    name, *others = columns.values()
+    table = Table(Column(name, no_wrap=True), *others, "parameters")  # a name that is cut cannot be asked for
     for e in effects:
         cells = (v if isinstance(v, str) else ", ".join(v) for v in (getattr(e, name) for name in columns))
         table.add_row(*cells, "\n".join(f"{p.name} {p.low:.3g}…{p.high:.3g} {p.unit}" for p in e.parameters))

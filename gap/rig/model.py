@@ -21,6 +21,7 @@ recorded ones must first be filtered like the model's inputs. See `gap.rig.gener
 
 from __future__ import annotations
 
+import ast
 import importlib.util
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -56,8 +57,8 @@ def load_model(where: str) -> ForwardModel:
     """
     path_text, _, name = where.rpartition(":")
     path = Path(path_text)
-    if not path_text or not name:
-        raise ModelError(f"model {where!r}: give it as file.py:Name")
+    if not path_text or not name or name.endswith(".py"):
+        raise ModelError(f"model {where!r}: give it as file.py:Name{_defined_in(Path(where.rstrip(':')))}")
     if not is_file(path):
         raise ModelError(f"model {where!r}: there is no file {path}")
     spec = importlib.util.spec_from_file_location(f"skinrig_model_{path.stem}", path)
@@ -68,7 +69,7 @@ def load_model(where: str) -> ForwardModel:
     try:
         spec.loader.exec_module(module)
         if not hasattr(module, name):
-            raise ModelError(f"model {where!r}: {path} defines no {name}")
+            raise ModelError(f"model {where!r}: {path} defines no {name}{_defined_in(path)}")
         given = getattr(module, name)
         model: ForwardModel = given() if isinstance(given, type) else given
     except ModelError:
@@ -102,3 +103,13 @@ def check_model(model: ForwardModel, recordings: Sequence[Recording]) -> None:
                 f"{who}: parameter {p.name} has the range {p.low:g} … {p.high:g} ({p.scale}) and the default "
                 f"{p.default:g}: low < high, the default within, and low > 0 where it is log"
             )
+
+
+def _defined_in(path: Path) -> str:
+    """The classes that a file defines, as the end of a message; nothing where it cannot be read."""
+    try:
+        body = ast.parse(path.read_text(encoding="utf-8")).body if is_file(path) else []
+    except (OSError, ValueError, SyntaxError):
+        body = []
+    names = [node.name for node in body if isinstance(node, ast.ClassDef)]
+    return f"; it defines {', '.join(names)}" if names else ""

@@ -264,9 +264,10 @@ class RigProblem:
         out = []
         for p, u in zip(self.model.parameters, ndtr(nuisance), strict=True):
             if not END < u < 1.0 - END:
+                unit = f" {p.unit}" if p.unit != "1" else ""
                 out.append(
-                    f"parameter {p.name} of the model ends at {from_unit(p, float(u)):.4g} {p.unit}, the end of its "
-                    f"range {p.low:g} … {p.high:g}: are the range and its unit right? Recordings are in SI"
+                    f"parameter {p.name} of the model ends at {from_unit(p, float(u)):.4g}{unit}, the end of its "
+                    f"range {p.low:g} … {p.high:g}{unit}: are the range and its unit right? Recordings are in SI"
                 )
         return out
 

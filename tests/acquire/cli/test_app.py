@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -82,6 +83,11 @@ def test_a_fault_of_the_program_shows_where(
     monkeypatch.setattr(app, "_load", lambda *_: broken)
     assert app.run(["broken"]) == app.BUG
     assert "Traceback" in capsys.readouterr().err
+
+
+def test_the_version_is_told_without_a_command(capsys: pytest.CaptureFixture[str]) -> None:
+    assert app.run(["--version"]) == app.DONE
+    assert capsys.readouterr().out == f"skinrig {version('skinrig')}\n"
 
 
 def test_ctrl_c_outside_a_run_is_an_abort(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -48,6 +48,10 @@ def test_a_model_is_given_as_file_and_name(tmp_path: Path) -> None:
         load_model("rig.py")
     with pytest.raises(ModelError, match="there is no file"):
         load_model(f"{tmp_path}/none.py:Rig")
+    path = write(tmp_path, "class Rig:\n    pass\n\n\nclass Other(Rig):\n    pass")
+    for where in (str(path), f"{path}:", f"{path}:Wrong"):
+        with pytest.raises(ModelError, match=r"it defines Rig, Other$"):
+            load_model(where)
 
 
 @pytest.mark.parametrize(
