@@ -26,7 +26,7 @@ from gap.decision.posterior import Posterior
 from gap.decision.qualified import Qualified, inform
 from gap.decision.qualified import read as read_qualification
 from gap.decision.settle import Case, Settled, believed, settle
-from gap.decision.structure import regulator_unknown
+from gap.decision.structure import held_rows, regulator_unknown
 from gap.decision.thresholds import INSTRUMENT, RIG, Thresholds
 from gap.decision.tolerance import Stated
 from gap.decision.transfer import plain
@@ -248,8 +248,7 @@ def _gathered(recordings: Sequence[Recording], options: Options) -> tuple[Case, 
     model = options.model
     told = remarks(recordings, one_clock=model is None)
     problems, candidates = _problems(recordings, options)
-    if options.qualified is not None:
-        told += _informed(problems, options.qualified)
+    told += held_rows(problems) + (_informed(problems, options.qualified) if options.qualified is not None else [])
     if model is None:
         candidates = _possible(candidates, recordings)
     marks = signatures.find(recordings, model.channels if model else None)

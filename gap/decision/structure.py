@@ -1,8 +1,13 @@
-"""Whether a regulator is of a structure that nobody knows: the last resort, for it can do most of what effects do."""
+"""What kind of controller a session shows: one that holds sampled rows; or a regulator of a structure that nobody
+knows, the last resort, for it can do most of what effects do."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from gap.inference.least_squares import fit
+from gap.inference.problem import Problem
+from gap.null.blocks import Block
 from gap.null.suction_pressure import PressureBlock
 from gap.search.compare import Comparison
 
@@ -10,6 +15,12 @@ LEAVES = 1.5
 """Times the χ² that a regulator of unknown structure leaves, which the best effect about a known one must leave for it
 to be believed: effects of other forms than the library's leave less, as a rule. Pairs are not asked: two of them can be
 many a structure."""
+
+
+def held_rows(problems: Sequence[Problem]) -> list[str]:
+    """A remark where the actuator's channels show that sampled commands are held at each row until the next."""
+    held = any(p.session.held for p in problems if isinstance(p, Block))
+    return ["sampled set-points are taken as held from each row to the next: the actuator's channels show it"] * held
 
 
 def regulator_unknown(comparison: Comparison) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from acquire.recording.model import Recording
+from gap.decision.structure import held_rows
 from gap.design import simulated as own
 from gap.design.simulated import Leg
 from gap.effects.load import library
@@ -67,6 +68,7 @@ def test_a_regulator_that_holds_sampled_rows_is_sound(followed_held: bool) -> No
     block = PressureBlock(session, library("aspiration"))
     null = fit(block)
     assert session.held is followed_held
+    assert bool(held_rows([block])) is followed_held
     assert null.chi2 / len(null.residual) < 1.15
     assert null.penalty < 15.0
 
