@@ -76,8 +76,8 @@ def diagnose(
     from gap import load_model, write_page
 
     files, recordings, answers = _session(runs, experiment, everything)
-    print(f"diagnosing {len(recordings)} recordings of {recordings[0].info.instrument}", file=sys.stderr)
     forward = load_model(model) if model else None
+    print(f"diagnosing {len(recordings)} recordings of {recordings[0].info.instrument}", file=sys.stderr)
     with Stages(sys.stderr) as stages:
         diagnosis = run(
             recordings,

@@ -83,8 +83,10 @@ def command(time: FloatArray, value: FloatArray) -> Command:
     """The command of one recording from its table of set-points (n,)."""
     even = even_intervals(time, value)
     half = 0.5 * float(np.median(np.diff(time)[even])) if np.any(even) else 0.0
-    steps = np.flatnonzero(_jumps(time, value, even)) + 1
-    late = np.where(np.r_[even, False] | np.r_[False, even], half, 0.0)
+    jumps = _jumps(time, value, even)
+    moving = even & ~jumps & (np.diff(value) != 0.0)
+    steps = np.flatnonzero(jumps) + 1
+    late = np.where(np.r_[moving, False] | np.r_[False, moving], half, 0.0)
     late[steps] = 0.0
     # A jump between two rows is a step at the later one.
     late = np.insert(late, steps, 0.0)

@@ -172,6 +172,11 @@ class Session:
             self._own[k] = {q: command(np.asarray(t.time, float), np.asarray(t.value, float)) for q, t in tables}
         return self._own[k]
 
+    @property
+    def sampled(self) -> bool:
+        """Whether some command was sampled on its way, so that a controller may hold its rows."""
+        return any(np.any(c.late > 0.0) for k in range(len(self.recordings)) for c in self._commands(k).values())
+
     def breaks(self, channel: str, k: int) -> FloatArray:
         """Times (m,) s at which a channel of recording ``k`` jumps."""
         series = self.recordings[k].streams[channel]

@@ -75,6 +75,7 @@ def robot_problems(
     blocks: list[Block] = []
     if has(*AXES):
         axes = AxesBlock(session, effects)
+        session.held = axes.held
         blocks.append(axes)
     if has(*AXES, *xyz("probe")):
         blocks.append(ArithmeticBlock(session, effects, "kinematics", AXES, xyz("probe"), PROBE_FLOOR))

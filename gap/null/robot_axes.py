@@ -138,8 +138,7 @@ class AxesBlock(Block):
         self._runs = np.kron(np.eye(3), self.member)
         self.prior_mean = self.sound = np.zeros(self.TOLERANCES + self._runs.shape[1])
         known = controllers(stated([session.recordings[k] for k in self.runs]))
-        sampled = any(np.any(c.late > 0.0) for g, _ in self.groups for c in g.commands.values())
-        ways = [(controller, held) for controller in known for held in (False, True)[: 1 + sampled]]
+        ways = [(controller, held) for controller in known for held in (False, True)[: 1 + session.sampled]]
         fits = {way: self._tried(*way) for way in ways}
         # Rows are straight unless it is worth it that they are held.
         costs = {way: min(f.objective for f in fits[way]) + WORTH * way[1] for way in ways}
@@ -150,7 +149,6 @@ class AxesBlock(Block):
         self._rubs = {f.hypothesis[0].key: f for f in rubbed}
         self.suspected = frozenset(self._rubs)
         self._take(*best)
-        session.held = self.held
 
     def _take(self, controller: Controller, held: bool) -> None:
         """Assume a controller that has sampled rows of a command ``held`` until the next or goes straight in between,

@@ -37,6 +37,7 @@ def suction_problems(
     gauges = [c for c in ("pressure", "pressure_reference") if any(c in r.streams for r in recordings)]
     pressure = PressureBlock(session, effects, unknown_regulator, gauges[0]) if gauges else None
     if pressure is not None:
+        session.held = pressure.held
         blocks.append(pressure)
         if len(gauges) > 1:
             blocks.append(ManometerBlock(session, effects, pressure))

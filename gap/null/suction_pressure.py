@@ -143,7 +143,6 @@ class PressureBlock(Block):
             self._take(self.structure)
             best = self._resolved(fit(self))
         best = self._followed(best)
-        session.held = self.held
         self._begin = best.nuisance
         self.explained = best.chi2 < len(best.residual) * NOISY  # by a regulator that is known
         self.row_noise.remember(self.unwhitened(best.residual, {}), self.noise.tolist())
@@ -156,8 +155,7 @@ class PressureBlock(Block):
     def _followed(self, found: Fit) -> Fit:
         """The better fit of ``found`` and of one whose sampled commands are held at each row until the next, or
         straight in between."""
-        sampled = any(np.any(c.late > 0.0) for g, _ in self.groups for c in g.commands.values())
-        return self._better(found, held=not self.held) if sampled else found
+        return self._better(found, held=not self.held) if self.session.sampled else found
 
     def _vented(self, found: Fit) -> Fit:
         """The better fit of ``found``, whose regulator vents to the air and no further, and of one that swings above

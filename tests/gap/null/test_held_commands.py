@@ -16,6 +16,7 @@ from gap.effects.load import library
 from gap.inference.least_squares import fit
 from gap.null.blocks import GroupedSession
 from gap.null.robot_axes import QUANTITIES, AxesBlock
+from gap.null.suction import suction_problems
 from gap.null.suction_pressure import PressureBlock
 
 EVERY = 0.02
@@ -64,11 +65,12 @@ def robot(followed_held: bool) -> list[Recording]:
 
 @pytest.mark.parametrize("followed_held", [False, True])
 def test_a_regulator_that_holds_sampled_rows_is_sound(followed_held: bool) -> None:
-    session = GroupedSession(suction(followed_held), ("pressure",))
-    block = PressureBlock(session, library("aspiration"))
+    problems, _ = suction_problems(suction(followed_held), library("aspiration"))
+    block = problems[0]
     null = fit(block)
-    assert session.held is followed_held
-    assert bool(held_rows([block])) is followed_held
+    assert isinstance(block, PressureBlock)
+    assert block.held is block.session.held is followed_held
+    assert bool(held_rows(problems)) is followed_held
     assert null.chi2 / len(null.residual) < 1.15
     assert null.penalty < 15.0
 
@@ -76,9 +78,8 @@ def test_a_regulator_that_holds_sampled_rows_is_sound(followed_held: bool) -> No
 @pytest.mark.parametrize("followed_held", [False, True])
 def test_a_loop_that_holds_sampled_rows_is_sound(followed_held: bool) -> None:
     """A sound robot of another author was told the gain of its transducers (gap 1.3 in the axes)."""
-    session = GroupedSession(robot(followed_held), QUANTITIES)
-    axes = AxesBlock(session, {})
+    axes = AxesBlock(GroupedSession(robot(followed_held), QUANTITIES), {})
     null = fit(axes)
-    assert session.held is followed_held
+    assert axes.held is followed_held
     assert null.chi2 / len(null.residual) < 1.15
     assert null.penalty < 15.0
