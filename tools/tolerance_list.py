@@ -20,9 +20,11 @@ moves the quantity within it and pays for that; where a group is an effect of th
 within twice the number is no finding. *Another make* is the wider tolerance of a sound instrument that was not built
 or tuned as the nominal one; the width that the recordings make more probable is taken. A group in *italics* is no
 effect: a part of the nominal instrument, or a quantity of it that a qualification reports. An effect without a row
-has no tolerance: any amount that can be seen is a finding. [nominal.md](nominal.md) has the equations. No maker
-publishes these numbers: all are assumed. This page is made by `tools/tolerance_list.py` from
-`gap/data/tolerances.yaml`.
+has no tolerance: any amount that can be seen is a finding. [nominal.md](nominal.md) has the equations. *quantities* are
+what an instrument passes a qualification with, wider than the prior of the same thing: a diagnosis asks the other row.
+Of an effect with several forms the row of the form's own strength holds (a *delay* of 1 ms and looks every 5 ms, late
+by half of that, are two). No maker publishes these numbers: all are assumed. This page is made by
+`tools/tolerance_list.py` from `gap/data/tolerances.yaml`.
 """
 TITLES = {
     "cutometer": "Cutometer and aspiration device",
