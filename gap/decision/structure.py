@@ -1,5 +1,5 @@
-"""What kind of controller a session shows: one that holds sampled rows; or a regulator of a structure that nobody
-knows, the last resort, for it can do most of what effects do."""
+"""The kind of controller that a session shows: one that holds sampled rows, or, as the last resort, a regulator of
+unknown structure, which can imitate most effects."""
 
 from __future__ import annotations
 
@@ -19,8 +19,9 @@ many a structure."""
 
 def held_rows(problems: Sequence[Problem]) -> list[str]:
     """A remark where the actuator's channels show that sampled commands are held at each row until the next."""
-    held = any(p.session.held for p in problems if isinstance(p, Block))
-    return ["sampled set-points are taken as held from each row to the next: the actuator's channels show it"] * held
+    if not any(p.session.held for p in problems if isinstance(p, Block)):
+        return []
+    return ["sampled set-points are taken as held from each row to the next: the actuator's channels show it"]
 
 
 def regulator_unknown(comparison: Comparison) -> bool:
@@ -34,7 +35,7 @@ def _far_better(comparison: Comparison, name: str, known: PressureBlock) -> bool
     free = type(known)(known.session, known.library, unknown=True)
     if not free.unknown:
         return False
-    # Noise is what a block's best simulation leaves: the two are compared by that of the better one.
+    # A block's noise is read from the rest of its best simulation: the two are compared by that of the better one.
     fits = [h.fits[name] for h in (comparison.null, *comparison.hypotheses) if len(h.effects) < 2]
     left = [free.whitened(known.unwhitened(f.residual, f.active), {}) for f in fits]
     return min(float(rest @ rest) for rest in left) > LEAVES * fit(free).chi2

@@ -230,8 +230,8 @@ def _repairs_skin(f: Findings) -> bool:
 
 
 def _amid_skin(f: Findings) -> bool:
-    """Such an effect, or one of the skin, leaves the simulation by itself far from the data: of a law that is another
-    one's anyway, an effect of skin is no sure part, however much it takes away."""
+    """Such an effect, or one of the skin, leaves the simulation by itself far from the data: an effect of skin may
+    stand in for part of another law, however much it takes away."""
     leaves = f.fitted is not None and f.fitted.after > f.t.amid_skin
     return leaves and (_skin_may(f) or _of_skin(f)) and not f.shows_itself
 

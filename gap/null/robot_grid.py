@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from gap.data.session import Pace
 from gap.null.chains import run
 from sim_devices.chain import FloatArray, Operator, Signals
-from sim_devices.stages.operators import Gap, Retimed
-from sim_devices.stages.sampling import RETIMED, Table, mean_before, merged
+from sim_devices.stages.operators import Retimed
+from sim_devices.stages.sampling import Table, mean_before, merged
 
 KINK = 1e-6
 """s, within which a speed changes."""
@@ -26,9 +26,8 @@ AFTER_KINK = np.concatenate([np.arange(0.004, 0.1, 0.004), np.arange(0.1, 0.3, 0
 
 
 def retimed(operators: Sequence[Operator]) -> tuple[Retimed, ...]:
-    """Those of the operators that show the command at other moments: lost samples, too, as all channels move up."""
-    moved = (op for op in operators if isinstance(op, Retimed) and op.moves)
-    return tuple(op for op in moved if op.name in RETIMED or isinstance(op, Gap))
+    """Those of the leading operators that do show the command at other moments."""
+    return tuple(op for op in leading(operators) if op.moves)
 
 
 def leading(operators: Sequence[Operator]) -> tuple[Retimed, ...]:

@@ -30,17 +30,13 @@ class FedPressure:
     def smoothed(self, group: Group) -> Table:
         """Recorded pressure of a group as a table, without its gauge noise; where none was recorded, the one that the
         regulator, as fitted elsewhere, makes of the command, or the command itself."""
-        recorded = self.session.recorded("pressure", group)
+        recorded, commanded = self.session.recorded("pressure", group), group.tables(self.session.held)
         if not recorded:
-            return (
-                group.tables(self.session.held)["pressure"]
-                if self._pressure is None
-                else self._made(group, self._pressure)
-            )
+            return commanded["pressure"] if self._pressure is None else self._made(group, self._pressure)
         time, value = recorded["pressure"]
         if self._pressure is None:
             chain, kinks = chain_of(self.session, group, NO_TISSUE, command_step=0.0), group.commands["pressure"].kinks
-            fine, base = commanded_line(chain, group.tables(self.session.held), kinks, time, np.zeros_like)
+            fine, base = commanded_line(chain, commanded, kinks, time, np.zeros_like)
         else:
             fine, base = self._pressure.line(group, time)
             value = value if self._as_read else self._pressure.true(value)
@@ -131,9 +127,10 @@ class FedBlock(Block):
 
     def tables(self, group: Group) -> dict[str, Table]:
         """The commands by the record's clock: a zero that is taken milliseconds off is off by as many micrometres."""
+        tables = super().tables(group)
         if self._pressure is None:
-            return group.tables(self.session.held)
-        return {q: (t - self._pressure.early(t), value) for q, (t, value) in group.tables(self.session.held).items()}
+            return tables
+        return {q: (t - self._pressure.early(t), value) for q, (t, value) in tables.items()}
 
     def kinks(self, group: Group) -> FloatArray:
         kinks = super().kinks(group)

@@ -57,7 +57,7 @@ def load_model(where: str) -> ForwardModel:
     """
     path_text, _, name = where.rpartition(":")
     path = Path(path_text)
-    if not path_text or not name or name.endswith(".py"):
+    if not path_text or not name or name.endswith(".py"):  # the colon may be a drive's
         raise ModelError(f"model {where!r}: give it as file.py:Name{_defined_in(Path(where.rstrip(':')))}")
     if not is_file(path):
         raise ModelError(f"model {where!r}: there is no file {path}")

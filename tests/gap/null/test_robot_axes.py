@@ -1,4 +1,4 @@
-"""The block of the micro-robot's axes: when it is, and what its noise is."""
+"""The block of the micro-robot's axes: its clock and its noise."""
 
 from __future__ import annotations
 
