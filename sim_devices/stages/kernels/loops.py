@@ -167,7 +167,6 @@ def sleeping_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y:
         s[1], s[2], y[i] = t[i], u[i], s[3]
 
 
-Lines = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 LONGEST = 4e-3
 """s of a step of `free_loop`, whose quickest rates are 100/s or so."""
 DRIVE_KNOTS = (0.0, 0.03, 0.1, 0.25, 0.5)
@@ -185,16 +184,18 @@ FREE = 2 * (len(DRIVE_KNOTS) + len(SPEED_KNOTS)) + 12
 
 
 @njit(cache=True, error_model="numpy")
-def _broken(x: float, knots: FloatArray, slopes: FloatArray) -> float:
-    """A line through 0 that is straight between ``knots`` of |x|, with ``slopes`` of its own for either sign."""
-    at = 0 if x < 0.0 else len(knots)
+def _broken(x: float, lines: FloatArray, first: int, n: int) -> float:
+    """A line through 0 that is straight between knots of |x|, with slopes of its own for either sign: from ``first`` on
+    in ``lines``, ``n`` knots, ``n`` slopes below 0 and ``n`` above it."""
+    at = first + (n if x < 0.0 else 2 * n)
     size, out = abs(x), 0.0
-    for k in range(len(knots)):
-        if size <= knots[k]:
+    for k in range(n):
+        begin = lines[first + k]
+        if size <= begin:
             break
-        end = knots[k + 1] if k + 1 < len(knots) else math.inf
-        out += slopes[at + k] * (min(size, end) - knots[k])
-    return math.copysign(out, x)
+        end = lines[first + k + 1] if k + 1 < n else math.inf
+        out += lines[at + k] * (min(size, end) - begin)
+    return -out if x < 0.0 else out
 
 
 @njit(cache=True, error_model="numpy")
@@ -205,18 +206,18 @@ def _grown(q: float, rise: FloatArray, k: int) -> float:
 
 @njit(cache=True, error_model="numpy")
 def _free_rates(
-    y: float, v: float, z: float, u: float, p: FloatArray, lines: Lines, rise: FloatArray
+    y: float, v: float, z: float, u: float, p: FloatArray, lines: FloatArray, rise: FloatArray
 ) -> tuple[float, float, float]:
     """Rates of pressure, its speed and the controller's memory in a `free_loop` whose ``lines`` D and R, knots and
     slopes of each, grow by ``rise``."""
-    drive_knots, drive, speed_knots, resist = lines
     tau, zeta, span = p[0], p[1], p[2]
     e, q = u - y, min(max(-y / span, 0.0), 1.0)
     side, way = 0 if e < 0.0 else 1, 2 if v < 0.0 else 3
-    push = _broken(e, drive_knots, drive)
-    undone = push - drive[side * len(drive_knots)] * e
+    nd, nr = len(DRIVE_KNOTS), len(SPEED_KNOTS)
+    push = _broken(e, lines, 0, nd)
+    undone = push - lines[(1 + side) * nd] * e
     push *= _grown(q, rise, side) * (math.exp(rise[4]) if u > NOTHING else 1.0)
-    drag = _broken(v, speed_knots, resist) * _grown(q, rise, way)
+    drag = _broken(v, lines, 3 * nd, nr) * _grown(q, rise, way)
     forgets = SETTLES * math.exp(rise[11])
     return v, (push + z - 2.0 * zeta * tau * drag) / (tau * tau), (rise[9] * e + rise[10] * undone - z) / forgets
 
@@ -237,7 +238,8 @@ def free_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Flo
     held = np.minimum(np.maximum(p[3:], LEAST_SLOPE), MOST_SLOPE)
     slopes, rise = np.exp(held[: 2 * (nd + nr)]), held[2 * (nd + nr) :]
     speeds = np.array(SPEED_KNOTS) * span / tau
-    lines = (np.array(DRIVE_KNOTS) * span, slopes[: 2 * nd], speeds, slopes[2 * nd :])
+    # One array: counting the references of a tuple of four in each call takes as long as all else.
+    lines = np.concatenate((np.array(DRIVE_KNOTS) * span, slopes[: 2 * nd], speeds, slopes[2 * nd :]))
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2] = 1.0, t[0], u[0]
     for i in range(t.size):
