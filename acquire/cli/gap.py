@@ -64,6 +64,9 @@ def diagnose(
         Path | None, typer.Option(help="Qualification of this instrument (acquire qualify), as a prior.")
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="A first look: few effects are fitted, and no pairs.")] = False,
+    nominal: Annotated[
+        bool, typer.Option("--nominal", help="Fit the simulation alone, without effects: its parameters and its gap.")
+    ] = False,
     jobs: Annotated[
         int,
         typer.Option(parser=whole(1, MOST_JOBS), show_default="one a core", help="Processes that share the fits."),
@@ -89,6 +92,7 @@ def diagnose(
             tell=stages,
             qualification=qualification,
             earlier=[load_all([session]) for session in earlier or ()],
+            nominal=nominal,
         )
     report = _report(diagnosis, files, answers, self_check)
     if advise and forward is None:
@@ -138,8 +142,11 @@ def _report(
 
 
 def _print_report(report: Mapping[str, Any]) -> None:
-    """The sentences of a report on stdout, its remarks on stderr."""
+    """The sentences of a report on stdout, the simulation's parameters where there is nothing else; its remarks on
+    stderr."""
     print(*report["sentences"], sep="\n")
+    if not report["causes"]:
+        _print_parameters(report["model"])
     notes = list(report["remarks"])
     if report["earlier"]:
         notes.append(f"earlier sessions: {report['earlier']['text']}")
@@ -147,6 +154,21 @@ def _print_report(report: Mapping[str, Any]) -> None:
         notes.append(f"next experiment: {report['next_experiment_note']}")
     for note in notes:
         print(f"note: {note}", file=sys.stderr)
+
+
+def _print_parameters(model: Mapping[str, Mapping[str, Any]]) -> None:
+    """Print the fitted parameters of a simulation with their standard errors."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Column, Table
+
+    table = Table(
+        "parameter", Column("value", justify="right"), Column("± se", justify="right"), "unit", box=box.SIMPLE
+    )
+    for name, entry in model.items():
+        unit = "" if entry["unit"] == "1" else entry["unit"]
+        table.add_row(name, f"{entry['value']:.4g}", f"{entry['se']:.2g}", unit)
+    Console().print(table)
 
 
 def _saved(diagnosis: Diagnosis, path: Path) -> str:

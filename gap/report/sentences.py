@@ -13,6 +13,7 @@ from gap.report.terms import text
 from gap.report.words import SPLITS, options, quantity, significant, words
 
 UNKNOWN_NEXT = "The cause is not known: the pictures show where to look, and an effect of your own can be added."
+ALONE = "No effect was fitted beside the simulation: its parameters are those of a sound instrument and skin."
 BOUNDS = "The bounds below say how strong each effect could still be."
 MOST = 80.0
 """Per cent of the excess that are no longer few."""
@@ -21,6 +22,8 @@ DOING = {"load": "loading", "unload": "unloading", "hold": "holding", "rest": "r
 
 def sentences(d: Diagnosis) -> list[str]:
     """How far off the simulation is, its explanation, and how that was tested."""
+    if not d.comparison.hypotheses:
+        return [_how_far(d), ALONE]
     if d.verdict.verdict in ("none", "undetectable"):
         return [_how_far(d), _nothing(d), *([BOUNDS] if d.bounds else [])]
     if d.verdict.verdict == "unknown":

@@ -80,6 +80,18 @@ def test_a_first_look_is_quicker_and_asks_for_no_experiment(capsys, cold_session
     assert "--advise" in report["next_experiment_note"]
 
 
+def test_the_simulation_alone_has_parameters_and_no_cause(capsys, cold_session: Path, tmp_path: Path) -> None:
+    status, text, _ = called(capsys, "gap", "diagnose", cold_session, "--nominal", "-o", tmp_path)
+    report = json.loads((tmp_path / "gap.json").read_text())
+    assert status == 0
+    assert (report["causes"], report["term"], report["undetectable_below"]) == ([], None, {})
+    assert report["gap"]["after"] == report["gap"]["before"] > 1.0
+    fitted = report["model"]["regulator_time"]
+    assert 0.0 < fitted["se"] < fitted["value"]
+    assert "No effect was fitted" in text
+    assert f"regulator_time {fitted['value']:.4g} {fitted['se']:.2g} s" in " ".join(text.split())
+
+
 def test_without_it_the_cause_is_unknown(capsys, cold_session: Path) -> None:
     status, text, _ = called(capsys, "gap", "diagnose", cold_session, "--json")
     report = json.loads(text)
