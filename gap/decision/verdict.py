@@ -14,7 +14,7 @@ from gap.decision.posterior import Posterior, misfit
 from gap.decision.thresholds import Thresholds
 from gap.decision.tolerance import shortest, weakest
 
-UNFINISHED, WITHIN, DOUBT = "unfinished pair", "within tolerance", "in doubt"
+EMPTY, UNFINISHED, WITHIN, DOUBT = "nothing to name", "unfinished pair", "within tolerance", "in doubt"
 """Names of rules that others ask for."""
 VERDICTS = ("effect", "several", "none", "unknown", "undetectable")
 
@@ -275,7 +275,7 @@ def _fall(f: Findings) -> str:
 
 
 RULES: tuple[Rule, ...] = (
-    Rule("nothing to name", lambda f: not f.posterior.causes, Findings.quiet, lambda f: "no effect was fitted"),
+    Rule(EMPTY, lambda f: not f.posterior.causes, Findings.quiet, lambda f: "no effect was fitted"),
     Rule(
         "not detected",
         lambda f: f.posterior.acts < f.t.detect,

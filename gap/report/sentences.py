@@ -5,7 +5,7 @@ from __future__ import annotations
 from gap.data.signatures import HUM
 from gap.decision.classes import Cause
 from gap.decision.gaps import gap_without_discrepancy, shrink
-from gap.decision.verdict import DOUBT, WITHIN
+from gap.decision.verdict import DOUBT, EMPTY, WITHIN
 from gap.diagnosis import Diagnosis
 from gap.report.breakdown import breakdown
 from gap.report.parameters import of_cause
@@ -22,7 +22,7 @@ DOING = {"load": "loading", "unload": "unloading", "hold": "holding", "rest": "r
 
 def sentences(d: Diagnosis) -> list[str]:
     """How far off the simulation is, its explanation, and how that was tested."""
-    if not d.comparison.hypotheses:
+    if d.verdict.settled_by == EMPTY:
         return [_how_far(d), ALONE]
     if d.verdict.verdict in ("none", "undetectable"):
         return [_how_far(d), _nothing(d), *([BOUNDS] if d.bounds else [])]
