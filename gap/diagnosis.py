@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from acquire.recording.model import Recording
 from gap.data import signatures
-from gap.data.checks import DiagnosisError, in_order, refuse_impossible, remarks
+from gap.data.checks import DiagnosisError, in_order, of_one_skin, refuse_impossible, remarks
 from gap.data.pauses import without_pauses
 from gap.data.pulse import pulse
 from gap.data.splits import splits, splits_of_a_rig
@@ -153,8 +153,9 @@ def diagnose(
     """
     begin = clock.perf_counter()
     t = thresholds or (INSTRUMENT if model is None else RIG)
-    recordings = without_pauses(in_order(recordings))
+    recordings, other_skin = without_pauses(in_order(recordings)), list[str]()
     if model is None:
+        recordings, other_skin = of_one_skin(recordings)
         refuse_impossible(recordings)
     effort = effort or EFFORTS.get(recordings[0].info.instrument, Effort())
     effort = effort.quicker() if quick else effort
@@ -175,7 +176,7 @@ def diagnose(
         shrinks=tuple(trial.shrinks for trial in settled.trials),
         bounds=beyond_the_fitted(bounds(case.comparison, settled.found.temper, t, case.stated), verdict),
         confusable=confusable(case.comparison, settled.found.temper),
-        remarks=(*judged.remarks, *words),
+        remarks=(*other_skin, *judged.remarks, *words),
         seconds=clock.perf_counter() - begin,
         null=case.null,
         best=next((trial.answer for trial in settled.trials), case.null),

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from acquire.recording.model import Recording, Series
-from gap.data.session import REST, Session
+from gap.data.session import REST, SKIN, Session
 
 POSSIBLE = {
     "pressure": (-110e3, 110e3, "no pump reaches below vacuum"),
@@ -33,6 +33,22 @@ def in_order(recordings: Sequence[Recording]) -> list[Recording]:
         if not r.streams:
             raise DiagnosisError(f"recording {r.info.id} has no measured channel")
     return sorted(recordings, key=lambda r: (r.info.start_time, _first_time(r)))
+
+
+def of_one_skin(recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
+    """Recordings in order, without those on skin of another subject or site than most of them have (as many: than the
+    first has), and a remark for each such skin: it is another tissue, and would be told a change of this one. An empty
+    subject or site is that of the others."""
+    whose = [(r.info.subject, r.info.site) for r in recordings if r.info.specimen == SKIN]
+    own = max(dict.fromkeys(whose), key=whose.count, default=("", ""))
+    others = [w for w in dict.fromkeys(whose) if any(a and b and a != b for a, b in zip(w, own, strict=True))]
+    kept = [r for r in recordings if r.info.specimen != SKIN or (r.info.subject, r.info.site) not in others]
+    told = [
+        f"skin of {', '.join(filter(None, w))} is left out ({whose.count(w)} of {len(whose)} recordings on skin):"
+        " diagnose it apart"
+        for w in others
+    ]
+    return kept, told
 
 
 def refuse_impossible(recordings: Sequence[Recording]) -> None:

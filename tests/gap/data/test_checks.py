@@ -9,7 +9,7 @@ import pytest
 
 from acquire.recording.model import Recording, RunInfo, Series
 from gap import DiagnosisError, diagnose
-from gap.data.checks import refuse_impossible
+from gap.data.checks import of_one_skin, refuse_impossible
 
 TIME = np.linspace(0.0, 4.0, 41)
 SUCTION = -30e3 * np.minimum(TIME, 1.0)
@@ -57,3 +57,27 @@ def test_a_rigid_block_may_stand_still():
 
 def test_numbers_that_are_missing_are_no_values():
     refuse_impossible([recording(height=np.where(TIME > 2, np.nan, -2e-8 * SUCTION))])
+
+
+def of(subject: str, site: str, specimen: str = "skin") -> Recording:
+    r = recording(specimen=specimen)
+    return replace(r, info=replace(r.info, subject=subject, site=site))
+
+
+def test_skin_of_another_site_is_left_out_and_told():
+    """Two sites were one tissue: a cheek that is softer than the forearm was a change of tone."""
+    forearm, cheek, block = of("P1", "forearm"), of("P1", "cheek"), of("", "", "rigid block")
+    kept, told = of_one_skin([cheek, forearm, block, forearm])
+    assert kept == [forearm, block, forearm]
+    assert told == ["skin of P1, cheek is left out (1 of 3 recordings on skin): diagnose it apart"]
+
+
+def test_as_many_of_either_skin_are_the_first_ones():
+    first, second = of("P1", "forearm"), of("P2", "forearm")
+    assert of_one_skin([first, second])[0] == [first]
+
+
+def test_skin_that_is_not_stated_is_that_of_the_others():
+    stated, empty = of("P1", "forearm"), of("", "")
+    assert of_one_skin([stated, empty, stated]) == ([stated, empty, stated], [])
+    assert of_one_skin([of("P1", "cheek", "rigid block"), stated])[1] == []
