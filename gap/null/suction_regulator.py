@@ -51,14 +51,16 @@ line is vented: a zero that closes the loop shows at one of both only."""
 
 class Vent(NamedTuple):
     """How a regulator vents: to ``highest`` Pa above the air's pressure, above which a loop's integral empties; if only
-    to the air's, the integral stays as it is, or begins anew when the instrument is ``armed`` for a recording."""
+    to the air's, the integral stays as it is, begins anew when the instrument is ``armed`` for a recording, or the
+    controller ``clears`` it while nothing is asked for."""
 
     highest: float
     armed: bool = False
+    clears: bool = False
 
 
-EMPTIES, STAYS, ARMED = Vent(5e3), Vent(0.0), Vent(0.0, armed=True)
-VENTS = (EMPTIES, STAYS, ARMED)
+EMPTIES, STAYS, ARMED, CLEARS = Vent(5e3), Vent(0.0), Vent(0.0, armed=True), Vent(0.0, clears=True)
+VENTS = (EMPTIES, STAYS, ARMED, CLEARS)
 
 
 @dataclass(frozen=True)
@@ -122,7 +124,7 @@ def regulated(chain: Chain, c: FloatArray, largest: float, vent: Vent) -> Chain:
         *loop, wholly = c[VALVE] + list(VALVE_NOMINAL.values())
         valve = *loop, largest / max(wholly, 1e-9)
         armed = chain["latency"].marks if vent.armed else ()  # type: ignore[attr-defined]
-        chain = chain.tuned("regulator", valve=valve, armed=armed)
+        chain = chain.tuned("regulator", valve=valve, armed=armed, clears=vent.clears)
     if np.any(np.abs(c[UNKNOWN]) > FROZEN):
         chain = chain.tuned("regulator", unknown=(largest, *c[UNKNOWN].tolist()))
     if (span := float(c[SPAN])) > FROZEN:

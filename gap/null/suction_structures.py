@@ -24,6 +24,7 @@ from gap.null.suction_regulator import (
     VALVE_NOMINAL,
     VENTS,
     WEIGHED,
+    WHOLLY,
     Vent,
     opened_flow,
 )
@@ -46,7 +47,9 @@ larger rest is something else's."""
 FAR = 10.0
 """Times wider noise of rows that are left out."""
 QUICK_INTEGRAL = 3.0
-"""1/s from which on an integral is none that makes up for a leak."""
+"""1/s from which on an integral is none that makes up for a leak, where the set-point is weighed."""
+INTEGRAL_STARTS = (0.5, 2.0)
+"""1/s at which an integral beside a whole set-point is looked for."""
 WEIGHED_STARTS = ((-0.6, 0.0, 6.0, -0.4), (0.0, 0.0, 6.0, -0.8))
 """A weighed set-point is looked for from these: logarithms of time and damping, the integral's rate, weight less 1."""
 VALVE_STARTS = (
@@ -90,15 +93,19 @@ class Regulated(Problem, Protocol):
     def with_integral(self, width: FloatArray, vent: Vent) -> Regulated: ...
 
 
+Attempt = Callable[[Regulated, Fit], Structure | None]
+
+
 def other_structure(block: Regulated, found: Fit, unknown: bool) -> Structure | None:
     """The first structure that comes to the noise where a second order, ``found``, does not or strains the tolerances;
     None where it does, or none of them does. Where it may be ``unknown``, only that is tried."""
     if found.chi2 > len(found.residual) * NOISY:
-        tries = (_unknown,) if unknown else (_weighed, _limited, _valve)
-        return next(filter(None, (attempt(block, found) for attempt in tries)), None)
-    if found.penalty > STRAINED or found.chi2 > len(found.residual) * ABOVE:
-        return _weighed(block, found)
-    return None
+        tries: tuple[Attempt, ...] = (_unknown,) if unknown else (_integral, _weighed, _limited, _valve)
+    elif found.penalty > STRAINED or found.chi2 > len(found.residual) * ABOVE:
+        tries = (_integral, _weighed)
+    else:
+        tries = ()
+    return next(filter(None, (attempt(block, found) for attempt in tries)), None)
 
 
 def _limited(block: Regulated, found: Fit) -> Structure | None:
@@ -115,6 +122,19 @@ def _limited(block: Regulated, found: Fit) -> Structure | None:
     if not (better and LIMITS < best.nuisance[SPAN] < 2.0 * span):
         return None
     return Structure(width, best.nuisance, block.vent)
+
+
+def _integral(block: Regulated, found: Fit) -> Structure | None:
+    """A PI loop that sees all of its set-point: it overshoots, where a leak that an integral makes up for falls
+    short."""
+    width = block.prior(lambda t: t.widest, VALVE)
+    width[[*range(FLOW.start, FLOW.stop), WHOLLY]] = FROZEN
+    begins = np.tile(block.prior_mean, (len(INTEGRAL_STARTS), 1))
+    begins[:, WEIGHED.start] = INTEGRAL_STARTS
+    best, vent, objective = min(_with_integral(block, width, begins), key=lambda tried: tried.objective)
+    if not (_near(objective, found, NOISY) and best.nuisance[WEIGHED.start] > 0.0):
+        return None
+    return Structure(width, best.nuisance, vent)
 
 
 def _weighed(block: Regulated, found: Fit) -> Structure | None:

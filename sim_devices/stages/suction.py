@@ -40,7 +40,8 @@ class Regulator(Wired):
     flow follows the pressure; it is the second order where these are 0, 1, 0, 0, 0, inf. One of ``unknown`` structure
     (largest command Pa, logarithms of `kernels.free_loop`) is the second order where these are 0. One that ``sleeps``
     (band Pa, share and s of `kernels.sleeping_loop`) is, where it is awake. At times when it is ``armed`` (s) a loop
-    about a valve begins with its integral empty and its valve closed.
+    about a valve begins with its integral empty and its valve closed; where it ``clears``, the integral is empty while
+    nothing is asked for.
     """
 
     tau: float = REGULATOR_TAU
@@ -53,6 +54,7 @@ class Regulator(Wired):
     unknown: tuple[float, ...] = ()
     sleeps: tuple[float, ...] = ()
     armed: tuple[float, ...] = ()
+    clears: bool = False
 
     @property
     def second_order(self) -> bool:
@@ -64,8 +66,11 @@ class Regulator(Wired):
             return np.zeros(kernels.STATE), np.array([self.tau, self.zeta, *self.unknown])
         if self.sleeps:
             return np.zeros(kernels.STATE), np.array([self.tau, self.zeta, *self.sleeps])
-        valve = (*self.valve[:-1], -self.lowest, float(self.eased), self.valve[-1], self.highest) if self.valve else ()
-        return np.zeros(kernels.STATE), np.array([self.tau, self.zeta, *self.rates, *valve])
+        loop = np.array([self.tau, self.zeta, *self.rates])
+        if self.valve:
+            ends = (-self.lowest, float(self.eased), self.valve[-1], self.highest, float(self.clears))
+            loop = np.array([*loop, *self.valve[:-1], *ends])
+        return np.zeros(kernels.STATE), loop
 
     def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
         law = kernels.eased if self.eased else kernels.hurried

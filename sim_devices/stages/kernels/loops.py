@@ -95,11 +95,12 @@ def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
     builds up, 1 - lean + vent q while it is vented, q = -y / span. An error of ``open`` Pa opens it as far as it goes;
     the integral waits meanwhile. It is emptied in a vented chamber from which hardly anything flows, or it would stay;
     and so it does where a chamber vents to ``highest``, the air's pressure, and no further. ``p`` = (tau s, zeta,
-    fastest rise and fall, r 1/s, b, build, vent, lean, span, 1 if the limits are approached softly, open, highest).
+    fastest rise and fall, r 1/s, b, build, vent, lean, span, 1 if the limits are approached softly, open, highest,
+    1 if the integral is cleared while nothing is asked for).
     """
     k, late = _valve_pace(p)
     pace = max(PARTS * k, PARTS * math.sqrt(k / late), QUICK_PARTS / late)
-    empties = 1.0 - p[8] < STILL
+    empties, clears = 1.0 - p[8] < STILL, p[13] > 0.0
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2] = 1.0, t[0], u[0]
     for i in range(t.size):
@@ -116,7 +117,7 @@ def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
             s[3] = min(s[3], p[12])
         if long:
             _valve_rested(s, u[i], k, p)
-        if empties and u[i] > NOTHING and s[3] > VENTED:
+        if u[i] > NOTHING and (clears or (empties and s[3] > VENTED)):
             s[5] = 0.0
         s[1], s[2], y[i] = t[i], u[i], s[3]
 

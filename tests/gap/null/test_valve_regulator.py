@@ -23,6 +23,7 @@ from sim_devices.stages.kernels import evaluate, second_order, valve_loop
 
 STEP, NOISE = 1e-3, 30.0
 FREE = (np.inf, np.inf)
+ENDS = (np.inf, np.inf, 0.0)
 
 
 def suction_of(time: np.ndarray) -> np.ndarray:
@@ -270,7 +271,7 @@ def test_a_valve_loop_without_integral_is_a_second_order(tau: float, zeta: float
     time = np.unique(np.r_[np.arange(0.0, 24.0, 0.02), 12.0 + np.arange(0.0, 1.0, 1e-3)])
     asked = -suction_of(time)
     plain = evaluate(second_order, time, asked, tau, zeta)
-    loop = evaluate(valve_loop, time, asked, tau, zeta, *FREE, 0.0, 1.0, 0.0, 0.0, 0.0, 50e3, 0.0, np.inf, np.inf)
+    loop = evaluate(valve_loop, time, asked, tau, zeta, *FREE, 0.0, 1.0, 0.0, 0.0, 0.0, 50e3, 0.0, *ENDS)
     np.testing.assert_allclose(loop, plain, atol=0.5)
 
 
@@ -291,7 +292,7 @@ def test_a_valve_loop_solves_its_equations(widest: float) -> None:
 
     exact = solve_ivp(rate, (0, time[-1]), [0, 0, 0], t_eval=time, rtol=1e-9, atol=1e-6, max_step=5e-3).y[0]
     loop = evaluate(
-        valve_loop, time, asked, tau, zeta, *FREE, reset, weight, build, vent, lean, 50e3, 0.0, widest, np.inf
+        valve_loop, time, asked, tau, zeta, *FREE, reset, weight, build, vent, lean, 50e3, 0.0, widest, np.inf, 0.0
     )
     np.testing.assert_allclose(loop, exact, atol=1.0)
 
@@ -325,6 +326,7 @@ def test_the_integral_of_a_loop_that_vents_to_the_air_stays_as_it_is() -> None:
         50e3,
         0.0,
         np.inf,
+        0.0,
         0.0,
     )
     np.testing.assert_allclose(loop[1::2], exact[1:], atol=100.0)  # of Euler's rule
@@ -381,6 +383,6 @@ def test_a_limited_flow_of_a_valve_loop_is_kept() -> None:
     asked = np.where(time > 0.5, -20e3, 0.0)
     shape = (0.04, 1.0, 3e4, 1e4, 0.0, 1.0, 0.0, 0.0, 0.0, 50e3)
     for soft in (0.0, 1.0):
-        made = evaluate(valve_loop, time, asked, *shape, soft, np.inf, np.inf)
+        made = evaluate(valve_loop, time, asked, *shape, soft, *ENDS)
         assert np.min(np.diff(made)) >= -1e4 * 1e-3 * (1 + 1e-9)
         assert made[-1] == pytest.approx(-20e3, rel=0.02)
