@@ -144,8 +144,10 @@ class PressureBlock(Block):
             best = self._resolved(fit(self))
         best = self._followed(best)
         self._begin = best.nuisance
-        self.explained = best.chi2 < len(best.residual) * NOISY  # by a regulator that is known
-        self.row_noise.remember(self.unwhitened(best.residual, {}), self.noise.tolist())
+        left = self.unwhitened(best.residual, {})
+        self.row_noise.remember(left, self.noise.tolist())
+        rest = self.whitened(left, {})
+        self.explained = float(rest @ rest) < len(rest) * NOISY  # by a regulator that is known
 
     def _resolved(self, found: Fit) -> Fit:
         """The better fit of ``found`` and of one by which levels are held at whole steps of the command's resolution,

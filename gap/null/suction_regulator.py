@@ -27,16 +27,17 @@ VALVE_NOMINAL: Mapping[str, float] = {
     "venting_flow_slope": 0.0,
     "flow_asymmetry": 0.0,
     "opened_wholly": 0.0,
+    "opened_softly": 0.0,
 }
-"""A loop about a valve, and what these are in a second order: the last is the largest command over the error that opens
-the valve as far as it goes."""
+"""A loop about a valve, and what these are in a second order: the last two are the largest command over the error that
+opens the valve as far as it goes, and how far it comes to that softly, 0 to 1."""
 TIME, DAMPING, SHIFT, CLOCK = range(4)
 FURTHER = slice(4, 4 + len(LAGS))
 LEAD = FURTHER.stop
 VALVE = slice(LEAD + 1, LEAD + 1 + len(VALVE_NOMINAL))
 WEIGHED = slice(VALVE.start, VALVE.start + 2)
 FLOW = slice(WEIGHED.stop, WEIGHED.stop + 3)
-WHOLLY = FLOW.stop
+WHOLLY, SOFTLY = FLOW.stop, FLOW.stop + 1
 SPAN = VALVE.stop
 SLOW = slice(SPAN + 1, SPAN + 1 + len(SLOW_LAGS))
 UNKNOWN = slice(SLOW.stop, SLOW.stop + FREE)
@@ -44,9 +45,9 @@ GAIN, ZERO, VENTED = range(UNKNOWN.stop, UNKNOWN.stop + 3)
 SIZE = VENTED + 1
 """Where the nuisance (SIZE,) has the logarithm of the regulator's time and damping, how late its samples are (s) and
 its clock's rate; shares of further lags, a lead (s), the loop about a valve (`WEIGHED` its controller's, `FLOW` how its
-flow follows the pressure, `WHOLLY` how far it opens), the s for 300 mbar of a limited rate, shares of slow lags, the
-logarithms of `kernels.free_loop`; and the gauge's gain, its zero (Pa), and by how much it reads more (Pa) while the
-line is vented: a zero that closes the loop shows at one of both only."""
+flow follows the pressure, `WHOLLY` and `SOFTLY` how it opens as far as it goes), the s for 300 mbar of a limited rate,
+shares of slow lags, the logarithms of `kernels.free_loop`; and the gauge's gain, its zero (Pa), and by how much it
+reads more (Pa) while the line is vented: a zero that closes the loop shows at one of both only."""
 
 
 class Vent(NamedTuple):
@@ -121,8 +122,8 @@ def regulated(chain: Chain, c: FloatArray, largest: float, vent: Vent) -> Chain:
     tau, zeta = REGULATOR_TAU * bounded_exp(c[TIME]), bounded_exp(c[DAMPING])
     chain = chain.tuned("regulator", tau=tau, zeta=zeta, highest=vent.highest)
     if np.any(np.abs(c[VALVE]) > FROZEN):
-        *loop, wholly = c[VALVE] + list(VALVE_NOMINAL.values())
-        valve = *loop, largest / max(wholly, 1e-9)
+        *loop, wholly, softly = c[VALVE] + list(VALVE_NOMINAL.values())
+        valve = *loop, largest / max(wholly, 1e-9), float(np.clip(softly, 0.0, 1.5))
         armed = chain["latency"].marks if vent.armed else ()  # type: ignore[attr-defined]
         chain = chain.tuned("regulator", valve=valve, armed=armed, clears=vent.clears)
     if np.any(np.abs(c[UNKNOWN]) > FROZEN):

@@ -16,6 +16,7 @@ from gap.inference.problem import Problem
 from gap.null.suction_regulator import (
     DAMPING,
     FLOW,
+    SOFTLY,
     SPAN,
     STAYS,
     TIME,
@@ -34,9 +35,10 @@ from sim_devices.effects.build import PRESSURE
 NOISY, ABOVE, STRAINED, WORTH = 1.2, 1.05, 60.0, 20.0
 """χ² for each row above which a regulator of another structure is tried, and from which on one that weighs its
 set-point is, or from such a strain of tolerances on; and how much of both any structure must take away at least,"""
-LEFT, FOLLOWS = 2.0, 0.5
+LEFT, FOLLOWS, INTEGRAL, OPENED = 2.0, 0.5, 0.1, 0.3
 """which is one if it leaves less than so much of χ² and strain for each row, and if its flow follows the pressure by so
-many tolerances: else it is but a better place to start from, and something else acts,"""
+many tolerances, or it comes to the noise and has an integral of so many 1/s, or a valve that so many largest commands
+open: else it is but a better place to start from, and something else acts,"""
 SPANS, LIMITS = (0.04, 0.08, 0.15), 0.01
 """s for 300 mbar at which a limited rate is looked for, and from which on it is one."""
 LEAVES = 0.05
@@ -48,11 +50,17 @@ FAR = 10.0
 """Times wider noise of rows that are left out."""
 QUICK_INTEGRAL = 3.0
 """1/s from which on an integral is none that makes up for a leak, where the set-point is weighed."""
-INTEGRAL_STARTS = (0.5, 2.0)
-"""1/s at which an integral beside a whole set-point is looked for."""
+FIRST, GO_ON, LAST = 10, 4, 40
+"""Steps of fits of loops with an integral, how many of these go on, and for how long."""
+WHOLE = 3.0
+"""Tolerances within which a set-point is whole: less of it is a leak in the loop, which its integral repairs."""
+INTEGRAL_STARTS = ((0.5, 0.0, 0.0), (2.0, 0.0, 0.0), (0.5, 1.4, 1.0))
+"""A PI loop that sees all of its set-point is looked for from these: the integral's rate, and how far and how softly
+its valve opens."""
 WEIGHED_STARTS = ((-0.6, 0.0, 6.0, -0.4), (0.0, 0.0, 6.0, -0.8))
 """A weighed set-point is looked for from these: logarithms of time and damping, the integral's rate, weight less 1."""
 VALVE_STARTS = (
+    {"integral_rate": 0.5, "suction_flow_slope": 0.3},
     {"integral_rate": 0.1, "suction_flow_slope": 0.6, "venting_flow_slope": 0.6, "flow_asymmetry": 0.3},
     {
         "integral_rate": 1.0,
@@ -62,8 +70,9 @@ VALVE_STARTS = (
         "opened_wholly": 2.0,
     },
 )
-"""A valve whose flow follows the pressure is looked for from here: one that vents a chamber also when it is nearly
-empty, and one between a supply and the air, whose flow is in proportion to the pressure across it."""
+"""A valve whose flow follows the pressure is looked for from here: one whose flow hardly does, one that vents a chamber
+also when it is nearly empty, and one between a supply and the air, whose flow is in proportion to the pressure across
+it."""
 
 
 class Structure(NamedTuple):
@@ -126,13 +135,15 @@ def _limited(block: Regulated, found: Fit) -> Structure | None:
 
 def _integral(block: Regulated, found: Fit) -> Structure | None:
     """A PI loop that sees all of its set-point: it overshoots, where a leak that an integral makes up for falls
-    short."""
+    short. Or a loop without an integral whose valve gives no more than so much."""
     width = block.prior(lambda t: t.widest, VALVE)
-    width[[*range(FLOW.start, FLOW.stop), WHOLLY]] = FROZEN
-    begins = np.tile(block.prior_mean, (len(INTEGRAL_STARTS), 1))
-    begins[:, WEIGHED.start] = INTEGRAL_STARTS
+    width[FLOW] = FROZEN
+    starts = np.array([*INTEGRAL_STARTS, INTEGRAL_STARTS[-1]])
+    begins = np.tile(block.prior_mean, (len(starts), 1))
+    begins[:, [WEIGHED.start, WHOLLY, SOFTLY]] = starts
+    begins[-1, [TIME, DAMPING]] = found.nuisance[[TIME, DAMPING]]
     best, vent, objective = min(_with_integral(block, width, begins), key=lambda tried: tried.objective)
-    if not (_near(objective, found, NOISY) and best.nuisance[WEIGHED.start] > 0.0):
+    if not (_near(objective, found, NOISY) and _of_even_flow(best, width) and _quick(block, best)):
         return None
     return Structure(width, best.nuisance, vent)
 
@@ -156,13 +167,24 @@ def _valve(block: Regulated, found: Fit) -> Structure | None:
     begins[:, VALVE] = [[at.get(name, 0.0) for name in VALVE_NOMINAL] for at in VALVE_STARTS]
     tries = _with_integral(block, width, (*begins, found.nuisance))
     best, vent, objective = min(tries, key=lambda tried: tried.objective)
-    flow = (best.nuisance / width)[FLOW]
-    better = _near(objective, found, LEFT)
-    slowest = PRESSURE / (2.0 * block.tolerances["slew_limit"]["span_time"].value)
-    quick = opened_flow(best.nuisance, block.largest) > slowest
-    if not (better and quick and np.linalg.norm(flow) > FOLLOWS):
+    uneven = np.linalg.norm((best.nuisance / width)[FLOW]) > FOLLOWS
+    better = _near(objective, found, LEFT if uneven else NOISY)
+    if not (better and _quick(block, best) and (uneven or _of_even_flow(best, width))):
         return None
     return Structure(width, best.nuisance, vent)
+
+
+def _of_even_flow(found: Fit, width: FloatArray) -> bool:
+    """Whether a loop has an integral, or a valve that is opened wholly, and sees all of its set-point."""
+    rate, weight = found.nuisance[WEIGHED]
+    another = rate > INTEGRAL or found.nuisance[WHOLLY] > OPENED
+    return bool(another and abs(weight) < WHOLE * width[WEIGHED.stop - 1])
+
+
+def _quick(block: Regulated, found: Fit) -> bool:
+    """Whether a valve that is opened wholly gives as much as a sound one."""
+    slowest = PRESSURE / (2.0 * block.tolerances["slew_limit"]["span_time"].value)
+    return opened_flow(found.nuisance, block.largest) > slowest
 
 
 def _near(objective: float, found: Fit, left: float) -> bool:
@@ -181,13 +203,18 @@ class _Tried(NamedTuple):
 
 
 def _with_integral(block: Regulated, width: FloatArray, begins: Iterable[FloatArray]) -> list[_Tried]:
-    """Fits under a ``width`` (p,) of the prior, from each of ``begins`` (p,), of loops of each of `VENTS`."""
-    out = []
-    for vent, start in product(VENTS, begins):
-        looked = block.with_integral(width, vent)
-        found = fit(looked, nuisance=start)
-        out.append(_Tried(found, vent, found.objective + np.count_nonzero(looked.sigma > FAR * block.sigma)))
-    return out
+    """Fits under a ``width`` (p,) of the prior, from each of ``begins`` (p,), of loops of each of `VENTS`; those that
+    come farthest in some steps go on."""
+    loops = {vent: block.with_integral(width, vent) for vent in VENTS}
+
+    def tried(vent: Vent, begin: FloatArray, iterations: int) -> _Tried:
+        looked = loops[vent]
+        found = fit(looked, nuisance=begin, iterations=iterations)
+        return _Tried(found, vent, found.objective + np.count_nonzero(looked.sigma > FAR * block.sigma))
+
+    first = [tried(vent, begin, FIRST) for vent, begin in product(VENTS, begins)]
+    first.sort(key=lambda t: t.objective)
+    return [tried(t.vent, t.fit.nuisance, LAST) for t in first[:GO_ON]]
 
 
 def _unknown(block: Regulated, found: Fit) -> Structure | None:

@@ -21,6 +21,9 @@ LONG, MOST = 5.0, 5000
 """s of a command that stays as it is, behind which a chamber is at rest; and steps of an interval at most."""
 STILL = 0.2
 """Of the nominal flow: where a valve lets less out of an empty chamber, its controller's integral would stay."""
+CLEARING = 0.05
+"""s within which a controller clears its integral: a command that only touches nought, as a triangle does, leaves
+it."""
 LEAST = 1e-3
 """Of the nominal flow, at the ends of a supply's range."""
 
@@ -51,9 +54,12 @@ def _valve_rates(
     """Rates of pressure, valve and integral of a `valve_loop` of gain ``k`` and valve's lag ``late`` that is asked for
     ``u``."""
     y = min(y, p[12])
-    asked = k * (p[5] * u - y) + integral
-    held = min(max(asked, -k * p[11]), k * p[11])
-    return _flow(y, x, p), (held - x) / late, k * p[4] * (u - y) if held == asked else 0.0
+    asked, widest = k * (p[5] * u - y) + integral, k * p[11]
+    given = min(max(asked, -widest), widest)
+    gathers = k * p[4] * (u - y) if given == asked else 0.0
+    if p[14] > 0.0 and widest < math.inf:
+        given += p[14] * (widest * math.tanh(asked / widest) - given)
+    return _flow(y, x, p), (given - x) / late, gathers
 
 
 @njit(cache=True, error_model="numpy")
@@ -79,7 +85,8 @@ def _valve_moved(
 @njit(cache=True, error_model="numpy")
 def _valve_rested(s: FloatArray, u: float, k: float, p: FloatArray) -> None:
     """Bring the state of a `valve_loop` of gain ``k`` to the end of a long rest at a command of ``u``."""
-    if s[3] >= p[12]:  # vented: the integral stays
+    if s[3] >= p[12]:  # vented: the integral stays, unless it is cleared
+        s[5] = 0.0 if p[13] > 0.0 else s[5]
         s[4] = s[5]
     else:  # the rest of a slow end has gone
         s[3], s[4], s[5] = u, 0.0, k * (1.0 - p[5]) * u
@@ -96,7 +103,7 @@ def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
     the integral waits meanwhile. It is emptied in a vented chamber from which hardly anything flows, or it would stay;
     and so it does where a chamber vents to ``highest``, the air's pressure, and no further. ``p`` = (tau s, zeta,
     fastest rise and fall, r 1/s, b, build, vent, lean, span, 1 if the limits are approached softly, open, highest,
-    1 if the integral is cleared while nothing is asked for).
+    1 if the integral is cleared while nothing is asked for, share by which the valve comes softly to its end).
     """
     k, late = _valve_pace(p)
     pace = max(PARTS * k, PARTS * math.sqrt(k / late), QUICK_PARTS / late)
@@ -113,11 +120,14 @@ def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
             if change == 0.0 and abs(u[i] - s[3]) + abs(s[4]) * late < AT_REST * s[6]:
                 break
             begin, end = s[2] + j / parts * change, s[2] + (j + 1) / parts * change
+            cleared = s[5] * math.exp(-dt / parts / CLEARING)
             s[3], s[4], s[5] = _valve_moved((s[3], s[4], s[5]), begin, end, dt / parts, p)
             s[3] = min(s[3], p[12])
+            if clears and min(begin, end) > NOTHING:
+                s[5] = cleared
         if long:
             _valve_rested(s, u[i], k, p)
-        if u[i] > NOTHING and (clears or (empties and s[3] > VENTED)):
+        if empties and u[i] > NOTHING and s[3] > VENTED:
             s[5] = 0.0
         s[1], s[2], y[i] = t[i], u[i], s[3]
 

@@ -23,7 +23,7 @@ from sim_devices.stages.kernels import evaluate, second_order, valve_loop
 
 STEP, NOISE = 1e-3, 30.0
 FREE = (np.inf, np.inf)
-ENDS = (np.inf, np.inf, 0.0)
+ENDS = (np.inf, np.inf, 0.0, 0.0)
 
 
 def suction_of(time: np.ndarray) -> np.ndarray:
@@ -292,7 +292,7 @@ def test_a_valve_loop_solves_its_equations(widest: float) -> None:
 
     exact = solve_ivp(rate, (0, time[-1]), [0, 0, 0], t_eval=time, rtol=1e-9, atol=1e-6, max_step=5e-3).y[0]
     loop = evaluate(
-        valve_loop, time, asked, tau, zeta, *FREE, reset, weight, build, vent, lean, 50e3, 0.0, widest, np.inf, 0.0
+        valve_loop, time, asked, tau, zeta, *FREE, reset, weight, build, vent, lean, 50e3, 0.0, widest, np.inf, 0.0, 0.0
     )
     np.testing.assert_allclose(loop, exact, atol=1.0)
 
@@ -326,6 +326,7 @@ def test_the_integral_of_a_loop_that_vents_to_the_air_stays_as_it_is() -> None:
         50e3,
         0.0,
         np.inf,
+        0.0,
         0.0,
         0.0,
     )
