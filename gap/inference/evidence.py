@@ -18,6 +18,8 @@ from sim_devices.chain import FloatArray
 
 UNIFORM_PRECISION = 12.0
 """1/variance of a uniform prior of width 1."""
+STRAIGHT = 0.1
+"""Share of χ² that a straight line may foretell beyond what a fit found."""
 DISCOUNT = 2.0
 """Times as uncertain as it was fitted that an effect is in the next block, where its form, which is not exact, shows
 otherwise."""
@@ -122,13 +124,26 @@ class Fit:
         gain = float(b @ sla.cho_solve((factor[:p, :p], lower), b)) if p else 0.0
         logdet = 2.0 * float(np.sum(np.log(np.diag(factor)))) - float(np.sum(np.log(precision)))
         logdet -= float(np.linalg.slogdet(known)[1])
-        square = float(self.at_mean @ self.at_mean)
+        square = float(self.at_mean @ self.at_mean) + self._unreached
         return -0.5 * (square / temper - gain + logdet + self.belief.cost(self.unit) + self.wider)
 
     @cached_property
     def at_mean(self) -> FloatArray:
         """The residual (n,) with the nuisance at its prior's mean, by the linear model."""
         return self.residual + self.jacobian @ (self.nuisance - self.prior_mean)
+
+    @cached_property
+    def _unreached(self) -> float:
+        """χ² that the straight line foretells to be gained and the fit did not find, beyond `STRAIGHT` of it: where a
+        fit is stuck, the line is no guide, and its gain is none."""
+        if not len(self.nuisance):
+            return 0.0
+        precision = np.where(np.isfinite(self.prior_sd), 1.0 / np.square(self.prior_sd), 1e-12)
+        normal = self.gram.copy()
+        normal[np.diag_indices_from(normal)] += precision
+        best = float(self.at_mean @ self.at_mean) - float(self._pull @ sla.cho_solve(factorise(normal), self._pull))
+        found = self.chi2 + float(np.sum(precision * np.square(self.nuisance - self.prior_mean)))
+        return max(found - best - STRAIGHT * self.chi2, 0.0)
 
     @cached_property
     def _pull(self) -> FloatArray:

@@ -218,3 +218,15 @@ def test_a_valley_that_turns_is_followed_to_its_end(linear, steep: float, turns:
     assert found.nuisance == pytest.approx([4.0, turns * np.sin(4.0)], abs=0.1)
     assert found.objective < 0.01
     assert found.simulations < 200
+
+
+def test_a_fit_that_is_stuck_has_no_evidence_of_the_gain_that_a_line_promises(linear) -> None:
+    """A leak for a while (chi2 407207) outdid a wrong unit (26656): a straight line would have led it to the noise."""
+    rng = np.random.default_rng(4)
+    basis = rng.normal(size=(300, 2))
+    problem = linear(basis @ [30.0, -20.0] + rng.normal(size=300), basis, {}, np.full(2, 50.0))
+    found = fit(problem)
+    assert found.chi2 < 400
+    begin = problem.evaluate(np.zeros(2), {}).residual
+    stuck = replace(found, nuisance=np.zeros(2), residual=begin, chi2=float(begin @ begin), penalty=0.0)
+    assert found.log_evidence(1.0, (found.prior_sd,)) > stuck.log_evidence(1.0, (found.prior_sd,)) + 0.4 * stuck.chi2
