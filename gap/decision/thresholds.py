@@ -73,6 +73,7 @@ class Thresholds:
     rival_lead: float
     without_skin: float
     overwhelming: float
+    like_skin: float
     surrogate: float
     coverage: float
 

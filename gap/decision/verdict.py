@@ -210,14 +210,15 @@ def _unfinished(f: Findings) -> bool:
     return len(f.first.effects) > 1 and left > f.t.unfinished_pair and not f.shows_itself
 
 
-def _of_skin(f: Findings) -> bool:
-    return any(e.stage == "tissue" for h in f.first.members for e in h.effects)
+def _of_skin(c: Cause) -> bool:
+    return any(e.stage == "tissue" for h in c.members for e in h.effects)
 
 
 def _skin_may(f: Findings) -> bool:
-    """Whether the first cause, a device effect, may be the rest that skin of another law leaves."""
-    surely = f.first.detectability > f.t.overwhelming or f.without_skin > f.t.without_skin
-    return not surely and not _of_skin(f)
+    """Whether the first cause, of the device, may be what skin of another law leaves, or a skin's effect as large."""
+    skin = max((c.detectability for c in f.posterior.causes[1:] if _of_skin(c)), default=0.0)
+    overwhelming = f.first.detectability > max(f.t.overwhelming, skin / f.t.like_skin)
+    return not (overwhelming or f.without_skin > f.t.without_skin) and not _of_skin(f.first)
 
 
 def _repairs_skin(f: Findings) -> bool:
@@ -233,7 +234,7 @@ def _amid_skin(f: Findings) -> bool:
     """Such an effect, or one of the skin, leaves the simulation by itself far from the data: an effect of skin may
     stand in for part of another law, however much it takes away."""
     leaves = f.fitted is not None and f.fitted.after > f.t.amid_skin
-    return leaves and (_skin_may(f) or _of_skin(f)) and not f.shows_itself
+    return leaves and (_skin_may(f) or _of_skin(f.first)) and not f.shows_itself
 
 
 def _stays_behind(f: Findings) -> bool:

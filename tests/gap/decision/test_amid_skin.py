@@ -39,3 +39,18 @@ def test_an_effect_that_leaves_much_of_skin_is_not_claimed(
     )
     assert INSTRUMENT.seen < first.detectability < INSTRUMENT.overwhelming
     assert decide(findings).rules[0].startswith(said)
+
+
+@pytest.mark.parametrize(("share", "said"), [(0.97, "amid skin of another law"), (0.7, "claimed")])
+def test_an_effect_of_the_device_is_not_claimed_beside_one_of_skin_as_large(
+    linear, candidate, share: float, said: str
+) -> None:
+    """A tone that rose by a logistic (16.9 sigma) was told a lamp that drifts (17.2), which left a gap of 3.6."""
+    comparison, known = weak_wave(linear, candidate, 2.5)
+    found = posterior(comparison, known, INSTRUMENT)
+    first = replace(found.causes[0], detectability=17.2)
+    skin = replace(first.hypothesis, effects=tuple(replace(e, stage="tissue") for e in first.effects))
+    rival = replace(first, hypothesis=skin, members=(skin,), probability=0.0, detectability=share * 17.2)
+    causes = replace(found, causes=(first, rival))
+    findings = Findings(causes, INSTRUMENT, fitted=Shrink(16.9, 3.6), without_skin=0.0)
+    assert decide(findings).rules[0].startswith(said)
