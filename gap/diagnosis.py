@@ -176,7 +176,7 @@ def diagnose(
         shrinks=tuple(trial.shrinks for trial in settled.trials),
         bounds=beyond_the_fitted(bounds(case.comparison, settled.found.temper, t, case.stated), verdict),
         confusable=confusable(case.comparison, settled.found.temper),
-        remarks=(*other_skin, *judged.remarks, *words),
+        remarks=(*other_skin, *judged.remarks, *_at_the_end(case, settled), *words),
         seconds=clock.perf_counter() - begin,
         null=case.null,
         best=next((trial.answer for trial in settled.trials), case.null),
@@ -197,6 +197,15 @@ def _proposed(case: Case, verdict: Verdict, t: Thresholds, options: Options) -> 
         return None
     options.tell("looking for a term", 0.95)
     return best_term(case, t, options.jobs)
+
+
+def _at_the_end(case: Case, settled: Settled) -> list[str]:
+    """Remarks on parameters of a user's rig that end at the end of their range, with the effect that is claimed."""
+    rig = case.comparison.problems.get("rig")
+    if not isinstance(rig, RigProblem):
+        return []
+    answer = settled.trials[0].answer if settled.verdict.claims else case.comparison.null
+    return rig.at_the_end(answer.fits["rig"])
 
 
 @dataclass(frozen=True)
@@ -266,7 +275,6 @@ def _gathered(recordings: Sequence[Recording], options: Options) -> tuple[Case, 
     if isinstance(rig := problems[0], RigProblem):
         alone = comparison.null.fits[rig.name]
         marks = [m for m in marks if against_the_model(m, rig, alone)]
-        told += rig.at_the_end(alone.nuisance)
         stated, withheld = sampled(tolerances("rig"), rig.interval), splits_of_a_rig(recordings)
     else:
         stated, withheld = tolerances(recordings[0].info.instrument), splits(recordings)

@@ -7,6 +7,7 @@ from gap.decision.classes import Cause
 from gap.decision.gaps import gap_without_discrepancy, shrink
 from gap.decision.verdict import DOUBT, EMPTY, WITHIN
 from gap.diagnosis import Diagnosis
+from gap.inference.hypothesis import Candidate
 from gap.report.breakdown import breakdown
 from gap.report.parameters import of_cause
 from gap.report.terms import text
@@ -42,7 +43,8 @@ def _how_far(d: Diagnosis) -> str:
         return f"Simulation and measurement agree to within the noise (gap {d.gap_before:.2f}, noise 1)."
     by_phase = breakdown(d)["phase"]
     worst = max(by_phase, key=lambda k: by_phase[k]["before"]) if len(by_phase) > 1 else ""
-    clearly = bool(worst) and by_phase[worst]["before"] > 1.2 * d.gap_before
+    # A rig has no skin that is loaded and rests.
+    clearly = bool(worst) and "rig" not in d.problems and by_phase[worst]["before"] > 1.2 * d.gap_before
     mostly = f", mostly while {DOING.get(worst, worst)}" if clearly else ""
     return f"The simulation is {significant(d.gap_before)} times the noise off{mostly}."
 
@@ -98,10 +100,11 @@ def _share(d: Diagnosis) -> float:
 
 def _explained(d: Diagnosis, cause: Cause) -> str:
     several = len(cause.effects) > 1
-    what = " and ".join(words(e.name) for e in cause.effects)
+    what = " and ".join(_spoken(e) for e in cause.effects)
     stage = ", ".join(dict.fromkeys(e.stage for e in cause.effects))
     instrument = d.recordings[0].info.instrument
-    how = [_said(name, label) for e in cause.effects for name, label in options(e, instrument).items()]
+    said = [(e, name, label) for e in cause.effects for name, label in options(e, instrument).items()]
+    how = [_said(name, label) for e, name, label in said if label != _spoken(e)]
     named = f"{what.capitalize()} ({'; '.join([stage, *how, *numbers(d, cause)])})"
     sure = f"(probability {cause.probability:.2f})"
     if cause.certain:
@@ -109,6 +112,11 @@ def _explained(d: Diagnosis, cause: Cause) -> str:
     if _within_noise(d):
         return f"{named} {'stand' if several else 'stands'} out all the same, by {cause.detectability:.0f} σ {sure}."
     return f"{named} {'explain' if several else 'explains'} {_share(d):.0f} % of it {sure}."
+
+
+def _spoken(effect: Candidate) -> str:
+    """An effect's name as a sentence begins with it: of a rig's, its form's, as an advance is no delay to a reader."""
+    return words(effect.key.split("@", 1)[0] if "@" in effect.key else effect.name)
 
 
 def _said(option: str, label: str) -> str:

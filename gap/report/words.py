@@ -8,9 +8,10 @@ import re
 from gap.inference.hypothesis import Candidate
 from sim_devices.effects import effects
 
-PREFIXED = {"m": (("mm", 1e3, 1e-3), ("µm", 1e6, 1e-7), ("nm", 1e9, 0.0)), "s": (("s", 1.0, 0.1), ("ms", 1e3, 0.0)),
+PREFIXED = {"m": (("m", 1.0, 0.5), ("mm", 1e3, 1e-3), ("µm", 1e6, 1e-7), ("nm", 1e9, 0.0)),
+            "s": (("s", 1.0, 0.1), ("ms", 1e3, 0.0)),
             "Pa": (("mbar", 1e-2, 0.0),), "N": (("N", 1.0, 0.1), ("mN", 1e3, 0.0)),
-            "m/Pa": (("µm/mbar", 1e8, 0.0),), "N/m": (("N/mm", 1e-3, 0.0),), "kg": (("g", 1e3, 0.0),),
+            "m/Pa": (("µm/mbar", 1e8, 0.0),), "N/m": (("N/mm", 1e-3, 0.0),), "kg": (("kg", 1.0, 1.0), ("g", 1e3, 0.0)),
             "s/s": (("ms/s", 1e3, 1e-3), ("µs/s", 1e6, 0.0)), "%": (("%", 1e2, 0.0),)}  # fmt: skip
 """For an SI unit (``%``: a relative error): unit, factor, and the least magnitude (SI) for which people use it."""
 
@@ -28,9 +29,10 @@ def words(name: str) -> str:
 
 def options(effect: Candidate, instrument: str) -> dict[str, str]:
     """Which of its forms, channels or axes an effect of an instrument has, in words; of a rig's, the tap that it acts
-    at."""
+    at, and its form where that has a name of its own."""
     if "@" in effect.key:
-        return {"tap": effect.key.split("@", 1)[1]}
+        kind, tap = effect.key.split("@", 1)
+        return {"tap": tap} | ({"form": words(kind)} if kind != effect.name else {})
     known = effects(instrument).get(effect.name) if "[" in effect.key else None
     if known is None:
         return {}

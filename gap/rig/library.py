@@ -28,8 +28,9 @@ class Rig:
     """The facts of a rig that its effects' priors scale with.
 
     ``seen`` has the statistics of each tap in a nominal run, ``counts`` the coarse channels; ``measured`` is the
-    largest range of a channel, ``unit`` that of the first; a recording lasts ``duration`` s with samples every
-    ``interval`` s, and there are ``recordings`` of them.
+    largest range of a channel, ``unit`` that of the first, and ``ends`` each channel's lowest and highest value and by
+    how much noise may have moved them. A recording lasts ``duration`` s with samples every ``interval`` s, and there
+    are ``recordings`` of them.
     """
 
     model: ForwardModel
@@ -40,6 +41,7 @@ class Rig:
     interval: float
     duration: float
     recordings: int
+    ends: Mapping[str, tuple[float, float, float]]
 
     def library(self, further: Sequence[GenericEffect] = ()) -> Iterator[tuple[Candidate, GenericEffect]]:
         """Every effect at every tap where it can act and would show: ours, the model's own and ``further`` ones."""
@@ -57,7 +59,8 @@ class Rig:
             effect = counted(self.counts[tap], unit)
 
         def of_rig(parameter: Parameter) -> Parameter:
-            return scaled(parameter, self.seen[tap], self.measured, self.interval, self.duration, unit)
+            own = scaled(parameter, self.seen[tap], self.measured, self.interval, self.duration, unit)
+            return at_the_end(own, effect, *self.ends[tap]) if tap in self.ends else own
 
         candidate = Candidate(
             key=f"{effect.form or effect.name}@{tap}",
@@ -91,6 +94,16 @@ def would_show(effect: GenericEffect, seen: Seen, measured: float) -> bool:
     one_way = min(-seen.low, seen.high) < BOTH_WAYS * size
     ends = {p.unit for p in effect.parameters}
     return not (still and ends & {"level", "size"}) and not (one_way and "size" in ends)  # it ends at no limit
+
+
+def at_the_end(parameter: Parameter, effect: GenericEffect, low: float, high: float, noise: float) -> Parameter:
+    """The limit of a saturation at a channel's own tap, within ``noise`` of where the channel's values, ``low`` to
+    ``high``, end: a sensor reads nothing beyond its limit, and one farther off would show nowhere. Any other parameter
+    as it is."""
+    if parameter.name != "limit":
+        return parameter
+    end = {"lower_saturation": low, "symmetric_saturation": max(-low, high)}.get(effect.form or effect.name, high)
+    return replace(parameter, low=end - noise, high=end + noise, default=end)
 
 
 def _of_each_recording(

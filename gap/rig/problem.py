@@ -23,7 +23,7 @@ from gap.rig.library import Rig, widest_range
 from gap.rig.model import ForwardModel, ModelError, check_model
 from gap.rig.noise import ChannelNoise, moves
 from gap.rig.taps import Acting, Drag, Seen, Survey
-from sim_devices.chain import FloatArray
+from sim_devices.chain import FloatArray, Parameter
 
 MAX_ROWS = 40_000
 """Rows of one problem above which samples are thinned (after simulation) to keep a diagnosis within seconds."""
@@ -43,6 +43,8 @@ EDGE = 1e-3
 """Share of a parameter's range from its ends at which a fit of it begins at most."""
 MOVING = 0.05
 """Share of a channel's range that a model which foretells no standstill there moves by, on average."""
+DOUBT = 5.0
+"""Standard deviations of noise by which the largest of some thousand samples may exceed the end of a sensor's range."""
 PROBE = 1e-3
 """Drag, in signal over velocity, that shows the meaning of a tap's sign."""
 
@@ -99,7 +101,13 @@ class RigProblem:
         return Rig(
             self.model, self._seen, self._noise.counts, unit, widest_range(self._measured),
             interval=float(np.median(np.diff(time))), duration=float(time[-1] - time[0]), recordings=len(self._runs),
+            ends=self._ends(),
         )  # fmt: skip
+
+    def _ends(self) -> dict[str, tuple[float, float, float]]:
+        """The lowest and highest value of each channel, and by how much noise may have moved them."""
+        runs = {c: np.concatenate(ms) for c, *ms in zip(self.model.channels, *self._measured, strict=True)}
+        return {c: (float(np.nanmin(m)), float(np.nanmax(m)), DOUBT * self._noise.sigma[c]) for c, m in runs.items()}
 
     @property
     def interval(self) -> float:
@@ -259,17 +267,22 @@ class RigProblem:
         values = self.parameters(nuisance)
         return {p.name: (values[p.name], p.unit) for p in self.model.parameters}
 
-    def at_the_end(self, nuisance: FloatArray) -> list[str]:
-        """Remarks on parameters that a fit has at an end of their range."""
-        out = []
-        for p, u in zip(self.model.parameters, ndtr(nuisance), strict=True):
-            if not END < u < 1.0 - END:
-                unit = f" {p.unit}" if p.unit != "1" else ""
-                out.append(
-                    f"parameter {p.name} of the model ends at {from_unit(p, float(u)):.4g}{unit}, the end of its "
-                    f"range {p.low:g} … {p.high:g}{unit}: are the range and its unit right? Recordings are in SI"
-                )
-        return out
+    def at_the_end(self, found: Fit) -> list[str]:
+        """Remarks on parameters that a fit has at an end of their range, of effects at the upper one: the lower one is
+        no effect, or as sharp a one as may be."""
+        out = [
+            f"parameter {p.name} of the model ends at {_of_range(p, u)}: are the range and its unit right? Recordings "
+            "are in SI"
+            for p, u in zip(self.model.parameters, ndtr(found.nuisance), strict=True)
+            if not END < u < 1.0 - END
+        ]
+        fitted = [(c, p) for c in found.hypothesis for p in c.parameters]
+        return out + [
+            f"{p.name} of {c.key} ends at {_of_range(p, u)} that is looked at: the effect may be of another form, or "
+            "more of it"
+            for (c, p), u in zip(fitted, found.unit.tolist(), strict=True)
+            if p.unit != "choice" and u > 1.0 - END
+        ]
 
     def coordinates(self, parameters: Mapping[str, float]) -> FloatArray:
         """The nuisance vector of the model's parameters; `parameters` inverts it."""
@@ -323,6 +336,12 @@ def against_the_model(mark: Signature, problem: Problem, alone: Fit) -> bool:
         return True
     stands = np.split(foretold[at], np.flatnonzero(np.diff(at) > 1) + 1)
     return sum(len(s) * float(np.ptp(s)) for s in stands) > MOVING * len(at) * float(np.ptp(measured))
+
+
+def _of_range(p: Parameter, u: float) -> str:
+    """A parameter's value at a unit coordinate, and its range, in words."""
+    unit = f" {p.unit}" if p.unit != "1" else ""
+    return f"{from_unit(p, float(u)):.4g}{unit}, the end of its range {p.low:.4g} … {p.high:.4g}{unit}"
 
 
 def _comparable(

@@ -40,10 +40,25 @@ def test_nothing_leaves_its_range_and_what_ends_there_is_told(stretched) -> None
     fitted = fit(problem, iterations=40)
     assert problem.parameters(fitted.nuisance)["stiffness"] <= 1e3
     assert all(1.0 <= problem.parameters(np.full(1, z))["stiffness"] <= 1e3 for z in (-40.0, -1.0, 2.0, 40.0))
-    (words,) = problem.at_the_end(fitted.nuisance)
+    (words,) = problem.at_the_end(fitted)
     assert "parameter stiffness" in words
     assert "1 … 1000" in words
-    assert problem.at_the_end(problem.coordinates({"stiffness": 20.0})) == []
+    inside = replace(fitted, nuisance=problem.coordinates({"stiffness": 20.0}))
+    assert problem.at_the_end(inside) == []
+    gain = next(c for c in problem.candidates if c.key == "gain@force")
+    (words,) = problem.at_the_end(replace(inside, hypothesis=(gain,), unit=np.ones(1)))
+    assert "error of gain@force ends at 0.5" in words
+
+
+def test_a_sensor_stops_at_no_value_that_it_goes_beyond(stretched) -> None:
+    """A spring that hardens was told, with .93, to have a sensor that stops in the middle of what it had measured."""
+    problem = RigProblem([stretched()], Spring())
+    limits = {c.key: c.parameters[0] for c in problem.candidates if c.name.endswith("saturation")}
+    highest, sigma = np.max(problem.measured), problem.sigma[0]
+    assert highest - 6 * sigma < limits["saturation@force"].low <= highest
+    assert highest <= limits["saturation@force"].high < highest + 6 * sigma
+    assert limits["saturation@spring_force"].low < 0.5 * highest  # behind a spring that may stop anything can be
+    assert limits["lower_saturation@force"].high <= np.min(problem.measured) + 6 * sigma
 
 
 def test_parameters_and_coordinates_are_inverse(stretched) -> None:
