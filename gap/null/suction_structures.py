@@ -50,7 +50,7 @@ FAR = 10.0
 """Times wider noise of rows that are left out."""
 QUICK_INTEGRAL = 3.0
 """1/s from which on an integral is none that makes up for a leak, where the set-point is weighed."""
-FIRST, GO_ON, LAST = 10, 4, 40
+FIRST, GO_ON, LAST = 10, 3, 40
 """Steps of fits of loops with an integral, how many of these go on, and for how long."""
 WHOLE = 3.0
 """Tolerances within which a set-point is whole: less of it is a leak in the loop, which its integral repairs."""
@@ -138,12 +138,15 @@ def _integral(block: Regulated, found: Fit) -> Structure | None:
     short. Or a loop without an integral whose valve gives no more than so much."""
     width = block.prior(lambda t: t.widest, VALVE)
     width[FLOW] = FROZEN
-    starts = np.array([*INTEGRAL_STARTS, INTEGRAL_STARTS[-1]])
+    near = found.chi2 <= len(found.residual) * NOISY  # an integral is so little that any start will do
+    starts = np.array(INTEGRAL_STARTS[:1] if near else [*INTEGRAL_STARTS, INTEGRAL_STARTS[-1]])
     begins = np.tile(block.prior_mean, (len(starts), 1))
     begins[:, [WEIGHED.start, WHOLLY, SOFTLY]] = starts
     begins[-1, [TIME, DAMPING]] = found.nuisance[[TIME, DAMPING]]
     best, vent, objective = min(_with_integral(block, width, begins), key=lambda tried: tried.objective)
-    if not (_near(objective, found, NOISY) and _of_even_flow(best, width) and _quick(block, best)):
+    # Far from the noise a valve that is opened wholly may be a limited rate, which is simpler.
+    integral = near or best.nuisance[WEIGHED.start] > INTEGRAL
+    if not (_near(objective, found, NOISY) and integral and _of_even_flow(best, width) and _quick(block, best)):
         return None
     return Structure(width, best.nuisance, vent)
 
