@@ -46,6 +46,8 @@ SHOWN = 1.05
 SHAKEN_LEVELS, SHAKEN_VISITS, SHAKEN = 100, 3, (0.3, 10.0)
 """Levels, how often each is usually met, and noise in steps, from which on uneven steps are the converter's, whatever
 they add to the noise: no command chose these levels. In more noise than that they do no harm."""
+AGAIN = 15
+"""Times that a size of a step comes again to be one of the converter's."""
 ROUNDED = 1.155
 """The same of even steps. Up to two σ of the noise a step only adds its square over twelve (Widrow and Kollár,
 *Quantization Noise*, 2008): a laboratory that writes few digits has no fault."""
@@ -262,7 +264,8 @@ def _coarse(name: str, series: Sequence[Series], nominal: float) -> list[Signatu
     text = f"{name} comes in steps of {step:.3g}, {step / nominal:.1f} times its resolution"
     if uneven:
         text = f"{name} comes in uneven steps of {np.quantile(gaps, 0.1):.3g} to {np.quantile(gaps, 0.9):.3g}"
-    return [Signature("sensor_quantisation", name, CERTAIN, text, noise=wider, certain=bool(uneven and shaken))]
+    certain = uneven and (shaken or _of_two_sizes(gaps, levels))
+    return [Signature("sensor_quantisation", name, CERTAIN, text, noise=wider, certain=bool(certain))]
 
 
 def _uneven(gaps: FloatArray, levels: FloatArray) -> bool:
@@ -276,6 +279,18 @@ def _uneven(gaps: FloatArray, levels: FloatArray) -> bool:
         multiple = max(round(gaps[k] / step), 1)
         odd += abs(gaps[k] - multiple * step) > max(UNEVEN * multiple * step, (multiple + 1) * digit)
     return len(gaps) >= LEVELS_NEAR and odd > UNEVENLY * len(gaps)
+
+
+def _of_two_sizes(gaps: FloatArray, levels: FloatArray) -> bool:
+    """Whether two sizes of ``gaps`` (n,), of which one is no multiple of the other, come again and again to the last
+    digit: no signal chooses such levels, however little noise visits them."""
+    digit = max(_digit(levels), 1e-12)
+    sizes, often = np.unique(np.round(gaps / digit), return_counts=True)
+    if np.sum(often >= AGAIN) < 2:
+        return False
+    small, large = np.sort(sizes[np.argsort(-often, kind="stable")[:2]])
+    off = abs(large - max(round(large / small), 1) * small)
+    return bool(off > max(UNEVEN * large, 3.0))
 
 
 def _digit(levels: FloatArray) -> float:

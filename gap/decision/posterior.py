@@ -224,10 +224,11 @@ def _mark_nats(
     if len(h.effects) == 1 and (wider_noise(h, signatures) > t.quiet_gap or certain(h, signatures)):
         if not any(s.alone for s in signatures if made_by(s, h.effects[0])):
             return nats + max(gain, 0.0) - gain
-        # Its best form is as good as any hypothesis; its others are as far behind as they fit worse.
+        # Its best form is as good as any hypothesis, also where it foretells the samples worse than none at all does;
+        # its others are as far behind as they fit worse.
         best = max(w.evidence for w in weighed.values())
         forms = [o for o in comparison.hypotheses if len(o.effects) == 1 and o.effects[0].name == h.effects[0].name]
-        return nats + best - max(null, *(weighed[id(o)].evidence for o in forms))
+        return nats + best - max(weighed[id(o)].evidence for o in forms)
     if nats and (gain > 0 or explains_marks(at_marks(comparison.problems, comparison.null, h, signatures), t)):
         return min(nats, t.mark)
     return 0.0
