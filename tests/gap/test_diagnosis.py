@@ -9,8 +9,9 @@ import pytest
 
 from acquire.recording.model import Recording
 from gap.design import simulated as own
-from gap.diagnosis import DiagnosisError, _possible, diagnose
+from gap.diagnosis import DiagnosisError, diagnose
 from gap.inference.hypothesis import Candidate
+from gap.null.instruments import _possible
 from gap.report.document import as_json
 from gap.rig.model import ModelError
 from sim_devices.effects import effects

@@ -13,6 +13,8 @@ PARTS, QUICK_PARTS = 6.0, 2.0
 """Steps in the loop's time constant or the chamber's, and in the valve's, which need not be followed as closely."""
 QUICKEST = 3e-3
 """s: a valve that is quicker than this counts as so quick; it saves steps and moves no pressure that is sampled."""
+KEENEST = 500.0
+"""1/s: a gain that is larger counts as so large. A fit that tries one, which no valve has, is not to take minutes."""
 AT_REST = 1e-9
 """Share of the command's largest value by which pressure may be off it, or move within a step, and be at rest."""
 NOTHING, VENTED = -1.0, -50.0
@@ -44,7 +46,7 @@ def _flow(p: float, x: float, law: FloatArray) -> float:
 @njit(cache=True, error_model="numpy")
 def _valve_pace(p: FloatArray) -> tuple[float, float]:
     """Gain k, 1/s, of a `valve_loop`'s controller and lag T, s, of its valve."""
-    return 1.0 / (2.0 * p[1] * max(p[0], 1e-9)), max(p[0] / (2.0 * p[1]), QUICKEST)
+    return min(1.0 / (2.0 * p[1] * max(p[0], 1e-9)), KEENEST), max(p[0] / (2.0 * p[1]), QUICKEST)
 
 
 @njit(cache=True, error_model="numpy")
