@@ -22,7 +22,7 @@ VERDICTS = ("effect", "several", "none", "unknown", "undetectable")
 @dataclass(frozen=True)
 class Findings:
     """All that the rules look at. ``fitted`` is the gap in the channels that the first cause changes (of an event that
-    some of them without skin show, in these: what skin of another law leaves is not its doing), ``each`` in every such
+    some of them without skin show, in these: the rest of skin of another law is not its doing), ``each`` in every such
     block, ``held_out`` in them on recordings that its parameters were not fitted to, by split, and
     ``rival`` that of the next cause of other effects, in all blocks; ``without_skin``, the nats that blocks without
     skin give the first cause; ``tolerances``, how many stated tolerances the smallest member of its class is large
@@ -193,7 +193,7 @@ def _worse_on_repeats(f: Findings) -> bool:
 
 
 def _patched(f: Findings) -> bool:
-    """Something for a while that does not get near the noise, or as short as may be, as is what a step's answer leaves:
+    """Something for a while that does not get near the noise, or as short as may be, like the rest of a step's answer:
     such patches repair anything a bit."""
     if f.shows_itself or not f.first.happens_once:
         return False
@@ -215,7 +215,7 @@ def _of_skin(c: Cause) -> bool:
 
 
 def _skin_may(f: Findings) -> bool:
-    """Whether the first cause, of the device, may be what skin of another law leaves, or a skin's effect as large."""
+    """Whether the first cause, of the device, may be the rest of skin of another law, or a skin's effect as large."""
     skin = max((c.detectability for c in f.posterior.causes[1:] if _of_skin(c)), default=0.0)
     overwhelming = f.first.detectability > max(f.t.overwhelming, skin / f.t.like_skin)
     return not (overwhelming or f.without_skin > f.t.without_skin) and not _of_skin(f.first)

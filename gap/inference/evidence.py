@@ -52,6 +52,11 @@ class GaussianPrior:
         return float(away @ self.precision @ away)
 
 
+def _precision(sd: FloatArray) -> FloatArray:
+    """1/variance (p,) of a prior, hardly any where ``sd`` is infinite."""
+    return np.where(np.isfinite(sd), 1.0 / np.square(sd), 1e-12)
+
+
 @dataclass
 class Fit:
     """A fitted hypothesis.
@@ -112,7 +117,7 @@ class Fit:
         k, p = len(self.unit), len(self.nuisance)
         if not k + p:
             return -0.5 * (self.chi2 / temper + self.wider)
-        precision = np.where(np.isfinite(sd), 1.0 / np.square(sd), 1e-12)
+        precision = _precision(sd)
         known = self.belief.precision
         known = known + np.diag(np.where(np.diag(known) > 0, 0.0, UNIFORM_PRECISION))
         normal = self.normal / temper
@@ -138,7 +143,7 @@ class Fit:
         fit is stuck, the line is no guide, and its gain is none."""
         if not len(self.nuisance):
             return 0.0
-        precision = np.where(np.isfinite(self.prior_sd), 1.0 / np.square(self.prior_sd), 1e-12)
+        precision = _precision(self.prior_sd)
         normal = self.gram.copy()
         normal[np.diag_indices_from(normal)] += precision
         best = float(self.at_mean @ self.at_mean) - float(self._pull @ sla.cho_solve(factorise(normal), self._pull))

@@ -37,8 +37,8 @@ NOISY, ABOVE, STRAINED, WORTH = 1.2, 1.05, 60.0, 20.0
 set-point is, or from such a strain of tolerances on; and how much of both any structure must take away at least,"""
 LEFT, FOLLOWS, INTEGRAL, OPENED = 2.0, 0.5, 0.1, 0.3
 """which is one if it leaves less than so much of χ² and strain for each row, and if its flow follows the pressure by so
-many tolerances, or it comes to the noise and has an integral of so many 1/s, or a valve that so many largest commands
-open: else it is but a better place to start from, and something else acts,"""
+many tolerances, or it comes to the noise and has an integral of so many 1/s, or a valve that the largest command opens
+by so much: else it is but a better place to start from, and something else acts,"""
 SPANS, LIMITS = (0.04, 0.08, 0.15), 0.01
 """s for 300 mbar at which a limited rate is looked for, and from which on it is one."""
 LEAVES = 0.05

@@ -60,7 +60,7 @@ class Rig:
 
         def of_rig(parameter: Parameter) -> Parameter:
             own = scaled(parameter, self.seen[tap], self.measured, self.interval, self.duration, unit)
-            return at_the_end(own, effect, *self.ends[tap]) if tap in self.ends else own
+            return at_a_sensors_end(own, effect, *self.ends[tap]) if tap in self.ends else own
 
         candidate = Candidate(
             key=f"{effect.form or effect.name}@{tap}",
@@ -96,7 +96,7 @@ def would_show(effect: GenericEffect, seen: Seen, measured: float) -> bool:
     return not (still and ends & {"level", "size"}) and not (one_way and "size" in ends)  # it ends at no limit
 
 
-def at_the_end(parameter: Parameter, effect: GenericEffect, low: float, high: float, noise: float) -> Parameter:
+def at_a_sensors_end(parameter: Parameter, effect: GenericEffect, low: float, high: float, noise: float) -> Parameter:
     """The limit of a saturation at a channel's own tap, within ``noise`` of where the channel's values, ``low`` to
     ``high``, end: a sensor reads nothing beyond its limit, and one farther off would show nowhere. Any other parameter
     as it is."""

@@ -43,7 +43,7 @@ EDGE = 1e-3
 """Share of a parameter's range from its ends at which a fit of it begins at most."""
 MOVING = 0.05
 """Share of a channel's range that a model which foretells no standstill there moves by, on average."""
-DOUBT = 5.0
+BEYOND = 5.0
 """Standard deviations of noise by which the largest of some thousand samples may exceed the end of a sensor's range."""
 PROBE = 1e-3
 """Drag, in signal over velocity, that shows the meaning of a tap's sign."""
@@ -107,7 +107,7 @@ class RigProblem:
     def _ends(self) -> dict[str, tuple[float, float, float]]:
         """The lowest and highest value of each channel, and by how much noise may have moved them."""
         runs = {c: np.concatenate(ms) for c, *ms in zip(self.model.channels, *self._measured, strict=True)}
-        return {c: (float(np.nanmin(m)), float(np.nanmax(m)), DOUBT * self._noise.sigma[c]) for c, m in runs.items()}
+        return {c: (float(np.nanmin(m)), float(np.nanmax(m)), BEYOND * self._noise.sigma[c]) for c, m in runs.items()}
 
     @property
     def interval(self) -> float:
@@ -278,8 +278,7 @@ class RigProblem:
         ]
         fitted = [(c, p) for c in found.hypothesis for p in c.parameters]
         return out + [
-            f"{p.name} of {c.key} ends at {_of_range(p, u)} that is looked at: the effect may be of another form, or "
-            "more of it"
+            f"{p.name} of {c.key} ends at {_of_range(p, u)}: the effect may go beyond it, or be of another form"
             for (c, p), u in zip(fitted, found.unit.tolist(), strict=True)
             if p.unit != "choice" and u > 1.0 - END
         ]

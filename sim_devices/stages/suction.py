@@ -68,9 +68,9 @@ class Regulator(Wired):
             return np.zeros(kernels.STATE), np.array([self.tau, self.zeta, *self.sleeps])
         loop = np.array([self.tau, self.zeta, *self.rates])
         if self.valve:
-            *flow, opened, softly = self.valve
+            reset, weight, build, vent, lean, opened, softly = self.valve  # a kernel reads on beyond too few
             ends = (-self.lowest, float(self.eased), opened, self.highest, float(self.clears), softly)
-            loop = np.array([*loop, *flow, *ends])
+            loop = np.array([*loop, reset, weight, build, vent, lean, *ends])
         return np.zeros(kernels.STATE), loop
 
     def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:

@@ -89,6 +89,9 @@ def test_the_simulation_alone_has_parameters_and_no_cause(capsys, cold_session: 
     fitted = report["model"]["regulator_time"]
     assert 0.0 < fitted["se"] < fitted["value"]
     assert "No effect was fitted" in text
+    page = (tmp_path / "gap.html").read_text(encoding="utf-8")
+    assert "nearest candidates" not in page
+    assert 'class="badge' not in page
     assert f"regulator_time {fitted['value']:.4g} {fitted['se']:.2g} s" in " ".join(text.split())
 
 

@@ -10,8 +10,6 @@ import pytest
 from acquire.recording.model import Recording
 from gap.design import simulated as own
 from gap.diagnosis import DiagnosisError, diagnose
-from gap.inference.hypothesis import Candidate
-from gap.null.instruments import _possible
 from gap.report.document import as_json
 from gap.rig.model import ModelError
 from sim_devices.effects import effects
@@ -152,18 +150,6 @@ def test_recordings_in_any_order_give_the_same_answer() -> None:
     forth, back = (as_json(diagnose(r)) for r in (recordings, recordings[::-1]))
     assert forth["recordings"] == back["recordings"]
     assert forth["causes"][0]["probability"] == back["causes"][0]["probability"]
-
-
-def test_a_clock_that_begins_anew_does_not_wander_through_the_session(recording) -> None:
-    time = np.arange(0.0, 10.0, 0.01)
-    own = [recording({"pressure": 0 * time}, time, {"pressure": ([0, 10], [0, 0])}) for _ in range(2)]
-    one = [own[0], recording({"pressure": 0 * time}, time + 20, {"pressure": ([20, 30], [0, 0])})]
-    candidates = [
-        Candidate(f"{name}[form={form}]", name, "timing", (), ("pressure",), form=form)
-        for name, form in (("clock_skew", 0), ("clock_skew", 1), ("clock_skew", 2), ("latency", 1), ("latency", 2))
-    ]
-    assert [(c.name, c.form) for c in _possible(candidates, own)] == [("clock_skew", 0), ("latency", 2)]
-    assert list(_possible(candidates, one)) == candidates
 
 
 def test_clocks_that_begin_anew_are_told() -> None:

@@ -85,6 +85,23 @@ def _valve_moved(
 
 
 @njit(cache=True, error_model="numpy")
+def _valve_on(s: FloatArray, u: float, dt: float, parts: int, p: FloatArray) -> None:
+    """Bring pressure, valve and integral of a `valve_loop` through ``dt`` s in ``parts`` steps, while its command goes
+    to ``u``, or until it is at rest."""
+    _, late = _valve_pace(p)
+    h, change = dt / max(parts, 1), u - s[2]
+    for j in range(parts):
+        if change == 0.0 and abs(u - s[3]) + abs(s[4]) * late < AT_REST * s[6]:
+            break
+        begin, end = s[2] + j / parts * change, s[2] + (j + 1) / parts * change
+        cleared = s[5] * math.exp(-h / CLEARING)
+        s[3], s[4], s[5] = _valve_moved((s[3], s[4], s[5]), begin, end, h, p)
+        s[3] = min(s[3], p[12])
+        if p[13] > 0.0 and min(begin, end) > NOTHING:
+            s[5] = cleared
+
+
+@njit(cache=True, error_model="numpy")
 def _valve_rested(s: FloatArray, u: float, k: float, p: FloatArray) -> None:
     """Bring the state of a `valve_loop` of gain ``k`` to the end of a long rest at a command of ``u``."""
     if s[3] >= p[12]:  # vented: the integral stays, unless it is cleared
@@ -109,24 +126,16 @@ def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
     """
     k, late = _valve_pace(p)
     pace = max(PARTS * k, PARTS * math.sqrt(k / late), QUICK_PARTS / late)
-    empties, clears = 1.0 - p[8] < STILL, p[13] > 0.0
+    empties = 1.0 - p[8] < STILL
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2] = 1.0, t[0], u[0]
     for i in range(t.size):
-        dt, change = t[i] - s[1], u[i] - s[2]
+        dt = t[i] - s[1]
         s[6] = max(s[6], abs(u[i]))
-        long = change == 0.0 and dt > LONG
+        long = u[i] == s[2] and dt > LONG
         dt = LONG if long else dt
         parts = min(max(math.ceil(dt * pace), 1), MOST) if dt > 1e-7 else 0
-        for j in range(parts):
-            if change == 0.0 and abs(u[i] - s[3]) + abs(s[4]) * late < AT_REST * s[6]:
-                break
-            begin, end = s[2] + j / parts * change, s[2] + (j + 1) / parts * change
-            cleared = s[5] * math.exp(-dt / parts / CLEARING)
-            s[3], s[4], s[5] = _valve_moved((s[3], s[4], s[5]), begin, end, dt / parts, p)
-            s[3] = min(s[3], p[12])
-            if clears and min(begin, end) > NOTHING:
-                s[5] = cleared
+        _valve_on(s, u[i], dt, parts, p)
         if long:
             _valve_rested(s, u[i], k, p)
         if empties and u[i] > NOTHING and s[3] > VENTED:
