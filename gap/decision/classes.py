@@ -48,6 +48,15 @@ class Cause:
         """Whether an event is part of it: that is in one recording, and nothing in the others foretells it."""
         return any(e.event for e in self.effects)
 
+    def joined(self, others: Sequence[Cause]) -> Cause:
+        """One class with others behind it."""
+        return replace(
+            self,
+            names=tuple(dict.fromkeys(name for c in (self, *others) for name in c.names)),
+            probability=sum(c.probability for c in (self, *others)),
+            members=tuple(h for c in (self, *others) for h in c.members),
+        )
+
     def led_by(self, leader: Hypothesis) -> Cause:
         """The same class with another of its members first; the marks were its leader's."""
         if leader is self.hypothesis:
@@ -87,7 +96,16 @@ class Scored:
             same = [k for k in order if k not in members and concept(self.hypotheses[k]) == own]
             order = [k for k in order if k not in members and k not in same]
             causes.append(self._cause(leader, members, same))
-        return sorted(causes, key=lambda c: -c.probability)
+        return self._not_to_be_told_apart(sorted(causes, key=lambda c: -c.probability))
+
+    def _not_to_be_told_apart(self, causes: Sequence[Cause]) -> list[Cause]:
+        """The same with the first cause, where it stands out, and single effects that are not much less probable in one
+        class: naming one of them would be wrong too often."""
+        t, first = self.thresholds, next(iter(causes), None)
+        if first is None or len(first.effects) > 1 or first.detectability < t.seen:
+            return list(causes)
+        near = [c for c in causes[1:] if len(c.effects) == 1 and c.probability > first.probability / t.odds]
+        return [first.joined(near), *(c for c in causes[1:] if c not in near)]
 
     def _leader(self, best: int, members: Sequence[int]) -> int:
         """The one with fewest parameters, unless it is worse than the best by more than `Thresholds.lead`."""

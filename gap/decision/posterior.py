@@ -76,16 +76,20 @@ class Posterior:
 
     def with_tolerated(self, taken: Sequence[Cause], share: float) -> Posterior:
         """With effects within tolerance among the causes, which the data show though they are no finding: each has an
-        equal part of ``share`` of the probability of none."""
+        equal part of ``share`` of the probability of none, or the one that stands out the most, if it does so more than
+        the first cause, what that one had."""
         if not taken:
             return self
         each = share * self.none / len(taken)
-        causes = sorted(
-            [*(replace(c, probability=each, tolerated=True) for c in taken), *self.causes], key=lambda c: -c.probability
-        )
-        stages = dict(self.stages)
-        for c in taken:
+        added = sorted((replace(c, probability=each, tolerated=True) for c in taken), key=lambda c: -c.detectability)
+        causes, stages = list(self.causes), dict(self.stages)
+        for c in added:
             stages[c.effects[0].stage] = stages.get(c.effects[0].stage, 0.0) + each
+        if causes and causes[0].detectability < added[0].detectability and causes[0].probability > each:
+            first, best = causes[0], added[0]
+            stages = _moved(stages, first, best, first.probability - each)
+            causes[0], added[0] = replace(first, probability=each), replace(best, probability=first.probability)
+        causes = sorted([*added, *causes], key=lambda c: -c.probability)
         return replace(self, causes=tuple(causes), none=(1.0 - share) * self.none, stages=_ranked(stages))
 
     def led_by(self, leader: Hypothesis) -> Posterior:
@@ -202,6 +206,15 @@ def _by_stage(hypotheses: Sequence[Hypothesis], probability: FloatArray) -> dict
         for e in h.effects:
             stages[e.stage] = stages.get(e.stage, 0.0) + float(p) / len(h.effects)
     return _ranked(stages)
+
+
+def _moved(stages: Mapping[str, float], giving: Cause, taking: Cause, share: float) -> dict[str, float]:
+    """The stages' probabilities after a ``share`` has gone from one cause to another."""
+    out = dict(stages)
+    for cause, sign in ((giving, -1.0), (taking, 1.0)):
+        for e in cause.effects:
+            out[e.stage] = max(out.get(e.stage, 0.0) + sign * share / len(cause.effects), 0.0)
+    return out
 
 
 def _ranked(stages: Mapping[str, float]) -> dict[str, float]:

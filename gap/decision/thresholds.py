@@ -38,6 +38,7 @@ class Thresholds:
     blunt: float
     evidence_tie: float
     skin_tie: float
+    odds: float
     edges_share: float
     lead: float
     transfer_lead: float

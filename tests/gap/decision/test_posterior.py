@@ -323,7 +323,7 @@ def test_an_effect_and_its_limit_are_one_class(linear, candidate, extended: bool
     known = [candidate(name, Parameter("a", "1", -30.0, 30.0)) for name in changes]
     known[1] = replace(known[1], extends=("plain",) if extended else ())
     comparison = compare([linear(y, DESIGN, changes, np.full(2, 100.0))], known)
-    found = posterior(comparison, known, replace(INSTRUMENT, separable=0.0), ())
+    found = posterior(comparison, known, replace(INSTRUMENT, separable=0.0, odds=1.0), ())
     assert (set(found.causes[0].names) == set(changes)) == extended
 
 

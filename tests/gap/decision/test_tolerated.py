@@ -140,3 +140,18 @@ def test_one_that_hardly_stands_out_is_not_taken_on(two_channels) -> None:
     (cause,) = tolerated(comparison, LIMIT, 2.0, 0.0)
     assert 0.0 < cause.detectability < 3.0
     assert not tolerated(comparison, LIMIT, 2.0, 3.0)
+
+
+def test_one_that_stands_out_more_comes_before_a_cause_that_is_not_named(two_channels) -> None:
+    """A rate limited within tolerance (18.8 σ) came behind a low-pass of 6.4 σ that was no finding either."""
+    comparison, known = two_channels(bump=7.0, wave=0.4)
+    case, _ = believed(_case(comparison, known), INSTRUMENT)
+    verdict = settle(case, INSTRUMENT).verdict
+    assert not verdict.claims
+    bump, wave = verdict.causes[:2]
+    assert (bump.names, wave.names) == (("bump",), ("wave",))
+    assert bump.tolerated
+    assert bump.detectability > wave.detectability
+    assert bump.probability > wave.probability > 0.0
+    p = verdict.posterior
+    assert p.none + p.outside + sum(c.probability for c in verdict.causes) == pytest.approx(1.0)
