@@ -64,3 +64,18 @@ def bordered(gram: FloatArray, jacobian: FloatArray, more: FloatArray) -> FloatA
     """The normal matrix of a Jacobian whose own is ``gram`` and of ``more`` columns."""
     cross = jacobian.T @ more
     return np.block([[gram, cross], [cross.T, more.T @ more]])
+
+
+def compressed(columns: FloatArray, weights: FloatArray, size: int) -> tuple[FloatArray, FloatArray]:
+    """The ``size`` principal directions of a weighted basis (n, q): columns of unit rms and their weights.
+
+    With c ~ N(0, diag(weights²)) both bases give nearly the same prior over functions; the new one is shorter.
+    """
+    scaled = columns * weights
+    size = min(size, scaled.shape[1])
+    values, vectors = np.linalg.eigh(scaled.T @ scaled)
+    order = np.argsort(values)[::-1][:size]
+    order = order[values[order] > 1e-10 * values[order[0]]] if len(order) and values[order[0]] > 0 else order[:0]
+    basis = scaled @ vectors[:, order]
+    rms = np.sqrt(np.mean(basis**2, axis=0))
+    return basis / np.maximum(rms, 1e-300), rms

@@ -10,13 +10,13 @@ import abc
 import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from acquire.recording.model import Recording, RunInfo
-from gap.data.binning import GROWTH, WIDEST
+from gap.data.binning import GROWTH, WIDEST, node_times
 from gap.data.command import Command
 from gap.data.innovations import RowNoise
 from gap.data.labels import label_rows
@@ -76,6 +76,7 @@ class GroupedSession(Session):
     """A session whose recordings are grouped by specimen."""
 
     held = False  # whether sampled rows are held until the next: the actuator's block tells those behind it
+    averaged = False  # whether samples are means over a sampling period, which it tells as well
 
     def __init__(self, recordings: Sequence[Recording], quantities: Sequence[str]) -> None:
         super().__init__(recordings)
@@ -140,6 +141,10 @@ class Block(abc.ABC):
     name: str
     channels: tuple[str, ...]
     growth, widest = GROWTH, WIDEST  # of the bins
+    averaged: bool  # whether samples are means over a sampling period
+    _ends: FloatArray  # nodes (m, n) s of bins
+    _grids: Kept
+    _delayed: Kept
     trust = 0.9
     slope: FloatArray | None = None  # of the signal, (channels · n,) per s, where that is known
     floor: float = 0.0  # SI: noise that averaging does not lower, because the nominal chain is not known better
@@ -157,7 +162,7 @@ class Block(abc.ABC):
         self.groups: list[tuple[Group, slice]] = []
         parts = self._grouped(without)
         self.stamps = np.concatenate([part.time for part in parts])
-        self._ends = self.stamps + np.concatenate([part.spread for part in parts]) * np.array([[-1.0], [1.0]])
+        self._spread = np.concatenate([part.spread for part in parts])
         self.run = np.repeat([part.run for part in parts], [len(part.time) for part in parts])
         self.runs = sorted(set(self.run.tolist()))
         values = np.hstack([part.value for part in parts])
@@ -172,7 +177,7 @@ class Block(abc.ABC):
             np.median([np.median(np.diff(session.recordings[k].streams[self.channels[0]].time)) for k in self.runs])
         )
         self.rows = self._labelled()
-        self._grids, self._delayed = Kept(), Kept(2 * len(self.groups))
+        vars(self).update(self.sampled(session.averaged))
 
     def _grouped(self, without: Sequence[str]) -> list[_Part]:
         """The bins of all recordings that have the channels, group by group but for those ``without``; `groups` gets
@@ -206,6 +211,11 @@ class Block(abc.ABC):
         out = copy.copy(self)
         out.library = {**self.library, **further}
         return out
+
+    def sampled(self, averaged: bool) -> dict[str, Any]:
+        """Attributes of a block whose samples are means over a sampling period, or not."""
+        ends = node_times(self.stamps, self._spread, self.dt if averaged else 0.0)
+        return {"averaged": averaged, "_ends": ends, "_grids": Kept(), "_delayed": Kept(2 * len(self.groups))}
 
     @property
     def shift_sd(self) -> float:
@@ -311,8 +321,8 @@ class Block(abc.ABC):
     ) -> FloatArray:
         """The block's channels as ``chain`` makes them at the group's time stamps + ``shift`` s, (channels, n).
 
-        A bin's mean is taken from two nodes, a standard deviation of its times on either side; ``coarse``, for
-        differences of two simulations, from one in the middle. The grid is one for a group, whatever the shift: one
+        A bin's mean is taken from some nodes (`node_times`); ``coarse``, for differences of two simulations, from one
+        in the middle. The grid is one for a group, whatever the shift: one
         that moved with it would make the fit's landscape rough. Dead times in the chain need one of their own.
         """
         given = given or {}
@@ -383,18 +393,3 @@ class Block(abc.ABC):
     @abc.abstractmethod
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         """Whitened residual and nuisance Jacobian."""
-
-
-def compressed(columns: FloatArray, weights: FloatArray, size: int) -> tuple[FloatArray, FloatArray]:
-    """The ``size`` principal directions of a weighted basis (n, q): columns of unit rms and their weights.
-
-    With c ~ N(0, diag(weights²)) both bases give nearly the same prior over functions; the new one is shorter.
-    """
-    scaled = columns * weights
-    size = min(size, scaled.shape[1])
-    values, vectors = np.linalg.eigh(scaled.T @ scaled)
-    order = np.argsort(values)[::-1][:size]
-    order = order[values[order] > 1e-10 * values[order[0]]] if len(order) and values[order[0]] > 0 else order[:0]
-    basis = scaled @ vectors[:, order]
-    rms = np.sqrt(np.mean(basis**2, axis=0))
-    return basis / np.maximum(rms, 1e-300), rms

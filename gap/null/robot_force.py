@@ -12,7 +12,8 @@ from gap.data.smoothing import deviation, significant
 from gap.inference.evidence import Fit, split
 from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Start
 from gap.inference.least_squares import fit, under
-from gap.null.blocks import SIMPLE_SHIFT, Block, Group, GroupedSession, Table, compressed
+from gap.inference.linear import compressed
+from gap.null.blocks import SIMPLE_SHIFT, Block, Group, GroupedSession, Table
 from gap.null.chains import Kept, Memo, needed, run, undone
 from gap.null.robot_axes import AXES, ROBOT_BINS, AxesBlock, recorded, specimen_chain, steepness
 from gap.null.sheet_discrepancy import sheet_discrepancy

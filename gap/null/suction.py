@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from acquire.recording.model import Recording
 from gap.inference.hypothesis import Candidate
+from gap.inference.least_squares import fit
 from gap.inference.problem import Problem
 from gap.null.blocks import Block, GroupedSession
 from gap.null.candidates import candidates_for
@@ -37,10 +38,12 @@ def suction_problems(
     gauges = [c for c in ("pressure", "pressure_reference") if any(c in r.streams for r in recordings)]
     pressure = PressureBlock(session, effects, unknown_regulator, gauges[0]) if gauges else None
     if pressure is not None:
-        session.held = pressure.held
-        blocks.append(pressure)
+        session.held, session.averaged = pressure.held, pressure.averaged
         if len(gauges) > 1:
-            blocks.append(ManometerBlock(session, effects, pressure))
+            pressure, manometer = _two_gauges(session, effects, pressure)
+            blocks += [pressure, manometer]
+        else:
+            blocks.append(pressure)
     shown = {g.reference for g in session.groups for k in g.members if "apex_height" in recordings[k].streams}
     if True in shown:  # ahead of the skin: the fit of an effect on a reference goes on to it
         blocks.append(ReferenceBlock(session, effects, pressure))
@@ -51,3 +54,17 @@ def suction_problems(
     if not blocks:
         raise ValueError(f"recording {recordings[0].info.id} has neither channel pressure nor apex_height")
     return blocks, candidates_for(effects, blocks)
+
+
+def _two_gauges(
+    session: GroupedSession, effects: Mapping[str, Effect], pressure: PressureBlock
+) -> tuple[PressureBlock, ManometerBlock]:
+    """The blocks of both gauges, with samples of the first that are means over a period or none, as both together say:
+    it tells a mean of its own from a slower regulator by little."""
+    pairs = []
+    for first in (pressure, pressure.sampled_otherwise()):
+        session.averaged = first.averaged
+        pairs.append((first, ManometerBlock(session, effects, first)))
+    best = min(pairs, key=lambda pair: sum(fit(block).objective for block in pair))
+    session.averaged = best[0].averaged
+    return best

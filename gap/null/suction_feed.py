@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from gap.data.binning import node_times
 from gap.data.noise import SHRUNK, denoised
 from gap.inference.hypothesis import Active
 from gap.null.blocks import Block, Group, GroupedSession, Table
@@ -40,7 +41,9 @@ class FedPressure:
         else:
             fine, base = self._pressure.line(group, time)
             value = value if self._as_read else self._pressure.true(value)
-        remainder = denoised(time, value - np.interp(time, fine, base), shrunk=0.0 if self._as_read else SHRUNK)
+        period = self._pressure.dt if self._pressure is not None and self._pressure.averaged else 0.0
+        foretold = np.interp(node_times(time, np.zeros(len(time)), period), fine, base).mean(axis=0)
+        remainder = denoised(time, value - foretold, shrunk=0.0 if self._as_read else SHRUNK)
         return fine, base + np.interp(fine, time, remainder)
 
     def _made(self, group: Group, pressure: PressureBlock) -> Table:

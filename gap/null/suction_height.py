@@ -20,8 +20,9 @@ from gap.data.rhythms import in_common
 from gap.inference.evidence import Fit
 from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Start
 from gap.inference.least_squares import fit, under
+from gap.inference.linear import compressed
 from gap.inference.workers import each
-from gap.null.blocks import SIMPLE_SHIFT, Group, GroupedSession, compressed
+from gap.null.blocks import SIMPLE_SHIFT, Group, GroupedSession
 from gap.null.chains import Kept
 from gap.null.skin_laws import BASIC, CREEP, FURTHER, PARTS, USUAL, Part, SkinLaw, guesses, rewired, switched
 from gap.null.skin_tries import Alone, Try, probability

@@ -58,6 +58,8 @@ QUIET = 1e-6
 """Share of the most telling kink's information on lateness below which a kink says nothing."""
 EMPTY = 500.0
 """Pa of suction from which on a line is not vented."""
+SAMPLED = 5.0
+"""χ² from which on samples are means over a period, or are none, whatever was taken at first: odds of twelve."""
 NO_TISSUE = SuctionTissue(0.0, creep=(), times=(), residual=0.0, softening=0.0)
 
 
@@ -137,11 +139,11 @@ class PressureBlock(Block):
         # As a sound instrument of the nominal kind, or a regulator of another time and damping.
         self.prior_scales = (self.prior_sd, self.prior(lambda t: t.widest))
         self.blur_steep_parts(self._slope())
-        best = self._followed(self._vented(self._resolved(self._second_order())))
+        best = self._followed(self._vented(self._averaged(self._resolved(self._second_order()))))
         self.structure = other_structure(self, best, unknown)
         if self.structure is not None:
             self._take(self.structure)
-            best = self._resolved(fit(self))
+            best = self._averaged(self._resolved(fit(self)))
         best = self._followed(best)
         self._begin = best.nuisance
         left = self.unwhitened(best.residual, {})
@@ -154,6 +156,17 @@ class PressureBlock(Block):
         or just where they were asked for."""
         return self._better(found, whole=not self.whole)
 
+    def _averaged(self, found: Fit) -> Fit:
+        """The better fit of ``found`` and of one whose samples are means over a sampling period, or are none."""
+        return self._better(found, SAMPLED, **self.sampled(not self.averaged))
+
+    def sampled_otherwise(self) -> Self:
+        """The block as if its samples were means over a sampling period, or none, if they are taken for such."""
+        out = copy.copy(self)
+        vars(out).update(self.sampled(not self.averaged))
+        vars(out).pop("_fitted", None)
+        return out
+
     def _followed(self, found: Fit) -> Fit:
         """The better fit of ``found`` and of one whose sampled commands are held at each row until the next, or
         straight in between."""
@@ -164,13 +177,13 @@ class PressureBlock(Block):
         it, as a line with a supply of its own pressure may, and a second order by itself does."""
         return self._better(found, vent=EMPTIES)
 
-    def _better(self, found: Fit, **other: Any) -> Fit:
-        """``found``, or the fit with ``other`` attributes of the block, which it takes on where that is worth it."""
+    def _better(self, found: Fit, worth: float = WORTH, **other: Any) -> Fit:
+        """``found``, or the fit with ``other`` attributes of the block, which it takes on if that is ``worth`` it."""
         looked = under(self, self.prior_mean, self.prior_sd)
-        changed = {**other, "_grids": Kept(), "_delayed": Kept(2 * len(self.groups))}  # of other commands, maybe
+        changed = {"_grids": Kept(), "_delayed": Kept(2 * len(self.groups)), **other}  # of other commands, maybe
         vars(looked).update(changed)
         again = fit(looked, nuisance=found.nuisance)
-        if again.objective > found.objective - WORTH:
+        if again.objective > found.objective - worth:
             return found
         vars(self).update(changed)
         return again

@@ -7,6 +7,7 @@ the instrument's, as they are when the same effects are fitted to skin. The mano
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -14,6 +15,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from gap.data.noise import smoothed_error
+from gap.inference.evidence import Fit
 from gap.inference.hypothesis import Active, Evaluation
 from gap.inference.least_squares import fit
 from gap.null.blocks import Group, GroupedSession, Table
@@ -249,8 +251,21 @@ class ManometerBlock(FedBlock):
         self.prior_sd = np.array([self.shift_sd, gain, zero, zero])
         self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
         self.prior_scales = (self.prior_sd,)
+        best = self._sampled_otherwise(fit(self))
         if self.row_noise.memory is None:
-            self.row_noise.remember(self.unwhitened(fit(self).residual, {}), self.noise.tolist())
+            self.row_noise.remember(self.unwhitened(best.residual, {}), self.noise.tolist())
+
+    def _sampled_otherwise(self, found: Fit) -> Fit:
+        """``found``, or a better fit of a second gauge whose samples are means over a period where the first one's are
+        not, or the other way round."""
+        other = copy.copy(self)
+        changed = self.sampled(not self.averaged)
+        vars(other).update(changed)
+        again = fit(other)
+        if again.objective > found.objective:
+            return found
+        vars(self).update(changed)
+        return again
 
     @property
     def shift_sd(self) -> float:
