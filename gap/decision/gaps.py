@@ -35,6 +35,11 @@ class Shrink:
     def value(self) -> float | None:
         return shrink(self.before, self.after)
 
+    @property
+    def fall(self) -> float:
+        """Share of the gap that goes."""
+        return 1.0 - self.after / self.before if self.before > 0.0 else 0.0
+
 
 def shrink(before: float, after: float, floor: float = 1.0) -> float | None:
     """(before − after)/(before − floor); None where next to nothing stands above the floor."""

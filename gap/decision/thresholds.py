@@ -29,6 +29,8 @@ class Thresholds:
     seen: float
     seen_event: float
     seen_like_skin: float
+    seen_faint: float
+    faint: float
     seen_marked: float
     quiet_gap: float
     unusual_gap: float

@@ -132,11 +132,10 @@ def _always(said: str) -> Callable[[Findings], str]:
 def _lowers_nothing(f: Findings) -> bool:
     if f.fitted is None or f.shows_itself:
         return False
-    before, after = f.fitted.before, f.fitted.after
-    if after >= before * (1.0 - f.t.least_fall):
+    if f.fitted.fall <= f.t.least_fall:
         return True
-    p = f.posterior
-    here = before**2 - after**2 < f.t.least_share * _excess(before, f.t)
+    p, before = f.posterior, f.fitted.before
+    here = before**2 - f.fitted.after**2 < f.t.least_share * _excess(before, f.t)
     in_all = p.gap_before**2 - p.gap_after**2 < f.t.least_of_all * _excess(p.gap_before, f.t)
     return here or (p.gap_before > f.t.unusual_gap and in_all)
 
@@ -160,12 +159,13 @@ def _untested(f: Findings) -> bool:
 
 
 def _small(f: Findings) -> bool:
-    """Hardly anything is taken away, and withheld recordings do not say that it is the effect's. They cannot where a
-    tolerance takes the effect on in each of them: one that strains a tolerance far, where no skin is in play, need not
-    lower a gap of many samples by much."""
-    if f.fitted is None or f.shows_itself or f.strained or not f.withheld or _helps(f):
+    """Hardly anything is taken away, and it stands out little or no withheld recording says that it is the effect's:
+    none can of one that strains a tolerance far, which takes it on in each of them and in many samples."""
+    if f.fitted is None or f.shows_itself or f.strained:
         return False
-    return not any(s.after <= s.before * (1.0 - f.t.small_fall) for s in (f.fitted, *f.withheld.values()))
+    faint = f.fitted.fall < f.t.faint and f.first.detectability < f.t.seen_faint and f.seen > f.t.seen_marked
+    least = all(s.fall < f.t.small_fall for s in (f.fitted, *f.withheld.values()))
+    return faint or (bool(f.withheld) and least and not _helps(f))
 
 
 def _repairs_one(f: Findings) -> bool:

@@ -11,7 +11,7 @@ from gap.inference.problem import Problem
 from gap.null.blocks import Block, GroupedSession
 from gap.null.candidates import candidates_for
 from gap.null.suction_height import HeightBlock
-from gap.null.suction_pressure import PressureBlock
+from gap.null.suction_pressure import SAMPLED, PressureBlock
 from gap.null.suction_reference import ManometerBlock, ReferenceBlock
 from sim_devices.chain import Effect
 
@@ -65,6 +65,7 @@ def _two_gauges(
     for first in (pressure, pressure.sampled_otherwise()):
         session.averaged = first.averaged
         pairs.append((first, ManometerBlock(session, effects, first)))
-    best = min(pairs, key=lambda pair: sum(fit(block).objective for block in pair))
+    own, other = (sum(fit(block).objective for block in pair) for pair in pairs)
+    best = pairs[other < own - SAMPLED]
     session.averaged = best[0].averaged
     return best

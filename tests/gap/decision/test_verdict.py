@@ -226,7 +226,7 @@ def test_a_claim_makes_no_other_channel_worse(linear, candidate, after: float, s
 def test_what_takes_little_away_must_help_elsewhere(linear, candidate, after, elsewhere, said) -> None:
     """Uneven counts were told a lag, which took .02 of a gap of .95 and nothing of a withheld waveform's. An orifice's
     leak of 8 sigma took .02 as well, and .05 of a withheld waveform's."""
-    comparison, known = weak_wave(linear, candidate, 2.5)
+    comparison, known = weak_wave(linear, candidate, 4.0)
     held_out = {} if elsewhere is None else {"waveform": Shrink(*elsewhere)}
     assert judge(comparison, known, fitted=Shrink(0.95, after), held_out=held_out).verdict == said
 
@@ -285,7 +285,7 @@ def test_an_event_must_stand_out_further_since_it_may_begin_anywhere(linear, can
     ],
 )
 def test_a_claim_lowers_the_gap_that_it_explains(linear, candidate, before, after, said) -> None:
-    comparison, known = weak_wave(linear, candidate, 2.5)
+    comparison, known = weak_wave(linear, candidate, 4.0)
     verdict = judge(comparison, known, fitted=Shrink(before, after))
     assert verdict.verdict == said
     assert said == "effect" or verdict.rules[0].startswith("takes nothing away")
