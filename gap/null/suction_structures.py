@@ -52,7 +52,7 @@ QUICK_INTEGRAL = 3.0
 """1/s from which on an integral is none that makes up for a leak, where the set-point is weighed."""
 FIRST, GO_ON, LAST = 10, 3, 40
 """Steps of fits of loops with an integral, how many of these go on, and for how long."""
-WHOLE = 3.0
+WHOLE = 1.5
 """Tolerances within which a set-point is whole: less of it is a leak in the loop, which its integral repairs."""
 INTEGRAL_STARTS = ((0.5, 0.0, 0.0), (2.0, 0.0, 0.0), (0.5, 1.4, 1.0))
 """A PI loop that sees all of its set-point is looked for from these: the integral's rate, and how far and how softly
