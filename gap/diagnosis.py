@@ -25,7 +25,7 @@ from gap.decision.posterior import Posterior
 from gap.decision.qualified import Qualified, inform
 from gap.decision.qualified import read as read_qualification
 from gap.decision.settle import Case, Settled, believed, settle
-from gap.decision.structure import held_rows, regulator_unknown
+from gap.decision.structure import conventions, regulator_unknown
 from gap.decision.thresholds import INSTRUMENT, RIG, Thresholds
 from gap.decision.tolerance import Stated
 from gap.decision.transfer import plain
@@ -263,7 +263,7 @@ def _gathered(recordings: Sequence[Recording], options: Options) -> tuple[Case, 
     problems, candidates = problems_of(
         recordings, model, options.user_effects, options.solver, options.jobs, options.unknown_regulator
     )
-    told += held_rows(problems) + (_informed(problems, options.qualified) if options.qualified is not None else [])
+    told += conventions(problems) + (_informed(problems, options.qualified) if options.qualified is not None else [])
     if options.nominal:
         candidates = ()
     marks = signatures.find(recordings, model.channels if model else None)

@@ -17,11 +17,14 @@ to be believed: effects of other forms than the library's leave less, as a rule.
 many a structure."""
 
 
-def held_rows(problems: Sequence[Problem]) -> list[str]:
-    """A remark where the actuator's channels show that sampled commands are held at each row until the next."""
-    if not any(p.session.held for p in problems if isinstance(p, Block)):
-        return []
-    return ["sampled set-points are taken as held from each row to the next: the actuator's channels show it"]
+def conventions(problems: Sequence[Problem]) -> list[str]:
+    """Remarks where the actuator's channels show that commands are held, or samples taken, otherwise than usual."""
+    sessions = [p.session for p in problems if isinstance(p, Block)]
+    told = {
+        "sampled set-points are taken as held from each row to the next": any(s.held for s in sessions),
+        "samples are taken as means over a sampling period": any(s.averaged for s in sessions),
+    }
+    return [f"{words}: the actuator's channels show it" for words, shown in told.items() if shown]
 
 
 def regulator_unknown(comparison: Comparison) -> bool:

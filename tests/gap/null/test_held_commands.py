@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from acquire.recording.model import Recording
-from gap.decision.structure import held_rows
+from gap.decision.structure import conventions
 from gap.design import simulated as own
 from gap.design.simulated import Leg
 from gap.effects.load import library
@@ -70,7 +70,7 @@ def test_a_regulator_that_holds_sampled_rows_is_sound(followed_held: bool) -> No
     null = fit(block)
     assert isinstance(block, PressureBlock)
     assert block.held is block.session.held is followed_held
-    assert bool(held_rows(problems)) is followed_held
+    assert bool(conventions(problems)) is followed_held
     assert null.chi2 / len(null.residual) < 1.15
     assert null.penalty < 15.0
 
