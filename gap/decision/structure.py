@@ -1,5 +1,5 @@
-"""The kind of controller that a session shows: one that holds sampled rows, or, as the last resort, a regulator of
-unknown structure, which can imitate most effects."""
+"""The kind of controller and sampling that a session shows: rows that are held, samples that are means, or, as the last
+resort, a regulator of unknown structure, which can imitate most effects."""
 
 from __future__ import annotations
 
