@@ -46,9 +46,10 @@ MAX_GRID = 12
 AGREED = 0.85
 """Share of the commands' lateness that looks at equal intervals must explain to be refitted wherever they rank."""
 
-SHARES = {"capacity": (1.05, 1.25), "knee": (0.3, 0.6, 0.85), "limit": (1.0, 1.2)}
+SHARES = {"capacity": (1.05, 1.25), "knee": (0.3, 0.6, 0.85), "limit": (1.0, 1.2), "at": (0.3, 0.55, 0.8)}
 """Values that are looked at, as shares of the greatest one measured. Far above it no capacity shows, below it all is
-lost; a knee does not show above it; at a limit a channel is cut off, or it bends towards one beyond."""
+lost; a knee does not show above it, nor does a flaw at one height; at a limit a channel is cut off, or it bends towards
+one beyond."""
 
 BLEEDS = (0.01, 0.2)
 """1/s that a held suction draws from a store: what is drawn at once and what is drawn in holds empty it otherwise."""

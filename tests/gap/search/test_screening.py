@@ -118,6 +118,18 @@ def test_a_knee_is_looked_for_below_the_greatest_value(linear, candidate) -> Non
     assert sum(k < 20.0 for k in knees) >= 2
 
 
+def test_a_flaw_is_looked_for_where_the_signal_is(linear, candidate) -> None:
+    """A scratch at two thirds of the heights (δ_free 75) was told a deep layer: its fit ended beyond all of them."""
+    y = np.linspace(0.0, 20.0, 400)
+    flaw = {"flaw": lambda v: v["error"] * np.exp(-(((y - v["at"]) / 2.0) ** 2))}
+    scratched = candidate("flaw", Parameter("error", "1", -9.0, 9.0, 0.0), Parameter("at", "1", 2.0, 100.0))
+    problem = linear(y + flaw["flaw"]({"error": 2.0, "at": 13.0}), np.ones((400, 1)), flaw, np.full(1, 100.0))
+    points, _ = starting_points(scratched, {"linear": problem}, Hypothesis((), {"linear": fit(problem)}))
+    places = {round(scratched.values(point)["at"], 1) for point in points}
+    assert len(places) >= 3
+    assert max(places) < 20.0
+
+
 def test_a_jump_and_one_recording_are_tried_where_they_can_be(linear, candidate) -> None:
     y = 3.0 * (np.arange(len(T)) >= 260) + np.random.default_rng(3).normal(size=len(T))
     problem = linear(y, np.ones((len(T), 1)), {"jump": lambda v: v["a"] * (np.arange(len(T)) >= v["moment"])}, runs=2)
