@@ -98,7 +98,16 @@ def tilted_view(time: FloatArray, height: FloatArray, angle: float, hidden: floa
     return seen if hidden <= 0 else np.asarray(np.copysign(laws.ramp(np.abs(seen), hidden, 0.5 * hidden), seen))
 
 
+def in_perspective(time: FloatArray, height: FloatArray, angle: float, distance: float) -> FloatArray:
+    """Height in a side view from ``angle`` above or below by a pinhole ``distance`` m away, negative if the dome leans
+    towards it: what is farther off looks smaller (Hartley and Zisserman, *Multiple View Geometry*, 6.1)."""
+    return np.asarray(height * math.cos(angle) / np.maximum(1.0 + height * math.sin(angle) / distance, 0.1))
+
+
 def _misaligned_view(chain: Chain, v: Values) -> Chain:
+    if form := chosen(v, "form"):
+        away = v["distance"] if form == 1 else -v["distance"]
+        return map_after(chain, HEIGHT, "misalignment", "sensor", in_perspective, (v["angle"], away))
     hidden = v["rim"] * abs(math.sin(v["angle"])) * 8e-3
     return map_after(chain, HEIGHT, "misalignment", "sensor", tilted_view, (v["angle"], hidden))
 
@@ -175,7 +184,9 @@ EFFECTS = (
         "Level the camera; image a known object.", "side view over a rim; gap.md",
         (
             strength("angle", "rad", 0.01, 0.6, 0.2),
-            shape("rim", "1", 0.0, 0.3, 0.1, "share of the opening's shade that hides the dome"),
+            choice("form", 0, "from far away", "in perspective, the dome leaning away", "the same, leaning towards it"),
+            shape("rim", "1", 0.0, 0.3, 0.1, "share of the opening's shade that hides the dome", only=(0,)),
+            shape("distance", "m", 5e-3, 0.3, 0.04, "of the camera", log=True, only=(1, 2)),
         ),
         _misaligned_view,
     ),
