@@ -11,7 +11,7 @@ from gap.inference.problem import Problem
 from gap.null.blocks import Block, GroupedSession
 from gap.null.candidates import candidates_for
 from gap.null.suction_height import HeightBlock
-from gap.null.suction_pressure import SAMPLED, PressureBlock
+from gap.null.suction_pressure import SAMPLED, SLOW, PressureBlock
 from gap.null.suction_reference import ManometerBlock, ReferenceBlock
 from sim_devices.chain import Effect
 
@@ -62,10 +62,11 @@ def _two_gauges(
     """The blocks of both gauges, with samples of the first that are means over a period or none, as both together say:
     it tells a mean of its own from a slower regulator by little."""
     pairs = []
-    for first in (pressure, pressure.sampled_otherwise()):
+    ways = (pressure, pressure.sampled_otherwise()) if pressure.dt >= SLOW else (pressure,)
+    for first in ways:
         session.averaged = first.averaged
         pairs.append((first, ManometerBlock(session, effects, first)))
-    own, other = (sum(fit(block).objective for block in pair) for pair in pairs)
-    best = pairs[other < own - SAMPLED]
+    own, *other = (sum(fit(block).objective for block in pair) for pair in pairs)
+    best = pairs[-1] if other and other[0] < own - SAMPLED else pairs[0]
     session.averaged = best[0].averaged
     return best

@@ -58,8 +58,9 @@ QUIET = 1e-6
 """Share of the most telling kink's information on lateness below which a kink says nothing."""
 EMPTY = 500.0
 """Pa of suction from which on a line is not vented."""
-SAMPLED = 5.0
-"""χ² from which on samples are means over a period, or are none, whatever was taken at first: odds of twelve."""
+SAMPLED, SLOW, AT_EASE = 5.0, 0.012, 20.0
+"""χ² from which on samples are means over a period, or none (odds of twelve), s of a period from which on that matters,
+and the penalty of a regulator that is not strained, which no other samples excuse."""
 NO_TISSUE = SuctionTissue(0.0, creep=(), times=(), residual=0.0, softening=0.0)
 
 
@@ -152,13 +153,13 @@ class PressureBlock(Block):
         self.explained = float(rest @ rest) < len(rest) * NOISY  # by a regulator that is known
 
     def _resolved(self, found: Fit) -> Fit:
-        """The better fit of ``found`` and of one by which levels are held at whole steps of the command's resolution,
-        or just where they were asked for."""
+        """The better fit of ``found`` and of one whose levels are at whole steps of the command's resolution, or not."""
         return self._better(found, whole=not self.whole)
 
     def _averaged(self, found: Fit) -> Fit:
         """The better fit of ``found`` and of one whose samples are means over a sampling period, or are none."""
-        return self._better(found, SAMPLED, **self.sampled(not self.averaged))
+        moot = self.dt < SLOW or found.penalty > AT_EASE
+        return found if moot else self._better(found, SAMPLED, **self.sampled(not self.averaged))
 
     def sampled_otherwise(self) -> Self:
         """The block as if its samples were means over a sampling period, or none, if they are taken for such."""
@@ -168,8 +169,7 @@ class PressureBlock(Block):
         return out
 
     def _followed(self, found: Fit) -> Fit:
-        """The better fit of ``found`` and of one whose sampled commands are held at each row until the next, or
-        straight in between."""
+        """The better fit of ``found`` and of one whose sampled commands are held at each row, or straight between."""
         return self._better(found, held=not self.held) if self.session.sampled else found
 
     def _vented(self, found: Fit) -> Fit:
@@ -178,7 +178,7 @@ class PressureBlock(Block):
         return self._better(found, vent=EMPTIES)
 
     def _better(self, found: Fit, worth: float = WORTH, **other: Any) -> Fit:
-        """``found``, or the fit with ``other`` attributes of the block, which it takes on if that is ``worth`` it."""
+        """``found``, or the fit with ``other`` attributes of the block, taken on if that is ``worth`` it."""
         looked = under(self, self.prior_mean, self.prior_sd)
         changed = {"_grids": Kept(), "_delayed": Kept(2 * len(self.groups)), **other}  # of other commands, maybe
         vars(looked).update(changed)
