@@ -153,7 +153,7 @@ class PressureBlock(Block):
         self.explained = float(rest @ rest) < len(rest) * NOISY  # by a regulator that is known
 
     def _resolved(self, found: Fit) -> Fit:
-        """The better fit of ``found`` and of one whose levels are at whole steps of the command's resolution, or not."""
+        """The better fit of ``found`` and of one whose levels are whole steps of the command's resolution, or not."""
         return self._better(found, whole=not self.whole)
 
     def _averaged(self, found: Fit) -> Fit:
