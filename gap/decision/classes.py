@@ -104,8 +104,11 @@ class Scored:
         t, first = self.thresholds, next(iter(causes), None)
         if first is None or len(first.effects) > 1 or first.detectability < t.seen:
             return list(causes)
-        near = [c for c in causes[1:] if len(c.effects) == 1 and c.probability > first.probability / t.odds]
-        return [first.joined(near), *(c for c in causes[1:] if c not in near)]
+
+        def near(c: Cause) -> bool:
+            return len(c.effects) == 1 and c.probability > first.probability / t.odds
+
+        return [first.joined([c for c in causes[1:] if near(c)]), *(c for c in causes[1:] if not near(c))]
 
     def _leader(self, best: int, members: Sequence[int]) -> int:
         """The one with fewest parameters, unless it is worse than the best by more than `Thresholds.lead`."""

@@ -84,10 +84,11 @@ class Posterior:
         added = sorted((replace(c, probability=each, tolerated=True) for c in taken), key=lambda c: -c.detectability)
         causes, stages = list(self.causes), dict(self.stages)
         for c in added:
-            stages[c.effects[0].stage] = stages.get(c.effects[0].stage, 0.0) + each
+            _add(stages, c, each)
         if causes and causes[0].detectability < added[0].detectability and causes[0].probability > each:
             first, best = causes[0], added[0]
-            stages = _moved(stages, first, best, first.probability - each)
+            _add(stages, first, each - first.probability)
+            _add(stages, best, first.probability - each)
             causes[0], added[0] = replace(first, probability=each), replace(best, probability=first.probability)
         causes = sorted([*added, *causes], key=lambda c: -c.probability)
         return replace(self, causes=tuple(causes), none=(1.0 - share) * self.none, stages=_ranked(stages))
@@ -208,13 +209,10 @@ def _by_stage(hypotheses: Sequence[Hypothesis], probability: FloatArray) -> dict
     return _ranked(stages)
 
 
-def _moved(stages: Mapping[str, float], giving: Cause, taking: Cause, share: float) -> dict[str, float]:
-    """The stages' probabilities after a ``share`` has gone from one cause to another."""
-    out = dict(stages)
-    for cause, sign in ((giving, -1.0), (taking, 1.0)):
-        for e in cause.effects:
-            out[e.stage] = max(out.get(e.stage, 0.0) + sign * share / len(cause.effects), 0.0)
-    return out
+def _add(stages: dict[str, float], cause: Cause, probability: float) -> None:
+    """Give the ``stages`` of a cause's effects so much more ``probability``, in equal parts."""
+    for e in cause.effects:
+        stages[e.stage] = max(stages.get(e.stage, 0.0) + probability / len(cause.effects), 0.0)
 
 
 def _ranked(stages: Mapping[str, float]) -> dict[str, float]:

@@ -322,8 +322,8 @@ class Block(abc.ABC):
         """The block's channels as ``chain`` makes them at the group's time stamps + ``shift`` s, (channels, n).
 
         A bin's mean is taken from some nodes (`node_times`); ``coarse``, for differences of two simulations, from one
-        in the middle. The grid is one for a group, whatever the shift: one
-        that moved with it would make the fit's landscape rough. Dead times in the chain need one of their own.
+        in the middle. The grid is one for a group, whatever the shift: one that moved with it would make the fit's
+        landscape rough. Dead times in the chain need one of their own.
         """
         given = given or {}
         operators = needed(chain, self.channels, given)

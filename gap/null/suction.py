@@ -60,13 +60,17 @@ def _two_gauges(
     session: GroupedSession, effects: Mapping[str, Effect], pressure: PressureBlock
 ) -> tuple[PressureBlock, ManometerBlock]:
     """The blocks of both gauges, with samples of the first that are means over a period or none, as both together say:
-    it tells a mean of its own from a slower regulator by little."""
-    pairs = []
-    ways = (pressure, pressure.sampled_otherwise()) if pressure.dt >= SLOW else (pressure,)
-    for first in ways:
+    alone the first one hardly tells a mean from a slower regulator."""
+
+    def both(first: PressureBlock) -> tuple[PressureBlock, ManometerBlock]:
         session.averaged = first.averaged
-        pairs.append((first, ManometerBlock(session, effects, first)))
-    own, *other = (sum(fit(block).objective for block in pair) for pair in pairs)
-    best = pairs[-1] if other and other[0] < own - SAMPLED else pairs[0]
+        return first, ManometerBlock(session, effects, first)
+
+    own = both(pressure)
+    if pressure.dt < SLOW:
+        return own
+    other = both(pressure.sampled_otherwise())
+    costs = [sum(fit(block).objective for block in pair) for pair in (own, other)]
+    best = other if costs[1] < costs[0] - SAMPLED else own
     session.averaged = best[0].averaged
     return best

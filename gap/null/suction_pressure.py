@@ -19,7 +19,7 @@ from gap.inference.evidence import Fit
 from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Lateness, Start
 from gap.inference.least_squares import fit, under
 from gap.null.blocks import Block, Group, GroupedSession, Table
-from gap.null.chains import Kept, needed
+from gap.null.chains import needed
 from gap.null.suction_regulator import (
     CLOCK,
     EMPTIES,
@@ -159,7 +159,7 @@ class PressureBlock(Block):
     def _averaged(self, found: Fit) -> Fit:
         """The better fit of ``found`` and of one whose samples are means over a sampling period, or are none."""
         moot = self.dt < SLOW or found.penalty > AT_EASE
-        return found if moot else self._better(found, SAMPLED, **self.sampled(not self.averaged))
+        return found if moot else self._better(found, SAMPLED, averaged=not self.averaged)
 
     def sampled_otherwise(self) -> Self:
         """The block as if its samples were means over a sampling period, or none, if they are taken for such."""
@@ -180,7 +180,7 @@ class PressureBlock(Block):
     def _better(self, found: Fit, worth: float = WORTH, **other: Any) -> Fit:
         """``found``, or the fit with ``other`` attributes of the block, taken on if that is ``worth`` it."""
         looked = under(self, self.prior_mean, self.prior_sd)
-        changed = {"_grids": Kept(), "_delayed": Kept(2 * len(self.groups)), **other}  # of other commands, maybe
+        changed = {**self.sampled(other.get("averaged", self.averaged)), **other}  # grids anew, of other commands maybe
         vars(looked).update(changed)
         again = fit(looked, nuisance=found.nuisance)
         if again.objective > found.objective - worth:

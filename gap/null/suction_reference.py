@@ -251,13 +251,13 @@ class ManometerBlock(FedBlock):
         self.prior_sd = np.array([self.shift_sd, gain, zero, zero])
         self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
         self.prior_scales = (self.prior_sd,)
-        best = self._sampled_otherwise(fit(self))
+        best = self._averaged(fit(self))
         if self.row_noise.memory is None:
             self.row_noise.remember(self.unwhitened(best.residual, {}), self.noise.tolist())
 
-    def _sampled_otherwise(self, found: Fit) -> Fit:
-        """``found``, or a better fit of a second gauge whose samples are means over a period where the first one's are
-        not, or the other way round."""
+    def _averaged(self, found: Fit) -> Fit:
+        """The better fit of ``found`` and of one whose samples are means where the first gauge's are none, or are none
+        where they are."""
         other = copy.copy(self)
         changed = self.sampled(not self.averaged)
         vars(other).update(changed)
