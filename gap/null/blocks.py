@@ -94,6 +94,11 @@ class GroupedSession(Session):
         armed = [k for k, r in enumerate(recordings) if not continues(r)]
         self.marks = tuple(self.span(k)[0] - BEFORE for k in armed)
 
+    def whole(self, quantity: str, without: Sequence[str]) -> Group:
+        """All recordings but those of specimens ``without`` as one group, in order, with the command of a quantity."""
+        members = tuple(sorted(k for g in self.groups if g.name not in without for k in g.members))
+        return Group("all", members, {quantity: self.command(quantity, members)})
+
     def recorded(self, channel: str, group: Group, *, smoothed: bool = False) -> dict[str, Table]:
         """A channel of a group's recordings as a table, always the same one; nothing where it was not recorded. It is
         ``smoothed`` for a sensor that reads it, too: noise fed into a prediction of itself would explain itself."""
@@ -182,10 +187,9 @@ class Block(abc.ABC):
     def _grouped(self, without: Sequence[str]) -> list[_Part]:
         """The bins of all recordings that have the channels, group by group but for those ``without``; `groups` gets
         the rows of each."""
-        parts: list[_Part] = []
-        at = 0
-        for group in self.session.groups:
-            own = [self._part(k) for k in group.members if group.name not in without and self._has_channels(k)]
+        parts, at, own_channels = list[_Part](), 0, set(self.channels)
+        for group in self._simulated_together(without):
+            own = [self._part(k) for k in group.members if own_channels <= self.session.recordings[k].streams.keys()]
             size = sum(len(part.time) for part in own)
             if size:
                 self.groups.append((group, slice(at, at + size)))
@@ -195,8 +199,9 @@ class Block(abc.ABC):
             raise ValueError(f"no recording has all channels {', '.join(self.channels)}")
         return parts
 
-    def _has_channels(self, k: int) -> bool:
-        return all(c in self.session.recordings[k].streams for c in self.channels)
+    def _simulated_together(self, without: Sequence[str]) -> Sequence[Group]:
+        """The groups whose recordings are simulated together, but for those ``without``."""
+        return [g for g in self.session.groups if g.name not in without]
 
     def _part(self, k: int) -> _Part:
         """The channels of recording ``k`` in bins."""

@@ -20,11 +20,13 @@ from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Late
 from gap.inference.least_squares import fit, under
 from gap.null.blocks import Block, Group, GroupedSession, Table
 from gap.null.chains import needed
+from gap.null.suction_lateness import TOGETHER, lateness
 from gap.null.suction_regulator import (
     CLOCK,
     EMPTIES,
     GAIN,
     SHIFT,
+    SIZE,
     STAYS,
     UNKNOWN,
     VALVE,
@@ -42,20 +44,12 @@ from sim_devices.stages.sampling import REFINEMENT, simulate
 from sim_devices.stages.suction import COMMAND_STEP, tissue_operators
 from sim_devices.stages.tissues import SuctionTissue, suction_tissue
 
-TOGETHER, RESPONSE = 5e-3, 0.8
-"""s: kinks nearer to each other are one; how long after one its response is looked at."""
-LATE = 5.0
-"""σ by which some kink must be late for lateness to be looked into."""
-MOVES = 1e-3 * np.array([0.5, 1, 2, 3, 5, 8, 12, 18, 26, 36, 50, 70, 95, 130, 180, 250, 350])
-"""s by which the response to a kink is moved to see where it fits."""
 IGNORED = 1e3
 """Times the noise of rows that are left out."""
 SETTLED = 8
 """Samples before suction from which on it can be told where a pressure rests."""
 AWAY, BACK = 8.0, 4.0
 """σ by which a recording must begin off where it rests to count as begun in motion, and from which on it rests."""
-QUIET = 1e-6
-"""Share of the most telling kink's information on lateness below which a kink says nothing."""
 EMPTY = 500.0
 """Pa of suction from which on a line is not vented."""
 SAMPLED, SLOW, AT_EASE = 5.0, 0.012, 20.0
@@ -105,6 +99,11 @@ def commanded_line(
 def vented(pressure: FloatArray) -> FloatArray:
     """How far (n,), 0 to 1, a line at ``pressure`` (n,) Pa is vented."""
     return np.clip(1.0 + pressure / EMPTY, 0.0, 1.0)
+
+
+def zeros_of_recordings(block: Block) -> FloatArray:
+    """Which recording's zero a gauge's rows have, (n, recordings) of 0 and 1; a single recording's is the gauge's."""
+    return block.member if len(block.runs) > 1 else np.zeros((len(block.stamps), 0))
 
 
 class PressureBlock(Block):
@@ -205,11 +204,14 @@ class PressureBlock(Block):
 
     @cached_property
     def _for_an_integral_that_stays(self) -> RowNoise:
-        """The rows' noise without those of the first stretch of suction in recordings that follow one of another
-        specimen: the integral is of a command that is not in theirs."""
+        """The rows' noise without those of the first stretch of suction in recordings that follow an open probe's,
+        whose integral nobody knows."""
         out = copy.copy(self.row_noise)
-        out.widen(np.flatnonzero(self._after_others()), IGNORED)
+        out.widen(np.flatnonzero(self._after_open_air()), IGNORED)
         return out
+
+    def _simulated_together(self, without: Sequence[str]) -> Sequence[Group]:
+        return [self.session.whole("pressure", without)]  # what a regulator remembers goes on to the next specimen
 
     @property
     def likelihood_powers(self) -> Sequence[float]:
@@ -225,7 +227,13 @@ class PressureBlock(Block):
 
     def prior(self, width: Callable[[Tolerance], float], opened: slice = slice(0)) -> FloatArray:
         """Prior widths (p,) of a sound instrument, by the one of its tolerances that ``width`` takes."""
-        return prior_widths(self.tolerances, self.shift_sd, width, opened)
+        regulator = prior_widths(self.tolerances, self.shift_sd, width, opened)
+        again = self.tolerances["gauge_offset"]["again"].value
+        return np.concatenate([regulator, np.full(self._zeros.shape[1], again)])
+
+    @cached_property
+    def _zeros(self) -> FloatArray:
+        return zeros_of_recordings(self)
 
     def _in_motion(self) -> NDArray[np.bool_]:
         """Rows (n,) of recordings that begin while the pressure still comes back from the one before, until it rests:
@@ -240,16 +248,16 @@ class PressureBlock(Block):
                 out[rest[: 1 + np.flatnonzero(off > BACK)[-1]]] = True
         return out
 
-    def _after_others(self) -> NDArray[np.bool_]:
-        """Rows (n,) of the first stretch of suction in recordings that follow one of another specimen."""
+    def _after_open_air(self) -> NDArray[np.bool_]:
+        """Rows (n,) of the first stretch of suction in recordings that follow one that is left out."""
+        ((group, _),) = self.groups
         out = np.zeros(len(self.stamps), dtype=bool)
-        for group, _ in self.groups:
-            for k in group.members:
-                if k > 0 and k - 1 not in group.members and np.any(self._asked(group, k)):
-                    begin = self.session.onset(k)
-                    turn = self.session.kinks[self.session.kinks > begin + TOGETHER]
-                    until = float(turn[0]) if len(turn) else np.inf
-                    out |= (self.run == k) & (self.stamps >= begin) & (self.stamps < until)
+        for k in group.members:
+            if k > 0 and k - 1 not in group.members and np.any(self._asked(group, k)):
+                begin = self.session.onset(k)
+                turn = self.session.kinks[self.session.kinks > begin + TOGETHER]
+                until = float(turn[0]) if len(turn) else np.inf
+                out |= (self.run == k) & (self.stamps >= begin) & (self.stamps < until)
         return out
 
     def _asked(self, group: Group, k: int) -> FloatArray:
@@ -287,7 +295,8 @@ class PressureBlock(Block):
     @cached_property
     def largest(self) -> float:
         """The largest suction that is asked for, Pa."""
-        return max(float(np.max(np.abs(g.commands["pressure"].value))) for g, _ in self.groups)
+        ((group, _),) = self.groups
+        return float(np.max(np.abs(group.commands["pressure"].value)))
 
     def early(self, time: FloatArray) -> FloatArray:
         """How far the record's stamps ``time`` (n,) are before the command's clock, s."""
@@ -296,7 +305,7 @@ class PressureBlock(Block):
 
     def true(self, recorded: FloatArray) -> FloatArray:
         """Recorded pressures (n,) Pa without the gauge's error, as far as a sound one's goes."""
-        gain, zero, more = self._fitted[GAIN:]
+        gain, zero, more = self._fitted[GAIN:SIZE]
         true: FloatArray = recorded * (1.0 - gain) - zero - more * vented(recorded)
         return true
 
@@ -311,12 +320,12 @@ class PressureBlock(Block):
 
     def _predict(self, nuisance: FloatArray, active: Active) -> FloatArray:
         """Recorded pressure (n,) Pa, by a gauge without an error: its gain would shrink the noise of a record."""
-        out = np.empty(len(self.stamps))
-        for g, at in self.groups:
-            shift = nuisance[SHIFT] + nuisance[CLOCK] * self.session.clock_age(self.stamps[at])
-            chain = self.with_effects(self._regulated(g, nuisance), active, g)
-            # Signals a gauge may read beside pressure are as recorded.
-            out[at] = self.simulated(chain, g, at, shift, self.session.recorded("apex_height", g, smoothed=True))[0]
+        ((group, at),) = self.groups
+        shift = nuisance[SHIFT] + nuisance[CLOCK] * self.session.clock_age(self.stamps)
+        chain = self.with_effects(self._regulated(group, nuisance), active, group)
+        # Signals a gauge may read beside pressure are as recorded.
+        beside = self.session.recorded("apex_height", group, smoothed=True)
+        out: FloatArray = self.simulated(chain, group, at, shift, beside)[0]
         return out
 
     def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:
@@ -327,29 +336,9 @@ class PressureBlock(Block):
         return Start(self.prior_mean, self.prior_scales[0], self.prior_mean, unit)
 
     def lateness(self, fitted: Fit) -> Lateness | None:
-        """Each kink's response, until the next, moved to and fro as a whole; and intervals of looks at the command that
-        a ripple may tell."""
+        ((group, _),) = self.groups
         intervals = self._ripple.intervals if self._ripple else ()
-        kinks = self.session.kinks[np.diff(self.session.kinks, prepend=-np.inf) > TOGETHER]
-        number = np.searchsorted(kinks, self.stamps, side="right") - 1
-        number[(number < 0) | (self.stamps - kinks[number] > RESPONSE)] = len(kinks)
-        slope = fitted.jacobian[:, SHIFT]
-
-        def over(values: FloatArray) -> FloatArray:
-            return np.bincount(number, values, len(kinks) + 1)[:-1].astype(float)
-
-        known = over(slope**2)
-        telling = known > QUIET * np.max(known)
-        if not np.any(telling & (over(slope * fitted.residual) ** 2 > LATE**2 * known)):
-            none = np.zeros(0)
-            return Lateness(none, none, none, none.astype(bool), intervals) if intervals else None
-        # The fitted regulator and clock have taken on much of the effect, the nominal ones may answer otherwise.
-        nominal = np.concatenate([np.zeros(GAIN), fitted.nuisance[GAIN:]])
-        seen = [self._late(n, fitted.active, number, telling) for n in (nominal, fitted.nuisance)]
-        late, sd = min(seen, key=lambda found: float(np.median(found[1][telling])))
-        good = np.isfinite(sd)
-        steps = np.concatenate([g.commands["pressure"].steps for g, _ in self.groups])
-        return Lateness(kinks[good], late[good], sd[good], np.isin(kinks[good], steps), intervals)
+        return lateness(self, fitted, self.session.kinks, group.commands["pressure"].steps, intervals)
 
     @cached_property
     def _ripple(self) -> Ripple | None:
@@ -357,35 +346,12 @@ class PressureBlock(Block):
         series = [(k, self.session.recordings[k].streams[self.channels[0]]) for k in self.runs]
         return ripple_of([(self.session.time(k, s), np.asarray(s.value, dtype=float)) for k, s in series])
 
-    def _late(
-        self, nuisance: FloatArray, active: Active, number: NDArray[np.int64], telling: NDArray[np.bool_]
-    ) -> tuple[FloatArray, FloatArray]:
-        """How late, s, the responses (k,) are that are ``telling``, and the standard deviations of that. ``number``
-        (n,) says to which kink a row responds."""
-        moved = np.concatenate([-MOVES[::-1], [0.0], MOVES])
-        rows, chi2 = [], []
-        for move in moved:
-            there = nuisance.copy()
-            there[SHIFT] -= move
-            rows.append(self.evaluate(there, active, want_jacobian=False).residual)
-            chi2.append(np.bincount(number, rows[-1] ** 2, len(telling) + 1)[:-1])
-        best = np.clip(np.argmin(chi2, axis=0), 1, len(moved) - 2)
-        late, sd = np.zeros(len(telling)), np.full(len(telling), np.inf)
-        for k in np.flatnonzero(telling):
-            at, j = number == k, best[k]
-            change = (rows[j + 1][at] - rows[j - 1][at]) / (moved[j + 1] - moved[j - 1])
-            square = float(change @ change)
-            if square > 0:
-                step = -float(change @ rows[j][at]) / square
-                late[k] = moved[j] + np.clip(step, moved[j - 1] - moved[j], moved[j + 1] - moved[j])
-                sd[k] = np.sqrt(1.0 / square) * max(1.0, np.sqrt(chi2[j][k] / at.sum()))
-        return late, sd
-
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         made = self._predict(nuisance, active)
-        gain, zero, more = nuisance[GAIN:]
+        gain, zero, more = nuisance[GAIN:SIZE]
         empty = vented(made)
-        residual = self.whitened(self.measured - made * (1.0 + gain) - zero - more * empty, active)
+        zeros = zero + more * empty + self._zeros @ nuisance[SIZE:]
+        residual = self.whitened(self.measured - made * (1.0 + gain) - zeros, active)
         if not want_jacobian:
             return Evaluation(residual, np.zeros((0, 0)))
         jacobian = np.ones((len(residual), len(nuisance)))
@@ -396,5 +362,5 @@ class PressureBlock(Block):
             moved = nuisance.copy()
             moved[k] += step
             jacobian[:, k] = (self._predict(moved, active) - made) * (1.0 + gain) / step
-        jacobian[:, GAIN], jacobian[:, VENTED] = made, empty
+        jacobian[:, GAIN], jacobian[:, VENTED], jacobian[:, SIZE:] = made, empty, self._zeros
         return Evaluation(residual, self.whitened(jacobian, active))

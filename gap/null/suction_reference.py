@@ -10,6 +10,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -22,7 +23,7 @@ from gap.null.blocks import Group, GroupedSession, Table
 from gap.null.skin_laws import bounded_exp
 from gap.null.suction_discrepancy import KNEES
 from gap.null.suction_feed import FedBlock
-from gap.null.suction_pressure import IGNORED, NO_TISSUE, PressureBlock, chain_of, vented
+from gap.null.suction_pressure import IGNORED, NO_TISSUE, PressureBlock, chain_of, vented, zeros_of_recordings
 from protocols.specimens import MEMORY
 from sim_devices.chain import Chain, Effect, FloatArray
 from sim_devices.stages.kernels import evaluate, low_pass
@@ -234,7 +235,8 @@ class ManometerBlock(FedBlock):
 
     The loop closes over the instrument's own gauge, whose error only the second one tells: whichever regulator made
     the pressure, and whatever it met on its way, both have read the same. Nuisance: how late the second gauge is (s),
-    and the gain, the zero (Pa) and a further zero while vented (Pa) by which it reads other than the first.
+    and the gain, the zero (Pa) and a further zero while vented (Pa) by which it reads other than the first; of several
+    recordings by how much each one's zero is off that (Pa).
     """
 
     name, channels = "manometer", ("pressure_reference",)
@@ -248,7 +250,8 @@ class ManometerBlock(FedBlock):
         self.row_noise.blur(np.full(len(self.stamps), smoothed_error(float(pressure.noise[0]), pressure.dt)))
         self.row_noise.share(pressure.row_noise)
         gain, zero = self.tolerances["gauge_gain"]["error"].value, self.tolerances["gauge_offset"]["offset"].value
-        self.prior_sd = np.array([self.shift_sd, gain, zero, zero])
+        again = np.full(self._zeros.shape[1], self.tolerances["gauge_offset"]["again"].value)
+        self.prior_sd = np.concatenate([[self.shift_sd, gain, zero, zero], again])
         self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
         self.prior_scales = (self.prior_sd,)
         best = self._averaged(fit(self))
@@ -272,22 +275,27 @@ class ManometerBlock(FedBlock):
         """How late the second gauge may be, s, which has a response and stamps of its own."""
         return float(np.hypot(super().shift_sd, self.tolerances["sampling"]["second_gauge"].value))
 
+    @cached_property
+    def _zeros(self) -> FloatArray:
+        return zeros_of_recordings(self)
+
     def _true(self, shift: float, active: Active) -> FloatArray:
         """True pressure (n,) Pa, read ``shift`` s late."""
         return self.read(lambda g: chain_of(self.session, g, NO_TISSUE), shift, active)
 
     def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:
-        _, gain, zero, _ = nuisance.tolist()
+        gain, zero = nuisance[1:3].tolist()
         return {"pressure_gauge_gain_error": (-gain, "1"), "pressure_gauge_zero": (-zero, "Pa")}
 
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
-        shift, gain, zero, more = nuisance.tolist()
+        shift, gain, zero, more = nuisance[:4].tolist()
         true = self._true(shift, active)
         empty = vented(true)
-        residual = self.whitened(self.measured - true * (1.0 + gain) - zero - more * empty, active)
+        zeros = zero + more * empty + self._zeros @ nuisance[4:]
+        residual = self.whitened(self.measured - true * (1.0 + gain) - zeros, active)
         if not want_jacobian:
             return Evaluation(residual, np.zeros((0, 0)))
         step = 0.05 * self.dt
         late = (self._true(shift + step, active) - true) * (1.0 + gain) / step
-        columns = np.column_stack([late, true, np.ones_like(true), empty])
+        columns = np.column_stack([late, true, np.ones_like(true), empty, self._zeros])
         return Evaluation(residual, self.whitened(columns, active))

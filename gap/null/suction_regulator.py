@@ -47,7 +47,8 @@ SIZE = VENTED + 1
 its clock's rate; shares of further lags, a lead (s), the loop about a valve (`WEIGHED` its controller's, `FLOW` how its
 flow follows the pressure, `WHOLLY` and `SOFTLY` how it opens as far as it goes), the s for 300 mbar of a limited rate,
 shares of slow lags, the logarithms of `kernels.free_loop`; and the gauge's gain, its zero (Pa), and by how much it
-reads more (Pa) while the line is vented: a zero that closes the loop shows at one of both only."""
+reads more (Pa) while the line is vented: a zero that closes the loop shows at one of both only. A session of several
+recordings adds by how much each one's zero is off that (Pa)."""
 
 
 class Vent(NamedTuple):

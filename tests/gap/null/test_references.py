@@ -20,7 +20,7 @@ from gap.null.robot import robot_problems
 from gap.null.robot_axes import QUANTITIES, AxesBlock
 from gap.null.robot_loop import CONTROLLERS
 from gap.null.suction import suction_problems
-from gap.null.suction_regulator import VENTED, ZERO
+from gap.null.suction_regulator import SIZE, VENTED, ZERO
 from protocols.specimens import stated
 from sim_devices.effects import effects
 
@@ -68,6 +68,25 @@ def test_a_sound_instrument_s_references_are_at_the_noise() -> None:
     lag = next(c for c in candidates if c.name == "sensor_low_pass")
     assert creep.blocks == ("height",)  # a person's tissue does it
     assert lag.blocks == ("reference", "height")  # and the reference speaks first
+
+
+def test_a_gauge_may_be_zeroed_anew_for_each_recording() -> None:
+    """Zeros that differed by 15 Pa were told a gauge that is off for a while, and one that is off for good."""
+    taken = suction()
+    zeros = 15.0 * np.random.default_rng(3).normal(size=len(taken))
+    streams = [{**r.streams, "pressure": replace(r.streams["pressure"])} for r in taken]
+    for own_streams, zero in zip(streams, zeros, strict=True):
+        gauge = own_streams["pressure"]
+        own_streams["pressure"] = replace(gauge, value=gauge.value + zero)
+    problems, _ = suction_problems(
+        [replace(r, streams=s) for r, s in zip(taken, streams, strict=True)], library("aspiration")
+    )
+    for block in problems[:2]:
+        null = fit(block)
+        assert null.chi2 < 1.25 * len(block.measured), block.name
+        assert null.penalty < 30.0, block.name
+    found = fit(problems[0]).nuisance[SIZE:]
+    assert np.std(found - zeros) < 5.0
 
 
 def test_a_weight_hangs_before_its_recording_begins() -> None:
