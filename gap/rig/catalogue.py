@@ -106,6 +106,24 @@ GENERIC: tuple[GenericEffect, ...] = (
         resists=True,
     ),
     GenericEffect(
+        "stribeck_friction",
+        "friction of bristles that bend before they slide, higher near standstill",
+        "stiffer drive, dither",
+        (
+            _rel("level", 1e-3, 1.0),
+            _shape("excess", 0.1, 3.0, "1"),
+            _shape("stribeck_velocity", 1e-2, 0.5, "velocity"),
+            _shape("presliding", 1e-3, 2.0, "position"),
+            ASYMMETRY,
+        ),
+        laws.bristles,
+        needs="position",
+        beside="velocity",
+        resists=True,
+        of_turns=True,
+        form="bristles",
+    ),
+    GenericEffect(
         "viscous_drag",
         "a force in proportion to the speed",
         "measure the drag with the rig unloaded",
@@ -122,6 +140,20 @@ GENERIC: tuple[GenericEffect, ...] = (
         laws.quadratic_drag,
         needs="velocity",
         resists=True,
+    ),
+    GenericEffect(
+        "quadratic_drag",
+        "a force with a power of the speed of about two",
+        "measure the drag with the rig unloaded",
+        (
+            _signed("force", 1.0, meaning="at the greatest speed"),
+            _shape("speed", 0.99, 1.01, "velocity", "the greatest one"),  # free parameters have units of the rig alone
+            _between("exponent", 1.4, 2.6, "power of the speed"),
+        ),
+        laws.power_drag,
+        needs="velocity",
+        resists=True,
+        form="power_drag",
     ),
     GenericEffect(
         "cubic_stiffness",

@@ -23,11 +23,12 @@ INITIAL = "initial"
 @dataclass(frozen=True)
 class GenericEffect:
     """``act(state, time, values, related, p)`` returns the changed values; ``needs`` names the related signal it acts
-    with. What ``resists`` motion adds to a tapped resistance and is taken from a tapped net force. A ``form`` tells
-    apart effects that are one concept of one name. An effect ``of_turns`` shows only where the signal it acts with
-    turns back: on one way it is nothing but a bent characteristic. ``looks_ahead`` ones need whole series: they can act
-    on an input, which is known beforehand, not inside a model's own integration. One ``of_net`` acts on a net force
-    alone, which moves nothing where friction holds it. ``taps`` are the only ones it fits; none named: all.
+    with, ``beside`` another one. What ``resists`` motion adds to a tapped resistance and is taken from a tapped net
+    force. A ``form`` tells apart effects that are one concept of one name. An effect ``of_turns`` shows only where the
+    signal it acts with turns back: on one way it is nothing but a bent characteristic. ``looks_ahead`` ones need whole
+    series: they can act on an input, which is known beforehand, not inside a model's own integration. One ``of_net``
+    acts on a net force alone, which moves nothing where friction holds it. ``taps`` are the only ones it fits; none
+    named: all.
 
     Parameters of unit ``signal`` have priors relative to the range of the signal, ``velocity`` and ``position``
     relative to those of the related one; they are scaled when the effect meets its rig. A ``level`` is one between the
@@ -43,6 +44,7 @@ class GenericEffect:
         FloatArray,
     ]
     needs: str = ""
+    beside: str = ""
     resists: bool = False
     form: str = ""
     of_turns: bool = False

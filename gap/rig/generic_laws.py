@@ -73,6 +73,11 @@ def quadratic_drag(state: State, time: Signal, y: Signal, related: Related, p: V
     return y + p["coefficient"] * related["velocity"] * np.abs(related["velocity"])
 
 
+def power_drag(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
+    v = related["velocity"]
+    return y + p["force"] * np.sign(v) * np.abs(v / p["speed"]) ** p["exponent"]
+
+
 def cubic(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     x = related["position"]
     return y + p["coefficient"] * x * x * x
@@ -104,6 +109,13 @@ def _dahl_kernel(time: FloatArray, x: FloatArray, memory: FloatArray, presliding
 def dahl(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
     z = _remembering(_dahl_kernel, state, 2, time, related["position"], p["presliding"])
     return y + p["level"] * _lopsided(z, p)
+
+
+def bristles(state: State, time: Signal, y: Signal, related: Related, p: Values) -> Signal:
+    """Bristles that bend as Dahl's, with Stribeck's level (LuGre without their damping; Canudas de Wit et al. 1995)."""
+    excess = p["excess"] * np.exp(-np.square(related["velocity"] / p["stribeck_velocity"]))
+    z = _remembering(_dahl_kernel, state, 2, time, related["position"], p["presliding"])
+    return y + p["level"] * (1 + excess) * _lopsided(z, p)
 
 
 @numba.njit(cache=True, error_model="numpy")

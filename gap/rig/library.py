@@ -78,7 +78,7 @@ def can_act(effect: GenericEffect, tap: str, seen: Seen) -> bool:
     """Whether a tap gives an effect all that it acts with."""
     return (
         (not effect.taps or tap in effect.taps)
-        and (not effect.needs or effect.needs in seen.related)
+        and {effect.needs, effect.beside} - {""} <= set(seen.related)
         and (not effect.of_turns or seen.turns(effect.needs))
         and (not effect.of_net or not seen.opposes)
         and (not effect.looks_ahead or seen.whole)

@@ -5,17 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from gap.inference.evidence import Fit, Hypothesis
-from gap.inference.hypothesis import Candidate
+from gap.inference.hypothesis import Candidate, to_unit
 from gap.inference.linear import Projector
 from gap.inference.problem import Problem
-from sim_devices.chain import FloatArray
+from sim_devices.chain import FloatArray, Parameter
 
 SMALL = (3.0, 60.0)
 """σ by which a point should change the data for straight lines to say something."""
 APART = 2.5
 """Factor by which the change of a point may differ from the residual for a fit to start well from it."""
 BISECTIONS = 7
-"""Simulations at most to find one."""
+"""Steps at most to find one."""
+NEARER = 0.15
+"""How much nearer to nothing the next point is, where all that are known are too large."""
 
 
 class _Points:
@@ -57,9 +59,11 @@ class _Points:
     def between(self, at: int, which: int, low: float, high: float, along: list[int]) -> None:
         """Look for a point whose size is between ``low`` and ``high`` σ, by halves between those ``along`` the
         parameter ``at`` that are smaller and larger; adds to these. A limit is small where no signal meets it, at the
-        upper end of its prior, of which the usual points may all be far."""
+        upper end of its prior, of which the usual points may all be far. Of a parameter of either sign the point beyond
+        the value that does nothing is looked at, too."""
         p = self.candidate.parameters[at]
-        nothing = 1.0 if p.null is not None and p.null >= p.high else 0.0
+        nothing = nowhere(p)
+        both = 0.0 < nothing < 1.0
         for _ in range(BISECTIONS):
             known = [(abs(self.units[k][at] - nothing), self.sizes[k][which]) for k in along]
             if any(low <= size <= high for _, size in known):
@@ -68,10 +72,20 @@ class _Points:
             above = min((away for away, size in known if size > high), default=None)
             if below is None or above is None:
                 return
-            unit = self.units[along[0]].copy()
-            unit[at] = abs(nothing - 0.5 * (below + above))
-            self.look(unit)
-            along.append(len(self.units) - 1)
+            away = NEARER * above if both and below == 0.0 else 0.5 * (below + above)
+            for there in (nothing - away, nothing + away):
+                if 0.0 <= there <= 1.0:
+                    unit = self.units[along[0]].copy()
+                    unit[at] = there
+                    self.look(unit)
+                    along.append(len(self.units) - 1)
+
+
+def nowhere(p: Parameter) -> float:
+    """The prior quantile at which a strength does nothing."""
+    if p.null is None or p.null <= p.low:
+        return 0.0
+    return 1.0 if p.null >= p.high else to_unit(p, p.null)
 
 
 def traced(
@@ -87,7 +101,8 @@ def traced(
     seen = _Points(candidate, problems, base, own)
     for unit in points:
         seen.look(unit)
-    strengths = [k for k, p in enumerate(candidate.parameters) if p.null is not None and p.scale == "log"]
+    several = [p.null is not None and (p.scale == "log" or p.low < p.null < p.high) for p in candidate.parameters]
+    strengths = np.flatnonzero(several).tolist()
     if len(strengths) == 1:
         along, left = seen.usual(strengths[0]), seen.left
         seen.between(strengths[0], 0, *SMALL, along)

@@ -136,3 +136,19 @@ def test_late_crosstalk_comes_with_its_time() -> None:
     act = next(e for e in GENERIC if e.form == "slow_crosstalk").act
     got = act({}, time, np.zeros(501), {"other": other}, {"share": 0.3, "tau": 2.0})
     assert got == pytest.approx(0.3 * 4.0 * (1 - np.exp(-time / 2.0)), abs=0.02)
+
+
+def test_bristles_slide_as_stribeck_friction_and_bend_as_dahls() -> None:
+    named = {e.form or e.name: e for e in GENERIC}
+    values = {"level": 2.0, "excess": 0.7, "stribeck_velocity": 0.5, "presliding": 1e-6, "asymmetry": 0.0}
+    moving = (np.abs(RELATED["velocity"]) > 0.3) & (TIME > 0)
+    slides = acted(named["stribeck_friction"], values)
+    assert acted(named["bristles"], values)[moving] == pytest.approx(slides[moving], abs=5e-3)
+    bends = acted(named["dahl_friction"], {**values, "presliding": 0.3})
+    assert acted(named["bristles"], {**values, "presliding": 0.3, "excess": 0.0}) == pytest.approx(bends)
+
+
+def test_a_drag_of_the_second_power_is_the_quadratic_one() -> None:
+    named = {e.form or e.name: e for e in GENERIC}
+    power = acted(named["power_drag"], {"force": 3.0, "speed": 2.0, "exponent": 2.0})
+    assert power == pytest.approx(acted(named["quadratic_drag"], {"coefficient": 0.75}))

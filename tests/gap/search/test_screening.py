@@ -83,6 +83,20 @@ def test_a_limit_that_all_usual_strengths_are_far_below_is_looked_for_where_it_i
     assert found[0].gain > 20.0
 
 
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_strength_of_either_sign_is_looked_for_where_it_shows(linear, candidate, sign: float) -> None:
+    """A pendulum adds up a small drag over all its swings: the least that was tried was millions of σ, and it was told
+    creep (32 σ)."""
+    problem = linear(
+        sign * 10.0 * T + np.random.default_rng(5).normal(size=len(T)),
+        np.ones((len(T), 1)),
+        {"drag": lambda v: 1e6 * v["coefficient"] * T},
+    )
+    drag = candidate("drag", Parameter("coefficient", "1", -5.0, 5.0, 0.0, 1.0))
+    found, _ = screen({"linear": problem}, Hypothesis((), {"linear": fit(problem)}), [drag])
+    assert found[0].gain > 100.0
+
+
 def test_a_threshold_is_looked_for_where_it_begins_to_show(linear, candidate) -> None:
     """Below 0.3 it does nothing, at 0.8 it is a hundred and fifty σ in each: straight lines are good for neither."""
     late = T > 0.9
