@@ -53,6 +53,7 @@ class Thresholds:
     chance: float
     unearned: float
     unknown: float
+    sure: float
     patched: float
     event_leaves: float
     unfinished_pair: float

@@ -267,8 +267,16 @@ def _standing_out(f: Findings) -> str:
     return f"detectability {f.first.detectability:.1f} >= {f.seen:g}"
 
 
+def _sure(f: Findings) -> str:
+    return f"posterior {f.first.probability:.2f}, {_standing_out(f)}"
+
+
 def _while(f: Findings) -> str:
     return "as short as may be" if shortest(f.first.hypothesis, f.t.weakest) else "for a while"
+
+
+def _named(f: Findings) -> str:
+    return "several" if len(f.first.effects) > 1 else "effect"
 
 
 def _fall(f: Findings) -> str:
@@ -283,16 +291,11 @@ RULES: tuple[Rule, ...] = (
         Findings.quiet,
         lambda f: f"probability {f.posterior.acts:.2f} that something acts < {f.t.detect:g}",
     ),
-    Rule(
-        "told by its noise",
-        lambda f: f.first.noise > f.t.quiet_gap,
-        lambda f: "several" if len(f.first.effects) > 1 else "effect",
-        lambda f: f"posterior {f.first.probability:.2f}, {_standing_out(f)}",
-    ),
+    Rule("told by its noise", lambda f: f.first.noise > f.t.quiet_gap, _named, _sure),
     Rule(
         "told by its marks",
         lambda f: f.first.certain,
-        lambda f: "several" if len(f.first.effects) > 1 else "effect",
+        _named,
         lambda f: f"posterior {f.first.probability:.2f}, a mark in the samples that nothing else leaves",
     ),
     Rule(
@@ -344,12 +347,7 @@ RULES: tuple[Rule, ...] = (
     ),
     Rule("as weak as may be", _faint, Findings.spoiled, lambda f: "at the low end of its range, and no use elsewhere"),
     Rule("worse on repeats", _worse_on_repeats, _always("unknown"), _told("repeat")),
-    Rule(
-        "worse elsewhere",
-        _worse("waveform", lambda f: f.t.worse_elsewhere),
-        _always("unknown"),
-        _told("waveform"),
-    ),
+    Rule("worse elsewhere", _worse("waveform", lambda f: f.t.worse_elsewhere), _always("unknown"), _told("waveform")),
     Rule("does not carry over", _repairs_skin, _always("unknown"), _told("waveform")),
     Rule("amid skin of another law", _amid_skin, _always("unknown"), _all_told),
     Rule("stays behind", _stays_behind, Findings.spoiled, _all_told),
@@ -360,11 +358,12 @@ RULES: tuple[Rule, ...] = (
         lambda f: ", ".join(f"{_told(k)(f)}, a rival {f.rival[k].after:.2f}" for k in f.withheld if k in f.rival),
     ),
     Rule(
-        "claimed",
-        lambda f: True,
-        lambda f: "several" if len(f.first.effects) > 1 else "effect",
-        lambda f: ", ".join(filter(None, [f"posterior {f.first.probability:.2f}, {_standing_out(f)}", _all_told(f)])),
+        "not sure",
+        lambda f: f.first.probability < f.t.sure,
+        _always("unknown"),
+        lambda f: f"{_sure(f)}, but {f.first.probability:.2f} < {f.t.sure:g}",
     ),
+    Rule("claimed", lambda f: True, _named, lambda f: ", ".join(filter(None, [_sure(f), _all_told(f)]))),
 )
 """In order: the first that holds settles the verdict."""
 

@@ -88,6 +88,7 @@ def _unknown(d: Diagnosis) -> str:
         "amid skin of another law": "leaves so much that skin of another law may be all of it",
         "stays behind": "takes away little of withheld recordings",
         "outdone by a rival": "is outdone by another on withheld recordings",
+        "not sure": "is not much more probable than all else",
     }
     some = f"takes away only {_share(d):.0f} % of it" if _share(d) < MOST else "is not shown to be the cause"
     return f"{nearest} {failed.get(d.verdict.settled_by, some)}."

@@ -117,7 +117,7 @@ class Effort:
     """How wide the search is."""
 
     quick_fits: int = 10  # screened effects that get a few steps of a fit, where straight lines may mislead
-    least_score: float = 8.0  # fall of χ², at any size, below which an effect gets none for being far from linear
+    least_score: float = 8.0  # twice the nats, at any size, below which one gets none for being far from linear
     far_fits: int = 12  # at most so many get some for that, the most hopeful ones
     refit_singles: int = 9
     known_law: int = 4  # those that explain most if the law is a simple one, where the null says it is none

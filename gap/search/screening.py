@@ -57,7 +57,7 @@ class Screened:
     detectability: list[tuple[FloatArray, float]] = field(default_factory=list)
     traces: dict[str, FloatArray] = field(default_factory=dict)
     sure: bool = False  # whether it is refitted wherever it ranks
-    score: float = 0.0  # fall of χ² along its traces, at any size
+    score: float = 0.0  # twice the nats that its traces would earn, at any size
     by_chance: bool = False  # whether it moves no prediction but makes the noise wider
 
 
@@ -84,18 +84,19 @@ def _seen_through(
     profiled: Sequence[_ProfiledResidual], changes: FloatArray, sizes: tuple[float, float] = AMPLITUDES
 ) -> tuple[FloatArray, _ProfiledResidual, float]:
     """Twice the nats that each of the ``changes`` (n, k) earns, between ``sizes`` times as large; the lens that shows
-    the best; and the fall of χ² that the best would bring at any size."""
-    scores, score = [], 0.0
+    the best; and the most that any would earn at any size."""
+    scores, at_any_size = [], []
     seen = profiled[0].projector.jacobian.T @ changes
     for lens in profiled:
         along = np.maximum(lens.projector.squares(changes, seen), 1e-9)
         cross = lens.aim @ changes
-        score = max(score, float(np.max(np.square(cross) / along)))
         size = np.clip(cross / along, *sizes)
         scores.append(lens.evidence + 0.5 * np.maximum(2 * cross - along, size * (2 * cross - size * along)))
+        at_any_size.append(lens.evidence + 0.5 * np.square(cross) / along)
     base = np.logaddexp.reduce([lens.evidence for lens in profiled])
     best = int(np.argmax(np.max(scores, axis=1)))
-    return 2.0 * (np.logaddexp.reduce(scores, axis=0) - base), profiled[best], score
+    most = float(np.max(np.logaddexp.reduce(at_any_size, axis=0)))
+    return 2.0 * (np.logaddexp.reduce(scores, axis=0) - base), profiled[best], 2.0 * float(most - base)
 
 
 def screen(
@@ -112,7 +113,7 @@ def screen(
 
     The traces of candidates that are ``known`` from another base are used again: a second effect adds nearly its
     change alone, and whatever looks worth it is refitted. The best ``quick_fits`` are fitted a little, and so are
-    ``far_fits`` of those whose weakest strength is still far from linear and whose traces would bring ``least_score``
+    ``far_fits`` of those whose weakest strength is still far from linear and whose traces would earn ``least_score``
     at any size. Candidates are simulated and fitted by ``jobs`` processes."""
     before = {s.candidate: s for s in known}
     profiled = {b: [_ProfiledResidual.of(f, sd) for sd in problems[b].prior_scales] for b, f in base.fits.items()}

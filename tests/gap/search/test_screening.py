@@ -69,6 +69,18 @@ def test_what_a_wide_prior_swallows_is_seen_through_a_narrow_one(linear, candida
     assert first.widths["linear"] is narrow
 
 
+def test_a_law_that_does_not_hold_makes_no_effect_hopeful(linear, candidate) -> None:
+    """Under a simple law far from the data any effect explains much of it: the robot's were told by it which of them to
+    fit."""
+    y = 50.0 * T + np.random.default_rng(7).normal(size=len(T))
+    design = np.column_stack([np.ones(len(T)), T])
+    problem = linear(y, design, {"bow": lambda v: v["a"] * np.sqrt(T)}, np.array([100.0, 100.0]))
+    problem.prior_scales = (np.array([100.0, 100.0]), np.array([100.0, 0.01]))
+    bow = candidate("bow", Parameter("a", "1", -30.0, 30.0, 0.0))
+    found, _ = screen({"linear": problem}, Hypothesis((), {"linear": fit(problem)}), [bow])
+    assert found[0].score < 10.0
+
+
 def test_a_limit_that_all_usual_strengths_are_far_below_is_looked_for_where_it_is_met(linear, candidate) -> None:
     """The signal goes to 1: at a limit of 0.75 and less it is cut by hundreds of σ, of 1.5 it does nothing."""
     signal = 1e4 * T
