@@ -54,7 +54,7 @@ recordings adds by how much each one's zero is off that (Pa)."""
 class Vent(NamedTuple):
     """How a regulator vents: to ``highest`` Pa above the air's pressure, above which a loop's integral empties; if only
     to the air's, the integral stays as it is, begins anew when the instrument is ``armed`` for a recording, or the
-    controller ``clears`` it while nothing is asked for."""
+    controller ``clears`` it while nothing is asked for; in a line that swings above the air's once that is reached."""
 
     highest: float
     armed: bool = False
@@ -62,7 +62,8 @@ class Vent(NamedTuple):
 
 
 EMPTIES, STAYS, ARMED, CLEARS = Vent(5e3), Vent(0.0), Vent(0.0, armed=True), Vent(0.0, clears=True)
-VENTS = (EMPTIES, STAYS, ARMED, CLEARS)
+SWINGS = Vent(5e3, clears=True)
+VENTS = (EMPTIES, STAYS, ARMED, CLEARS, SWINGS)
 
 
 @dataclass(frozen=True)
