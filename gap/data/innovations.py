@@ -70,6 +70,15 @@ def _undone(e: FloatArray, gain: FloatArray, decay: FloatArray, sd: FloatArray) 
     return out
 
 
+def _log_likelihood(
+    time: FloatArray, recording: NDArray[np.int64], rest: FloatArray, new: FloatArray, slow: float, tau: float
+) -> float:
+    """Of noise ``rest`` (n,), white of variances ``new`` (n,) but for a ``slow`` part that forgets within ``tau`` s."""
+    variance, gain, decay = _gains(time, recording, new, slow**2, tau)
+    innovations = _innovations(rest[:, None], gain, decay, np.sqrt(variance))
+    return -0.5 * float(np.sum(np.square(innovations)) + np.sum(np.log(variance)))
+
+
 class RowNoise:
     """Noise of rows: C channels at the same n time stamps, recordings by themselves.
 
@@ -111,26 +120,28 @@ class RowNoise:
         new[rows] += np.square(self.sigma[rows]) * (times**2 - 1.0)
         self._new = new.reshape(self._new.shape)
 
-    def remember(self, left: FloatArray, noise: Sequence[float]) -> None:
-        """Take a slow part into account if the rest ``left`` (C·n,) of a fit of all channels shows one.
+    def alike(self, other: RowNoise) -> None:
+        """Have the slow part that the same sensor has in ``other`` rows, where it is known there."""
+        if other._taus is not None:
+            self._slow, self._taus = other._slow, other._taus
+
+    def remember(self, left: FloatArray, noise: Sequence[float], among: NDArray[np.bool_] | None = None) -> None:
+        """Take a slow part into account if the rest ``left`` (C·n,) of a fit of all channels shows one, ``among`` some
+        of the n time stamps where others would not tell.
 
         ``noise`` (C,) is the white noise of a sample. Channels are alike: share and time are those of the middle one by
         each, as one that sticks, or misfits otherwise, does not tell for the others.
         """
-        found = []
-        for new, rest, sigma in zip(self._new, left.reshape(self._new.shape), noise, strict=True):
+        found, told = [], np.ones(len(self._time), dtype=bool) if among is None else among
+        for new, rest, sigma in zip(self._new[:, told], left.reshape(self._new.shape)[:, told], noise, strict=True):
             alone = -0.5 * float(np.sum(np.square(rest) / new + np.log(new)))
-            likely = ((self._log_likelihood(rest, new, s * sigma, tau), s, tau) for s, tau in product(SHARES, TIMES))
+            rows = self._time[told], self._recording[told]
+            likely = ((_log_likelihood(*rows, rest, new, s * sigma, tau), s, tau) for s, tau in product(SHARES, TIMES))
             best, share, tau = max(likely)
             found.append((best - alone, share, tau))
         earned, share, tau = (float(np.median(values)) for values in zip(*found, strict=True))
         if earned > EARNED and share <= MOST:
             self._slow, self._taus = share * np.asarray(noise), np.full(len(noise), tau)
-
-    def _log_likelihood(self, rest: FloatArray, new: FloatArray, slow: float, tau: float) -> float:
-        variance, gain, decay = _gains(self._time, self._recording, new, slow**2, tau)
-        innovations = _innovations(rest[:, None], gain, decay, np.sqrt(variance))
-        return -0.5 * float(np.sum(np.square(innovations)) + np.sum(np.log(variance)))
 
     def _filters(self, added: FloatArray | None) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
         """Gains, decays and standard deviations (n,) of each channel's filter, with ``added`` variance (C·n,). Of rows

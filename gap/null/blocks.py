@@ -77,6 +77,7 @@ class GroupedSession(Session):
 
     held = False  # whether sampled rows are held until the next: the actuator's block tells those behind it
     averaged = False  # whether samples are means over a sampling period, which it tells as well
+    of_height: RowNoise | None = None  # the noise of the height's sensor, as solid references show it
 
     def __init__(self, recordings: Sequence[Recording], quantities: Sequence[str]) -> None:
         super().__init__(recordings)
@@ -305,8 +306,7 @@ class Block(abc.ABC):
     @property
     def member(self) -> FloatArray:
         """Which recording each stamp belongs to, (n, recordings) of 0 and 1."""
-        members: FloatArray = (self.run[:, None] == np.asarray(self.runs)[None, :]).astype(float)
-        return members
+        return np.asarray(self.run[:, None] == np.asarray(self.runs)[None, :], dtype=float)
 
     def with_effects(self, chain: Chain, active: Active, group: Group) -> Chain:
         """The chain of a group with the active effects, those that its specimen meets."""

@@ -46,7 +46,8 @@ def suction_problems(
             blocks.append(pressure)
     shown = {g.reference for g in session.groups for k in g.members if "apex_height" in recordings[k].streams}
     if True in shown:  # ahead of the skin: the fit of an effect on a reference goes on to it
-        blocks.append(ReferenceBlock(session, effects, pressure))
+        blocks.append(reference := ReferenceBlock(session, effects, pressure))
+        session.of_height = reference.row_noise
     if False in shown:
         skin = height(session, effects, pressure)
         skin.jobs = jobs

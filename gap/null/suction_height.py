@@ -85,6 +85,8 @@ class HeightBlock(FedBlock):
         self, session: GroupedSession, library: Mapping[str, Effect], pressure: PressureBlock | None = None
     ) -> None:
         super().__init__(session, library, pressure, without=tuple(SPECIMENS))
+        if session.of_height is not None:
+            self.row_noise.alike(session.of_height)
         self._tissue = suction_tissue("forearm")
         strongest = (-float(p.min()) for (g, _), (_, p) in zip(self.groups, self._line, strict=True) if g.skin)
         self.strongest = max(strongest, default=0.0) or 1e3  # Pa; without skin any will do

@@ -47,6 +47,8 @@ MEMORIES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
 LOOSE, BENT = 0.2, 1e-4
 """Were a specimen not as stated: share of a step's height or of a membrane's that creeps; m by which a block gives
 way at the strongest suction."""
+TELLING = 100
+"""Rows of specimens that do not yield from which on they tell the slow part of the sensor's noise."""
 CREEPS = 0.3
 """s: shorter lags of a membrane are taken for the sensor's, longer ones may be a membrane's that creeps."""
 
@@ -89,6 +91,11 @@ class ReferenceBlock(FedBlock):
         self.prior_sd = np.array([self.shift_sd, *(c.sd for c in columns), *curve])
         self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
         self.prior_scales = (self.prior_sd,)
+        # The sensor's slow noise shows where nothing yields; on a membrane it may be the membrane's.
+        still = [bulge is not None for bulge in self._bulge]
+        rigid = np.repeat(still, [at.stop - at.start for _, at in self.groups])
+        if np.count_nonzero(rigid) >= TELLING:
+            self.row_noise.remember(self.unwhitened(fit(self).residual, {}), self.noise.tolist(), rigid)
 
     def _solid(self, group: Group, at: slice) -> Table | None:
         """Height of a solid over a group's time, m; None of a membrane. A step is there from half of its reading on,

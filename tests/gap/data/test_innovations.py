@@ -110,6 +110,23 @@ def test_a_residual_leads_back_to_its_difference(seed: int, slow: bool, wider: b
     assert together[:, 2] == pytest.approx(noise.whitened(columns[:, 2].copy(), added))
 
 
+def test_some_rows_tell_the_slow_noise_of_all() -> None:
+    """A membrane's misfit is none of the sensor's noise, which a solid block shows; the skin's sensor is the same."""
+    rng = np.random.default_rng(1)
+    time, recording, new, rest = drawn(rng, channels=1)
+    rest[:, recording == 5] += 3.0 * np.sin(time[recording == 5])
+    noise, others = RowNoise(time, recording, new), RowNoise(time[:50], recording[:50], new[:, :50], [0.1])
+    noise.remember(rest.ravel(), [1.0])
+    assert noise.memory is None
+    noise.remember(rest.ravel(), [1.0], among=recording != 5)
+    assert noise.memory is not None
+    assert noise.memory[0] == pytest.approx([SLOW], abs=0.1)
+    others.alike(noise)
+    assert others.memory == noise.memory
+    others.alike(RowNoise(time, recording, new))  # that knows nothing of it
+    assert others.memory == noise.memory
+
+
 def test_rows_are_blurred_and_widened() -> None:
     noise = RowNoise(np.arange(3.0), np.zeros(3, np.int64), np.full((1, 3), 9.0), [4.0])
     assert noise.sigma == pytest.approx([5.0, 5.0, 5.0])

@@ -89,6 +89,25 @@ def test_a_gauge_may_be_zeroed_anew_for_each_recording() -> None:
     assert np.std(found - zeros) < 5.0
 
 
+def test_a_solid_shows_the_slow_noise_of_the_height_on_skin() -> None:
+    """It was not whitened on references, and divided their evidence by 1.2 to 2.7."""
+    rng, taken = np.random.default_rng(4), []
+    solid = [replace(own.step_hold(-20e3, 10.0, 10.0), specimen="rigid block") for _ in range(3)]
+    for r in own.suction_session("aspiration", np.random.default_rng(11), legs=SKIN + solid):
+        h = r.streams["apex_height"]
+        forgets = np.exp(-np.diff(h.time) / 1.5)
+        slow = [rng.normal()]
+        for keep in forgets:
+            slow.append(keep * slow[-1] + np.sqrt(1.0 - keep**2) * rng.normal())
+        heights = replace(h, value=h.value + 2.5e-6 * np.array(slow))
+        taken.append(replace(r, streams={**r.streams, "apex_height": heights}))
+    problems, _ = suction_problems(taken, library("aspiration"))
+    reference, height = problems[1:]
+    assert reference.row_noise.memory is not None
+    assert reference.row_noise.memory[0][0] == pytest.approx(2.5e-6, rel=0.5)
+    assert height.row_noise.memory == reference.row_noise.memory
+
+
 def test_a_weight_hangs_before_its_recording_begins() -> None:
     """A loop of little integral gain takes 0.4 s to hold it: a sound session was told a transducer's gain for it."""
     weights = own.robot_session(np.random.default_rng(2), legs=[replace(WEIGHT[1], known=stated("dead weight", HEAVY))])
