@@ -214,6 +214,11 @@ class PressureBlock(Block):
         return [self.session.whole("pressure", without)]  # what a regulator remembers goes on to the next specimen
 
     @property
+    def _all(self) -> Group:
+        """The one group of all recordings."""
+        return self.groups[0][0]
+
+    @property
     def likelihood_powers(self) -> Sequence[float]:
         return (self.trust, self.trust, self.trust_other)[: len(self.prior_scales)]
 
@@ -250,19 +255,18 @@ class PressureBlock(Block):
 
     def _after_open_air(self) -> NDArray[np.bool_]:
         """Rows (n,) of the first stretch of suction in recordings that follow one that is left out."""
-        ((group, _),) = self.groups
-        out = np.zeros(len(self.stamps), dtype=bool)
-        for k in group.members:
-            if k > 0 and k - 1 not in group.members and np.any(self._asked(group, k)):
+        out, members = np.zeros(len(self.stamps), dtype=bool), self._all.members
+        for k in members:
+            if k > 0 and k - 1 not in members and np.any(self._asked(k)):
                 begin = self.session.onset(k)
                 turn = self.session.kinks[self.session.kinks > begin + TOGETHER]
                 until = float(turn[0]) if len(turn) else np.inf
                 out |= (self.run == k) & (self.stamps >= begin) & (self.stamps < until)
         return out
 
-    def _asked(self, group: Group, k: int) -> FloatArray:
+    def _asked(self, k: int) -> FloatArray:
         """The set-points of recording ``k``, Pa."""
-        asked, (begin, end) = group.commands["pressure"], self.session.span(k)
+        asked, (begin, end) = self._all.commands["pressure"], self.session.span(k)
         return asked.value[(asked.time >= begin) & (asked.time <= end)]
 
     def _second_order(self) -> Fit:
@@ -295,8 +299,7 @@ class PressureBlock(Block):
     @cached_property
     def largest(self) -> float:
         """The largest suction that is asked for, Pa."""
-        ((group, _),) = self.groups
-        return float(np.max(np.abs(group.commands["pressure"].value)))
+        return float(np.max(np.abs(self._all.commands["pressure"].value)))
 
     def early(self, time: FloatArray) -> FloatArray:
         """How far the record's stamps ``time`` (n,) are before the command's clock, s."""
@@ -320,12 +323,11 @@ class PressureBlock(Block):
 
     def _predict(self, nuisance: FloatArray, active: Active) -> FloatArray:
         """Recorded pressure (n,) Pa, by a gauge without an error: its gain would shrink the noise of a record."""
-        ((group, at),) = self.groups
         shift = nuisance[SHIFT] + nuisance[CLOCK] * self.session.clock_age(self.stamps)
-        chain = self.with_effects(self._regulated(group, nuisance), active, group)
+        chain = self.with_effects(self._regulated(self._all, nuisance), active, self._all)
         # Signals a gauge may read beside pressure are as recorded.
-        beside = self.session.recorded("apex_height", group, smoothed=True)
-        out: FloatArray = self.simulated(chain, group, at, shift, beside)[0]
+        beside = self.session.recorded("apex_height", self._all, smoothed=True)
+        out: FloatArray = self.simulated(chain, self._all, slice(0, len(self.stamps)), shift, beside)[0]
         return out
 
     def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:
@@ -336,9 +338,8 @@ class PressureBlock(Block):
         return Start(self.prior_mean, self.prior_scales[0], self.prior_mean, unit)
 
     def lateness(self, fitted: Fit) -> Lateness | None:
-        ((group, _),) = self.groups
         intervals = self._ripple.intervals if self._ripple else ()
-        return lateness(self, fitted, self.session.kinks, group.commands["pressure"].steps, intervals)
+        return lateness(self, fitted, self.session.kinks, self._all.commands["pressure"].steps, intervals)
 
     @cached_property
     def _ripple(self) -> Ripple | None:

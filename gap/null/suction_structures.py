@@ -157,8 +157,7 @@ def _weighed(block: Regulated, found: Fit) -> Structure | None:
     begins = np.tile(block.prior_mean, (len(WEIGHED_STARTS), 1))
     begins[:, [TIME, DAMPING, WEIGHED.start, WEIGHED.start + 1]] = WEIGHED_STARTS
     best, vent, objective = min(_with_integral(block, width, begins), key=lambda tried: tried.objective)
-    rate, weight = best.nuisance[WEIGHED]
-    if not (_near(objective, found, NOISY) and rate > QUICK_INTEGRAL and -1.0 < weight < 0.0):
+    if not (_near(objective, found, NOISY) and _weighs(best)):
         return None
     return Structure(width, best.nuisance, vent)
 
@@ -172,9 +171,17 @@ def _valve(block: Regulated, found: Fit) -> Structure | None:
     best, vent, objective = min(tries, key=lambda tried: tried.objective)
     uneven = np.linalg.norm((best.nuisance / width)[FLOW]) > FOLLOWS
     better = _near(objective, found, LEFT if uneven else NOISY)
+    if better and not uneven and _weighs(best):  # which the attempts before have missed: not every way leads there
+        return Structure(block.prior(lambda t: t.widest, WEIGHED), best.nuisance, vent)
     if not (better and _quick(block, best) and (uneven or _of_even_flow(best, width))):
         return None
     return Structure(width, best.nuisance, vent)
+
+
+def _weighs(found: Fit) -> bool:
+    """Whether a loop with a quick integral sees a share of its set-point alone."""
+    rate, weight = found.nuisance[WEIGHED]
+    return bool(rate > QUICK_INTEGRAL and -1.0 < weight < 0.0)
 
 
 def _of_even_flow(found: Fit, width: FloatArray) -> bool:
