@@ -58,8 +58,9 @@ def test_a_pi_loop_that_clears_its_integral_is_sound(recording: Callable[..., Re
 
 
 def swinging(asked: np.ndarray, gain: float, rate: float, weight: float, late: float) -> np.ndarray:
-    """Suction (n,) Pa by a PI loop of ``gain`` 1/s and ``rate`` 1/s whose set-point is weighed by ``weight``; while nothing is asked for the integral goes on
-    until the line has come to the air's pressure, and is cleared then, so that the line swings above it."""
+    """Suction (n,) Pa by a PI loop of ``gain`` 1/s and ``rate`` 1/s whose set-point is weighed by ``weight`` and whose
+    valve is ``late`` s; while nothing is asked for the integral goes on until the line has come to the air's pressure,
+    and is cleared then, so that the line swings above it."""
     p = valve = integral = 0.0
     out = np.empty(len(asked))
     for k, u in enumerate(asked):
