@@ -133,6 +133,7 @@ class PressureBlock(Block):
         # An open probe holds no pressure: its record says nothing of the regulator.
         super().__init__(session, library, without=("open air",))
         self.row_noise.widen(np.flatnonzero(self._in_motion()), IGNORED)
+        self._zeros = zeros_of_recordings(self)
         self.prior_sd = self.prior(lambda t: t.value)
         self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
         self._begin = self.prior_mean
@@ -235,10 +236,6 @@ class PressureBlock(Block):
         regulator = prior_widths(self.tolerances, self.shift_sd, width, opened)
         again = self.tolerances["gauge_offset"]["again"].value
         return np.concatenate([regulator, np.full(self._zeros.shape[1], again)])
-
-    @cached_property
-    def _zeros(self) -> FloatArray:
-        return zeros_of_recordings(self)
 
     def _in_motion(self) -> NDArray[np.bool_]:
         """Rows (n,) of recordings that begin while the pressure still comes back from the one before, until it rests:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -257,6 +256,7 @@ class ManometerBlock(FedBlock):
         self.row_noise.blur(np.full(len(self.stamps), smoothed_error(float(pressure.noise[0]), pressure.dt)))
         self.row_noise.share(pressure.row_noise)
         gain, zero = self.tolerances["gauge_gain"]["error"].value, self.tolerances["gauge_offset"]["offset"].value
+        self._zeros = zeros_of_recordings(self)
         again = np.full(self._zeros.shape[1], self.tolerances["gauge_offset"]["again"].value)
         self.prior_sd = np.concatenate([[self.shift_sd, gain, zero, zero], again])
         self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
@@ -281,10 +281,6 @@ class ManometerBlock(FedBlock):
     def shift_sd(self) -> float:
         """How late the second gauge may be, s, which has a response and stamps of its own."""
         return float(np.hypot(super().shift_sd, self.tolerances["sampling"]["second_gauge"].value))
-
-    @cached_property
-    def _zeros(self) -> FloatArray:
-        return zeros_of_recordings(self)
 
     def _true(self, shift: float, active: Active) -> FloatArray:
         """True pressure (n,) Pa, read ``shift`` s late."""

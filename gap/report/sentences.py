@@ -80,6 +80,8 @@ def _unknown(d: Diagnosis) -> str:
     if not d.verdict.causes:
         return "Nothing in the library explains it."
     what = " and ".join(words(e.name) for e in d.verdict.causes[0].effects)
+    if d.verdict.settled_by == "not sure":
+        return f"It is not sure what causes it: {what} would explain it, and is not much more probable than all else."
     nearest = f"Nothing in the library explains it: the best candidate, {what},"
     failed = {
         "worse on repeats": "makes a withheld repeat worse",
@@ -88,7 +90,6 @@ def _unknown(d: Diagnosis) -> str:
         "amid skin of another law": "leaves so much that skin of another law may be all of it",
         "stays behind": "takes away little of withheld recordings",
         "outdone by a rival": "is outdone by another on withheld recordings",
-        "not sure": "is not much more probable than all else",
     }
     some = f"takes away only {_share(d):.0f} % of it" if _share(d) < MOST else "is not shown to be the cause"
     return f"{nearest} {failed.get(d.verdict.settled_by, some)}."
