@@ -53,17 +53,18 @@ recordings adds by how much each one's zero is off that (Pa)."""
 
 class Vent(NamedTuple):
     """How a regulator vents: to ``highest`` Pa above the air's pressure, above which a loop's integral empties; if only
-    to the air's, the integral stays as it is, begins anew when the instrument is ``armed`` for a recording, or the
-    controller ``clears`` it while nothing is asked for; in a line that swings above the air's once that is reached."""
+    to the air's, the integral stays as it is, or begins anew when the instrument is ``armed`` for a recording. Or the
+    controller ``clears`` it, while nothing is asked for or, in either line, once that has come to the air's pressure.
+    """
 
     highest: float
     armed: bool = False
-    clears: bool = False
+    clears: str = "never"
 
 
-EMPTIES, STAYS, ARMED, CLEARS = Vent(5e3), Vent(0.0), Vent(0.0, armed=True), Vent(0.0, clears=True)
-SWINGS = Vent(5e3, clears=True)
-VENTS = (EMPTIES, STAYS, ARMED, CLEARS, SWINGS)
+EMPTIES, STAYS, ARMED, CLEARS = Vent(5e3), Vent(0.0), Vent(0.0, armed=True), Vent(0.0, clears="unasked")
+SWINGS, LANDS = Vent(5e3, clears="at air"), Vent(0.0, clears="at air")
+VENTS = (EMPTIES, STAYS, ARMED, CLEARS, SWINGS, LANDS)
 
 
 @dataclass(frozen=True)

@@ -38,10 +38,10 @@ class Regulator(Wired):
     ``rates`` (Pa/s) limit how fast pressure rises and falls, at once or, if it is ``eased``, ever more as they are
     approached. One with a ``valve`` (r 1/s, b, build, vent, lean, open Pa, softly of `kernels.valve_loop`) is a PI loop
     whose flow follows the pressure; it is the second order where these are 0, 1, 0, 0, 0, inf, 0. At times when it is
-    ``armed`` (s) such a loop begins with its integral empty and its valve closed; where it ``clears``, the integral
-    empties while nothing is asked for. One of ``unknown`` structure (largest command Pa, logarithms of
-    `kernels.free_loop`) is the second order where these are 0. One that ``sleeps`` (band Pa, share and s of
-    `kernels.sleeping_loop`) is, where it is awake.
+    ``armed`` (s) such a loop begins with its integral empty and its valve closed; it ``clears`` its integral
+    when `kernels.CLEARS` says. One of ``unknown`` structure (largest command Pa, logarithms of `kernels.free_loop`) is
+    the second order where these are 0. One that ``sleeps`` (band Pa, share and s of `kernels.sleeping_loop`) is, where
+    it is awake.
     """
 
     tau: float = REGULATOR_TAU
@@ -54,7 +54,7 @@ class Regulator(Wired):
     unknown: tuple[float, ...] = ()
     sleeps: tuple[float, ...] = ()
     armed: tuple[float, ...] = ()
-    clears: bool = False
+    clears: str = "never"
 
     @property
     def second_order(self) -> bool:
@@ -69,7 +69,7 @@ class Regulator(Wired):
         loop = np.array([self.tau, self.zeta, *self.rates])
         if self.valve:
             reset, weight, build, vent, lean, opened, softly = self.valve  # a kernel reads on beyond too few
-            ends = (-self.lowest, float(self.eased), opened, self.highest, float(self.clears), softly)
+            ends = (-self.lowest, float(self.eased), opened, self.highest, kernels.CLEARS.index(self.clears), softly)
             loop = np.array([*loop, reset, weight, build, vent, lean, *ends])
         return np.zeros(kernels.STATE), loop
 

@@ -61,10 +61,11 @@ from sim_devices.stages.kernels.lags import (
     second_order,
     uneven_low_pass,
 )
-from sim_devices.stages.kernels.loops import FREE, free_loop, sleeping_loop, valve_loop
+from sim_devices.stages.kernels.loops import CLEARS, FREE, free_loop, sleeping_loop, valve_loop
 from sim_devices.stages.kernels.sampling import faulty_samples, jittered, late_by_any, slope_so_far
 
 __all__ = [
+    "CLEARS",
     "FREE",
     "SAME",
     "STATE",

@@ -23,11 +23,11 @@ LONG, MOST = 5.0, 5000
 """s of a command that stays as it is, behind which a chamber is at rest; and steps of an interval at most."""
 STILL = 0.2
 """Of the nominal flow: where a valve lets less out of an empty chamber, its controller's integral would stay."""
-CLEARING = 0.05
-"""s within which a controller clears its integral: a command that only touches nought, as a triangle does, leaves
-it."""
-AT_AIR = 5e-3
-"""s within which one clears it that waits until the line has come to the air's pressure."""
+CLEARS = ("never", "unasked", "at air")
+"""When a controller clears its integral: never, while nothing is asked for, or once the line has come to the air's
+pressure meanwhile,"""
+CLEARING, AT_AIR = 0.05, 5e-3
+"""and s within which it does: a command that only touches nought, as a triangle does, leaves it."""
 LEAST = 1e-3
 """Of the nominal flow, at the ends of a supply's range."""
 
@@ -96,10 +96,10 @@ def _valve_on(s: FloatArray, u: float, dt: float, parts: int, p: FloatArray) -> 
         if change == 0.0 and abs(u - s[3]) + abs(s[4]) * late < AT_REST * s[6]:
             break
         begin, end = s[2] + j / parts * change, s[2] + (j + 1) / parts * change
-        cleared = s[5] * math.exp(-h / (CLEARING if p[12] <= 0.0 else AT_AIR))
+        cleared = s[5] * math.exp(-h / (CLEARING if p[13] < 2.0 else AT_AIR))
         s[3], s[4], s[5] = _valve_moved((s[3], s[4], s[5]), begin, end, h, p)
         s[3] = min(s[3], p[12])
-        if p[13] > 0.0 and min(begin, end) > NOTHING and (p[12] <= 0.0 or s[3] > VENTED):
+        if p[13] > 0.0 and min(begin, end) > NOTHING and (p[13] < 2.0 or s[3] > VENTED):
             s[5] = cleared
 
 
@@ -124,8 +124,7 @@ def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
     the integral waits meanwhile. It is emptied in a vented chamber from which hardly anything flows, or it would stay;
     and so it does where a chamber vents to ``highest``, the air's pressure, and no further. ``p`` = (tau s, zeta,
     fastest rise and fall, r 1/s, b, build, vent, lean, span, 1 if the limits are approached softly, open, highest,
-    1 if the integral is cleared while nothing is asked for, and where a line may rise above the air's pressure once it
-    has come there, share by which the valve comes softly to its end).
+    which of `CLEARS`, share by which the valve comes softly to its end).
     """
     k, late = _valve_pace(p)
     pace = max(PARTS * k, PARTS * math.sqrt(k / late), QUICK_PARTS / late)
