@@ -119,18 +119,22 @@ def other_structure(block: Regulated, found: Fit, unknown: bool) -> Structure | 
 
 def _limited(block: Regulated, found: Fit) -> Structure | None:
     """A rate that is limited within twice its tolerance."""
-    span = block.tolerances["slew_limit"]["span_time"].value
+    width, best = _of_limited_rate(block, found)
+    better = _near(best.objective, found, LEFT)
+    if not (better and LIMITS < best.nuisance[SPAN] < 2.0 * width[SPAN]):
+        return None
+    return Structure(width, best.nuisance, block.vent)
+
+
+def _of_limited_rate(block: Regulated, found: Fit) -> tuple[FloatArray, Fit]:
+    """A prior's width (p,) with a limited rate, and the fit under it."""
     width = block.prior(lambda t: t.widest)
-    width[SPAN] = span
+    width[SPAN] = block.tolerances["slew_limit"]["span_time"].value
     looked = under(block, block.prior_mean, width)
     begins = np.tile(found.nuisance, (len(SPANS), 1))
     begins[:, SPAN] = SPANS
     first = min((fit(looked, nuisance=start, iterations=3) for start in begins), key=lambda f: f.objective)
-    best = fit(looked, nuisance=first.nuisance)
-    better = _near(best.objective, found, LEFT)
-    if not (better and LIMITS < best.nuisance[SPAN] < 2.0 * span):
-        return None
-    return Structure(width, best.nuisance, block.vent)
+    return width, fit(looked, nuisance=first.nuisance)
 
 
 def _integral(block: Regulated, found: Fit) -> Structure | None:
@@ -144,9 +148,11 @@ def _integral(block: Regulated, found: Fit) -> Structure | None:
     begins[:, [WEIGHED.start, WHOLLY, SOFTLY]] = starts
     begins[-1, [TIME, DAMPING]] = found.nuisance[[TIME, DAMPING]]
     best, vent, objective = min(_with_integral(block, width, begins), key=lambda tried: tried.objective)
+    if not (_near(objective, found, NOISY) and _of_even_flow(best, width) and _quick(block, best)):
+        return None
     # Far from the noise a valve that is opened wholly may be a limited rate, which is simpler.
     integral = near or best.nuisance[WEIGHED.start] > INTEGRAL
-    if not (_near(objective, found, NOISY) and integral and _of_even_flow(best, width) and _quick(block, best)):
+    if not integral and _of_limited_rate(block, found)[1].objective < objective + WORTH:
         return None
     return Structure(width, best.nuisance, vent)
 
