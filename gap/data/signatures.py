@@ -200,7 +200,8 @@ def _looks(recordings: Sequence[Recording]) -> list[Signature]:
     if frequency is None:
         return []
     text = f"{followed[0]} has a ripple at {frequency:.1f} Hz (or its alias by sampling) that goes with the speed"
-    return [Signature("latency", followed[0], CERTAIN, text, certain=True)]
+    # Samples taken at moments that beat about the stamped ones leave the same line.
+    return [Signature("latency", followed[0], CERTAIN, text, ("jitter",), certain=True)]
 
 
 def _old_rows(recordings: Sequence[Recording]) -> list[Signature]:

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from sim_devices.chain import Chain, Effect, FloatArray, Parameter
 from sim_devices.effects.build import (
     AT_ONCE,
@@ -24,12 +26,13 @@ from sim_devices.effects.build import (
     strength,
 )
 from sim_devices.stages import kernels, laws
-from sim_devices.stages.operators import Map
-from sim_devices.stages.robot import TRANSDUCERS, numbered
+from sim_devices.stages.operators import Map, after
+from sim_devices.stages.robot import TRANSDUCERS, Linear, numbered
 
 Law = Callable[..., Any]
 HEIGHT, FORCE = "optics", "transducers"
-CHANNEL = choice("channel", 0, "transducer a", "b", "c", "all three")
+_CHANNELS = "transducer a", "b", "c", "all three"
+CHANNEL = choice("channel", 0, *_CHANNELS)
 _COURSES = ("linear in time", "towards a limit, as in warming up", "to and fro")
 ANEW_COURSE = choice("form", 1, *_COURSES, "towards a limit, switched on with every recording")
 LATER = shape("later", "s", 0.2, 300.0, 5.0, "after the start of each recording", log=True, only=(2,), fine=AT_ONCE)
@@ -69,6 +72,9 @@ def gain(name: str, robot: bool) -> Any:
     """A wrong sensitivity, always or for a while."""
 
     def install(chain: Chain, v: Values) -> Chain:
+        if chosen(v, "form") == 2:
+            each = np.diag([1.0 + v[f"error_{leg}"] for leg in "abc"])
+            return after(chain, FORCE, lambda s, t: Linear(name, "sensor", s, t, tuple(each.ravel().tolist())))
         law: tuple[Law, tuple[float, ...]] = (laws.gain, (v["error"],))
         if chosen(v, "form") == 1:
             law = (laws.gain_for_a_while, (v["error"], v["moment"], v["duration"]))
@@ -78,7 +84,14 @@ def gain(name: str, robot: bool) -> Any:
     return install
 
 
-GAIN_SHAPE = (choice("form", 0, "always", "for a while"), *for_a_while(1))
+_SPELLS = "always", "for a while"
+GAIN_SHAPE = (choice("form", 0, *_SPELLS), *for_a_while(1))
+TRANSDUCER_GAINS = (
+    choice("channel", 0, *_CHANNELS, only=(0, 1)),
+    choice("form", 0, *_SPELLS, "always, each transducer its own"),
+    *for_a_while(1),
+    *(signed(f"error_{leg}", "1", 0.5, 0.1 * (1 - k), "relative", only=(2,)) for k, leg in enumerate("abc")),
+)
 
 
 def _offset(v: Values, amount: float) -> tuple[Law, tuple[float, ...]]:

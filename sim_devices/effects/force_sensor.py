@@ -11,14 +11,13 @@ from drivers.microrobot import forces
 from drivers.microrobot.kinematics import GEOMETRY
 from sim_devices.chain import Chain, FloatArray
 from sim_devices.effects.any_sensor import (
-    CHANNEL,
     FORCE,
     GAIN_MEANING,
     GAIN_REMEDY,
-    GAIN_SHAPE,
     LAG,
     ORDER,
     TAU,
+    TRANSDUCER_GAINS,
     gain,
     low_pass,
     mixed,
@@ -97,7 +96,7 @@ EFFECTS = (
     effect(
         "sensor_gain", "sensor", ROBOT, f"{GAIN_MEANING} of one transducer, or all.", GAIN_REMEDY,
         "datasheet: 0.10 to 0.14 mV/g",
-        (signed("error", "1", 0.5, 0.12, "relative"), CHANNEL, *GAIN_SHAPE), gain("sensor_gain", True),
+        (signed("error", "1", 0.5, 0.12, "relative", only=(0, 1)), *TRANSDUCER_GAINS), gain("sensor_gain", True),
     ),
     *on_both(ROBOT, 0.5, "N"),
     effect(
