@@ -43,6 +43,9 @@ SPANS, LIMITS = (0.04, 0.08, 0.15), 0.01
 """s for 300 mbar at which a limited rate is looked for, and from which on it is one."""
 LEAVES = 0.05
 """Share of the excess over the noise that a structure may leave: what acts beside it is then looked for."""
+MOST = 0.5
+"""The same of a regulator that is not far from a second order: a command that is looked at now and then is not repaired
+by a valve."""
 UNEXPLAINED = 0.2
 """Share of the excess over the noise that a regulator of an unknown structure may leave: it has many parameters, and a
 larger rest is something else's."""
@@ -52,6 +55,8 @@ QUICK_INTEGRAL = 3.0
 """1/s from which on an integral is none that makes up for a leak, where the set-point is weighed."""
 FIRST, GO_ON, LAST = 10, 3, 40
 """Steps of fits of loops with an integral, how many of these go on, and for how long."""
+HARDLY = 1.3
+"""Times that the error of the largest command opens a valve as far as it goes, of which it then lacks hardly any."""
 WHOLE = 1.5
 """Tolerances within which a set-point is whole: less of it is a leak in the loop, which its integral repairs."""
 INTEGRAL_STARTS = ((0.5, 0.0, 0.0), (2.0, 0.0, 0.0), (0.5, 1.4, 1.0))
@@ -69,10 +74,11 @@ VALVE_STARTS = (
         "flow_asymmetry": 0.9,
         "opened_wholly": 2.0,
     },
+    {"integral_rate": 0.5, "opened_wholly": 1.0, "opened_softly": 1.0},
 )
 """A valve whose flow follows the pressure is looked for from here: one whose flow hardly does, one that vents a chamber
-also when it is nearly empty, and one between a supply and the air, whose flow is in proportion to the pressure across
-it."""
+also when it is nearly empty, one between a supply and the air, whose flow is in proportion to the pressure across it,
+and one that comes softly to its end."""
 
 
 class Structure(NamedTuple):
@@ -198,16 +204,17 @@ def _of_even_flow(found: Fit, width: FloatArray) -> bool:
 
 
 def _quick(block: Regulated, found: Fit) -> bool:
-    """Whether a valve that is opened wholly gives as much as a sound one."""
+    """Whether a valve that is opened wholly gives as much as a sound one, or nearly all that is ever asked of it."""
     slowest = PRESSURE / (2.0 * block.tolerances["slew_limit"]["span_time"].value)
-    return opened_flow(found.nuisance, block.largest) > slowest
+    return found.nuisance[WHOLLY] < HARDLY or opened_flow(found.nuisance, block.largest) > slowest
 
 
 def _near(objective: float, found: Fit, left: float) -> bool:
     """Whether a structure of this ``objective`` is worth it: it comes near the noise, to ``left`` of χ² a row, or takes
-    nearly all away that a second order, ``found``, leaves above it."""
+    nearly all away that a second order, ``found``, leaves above it; and of little at least the most."""
     n = len(found.residual)
-    return objective < min(max(left * n, n + LEAVES * (found.objective - n)), found.objective - WORTH)
+    above = found.objective - n
+    return objective < min(max(left * n, n + LEAVES * above), n + MOST * above, found.objective - WORTH)
 
 
 class _Tried(NamedTuple):

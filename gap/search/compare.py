@@ -174,6 +174,7 @@ def compare(
     _finish_null(comparison)
     tell("trying pairs of effects", 0.73)
     _pairs(comparison, usable, effort, jobs)
+    one_of_two(comparison, jobs)
     return comparison
 
 
@@ -293,11 +294,20 @@ def _begin_anew(comparison: Comparison, most: int, jobs: int) -> None:
     known = {s.candidate: s for s in comparison.screened if not (s.by_chance or s.candidate.event)}
     several = [h for h in ranked if h.effects[0] in known and len(h.effects[0].parameters) > 1][:most]
     looked = each(lambda h: begun_anew(h, known[h.effects[0]], comparison.problems), several, jobs)
-    fitted = each(lambda s: refit(comparison.problems, comparison.null, s), [s for s, _ in looked], jobs)
-    for h, (_, tried), (fits, n) in zip(several, looked, fitted, strict=True):
-        comparison.simulations += tried + n
-        if _earned(fits, comparison.problems) > _earned({b: h.fits[b] for b in fits}, comparison.problems):
-            h.fits.update(fits)
+    comparison.simulations += sum(n for _, n in looked)
+    _fit_again(comparison, [s for s, _ in looked], jobs)
+
+
+def _fit_again(comparison: Comparison, parts: Sequence[Screened], jobs: int) -> None:
+    """Fit single effects from other starts; they count where they are new, or explain more than before."""
+    fitted = each(lambda s: refit(comparison.problems, comparison.null, s), parts, jobs)
+    for s, (fits, n) in zip(parts, fitted, strict=True):
+        comparison.simulations += n
+        known = next((h for h in comparison.hypotheses if h.effects == (s.candidate,)), None)
+        if known is None:
+            comparison.hypotheses.append(Hypothesis((s.candidate,), comparison.null.fits | fits))
+        elif _earned(fits, comparison.problems) > _earned({b: known.fits[b] for b in fits}, comparison.problems):
+            known.fits.update(fits)
 
 
 def _earned(fits: Mapping[str, Fit], problems: Mapping[str, Problem]) -> float:
@@ -333,3 +343,15 @@ def _pairs(comparison: Comparison, candidates: Sequence[Candidate], effort: Effo
                 tried.add(together)
                 parts.append((base, s))
     _refit_all(comparison, parts, jobs)
+
+
+def one_of_two(comparison: Comparison, jobs: int = 1) -> None:
+    """Fit each effect of a pair that is more probable than any single one by itself, from where the pair has it: its
+    own fit may have ended elsewhere, as an interval has an optimum near each of its multiples, and the other effect
+    hardly act."""
+    weight = comparison.weighed(comparison.temper())
+    pair = max(comparison.hypotheses, key=lambda h: weight[id(h)].evidence, default=comparison.null)
+    if len(pair.effects) > 1:
+        own = [s for s in comparison.screened if s.candidate in pair.effects]
+        parts = [replace(s, starts={b: (pair.fits[b].told(s.candidate)[0],) for b in s.starts}) for s in own]
+        _fit_again(comparison, parts, jobs)
