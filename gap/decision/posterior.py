@@ -298,7 +298,7 @@ def _earned(
     second = [e for e in h.effects if e not in best.effects]
     if unmarked & set(second):
         return False
-    if all(best.fits[b].chi2 < len(best.fits[b].residual) for e in second for b in e.blocks):
+    if all(_at_noise(best, b, comparison, t) for e in second for b in e.blocks):
         return False
     if 2 * (weighed[id(h)].evidence - weighed[id(best)].evidence) < t.seen_of(second) ** 2:
         return False
@@ -307,6 +307,12 @@ def _earned(
     least = t.second_least * min(temper.values())
     needed = max(t.second_share * (left - n), t.second_excess * (comparison.null.chi2 - n), least)
     return left - h.deviance > needed
+
+
+def _at_noise(h: Hypothesis, block: str, comparison: Comparison, t: Thresholds) -> bool:
+    """Whether a hypothesis leaves nothing of a block above the noise; of skin, no more than skin of another law may."""
+    least = t.quiet_gap**2 if comparison.problems[block].sound is None else 1.0
+    return h.fits[block].chi2 < least * len(h.fits[block].residual)
 
 
 def _one_event(h: Hypothesis, at_once: float) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -119,8 +120,13 @@ def one_gain(time: FloatArray, u: FloatArray, error: float, within: float, *mark
     return np.where((time >= edges[k - 1]) & (time < edges[k]), u * (1.0 + error), u)
 
 
-_COMPUTED = (*(("force_matrix", n) for n in xyz("force")), *(("probe_position", n) for n in xyz("probe")))
-"""Channels that are computed from others, behind the operator that does."""
+_COMPUTED: Mapping[str, tuple[str, tuple[str, ...]]] = {
+    **{n.replace("_", " "): ("force_matrix", (n,)) for n in xyz("force")},
+    **{n.replace("_", " "): ("probe_position", (n,)) for n in xyz("probe")},
+    "force, all three": ("force_matrix", xyz("force")),
+    "probe, all three": ("probe_position", xyz("probe")),
+}
+"""Channels that are computed from others, and the operator that does."""
 
 
 def _unit(chain: Chain, v: Values) -> Chain:
@@ -132,8 +138,8 @@ def _unit(chain: Chain, v: Values) -> Chain:
         law = (one_gain, (error, v["within"], *op.marks))
     if chain.instrument == "microrobot":
         if chosen(v, "form") == 2:
-            anchor, name = _COMPUTED[chosen(v, "computed")]
-            return map_after(chain, anchor, "wrong_unit", "processing", *law, name)
+            anchor, names = tuple(_COMPUTED.values())[chosen(v, "computed")]
+            return map_after(chain, anchor, "wrong_unit", "processing", *law, *names)
         anchor = "transducers" if first else "position_sensors"
         return map_after(chain, anchor, "wrong_unit", "processing", *law)
     signal = "pressure" if first else "apex_height"
@@ -213,7 +219,6 @@ EFFECTS = (
     ),
     _wrong_unit(SUCTION),
     _wrong_unit(
-        ROBOT, ("one computed channel",),
-        choice("computed", 0, *(name.replace("_", " ") for _, name in _COMPUTED), only=(2,)),
+        ROBOT, ("computed channels",), choice("computed", 0, *_COMPUTED, only=(2,)),
     ),
 )  # fmt: skip

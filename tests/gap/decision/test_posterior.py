@@ -344,16 +344,17 @@ def test_an_effect_at_the_end_of_its_strength_is_less_probable(linear, candidate
     assert posterior(comparison, known, replace(INSTRUMENT, at_bound=0.0)).causes[0].names[0] == "resonance"
 
 
-@pytest.mark.parametrize(("sigma", "effects"), [(1.0, 2), (0.8, 1)])
-def test_a_second_effect_must_act_above_the_noise(linear, candidate, sigma: float, effects: int) -> None:
+@pytest.mark.parametrize(("sigma", "skin", "effects"), [(1.0, False, 2), (0.8, False, 1), (1.0, True, 1)])
+def test_a_second_effect_must_act_above_the_noise(linear, candidate, sigma: float, skin: bool, effects: int) -> None:
     """A clock that wanders by 2 ms was claimed beside a change of tone, in a pressure at .9 of its noise's variance
-    (seed 410005)."""
+    (seed 410005); a support that slips beside a wrong zero, in a force on skin that left 1.04 of it (670120)."""
     rng = np.random.default_rng(0)
     y = DESIGN @ [2.0, 1.0] + 9.0 * SHAPES["bump"] + rng.normal(size=len(T))
     other = sigma * (0.7 * SHAPES["wave"] + rng.normal(size=len(T)))
     shapes = {n: (lambda v, n=n: v["a"] * SHAPES[n]) for n in ("bump", "wave")}
     height = linear(y, DESIGN, shapes, np.full(2, 100.0))
     pressure = linear(other, DESIGN, shapes, np.full(2, 100.0), name="pressure")
+    pressure.sound = None if skin else np.zeros(2)
     a = Parameter("a", "1", -30.0, 30.0, 0.0)
     known = [candidate("bump", a), candidate("wave", a, block="pressure")]
     comparison = compare([height, pressure], known)
