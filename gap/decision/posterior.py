@@ -311,7 +311,7 @@ def _earned(
 
 def _at_noise(h: Hypothesis, block: str, comparison: Comparison, t: Thresholds) -> bool:
     """Whether a hypothesis leaves nothing of a block above the noise; of skin, no more than skin of another law may."""
-    least = t.quiet_gap**2 if comparison.problems[block].sound is None else 1.0
+    least = t.second_above**2 if comparison.problems[block].sound is None else 1.0
     return h.fits[block].chi2 < least * len(h.fits[block].residual)
 
 

@@ -46,6 +46,7 @@ class Thresholds:
     transfer_lead: float
     second_share: float
     second_excess: float
+    second_above: float
     second_least: float
     at_once: float
     same_edges: float

@@ -71,7 +71,7 @@ def test_a_second_effect_must_be_seen_itself(linear, candidate, event: bool, sai
     effects = {n: (lambda v, n=n: v["a"] * SHAPES[n]) for n in ("bump", "late")}
     known = [replace(candidate(n, Parameter("a", "1", -30.0, 30.0)), event=event and n == "late") for n in effects]
     comparison = compare([linear(y, DESIGN, effects, np.full(2, 100.0))], known)
-    assert judge(comparison, known).verdict == said
+    assert judge(comparison, known, replace(INSTRUMENT, second_above=1.0)).verdict == said
 
 
 @pytest.mark.parametrize(
@@ -361,7 +361,7 @@ def test_a_second_effect_must_explain_more_than_some_pair_always_does(linear, ca
     known = [candidate(n, Parameter("a", "1", -9.0, 9.0)) for n in effects]
     comparison = compare([problem], known)
     assert any(len(h.effects) == 2 for h in comparison.hypotheses)
-    likely = replace(INSTRUMENT, prior_pair=0.5, second_least=0.0)
+    likely = replace(INSTRUMENT, prior_pair=0.5, second_least=0.0, second_above=1.0)
     assert judge(comparison, known, likely).verdict == "several"
     assert judge(comparison, known, replace(likely, second_least=1e4)).verdict == "effect"
 
