@@ -275,6 +275,19 @@ def test_channels_may_be_mixed_up_only_where_others_are_computed_from_them() -> 
     np.testing.assert_allclose(np.stack([mixed[n] for n in xyz("force")]), expected, atol=1e-9)
 
 
+def test_each_transducer_may_have_a_gain_of_its_own_and_all_computed_channels_a_unit() -> None:
+    time, inputs, chain = session("microrobot")
+    errors, sound = (0.1, -0.06, 0.02), reference("microrobot")
+    values = {"form": 2.0, **{f"error_{leg}": e for leg, e in zip("abc", errors, strict=True)}}
+    wrong = effects("microrobot")["sensor_gain"].apply(chain, values).run(time, inputs)
+    for name, error in zip(TRANSDUCERS, errors, strict=True):
+        np.testing.assert_allclose(wrong[name], (1.0 + error) * sound[name])
+    inches = {"form": 2.0, "computed": 7.0, "factor": 2.54}
+    wrong = effects("microrobot")["wrong_unit"].apply(chain, inches).run(time, inputs)
+    for name in (*xyz("probe"), *numbered("axis_position")):
+        np.testing.assert_allclose(wrong[name], (2.54 if name in xyz("probe") else 1.0) * sound[name])
+
+
 def test_a_carried_weight_brings_one_limit_nearer() -> None:
     time, inputs, chain = session("microrobot")
     saturation, quiet = effects("microrobot")["force_saturation"], {n: np.zeros_like(v) for n, v in inputs.items()}
