@@ -23,11 +23,13 @@ from gap.null.chains import needed
 from gap.null.suction_lateness import TOGETHER, lateness
 from gap.null.suction_regulator import (
     CLOCK,
+    DAMPING,
     EMPTIES,
     GAIN,
     SHIFT,
     SIZE,
     STAYS,
+    TIME,
     UNKNOWN,
     VALVE,
     VENTED,
@@ -55,6 +57,8 @@ EMPTY = 500.0
 SAMPLED, SLOW, AT_EASE = 5.0, 0.012, 20.0
 """χ² from which on samples are means over a period, or none (odds of twelve), s of a period from which on that matters,
 and the penalty of a regulator that is not strained, which no other samples excuse."""
+SLOWER = (1.0, 0.4)
+"""Logarithms of time and damping of a second order that is far slower than the nominal one, from which a fit begins."""
 NO_TISSUE = SuctionTissue(0.0, creep=(), times=(), residual=0.0, softening=0.0)
 
 
@@ -268,10 +272,13 @@ class PressureBlock(Block):
 
     def _second_order(self) -> Fit:
         """The fit of the more probable kind of instrument, the nominal one or one of another time and damping, without
-        an effect. The other is also begun where the nominal one ended: far off there are local optima."""
+        an effect. The other is also begun where the nominal one ended, and far slower: far off there are local optima,
+        and it is rounding that decides which of them one start comes to."""
         alike, other = (under(self, self.prior_mean, sd) for sd in self.prior_scales)
         nominal = fit(alike)
-        tries = [nominal, *(fit(other, nuisance=c) for c in (self.prior_mean, nominal.nuisance))]
+        slower = self.prior_mean.copy()
+        slower[[TIME, DAMPING]] = SLOWER
+        tries = [nominal, *(fit(other, nuisance=c) for c in (self.prior_mean, nominal.nuisance, slower))]
         best = max(tries, key=lambda f: f.log_evidence(1.0, (f.prior_sd,)))
         self.prior_sd = best.prior_sd
         return best
