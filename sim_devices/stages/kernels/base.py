@@ -18,6 +18,9 @@ TERMS = (STATE - 3) // 2
 """How many terms ``prony`` and ``prandtl`` can have at most."""
 STEPS = 512
 """Lengths of steps of which a kernel keeps the weights."""
+QUICKEST_LAG = 1e-3
+"""s: a lag that is stepped in parts of itself counts as so quick where it is quicker. No sampled pressure tells them
+apart, and a fit that tries a shorter one is not to take minutes."""
 SAME = 1e-9
 """Relative difference below which two steps are of one length."""
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
-from sim_devices.stages.kernels.base import SAME, STEPS, FloatArray, hold_weights, place
+from sim_devices.stages.kernels.base import QUICKEST_LAG, SAME, STEPS, FloatArray, hold_weights, place
 
 
 @njit(cache=True, error_model="numpy")
@@ -130,7 +130,7 @@ def eased(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatAr
     """
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2] = 1.0, t[0], u[0]
-    w, z = 1.0 / max(p[0], 1e-9), p[1]
+    w, z = 1.0 / max(p[0], QUICKEST_LAG), p[1]
     implicit = 1.0 if z > 1.0 else 0.0  # explicit steps diverge from a damping of 16 on
     for i in range(t.size):
         dt, change = t[i] - s[1], u[i] - s[2]

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
-from sim_devices.stages.kernels.base import FloatArray
+from sim_devices.stages.kernels.base import QUICKEST_LAG, FloatArray
 
 PARTS, QUICK_PARTS = 6.0, 2.0
 """Steps in the loop's time constant or the chamber's, and in the valve's, which need not be followed as closely."""
@@ -166,7 +166,7 @@ def sleeping_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y:
 
     ``p`` = (tau s, zeta, band Pa, share, while s). Midpoint rule; the pressure never rises above the air's.
     """
-    tau, zeta, band = p[0], p[1], p[2]
+    tau, zeta, band = max(p[0], QUICKEST_LAG), p[1], p[2]
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2] = 1.0, t[0], u[0]
     for i in range(t.size):

@@ -71,6 +71,18 @@ def test_an_eased_lag_stays_finite_however_damped() -> None:
         assert evaluate(kernels.eased, t, u, 0.01, damping, 1e4, 1e4) == pytest.approx(free, abs=2e-3)
 
 
+@pytest.mark.parametrize(
+    ("kernel", "more"), [(kernels.eased, (1.0, 4.0, 4.0)), (kernels.sleeping_loop, (1.0, 0.1, 0.3, 0.1))]
+)
+def test_a_lag_quicker_than_any_counts_as_the_quickest(kernel, more) -> None:
+    """A fit that tries 1e-8 s would take minutes: its steps are parts of the lag."""
+    t = np.linspace(0.0, 0.05, 6)
+    u = np.where(t > 0.01, -1.0, 0.0)
+    quickest = evaluate(kernel, t, u, 1e-3, *more)
+    assert evaluate(kernel, t, u, 1e-6, *more).tolist() == quickest.tolist()
+    assert evaluate(kernel, t, u, 2e-3, *more).tolist() != quickest.tolist()
+
+
 def test_bouc_wen_of_exponent_two_is_what_small_steps_make() -> None:
     exact = evaluate(kernels.bouc_wen, TIME, WAVE, 0.5, 0.2, 2.0)
     fine = np.linspace(TIME[0], TIME[-1], 40 * len(TIME))
