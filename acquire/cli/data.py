@@ -117,11 +117,15 @@ def import_(
         recordings = [read_bundle(source)]
     paths = [_target(out, recording, len(recordings)) for recording in recordings]
     written = [write_recording(r, path, overwrite=force) for r, path in zip(recordings, paths, strict=True)]
-    for recording in recordings:
-        for event in recording.events:
-            if event.level in ("warning", "error"):
-                typer.echo(f"{recording.info.id}: {event.level}: {event.text}", err=True)
-    _say(written, as_json)
+    strange = [
+        f"{recording.info.id}: {event.level}: {event.text}"
+        for recording in recordings
+        for event in recording.events
+        if event.level in ("warning", "error")
+    ]
+    for text in strange:
+        typer.echo(text, err=True)
+    _say(written, as_json, warnings=strange)
 
 
 def recover(
@@ -190,5 +194,7 @@ def _target(out: Path, recording: Recording, count: int) -> Path:
     return out if count == 1 else out.with_name(f"{out.stem}-{recording.info.repeat}{out.suffix}")
 
 
-def _say(paths: list[Path], as_json: bool) -> None:
-    typer.echo(json.dumps({"files": [str(path) for path in paths]}) if as_json else "\n".join(map(str, paths)))
+def _say(paths: list[Path], as_json: bool, **more: Any) -> None:
+    """Print the ``paths`` written, one a line; or a JSON object of them, and of what there is ``more`` to say."""
+    written = [str(path) for path in paths]
+    typer.echo(json.dumps({"files": written, **more}) if as_json else "\n".join(written))

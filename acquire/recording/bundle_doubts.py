@@ -18,6 +18,8 @@ from drivers.signals import REFERENCE
 from protocols import specimens
 from protocols.text import did_you_mean
 
+HIGH = 1e3
+"""Pa above the air's pressure that no line is at."""
 WIDE = 0.1
 """Of a stated value, its standard uncertainty from which on the unit of the uncertainty is asked about."""
 
@@ -51,10 +53,18 @@ def _channels(bundle: Bundle, recording: Recording) -> Iterator[Event]:
 
 
 def _sign(bundle: Bundle, recording: Recording) -> Iterator[Event]:
-    pressure = recording.streams.get("pressure")
-    if bundle.instrument in SUCTION and pressure is not None and np.median(pressure.value) > 1e3:
-        text = "the pressure is mostly positive; suction is negative in a bundle, so check its sign"
-        yield _warning("pressure_sign", text, float(pressure.time[0]))
+    """Suction that goes up: a gauge shows a few mbar above the air's pressure at most."""
+    if bundle.instrument not in SUCTION:
+        return
+    gauges = {name: s for name, s in recording.streams.items() if name.removesuffix(REFERENCE) == "pressure"}
+    commands = {f"set-point of {name}": s for name, s in recording.setpoints.items() if name == "pressure"}
+    for name, series in (gauges | commands).items():
+        value = series.value[np.isfinite(series.value)]
+        if value.size and value.max() > max(HIGH, -value.min()):
+            above = f"the {name} goes up to {value.max() / 100:.0f} mbar above the air's"
+            text = f"{above}; suction is negative in a bundle, so check its sign"
+            yield _warning("pressure_sign", text, float(series.time[0]))
+            return
 
 
 def _setpoints(bundle: Bundle, recording: Recording) -> Iterator[Event]:

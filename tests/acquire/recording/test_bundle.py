@@ -134,11 +134,6 @@ def test_setpoints_given_are_taken(tmp_path: Path) -> None:
     assert not recording.events
 
 
-def test_positive_suction_is_remarked_upon(tmp_path: Path) -> None:
-    recording = load(make(tmp_path, {"data.csv": DATA.replace("-300", "300")}))
-    assert [event.code for event in recording.events] == ["pressure_sign"]
-
-
 def test_a_channel_that_the_instrument_does_not_have_is_kept_and_remarked_upon(tmp_path: Path) -> None:
     channels = {
         "pressure": channel("p", "mbar"),

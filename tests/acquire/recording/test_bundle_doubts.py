@@ -44,6 +44,15 @@ def test_an_uncertainty_as_large_as_the_value_is_asked_about(tmp_path: Path) -> 
     assert text == "height is 0.0005 ± 0.002 m: a ± without a unit has that of the value, so write the unit of both"
 
 
+def test_suction_that_goes_up_is_asked_about_recorded_or_commanded(tmp_path: Path) -> None:
+    command = {"command.csv": "t,p\n0,0\n1,0\n1,30\n2,30\n2,0\n9,0\n"}
+    given = {"setpoints": {"pressure": channel("p", "kPa", "command.csv")}}
+    text = told(tmp_path, {"data.csv": DATA, **command}, **given)["pressure_sign"]
+    assert text.startswith("the set-point of pressure goes up to 300 mbar above the air's; suction is negative")
+    recorded = told(tmp_path / "b", {"data.csv": DATA.replace("-300", "300")})["pressure_sign"]
+    assert recorded.startswith("the pressure goes up to 300 mbar")
+
+
 def test_setpoints_that_nothing_reads_are_remarked_upon(tmp_path: Path) -> None:
     setpoints = {f"probe_{a}": channel("x", "m", "command.csv") for a in "xyw"}
     channels = {"axis_position_1": channel("h", "mm")}

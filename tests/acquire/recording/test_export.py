@@ -18,7 +18,7 @@ from acquire.recording.curves_import import read_curves
 from acquire.recording.export import write_csv, write_mat
 from acquire.recording.model import difference
 from tests.acquire.recording.samples import sample_recording
-from tests.acquire.recording.test_bundle import make
+from tests.acquire.recording.test_bundle import DATA, make
 
 
 def test_csv(tmp_path: Path) -> None:
@@ -131,6 +131,16 @@ def test_commands(runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert invoke("import", "export.csv", "--map", "map.yaml", "-o", "curves").count(".h5") == 2
     assert "left.h5" in invoke("recover", runs / "left.journal")
     assert load(runs / "left.h5").info.subject == "P07"
+
+
+def test_what_is_strange_about_a_bundle_is_printed_also_as_json(tmp_path: Path) -> None:
+    make(tmp_path / "bundle", {"data.csv": DATA.replace("-300", "300")})
+    printed = json.loads(invoke("import", tmp_path / "bundle", "-o", tmp_path / "a.h5", "--json"))
+    assert printed["files"] == [str(tmp_path / "a.h5")]
+    (warning,) = printed["warnings"]
+    assert "warning: the pressure goes up to 300 mbar above the air's" in warning
+    make(tmp_path / "sound")
+    assert json.loads(invoke("import", tmp_path / "sound", "-o", tmp_path / "b.h5", "--json"))["warnings"] == []
 
 
 def test_an_imported_name_does_not_lead_out_of_the_folder(tmp_path: Path) -> None:
