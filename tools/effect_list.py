@@ -19,12 +19,13 @@ BEGIN = """# The effects by name
 
 The names that a diagnosis can give: first the effects of the three instruments by stage, then
 [those of any other rig](#any-other-rig). `acquire gap effects cutometer` (or `aspiration`, `microrobot`, `rig`) lists
-their parameters, too, with `--json` their sources; [effects.md](effects.md) says how they are made, and
+the ranges of their parameters, too, with `--json` their sources; [effects.md](effects.md) says how they are made, and
 [nominal.md](nominal.md) what instruments and skin do without them, and how much of an effect is no finding. This page
 is made by `tools/effect_list.py`.
 
 An effect that differs from one instrument to another has a row for each. *Forms and channels* are its choices; a report
-names the one that fits in a cause's `options`.
+names the one that fits in a cause's `options`. *Parameters* have their unit in brackets, (1) of a share or ratio; not
+every form has all of them.
 """
 RIG = """## Any other rig
 
@@ -44,7 +45,8 @@ def page() -> str:
     for stage in STAGES:
         rows = [
             f"## {stage.capitalize()}", "",
-            "| effect | instruments | meaning | forms and channels | remedy |", "|---|---|---|---|---|",
+            "| effect | instruments | meaning | forms and channels | parameters | remedy |",
+            "|---|---|---|---|---|---|",
         ]  # fmt: skip
         parts.append("\n".join([*rows, *_rows(stage)]) + "\n")
     parts.append("\n".join([RIG, *map(_generic, sorted(GENERIC, key=lambda e: (e.name, e.form)))]) + "\n")
@@ -54,14 +56,19 @@ def page() -> str:
 def _rows(stage: str) -> Iterator[str]:
     """The rows of a stage: an effect has one for each way in which it differs between instruments."""
     # Where an effect takes other units on other instruments, the library has it several times.
-    alike: dict[tuple[str, str, str, str], list[str]] = {}
+    alike: dict[tuple[str, str, str, str, str], list[str]] = {}
     for effect in effects().values():
         if effect.stage == stage:
-            alike.setdefault((effect.name, effect.meaning, _choices(effect), effect.remedy), []).extend(
-                effect.instruments
-            )
-    for (name, meaning, choices, remedy), instruments in sorted(alike.items(), key=lambda row: row[0][0]):
-        yield f"| `{name}` | {', '.join(instruments)} | {meaning} | {choices} | {remedy} |"
+            told = (effect.name, effect.meaning, _choices(effect), _quantities(effect), effect.remedy)
+            alike.setdefault(told, []).extend(effect.instruments)
+    for (name, *told), instruments in sorted(alike.items(), key=lambda row: row[0][0]):
+        yield " | ".join((f"| `{name}`", ", ".join(instruments), *told)) + " |"
+
+
+def _quantities(effect: Effect) -> str:
+    """The parameters that are numbers, with their units."""
+    quantities = [p for p in effect.parameters if p.unit != CHOICE]
+    return "<br>".join(f"`{p.name}` ({p.unit}): {p.meaning}" for p in quantities)
 
 
 def _choices(effect: Effect) -> str:
