@@ -9,6 +9,9 @@ from numba import njit
 
 from sim_devices.stages.kernels.base import QUICKEST_LAG, FloatArray
 
+Numbers = tuple[float, ...]
+"""Of a tuple, unlike of an array, a compiler knows that no store of a state changes it."""
+
 PARTS, QUICK_PARTS = 6.0, 2.0
 """Steps in the loop's time constant or the chamber's, and in the valve's, which need not be followed as closely."""
 QUICKEST = 3e-3
@@ -33,74 +36,83 @@ LEAST = 1e-3
 
 
 @njit(cache=True, error_model="numpy")
-def _flow(p: float, x: float, law: FloatArray) -> float:
-    """Flow into the chamber, Pa/s, of a valve that asks for ``x`` at the pressure ``p``."""
-    up, down, build, vent, lean, span, soft = law[2], law[3], law[6], law[7], law[8], law[9], law[10]
-    level = min(max(-p / span, 0.0), 1.0)
-    gain = 1.0 + lean - build * level if x < 0.0 else 1.0 - lean + vent * level
-    flow = max(gain, LEAST) * x
-    if soft > 0.0:
-        limit = up if flow > 0.0 else down
-        return float(limit * math.tanh(flow / limit)) if limit < math.inf else flow
-    return float(min(max(flow, -down), up))
-
-
-@njit(cache=True, error_model="numpy")
 def _valve_pace(p: FloatArray) -> tuple[float, float]:
     """Gain k, 1/s, of a `valve_loop`'s controller and lag T, s, of its valve."""
     return min(1.0 / (2.0 * p[1] * max(p[0], 1e-9)), KEENEST), max(p[0] / (2.0 * p[1]), QUICKEST)
 
 
 @njit(cache=True, error_model="numpy")
-def _valve_rates(
-    y: float, x: float, integral: float, u: float, p: FloatArray, k: float, late: float
-) -> tuple[float, float, float]:
-    """Rates of pressure, valve and integral of a `valve_loop` of gain ``k`` and valve's lag ``late`` that is asked for
-    ``u``."""
-    y = min(y, p[12])
-    asked, widest = k * (p[5] * u - y) + integral, k * p[11]
+def _valve_numbers(p: FloatArray, k: float, late: float) -> Numbers:
+    """Parameters of a `valve_loop` of gain ``k`` and valve's lag ``late`` as its rates need them, without a division:
+    k b, k, k r, how far it opens, 1 / late, softly, highest; and its flow: up, down, soft, 1 / span, 1 + lean, build,
+    1 - lean, vent."""
+    return (
+        k * p[5], k, k * p[4], k * p[11], 1.0 / late, p[14], p[12],
+        p[2], p[3], p[10], 1.0 / p[9], 1.0 + p[8], p[6], 1.0 - p[8], p[7],
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def _flow(y: float, x: float, n: Numbers) -> float:
+    """Flow into the chamber, Pa/s, of a valve that asks for ``x`` at the pressure ``y``."""
+    level = min(max(-y * n[10], 0.0), 1.0)
+    gain = n[11] - n[12] * level if x < 0.0 else n[13] + n[14] * level
+    flow, up, down = max(gain, LEAST) * x, n[7], n[8]
+    if n[9] > 0.0:
+        limit = up if flow > 0.0 else down
+        return float(limit * math.tanh(flow / limit)) if limit < math.inf else flow
+    return float(min(max(flow, -down), up))
+
+
+@njit(cache=True, error_model="numpy")
+def _valve_rates(y: float, x: float, integral: float, u: float, n: Numbers) -> tuple[float, float, float]:
+    """Rates of pressure, valve and integral of a `valve_loop` that is asked for ``u``, by its numbers ``n``."""
+    y = min(y, n[6])
+    asked, widest = n[0] * u - n[1] * y + integral, n[3]
     given = min(max(asked, -widest), widest)
-    gathers = k * p[4] * (u - y) if given == asked else 0.0
-    if p[14] > 0.0 and widest < math.inf:
-        given += p[14] * (widest * math.tanh(asked / widest) - given)
-    return _flow(y, x, p), (given - x) / late, gathers
+    gathers = n[2] * (u - y) if given == asked else 0.0
+    if n[5] > 0.0 and widest < math.inf:
+        given += n[5] * (widest * math.tanh(asked / widest) - given)
+    return _flow(y, x, n), (given - x) * n[4], gathers
 
 
 @njit(cache=True, error_model="numpy")
 def _valve_moved(
-    state: tuple[float, float, float], begin: float, end: float, h: float, p: FloatArray
+    state: tuple[float, float, float], begin: float, end: float, h: float, n: Numbers
 ) -> tuple[float, float, float]:
     """Pressure, valve and integral of a `valve_loop` after a step of ``h`` s, while its command goes from ``begin`` to
     ``end``. Classical Runge-Kutta."""
     y, x, i = state
-    k, late = _valve_pace(p)
-    half, middle = 0.5 * h, 0.5 * (begin + end)
-    y1, x1, i1 = _valve_rates(y, x, i, begin, p, k, late)
-    y2, x2, i2 = _valve_rates(y + half * y1, x + half * x1, i + half * i1, middle, p, k, late)
-    y3, x3, i3 = _valve_rates(y + half * y2, x + half * x2, i + half * i2, middle, p, k, late)
-    y4, x4, i4 = _valve_rates(y + h * y3, x + h * x3, i + h * i3, end, p, k, late)
+    half, sixth, middle = 0.5 * h, h / 6.0, 0.5 * (begin + end)
+    y1, x1, i1 = _valve_rates(y, x, i, begin, n)
+    y2, x2, i2 = _valve_rates(y + half * y1, x + half * x1, i + half * i1, middle, n)
+    y3, x3, i3 = _valve_rates(y + half * y2, x + half * x2, i + half * i2, middle, n)
+    y4, x4, i4 = _valve_rates(y + h * y3, x + h * x3, i + h * i3, end, n)
     return (
-        y + h / 6.0 * (y1 + 2.0 * (y2 + y3) + y4),
-        x + h / 6.0 * (x1 + 2.0 * (x2 + x3) + x4),
-        i + h / 6.0 * (i1 + 2.0 * (i2 + i3) + i4),
+        y + sixth * (y1 + 2.0 * (y2 + y3) + y4),
+        x + sixth * (x1 + 2.0 * (x2 + x3) + x4),
+        i + sixth * (i1 + 2.0 * (i2 + i3) + i4),
     )
 
 
 @njit(cache=True, error_model="numpy")
-def _valve_on(s: FloatArray, u: float, dt: float, parts: int, p: FloatArray) -> None:
+def _valve_on(s: FloatArray, u: float, dt: float, parts: int, late: float, clears: float, n: Numbers) -> None:
     """Bring pressure, valve and integral of a `valve_loop` through ``dt`` s in ``parts`` steps, while its command goes
-    to ``u``, or until it is at rest."""
-    _, late = _valve_pace(p)
-    h, change = dt / max(parts, 1), u - s[2]
+    to ``u``, or until it is at rest. It ``clears`` its integral as one of `CLEARS`."""
+    before, y, x, i, still = s[2], s[3], s[4], s[5], AT_REST * s[6]
+    h, change, highest = dt / max(parts, 1), u - before, n[6]
+    rise = change / max(parts, 1)
+    kept = math.exp(-h / (CLEARING if clears < 2.0 else AT_AIR)) if clears > 0.0 else 1.0
     for j in range(parts):
-        if change == 0.0 and abs(u - s[3]) + abs(s[4]) * late < AT_REST * s[6]:
+        if change == 0.0 and abs(u - y) + abs(x) * late < still:
             break
-        begin, end = s[2] + j / parts * change, s[2] + (j + 1) / parts * change
-        cleared = s[5] * math.exp(-h / (CLEARING if p[13] < 2.0 else AT_AIR))
-        s[3], s[4], s[5] = _valve_moved((s[3], s[4], s[5]), begin, end, h, p)
-        s[3] = min(s[3], p[12])
-        if p[13] > 0.0 and min(begin, end) > NOTHING and (p[13] < 2.0 or s[3] > VENTED):
-            s[5] = cleared
+        begin, end = before + j * rise, before + (j + 1) * rise
+        cleared = i * kept
+        y, x, i = _valve_moved((y, x, i), begin, end, h, n)
+        y = min(y, highest)
+        if clears > 0.0 and min(begin, end) > NOTHING and (clears < 2.0 or y > VENTED):
+            i = cleared
+    s[3], s[4], s[5] = y, x, i
 
 
 @njit(cache=True, error_model="numpy")
@@ -127,6 +139,7 @@ def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
     which of `CLEARS`, share by which the valve comes softly to its end).
     """
     k, late = _valve_pace(p)
+    numbers = _valve_numbers(p, k, late)
     pace = max(PARTS * k, PARTS * math.sqrt(k / late), QUICK_PARTS / late)
     empties = 1.0 - p[8] < STILL
     if s[0] == 0.0 and t.size:
@@ -137,7 +150,7 @@ def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
         long = u[i] == s[2] and dt > LONG
         dt = LONG if long else dt
         parts = min(max(math.ceil(dt * pace), 1), MOST) if dt > 1e-7 else 0
-        _valve_on(s, u[i], dt, parts, p)
+        _valve_on(s, u[i], dt, parts, late, p[13], numbers)
         if long:
             _valve_rested(s, u[i], k, p)
         if empties and u[i] > NOTHING and s[3] > VENTED:
