@@ -28,16 +28,20 @@ VALVE_NOMINAL: Mapping[str, float] = {
     "flow_asymmetry": 0.0,
     "opened_wholly": 0.0,
     "opened_softly": 0.0,
+    "integral_tracks": 0.0,
 }
-"""A loop about a valve, and what these are in a second order: the last two are the largest command over the error that
-opens the valve as far as it goes, and how far it comes to that softly, 0 to 1."""
+"""A loop about a valve, and what these are in a second order: the last three are the largest command over the error
+that opens the valve as far as it goes, how far it comes to that softly, 0 to 1, and the rate (1/s) at which the
+integral then tracks the valve; at 0 it waits."""
+KEENEST = 100.0
+"""1/s: an integral that tracks the valve more quickly counts as so quick."""
 TIME, DAMPING, SHIFT, CLOCK = range(4)
 FURTHER = slice(4, 4 + len(LAGS))
 LEAD = FURTHER.stop
 VALVE = slice(LEAD + 1, LEAD + 1 + len(VALVE_NOMINAL))
 WEIGHED = slice(VALVE.start, VALVE.start + 2)
 FLOW = slice(WEIGHED.stop, WEIGHED.stop + 3)
-WHOLLY, SOFTLY = FLOW.stop, FLOW.stop + 1
+WHOLLY, SOFTLY, TRACKS = range(FLOW.stop, VALVE.stop)
 SPAN = VALVE.stop
 SLOW = slice(SPAN + 1, SPAN + 1 + len(SLOW_LAGS))
 UNKNOWN = slice(SLOW.stop, SLOW.stop + FREE)
@@ -45,8 +49,8 @@ GAIN, ZERO, VENTED = range(UNKNOWN.stop, UNKNOWN.stop + 3)
 SIZE = VENTED + 1
 """Where the nuisance (SIZE,) has the logarithm of the regulator's time and damping, how late its samples are (s) and
 its clock's rate; shares of further lags, a lead (s), the loop about a valve (`WEIGHED` its controller's, `FLOW` how its
-flow follows the pressure, `WHOLLY` and `SOFTLY` how it opens as far as it goes), the s for 300 mbar of a limited rate,
-shares of slow lags, the logarithms of `kernels.free_loop`; and the gauge's gain, its zero (Pa), and by how much it
+flow follows the pressure, `WHOLLY`, `SOFTLY` and `TRACKS` what it does at its end), the s for 300 mbar of a limited
+rate, shares of slow lags, the logarithms of `kernels.free_loop`; the gauge's gain, its zero (Pa), and by how much it
 reads more (Pa) while the line is vented: a zero that closes the loop shows at one of both only. A session of several
 recordings adds by how much each one's zero is off that (Pa)."""
 
@@ -125,8 +129,9 @@ def regulated(chain: Chain, c: FloatArray, largest: float, vent: Vent) -> Chain:
     tau, zeta = REGULATOR_TAU * bounded_exp(c[TIME]), bounded_exp(c[DAMPING])
     chain = chain.tuned("regulator", tau=tau, zeta=zeta, highest=vent.highest)
     if np.any(np.abs(c[VALVE]) > FROZEN):
-        *loop, wholly, softly = c[VALVE] + list(VALVE_NOMINAL.values())
-        valve = *loop, largest / max(wholly, 1e-9), float(np.clip(softly, 0.0, 1.5))
+        *loop, wholly, softly, tracks = c[VALVE] + list(VALVE_NOMINAL.values())
+        ends = largest / max(wholly, 1e-9), float(np.clip(softly, 0.0, 1.5)), float(np.clip(tracks, 0.0, KEENEST))
+        valve = *loop, *ends
         armed = chain["latency"].marks if vent.armed else ()  # type: ignore[attr-defined]
         chain = chain.tuned("regulator", valve=valve, armed=armed, clears=vent.clears)
     if np.any(np.abs(c[UNKNOWN]) > FROZEN):
@@ -159,7 +164,7 @@ def quantities(c: FloatArray, sd: FloatArray) -> Mapping[str, tuple[float, str]]
     out |= {f"regulator_lag_{1e3 * lag:.0f}_ms": (float(share), "1") for lag, share, width in lags if width > FROZEN}
     valve = zip(VALVE_NOMINAL.items(), c[VALVE], sd[VALVE], strict=True)
     out |= {
-        f"regulator_{name}": (float(x) + plain, "1/s" if name == "integral_rate" else "1")
+        f"regulator_{name}": (float(x) + plain, "1/s" if name.startswith("integral") else "1")
         for (name, plain), x, width in valve
         if width > FROZEN
     }

@@ -20,6 +20,7 @@ from gap.null.suction_regulator import (
     SPAN,
     STAYS,
     TIME,
+    TRACKS,
     UNKNOWN,
     VALVE,
     VALVE_NOMINAL,
@@ -59,9 +60,11 @@ HARDLY = 1.3
 """Times that the error of the largest command opens a valve as far as it goes, of which it then lacks hardly any."""
 WHOLE = 1.5
 """Tolerances within which a set-point is whole: less of it is a leak in the loop, which its integral repairs."""
-INTEGRAL_STARTS = ((0.5, 0.0, 0.0), (2.0, 0.0, 0.0), (0.5, 1.4, 1.0))
-"""A PI loop that sees all of its set-point is looked for from these: the integral's rate, and how far and how softly
-its valve opens."""
+INTEGRAL_STARTS = ((0.5, 0.0, 0.0, 0.0), (2.0, 0.0, 0.0, 0.0), (1.0, 2.0, 0.0, 6.0), (0.5, 1.4, 1.0, 0.0))
+"""A PI loop that sees all of its set-point is looked for from these: the integral's rate, how far and how softly its
+valve opens, and the rate (1/s) at which the integral tracks that;"""
+NEAR_STARTS = ((0.5, 1.4, 0.0, 0.0), (0.5, 0.0, 0.0, 0.0))
+"""and from these, where a second order is near the noise."""
 WEIGHED_STARTS = ((-0.6, 0.0, 6.0, -0.4), (0.0, 0.0, 6.0, -0.8))
 """A weighed set-point is looked for from these: logarithms of time and damping, the integral's rate, weight less 1."""
 VALVE_STARTS = (
@@ -75,10 +78,11 @@ VALVE_STARTS = (
         "opened_wholly": 2.0,
     },
     {"integral_rate": 0.5, "opened_wholly": 1.0, "opened_softly": 1.0},
+    {"integral_rate": 0.5, "opened_wholly": 2.0, "integral_tracks": 6.0},
 )
 """A valve whose flow follows the pressure is looked for from here: one whose flow hardly does, one that vents a chamber
 also when it is nearly empty, one between a supply and the air, whose flow is in proportion to the pressure across it,
-and one that comes softly to its end."""
+one that comes softly to its end, and one whose integral tracks it there."""
 
 
 class Structure(NamedTuple):
@@ -149,9 +153,9 @@ def _integral(block: Regulated, found: Fit) -> Structure | None:
     width = block.prior(lambda t: t.widest, VALVE)
     width[FLOW] = FROZEN
     near = found.chi2 <= len(found.residual) * NOISY  # an integral is so little that any start will do
-    starts = np.array(INTEGRAL_STARTS[:1] if near else [*INTEGRAL_STARTS, INTEGRAL_STARTS[-1]])
+    starts = np.array(NEAR_STARTS if near else [*INTEGRAL_STARTS, INTEGRAL_STARTS[-1]])
     begins = np.tile(block.prior_mean, (len(starts), 1))
-    begins[:, [WEIGHED.start, WHOLLY, SOFTLY]] = starts
+    begins[:, [WEIGHED.start, WHOLLY, SOFTLY, TRACKS]] = starts
     begins[-1, [TIME, DAMPING]] = found.nuisance[[TIME, DAMPING]]
     best, vent, objective = min(_with_integral(block, width, begins), key=lambda tried: tried.objective)
     if not (_near(objective, found, NOISY) and _of_even_flow(best, width) and _quick(block, best)):

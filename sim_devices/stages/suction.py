@@ -36,12 +36,12 @@ class Regulator(Wired):
     """Second-order pressure regulation, tau² p'' + 2 zeta tau p' + p = set-point, within the pump's limits.
 
     ``rates`` (Pa/s) limit how fast pressure rises and falls, at once or, if it is ``eased``, ever more as they are
-    approached. One with a ``valve`` (r 1/s, b, build, vent, lean, open Pa, softly of `kernels.valve_loop`) is a PI loop
-    whose flow follows the pressure; it is the second order where these are 0, 1, 0, 0, 0, inf, 0. At times when it is
-    ``armed`` (s) such a loop begins with its integral empty and its valve closed; it ``clears`` its integral
-    when `kernels.CLEARS` says. One of ``unknown`` structure (largest command Pa, logarithms of `kernels.free_loop`) is
-    the second order where these are 0. One that ``sleeps`` (band Pa, share and s of `kernels.sleeping_loop`) is, where
-    it is awake.
+    approached. One with a ``valve`` (r 1/s, b, build, vent, lean, open Pa, softly, tracks 1/s of `kernels.valve_loop`)
+    is a PI loop whose flow follows the pressure; it is the second order where these are 0, 1, 0, 0, 0, inf, 0, 0. At
+    times when it is ``armed`` (s) such a loop begins with its integral empty and its valve closed; it ``clears`` its
+    integral when `kernels.CLEARS` says. One of ``unknown`` structure (largest command Pa, logarithms of
+    `kernels.free_loop`) is the second order where these are 0. One that ``sleeps`` (band Pa, share and s of
+    `kernels.sleeping_loop`) is, where it is awake.
     """
 
     tau: float = REGULATOR_TAU
@@ -68,9 +68,9 @@ class Regulator(Wired):
             return np.zeros(kernels.STATE), np.array([self.tau, self.zeta, *self.sleeps])
         loop = np.array([self.tau, self.zeta, *self.rates])
         if self.valve:
-            reset, weight, build, vent, lean, opened, softly = self.valve  # a kernel reads on beyond too few
-            ends = (-self.lowest, float(self.eased), opened, self.highest, kernels.CLEARS.index(self.clears), softly)
-            loop = np.array([*loop, reset, weight, build, vent, lean, *ends])
+            reset, weight, build, vent, lean, opened, softly, tracks = self.valve  # a kernel reads on beyond too few
+            line = (-self.lowest, float(self.eased), opened, self.highest, kernels.CLEARS.index(self.clears))
+            loop = np.array([*loop, reset, weight, build, vent, lean, *line, softly, tracks])
         return np.zeros(kernels.STATE), loop
 
     def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:

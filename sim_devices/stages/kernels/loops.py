@@ -44,11 +44,12 @@ def _valve_pace(p: FloatArray) -> tuple[float, float]:
 @njit(cache=True, error_model="numpy")
 def _valve_numbers(p: FloatArray, k: float, late: float) -> Numbers:
     """Parameters of a `valve_loop` of gain ``k`` and valve's lag ``late`` as its rates need them, without a division:
-    k b, k, k r, how far it opens, 1 / late, softly, highest; and its flow: up, down, soft, 1 / span, 1 + lean, build,
-    1 - lean, vent."""
+    k b, k, k r, how far it opens, 1 / late, softly, highest; its flow's up, down, soft, 1 / span, 1 + lean, build,
+    1 - lean, vent; and tracking, and how much of k r goes on meanwhile."""
     return (
         k * p[5], k, k * p[4], k * p[11], 1.0 / late, p[14], p[12],
         p[2], p[3], p[10], 1.0 / p[9], 1.0 + p[8], p[6], 1.0 - p[8], p[7],
+        p[15], k * min(p[15], p[4]),
     )  # fmt: skip
 
 
@@ -70,7 +71,7 @@ def _valve_rates(y: float, x: float, integral: float, u: float, n: Numbers) -> t
     y = min(y, n[6])
     asked, widest = n[0] * u - n[1] * y + integral, n[3]
     given = min(max(asked, -widest), widest)
-    gathers = n[2] * (u - y) if given == asked else 0.0
+    gathers = n[2] * (u - y) if given == asked else n[16] * (u - y) + n[15] * (given - asked)
     if n[5] > 0.0 and widest < math.inf:
         given += n[5] * (widest * math.tanh(asked / widest) - given)
     return _flow(y, x, n), (given - x) * n[4], gathers
@@ -133,10 +134,12 @@ def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
 
     The flow that a valve lets through follows the pressure across it (ISO 6358): g = 1 + lean - build q while suction
     builds up, 1 - lean + vent q while it is vented, q = -y / span. An error of ``open`` Pa opens it as far as it goes;
-    the integral waits meanwhile. It is emptied in a vented chamber from which hardly anything flows, or it would stay;
-    and so it does where a chamber vents to ``highest``, the air's pressure, and no further. ``p`` = (tau s, zeta,
-    fastest rise and fall, r 1/s, b, build, vent, lean, span, 1 if the limits are approached softly, open, highest,
-    which of `CLEARS`, share by which the valve comes softly to its end).
+    the integral waits meanwhile or, by back-calculation, ``tracks`` the valve: I' = k r (u - y) + tracks (v - asked),
+    of an r no larger than that rate (Åström and Hägglund, PID Controllers, 1995, 3.5). It is emptied in a vented
+    chamber from which hardly anything flows, or it would stay; and so it does where a chamber vents to ``highest``, the
+    air's pressure, and no further. ``p`` = (tau s, zeta, fastest rise and fall, r 1/s, b, build, vent, lean, span, 1 if
+    the limits are approached softly, open, highest, which of `CLEARS`, share by which the valve comes softly to its
+    end, tracks 1/s).
     """
     k, late = _valve_pace(p)
     numbers = _valve_numbers(p, k, late)
