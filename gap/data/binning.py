@@ -63,20 +63,26 @@ def bin_edges(
     growth: float = GROWTH,
     widest: float = WIDEST,
     turning: Callable[[float, float], float] = lambda start, stop: 0.0,
+    lines: FloatArray = np.zeros(0),
 ) -> FloatArray:
-    """Edges from ``begin`` to ``end`` s for samples ``dt`` s apart; ``kinks`` (k,) s are where the command bends, and
-    ``turning`` says how fast it turns between two of them, rad/s."""
+    """Edges from ``begin`` to ``end`` s for samples ``dt`` s apart; ``kinks`` (k,) s are where the command bends,
+    ``turning`` says how fast it turns between two times, rad/s, and at ``lines`` (m,) s curves begin and end smoothly.
+    Behind a curve bins grow from those in it, as they do behind a kink from single samples."""
     inside = np.unique(np.concatenate([[begin], kinks[(kinks > begin) & (kinks < end)], [end + dt]]))
     edges = [float(begin)]
     for start, stop in pairwise(inside):
-        longest = max(min(widest, TURN / max(turning(start, stop), 1e-9)), dt)
-        t = start
-        while stop - t > 0.5 * dt:
-            alone = stop - GUARD * dt
-            t = min(t + min(max(dt, growth * (t - start)), longest), max(alone, t + dt))
-            if stop - t < 0.5 * dt:
-                t = stop
-            edges.append(float(t))
+        between = np.unique(lines[(lines > start + dt) & (lines < stop - dt)]).tolist()
+        alone, t, curved = stop - GUARD * dt, start, widest
+        for a, b in pairwise([start, *between, stop]):
+            turn = turning(a, b)
+            longest = max(min(widest, TURN / max(turn, 1e-9)), dt)
+            while b - t > 0.5 * dt:
+                width = min(max(dt, growth * (t - start)), longest, curved + growth * max(t - a, 0.0))
+                t = min(t + max(width, dt), max(alone, t + dt), b if b < stop else np.inf)
+                if b - t < 0.5 * dt:
+                    t = b
+                edges.append(float(t))
+            curved = longest if turn > 0.0 else min(widest, curved + growth * (b - a))
         # Two kinks closer than a sample (a step written as a steep ramp) share an edge: the first.
     return np.asarray(edges)
 

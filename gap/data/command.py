@@ -38,6 +38,9 @@ FAINT = 1e-4
 
 BRIEF = 0.03
 """s: a line of the table that is no longer than this and goes far is a step."""
+LINE, CHORDS = 0.2, 12.0
+"""s, and times the usual interval between rows of a curve that straight lines need: from there on one of these lines is
+a hold or a ramp beside the curve. Where a sine does not bend, one is up to eight times the usual."""
 CURVED = 0.005
 """Of a command's range: the standard deviation about a straight line that a curve has at least."""
 
@@ -63,6 +66,17 @@ class Command:
         """Times (k,) s at which the command jumps."""
         far = np.abs(np.diff(self.value)) > STEP * float(np.ptp(self.value))
         return self.time[:-1][far & (np.diff(self.time) <= BRIEF)]
+
+    @property
+    def lines(self) -> FloatArray:
+        """Times (k,) s at which a curve passes into a long straight line, or out of one: smoothly, so that many of them
+        are no kinks."""
+        apart = np.diff(self.time)
+        curve = apart[apart > 0.0]
+        if len(curve) < DENSE:
+            return np.zeros(0)
+        long = np.append(apart > max(LINE, CHORDS * float(np.median(curve))), False)
+        return np.union1d(self.time[long], self.time[np.roll(long, 1)])
 
     def turning(self, start: float, stop: float) -> float:
         """How fast the command turns between ``start`` and ``stop`` s, rad/s: the angular frequency of a sine; 0 of a

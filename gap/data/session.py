@@ -134,7 +134,9 @@ class Session:
         series = self.recordings[k].streams[channel]
         time = self.time(k, series)
         dt = float(np.median(np.diff(time)))
-        edges = np.union1d(bin_edges(time[0], time[-1], kinks, dt, growth, widest, partial(self.turning, k)), ends)
+        paced = partial(self.turning, k)
+        edges = bin_edges(time[0], time[-1], kinks, dt, growth, widest, paced, self._lines(k))
+        edges = np.union1d(edges, ends)
         return bin_means(time, np.asarray(series.value, dtype=float), edges)
 
     def turning(self, k: int, start: float, stop: float) -> float:
@@ -160,10 +162,16 @@ class Session:
         return Pace(np.asarray(edges), np.asarray(steps))
 
     def _stretches(self, k: int) -> list[float]:
-        """The kinks of recording ``k``, and its ends, s."""
+        """The kinks of recording ``k``, the ends of its command's curves and its own, s."""
         begin, end = self.span(k)
         kinks = np.concatenate([c.kinks for c in self._commands(k).values()]) + self.shifts[k]
-        return sorted({begin, *kinks[(kinks > begin) & (kinks < end)].tolist(), end})
+        inside = np.concatenate([kinks, self._lines(k)])
+        return sorted({begin, *inside[(inside > begin) & (inside < end)].tolist(), end})
+
+    def _lines(self, k: int) -> FloatArray:
+        """Times (m,) s at which a command of recording ``k`` passes from a curve into a long line, or out of one."""
+        own = [c.lines for c in self._commands(k).values()]
+        return np.asarray(np.concatenate([np.zeros(0), *own]) + self.shifts[k])
 
     def _commands(self, k: int) -> dict[str, Command]:
         """The commands of recording ``k`` by quantity, on its own clock."""
