@@ -84,12 +84,12 @@ def _steps(recording: Recording) -> FloatArray:
     return np.concatenate([np.zeros(0), *(c.steps for c in commands)])
 
 
-def _away(time: FloatArray, steps: FloatArray) -> FloatArray:
-    """1 where ``time`` (n,) s is not within `ANSWER` behind one of ``steps`` (k,) s, or so near before it that the
-    speed knows of it, else 0."""
+def _away(time: FloatArray, steps: FloatArray, reach: float) -> FloatArray:
+    """1 where ``time`` (n,) s is not within `ANSWER` behind one of ``steps`` (k,) s, nor within ``reach`` s of that,
+    from where the speed and the differences know of it, else 0."""
     out = np.ones(len(time))
     for step in steps:
-        out[(time > step - 2.0 * SMOOTH) & (time < step + ANSWER)] = 0.0
+        out[(time > step - reach) & (time < step + ANSWER + reach)] = 0.0
     return out
 
 
@@ -128,7 +128,7 @@ def _moving(
     both away from their steps."""
     out = []
     for time, value, steps in paths:
-        away = _away(time[2:-2], steps)
+        away = _away(time[2:-2], steps, (half + 2) * float(np.median(np.diff(time))))
         ripple, speed = differences(value) * away, _speed(value, half) * away
         if ripple.any() and speed.any():
             out.append((time[2:-2], ripple, speed))

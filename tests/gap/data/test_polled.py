@@ -40,19 +40,21 @@ def test_neither_noise_nor_a_pump_is_one(recording, hum: float) -> None:
     assert looks_at_commands([followed(recording, 0.0, k, hum) for k in range(4)], NAMES) is None
 
 
-def test_steps_of_a_staircase_are_no_looks(recording) -> None:
-    """Steps every 3 s and the answers to them leave lines at each multiple of a third of a hertz: friction at the rim
-    was told a latency for sure."""
+@pytest.mark.parametrize("every", [20, 100])
+def test_steps_of_a_staircase_are_no_looks(recording, every: int) -> None:
+    """Steps every 2 s and the answers to them leave lines at each multiple of half a hertz: friction at the rim was
+    told a latency for sure, and a sound session at 10 Hz, whose differences reach farther, jitter."""
     rng, session = np.random.default_rng(5), []
     levels = 1e2 * np.array([0, 60, 140, 220, 300, 220, 140, 60, 0])
     for _ in range(4):
-        table = np.repeat(levels, 2), np.repeat(2.0 + 2.0 * np.arange(8), 2)
+        table = np.repeat(levels, 2), np.repeat(2.05 + 2.0 * np.arange(8), 2)
         corners = np.concatenate([[0.0], table[1], [20.0]])
         way = np.interp(TIME, corners + 1e-9 * np.arange(len(corners)), table[0])
         for tau in (60.0, 12.0):
             way = lfilter([1.0 - np.exp(-1 / tau)], [1.0, -np.exp(-1 / tau)], way)
-        stream = {"pressure": -way[::20] + 30.0 * rng.normal(size=len(way[::20]))}
-        session.append(recording(stream, TIME[::20], {"pressure": (corners, -table[0])}))
+        means = way.reshape(-1, every).mean(axis=1)  # stamped where they begin
+        stream = {"pressure": -means + 30.0 * rng.normal(size=len(means))}
+        session.append(recording(stream, TIME[::every], {"pressure": (corners, -table[0])}))
     assert ripple_of([(r.streams["pressure"].time, r.streams["pressure"].value) for r in session]) is not None
     assert looks_at_commands(session, ("pressure",)) is None
 
