@@ -84,8 +84,8 @@ def _leak(chain: Chain, v: Values) -> Chain:
         spell = (v["shortfall"], v["exponent"], PRESSURE, v["moment"], v["duration"])
         return map_after(chain, "regulator", "leak", "actuator", leak_for_a_while, spell)
     if chosen(v, "form") == 1:
-        slope = -v["shortfall"] * PRESSURE / (PRESSURE - v["knee"])
-        return map_after(chain, "regulator", "leak", "actuator", laws.bent, (slope, v["knee"]))
+        valve = (v["shortfall"], v["knee"], v["power"], PRESSURE)
+        return map_after(chain, "regulator", "leak", "actuator", laws.lifted, valve)
     parameters = (v["shortfall"], v["exponent"], PRESSURE)
     return map_after(chain, "regulator", "leak", "actuator", laws.leak, parameters)
 
@@ -196,6 +196,7 @@ EFFECTS = (
                    "made up for by an integrating regulator", "open for a while",
                    "that suction closes, each time anew"),
             shape("knee", "Pa", 2e3, 25e3, BEND, "at which the valve lifts", only=(1,)),
+            shape("power", "1", 0.5, 2.5, 1.0, "of what it lets through beyond that", only=(1,)),
             shape("repair", "s", 0.3, 20.0, 1.5, "within which it is made up for", log=True, only=(2,)),
             shape("seal", "s", 0.1, 20.0, 1.5, "within which it closes", log=True, only=(4,)),
             *for_a_while(3),

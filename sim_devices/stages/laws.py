@@ -143,6 +143,13 @@ def leak(time: FloatArray, u: FloatArray, share: float, exponent: float, referen
     return np.asarray(u - share * np.copysign(reference * (np.abs(u) / reference) ** (1.0 + exponent), u))
 
 
+def lifted(time: FloatArray, u: FloatArray, share: float, knee: float, power: float, reference: float) -> FloatArray:
+    """u less ``share`` of the ``reference`` there, as the ``power`` of |u| - ``knee`` beyond it: 1 by the stroke of a
+    valve alone, that a spring holds."""
+    beyond = np.maximum(np.abs(u) - knee, 0.0) / (reference - knee)
+    return np.asarray(u - share * np.copysign(reference * beyond**power, u))
+
+
 def coulomb(time: FloatArray, speed: FloatArray, force: float, smoothing: float) -> FloatArray:
     """Friction force of ``speed``: ±force, smoothed by tanh(speed / smoothing); sharp where smoothing is 0."""
     return force * (np.tanh(speed / smoothing) if smoothing > 0.0 else np.sign(speed))
