@@ -27,8 +27,9 @@ amplitude, at twice the angle by 1e-3, which is many times the noise of a bin.""
 GUARD = 2
 """Samples before a kink that stand alone: stamps may be a sampling period early and more, and then the last ones of a
 hold show the kink's response already, which two nodes of a wide bin's times do not foretell."""
-AVERAGING = 4
-"""Nodes of a mean over a sampling period, in which a signal may bend."""
+AVERAGING, APART = 4, 0.01
+"""Nodes of a mean over a sampling period, in which a signal may bend, at least; and how far apart they are, s, at most:
+four in a tenth of a second miss a regulator's answer to a step by four times a gauge's noise."""
 JUMP, ALONE = 15.0, 5.0
 """A jump is so many times the noise, and the changes next to it."""
 MANY = 8
@@ -48,9 +49,10 @@ class Bins:
 
 def node_times(time: FloatArray, spread: FloatArray, period: float) -> FloatArray:
     """Times (m, n) s whose mean a signal has over bins about ``time`` (n,) s of a ``spread`` (n,) s: one standard
-    deviation on either side; where each sample is itself the mean over a ``period`` s, `AVERAGING` even ones that are
-    as far spread."""
-    places = 2.0 * (np.arange(AVERAGING) + 0.5) / AVERAGING - 1.0 if period > 0.0 else np.array([-1.0, 1.0])
+    deviation on either side; where each sample is itself the mean over a ``period`` s, `AVERAGING` or more even ones
+    that are as far spread."""
+    count = max(AVERAGING, int(np.ceil(period / APART)))
+    places = 2.0 * (np.arange(count) + 0.5) / count - 1.0 if period > 0.0 else np.array([-1.0, 1.0])
     reach = np.sqrt((np.square(spread) + period**2 / 12.0) / np.mean(np.square(places)))
     return np.asarray(time + reach * places[:, None])
 

@@ -52,6 +52,8 @@ SETTLED = 8
 """Samples before suction from which on it can be told where a pressure rests."""
 AWAY, BACK = 8.0, 4.0
 """σ by which a recording must begin off where it rests to count as begun in motion, and from which on it rests."""
+CLOSE, APART = 0.02, 1.0
+"""s between nodes of a line within a recording, and from which on two samples are of two recordings."""
 EMPTY = 500.0
 """Pa of suction from which on a line is not vented."""
 SAMPLED, SLOW, AT_EASE = 5.0, 0.012, 20.0
@@ -94,10 +96,19 @@ def commanded_line(
     (n,) s, within its span, and Pa; the record's stamps are ``early`` s (a function of them) before the command's
     clock."""
     nodes = np.concatenate([(kinks[:, None] + REFINEMENT).ravel(), kinks])
-    fine = np.unique(np.concatenate([time, nodes - early(nodes)]))
+    fine = np.unique(np.concatenate([_closer(time), nodes - early(nodes)]))
     fine = fine[(fine >= time[0]) & (fine <= time[-1])]
     partial = replace(chain, operators=needed(chain, ("line_pressure",)))
     return fine, simulate(partial, tables, {"line_pressure": fine + early(fine)})["line_pressure"]
+
+
+def _closer(time: FloatArray) -> FloatArray:
+    """Times (m,) s among which are ``time`` (n,) s, no farther apart than `CLOSE` within a recording: between samples
+    that are rare a pressure bends by more than its noise."""
+    parts = np.where(np.diff(time) < APART, np.ceil(np.diff(time) / CLOSE), 1.0).astype(int)
+    begin, step = np.repeat(time[:-1], parts), np.repeat(np.diff(time) / parts, parts)
+    which = np.arange(len(begin)) - np.repeat(np.cumsum(parts) - parts, parts)
+    return np.append(begin + which * step, time[-1:])
 
 
 def vented(pressure: FloatArray) -> FloatArray:
