@@ -18,7 +18,7 @@ from gap.data.tolerances import Tolerance
 from gap.inference.evidence import Fit
 from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Lateness, Start
 from gap.inference.least_squares import fit, under
-from gap.null.blocks import Block, Group, GroupedSession, Table
+from gap.null.blocks import AFTER_KINK, Block, Group, GroupedSession, Table
 from gap.null.chains import needed
 from gap.null.suction_lateness import TOGETHER, lateness
 from gap.null.suction_regulator import (
@@ -42,7 +42,7 @@ from gap.null.suction_regulator import (
 from gap.null.suction_structures import NOISY, WORTH, Structure, other_structure
 from sim_devices.chain import Chain, Effect, FloatArray
 from sim_devices.stages import nominal
-from sim_devices.stages.sampling import REFINEMENT, simulate
+from sim_devices.stages.sampling import simulate
 from sim_devices.stages.suction import COMMAND_STEP, tissue_operators
 from sim_devices.stages.tissues import SuctionTissue, suction_tissue
 
@@ -95,7 +95,7 @@ def commanded_line(
     """True pressure that ``chain`` makes of a command's ``tables``, with ``kinks`` (k,) s: times finer than ``time``
     (n,) s, within its span, and Pa; the record's stamps are ``early`` s (a function of them) before the command's
     clock."""
-    nodes = np.concatenate([(kinks[:, None] + REFINEMENT).ravel(), kinks])
+    nodes = np.concatenate([(kinks[:, None] + AFTER_KINK).ravel(), kinks])
     fine = np.unique(np.concatenate([_closer(time), nodes - early(nodes)]))
     fine = fine[(fine >= time[0]) & (fine <= time[-1])]
     partial = replace(chain, operators=needed(chain, ("line_pressure",)))
