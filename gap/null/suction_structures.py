@@ -161,8 +161,8 @@ def _integral(block: Regulated, found: Fit) -> Structure | None:
     if not (_near(objective, found, NOISY) and _of_even_flow(best, width) and _quick(block, best)):
         return None
     # Far from the noise a valve that is opened wholly may be a limited rate, which is simpler.
-    integral = near or best.nuisance[WEIGHED.start] > INTEGRAL
-    if not integral and _of_limited_rate(block, found)[1].objective < objective + WORTH:
+    opened = not near and best.nuisance[WHOLLY] > OPENED
+    if opened and _of_limited_rate(block, found)[1].objective < objective + WORTH:
         return None
     return Structure(width, best.nuisance, vent)
 
