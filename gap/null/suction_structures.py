@@ -62,9 +62,7 @@ WHOLE = 1.5
 """Tolerances within which a set-point is whole: less of it is a leak in the loop, which its integral repairs."""
 INTEGRAL_STARTS = ((0.5, 0.0, 0.0, 0.0), (2.0, 0.0, 0.0, 0.0), (1.0, 2.0, 0.0, 6.0), (0.5, 1.4, 1.0, 0.0))
 """A PI loop that sees all of its set-point is looked for from these: the integral's rate, how far and how softly its
-valve opens, and the rate (1/s) at which the integral tracks that;"""
-NEAR_STARTS = ((0.5, 1.4, 0.0, 0.0), (0.5, 0.0, 0.0, 0.0))
-"""and from these, where a second order is near the noise."""
+valve opens, and the rate (1/s) at which the integral tracks that."""
 WEIGHED_STARTS = ((-0.6, 0.0, 6.0, -0.4), (0.0, 0.0, 6.0, -0.8))
 """A weighed set-point is looked for from these: logarithms of time and damping, the integral's rate, weight less 1."""
 VALVE_STARTS = (
@@ -153,7 +151,7 @@ def _integral(block: Regulated, found: Fit) -> Structure | None:
     width = block.prior(lambda t: t.widest, VALVE)
     width[FLOW] = FROZEN
     near = found.chi2 <= len(found.residual) * NOISY  # an integral is so little that any start will do
-    starts = np.array(NEAR_STARTS if near else [*INTEGRAL_STARTS, INTEGRAL_STARTS[-1]])
+    starts = np.array(INTEGRAL_STARTS[:1] if near else [*INTEGRAL_STARTS, INTEGRAL_STARTS[-1]])
     begins = np.tile(block.prior_mean, (len(starts), 1))
     begins[:, [WEIGHED.start, WHOLLY, SOFTLY, TRACKS]] = starts
     begins[-1, [TIME, DAMPING]] = found.nuisance[[TIME, DAMPING]]

@@ -214,6 +214,7 @@ def test_own_cases_are_repeatable_and_their_detectability_counts(tmp_path: Path)
         make_own(1, 8, tmp_path / "c", instruments=("scale",))
 
 
+@pytest.mark.timeout(900)  # six nulls of a session whose regulator is of none of our structures
 def test_detectability_is_nought_for_equal_sessions_and_free_for_the_nuisance(cold_session: Path) -> None:
     from dataclasses import replace
 
