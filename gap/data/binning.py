@@ -27,7 +27,7 @@ amplitude, at twice the angle by 1e-3, which is many times the noise of a bin.""
 GUARD = 2
 """Samples before a kink that stand alone: stamps may be a sampling period early and more, and then the last ones of a
 hold show the kink's response already, which two nodes of a wide bin's times do not foretell."""
-AVERAGING, APART = 4, 0.01
+AVERAGING, SPACING = 4, 0.01
 """Nodes of a mean over a sampling period, in which a signal may bend, at least; and how far apart they are, s, at most:
 four in a tenth of a second miss a regulator's answer to a step by four times a gauge's noise."""
 JUMP, ALONE = 15.0, 5.0
@@ -51,7 +51,7 @@ def node_times(time: FloatArray, spread: FloatArray, period: float) -> FloatArra
     """Times (m, n) s whose mean a signal has over bins about ``time`` (n,) s of a ``spread`` (n,) s: one standard
     deviation on either side; where each sample is itself the mean over a ``period`` s, `AVERAGING` or more even ones
     that are as far spread."""
-    count = max(AVERAGING, int(np.ceil(period / APART)))
+    count = max(AVERAGING, int(np.ceil(period / SPACING)))
     places = 2.0 * (np.arange(count) + 0.5) / count - 1.0 if period > 0.0 else np.array([-1.0, 1.0])
     reach = np.sqrt((np.square(spread) + period**2 / 12.0) / np.mean(np.square(places)))
     return np.asarray(time + reach * places[:, None])
@@ -65,22 +65,22 @@ def bin_edges(
     growth: float = GROWTH,
     widest: float = WIDEST,
     turning: Callable[[float, float], float] = lambda start, stop: 0.0,
-    lines: FloatArray = np.zeros(0),
+    curve_ends: FloatArray = np.zeros(0),
 ) -> FloatArray:
     """Edges from ``begin`` to ``end`` s for samples ``dt`` s apart; ``kinks`` (k,) s are where the command bends,
-    ``turning`` says how fast it turns between two times, rad/s, and at ``lines`` (m,) s curves begin and end smoothly.
-    Behind a curve bins grow from those in it, as they do behind a kink from single samples."""
+    ``turning`` says how fast it turns between two times, rad/s, and at ``curve_ends`` (m,) s curves begin or end
+    smoothly. Behind a curve bins grow from those in it, as they do behind a kink from single samples."""
     inside = np.unique(np.concatenate([[begin], kinks[(kinks > begin) & (kinks < end)], [end + dt]]))
-    edges = [float(begin)]
+    edges, widest = [float(begin)], max(widest, dt)
     for start, stop in pairwise(inside):
-        between = np.unique(lines[(lines > start + dt) & (lines < stop - dt)]).tolist()
+        between = np.unique(curve_ends[(curve_ends > start + dt) & (curve_ends < stop - dt)]).tolist()
         alone, t, curved = stop - GUARD * dt, start, widest
         for a, b in pairwise([start, *between, stop]):
             turn = turning(a, b)
             longest = max(min(widest, TURN / max(turn, 1e-9)), dt)
             while b - t > 0.5 * dt:
                 width = min(max(dt, growth * (t - start)), longest, curved + growth * max(t - a, 0.0))
-                t = min(t + max(width, dt), max(alone, t + dt), b if b < stop else np.inf)
+                t = min(t + width, max(alone, t + dt), b if b < stop else np.inf)
                 if b - t < 0.5 * dt:
                     t = b
                 edges.append(float(t))

@@ -68,15 +68,15 @@ class Command:
         return self.time[:-1][far & (np.diff(self.time) <= BRIEF)]
 
     @property
-    def lines(self) -> FloatArray:
+    def curve_ends(self) -> FloatArray:
         """Times (k,) s at which a curve passes into a long straight line, or out of one: smoothly, so that many of them
-        are no kinks."""
+        are no kinks. None where there are too few rows for a curve."""
         apart = np.diff(self.time)
-        curve = apart[apart > 0.0]
-        if len(curve) < DENSE:
+        chords = apart[apart > 0.0]
+        if len(chords) < DENSE:
             return np.zeros(0)
-        long = np.append(apart > max(LINE, CHORDS * float(np.median(curve))), False)
-        return np.union1d(self.time[long], self.time[np.roll(long, 1)])
+        long = apart > max(LINE, CHORDS * float(np.median(chords)))
+        return np.union1d(self.time[:-1][long], self.time[1:][long])
 
     def turning(self, start: float, stop: float) -> float:
         """How fast the command turns between ``start`` and ``stop`` s, rad/s: the angular frequency of a sine; 0 of a

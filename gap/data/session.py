@@ -134,10 +134,9 @@ class Session:
         series = self.recordings[k].streams[channel]
         time = self.time(k, series)
         dt = float(np.median(np.diff(time)))
-        paced = partial(self.turning, k)
-        edges = bin_edges(time[0], time[-1], kinks, dt, growth, widest, paced, self._lines(k))
-        edges = np.union1d(edges, ends)
-        return bin_means(time, np.asarray(series.value, dtype=float), edges)
+        turning, curve_ends = partial(self.turning, k), self._curve_ends(k)
+        edges = bin_edges(time[0], time[-1], kinks, dt, growth, widest, turning, curve_ends)
+        return bin_means(time, np.asarray(series.value, dtype=float), np.union1d(edges, ends))
 
     def turning(self, k: int, start: float, stop: float) -> float:
         """How fast the quickest command of recording ``k`` turns between two times of the session, rad/s."""
@@ -165,12 +164,12 @@ class Session:
         """The kinks of recording ``k``, the ends of its command's curves and its own, s."""
         begin, end = self.span(k)
         kinks = np.concatenate([c.kinks for c in self._commands(k).values()]) + self.shifts[k]
-        inside = np.concatenate([kinks, self._lines(k)])
+        inside = np.concatenate([kinks, self._curve_ends(k)])
         return sorted({begin, *inside[(inside > begin) & (inside < end)].tolist(), end})
 
-    def _lines(self, k: int) -> FloatArray:
-        """Times (m,) s at which a command of recording ``k`` passes from a curve into a long line, or out of one."""
-        own = [c.lines for c in self._commands(k).values()]
+    def _curve_ends(self, k: int) -> FloatArray:
+        """Times (m,) s at which curves in the commands of recording ``k`` begin or end smoothly."""
+        own = [c.curve_ends for c in self._commands(k).values()]
         return np.asarray(np.concatenate([np.zeros(0), *own]) + self.shifts[k])
 
     def _commands(self, k: int) -> dict[str, Command]:

@@ -144,9 +144,8 @@ def leak(time: FloatArray, u: FloatArray, share: float, exponent: float, referen
 
 
 def lifted(time: FloatArray, u: FloatArray, share: float, knee: float, power: float, reference: float) -> FloatArray:
-    """u less ``share`` of the ``reference`` there, as the ``power`` of |u| - ``knee`` beyond it: 1 by the stroke of a
-    valve alone, that a spring holds."""
-    beyond = np.maximum(np.abs(u) - knee, 0.0) / (reference - knee)
+    """u less ``share`` of the ``reference`` there, in proportion to the ``power`` of |u| - ``knee`` beyond the knee."""
+    beyond = np.abs(dead_zone(time, u, knee)) / (reference - knee)
     return np.asarray(u - share * np.copysign(reference * beyond**power, u))
 
 

@@ -58,18 +58,18 @@ def test_a_curve_ends_where_a_long_line_begins() -> None:
     assert not any(np.any(np.abs(made.kinks - (b + 0.9)) < 0.3) for b in begins)
     for begin in begins:  # but for the slow beginning and end of a move, which are as good as straight
         for end in (begin, begin + 0.9):
-            assert np.min(np.abs(made.lines - end)) < 0.1
+            assert np.min(np.abs(made.curve_ends - end)) < 0.1
     assert made.turning(4.0, 4.9) > 3.0 * made.turning(0.0, 20.0)
 
 
 @pytest.mark.parametrize("frequency", [0.02, 0.2, 1.5])
-def test_a_sine_has_no_long_lines(frequency: float) -> None:
-    assert len(sine(frequency).lines) == 0
+def test_a_sine_is_one_curve(frequency: float) -> None:
+    assert len(sine(frequency).curve_ends) == 0
 
 
 def test_bins_are_narrow_in_a_move_between_holds_and_grow_behind_it() -> None:
     made = moves([4.0, 10.0, 15.0], 0.9)
-    edges = bin_edges(0.0, 21.0, np.array([0.0]), 0.004, widest=0.4, turning=made.turning, lines=made.lines)
+    edges = bin_edges(0.0, 21.0, np.array([0.0]), 0.004, widest=0.4, turning=made.turning, curve_ends=made.curve_ends)
     width, at = np.diff(edges), edges[:-1]
     assert np.all(width[(at > 10.1) & (at < 10.8)] < 0.2)
     assert np.all(width[(at > 10.8) & (at < 11.1)] < 0.2)
