@@ -3,14 +3,36 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from sim_devices.stages.kernels.base import QUICKEST_LAG, FloatArray
 
-Numbers = tuple[float, ...]
-"""Of a tuple, unlike of an array, a compiler knows that no store of a state changes it."""
+
+class Loop(NamedTuple):
+    """The parameters of a `valve_loop` as its rates need them, without a division; of a tuple, unlike of an array, a
+    compiler knows that no store of a state changes it."""
+
+    weighed: float  # gain of the set-point, k b
+    gain: float  # k, 1/s
+    resets: float  # k r, 1/s²
+    widest: float  # Pa/s that the valve gives at most
+    per_lag: float  # 1/s, of the valve's lag
+    softly: float  # share by which the valve comes softly to its end
+    highest: float  # Pa above the air's
+    rise: float  # fastest, Pa/s
+    fall: float
+    eased: float  # 1 if these are approached softly
+    per_span: float  # 1/Pa
+    building: float  # flow of an empty chamber, and how it falls with suction
+    less: float
+    venting: float  # the same while it is vented, and how it rises
+    more: float
+    tracks: float  # 1/s, of the integral while the valve is at its end
+    resets_then: float  # k r, as far as it goes on meanwhile
+
 
 PARTS, QUICK_PARTS = 6.0, 2.0
 """Steps in the loop's time constant or the chamber's, and in the valve's, which need not be followed as closely."""
@@ -42,53 +64,65 @@ def _valve_pace(p: FloatArray) -> tuple[float, float]:
 
 
 @njit(cache=True, error_model="numpy")
-def _valve_numbers(p: FloatArray, k: float, late: float) -> Numbers:
-    """Parameters of a `valve_loop` of gain ``k`` and valve's lag ``late`` as its rates need them, without a division:
-    k b, k, k r, how far it opens, 1 / late, softly, highest; its flow's up, down, soft, 1 / span, 1 + lean, build,
-    1 - lean, vent; and tracking, and how much of k r goes on meanwhile."""
-    return (
-        k * p[5], k, k * p[4], k * p[11], 1.0 / late, p[14], p[12],
-        p[2], p[3], p[10], 1.0 / p[9], 1.0 + p[8], p[6], 1.0 - p[8], p[7],
-        p[15], k * min(p[15], p[4]),
-    )  # fmt: skip
+def _loop(p: FloatArray, k: float, late: float) -> Loop:
+    """The loop of a `valve_loop`'s parameters, of a controller's gain ``k`` 1/s and a valve's lag ``late`` s."""
+    return Loop(
+        weighed=k * p[5],
+        gain=k,
+        resets=k * p[4],
+        widest=k * p[11],
+        per_lag=1.0 / late,
+        softly=p[14],
+        highest=p[12],
+        rise=p[2],
+        fall=p[3],
+        eased=p[10],
+        per_span=1.0 / p[9],
+        building=1.0 + p[8],
+        less=p[6],
+        venting=1.0 - p[8],
+        more=p[7],
+        tracks=p[15],
+        resets_then=k * min(p[15], p[4]),
+    )
 
 
 @njit(cache=True, error_model="numpy")
-def _flow(y: float, x: float, n: Numbers) -> float:
+def _flow(y: float, x: float, loop: Loop) -> float:
     """Flow into the chamber, Pa/s, of a valve that asks for ``x`` at the pressure ``y``."""
-    level = min(max(-y * n[10], 0.0), 1.0)
-    gain = n[11] - n[12] * level if x < 0.0 else n[13] + n[14] * level
-    flow, up, down = max(gain, LEAST) * x, n[7], n[8]
-    if n[9] > 0.0:
+    level = min(max(-y * loop.per_span, 0.0), 1.0)
+    gain = loop.building - loop.less * level if x < 0.0 else loop.venting + loop.more * level
+    flow, up, down = max(gain, LEAST) * x, loop.rise, loop.fall
+    if loop.eased > 0.0:
         limit = up if flow > 0.0 else down
         return float(limit * math.tanh(flow / limit)) if limit < math.inf else flow
     return float(min(max(flow, -down), up))
 
 
 @njit(cache=True, error_model="numpy")
-def _valve_rates(y: float, x: float, integral: float, u: float, n: Numbers) -> tuple[float, float, float]:
-    """Rates of pressure, valve and integral of a `valve_loop` that is asked for ``u``, by its numbers ``n``."""
-    y = min(y, n[6])
-    asked, widest = n[0] * u - n[1] * y + integral, n[3]
+def _valve_rates(y: float, x: float, integral: float, u: float, loop: Loop) -> tuple[float, float, float]:
+    """Rates of pressure, valve and integral of a `valve_loop` that is asked for ``u``."""
+    y = min(y, loop.highest)
+    asked, widest = loop.weighed * u - loop.gain * y + integral, loop.widest
     given = min(max(asked, -widest), widest)
-    gathers = n[2] * (u - y) if given == asked else n[16] * (u - y) + n[15] * (given - asked)
-    if n[5] > 0.0 and widest < math.inf:
-        given += n[5] * (widest * math.tanh(asked / widest) - given)
-    return _flow(y, x, n), (given - x) * n[4], gathers
+    gathers = loop.resets * (u - y) if given == asked else loop.resets_then * (u - y) + loop.tracks * (given - asked)
+    if loop.softly > 0.0 and widest < math.inf:
+        given += loop.softly * (widest * math.tanh(asked / widest) - given)
+    return _flow(y, x, loop), (given - x) * loop.per_lag, gathers
 
 
 @njit(cache=True, error_model="numpy")
 def _valve_moved(
-    state: tuple[float, float, float], begin: float, end: float, h: float, n: Numbers
+    state: tuple[float, float, float], begin: float, end: float, h: float, loop: Loop
 ) -> tuple[float, float, float]:
     """Pressure, valve and integral of a `valve_loop` after a step of ``h`` s, while its command goes from ``begin`` to
     ``end``. Classical Runge-Kutta."""
     y, x, i = state
     half, sixth, middle = 0.5 * h, h / 6.0, 0.5 * (begin + end)
-    y1, x1, i1 = _valve_rates(y, x, i, begin, n)
-    y2, x2, i2 = _valve_rates(y + half * y1, x + half * x1, i + half * i1, middle, n)
-    y3, x3, i3 = _valve_rates(y + half * y2, x + half * x2, i + half * i2, middle, n)
-    y4, x4, i4 = _valve_rates(y + h * y3, x + h * x3, i + h * i3, end, n)
+    y1, x1, i1 = _valve_rates(y, x, i, begin, loop)
+    y2, x2, i2 = _valve_rates(y + half * y1, x + half * x1, i + half * i1, middle, loop)
+    y3, x3, i3 = _valve_rates(y + half * y2, x + half * x2, i + half * i2, middle, loop)
+    y4, x4, i4 = _valve_rates(y + h * y3, x + h * x3, i + h * i3, end, loop)
     return (
         y + sixth * (y1 + 2.0 * (y2 + y3) + y4),
         x + sixth * (x1 + 2.0 * (x2 + x3) + x4),
@@ -97,11 +131,11 @@ def _valve_moved(
 
 
 @njit(cache=True, error_model="numpy")
-def _valve_on(s: FloatArray, u: float, dt: float, parts: int, late: float, clears: float, n: Numbers) -> None:
+def _valve_on(s: FloatArray, u: float, dt: float, parts: int, late: float, clears: float, loop: Loop) -> None:
     """Bring pressure, valve and integral of a `valve_loop` through ``dt`` s in ``parts`` steps, while its command goes
     to ``u``, or until it is at rest. It ``clears`` its integral as one of `CLEARS`."""
     before, y, x, i, still = s[2], s[3], s[4], s[5], AT_REST * s[6]
-    h, change, highest = dt / max(parts, 1), u - before, n[6]
+    h, change, highest = dt / max(parts, 1), u - before, loop.highest
     rise = change / max(parts, 1)
     kept = math.exp(-h / (CLEARING if clears < 2.0 else AT_AIR)) if clears > 0.0 else 1.0
     for j in range(parts):
@@ -109,7 +143,7 @@ def _valve_on(s: FloatArray, u: float, dt: float, parts: int, late: float, clear
             break
         begin, end = before + j * rise, before + (j + 1) * rise
         cleared = i * kept
-        y, x, i = _valve_moved((y, x, i), begin, end, h, n)
+        y, x, i = _valve_moved((y, x, i), begin, end, h, loop)
         y = min(y, highest)
         if clears > 0.0 and min(begin, end) > NOTHING and (clears < 2.0 or y > VENTED):
             i = cleared
@@ -142,7 +176,7 @@ def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
     end, tracks 1/s).
     """
     k, late = _valve_pace(p)
-    numbers = _valve_numbers(p, k, late)
+    loop = _loop(p, k, late)
     pace = max(PARTS * k, PARTS * math.sqrt(k / late), QUICK_PARTS / late)
     empties = 1.0 - p[8] < STILL
     if s[0] == 0.0 and t.size:
@@ -153,7 +187,7 @@ def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
         long = u[i] == s[2] and dt > LONG
         dt = LONG if long else dt
         parts = min(max(math.ceil(dt * pace), 1), MOST) if dt > 1e-7 else 0
-        _valve_on(s, u[i], dt, parts, late, p[13], numbers)
+        _valve_on(s, u[i], dt, parts, late, p[13], loop)
         if long:
             _valve_rested(s, u[i], k, p)
         if empties and u[i] > NOTHING and s[3] > VENTED:
