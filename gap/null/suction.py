@@ -10,10 +10,13 @@ from gap.inference.least_squares import fit
 from gap.inference.problem import Problem
 from gap.null.blocks import Block, GroupedSession
 from gap.null.candidates import candidates_for
+from gap.null.suction_feed import FedBlock
 from gap.null.suction_height import HeightBlock
 from gap.null.suction_pressure import SAMPLED, SLOW, PressureBlock
 from gap.null.suction_reference import ManometerBlock, ReferenceBlock
 from sim_devices.chain import Effect
+
+_Fed = Callable[[GroupedSession, Mapping[str, Effect], PressureBlock], FedBlock]
 
 
 def suction_problems(
@@ -34,20 +37,22 @@ def suction_problems(
     if missing:
         raise ValueError(f"recording {missing[0]} has no set-points of pressure: its command is not known")
     session = GroupedSession(recordings, ("pressure",))
-    blocks: list[Block] = []
     gauges = [c for c in ("pressure", "pressure_reference") if any(c in r.streams for r in recordings)]
-    pressure = PressureBlock(session, effects, unknown_regulator, gauges[0]) if gauges else None
-    if pressure is not None:
-        session.held, session.averaged = pressure.held, pressure.averaged
-        if len(gauges) > 1:
-            pressure, manometer = _two_gauges(session, effects, pressure)
-            blocks += [pressure, manometer]
-        else:
-            blocks.append(pressure)
     shown = {g.reference for g in session.groups for k in g.members if "apex_height" in recordings[k].streams}
+    fed: list[_Fed] = [ManometerBlock] if len(gauges) > 1 else []
     if True in shown:  # ahead of the skin: the fit of an effect on a reference goes on to it
-        blocks.append(reference := ReferenceBlock(session, effects, pressure))
-        session.of_height = reference.row_noise
+        fed.append(ReferenceBlock)
+    pressure = PressureBlock(session, effects, unknown_regulator, gauges[0]) if gauges else None
+    blocks: list[Block] = []
+    if pressure is not None:
+        session.held = pressure.held
+        pressure, references = _as_sampled(session, effects, pressure, fed)
+        blocks += [pressure, *references]
+    elif True in shown:
+        blocks.append(ReferenceBlock(session, effects))
+    for block in blocks:
+        if isinstance(block, ReferenceBlock):
+            session.of_height = block.row_noise
     if False in shown:
         skin = height(session, effects, pressure)
         skin.jobs = jobs
@@ -57,21 +62,29 @@ def suction_problems(
     return blocks, candidates_for(effects, blocks)
 
 
-def _two_gauges(
-    session: GroupedSession, effects: Mapping[str, Effect], pressure: PressureBlock
-) -> tuple[PressureBlock, ManometerBlock]:
-    """The blocks of both gauges, with samples of the first that are means over a period or none, as both together say:
-    alone the first one hardly tells a mean from a slower regulator."""
+def _as_sampled(
+    session: GroupedSession, effects: Mapping[str, Effect], pressure: PressureBlock, fed: Sequence[_Fed]
+) -> tuple[PressureBlock, list[FedBlock]]:
+    """The recorded pressure and the blocks that it is ``fed`` to, with samples that are means over a period or none, as
+    all of them together say: alone the pressure hardly tells a mean from a slower regulator. The skin is not asked."""
 
-    def both(first: PressureBlock) -> tuple[PressureBlock, ManometerBlock]:
+    def made(first: PressureBlock) -> tuple[PressureBlock, list[FedBlock]]:
         session.averaged = first.averaged
-        return first, ManometerBlock(session, effects, first)
+        return first, [block(session, effects, first) for block in fed]
 
-    own = both(pressure)
-    if pressure.dt < SLOW:
+    own = made(pressure)
+    if not fed or pressure.dt < SLOW:
         return own
-    other = both(pressure.sampled_otherwise())
-    costs = [sum(fit(block).objective for block in pair) for pair in (own, other)]
-    best = other if costs[1] < costs[0] - SAMPLED else own
+    other = made(pressure.sampled_otherwise())
+    pairs = zip((own[0], *own[1]), (other[0], *other[1]), strict=True)
+    best = other if sum(_dearer(*pair) for pair in pairs) > SAMPLED else own
     session.averaged = best[0].averaged
     return best
+
+
+def _dearer(block: Block, other: Block) -> float:
+    """By how much the objective of a block is above an ``other``'s of the same rows, in units of a misfit that is not
+    the noise's where both have one."""
+    fits = fit(block), fit(other)
+    misfit = min(f.chi2 for f in fits) / max(len(fits[0].residual), 1)
+    return (fits[0].objective - fits[1].objective) / max(misfit, 1.0)
