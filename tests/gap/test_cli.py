@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Collection
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,9 @@ import pytest
 
 from acquire.cli.app import run
 from acquire.cli.stages import Stages
-from acquire.recording import load, write_bundle
+from acquire.recording import write_bundle
 from gap.blind.lock import unseal
+from gap.design import simulated
 from gap.design.simulated_cases import detectability, make_own
 from tests.conftest import Folder
 from tests.standins import example
@@ -214,11 +216,9 @@ def test_own_cases_are_repeatable_and_their_detectability_counts(tmp_path: Path)
         make_own(1, 8, tmp_path / "c", instruments=("scale",))
 
 
-@pytest.mark.timeout(900)  # six nulls of a session whose regulator is of none of our structures
-def test_detectability_is_nought_for_equal_sessions_and_free_for_the_nuisance(cold_session: Path) -> None:
-    from dataclasses import replace
-
-    recordings = [load(p) for p in sorted(cold_session.iterdir())]
+def test_detectability_is_nought_for_equal_sessions_and_free_for_the_nuisance() -> None:
+    legs = [simulated.step_hold(-40e3, 8.0, 5.0), simulated.triangle(-40e3, 6.0, 1, 5.0)]
+    recordings = simulated.suction_session("cutometer", np.random.default_rng(5), legs=legs)
     assert detectability((recordings, recordings)) == 0.0
 
     def scaled(recording, channel: str, factor: float):
