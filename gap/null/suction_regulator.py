@@ -29,10 +29,13 @@ VALVE_NOMINAL: Mapping[str, float] = {
     "opened_wholly": 0.0,
     "opened_softly": 0.0,
     "integral_tracks": 0.0,
+    "inertia": 0.0,
 }
-"""A loop about a valve, and what these are in a second order: the last three are the largest command over the error
-that opens the valve as far as it goes, how far it comes to that softly, 0 to 1, and the rate (1/s) at which the
-integral then tracks the valve; at 0 it waits."""
+"""A loop about a valve, and what these are in a second order: the last four are the largest command over the error
+that opens the valve as far as it goes, how far it comes to that softly, 0 to 1, the rate (1/s) at which the
+integral then tracks the valve, which at 0 waits, and the valve's inertia, or that of a loop of its own."""
+HEAVIEST = 4.0
+"""Inertia of a valve whose own loop is damped by .25; more counts as so much."""
 KEENEST = 100.0
 """1/s: an integral that tracks the valve more quickly counts as so quick."""
 TIME, DAMPING, SHIFT, CLOCK = range(4)
@@ -41,7 +44,7 @@ LEAD = FURTHER.stop
 VALVE = slice(LEAD + 1, LEAD + 1 + len(VALVE_NOMINAL))
 WEIGHED = slice(VALVE.start, VALVE.start + 2)
 FLOW = slice(WEIGHED.stop, WEIGHED.stop + 3)
-WHOLLY, SOFTLY, TRACKS = range(FLOW.stop, VALVE.stop)
+WHOLLY, SOFTLY, TRACKS, INERTIA = range(FLOW.stop, VALVE.stop)
 SPAN = VALVE.stop
 SLOW = slice(SPAN + 1, SPAN + 1 + len(SLOW_LAGS))
 UNKNOWN = slice(SLOW.stop, SLOW.stop + FREE)
@@ -49,10 +52,10 @@ GAIN, ZERO, VENTED = range(UNKNOWN.stop, UNKNOWN.stop + 3)
 SIZE = VENTED + 1
 """Where the nuisance (SIZE,) has the logarithm of the regulator's time and damping, how late its samples are (s) and
 its clock's rate; shares of further lags, a lead (s), the loop about a valve (`WEIGHED` its controller's, `FLOW` how its
-flow follows the pressure, `WHOLLY`, `SOFTLY` and `TRACKS` what it does at its end), the s for 300 mbar of a limited
-rate, shares of slow lags, the logarithms of `kernels.free_loop`; the gauge's gain, its zero (Pa), and by how much it
-reads more (Pa) while the line is vented: a zero that closes the loop shows at one of both only. A session of several
-recordings adds by how much each one's zero is off that (Pa)."""
+flow follows the pressure, `WHOLLY`, `SOFTLY` and `TRACKS` what it does at its end, and its `INERTIA`), the s for 300
+mbar of a limited rate, shares of slow lags, the logarithms of `kernels.free_loop`; the gauge's gain, its zero (Pa), and
+by how much it reads more (Pa) while the line is vented: a zero that closes the loop shows at one of both only. A
+session of several recordings adds by how much each one's zero is off that (Pa)."""
 
 
 class Vent(NamedTuple):
@@ -129,9 +132,9 @@ def regulated(chain: Chain, c: FloatArray, largest: float, vent: Vent) -> Chain:
     tau, zeta = REGULATOR_TAU * bounded_exp(c[TIME]), bounded_exp(c[DAMPING])
     chain = chain.tuned("regulator", tau=tau, zeta=zeta, highest=vent.highest)
     if np.any(np.abs(c[VALVE]) > FROZEN):
-        *loop, wholly, softly, tracks = c[VALVE] + list(VALVE_NOMINAL.values())
+        *loop, wholly, softly, tracks, inertia = c[VALVE] + list(VALVE_NOMINAL.values())
         ends = largest / max(wholly, 1e-9), float(np.clip(softly, 0.0, 1.5)), float(np.clip(tracks, 0.0, KEENEST))
-        valve = *loop, *ends
+        valve = *loop, *ends, float(np.clip(inertia, 0.0, HEAVIEST))
         armed = chain["latency"].marks if vent.armed else ()  # type: ignore[attr-defined]
         chain = chain.tuned("regulator", valve=valve, armed=armed, clears=vent.clears)
     if np.any(np.abs(c[UNKNOWN]) > FROZEN):

@@ -16,6 +16,9 @@ from gap.inference.problem import Problem
 from gap.null.suction_regulator import (
     DAMPING,
     FLOW,
+    INERTIA,
+    LEAD,
+    SHIFT,
     SOFTLY,
     SPAN,
     STAYS,
@@ -56,6 +59,10 @@ QUICK_INTEGRAL = 3.0
 """1/s from which on an integral is none that makes up for a leak, where the set-point is weighed."""
 FIRST, GO_ON, LAST = 10, 3, 40
 """Steps of fits of loops with an integral, how many of these go on, and for how long."""
+HEAVY = 0.5
+"""Inertia of a valve from which a fit begins: a little of it moves nothing;"""
+SLUGGISH = (0.5, -0.5)
+"""and what is then added to the logarithms of time and damping: a valve that is e times as late, of the same gain."""
 HARDLY = 1.3
 """Times that the error of the largest command opens a valve as far as it goes, of which it then lacks hardly any."""
 WHOLE = 1.5
@@ -122,7 +129,28 @@ def other_structure(block: Regulated, found: Fit, unknown: bool) -> Structure | 
         tries = (_integral, _weighed)
     else:
         tries = ()
-    return next(filter(None, (attempt(block, found) for attempt in tries)), None)
+    first = next(filter(None, (attempt(block, found) for attempt in tries)), None)
+    return first if first is None or first.width[WHOLLY] <= FROZEN else _of_inertia(block, first)
+
+
+def _of_inertia(block: Regulated, light: Structure) -> Structure:
+    """``light``, a loop about a valve, or the same of a valve with inertia where that is worth it."""
+    heavy = light.width.copy()
+    heavy[INERTIA] = block.tolerances["regulator"]["valve_inertia"].widest
+    begin = light.begin.copy()
+    begin[INERTIA] = HEAVY
+    begin[[TIME, DAMPING]] += SLUGGISH
+    begin[SHIFT : LEAD + 1] = 0.0  # which had to do for it
+    found = fit(block.with_integral(light.width, light.vent), nuisance=light.begin)
+    again = fit(block.with_integral(heavy, light.vent), nuisance=begin, iterations=LAST)
+    return Structure(heavy, again.nuisance, light.vent) if again.objective < found.objective - WORTH else light
+
+
+def _about_valve(block: Regulated) -> FloatArray:
+    """A prior's width (p,) with a loop about a valve that has no inertia."""
+    width = block.prior(lambda t: t.widest, VALVE)
+    width[INERTIA] = FROZEN
+    return width
 
 
 def _limited(block: Regulated, found: Fit) -> Structure | None:
@@ -148,7 +176,7 @@ def _of_limited_rate(block: Regulated, found: Fit) -> tuple[FloatArray, Fit]:
 def _integral(block: Regulated, found: Fit) -> Structure | None:
     """A PI loop that sees all of its set-point: it overshoots, where a leak that an integral makes up for falls
     short. Or a loop without an integral whose valve gives no more than so much."""
-    width = block.prior(lambda t: t.widest, VALVE)
+    width = _about_valve(block)
     width[FLOW] = FROZEN
     near = found.chi2 <= len(found.residual) * NOISY  # an integral is so little that any start will do
     starts = np.array(INTEGRAL_STARTS[:1] if near else [*INTEGRAL_STARTS, INTEGRAL_STARTS[-1]])
@@ -178,7 +206,7 @@ def _weighed(block: Regulated, found: Fit) -> Structure | None:
 
 def _valve(block: Regulated, found: Fit) -> Structure | None:
     """A loop about a valve whose flow follows the pressure."""
-    width = block.prior(lambda t: t.widest, VALVE)
+    width = _about_valve(block)
     begins = np.tile(block.prior_mean, (len(VALVE_STARTS), 1))
     begins[:, VALVE] = [[at.get(name, 0.0) for name in VALVE_NOMINAL] for at in VALVE_STARTS]
     tries = _with_integral(block, width, (*begins, found.nuisance))

@@ -27,7 +27,7 @@ REGULATOR_TAU = 0.040
 """Time constant of the second-order pressure regulator, s (assumed)."""
 
 
-VALVE_AND_INTEGRAL = slice(4, 6)
+VALVE_AND_INTEGRAL = slice(4, 7)
 """Where the state of `kernels.valve_loop` has them."""
 
 
@@ -36,8 +36,9 @@ class Regulator(Wired):
     """Second-order pressure regulation, tau² p'' + 2 zeta tau p' + p = set-point, within the pump's limits.
 
     ``rates`` (Pa/s) limit how fast pressure rises and falls, at once or, if it is ``eased``, ever more as they are
-    approached. One with a ``valve`` (r 1/s, b, build, vent, lean, open Pa, softly, tracks 1/s of `kernels.valve_loop`)
-    is a PI loop whose flow follows the pressure; it is the second order where these are 0, 1, 0, 0, 0, inf, 0, 0. At
+    approached. One with a ``valve`` (r 1/s, b, build, vent, lean, open Pa, softly, tracks 1/s, inertia of
+    `kernels.valve_loop`) is a PI loop whose flow follows the pressure; it is the second order where these are 0, 1, 0,
+    0, 0, inf, 0, 0, 0. At
     times when it is ``armed`` (s) such a loop begins with its integral empty and its valve closed; it ``clears`` its
     integral when `kernels.CLEARS` says. One of ``unknown`` structure (largest command Pa, logarithms of
     `kernels.free_loop`) is the second order where these are 0. One that ``sleeps`` (band Pa, share and s of
@@ -68,9 +69,10 @@ class Regulator(Wired):
             return np.zeros(kernels.STATE), np.array([self.tau, self.zeta, *self.sleeps])
         loop = np.array([self.tau, self.zeta, *self.rates])
         if self.valve:
-            reset, weight, build, vent, lean, opened, softly, tracks = self.valve  # a kernel reads on beyond too few
+            # By their names, as a kernel reads on beyond too few.
+            reset, weight, build, vent, lean, opened, softly, tracks, inertia = self.valve
             line = (-self.lowest, float(self.eased), opened, self.highest, kernels.CLEARS.index(self.clears))
-            loop = np.array([*loop, reset, weight, build, vent, lean, *line, softly, tracks])
+            loop = np.array([*loop, reset, weight, build, vent, lean, *line, softly, tracks, inertia])
         return np.zeros(kernels.STATE), loop
 
     def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:

@@ -20,6 +20,8 @@ class Loop(NamedTuple):
     resets: float  # k r, 1/s²
     widest: float  # Pa/s that the valve gives at most
     per_lag: float  # 1/s, of the valve's lag
+    spring: float  # 1/s², of a valve with inertia; 0 if it has none
+    drag: float  # 1/s
     softly: float  # share by which the valve comes softly to its end
     highest: float  # Pa above the air's
     rise: float  # fastest, Pa/s
@@ -38,6 +40,8 @@ PARTS, QUICK_PARTS = 6.0, 2.0
 """Steps in the loop's time constant or the chamber's, and in the valve's, which need not be followed as closely."""
 QUICKEST = 3e-3
 """s: a valve that is quicker than this counts as so quick; it saves steps and moves no pressure that is sampled."""
+LIGHTEST = 0.05
+"""Inertia of a valve, below which it counts as none."""
 KEENEST = 500.0
 """1/s: a gain that is larger counts as so large. A fit that tries one, which no valve has, is not to take minutes."""
 AT_REST = 1e-9
@@ -66,12 +70,15 @@ def _valve_pace(p: FloatArray) -> tuple[float, float]:
 @njit(cache=True, error_model="numpy")
 def _loop(p: FloatArray, k: float, late: float) -> Loop:
     """The loop of a `valve_loop`'s parameters, of a controller's gain ``k`` 1/s and a valve's lag ``late`` s."""
+    drag = 1.0 / (p[16] * late) if p[16] > LIGHTEST else 0.0
     return Loop(
         weighed=k * p[5],
         gain=k,
         resets=k * p[4],
         widest=k * p[11],
         per_lag=1.0 / late,
+        spring=drag / late,
+        drag=drag,
         softly=p[14],
         highest=p[12],
         rise=p[2],
@@ -100,71 +107,77 @@ def _flow(y: float, x: float, loop: Loop) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _valve_rates(y: float, x: float, integral: float, u: float, loop: Loop) -> tuple[float, float, float]:
-    """Rates of pressure, valve and integral of a `valve_loop` that is asked for ``u``."""
+def _valve_rates(
+    y: float, x: float, v: float, integral: float, u: float, loop: Loop
+) -> tuple[float, float, float, float]:
+    """Rates of pressure, valve, its speed and integral of a `valve_loop` that is asked for ``u``."""
     y = min(y, loop.highest)
     asked, widest = loop.weighed * u - loop.gain * y + integral, loop.widest
     given = min(max(asked, -widest), widest)
     gathers = loop.resets * (u - y) if given == asked else loop.resets_then * (u - y) + loop.tracks * (given - asked)
     if loop.softly > 0.0 and widest < math.inf:
         given += loop.softly * (widest * math.tanh(asked / widest) - given)
-    return _flow(y, x, loop), (given - x) * loop.per_lag, gathers
+    if loop.spring > 0.0:
+        return _flow(y, x, loop), v, loop.spring * (given - x) - loop.drag * v, gathers
+    return _flow(y, x, loop), (given - x) * loop.per_lag, 0.0, gathers
 
 
 @njit(cache=True, error_model="numpy")
 def _valve_moved(
-    state: tuple[float, float, float], begin: float, end: float, h: float, loop: Loop
-) -> tuple[float, float, float]:
-    """Pressure, valve and integral of a `valve_loop` after a step of ``h`` s, while its command goes from ``begin`` to
-    ``end``. Classical Runge-Kutta."""
-    y, x, i = state
+    state: tuple[float, float, float, float], begin: float, end: float, h: float, loop: Loop
+) -> tuple[float, float, float, float]:
+    """Pressure, valve, its speed and integral of a `valve_loop` after a step of ``h`` s, while its command goes from
+    ``begin`` to ``end``. Classical Runge-Kutta."""
+    y, x, v, i = state
     half, sixth, middle = 0.5 * h, h / 6.0, 0.5 * (begin + end)
-    y1, x1, i1 = _valve_rates(y, x, i, begin, loop)
-    y2, x2, i2 = _valve_rates(y + half * y1, x + half * x1, i + half * i1, middle, loop)
-    y3, x3, i3 = _valve_rates(y + half * y2, x + half * x2, i + half * i2, middle, loop)
-    y4, x4, i4 = _valve_rates(y + h * y3, x + h * x3, i + h * i3, end, loop)
+    y1, x1, v1, i1 = _valve_rates(y, x, v, i, begin, loop)
+    y2, x2, v2, i2 = _valve_rates(y + half * y1, x + half * x1, v + half * v1, i + half * i1, middle, loop)
+    y3, x3, v3, i3 = _valve_rates(y + half * y2, x + half * x2, v + half * v2, i + half * i2, middle, loop)
+    y4, x4, v4, i4 = _valve_rates(y + h * y3, x + h * x3, v + h * v3, i + h * i3, end, loop)
     return (
         y + sixth * (y1 + 2.0 * (y2 + y3) + y4),
         x + sixth * (x1 + 2.0 * (x2 + x3) + x4),
+        v + sixth * (v1 + 2.0 * (v2 + v3) + v4),
         i + sixth * (i1 + 2.0 * (i2 + i3) + i4),
     )
 
 
 @njit(cache=True, error_model="numpy")
 def _valve_on(s: FloatArray, u: float, dt: float, parts: int, late: float, clears: float, loop: Loop) -> None:
-    """Bring pressure, valve and integral of a `valve_loop` through ``dt`` s in ``parts`` steps, while its command goes
-    to ``u``, or until it is at rest. It ``clears`` its integral as one of `CLEARS`."""
-    before, y, x, i, still = s[2], s[3], s[4], s[5], AT_REST * s[6]
+    """Bring pressure, valve, its speed and integral of a `valve_loop` through ``dt`` s in ``parts`` steps, while its
+    command goes to ``u``, or until it is at rest. It ``clears`` its integral as one of `CLEARS`."""
+    before, y, x, v, i, still = s[2], s[3], s[4], s[5], s[6], AT_REST * s[7]
     h, change, highest = dt / max(parts, 1), u - before, loop.highest
     rise = change / max(parts, 1)
     kept = math.exp(-h / (CLEARING if clears < 2.0 else AT_AIR)) if clears > 0.0 else 1.0
     for j in range(parts):
-        if change == 0.0 and abs(u - y) + abs(x) * late < still:
+        if change == 0.0 and abs(u - y) + (abs(x) + abs(v) * late) * late < still:
             break
         begin, end = before + j * rise, before + (j + 1) * rise
         cleared = i * kept
-        y, x, i = _valve_moved((y, x, i), begin, end, h, loop)
+        y, x, v, i = _valve_moved((y, x, v, i), begin, end, h, loop)
         y = min(y, highest)
         if clears > 0.0 and min(begin, end) > NOTHING and (clears < 2.0 or y > VENTED):
             i = cleared
-    s[3], s[4], s[5] = y, x, i
+    s[3], s[4], s[5], s[6] = y, x, v, i
 
 
 @njit(cache=True, error_model="numpy")
 def _valve_rested(s: FloatArray, u: float, k: float, p: FloatArray) -> None:
     """Bring the state of a `valve_loop` of gain ``k`` to the end of a long rest at a command of ``u``."""
+    s[5] = 0.0
     if s[3] >= p[12]:  # vented: the integral stays, unless it is cleared
-        s[5] = 0.0 if p[13] > 0.0 else s[5]
-        s[4] = s[5]
+        s[6] = 0.0 if p[13] > 0.0 else s[6]
+        s[4] = s[6]
     else:  # the rest of a slow end has gone
-        s[3], s[4], s[5] = u, 0.0, k * (1.0 - p[5]) * u
+        s[3], s[4], s[6] = u, 0.0, k * (1.0 - p[5]) * u
 
 
 @njit(cache=True, error_model="numpy")
 def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Pressure of a chamber by a PI controller and a proportional valve: y' = g(y, x) x, T x' = v - x,
     v = k (b u - y) + I, I' = k r (u - y), with 1/k = 2 zeta tau and T = tau / (2 zeta); it is a second-order lag where
-    b = 1, r = 0 and g = 1.
+    b = 1, r = 0 and g = 1. Of a valve with ``inertia``, or with a loop of its own: inertia T² x'' + T x' = v - x.
 
     The flow that a valve lets through follows the pressure across it (ISO 6358): g = 1 + lean - build q while suction
     builds up, 1 - lean + vent q while it is vented, q = -y / span. An error of ``open`` Pa opens it as far as it goes;
@@ -173,17 +186,17 @@ def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
     chamber from which hardly anything flows, or it would stay; and so it does where a chamber vents to ``highest``, the
     air's pressure, and no further. ``p`` = (tau s, zeta, fastest rise and fall, r 1/s, b, build, vent, lean, span, 1 if
     the limits are approached softly, open, highest, which of `CLEARS`, share by which the valve comes softly to its
-    end, tracks 1/s).
+    end, tracks 1/s, inertia).
     """
     k, late = _valve_pace(p)
     loop = _loop(p, k, late)
-    pace = max(PARTS * k, PARTS * math.sqrt(k / late), QUICK_PARTS / late)
+    pace = max(PARTS * k, PARTS * math.sqrt(k / late), QUICK_PARTS / late, QUICK_PARTS * loop.drag)
     empties = 1.0 - p[8] < STILL
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2] = 1.0, t[0], u[0]
     for i in range(t.size):
         dt = t[i] - s[1]
-        s[6] = max(s[6], abs(u[i]))
+        s[7] = max(s[7], abs(u[i]))
         long = u[i] == s[2] and dt > LONG
         dt = LONG if long else dt
         parts = min(max(math.ceil(dt * pace), 1), MOST) if dt > 1e-7 else 0
@@ -191,7 +204,7 @@ def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
         if long:
             _valve_rested(s, u[i], k, p)
         if empties and u[i] > NOTHING and s[3] > VENTED:
-            s[5] = 0.0
+            s[6] = 0.0
         s[1], s[2], y[i] = t[i], u[i], s[3]
 
 

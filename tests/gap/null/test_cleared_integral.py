@@ -40,7 +40,9 @@ def test_an_integral_that_is_cleared_answers_each_suction_as_the_first() -> None
     time = np.arange(0.0, 12.0, 2e-3)
     asked = np.where((time % 4.0 > 1.0) & (time % 4.0 < 3.0), -20e3, 0.0)
     loop = (0.035, 1.0, np.inf, np.inf, 3.0, 1.0, 0.0, 0.0, 0.0, 50e3, 0.0, np.inf, 0.0)
-    stays, clears = (evaluate(valve_loop, time, asked, *loop, flag, 0.0, 0.0).reshape(3, -1) for flag in (0.0, 1.0))
+    stays, clears = (
+        evaluate(valve_loop, time, asked, *loop, flag, 0.0, 0.0, 0.0).reshape(3, -1) for flag in (0.0, 1.0)
+    )
     np.testing.assert_allclose(clears[1:], clears[[0, 0]], atol=1.0)
     assert np.max(np.abs(stays[1] - stays[0])) > 100.0
 

@@ -23,7 +23,7 @@ from sim_devices.stages.kernels import evaluate, second_order, valve_loop
 
 STEP, NOISE = 1e-3, 30.0
 FREE = (np.inf, np.inf)
-ENDS = (np.inf, np.inf, 0.0, 0.0, 0.0)
+ENDS = (np.inf, np.inf, 0.0, 0.0, 0.0, 0.0)
 
 
 def suction_of(time: np.ndarray) -> np.ndarray:
@@ -276,24 +276,36 @@ def test_a_valve_loop_without_integral_is_a_second_order(tau: float, zeta: float
     np.testing.assert_allclose(loop, plain, atol=0.5)
 
 
-@pytest.mark.parametrize(("widest", "tracks"), [(np.inf, 0.0), (500.0, 0.0), (500.0, 6.0), (500.0, 0.2)])
-def test_a_valve_loop_solves_its_equations(widest: float, tracks: float) -> None:
+@pytest.mark.parametrize(
+    ("widest", "tracks", "inertia"),
+    [
+        (np.inf, 0.0, 0.0),
+        (500.0, 0.0, 0.0),
+        (500.0, 6.0, 0.0),
+        (500.0, 0.2, 0.0),
+        (np.inf, 0.0, 0.7),
+        (500.0, 6.0, 2.0),
+    ],
+)
+def test_a_valve_loop_solves_its_equations(widest: float, tracks: float, inertia: float) -> None:
     time = np.arange(0.0, 6.0, 2e-3)
     asked = -20e3 * np.clip(time / 2.0, 0.0, 1.0)
     tau, zeta, reset, weight, build, vent, lean = 0.05, 0.8, 0.4, 0.9, 0.5, 0.6, 0.2
     gain, late = 1 / (2 * zeta * tau), tau / (2 * zeta)
 
     def rate(t: float, y: np.ndarray) -> list[float]:
-        p, x, integral = y
+        p, x, speed, integral = y
         u, level = float(np.interp(t, time, asked)), min(max(-p / 50e3, 0.0), 1.0)
         flow = 1 + lean - build * level if x < 0 else 1 - lean + vent * level
         wanted = gain * (weight * u - p) + integral
         held = float(np.clip(wanted, -gain * widest, gain * widest))
         goes_on = gain * (reset if held == wanted else min(reset, tracks)) * (u - p)
-        return [flow * x, (held - x) / late, goes_on + tracks * (held - wanted)]
+        moves = speed if inertia else (held - x) / late
+        gains_speed = ((held - x) / late - speed) / (inertia * late) if inertia else 0.0
+        return [flow * x, moves, gains_speed, goes_on + tracks * (held - wanted)]
 
-    exact = solve_ivp(rate, (0, time[-1]), [0, 0, 0], t_eval=time, rtol=1e-9, atol=1e-6, max_step=5e-3).y[0]
-    shape = tau, zeta, *FREE, reset, weight, build, vent, lean, 50e3, 0.0, widest, np.inf, 0.0, 0.0, tracks
+    exact = solve_ivp(rate, (0, time[-1]), np.zeros(4), t_eval=time, rtol=1e-9, atol=1e-6, max_step=5e-3).y[0]
+    shape = tau, zeta, *FREE, reset, weight, build, vent, lean, 50e3, 0.0, widest, np.inf, 0.0, 0.0, tracks, inertia
     loop = evaluate(valve_loop, time, asked, *shape)
     np.testing.assert_allclose(loop, exact, atol=1.0)
 
@@ -312,7 +324,7 @@ def test_the_integral_of_a_loop_that_vents_to_the_air_stays_as_it_is() -> None:
             p = min(p + h * x, 0.0)
         exact[k] = p
     held = np.repeat(time, 2)[1:-1]  # a step of the command has two rows
-    shape = tau, zeta, *FREE, reset, weight, 0.0, 0.0, 0.0, 50e3, 0.0, np.inf, 0.0, 0.0, 0.0, 0.0
+    shape = tau, zeta, *FREE, reset, weight, 0.0, 0.0, 0.0, 50e3, 0.0, np.inf, 0.0, 0.0, 0.0, 0.0, 0.0
     loop = evaluate(valve_loop, held, np.repeat(asked, 2)[:-2], *shape)
     np.testing.assert_allclose(loop[1::2], exact[1:], atol=100.0)  # of Euler's rule
 

@@ -22,7 +22,7 @@ CASES: list[tuple[Kernel, tuple[float, ...]]] = [
     (kernels.second_order, (0.2, 1.0)),
     (kernels.second_order, (0.2, 2.5)),
     (kernels.hurried, (0.2, 1.0, 3.0, 2.0)),
-    (kernels.valve_loop, (0.2, 0.8, 3.0, 2.0, 0.5, 0.9, 0.4, 0.4, 0.2, 2.0, 0.0, 0.7, 0.0, 0.0, 0.5, 2.0)),
+    (kernels.valve_loop, (0.2, 0.8, 3.0, 2.0, 0.5, 0.9, 0.4, 0.4, 0.2, 2.0, 0.0, 0.7, 0.0, 0.0, 0.5, 2.0, 0.6)),
     (kernels.sleeping_loop, (0.2, 0.8, 0.3, 0.3, 0.1)),
     (kernels.free_loop, (0.2, 0.8, 2.0, *np.linspace(-0.5, 0.5, kernels.FREE).tolist())),
     (kernels.sealing, (0.2, 0.5, 0.1)),
