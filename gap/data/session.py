@@ -45,6 +45,15 @@ class Sigma(NamedTuple):
         return float(np.hypot(self.grid, self.slow))
 
 
+def evenly(starts: FloatArray, spans: FloatArray, steps: FloatArray) -> FloatArray:
+    """Times (n,) s from each of ``starts`` (k,) s on, a step (k,) s apart, within its span (k,) s: one start after the
+    other."""
+    counts = np.maximum(np.ceil(spans / steps), 0.0).astype(int)
+    which = np.repeat(np.arange(len(starts)), counts)
+    place = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
+    return np.asarray(starts[which] + place * steps[which])
+
+
 @dataclass(frozen=True)
 class Pace:
     """Time ``steps`` (n + 1,) s before, between and behind ``edges`` (n,) s."""
@@ -52,15 +61,14 @@ class Pace:
     edges: FloatArray
     steps: FloatArray
 
-    def at(self, time: float) -> float:
-        """The step, s, at a ``time`` s."""
-        return float(self.steps[np.searchsorted(self.edges, time, side="right")])
+    def at(self, time: FloatArray) -> FloatArray:
+        """The steps (n,) s at a ``time`` (n,) s."""
+        return np.asarray(self.steps[np.searchsorted(self.edges, time, side="right")])
 
     def nodes(self, begin: float, end: float) -> FloatArray:
         """Times (m,) s from ``begin`` to ``end`` s at this pace."""
-        inside = self.edges[(self.edges > begin) & (self.edges < end)].tolist()
-        parts = [np.arange(a, b, self.at(0.5 * (a + b))) for a, b in pairwise([begin, *inside, end])]
-        return np.concatenate(parts)
+        starts = np.concatenate([[begin], self.edges[(self.edges > begin) & (self.edges < end)], [end]])
+        return evenly(starts[:-1], np.diff(starts), self.at(0.5 * (starts[1:] + starts[:-1])))
 
 
 class Session:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import pairwise, takewhile
+from itertools import takewhile
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gap.data.session import Pace
+from gap.data.session import Pace, evenly
 from gap.null.chains import run
 from sim_devices.chain import FloatArray, Operator, Signals
 from sim_devices.stages.operators import Retimed
@@ -87,14 +87,15 @@ def loop_grid(
     for op in delays:
         kinks, corners = op.shows(kinks), op.shows(corners)
         kinks = np.unique(np.concatenate([kinks, op.jumps(begin, end)]))
-    starts = [begin, *kinks[(kinks > begin) & (kinks < end)].tolist(), end]
-    parts = [_after(a, b, pace.at(0.5 * (a + b))) for a, b in pairwise(starts)]
+    starts = np.concatenate([[begin], kinks[(kinks > begin) & (kinks < end)], [end]])
+    nodes = _after(starts[:-1], np.diff(starts), pace.at(0.5 * (starts[1:] + starts[:-1])))
     # Before a kink, too: a step is as late as it is, and does not begin at the node before it.
-    grid = np.concatenate([*parts, kinks - KINK, kinks, kinks + KINK, corners, [end]])
+    grid = np.concatenate([nodes, kinks - KINK, kinks, kinks + KINK, corners, [end]])
     return merged(grid[(grid >= begin) & (grid <= end)], 0.5 * KINK)
 
 
-def _after(kink: float, end: float, step: float) -> FloatArray:
-    """Nodes (n,) s after a ``kink``, at last ``step`` s apart."""
-    offsets = np.concatenate([[0.0, KINK], AFTER_KINK[:-1], np.arange(AFTER_KINK[-1], end - kink, step)])
-    return np.asarray(kink + offsets[offsets < end - kink])
+def _after(kinks: FloatArray, spans: FloatArray, steps: FloatArray) -> FloatArray:
+    """Nodes (n,) s after each of ``kinks`` (k,) s, within its span (k,) s, at last a step (k,) s apart."""
+    soon = np.concatenate([[0.0, KINK], AFTER_KINK[:-1]])
+    later = evenly(kinks + AFTER_KINK[-1], spans - AFTER_KINK[-1], steps)
+    return np.concatenate([(kinks[:, None] + soon)[soon < spans[:, None]], later])

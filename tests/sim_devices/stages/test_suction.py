@@ -192,7 +192,7 @@ def test_averaged_samples_are_means_of_the_window_before() -> None:
 
 def test_an_armed_loop_begins_with_its_integral_empty() -> None:
     """Also in parts, and where one begins after it was armed: the second suction is answered as the first."""
-    valve = (0.3, 1.0, 0.4, 0.5, 0.2, np.inf, 0.0, 0.0)
+    valve = (0.3, 1.0, 0.4, 0.5, 0.2, np.inf, 0.0, 0.0, 0.0)
     time = np.arange(0.0, 40.0, 0.01)
     asked = {"command_pressure": -20e3 * (((time > 2.0) & (time < 8.0)) | ((time > 22.0) & (time < 28.0)))}
     loops = {
