@@ -87,7 +87,8 @@ def loop_grid(
     for op in delays:
         kinks, corners = op.shows(kinks), op.shows(corners)
         kinks = np.unique(np.concatenate([kinks, op.jumps(begin, end)]))
-    starts = np.concatenate([[begin], kinks[(kinks > begin) & (kinks < end)], [end]])
+    known = np.union1d(kinks, pace.edges)  # a curve begins and ends smoothly, and the loop answers to it all the same
+    starts = np.concatenate([[begin], known[(known > begin) & (known < end)], [end]])
     nodes = _after(starts[:-1], np.diff(starts), pace.at(0.5 * (starts[1:] + starts[:-1])))
     # Before a kink, too: a step is as late as it is, and does not begin at the node before it.
     grid = np.concatenate([nodes, kinks - KINK, kinks, kinks + KINK, corners, [end]])
@@ -95,7 +96,9 @@ def loop_grid(
 
 
 def _after(kinks: FloatArray, spans: FloatArray, steps: FloatArray) -> FloatArray:
-    """Nodes (n,) s after each of ``kinks`` (k,) s, within its span (k,) s, at last a step (k,) s apart."""
+    """Nodes (n,) s after each of ``kinks`` (k,) s, within its span (k,) s, at last a step (k,) s apart, or from the
+    beginning on where that is closer."""
     soon = np.concatenate([[0.0, KINK], AFTER_KINK[:-1]])
-    later = evenly(kinks + AFTER_KINK[-1], spans - AFTER_KINK[-1], steps)
+    after = np.where(steps < AFTER_KINK[0], steps, AFTER_KINK[-1])
+    later = evenly(kinks + after, spans - after, steps)
     return np.concatenate([(kinks[:, None] + soon)[soon < spans[:, None]], later])
