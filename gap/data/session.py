@@ -15,7 +15,7 @@ from acquire.recording.model import Recording, Series
 from gap.data.binning import GROWTH, WIDEST, Bins, bin_edges, bin_means, breaks
 from gap.data.command import Command, command
 from gap.data.noise import grid_step, high_band_sigma, rounding_floor
-from gap.data.slow_noise import no_jerks, slow_variance
+from gap.data.slow_noise import WHITE_NOISE, Colour, colour, no_jerks, slow_variance
 from sim_devices.chain import FloatArray
 
 REST, LONGEST_REST = 45.0, 3600.0
@@ -32,17 +32,22 @@ how long it was, it does not tell (assumed)."""
 
 
 class Sigma(NamedTuple):
-    """Noise of one sample of a channel, SI, and two parts that averaging does not lower: its grid's, and its
-    slow one."""
+    """Noise of one sample of a channel, SI, which averages as ``quick`` has it, and two parts that averaging does not
+    lower: its grid's, and its slow one."""
 
     white: float
     grid: float
     slow: float
+    quick: Colour = WHITE_NOISE
 
     @property
     def kept(self) -> float:
         """The part that averaging does not lower."""
         return float(np.hypot(self.grid, self.slow))
+
+    def of_mean(self, counts: FloatArray) -> FloatArray:
+        """Variance (n,) of means over ``counts`` (n,) samples, without the slow part."""
+        return np.asarray(self.white**2 * self.quick.of_mean(counts) / counts + self.grid**2)
 
 
 def evenly(starts: FloatArray, spans: FloatArray, steps: FloatArray) -> FloatArray:
@@ -211,9 +216,10 @@ class Session:
         step = max(grid_step(v) for _, v in runs)
         if stated and white < step / np.sqrt(12.0):  # of the sensor, before its values were rounded
             white = float(np.hypot(white, step / np.sqrt(12.0)))
+        quick = colour(every, kinks, white)
         asked = [runs] if len(runs) == len(every) else [runs, every]
-        slow = max(slow_variance(some, kinks, white) for some in asked)
-        return Sigma(white, rounding_floor(white, step), float(np.sqrt(slow)))
+        slow = max(slow_variance(some, kinks, white, quick) for some in asked)
+        return Sigma(white, rounding_floor(white, step), float(np.sqrt(slow)), quick)
 
     def _runs(self, channel: str, members: Sequence[int]) -> list[tuple[FloatArray, FloatArray]]:
         """Time and value (n,) of a channel in those of recordings ``members`` that have it."""

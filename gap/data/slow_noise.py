@@ -15,8 +15,8 @@ import numpy as np
 
 from sim_devices.chain import FloatArray
 
-LENGTHS = (0.1, 0.2, 0.4, 0.8, 1.6)
-"""s of a block."""
+LENGTHS, QUICK = (0.1, 0.2, 0.4, 0.8, 1.6), (0.0125, 0.025, 0.05)
+"""s of a block, and of one that shows noise which forgets within few samples."""
 AGE = 3.0
 """Lengths of a block after a kink before blocks count: relaxation is then smooth enough."""
 STILL, CHANCE = 0.02, 6.0
@@ -43,24 +43,65 @@ ALIKE, ORDINARY = 2.0, 0.25
 slow noise is believed: a single channel has an error of half of it."""
 
 
-def slow_variance(runs: Sequence[tuple[FloatArray, FloatArray]], kinks: FloatArray, white: float) -> float:
-    """Variance of the noise that averaging over a bin keeps, in runs of (time, value) (n,) sampled evenly, whose
-    command has ``kinks`` (k,) s; ``white`` is the standard deviation of a sample's white noise. 0 where none shows."""
-    values = np.concatenate([v[np.isfinite(v)] for _, v in runs] or [np.zeros(0)])
-    moves = STILL * float(np.ptp(values)) if len(values) else 0.0
+Runs = Sequence[tuple[FloatArray, FloatArray]]
+"""Time (n,) s and value (n,) of a channel, sampled evenly, in each recording."""
+
+
+class Colour(NamedTuple):
+    """By which ``factors`` (k,) the variance of a mean over so many samples, ``sizes`` (k,), is above white noise's:
+    noise that forgets within a few samples averages, but more slowly."""
+
+    sizes: tuple[float, ...] = (1.0,)
+    factors: tuple[float, ...] = (1.0,)
+
+    def of_mean(self, counts: FloatArray) -> FloatArray:
+        """The factor (n,) of means over ``counts`` (n,) samples."""
+        return np.asarray(np.interp(np.log(counts), np.log(self.sizes), self.factors))
+
+
+WHITE_NOISE = Colour()
+
+
+def colour(runs: Runs, kinks: FloatArray, white: float) -> Colour:
+    """How much less than white noise of ``white`` the noise of ``runs`` averages, in rests and late in holds; the
+    command has ``kinks`` (k,) s."""
+    moves = _moves(runs)
+    sizes, factors, most = [1.0], [1.0], np.inf
+    for length in QUICK:
+        blocks = [_third(time, value, kinks, length) for time, value in runs]
+        still = [b.still(moves, white) for b in blocks]
+        count = sum(map(len, still))
+        if count < FEWEST:
+            continue
+        size = float(np.average([b.size for b in blocks], weights=[len(d) for d in still]))
+        variance, averaged = _typical(still) / WHITE, white**2 / size
+        excess = variance - averaged
+        if excess > GROWS * max(most, averaged):  # the signal's own curve
+            break
+        chance = variance * SPREAD / np.sqrt(count)
+        most = excess + chance
+        sizes.append(size)
+        factors.append(max(1.0 + (excess - chance) / averaged, 1.0))
+    return Colour(tuple(sizes), tuple(factors))
+
+
+def slow_variance(runs: Runs, kinks: FloatArray, white: float, quick: Colour = WHITE_NOISE) -> float:
+    """Variance of the noise that averaging over a bin keeps, in ``runs`` whose command has ``kinks`` (k,) s; ``white``
+    is the standard deviation of a sample's white noise, which averages as ``quick`` has it. 0 where none shows."""
+    moves = _moves(runs)
     at_rest: bool | None = None
     found: list[float] = []
     most, unsure = np.inf, False
     for length in LENGTHS:
         blocks = [_third(time, value, kinks, length) for time, value in runs]
-        still = [b.difference[b.moved <= max(moves, CHANCE * white / np.sqrt(b.size))] for b in blocks]
+        still = [b.still(moves, white) for b in blocks]
         at_rest = sum(map(len, still)) >= FEWEST if at_rest is None else at_rest
         differences = still if at_rest else [b.difference for b in blocks]
         count = sum(map(len, differences))
         if count < FEWEST:
             break
         sizes = np.average([b.size for b in blocks], weights=[len(d) for d in differences])
-        averaged = white**2 / float(sizes)
+        averaged = white**2 / float(sizes) * float(quick.of_mean(np.array(sizes)))
         variance = _typical(differences) / WHITE
         excess = variance - averaged
         if excess > GROWS * max(most, averaged):
@@ -87,6 +128,12 @@ def no_jerks(noise: Sequence[tuple[float, float]]) -> Sequence[float]:
     return [min(slow, max(ALIKE * middle, ORDINARY * white)) for white, slow in noise]
 
 
+def _moves(runs: Runs) -> float:
+    """By how much neighbouring blocks of a channel's ``runs`` differ at rest."""
+    values = np.concatenate([v[np.isfinite(v)] for _, v in runs] or [np.zeros(0)])
+    return STILL * float(np.ptp(values)) if len(values) else 0.0
+
+
 def _typical(runs: Sequence[FloatArray]) -> float:
     """Mean square of differences, runs of (n,): the median by run, as few differences may still hold a signal's curve,
     and of these the median by difference, as one run may be all curve (a slow sine). 0.455 is the median of a squared
@@ -102,6 +149,10 @@ class _Blocks(NamedTuple):
     difference: FloatArray
     moved: FloatArray
     size: int
+
+    def still(self, moves: float, white: float) -> FloatArray:
+        """Those of neighbours that differ by no more than ``moves``, or than noise of ``white`` lets them."""
+        return np.asarray(self.difference[self.moved <= max(moves, CHANCE * white / np.sqrt(self.size))])
 
 
 def _third(time: FloatArray, value: FloatArray, kinks: FloatArray, length: float) -> _Blocks:

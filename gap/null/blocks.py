@@ -175,9 +175,8 @@ class Block(abc.ABC):
         counts = np.hstack([part.samples for part in parts])
         noise = session.sigmas(self.channels, self.runs, session.kinks)
         self.noise = np.array([sigma.white for sigma in noise])
-        grid = np.hypot([sigma.grid for sigma in noise], self.floor)
         self.measured, self.counts = values.ravel(), counts.ravel()
-        new = self.noise[:, None] ** 2 / counts + grid[:, None] ** 2
+        new = np.stack([sigma.of_mean(n) for sigma, n in zip(noise, counts, strict=True)]) + self.floor**2
         self.row_noise = RowNoise(self.stamps, self.run, new, [sigma.slow for sigma in noise])
         self.dt = float(
             np.median([np.median(np.diff(session.recordings[k].streams[self.channels[0]].time)) for k in self.runs])
