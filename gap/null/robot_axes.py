@@ -40,8 +40,8 @@ SETTLED, BEYOND = 3.0, 0.1
 by which it goes beyond them, as clocks differ."""
 WORTH = 20.0
 """χ² by which a controller that holds sampled rows must be better than one that goes straight in between."""
-MISTAKEN = "viscous_drag", "coulomb_friction", "latency"
-"""Effects that the quick fits look for then: each looks like another controller."""
+MISTAKEN = ("viscous_drag", 0), ("viscous_drag", 2), ("coulomb_friction", 0), ("latency", 0)
+"""Effects and forms that the quick fits look for then: each looks like another controller."""
 STRENGTHS = np.linspace(0.1, 0.9, 17)
 """Quantiles of their strengths at which: near enough to each other for a search between two to find the best."""
 SOMEWHERE = 0.3
@@ -202,8 +202,10 @@ class AxesBlock(Block):
         self._take(controller, held)
         fits = [fit(self, nuisance=self.prior_mean, iterations=3)]
         if fits[0].penalty > STRAINED:
-            effects = (next(((k, e) for k, e in self.library.items() if e.name == name), None) for name in MISTAKEN)
-            fits += [self._rubbed(key, effect) for key, effect in filter(None, effects)]
+            forms: dict[tuple[str, int], tuple[str, Effect]] = {}
+            for key, effect in self.library.items():
+                forms.setdefault((effect.name, effect.form), (key, effect))  # of all axes before a single one
+            fits += [self._rubbed(*forms[form]) for form in MISTAKEN if form in forms]
         return fits
 
     def _rubbed(self, key: str, effect: Effect) -> Fit:

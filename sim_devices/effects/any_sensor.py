@@ -10,6 +10,7 @@ import numpy as np
 
 from sim_devices.chain import Chain, Effect, FloatArray, Parameter
 from sim_devices.effects.build import (
+    ASPIRATION,
     AT_ONCE,
     LONGEST,
     PHASE,
@@ -175,6 +176,8 @@ def _bent_height(scale: float) -> Any:
         law: tuple[Law, tuple[float, ...]] = (laws.quadratic, (v["error"], scale))
         if chosen(v, "form") == 1:
             law = (laws.flawed, (v["error"] * scale, v["at"], v["width"]))
+        if chosen(v, "form") == 2:
+            law = (laws.bent_alike, (v["error"], scale, v["power"]))
         return map_after(chain, HEIGHT, "quadratic_error", "sensor", *law)
 
     return install
@@ -184,6 +187,9 @@ def _bent_position(chain: Chain, v: Values) -> Chain:
     if chosen(v, "form") == 0:
         names = _transducers(v)
         return map_after(chain, FORCE, "quadratic_error", "sensor", laws.quadratic, (v["error"], 0.5), *names)
+    if chosen(v, "form") == 2:
+        law = (v["error"], 0.5, v["power"])
+        return map_after(chain, FORCE, "quadratic_error", "sensor", laws.bent_alike, law, *_transducers(v))
     k = chosen(v, "channel")
     sensors = numbered("axis_position")
     names = sensors if k == 3 else sensors[k : k + 1]
@@ -244,6 +250,9 @@ def _of_zero(instruments: tuple[str, ...], scale: float, unit: str) -> list[Effe
 def _of_scale(instruments: tuple[str, ...], scale: float, unit: str) -> list[Effect]:
     """Errors of its characteristic."""
     robot, which, what = _sensor(unit)
+    other = "of a position sensor, at 1 mm" if robot else "a flaw at one height"
+    # Of a camera it is the lens's distortion.
+    stroke = () if instruments == ASPIRATION else ("bent, of either sign alike: near the end of its stroke",)
     return [
         effect(
             "quadratic_error", "sensor", instruments,
@@ -253,8 +262,9 @@ def _of_scale(instruments: tuple[str, ...], scale: float, unit: str) -> list[Eff
             (
                 signed("error", "1", 0.5, 0.12, f"relative, at {scale:g} {unit}"),
                 *which,
-                choice("form", 0, "bent", "of a position sensor, at 1 mm" if robot else "a flaw at one height"),
+                choice("form", 0, "bent", other, *stroke),
                 *(() if robot else _flaw(scale)),
+                *([shape("power", "1", 1.3, 5.0, 2.0, "of the share of the range", only=(2,))] if stroke else []),
             ),
             _bent_position if robot else _bent_height(scale),
         ),

@@ -18,10 +18,13 @@ from sim_devices.effects.build import (
 )
 from sim_devices.stages import kernels
 from sim_devices.stages.axes import FORCE_LIMIT
+from sim_devices.stages.friction import THIN_AT
 from sim_devices.stages.operators import before
 from sim_devices.stages.path import PathSpeed
 from sim_devices.stages.robot import numbered, xyz
 
+BRAKES_AT = 1e-2
+"""m/s at which the drag of swirling air is stated."""
 _AXIS = choice("axis", 0, "all axes", "axis 1", "axis 2", "axis 3")
 _PRESLIDING = shape("presliding", "m", 0.0, 60e-6, 0.0, "distance over which it builds up; 0: at once")
 
@@ -43,6 +46,9 @@ def _drag(chain: Chain, v: Values) -> Chain:
     alone = chosen(v, "axis")
     if chosen(v, "form") == 0:
         return chain.tuned("axes", drag=v["drag"], alone=alone)
+    if chosen(v, "form") == 2:
+        at_once = v["braking"] * (THIN_AT / BRAKES_AT) ** v["steepness"]
+        return chain.tuned("axes", thinning=at_once, thinning_power=v["steepness"], alone=alone)
     return chain.tuned("axes", thinning=v["thinning"], thinning_power=v["power"], alone=alone)
 
 
@@ -104,12 +110,15 @@ EFFECTS = (
         "viscous_drag", "actuator", ROBOT,
         "Drag of an axis that grows with its speed.",
         "Other grease; feed the speed forward.",
-        "slides and position sensors; gap.md; greases thin by shear, Herschel and Bulkley 1926",
+        "slides and position sensors; gap.md; greases thin by shear, Herschel and Bulkley 1926; Rayleigh 1876",
         (
             strength("drag", "N s/m", 1.0, 3e3, 200.0, "per axis", only=(0,)),
             strength("thinning", "N", 1e-3, 1.0, 0.05, "at 1 mm/s, per axis", only=(1,)),
             shape("power", "1", 0.2, 0.9, 0.5, "of the speed that it grows with", only=(1,)),
-            choice("form", 0, "in proportion to its speed", "with a power of it, as grease thins"),
+            strength("braking", "N", 1e-4, 5.0, 0.1, "at 10 mm/s, per axis", only=(2,)),
+            shape("steepness", "1", 1.2, 3.0, 2.0, "power of the speed that it grows with", only=(2,)),
+            choice("form", 0, "in proportion to its speed", "with a power of it, as grease thins",
+                   "with its square, or about so, as air swirls"),
             _AXIS,
         ),
         _drag,

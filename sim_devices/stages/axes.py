@@ -46,8 +46,8 @@ class AxisLoop(Wired):
     ``force_limit`` N, met abruptly, or approached as by tanh if ``soft`` is 1; ``carried`` N of a coil's force hold a
     weight, so that the limit is nearer one way; ``windup`` 0 (integrator frozen while the force is limited) to 1
     (runs on); relative change of the force constant ``slope`` 1/m and ``curvature`` 1/m². Grease that shear thins
-    brakes with ``thinning`` N at 1 mm/s and with ``thinning_power`` of the speed. What rubs is of the axis ``alone``
-    (1 to 3), or of all (0).
+    brakes with ``thinning`` N at 1 mm/s and with ``thinning_power`` of the speed, air that swirls with a power of 2.
+    What rubs is of the axis ``alone`` (1 to 3), or of all (0).
     ``fed`` N s/m is the part of the load that is the coil's own: a controller's force in proportion to the target's
     speed counts against the limit, and depends on the force constant.
     ``spring`` N/m holds each axis towards zero: the stiffness that loops through a tissue assume of it

@@ -42,8 +42,9 @@ def bristle(held: float, free: float, yields: float, level: float, per_metre: fl
 
 @njit(cache=True, error_model="numpy")
 def thinned(free: float, yields: float, strength: float, power: float) -> float:
-    """Drag (N) of a grease that shear thins, against a step's mean speed ``free`` m/s that it is lowered from by
-    ``yields`` for each newton: ``strength`` N at `THIN_AT`, growing with a ``power`` of the speed that is left."""
+    """Drag (N) of a grease that shear thins, or of air that swirls, against a step's mean speed ``free`` m/s that it is
+    lowered from by ``yields`` for each newton: ``strength`` N at `THIN_AT`, growing with a ``power`` of the speed that
+    is left, below 1 of a grease and 2 of air."""
     way, speed = math.copysign(1.0, free), abs(free)
     low, high = 0.0, speed / yields  # what would stop it
     drag = min(strength * (speed / THIN_AT) ** power, high)

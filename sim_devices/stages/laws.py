@@ -115,6 +115,11 @@ def cubic(time: FloatArray, u: FloatArray, error: float, reference: float) -> Fl
     return u * (1.0 + error * (u / reference) ** 2)
 
 
+def bent_alike(time: FloatArray, u: FloatArray, error: float, reference: float, power: float) -> FloatArray:
+    """u (1 + error |u / reference|^power): of either sign alike, as a transformer's core near the end of its coils."""
+    return np.asarray(u * (1.0 + error * np.abs(u / reference) ** power))
+
+
 def saturation(time: FloatArray, u: FloatArray, limit: float, soft: float = 0.0) -> FloatArray:
     """u within ±limit: clipped, or bent smoothly (u / (1 + |u/limit|^6)^(1/6)) where ``soft`` is 1."""
     if soft > 0.5:

@@ -52,18 +52,18 @@ def test_presliding_friction_follows_dahl(length: float) -> None:
     np.testing.assert_allclose(moved(time, coulomb=0.15, presliding=length), expected, atol=6e-7)
 
 
-@pytest.mark.parametrize("power", [0.3, 0.7])
-def test_grease_that_shear_thins_brakes_by_a_power_of_the_speed(power: float) -> None:
-    """Herschel and Bulkley 1926, without a yield stress."""
+@pytest.mark.parametrize(("power", "strength"), [(0.3, 0.1), (0.7, 0.1), (2.0, 0.1)])
+def test_grease_that_thins_and_air_that_swirls_brake_by_a_power_of_the_speed(power: float, strength: float) -> None:
+    """Herschel and Bulkley 1926, without a yield stress; Rayleigh 1876."""
     time = np.arange(0.0, 3.0, 0.02)
 
     def brake(s: FloatArray) -> float:
         speed = np.hypot(s[2], 1e-8)  # an infinite slope at standstill is more than the reference's integrator does
-        return float(0.1 * s[2] / speed * (speed / 1e-3) ** power)
+        return float(strength * s[2] / speed * (speed / 1e-3) ** power)
 
     expected = integrated(time, brake)
     assert np.abs(expected - moved(time)).max() > 5e-5, "drag shows"
-    np.testing.assert_allclose(moved(time, thinning=0.1, thinning_power=power), expected, atol=2e-7)
+    np.testing.assert_allclose(moved(time, thinning=strength, thinning_power=power), expected, atol=2e-7)
 
 
 @pytest.mark.parametrize("easing", [2e-5, 1.5e-4, 1e-3])
