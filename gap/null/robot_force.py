@@ -17,7 +17,7 @@ from gap.null.blocks import SIMPLE_SHIFT, Block, Group, GroupedSession, Table
 from gap.null.chains import Kept, Memo, needed, run, undone
 from gap.null.robot_axes import AXES, ROBOT_BINS, AxesBlock, recorded, specimen_chain, steepness
 from gap.null.sheet_discrepancy import sheet_discrepancy
-from gap.null.sheet_law import FURTHER, LAWS, SPECTRUM, TISSUE, Law, rewired, sheet
+from gap.null.sheet_law import FURTHER, LAWS, SPECTRUM, TISSUE, Law, rewired, sheet, unwound
 from protocols.specimens import SPECIMENS
 from sim_devices.chain import Chain, Effect, FloatArray
 from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
@@ -146,7 +146,9 @@ class ForceBlock(Block):
         rest = np.zeros(len(self.prior_mean) - len(law.sd))
         here = under(self, self.prior_mean, sd)
         fits = (fit(here, nuisance=np.concatenate([guess, rest]), iterations=iterations) for guess in law.guesses)
-        return min(fits, key=lambda f: f.objective)
+        best = min(fits, key=lambda f: f.objective)
+        back = unwound(best.nuisance)
+        return best if back is None else fit(here, nuisance=back, iterations=iterations)
 
     def _further(self) -> Fit:
         """The best fit under one of the further laws: a few steps from all their guesses tell which go on. The times of

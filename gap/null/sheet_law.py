@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gap.inference.hypothesis import FROZEN
-from gap.null.sheet_operators import Activated, Apart, Bedding, Consolidation, Skew, Springs
+from gap.null.sheet_operators import Activated, Apart, Arms, Bedding, Consolidation, Skew, Springs
 from gap.null.skin_laws import bounded_exp
 from sim_devices.chain import Chain, FloatArray
 from sim_devices.effects.tissue import spectrum
@@ -53,6 +53,10 @@ SLIPS = "slip1", "slip2", "slip3"
 """Shares of those springs."""
 SKEWS = tuple(f"skew{k + 1}" for k in range(10))
 """Coefficients of a cubic potential."""
+ARMS = {"arm1": 0.1, "arm2": 1.0, "arm3": 10.0}
+"""s, about which the times of Maxwell's arms beside an elastic sheet are sought."""
+ARM_TIMES = "arm_time1", "arm_time2", "arm_time3"
+"""Their logarithms above that."""
 TOE = 0.4
 """Of the typical displacement, about which it is sought within which skin is soft."""
 AMOUNTS: Mapping[str, tuple[str, ...]] = {
@@ -60,6 +64,7 @@ AMOUNTS: Mapping[str, tuple[str, ...]] = {
     "amount2": ("time2",),
     "power": ("exponent",),
     "spring": (),
+    **{arm: (time,) for arm, time in zip(ARMS, ARM_TIMES, strict=True)},
     "closing": (),
     "activation": (),
     **{slip: (at,) for slip, at in zip(SLIPS, YIELDS, strict=True)},
@@ -81,6 +86,7 @@ TISSUE_SD: Mapping[str, float] = {
     **dict.fromkeys(("amount1", "amount2"), 0.3),
     "power": 0.4,
     "spring": 1.0,  # beside a memory of strain, of the secant stiffness
+    **dict.fromkeys(ARMS, 0.7),  # of the secant stiffness
     "closing": 1.0,  # logarithm of times at the typical displacement
     "activation": 4.0,  # of the strongest force
     **dict.fromkeys(SLIPS, 0.5),  # of the secant stiffness
@@ -88,7 +94,7 @@ TISSUE_SD: Mapping[str, float] = {
     **dict.fromkeys(("push", "pull"), 0.5),  # of the secant stiffness
     "toe": 0.4,  # of the force
     "apart": 0.5,  # logarithm of the force at the typical displacement
-    **dict.fromkeys(("time1", "time2"), 1.5),  # logarithms
+    **dict.fromkeys(("time1", "time2", *ARM_TIMES), 1.5),  # logarithms
     "exponent": 0.5,
     **dict.fromkeys(("toe_reach", "apart_length"), 0.7),  # logarithms
     **dict.fromkeys(YIELDS, 1.0),  # logarithms
@@ -125,6 +131,7 @@ LAWS = (
 """The simple ones and, last, the usual one."""
 FURTHER = (
     _relaxing(TWO_TIMES | {"spring": 0.05}, SLOW_MODE),
+    _relaxing(dict.fromkeys(ARMS, 0.2), angles=TURNED),
     _relaxing(TWO_TIMES | {"closing": -0.3}, QUICK_MODE),
     _relaxing(TWO_TIMES | {"activation": 2.0}, QUICK_MODE, TURNED),
     _relaxing(TWO_TIMES | dict.fromkeys(SLIPS, 0.1), QUICK_MODE, TURNED),
@@ -165,6 +172,14 @@ def sheet(nuisance: FloatArray, base: SheetTissue, typical: float) -> SheetTissu
     )
 
 
+def unwound(nuisance: FloatArray) -> FloatArray | None:
+    """A nuisance vector (p,) without the half turns that its angle has made, which change nothing but the prior's
+    penalty; None where it has made none."""
+    out, angle = nuisance.copy(), TISSUE.index("angle")
+    out[angle] -= np.pi * np.round(out[angle] / np.pi)
+    return None if out[angle] == nuisance[angle] else out
+
+
 def rewired(chain: Chain, nuisance: FloatArray, typical: float, strongest: float) -> Chain:
     """The chain of a sheet with the further parts of its law at a nuisance vector (p,).
 
@@ -176,13 +191,21 @@ def rewired(chain: Chain, nuisance: FloatArray, typical: float, strongest: float
     skin: SheetTissue = chain["tissue"].tissue  # type: ignore[attr-defined]
     if c["apart"]:
         return _apart(chain, skin, c["apart"], typical * _scale(c["apart_length"], 3.0), typical)
-    if not any((c["spring"], c["closing"], c["activation"], c["slip1"], *skew, *bedding)):
+    if not any((c["spring"], c["arm1"], c["closing"], c["activation"], c["slip1"], *skew, *bedding)):
         return chain
     secant = bounded_exp(skin.exponent * math.log1p((typical / skin.length) ** 2))
     stiffness = np.array(skin.stiffness) * secant
     pairs = [(-g, tau) for g, tau in zip(skin.relaxation, skin.times, strict=True)]
     prony = (1.0, *(x for pair in pairs for x in pair))
     moved = xyz("skin")
+    if c["arm1"]:
+        times = (tau * _scale(c[name], 4.0) for name, tau in zip(ARM_TIMES, ARMS.values(), strict=True))
+        arms = tuple(zip((c[name] for name in ARMS), times, strict=True))
+        springs = tuple(stiffness.tolist())
+        soft = skin.softening, skin.softening_force, skin.softening_rise, skin.softening_fall
+        return after(
+            chain, "tissue", lambda s, t: Arms("arms", "tissue", s + moved, t, springs, skin.angle, arms, soft)
+        )
     if c["slip1"]:
         lengths = [at * typical * bounded_exp(c[name]) for name, at in YIELDS.items()]
         slips = tuple(zip((c[name] for name in SLIPS), lengths, strict=True))

@@ -18,7 +18,7 @@ from gap.null.chains import Kept
 from gap.null.sheet_discrepancy import gradients
 from gap.null.skin_laws import activated
 from sim_devices.chain import FloatArray, Signals
-from sim_devices.stages.kernels import evaluate, prony
+from sim_devices.stages.kernels import evaluate, exposure_gain, prony
 from sim_devices.stages.operators import Wired
 
 ODD = 1, 3, 5, 7
@@ -69,6 +69,29 @@ def _slipping(u: FloatArray, length: float) -> FloatArray:
         for i in range(1, u.shape[1]):
             out[k, i] = min(max(out[k, i - 1] + u[k, i] - u[k, i - 1], -length), length)
     return out
+
+
+@dataclass(frozen=True)
+class Arms(Wired):
+    """Forces (sources x, y, z, N) less those of Maxwell's arms beside the skin, by the displacement (sources x, y, z,
+    m): springs along the principal axes, shares of ``stiffness`` N/m, each behind a dashpot; ``arms`` are (share, time
+    s) of them (Holzapfel 1996). They soften as the skin does: by ``softening`` (a, N, rise s, fall s) of its force."""
+
+    stiffness: tuple[float, ...]
+    angle: float
+    arms: tuple[tuple[float, float], ...]
+    softening: tuple[float, float, float, float]
+
+    def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
+        pairs = [x for share, tau in self.arms for x in (-share, tau)]
+        whole = sum(share for share, _ in self.arms)
+        along = turned([signals[s] for s in self.source[3:]], self.angle)
+        stretched = [k * evaluate(prony, time, u, whole, *pairs) for k, u in zip(self.stiffness, along, strict=True)]
+        force = np.stack([signals[s] for s in self.source[:3]])
+        strength = np.maximum(np.linalg.norm(force, axis=0), 1e-12)
+        a, *exposure = self.softening
+        softer = evaluate(exposure_gain, time, strength, -a, *exposure) / strength
+        signals.update(zip(self.target, force - softer * turned(stretched, -self.angle), strict=True))
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from scipy.signal import find_peaks
 
 from gap.inference.evidence import Fit
 from gap.inference.hypothesis import Rows
@@ -39,12 +40,14 @@ def answered(base: Fit, rows: Rows, change: FloatArray) -> tuple[float, float]:
 
 
 def to_the_end(base: Fit, rows: Rows, change: FloatArray) -> list[float]:
-    """Of each recording the moment, s, from which on until its end the ``change`` (n,) takes most off a fit's χ², the
-    nuisance refitted; the most first."""
-    found = []
+    """Moments, s, from which on until the end of a recording the ``change`` (n,) takes more off a fit's χ², the
+    nuisance refitted, than from those about them: first those that stand out most (by their prominence).
+
+    Of a strong event, whose part the nuisance has taken on, the right one may come second in its recording."""
+    found: list[tuple[float, float]] = []
     for edges, gain in _gains(base, rows, change):
-        first = int(np.argmax(gain[:, -1]))
-        found.append((float(gain[first, -1]), float(edges[first])))
+        peaks, shape = find_peaks(np.pad(gain[:, -1], 1), prominence=0.0)
+        found += zip(shape["prominences"].tolist(), edges[peaks - 1].tolist(), strict=True)
     return [moment for _, moment in sorted(found, reverse=True)]
 
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gap.null.chains import run
-from gap.null.sheet_operators import ODD, Activated, Apart, Bedding, Consolidation, Skew, Springs, turned
+from gap.null.sheet_operators import ODD, Activated, Apart, Arms, Bedding, Consolidation, Skew, Springs, turned
 from sim_devices.stages.kernels import evaluate, prony
 from sim_devices.stages.robot import xyz
 
@@ -103,3 +103,18 @@ def test_a_sheet_stiffens_along_each_of_its_axes_apart() -> None:
     made = _felt(Apart("apart", "tissue", MOVED, OUT, tuple(turn.ravel()), 1.0, 5e-4), path)
     u = turn.T @ np.stack([path[m] for m in MOVED])
     assert np.allclose(turn.T @ made, u + u**3 / 5e-4**2)
+
+
+def test_arms_relax_by_themselves_and_soften_with_the_skin() -> None:
+    """Maxwell's arms, of a ramp: k share tau (1 - exp(-t/tau)) per speed; of skin at a steady force all is softer by
+    one share."""
+    ramp = {s: v * TIME for s, v in zip(MOVED, (1e-4, 0.0, -2e-4), strict=True)}
+    force = {s: np.full(len(TIME), v) for s, v in zip(FORCE, (0.3, 0.0, 0.4), strict=True)}
+    arms, stiffness = ((0.3, 0.5), (0.2, 4.0)), (300.0, 200.0, 100.0)
+    expected = sum(share * tau * (1.0 - np.exp(-TIME / tau)) for share, tau in arms)
+    for a in (0.0, 0.1):
+        op = Arms("arms", "tissue", FORCE + MOVED, OUT, stiffness, 0.0, arms, (a, 0.5, 0.1, 0.1))
+        beside = np.stack(list(force.values())) - _felt(op, ramp | force)
+        late = TIME > 2.0  # the softening has come to |F| / 0.5 N = 1
+        np.testing.assert_allclose(beside[0, late], (1 - a) * 300.0 * 1e-4 * expected[late], rtol=1e-6)
+        np.testing.assert_allclose(beside[2, late], (1 - a) * 100.0 * -2e-4 * expected[late], rtol=1e-6)

@@ -11,7 +11,7 @@ from gap.data.rhythms import spells
 from gap.inference.evidence import Hypothesis
 from gap.inference.least_squares import fit
 from gap.search.starts import starting_points
-from gap.search.windows import answered, has_level
+from gap.search.windows import answered, has_level, to_the_end
 from sim_devices.chain import FloatArray, Parameter
 from sim_devices.effects.build import for_a_while
 from tests.gap.conftest import LinearProblem, candidate
@@ -65,3 +65,12 @@ def test_lost_samples_are_looked_for_where_all_is_ahead_until_the_end() -> None:
     event = candidate("loss", *burst, block="linear")
     points, _ = starting_points(event, {"linear": problem}, Hypothesis((), {"linear": fit(problem)}))
     assert min(abs(event.values(p)["moment"] - 170.0) for p in points) < 8.0
+
+
+def test_two_moments_of_one_recording_are_looked_at() -> None:
+    """The gain has a peak at each: where the nuisance has taken on much of a burst, the right one was the second, and
+    only the first was tried (a burst of .32 s of a camera, unknown; now .93)."""
+    acts = SIGNAL * (0.5 * (TIME >= 380.0) + 0.8 * (TIME >= 520.0))
+    noise = np.random.default_rng(50003).normal(size=600)
+    problem = LinearProblem(2.0 * SIGNAL + acts + noise, SIGNAL[:, None], {"tone": tone}, runs=2)
+    assert {round(m, -1) for m in to_the_end(fit(problem), problem.rows, SIGNAL)[:3]} >= {380.0, 520.0}
