@@ -188,7 +188,16 @@ def test_limits_are_looked_for_where_the_session_meets_them() -> None:
     assert any(c.key == "force_saturation[form=1]" for c in candidates)
 
 
-MORE = {"spring": 0.4, "closing": -0.5, "activation": 4.0, "slip1": 0.2, "skew1": 0.15, "push": 0.3, "apart": 0.6}
+MORE = {
+    "spring": 0.4,
+    "arm1": 0.5,
+    "closing": -0.5,
+    "activation": 4.0,
+    "slip1": 0.2,
+    "skew1": 0.15,
+    "push": 0.3,
+    "apart": 0.6,
+}
 """Of each further law, in their order, the parameter that tells it from two relaxation times."""
 
 
