@@ -199,18 +199,9 @@ def rewired(chain: Chain, nuisance: FloatArray, typical: float, strongest: float
     prony = (1.0, *(x for pair in pairs for x in pair))
     moved = xyz("skin")
     if c["arm1"]:
-        times = (tau * _scale(c[name], 4.0) for name, tau in zip(ARM_TIMES, ARMS.values(), strict=True))
-        arms = tuple(zip((c[name] for name in ARMS), times, strict=True))
-        springs = tuple(stiffness.tolist())
-        soft = skin.softening, skin.softening_force, skin.softening_rise, skin.softening_fall
-        return after(
-            chain, "tissue", lambda s, t: Arms("arms", "tissue", s + moved, t, springs, skin.angle, arms, soft)
-        )
+        return _with_arms(chain, skin, c, tuple(stiffness.tolist()))
     if c["slip1"]:
-        lengths = [at * typical * bounded_exp(c[name]) for name, at in YIELDS.items()]
-        slips = tuple(zip((c[name] for name in SLIPS), lengths, strict=True))
-        springs = tuple(stiffness.tolist())
-        return after(chain, "tissue", lambda s, t: Springs("slips", "tissue", s + moved, t, springs, skin.angle, slips))
+        return _with_slips(chain, skin, c, tuple(stiffness.tolist()), typical)
     chain = chain.tuned("tissue", tissue=replace(skin, relaxation=(), times=()))
     if c["spring"]:
         springs = tuple((c["spring"] * stiffness).tolist())
@@ -230,6 +221,26 @@ def rewired(chain: Chain, nuisance: FloatArray, typical: float, strongest: float
     cubic = tuple((np.array(skew) * float(np.mean(stiffness)) * typical).tolist())
     chain = after(chain, "tissue", lambda s, t: MemoryLaw("memory", "tissue", s, t, kernels.prony, prony))
     return after(chain, "tissue", lambda s, t: Skew("skew", "tissue", s + moved, t, cubic, typical))
+
+
+def _with_arms(chain: Chain, skin: SheetTissue, c: Mapping[str, float], springs: tuple[float, ...]) -> Chain:
+    """The chain of a sheet beside Maxwell's arms, shares of ``springs`` (N/m along its axes), which soften with it."""
+    times = (tau * _scale(c[name], 4.0) for name, tau in zip(ARM_TIMES, ARMS.values(), strict=True))
+    arms = tuple(zip((c[name] for name in ARMS), times, strict=True))
+    shape = skin.angle, arms, (skin.softening, skin.softening_force, skin.softening_rise, skin.softening_fall)
+    return after(chain, "tissue", lambda s, t: Arms("arms", "tissue", s + xyz("skin"), t, springs, *shape))
+
+
+def _with_slips(
+    chain: Chain, skin: SheetTissue, c: Mapping[str, float], springs: tuple[float, ...], typical: float
+) -> Chain:
+    """The chain of a sheet beside shares of ``springs`` (N/m along its axes) that slip one after another, about shares
+    of the ``typical`` way (m)."""
+    lengths = [at * typical * bounded_exp(c[name]) for name, at in YIELDS.items()]
+    slips = tuple(zip((c[name] for name in SLIPS), lengths, strict=True))
+    return after(
+        chain, "tissue", lambda s, t: Springs("slips", "tissue", s + xyz("skin"), t, springs, skin.angle, slips)
+    )
 
 
 def _apart(chain: Chain, skin: SheetTissue, stiffening: float, length: float, typical: float) -> Chain:

@@ -37,22 +37,9 @@ def suction_problems(
     if missing:
         raise ValueError(f"recording {missing[0]} has no set-points of pressure: its command is not known")
     session = GroupedSession(recordings, ("pressure",))
-    gauges = [c for c in ("pressure", "pressure_reference") if any(c in r.streams for r in recordings)]
     shown = {g.reference for g in session.groups for k in g.members if "apex_height" in recordings[k].streams}
-    fed: list[_Fed] = [ManometerBlock] if len(gauges) > 1 else []
-    if True in shown:  # ahead of the skin: the fit of an effect on a reference goes on to it
-        fed.append(ReferenceBlock)
-    pressure = PressureBlock(session, effects, unknown_regulator, gauges[0]) if gauges else None
-    blocks: list[Block] = []
-    if pressure is not None:
-        session.held = pressure.held
-        pressure, references = _as_sampled(session, effects, pressure, fed)
-        blocks += [pressure, *references]
-    elif True in shown:
-        blocks.append(ReferenceBlock(session, effects))
-    for block in blocks:
-        if isinstance(block, ReferenceBlock):
-            session.of_height = block.row_noise
+    # References ahead of the skin: the fit of an effect on one goes on to it.
+    pressure, blocks = _without_skin(session, effects, True in shown, unknown_regulator)
     if False in shown:
         skin = height(session, effects, pressure)
         skin.jobs = jobs
@@ -60,6 +47,28 @@ def suction_problems(
     if not blocks:
         raise ValueError(f"recording {recordings[0].info.id} has neither channel pressure nor apex_height")
     return blocks, candidates_for(effects, blocks)
+
+
+def _without_skin(
+    session: GroupedSession, effects: Mapping[str, Effect], reference: bool, unknown_regulator: bool
+) -> tuple[PressureBlock | None, list[Block]]:
+    """The block of the recorded pressure, if there is one, and all blocks in which skin plays no part; whether there is
+    a height on a ``reference``."""
+    gauges = [c for c in ("pressure", "pressure_reference") if any(c in r.streams for r in session.recordings)]
+    fed: list[_Fed] = [ManometerBlock] if len(gauges) > 1 else []
+    fed += [ReferenceBlock] if reference else []
+    if not gauges:
+        blocks: list[Block] = [ReferenceBlock(session, effects)] if reference else []
+        pressure = None
+    else:
+        pressure = PressureBlock(session, effects, unknown_regulator, gauges[0])
+        session.held = pressure.held
+        pressure, others = _as_sampled(session, effects, pressure, fed)
+        blocks = [pressure, *others]
+    for block in blocks:
+        if isinstance(block, ReferenceBlock):
+            session.of_height = block.row_noise
+    return pressure, blocks
 
 
 def _as_sampled(

@@ -28,7 +28,7 @@ REGULATOR_TAU = 0.040
 
 
 VALVE_AND_INTEGRAL = slice(4, 7)
-"""Where the state of `kernels.valve_loop` has them."""
+"""Where the state of `kernels.valve_loop` has the valve, its speed and the integral."""
 
 
 @dataclass(frozen=True)
