@@ -16,6 +16,7 @@ Folder = Callable[[str], Path]
 REAL_TIME = ("acquire/gui", "acquire/session", "conformance", "sim_devices/servers")
 
 
+@pytest.hookimpl(tryfirst=True)  # ahead of the hook of xdist that reads the groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark the tests of `REAL_TIME`, and say which tests share a worker of pytest-xdist (``--dist loadgroup``).
 

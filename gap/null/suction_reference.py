@@ -34,8 +34,9 @@ MOVING = 1.5
 FLAT, ON_THE_WAY, LEAST_STEP = 0.8, 0.04, 0.1
 """Quantile of the readings that a step's flat has at least; share of it by which a reading beside a record's end is off
 both that and nought if the step is on its way; and share of the stated height below which no step is there."""
-BEND_SD = 0.05
-"""Of the membrane's greatest height, by which its curve may differ from one of three parameters, per function."""
+BEND_SD, OTHER_CURVE = 0.05, 0.5
+"""Of the membrane's greatest height, by which its curve may differ from one of three parameters, per function; and so
+far if it earns that freedom: a cap of rubber rises as the cube root of a small pressure."""
 CURVE_SD = np.array([0.7, 2.0, 1.5])
 """Logarithms by which these three, compliance, knee and exponent, may differ from the curve that fits the heights as
 read: nobody knows them, and a height that lags bends the curve that seems to fit."""
@@ -55,12 +56,13 @@ CREEPS = 0.3
 @dataclass(frozen=True)
 class _Column:
     """Something added to the height: ``values`` (n,) m times a number of prior width ``sd``; ``loose`` is the width
-    were the specimen it is ``of`` not as stated."""
+    were the specimen it is ``of`` not as stated; one that ``bends`` a membrane's curve may be of another curve."""
 
     values: FloatArray
     sd: float
     of: str = ""
     loose: float = 0.0
+    bends: bool = False
 
 
 class ReferenceBlock(FedBlock):
@@ -90,6 +92,10 @@ class ReferenceBlock(FedBlock):
         self.prior_sd = np.array([self.shift_sd, *(c.sd for c in columns), *curve])
         self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
         self.prior_scales = (self.prior_sd,)
+        bends = np.array([False, *(c.bends for c in columns), *np.zeros(len(curve), dtype=bool)])
+        if np.any(bends):
+            self.prior_scales = (self.prior_sd, np.where(bends, OTHER_CURVE, self.prior_sd))
+            self.prior_sd = fit(self).best_prior(self.prior_scales)
         # The sensor's slow noise shows where nothing yields; on a membrane it may be the membrane's.
         still = [bulge is not None for bulge in self._bulge]
         rigid = np.repeat(still, [at.stop - at.start for _, at in self.groups])
@@ -181,15 +187,15 @@ class ReferenceBlock(FedBlock):
         height = elastic_height(time, pressure, *self._curve)
         top = float(np.max(np.abs(height), initial=1e-9))
 
-        def column(values: FloatArray, sd: float, loose: float) -> _Column:
+        def column(values: FloatArray, sd: float, loose: float, bends: bool = False) -> _Column:
             full = np.zeros(len(self.stamps))
             full[at] = np.interp(self.stamps[at], time, values)
-            return _Column(full, sd, group.specimen, loose)
+            return _Column(full, sd, group.specimen, loose, bends)
 
-        curves = [u, u**2, u**3, np.sqrt(u), *(np.minimum(u, k) / k for k in KNEES[3:])]
+        curves = [u, u**2, u**3, np.sqrt(u), np.cbrt(u), *(np.minimum(u, k) / k for k in KNEES[3:])]
         lags = {tau: evaluate(low_pass, time, height, tau) - height for tau in MEMORIES}
         return [
-            *(column(curve * top, BEND_SD, BEND_SD) for curve in curves),
+            *(column(curve * top, BEND_SD, BEND_SD, bends=True) for curve in curves),
             *(column(lag, 0.5 * memory, LOOSE if tau >= CREEPS else 0.5 * memory) for tau, lag in lags.items()),
         ]
 
@@ -200,7 +206,7 @@ class ReferenceBlock(FedBlock):
             own = np.array([of == g.specimen for of in self._of])
             if own.any():
                 widths = self.prior_sd.copy()
-                widths[1:][own] = self._loose[own]
+                widths[1:][own] = np.maximum(self._loose[own], widths[1:][own])
                 out[g.specimen] = widths, g.members
         return out
 

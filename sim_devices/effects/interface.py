@@ -167,8 +167,10 @@ def _rim_leak(chain: Chain, v: Values) -> Chain:
     if chosen(v, "form") == 4:
         return law_after(chain, "probe", "rim_leak", "interface", kernels.sealing, (v["share"], v["seal"], DRAWN))
     if chosen(v, "form") == 3:
-        # Flow through the hose to a leak at its end: less suction than at the gauge, and later.
-        return law_after(chain, "probe", "rim_leak", "interface", kernels.prony, (0.0, 1.0 - v["share"], v["tau"]))
+        # Flow through the hose to a leak at its end: less suction than at the gauge, and later, to a manometer as well.
+        lost = kernels.prony, (0.0, 1.0 - v["share"], v["tau"])
+        chain = law_after(chain, "probe", "rim_leak", "interface", *lost)
+        return law_after(chain, "manometer", "hose_leak", "interface", *lost)
     return map_after(chain, "probe", "rim_leak", "interface", laws.leak, (v["share"], v["exponent"], PRESSURE))
 
 

@@ -31,9 +31,9 @@ SHEETS = ("open air", "rigid post", "reference spring")
 YIELDING = ("reference membrane", "reference spring", "rigid post")
 OF_SKIN = ("probe_recoil", "support_slip")
 """Specimens that load the interface, and effects there that are skin's all the same."""
-OF_PROBE = {("probe_recoil", 1), ("probe_tilt", 1)}
+OF_PROBE = {("probe_recoil", 1), ("probe_tilt", 1), ("rim_leak", 3)}
 """Effects and their forms that need no specimen to give way: a probe that moves on its own spring, to a stop, or that
-suction tips flat on whatever it stands."""
+suction tips flat on whatever it stands; and a hose that loses some of the suction on its way there."""
 POST = 2e5
 """N/m: stiffness of post, glue and frame together, as the simulated robot meets them (assumed)."""
 
@@ -70,7 +70,8 @@ def meets(effect: Effect, specimen: str) -> bool:
     """Whether an effect shows on a specimen at all.
 
     Effects of a person's tissue do not act on a reference; and only what gives way as skin does shows most of what
-    happens between probe and skin. A probe that yields on its own spring, or is tipped flat, does so on anything.
+    happens between probe and skin. A probe that yields on its own spring, or is tipped flat, does so on anything;
+    and so does a hose that leaks.
     """
     if (
         specimen not in SPECIMENS

@@ -13,7 +13,7 @@ from gap import diagnose
 from gap.design import simulated as own
 from gap.diagnosis import Diagnosis
 from gap.effects.load import library
-from gap.inference.hypothesis import FROZEN
+from gap.inference.hypothesis import FROZEN, to_unit
 from gap.inference.least_squares import fit, under
 from gap.null.blocks import GroupedSession
 from gap.null.robot import robot_problems
@@ -216,3 +216,41 @@ def test_a_gauge_s_zero_that_closes_the_loop_shows_while_it_is_vented_only() -> 
     frozen = pressure.prior_sd.copy()
     frozen[VENTED] = FROZEN
     assert fit(under(pressure, pressure.prior_mean, frozen)).objective > found.objective + 20.0
+
+
+def test_a_manometer_tells_a_gauge_of_two_slopes_from_a_leak() -> None:
+    """The pressure that is fed followed each step of the gauge's error within a quarter of a second: the gauge was told
+    a leak by 63 sigma."""
+    bent = {"error": -0.1, "knee": 5e3}
+    problems, candidates = suction_problems(suction("gauge_gain", bent | {"form": 3.0}), library("aspiration"))
+    manometer, gauge = problems[1], next(c for c in candidates if c.key == "gauge_gain[form=3]")
+    unit = np.array([to_unit(p, bent[p.name]) for p in gauge.parameters])
+    known = fit(manometer, (gauge,), unit)
+    assert known.chi2 < 1.25 * len(manometer.measured)
+    assert fit(manometer).objective > known.objective + 40.0
+
+
+def test_a_hose_that_leaks_shows_on_a_manometer_and_a_rim_does_not() -> None:
+    _, candidates = suction_problems(suction(), library("aspiration"))
+    blocks = {c.form: c.blocks for c in candidates if c.name == "rim_leak"}
+    assert blocks[3] == ("manometer", "reference", "height")
+    assert blocks[0] == ("reference", "height")
+
+
+def test_a_membrane_may_be_a_cap_of_rubber() -> None:
+    """Its curve was told a pressure that leaks into the height, by the strain of what a curve might be."""
+    taken, elastic = [], stated("reference membrane", {"memory": "0.1 %"})
+    legs = [*SKIN, *STEPS, *(replace(leg, known=elastic) for leg in MEMBRANE)]
+    for r in own.suction_session("aspiration", np.random.default_rng(11), legs=legs):
+        if r.info.specimen == "reference membrane":
+            height, caps = r.streams["apex_height"], np.linspace(-0.5, 1.5, 500)
+            top = float(height.value.max())
+            cap = top * np.interp(height.value / top, 0.25 * caps + 0.75 * caps**3, caps)
+            r = replace(r, streams={**r.streams, "apex_height": replace(height, value=cap)})
+        taken.append(r)
+    problems, candidates = suction_problems(taken, library("aspiration"))
+    reference, null = problems[1], fit(problems[1])
+    leaking = next(c for c in candidates if c.key == "crosstalk[form=3]")
+    starts = [np.array([at, knee]) for at in (0.1, 0.9) for knee in (0.3, 0.7)]
+    with_leak = max(fit(reference, (leaking,), u).log_evidence(1.0, reference.prior_scales) for u in starts)
+    assert with_leak < null.log_evidence(1.0, reference.prior_scales) + 3.0
