@@ -18,11 +18,11 @@ REAL_TIME = ("acquire/gui", "acquire/session", "conformance", "sim_devices/serve
 
 @pytest.hookimpl(tryfirst=True)  # ahead of the hook of xdist that reads the groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests of `REAL_TIME`, and say which tests share a worker of pytest-xdist (``--dist loadgroup``).
+    """Mark the tests of `REAL_TIME`, and name the groups that share a worker of pytest-xdist (``--dist loadgroup``).
 
-    A machine that stands still for a quarter of a second trips what it must trip, so these tests, and no others, may
+    A machine that stands still for a quarter of a second trips their watchdogs, so these tests, and no others, may
     fail once: they are run again, and the report says so. They follow one another in one worker, as two engines on one
-    processor starve each other. Every other file is a group of its own, since its tests share what they have prepared.
+    processor starve each other. Every other file is a group of its own, since its tests share fixtures.
     """
     root = Path(__file__).parent
     for item in items:
@@ -38,7 +38,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def own_folders(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Folders of the tests' own for what programs keep per user: `acquire status` lists nothing that a test killed."""
+    """Folders of the tests' own for files that programs keep per user: `acquire status` lists no run of a test."""
     with pytest.MonkeyPatch.context() as patch:
         for variable in ("XDG_RUNTIME_DIR", "XDG_DATA_HOME"):
             folder = tmp_path_factory.mktemp(variable.lower())

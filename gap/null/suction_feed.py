@@ -43,10 +43,11 @@ class FedPressure:
             value = value if self._as_read else self._pressure.true(value)
         period = self._pressure.dt if self._pressure is not None and self._pressure.averaged else 0.0
         foretold = np.interp(node_times(time, np.zeros(len(time)), period), fine, base).mean(axis=0)
-        levels, by_level = off_by_level(foretold, value - foretold)
-        remainder = value - foretold - np.interp(foretold, levels, by_level)
-        remainder = denoised(time, remainder, shrunk=0.0 if self._as_read else SHRUNK)
-        return fine, base + np.interp(base, levels, by_level) + np.interp(fine, time, remainder)
+        off = value - foretold
+        levels, by_level = off_by_level(foretold, off)
+        rest = off - np.interp(foretold, levels, by_level)
+        rest = denoised(time, rest, shrunk=0.0 if self._as_read else SHRUNK)
+        return fine, base + np.interp(base, levels, by_level) + np.interp(fine, time, rest)
 
     def _made(self, group: Group, pressure: PressureBlock) -> Table:
         """The pressure that the regulator, as fitted elsewhere, makes of a group's command."""
@@ -80,12 +81,13 @@ class FedPressure:
 
 
 LEVELS, BY_LEVEL = 9, 0.5
-"""Pressures at which a record's error by level is told, and the share of the error that it must explain."""
+"""Number of pressures, evenly spaced, at which a record's error is told by level; and the share of its squares that
+this must explain."""
 
 
 def off_by_level(foretold: FloatArray, off: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Levels (k,) and by how much a record is off at each, where its error ``off`` (n,) mostly follows the pressure
-    that was ``foretold`` (n,), as with a leak or a bent gauge; nought elsewhere.
+    """Levels (k,) Pa and by how much a record is off at each, (k,) Pa, where its error ``off`` (n,) Pa mostly follows
+    the pressure (n,) Pa that was ``foretold``, as with a leak or a bent gauge; nought elsewhere.
 
     Such an error steps with the pressure: a mean over time, which takes the noise out of it, would smear each step.
     """

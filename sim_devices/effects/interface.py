@@ -237,7 +237,7 @@ EFFECTS = (
     effect(
         "rim_leak", "interface", SUCTION,
         "Air leaks under the rim: skin sees less suction than the gauge.",
-        "Press more evenly, grease the rim, shave the site.",
+        "Press more evenly, grease the rim, shave the site; tighten the hose.",
         "contact on hairy or curved sites; gap.md",
         (
             strength("share", "1", 2e-3, 0.6, 0.12, "of the suction at 300 mbar (form 1: of 300 mbar in the end)"),

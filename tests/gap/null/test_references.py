@@ -1,4 +1,4 @@
-"""Reference specimens in a diagnosis: what they tie down is named, and what they are not is no finding."""
+"""Reference specimens in a diagnosis: effects that they tie down are named, an error of their own is no finding."""
 
 from __future__ import annotations
 
@@ -219,8 +219,8 @@ def test_a_gauge_s_zero_that_closes_the_loop_shows_while_it_is_vented_only() -> 
 
 
 def test_a_manometer_tells_a_gauge_of_two_slopes_from_a_leak() -> None:
-    """The pressure that is fed followed each step of the gauge's error within a quarter of a second: the gauge was told
-    a leak by 63 sigma."""
+    """The mean over a quarter of a second, which takes the noise out of the fed pressure, smeared each step of the
+    gauge's error: the gauge was told a leak by 45 sigma."""
     bent = {"error": -0.1, "knee": 5e3}
     problems, candidates = suction_problems(suction("gauge_gain", bent | {"form": 3.0}), library("aspiration"))
     manometer, gauge = problems[1], next(c for c in candidates if c.key == "gauge_gain[form=3]")
@@ -238,7 +238,7 @@ def test_a_hose_that_leaks_shows_on_a_manometer_and_a_rim_does_not() -> None:
 
 
 def test_a_membrane_may_be_a_cap_of_rubber() -> None:
-    """Its curve was told a pressure that leaks into the height, by the strain of what a curve might be."""
+    """Its curve was told a pressure that leaks into the height, as the prior of that curve was strained."""
     taken, elastic = [], stated("reference membrane", {"memory": "0.1 %"})
     legs = [*SKIN, *STEPS, *(replace(leg, known=elastic) for leg in MEMBRANE)]
     for r in own.suction_session("aspiration", np.random.default_rng(11), legs=legs):
