@@ -17,7 +17,7 @@ from gap.decision.marks import explains_marks
 from gap.decision.posterior import Posterior, posterior
 from gap.decision.qualified import Qualified
 from gap.decision.thresholds import Thresholds
-from gap.decision.tolerance import Stated, in_stated, in_tolerances, strained
+from gap.decision.tolerance import NOT_STATED, Size, Stated, in_stated, in_tolerances, strained
 from gap.decision.tolerated import beside, told, tolerated
 from gap.decision.transfer import Carried, best_elsewhere, plain, transferred
 from gap.decision.verdict import UNFINISHED, WITHIN, Findings, Verdict, decide
@@ -142,10 +142,10 @@ def _settled(case: Case, t: Thresholds, jobs: int) -> Settled:
         return Settled(decide(Findings(found, t)), found, ())
     found, trials = _with_best_leader(case, found, t, jobs)
     first, comparison = found.causes[0], case.comparison
-    sizes = in_tolerances(comparison.problems, comparison.null, first.members, case.stated, found.temper, t.seen)
+    size = in_tolerances(comparison.problems, comparison.null, first.members, case.stated, found.temper, t.seen)
     expected = case.qualified is not None and bool(case.qualified.expected(first.hypothesis))
     if expected:
-        sizes = (np.inf, 0.0)  # references, on which no skin could do as much, have shown that it is more than that
+        size = NOT_STATED  # references, on which no skin could do as much, have shown that it is more than that
     has_skin = any(p.open_law for p in comparison.problems.values())
     nats = nats_without_skin(first, comparison, found.temper)
     # No other recording tells an event from skin of another law.
@@ -158,8 +158,7 @@ def _settled(case: Case, t: Thresholds, jobs: int) -> Settled:
         held_out=trials[0].changed,
         rival=_rival(case, found, t, jobs),
         without_skin=sum(nats.values()) if has_skin else np.inf,
-        tolerances=sizes[0],
-        beyond=sizes[1],
+        size=size,
         strained=strained(comparison.problems, comparison.null, first.hypothesis),
         expected=expected,
     )
@@ -176,8 +175,8 @@ def _with_tolerated(settled: Settled, case: Case, t: Thresholds) -> Settled:
     trials = tuple(tried[id(c.hypothesis)] for c in known)
     rules = verdict.rules
     if verdict.verdict in ("none", "undetectable") and found.causes[0].names in {c.names for c in case.taken}:
-        size = in_stated(found.causes[0].effects[0], found.causes[0].hypothesis, case.stated)
-        rules = (f"{WITHIN}: {size:.1f} stated tolerances <= {t.tolerances:g}", *rules)
+        size = Size(in_stated(found.causes[0].effects[0], found.causes[0].hypothesis, case.stated))
+        rules = (f"{WITHIN}: {size} <= {t.tolerances:g}", *rules)
     said = "undetectable" if verdict.verdict == "none" else verdict.verdict
     return Settled(Verdict(said, found, rules), settled.found, trials)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +22,26 @@ DEGREE = 3
 """Of the polynomial that a channel's error is of its own value: zero, gain, and a bend with one turn."""
 
 
+class Size(NamedTuple):
+    """How many stated ``tolerances`` an effect is large (inf where none is stated), and by how many tempered σ it shows
+    ``beyond`` that. ``of_channels`` is the size of one whose parameters are larger, or have none stated: of how far it
+    moves the channels' own scales off those of a sound instrument's simulation, fitted within its tolerances."""
+
+    tolerances: float = float(np.inf)
+    beyond: float = 0.0
+    of_channels: bool = False
+
+    def within(self, most: float, seen: float) -> bool:
+        """Whether it is ``most`` tolerances at most, and shows less than ``seen`` σ beyond."""
+        return self.tolerances <= most and self.beyond < seen
+
+    def __str__(self) -> str:
+        return f"{self.tolerances:.1f} stated tolerances{' of the channels' if self.of_channels else ''}"
+
+
+NOT_STATED = Size()
+
+
 def in_tolerances(
     problems: Mapping[str, Problem],
     null: Hypothesis,
@@ -28,17 +49,16 @@ def in_tolerances(
     stated: Stated,
     temper: Mapping[str, float],
     seen: float = np.inf,
-) -> tuple[float, float]:
-    """How many stated tolerances the smallest of hypotheses that cannot be told apart is large, by its parameters or by
-    its change of the channels' own scales (inf where none is stated); and by how many tempered σ, less than ``seen``
-    if possible, it shows beyond that.
+) -> Size:
+    """The size of the smallest of hypotheses that cannot be told apart, by its parameters or by its change of the
+    channels' own scales, of those that show less than ``seen`` σ beyond if possible.
 
     Where the simulation by itself strains tolerances to do a hypothesis' work, the hypothesis does not change the
     channels: its parameters alone tell its size then."""
     fair = [h for h in members if all(null.fits[b].penalty - h.fits[b].penalty <= STRAINED for b in problems)]
-    sizes = [(_by_parameters(h, stated), 0.0) for h in members]
+    sizes = [Size(_by_parameters(h, stated)) for h in members]
     sizes += [_by_channels(problems, null, h, stated.get(CHANNELS, {}), temper) for h in fair]
-    return min(sizes, key=lambda size: size[0] if size[1] < seen else np.inf, default=(np.inf, 0.0))
+    return min(sizes, key=lambda size: size.tolerances if size.beyond < seen else np.inf, default=NOT_STATED)
 
 
 def strained(problems: Mapping[str, Problem], null: Hypothesis, h: Hypothesis) -> bool:
@@ -89,12 +109,12 @@ def _by_channels(
     h: Hypothesis,
     stated: Mapping[str, Tolerance],
     temper: Mapping[str, float],
-) -> tuple[float, float]:
+) -> Size:
     """The largest change that is a function of the channel's own value alone, in tolerances; and the rest, in σ."""
     # Scatter of the samples moves no prediction.
     by_chance = any(problem.noise_scale(h.fits[b].active) is not None for b, problem in problems.items())
     if not stated or not h.effects or by_chance:
-        return float(np.inf), 0.0
+        return NOT_STATED
     largest, rest = 0.0, 0.0
     for block, problem in problems.items():
         nominal, changed = predicted(problem, null.fits[block]), predicted(problem, h.fits[block])
@@ -112,4 +132,4 @@ def _by_channels(
             static = powers @ weights
             largest = max(largest, float(np.max(np.abs(static))) / stated[name].value)
             rest += float(np.sum(np.square((change - static) / sigma[at])))
-    return largest, float(np.sqrt(rest))
+    return Size(largest, float(np.sqrt(rest)), of_channels=True)

@@ -12,9 +12,10 @@ from gap.decision.gaps import Shrink
 from gap.decision.marks import explains_marks
 from gap.decision.posterior import Posterior, misfit
 from gap.decision.thresholds import Thresholds
-from gap.decision.tolerance import shortest, weakest
+from gap.decision.tolerance import NOT_STATED, Size, shortest, weakest
 
 EMPTY, UNFINISHED, WITHIN, DOUBT = "nothing to name", "unfinished pair", "within tolerance", "in doubt"
+ALIKE = "a sound instrument looks alike"
 """Names of rules that others ask for."""
 VERDICTS = ("effect", "several", "none", "unknown", "undetectable")
 
@@ -25,9 +26,8 @@ class Findings:
     some of them without skin show, in these: the rest of skin of another law is not its doing), ``each`` in every such
     block, ``held_out`` in them on recordings that its parameters were not fitted to, by split, and
     ``rival`` that of the next cause of other effects, in all blocks; ``without_skin``, the nats that blocks without
-    skin give the first cause; ``tolerances``, how many stated tolerances the smallest member of its class is large
-    (inf where none is stated), and ``beyond``, the tempered σ by which it exceeds any tolerance; ``strained``,
-    whether without it tolerances are strained far; ``expected``, whether the instrument's references have shown it."""
+    skin give the first cause; ``size``, that of the smallest member of its class; ``strained``, whether without it
+    tolerances are strained far; ``expected``, whether the instrument's references have shown it."""
 
     posterior: Posterior
     t: Thresholds
@@ -36,8 +36,7 @@ class Findings:
     held_out: Mapping[str, Shrink] = field(default_factory=dict)
     rival: Mapping[str, Shrink] = field(default_factory=dict)
     without_skin: float = np.inf
-    tolerances: float = np.inf
-    beyond: float = 0.0
+    size: Size = NOT_STATED
     strained: bool = False
     expected: bool = False
 
@@ -283,6 +282,10 @@ def _fall(f: Findings) -> str:
     return f"gap {f.fitted.before:.2f} -> {f.fitted.after:.2f} in the channels it changes" if f.fitted else ""
 
 
+def _sized(f: Findings) -> str:
+    return f"{f.size} <= {f.t.tolerances:g}"
+
+
 RULES: tuple[Rule, ...] = (
     Rule(EMPTY, lambda f: not f.posterior.causes, Findings.quiet, lambda f: "no effect was fitted"),
     Rule(
@@ -325,12 +328,8 @@ RULES: tuple[Rule, ...] = (
         _always("unknown"),
         lambda f: f"several effects leave a gap > {f.t.unfinished_pair:g} where they act: {_fall(f)}",
     ),
-    Rule(
-        WITHIN,
-        lambda f: f.tolerances <= f.t.tolerances and f.beyond < f.seen,
-        Findings.tolerated,
-        lambda f: f"{f.tolerances:.1f} stated tolerances <= {f.t.tolerances:g}",
-    ),
+    Rule(ALIKE, lambda f: f.size.of_channels and f.size.within(f.t.tolerances, f.seen), Findings.tolerated, _sized),
+    Rule(WITHIN, lambda f: f.size.within(f.t.tolerances, f.seen), Findings.tolerated, _sized),
     Rule(
         "takes nothing away",
         _lowers_nothing,

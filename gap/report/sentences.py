@@ -5,7 +5,7 @@ from __future__ import annotations
 from gap.data.signatures import HUM
 from gap.decision.classes import Cause
 from gap.decision.gaps import gap_without_discrepancy, shrink
-from gap.decision.verdict import DOUBT, EMPTY, WITHIN
+from gap.decision.verdict import ALIKE, DOUBT, EMPTY, WITHIN
 from gap.diagnosis import Diagnosis
 from gap.inference.hypothesis import Candidate
 from gap.report.breakdown import breakdown
@@ -16,6 +16,11 @@ from gap.report.words import SPLITS, options, quantity, significant, words
 UNKNOWN_NEXT = "The cause is not known: the pictures show where to look, and an effect of your own can be added."
 ALONE = "No effect was fitted beside the simulation: its parameters are those of a sound instrument and skin."
 BOUNDS = "The bounds below say how strong each effect could still be."
+SMALL = {
+    WITHIN: "and is within twice a stated tolerance: no finding",
+    ALIKE: "and a sound instrument within its tolerances shows the same; a qualification would tell them apart",
+}
+"""How an effect that is no finding is one, by the rule that says so."""
 MOST = 80.0
 """Per cent of the excess that are no longer few."""
 DOING = {"load": "loading", "unload": "unloading", "hold": "holding", "rest": "resting"}
@@ -50,9 +55,9 @@ def _how_far(d: Diagnosis) -> str:
 
 
 def _nothing(d: Diagnosis) -> str:
-    if d.verdict.causes and d.verdict.settled_by == WITHIN:
+    if d.verdict.causes and d.verdict.settled_by in SMALL:
         what = " and ".join(words(e.name) for e in d.verdict.causes[0].effects)
-        return f"{what.capitalize()} would explain what stands out, and is within twice a stated tolerance: no finding."
+        return f"{what.capitalize()} would explain what stands out, {SMALL[d.verdict.settled_by]}."
     if _within_noise(d):
         if d.verdict.verdict == "none":
             return "No effect of the library is needed to explain these recordings."

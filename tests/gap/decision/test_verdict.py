@@ -15,9 +15,9 @@ from gap.decision.gaps import Shrink
 from gap.decision.posterior import posterior
 from gap.decision.settle import Case, settle
 from gap.decision.thresholds import INSTRUMENT, RIG, Thresholds, provenance
-from gap.decision.tolerance import Stated, in_tolerances, weakest
+from gap.decision.tolerance import Size, Stated, in_tolerances, weakest
 from gap.decision.transfer import plain
-from gap.decision.verdict import RULES, Findings, decide
+from gap.decision.verdict import ALIKE, RULES, Findings, decide
 from gap.inference.evidence import Hypothesis
 from gap.search.compare import Comparison, compare
 from sim_devices.chain import Parameter
@@ -297,18 +297,18 @@ def test_an_effect_within_twice_a_stated_tolerance_is_no_finding(linear, candida
     h = found.causes[0].hypothesis
     size = abs(h.fits["linear"].active[h.effects[0]]["a"])
 
-    def large(stated: Stated) -> tuple[float, float]:
+    def large(stated: Stated) -> Size:
         return in_tolerances(comparison.problems, comparison.null, [h], stated, found.temper)
 
-    assert large({})[0] == np.inf
-    assert large({"wave": {"a": Tolerance(size, "1", "test")}}) == pytest.approx((1.0, 0.0))
+    assert large({}).tolerances == np.inf
+    assert large({"wave": {"a": Tolerance(size, "1", "test")}})[:2] == pytest.approx((1.0, 0.0))
     jump = replace(h.effects[0], event=True)  # an event is no tolerance
     jumping = Hypothesis((jump,), {"linear": replace(h.fits["linear"], hypothesis=(jump,))})
     stated = {"wave": {"a": Tolerance(size, "1", "test")}}
-    assert in_tolerances(comparison.problems, comparison.null, [jumping], stated, found.temper)[0] == np.inf
-    assert judge(comparison, known, tolerances=1.0).verdict == "undetectable"
-    assert judge(comparison, known, tolerances=3.0).verdict == "effect"
-    assert judge(comparison, known, tolerances=1.0, beyond=9.0).verdict == "effect"
+    assert in_tolerances(comparison.problems, comparison.null, [jumping], stated, found.temper) == Size()
+    said = [judge(comparison, known, size=size).verdict for size in (Size(1.0), Size(3.0), Size(1.0, beyond=9.0))]
+    assert said == ["undetectable", "effect", "effect"]
+    assert judge(comparison, known, size=Size(0.1, of_channels=True)).settled_by == ALIKE
     assert tolerances("cutometer")["gauge_gain"]["error"].value == 5e-3
     assert tolerances("some rig") == {}
 
@@ -324,8 +324,8 @@ def test_a_channel_may_be_a_little_bent_but_not_late(linear, candidate) -> None:
         known = [candidate(name, Parameter("a", "1", -60.0, 60.0, 0.0))]
         comparison = compare([problem], known)
         h = comparison.hypotheses[0]
-        times, beyond = in_tolerances(comparison.problems, comparison.null, [h], stated, {"linear": 0.01})
-        assert (times <= INSTRUMENT.tolerances and beyond < INSTRUMENT.seen) == small, (name, strength)
+        size = in_tolerances(comparison.problems, comparison.null, [h], stated, {"linear": 0.01})
+        assert size.within(INSTRUMENT.tolerances, INSTRUMENT.seen) == small, (name, strength)
 
 
 def test_every_threshold_has_a_unit_a_meaning_and_a_source() -> None:
