@@ -27,6 +27,7 @@ class Thresholds:
     mark_share: float
     detect: float
     seen: float
+    seen_strained: float
     seen_event: float
     seen_like_skin: float
     seen_faint: float

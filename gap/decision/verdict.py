@@ -49,7 +49,7 @@ class Findings:
         """Detectability that the first cause needs."""
         if self.first.marked or self.expected:
             return self.t.seen_marked
-        return self.t.seen_of(self.first.effects)
+        return self.t.seen_strained if self.strained else self.t.seen_of(self.first.effects)
 
     @property
     def shows_itself(self) -> bool:

@@ -52,11 +52,11 @@ LONG, MOST = 5.0, 5000
 """s of a command that stays as it is, behind which a chamber is at rest; and steps of an interval at most."""
 STILL = 0.2
 """Of the nominal flow: where a valve lets less out of an empty chamber, its controller's integral would stay."""
-CLEARS = ("never", "unasked", "at air")
-"""When a controller clears its integral: never, while nothing is asked for, or once the line has come to the air's
-pressure meanwhile,"""
+CLEARS = ("never", "unasked", "at air", "touched")
+"""When a controller clears its integral: never, while nothing is asked for, once the line has come to the air's
+pressure meanwhile, or at once where its command comes to nought, though it only touches it, as a triangle does,"""
 CLEARING, AT_AIR = 0.05, 5e-3
-"""and s within which it does: a command that only touches nought, as a triangle does, leaves it."""
+"""and s within which the others do, which such a command leaves as they are."""
 LEAST = 1e-3
 """Of the nominal flow, at the ends of a supply's range."""
 
@@ -149,7 +149,7 @@ def _valve_on(s: FloatArray, u: float, dt: float, parts: int, late: float, clear
     before, y, x, v, i, still = s[2], s[3], s[4], s[5], s[6], AT_REST * s[7]
     h, change, highest = dt / max(parts, 1), u - before, loop.highest
     rise = change / max(parts, 1)
-    kept = math.exp(-h / (CLEARING if clears < 2.0 else AT_AIR)) if clears > 0.0 else 1.0
+    kept = math.exp(-h / (CLEARING if clears < 2.0 else AT_AIR)) if 0.0 < clears < 3.0 else 0.0
     for j in range(parts):
         if change == 0.0 and abs(u - y) + (abs(x) + abs(v) * late) * late < still:
             break
@@ -157,7 +157,8 @@ def _valve_on(s: FloatArray, u: float, dt: float, parts: int, late: float, clear
         cleared = i * kept
         y, x, v, i = _valve_moved((y, x, v, i), begin, end, h, loop)
         y = min(y, highest)
-        if clears > 0.0 and min(begin, end) > NOTHING and (clears < 2.0 or y > VENTED):
+        nothing = max(begin, end) if clears > 2.0 else min(begin, end)
+        if clears > 0.0 and nothing > NOTHING and (clears != 2.0 or y > VENTED):
             i = cleared
     s[3], s[4], s[5], s[6] = y, x, v, i
 

@@ -28,7 +28,7 @@ def test_an_effect_that_leaves_much_of_skin_is_not_claimed(
     linear, candidate, stage: str, left: float, without_skin: float, said: str
 ) -> None:
     """Fibres of 15.8 sigma were claimed that left a gap of 9 of a sound sheet of another law."""
-    comparison, known = weak_wave(linear, candidate, 2.5)
+    comparison, known = weak_wave(linear, candidate, 3.15)
     found = posterior(comparison, known, INSTRUMENT)
     first = found.causes[0]
     effects = tuple(replace(e, stage=stage) for e in first.effects)
@@ -46,7 +46,7 @@ def test_an_effect_of_the_device_is_not_claimed_beside_one_of_skin_as_large(
     linear, candidate, share: float, said: str
 ) -> None:
     """A tone that rose by a logistic (16.9 sigma) was told a lamp that drifts (17.2), which left a gap of 3.6."""
-    comparison, known = weak_wave(linear, candidate, 2.5)
+    comparison, known = weak_wave(linear, candidate, 3.15)
     found = posterior(comparison, known, INSTRUMENT)
     first = replace(found.causes[0], detectability=17.2)
     skin = replace(first.hypothesis, effects=tuple(replace(e, stage="tissue") for e in first.effects))

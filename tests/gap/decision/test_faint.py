@@ -11,7 +11,7 @@ from tests.gap.decision.waves import judge, weak_wave
 
 @pytest.mark.parametrize(
     ("strength", "after", "said"),
-    [(2.5, 0.93, "undetectable"), (2.5, 0.90, "effect"), (4.0, 0.93, "effect")],
+    [(3.15, 0.93, "undetectable"), (3.15, 0.90, "effect"), (4.0, 0.93, "effect")],
 )
 def test_a_faint_effect_needs_more_than_many_samples(linear, candidate, strength, after, said) -> None:
     """Six of seven claims of 5 to 8 sigma that took less than .04 of the gap in their channels were wrong."""
@@ -22,6 +22,6 @@ def test_a_faint_effect_needs_more_than_many_samples(linear, candidate, strength
 
 
 def test_of_a_strained_tolerance_or_a_rig_little_is_enough(linear, candidate) -> None:
-    comparison, known = weak_wave(linear, candidate, 2.5)
+    comparison, known = weak_wave(linear, candidate, 3.15)
     assert judge(comparison, known, fitted=Shrink(0.96, 0.93), strained=True).claims
     assert judge(comparison, known, RIG, fitted=Shrink(1.2, 1.16)).claims

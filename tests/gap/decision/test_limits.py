@@ -9,7 +9,7 @@ from tests.gap.decision.waves import judge, weak_wave
 
 def test_a_bound_does_not_contradict_what_fits_best(linear, candidate) -> None:
     """A force constant that varies by 58 per m fitted best and was not claimed, beside 'weaker than 8.6 per m'."""
-    comparison, known = weak_wave(linear, candidate, 2.5)
+    comparison, known = weak_wave(linear, candidate, 3.15)
     elsewhere = {"waveform": Shrink(0.93, 0.93)}
     quiet = judge(comparison, known, fitted=Shrink(0.95, 0.93), held_out=elsewhere)
     assert not quiet.claims

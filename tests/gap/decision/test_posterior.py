@@ -350,7 +350,7 @@ def test_a_second_effect_must_act_above_the_noise(linear, candidate, sigma: floa
     (seed 410005); a support that slips beside a wrong zero, in a force on skin that left 1.04 of it (670120)."""
     rng = np.random.default_rng(0)
     y = DESIGN @ [2.0, 1.0] + 9.0 * SHAPES["bump"] + rng.normal(size=len(T))
-    other = sigma * (0.7 * SHAPES["wave"] + rng.normal(size=len(T)))
+    other = sigma * (0.8 * SHAPES["wave"] + rng.normal(size=len(T)))
     shapes = {n: (lambda v, n=n: v["a"] * SHAPES[n]) for n in ("bump", "wave")}
     height = linear(y, DESIGN, shapes, np.full(2, 100.0))
     pressure = linear(other, DESIGN, shapes, np.full(2, 100.0), name="pressure")

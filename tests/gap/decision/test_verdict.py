@@ -65,7 +65,7 @@ def test_a_second_effect_must_be_seen_itself(linear, candidate, event: bool, sai
     y = (
         DESIGN @ [2.0, 1.0]
         + 15.0 * SHAPES["bump"]
-        + 1.9 * SHAPES["late"]
+        + 2.1 * SHAPES["late"]
         + np.random.default_rng(0).normal(size=len(T))
     )
     effects = {n: (lambda v, n=n: v["a"] * SHAPES[n]) for n in ("bump", "late")}
@@ -75,7 +75,7 @@ def test_a_second_effect_must_be_seen_itself(linear, candidate, event: bool, sai
 
 
 @pytest.mark.parametrize(
-    ("tolerance", "strength", "said"), [(1.0, 2.5, "effect"), (5.0, 2.5, "undetectable"), (5.0, 9.0, "undetectable")]
+    ("tolerance", "strength", "said"), [(1.0, 3.15, "effect"), (5.0, 3.15, "undetectable"), (5.0, 9.0, "undetectable")]
 )
 def test_what_cannot_be_told_from_a_tolerance_is_no_finding(linear, candidate, tolerance, strength, said) -> None:
     y = DESIGN @ [2.0, 1.0] + strength * SHAPES["bump"] + np.random.default_rng(0).normal(size=len(T))
@@ -111,11 +111,11 @@ def test_mains_in_the_noise_leave_the_verdict_alone(verdict_on) -> None:
 @pytest.mark.parametrize(
     ("strength", "gap", "transfer", "said"),
     [
-        (2.5, 2.0, 0.9, "effect"),
-        (2.5, 2.0, 0.05, "unknown"),  # repairs the fitted recordings, and no more
-        (2.5, 1.0, 0.05, "effect"),  # nothing is left to take away
-        (2.5, 2.0, None, "effect"),  # one waveform only
-        (2.5, 3.0, 0.9, "unknown"),  # leaves a gap of 2.4
+        (3.15, 2.0, 0.9, "effect"),
+        (3.15, 2.0, 0.05, "unknown"),  # repairs the fitted recordings, and no more
+        (3.15, 1.0, 0.05, "effect"),  # nothing is left to take away
+        (3.15, 2.0, None, "effect"),  # one waveform only
+        (3.15, 3.0, 0.9, "unknown"),  # leaves a gap of 2.4
         (30.0, 2.0, 0.05, "effect"),  # beyond the rest that skin could leave
     ],
 )
@@ -150,7 +150,7 @@ def test_a_device_effect_must_carry_over_where_skin_is_in_play(
     ],
 )
 def test_what_makes_withheld_recordings_worse_is_not_claimed(linear, candidate, split, before, after, said) -> None:
-    comparison, known = weak_wave(linear, candidate, 2.5)
+    comparison, known = weak_wave(linear, candidate, 3.15)
     verdict = judge(comparison, known, held_out={split: Shrink(before, after)})
     assert verdict.verdict == said
     assert verdict.rules[0].startswith("claimed" if said == "effect" else "worse")
@@ -247,7 +247,7 @@ def test_a_waveform_that_hardly_shows_an_effect_does_not_judge_it(linear, candid
 def test_what_strains_a_tolerance_far_may_take_little_away(linear, candidate, far: bool, said: str) -> None:
     """A gauge five hundredths off takes .02 of a gap of .98, and nothing on withheld recordings, whose own fits strain
     the tolerance again; sound regulators were told an overshoot that took .01, and strained none."""
-    comparison, known = weak_wave(linear, candidate, 2.5)
+    comparison, known = weak_wave(linear, candidate, 3.15)
     tests = {"fitted": Shrink(0.98, 0.96), "held_out": {"waveform": Shrink(0.98, 0.98)}}
     assert judge(comparison, known, strained=far, **tests).verdict == said
     # With one experiment more it was claimed no longer, as it made next to nothing worse there.
@@ -258,7 +258,7 @@ def test_what_strains_a_tolerance_far_may_take_little_away(linear, candidate, fa
 @pytest.mark.parametrize(("effects", "left", "said"), [(1, 1.53, "effect"), (2, 1.53, "unknown"), (2, 1.1, "several")])
 def test_a_pair_is_named_only_where_it_leaves_no_gap(linear, candidate, effects, left, said) -> None:
     """Preconditioning of another form was told drag and a change of tone, which left 1.53 of 2.60."""
-    comparison, known = weak_wave(linear, candidate, 2.5)
+    comparison, known = weak_wave(linear, candidate, 3.15)
     found = posterior(comparison, known, INSTRUMENT)
     first = found.causes[0]
     several = replace(first, hypothesis=replace(first.hypothesis, effects=effects * first.effects))
@@ -268,7 +268,7 @@ def test_a_pair_is_named_only_where_it_leaves_no_gap(linear, candidate, effects,
 
 def test_an_event_must_stand_out_further_since_it_may_begin_anywhere(linear, candidate) -> None:
     for event, said in ((False, "effect"), (True, "undetectable")):
-        comparison, known = weak_wave(linear, candidate, 2.4, event=event)
+        comparison, known = weak_wave(linear, candidate, 3.15, event=event)
         verdict = judge(comparison, known)
         assert INSTRUMENT.seen < verdict.causes[0].detectability < INSTRUMENT.seen_event
         assert verdict.verdict == said
@@ -292,7 +292,7 @@ def test_a_claim_lowers_the_gap_that_it_explains(linear, candidate, before, afte
 
 
 def test_an_effect_within_twice_a_stated_tolerance_is_no_finding(linear, candidate) -> None:
-    comparison, known = weak_wave(linear, candidate, 2.5)
+    comparison, known = weak_wave(linear, candidate, 3.15)
     found = posterior(comparison, known, INSTRUMENT)
     h = found.causes[0].hypothesis
     size = abs(h.fits["linear"].active[h.effects[0]]["a"])
