@@ -133,14 +133,17 @@ def recover(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="The recording; default: beside the journal.")] = None,
     as_json: Json = False,
 ) -> None:
-    """Make a recording of the journal a crash left, or of the sound parts of a damaged one; existing files stay."""
-    from acquire.recording import recover as make
-    from acquire.recording import salvage, write_recording
+    """Make a recording of the journal a crash left, or of the sound parts of a damaged one.
+
+    No file is overwritten. The journal is removed when all of it is in the verified recording; one with damaged bytes
+    stays as .journal.recovered.
+    """
+    from acquire.recording import salvage, settle, write_recording
 
     if not journal.is_file():
         raise FileNotFoundError(f"{journal}: no such file")
     if journal.suffix == ".journal":
-        _say([make(journal, out)], as_json)
+        _say([settle(journal, out)], as_json)
     else:
         _say([write_recording(salvage(journal), out or journal.with_stem(f"{journal.stem}-salvaged"))], as_json)
 
