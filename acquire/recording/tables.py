@@ -99,7 +99,7 @@ class Table:
         bad = np.flatnonzero(np.isinf(values) if allow_nan else ~np.isfinite(values))
         if len(bad):
             text = repr(float(values[bad[0]]))
-            raise self._fault(lines[bad[0]], channel, name, f"{text!r} is not a finite number")
+            raise self.fault(lines[bad[0]], channel, name, f"{text!r} is not a finite number")
         return values, lines
 
     def counter(self, name: str, channel: str) -> NDArray[np.int64]:
@@ -107,7 +107,7 @@ class Table:
         values, lines = self.column(name, channel)
         bad = np.flatnonzero((values != np.rint(values)) | (np.abs(values) > MAX_COUNT))
         if len(bad):
-            raise self._fault(lines[bad[0]], channel, name, f"{float(values[bad[0]])!r} is not a count")
+            raise self.fault(lines[bad[0]], channel, name, f"{float(values[bad[0]])!r} is not a count")
         return values.astype(np.int64)
 
     def _read(self, name: str, channel: str) -> tuple[FloatArray, Sequence[int]]:
@@ -138,9 +138,10 @@ class Table:
             return number(cell.replace(",", ".", 1) if "." not in cell else cell)
         except ValueError:
             what = f"{cell[:40]!r} is not a number" if cell else "the cell is empty"
-            raise self._fault(line, channel, name, what) from None
+            raise self.fault(line, channel, name, what) from None
 
-    def _fault(self, line: int, channel: str, name: str, what: str) -> RecordingError:
+    def fault(self, line: int, channel: str, name: str, what: str) -> RecordingError:
+        """A fault of the column ``name`` in this line of the file."""
         return RecordingError(f"{self.path}:{line}: channel {channel}, column {name!r}: {what}")
 
 

@@ -7,13 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from acquire.recording.model import Recording, Series
+from acquire.recording.possible import impossible
 from gap.data.session import REST, SKIN, Session
-
-POSSIBLE = {
-    "pressure": (-110e3, 110e3, "no pump reaches below vacuum"),
-    "apex_height": (-20e-3, 20e-3, "skin does not rise higher than an opening is wide (2 to 8 mm)"),
-}
-"""Bounds (SI) of what a channel can hold, with room for offsets, and the reason."""
 
 
 class DiagnosisError(ValueError):
@@ -57,13 +52,11 @@ def refuse_impossible(recordings: Sequence[Recording]) -> None:
     For the built-in instruments. Raises DiagnosisError that names the recording and the channel.
     """
     for r in recordings:
-        for name, (low, high, reason) in POSSIBLE.items():
-            value = r.streams[name].value if name in r.streams else np.empty(0)
-            wrong = value[np.isfinite(value) & ((value < low) | (value > high))]
-            if wrong.size:
-                worst = wrong[np.argmax(np.abs(wrong))]
-                unit = r.streams[name].unit
-                raise DiagnosisError(f"{r.info.id}: channel {name} reaches {worst:.3g} {unit}: {reason}; a wrong unit?")
+        for name, series in r.streams.items():
+            worst, reason = impossible(name, series.value)
+            if reason:
+                reached = f"{series.value[worst]:.3g} {series.unit}"
+                raise DiagnosisError(f"{r.info.id}: channel {name} reaches {reached}: {reason}; a wrong unit?")
     moved = [r for r in recordings if r.info.specimen == "skin" and any(map(_moves, r.setpoints.values()))]
     for channels in _responses(moved):
         if not any(_moves(r.streams[name]) for r in moved for name in channels & r.streams.keys()):

@@ -97,6 +97,31 @@ FAULTS: list[tuple[str, dict[str, Any], dict[str, str]]] = [
         {"frames": {"files": "*.png", "scale": "0.02 mm", "rate": "25 Hz"}},
         {},
     ),
+    (
+        r"data\.csv:3: channel pressure, column 'p': -300 bar is -3e\+07 Pa: no pump .* vacuum; a wrong unit\?",
+        {"channels": {"pressure": channel("p", "bar")}},
+        {},
+    ),
+    (
+        r"data\.csv:3: channel pressure, column 'p': -300 kPa is -300000 Pa: no pump reaches below vacuum",
+        {"instrument": "a pump", "channels": {"pressure": channel("p", "kPa")}},
+        {},
+    ),
+    (
+        r"command\.csv:3: channel pressure, column 'p': -3000 mbar is -300000 Pa: no pump reaches below vacuum",
+        {"setpoints": {"pressure": channel("p", "mbar", "command.csv")}},
+        {"command.csv": "t,p\n0,0\n0,-3000\n"},
+    ),
+    (
+        r"data\.csv:5: channel apex_height, column 'h': 0\.17 m is 0\.17 m: skin does not rise higher",
+        {"channels": {"apex_height": channel("h", "m")}},
+        {},
+    ),
+    (
+        r"data\.csv:3: channel pressure, column 't': all 4 times are 1: time stands still",
+        {},
+        {"data.csv": "t,p,h\n1,0,0\n1,0,0\n1,0,0\n1,0,0\n"},
+    ),
     (r"must lie in the bundle", {"frames": {"files": "../*.png", "rate": "25 Hz"}}, {}),
 ]
 
