@@ -158,8 +158,11 @@ def ls(
 
     if folder == DEFAULT and not folder.is_dir():
         typer.echo("[]" if as_json else f"no recordings yet: there is no folder {folder}")
+        _hint(words or [])
         return
     entries = catalogue(folder, words or [])
+    if not entries:
+        _hint(words or [])
     if as_json:
         typer.echo(json.dumps([_plain_entry(e) for e in entries], indent=2, ensure_ascii=False))
         return
@@ -168,6 +171,13 @@ def ls(
     for row in rows:
         cells = [f"{cell:<{width}}" for cell, width in zip(row, [*widths, 0], strict=True)]
         typer.echo("  ".join(cells).rstrip())
+
+
+def _hint(words: list[str]) -> None:
+    """Tell on standard error how a folder that was given as a filter is looked into."""
+    for word in words:
+        if Path(word).is_dir():
+            typer.echo(f"{word} is a folder: acquire ls -d {word} lists the recordings in it", err=True)
 
 
 def _plain_entry(entry: Entry) -> dict[str, Any]:
