@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
 from collections.abc import Sequence
 
 import numpy as np
+import yaml
 
 from acquire.recording.model import Recording, Series
 from acquire.recording.possible import impossible
 from gap.data.session import REST, SKIN, Session
+from protocols import units
+from sim_devices.stages.suction import OPENING
 
 
 class DiagnosisError(ValueError):
@@ -95,6 +100,7 @@ def remarks(recordings: Sequence[Recording], one_clock: bool) -> list[str]:
                 )
             if len(s.time) > 1 and np.any(np.diff(s.time) <= 0):
                 out.append(f"{r.info.id}: time stamps of {name} do not always increase")
+    out += _openings(recordings)
     if one_clock and Session(recordings).rests_assumed:
         apart = "recordings' clocks begin anew, and their start times do not say how far apart"
         out.append(f"{apart}: rests of {REST:.0f} s between them are assumed")
@@ -103,3 +109,28 @@ def remarks(recordings: Sequence[Recording], one_clock: bool) -> list[str]:
             "one recording only: no repeat to take the noise from, and shrinkage on unused data cannot be tested"
         )
     return out
+
+
+def stated_opening(recording: Recording) -> str:
+    """The opening of the probe as the recording's protocol states it; '' where it does not."""
+    try:
+        protocol = yaml.safe_load(recording.info.protocol or "")
+    except yaml.YAMLError:
+        return ""
+    if not isinstance(protocol, dict):
+        return ""
+    setup = protocol.get("setup")
+    return str((setup if isinstance(setup, dict) else protocol).get("opening") or "")
+
+
+def _openings(recordings: Sequence[Recording]) -> list[str]:
+    """A remark on each opening that a protocol states and that is not the assumed one."""
+    stated: dict[str, list[str]] = {}
+    for r in recordings:
+        assumed, text = OPENING.get(r.info.instrument, 0.0), stated_opening(r)
+        with contextlib.suppress(ValueError):  # in words of another's protocol
+            if assumed and text and not math.isclose(units.parse(text, "length"), assumed, rel_tol=0.01):
+                told = f"its protocol states an opening of {text}, but {1e3 * assumed:g} mm is assumed"
+                stated.setdefault(told, []).append(r.info.id)
+    reason = "thresholds of some tissue effects are scaled by it"
+    return [f"{', '.join(ids)}: {told}: {reason}" for told, ids in stated.items()]
