@@ -136,6 +136,7 @@ class Limits:
                 except ValueError as error:
                     raise ValueError(f"{name}.{key}: {error}") from None
             try:
+                _check_ends(name, values.get("low", -math.inf), values.get("high", math.inf))
                 ranges[name] = Range(**values)
             except ValueError as error:
                 raise ValueError(f"{name}: {error}") from None
@@ -152,6 +153,7 @@ class Limits:
         merged = dict(self.ranges)
         for name, there in other.ranges.items():
             try:
+                _check_ends(name, max(self[name].low, there.low), min(self[name].high, there.high))
                 merged[name] = self[name].intersect(there)
             except ValueError as error:
                 raise ValueError(
@@ -246,6 +248,13 @@ def _extremes(starts: list[Mapping[str, float]], segment: Segment) -> Iterator[t
         lengths = [_length(s) for s in (*starts, segment.end)]
         jump = max(math.dist([s[a] for a in PROBE_AXES], [segment.end[a] for a in PROBE_AXES]) for s in starts)
         yield PROBE, max(lengths), max(lengths), _rate(jump, segment.duration)
+
+
+def _check_ends(name: str, low: float, high: float) -> None:
+    """Raise ValueError, in the unit that people use, where nothing lies between ``low`` and ``high`` (SI)."""
+    if low > high:
+        kind = units.kind_of(name)
+        raise ValueError(f"the range is empty: low {_text(low, kind)} is above high {_text(high, kind)}")
 
 
 def _leaves_rest(name: str, segment: Segment) -> bool:

@@ -35,6 +35,10 @@ CHANNELS: dict[str, tuple[str, ...]] = {
 }
 
 
+NAMED = "letters (a to z, A to Z), digits, '.', '_' and '-', and begins with a letter or digit"
+"""The characters of a protocol's name: files are called by it."""
+
+
 class Setup(Model):
     """How the instrument is set up for this protocol, where that is not the station's choice."""
 

@@ -67,7 +67,7 @@ def read(path_or_text: str | Path, *, aliases: bool = False) -> tuple[Any, Sourc
     if isinstance(path_or_text, str) and "\n" in path_or_text:
         file, text = "<text>", path_or_text
         if len(text) > MAX_BYTES:
-            raise ProtocolError((Problem(f"the protocol is larger than {MAX_BYTES // 1024} kB"),), file)
+            raise ProtocolError((Problem(f"the text is larger than {MAX_BYTES // 1024} kB"),), file)
     else:
         file = str(path_or_text)
         text = _contents(Path(path_or_text))
@@ -87,7 +87,7 @@ def read(path_or_text: str | Path, *, aliases: bool = False) -> tuple[Any, Sourc
             (Problem(f"not YAML: forbidden character {text[error.position]!r}", "", line, column),), file
         ) from None
     if node is None:
-        raise ProtocolError((Problem("the protocol is empty"),), file)
+        raise ProtocolError((Problem("the file is empty" if file != "<text>" else "the text is empty"),), file)
     return _plain(node, (), source), source
 
 

@@ -12,7 +12,7 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from protocols.errors import Problem, ProtocolError
-from protocols.schema import Protocol
+from protocols.schema import NAMED, Protocol
 from protocols.source import Key, Source, read
 from protocols.steps import STEPS
 
@@ -95,6 +95,9 @@ def _problem(error: dict[str, Any], root: type[BaseModel], data: Any, source: So
     if kind == "literal_error":
         choices = context["expected"].replace("'", "").replace(" or ", ", ").split(", ")
         return source.problem(path, f"{error['input']!r} is not known{did_you_mean(str(error['input']), choices)}")
+    if kind == "string_pattern_mismatch":
+        message = f"{error['input'][:40]!r} cannot be a name: it takes {NAMED}"
+        return source.problem(path, message)
     if kind in ("model_type", "model_attributes_type", "dict_type"):
         return source.problem(path, f"expected keys and values, not {str(error['input'])[:40]!r}")
     return source.problem(path, error["msg"].removeprefix("Value error, "))

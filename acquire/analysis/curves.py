@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from acquire.analysis.cycles import Cycle, suction_cycles
 from acquire.recording.model import FloatArray, Recording
 
 IMMEDIATE = 0.1  # s after a step at which the immediate response is read
+SLACK = 0.1  # s before the end of a phase from which on a last sample shows it whole: some pictures of a camera
 STEP = 0.2  # s: a slower rise or fall is no step, and has no immediate response
 
 
@@ -65,16 +66,19 @@ def curve_parameters(time: FloatArray, height: FloatArray, cycles: Sequence[Cycl
     """Every parameter of `DEFINITIONS` of curves ``height`` (n,) m over ``time`` (n,) s.
 
     Heights count from the one at the first onset, as the instrument zeroes itself there. A parameter that the curve
-    cannot give is NaN: the immediate response of anything but a step, the recovery without a recorded release.
+    cannot give is NaN: the immediate response of anything but a step, and whatever lies beyond the last sample. Only
+    the recovery of the last curve may end earlier than commanded.
     """
-    zero = _at(time, height, cycles[0].onset)
+    final = cycles[-1]
+    cycles = (*cycles[:-1], replace(final, end=min(final.end, float(time[-1]))))
     first, last = cycles[0], cycles[-1]
+    zero = _at(time, height, first.onset)
     top = _maximum(time, height, first) - zero
     residual = _end(time, height, first) - zero
     u: dict[str, float] = {"Ue": math.nan, "Ur": math.nan}
-    if first.rise <= STEP:
+    if first.rise <= STEP and time[-1] >= first.onset + IMMEDIATE:
         u["Ue"] = _at(time, height, first.onset + IMMEDIATE) - zero
-    if first.fall <= STEP and first.end - first.release > IMMEDIATE:
+    if first.fall <= STEP and min(first.end, time[-1]) - first.release > IMMEDIATE:
         u["Ur"] = _at(time, height, first.release) - _at(time, height, first.release + IMMEDIATE)
     u |= {"Uf": top, "Uv": top - u["Ue"], "Ua": top - residual}
     r = relative_parameters(u["Ue"], u["Uf"], u["Ur"], residual)
@@ -115,7 +119,7 @@ def _areas(time: FloatArray, height: FloatArray, cycle: Cycle, top: float, retra
     """Areas of the recovery from the release to the end of the curve."""
     duration = cycle.end - cycle.release
     inside = (time > cycle.release) & (time < cycle.end)
-    if duration <= IMMEDIATE or np.count_nonzero(inside) < 3:
+    if duration <= IMMEDIATE or np.count_nonzero(inside) < 3 or not _recorded(time, cycle.end):
         return dict.fromkeys(("Q0", "Q1", "Q2", "Q3"), math.nan)
     t = np.concatenate([[cycle.release], time[inside], [cycle.end]])
     recovered = _at(time, height, cycle.release) - np.interp(t, time, height)
@@ -133,14 +137,20 @@ def _at(time: FloatArray, height: FloatArray, moment: float) -> float:
     return float(np.interp(moment, time, height))
 
 
+def _recorded(time: FloatArray, moment: float) -> bool:
+    """Whether the samples go on until ``moment``, or just before it."""
+    return bool(time[-1] >= moment - SLACK)
+
+
 def _maximum(time: FloatArray, height: FloatArray, cycle: Cycle) -> float:
+    """Greatest height of a curve whose suction was recorded to its end."""
     inside = (time >= cycle.onset) & (time <= cycle.release + max(cycle.fall, IMMEDIATE))
-    return float(height[inside].max()) if inside.any() else math.nan
+    return float(height[inside].max()) if inside.any() and _recorded(time, cycle.release) else math.nan
 
 
 def _end(time: FloatArray, height: FloatArray, cycle: Cycle) -> float:
     """Height at the end of a curve: the median of its last 50 ms, at least of its last sample."""
-    if cycle.end <= cycle.release + cycle.fall:
+    if cycle.end <= cycle.release + cycle.fall or not _recorded(time, cycle.end):
         return math.nan
     last = (time >= cycle.end - 0.05) & (time <= cycle.end)
     return float(np.median(height[last])) if last.any() else _at(time, height, cycle.end)

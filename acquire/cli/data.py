@@ -133,14 +133,17 @@ def recover(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="The recording; default: beside the journal.")] = None,
     as_json: Json = False,
 ) -> None:
-    """Make a recording of the journal a crash left, or of the sound parts of a damaged one; existing files stay."""
-    from acquire.recording import recover as make
-    from acquire.recording import salvage, write_recording
+    """Make a recording of the journal a crash left, or of the sound parts of a damaged one.
+
+    No file is overwritten. The journal is removed when all of it is in the verified recording; one with damaged bytes
+    stays as .journal.recovered.
+    """
+    from acquire.recording import salvage, settle, write_recording
 
     if not journal.is_file():
         raise FileNotFoundError(f"{journal}: no such file")
     if journal.suffix == ".journal":
-        _say([make(journal, out)], as_json)
+        _say([settle(journal, out)], as_json)
     else:
         _say([write_recording(salvage(journal), out or journal.with_stem(f"{journal.stem}-salvaged"))], as_json)
 
@@ -155,8 +158,11 @@ def ls(
 
     if folder == DEFAULT and not folder.is_dir():
         typer.echo("[]" if as_json else f"no recordings yet: there is no folder {folder}")
+        _hint(words or [])
         return
     entries = catalogue(folder, words or [])
+    if not entries:
+        _hint(words or [])
     if as_json:
         typer.echo(json.dumps([_plain_entry(e) for e in entries], indent=2, ensure_ascii=False))
         return
@@ -165,6 +171,13 @@ def ls(
     for row in rows:
         cells = [f"{cell:<{width}}" for cell, width in zip(row, [*widths, 0], strict=True)]
         typer.echo("  ".join(cells).rstrip())
+
+
+def _hint(words: list[str]) -> None:
+    """Tell on standard error how a folder that was given as a filter is looked into."""
+    for word in words:
+        if Path(word).is_dir():
+            typer.echo(f"{word} is a folder: acquire ls -d {word} lists the recordings in it", err=True)
 
 
 def _plain_entry(entry: Entry) -> dict[str, Any]:

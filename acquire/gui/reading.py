@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 import io
 import multiprocessing
 import os
 import signal
 import threading
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,8 +15,6 @@ from typing import Any
 from acquire.gui.messages import Measurement
 
 COMPARED = 8  # earlier runs in one picture
-RECOVERED = ".journal.recovered"  # how a journal ends that was recovered with damage
-KEPT = 30  # days for which it stays beside its recording
 
 
 @dataclass(frozen=True)
@@ -113,30 +109,10 @@ def result(path: Path) -> Result:
 
 
 def recovered(journal: Path) -> Path:
-    """Make a recording of the journal a crash left, and remove the journal if the recording holds all of it.
+    """Make a recording of the journal a crash left, as `acquire recover` does."""
+    from acquire.recording import settle
 
-    A journal with damaged bytes is kept beside the recording under another name (`RECOVERED`) for `KEPT` days, in which
-    an expert may look at them.
-    """
-    from acquire.recording import recover
-
-    path = recover(journal, keep=False)
-    if journal.exists():
-        journal.touch()
-        journal.rename(journal.with_suffix(RECOVERED))
-    _tidy(journal.parent)
-    return path
-
-
-def _tidy(folder: Path) -> None:
-    """Remove the journals that were recovered more than `KEPT` days ago and have a recording that can be read."""
-    from acquire.recording import RecordingError, open_info
-
-    for journal in folder.glob(f"*{RECOVERED}"):
-        recording = journal.with_name(journal.name.removesuffix(RECOVERED) + ".h5")
-        with contextlib.suppress(OSError, RecordingError):
-            if time.time() - journal.stat().st_mtime > KEPT * 86400 and open_info(recording):
-                journal.unlink()
+    return settle(journal)
 
 
 def reviewed(paths: Sequence[Path], include: bool, reason: str, by: str) -> None:

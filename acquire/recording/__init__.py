@@ -11,7 +11,7 @@ from acquire.recording.journal import JournalFull, JournalWriter
 from acquire.recording.journal_reader import read_journal
 from acquire.recording.lock import JournalBusy
 from acquire.recording.model import Decision, Event, Frames, Recording, RecordingError, RunInfo, SegmentRecord, Series
-from acquire.recording.recovery import finalise, recover
+from acquire.recording.recovery import finalise, put_by, recover, settle
 from acquire.recording.review import counted, decide, decisions, left_out
 
 __all__ = [
@@ -35,10 +35,12 @@ __all__ = [
     "open_head",
     "open_info",
     "open_recording",
+    "put_by",
     "read_bundle",
     "read_journal",
     "recover",
     "salvage",
+    "settle",
     "write_bundle",
     "write_recording",
 ]

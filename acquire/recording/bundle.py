@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from acquire.recording.bundle_doubts import doubts
 from acquire.recording.bundle_schema import SUCTION, Bundle, Images, Source, StatedNoise, TimeAxis
 from acquire.recording.images import find_frames
 from acquire.recording.model import Event, FloatArray, Frames, Recording, RecordingError, RunInfo, SegmentRecord, Series
+from acquire.recording.possible import impossible
 from acquire.recording.segments import of_setpoints
 from acquire.recording.segments import read_csv as read_segments
 from acquire.recording.tables import Table, evenly
@@ -150,7 +151,11 @@ class _Import:
         unit, factor, offset = self.unit((kind, name, "unit"), name, source.unit)
         nan = source.allow_nan
         if source.width is None:
-            value = table.column(source.column, name, allow_nan=nan)[0]
+            value, lines = table.column(source.column, name, allow_nan=nan)
+            worst, reason = impossible(name, factor * value + offset, ours=self.bundle.instrument in OURS)
+            if reason and kind != "derived" and not self.bundle.exported:
+                text = f"{value[worst]:g} {source.unit} is {factor * value[worst] + offset:g} {unit}: {reason}"
+                raise table.fault(lines[worst], name, source.column, f"{text}; a wrong unit?")
         else:
             columns = [f"{source.column}_{k}" for k in range(source.width)]
             value = np.column_stack([table.column(column, name, allow_nan=nan)[0] for column in columns])
@@ -241,8 +246,23 @@ class _Import:
         if len(back):
             row = int(back[0]) + 1
             message = f"time goes back from {time[row - 1]:g} to {time[row]:g}"
-            raise RecordingError(f"{table.path}:{lines[row]}: channel {channel}, column {axis.column!r}: {message}")
+            raise table.fault(lines[row], channel, axis.column, message)
+        if path[0] != "setpoints" and not self.bundle.exported:  # there two rows of one time are a step
+            self._standing(table, axis.column, channel, time, lines)
         return factor * time + offset
+
+    def _standing(self, table: Table, column: str, channel: str, time: FloatArray, lines: Sequence[int]) -> None:
+        """Refuse times that are all equal; some that are get a warning."""
+        equal = np.flatnonzero(np.diff(time) == 0) + 1
+        if not len(equal):
+            return
+        if len(equal) == len(time) - 1:
+            message = f"all {len(time)} times are {time[0]:g}: time stands still"
+            raise table.fault(lines[1], channel, column, message)
+        if all(event.code != "equal_times" for event in self.events):
+            place = f"{table.path.name}:{lines[equal[0]]}: channel {channel}, column {column!r}"
+            text = f"{place}: {time[equal[0]]:g} is the time of the line before too ({len(equal)} such lines)"
+            self.events.append(Event(float(time[equal[0]]), "warning", "equal_times", text, len(equal)))
 
     # Images ------------------------------------------------------------------------------------------------------
 

@@ -20,6 +20,8 @@ from protocols.text import did_you_mean
 
 HIGH = 1e3
 """Pa above the air's pressure that no line is at."""
+FAST = 20e3
+"""Hz that no channel of ours is sampled at: the fastest takes 1 kHz."""
 WIDE = 0.1
 """Of a stated value, its standard uncertainty from which on the unit of the uncertainty is asked about."""
 
@@ -30,7 +32,7 @@ def doubts(bundle: Bundle, recording: Recording) -> tuple[Event, ...]:
     What the recorder has exported was asked about when it was recorded: of that only the channels are looked at.
     """
     told = {event.code for event in recording.events}
-    asked = [*_channels(bundle, recording), *_sign(bundle, recording)]
+    asked = [*_channels(bundle, recording), *_sign(bundle, recording), *_rate(bundle, recording)]
     if bundle.run.id is None:
         asked += [*_setpoints(bundle, recording), *_specimen(bundle, recording), *_start(recording)]
     return tuple(event for event in asked if event.code not in told)
@@ -64,6 +66,21 @@ def _sign(bundle: Bundle, recording: Recording) -> Iterator[Event]:
             above = f"the {name} goes up to {value.max() / 100:.0f} mbar above the air's"
             text = f"{above}; suction is negative in a bundle, so check its sign"
             yield _warning("pressure_sign", text, float(series.time[0]))
+            return
+
+
+def _rate(bundle: Bundle, recording: Recording) -> Iterator[Event]:
+    """Samples that follow each other faster than any of our instruments takes them: ms that were seconds."""
+    try:
+        known = {channel.name for channel in instrument(bundle.instrument).channels}
+    except ValueError:
+        return
+    for name, series in recording.streams.items():
+        interval = float(np.median(np.diff(series.time))) if name in known and len(series.time) > 1 else np.inf
+        if 0.0 < interval < 1.0 / FAST:
+            lasting = f"{series.time[-1] - series.time[0]:.3g} s in all"
+            text = f"channel {name} has {1.0 / interval:.3g} samples a second, {lasting}: a wrong unit of time?"
+            yield _warning("fast_samples", text, float(series.time[0]))
             return
 
 

@@ -162,6 +162,11 @@ class Bundle(_Loose):
     events: tuple[EventRow, ...] = ()
     run: Run = Run()
 
+    @property
+    def exported(self) -> bool:
+        """Whether `acquire export` wrote it, which names all of these: it comes back whole, whatever it holds."""
+        return None not in (self.run.id, self.run.status, self.run.protocol_name)
+
     @model_validator(mode="after")
     def _something_measured(self) -> Bundle:
         if not self.channels and self.frames is None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import os
+import time
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
@@ -11,7 +13,7 @@ from pathlib import Path
 from acquire.files import sync_folder, told
 from acquire.recording.draft import Draft
 from acquire.recording.hdf5 import complete, write_recording
-from acquire.recording.hdf5_reader import open_recording
+from acquire.recording.hdf5_reader import faults, open_info, open_recording
 from acquire.recording.journal import JournalWriter
 from acquire.recording.journal_bytes import JournalBytes
 from acquire.recording.journal_reader import JournalFrames, read_content
@@ -19,6 +21,8 @@ from acquire.recording.lock import held
 from acquire.recording.model import Event, Recording, RecordingError, missing_in
 
 log = logging.getLogger(__name__)
+RECOVERED = ".journal.recovered"  # how a journal ends that was recovered with damage
+KEPT = 30  # days for which it stays beside its recording
 
 
 def finalise(
@@ -93,17 +97,51 @@ def recover(journal: Path | str, path: Path | str | None = None, *, keep: bool =
     return path
 
 
+def settle(journal: Path | str, path: Path | str | None = None) -> Path:
+    """Make a recording of a ``journal`` that a crash left, as `recover` does, so that it waits for nobody any more.
+
+    It is removed if the verified recording holds all of it. One with damaged bytes gets the recording's name and the
+    ending `RECOVERED`, and stays for `KEPT` days, in which an expert may look at them. Raises as `recover`.
+    """
+    journal = Path(journal)
+    path = recover(journal, path, keep=False)
+    if journal.exists():
+        put_by(journal, path.stem)
+    _tidy(journal.parent)
+    return path
+
+
+def put_by(journal: Path, name: str) -> None:
+    """Keep a ``journal`` that nothing more can be had from beside its recording ``name``, out of the way of runs."""
+    with told(journal):
+        journal.touch()
+        journal.rename(_free(journal.with_name(name + RECOVERED), RECOVERED))
+
+
+def _tidy(folder: Path) -> None:
+    """Remove the journals that were recovered more than `KEPT` days ago and have a recording that can be read."""
+    for journal in folder.glob(f"*{RECOVERED}"):
+        recording = journal.with_name(journal.name.removesuffix(RECOVERED) + ".h5")
+        with contextlib.suppress(OSError, RecordingError):
+            if time.time() - journal.stat().st_mtime > KEPT * 86400 and open_info(recording):
+                journal.unlink()
+
+
 def _check_same(path: Path, recording: Recording) -> None:
     there = open_recording(path)
     if there.info.id != recording.info.id:
         raise RecordingError(f"{path}: holds run {there.info.id}, not {recording.info.id}; it is not overwritten")
     if problem := missing_in(there, recording):
         raise RecordingError(f"{path}: does not hold all of the journal ({problem}); name another file")
+    if found := faults(path):
+        raise RecordingError(f"{path}: is damaged ({found[0].removeprefix(f'{path}: ')}); name another file")
 
 
-def _free(path: Path) -> Path:
-    """``path``, or the first of ``<path>-2``, ``<path>-3`` … that is free."""
-    names = (path if number == 1 else path.with_stem(f"{path.stem}-{number}") for number in count(1))
+def _free(path: Path, ending: str = "") -> Path:
+    """``path``, or the first of ``<path>-2``, ``<path>-3`` … that is free; the number is put before its ``ending``."""
+    ending = ending or path.suffix
+    stem = path.name.removesuffix(ending)
+    names = (path if number == 1 else path.with_name(f"{stem}-{number}{ending}") for number in count(1))
     return next(name for name in names if not os.path.lexists(name))
 
 

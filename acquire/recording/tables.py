@@ -23,6 +23,7 @@ MAX_BYTES = 2**29  # of text
 MAX_UNPACKED = 2**26
 MAX_CELLS = 500_000
 MAX_COUNT = 2**53  # beyond, floats skip whole numbers
+SEPARATORS = {",": "a comma", ";": "a semicolon", "\t": "a tab"}
 _NOT_FINITE = ("nan", "inf", "-inf", "+inf")
 # A cell that begins with one of these is run as a formula when somebody opens the table in a spreadsheet; an
 # apostrophe before it, which spreadsheets hide, makes it a text again.
@@ -86,6 +87,17 @@ class Table:
             self._numbers = None
             self._lines, self._rows = _text_rows(path, text, separator)
         self._columns: dict[str, tuple[FloatArray, Sequence[int]]] = {}
+        if path.suffix.lower() != ".xlsx" and self._numbers is None:
+            self._check_separators(separator)
+
+    def _check_separators(self, separator: str) -> None:
+        """Refuse rows that are separated otherwise than the header is."""
+        if len(self.header) < 2 or len(self._rows) < 2 or len(self._rows[1]) > 1:
+            return
+        for other in SEPARATORS.keys() - {separator}:
+            if len(self._rows[1][0].split(other)) == len(self.header):
+                texts = f"columns of the header are separated by {SEPARATORS[separator]}, those of this line by"
+                raise RecordingError(f"{self.path}:{self._lines[1]}: the {texts} {SEPARATORS[other]}")
 
     def column(self, name: str, channel: str, *, allow_nan: bool = False) -> tuple[FloatArray, Sequence[int]]:
         """Values (n,) of the column ``name`` and the line of each in the file; empty cells at its end are no samples.
@@ -99,7 +111,7 @@ class Table:
         bad = np.flatnonzero(np.isinf(values) if allow_nan else ~np.isfinite(values))
         if len(bad):
             text = repr(float(values[bad[0]]))
-            raise self._fault(lines[bad[0]], channel, name, f"{text!r} is not a finite number")
+            raise self.fault(lines[bad[0]], channel, name, f"{text!r} is not a finite number")
         return values, lines
 
     def counter(self, name: str, channel: str) -> NDArray[np.int64]:
@@ -107,7 +119,7 @@ class Table:
         values, lines = self.column(name, channel)
         bad = np.flatnonzero((values != np.rint(values)) | (np.abs(values) > MAX_COUNT))
         if len(bad):
-            raise self._fault(lines[bad[0]], channel, name, f"{float(values[bad[0]])!r} is not a count")
+            raise self.fault(lines[bad[0]], channel, name, f"{float(values[bad[0]])!r} is not a count")
         return values.astype(np.int64)
 
     def _read(self, name: str, channel: str) -> tuple[FloatArray, Sequence[int]]:
@@ -138,9 +150,10 @@ class Table:
             return number(cell.replace(",", ".", 1) if "." not in cell else cell)
         except ValueError:
             what = f"{cell[:40]!r} is not a number" if cell else "the cell is empty"
-            raise self._fault(line, channel, name, what) from None
+            raise self.fault(line, channel, name, what) from None
 
-    def _fault(self, line: int, channel: str, name: str, what: str) -> RecordingError:
+    def fault(self, line: int, channel: str, name: str, what: str) -> RecordingError:
+        """A fault of the column ``name`` in this line of the file."""
         return RecordingError(f"{self.path}:{line}: channel {channel}, column {name!r}: {what}")
 
 

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
 from collections.abc import Sequence
 
 import numpy as np
+import yaml
 
 from acquire.recording.model import Recording, Series
+from acquire.recording.possible import impossible
 from gap.data.session import REST, SKIN, Session
-
-POSSIBLE = {
-    "pressure": (-110e3, 110e3, "no pump reaches below vacuum"),
-    "apex_height": (-20e-3, 20e-3, "skin does not rise higher than an opening is wide (2 to 8 mm)"),
-}
-"""Bounds (SI) of what a channel can hold, with room for offsets, and the reason."""
+from protocols import units
+from sim_devices.stages.suction import OPENING
 
 
 class DiagnosisError(ValueError):
@@ -57,13 +57,11 @@ def refuse_impossible(recordings: Sequence[Recording]) -> None:
     For the built-in instruments. Raises DiagnosisError that names the recording and the channel.
     """
     for r in recordings:
-        for name, (low, high, reason) in POSSIBLE.items():
-            value = r.streams[name].value if name in r.streams else np.empty(0)
-            wrong = value[np.isfinite(value) & ((value < low) | (value > high))]
-            if wrong.size:
-                worst = wrong[np.argmax(np.abs(wrong))]
-                unit = r.streams[name].unit
-                raise DiagnosisError(f"{r.info.id}: channel {name} reaches {worst:.3g} {unit}: {reason}; a wrong unit?")
+        for name, series in r.streams.items():
+            worst, reason = impossible(name, series.value)
+            if reason:
+                reached = f"{series.value[worst]:.3g} {series.unit}"
+                raise DiagnosisError(f"{r.info.id}: channel {name} reaches {reached}: {reason}; a wrong unit?")
     moved = [r for r in recordings if r.info.specimen == "skin" and any(map(_moves, r.setpoints.values()))]
     for channels in _responses(moved):
         if not any(_moves(r.streams[name]) for r in moved for name in channels & r.streams.keys()):
@@ -102,6 +100,7 @@ def remarks(recordings: Sequence[Recording], one_clock: bool) -> list[str]:
                 )
             if len(s.time) > 1 and np.any(np.diff(s.time) <= 0):
                 out.append(f"{r.info.id}: time stamps of {name} do not always increase")
+    out += _openings(recordings)
     if one_clock and Session(recordings).rests_assumed:
         apart = "recordings' clocks begin anew, and their start times do not say how far apart"
         out.append(f"{apart}: rests of {REST:.0f} s between them are assumed")
@@ -110,3 +109,28 @@ def remarks(recordings: Sequence[Recording], one_clock: bool) -> list[str]:
             "one recording only: no repeat to take the noise from, and shrinkage on unused data cannot be tested"
         )
     return out
+
+
+def stated_opening(recording: Recording) -> str:
+    """The opening of the probe as the recording's protocol states it; '' where it does not."""
+    try:
+        protocol = yaml.safe_load(recording.info.protocol or "")
+    except yaml.YAMLError:
+        return ""
+    if not isinstance(protocol, dict):
+        return ""
+    setup = protocol.get("setup")
+    return str((setup if isinstance(setup, dict) else protocol).get("opening") or "")
+
+
+def _openings(recordings: Sequence[Recording]) -> list[str]:
+    """A remark on each opening that a protocol states and that is not the assumed one."""
+    stated: dict[str, list[str]] = {}
+    for r in recordings:
+        assumed, text = OPENING.get(r.info.instrument, 0.0), stated_opening(r)
+        with contextlib.suppress(ValueError):  # in words of another's protocol
+            if assumed and text and not math.isclose(units.parse(text, "length"), assumed, rel_tol=0.01):
+                told = f"its protocol states an opening of {text}, but {1e3 * assumed:g} mm is assumed"
+                stated.setdefault(told, []).append(r.info.id)
+    reason = "thresholds of some tissue effects are scaled by it"
+    return [f"{', '.join(ids)}: {told}: {reason}" for told, ids in stated.items()]

@@ -16,6 +16,7 @@ import numpy as np
 import yaml
 
 from acquire.recording.model import Recording
+from gap.data.checks import stated_opening
 from gap.inference.evidence import Fit
 from gap.inference.hypothesis import FROZEN
 from gap.inference.linear import Projector
@@ -75,7 +76,7 @@ def unlike(earlier: Sequence[Recording], here: Sequence[Recording]) -> str:
         ("instrument", lambda r: r.info.instrument),
         ("subject", lambda r: r.info.subject),
         ("site", lambda r: r.info.site),
-        ("opening of the probe", _opening),
+        ("opening of the probe", stated_opening),
     ):
         one, other = {read(r) for r in earlier}, {read(r) for r in here}
         if what in ("subject", "site") and not all(one | other):
@@ -83,17 +84,6 @@ def unlike(earlier: Sequence[Recording], here: Sequence[Recording]) -> str:
         if one != other:
             return f"it is of another {what}: {', '.join(sorted(one))}, not {', '.join(sorted(other))}"
     return ""
-
-
-def _opening(recording: Recording) -> str:
-    try:
-        protocol = yaml.safe_load(recording.info.protocol or "")
-    except yaml.YAMLError:
-        return ""
-    if not isinstance(protocol, dict):
-        return ""
-    setup = protocol.get("setup")
-    return str((setup if isinstance(setup, dict) else protocol).get("opening") or "")
 
 
 def skin_of(session: str, block: HeightBlock, f: Fit, temper: float) -> Skin:

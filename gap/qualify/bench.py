@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from acquire.engine import Aborted, Progress, State, Tripped
-from acquire.recording import Recording, open_recording
+from acquire.recording import JournalBusy, Recording, RecordingError, open_recording, put_by, settle
 from acquire.session import Request, Session
 from gap.qualify.steps import Step
 
@@ -56,15 +56,36 @@ def measure(
         if done(step, folder):
             continue
         path = recording_of(step, folder)
-        if path.exists():  # of a run that did not come to its end
-            path = path.rename(path.with_name(f"{path.stem}-unfinished-{path.stat().st_mtime_ns}.h5"))
+        _put_aside(path)
         ask(number, step)
         notes = f"qualification: {step.name}"
         request = Request(operator=operator, specimen=step.specimen, specimen_properties=step.known, notes=notes)
-        path = recording_of(step, folder)
         outcome = session.run(step.protocol, request, name=name, out=path, watch=partial(watch, step))
         if outcome.status is State.ABORTED:
             raise Aborted(outcome.reason or "aborted by a person")
         if outcome.status is not State.COMPLETED:
             raise NotMeasured(f"step {step.name}: {outcome.status}: {outcome.reason}")
     return [open_recording(recording_of(step, folder)) for step in steps]
+
+
+def _put_aside(path: Path) -> None:
+    """Keep a run that did not come to its end under another name, a crash's journal as the recording made of it.
+
+    Raises JournalBusy where another program is recording into that journal.
+    """
+    if path.exists():
+        path.rename(_unfinished(path))
+    journal = path.with_suffix(".journal")
+    if not journal.exists():
+        return
+    aside = _unfinished(journal)
+    try:
+        settle(journal, aside)
+    except JournalBusy:
+        raise
+    except RecordingError:  # it has no readable beginning
+        put_by(journal, aside.stem)
+
+
+def _unfinished(path: Path) -> Path:
+    return path.with_name(f"{path.stem}-unfinished-{path.stat().st_mtime_ns}.h5")

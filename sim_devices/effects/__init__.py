@@ -7,6 +7,7 @@ listed by ``broken()`` and disturbs nobody.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import cache
@@ -100,11 +101,32 @@ def parse_effect(text: str, instrument: str | None = None) -> tuple[Effect, dict
 def _number(effect: str, parameter: Parameter, text: str) -> float:
     where = f"effect {effect}, parameter {parameter.name} = {text!r}"
     try:
-        return units.parse_in(text, "" if parameter.unit == CHOICE else parameter.unit)
+        value = units.parse_in(text, "" if parameter.unit == CHOICE else parameter.unit)
     except ValueError as error:
         if parameter.unit == CHOICE:
             raise ValueError(f"{where}: a whole number is needed: {parameter.meaning}") from None
         raise ValueError(f"{where}: a number in {parameter.unit} is needed: {error}") from None
+    if asked := _impossible(parameter, value):
+        raise ValueError(f"{where}: it must be {asked}")
+    return value
+
+
+def _impossible(parameter: Parameter, value: float) -> str:
+    """The values that a parameter can have, in words, where ``value`` is none of them; else ''.
+
+    A prior without negative values belongs to a parameter that has none, a logarithmic one to one that is not 0 unless
+    that switches the effect off. How far it may go up is anybody's choice.
+    """
+    if parameter.unit == CHOICE:
+        high = math.inf if parameter.name == "seed" else parameter.high
+        ends = "0 or more" if math.isinf(high) else f"{parameter.low:g} to {high:g}"
+        return "" if value.is_integer() and parameter.low <= value <= high else f"a whole number, {ends}"
+    unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+    if parameter.low < 0 or value > 0 or value == parameter.null:
+        return ""
+    if parameter.scale == "log" and parameter.null != 0:
+        return f"more than 0{unit}"
+    return "" if value == 0 else f"0{unit} or more"
 
 
 def _fixed(effect: Effect, fixed: Mapping[str, float]) -> Effect:

@@ -31,6 +31,12 @@ UNREADABLE = {
 INVALID = {
     "no schema": ("name: x\ninstrument: cutometer\nsteps: [{type: wait, duration: 1 s}]\n", 1, "schema", "is missing"),
     "newer schema": (HEAD.replace("/1", "/2") + "steps: [{type: wait, duration: 1 s}]\n", 1, "schema", "protocol/1"),
+    "name of a path": (
+        HEAD.replace("name: x", "name: ../../etc/x") + "steps: [{type: wait, duration: 1 s}]\n",
+        2,
+        "name",
+        "'../../etc/x' cannot be a name: it takes letters (a to z, A to Z), digits",
+    ),
     "typo in a key": (HEAD + "stpes: []\n", 4, "stpes", "did you mean 'steps'?"),
     "no steps": (HEAD, 1, "steps", "is missing"),
     "empty steps": (HEAD + "steps: []\n", 4, "steps", "at least one"),

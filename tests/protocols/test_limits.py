@@ -33,6 +33,14 @@ def test_limits_that_exclude_each_other_are_an_error_naming_the_quantity() -> No
         SUCTION.intersect(Limits({"pressure": Range(-80e3, -60e3)}, "subject"))
 
 
+def test_limits_that_are_swapped_are_told_in_the_unit_of_people() -> None:
+    with pytest.raises(ValueError, match=r"pressure: the range is empty: low 0 mbar is above high -400 mbar"):
+        Limits.parse({"pressure": {"low": "0 mbar", "high": "-400 mbar"}})
+    one, other = (Limits({"probe": Range(low, low + 1e-3)}, whose) for low, whose in ((0.0, "a"), (2e-3, "b")))
+    with pytest.raises(ValueError, match=r"a and b limits exclude each other \(.*low 2 mm is above high 1 mm\)"):
+        one.intersect(other)
+
+
 @pytest.mark.parametrize("bad", [{"low": 1.0, "high": 0.0}, {"rate": 0.0}, {"low": math.nan}])
 def test_a_range_that_makes_no_sense_is_refused(bad: dict[str, float]) -> None:
     with pytest.raises(ValueError, match=r"empty|positive|not a number"):

@@ -102,3 +102,34 @@ def test_suction_too_brief_for_a_cycle_is_none() -> None:
     time = np.arange(100) / 100
     pulse = Series(np.where((time > 0.5) & (time < 0.53), -3e4, 0.0), time, "Pa")
     assert find_cycles(pulse, threshold=0.5) == ()
+
+
+AFTER_THE_FIRST = {"R3", "R4", "R9"}
+RECOVERY = {"Ua", "R1", "R2", "R8", "Q0", "Q1", "Q2", "Q3"}
+RELEASE = {"Ur", "R5", "R7"} | RECOVERY
+SUCTION = {"Uf", "Uv", "R0", "R6"} | RELEASE
+
+
+@pytest.mark.parametrize(
+    ("end", "unknown"),
+    [
+        (0.5, set(DEFINITIONS)),
+        (1.05, set(DEFINITIONS)),
+        (4.0, SUCTION | AFTER_THE_FIRST),
+        (6.05, RELEASE | AFTER_THE_FIRST),
+        (8.0, RECOVERY | AFTER_THE_FIRST),
+        (10.99, AFTER_THE_FIRST),
+        (14.0, AFTER_THE_FIRST),
+        (16.0, {"R4"}),
+        (18.0, set()),
+    ],
+)
+def test_phases_that_were_not_recorded_give_no_parameters(end: float, unknown: set[str]) -> None:
+    cycles = [Cycle(1, 6, 11, -3e4, 0, 0), Cycle(11, 16, 21, -3e4, 0, 0)]
+    time = np.arange(0, end, 0.01)
+    p = curve_parameters(time, curve(time, cycles), cycles)
+    assert {name for name, value in p.items() if math.isnan(value)} == unknown
+    whole = np.arange(0, 21, 0.01)
+    full = curve_parameters(whole, curve(whole, cycles), cycles)
+    for name in set(p) - unknown - {"R4"}:
+        assert p[name] == pytest.approx(full[name], rel=1e-3, abs=1e-9)

@@ -13,8 +13,9 @@ import pytest
 
 from acquire.engine.recorder import Recorder
 from acquire.gui.feed import Disk
-from acquire.gui.reading import KEPT, RECOVERED, recovered
+from acquire.gui.reading import recovered
 from acquire.recording import JournalWriter, RunInfo, open_recording
+from acquire.recording.recovery import KEPT, RECOVERED
 from drivers.signals import Frame
 
 

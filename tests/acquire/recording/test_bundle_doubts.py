@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from acquire.recording import load
 from acquire.recording.bundle_export import write_bundle
+from acquire.recording.model import difference
+from tests.acquire.recording.samples import sample_recording
 from tests.acquire.recording.test_bundle import DATA, channel, make
 
 COMMAND = {"data.csv": DATA, "command.csv": "t,x\n0,0\n2,0.001\n"}
@@ -67,3 +71,24 @@ def test_setpoints_that_nothing_reads_are_remarked_upon(tmp_path: Path) -> None:
 def test_a_start_that_is_no_time_is_remarked_upon(tmp_path: Path) -> None:
     assert "'yesterday' is no time such as" in told(tmp_path, run={"start_time": "yesterday"})["start_time"]
     assert told(tmp_path / "b", run={"start_time": "2026-04-02T09:10:00+02:00"}) == {}
+
+
+def test_times_that_are_equal_are_remarked_upon(tmp_path: Path) -> None:
+    text = told(tmp_path, {"data.csv": DATA.replace("0.2,", "0.1,")})["equal_times"]
+    assert text == "data.csv:4: channel pressure, column 't': 0.1 is the time of the line before too (1 such lines)"
+
+
+def test_seconds_that_were_called_milliseconds_are_asked_about(tmp_path: Path) -> None:
+    rows = "".join(f"{k / 100},0,0\n" for k in range(1000))
+    fast = {**channel("p", "mbar"), "time": {"column": "t", "unit": "ms"}}
+    text = told(tmp_path, {"data.csv": "t,p,h\n" + rows}, channels={"pressure": fast})["fast_samples"]
+    assert text == "channel pressure has 1e+05 samples a second, 0.00999 s in all: a wrong unit of time?"
+    assert told(tmp_path / "b", {"data.csv": "t,p,h\n" + rows}) == {}
+
+
+def test_a_run_of_ours_comes_back_whatever_it_holds(tmp_path: Path) -> None:
+    """A gauge that failed and a clock that stood still are what was recorded."""
+    sound = sample_recording(20, frames=0)
+    failed = {name: replace(s, value=np.full(20, -1e9), time=np.full(20, 3.0)) for name, s in sound.streams.items()}
+    recording = replace(sound, streams=failed)
+    assert difference(load(write_bundle(recording, tmp_path / "b")), recording) == ""

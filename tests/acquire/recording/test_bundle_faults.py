@@ -61,6 +61,16 @@ FAULTS: list[tuple[str, dict[str, Any], dict[str, str]]] = [
     ),
     (r"data\.csv:3: channel apex_height, column 'h': the cell is empty", {}, {"data.csv": DATA.replace("0.1\n", "\n")}),
     (r"data\.csv:4: channel pressure, column 't': time goes back", {}, {"data.csv": DATA.replace("0.2,", "0.05,")}),
+    (
+        r"data\.csv:2: the columns of the header are separated by a tab, those of this line by a comma",
+        {},
+        {"data.csv": DATA.replace("t,p,h", "t\tp\th")},
+    ),
+    (
+        r"data\.csv:2: the columns of the header are separated by a comma, those of this line by a semicolon",
+        {},
+        {"data.csv": DATA.replace(",", ";").replace("t;p;h", "t,p,h")},
+    ),
     (r"data\.csv: there is no header row", {}, {"data.csv": "\n"}),
     (r"data\.csv: channel pressure: column 'p' is empty", {}, {"data.csv": "t,p,h\n0,,1\n"}),
     (r"data\.csv: channel pressure: 2 columns are called 'p'", {}, {"data.csv": "t,p,p\n0,1,1\n"}),
@@ -97,6 +107,31 @@ FAULTS: list[tuple[str, dict[str, Any], dict[str, str]]] = [
         {"frames": {"files": "*.png", "scale": "0.02 mm", "rate": "25 Hz"}},
         {},
     ),
+    (
+        r"data\.csv:3: channel pressure, column 'p': -300 bar is -3e\+07 Pa: no pump .* vacuum; a wrong unit\?",
+        {"channels": {"pressure": channel("p", "bar")}},
+        {},
+    ),
+    (
+        r"data\.csv:3: channel pressure, column 'p': -300 kPa is -300000 Pa: no pump reaches below vacuum",
+        {"instrument": "a pump", "channels": {"pressure": channel("p", "kPa")}},
+        {},
+    ),
+    (
+        r"command\.csv:3: channel pressure, column 'p': -3000 mbar is -300000 Pa: no pump reaches below vacuum",
+        {"setpoints": {"pressure": channel("p", "mbar", "command.csv")}},
+        {"command.csv": "t,p\n0,0\n0,-3000\n"},
+    ),
+    (
+        r"data\.csv:5: channel apex_height, column 'h': 0\.17 m is 0\.17 m: skin does not rise higher",
+        {"channels": {"apex_height": channel("h", "m")}},
+        {},
+    ),
+    (
+        r"data\.csv:3: channel pressure, column 't': all 4 times are 1: time stands still",
+        {},
+        {"data.csv": "t,p,h\n1,0,0\n1,0,0\n1,0,0\n1,0,0\n"},
+    ),
     (r"must lie in the bundle", {"frames": {"files": "../*.png", "rate": "25 Hz"}}, {}),
 ]
 
@@ -121,6 +156,13 @@ def test_a_repeated_key_a_tag_and_a_bomb_are_refused(tmp_path: Path) -> None:
         (folder / "recording.yaml").write_text(text + extra)
         with pytest.raises(RecordingError, match=rf"recording\.yaml:\d+:\d+: .*{fault}"):
             load(folder)
+
+
+def test_an_empty_description_is_a_file_without_content(tmp_path: Path) -> None:
+    folder = make(tmp_path)
+    (folder / "recording.yaml").write_text("# nothing\n")
+    with pytest.raises(RecordingError, match=r"recording\.yaml: the file is empty"):
+        load(folder)
 
 
 def test_not_a_bundle(tmp_path: Path) -> None:

@@ -133,6 +133,14 @@ def test_commands(runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert load(runs / "left.h5").info.subject == "P07"
 
 
+def test_a_folder_among_the_filters_is_told_how_to_be_looked_into(runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(runs)
+    for folder in ("runs", "."):  # none of that name here; one without a recording of that name
+        result = CliRunner().invoke(application(), ["ls", "-d", folder, str(runs)])
+        assert result.exit_code == 0
+        assert f"{runs} is a folder: acquire ls -d {runs} lists the recordings in it" in result.stderr
+
+
 def test_what_is_strange_about_a_bundle_is_printed_also_as_json(tmp_path: Path) -> None:
     make(tmp_path / "bundle", {"data.csv": DATA.replace("-300", "300")})
     printed = json.loads(invoke("import", tmp_path / "bundle", "-o", tmp_path / "a.h5", "--json"))

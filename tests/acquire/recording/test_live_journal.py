@@ -20,9 +20,11 @@ from acquire.recording import (
     finalise,
     open_recording,
     recover,
+    settle,
     write_recording,
 )
 from acquire.recording.lock import is_live
+from acquire.recording.recovery import RECOVERED
 from drivers.signals import Block
 
 INFO = RunInfo("a-run", "cutometer", "2026-01-01T12:00:00+00:00", subject="P07")
@@ -62,7 +64,10 @@ def test_what_a_kill_left_is_free(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert f"acquire recover {writer.path}" in entry.problem
     assert run(["recover", str(writer.path)]) == 0
     assert open_recording(tmp_path / "run.h5").info.status == "recovered"
-    assert writer.path.exists()
+    capsys.readouterr()
+    assert run(["ls", "-d", str(tmp_path)]) == 0
+    assert "journal" not in capsys.readouterr().out
+    assert not writer.path.exists()
 
 
 def test_an_incomplete_recording_costs_no_journal(tmp_path: Path) -> None:
@@ -92,6 +97,12 @@ def test_recovery_refuses_a_file_that_holds_less(tmp_path: Path) -> None:
     write_recording(replace(whole, streams=short), tmp_path / "short.h5")
     with pytest.raises(RecordingError, match=r"short\.h5: does not hold all of the journal \(streams: pressure"):
         recover(journal, tmp_path / "short.h5", keep=False)
+    damaged = bytearray((tmp_path / "whole.h5").read_bytes())
+    damaged[damaged.index(np.arange(200.0).tobytes()) + 1] ^= 0xFF
+    (tmp_path / "damaged.h5").write_bytes(damaged)
+    with pytest.raises(RecordingError, match=r"damaged\.h5"):
+        settle(journal, tmp_path / "damaged.h5")
+    assert journal.exists()
     assert recover(journal, tmp_path / "whole.h5", keep=False)
     assert not journal.exists()
 
@@ -110,6 +121,13 @@ def test_a_damaged_journal_stays(tmp_path: Path) -> None:
     assert len(recording.stream("pressure").value) == 200
     assert "journal_damage" in {event.code for event in recording.events}
     assert journal.exists()
+    kept = tmp_path / f"run{RECOVERED}"
+    kept.write_bytes(b"of an earlier run")
+    assert run(["recover", str(journal)]) == 0
+    assert not journal.exists()
+    assert (tmp_path / f"run-2{RECOVERED}").read_bytes() == content
+    assert kept.read_bytes() == b"of an earlier run"
+    assert [entry.path.name for entry in catalogue(tmp_path)] == ["run.h5"]
 
 
 def test_subjects_are_private(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from acquire.recording.model import Recording, RunInfo, Series
 from gap import DiagnosisError, diagnose
-from gap.data.checks import of_one_skin, refuse_impossible
+from gap.data.checks import of_one_skin, refuse_impossible, remarks
 
 TIME = np.linspace(0.0, 4.0, 41)
 SUCTION = -30e3 * np.minimum(TIME, 1.0)
@@ -81,3 +81,20 @@ def test_skin_that_is_not_stated_is_that_of_the_others():
     stated, empty = of("P1", "forearm"), of("", "")
     assert of_one_skin([stated, empty, stated]) == ([stated, empty, stated], [])
     assert of_one_skin([of("P1", "cheek", "rigid block"), stated])[1] == []
+
+
+@pytest.mark.parametrize(
+    ("protocol", "told"),
+    [
+        ("setup: {opening: 5 mm}", "run 1: its protocol states an opening of 5 mm, but 2 mm is assumed"),
+        ("setup: {opening: 2.0 mm}", ""),
+        ("setup: {opening: wide}", ""),
+        ("in words", ""),
+        ("", ""),
+    ],
+)
+def test_an_opening_that_is_not_the_assumed_one_is_remarked_upon(protocol: str, told: str) -> None:
+    r = recording()
+    said = [text for text in remarks([replace(r, info=replace(r.info, protocol=protocol))], True) if "opening" in text]
+    assert len(said) == bool(told)
+    assert all(text.startswith(told) for text in said)

@@ -76,6 +76,13 @@ def test_effects_are_read_from_text(text: str, values: dict[str, float]) -> None
         ("regulator_lag:tau", "no parameter 'tau'"),
         ("regulator_lag:tau=3mm", "tau = '3mm': a number in s is needed"),
         ("regulator_lag:form=slow", "a whole number is needed: 0 a first-order lag"),
+        ("regulator_lag:tau=-1s", "effect regulator_lag, parameter tau = '-1s': it must be 0 s or more"),
+        ("regulator_lag:form=9", "form = '9': it must be a whole number, 0 to "),
+        ("regulator_lag:form=0.5", "form = '0.5': it must be a whole number, 0 to "),
+        ("jitter:seed=-1", "seed = '-1': it must be a whole number, 0 or more"),
+        ("slow_creep:tau=0s", "tau = '0s': it must be more than 0 s"),
+        ("probe_recoil:tau=-0.1s", "tau = '-0.1s': it must be 0 s or more"),
+        ("rim_friction:share=-0.1", "share = '-0.1': it must be 0 or more"),
     ],
 )
 def test_wrong_text_is_refused_by_name(text: str, message: str) -> None:
