@@ -14,7 +14,7 @@ from platformdirs import user_data_dir
 from pydantic import Field, model_validator
 
 from acquire.files import write_text
-from acquire.recording.model import RecordingError
+from acquire.recording.model import RecordingError, RunInfo
 from protocols.errors import ProtocolError
 from protocols.fields import Model
 from protocols.source import read, written
@@ -109,11 +109,25 @@ class Qualification(Model):
             return f"it is of a {self.instrument}, not of a {instrument}"
         if serial and self.serial and serial != self.serial:
             return f"it is of serial number {self.serial}, not of {serial}"
-        if (now or datetime.now(UTC)) > self.expires:
-            return f"it expired on {self.expires:%Y-%m-%d}"
         if self.doubts:
             return f"its references are in doubt: {self.doubts[0]}"
+        if (now or datetime.now(UTC)) > self.expires:
+            return f"it expired on {self.expires:%Y-%m-%d}"
         return ""
+
+
+def serial_of(info: RunInfo) -> str:
+    """The serial number of the instrument that made a recording; '' where it does not tell."""
+    return str(info.calibration[SERIAL]["value"]) if SERIAL in info.calibration else ""
+
+
+def day_of(info: RunInfo) -> datetime | None:
+    """When a recording began; None where it does not tell, with a time zone."""
+    try:
+        day = datetime.fromisoformat(info.start_time)
+    except ValueError:
+        return None
+    return day if day.tzinfo else None
 
 
 def load_qualification(path: Path | str) -> Qualification:

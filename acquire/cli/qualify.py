@@ -136,6 +136,8 @@ def _measured(
                 reporters.clear()
 
             try:
-                return measure(session, name, steps, folder, ask, watch, operator)
+                return measure(
+                    session, name, steps, folder, ask, watch, operator, lambda text: typer.echo(text, err=True)
+                )
             finally:
                 close()

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 
-from acquire.qualifications import SERIAL, Parameter, Qualification, load_qualification
+from acquire.qualifications import Parameter, Qualification, day_of, load_qualification, serial_of
 from acquire.recording.model import Recording
 from gap.inference.evidence import Fit, Hypothesis
 from gap.inference.hypothesis import FROZEN
@@ -91,18 +90,10 @@ def read(path: Path, recordings: Sequence[Recording]) -> Qualified:
     Raises RecordingError, OSError.
     """
     q = load_qualification(path)
-    serials = {str(r.info.calibration[SERIAL]["value"]) for r in recordings if SERIAL in r.info.calibration}
-    days = [day for r in recordings if (day := _day(r.info.start_time)) is not None]
+    serials = {serial_of(r.info) for r in recordings} - {""}
+    days = [day for r in recordings if (day := day_of(r.info)) is not None]
     reasons = [q.against(recordings[0].info.instrument, serial, max(days, default=None)) for serial in serials or {""}]
     return Qualified(q, str(path), next(filter(None, reasons), ""))
-
-
-def _day(text: str) -> datetime | None:
-    try:
-        day = datetime.fromisoformat(text)
-    except ValueError:
-        return None
-    return day if day.tzinfo else None
 
 
 def inform(problems: Sequence[Problem], qualified: Qualified) -> list[str]:

@@ -11,7 +11,17 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from acquire.provenance import versions
-from acquire.qualifications import SCHEMA, SERIAL, VALID_DAYS, Bound, Covariance, Finding, Parameter, Qualification
+from acquire.qualifications import (
+    SCHEMA,
+    VALID_DAYS,
+    Bound,
+    Covariance,
+    Finding,
+    Parameter,
+    Qualification,
+    day_of,
+    serial_of,
+)
 from acquire.recording.model import Recording
 from gap.data.tolerances import Tolerance, tolerances
 from gap.decision.classes import Cause
@@ -64,8 +74,7 @@ def _references(recordings: Sequence[Recording]) -> list[Recording]:
 
 def _serial_number(references: Sequence[Recording], stated: str) -> str:
     """The instrument's serial number, ``stated`` or recorded; '' where it is neither."""
-    serials = {str(r.info.calibration[SERIAL]["value"]) for r in references if SERIAL in r.info.calibration}
-    serials |= {stated} - {""}
+    serials = {stated, *(serial_of(r.info) for r in references)} - {""}
     if len(serials) > 1:
         raise DiagnosisError(f"recordings of several serial numbers ({', '.join(sorted(serials))})")
     return next(iter(serials), "")
@@ -83,7 +92,7 @@ def _document(references: Sequence[Recording], d: Diagnosis, serial: str, valid_
         instrument=info.instrument,
         device=info.device,
         serial=serial,
-        date=datetime.now(UTC).replace(microsecond=0),
+        date=_date(references),
         valid_days=valid_days,
         passed=not (findings or off or doubted or d.verdict.verdict == "unknown"),
         verdict=d.verdict.verdict,
@@ -100,6 +109,12 @@ def _document(references: Sequence[Recording], d: Diagnosis, serial: str, valid_
         minutes=rounded(sum(_duration(r) for r in references) / 60.0),
         software=dict(versions()),
     )
+
+
+def _date(references: Sequence[Recording]) -> datetime:
+    """When the oldest of them was made: what it showed holds from then on; now, where none tells."""
+    days = [day for r in references if (day := day_of(r.info)) is not None]
+    return min(days, default=datetime.now(UTC)).replace(microsecond=0)
 
 
 def _beyond_tolerance(parameters: Mapping[str, Parameter]) -> list[str]:
