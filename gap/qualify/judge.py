@@ -150,10 +150,10 @@ def _parameters(d: Diagnosis) -> tuple[dict[str, Parameter], Covariance | None]:
         fitted = d.comparison.null.fits[block]
         keys, matrix = covariance(problem, fitted, temper[block])
         quantities = problem.quantities(fitted.nuisance)
-        chosen = [k for k, key in enumerate(keys) if key in stated and key not in out]
+        chosen = [k for k, key in enumerate(keys) if key in stated and key not in out and matrix[k, k] > 0.0]
         for k in chosen:
             value, unit = quantities[keys[k]]
-            out[keys[k]] = _judged(value, float(np.sqrt(max(matrix[k, k], 0.0))), unit, stated[keys[k]])
+            out[keys[k]] = _judged(value, float(np.sqrt(matrix[k, k])), unit, stated[keys[k]])
         if chosen:
             names += [keys[k] for k in chosen]
             blocks.append(matrix[np.ix_(chosen, chosen)])
