@@ -145,6 +145,13 @@ class Qualification(Model):
         """When it holds no longer."""
         return self.date + timedelta(days=self.valid_days)
 
+    def validity(self, now: datetime | None = None) -> str:
+        """Until when it holds, in words; '' of an instrument that did not pass."""
+        if not self.passed:
+            return ""
+        over = (now or datetime.now(UTC)) > self.expires
+        return f"{'expired on' if over else 'valid until'} {self.expires:%Y-%m-%d}"
+
     def against(self, instrument: str, serial: str = "", now: datetime | None = None) -> str:
         """Why it is not to be believed of an instrument; '' where it is."""
         if instrument != self.instrument:

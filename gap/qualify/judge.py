@@ -59,7 +59,7 @@ def qualify(
     references = _references(recordings)
     serial = _serial_number(references, serial)
     d = diagnose(references, quick=not full, jobs=jobs, tell=tell)
-    return Judged(_document(references, d, serial, valid_days), d)
+    return Judged(_document(references, d, serial, valid_days, full), d)
 
 
 def _references(recordings: Sequence[Recording]) -> list[Recording]:
@@ -80,12 +80,14 @@ def _serial_number(references: Sequence[Recording], stated: str) -> str:
     return next(iter(serials), "")
 
 
-def _document(references: Sequence[Recording], d: Diagnosis, serial: str, valid_days: float) -> Qualification:
+def _document(
+    references: Sequence[Recording], d: Diagnosis, serial: str, valid_days: float, full: bool
+) -> Qualification:
     """The qualification that a diagnosis of the references gives."""
     doubted = list(d.doubts)
     parameters, spread = _parameters(d)
     findings = [] if doubted else _findings(d)
-    off = _beyond_tolerance(parameters)
+    off = {name: p for name, p in parameters.items() if p.passed is False}
     info = references[-1].info
     return Qualification(
         schema=SCHEMA,
@@ -96,7 +98,7 @@ def _document(references: Sequence[Recording], d: Diagnosis, serial: str, valid_
         valid_days=valid_days,
         passed=not (findings or off or doubted or d.verdict.verdict == "unknown"),
         verdict=d.verdict.verdict,
-        sentences=tuple(_sentences(d, findings, off, doubted)),
+        sentences=tuple(_sentences(d, findings, off, doubted, full)),
         findings=tuple(findings),
         doubts=tuple(doubted),
         parameters=parameters,
@@ -115,11 +117,6 @@ def _date(references: Sequence[Recording]) -> datetime:
     """When the oldest of them was made: what it showed holds from then on; now, where none tells."""
     days = [day for r in references if (day := day_of(r.info)) is not None]
     return min(days, default=datetime.now(UTC)).replace(microsecond=0)
-
-
-def _beyond_tolerance(parameters: Mapping[str, Parameter]) -> list[str]:
-    """Parameters that did not pass, each with the effect that would look so."""
-    return [f"{n} ({p.like} would look so)" if p.like else n for n, p in parameters.items() if p.passed is False]
 
 
 def _findings(d: Diagnosis) -> list[Finding]:
@@ -230,7 +227,9 @@ def _duration(r: Recording) -> float:
     return float(max(e[1] for e in ends) - min(e[0] for e in ends)) if ends else 0.0
 
 
-def _sentences(d: Diagnosis, findings: Sequence[Finding], off: Sequence[str], doubted: Sequence[str]) -> list[str]:
+def _sentences(
+    d: Diagnosis, findings: Sequence[Finding], off: Mapping[str, Parameter], doubted: Sequence[str], full: bool
+) -> list[str]:
     if doubted:
         return [f"Not believed: {text}." for text in doubted]
     said = []
@@ -240,7 +239,33 @@ def _sentences(d: Diagnosis, findings: Sequence[Finding], off: Sequence[str], do
         said.append(f"Not passed: {f.effect}{beside}, probability {f.probability:.2f}. {f.meaning} {f.remedy}".strip())
     if not findings and d.verdict.verdict == "unknown":
         said.append("Not passed: the references show something that no known effect explains.")
-    said += [f"Not passed: {name} is beyond its tolerance." for name in off]
+    said += _beyond_tolerance(d, findings[0].effect if findings else "", off, full)
     return said or [
         "Passed: no effect of the instrument shows on the references, and all parameters are within tolerance."
     ]
+
+
+def _beyond_tolerance(d: Diagnosis, found: str, off: Mapping[str, Parameter], full: bool) -> list[str]:
+    """Parameters that did not pass: those that the ``found`` effect explains, and the others, each with the effect that
+    would look so; and that more is off than was found."""
+    left = [name for name, p in off.items() if not found or not _within_beside(d, name, p)]
+    said = []
+    for name, p in off.items():
+        if name not in left:
+            said.append(f"Not passed: {name} is beyond its tolerance, which {found} explains.")
+            continue
+        like = f" ({p.like} would look so)" if p.like else ""
+        said.append(f"Not passed: {name}{like} is beyond its tolerance{f' beside {found}, too' if found else ''}.")
+    if found and left:
+        pairs = "" if full else ", or look for pairs of effects with --full"
+        said.append(
+            f"More than {found} is off: it does not explain {', '.join(left)}. Mend it and qualify again{pairs}."
+        )
+    return said
+
+
+def _within_beside(d: Diagnosis, name: str, p: Parameter) -> bool:
+    """Whether a parameter is within its tolerance once the effect that was found is part of the simulation."""
+    found = [problem.quantities(d.best.fits[block].nuisance) for block, problem in d.problems.items()]
+    values = [quantities[name][0] for quantities in found if name in quantities]
+    return all(abs(value - p.nominal) <= (p.tolerance or 0.0) for value in values)
