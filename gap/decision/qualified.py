@@ -10,6 +10,7 @@ import numpy as np
 
 from acquire.qualifications import Parameter, Qualification, day_of, load_qualification, serial_of
 from acquire.recording.model import Recording
+from gap.data.quantities import quantity
 from gap.inference.evidence import Fit, Hypothesis
 from gap.inference.hypothesis import FROZEN
 from gap.inference.problem import Problem
@@ -69,7 +70,9 @@ class Qualified:
         said = []
         for name in self._unseen(h):
             b = bounds[name]
-            said.append(f"{name} has come since: it was below {b.parameter} {b.value:.3g} {b.unit}")
+            said.append(
+                f"{name} has come since: its {b.parameter} was below {quantity(b.value, b.unit, None, b.parameter)}"
+            )
         return said
 
     def _unseen(self, h: Hypothesis) -> Iterable[str]:
@@ -129,7 +132,8 @@ def moved(problems: Mapping[str, Problem], fits: Mapping[str, Fit], qualified: Q
             away = (fits[block].nuisance[k] - problem.prior_mean[k]) / problem.prior_sd[k]
             if abs(away) > CLEARLY:
                 value, unit = problem.quantities(fits[block].nuisance)[name]
-                said.append(f"{name} was {known.value:.4g} and is {value:.4g} {unit}")
+                was = quantity(known.value, known.unit, known.se, name)
+                said.append(f"{name} was {was} and is {quantity(value, unit, None, name)}")
     return list(dict.fromkeys(said))
 
 
