@@ -5,16 +5,18 @@ A file is written by ``acquire qualify`` and read by a diagnosis and by whoever 
 
 from __future__ import annotations
 
+import math
 import re
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
+import numpy as np
 from platformdirs import user_data_dir
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from acquire.files import write_text
-from acquire.recording.model import RecordingError
+from acquire.recording.model import RecordingError, RunInfo
 from protocols.errors import ProtocolError
 from protocols.fields import Model
 from protocols.source import read, written
@@ -25,6 +27,24 @@ VALID_DAYS = 180
 """How long a qualification holds (assumed: half a year, as for a balance in daily use)."""
 SERIAL = "serial_number"
 """Name of the calibration entry of a recording that tells the instrument's serial number."""
+ROUNDING = 1e-3
+"""By how much correlations may differ from those of a covariance, whose numbers are rounded to five digits."""
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Probability = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
+
+
+def _finite(entries: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    """The same. Raises ValueError that names a number in it that is none, or a standard deviation below 0."""
+    for name, entry in entries.items():
+        for key, value in entry.items():
+            if isinstance(value, float) and not math.isfinite(value):
+                raise ValueError(f"{name}.{key}: must be a finite number, not {value}")
+            if key in ("se", "sd") and not (isinstance(value, int | float) and value >= 0):
+                raise ValueError(f"{name}.{key}: must be a number from 0 on, not {value!r}")
+    return entries
 
 
 class Parameter(Model):
@@ -33,11 +53,11 @@ class Parameter(Model):
     ``like`` names the effect that moves it so, where nothing tells the two apart.
     """
 
-    value: float
-    se: float
+    value: Finite
+    se: Positive
     unit: str
-    nominal: float = 0.0
-    tolerance: float | None = None
+    nominal: Finite = 0.0
+    tolerance: NotNegative | None = None
     passed: bool | None = None
     like: str = ""
 
@@ -46,7 +66,7 @@ class Bound(Model):
     """The strength (SI) of an effect that would have been seen, in its ``parameter``."""
 
     parameter: str
-    value: float
+    value: NotNegative
     unit: str
 
 
@@ -55,17 +75,37 @@ class Finding(Model):
 
     effect: str
     indistinguishable: tuple[str, ...] = Field(default=(), alias="class")
-    probability: float
+    probability: Probability
     parameters: dict[str, dict[str, Any]] = Field(default={})
     meaning: str = ""
     remedy: str = ""
+
+    _numbers = field_validator("parameters")(_finite)
 
 
 class Covariance(Model):
     """Covariance of parameters, in the order of ``names``."""
 
     names: tuple[str, ...]
-    matrix: tuple[tuple[float, ...], ...]
+    matrix: tuple[tuple[Finite, ...], ...]
+
+    @model_validator(mode="after")
+    def _possible(self) -> Covariance:
+        n = len(self.names)
+        if len(self.matrix) != n or any(len(row) != n for row in self.matrix):
+            raise ValueError(f"matrix: must have {n} rows of {n} numbers, one for each of the names")
+        for k, name in enumerate(self.names):
+            if self.matrix[k][k] <= 0:
+                raise ValueError(f"matrix: the variance of {name} must be positive, not {self.matrix[k][k]:g}")
+        whole = np.array(self.matrix)
+        sd = np.sqrt(np.diag(whole))
+        correlation = whole / np.outer(sd, sd)
+        if off := np.argwhere(np.abs(correlation - correlation.T) > ROUNDING).tolist():
+            one, other = (self.names[k] for k in off[0])
+            raise ValueError(f"matrix: is not symmetric in {one} and {other}")
+        if n and float(np.linalg.eigvalsh(correlation)[0]) < -ROUNDING * n:
+            raise ValueError("matrix: is no covariance: a combination of the parameters has a negative variance")
+        return self
 
 
 class Qualification(Model):
@@ -76,7 +116,7 @@ class Qualification(Model):
     device: str = ""
     serial: str = ""
     date: datetime
-    valid_days: float = VALID_DAYS
+    valid_days: Positive = VALID_DAYS
     passed: bool
     verdict: str
     sentences: tuple[str, ...] = ()
@@ -89,8 +129,10 @@ class Qualification(Model):
     checked: tuple[str, ...] = ()
     not_checked: tuple[str, ...] = ()
     recordings: tuple[str, ...] = ()
-    minutes: float = 0.0
+    minutes: NotNegative = 0.0
     software: dict[str, str] = Field(default={})
+
+    _numbers = field_validator("noise")(_finite)
 
     @model_validator(mode="after")
     def _dated(self) -> Qualification:
@@ -103,17 +145,38 @@ class Qualification(Model):
         """When it holds no longer."""
         return self.date + timedelta(days=self.valid_days)
 
+    def validity(self, now: datetime | None = None) -> str:
+        """Until when it holds, in words; '' of an instrument that did not pass."""
+        if not self.passed:
+            return ""
+        over = (now or datetime.now(UTC)) > self.expires
+        return f"{'expired on' if over else 'valid until'} {self.expires:%Y-%m-%d}"
+
     def against(self, instrument: str, serial: str = "", now: datetime | None = None) -> str:
         """Why it is not to be believed of an instrument; '' where it is."""
         if instrument != self.instrument:
             return f"it is of a {self.instrument}, not of a {instrument}"
         if serial and self.serial and serial != self.serial:
             return f"it is of serial number {self.serial}, not of {serial}"
-        if (now or datetime.now(UTC)) > self.expires:
-            return f"it expired on {self.expires:%Y-%m-%d}"
         if self.doubts:
             return f"its references are in doubt: {self.doubts[0]}"
+        if (now or datetime.now(UTC)) > self.expires:
+            return f"it expired on {self.expires:%Y-%m-%d}"
         return ""
+
+
+def serial_of(info: RunInfo) -> str:
+    """The serial number of the instrument that made a recording; '' where it does not tell."""
+    return str(info.calibration[SERIAL]["value"]) if SERIAL in info.calibration else ""
+
+
+def day_of(info: RunInfo) -> datetime | None:
+    """When a recording began; None where it does not tell, with a time zone."""
+    try:
+        day = datetime.fromisoformat(info.start_time)
+    except ValueError:
+        return None
+    return day if day.tzinfo else None
 
 
 def load_qualification(path: Path | str) -> Qualification:

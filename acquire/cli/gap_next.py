@@ -61,7 +61,21 @@ def read_report(path: Path) -> dict[str, Any]:
         raise ValueError(f"{path}: is not of schema gap-report/1")
     if not isinstance(said.get("causes"), list):
         raise ValueError(f"{path}: has no list of causes")
+    _check_probabilities(said, path)
     return said
+
+
+def _check_probabilities(said: Mapping[str, Any], path: Path) -> None:
+    """Raises ValueError that names the file and the entry of a report that is no probability."""
+    entries = {key: said.get(key) for key in ("none_probability", "outside_probability")}
+    for k, cause in enumerate(said["causes"]):
+        if not isinstance(cause, dict):
+            raise ValueError(f"{path}: causes[{k}]: must have keys and values")
+        entries[f"causes[{k}].probability"] = cause.get("probability")
+    for name, value in entries.items():
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if value is not None and not (number and 0.0 <= value <= 1.0):
+            raise ValueError(f"{path}: {name}: must be a number from 0 to 1, not {value!r}")
 
 
 def files_of(report: Mapping[str, Any], path: Path) -> list[Path]:

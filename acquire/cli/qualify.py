@@ -76,7 +76,7 @@ def qualify(
         typer.echo(q.model_dump_json(by_alias=True, indent=1))
     else:
         typer.echo("\n".join(q.sentences))
-        typer.echo(f"\n{'passed' if q.passed else 'NOT PASSED'}, valid until {q.expires:%Y-%m-%d}\n{page}\n{file}")
+        typer.echo(f"\n{f'passed, {q.validity()}' if q.passed else 'NOT PASSED'}\n{page}\n{file}")
     raise typer.Exit(DONE if q.passed else NOT_PASSED)
 
 
@@ -136,6 +136,8 @@ def _measured(
                 reporters.clear()
 
             try:
-                return measure(session, name, steps, folder, ask, watch, operator)
+                return measure(
+                    session, name, steps, folder, ask, watch, operator, lambda text: typer.echo(text, err=True)
+                )
             finally:
                 close()

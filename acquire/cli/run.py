@@ -54,7 +54,7 @@ def run(
 
     with Stop() as stop:
         from acquire.notify import hooks
-        from acquire.qualifications import SERIAL, due
+        from acquire.qualifications import due, serial_of
         from acquire.session import Request, Session
         from protocols.specimens import assignments, stated
 
@@ -68,8 +68,7 @@ def run(
             engine, plan = session.prepare(protocol, request, name=instrument, out=out)
             if engine.found:
                 _say(f"acquire: {engine.found}", err=True)
-            serial = str(plan.info.calibration.get(SERIAL, {}).get("value", ""))
-            if warning := due(plan.info.instrument, serial):
+            if warning := due(plan.info.instrument, serial_of(plan.info)):
                 _say(f"acquire: {warning}", err=True)
             with Reporter(plan.info.protocol_name, plan.setpoints.duration) as reporter:
                 outcome = session.carry_out(engine, plan, reporter.update)

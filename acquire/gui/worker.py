@@ -240,7 +240,7 @@ class Worker:
     def _run(self, name: str, protocol: str, **request: Any) -> str:
         """Arm and start; a warning where the instrument's last qualification does not hold. The run's end is told by
         `Finished`."""
-        from acquire.qualifications import SERIAL, due
+        from acquire.qualifications import due, serial_of
         from acquire.session import Request
 
         engine, plan = self.session.prepare(protocol, Request(**request), name=name)
@@ -249,7 +249,7 @@ class Worker:
         feed.begin(plan.setpoints)
         engine.start()
         threading.Thread(target=self._await, args=(name, engine, plan.info), name=f"await-{name}", daemon=True).start()
-        return due(plan.info.instrument, str(plan.info.calibration.get(SERIAL, {}).get("value", "")))
+        return due(plan.info.instrument, serial_of(plan.info))
 
     def _await(self, name: str, engine: RunEngine, info: RunInfo) -> None:
         outcome = engine.wait()

@@ -84,9 +84,14 @@ def read(folder: Path, instrument: str) -> Asked:
     path, table_path = folder / "experiment.yaml", folder / "setpoints.csv"
     try:
         said = yaml.safe_load(path.read_text(encoding="utf-8"))
+        if isinstance(said, dict) and said.get("stop"):
+            why = f": {said['reason']}" if said.get("reason") else ""
+            raise Refused(f"{folder} says to stop: there is nothing to measure{why}")
         with table_path.open(encoding="utf-8", newline="") as file:
             header, *rows = [row for row in csv.reader(file) if row]
         table = np.array([[float(x) for x in row] for row in rows])
+    except Refused:
+        raise
     except (OSError, ValueError, yaml.YAMLError) as error:
         raise Refused(f"{folder}: is no experiment: {error}") from None
     specimen, rest = _described(path, said, instrument)

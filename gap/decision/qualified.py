@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 
-from acquire.qualifications import SERIAL, Parameter, Qualification, load_qualification
+from acquire.qualifications import Parameter, Qualification, day_of, load_qualification, serial_of
 from acquire.recording.model import Recording
+from gap.data.quantities import quantity
 from gap.inference.evidence import Fit, Hypothesis
 from gap.inference.hypothesis import FROZEN
 from gap.inference.problem import Problem
@@ -70,7 +70,9 @@ class Qualified:
         said = []
         for name in self._unseen(h):
             b = bounds[name]
-            said.append(f"{name} has come since: it was below {b.parameter} {b.value:.3g} {b.unit}")
+            said.append(
+                f"{name} has come since: its {b.parameter} was below {quantity(b.value, b.unit, None, b.parameter)}"
+            )
         return said
 
     def _unseen(self, h: Hypothesis) -> Iterable[str]:
@@ -91,18 +93,10 @@ def read(path: Path, recordings: Sequence[Recording]) -> Qualified:
     Raises RecordingError, OSError.
     """
     q = load_qualification(path)
-    serials = {str(r.info.calibration[SERIAL]["value"]) for r in recordings if SERIAL in r.info.calibration}
-    days = [day for r in recordings if (day := _day(r.info.start_time)) is not None]
+    serials = {serial_of(r.info) for r in recordings} - {""}
+    days = [day for r in recordings if (day := day_of(r.info)) is not None]
     reasons = [q.against(recordings[0].info.instrument, serial, max(days, default=None)) for serial in serials or {""}]
     return Qualified(q, str(path), next(filter(None, reasons), ""))
-
-
-def _day(text: str) -> datetime | None:
-    try:
-        day = datetime.fromisoformat(text)
-    except ValueError:
-        return None
-    return day if day.tzinfo else None
 
 
 def inform(problems: Sequence[Problem], qualified: Qualified) -> list[str]:
@@ -138,7 +132,8 @@ def moved(problems: Mapping[str, Problem], fits: Mapping[str, Fit], qualified: Q
             away = (fits[block].nuisance[k] - problem.prior_mean[k]) / problem.prior_sd[k]
             if abs(away) > CLEARLY:
                 value, unit = problem.quantities(fits[block].nuisance)[name]
-                said.append(f"{name} was {known.value:.4g} and is {value:.4g} {unit}")
+                was = quantity(known.value, known.unit, known.se, name)
+                said.append(f"{name} was {was} and is {quantity(value, unit, None, name)}")
     return list(dict.fromkeys(said))
 
 

@@ -14,13 +14,14 @@ from acquire.recording import load, write_bundle
 from acquire.recording.model import Recording
 from gap.batch import of_skin, session_paths
 from gap.blind import perform
+from gap.data.quantities import quantity
 from gap.data.session import SKIN
 from gap.design import simulated as own
 from gap.design.bench import Acting
 from gap.design.experiment import Experiment, write
 from gap.effects.load import library
 from gap.inference.hypothesis import from_unit
-from gap.report.words import quantity, words
+from gap.report.words import words
 from sim_devices.effects import parse_effect
 
 HISTORY = "history.bin"

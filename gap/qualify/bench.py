@@ -9,6 +9,7 @@ from pathlib import Path
 from acquire.engine import Aborted, Progress, State, Tripped
 from acquire.recording import JournalBusy, Recording, RecordingError, open_recording, put_by, settle
 from acquire.session import Request, Session
+from gap.qualify.kept import in_words, kept, recording_of
 from gap.qualify.steps import Step
 
 Ask = Callable[[int, Step], None]
@@ -19,25 +20,6 @@ class NotMeasured(Tripped):
     """A step's run did not come to its end; the message says which and why."""
 
 
-def recording_of(step: Step, folder: Path) -> Path:
-    """Where the recording of a step is kept."""
-    return folder / f"{step.name}.h5"
-
-
-def done(step: Step, folder: Path) -> bool:
-    """Whether a step has been measured to its end, on the same specimen."""
-    path = recording_of(step, folder)
-    if not path.is_file():
-        return False
-    info = open_recording(path).info
-    same = info.specimen == step.specimen and dict(info.specimen_properties) == dict(step.known)
-    if not same:
-        raise ValueError(
-            f"{path}: is of a {info.specimen} with other numbers than step {step.name}; take another folder"
-        )
-    return info.status == "completed"
-
-
 def measure(
     session: Session,
     name: str,
@@ -46,14 +28,18 @@ def measure(
     ask: Ask,
     watch: Callable[[Step, Progress], None] = lambda step, progress: None,
     operator: str = "",
+    tell: Callable[[str], None] = lambda text: None,
 ) -> list[Recording]:
     """Recordings of ``steps`` on the station's instrument ``name``, in ``folder``; those that are there are not made
-    again.
+    again, and ``tell`` is told how many.
 
     Raises NotMeasured, Aborted, ValueError, DeviceError.
     """
+    have = kept(session, name, steps, folder)
+    if have:
+        tell(in_words(have, steps))
     for number, step in enumerate(steps, start=1):
-        if done(step, folder):
+        if step.name in have:
             continue
         path = recording_of(step, folder)
         _put_aside(path)

@@ -11,7 +11,17 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from acquire.provenance import versions
-from acquire.qualifications import SCHEMA, SERIAL, VALID_DAYS, Bound, Covariance, Finding, Parameter, Qualification
+from acquire.qualifications import (
+    SCHEMA,
+    VALID_DAYS,
+    Bound,
+    Covariance,
+    Finding,
+    Parameter,
+    Qualification,
+    day_of,
+    serial_of,
+)
 from acquire.recording.model import Recording
 from gap.data.tolerances import Tolerance, tolerances
 from gap.decision.classes import Cause
@@ -49,7 +59,7 @@ def qualify(
     references = _references(recordings)
     serial = _serial_number(references, serial)
     d = diagnose(references, quick=not full, jobs=jobs, tell=tell)
-    return Judged(_document(references, d, serial, valid_days), d)
+    return Judged(_document(references, d, serial, valid_days, full), d)
 
 
 def _references(recordings: Sequence[Recording]) -> list[Recording]:
@@ -64,30 +74,31 @@ def _references(recordings: Sequence[Recording]) -> list[Recording]:
 
 def _serial_number(references: Sequence[Recording], stated: str) -> str:
     """The instrument's serial number, ``stated`` or recorded; '' where it is neither."""
-    serials = {str(r.info.calibration[SERIAL]["value"]) for r in references if SERIAL in r.info.calibration}
-    serials |= {stated} - {""}
+    serials = {stated, *(serial_of(r.info) for r in references)} - {""}
     if len(serials) > 1:
         raise DiagnosisError(f"recordings of several serial numbers ({', '.join(sorted(serials))})")
     return next(iter(serials), "")
 
 
-def _document(references: Sequence[Recording], d: Diagnosis, serial: str, valid_days: float) -> Qualification:
+def _document(
+    references: Sequence[Recording], d: Diagnosis, serial: str, valid_days: float, full: bool
+) -> Qualification:
     """The qualification that a diagnosis of the references gives."""
     doubted = list(d.doubts)
     parameters, spread = _parameters(d)
     findings = [] if doubted else _findings(d)
-    off = _beyond_tolerance(parameters)
+    off = {name: p for name, p in parameters.items() if p.passed is False}
     info = references[-1].info
     return Qualification(
         schema=SCHEMA,
         instrument=info.instrument,
         device=info.device,
         serial=serial,
-        date=datetime.now(UTC).replace(microsecond=0),
+        date=_date(references),
         valid_days=valid_days,
         passed=not (findings or off or doubted or d.verdict.verdict == "unknown"),
         verdict=d.verdict.verdict,
-        sentences=tuple(_sentences(d, findings, off, doubted)),
+        sentences=tuple(_sentences(d, findings, off, doubted, full)),
         findings=tuple(findings),
         doubts=tuple(doubted),
         parameters=parameters,
@@ -102,9 +113,10 @@ def _document(references: Sequence[Recording], d: Diagnosis, serial: str, valid_
     )
 
 
-def _beyond_tolerance(parameters: Mapping[str, Parameter]) -> list[str]:
-    """Parameters that did not pass, each with the effect that would look so."""
-    return [f"{n} ({p.like} would look so)" if p.like else n for n, p in parameters.items() if p.passed is False]
+def _date(references: Sequence[Recording]) -> datetime:
+    """When the oldest of them was made: what it showed holds from then on; now, where none tells."""
+    days = [day for r in references if (day := day_of(r.info)) is not None]
+    return min(days, default=datetime.now(UTC)).replace(microsecond=0)
 
 
 def _findings(d: Diagnosis) -> list[Finding]:
@@ -135,10 +147,10 @@ def _parameters(d: Diagnosis) -> tuple[dict[str, Parameter], Covariance | None]:
         fitted = d.comparison.null.fits[block]
         keys, matrix = covariance(problem, fitted, temper[block])
         quantities = problem.quantities(fitted.nuisance)
-        chosen = [k for k, key in enumerate(keys) if key in stated and key not in out]
+        chosen = [k for k, key in enumerate(keys) if key in stated and key not in out and matrix[k, k] > 0.0]
         for k in chosen:
             value, unit = quantities[keys[k]]
-            out[keys[k]] = _judged(value, float(np.sqrt(max(matrix[k, k], 0.0))), unit, stated[keys[k]])
+            out[keys[k]] = _judged(value, float(np.sqrt(matrix[k, k])), unit, stated[keys[k]])
         if chosen:
             names += [keys[k] for k in chosen]
             blocks.append(matrix[np.ix_(chosen, chosen)])
@@ -215,7 +227,9 @@ def _duration(r: Recording) -> float:
     return float(max(e[1] for e in ends) - min(e[0] for e in ends)) if ends else 0.0
 
 
-def _sentences(d: Diagnosis, findings: Sequence[Finding], off: Sequence[str], doubted: Sequence[str]) -> list[str]:
+def _sentences(
+    d: Diagnosis, findings: Sequence[Finding], off: Mapping[str, Parameter], doubted: Sequence[str], full: bool
+) -> list[str]:
     if doubted:
         return [f"Not believed: {text}." for text in doubted]
     said = []
@@ -225,7 +239,33 @@ def _sentences(d: Diagnosis, findings: Sequence[Finding], off: Sequence[str], do
         said.append(f"Not passed: {f.effect}{beside}, probability {f.probability:.2f}. {f.meaning} {f.remedy}".strip())
     if not findings and d.verdict.verdict == "unknown":
         said.append("Not passed: the references show something that no known effect explains.")
-    said += [f"Not passed: {name} is beyond its tolerance." for name in off]
+    said += _beyond_tolerance(d, findings[0].effect if findings else "", off, full)
     return said or [
         "Passed: no effect of the instrument shows on the references, and all parameters are within tolerance."
     ]
+
+
+def _beyond_tolerance(d: Diagnosis, found: str, off: Mapping[str, Parameter], full: bool) -> list[str]:
+    """Parameters that did not pass: those that the ``found`` effect explains, and the others, each with the effect that
+    would look so; and that more is off than was found."""
+    left = [name for name, p in off.items() if not found or not _within_beside(d, name, p)]
+    said = []
+    for name, p in off.items():
+        if name not in left:
+            said.append(f"Not passed: {name} is beyond its tolerance, which {found} explains.")
+            continue
+        like = f" ({p.like} would look so)" if p.like else ""
+        said.append(f"Not passed: {name}{like} is beyond its tolerance{f' beside {found}, too' if found else ''}.")
+    if found and left:
+        pairs = "" if full else ", or look for pairs of effects with --full"
+        said.append(
+            f"More than {found} is off: it does not explain {', '.join(left)}. Mend it and qualify again{pairs}."
+        )
+    return said
+
+
+def _within_beside(d: Diagnosis, name: str, p: Parameter) -> bool:
+    """Whether a parameter is within its tolerance once the effect that was found is part of the simulation."""
+    found = [problem.quantities(d.best.fits[block].nuisance) for block, problem in d.problems.items()]
+    values = [quantities[name][0] for quantities in found if name in quantities]
+    return all(abs(value - p.nominal) <= (p.tolerance or 0.0) for value in values)

@@ -7,10 +7,10 @@ from pathlib import Path
 
 from acquire.files import write_text
 from acquire.qualifications import Parameter, Qualification, dump, history, keep
+from gap.data.quantities import quantity
 from gap.qualify.judge import Judged
 from gap.report.figures import overview
 from gap.report.pages import render
-from gap.report.words import quantity
 
 WIDTH, HEIGHT, MARGIN = 340.0, 56.0, 12.0
 """Of a control chart, px."""

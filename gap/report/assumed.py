@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from gap.data.quantities import quantity
 from gap.data.tolerances import tolerances
 from gap.diagnosis import Diagnosis
-from gap.report.words import quantity, words
+from gap.report.words import words
 
 
 def assumed(d: Diagnosis) -> list[str]:

@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from acquire.files import write_text
+from gap.data.quantities import quantity
 from gap.diagnosis import Diagnosis
 from gap.report.document import as_json
 from gap.report.figures import misfits, overview, residuals, where
 from gap.report.pages import render
-from gap.report.words import quantity, words
+from gap.report.words import words
 
 
 def write_page(diagnosis: Diagnosis, path: Path) -> Path:

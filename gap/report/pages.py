@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from gap.report.words import quantity, words
+from gap.data.quantities import quantity
+from gap.report.words import words
 
 
 def render(package: str, template: str, **values: Any) -> str:

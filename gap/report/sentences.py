@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from gap.data.quantities import quantity, significant
 from gap.data.signatures import HUM
 from gap.decision.classes import Cause
 from gap.decision.gaps import gap_without_discrepancy, shrink
@@ -11,7 +12,7 @@ from gap.inference.hypothesis import Candidate
 from gap.report.breakdown import breakdown
 from gap.report.parameters import of_cause
 from gap.report.terms import text
-from gap.report.words import SPLITS, options, quantity, significant, words
+from gap.report.words import SPLITS, options, words
 
 UNKNOWN_NEXT = "The cause is not known: the pictures show where to look, and an effect of your own can be added."
 ALONE = "No effect was fitted beside the simulation: its parameters are those of a sound instrument and skin."

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from gap.data.quantities import quantity
 from gap.diagnosis import Diagnosis
 from gap.report.parameters import rounded
-from gap.report.words import SPLITS, quantity
+from gap.report.words import SPLITS
 from gap.terms.propose import Proposal
 from gap.terms.term import Term
 

@@ -106,3 +106,10 @@ def test_what_the_rig_cannot_do_is_refused(cases, tmp_path: Path, specimen, tabl
     with pytest.raises(Refused, match=message):
         perform(cases["cutometer"], asked(tmp_path / "e", specimen, table, **more), tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_an_experiment_that_says_stop_is_told_as_such(cases, tmp_path: Path) -> None:
+    said = asked(tmp_path / "nx", "", "", id="", stop=True, reason="rim friction is certain")
+    (said / "setpoints.csv").unlink()
+    with pytest.raises(Refused, match="nx says to stop: there is nothing to measure: rim friction is certain"):
+        perform(cases["cutometer"], said, tmp_path / "out")

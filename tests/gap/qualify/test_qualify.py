@@ -50,6 +50,38 @@ def test_a_file_comes_back(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("se: 0.001", "se: -1"), r"parameters\.height_gain_error\.se.*greater than 0"),
+        (("se: 0.001", "se: 0.0"), r"parameters\.height_gain_error\.se.*greater than 0"),
+        (("value: 0.01", "value: .nan"), r"parameters\.height_gain_error\.value.*finite"),
+        (("tolerance: 0.03", "tolerance: .inf"), r"parameters\.height_gain_error\.tolerance.*finite"),
+        (("valid_days: 180.0", "valid_days: -3"), r"valid_days.*greater than 0"),
+        (("sd: 250.0", "sd: -1"), r"noise.*pressure\.sd: must be a number from 0 on"),
+        (("- 0.5\n", "- -0.5\n"), r"covariance.*not symmetric in a and b"),
+        (("- 0.5\n", "- 5.0\n"), r"covariance.*negative variance"),
+        (("- 1.0\n", "- -1.0\n"), r"covariance.*variance of a must be positive"),
+        (("  - b\n", ""), r"covariance.*1 rows of 1 numbers"),
+    ],
+)  # fmt: skip
+def test_a_number_that_cannot_be_is_refused_with_its_line_and_name(
+    tmp_path: Path, change: tuple[str, str], words: str
+) -> None:
+    covariance = {"names": ("a", "b"), "matrix": ((1.0, 0.5), (0.5, 2.0))}
+    text = dump(qualification(covariance=covariance, noise={"pressure": {"sd": 250.0, "unit": "Pa"}}))
+    assert load_qualification(written(tmp_path, text))
+    assert change[0] in text
+    both = -1 if "negative" in words else 1
+    with pytest.raises(RecordingError, match=rf"q\.yaml:\d+.*{words}"):
+        load_qualification(written(tmp_path, text.replace(*change, both)))
+
+
+def written(folder: Path, text: str) -> Path:
+    (folder / "q.yaml").write_text(text)
+    return folder / "q.yaml"
+
+
+@pytest.mark.parametrize(
     ("instrument", "serial", "days", "words"),
     [
         ("cutometer", "C7", 1, ""),
@@ -220,7 +252,7 @@ def test_the_command_passes_a_sound_instrument_names_a_fault_and_goes_on(
     assert len(made) == len(STANDARD["cutometer"])
     assert run(["qualify", "cutometer", *common, "-o", str(sound), "--history", str(tmp_path / "h")]) == 0
     assert {p: p.stat().st_mtime_ns for p in made} == made  # nothing was measured again
-    assert "2 qualifications in the history" in (sound / "qualification.html").read_text()
+    assert "1 qualification in the history" in (sound / "qualification.html").read_text()
     capsys.readouterr()
     faulty = ["--effect", "sensor_gain:error=0.08", "-o", str(tmp_path / "faulty"), "--json"]
     assert run(["qualify", "cutometer", *common, *faulty]) == NOT_PASSED

@@ -14,6 +14,7 @@ import pytest
 from scipy.signal import lsim
 
 from acquire.recording.model import Recording
+from gap.data.quantities import quantity
 from gap.data.splits import splits, splits_of_a_rig
 from gap.data.waveform import waveform
 from gap.decision.gaps import Shrink, shrink
@@ -23,7 +24,6 @@ from gap.inference.evidence import Hypothesis
 from gap.inference.least_squares import fit
 from gap.report.document import as_json
 from gap.report.html import page
-from gap.report.words import quantity
 from sim_devices.chain import Parameter
 
 TIME = np.arange(0.0, 20.0, 0.02)
