@@ -35,12 +35,12 @@ steps:
   - {type: wait, duration: 5}
   - {type: cycle, suction: 300 mbar, rate: 60 mbar}
 """
-LAGGING = """\
+LEAKING = """\
 schema: station/1
-name: bench with a slow regulator
+name: bench with a leak
 instruments:
   cutometer:
-    simulated: {tissue: forearm, effects: ["regulator_lag:tau=0.3s"], seed: 7}
+    simulated: {tissue: forearm, effects: ["leak:shortfall=8 percent"], seed: 7}
     watchdog: 1 s
     interlock: {stale: 5 s}
 """
@@ -157,9 +157,9 @@ def light(folder: Path, runs: Path, store: QSettings) -> None:
 
 
 def tools(folder: Path, runs: Path, store: QSettings) -> None:
-    """A diagnosis and a fit, of an instrument whose regulator lags behind."""
-    station = runs / "lagging.yaml"
-    station.write_text(LAGGING)
+    """A diagnosis and a fit, of an instrument whose line leaks."""
+    station = runs / "leaking.yaml"
+    station.write_text(LEAKING)
     at = Photographer(folder, runs, store, station)
     window = at.window
     at.ready("cutometer")

@@ -33,6 +33,7 @@ class ControlBar(QFrame):
         self.state.setProperty("role", "title")
         self.countdown = QLabel("")
         self.countdown.setProperty("role", "number")
+        self.countdown.setToolTip("left of this step, min:s")
         self.detail = Elided("")
         self.detail.setProperty("role", "faint")
         self.bar = QProgressBar()
@@ -91,7 +92,7 @@ class ControlBar(QFrame):
         self._say(words)
         _set(self.countdown, "")
         _set(self.detail, "START F5   PAUSE F6   STOP F7   E-STOP Esc")
-        self.bar.setValue(1000 if state == "completed" else 0)
+        self.bar.setValue(0)
 
     def _running(self, view: View) -> None:
         if view.state == "paused":
