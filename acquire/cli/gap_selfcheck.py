@@ -15,6 +15,8 @@ from acquire.cli.numbers import MOST_JOBS, whole
 from acquire.cli.review import ALL, counting
 
 SCHEMA = "gap-selfcheck/1"
+MORE_OFTEN = 0.5
+"""Share of sessions from which on an effect is found more often than missed."""
 
 
 def selfcheck(
@@ -73,12 +75,16 @@ def cited(path: Path, recordings: Sequence[str], causes: Sequence[Mapping[str, A
         raise ValueError(f"{path}: is not of schema {SCHEMA}")
     if missing := [r for r in said["recordings"] if r not in recordings]:
         raise ValueError(f"{path}: is of another session: recording {missing[0]} is not among these")
-    unseen = [e["effect"] for e in said["effects"] if e["minimum_visible"] is None and e["parameter"]]
+    weak = [e for e in said["effects"] if e["minimum_visible"] is None and e["parameter"]]
+    unseen = [e["effect"] for e in weak if e["recovery"] < MORE_OFTEN]
     named = causes[0]["effects"] if causes else []
     first = [e for e in said["effects"] if e["effect"] in named]
     total = len(said["effects"])
     text = f"By its self-check this session could not have shown {len(unseen)} of {total} effects at any strength."
+    if faint := len(weak) - len(unseen):
+        text += f" {faint} more would show at their greatest strength alone, and not surely."
     for e in first:
         name, share = e["effect"].replace("_", " ").capitalize(), 100 * e["recovery"]
-        text += f" {name}, just visible, would be named in {share:.0f} % of such sessions."
+        strength = "at its greatest strength" if e in weak else "just visible"
+        text += f" {name}, {strength}, would be named in {share:.0f} % of such sessions."
     return {"text": text, "unseen": unseen, "first": first}

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from acquire.recording.model import Recording
+from gap.data.quantities import quantity
 from gap.decision.thresholds import INSTRUMENT
 from gap.design.bench import Acting, Bench
 from gap.design.choice import FORM_ERROR
@@ -29,14 +30,16 @@ SEEN = INSTRUMENT.seen
 VISIBLE = SEEN + 2.0
 """Tempered σ of an effect that is just visible: noise takes two off in one session of forty."""
 DRAWS = 200
+NOT_SURELY, FOUND = "not surely", "found"
 FORMS = 2
 """Forms of an effect that are tried."""
 
 
 @dataclass(frozen=True)
 class Checked:
-    """An effect: the least ``strength`` (in ``unit``, of ``parameter``) that shows, None where none in its range does;
-    how often it was then ``recovered``, and the effects (or none) it was taken for."""
+    """An effect: the least ``strength`` (in ``unit``, of ``parameter``) that shows surely, None where none in its range
+    does; how often it was ``recovered`` ``at`` that, or at its greatest where it is None, and the effects (or none) it
+    was taken for."""
 
     effect: str
     stage: str
@@ -46,12 +49,14 @@ class Checked:
     delta: float
     recovered: float
     taken_for: Mapping[str, float]
+    at: float = 0.0
 
     def as_dict(self) -> dict[str, Any]:
         return {
             "effect": self.effect, "stage": self.stage, "parameter": self.parameter, "unit": self.unit,
             "minimum_visible": None if self.strength is None else float(f"{self.strength:.3g}"),
             "delta": round(self.delta, 2), "recovery": round(self.recovered, 3),
+            "recovered_at": float(f"{self.at:.3g}"),
             "taken_for": {k: round(v, 3) for k, v in self.taken_for.items()},
         }  # fmt: skip
 
@@ -127,9 +132,9 @@ def _recovered(found: Mapping[str, Sequence[_Trace]], rng: np.random.Generator) 
             signal = min(best.size, VISIBLE) * cosines[traces.index(best)]
             taken = _taken_for(names, signal + rng.standard_normal((DRAWS, len(traces))) @ root.T)
         shares = {k: n / DRAWS for k, n in taken.most_common(4) if k != name}
-        out.append(
-            Checked(name, best.effect.stage, parameter, unit, best.strength, best.size, taken[name] / DRAWS, shares)
-        )
+        stage, recovered = best.effect.stage, taken[name] / DRAWS
+        at = best.acting[0][1].get(parameter, 0.0)
+        out.append(Checked(name, stage, parameter, unit, best.strength, best.size, recovered, shares, at))
     return out
 
 
@@ -148,9 +153,12 @@ def _taken_for(names: Sequence[str], seen: FloatArray) -> Counter[str]:
 
 def as_text(checked: Sequence[Checked]) -> str:
     """The table, in plain text."""
-    lines = [f"{'effect':<36}{'shows from':>16}{'found':>8}  taken for"]
+    lines = [f"{'effect':<36}{'shows from':>16}{FOUND:>8}  taken for"]
     for c in checked:
-        least = "never" if c.strength is None else f"{c.strength:.3g} {c.unit}" if c.parameter else "always"
+        shows = NOT_SURELY if c.strength is None else quantity(c.strength, c.unit, None, c.parameter)
+        least = shows if c.parameter else "always"
         others = ", ".join(f"{k} {v:.2f}" for k, v in c.taken_for.items() if v >= 0.05)
         lines.append(f"{c.effect:<36}{least:>16}{c.recovered:>8.2f}  {others}")
+    if any(c.strength is None for c in checked):
+        lines.append(f"\n{NOT_SURELY}: at its greatest, of which {FOUND!r} then tells, it is below {VISIBLE:g} σ")
     return "\n".join(lines)

@@ -213,13 +213,13 @@ EFFECTS = (
         _distorted,
     ),
     effect(
-        "scale_error", "sensor", SUCTION, "Millimetres per pixel (or the height calibration) are wrong.",
-        "Image a gauge block at the dome's place.", "0.02 mm/px (assumed)",
+        "scale_error", "sensor", SUCTION, "The height's scale, its calibration in millimetres, is wrong.",
+        "Measure a gauge block at the dome's place.", "0.02 mm/px (assumed)",
         (signed("error", "1", 0.5, 0.1, "relative"), *GAIN_SHAPE), gain("scale_error", False),
     ),
     effect(
         "illumination_drift", "sensor", SUCTION, "The light source fades or warms up.",
-        "Warm up; normalise by a background; watch a reference in the image.", "gap.md",
+        "Warm up; normalise by the reading of the light; watch a gauge step.", "gap.md",
         (
             signed("change", "1", 0.6, 0.15, "of the light in the end (form 2: amplitude)"),
             shape("tau", "s", 20.0, 3000.0, 200.0, log=True, only=(0, 1, 2)),

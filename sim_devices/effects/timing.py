@@ -205,8 +205,8 @@ EFFECTS = (
     _lost_samples(ROBOT),
     effect(
         "desynchronisation", "timing", SUCTION,
-        "Height (image or optics) lags or leads the pressure channel.",
-        "Trigger camera and gauge together, or align them on a step of suction.",
+        "The height lags or leads the pressure channel.",
+        "Read height and pressure by one trigger, or align them on a step of suction.",
         "separate camera and pressure streams; gap.md",
         (
             signed("shift", "s", 0.4, 0.08, "positive: height is late", only=(0, 1)),

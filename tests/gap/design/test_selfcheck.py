@@ -11,7 +11,7 @@ import pytest
 from acquire.cli.gap_selfcheck import cited
 from gap.design import simulated as own
 from gap.design.catalogue import usual
-from gap.design.selfcheck import VISIBLE, as_text, selfcheck
+from gap.design.selfcheck import VISIBLE, Checked, as_text, selfcheck
 from gap.effects import library
 
 LEGS = [own.step_hold(-30e3, 5.0, 3.0), own.triangle(-30e3, 5.0, 1, 3.0)]
@@ -37,7 +37,7 @@ def test_a_leak_shows_early_and_a_lag_of_the_sensor_hides_in_skin_unless_there_i
     assert on_skin["sensor_low_pass"].strength is None or (
         on_skin["sensor_low_pass"].strength > 2 * with_it["sensor_low_pass"].strength
     )
-    assert all(c.strength is None or c.delta >= VISIBLE for c in on_skin.values())
+    assert all(c.strength is None or (c.delta >= VISIBLE and c.at == c.strength) for c in on_skin.values())
     assert "leak" in as_text(list(on_skin.values()))
 
 
@@ -47,6 +47,23 @@ def test_a_limit_is_strongest_where_it_is_lowest() -> None:
     session = own.suction_session("cutometer", np.random.default_rng(2), legs=[*LEGS, step])
     (saturation,) = selfcheck(session, {"limit": library("cutometer")["sensor_saturation[form=0]"]})
     assert 0.2e-3 < saturation.strength < 0.3e-3  # the step is 0.3 mm high
+
+
+def test_the_table_has_units_as_people_write_them_and_tells_of_which_strength_it_speaks() -> None:
+    rows = [
+        Checked("dead_band", "actuator", "band", "Pa", 389.0, 7.1, 0.9, {}, 389.0),
+        Checked("rim_leak", "interface", "share", "1", None, 5.8, 0.7, {"none": 0.3}, 0.75),
+        Checked("sensor_gain", "sensor", "error", "1", 0.02, 7.5, 0.9, {}, 0.02),
+    ]
+    text = as_text(rows)
+    assert "3.89 mbar" in text
+    assert "2 %" in text
+    assert " 1 " not in text
+    assert "not surely    0.70" in text
+    assert "not surely: at its greatest, of which 'found' then tells, it is below 7 σ" in text
+    assert "not surely" not in as_text(rows[::2])
+    said = rows[1].as_dict()
+    assert (said["minimum_visible"], said["recovery"], said["recovered_at"]) == (None, 0.7, 0.75)
 
 
 def test_effects_of_one_trace_are_taken_for_each_other() -> None:
@@ -69,12 +86,15 @@ def test_what_cannot_be_simulated_is_told() -> None:
 def test_a_report_cites_the_self_check_of_its_session_and_no_other(tmp_path) -> None:
     path = tmp_path / "check.json"
     rows = [{"effect": "leak", "minimum_visible": 0.01, "parameter": "shortfall", "recovery": 0.9},
+            {"effect": "creep", "minimum_visible": None, "parameter": "share", "recovery": 0.7},
             {"effect": "rim_leak", "minimum_visible": None, "parameter": "share", "recovery": 0.0}]  # fmt: skip
     path.write_text(json.dumps({"schema": "gap-selfcheck/1", "recordings": ["a"], "effects": rows}))
     said = cited(path, ["a", "b"], [{"effects": ["leak"]}])
     assert said["unseen"] == ["rim_leak"]
-    assert "could not have shown 1 of 2 effects" in said["text"]
+    assert "could not have shown 1 of 3 effects at any strength. 1 more would show at" in said["text"]
     assert "Leak, just visible, would be named in 90 %" in said["text"]
+    faint = cited(path, ["a", "b"], [{"effects": ["creep"]}])
+    assert "Creep, at its greatest strength, would be named in 70 %" in faint["text"]
     with pytest.raises(ValueError, match="is of another session"):
         cited(path, ["b"], [])
     path.write_text("{}")

@@ -149,3 +149,9 @@ def test_the_effect_shown_in_the_docs_works() -> None:
     surging = names["SURGE"].apply(names["chain"], {"share": 0.05})
     pressure = names["simulate"](surging, {"pressure": table}, {"pressure": stamps})["pressure"]
     assert np.ptp(pressure[200:]) == pytest.approx(3e3, rel=0.01)
+
+
+def test_a_cutometer_is_told_of_no_camera() -> None:
+    for name, effect in effects("cutometer").items():
+        told = f"{effect.meaning} {effect.remedy}".lower()
+        assert not [word for word in ("pixel", "camera", "image", "picture") if word in told], name
