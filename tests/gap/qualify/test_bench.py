@@ -11,43 +11,57 @@ import pytest
 
 from acquire.catalogue import catalogue
 from acquire.engine import State
-from acquire.recording import JournalBusy, JournalWriter, open_recording, recover, write_recording
+from acquire.recording import JournalBusy, JournalWriter, RunInfo, open_recording, recover, write_recording
 from acquire.recording.recovery import RECOVERED
+from acquire.session import Request, Session
+from acquire.station import simulated_station
 from gap.qualify import bench
 from gap.qualify.steps import STANDARD
+from protocols import find, load
 from tests.acquire.recording.samples import sample_recording
 
 STEP = STANDARD["cutometer"][0]
 SAMPLE = sample_recording(100, frames=0)
-INFO = replace(SAMPLE.info, specimen=STEP.specimen, specimen_properties=STEP.known)
 
 
-class Instrument:
-    """Takes the place of a session: its runs come to their end."""
+class Instrument(Session):
+    """A simulated Cutometer whose runs come to their end at once."""
 
-    def run(self, protocol: str, request: object, *, out: Path, **_: object) -> SimpleNamespace:
+    def info(self) -> RunInfo:
+        request = Request(specimen=STEP.specimen, specimen_properties=STEP.known)
+        return self.plan("cutometer", load(find(STEP.protocol)), request).info
+
+    def run(self, protocol: str, request: Request, *, out: Path, **_: object) -> SimpleNamespace:  # type: ignore[override]
         assert not out.with_suffix(".journal").exists()
-        write_recording(replace(SAMPLE, info=replace(INFO, id="repeated", status="completed")), out)
+        write_recording(replace(SAMPLE, info=replace(self.info(), id="repeated", status="completed")), out)
         return SimpleNamespace(status=State.COMPLETED, reason="")
+
+
+@pytest.fixture
+def info() -> RunInfo:
+    """That of a run of the step."""
+    with Instrument(simulated_station()) as session:
+        return session.info()
 
 
 def measured(folder: Path) -> str:
     """Id of the recording of the one step."""
-    (recording,) = bench.measure(Instrument(), "cutometer", [STEP], folder, lambda number, step: None)  # type: ignore[arg-type]
+    with Instrument(simulated_station()) as session:
+        (recording,) = bench.measure(session, "cutometer", [STEP], folder, lambda number, step: None)
     return recording.info.id
 
 
-def crash(folder: Path) -> Path:
+def crash(folder: Path, info: RunInfo) -> Path:
     """The journal that a killed run of the step leaves."""
-    writer = JournalWriter(folder / f"{STEP.name}.journal", replace(INFO, id="killed"))
+    writer = JournalWriter(folder / f"{STEP.name}.journal", replace(info, id="killed"))
     writer._repeat()
     os.close(writer.descriptor)
     return writer.path
 
 
 @pytest.mark.parametrize("recovered", [False, True], ids=["journal", "recovered by hand"])
-def test_a_killed_step_is_repeated_and_kept(tmp_path: Path, recovered: bool) -> None:
-    journal = crash(tmp_path)
+def test_a_killed_step_is_repeated_and_kept(tmp_path: Path, info: RunInfo, recovered: bool) -> None:
+    journal = crash(tmp_path, info)
     if recovered:
         recover(journal)  # and the journal is there still
     assert measured(tmp_path) == "repeated"
@@ -59,8 +73,8 @@ def test_a_killed_step_is_repeated_and_kept(tmp_path: Path, recovered: bool) -> 
 
 
 @pytest.mark.parametrize("left", [0, 10], ids=["empty", "torn"])
-def test_a_journal_without_a_beginning_is_kept_and_stops_nobody(tmp_path: Path, left: int) -> None:
-    journal = crash(tmp_path)
+def test_a_journal_without_a_beginning_is_kept_and_stops_nobody(tmp_path: Path, info: RunInfo, left: int) -> None:
+    journal = crash(tmp_path, info)
     content = journal.read_bytes()[:left]
     journal.write_bytes(content)
     assert measured(tmp_path) == "repeated"
@@ -68,16 +82,16 @@ def test_a_journal_without_a_beginning_is_kept_and_stops_nobody(tmp_path: Path, 
     assert kept.read_bytes() == content
 
 
-def test_a_step_that_another_program_measures_is_left_alone(tmp_path: Path) -> None:
-    with JournalWriter(tmp_path / f"{STEP.name}.journal", INFO) as writer:
+def test_a_step_that_another_program_measures_is_left_alone(tmp_path: Path, info: RunInfo) -> None:
+    with JournalWriter(tmp_path / f"{STEP.name}.journal", info) as writer:
         with pytest.raises(JournalBusy, match="a run is being recorded"):
             measured(tmp_path)
         assert writer.path.exists()
     assert not list(tmp_path.glob("*.h5"))
 
 
-def test_the_recovered_run_says_so(tmp_path: Path) -> None:
-    crash(tmp_path)
+def test_the_recovered_run_says_so(tmp_path: Path, info: RunInfo) -> None:
+    crash(tmp_path, info)
     measured(tmp_path)
     (aside,) = tmp_path.glob("*-unfinished-*.h5")
     assert open_recording(aside).info.status == "recovered"
