@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from recovery import ALL, distance
 from skinrig_solver import Parameter
 from skinrig_solver.fit import FitResult
 from skinrig_solver.fit import run as run_module
+from skinrig_solver.fit.statistics import doubts
 
 TRUTH = {"k": 1.0, "b": 0.02}
 
@@ -61,3 +63,12 @@ def test_a_soft_layer_known_to_a_factor_does_not_hide_in_the_error_of_the_skin()
     errors = setting.errors(setting.run(4, 0.02, 0.5))
     assert set(errors) == {"skin.mu0", "skin.r2"}
     assert max(abs(x) for x in errors.values()) < 1.5
+
+
+def test_an_error_far_beyond_a_value_is_not_told_to_the_digit() -> None:
+    """A relaxation of which nothing was known was "too uncertain (±3409813 %)"."""
+    found = [
+        SimpleNamespace(free=SimpleNamespace(symbol=name), value=1.0, standard_error=error, at="")
+        for name, error in (("G", 0.96), ("g2", 34098.0), ("c10", 1e-3))
+    ]
+    assert doubts(found) == ["too uncertain to be called identified: G (±96 %), g2 (over ±1000 %)"]  # type: ignore[arg-type]

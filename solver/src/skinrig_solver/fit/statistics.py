@@ -258,5 +258,8 @@ def estimates(problem: Problem, optimum: Evaluation, known: Uncertainty) -> list
 def doubts(found: Sequence[Estimate]) -> list[str]:
     """In plain words, the parameters whose value is little more than a guess."""
     poor = [e for e in found if not e.at and np.isfinite(e.standard_error) and e.standard_error > POORLY * abs(e.value)]
-    words = [f"{e.free.symbol} (±{100 * e.standard_error / max(abs(e.value), 1e-300):.0f} %)" for e in poor]
+    errors = [100 * e.standard_error / max(abs(e.value), 1e-300) for e in poor]
+    words = [
+        f"{e.free.symbol} ({f'±{x:.0f}' if x < 1000 else 'over ±1000'} %)" for e, x in zip(poor, errors, strict=True)
+    ]
     return [f"too uncertain to be called identified: {', '.join(words)}"] if words else []
