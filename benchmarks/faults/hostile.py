@@ -110,7 +110,8 @@ def attempt(kind: Kind, number: int, seed: int, writes: Writes) -> dict[str, Any
         finally:
             writes.folder = ""
         seconds, memory = time.process_time() - began, _peak() - start
-        touched = [p for p, stamp in before.items() if not os.path.lexists(p) or p.lstat().st_mtime_ns != stamp]
+        outside = {p: stamp for p, stamp in before.items() if not p.is_relative_to(folder / "out")}
+        touched = [p for p, stamp in outside.items() if not os.path.lexists(p) or p.lstat().st_mtime_ns != stamp]
         new = [p for p in folder.rglob("*") if p not in before and not str(p).startswith(str(folder / "out"))]
     # A command line that is wrong names the option instead.
     names = [] if kind.name == "argument" else [path.name for path in before]

@@ -159,11 +159,14 @@ def kinds(samples: Samples) -> dict[str, Kind]:
         return [*options, str(folder) if "ls" in options else str(path)]
 
     def journal(folder: Path, random: np.random.Generator) -> list[str]:
-        path = folder / "run.journal"
-        path.write_bytes(spoil_journal(samples.journal, random))
-        return (
-            ["show", str(path)] if random.random() < 0.5 else ["recover", str(path), "-o", str(folder / "out" / "r.h5")]
-        )
+        content = spoil_journal(samples.journal, random)
+        if random.random() < 0.5:
+            (folder / "run.journal").write_bytes(content)
+            return ["show", str(folder / "run.journal")]
+        out = folder / "out"  # a recovery puts the journal by, beside its recording
+        out.mkdir()
+        (out / "run.journal").write_bytes(content)
+        return ["recover", str(out / "run.journal"), "-o", str(out / "r.h5")]
 
     def model(folder: Path, random: np.random.Generator) -> list[str]:
         text = spoiled(MODEL.encode(), random)
