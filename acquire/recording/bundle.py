@@ -148,14 +148,12 @@ class _Import:
 
     def one(self, kind: str, name: str, source: Source) -> Series:
         table = self.table((kind, name, "file"), source.file, source.sheet)
-        unit, factor, offset = self.unit((kind, name, "unit"), name, source.unit)
+        scale = unit, factor, offset = self.unit((kind, name, "unit"), name, source.unit)
         nan = source.allow_nan
         if source.width is None:
             value, lines = table.column(source.column, name, allow_nan=nan)
-            worst, reason = impossible(name, factor * value + offset, ours=self.bundle.instrument in OURS)
-            if reason and kind != "derived" and not self.bundle.exported:
-                text = f"{value[worst]:g} {source.unit} is {factor * value[worst] + offset:g} {unit}: {reason}"
-                raise table.fault(lines[worst], name, source.column, f"{text}; a wrong unit?")
+            if kind != "derived" and not self.bundle.exported:
+                self._refuse_impossible(table, name, source, scale, value, lines)
         else:
             columns = [f"{source.column}_{k}" for k in range(source.width)]
             value = np.column_stack([table.column(column, name, allow_nan=nan)[0] for column in columns])
@@ -178,6 +176,23 @@ class _Import:
             resolution=source.resolution or 0.0,
             noise=self.noise((kind, name, "noise", "unit"), name, source.noise, unit),
         )
+
+    def _refuse_impossible(
+        self,
+        table: Table,
+        name: str,
+        source: Source,
+        scale: tuple[str, float, float],
+        value: FloatArray,
+        lines: Sequence[int],
+    ) -> None:
+        """Refuse a ``value`` (n,) in the stated unit, from these ``lines``, that the channel ``name`` cannot hold;
+        ``scale`` is its SI unit, factor and offset."""
+        unit, factor, offset = scale
+        worst, reason = impossible(name, factor * value + offset, ours=self.bundle.instrument in OURS)
+        if reason:
+            text = f"{value[worst]:g} {source.unit} is {factor * value[worst] + offset:g} {unit}: {reason}"
+            raise table.fault(lines[worst], name, source.column, f"{text}; a wrong unit?")
 
     def noise(self, path: Key, channel: str, stated: StatedNoise | None, unit: str) -> float:
         if stated is None:

@@ -27,11 +27,7 @@ def kept(session: Session, name: str, steps: Sequence[Step], folder: Path) -> di
     another instrument, specimen or protocol, or the effect that cannot be simulated; ProtocolError; DeviceError.
     """
     entry, kind = session.station.instruments[name], session.kind(name)
-    for text in entry.simulated.effects if entry.simulated else ():
-        parse_effect(text, kind)
-    protocols = {step.name: load(find(step.protocol)) for step in steps}
-    for protocol in protocols.values():
-        session.compile(name, protocol)
+    protocols = _feasible(session, name, steps)
     there = [s for s in steps if recording_of(s, folder).is_file()]
     found = {s.name: open_recording(recording_of(s, folder)).info for s in there}
     for step in there:
@@ -39,16 +35,28 @@ def kept(session: Session, name: str, steps: Sequence[Step], folder: Path) -> di
             raise ValueError(f"{recording_of(step, folder)}: {why}; take another folder")
     done = {key: info for key, info in found.items() if info.status == "completed"}
     numbers = {key: number for key, info in done.items() if (number := serial_of(info))}
-    if numbers:
+    if numbers:  # the instrument is asked only where something is left to measure with it
         here = _serial_here(session, name) if len(done) < len(steps) else ""
         here = here or next(iter(numbers.values()))
         for step in there:
-            if numbers.get(step.name, here) != here:
+            if (number := numbers.get(step.name, here)) != here:
                 path = recording_of(step, folder)
-                raise ValueError(
-                    f"{path}: is of serial number {numbers[step.name]}, not of {here}; take another folder"
-                )
+                raise ValueError(f"{path}: is of serial number {number}, not of {here}; take another folder")
     return done
+
+
+def _feasible(session: Session, name: str, steps: Sequence[Step]) -> dict[str, Protocol]:
+    """The protocols of ``steps`` by their names, which the station's instrument ``name`` can carry out.
+
+    Raises ValueError of an effect that cannot be simulated, ProtocolError, DeviceError.
+    """
+    entry = session.station.instruments[name]
+    for text in entry.simulated.effects if entry.simulated else ():
+        parse_effect(text, session.kind(name))
+    protocols = {step.name: load(find(step.protocol)) for step in steps}
+    for protocol in protocols.values():
+        session.compile(name, protocol)
+    return protocols
 
 
 def in_words(done: Mapping[str, RunInfo], steps: Sequence[Step]) -> str:

@@ -19,7 +19,7 @@ ALONE = "No effect was fitted beside the simulation: its parameters are those of
 BOUNDS = "The bounds below say how strong each effect could still be."
 SMALL = {
     WITHIN: "and is within twice a stated tolerance: no finding",
-    ALIKE: "and a sound instrument within its tolerances shows the same; a qualification would tell them apart",
+    ALIKE: "and a sound instrument within its tolerances shows the same",
 }
 """How an effect that is no finding is one, by the rule that says so."""
 MOST = 80.0
@@ -58,7 +58,9 @@ def _how_far(d: Diagnosis) -> str:
 def _nothing(d: Diagnosis) -> str:
     if d.verdict.causes and d.verdict.settled_by in SMALL:
         what = " and ".join(words(e.name) for e in d.verdict.causes[0].effects)
-        return f"{what.capitalize()} would explain what stands out, {SMALL[d.verdict.settled_by]}."
+        apart = d.verdict.settled_by == ALIKE and d.qualified is None
+        next_step = "; a qualification would tell them apart" if apart else ""
+        return f"{what.capitalize()} would explain what stands out, {SMALL[d.verdict.settled_by]}{next_step}."
     if _within_noise(d):
         if d.verdict.verdict == "none":
             return "No effect of the library is needed to explain these recordings."
