@@ -33,7 +33,7 @@ ROBOT_BINS = 0.3, 0.4
 """Growth and largest width (s) of the bins: the motion is slow."""
 MOST_SUBSTEPS = 12
 """Of a step of the loop's grid, where friction or the like acts: 1 ms behind a kink, 4 ms where motion is straight."""
-STRAINED = 30.0
+STRAINED = 15.0
 """Penalty of the loop's tolerances above which the quick fit looks for friction."""
 SETTLED, BEYOND = 3.0, 0.1
 """s for which a grid begins before the recordings, as a loop holds its load when they begin, a weight that hangs; and
@@ -44,6 +44,8 @@ MISTAKEN = ("viscous_drag", 0), ("viscous_drag", 2), ("coulomb_friction", 0), ("
 """Effects and forms that the quick fits look for then: each looks like another controller."""
 STRENGTHS = np.linspace(0.1, 0.9, 17)
 """Quantiles of their strengths at which: near enough to each other for a search between two to find the best."""
+LATEST = 2e-3
+"""s at most that the coils' force is late: what follows to first order is not known beyond."""
 SOMEWHERE = 0.3
 """Quantile of its prior at which an effect does something: most do nothing in the middle of a range about nought."""
 
@@ -118,11 +120,11 @@ class AxesBlock(Block):
     trust = 0.5  # the skin's force loads the axes, as far as the recorded force tells
     growth, widest = ROBOT_BINS
     floor = 0.5e-6  # m
-    TOLERANCES = 7
+    TOLERANCES = 8
     """Logarithms of three gains; s by which all is late; 1, of the clock; s by which the load on the axes is late;
-    N s/m of drag."""
+    N s/m of drag; s by which the coils' force is late."""
     ZERO_SD = 2e-6  # m
-    STEPS = (1e-2, 1e-2, 1e-2, 1e-3, 1e-6, 1e-3, 0.1)
+    STEPS = (1e-2, 1e-2, 1e-2, 1e-3, 1e-6, 1e-3, 0.1, 1e-4)
     NEAR = 0.5
     """Of the logarithms of the gains, within which the Jacobian of another place is good enough for a step."""
 
@@ -168,7 +170,7 @@ class AxesBlock(Block):
         gains = [width(loop[name]) for name in ("proportional", "integral", "derivative")]
         late = max(own["latency"]["delay"].value, self.shift_sd)
         drag = own["viscous_drag"]["drag"].value if self.controller.on_error else FROZEN
-        rest = [late, own["clock_skew"]["rate"].value, loop["load"].value, drag]
+        rest = [late, own["clock_skew"]["rate"].value, loop["load"].value, drag, loop["lag"].value]
         return np.array([*gains, *rest, *[self.ZERO_SD] * self._runs.shape[1]])
 
     def reload(self, forces: Mapping[str, dict[str, Table]]) -> None:
@@ -277,6 +279,7 @@ class AxesBlock(Block):
             specimen_chain(group, sheet_tissue("forearm"), self.session.marks),
             np.exp(np.clip(nuisance[:3], -3, 3)),
             float(nuisance[6]),
+            float(np.clip(nuisance[7], -LATEST, LATEST)),
         )
         spring = SPRING if self._loads[0] else 0.0
         return self.with_effects(chain.tuned("axes", spring=spring, most_substeps=MOST_SUBSTEPS), active, group)

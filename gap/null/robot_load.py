@@ -66,7 +66,7 @@ class RecordedLoad:
             return np.stack([signals[n] for n in TRANSDUCERS])
 
         force = undone(made, self._read) if operators else self._read
-        return dict(zip(numbered("pushed"), ((self.time, push) for push in self._pushes(force)), strict=True))
+        return dict(zip(numbered("load"), ((self.time, push) for push in self._pushes(force)), strict=True))
 
     def _pushes(self, force: FloatArray) -> FloatArray:
         """The load (3, m) N of transducer forces (3, m) N on the axes, with what gives way as `SPRING` taken off, (3,

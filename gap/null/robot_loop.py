@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 
 from acquire.recording.model import Recording
-from sim_devices.chain import Chain, FloatArray, Signals
+from sim_devices.chain import Chain, FloatArray
 from sim_devices.stages.axes import LOOP_RATE, MASS, AxisLoop
-from sim_devices.stages.operators import Wired
-from sim_devices.stages.robot import numbered
 
 COARSER = 2.0
 """Substeps of a loop with friction or limits against those of the simulated instrument: half as many to compute."""
@@ -24,30 +22,14 @@ class TunedLoop(AxisLoop):
 
     gains: tuple[float, float, float] = (3 * MASS * LOOP_RATE**2, MASS * LOOP_RATE**3, 3 * MASS * LOOP_RATE)
 
+    def controller(self) -> tuple[float, float, float]:
+        return self.gains
+
     def fresh(self) -> Any:
         rows, parameters = super().fresh()
-        parameters[1:4] = self.gains
         if self.stiction or not self.coulomb:  # dry friction alone takes long steps but where the axis turns
             parameters[14] *= COARSER
         return rows, parameters
-
-
-PUSHED = numbered("pushed")
-"""Load of the recorded force on each axis, N, but for the controller's own share."""
-
-
-@dataclass(frozen=True)
-class Feed(Wired):
-    """Load of each axis (target) from its set-point and the push on it (sources: set-points, then pushes): ``gain``
-    (N s/m) times the set-point's speed, plus the push, if there is one."""
-
-    gain: float = 0.0
-
-    def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
-        n = len(self.target)
-        for source, push, load in zip(self.source[:n], self.source[n:], self.target, strict=True):
-            speed = np.diff(signals[source], prepend=signals[source][0]) / np.diff(time, prepend=time[0] - 1.0)
-            signals[load] = self.gain * speed + signals.get(push, 0.0)
 
 
 @dataclass(frozen=True)
@@ -66,18 +48,16 @@ class Controller:
     centred: bool
     mass: float = MASS  # kg, that an axis moves
 
-    def installed(self, chain: Chain, scale: FloatArray, drag: float = 0.0) -> Chain:
-        """The chain with this controller, its three gains multiplied by ``scale`` (3,), and further ``drag`` N s/m."""
+    def installed(self, chain: Chain, scale: FloatArray, drag: float = 0.0, lag: float = 0.0) -> Chain:
+        """The chain with this controller, its three gains multiplied by ``scale`` (3,), further ``drag`` N s/m, and a
+        coil's force that comes ``lag`` s later than it is asked for."""
         p, i, d = (self.proportional * scale[0], self.integral * scale[1], self.derivative * scale[2])
         loop = chain["axes"]
         assert isinstance(loop, AxisLoop)
         kept = {f.name: getattr(loop, f.name) for f in fields(AxisLoop)}
-        fed = d if self.on_error else 0.0
-        tuned = TunedLoop(**kept | {"fed": fed, "mass": self.mass}, gains=(p, i, d + self.drag + drag))
-        operators = tuple(tuned if op is loop else op for op in chain.operators)
-        chain = Chain(chain.instrument, operators)
-        feed = Feed("load_and_feed", "actuator", numbered("target") + PUSHED, numbered("load"), gain=fed)
-        return chain.inserted(feed, before="axes")
+        own = {"fed": d if self.on_error else 0.0, "mass": self.mass, "lag": lag}
+        tuned = TunedLoop(**kept | own, gains=(p, i, d + self.drag + drag))
+        return Chain(chain.instrument, tuple(tuned if op is loop else op for op in chain.operators))
 
 
 CONTROLLERS = (

@@ -1,10 +1,10 @@
 """The robot's three driven axes: voice coil, moving mass and the PID loop that closes over them.
 
-m x'' = F - (c + drag) x' - friction + load, F = Kp e + Ki ∫e - Kd x' with e = target - x. The linear loop is integrated
-exactly for targets and loads that are linear in a step: about the particular solution x = r + λ/Ki, x' = ρ (ρ, λ the
-slopes of target and load) the deviation moves by the matrix exponential. The nonlinear part (friction, force limit,
-uneven force constant) acts as a force held over substeps of at most ``SUBSTEP``; dry friction takes at most the impulse
-that stops the axis, so that sticking is exact.
+m x'' = F - (c + drag) x' - friction + load, F = Kp e + Ki ∫e - Kd x' + Kf r' with e = r - x, r the target. The linear
+loop is integrated exactly for targets and loads that are linear in a step: about the particular solution x = r + λ/Ki,
+x' = ρ (ρ, λ the slopes of target and load) the deviation moves by the matrix exponential. The nonlinear part (friction,
+force limit, uneven force constant) acts as a force held over substeps of at most ``SUBSTEP``; dry friction takes at
+most the impulse that stops the axis, so that sticking is exact.
 """
 
 from __future__ import annotations
@@ -48,8 +48,10 @@ class AxisLoop(Wired):
     (runs on); relative change of the force constant ``slope`` 1/m and ``curvature`` 1/m². Grease that shear thins
     brakes with ``thinning`` N at 1 mm/s and with ``thinning_power`` of the speed, air that swirls with a power of 2.
     What rubs is of the axis ``alone`` (1 to 3), or of all (0).
-    ``fed`` N s/m is the part of the load that is the coil's own: a controller's force in proportion to the target's
-    speed counts against the limit, and depends on the force constant.
+    ``fed`` N s/m (Kf) is the controller's force in proportion to the target's speed.
+    ``lag`` s is how late the coil's force is: a card's cycle, its filters, the coil's current. It is short against the
+    loop's time constant, and taken to first order: F(t - lag) = F - lag F' takes lag Ki off Kp, lag Kp off Kd and Kf,
+    and lag Kd off the mass.
     ``spring`` N/m holds each axis towards zero: the stiffness that loops through a tissue assume of it
     (``robot.closed_loop``), so that only the difference is iterated. A step has ``most_substeps``, however long it is:
     where nodes are dense after kinks and wide elsewhere, few are enough.
@@ -71,19 +73,25 @@ class AxisLoop(Wired):
     carried: float = 0.0
     alone: int = 0
     fed: float = 0.0
+    lag: float = 0.0
     thinning: float = 0.0
     thinning_power: float = 0.5
     easing: float = 0.0
     most_substeps: float = math.inf
 
+    def controller(self) -> tuple[float, float, float]:
+        """Proportional, integral and derivative gain, N/m, N/(m s), N s/m."""
+        return 3 * self.mass * self.rate**2, self.mass * self.rate**3, 3 * self.mass * self.rate
+
     def fresh(self) -> Any:
-        p, m = self.rate, self.mass
+        (kp, ki, kd), late = self.controller(), self.lag
         linear = not (self.coulomb or self.stiction or self.slope or self.curvature or self.soft or self.thinning)
         values = (
-            m, 3 * m * p**2, m * p**3, 3 * m * p, self.drag, self.coulomb, self.stiction, self.stribeck_speed,
-            self.presliding, self.force_limit, self.windup, self.slope, self.curvature, self.spring,
+            self.mass - late * kd, kp - late * ki, ki, kd - late * kp,
+            self.drag, self.coulomb, self.stiction, self.stribeck_speed, self.presliding,
+            self.force_limit, self.windup, self.slope, self.curvature, self.spring,
             math.inf if linear else SUBSTEP, self.soft, self.carried, self.fed,
-            self.thinning, self.thinning_power, self.easing, self.most_substeps,
+            self.thinning, self.thinning_power, self.easing, self.most_substeps, -late * kp,
         )  # fmt: skip
         return np.zeros((len(self.target), _STATE)), np.array(values)
 
@@ -197,7 +205,7 @@ def _glides(
     kp, ki, kd, spring, per_dt = p[1], p[2], p[3], p[13], 1.0 / dt
     rho = (target - s[2]) * per_dt
     ahead = ((load - s[3]) * per_dt - spring * rho) * per_ki
-    ip0 = ((kd + p[4]) * rho - s[3] + spring * (s[2] + ahead) + kp * ahead) * per_ki
+    ip0 = ((kd + p[4] - p[17] - p[22]) * rho - s[3] + spring * (s[2] + ahead) + kp * ahead) * per_ki
     d0, d1, d2 = w * (s[4] - ip0), s[5] - (s[2] + ahead), (s[6] - rho) * per_w
     integral = ip0 - ahead * dt + (e[0, 0] * d0 + e[0, 1] * d1 + e[0, 2] * d2) * per_w
     x = target + ahead + e[1, 0] * d0 + e[1, 1] * d1 + e[1, 2] * d2
@@ -230,13 +238,14 @@ def _steady(
     limit, spring = p[9] - abs(p[16]), p[13]
     x, v = s[5], s[6]
     fed = p[17] * (target - s[2]) / dt
+    ahead = fed + p[22] * (target - s[2]) / dt
     if v == 0.0:
         if presliding > 0.0:
             return False
         integral = s[4] + dt * (0.5 * (s[2] + target) - x)
         before = kp * (s[2] - x) + ki * s[4]
         behind = kp * (target - x) + ki * integral
-        pull = max(abs(before + s[3] - spring * x), abs(behind + load - spring * x))
+        pull = max(abs(before + ahead + s[3] - spring * x), abs(behind + ahead + load - spring * x))
         if pull >= coulomb or max(abs(before + fed), abs(behind + fed)) > limit:
             return False
         s[4] = integral
@@ -248,7 +257,7 @@ def _steady(
     rho = (target - s[2]) / dt
     lam = (load - s[3]) / dt - spring * rho
     load0 = s[3] - dry - spring * (s[2] + lam / ki)
-    ip0 = ((kd + drag) * rho - load0 + kp * lam / ki) / ki
+    ip0 = ((kd + drag - p[17] - p[22]) * rho - load0 + kp * lam / ki) / ki
     d0, d1, d2 = w * (s[4] - ip0), x - (s[2] + lam / ki), (v - rho) / w
     integral = ip0 - lam * dt / ki + (e[0, 0] * d0 + e[0, 1] * d1 + e[0, 2] * d2) / w
     x_new = target + lam / ki + e[1, 0] * d0 + e[1, 1] * d1 + e[1, 2] * d2
@@ -289,7 +298,7 @@ def _run(
         limited = abs(real) >= limit and soft == 0.0
         extra = (limit * math.tanh(real / limit) if soft > 0.0 else min(max(real, -limit), limit)) - carried - force
         load0 = s[3] + (load - s[3]) / steps * k - spring * (r0 + lam / ki)
-        ip0 = ((kd + drag) * rho - load0 - extra + kp * lam / ki) / ki
+        ip0 = ((kd + drag - p[17] - p[22]) * rho - load0 - extra + kp * lam / ki) / ki
         d0, d1, d2 = w * (s[4] - ip0), s[5] - (r0 + lam / ki), (s[6] - rho) / w
         integral = ip0 - lam * h / ki + (e[0, 0] * d0 + e[0, 1] * d1 + e[0, 2] * d2) / w
         x = r1 + lam / ki + e[1, 0] * d0 + e[1, 1] * d1 + e[1, 2] * d2

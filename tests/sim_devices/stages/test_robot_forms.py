@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from sim_devices.chain import FloatArray
 from sim_devices.effects import parse_effect
 from sim_devices.effects.force_sensor import weighed
 from sim_devices.effects.sheet_forces import fibre_force, tension_for_a_while, tension_force, to_and_fro
@@ -130,20 +131,47 @@ def test_a_position_leaks_into_the_transducer_that_is_named() -> None:
     assert means == pytest.approx([0.1, 0.0, 0.0], abs=5e-3)
 
 
-def test_what_a_controller_feeds_forward_counts_against_the_limit() -> None:
-    """A coil of 0.3 N on 60 g gets a target of 50 mm/s no sooner than 5 m/s² can, whatever is called load."""
+def _moved(time: FloatArray, target: FloatArray, **parameters: float) -> FloatArray:
+    """An axis, m, whose loop follows a target (n,) m with these parameters."""
+    loop = AxisLoop("axes", "actuator", ("target", "load"), ("axis",), **parameters)
+    signals = {"target": target}
+    loop.advance(loop.fresh(), time, signals)
+    return signals["axis"]
+
+
+def test_a_force_in_proportion_to_the_targets_speed_counts_against_the_limit() -> None:
+    """A coil of 0.3 N on 60 g follows a target of 50 mm/s no sooner than 5 m/s² can."""
     time = np.arange(0.0, 0.04, 0.001)
-    speed = 0.05
-    feed = {"target": speed * time, "load": np.full(len(time), 15.0 * speed)}
-    reached = {}
-    for fed in (0.0, 15.0):
-        signals = dict(feed)
-        loop = AxisLoop("axes", "actuator", ("target", "load"), ("axis",), force_limit=0.3, fed=fed)
-        loop.advance(loop.fresh(), time, signals)
-        reached[fed] = signals["axis"][10]
+    target = 0.05 * time
+    reached = _moved(time, target, force_limit=0.3, fed=15.0)[10]
     most = 0.5 * 5.0 * time[10] ** 2
-    assert 0.8 * most < reached[15.0] < most
-    assert reached[0.0] > 1.2 * most
+    assert 0.8 * most < reached < most
+    assert _moved(time, target, fed=15.0)[10] > 1.2 * most
+
+
+def test_a_coils_force_that_is_late_moves_an_axis_as_a_delay_in_the_loop_does() -> None:
+    """Against a PID loop, integrated in steps of 10 µs, whose force is that of 0.3 ms ago: first the axis lags, then
+    it catches up; a target that steps, and one that is a sine."""
+    lag, h, m, p = 3e-4, 1e-5, 0.060, 100.0
+    fine = np.arange(0.0, 0.15, h)
+    some = slice(None, None, 100)
+    for target in (np.where(fine >= 0.02, 3e-4, 0.0), 5e-4 * np.sin(40.0 * fine) ** 2):
+        force, (x, v, integral) = np.zeros(len(fine)), (0.0, 0.0, 0.0)
+        true = np.zeros(len(fine))
+        for i, r in enumerate(target):
+            force[i] = 3 * m * p**2 * (r - x) + m * p**3 * integral - 3 * m * p * v
+            integral += h * (r - x)
+            v += h / m * (force[i - round(lag / h)] if i * h > lag else 0.0)
+            x += h * v
+            true[i] = x
+        # Nodes a µs apart where the target steps.
+        time = np.sort(np.concatenate([fine[some], [0.02 - 1e-6]]))
+        given = np.interp(time, fine, target)
+        given[time < 0.02] = np.where(target[1] == 0.0, 0.0, given[time < 0.02])
+        prompt, late = (np.interp(fine, time, _moved(time, given, lag=t)) for t in (0.0, lag))
+        worst = np.max(np.abs(prompt - true)[some])
+        assert worst > 1e-6
+        assert np.max(np.abs(late - true)[some]) < 0.3 * worst
 
 
 def test_dry_friction_that_is_higher_near_standstill_may_be_of_one_axis() -> None:
