@@ -60,6 +60,7 @@ class Thresholds:
     event_leaves: float
     unfinished_pair: float
     unnamed: float
+    unseen: float
     tolerances: float
     least_fall: float
     small_fall: float

@@ -382,8 +382,9 @@ def _settled(f: Findings, said: str) -> Posterior:
         return p
     if said == "unknown":
         return p.doubted(1.0 - t.unnamed)
+    most = t.unseen if p.causes and f.first.detectability < f.seen else t.unnamed
     largest = max((c.probability for c in p.causes), default=0.0)
-    return p.scaled(t.unnamed / max(largest, t.unnamed), p.foreign)
+    return p.scaled(most / max(largest, most), p.foreign)
 
 
 def undetectable(verdict: Verdict, reason: str) -> Verdict:
