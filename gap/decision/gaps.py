@@ -70,6 +70,14 @@ def gap_without_discrepancy(h: Hypothesis, blocks: Collection[str]) -> float:
     return float(np.sqrt(sum(f.chi2 + f.penalty for f in fits) / sum(len(f.residual) for f in fits)))
 
 
+def gap_but_for_skin(plain: Hypothesis, compared: Hypothesis, skin: Collection[str]) -> float:
+    """The gap of a plain hypothesis in all that holds noise, but that the blocks of ``skin`` are as ``compared``: that
+    the law of a person's skin is another one is no cause to be found."""
+    where = noisy(plain)
+    squares = sum(compared.fits[b].chi2 if b in skin else plain.fits[b].chi2 + plain.fits[b].penalty for b in where)
+    return float(np.sqrt(squares / sum(len(plain.fits[b].residual) for b in where)))
+
+
 def excess_left(null: Hypothesis, answer: Hypothesis, blocks: Collection[str]) -> float:
     """The share of the null's excess χ² that an answer leaves: above 1 for each row of the noisy ``blocks``, and all of
     it in arithmetic."""

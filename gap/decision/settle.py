@@ -12,7 +12,15 @@ import numpy as np
 from gap.data.signatures import Signature
 from gap.decision.chance import size_of_chance
 from gap.decision.classes import Cause, begins_with_skin, concept, nats_without_skin
-from gap.decision.gaps import Shrink, gap_without_discrepancy, in_changed_blocks, in_each_block, in_session, noisy
+from gap.decision.gaps import (
+    Shrink,
+    gap_but_for_skin,
+    gap_without_discrepancy,
+    in_changed_blocks,
+    in_each_block,
+    in_session,
+    noisy,
+)
 from gap.decision.marks import explains_marks
 from gap.decision.posterior import Posterior, posterior
 from gap.decision.qualified import Qualified
@@ -78,15 +86,19 @@ class Case:
         known = self.qualified if qualified else None
         prior = t.prior_effect / max(len({c.name for c in self.candidates}), 1)
         beforehand = partial(known.nats, prior=prior) if known is not None else lambda h: 0.0
-        return posterior(
+        skin = {name for name, p in self.comparison.problems.items() if p.open_law}
+        found = posterior(
             self.comparison,
             self.candidates,
             t,
             self.marks,
-            gap_without_discrepancy(self.null, noisy(self.null)),
+            gap_but_for_skin(self.null, self.comparison.null, skin),
             beforehand,
             self.stated,
         )
+        # What skin of another law takes on may be something else as well.
+        swallowed = gap_without_discrepancy(self.null, noisy(self.null)) > t.quiet_gap
+        return found.doubted(t.prior_outside) if swallowed else found
 
 
 @dataclass(frozen=True)
