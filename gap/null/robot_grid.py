@@ -22,8 +22,8 @@ has to resolve curved motion, and how the load changes."""
 CURVE = 0.05
 """s between two rows of a command up to which they are of a curve: the loop follows its nodes as well as the rows."""
 AFTER_KINK = np.concatenate([np.arange(0.001, 0.03, 0.001), np.arange(0.03, 0.1, 0.004), np.arange(0.1, 0.3, 0.01)])
-"""s after a kink: nodes for the loop's answer, which straight lines over `LOOP_STEP` would miss by several µm. A step of
-0.5 mm sets off at 15 m/s²: over 4 ms a straight line is up to 30 µm beside that, over 1 ms 2 µm."""
+"""s after a kink: nodes for the loop's answer, which straight lines over `LOOP_STEP` would miss by several µm. A step
+of 0.5 mm sets off at 15 m/s²: over 4 ms a straight line is up to 30 µm beside that, over 1 ms 2 µm."""
 
 
 def retimed(operators: Sequence[Operator]) -> tuple[Retimed, ...]:
