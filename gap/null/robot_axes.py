@@ -8,7 +8,6 @@ from functools import lru_cache
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from gap.data.smoothing import significant
 from gap.data.tolerances import Tolerance
 from gap.inference.evidence import Fit
 from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Start, to_unit
@@ -19,6 +18,7 @@ from gap.null.chains import needed, run
 from gap.null.robot_grid import LOOP_CURVE, LOOP_STEP, LOOP_TURN, averaged, commanded, leading, loop_grid, retimed
 from gap.null.robot_load import SPRING, RecordedLoad
 from gap.null.robot_loop import Controller, controllers, stated
+from gap.null.robot_recorded import recorded, steepness
 from sim_devices.chain import Chain, Effect, FloatArray, Operator
 from sim_devices.stages import nominal
 from sim_devices.stages.operators import Retimed
@@ -42,6 +42,8 @@ WORTH = 20.0
 """χ² by which a controller that holds sampled rows must be better than one that goes straight in between."""
 MISTAKEN = ("viscous_drag", 0), ("viscous_drag", 2), ("coulomb_friction", 0), ("latency", 0)
 """Effects and forms that the quick fits look for then: each looks like another controller."""
+EXPLAINED = 1.2
+"""χ² a row up to which a controller within its tolerances explains the axes: nothing else need be looked for."""
 STRENGTHS = np.linspace(0.1, 0.9, 17)
 """Quantiles of their strengths at which: near enough to each other for a search between two to find the best."""
 LATEST = 2e-3
@@ -77,36 +79,9 @@ def _specimen(group: Group) -> SheetTissue:
         return sheet_tissue("silicone")
 
 
-def recorded(
-    block: Block, group: Group, names: Sequence[str], targets: Sequence[str], smooth: bool
-) -> dict[str, Table]:
-    """Recorded channels of a group as tables for signals of the chain, without their noise if ``smooth``."""
-    out = {}
-    for name, target in zip(names, targets, strict=True):
-        times, values = [], []
-        for k in group.members:
-            series = block.session.recordings[k].streams.get(name)
-            if series is None:
-                continue
-            value = np.asarray(series.value, dtype=float)
-            good = np.isfinite(value)
-            time = block.session.time(k, series)[good]
-            times.append(time)
-            values.append(significant(time, value[good]) if smooth else value[good])
-        if times:
-            out[target] = (np.concatenate(times), np.concatenate(values))
-    return out
-
-
-def steepness(block: Block, tables: Sequence[Mapping[str, Table]], names: Sequence[str]) -> FloatArray:
-    """How steep a block's channels are at its stamps, (channels · n,) per s, by ``tables`` of them for each group."""
-    out = np.zeros((len(names), len(block.stamps)))
-    for (_, at), given in zip(block.groups, tables, strict=True):
-        for row, name in zip(out, names, strict=True):
-            if name in given:
-                time, first = np.unique(given[name][0], return_index=True)
-                row[at] = np.interp(block.stamps[at], time, np.gradient(given[name][1][first], time))
-    return out.ravel()
+def _explains(f: Fit) -> bool:
+    """Whether a sound instrument within its tolerances leaves no more than the noise."""
+    return f.penalty <= STRAINED and f.chi2 <= EXPLAINED * len(f.residual)
 
 
 class AxesBlock(Block):
@@ -141,7 +116,10 @@ class AxesBlock(Block):
         self.prior_mean = self.sound = np.zeros(self.TOLERANCES + self._runs.shape[1])
         known = controllers(stated([session.recordings[k] for k in self.runs]))
         ways = [(controller, held) for controller in known for held in (False, True)[: 1 + session.sampled]]
-        fits = {way: self._tried(*way) for way in ways}
+        fits = {way: [self._plain(*way)] for way in ways}
+        if not any(_explains(f) for f, *_ in fits.values()):
+            for way, tried in fits.items():
+                tried += self._rubbing(*way) if tried[0].penalty > STRAINED else []
         # Rows are straight unless it is worth it that they are held.
         costs = {way: min(f.objective for f in fits[way]) + WORTH * way[1] for way in ways}
         best = min(ways, key=lambda way: costs[way])
@@ -198,17 +176,18 @@ class AxesBlock(Block):
         self._made.clear()
         self._kept.clear()
 
-    def _tried(self, controller: Controller, held: bool) -> list[Fit]:
-        """Quick fits with a controller that takes sampled rows so; also with friction, drag or lateness where its gains
-        are strained without, because much of these looks like the other controller."""
+    def _plain(self, controller: Controller, held: bool) -> Fit:
+        """A quick fit with a controller that takes sampled rows so."""
         self._take(controller, held)
-        fits = [fit(self, nuisance=self.prior_mean, iterations=3)]
-        if fits[0].penalty > STRAINED:
-            forms: dict[tuple[str, int], tuple[str, Effect]] = {}
-            for key, effect in self.library.items():
-                forms.setdefault((effect.name, effect.form), (key, effect))  # of all axes before a single one
-            fits += [self._rubbed(*forms[form]) for form in MISTAKEN if form in forms]
-        return fits
+        return fit(self, nuisance=self.prior_mean, iterations=3)
+
+    def _rubbing(self, controller: Controller, held: bool) -> list[Fit]:
+        """The same with friction, drag or lateness, because much of these looks like the other controller."""
+        self._take(controller, held)
+        forms: dict[tuple[str, int], tuple[str, Effect]] = {}
+        for key, effect in self.library.items():
+            forms.setdefault((effect.name, effect.form), (key, effect))  # of all axes before a single one
+        return [self._rubbed(*forms[form]) for form in MISTAKEN if form in forms]
 
     def _rubbed(self, key: str, effect: Effect) -> Fit:
         """A quick fit with an effect on a sound instrument, from the strength that by itself explains most: a step in
@@ -293,7 +272,7 @@ class AxesBlock(Block):
             if key not in self._made:
                 if len(self._made) > 20:
                     self._made.clear()
-                late = {n: (self._commanded(t, nuisance) + nuisance[5], value) for n, (t, value) in load.items()}
+                late = self._arriving(load, nuisance)
                 # Two nodes of a bin are not enough: behind a kink the loop answers within a part of it.
                 grid, made = self._on_grid(g, operators, late)
                 ends = self._commanded(self._ends[:, at], nuisance)
@@ -305,11 +284,17 @@ class AxesBlock(Block):
         """The record's ``time`` s by the command's clock."""
         return np.asarray(time + nuisance[3] + nuisance[4] * self.session.clock_age(time))
 
+    def _arriving(self, load: Mapping[str, Table], nuisance: FloatArray) -> dict[str, Table]:
+        """Tables of a ``load``, all at the same times, by the command's clock."""
+        time, _ = next(iter(load.values()), (np.zeros(0), None))
+        due = self._commanded(time, nuisance) + nuisance[5]
+        return {name: (due, value) for name, (_, value) in load.items()}
+
     def true_axes(self, group: Group, time: FloatArray) -> FloatArray:
         """Where the axes were at ``time`` (n,) s, (3, n) m, as far as the quick fits know."""
         nuisance = self._best.nuisance
         load = self._loads[[g for g, _ in self.groups].index(group)]
-        late = {n: (self._commanded(t, nuisance) + nuisance[5], value) for n, (t, value) in load.items()}
+        late = self._arriving(load, nuisance)
         operators = needed(self._loop(group, nuisance, self._best.active), numbered("axis"), load)
         at = self._commanded(time, nuisance)
         return self._at(at, numbered("axis"), group, operators, late)

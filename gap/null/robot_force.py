@@ -15,7 +15,8 @@ from gap.inference.least_squares import fit, under
 from gap.inference.linear import compressed
 from gap.null.blocks import SIMPLE_SHIFT, Block, Group, GroupedSession, Table
 from gap.null.chains import Kept, Memo, needed, run, undone
-from gap.null.robot_axes import AXES, ROBOT_BINS, AxesBlock, recorded, specimen_chain, steepness
+from gap.null.robot_axes import AXES, ROBOT_BINS, AxesBlock, specimen_chain
+from gap.null.robot_recorded import recorded, steepness
 from gap.null.sheet_discrepancy import sheet_discrepancy
 from gap.null.sheet_law import FURTHER, LAWS, SPECTRUM, TISSUE, Law, rewired, sheet, unwound
 from protocols.specimens import SPECIMENS
@@ -356,10 +357,8 @@ class ForceBlock(Block):
         out = []
         for (g, at), (grid, axes) in zip(self.groups, self._grids_of, strict=True):
             made = run(needed(self._law_chain(g, null.nuisance), TRANSDUCERS, axes), grid, axes)
-            tables = {}
-            for (name, (time, value)), more in zip(
-                recorded(self, g, TRANSDUCERS, TRANSDUCERS, smooth=False).items(), beyond, strict=True
-            ):
+            tables, read = {}, recorded(self, g, TRANSDUCERS, TRANSDUCERS, smooth=False)
+            for (name, (time, value)), more in zip(read.items(), beyond, strict=True):
                 base = np.interp(time, grid, made[name]) + np.interp(time, self.stamps[at], more[at])
                 tables[name] = (time, base + significant(time, value - base))
             out.append(tables)

@@ -15,8 +15,9 @@ from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
 SPRING = 200.0
 """N/m by which the load gives way where an axis is not where it was recorded: less than skin does, and enough that an
 axis whose coil is at its limit does not run away under the millinewtons that the load is not known better."""
-THIN = 2
-"""Of the record's samples, each how many-th the load is taken at: the loop evens out the rest."""
+THIN, OFTEN = 2, 4e-3
+"""Of the record's samples, each how many-th the load is taken at at least, and s apart at most for that of a fast
+record: the loop evens out the rest."""
 
 
 class RecordedLoad:
@@ -30,7 +31,8 @@ class RecordedLoad:
         self._sound, self._centred, self.known = sound, centred, len(forces) == len(TRANSDUCERS)
         if not self.known:
             return
-        self.time = np.unique(axes["axis_1"][0])[::THIN]
+        time = np.unique(axes["axis_1"][0])
+        self.time = time[:: max(THIN, round(OFTEN / float(np.median(np.diff(time)))))]
         self._read = np.stack([np.interp(self.time, *forces[name]) for name in TRANSDUCERS])
         self.axes = {name: np.interp(self.time, *axes[name]) for name in numbered("axis")}
 
