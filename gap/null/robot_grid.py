@@ -25,6 +25,9 @@ AFTER_KINK = np.concatenate([np.arange(0.001, 0.03, 0.001), np.arange(0.03, 0.1,
 """s after a kink: nodes for the loop's answer, which straight lines over `LOOP_STEP` would miss by several µm. A step
 of 0.5 mm sets off at 15 m/s²: over 4 ms a straight line is up to 30 µm beside that, over 1 ms 2 µm."""
 
+CLOSE, FEW_OF = 0.03, 4
+"""s apart up to which kinks are the looks at a moving command, small steps all; and how many-th node is taken there."""
+
 
 def retimed(operators: Sequence[Operator]) -> tuple[Retimed, ...]:
     """Those of the leading operators that do show the command at other moments."""
@@ -100,6 +103,8 @@ def _after(kinks: FloatArray, spans: FloatArray, steps: FloatArray) -> FloatArra
     """Nodes (n,) s after each of ``kinks`` (k,) s, within its span (k,) s, at last a step (k,) s apart, or from the
     beginning on where that is closer."""
     soon = np.concatenate([[0.0, KINK], AFTER_KINK[:-1]])
+    few = np.concatenate([[True, True], np.arange(1, len(AFTER_KINK)) % FEW_OF == 0])
     after = np.where(steps < AFTER_KINK[0], steps, AFTER_KINK[-1])
     later = evenly(kinks + after, spans - after, steps)
-    return np.concatenate([(kinks[:, None] + soon)[soon < spans[:, None]], later])
+    taken = (soon < spans[:, None]) & (few | (spans[:, None] > CLOSE))
+    return np.concatenate([(kinks[:, None] + soon)[taken], later])
