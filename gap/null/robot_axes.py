@@ -215,7 +215,8 @@ class AxesBlock(Block):
     def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:
         names = ("loop_gain_1", "loop_gain_2", "loop_gain_3")
         gains = {n: (float(np.exp(v)), "1") for n, v in zip(names, nuisance, strict=False)}
-        return gains | {"delay": (float(nuisance[3]), "s"), "clock_rate": (float(nuisance[4]), "s/s")}
+        times = {"delay": (float(nuisance[3]), "s"), "clock_rate": (float(nuisance[4]), "s/s")}
+        return gains | times | {"coil_lag": (float(nuisance[7]), "s")}
 
     def warm_start(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
         # Strained tolerances have taken on much of an effect.

@@ -58,8 +58,8 @@ def test_the_worst_block_is_larger_than_its_rows_chance(of_residuals) -> None:
 
 
 def test_skin_of_another_law_is_no_cause_to_be_found(of_residuals) -> None:
-    """Eleven of thirteen development sessions of which the forces on skin left 1.2 to 7 by themselves were sound, and
-    were told that something outside the library acts."""
+    """Ten of twelve development sessions of which skin left 1.2 to 7 by itself were sound, and were told that something
+    outside the library acts."""
     plain = of_residuals(force=np.full(100, 5.0), axes=np.full(300, 1.2))
     compared = of_residuals(force=np.full(100, 1.0), axes=np.full(300, 1.0))
     assert gap_but_for_skin(plain, compared, {"force"}) == pytest.approx(np.sqrt(0.25 + 0.75 * 1.44))

@@ -282,7 +282,7 @@ def test_a_weighed_set_point_is_no_drag() -> None:
     found = fit(axes)
     assert found.chi2 < 0.02 * len(found.residual)
     assert found.penalty < 4.0
-    assert axes.quantities(found.nuisance).keys() >= {"loop_gain_1", "loop_gain_3"}
+    assert axes.quantities(found.nuisance).keys() >= {"loop_gain_1", "loop_gain_3", "coil_lag"}
 
 
 def test_a_loop_of_the_other_gains_that_damps_the_position_is_known() -> None:
