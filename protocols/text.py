@@ -62,6 +62,17 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     return f"; did you mean {close[0]!r}?" if close else f"; there is {', '.join(known)}"
 
 
+WORDS = {
+    **dict.fromkeys(("tuple_type", "list_type"), "expected a list"),
+    **dict.fromkeys(("int_type", "int_parsing", "int_from_float"), "must be a whole number"),
+    **dict.fromkeys(("bool_type", "bool_parsing"), "must be true or false"),
+    "string_type": "must be text",
+    "less_than_equal": "must be at most {le}",
+    "greater_than_equal": "must be at least {ge}",
+}
+"""What a value of a wrong kind or size should be, by pydantic's types of errors and in the names of their bounds."""
+
+
 def _problems(error: ValidationError, model: type[BaseModel], data: Any, source: Source) -> list[Problem]:
     """All faults in the order of the file, but missing keys last: often a misspelt key is the reason."""
     errors: list[dict[str, Any]] = [dict(e) for e in error.errors(include_url=False)]
@@ -100,6 +111,9 @@ def _problem(error: dict[str, Any], root: type[BaseModel], data: Any, source: So
         return source.problem(path, message)
     if kind in ("model_type", "model_attributes_type", "dict_type"):
         return source.problem(path, f"expected keys and values, not {str(error['input'])[:40]!r}")
+    if kind in WORDS:
+        given = "nothing" if error["input"] is None else repr(str(error["input"])[:40])
+        return source.problem(path, f"{WORDS[kind].format(**context)}, not {given}")
     return source.problem(path, error["msg"].removeprefix("Value error, "))
 
 

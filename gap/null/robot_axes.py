@@ -42,7 +42,7 @@ WORTH = 20.0
 """χ² by which a controller that holds sampled rows must be better than one that goes straight in between."""
 MISTAKEN = ("viscous_drag", 0), ("viscous_drag", 2), ("coulomb_friction", 0), ("latency", 0)
 """Effects and forms that the quick fits look for then: each looks like another controller."""
-EXPLAINED = 1.2
+EXPLAINED = 2.0
 """χ² a row up to which a controller within its tolerances explains the axes: nothing else need be looked for."""
 STRENGTHS = np.linspace(0.1, 0.9, 17)
 """Quantiles of their strengths at which: near enough to each other for a search between two to find the best."""

@@ -71,8 +71,18 @@ INVALID = {
         "must not be negative",
     ),
     "zero duration": (HEAD + "steps:\n  - {type: wait, duration: 0 s}\n", 5, "steps[0].duration", "must be positive"),
-    "repeat": (HEAD + "steps:\n  - {type: wait, duration: 1 s, repeat: 0}\n", 5, "steps[0].repeat", "greater than"),
-    "half a repeat": (HEAD + "steps:\n  - {type: wait, duration: 1 s, repeat: 1.5}\n", 5, "steps[0].repeat", "integer"),
+    "repeat": (
+        HEAD + "steps:\n  - {type: wait, duration: 1 s, repeat: 0}\n",
+        5,
+        "steps[0].repeat",
+        "must be at least 1, not",
+    ),
+    "half a repeat": (
+        HEAD + "steps:\n  - {type: wait, duration: 1 s, repeat: 1.5}\n",
+        5,
+        "steps[0].repeat",
+        "a whole number",
+    ),
     "two targets": (
         HEAD + "steps:\n  - {type: hold, suction: 1 mbar, pressure: -1 mbar, duration: 1 s}\n",
         5,
@@ -109,6 +119,19 @@ INVALID = {
         1,
         "",
         "the cutometer has none",
+    ),
+    "no list": (HEAD + "steps:\n  - {type: group, steps: }\n", 5, "steps[0].steps", "expected a list, not nothing"),
+    "part of a cycle": (
+        HEAD + "steps:\n  - {type: cycle, suction: 100 mbar, rate: 15 mbar/s, cycles: 1.5}\n",
+        5,
+        "steps[0].cycles",
+        "must be a whole number, not '1.5'",
+    ),
+    "a million cycles": (
+        HEAD + "steps:\n  - {type: cycle, suction: 100 mbar, rate: 15 mbar/s, cycles: 1000000}\n",
+        5,
+        "steps[0].cycles",
+        "must be at most ",
     ),
     "inside a group": (
         HEAD + "steps:\n  - type: group\n    steps:\n      - {type: wait, duration: 1 s}\n      - {type: wait}\n",
