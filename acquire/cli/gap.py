@@ -157,17 +157,16 @@ def _print_report(report: Mapping[str, Any]) -> None:
 
 
 def _print_parameters(model: Mapping[str, Mapping[str, Any]]) -> None:
-    """Print the fitted parameters of a simulation with their standard errors."""
+    """Print the fitted parameters of a simulation with their standard errors, as the page has them."""
     from rich import box
     from rich.console import Console
     from rich.table import Column, Table
 
-    table = Table(
-        "parameter", Column("value", justify="right"), Column("± se", justify="right"), "unit", box=box.SIMPLE
-    )
+    from gap.data.quantities import quantity
+
+    table = Table("parameter", Column("value", justify="right"), box=box.SIMPLE)
     for name, entry in model.items():
-        unit = "" if entry["unit"] == "1" else entry["unit"]
-        table.add_row(name, f"{entry['value']:.4g}", f"{entry['se']:.2g}", unit)
+        table.add_row(name.replace("_", " "), quantity(entry["value"], entry["unit"], entry["se"], name))
     Console().print(table)
 
 
