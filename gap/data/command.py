@@ -38,6 +38,8 @@ FAINT = 1e-4
 
 BRIEF = 0.03
 """s: a line of the table that is no longer than this and goes far is a step."""
+MOMENT = 1e-6
+"""s within which nothing turns."""
 LINE, CHORDS = 0.2, 12.0
 """s, and times the usual interval between rows of a curve that straight lines need: from there on one of these lines is
 a hold or a ramp beside the curve. Where a sine does not bend, one is up to eight times the usual."""
@@ -80,8 +82,8 @@ class Command:
 
     def turning(self, start: float, stop: float) -> float:
         """How fast the command turns between ``start`` and ``stop`` s, rad/s: the angular frequency of a sine; 0 of a
-        straight line, and of a curve that hardly differs from one."""
-        if not stop > start:
+        straight line, of a curve that hardly differs from one, and of a moment."""
+        if not stop - start > MOMENT:
             return 0.0
         rows = int(np.searchsorted(self.time, stop) - np.searchsorted(self.time, start))
         time = np.linspace(start, stop, max(2 * rows, 64) + 2)[1:-1]  # a step at an end belongs to neither stretch

@@ -26,6 +26,15 @@ def test_straight_lines_do_not_turn() -> None:
     assert ramps.turning(1.0, 1.0) == 0.0
 
 
+@pytest.mark.parametrize("bits", [2, 3, 10])
+def test_two_kinks_that_rounding_parts_hold_no_curve(bits: int) -> None:
+    """The time of a step may lie some bits from that of another kink, in which no time passes from one node to the
+    next."""
+    stepped = command(np.array([0.0, 5.0, 5.0, 10.0]), np.array([0.0, 0.0, 1.0, 1.0]))
+    before, after = 5.0 - bits * np.spacing(4.0), 5.0 + np.spacing(5.0)
+    assert stepped.turning(before, after) == 0.0
+
+
 def test_a_step_at_an_end_is_no_curve() -> None:
     held = command(np.array([0.0, 1.0, 1.0, 5.0, 5.0, 9.0]), np.array([0.0, 0.0, 1.0, 1.0, 0.0, 0.0]))
     assert [held.turning(*pair) for pair in ((0.0, 1.0), (1.0, 5.0), (5.0, 9.0))] == [0.0, 0.0, 0.0]
