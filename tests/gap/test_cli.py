@@ -15,6 +15,7 @@ from acquire.cli.app import run
 from acquire.cli.stages import Stages
 from acquire.recording import write_bundle
 from gap.blind.lock import unseal
+from gap.data.quantities import quantity
 from gap.design import simulated
 from gap.design.simulated_cases import detectability, make_own
 from tests.conftest import Folder
@@ -94,7 +95,9 @@ def test_the_simulation_alone_has_parameters_and_no_cause(capsys, cold_session: 
     page = (tmp_path / "gap.html").read_text(encoding="utf-8")
     assert "nearest candidates" not in page
     assert 'class="badge' not in page
-    assert f"regulator_time {fitted['value']:.4g} {fitted['se']:.2g} s" in " ".join(text.split())
+    said = quantity(fitted["value"], fitted["unit"], fitted["se"])
+    assert f"regulator time {said}" in " ".join(text.split())
+    assert said in page
 
 
 def test_without_it_the_cause_is_unknown(capsys, cold_session: Path) -> None:
