@@ -106,7 +106,7 @@ def test_recordings_tell_seed_and_assumed_scale() -> None:
         (("contact_force:", "colour:"), ":18:", "colour"),
         (("value: 0.55 N", "value: 0.55 mm"), ":18:", "no unit of force"),
         (("simulated: {tissue: cheek, effects: [leak], seed: 3}", "limits: {}"), ":20:", "needs an address"),
-        (("seed: 3", "seed: many"), ":21:", "integer"),
+        (("seed: 3", "seed: many"), ":21:", "whole number"),
         (
             ("simulated: {tissue: cheek", "address: /dev/x\n    simulated: {tissue: cheek"),
             ":20:",
