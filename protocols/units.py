@@ -108,19 +108,20 @@ def write(value: float, kind: str) -> str:
     return f"{value!r} {si}"
 
 
+CHANNELS = {
+    **dict.fromkeys(("pressure", "pressure_reference"), "pressure"),
+    **dict.fromkeys(("apex_height", "probe", *(f"probe_{k}" for k in "xyz")), "length"),
+    **dict.fromkeys((f"axis_position_{k}" for k in "123"), "length"),
+    **dict.fromkeys((*(f"transducer_force_{k}" for k in "abc"), *(f"force_{k}" for k in "xyz")), "force"),
+}
+"""The kind of each channel and commanded quantity of our instruments; ``probe`` is the length of the probe's vector."""
+
+
 def kind_of(channel: str) -> str:
-    """The kind of quantity that a channel or commanded quantity carries, by its name. Raises ValueError."""
-    for prefix, kind in (
-        ("pressure", "pressure"),
-        ("apex_height", "length"),
-        ("axis_position", "length"),
-        ("probe", "length"),
-        ("transducer_force", "force"),
-        ("force", "force"),
-    ):
-        if channel == prefix or channel.startswith(prefix + "_"):
-            return kind
-    raise ValueError(f"unknown channel {channel!r}")
+    """The kind of quantity that a channel or commanded quantity carries. Raises ValueError for one of no instrument."""
+    if channel not in CHANNELS:
+        raise ValueError(f"unknown channel {channel!r}; there is {', '.join(CHANNELS)}")
+    return CHANNELS[channel]
 
 
 def rate_kind(kind: str) -> str:

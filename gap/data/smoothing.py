@@ -1,4 +1,4 @@
-"""Smoothing that widens as far as the record allows: what it keeps is significant, what it loses is noise."""
+"""Smoothing that widens as far as the record allows: it keeps significant detail and loses noise."""
 
 from __future__ import annotations
 
@@ -14,8 +14,6 @@ WIDTHS = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64, 1.3)
 """Standard deviations of the smoothing kernels, s."""
 CONFIDENCE = 2.7
 """Half width of the confidence intervals that must intersect, in standard errors."""
-
-
 LONG = 40.0
 """Samples of a kernel's standard deviation from which on a Fourier transform is quicker."""
 NOTHING, ALL = 3.0, 5.0
@@ -31,7 +29,7 @@ def significant(time: FloatArray, value: FloatArray) -> FloatArray:
 
 
 def deviation(time: FloatArray, value: FloatArray) -> FloatArray:
-    """The same of a ``value`` (n,) that mostly is nought: what does not stand out from its noise vanishes.
+    """The same of a ``value`` (n,) that mostly is nought: whatever is within its noise vanishes.
 
     Firm shrinkage (Gao and Bruce 1997). The widest kernel alone leaves a wander of a twentieth of the noise.
     """

@@ -87,18 +87,11 @@ class Case:
         prior = t.prior_effect / max(len({c.name for c in self.candidates}), 1)
         beforehand = partial(known.nats, prior=prior) if known is not None else lambda h: 0.0
         skin = {name for name, p in self.comparison.problems.items() if p.open_law}
-        found = posterior(
-            self.comparison,
-            self.candidates,
-            t,
-            self.marks,
-            gap_but_for_skin(self.null, self.comparison.null, skin),
-            beforehand,
-            self.stated,
-        )
-        # What skin of another law takes on may be something else as well.
-        swallowed = gap_without_discrepancy(self.null, noisy(self.null)) > t.quiet_gap
-        return found.doubted(t.prior_outside) if swallowed else found
+        allowed = gap_but_for_skin(self.null, self.comparison.null, skin)
+        found = posterior(self.comparison, self.candidates, t, self.marks, allowed, beforehand, self.stated)
+        # The part of the gap that skin of another law takes on may be something else as well.
+        by_itself = gap_without_discrepancy(self.null, noisy(self.null))
+        return found.doubted(t.prior_outside) if by_itself > max(allowed, t.quiet_gap) else found
 
 
 @dataclass(frozen=True)

@@ -91,7 +91,7 @@ class AxisLoop(Wired):
             self.drag, self.coulomb, self.stiction, self.stribeck_speed, self.presliding,
             self.force_limit, self.windup, self.slope, self.curvature, self.spring,
             math.inf if linear else SUBSTEP, self.soft, self.carried, self.fed,
-            self.thinning, self.thinning_power, self.easing, self.most_substeps, -late * kp,
+            self.thinning, self.thinning_power, self.easing, self.most_substeps, self.fed - late * kp,
         )  # fmt: skip
         return np.zeros((len(self.target), _STATE)), np.array(values)
 
@@ -205,7 +205,7 @@ def _glides(
     kp, ki, kd, spring, per_dt = p[1], p[2], p[3], p[13], 1.0 / dt
     rho = (target - s[2]) * per_dt
     ahead = ((load - s[3]) * per_dt - spring * rho) * per_ki
-    ip0 = ((kd + p[4] - p[17] - p[22]) * rho - s[3] + spring * (s[2] + ahead) + kp * ahead) * per_ki
+    ip0 = ((kd + p[4] - p[22]) * rho - s[3] + spring * (s[2] + ahead) + kp * ahead) * per_ki
     d0, d1, d2 = w * (s[4] - ip0), s[5] - (s[2] + ahead), (s[6] - rho) * per_w
     integral = ip0 - ahead * dt + (e[0, 0] * d0 + e[0, 1] * d1 + e[0, 2] * d2) * per_w
     x = target + ahead + e[1, 0] * d0 + e[1, 1] * d1 + e[1, 2] * d2
@@ -238,7 +238,7 @@ def _steady(
     limit, spring = p[9] - abs(p[16]), p[13]
     x, v = s[5], s[6]
     fed = p[17] * (target - s[2]) / dt
-    ahead = fed + p[22] * (target - s[2]) / dt
+    ahead = p[22] * (target - s[2]) / dt  # as fed, but late
     if v == 0.0:
         if presliding > 0.0:
             return False
@@ -257,7 +257,7 @@ def _steady(
     rho = (target - s[2]) / dt
     lam = (load - s[3]) / dt - spring * rho
     load0 = s[3] - dry - spring * (s[2] + lam / ki)
-    ip0 = ((kd + drag - p[17] - p[22]) * rho - load0 + kp * lam / ki) / ki
+    ip0 = ((kd + drag - p[22]) * rho - load0 + kp * lam / ki) / ki
     d0, d1, d2 = w * (s[4] - ip0), x - (s[2] + lam / ki), (v - rho) / w
     integral = ip0 - lam * dt / ki + (e[0, 0] * d0 + e[0, 1] * d1 + e[0, 2] * d2) / w
     x_new = target + lam / ki + e[1, 0] * d0 + e[1, 1] * d1 + e[1, 2] * d2
@@ -298,7 +298,7 @@ def _run(
         limited = abs(real) >= limit and soft == 0.0
         extra = (limit * math.tanh(real / limit) if soft > 0.0 else min(max(real, -limit), limit)) - carried - force
         load0 = s[3] + (load - s[3]) / steps * k - spring * (r0 + lam / ki)
-        ip0 = ((kd + drag - p[17] - p[22]) * rho - load0 - extra + kp * lam / ki) / ki
+        ip0 = ((kd + drag - p[22]) * rho - load0 - extra + kp * lam / ki) / ki
         d0, d1, d2 = w * (s[4] - ip0), s[5] - (r0 + lam / ki), (s[6] - rho) / w
         integral = ip0 - lam * h / ki + (e[0, 0] * d0 + e[0, 1] * d1 + e[0, 2] * d2) / w
         x = r1 + lam / ki + e[1, 0] * d0 + e[1, 1] * d1 + e[1, 2] * d2
