@@ -19,7 +19,7 @@ from acquire.engine.state import State
 from acquire.recording import Event
 from drivers.device import Rig, Status
 from drivers.signals import Block, Frame
-from protocols.limits import PROBE, RELIEF
+from protocols.limits import PROBE, PROBE_AXES, RELIEF
 from protocols.setpoints import Until
 
 T = TypeVar("T")
@@ -62,7 +62,9 @@ class ActiveRun:
             raise ValueError(f"{where}{violation.quantity}: {violation.message}")
         self.plan = plan
         self.feeder = Feeder(plan.setpoints, device.queue_capacity, plan.rest, plan.limits.rates())
-        known = {PROBE, *device.quantities, *(c.name for c in channels)}
+        known = {*device.quantities, *(c.name for c in channels)}
+        if set(PROBE_AXES) <= known:
+            known.add(PROBE)
         self.limits = {n: r for n, r in plan.limits.ranges.items() if n in known and r.bounded}
         self.recording = True
         self._device = device

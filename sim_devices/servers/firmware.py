@@ -24,7 +24,7 @@ import numpy as np
 from drivers import messages as msg
 from drivers.device import HOST_SILENT, QUEUE_EMPTY, Identity, Refused, Status
 from drivers.signals import FloatArray
-from protocols.limits import PROBE, DwellTimer, Limits, Range
+from protocols.limits import PROBE, PROBE_AXES, DwellTimer, Limits, Range
 from sim_devices.servers.timeline import Waveform
 
 #: Segments shorter than this (s) are steps.
@@ -275,7 +275,7 @@ class Firmware:
             for value in (a, b):
                 if not low - slack <= value <= high + slack:
                     raise Refused(f"{where}{name} {value:g} is outside {low:g} to {high:g}")
-        if PROBE in self.limits:
+        if PROBE in self.limits and set(PROBE_AXES) <= set(self.quantities):
             reach = self.limits[PROBE].high
             if max(math.hypot(*piece.start), math.hypot(*piece.end)) > reach * (1 + _SLACK):
                 raise Refused(f"{where}the probe leaves its reach of {reach:g} m")

@@ -271,6 +271,14 @@ def test_nothing_is_armed_without_sound_limits(engine: RunEngine, device: FakeDe
     assert "arm" not in device.calls
 
 
+def test_a_limit_of_the_probe_is_not_sent_to_a_device_without_one(
+    engine: RunEngine, device: FakeDevice, plan: Plan
+) -> None:
+    engine.connect()
+    engine.arm(plan(SHORT, Limits({"pressure": Range(-50e3, 0.0), "probe": Range(0.0, 2e-3)}, "test")))
+    assert set(device.limits) == {"pressure"}
+
+
 def test_a_recording_is_never_overwritten(engine: RunEngine, plan: Plan) -> None:
     engine.connect()
     made = plan()

@@ -112,6 +112,13 @@ def test_the_robot_never_jumps() -> None:
     assert firmware.resting
 
 
+def test_a_limit_of_the_probe_says_nothing_of_a_pressure() -> None:
+    firmware = suction()
+    firmware.handle(msg.Arm({**PRESSURE.ranges, PROBE: Range(0.0, 2e-3)}, 0.25), 0.0)
+    firmware.handle(msg.Enqueue((piece(1.0, 0.0, -1e4),)), 0.0)
+    assert firmware.status.queued == 1
+
+
 def test_a_measured_value_out_of_limits_is_a_fault() -> None:
     firmware = armed(suction())
     firmware.watch_values(np.array([[-4e4, 0.0], [np.nan, 0.0]]))
