@@ -39,6 +39,13 @@ def shown(value: float | None, unit: str) -> str:
     return f"{number(value * factor)} {name}".rstrip()
 
 
+def reading(channel: str, value: float, per: str = "") -> str:
+    """A value (SI) of a commanded quantity or channel to four digits, in the unit that people read; ``per``: ``/s``."""
+    unit = unit_of(channel)
+    factor, name = pleasant(unit)
+    return f"{number(value * factor, 4)} {name}{per}" if unit else f"{number(value, 4)}{per} (SI)"
+
+
 def number(value: float, digits: int = 3) -> str:
     """``value`` to ``digits`` significant digits; large ones whole instead of with an exponent."""
     if not math.isfinite(value):

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 from protocols.errors import ProtocolError
-from protocols.limits import Limits, Violation
+from protocols.limits import PROBE, Limits, Violation
 from protocols.schema import CHANNELS, QUANTITIES, Protocol
 from protocols.setpoints import Segment, Setpoints, Until
 from protocols.source import Key
@@ -40,14 +40,28 @@ def compile_protocol(protocol: Protocol, limits: Limits) -> Setpoints:
     """
     compiler = _Compiler(protocol)
     compiler.steps(protocol.steps, ("steps",), {})
+    if not compiler.segments:
+        raise protocol.origin.fault(("steps",), "every step stays where it is: there is nothing to do")
     setpoints = Setpoints(tuple(compiler.segments))
     found: dict[tuple[str, str, str], Violation] = {}
     for violation in effective_limits(protocol, limits).violations(setpoints):
         found.setdefault((violation.step, violation.quantity, violation.message), violation)
+    for violation in _beside_the_hole(protocol, setpoints):
+        found.setdefault((violation.step, "", ""), violation)
     if found:
         problems = tuple(protocol.origin.problem(_place(v.step), f"{v.quantity} {v.message}") for v in found.values())
         raise ProtocolError(problems, protocol.origin.file)
     return setpoints
+
+
+def _beside_the_hole(protocol: Protocol, setpoints: Setpoints) -> Iterator[Violation]:
+    """Segments in which the tip would run into the support plate, whose hole it moves in."""
+    radius = protocol.setup.hole_radius
+    for segment in setpoints.segments if radius is not None else ():
+        aside = max(math.hypot(end["probe_x"], end["probe_y"]) for end in (segment.start, segment.end))
+        if radius is not None and aside >= radius:
+            message = f"goes {1e3 * aside:.4g} mm aside, in a hole of {1e3 * radius:.4g} mm radius (setup.hole_radius)"
+            yield Violation(segment.step, PROBE, message)
 
 
 def _place(step: str) -> Key:

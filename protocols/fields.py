@@ -36,8 +36,14 @@ class Unit:
         if (self.sign == "positive" and number <= 0) or (self.sign == "not negative" and number < 0):
             raise ValueError(f"must {'be positive' if self.sign == 'positive' else 'not be negative'}, not {value!r}")
         if not self.least <= number <= self.most:
-            raise ValueError(f"must be {self.write(self.least)} … {self.write(self.most)}, not {value!r}")
+            raise ValueError(f"must be {self._bounds()}, not {value!r}")
         return number
+
+    def _bounds(self) -> str:
+        if math.isinf(self.most):
+            return f"at least {self.write(self.least)}"
+        most = self.write(self.most)
+        return f"at most {most}" if math.isinf(self.least) else f"{self.write(self.least)} … {most}"
 
     def write(self, value: float) -> str:
         """The inverse of `read`."""
@@ -67,8 +73,11 @@ PressureRate = Annotated[float, Unit("pressure rate", "positive")]
 Length = Annotated[float, Unit("length")]
 Size = Annotated[float, Unit("length", "positive")]
 Speed = Annotated[float, Unit("speed", "positive")]
-Duration = Annotated[float, Unit("time", "positive")]
+#: No instrument carries out anything shorter than a step of its controller (1 ms).
+Duration = Annotated[float, Unit("time", "positive", least=1e-3)]
 Frequency = Annotated[float, Unit("frequency", "positive")]
+#: Openings are 1 to 10 mm wide, holes of support plates some centimetres at most: beyond that a unit is wrong.
+Bore = Annotated[float, Unit("length", "positive", 0.1e-3, 100e-3)]
 Force = Annotated[float, Unit("force", "not negative")]
 Angle = Annotated[float, Unit("angle")]
 Count = Annotated[int, Field(strict=True, ge=1, le=10_000)]

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
-from protocols.fields import Force, Frequency, Model, Size, Text
+from protocols.fields import Bore, Force, Frequency, Model, Text
 from protocols.limits import Limits
 from protocols.source import Source
 from protocols.steps import AnyStep
@@ -42,15 +42,17 @@ NAMED = "letters (a to z, A to Z), digits, '.', '_' and '-', and begins with a l
 class Setup(Model):
     """How the instrument is set up for this protocol, where that is not the station's choice."""
 
-    opening: Size | None = Field(default=None, description="diameter of the probe's opening (suction)")
-    sampling: Frequency | None = Field(default=None, description="samples per second")
-    frame_rate: Frequency | None = Field(default=None, description="camera frames per second (aspiration)")
+    opening: Bore | None = Field(default=None, description="diameter of the probe's opening (suction)")
+    sampling: Frequency | None = Field(default=None, description="samples per second, as the instrument is set up")
+    frame_rate: Frequency | None = Field(
+        default=None, description="camera frames per second, as the instrument is set up (aspiration)"
+    )
     frames: Literal["region", "full"] | None = Field(
         default=None,
         description="how much of each camera frame is recorded: the region of the edge, or all (aspiration)",
     )
     contact_force: Force | None = Field(default=None, description="force of the probe on the skin (suction)")
-    hole_radius: Size | None = Field(default=None, description="radius of the support plate's hole (microrobot)")
+    hole_radius: Bore | None = Field(default=None, description="radius of the support plate's hole (microrobot)")
 
 
 class Limit(Model):

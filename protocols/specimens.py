@@ -212,9 +212,21 @@ def yields(specimen: str) -> bool:
     return specimen not in SPECIMENS or SPECIMENS[specimen].yields
 
 
+def described(specimen: str, properties: Mapping[str, Stated]) -> str:
+    """``gauge step (height 1 ± 0.002 mm)``: a specimen with what is stated of it, in the units that people use."""
+    known = {item.key: item for item in SPECIMENS[specimen].properties} if specimen in SPECIMENS else {}
+    said = [known[k].in_words(value) if k in known else f"{k} {value}" for k, value in properties.items()]
+    return f"{specimen} ({', '.join(said)})" if said else specimen
+
+
 def check_complete(specimen: str, instrument: str, properties: Mapping[str, Stated]) -> None:
-    """Raises ValueError where a run on ``instrument`` could not be used: a wrong specimen, or a number not stated."""
+    """Raises ValueError where a run on ``instrument`` could not be used: a wrong specimen, or a number not stated.
+
+    Skin takes no properties: who states one has mounted a reference and not said so.
+    """
     check(specimen, instrument)
+    if specimen == SKIN and properties:
+        raise ValueError(f"{', '.join(properties)}: stated of skin; name the reference specimen it belongs to")
     found = SPECIMENS.get(specimen)
     for item in found.properties if found else ():
         if item.key not in properties and math.isnan(item.otherwise):

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from protocols import units
-from protocols.limits import PROBE, PROBE_AXES, Limits
-from protocols.schema import Protocol
+from protocols.limits import PROBE, PROBE_AXES, Limits, Range
+from protocols.schema import CHANNELS, Protocol
 from protocols.setpoints import Segment, Setpoints
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ def summarise(protocol: Protocol, setpoints: Setpoints, limits: Limits) -> dict[
 
     ``rate`` is None for a quantity that somewhere steps at once; limits that are not set are None too.
     """
+    watched = [n for n in CHANNELS[protocol.instrument] if n in limits.ranges and n not in setpoints.quantities]
     phases = {p: sum(s.duration for s in setpoints.segments if s.phase == p) for p in _PHASES}
     return {
         "name": protocol.name,
@@ -36,7 +38,14 @@ def summarise(protocol: Protocol, setpoints: Setpoints, limits: Limits) -> dict[
         "segments": len(setpoints.segments),
         "phases": phases,
         "quantities": {q: _quantity(q, setpoints, limits) for q in _shown(setpoints)},
+        "measured_limits": {name: _measured(limits[name]) for name in watched},
     }
+
+
+def _measured(limit: Range) -> dict[str, float | None]:
+    """The limits of a channel that is measured alone; None where there is none."""
+    bounds = {"low": limit.low, "high": limit.high, "rate": limit.rate, "dwell": limit.dwell}
+    return {name: bound if math.isfinite(bound) else None for name, bound in bounds.items()}
 
 
 def in_words(summary: dict[str, Any]) -> str:
@@ -62,6 +71,10 @@ def in_words(summary: dict[str, Any]) -> str:
         else:
             allowed += f" {unit}"
         lines.append(f"  {name:<11} {low} … {high} {unit}, {rate}; allowed {allowed}")
+    for name, bounds in summary["measured_limits"].items():
+        kind = units.kind_of(name)
+        ends = " … ".join(_number(bounds[k], kind, absent="unbounded") for k in ("low", "high"))
+        lines.append(f"  {name:<11} measured; allowed {ends} {units.KINDS[kind][1][0]}")
     return "\n".join(lines)
 
 

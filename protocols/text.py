@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 import yaml
 from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
 
 from protocols.errors import Problem, ProtocolError
 from protocols.schema import NAMED, Protocol
@@ -92,8 +93,8 @@ def _problem(error: dict[str, Any], root: type[BaseModel], data: Any, source: So
     path, model = _follow(tuple(part for part in error["loc"] if part != "[key]"), root, data)
     kind, context = error["type"], error.get("ctx", {})
     if kind == "extra_forbidden":
-        known = [f.alias or name for name, f in model.model_fields.items()]
-        return source.problem(path, f"unknown key {path[-1]!r}{did_you_mean(str(path[-1]), known)}", at_key=True)
+        meant = did_you_mean(str(path[-1]), _aliased(model))
+        return source.problem(path, f"unknown key {path[-1]!r}{meant}", at_key=True)
     if kind == "missing":
         return source.problem(path, "is missing")
     if kind == "too_short":
@@ -110,7 +111,9 @@ def _problem(error: dict[str, Any], root: type[BaseModel], data: Any, source: So
         message = f"{error['input'][:40]!r} cannot be a name: it takes {NAMED}"
         return source.problem(path, message)
     if kind in ("model_type", "model_attributes_type", "dict_type"):
-        return source.problem(path, f"expected keys and values, not {str(error['input'])[:40]!r}")
+        wanted = _model_of(model, str(path[-1])) if kind == "model_type" else model
+        keys = f" ({', '.join(_aliased(wanted))})" if wanted.__name__ == context.get("class_name") else ""
+        return source.problem(path, f"expected keys and values{keys}, not {str(error['input'])[:40]!r}")
     if kind in WORDS:
         given = "nothing" if error["input"] is None else repr(str(error["input"])[:40])
         return source.problem(path, f"{WORDS[kind].format(**context)}, not {given}")
@@ -135,9 +138,14 @@ def _follow(location: tuple[str | int, ...], root: type[BaseModel], data: Any) -
     return tuple(path), model
 
 
+def _aliased(model: type[BaseModel]) -> dict[str, FieldInfo]:
+    """The fields of a model by the keys they have in a file."""
+    return {f.alias or name: f for name, f in model.model_fields.items()}
+
+
 def _model_of(model: type[BaseModel], name: str) -> type[BaseModel]:
     """The model that a field holds, itself or in a container; the parent when it holds none."""
-    fields = {f.alias or n: f for n, f in model.model_fields.items()}
+    fields = _aliased(model)
     todo = [fields[name].annotation] if name in fields else []
     while todo:
         kind = todo.pop()

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from acquire.analysis.cycles import Cycle, first_move, suction_cycles
 from acquire.recording.model import FloatArray, Recording, Series
+from acquire.recording.possible import impossible
+from acquire.words import number, shown, span
 from acquire.words import share as in_percent
-from acquire.words import shown, span
+from protocols import ProtocolError, load
+from protocols.schema import QUANTITIES
 
 
 @dataclass(frozen=True)
@@ -23,8 +27,8 @@ class Flag:
 
 
 def quality(recording: Recording) -> tuple[Flag, ...]:
-    """Every check that applies: lost samples, saturation, drift, first curve, contour, pauses, how the run ended."""
-    checks = (_lost, _saturation, _drift, _first_curve, _contour, _pauses, _ending)
+    """Every check that applies, in the order in which an operator wants to know."""
+    checks = (_lost, _rates, _possible, _saturation, _following, _drift, _first_curve, _contour, _pauses, _ending)
     return tuple(flag for check in checks for flag in check(recording))
 
 
@@ -81,6 +85,85 @@ def _flat_top(value: FloatArray) -> float:
         if extreme != 0 and longest >= 5 and longest > 3 * usual:
             share = max(share, float(np.mean(value == extreme)))
     return share
+
+
+def _possible(recording: Recording) -> list[Flag]:
+    """Values that the channel cannot have: its unit is wrong, or its sensor."""
+    flags = []
+    for name, series in recording.streams.items():
+        if series.value.ndim != 1:
+            continue
+        worst, reason = impossible(name, series.value, ours=recording.info.instrument in QUANTITIES)
+        if reason:
+            value = float(series.value[worst])
+            flags.append(Flag("impossible", "bad", value, f"{name} is {shown(value, series.unit)}: {reason}"))
+    return flags
+
+
+def _rates(recording: Recording) -> list[Flag]:
+    """Sampling that is not as the protocol states it: the instrument was set up otherwise."""
+    try:
+        setup = load(recording.info.protocol).setup
+    except ProtocolError:  # none, or a bundle's words on it
+        return []
+    frames = [recording.frames] if recording.frames is not None else []
+    sampled = (("sampling", setup.sampling, [*recording.streams.values()]), ("frame_rate", setup.frame_rate, frames))
+    flags = []
+    for name, stated, sources in sampled:
+        taken = [(len(s.time) - 1) / float(np.ptp(s.time)) for s in sources if len(s.time) > 10 and np.ptp(s.time) > 0]
+        if stated is None or not taken:
+            continue
+        rate = max(taken, key=lambda rate: abs(rate - stated))
+        if abs(rate / stated - 1) > 0.1:
+            text = f"the protocol states {stated:g} Hz ({name}); the instrument took {number(rate)} Hz"
+            flags.append(Flag("rate", "warning", rate / stated, text))
+    return flags
+
+
+def _following(recording: Recording) -> list[Flag]:
+    """How far each commanded quantity stayed from its set-point: in the worst hold, or all along where none is held."""
+    found = []
+    for name, commanded in recording.setpoints.items():
+        measured = recording.streams.get(name)
+        if measured is None or len(measured.time) < 5 or not len(commanded.value) or not np.ptp(commanded.value):
+            continue
+        off = list(_off_in_holds(commanded, measured)) or _off_on_the_way(commanded, measured)
+        found += [(abs(by) / float(np.ptp(commanded.value)), f"{name} {text}") for by, text in off]
+    if not found:
+        return []
+    share, text = max(found)
+    level = "ok" if share < 0.05 else "warning" if share < 0.2 else "bad"
+    return [Flag("command", level, share, text if level != "ok" else "the set-points were followed")]
+
+
+def _off_in_holds(commanded: Series, measured: Series) -> Iterator[tuple[float, str]]:
+    """By how much the second half of each hold away from rest is off its set-point (SI, median), and in words."""
+    for begin, end, level in _holds(commanded):
+        inside = (measured.time > begin + 0.5 * (end - begin)) & (measured.time <= end)
+        if level != commanded.value[0] and inside.sum() >= 5:
+            value = float(np.nanmedian(measured.value[inside]))
+            there = f"{shown(value, measured.unit)} at {begin:.1f} s, where {shown(level, measured.unit)}"
+            yield value - level, f"was {there} was held"
+
+
+def _off_on_the_way(commanded: Series, measured: Series) -> list[tuple[float, str]]:
+    """By how much (SI, median) it is off while the set-point moves, with the delay that fits best, 0.3 s at most."""
+    inside = (measured.time >= first_move(commanded)) & (measured.time <= commanded.time[-1])
+    if inside.sum() < 20:
+        return []
+    time, value = measured.time[inside], measured.value[inside]
+    delays = np.linspace(0.0, 0.3, 13)
+    off = min(float(np.nanmedian(np.abs(value - np.interp(time - d, commanded.time, commanded.value)))) for d in delays)
+    return [(off, f"was {shown(off, measured.unit)} off its set-point (median)")]
+
+
+def _holds(commanded: Series, shortest: float = 0.5) -> Iterator[tuple[float, float, float]]:
+    """Begin and end (s) and value of each stretch in which the set-point stays; from ``shortest`` s on."""
+    starts = np.flatnonzero(np.concatenate([[True], np.diff(commanded.value) != 0]))
+    ends = np.append(starts[1:], len(commanded.value)) - 1
+    for begin, end in zip(starts, ends, strict=True):
+        if commanded.time[end] - commanded.time[begin] >= shortest:
+            yield float(commanded.time[begin]), float(commanded.time[end]), float(commanded.value[begin])
 
 
 def _drift(recording: Recording) -> list[Flag]:

@@ -9,6 +9,8 @@ import numpy as np
 
 from acquire.recording.model import FloatArray
 
+_ROUNDING = 1e-12  # by how much of themselves numbers differ that only rounding parts
+
 
 @dataclass(frozen=True)
 class MeanCurve:
@@ -71,6 +73,8 @@ def spread(values: Sequence[float]) -> Spread:
     if count < 2:
         raise ValueError(f"a spread needs at least two repeats, not {count}")
     mean, scatter = float(finite.mean()), float(finite.std(ddof=1))
+    if np.ptp(finite) <= _ROUNDING * np.abs(finite).max():
+        scatter = 0.0  # the same number, worked out twice
     half_width = float(student.ppf(0.975, count - 1)) * scatter / count**0.5
     return Spread(mean, half_width, scatter / abs(mean) if mean else np.inf, count)
 

@@ -149,20 +149,24 @@ def recover(
 
 
 def ls(
-    words: Annotated[list[str] | None, typer.Argument(help="subject=P07, site=forehead … or any text.")] = None,
-    folder: Annotated[Path, typer.Option("--folder", "-d", help="Where recordings are looked for.")] = DEFAULT,
+    words: Annotated[
+        list[str] | None, typer.Argument(help="A folder to look in, then subject=P07, site=forehead … or any text.")
+    ] = None,
+    folder: Annotated[
+        Path | None, typer.Option("--folder", "-d", help="Where recordings are looked for, if not in runs.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """List recordings, and journals that wait for recovery."""
     from acquire.catalogue import catalogue
 
-    if folder == DEFAULT and not folder.is_dir():
-        typer.echo("[]" if as_json else f"no recordings yet: there is no folder {folder}")
-        _hint(words or [])
+    words = words or []
+    if folder is None and words and Path(words[0]).is_dir():
+        folder, words = Path(words[0]), words[1:]
+    if folder is None and not DEFAULT.is_dir():
+        typer.echo("[]" if as_json else f"no recordings yet: there is no folder {DEFAULT}")
         return
-    entries = catalogue(folder, words or [])
-    if not entries:
-        _hint(words or [])
+    entries = catalogue(folder or DEFAULT, words)
     if as_json:
         typer.echo(json.dumps([_plain_entry(e) for e in entries], indent=2, ensure_ascii=False))
         return
@@ -171,13 +175,6 @@ def ls(
     for row in rows:
         cells = [f"{cell:<{width}}" for cell, width in zip(row, [*widths, 0], strict=True)]
         typer.echo("  ".join(cells).rstrip())
-
-
-def _hint(words: list[str]) -> None:
-    """Tell on standard error how a folder that was given as a filter is looked into."""
-    for word in words:
-        if Path(word).is_dir():
-            typer.echo(f"{word} is a folder: acquire ls -d {word} lists the recordings in it", err=True)
 
 
 def _plain_entry(entry: Entry) -> dict[str, Any]:

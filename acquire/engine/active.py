@@ -17,6 +17,7 @@ from acquire.engine.recorder import Commanded, Recorder
 from acquire.engine.rules import Trip
 from acquire.engine.state import State
 from acquire.recording import Event
+from acquire.words import reading
 from drivers.device import Rig, Status
 from drivers.signals import Block, Frame
 from protocols.limits import PROBE, PROBE_AXES, RELIEF
@@ -246,4 +247,4 @@ def _wait_for(links: Sequence[LinkThread], moment: float) -> None:
 
 
 def _words(until: Until) -> str:
-    return f"{until.channel} {until.comparison} {until.value:g} (SI)"
+    return f"{until.channel} {until.comparison} {reading(until.channel, until.value)}"

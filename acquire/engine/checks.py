@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquire.engine.rules import AXES, Rules, Trip
+from acquire.words import reading
 from drivers.signals import Block, FloatArray
 from protocols.limits import PROBE, DwellTimer, Limits
 
@@ -91,7 +92,8 @@ class Values:
         if not twice.any():
             return None
         first = twice.argmax()
-        message = f"{name} is {values[first]:.6g}, outside {limit.low:.6g} … {limit.high:.6g} (SI)"
+        low, high = (reading(name, bound) for bound in (limit.low, limit.high))
+        message = f"{name} is {reading(name, values[first])}, outside {low} … {high}"
         return Trip("value", message, float(when[first]))
 
 
@@ -125,7 +127,8 @@ class Rates:
         twice = self._twice(name, rate > limit * (1 + self._watch.rules.rate_margin))
         if not twice.any():
             return None
-        message = f"{name} changes by {rate[twice].max():.6g} per s, more than {limit:.6g} (SI)"
+        fastest = float(rate[twice].max())
+        message = f"{name} changes by {reading(name, fastest, '/s')}, more than {reading(name, limit, '/s')}"
         return Trip("rate", message, float(when[twice.argmax()]))
 
 
@@ -203,7 +206,7 @@ class Following:
                 self._lasting.forget(quantity)
             self._compared[quantity] = float(when[-1])
             if self._lasting(quantity, np.abs(error) > rule.error, when, rule.duration):
-                message = f"{quantity} is off its set-point by {error[-1]:.6g} (SI) since {rule.duration:g} s"
+                message = f"{quantity} is off its set-point by {reading(quantity, error[-1])} since {rule.duration:g} s"
                 return Trip("tracking", message, float(block.time[-1]))
         return None
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from acquire.engine.checks import UNKNOWN, Bools, Check, Lasting, Targets, Twice, Watch
 from acquire.engine.rules import Trip
+from acquire.words import reading
 from drivers.signals import REFERENCE, Block, FloatArray, Frame
 
 #: Chance of a streak of equal readings below which a channel counts as frozen, the least time in s of such a streak
@@ -75,7 +76,7 @@ class Frozen:
             noise = self._noise.setdefault(name, _Noise())
             self._learn(noise, values, block.time, still)
             if noise.again > noise.streak and block.time[-1] - noise.since >= FREEZE:
-                message = f"{name} is frozen: {noise.last:.6g} (SI) {noise.again + 1} times running"
+                message = f"{name} is frozen: {reading(name, noise.last)} {noise.again + 1} times running"
                 return Trip("frozen", message, float(block.time[-1]))
         return None
 
@@ -156,7 +157,7 @@ class Jumps:
         if not jumps.any():
             return None
         first = jumps.argmax()
-        text = f"{quantity} jumps by {deviation[first] - usual:.6g} (SI) although its set-point does not"
+        text = f"{quantity} jumps by {reading(quantity, deviation[first] - usual)} although its set-point does not"
         return Trip("jump", text, float(when[first]))
 
 
@@ -253,7 +254,9 @@ class Agreement:
             if {name, name + REFERENCE} <= set(block.values):
                 apart = block.values[name] - block.values[name + REFERENCE]
                 if self._lasting(name, np.abs(apart) > rule.error, block.time, rule.duration):
-                    text = f"{name} and {name}{REFERENCE} are {apart[-1]:.6g} (SI) apart since {rule.duration:g} s"
+                    text = (
+                        f"{name} and {name}{REFERENCE} are {reading(name, apart[-1])} apart since {rule.duration:g} s"
+                    )
                     return Trip("reference", text, float(block.time[-1]))
         return None
 

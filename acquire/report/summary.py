@@ -14,6 +14,7 @@ from acquire.analysis.quality import lost_samples, quality
 from acquire.recording.model import Recording, Series
 from acquire.recording.review import left_out
 from acquire.words import pleasant, share, shown
+from protocols.specimens import described
 
 _DELIVERY = {  # code of an event -> how its count is put
     "lost": "samples lost",
@@ -42,6 +43,8 @@ def summarise(recording: Recording) -> dict[str, Any]:
         "site": info.site,
         "repeat": info.repeat,
         "specimen": info.specimen,
+        "specimen_properties": {key: known.plain() for key, known in info.specimen_properties.items()},
+        "specimen_described": described(info.specimen, info.specimen_properties),
         "operator": info.operator,
         "start_time": info.start_time,
         "end_time": info.end_time,
@@ -111,7 +114,7 @@ def span(recording: Recording) -> tuple[float, float]:
 def in_words(summary: Mapping[str, Any]) -> str:
     """`summarise`'s result for a terminal."""
     who = [f"{key} {summary[key]}" for key in ("subject", "site") if summary[key]]
-    who += [f"repeat {summary['repeat']}", f"on {summary['specimen']}"]
+    who += [f"repeat {summary['repeat']}", f"on {summary['specimen_described']}"]
     lines = [
         f"{summary['id']}: {summary['instrument']}, {summary['protocol'] or 'no protocol'}, {summary['status']}",
         f"  {', '.join(who)}; {summary['duration']:.4g} s"

@@ -139,6 +139,24 @@ INVALID = {
         "steps[0].steps[1].duration",
         "is missing",
     ),
+    "a position without its axes": (
+        ROBOT + "steps:\n  - {type: ramp, position: 1 mm, speed: 1 mm/s}\n",
+        5,
+        "steps[0].position",
+        "expected keys and values (x, y, z), not '1 mm'",
+    ),
+    "an opening in metres": (
+        HEAD + "setup: {opening: 2 m}\nsteps: [{type: wait, duration: 1 s}]\n",
+        4,
+        "setup.opening",
+        "must be 0.1 mm … 100 mm, not '2 m'",
+    ),
+    "a nanosecond": (
+        HEAD + "steps: [{type: wait, duration: 1 ns}]\n",
+        4,
+        "steps[0].duration",
+        "must be at least 0.001 s, not '1 ns'",
+    ),
 }
 INFEASIBLE = {
     "out of limits": (
@@ -215,6 +233,18 @@ INFEASIBLE = {
         6,
         "steps[1]",
         "not at the centre",
+    ),
+    "beside the hole of the support plate": (
+        ROBOT + "setup: {hole_radius: 1 mm}\nsteps:\n  - {type: ramp, position: {x: 1.5 mm}, speed: 1 mm/s}\n",
+        6,
+        "steps[0]",
+        "goes 1.5 mm aside, in a hole of 1 mm radius",
+    ),
+    "nothing to do": (
+        ROBOT + "steps:\n  - {type: ramp, position: {x: 0 mm}, speed: 1 mm/s}\n",
+        5,
+        "steps",
+        "there is nothing to do",
     ),
 }
 

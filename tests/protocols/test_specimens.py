@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from protocols.specimens import SPECIMENS, Stated, assignments, check, check_complete, stated
+from protocols.specimens import SPECIMENS, Stated, assignments, check, check_complete, described, stated
 
 NAMES = (
     "rigid block", "gauge step", "reference membrane", "manometer",
@@ -121,3 +121,12 @@ def test_an_exact_number_stands_without_an_error() -> None:
     height = SPECIMENS["gauge step"].property("height")
     assert height.in_words(Stated((1e-3,), 0.0, "m")) == "height 1 mm"
     assert height.in_words(Stated((1e-3,), 2e-6, "m")) == "height 1 ± 0.002 mm"
+
+
+def test_skin_takes_no_properties_and_a_reference_is_described_with_its_own() -> None:
+    height = stated("gauge step", {"height": "1.000±0.002 mm"})
+    assert described("gauge step", height) == "gauge step (height 1 ± 0.002 mm)"
+    assert described("skin", {}) == "skin"
+    check_complete("gauge step", "cutometer", height)
+    with pytest.raises(ValueError, match="height: stated of skin; name the reference"):
+        check_complete("skin", "cutometer", height)

@@ -71,6 +71,7 @@ def test_spread() -> None:
     assert (found.mean, found.count) == (pytest.approx(1.0), 3)
     assert found.half_width == pytest.approx(4.3027 * 0.2 / np.sqrt(3), rel=1e-4)
     assert found.relative == pytest.approx(0.2)
+    assert spread([0.1 + 0.2, 0.3]).half_width == 0.0  # rounding is no scatter
     with pytest.raises(ValueError, match="at least two repeats, not 1"):
         spread([1.0])
 
@@ -109,6 +110,42 @@ def test_each_trouble_has_its_flag() -> None:
     weak = {"contour_confidence": Series(np.array([0.9, 0.2, 0.1]), np.arange(3.0), "1")}
     assert flags(replace(good, derived=weak))["contour"] == "bad"
     assert flags(replace(good, info=replace(good.info, status="tripped", trip_reason="too strong")))["ending"] == "bad"
+
+
+def test_a_command_that_is_not_followed_is_named() -> None:
+    good = sample_recording()
+    pressure = good.streams["pressure"]
+    assert flags(good)["command"] == "ok"
+    weak = replace(pressure, value=0.9 * pressure.value)
+    assert flags(replace(good, streams={"pressure": weak}))["command"] == "warning"
+    dead = replace(pressure, value=0.0 * pressure.value)
+    flag = next(f for f in quality(replace(good, streams={"pressure": dead})) if f.name == "command")
+    assert (flag.level, flag.value) == ("bad", 1.0)
+    assert flag.text == "pressure was 0 mbar at 0.0 s, where -300 mbar was held"
+    still = robot([0])
+    moving = replace(
+        still,
+        streams={
+            **still.streams,
+            "probe_x": replace(still.streams["probe_x"], value=0 * still.streams["probe_x"].value),
+        },
+    )
+    assert (flags(still)["command"], flags(moving)["command"]) == ("ok", "bad")
+
+
+def test_values_that_no_skin_has_and_a_rate_that_was_not_set() -> None:
+    good = sample_recording()
+    height = good.streams["apex_height"]
+    flag = quality(replace(good, streams={"apex_height": replace(height, value=1e4 * height.value)}))
+    assert [f.text for f in flag if f.name == "impossible"] == [
+        "apex_height is 2000 mm: skin does not rise higher than an opening is wide (2 to 8 mm)"
+    ]
+    protocol = "schema: protocol/1\nname: x\ninstrument: cutometer\nsetup: {sampling: 500 Hz}\n"
+    asked = replace(good.info, protocol=protocol + "steps: [{type: wait, duration: 1 s}]\n")
+    found = quality(replace(good, info=asked))
+    assert [f.text for f in found if f.name == "rate"] == [
+        "the protocol states 500 Hz (sampling); the instrument took 100 Hz"
+    ]
 
 
 def test_first_curve() -> None:

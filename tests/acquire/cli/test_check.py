@@ -64,3 +64,11 @@ def test_a_station_may_allow_less(tmp_path: Path) -> None:
     assert "outside -250 mbar … 0 mbar (hardware ∩ station ∩ protocol limits)" in result.stderr
     missing = runner.invoke(app, ["demo-aspiration", "--station", str(station)])
     assert "has no aspiration" in str(missing.exception)
+
+
+def test_limits_of_measured_channels_are_shown(tmp_path: Path) -> None:
+    path = tmp_path / "gentle.yaml"
+    head = "schema: protocol/1\nname: gentle\ninstrument: cutometer\nlimits: {apex_height: {high: 1.5 mm}}\n"
+    path.write_text(f"{head}steps: [{{type: hold, suction: 100 mbar, duration: 1 s}}]\n")
+    told = runner.invoke(app, [str(path)])
+    assert "apex_height measured; allowed unbounded … 1.5 mm" in told.stdout

@@ -133,12 +133,12 @@ def test_commands(runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert load(runs / "left.h5").info.subject == "P07"
 
 
-def test_a_folder_among_the_filters_is_told_how_to_be_looked_into(runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(runs)
-    for folder in ("runs", "."):  # none of that name here; one without a recording of that name
-        result = CliRunner().invoke(application(), ["ls", "-d", folder, str(runs)])
-        assert result.exit_code == 0
-        assert f"{runs} is a folder: acquire ls -d {runs} lists the recordings in it" in result.stderr
+def test_a_folder_may_be_named_as_a_first_word(runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert "forehead" in invoke("ls", runs)
+    assert len(json.loads(invoke("ls", runs, "site=cheek", "--json"))) == 1
+    assert "no recordings yet" in invoke("ls")
 
 
 def test_what_is_strange_about_a_bundle_is_printed_also_as_json(tmp_path: Path) -> None:
