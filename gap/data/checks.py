@@ -111,26 +111,31 @@ def remarks(recordings: Sequence[Recording], one_clock: bool) -> list[str]:
     return out
 
 
-def stated_opening(recording: Recording) -> str:
-    """The opening of the probe as the recording's protocol states it; '' where it does not."""
-    try:
+def stated_opening(recording: Recording) -> float:
+    """Diameter in m of the probe's opening, as the recording's calibration or its protocol states it; NaN if neither.
+
+    A recording of ours has in its calibration what the protocol or the station states; a bundle may write either.
+    """
+    known = recording.info.calibration.get("opening", {})
+    with contextlib.suppress(ValueError, TypeError, KeyError):
+        unit, factor, _ = units.to_si(str(known["unit"]))
+        if unit == "m":
+            return factor * float(known["value"])
+    with contextlib.suppress(ValueError, yaml.YAMLError):  # in words of another's protocol
         protocol = yaml.safe_load(recording.info.protocol or "")
-    except yaml.YAMLError:
-        return ""
-    if not isinstance(protocol, dict):
-        return ""
-    setup = protocol.get("setup")
-    return str((setup if isinstance(setup, dict) else protocol).get("opening") or "")
+        said = protocol if isinstance(protocol, dict) else {}
+        setup = said.get("setup", said)
+        return units.parse(setup["opening"], "length") if isinstance(setup, dict) and "opening" in setup else math.nan
+    return math.nan
 
 
 def _openings(recordings: Sequence[Recording]) -> list[str]:
-    """A remark on each opening that a protocol states and that is not the assumed one."""
+    """A remark on each opening that is stated and is not the assumed one."""
     stated: dict[str, list[str]] = {}
     for r in recordings:
-        assumed, text = OPENING.get(r.info.instrument, 0.0), stated_opening(r)
-        with contextlib.suppress(ValueError):  # in words of another's protocol
-            if assumed and text and not math.isclose(units.parse(text, "length"), assumed, rel_tol=0.01):
-                told = f"its protocol states an opening of {text}, but {1e3 * assumed:g} mm is assumed"
-                stated.setdefault(told, []).append(r.info.id)
+        assumed, opening = OPENING.get(r.info.instrument, math.nan), stated_opening(r)
+        if abs(opening - assumed) > 0.01 * assumed:  # False for NaN
+            told = f"an opening of {1e3 * opening:g} mm is stated, but {1e3 * assumed:g} mm is assumed"
+            stated.setdefault(told, []).append(r.info.id)
     reason = "thresholds of some tissue effects are scaled by it"
     return [f"{', '.join(ids)}: {told}: {reason}" for told, ids in stated.items()]

@@ -76,7 +76,7 @@ def unlike(earlier: Sequence[Recording], here: Sequence[Recording]) -> str:
         ("instrument", lambda r: r.info.instrument),
         ("subject", lambda r: r.info.subject),
         ("site", lambda r: r.info.site),
-        ("opening of the probe", stated_opening),
+        ("opening of the probe", _opening),
     ):
         one, other = {read(r) for r in earlier}, {read(r) for r in here}
         if what in ("subject", "site") and not all(one | other):
@@ -84,6 +84,11 @@ def unlike(earlier: Sequence[Recording], here: Sequence[Recording]) -> str:
         if one != other:
             return f"it is of another {what}: {', '.join(sorted(one))}, not {', '.join(sorted(other))}"
     return ""
+
+
+def _opening(recording: Recording) -> str:
+    diameter = stated_opening(recording)
+    return f"{1e3 * diameter:g} mm" if np.isfinite(diameter) else "not stated"
 
 
 def skin_of(session: str, block: HeightBlock, f: Fit, temper: float) -> Skin:

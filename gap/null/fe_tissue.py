@@ -23,6 +23,7 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
+from gap.data.checks import stated_opening
 from gap.inference.evidence import Fit
 from gap.inference.hypothesis import Active
 from gap.inference.least_squares import fit
@@ -161,6 +162,8 @@ class FeHeightBlock(Anchored, HeightBlock):
             )
         self.model = model
         self._base = 0.0
+        stated = [opening for r in session.recordings if np.isfinite(opening := stated_opening(r))]
+        self._opening = stated[0] if stated else OPENING[session.instrument]
         super().__init__(session, library, pressure)
         self._settle()
         n = len(self.PARTS)
@@ -215,7 +218,7 @@ class FeHeightBlock(Anchored, HeightBlock):
         return looked_up(time, evaluate(prony, time, pressure, *memory), *table)
 
     def _geometry(self, **options: float) -> dict[str, float]:
-        return {"opening_radius": OPENING[self.session.instrument] / 2, "mesh": MESH, **options}
+        return {"opening_radius": self._opening / 2, "mesh": MESH, **options}
 
     def _top(self) -> float:
         """The strongest suction of any group on skin, Pa."""

@@ -9,7 +9,7 @@ import pytest
 
 from acquire.recording.model import Recording, RunInfo, Series
 from gap import DiagnosisError, diagnose
-from gap.data.checks import of_one_skin, refuse_impossible, remarks
+from gap.data.checks import of_one_skin, refuse_impossible, remarks, stated_opening
 
 TIME = np.linspace(0.0, 4.0, 41)
 SUCTION = -30e3 * np.minimum(TIME, 1.0)
@@ -86,7 +86,7 @@ def test_skin_that_is_not_stated_is_that_of_the_others():
 @pytest.mark.parametrize(
     ("protocol", "told"),
     [
-        ("setup: {opening: 5 mm}", "run 1: its protocol states an opening of 5 mm, but 2 mm is assumed"),
+        ("setup: {opening: 5 mm}", "run 1: an opening of 5 mm is stated, but 2 mm is assumed"),
         ("setup: {opening: 2.0 mm}", ""),
         ("setup: {opening: wide}", ""),
         ("in words", ""),
@@ -98,3 +98,10 @@ def test_an_opening_that_is_not_the_assumed_one_is_remarked_upon(protocol: str, 
     said = [text for text in remarks([replace(r, info=replace(r.info, protocol=protocol))], True) if "opening" in text]
     assert len(said) == bool(told)
     assert all(text.startswith(told) for text in said)
+
+
+def test_an_opening_is_taken_from_the_calibration_before_the_protocol() -> None:
+    r = recording()
+    known = {"opening": {"value": 4.0, "unit": "mm", "provenance": "measured"}}
+    assert stated_opening(replace(r, info=replace(r.info, calibration=known, protocol="setup: {opening: 2 mm}"))) == 4e-3
+    assert np.isnan(stated_opening(replace(r, info=replace(r.info, calibration={"opening": {"value": "wide"}}))))
