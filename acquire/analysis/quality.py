@@ -202,13 +202,20 @@ def _first_curve(recording: Recording) -> list[Flag]:
     for cycle in cycles:
         inside = (height.time >= cycle.onset) & (height.time <= cycle.release + 0.1)
         if inside.any():
-            tops.append(float(height.value[inside].max() - np.interp(cycle.onset, height.time, height.value)))
+            tops.append(float(height.value[inside].max()) - _before(height, cycle.onset))
     if len(tops) < 2 or not np.mean(tops[1:]):
         return []
     change = tops[0] / float(np.mean(tops[1:])) - 1
     sign = "+" if change > 0 else ""
     text = f"the first curve rises {sign}{in_percent(change)} compared with the {len(tops) - 1} after it"
     return [Flag("first curve", "ok" if abs(change) < 0.1 else "warning", change, text)]
+
+
+def _before(height: Series, onset: float) -> float:
+    """The height at an onset of suction; where heights come before their command (lost frames), that of 0.4 s before."""
+    earlier = height.value[(height.time > onset - 0.6) & (height.time < onset - 0.2)]
+    there = float(np.interp(onset, height.time, height.value))
+    return min(there, float(np.median(earlier))) if len(earlier) else there
 
 
 def _alike(a: Cycle, b: Cycle) -> bool:

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Run = Annotated[Path, typer.Argument(help="A recording (.h5), a bundle's folder, or a journal.")]
 DEFAULT = Path("runs")
+SUFFIXES = (".h5", ".hdf5", ".nxs")
+BUNDLE = "recording.yaml"
 Force = Annotated[bool, typer.Option("--force", help="Replace existing files.")]
 
 
@@ -98,7 +100,10 @@ def report(
 
 
 def import_(
-    source: Annotated[Path, typer.Argument(help="A bundle's folder or recording.yaml; with --map an exported table.")],
+    source: Annotated[
+        Path,
+        typer.Argument(help="A bundle's folder or recording.yaml, or a folder of bundles; with --map an exported table."),
+    ],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the recording, or its file name.")] = DEFAULT,
     column_map: Annotated[
         Path | None, typer.Option("--map", help="Column map (YAML) for curves that other software exported.")
@@ -106,15 +111,18 @@ def import_(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Make a recording of a bundle, or recordings of a table of exported curves."""
-    from acquire.recording import read_bundle, write_recording
+    """Make a recording of each bundle, or recordings of a table of exported curves. One that is wrong stops all."""
+    from acquire.recording import RecordingError, read_bundle, write_recording
 
     if column_map is not None:
         from acquire.recording.curves_import import read_curves
 
         recordings = read_curves(source, column_map)
     else:
-        recordings = [read_bundle(source)]
+        bundles = sorted(p.parent for p in source.rglob(BUNDLE)) if source.is_dir() else []
+        recordings = [read_bundle(b) for b in (bundles if bundles and not (source / BUNDLE).exists() else [source])]
+        if len(recordings) > 1 and out.suffix in SUFFIXES:
+            raise RecordingError(f"{out}: one file cannot hold {len(recordings)} recordings; name a folder")
     paths = [_target(out, recording, len(recordings)) for recording in recordings]
     written = [write_recording(r, path, overwrite=force) for r, path in zip(recordings, paths, strict=True)]
     strange = [
@@ -197,7 +205,7 @@ def _row(entry: Entry) -> tuple[str, ...]:
 
 def _target(out: Path, recording: Recording, count: int) -> Path:
     """``out`` itself if it names a file (numbered by repeat if there are several), else a file in it."""
-    if out.suffix not in (".h5", ".hdf5", ".nxs"):
+    if out.suffix not in SUFFIXES:
         # The name comes from whoever made the bundle: it must not lead out of the folder.
         name = re.sub(r"[^\w.-]", "_", recording.info.id).strip(".")
         return out / f"{name or 'recording'}.h5"

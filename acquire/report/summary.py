@@ -39,6 +39,7 @@ def summarise(recording: Recording) -> dict[str, Any]:
         "instrument": info.instrument,
         "device": info.device,
         "protocol": info.protocol_name,
+        "has_protocol": bool(info.protocol),
         "subject": info.subject,
         "site": info.site,
         "repeat": info.repeat,
@@ -115,8 +116,9 @@ def in_words(summary: Mapping[str, Any]) -> str:
     """`summarise`'s result for a terminal."""
     who = [f"{key} {summary[key]}" for key in ("subject", "site") if summary[key]]
     who += [f"repeat {summary['repeat']}", f"on {summary['specimen_described']}"]
+    words = "a protocol without a name" if summary["has_protocol"] else "no protocol"
     lines = [
-        f"{summary['id']}: {summary['instrument']}, {summary['protocol'] or 'no protocol'}, {summary['status']}",
+        f"{summary['id']}: {summary['instrument']}, {summary['protocol'] or words}, {summary['status']}",
         f"  {', '.join(who)}; {summary['duration']:.4g} s"
         + (f", begun {summary['start_time']}" * bool(summary["start_time"])),
     ]

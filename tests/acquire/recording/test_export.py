@@ -141,6 +141,20 @@ def test_a_folder_may_be_named_as_a_first_word(runs: Path, tmp_path: Path, monke
     assert "no recordings yet" in invoke("ls")
 
 
+def test_a_folder_of_bundles_is_imported_in_one_call(tmp_path: Path) -> None:
+    (tmp_path / "session").mkdir()
+    for name in ("a", "b"):
+        make(tmp_path / "session" / name)
+    written = json.loads(invoke("import", tmp_path / "session", "-o", tmp_path / "runs", "--json"))["files"]
+    assert len(written) == len(list((tmp_path / "runs").glob("*.h5"))) == 2
+    result = CliRunner().invoke(application(), ["import", str(tmp_path / "session"), "-o", str(tmp_path / "x.h5")])
+    assert "one file cannot hold 2 recordings" in str(result.exception)
+    make(tmp_path / "session" / "c", {"data.csv": "t,p\nx,y\n"})
+    result = CliRunner().invoke(application(), ["import", str(tmp_path / "session"), "-o", str(tmp_path / "other")])
+    assert result.exit_code
+    assert not (tmp_path / "other").exists()
+
+
 def test_what_is_strange_about_a_bundle_is_printed_also_as_json(tmp_path: Path) -> None:
     make(tmp_path / "bundle", {"data.csv": DATA.replace("-300", "300")})
     printed = json.loads(invoke("import", tmp_path / "bundle", "-o", tmp_path / "a.h5", "--json"))
