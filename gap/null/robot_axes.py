@@ -34,7 +34,7 @@ ROBOT_BINS = 0.3, 0.4
 MOST_SUBSTEPS = 12
 """Of a step of the loop's grid, where friction or the like acts: 1 ms behind a kink, 4 ms where motion is straight."""
 STRAINED = 15.0
-"""Penalty of the loop's tolerances above which the quick fit looks for friction."""
+"""Penalty of the loop's tolerances above which they are strained: something else is likely."""
 SETTLED, BEYOND = 3.0, 0.1
 """s for which a grid begins before the recordings, as a loop holds its load when they begin, a weight that hangs; and
 by which it goes beyond them, as clocks differ."""
@@ -95,11 +95,11 @@ class AxesBlock(Block):
     trust = 0.5  # the skin's force loads the axes, as far as the recorded force tells
     growth, widest = ROBOT_BINS
     floor = 0.5e-6  # m
-    TOLERANCES = 8
+    TOLERANCES = 9
     """Logarithms of three gains; s by which all is late; 1, of the clock; s by which the load on the axes is late;
-    N s/m of drag; s by which the coils' force is late."""
+    N s/m of drag; s by which the coils' force is late; 1, by which the set-point weighs more than all."""
     ZERO_SD = 2e-6  # m
-    STEPS = (1e-2, 1e-2, 1e-2, 1e-3, 1e-6, 1e-3, 0.1, 1e-4)
+    STEPS = (1e-2, 1e-2, 1e-2, 1e-3, 1e-6, 1e-3, 0.1, 1e-4, 1e-2)
     NEAR = 0.5
     """Of the logarithms of the gains, within which the Jacobian of another place is good enough for a step."""
 
@@ -119,13 +119,13 @@ class AxesBlock(Block):
         fits = {way: [self._plain(*way)] for way in ways}
         if not any(_explains(f) for f, *_ in fits.values()):
             for way, tried in fits.items():
-                tried += self._rubbing(*way) if tried[0].penalty > STRAINED else []
+                tried += self._rubbing(*way)
         # Rows are straight unless it is worth it that they are held.
         costs = {way: min(f.objective for f in fits[way]) + WORTH * way[1] for way in ways}
         best = min(ways, key=lambda way: costs[way])
         alone, *rubbed = fits[best]
         self._best = min(fits[best], key=lambda f: f.objective)
-        self._start, self._strained = alone.nuisance, alone.penalty > STRAINED
+        self._start, self._strained = alone.nuisance, not _explains(alone)
         self._rubs = {f.hypothesis[0].key: f for f in rubbed}
         self.suspected = frozenset(self._rubs)
         self._take(*best)
@@ -148,7 +148,8 @@ class AxesBlock(Block):
         gains = [width(loop[name]) for name in ("proportional", "integral", "derivative")]
         late = max(own["latency"]["delay"].value, self.shift_sd)
         drag = own["viscous_drag"]["drag"].value if self.controller.on_error else FROZEN
-        rest = [late, own["clock_skew"]["rate"].value, loop["load"].value, drag, loop["lag"].value]
+        rest = [late, own["clock_skew"]["rate"].value, loop["load"].value, drag]
+        rest += [loop["lag"].value, width(loop["setpoint_weight"])]
         return np.array([*gains, *rest, *[self.ZERO_SD] * self._runs.shape[1]])
 
     def reload(self, forces: Mapping[str, dict[str, Table]]) -> None:
@@ -216,7 +217,9 @@ class AxesBlock(Block):
         names = ("loop_gain_1", "loop_gain_2", "loop_gain_3")
         gains = {n: (float(np.exp(v)), "1") for n, v in zip(names, nuisance, strict=False)}
         times = {"delay": (float(nuisance[3]), "s"), "clock_rate": (float(nuisance[4]), "s/s")}
-        return gains | times | {"coil_lag": (float(nuisance[7]), "s")}
+        return (
+            gains | times | {"coil_lag": (float(nuisance[7]), "s"), "setpoint_weight": (1.0 + float(nuisance[8]), "1")}
+        )
 
     def warm_start(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
         # Strained tolerances have taken on much of an effect.
@@ -260,6 +263,7 @@ class AxesBlock(Block):
             np.exp(np.clip(nuisance[:3], -3, 3)),
             float(nuisance[6]),
             float(np.clip(nuisance[7], -LATEST, LATEST)),
+            float(np.clip(1.0 + nuisance[8], 0.0, 1.5)),
         )
         spring = SPRING if self._loads[0] else 0.0
         return self.with_effects(chain.tuned("axes", spring=spring, most_substeps=MOST_SUBSTEPS), active, group)

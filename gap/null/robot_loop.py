@@ -48,14 +48,16 @@ class Controller:
     centred: bool
     mass: float = MASS  # kg, that an axis moves
 
-    def installed(self, chain: Chain, scale: FloatArray, drag: float = 0.0, lag: float = 0.0) -> Chain:
-        """The chain with this controller, its three gains multiplied by ``scale`` (3,), further ``drag`` N s/m, and a
-        coil's force that comes ``lag`` s later than it is asked for."""
+    def installed(
+        self, chain: Chain, scale: FloatArray, drag: float = 0.0, lag: float = 0.0, weight: float = 1.0
+    ) -> Chain:
+        """The chain with this controller, its three gains multiplied by ``scale`` (3,), further ``drag`` N s/m, a
+        coil's force that comes ``lag`` s later than it is asked for, and the set-point's ``weight`` in it."""
         p, i, d = (self.proportional * scale[0], self.integral * scale[1], self.derivative * scale[2])
         loop = chain["axes"]
         assert isinstance(loop, AxisLoop)
         kept = {f.name: getattr(loop, f.name) for f in fields(AxisLoop)}
-        own = {"fed": d if self.on_error else 0.0, "mass": self.mass, "lag": lag}
+        own = {"fed": d if self.on_error else 0.0, "mass": self.mass, "lag": lag, "weight": weight}
         tuned = TunedLoop(**kept | own, gains=(p, i, d + self.drag + drag))
         return Chain(chain.instrument, tuple(tuned if op is loop else op for op in chain.operators))
 

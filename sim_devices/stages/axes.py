@@ -1,10 +1,10 @@
 """The robot's three driven axes: voice coil, moving mass and the PID loop that closes over them.
 
-m x'' = F - (c + drag) x' - friction + load, F = Kp e + Ki ∫e - Kd x' + Kf r' with e = r - x, r the target. The linear
-loop is integrated exactly for targets and loads that are linear in a step: about the particular solution x = r + λ/Ki,
-x' = ρ (ρ, λ the slopes of target and load) the deviation moves by the matrix exponential. The nonlinear part (friction,
-force limit, uneven force constant) acts as a force held over substeps of at most ``SUBSTEP``; dry friction takes at
-most the impulse that stops the axis, so that sticking is exact.
+m x'' = F - (c + drag) x' - friction + load, F = Kp (b r - x) + Ki ∫e - Kd x' + Kf r' with e = r - x, r the target. The
+linear loop is integrated exactly for targets and loads that are linear in a step: about the particular solution
+x = r + λ/Ki, x' = ρ (ρ, λ the slopes of target and load) the deviation moves by the matrix exponential. The nonlinear
+part (friction, force limit, uneven force constant) acts as a force held over substeps of at most ``SUBSTEP``; dry
+friction takes at most the impulse that stops the axis, so that sticking is exact.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ SUBSTEP = 1e-3
 _END_STOP = 6e-3  # m from the centre; only a lost control of an axis leads there
 _RUBBING = [4, 5, 6, 8, 18]  # of a loop's parameters: drag, dry friction, stiction, presliding, drag that thins
 _LONGEST = 14  # and the longest substep, s
+_UNSEEN = 23  # N/m of the target that the proportional part does not see
 _SETTLED = 1e-3  # relative difference to dry friction at full slip below which it is that
 _STATE = 8  # [0] started [1] time [2] target [3] load [4] integral [5] position [6] velocity [7] dry friction
 
@@ -48,10 +49,11 @@ class AxisLoop(Wired):
     (runs on); relative change of the force constant ``slope`` 1/m and ``curvature`` 1/m². Grease that shear thins
     brakes with ``thinning`` N at 1 mm/s and with ``thinning_power`` of the speed, air that swirls with a power of 2.
     What rubs is of the axis ``alone`` (1 to 3), or of all (0).
-    ``fed`` N s/m (Kf) is the controller's force in proportion to the target's speed.
+    ``fed`` N s/m (Kf) is the controller's force in proportion to the target's speed, ``weight`` (b) the share of the
+    target that its proportional part sees (Åström and Hägglund, set-point weighting).
     ``lag`` s is how late the coil's force is: a card's cycle, its filters, the coil's current. It is short against the
-    loop's time constant, and taken to first order: F(t - lag) = F - lag F' takes lag Ki off Kp, lag Kp off Kd and Kf,
-    and lag Kd off the mass.
+    loop's time constant, and taken to first order: F(t - lag) = F - lag F' takes lag Ki off Kp, lag Kp off Kd,
+    lag b Kp off Kf, and lag Kd off the mass.
     ``spring`` N/m holds each axis towards zero: the stiffness that loops through a tissue assume of it
     (``robot.closed_loop``), so that only the difference is iterated. A step has ``most_substeps``, however long it is:
     where nodes are dense after kinks and wide elsewhere, few are enough.
@@ -73,6 +75,7 @@ class AxisLoop(Wired):
     carried: float = 0.0
     alone: int = 0
     fed: float = 0.0
+    weight: float = 1.0
     lag: float = 0.0
     thinning: float = 0.0
     thinning_power: float = 0.5
@@ -91,7 +94,8 @@ class AxisLoop(Wired):
             self.drag, self.coulomb, self.stiction, self.stribeck_speed, self.presliding,
             self.force_limit, self.windup, self.slope, self.curvature, self.spring,
             math.inf if linear else SUBSTEP, self.soft, self.carried, self.fed,
-            self.thinning, self.thinning_power, self.easing, self.most_substeps, self.fed - late * kp,
+            self.thinning, self.thinning_power, self.easing, self.most_substeps, self.fed - late * self.weight * kp,
+            (1.0 - self.weight) * kp,
         )  # fmt: skip
         return np.zeros((len(self.target), _STATE)), np.array(values)
 
@@ -106,6 +110,8 @@ class AxisLoop(Wired):
         for axis, (row, source, load, target) in enumerate(wires, start=1):
             out = np.empty(len(time))
             push = signals[load] if load in signals else np.zeros(len(time))
+            if self.weight != 1.0:  # the part of the target that the controller does not see is as a load
+                push = push - parameters[_UNSEEN] * signals[source]
             own = parameters if self.alone in (0, axis) else smooth
             _advance_axis(row, time, signals[source], push, own, out)
             signals[target] = out
@@ -210,8 +216,8 @@ def _glides(
     integral = ip0 - ahead * dt + (e[0, 0] * d0 + e[0, 1] * d1 + e[0, 2] * d2) * per_w
     x = target + ahead + e[1, 0] * d0 + e[1, 1] * d1 + e[1, 2] * d2
     v = rho + w * (e[2, 0] * d0 + e[2, 1] * d1 + e[2, 2] * d2)
-    before = kp * (s[2] - s[5]) + ki * s[4] - kd * s[6] + p[17] * rho
-    behind = kp * (target - x) + ki * integral - kd * v + p[17] * rho
+    before = kp * (s[2] - s[5]) + ki * s[4] - kd * s[6] + p[17] * rho - p[23] * s[2]
+    behind = kp * (target - x) + ki * integral - kd * v + p[17] * rho - p[23] * target
     if max(abs(before), abs(behind)) > p[9] - abs(p[16]):
         return False
     s[4], s[5], s[6] = integral, x, v
@@ -246,7 +252,7 @@ def _steady(
         before = kp * (s[2] - x) + ki * s[4]
         behind = kp * (target - x) + ki * integral
         pull = max(abs(before + ahead + s[3] - spring * x), abs(behind + ahead + load - spring * x))
-        if pull >= coulomb or max(abs(before + fed), abs(behind + fed)) > limit:
+        if pull >= coulomb or max(abs(before + fed - p[23] * s[2]), abs(behind + fed - p[23] * target)) > limit:
             return False
         s[4] = integral
         return True
@@ -266,8 +272,8 @@ def _steady(
     way = 1.0 if v > 0.0 else -1.0
     if min(way * v_new, way * middle) <= 0.0:
         return False
-    before = kp * (s[2] - x) + ki * s[4] - kd * v + fed
-    behind = kp * (target - x_new) + ki * integral - kd * v_new + fed
+    before = kp * (s[2] - x) + ki * s[4] - kd * v + fed - p[23] * s[2]
+    behind = kp * (target - x_new) + ki * integral - kd * v_new + fed - p[23] * target
     if max(abs(before), abs(behind)) > limit or abs(x_new) > _END_STOP:
         return False
     s[4], s[5], s[6] = integral, x_new, v_new
@@ -293,7 +299,7 @@ def _run(
     for k in range(steps):
         r0, r1 = s[2] + rho * h * k, s[2] + rho * h * (k + 1)
         error = r0 - s[5] + 0.5 * h * (rho - s[6])  # at the middle of the step, about its mean
-        force = kp * error + ki * (s[4] + 0.5 * h * error) - kd * s[6] + p[17] * rho
+        force = kp * error + ki * (s[4] + 0.5 * h * error) - kd * s[6] + p[17] * rho - p[23] * 0.5 * (r0 + r1)
         real = force * max(1.0 + slope * s[5] + curvature * s[5] * s[5], 0.05) + carried
         limited = abs(real) >= limit and soft == 0.0
         extra = (limit * math.tanh(real / limit) if soft > 0.0 else min(max(real, -limit), limit)) - carried - force

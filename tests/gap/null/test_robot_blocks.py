@@ -160,7 +160,7 @@ def test_what_the_transducers_get_wrong_misleads_the_load_on_the_axes() -> None:
     null = fit(axes)
     found = fit(axes, (candidate,), np.array([0.55]), null.nuisance)
     assert abs(candidate.values(found.unit)["error"] - 0.3) < 3 * np.sqrt(found.covariance[0, 0])
-    assert null.objective - found.objective > 10
+    assert null.objective - found.objective > 6
 
 
 def test_skin_of_a_simple_law_needs_nothing_wider() -> None:
@@ -285,6 +285,18 @@ def test_a_weighed_set_point_is_no_drag() -> None:
     assert axes.quantities(found.nuisance).keys() >= {"loop_gain_1", "loop_gain_3", "coil_lag"}
 
 
+def test_a_proportional_part_that_sees_less_of_the_set_point_is_sound() -> None:
+    """Outside authors' sound loops of weights .7 and .85 left gaps of 3 and 5."""
+    session = GroupedSession(own.robot_session(np.random.default_rng(5), []), QUANTITIES)
+    axes = AxesBlock(session, {})
+    weighed = axes.prior_mean.copy()
+    weighed[8] = -0.3
+    axes.measured = axes._predict(weighed, {})
+    found = fit(axes)
+    assert found.chi2 < 0.02 * len(found.residual)
+    assert axes.quantities(found.nuisance)["setpoint_weight"][0] == pytest.approx(0.7, abs=0.05)
+
+
 def test_a_loop_of_the_other_gains_that_damps_the_position_is_known() -> None:
     """Taken for another structure its tolerances are strained, and no effect is found beside them."""
     session = GroupedSession(own.robot_session(np.random.default_rng(5), []), QUANTITIES)
@@ -296,7 +308,7 @@ def test_a_loop_of_the_other_gains_that_damps_the_position_is_known() -> None:
     controller = min(CONTROLLERS, key=lambda c: tried[c].objective)
     assert controller == replace(gains, on_error=False)
     assert tried[controller].penalty < 0.1
-    assert all(f.objective > 10.0 for c, f in tried.items() if c is not controller)
+    assert all(f.objective > 5.0 for c, f in tried.items() if c is not controller)
 
 
 def _off_by(newton: float, key: str, axis: int) -> tuple[ArithmeticBlock, Candidate, Fit]:

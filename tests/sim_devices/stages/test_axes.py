@@ -26,13 +26,16 @@ def moved(time: FloatArray, **rubbing: float) -> FloatArray:
     return signals["axis_1"]
 
 
-def integrated(time: FloatArray, brake: Callable[[FloatArray], float], rate: Rate | None = None) -> FloatArray:
+def integrated(
+    time: FloatArray, brake: Callable[[FloatArray], float], rate: Rate | None = None, weight: float = 1.0
+) -> FloatArray:
     """Positions (n,) m of such an axis under a braking force, N, of its state (integral, position, speed and, with a
-    ``rate`` of it, friction)."""
+    ``rate`` of it, friction), whose proportional part sees ``weight`` of the target."""
 
     def slope(t: float, s: FloatArray) -> list[float]:
-        error = np.interp(t, CORNERS, WAY) - s[1]
-        force = KP * error + KI * s[0] - KD * s[2] - brake(s)
+        target = np.interp(t, CORNERS, WAY)
+        error = target - s[1]
+        force = KP * (weight * target - s[1]) + KI * s[0] - KD * s[2] - brake(s)
         return [error, s[2], force / MASS, *([rate(s)] if rate else [])]
 
     out, state = np.zeros(len(time)), np.zeros(4 if rate else 3)
@@ -84,3 +87,18 @@ def test_what_sticks_breaks_away_at_the_stiction() -> None:
     for speed in (1e-4, 1e-3):
         there = moved(time, coulomb=coulomb, stiction=stiction, stribeck_speed=speed)
         assert abs(time[np.argmax(there > 1e-7)] - breaks) < 3e-3
+
+
+@pytest.mark.parametrize("more", [{}, {"slope": 1e-9}, {"coulomb": 1e-9}], ids=["exact", "substeps", "dry"])
+def test_a_set_point_that_is_weighed_follows_its_equation(more: dict[str, float]) -> None:
+    time = np.arange(0, 3, 1e-3)
+    weighed, expected = moved(time, weight=0.7, **more), integrated(time, lambda s: 0.0, weight=0.7)
+    assert weighed == pytest.approx(expected, abs=3e-8)
+    assert np.abs(weighed - moved(time)).max() > 5e-6
+
+
+def test_a_coil_meets_its_limit_by_the_force_that_a_weighed_set_point_asks_for() -> None:
+    time = np.arange(0, 3, 1e-3)
+    free = moved(time, weight=0.0)
+    # Proportional and integral part are newtons there, and nearly cancel.
+    assert moved(time, weight=0.0, force_limit=0.02) == pytest.approx(free, abs=1e-12)
