@@ -212,7 +212,7 @@ def _first_curve(recording: Recording) -> list[Flag]:
 
 
 def _before(height: Series, onset: float) -> float:
-    """The height at an onset of suction; where heights come before their command (lost frames), that of 0.4 s before."""
+    """The height at an onset of suction; where heights come before it (lost frames), that of 0.4 s before."""
     earlier = height.value[(height.time > onset - 0.6) & (height.time < onset - 0.2)]
     there = float(np.interp(onset, height.time, height.value))
     return min(there, float(np.median(earlier))) if len(earlier) else there

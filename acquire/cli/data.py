@@ -102,7 +102,9 @@ def report(
 def import_(
     source: Annotated[
         Path,
-        typer.Argument(help="A bundle's folder or recording.yaml, or a folder of bundles; with --map an exported table."),
+        typer.Argument(
+            help="A bundle's folder or recording.yaml, or a folder of bundles; with --map an exported table."
+        ),
     ],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the recording, or its file name.")] = DEFAULT,
     column_map: Annotated[

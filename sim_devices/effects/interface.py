@@ -159,19 +159,19 @@ def _rim_friction(chain: Chain, v: Values) -> Chain:
 
 
 def _rim_leak(chain: Chain, v: Values) -> Chain:
+    """What flows in at the rim flows through the hose, at whose end there is less suction: a manometer at the probe
+    sees that, the gauge at the other end does not."""
     if chosen(v, "form") == 1:
-        return map_after(chain, "probe", "rim_leak", "interface", tilted_pressure, (v["share"] * PRESSURE,))
+        return map_after(chain, "hose", "rim_leak", "interface", tilted_pressure, (v["share"] * PRESSURE,))
     if chosen(v, "form") == 2:
         spell = (-v["share"], v["moment"], v["duration"])
-        return map_after(chain, "probe", "rim_leak", "interface", laws.gain_for_a_while, spell)
+        return map_after(chain, "hose", "rim_leak", "interface", laws.gain_for_a_while, spell)
     if chosen(v, "form") == 4:
-        return law_after(chain, "probe", "rim_leak", "interface", kernels.sealing, (v["share"], v["seal"], DRAWN))
+        return law_after(chain, "hose", "rim_leak", "interface", kernels.sealing, (v["share"], v["seal"], DRAWN))
     if chosen(v, "form") == 3:
-        # Flow through the hose to a leak at its end: less suction than at the gauge, and later, to a manometer as well.
         lost = kernels.prony, (0.0, 1.0 - v["share"], v["tau"])
-        chain = law_after(chain, "probe", "rim_leak", "interface", *lost)
-        return law_after(chain, "manometer", "hose_leak", "interface", *lost)
-    return map_after(chain, "probe", "rim_leak", "interface", laws.leak, (v["share"], v["exponent"], PRESSURE))
+        return law_after(chain, "hose", "rim_leak", "interface", *lost)
+    return map_after(chain, "hose", "rim_leak", "interface", laws.leak, (v["share"], v["exponent"], PRESSURE))
 
 
 def _tilt(chain: Chain, v: Values) -> Chain:
@@ -185,7 +185,7 @@ def _tilt(chain: Chain, v: Values) -> Chain:
         )
     chain = map_after(chain, "optics", "probe_tilt", "interface", laws.gain, (math.cos(2 * v["angle"]) - 1.0,))
     seal = v["seal"] * v["angle"]
-    return map_after(chain, "probe", "probe_tilt_seal", "interface", tilted_pressure, (seal,)) if seal > 0.01 else chain
+    return map_after(chain, "hose", "probe_tilt_seal", "interface", tilted_pressure, (seal,)) if seal > 0.01 else chain
 
 
 def _recoil(chain: Chain, v: Values) -> Chain:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from protocols.specimens import GRAVITY, SPECIMENS, stated
+from sim_devices.effects import effects
 from sim_devices.stages import nominal
 from sim_devices.stages.robot import closed_loop
 from sim_devices.stages.specimens import SLID_IN, SLIDE, mounted
@@ -77,3 +78,14 @@ def test_what_cannot_be_simulated_is_told() -> None:
         with pytest.raises(ValueError, match=words):
             mounted(nominal(instrument), specimen, {})
     assert set(SPECIMENS) > {"open air"}
+
+
+def test_a_second_gauge_at_the_probe_sees_what_the_rim_loses() -> None:
+    """An outside author's leak on skin was read by a manometer at the probe, which counted as one at the line."""
+    time = np.linspace(0.0, 4.0, 401)
+    asked = {"command_pressure": np.where(time > 0.5, -30e3, 0.0)}
+    leaking = effects("cutometer")["rim_leak"].apply(nominal("cutometer"), {"share": 0.05, "exponent": 0.0})
+    made = leaking.run(time, asked)
+    assert made["pressure_reference"][-1] == pytest.approx(0.95 * made["line_pressure"][-1])
+    assert made["skin_pressure"][-1] == made["pressure_reference"][-1]
+    assert made["pressure"][-1] == pytest.approx(made["line_pressure"][-1])

@@ -103,5 +103,7 @@ def test_an_opening_that_is_not_the_assumed_one_is_remarked_upon(protocol: str, 
 def test_an_opening_is_taken_from_the_calibration_before_the_protocol() -> None:
     r = recording()
     known = {"opening": {"value": 4.0, "unit": "mm", "provenance": "measured"}}
-    assert stated_opening(replace(r, info=replace(r.info, calibration=known, protocol="setup: {opening: 2 mm}"))) == 4e-3
+    assert (
+        stated_opening(replace(r, info=replace(r.info, calibration=known, protocol="setup: {opening: 2 mm}"))) == 4e-3
+    )
     assert np.isnan(stated_opening(replace(r, info=replace(r.info, calibration={"opening": {"value": "wide"}}))))
