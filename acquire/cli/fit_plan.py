@@ -36,6 +36,7 @@ def plan(
     instrument = _instrument(data, fitted)
     factors = _numbers("--levels", levels)
     diameters = _numbers("--openings", openings) or (None,)
+    fitted_with = _geometry(data)
     experiments: dict[str, tuple[Any, float]] = {}
     left_out: dict[str, str] = {}
     for name, one in _protocols(protocol, instrument).items():
@@ -43,7 +44,7 @@ def plan(
             for diameter in diameters:
                 label = name + (f" x {factor:g}" if factor != 1.0 else "") + (f", {diameter:g} mm" if diameter else "")
                 try:
-                    experiments[label] = _experiment(solver, instrument, one, factor, diameter, label)
+                    experiments[label] = _experiment(solver, instrument, one, factor, diameter, label, fitted_with)
                 except ValueError as error:  # beyond the instrument's limits, say: no candidate
                     left_out[label] = str(error).splitlines()[0]
     if not experiments:
@@ -84,6 +85,13 @@ def _instrument(data: dict[str, Any], path: Path) -> str:
     return kinds[0]
 
 
+def _geometry(data: dict[str, Any]) -> dict[str, float]:
+    """The opening or the hole that the fit took: its first recording's."""
+    recordings: list[dict[str, Any]] = data.get("recordings", [])
+    own = recordings[0].get("geometry", {}) if recordings else {}
+    return {name: float(own[name]) for name in ("opening_radius", "opening", "hole_radius") if name in own}
+
+
 def _numbers(option: str, text: str) -> tuple[float, ...]:
     try:
         found = tuple(float(part) for part in text.split(",") if part.strip())
@@ -103,9 +111,16 @@ def _protocols(names: list[str] | None, instrument: str) -> dict[str, Protocol]:
 
 
 def _experiment(
-    solver: Any, instrument: str, protocol: Protocol, factor: float, diameter: float | None, label: str
+    solver: Any,
+    instrument: str,
+    protocol: Protocol,
+    factor: float,
+    diameter: float | None,
+    label: str,
+    geometry: dict[str, float],
 ) -> tuple[Any, float]:
-    """A protocol's set-points, scaled, as the solver's experiment; with its minutes."""
+    """A protocol's set-points, scaled, as the solver's experiment; with its minutes. ``geometry`` is the fit's own,
+    for what neither the protocol nor the ``diameter`` to try says."""
     import numpy as np
 
     from acquire.cli.check import limits_of
@@ -120,7 +135,9 @@ def _experiment(
     drive = {quantity: points for quantity, points in setpoints.at(time).items() if quantity in DRIVES}
     setup = getattr(protocol, "setup", None)
     opening = 1e-3 * diameter if diameter else getattr(setup, "opening", None)
-    geometry = {"opening_radius": 0.5 * float(opening)} if opening and "pressure" in drive else {}
+    if opening and "pressure" in drive:
+        option = "opening" if "opening" in geometry else "opening_radius"  # of a fingertip, of a suction model
+        geometry = {**geometry, option: 0.5 * float(opening)}
     return solver.experiment(instrument, time, drive, geometry, label), setpoints.duration / 60.0
 
 

@@ -33,6 +33,7 @@ from skinrig_solver.fit import FitError, FitResult, fit
 from skinrig_solver.fit.cases import DRIVES, MEASURED_AS, cases
 from skinrig_solver.fit.problem import Problem
 from skinrig_solver.fit.statistics import Estimate
+from skinrig_solver.suction.models import SuctionModel
 
 LEVEL = 2.0 * float(stats.norm.sf(3.0))  # how often a fit may miss by chance: as one parameter misses three errors
 UNIT = {"pressure": "Pa", "apex_height": "m"}
@@ -138,11 +139,18 @@ class Setting:
         """Fit noisy recordings from starts ``wrong`` off, up or down at random."""
         random = np.random.default_rng([seed, 1])
         starts = {s: v * (1.0 + wrong * random.choice([-1.0, 1.0])) for s, v in self.truth.items()}
-        geometry = self.experiments[0].geometry
+        geometry = {**self._opening(), **self.experiments[0].geometry}
         parameters = {s: {"start": v} for s, v in starts.items()}
         spec = {"model": self.model, "parameters": parameters, "geometry": geometry}
         tight = {"tolerance": 1e-7}  # stopping early must not be taken for noise
         return fit(self.recordings(seed, noise), spec | tight | options)
+
+    def _opening(self) -> dict[str, Any]:
+        """That which the model simulates where nobody says another: its paper's."""
+        model = models()[self.model]
+        if not isinstance(model, SuctionModel):
+            return {}
+        return {"opening_radius": model.defaults[self.experiments[0].instrument]["opening_radius"]}
 
     def recordings(self, seed: int, noise: float) -> list[Recording]:
         """Of every experiment, with noise of its own."""

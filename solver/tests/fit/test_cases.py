@@ -96,7 +96,7 @@ def test_options_reach_the_recordings_they_mean(record: Record) -> None:
     found = made(recordings, recordings={"aspiration": wide, "run-0": {"weight": 4}, "3": {"skip": True}})
     assert [c.label for c in found] == ["run-0", "run-1"]
     assert found[0].weight["apex_height"][0] == 2.0
-    assert found[1].experiment.geometry == {"radius": 50e-3}
+    assert found[1].experiment.geometry == {"radius": 50e-3, "opening_radius": 4e-3}
     with pytest.raises(RecordingError, match=r"recordings\.forehead: fits none of"):
         made(recordings, recordings={"forehead": {"skip": True}})
     assert [c.label for c in made([record(TRUTH), record(TRUTH)])] == ["run-0", "run-0'"]

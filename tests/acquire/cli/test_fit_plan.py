@@ -76,6 +76,18 @@ def test_the_library_of_the_instrument_is_the_default(fitted: Path, capsys: Any)
     assert not any("aspiration" in name or "microrobot" in name for name in names)
 
 
+def test_the_fits_own_opening_stands_where_a_protocol_says_none(fitted: Path, tmp_path: Path, capsys: Any) -> None:
+    recording = {"instrument": "cutometer", "geometry": {"opening_radius": 3e-3, "mesh": 0.5}}
+    fitted.write_text(json.dumps({"schema": "skinrig-fit/1", "model": "suction", "recordings": [recording]}))
+    protocol = tmp_path / "bare.yaml"
+    steps = "steps: [{type: hold, suction: 200 mbar, duration: 5 s}]"
+    protocol.write_text(f"schema: protocol/1\nname: bare\ninstrument: cutometer\n{steps}\n")
+    asked = ["fit", "plan", str(fitted), "-p", "G", "--protocol", str(protocol), "--json"]
+    assert app.run(asked) == app.DONE, capsys.readouterr().err
+    (row,) = json.loads(capsys.readouterr().out)["candidates"]
+    assert row["trouble"] == ""
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

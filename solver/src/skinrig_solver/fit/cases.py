@@ -1,22 +1,21 @@
 """From recordings to cases: the drive of a model and the data it is compared with.
 
-Recordings are duck-typed: ``info`` (id, instrument, protocol), ``streams`` and ``setpoints``, mappings of series with
-``time``, ``value`` and ``unit`` in SI.
+Recordings are duck-typed: ``info`` (id, instrument, and what `stated` reads), ``streams`` and ``setpoints``, mappings
+of series with ``time``, ``value`` and ``unit`` in SI.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatch
 from typing import Any
 
 import numpy as np
-import yaml
 
 from ..api import Array, Experiment, Instrument, ModelInfo
-from . import units
 from .spec import Options, Spec
+from .stated import Given, Setup, setup
 
 DRIVES = {"suction": ("pressure",), "finger": ("pressure",), "sheet": ("probe_x", "probe_y", "probe_z")}
 INSTRUMENTS: dict[str, tuple[Instrument, ...]] = {
@@ -40,7 +39,7 @@ class Case:
 
     ``data``, ``scale`` and ``weight`` are keyed by the model's channel: measured values (n,) in SI, what residuals are
     divided by (the largest measured value of each force component, paper M), and the square root of each sample's
-    weight (n,). ``note`` says how the recorded samples were prepared.
+    weight (n,). ``note`` says how the recorded samples were prepared, ``setup`` what is known of the set-up.
     """
 
     label: str
@@ -49,6 +48,11 @@ class Case:
     scale: Mapping[str, float]
     weight: Mapping[str, Array]
     note: str = ""
+    setup: Setup = field(default_factory=Setup)
+
+    def values(self, parameters: Mapping[str, float]) -> dict[str, float]:
+        """The model's parameters for this recording: those of the fit, and what its own set-up says of held ones."""
+        return {**parameters, **self.setup.parameters}
 
     @property
     def size(self) -> int:
@@ -103,16 +107,23 @@ def _case(recording: Any, label: str, spec: Spec, info: ModelInfo, options: Sequ
     time, data, drive = reduce(time, data, drive, -(-sampled // spec.samples))
     if time.size < sampled:
         notes.append(f"{time.size} of {sampled} samples, {reduce.__doc__}".rstrip("."))
-    geometry: dict[str, Any] = {**setup(recording.info.protocol, info.problem), **spec.geometry}
-    weight = 1.0
-    for option in options:
-        geometry.update(option.geometry)
-        weight *= option.weight
+    weight = float(np.prod([option.weight for option in options]))
+    known = setup(recording.info, info, given_by(spec, info, options))
     origin = float(time[0]) if spec.phase_origin == "recording" else _loading(time, drive)
     of_phase = _phase_weights(time - origin, spec)
-    experiment = Experiment(instrument, time - time[0], drive, geometry, label)
+    experiment = Experiment(instrument, time - time[0], drive, known.geometry, label)
     weights = {c: np.sqrt(weight * spec.channels.get(c, 1.0) * of_phase) for c in data}
-    return Case(label, experiment, data, _scales(label, data), weights, "; ".join(notes))
+    return Case(label, experiment, data, _scales(label, data), weights, "; ".join(notes), known)
+
+
+def given_by(spec: Spec, info: ModelInfo, options: Sequence[Options] = ()) -> Given:
+    """What a specification says of a recording's set-up."""
+    geometry = dict(spec.geometry)
+    for option in options:
+        geometry.update(option.geometry)
+    variables = spec.variables(info)
+    held = {s: variables.held[s] for s in spec.parameters if s not in variables.wanted}
+    return Given(geometry, held, variables.wanted)
 
 
 def _channels(spec: Spec, info: ModelInfo) -> list[str]:
@@ -216,19 +227,6 @@ def _averaged(time: Array, data: dict[str, Array], drive: dict[str, Array], grou
 def _picked(time: Array, data: dict[str, Array], drive: dict[str, Array], group: int) -> _Curves:
     """evenly picked."""  # steps of suction must stay steps
     return time[::group], {k: v[::group] for k, v in data.items()}, {k: v[::group] for k, v in drive.items()}
-
-
-def setup(protocol: str | None, problem: str) -> dict[str, float]:
-    """The instrument's opening or the support's hole, by a protocol's text."""
-    try:
-        setup = (yaml.safe_load(protocol or "") or {}).get("setup") or {}
-        if problem == "suction" and setup.get("opening") is not None:
-            return {"opening_radius": 0.5 * units.read(setup["opening"], "m", "setup.opening")}
-        if problem == "sheet" and setup.get("hole_radius") is not None:
-            return {"hole_radius": units.read(setup["hole_radius"], "m", "setup.hole_radius")}
-    except (yaml.YAMLError, ValueError, AttributeError):
-        pass  # protocols of other rigs are kept verbatim in recordings: they may be anything
-    return {}
 
 
 def _loading(time: Array, drive: Mapping[str, Array]) -> float:

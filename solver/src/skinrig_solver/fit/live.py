@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,11 @@ from ..api import Array, Experiment, Instrument, Model
 from ..emulator import Emulator, Region, Solve, train
 from ..registry import models
 from . import units
-from .cases import DRIVES, INSTRUMENTS, MEASURED_AS, Case, setup
+from .cases import DRIVES, INSTRUMENTS, MEASURED_AS, Case, given_by
 from .features import relaxes_wholly, series
 from .ranges import as_curve, box, region_of
 from .spec import Spec, read_spec
+from .stated import setup
 from .statistics import AT_BOUND, POORLY, samples_as_one
 from .target import full_solve
 
@@ -106,11 +108,12 @@ class LiveFit:
         every = np.union1d(self.time, time)  # a rise that is faster than the times compared stays one
         self._shown = np.searchsorted(every, self.time)
         drive = {name: np.interp(every, time, setpoints[name]) for name in DRIVES[info.problem]}
-        geometry = {**COARSER.get(info.problem, {}), **setup(protocol, info.problem), **spec.geometry}
+        known = setup(SimpleNamespace(instrument=instrument, protocol=protocol), info, given_by(spec, info))
+        geometry = {**COARSER.get(info.problem, {}), **known.geometry}
         experiment = Experiment(instrument, every, drive, geometry, "live")
         channels = info.channels
         each, weight = dict.fromkeys(channels, 0.0 * every), dict.fromkeys(channels, 0.0 * every + 1.0)
-        self.case = Case("live", experiment, each, dict.fromkeys(channels, 1.0), weight)
+        self.case = Case("live", experiment, each, dict.fromkeys(channels, 1.0), weight, setup=known)
         self._sums = {name: np.zeros((2, self.time.size)) for name in (*map(measured, channels), *drive)}
         self._scale = np.ones(len(channels) * self.time.size)
         self._solves: list[Solve] = []

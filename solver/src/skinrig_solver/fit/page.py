@@ -57,6 +57,7 @@ def render(result: FitResult) -> str:
                 {
                     "label": label,
                     "note": result.notes[label],
+                    "setup": result.setups[label].in_words(),
                     "curves": figures.as_image(figures.curves(result, label)),
                     "meshes": [
                         {

@@ -26,7 +26,7 @@ def pictures(problem: Problem, values: Mapping[str, float]) -> dict[str, tuple[F
         experiment = replace(
             case.experiment, snapshots=(largest_load(case.experiment), float(case.experiment.time[-1]))
         )
-        result = simulate(problem.model, experiment, values, ())
+        result = simulate(problem.model, experiment, case.values(values), ())
         found[case.label] = () if isinstance(result, str) else result.fields
     return found
 
@@ -52,6 +52,7 @@ def write_fields(result: FitResult, folder: Path, times: Sequence[float] = ()) -
         names.add(name)
         even = np.linspace(experiment.time[0], experiment.time[-1], FRAMES)
         moments = tuple(times) or tuple(sorted({*even.tolist(), largest_load(experiment)}))
-        run = result.model.simulate(replace(experiment, snapshots=moments), result.parameters)
+        values = {**result.parameters, **result.setups[label].parameters}
+        run = result.model.simulate(replace(experiment, snapshots=moments), values)
         files += write(run.fields, folder, name)
     return files

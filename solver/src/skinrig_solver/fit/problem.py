@@ -113,7 +113,7 @@ class Problem:
         return evaluation
 
     def _run(self, values: Mapping[str, float], wanted: Sequence[str]) -> list[Any]:
-        runs = [(self.model, case.experiment, values, wanted) for case in self.cases]
+        runs = [(self.model, case.experiment, case.values(values), wanted) for case in self.cases]
         if self.executor is None or len(runs) == 1:
             results = [simulate(*run) for run in runs]
         else:

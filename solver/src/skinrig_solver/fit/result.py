@@ -13,6 +13,7 @@ from ..api import Array, Experiment, Field, Model, ModelInfo
 from . import units
 from .posterior import Posterior
 from .spec import Spec
+from .stated import Setup
 from .statistics import Estimate
 
 SCHEMA = "skinrig-fit/1"
@@ -66,7 +67,7 @@ class FitResult:
     """The outcome. ``parameters`` holds all of the model's; ``vaf`` is over all curves as the fit weighs them.
 
     ``trusted`` is False where the model leaves more than noise of the data (statistics.misfit): no parameter is then
-    called identifiable.
+    called identifiable. ``setups`` says, by the recording's label, which opening and force were taken, and why.
 
     ``correlation`` (m, m) and ``covariance`` (m, m; natural units) are in the order of ``estimates``. ``drives``,
     ``fields`` and ``experiments`` are keyed by the recording's label; ``model`` is the one that was fitted.
@@ -86,6 +87,7 @@ class FitResult:
     experiments: Mapping[str, Experiment]
     model: Model
     notes: Mapping[str, str]
+    setups: Mapping[str, Setup]
     starts: tuple[Start, ...]
     stages: tuple[str, ...]
     converged: bool
@@ -144,7 +146,14 @@ class FitResult:
             | ({"data": c.data, "model": c.model, "residual": c.residual} if curves else {})
             for c in own
         }
-        found = {"id": label, "instrument": own[0].instrument, "note": self.notes[label], "channels": channels}
+        found = {
+            "id": label,
+            "instrument": own[0].instrument,
+            "note": self.notes[label],
+            "setup": [fact.as_dict() for fact in self.setups[label].facts],
+            "geometry": self.experiments[label].geometry,
+            "channels": channels,
+        }
         return found | ({"time": own[0].time, "drive": self.drives[label]} if curves else {})
 
     def in_words(self) -> str:
@@ -159,8 +168,16 @@ class FitResult:
             error = "?" if not np.isfinite(e.standard_error) else units.show(e.standard_error, e.unit, 2)
             state = f"at its {e.at} bound" if e.at else "" if e.identifiable else "not identifiable"
             lines.append(f"  {e.free.symbol:<{size}}  {units.show(e.value, e.unit):>12} ± {error:<12} {state}".rstrip())
+        lines += self._set_ups()
         lines += [f"! {warning}" for warning in self.warnings]
         return "\n".join(lines if self.posterior is None else [*lines, "", self.posterior.in_words()])
+
+    def _set_ups(self) -> list[str]:
+        """A line for all recordings of one set-up: what was taken, and who says so."""
+        alike: dict[str, list[str]] = {}
+        for label, one in self.setups.items():
+            alike.setdefault(one.in_words(), []).append(label)
+        return [f"set-up of {', '.join(labels)}: {words}" for words, labels in alike.items() if words]
 
     def write_page(self, path: Path | str) -> Path:
         """Write one self-contained HTML page. Raises ImportError naming what the page needs; OSError."""

@@ -23,6 +23,7 @@ from .profile import profiles
 from .result import Curve, Effort, FitResult, Start
 from .ridge import widened
 from .spec import Spec, SpecError, Stage, load_spec, read_spec
+from .stated import common, remarks
 from .statistics import Uncertainty, doubts, estimates, misfit, uncertainty, vaf
 from .target import Noise
 from .variables import Variables
@@ -199,17 +200,19 @@ def _result(
     ]
     explained = vaf(best.residual, problem.scaled_data())
     fault = misfit(known, explained)
-    warnings = _warnings(optimum, [*known.warnings, *doubts(found)], starts, fault)
     if fault:
         found = [replace(e, identifiable=False) for e in found]
     values = problem.variables.values(best.z)
+    setups = {case.label: case.setup for case in problem.cases}
+    about = [*known.warnings, *doubts(found), *remarks(setups)]
+    warnings = _warnings(optimum, about, starts, fault)
     slope = np.array([f.slope(values[f.symbol]) for f in problem.variables.free])
     tally = problem.tally
     return FitResult(
         info=variables.info,
         spec=spec,
         estimates=tuple(found),
-        parameters=values,
+        parameters=values | common([one.parameters for one in setups.values()]),
         covariance=known.covariance * np.outer(slope, slope),
         correlation=known.correlation,
         vaf=explained,
@@ -220,6 +223,7 @@ def _result(
         experiments={case.label: case.experiment for case in problem.cases},
         model=models()[problem.model] if isinstance(problem.model, str) else problem.model,
         notes={case.label: case.note for case in problem.cases},
+        setups=setups,
         starts=starts,
         stages=stages,
         converged=optimum.converged,

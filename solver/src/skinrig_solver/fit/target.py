@@ -217,7 +217,7 @@ def full_solve(model: str | Model, cases: Sequence[Case], variables: Variables, 
     chain = variables.chain(values)
     curves, slopes = [], []
     for case in cases:
-        result = simulate(model, replace(case.experiment, snapshots=()), values, variables.wanted)
+        result = simulate(model, replace(case.experiment, snapshots=()), case.values(values), variables.wanted)
         if isinstance(result, str):
             return None
         assert result.sensitivities is not None

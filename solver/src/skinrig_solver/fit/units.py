@@ -7,7 +7,7 @@ import re
 UNITS: dict[str, dict[str, float]] = {
     "": {"": 1.0, "%": 1e-2},
     "Pa": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "mbar": 1e2, "bar": 1e5},
-    "m": {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6},
+    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6},
     "s": {"s": 1.0, "ms": 1e-3, "min": 60.0},
     "N": {"N": 1.0, "mN": 1e-3},
     "Hz": {"Hz": 1.0, "kHz": 1e3, "1/s": 1.0},
