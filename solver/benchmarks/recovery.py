@@ -142,7 +142,7 @@ class Setting:
         geometry = {**self._opening(), **self.experiments[0].geometry}
         parameters = {s: {"start": v} for s, v in starts.items()}
         spec = {"model": self.model, "parameters": parameters, "geometry": geometry}
-        tight = {"tolerance": 1e-7}  # stopping early must not be taken for noise
+        tight = {"tolerance": 1e-7, "zero": "fixed"}  # stopping early must not be taken for noise; the zero is exact
         return fit(self.recordings(seed, noise), spec | tight | options)
 
     def _opening(self) -> dict[str, Any]:
@@ -214,10 +214,10 @@ ALL = (
 
 def verdict(setting: Setting, result: FitResult, recordings: Sequence[Recording]) -> dict[str, Any]:
     """One fit in plain data. ``outcome``: 'found' (every parameter called identifiable lies within `joint_bound`),
-    'told' (not to be trusted, or nothing called identifiable), or 'wrong'."""
+    'told' (the model leaves more than noise, or nothing is called identifiable), or 'wrong'."""
     errors = setting.errors(result)
     farthest = max((abs(x) for x in errors.values()), default=0.0)
-    told = not result.trusted or not errors
+    told = not result.describes or not errors
     bound = joint_bound(len(errors), sum(c.data.size for c in result.curves) - len(result.estimates))
     return {
         "outcome": "told" if told else "found" if farthest <= bound else "wrong",

@@ -44,11 +44,11 @@ class Curve:
         return answer(time, *self.formula(self.info.complete(parameters), time / time[-1]), sensitivities)
 
     def fit(self, truth: Mapping[str, float], noise: float, seed: int, size: int = 300, **spec: Any) -> FitResult:
-        """A fit of ``size`` samples with white ``noise`` [m]."""
+        """A fit of ``size`` samples with white ``noise`` [m] and of a known zero."""
         time = np.linspace(0.0, 1.0, size)
         height = self.simulate(Experiment("cutometer", time, {"pressure": -1e4 * time}), truth).channels["apex_height"]
         height = height + noise * np.random.default_rng(seed).standard_normal(time.size)
-        return fit([suction("run", "cutometer", time, -1e4 * time, height)], spec, model=self)
+        return fit([suction("run", "cutometer", time, -1e4 * time, height)], {"zero": "fixed", **spec}, model=self)
 
 
 @pytest.fixture

@@ -126,7 +126,8 @@ def test_a_linear_model_has_the_posterior_of_the_closed_form(dashpot: Any, recor
     """b and c enter linearly: with normal priors the posterior is normal, and so is its evidence known."""
     prior = {"b": (1e-5, 4e-6), "c": (5e-5, 3e-6)}
     free: dict[str, Any] = {n: {"start": m, "prior": {"normal": {"mean": m, "sd": s}}} for n, (m, s) in prior.items()}
-    spec = read_spec({"model": "dashpot", "parameters": {"a": 1e-4, "tau": 1.5, **free}}, dashpot.info)
+    known = {"zero": "fixed", "parameters": {"a": 1e-4, "tau": 1.5, **free}}
+    spec = read_spec({"model": "dashpot", **known}, dashpot.info)
     problem = Problem(dashpot, cases([record(TRUTH, noise=0.3)], spec, dashpot.info), spec.variables(dashpot.info))
     noise = Noise((4e-5,), (1.0,))
     here = problem.evaluate(problem.variables.start)

@@ -57,6 +57,7 @@ def test_processes_give_what_one_process_gives() -> None:
         "model": "suction_yeoh_qlv",
         "parameters": {"G": {"start": 2.5e4}, "c20": {"start": 2e4}, "g1": YEOH["g1"], "tau1": YEOH["tau1"]},
         "geometry": {"mesh": 0.4, "steps": 0.5},
+        "recordings": {"cutometer": {"geometry": {"opening_radius": 2e-3}}},  # as simulated
     }
     solver = SkinrigSolver()
     alone = solver.fit(recordings, spec)

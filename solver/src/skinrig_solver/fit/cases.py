@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..api import Array, Experiment, Instrument, ModelInfo
+from .noise import white_noise
 from .spec import Options, Spec
 from .stated import Given, Setup, setup
 
@@ -24,6 +25,7 @@ INSTRUMENTS: dict[str, tuple[Instrument, ...]] = {
     "sheet": ("microrobot",),
 }
 MEASURED_AS = {"deflection": "apex_height"}  # channels of models that recordings know under another name
+HEIGHTS = ("apex_height", "deflection")  # channels whose zero is that of one reading, or of a moment's mean
 LOAD = 0.05  # of the largest drive: where the load begins
 IDLE = 0.1  # of the largest component: a smaller one is scaled by this, so that its noise does not count as signal
 _UNIT = {"pressure": "Pa", "force_x": "N", "force_y": "N", "force_z": "N"}  # all others are metres
@@ -39,7 +41,8 @@ class Case:
 
     ``data``, ``scale`` and ``weight`` are keyed by the model's channel: measured values (n,) in SI, what residuals are
     divided by (the largest measured value of each force component, paper M), and the square root of each sample's
-    weight (n,). ``note`` says how the recorded samples were prepared, ``setup`` what is known of the set-up.
+    weight (n,). Curves in ``floating`` have an unknown zero; ``drive_noise`` is the white noise of each measured drive
+    [SI]. ``note`` says how the recorded samples were prepared, ``setup`` what is known of the set-up.
     """
 
     label: str
@@ -49,6 +52,8 @@ class Case:
     weight: Mapping[str, Array]
     note: str = ""
     setup: Setup = field(default_factory=Setup)
+    floating: tuple[str, ...] = ()
+    drive_noise: Mapping[str, float] = field(default_factory=dict)
 
     def values(self, parameters: Mapping[str, float]) -> dict[str, float]:
         """The model's parameters for this recording: those of the fit, and what its own set-up says of held ones."""
@@ -101,10 +106,12 @@ def _case(recording: Any, label: str, spec: Spec, info: ModelInfo, options: Sequ
         )
     series = {c: _stream(recording, label, MEASURED_AS.get(c, c)) for c in _channels(spec, info)}
     time, data = _common(label, series)
-    drive, notes = _driven(recording, label, DRIVES[info.problem], spec.drive, time)
+    drive, drive_noise, notes = _driven(recording, label, DRIVES[info.problem], spec.drive, time)
     sampled = time.size
-    reduce = _averaged if info.problem == "sheet" else _picked
-    time, data, drive = reduce(time, data, drive, -(-sampled // spec.samples))
+    reduce, group = _averaged if info.problem == "sheet" else _picked, -(-sampled // spec.samples)
+    time, data, drive = reduce(time, data, drive, group)
+    if reduce is _averaged:
+        drive_noise = {name: sd / np.sqrt(group) for name, sd in drive_noise.items()}
     if time.size < sampled:
         notes.append(f"{time.size} of {sampled} samples, {reduce.__doc__}".rstrip("."))
     weight = float(np.prod([option.weight for option in options]))
@@ -113,7 +120,8 @@ def _case(recording: Any, label: str, spec: Spec, info: ModelInfo, options: Sequ
     of_phase = _phase_weights(time - origin, spec)
     experiment = Experiment(instrument, time - time[0], drive, known.geometry, label)
     weights = {c: np.sqrt(weight * spec.channels.get(c, 1.0) * of_phase) for c in data}
-    return Case(label, experiment, data, _scales(label, data), weights, "; ".join(notes), known)
+    floating = tuple(c for c in data if spec.zero == "free" or (spec.zero == "auto" and c in HEIGHTS))
+    return Case(label, experiment, data, _scales(label, data), weights, "; ".join(notes), known, floating, drive_noise)
 
 
 def given_by(spec: Spec, info: ModelInfo, options: Sequence[Options] = ()) -> Given:
@@ -146,15 +154,20 @@ def _scales(label: str, data: Mapping[str, Array]) -> dict[str, float]:
 
 def _driven(
     recording: Any, label: str, names: Sequence[str], wanted: str, time: Array
-) -> tuple[dict[str, Array], list[str]]:
-    """The drives at ``time``, and notes of those that were not measured."""
-    drive, notes = {}, []
+) -> tuple[dict[str, Array], dict[str, float], list[str]]:
+    """The drives at ``time``, the noise of those that were measured, and notes of the others."""
+    drive: dict[str, Array] = {}
+    noise: dict[str, float] = {}
+    notes: list[str] = []
     for name in names:
         source, commanded = _drive(recording, label, name, wanted)
         drive[name] = _resampled(label, name, source, time)
         if commanded and wanted == "measured":
             notes.append(f"{name} was not recorded: set-point used")
-    return drive, notes
+        if not commanded:
+            stated = getattr(source, "noise", None)
+            noise[name] = float(stated) if stated else white_noise(np.asarray(source.value, dtype=np.float64))
+    return drive, noise, notes
 
 
 def _stream(recording: Any, label: str, name: str) -> Any:

@@ -81,7 +81,7 @@ class Comparison:
             lines.append(f"the data do not tell {best.name} from {' and '.join(rivals)}")
         else:
             lines.append(f"the data speak for {best.name}")
-        if not best.fit.trusted:
+        if not best.fit.describes:
             lines.append(f"{best.name} leaves what is no noise: none of these laws is the right one")
         return "\n".join(lines)
 

@@ -43,13 +43,15 @@ class Gain:
 @dataclass(frozen=True)
 class Known:
     """The state that a fit left: free symbols, values (draws, m) [SI] with the best first, covariance (m, m), held
-    parameters; per channel of the model, residual deviation [SI], and effective samples a second."""
+    parameters; per channel of the model, residual deviation [SI], and effective samples a second; channels of unknown
+    zero."""
 
     symbols: tuple[str, ...]
     values: Array
     covariance: Array
     held: Mapping[str, float]
     noise: Mapping[str, tuple[float, float]]
+    floating: frozenset[str] = frozenset()
 
 
 def known(fit: Mapping[str, Any]) -> Known:
@@ -66,14 +68,17 @@ def known(fit: Mapping[str, Any]) -> Known:
         else:
             covariance, chosen = _plain(fit["covariance"], widest), draws
         noise: dict[str, tuple[float, float]] = {}
+        floating: set[str] = set()
         for recording in fit["recordings"]:
             rate = 1.0 / float(np.median(np.diff(np.array(recording["time"], dtype=float))))
             for name, channel in recording["channels"].items():
                 own = (float(channel["noise"]), rate / float(channel["persistence"]))
                 noise[name] = max(noise.get(name, own), own)
+                if channel.get("zero") is not None:
+                    floating.add(name)
     except (KeyError, TypeError, IndexError) as error:
         raise ValueError(f"not the data of a fit (fit.json): {error!r} is missing or of another kind") from None
-    return Known(symbols, np.vstack([best, chosen]), covariance, held, noise)
+    return Known(symbols, np.vstack([best, chosen]), covariance, held, noise, frozenset(floating))
 
 
 def _plain(data: Any, widest: Array) -> Array:
@@ -114,6 +119,8 @@ def _gain(model: str | Model, before: Known, candidate: Candidate, place: int, s
                 deviation, rate = before.noise[channel]
                 share = np.gradient(candidate.experiment.time) * rate  # effective samples of each grid point
                 rows = slopes * scale / deviation
+                if channel in before.floating:
+                    rows = rows - share @ rows / share.sum()
                 information += rows.T @ (rows * share[:, None])
         variances.append(float(np.linalg.pinv(now + information, rcond=1e-12)[place, place]))
     after = float(np.sqrt(np.mean(variances)))

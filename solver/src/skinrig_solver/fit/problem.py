@@ -19,7 +19,8 @@ from .variables import Variables
 class Evaluation:
     """The problem at one point.
 
-    ``residual`` (N,): (model - data) / scale times the square root of the weight, channel by channel and case by case;
+    ``residual`` (N,): (model - data) / scale times the square root of the weight, channel by channel and case by case,
+    a zero that is not known taken off;
     ``jacobian`` (N, m): its derivatives by the coordinates, None where not asked for. Where the model could not be
     run both are nan and ``trouble`` says why.
     """
@@ -131,10 +132,12 @@ class Problem:
         for case, result in zip(self.cases, results, strict=True):
             for channel, data in case.data.items():
                 factor = case.weight[channel] / case.scale[channel]
-                residuals.append((result.channels[channel] - data) * factor)
+                floating = channel in case.floating
+                residuals.append(_levelled((result.channels[channel] - data) * factor, factor, floating))
                 if chain is not None:
                     assert result.sensitivities is not None
-                    slopes.append((result.sensitivities[channel] @ chain) * factor[:, None])
+                    slope = (result.sensitivities[channel] @ chain) * factor[:, None]
+                    slopes.append(_levelled(slope, factor, floating))
         return np.concatenate(residuals), np.concatenate(slopes) if slopes else None
 
     def groups(self) -> list[tuple[int, str, slice]]:
@@ -146,6 +149,29 @@ class Problem:
                 first += data.size
         return found
 
-    def scaled_data(self) -> Array:
-        """The data (N,) as the residual weighs them."""
-        return np.concatenate([c.data[k] * c.weight[k] / c.scale[k] for c in self.cases for k in c.data])
+    def zeros(self, results: Sequence[Result]) -> list[float]:
+        """Of every compared curve, what the data have to be lowered by [SI] to fit best; 0 where its zero is known."""
+        found = []
+        for number, channel, _ in self.groups():
+            case = self.cases[number]
+            weight = case.weight[channel] ** 2
+            off = weight @ (case.data[channel] - results[number].channels[channel]) / max(weight.sum(), 1e-300)
+            found.append(float(off) if channel in case.floating else 0.0)
+        return found
+
+    def scaled_data(self, results: Sequence[Result]) -> Array:
+        """The data (N,) from their zeros, as the residual weighs them."""
+        curves = []
+        for (number, channel, _), zero in zip(self.groups(), self.zeros(results), strict=True):
+            case = self.cases[number]
+            curves.append((case.data[channel] - zero) * case.weight[channel] / case.scale[channel])
+        return np.concatenate(curves)
+
+
+def _levelled(rows: Array, factor: Array, floating: bool) -> Array:
+    """Weighted rows (n,) or (n, m) without what a zero of the curve takes, ``factor`` (n,) per unit; so a zero that
+    nobody knows is fitted at every evaluation (variable projection, Golub and Pereyra 1973)."""
+    size = float(factor @ factor)
+    if not floating or size == 0.0:
+        return rows
+    return np.asarray(rows - np.multiply.outer(factor / size, factor @ rows))

@@ -56,7 +56,8 @@ def _unit(problem: Problem, optimum: Evaluation, known: Uncertainty) -> float:
         [np.full(w.stop - w.start, p) for (_, _, w), p in zip(problem.groups(), known.persistence, strict=True)]
     )
     dof = max(problem.size - optimum.z.size, 1)
-    return float((optimum.residual**2 * together).sum() / dof)
+    few = (known.reach / np.sqrt(CONFIDENCE)) ** 2  # of few independent samples chi-squared has to rise by more
+    return float((optimum.residual**2 * together).sum() / dof * few)
 
 
 def _walk(

@@ -21,7 +21,9 @@ SCHEMA = "skinrig-fit/1"
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """One compared channel of one recording: arrays (n,) in SI, ``vaf`` in 1, ``noise`` its residual deviation."""
+    """One compared channel of one recording: arrays (n,) in SI, ``vaf`` in 1, ``noise`` its residual deviation.
+
+    ``zero`` is the fitted reading at no deformation, which ``model`` includes; None where it was taken as recorded."""
 
     label: str
     instrument: str
@@ -33,6 +35,7 @@ class Curve:
     vaf: float
     noise: float
     persistence: float
+    zero: float | None = None
 
     @property
     def residual(self) -> Array:
@@ -66,8 +69,10 @@ class Start:
 class FitResult:
     """The outcome. ``parameters`` holds all of the model's; ``vaf`` is over all curves as the fit weighs them.
 
-    ``trusted`` is False where the model leaves more than noise of the data (statistics.misfit): no parameter is then
-    called identifiable. ``setups`` says, by the recording's label, which opening and force were taken, and why.
+    ``trusted`` is False where ``reasons`` say why, in plain words: the model leaves more than noise of the data (then
+    not ``describes``) or the data hold no response, where no parameter is called identifiable; or one is on a bound or
+    cannot be told, or the optimiser did not converge. ``setups`` says, by the recording's label, which opening and
+    force were taken, and why.
 
     ``correlation`` (m, m) and ``covariance`` (m, m; natural units) are in the order of ``estimates``. ``drives``,
     ``fields`` and ``experiments`` are keyed by the recording's label; ``model`` is the one that was fitted.
@@ -93,6 +98,8 @@ class FitResult:
     converged: bool
     reason: str
     trusted: bool
+    reasons: tuple[str, ...]
+    describes: bool
     warnings: tuple[str, ...]
     effort: Effort
     posterior: Posterior | None = None
@@ -107,6 +114,7 @@ class FitResult:
                 "converged": self.converged,
                 "reason": self.reason,
                 "trusted": self.trusted,
+                "not_trusted_because": self.reasons,
                 "vaf": self.vaf,
                 "objective": self.objective,
                 "parameters": [self._estimate(e) for e in self.estimates],
@@ -142,7 +150,13 @@ class FitResult:
     def _recording(self, label: str, curves: bool) -> dict[str, Any]:
         own = [c for c in self.curves if c.label == label]
         channels = {
-            c.channel: {"vaf": c.vaf, "noise": c.noise, "samples": c.data.size, "persistence": c.persistence}
+            c.channel: {
+                "vaf": c.vaf,
+                "noise": c.noise,
+                "samples": c.data.size,
+                "persistence": c.persistence,
+                "zero": c.zero,
+            }
             | ({"data": c.data, "model": c.model, "residual": c.residual} if curves else {})
             for c in own
         }

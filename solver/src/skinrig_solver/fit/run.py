@@ -15,6 +15,7 @@ from ..registry import models
 from .bounds import released
 from .carried import traced
 from .cases import Case, cases, matches
+from .gauge import pulled
 from .multistart import Found, Search, elsewhere, failed
 from .optimisers import FitError, Optimum
 from .pictures import pictures
@@ -26,6 +27,7 @@ from .spec import Spec, SpecError, Stage, load_spec, read_spec
 from .stated import common, remarks
 from .statistics import Uncertainty, doubts, estimates, misfit, uncertainty, vaf
 from .target import Noise
+from .trust import reasons, silent
 from .variables import Variables
 
 if TYPE_CHECKING:
@@ -130,7 +132,7 @@ def _posterior(problem: Problem, optimum: Optimum, spec: Spec, executor: Executo
 def _explains(problem: Problem, optimum: Optimum) -> bool:
     """Whether a fit leaves nothing that another minimum could explain: white residuals and little variance."""
     best = optimum.evaluation
-    return not misfit(uncertainty(problem, best), vaf(best.residual, problem.scaled_data()))
+    return not misfit(uncertainty(problem, best), vaf(best.residual, problem.scaled_data(best.results)))
 
 
 def _read(spec: Spec | Mapping[str, Any] | Path | str | None, model: str, info: ModelInfo | None) -> Spec:
@@ -192,20 +194,22 @@ def _result(
     stages: tuple[str, ...],
 ) -> FitResult:
     best = optimum.evaluation
-    known = traced(problem, best, widened(problem, best, released(problem, best, uncertainty(problem, best))))
+    known = released(problem, best, uncertainty(problem, best))
+    known = pulled(problem, best, traced(problem, best, widened(problem, best, known)))
     first = {f.symbol: f.start for f in variables.free}
     found = [
         replace(e, free=replace(e.free, start=first[e.free.symbol]))  # where the fit began, not its last stage
         for e in profiles(problem, best, known, estimates(problem, best, known), spec)
     ]
-    explained = vaf(best.residual, problem.scaled_data())
-    fault = misfit(known, explained)
-    if fault:
+    explained = vaf(best.residual, problem.scaled_data(best.results))
+    fatal = [misfit(known, explained), silent(problem, best, known)]
+    if any(fatal):
         found = [replace(e, identifiable=False) for e in found]
     values = problem.variables.values(best.z)
     setups = {case.label: case.setup for case in problem.cases}
     about = [*known.warnings, *doubts(found), *remarks(setups)]
-    warnings = _warnings(optimum, about, starts, fault)
+    why = reasons(fatal, found, optimum.converged)
+    warnings = _warnings(optimum, about, starts, why, bool(fatal[0]))
     slope = np.array([f.slope(values[f.symbol]) for f in problem.variables.free])
     tally = problem.tally
     return FitResult(
@@ -228,14 +232,19 @@ def _result(
         stages=stages,
         converged=optimum.converged,
         reason=optimum.reason,
-        trusted=not fault,
+        trusted=not why,
+        reasons=tuple(why),
+        describes=not fatal[0],
         warnings=warnings,
         effort=Effort(tally.forward_runs, tally.failed_runs, tally.evaluations, tally.seconds, tally.model_seconds),
     )
 
 
-def _warnings(optimum: Optimum, known: Sequence[str], starts: Sequence[Start], fault: str) -> tuple[str, ...]:
-    """Warnings to read the result with, the gravest first; ``fault``: why it is not to be trusted, '' where it is."""
+def _warnings(
+    optimum: Optimum, known: Sequence[str], starts: Sequence[Start], why: Sequence[str], leaves: bool
+) -> tuple[str, ...]:
+    """Warnings to read the result with, the gravest first; ``why`` it is not to be trusted, none where it is;
+    ``leaves``: the model leaves what another minimum might explain."""
     warnings = [*known, *dict.fromkeys(w for r in optimum.evaluation.results for w in r.warnings)]
     if not optimum.converged:
         warnings.insert(0, f"the optimiser stopped before it converged: {optimum.reason}")
@@ -244,15 +253,19 @@ def _warnings(optimum: Optimum, known: Sequence[str], starts: Sequence[Start], f
         warnings.append(f"the model could not be run at {broken} of {len(starts)} starts")
     if distinct:
         warnings.append(f"{distinct} of {len(starts)} starts ended in a worse place: the objective has several minima")
-    if fault:
-        alone = len(starts) - distinct - broken < 2
-        warnings.insert(0, f"not to be trusted: {fault}" + ("; try more starts (starts: 20)" if alone else ""))
+    if why:
+        alone = leaves and len(starts) - distinct - broken < 2
+        told = f"not to be trusted: {'; '.join(why)}"
+        warnings.insert(int(not optimum.converged), told + ("; try more starts (starts: 20)" if alone else ""))
     return tuple(warnings)
 
 
 def _curves(problem: Problem, best: Evaluation, known: Uncertainty) -> tuple[Curve, ...]:
-    data, curves = problem.scaled_data(), []
-    for (number, channel, where), noise, together in zip(problem.groups(), known.noise, known.persistence, strict=True):
+    data, curves = problem.scaled_data(best.results), []
+    zeros = problem.zeros(best.results)
+    for (number, channel, where), noise, together, zero in zip(
+        problem.groups(), known.noise, known.persistence, zeros, strict=True
+    ):
         case, result = problem.cases[number], best.results[number]
         own = vaf(best.residual[where], data[where])
         curves.append(
@@ -262,11 +275,12 @@ def _curves(problem: Problem, best: Evaluation, known: Uncertainty) -> tuple[Cur
                 channel,
                 case.experiment.time,
                 case.data[channel],
-                result.channels[channel],
+                result.channels[channel] + zero,
                 case.weight[channel] ** 2,
                 own,
                 noise,
                 together,
+                zero if channel in case.floating else None,
             )
         )
     return tuple(curves)

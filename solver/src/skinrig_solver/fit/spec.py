@@ -19,6 +19,7 @@ Optimiser = Literal["trust-region", "slsqp", "nelder-mead"]
 Drive = Literal["measured", "commanded"]
 Balance = Literal["samples", "recordings"]
 Origin = Literal["recording", "load"]
+Zero = Literal["auto", "free", "fixed"]
 
 # Identified by the papers; the rest of a model's parameters is held where a specification does not free them.
 FREE: dict[str, tuple[str, ...]] = {
@@ -94,6 +95,8 @@ class Spec:
     phases, phase_origin : weights over time, counted from the recording's first sample or from the load's beginning
     balance : 'samples', every sample counts alike, or 'recordings', every recording alike
     drive : 'measured', or 'commanded' (set-points) also where the drive was measured
+    zero : 'free', each curve has an unknown zero of its own; 'fixed', zeros are as recorded; 'auto', those of heights
+        are free, as a reading is zeroed to no better than its noise and drift, and those of forces as recorded
     samples : a recording of more samples is thinned to about so many
     optimiser, starts, spread, seed : how the optimum is sought; from ``starts`` points, the further ones drawn up to a
         factor ``spread`` (log parameters), or up to half the range between bounds (others), from the first. 'auto'
@@ -112,6 +115,7 @@ class Spec:
     phase_origin: Origin = "recording"
     balance: Balance = "samples"
     drive: Drive = "measured"
+    zero: Zero = "auto"
     samples: int = 4000
     optimiser: Optimiser = "trust-region"
     starts: int | Literal["auto"] = "auto"
@@ -123,7 +127,7 @@ class Spec:
     tolerance: float = 1e-5
 
     def __post_init__(self) -> None:
-        choices = {"optimiser": Optimiser, "drive": Drive, "balance": Balance, "phase_origin": Origin}
+        choices = {"optimiser": Optimiser, "drive": Drive, "balance": Balance, "phase_origin": Origin, "zero": Zero}
         for name, kind in choices.items():
             if getattr(self, name) not in get_args(kind):
                 raise SpecError(f"{name}: {getattr(self, name)!r} is none of {', '.join(get_args(kind))}")

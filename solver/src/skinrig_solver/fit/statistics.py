@@ -7,10 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 from scipy.sparse.csgraph import connected_components
 
 from ..api import Array
 from . import units
+from .cases import Case
+from .noise import Scatter, directions, scatter_of
 from .problem import Evaluation, Problem
 from .variables import Free, Variables
 
@@ -51,7 +54,8 @@ class Uncertainty:
     """Covariance (m, m) in the optimiser's coordinates, correlations (m, m), and warnings in plain words.
 
     ``noise`` gives each compared curve's residual standard deviation [SI of its channel] and ``persistence`` by how
-    much its residuals' neighbours resemble each other, as a number of samples that count as one (1: white noise).
+    much its noise remembers, as a number of samples that count as one (1: white noise). ``freedom`` counts the
+    independent samples beyond the parameters.
     """
 
     covariance: Array
@@ -60,36 +64,39 @@ class Uncertainty:
     persistence: tuple[float, ...]
     on_bound: tuple[str, ...]
     warnings: tuple[str, ...]
+    freedom: float = np.inf
+
+    @property
+    def reach(self) -> float:
+        """Standard errors to either side that hold 95 %: Student's, as the noise is known from the residual alone."""
+        return float(stats.t.ppf(0.975, self.freedom))
 
 
 def uncertainty(problem: Problem, optimum: Evaluation) -> Uncertainty:
     """Errors by the curvature at the optimum.
 
-    The covariance is the sandwich H^-1 M H^-1 with H = J^T J and M = sum over curves of s^2 J^T W J, where s^2 is each
-    curve's own residual variance, times the number of samples that count as one where residuals are correlated in time
-    (White 1980; Sokal's integrated autocorrelation time). It is right for any weights. A parameter on a bound has no
-    error of its own, but widens the others' as if it were free: noise put it there, and the others followed it.
+    The covariance is the sandwich H^-1 M H^-1 with H = J^T J and M = sum over curves of J^T W^1/2 V W^1/2 J, where V is
+    the covariance of each curve's own noise, white or remembered (noise.py). It is right for any weights. A parameter
+    on a bound has no error of its own, but widens the others' as if it were free: noise put it there, and the others
+    followed it.
     """
     assert optimum.jacobian is not None
     variables = problem.variables
     sides = on_bounds(variables, optimum.z)
     inner = np.flatnonzero(sides == 0)
     jacobian = optimum.jacobian
-    weight = np.concatenate([c.weight[k] / c.scale[k] for c in problem.cases for k in c.data])
-    used = weight > 0.0
-    dof = max(int(used.sum()) - len(inner), 1)
     noise, persistence = [], []
-    middle = np.zeros((jacobian.shape[1], jacobian.shape[1]))
-    for _, _, where in problem.groups():
-        w = weight[where]
-        plain = np.divide(optimum.residual[where], w, out=np.zeros_like(w), where=w > 0.0)
-        count = max(int((w > 0.0).sum()), 1)
-        variance = float(plain @ plain) / count * used.sum() / dof
-        together = samples_as_one(plain[w > 0.0])
-        noise.append(float(np.sqrt(variance)))
-        persistence.append(together)
-        rows = jacobian[where] * w[:, None]
-        middle += variance * together * rows.T @ rows
+    samples, middle = 0.0, np.zeros((jacobian.shape[1], jacobian.shape[1]))
+    for number, channel, where in problem.groups():
+        one = _curve_noise(problem.cases[number], channel, optimum.residual[where], jacobian[where][:, inner])
+        case = problem.cases[number]
+        weight = case.weight[channel] / case.scale[channel]
+        used = weight > 0.0
+        rows = jacobian[where][used] * weight[used, None]
+        middle += one.scatter.covariance(rows)
+        noise.append(one.deviation)
+        persistence.append(one.persistence)
+        samples += used.sum() / one.persistence - (channel in case.floating)
     covariance, blind = _sandwich(jacobian, middle)
     blind = np.intersect1d(blind, inner)
     covariance[sides != 0, :] = covariance[:, sides != 0] = np.nan
@@ -99,10 +106,41 @@ def uncertainty(problem: Problem, optimum: Evaluation) -> Uncertainty:
     names = [variables.symbols[k] for k in inner]
     on_bound = tuple("" if s == 0 else "lower" if s < 0 else "upper" for s in sides)
     warnings = _at_bounds(variables, optimum.z, on_bound)
-    warnings += [f"the data say nothing about {_listed([variables.symbols[k] for k in blind])}"] if len(blind) else []
+    warnings += [f"the data say nothing about {listed([variables.symbols[k] for k in blind])}"] if len(blind) else []
     warnings += _pairs(names, correlation[np.ix_(inner, inner)])
     warnings += _curves(problem, persistence)
-    return Uncertainty(covariance, correlation, tuple(noise), tuple(persistence), on_bound, tuple(warnings))
+    freedom = max(samples - len(inner), 1.0)
+    return Uncertainty(covariance, correlation, tuple(noise), tuple(persistence), on_bound, tuple(warnings), freedom)
+
+
+@dataclass(frozen=True)
+class _CurveNoise:
+    scatter: Scatter
+    deviation: float
+    persistence: float
+
+
+def _curve_noise(case: Case, channel: str, residual: Array, jacobian: Array) -> _CurveNoise:
+    """The noise of one curve, from its weighted residual (n,) and Jacobian (n, m).
+
+    Slow noise is larger than what the fit leaves of it: its persistence is what the residual's deviation has to be
+    multiplied by, squared, to scatter the parameters as the noise does.
+    """
+    weight = case.weight[channel] / case.scale[channel]
+    used = weight > 0.0
+    if not used.any():
+        return _CurveNoise(Scatter(case.experiment.time[used], 0.0), 0.0, 1.0)
+    plain, slopes = residual[used] / weight[used], jacobian[used] / weight[used, None]
+    if channel in case.floating:
+        slopes = np.column_stack([slopes, np.ones(len(slopes))])
+    scatter = scatter_of(plain, slopes, case.experiment.time[used])
+    freedom = max(plain.size - slopes.shape[1], 1)
+    deviation = float(np.sqrt(plain @ plain / freedom))
+    if scatter.share == 0.0:
+        return _CurveNoise(scatter, deviation, 1.0)
+    wide = scatter.widening(directions(jacobian[used] * weight[used, None]))
+    ratio = (scatter.deviation / deviation) ** 2 if deviation > 0.0 else 1.0
+    return _CurveNoise(scatter, deviation, max(1.0, wide * ratio))
 
 
 def _at_bounds(variables: Variables, z: Array, sides: Sequence[str]) -> list[str]:
@@ -170,7 +208,7 @@ def _pairs(names: Sequence[str], correlation: Array) -> list[str]:
         if members.size > 1:
             block = np.abs(correlation[np.ix_(members, members)])
             worst = float(block[~np.eye(members.size, dtype=bool)].max())
-            together = _listed([names[int(j)] for j in members])
+            together = listed([names[int(j)] for j in members])
             found.append(
                 f"{together} cannot be told apart (correlation up to {worst:.4f}): they can "
                 "change together and the curves stay. Hold one, or measure something that separates them"
@@ -203,7 +241,8 @@ def misfit(known: Uncertainty, explained: float) -> str:
     return f"the model leaves {100 * (1 - explained):.1f} % of the variance, and that is no noise"
 
 
-def _listed(names: Sequence[str]) -> str:
+def listed(names: Sequence[str]) -> str:
+    """The names with commas and an "and"."""
     return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
 
@@ -243,10 +282,10 @@ def estimates(problem: Problem, optimum: Evaluation, known: Uncertainty) -> list
         value, deviation = values[free.symbol], float(np.sqrt(known.covariance[k, k]))
         error = deviation * free.slope(value)
         if free.log and np.isfinite(deviation):
-            spread = np.exp(min(1.96 * deviation, 300.0))
+            spread = np.exp(min(known.reach * deviation, 300.0))
             interval = (value / spread, value * spread)
         else:
-            interval = (value - 1.96 * error, value + 1.96 * error)
+            interval = (value - known.reach * error, value + known.reach * error)
         interval = (max(interval[0], free.lower), min(interval[1], free.upper))
         relative = error / max(abs(value), 1e-300)
         identifiable = not known.on_bound[k] and not together[k] and not carried[k] and bool(relative <= POORLY)

@@ -61,12 +61,16 @@ class Target:
         self._series = series(self.variables)
         self._exchanges = exchanges(self.variables)
         self._orders = float(np.sum([np.log(e.orders) for e in self._exchanges]))
+        self._floating: list[slice] = []
         self._scale, self.share = np.empty(self.problem.size), np.empty(self.problem.size)
         for (number, channel, where), sd, together in zip(
             groups, self.noise.deviation, self.noise.persistence, strict=True
         ):
             self._scale[where] = sd
-            self.share[where] = (self.problem.cases[number].weight[channel] > 0.0) / together
+            case = self.problem.cases[number]
+            self.share[where] = (case.weight[channel] > 0.0) / together
+            if channel in case.floating and self.share[where].any():
+                self._floating.append(where)
         self._data = np.concatenate([case.data[k] for case in self.problem.cases for k in case.data])
         # of a Gaussian with known deviations, each sample to the power of its share
         self.constant = -0.5 * float((self.share * np.log(2.0 * np.pi * self._scale**2)).sum())
@@ -99,8 +103,17 @@ class Target:
                 found.append(None)
                 continue
             curve, slopes = result
-            found.append(Solve(z, (curve - self._data) / self._scale, slopes / self._scale[:, None]))
+            off, slopes = (curve - self._data) / self._scale, slopes / self._scale[:, None]
+            found.append(Solve(z, self._levelled(off), self._levelled(slopes)))
         self.solves += [s for s in found if s is not None]
+        return found
+
+    def _levelled(self, rows: Array) -> Array:
+        """Rows (n,) or (n, m) with each zero that is not known where it fits best: integrated over, as it is linear."""
+        found = rows.copy()
+        for where in self._floating:
+            share = self.share[where]
+            found[where] -= share @ rows[where] / share.sum()
         return found
 
     def log_prior(self, z: Array) -> Array:
