@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from acquire.cli.told import strange
+
 if TYPE_CHECKING:
     from acquire.catalogue import Entry
     from acquire.recording import Recording
@@ -127,15 +129,10 @@ def import_(
             raise RecordingError(f"{out}: one file cannot hold {len(recordings)} recordings; name a folder")
     paths = [_target(out, recording, len(recordings)) for recording in recordings]
     written = [write_recording(r, path, overwrite=force) for r, path in zip(recordings, paths, strict=True)]
-    strange = [
-        f"{recording.info.id}: {event.level}: {event.text}"
-        for recording in recordings
-        for event in recording.events
-        if event.level in ("warning", "error")
-    ]
-    for text in strange:
+    warnings = strange(recordings)
+    for text in warnings:
         typer.echo(text, err=True)
-    _say(written, as_json, warnings=strange)
+    _say(written, as_json, warnings=warnings)
 
 
 def recover(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 import time
 from pathlib import Path
@@ -15,6 +16,7 @@ from acquire.cli.fit_plan import plan
 from acquire.cli.numbers import MOST_JOBS, whole
 from acquire.cli.review import ALL, counting
 from acquire.cli.solver import solver_for
+from acquire.cli.told import of_bundles
 
 
 class _RunsOrPlan(typer.core.TyperGroup):
@@ -29,6 +31,13 @@ app = typer.Typer(
 )
 app.command("plan")(plan)
 
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+MULTIPLES = {
+    "Pa": (("GPa", 1e9), ("MPa", 1e6), ("kPa", 1e3), ("Pa", 1.0)),
+    "m": (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6)),
+    "s": (("s", 1.0), ("ms", 1e-3)),
+    "N": (("N", 1.0), ("mN", 1e-3)),
+}
 LINES = 5.0  # s between two lines of progress where there is no terminal
 
 
@@ -77,7 +86,10 @@ def fit(
     if not (model or spec):
         raise ValueError(f"a fit needs --model or --spec; models are {', '.join(solver.models())}")
     moments = _times(times)
-    recordings = counting([load(run) for run in runs], everything=everything)
+    read = [load(run) for run in runs]
+    for line in of_bundles(runs, read):
+        print(line, file=sys.stderr)
+    recordings = counting(read, everything=everything)
     if compare:
         if not model or spec:
             raise ValueError("--compare goes with --model, and without --spec")
@@ -158,10 +170,45 @@ def _list(solver: Any, model: str, as_json: bool) -> None:
     for info in chosen.values():
         typer.echo(f"{info.name}: {info.description}")
         if model:
-            for p in info.parameters:
-                typer.echo(
-                    f"  {p.symbol:<14} {p.default:>10.4g} {p.unit:<3} [{p.lower:.3g}, {p.upper:.3g}]  {p.meaning}"
-                )
+            for line in _table([_row(p) for p in info.parameters]):
+                typer.echo(line)
+
+
+def _row(parameter: Any) -> tuple[str, ...]:
+    """Symbol, default, bounds of a fit and meaning; the least of all where a fit stops above it."""
+    unit = parameter.unit
+    stops = getattr(parameter, "fit_lower", None)
+    lowest = f"; down to {_number(parameter.lower, unit)} if asked" if stops is not None else ""
+    lower = _number(parameter.lower if stops is None else stops, unit)
+    bounds = f"{lower} … {_number(parameter.upper, unit)}"
+    return parameter.symbol, _number(parameter.default, unit), bounds, f"{parameter.meaning}{lowest}"
+
+
+def _number(value: float, unit: str) -> str:
+    """A value with its unit, as fits show it: 20 kPa, 2 mm, 10⁻⁸ Hz."""
+    if value == 0.0:
+        return f"0 {unit}".rstrip()
+    for name, factor in MULTIPLES.get(unit, ()):
+        if factor <= abs(value) < 99999.5 * factor:
+            return f"{value / factor:.5g} {name}"
+    if 1e-3 <= abs(value) < 99999.5:
+        return f"{value:.5g} {unit}".rstrip()
+    power = math.floor(math.log10(abs(value)))
+    digits = f"{value / 10.0**power:.5g}"
+    if digits in ("10", "-10"):
+        digits, power = digits[:-1], power + 1
+    ten = f"10{str(power).translate(RAISED)}"
+    mantissa = {"1": "", "-1": "-"}.get(digits, f"{digits}·")
+    return f"{mantissa}{ten} {unit}".rstrip()
+
+
+def _table(rows: list[tuple[str, ...]]) -> list[str]:
+    """Rows in columns: the second to the right, the last as it is."""
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]) - 1)]
+    return [
+        f"  {symbol:<{widths[0]}}  {default:>{widths[1]}}  {bounds:<{widths[2]}}  {meaning}".rstrip()
+        for symbol, default, bounds, meaning in rows
+    ]
 
 
 class _Bar:

@@ -22,6 +22,8 @@ HIGH = 1e3
 """Pa above the air's pressure that no line is at."""
 FAST = 20e3
 """Hz that no channel of ours is sampled at: the fastest takes 1 kHz."""
+FAINT = {"pressure": (500.0, 100.0, "mbar"), "apex_height": (2e-6, 1e-6, "µm")}
+"""Of a channel on skin, the largest value [SI] that no measurement stops at, and the unit that it is told in."""
 WIDE = 0.1
 """Of a stated value, its standard uncertainty from which on the unit of the uncertainty is asked about."""
 
@@ -32,7 +34,12 @@ def doubts(bundle: Bundle, recording: Recording) -> tuple[Event, ...]:
     What the recorder has exported was asked about when it was recorded: of that only the channels are looked at.
     """
     told = {event.code for event in recording.events}
-    asked = [*_channels(bundle, recording), *_sign(bundle, recording), *_rate(bundle, recording)]
+    asked = [
+        *_channels(bundle, recording),
+        *_sign(bundle, recording),
+        *_rate(bundle, recording),
+        *_faint(bundle, recording),
+    ]
     if bundle.run.id is None:
         asked += [*_setpoints(bundle, recording), *_specimen(bundle, recording), *_start(recording)]
     return tuple(event for event in asked if event.code not in told)
@@ -82,6 +89,18 @@ def _rate(bundle: Bundle, recording: Recording) -> Iterator[Event]:
             text = f"channel {name} has {1.0 / interval:.3g} samples a second, {lasting}: a wrong unit of time?"
             yield _warning("fast_samples", text, float(series.time[0]))
             return
+
+
+def _faint(bundle: Bundle, recording: Recording) -> Iterator[Event]:
+    """Values on skin that are a thousandth of what they should be: mbar that were called Pa, mm that were called µm."""
+    if bundle.instrument not in SUCTION or bundle.specimen != specimens.SKIN:
+        return
+    for name, (least, factor, unit) in FAINT.items():
+        value = recording.streams[name].value if name in recording.streams else np.zeros(0)
+        largest = float(np.abs(value[np.isfinite(value)]).max(initial=0.0))
+        if 0.0 < largest < least:
+            text = f"channel {name} reaches {largest / factor:.3g} {unit} only: is its unit right?"
+            yield _warning("faint_values", text, float(recording.streams[name].time[0]))
 
 
 def _setpoints(bundle: Bundle, recording: Recording) -> Iterator[Event]:

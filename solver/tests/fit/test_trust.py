@@ -51,6 +51,16 @@ def test_a_small_response_is_one() -> None:
     assert result.as_dict()["not_trusted_because"] == []
 
 
+def test_whole_hundredths_of_a_millimetre_and_a_wrong_law_are_a_response_all_the_same() -> None:
+    """Slow, systematic residuals were taken for noise that remembers for longer than the recording lasts."""
+    plain = recorded(Scenario(""), 0)
+    height = plain.streams["apex_height"]
+    value = np.round((height.value + 5e-6 * np.sin(0.4 * height.time)) / 1e-5) * 1e-5
+    result = go(replace(plain, streams={**plain.streams, "apex_height": replace(height, value=value)}))
+    assert not any("no response" in reason for reason in result.reasons)
+    assert result.estimates[0].standard_error < 0.3 * result.estimates[0].value
+
+
 def test_a_parameter_on_a_bound_or_not_told_is_a_reason() -> None:
     bound = go(recorded(Scenario(""), 0), parameters={**FREE, "tau": {"start": 0.4, "upper": 0.8}})
     assert not bound.trusted

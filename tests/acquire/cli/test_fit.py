@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -62,9 +63,11 @@ def run(tmp_path: Path) -> Path:
 
 
 def with_solvers(monkeypatch: pytest.MonkeyPatch, *found: plugins.Plugin) -> None:
-    monkeypatch.setattr(plugins, "plugins", lambda group: {p.name: p for p in found})
+    plain, solvers = PLUGINS, {p.name: p for p in found}
+    monkeypatch.setattr(plugins, "plugins", lambda group: solvers if group == "acquire.solvers" else plain(group))
 
 
+PLUGINS = plugins.plugins
 WORKING = plugins.Plugin("acquire.solvers", "skinrig", "a:b", Solver)
 BROKEN = plugins.Plugin("acquire.solvers", "other", "c:d", error="ImportError: no numba")
 
@@ -136,6 +139,50 @@ def test_bad_input_is_said_with_status_2(
     with_solvers(monkeypatch, WORKING)
     assert app.run(["fit", *(str(run) if a == "RUN" else a for a in arguments)]) == app.BAD_INPUT
     assert words in capsys.readouterr().err
+
+
+def bundle(folder: Path, pressure_unit: str) -> Path:
+    """A bundle of a Cutometer, with a channel that it does not have."""
+    folder.mkdir()
+    rows = "\n".join(f"{0.1 * k:.1f},{-30 * k},{0.03 * k},1" for k in range(11))
+    (folder / "data.csv").write_text(f"t,p,h,x\n{rows}\n")
+    (folder / "recording.yaml").write_text(
+        "schema: recording-bundle/1\ninstrument: cutometer\nchannels:\n"
+        f"  pressure: {{file: data.csv, column: p, unit: {pressure_unit}, time: {{column: t, unit: s}}}}\n"
+        "  apex_height: {file: data.csv, column: h, unit: mm, time: {column: t, unit: s}}\n"
+        "  colour: {file: data.csv, column: x, unit: '1', time: {column: t, unit: s}}\n"
+    )
+    return folder
+
+
+def test_a_bundle_is_told_about_as_by_an_import(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with_solvers(monkeypatch, WORKING)
+    right, wrong = bundle(tmp_path / "right", "mbar"), bundle(tmp_path / "wrong", "Pa")
+    assert app.run(["fit", str(right), str(run), "--model", "suction", "--json"]) == app.DONE
+    told = capsys.readouterr().err
+    assert "pressure -300 to 0 mbar, apex_height 0 to 0.3 mm" in told
+    assert "warning: colour: kept, but not among the channels of the cutometer" in told
+    assert "a-run" not in told
+    assert app.run(["import", str(right), "-o", str(tmp_path / "right.h5")]) == app.DONE
+    for line in capsys.readouterr().err.splitlines():
+        assert line.split(": ", 1)[1] in told
+    assert app.run(["fit", str(wrong), "--model", "suction", "--json"]) == app.DONE
+    assert "channel pressure reaches 3 mbar only: is its unit right?" in capsys.readouterr().err
+
+
+def test_bounds_are_listed_as_a_person_reads_them(capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("skinrig_solver")
+    for model in ("suction_yeoh_qlv", "suction_rubin_bodner", "sheet_bischoff"):
+        assert app.run(["fit", "--list", "--model", model]) == app.DONE
+    lines = {line.split()[0]: " ".join(line.split()) for line in capsys.readouterr().out.splitlines()}
+    assert lines["G"] == "G 20 kPa 100 Pa … 10 MPa instantaneous shear modulus, 2 c10"
+    assert "10 kPa 0 Pa … 10 MPa second Yeoh coefficient; down to -1 MPa if asked" in lines["c20"]
+    assert lines["nu"].startswith("nu 0.49 0.3 … 0.49999 ")
+    assert "1.34 Hz 10⁻⁸ Hz … 10000 Hz" in lines["skin.Gamma1"]
+    assert lines["n"].startswith("n 6.632·10²³ 1/m^3 10¹⁶ 1/m^3 … 10²⁸ 1/m^3")
+    assert not any(re.search(r"\de[+-]\d", line) for line in lines.values())
 
 
 def test_the_installed_solver_lists_its_models(capsys: pytest.CaptureFixture[str]) -> None:

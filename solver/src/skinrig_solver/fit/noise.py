@@ -18,8 +18,9 @@ from ..api import Array
 
 LEAST = 20  # samples of which memory can be told at all
 WORTH = 6.0  # twice the rise of the log likelihood from which noise is said to remember: 95 % of chi-squared with two
-SHARES = (0.1, 0.4, 0.8, 0.99)  # of the variance that remembers, where a search begins
-TIMES = 9  # time constants of the same, from one sample to the whole recording
+SHARES = (0.1, 0.4, 0.75, 0.9, 0.96, 0.99)  # of the variance that remembers, where a search begins
+TIMES = 9  # time constants of the same, from one sample to the slowest
+SLOWEST = 0.2  # of the recording: what remembers for longer is a misfit or a drift, of which one sample is at hand
 ORDERS = (2, 3, 4)  # of differences, in which noise is left of a smooth curve
 FAR = 50.0  # minus log likelihood above the white one's, for what cannot be computed
 
@@ -63,11 +64,15 @@ def scatter_of(residual: Array, slopes: Array, time: Array) -> Scatter:
         share, constant = _unpacked(place, step, span)
         return float(min(_minus_log(columns, _decay(time, constant), share)[0] - base, FAR))
 
-    starts = [np.array([np.log(s / (1.0 - s)), np.log(c)]) for s in SHARES for c in np.geomspace(step, span, TIMES)]
+    starts = [
+        np.array([np.log(s / (1.0 - s)), np.log(c)]) for s in SHARES for c in np.geomspace(step, SLOWEST * span, TIMES)
+    ]
     first = min(starts, key=minus)
     if minus(first) > -0.25 * WORTH:
         return white  # no place is near what would be worth it
-    best = minimize(minus, first, method="Nelder-Mead", options={"xatol": 0.02, "fatol": 0.02, "maxfev": 120})
+    inwards = first + np.array([[0.0, 0.0], [-0.7, 0.0], [0.0, -0.7]])  # a place at the end of a range is left so
+    options = {"initial_simplex": inwards, "xatol": 0.01, "fatol": 0.005, "maxfev": 150}
+    best = minimize(minus, first, method="Nelder-Mead", options=options)
     if -2.0 * best.fun < WORTH:
         return white
     share, constant = _unpacked(best.x, step, span)
@@ -99,7 +104,7 @@ def directions(slopes: Array) -> Array:
 def _unpacked(place: Array, step: float, span: float) -> tuple[float, float]:
     """Share and time constant [s] of a place of the search, within their bounds."""
     share = 1.0 / (1.0 + np.exp(-np.clip(place[0], -8.0, 12.0)))
-    return float(share), float(np.clip(np.exp(place[1]), 0.3 * step, 3.0 * span))
+    return float(share), float(np.clip(np.exp(place[1]), 0.3 * step, SLOWEST * span))
 
 
 def _minus_log(columns: Array, decay: Array, share: float) -> tuple[float, float]:

@@ -25,6 +25,7 @@ SYSTEMATIC = 3.0  # samples that count as one, from which residuals are no noise
 INSEPARABLE = 0.995  # correlation from which two parameters count as one
 ALIKE = 0.95  # correlation worth a warning
 CARRIED = 0.5  # correlation with a parameter that may be nearly anything from which another is not known either
+FEWEST = 3.0  # independent samples beyond the parameters that are taken to be there: Student's reach is 3.2 then
 CONFIDENCE = 3.841  # 95 % of chi-squared with one degree of freedom
 _SINGULAR = 1e-13  # relative eigenvalue below which a direction carries no information
 
@@ -109,7 +110,7 @@ def uncertainty(problem: Problem, optimum: Evaluation) -> Uncertainty:
     warnings += [f"the data say nothing about {listed([variables.symbols[k] for k in blind])}"] if len(blind) else []
     warnings += _pairs(names, correlation[np.ix_(inner, inner)])
     warnings += _curves(problem, persistence)
-    freedom = max(samples - len(inner), 1.0)
+    freedom = max(samples - len(inner), FEWEST)
     return Uncertainty(covariance, correlation, tuple(noise), tuple(persistence), on_bound, tuple(warnings), freedom)
 
 
