@@ -15,6 +15,9 @@ from sim_devices.stages.axes import LOOP_RATE, MASS, AxisLoop
 COARSER = 2.0
 """Substeps of a loop with friction or limits against those of the simulated instrument: half as many to compute."""
 
+HEAVIEST = 1.5
+"""Weight of a set-point, at most."""
+
 
 @dataclass(frozen=True)
 class TunedLoop(AxisLoop):
@@ -48,16 +51,25 @@ class Controller:
     centred: bool
     mass: float = MASS  # kg, that an axis moves
 
-    def installed(
-        self, chain: Chain, scale: FloatArray, drag: float = 0.0, lag: float = 0.0, weight: float = 1.0
-    ) -> Chain:
-        """The chain with this controller, its three gains multiplied by ``scale`` (3,), further ``drag`` N s/m, a
-        coil's force that comes ``lag`` s later than it is asked for, and the set-point's ``weight`` in it."""
+    def installed(self, chain: Chain, scale: FloatArray, drag: float = 0.0, lag: float = 0.0, **fed: float) -> Chain:
+        """The chain with this controller, its three gains multiplied by ``scale`` (3,), further ``drag`` N s/m, and a
+        coil's force that comes ``lag`` s later than it is asked for.
+
+        ``fed`` tells how the set-point is weighed: ``proportional`` and ``derivative``, by how much more than in this
+        controller; ``acceleration``, the share of the mass that is fed forward.
+        """
         p, i, d = (self.proportional * scale[0], self.integral * scale[1], self.derivative * scale[2])
         loop = chain["axes"]
         assert isinstance(loop, AxisLoop)
         kept = {f.name: getattr(loop, f.name) for f in fields(AxisLoop)}
-        own = {"fed": d if self.on_error else 0.0, "mass": self.mass, "lag": lag, "weight": weight}
+        rate = float(np.clip(self.on_error + fed.get("derivative", 0.0), 0.0, HEAVIEST))
+        own = {
+            "mass": self.mass,
+            "lag": lag,
+            "fed": rate * d,
+            "weight": float(np.clip(1.0 + fed.get("proportional", 0.0), 0.0, HEAVIEST)),
+            "thrust": self.mass * float(np.clip(fed.get("acceleration", 0.0), 0.0, HEAVIEST)),
+        }
         tuned = TunedLoop(**kept | own, gains=(p, i, d + self.drag + drag))
         return Chain(chain.instrument, tuple(tuned if op is loop else op for op in chain.operators))
 

@@ -1,10 +1,10 @@
 """The robot's three driven axes: voice coil, moving mass and the PID loop that closes over them.
 
-m x'' = F - (c + drag) x' - friction + load, F = Kp (b r - x) + Ki ∫e - Kd x' + Kf r' with e = r - x, r the target. The
-linear loop is integrated exactly for targets and loads that are linear in a step: about the particular solution
-x = r + λ/Ki, x' = ρ (ρ, λ the slopes of target and load) the deviation moves by the matrix exponential. The nonlinear
-part (friction, force limit, uneven force constant) acts as a force held over substeps of at most ``SUBSTEP``; dry
-friction takes at most the impulse that stops the axis, so that sticking is exact.
+m x'' = F - (c + drag) x' - friction + load, F = Kp (b r - x) + Ki ∫e - Kd x' + Kf r' + Ka r'' with e = r - x, r the
+target. The linear loop is integrated exactly for targets and loads that are linear in a step: about the particular
+solution x = r + λ/Ki, x' = ρ (ρ, λ the slopes of target and load) the deviation moves by the matrix exponential. The
+nonlinear part (friction, force limit, uneven force constant) acts as a force held over substeps of at most
+``SUBSTEP``; dry friction takes at most the impulse that stops the axis, so that sticking is exact.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _RUBBING = [4, 5, 6, 8, 18]  # of a loop's parameters: drag, dry friction, stict
 _LONGEST = 14  # and the longest substep, s
 _UNSEEN = 23  # N/m of the target that the proportional part does not see
 _SETTLED = 1e-3  # relative difference to dry friction at full slip below which it is that
-_STATE = 8  # [0] started [1] time [2] target [3] load [4] integral [5] position [6] velocity [7] dry friction
+_STATE = 9  # [0] started [1] time [2] target [3] load [4] integral [5] position [6] velocity [7] dry friction [8] slope
 
 
 @dataclass(frozen=True)
@@ -50,10 +50,11 @@ class AxisLoop(Wired):
     brakes with ``thinning`` N at 1 mm/s and with ``thinning_power`` of the speed, air that swirls with a power of 2.
     What rubs is of the axis ``alone`` (1 to 3), or of all (0).
     ``fed`` N s/m (Kf) is the controller's force in proportion to the target's speed, ``weight`` (b) the share of the
-    target that its proportional part sees (Åström and Hägglund, set-point weighting).
+    target that its proportional part sees (Åström and Hägglund, set-point weighting), ``thrust`` kg (Ka) what it gives
+    for the target's acceleration: a kick where the target turns.
     ``lag`` s is how late the coil's force is: a card's cycle, its filters, the coil's current. It is short against the
     loop's time constant, and taken to first order: F(t - lag) = F - lag F' takes lag Ki off Kp, lag Kp off Kd,
-    lag b Kp off Kf, and lag Kd off the mass.
+    lag b Kp off Kf, lag Kf off Ka, and lag Kd off the mass.
     ``spring`` N/m holds each axis towards zero: the stiffness that loops through a tissue assume of it
     (``robot.closed_loop``), so that only the difference is iterated. A step has ``most_substeps``, however long it is:
     where nodes are dense after kinks and wide elsewhere, few are enough.
@@ -76,6 +77,7 @@ class AxisLoop(Wired):
     alone: int = 0
     fed: float = 0.0
     weight: float = 1.0
+    thrust: float = 0.0
     lag: float = 0.0
     thinning: float = 0.0
     thinning_power: float = 0.5
@@ -95,7 +97,7 @@ class AxisLoop(Wired):
             self.force_limit, self.windup, self.slope, self.curvature, self.spring,
             math.inf if linear else SUBSTEP, self.soft, self.carried, self.fed,
             self.thinning, self.thinning_power, self.easing, self.most_substeps, self.fed - late * self.weight * kp,
-            (1.0 - self.weight) * kp,
+            (1.0 - self.weight) * kp, (self.thrust - late * self.fed) / (self.mass - late * kd),
         )  # fmt: skip
         return np.zeros((len(self.target), _STATE)), np.array(values)
 
@@ -160,6 +162,10 @@ def _advance_axis(
     for i in range(t.size):
         dt = t[i] - s[1]
         if dt > 1e-7:
+            if p[24] != 0.0:
+                rho = (target[i] - s[2]) / dt
+                s[6] += p[24] * (rho - s[8])
+                s[8] = rho
             steps = max(math.ceil(dt / (SUBSTEP if longest == math.inf else longest) * (1.0 - 1e-9)), 1)
             steps = steps if steps < p[21] else int(p[21])
             if longest == math.inf:

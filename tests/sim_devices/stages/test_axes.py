@@ -102,3 +102,21 @@ def test_a_coil_meets_its_limit_by_the_force_that_a_weighed_set_point_asks_for()
     free = moved(time, weight=0.0)
     # Proportional and integral part are newtons there, and nearly cancel.
     assert moved(time, weight=0.0, force_limit=0.02) == pytest.approx(free, abs=1e-12)
+
+
+@pytest.mark.parametrize("more", [{}, {"slope": 1e-9}], ids=["exact", "substeps"])
+def test_acceleration_that_is_fed_forward_kicks_where_the_target_turns(more: dict[str, float]) -> None:
+    """As a force Ka r'' of a target whose corners are rounded within 1 ms."""
+    time, width, share = np.arange(0, 3, 2.5e-4), 1e-3, 0.6
+    slopes = np.append(np.diff(WAY) / np.diff(CORNERS), 0.0)
+
+    def slope(t: float, s: FloatArray) -> list[float]:
+        turned = np.diff(slopes, prepend=0.0)[:-1] * (np.abs(t - CORNERS[:-1]) < 0.5 * width) / width
+        target = np.interp(t, CORNERS, WAY)
+        force = KP * (target - s[1]) + KI * s[0] - KD * s[2] + share * MASS * turned.sum()
+        return [target - s[1], s[2], force / MASS]
+
+    found = solve_ivp(slope, (0.0, 3.0), np.zeros(3), t_eval=time, rtol=1e-8, atol=1e-12, max_step=2e-4)
+    fed = moved(time, thrust=share * MASS, **more)
+    assert np.abs(fed - moved(time)).max() > 2e-6
+    assert fed == pytest.approx(found.y[1], abs=3e-7)
