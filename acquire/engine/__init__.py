@@ -1,5 +1,6 @@
 """The run engine: state machine, link threads, interlock and recorder of one instrument."""
 
+from acquire.engine.course import Course
 from acquire.engine.engine import RunEngine
 from acquire.engine.plan import Outcome, Progress, RunPlan
 from acquire.engine.rest import Rest, bring_to_rest
@@ -8,6 +9,7 @@ from acquire.engine.state import Aborted, State, Tripped, WrongState
 
 __all__ = [
     "Aborted",
+    "Course",
     "Outcome",
     "Progress",
     "Rest",

@@ -10,6 +10,7 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
+from acquire.engine.course import Course
 from acquire.engine.feeder import Feeder
 from acquire.engine.link import LinkThread
 from acquire.engine.plan import Outcome, Progress, RunPlan
@@ -21,7 +22,7 @@ from acquire.words import reading
 from drivers.device import Rig, Status
 from drivers.signals import Block, Frame
 from protocols.limits import PROBE, PROBE_AXES, RELIEF
-from protocols.setpoints import Until
+from protocols.setpoints import Setpoints, Until
 
 T = TypeVar("T")
 TAIL = 3.0  # s of wall time without a word from a link after which its tail is not waited for any longer
@@ -68,6 +69,7 @@ class ActiveRun:
             known.add(PROBE)
         self.limits = {n: r for n, r in plan.limits.ranges.items() if n in known and r.bounded}
         self.recording = True
+        self.course: Course | None = None  # None until the device has begun; another one wherever the plan moved
         self._device = device
         self._discarded = {source.name: source.discarded for source in (device, *rig.sources)}
         self._recorder = Recorder(plan.path, plan.info, channels, on_failure, plan.frame_scale, region=plan.region)
@@ -121,6 +123,7 @@ class ActiveRun:
         told = math.isfinite(status.began) and status.began > self.feeder.began
         self._rest_began = status.began if told else status.time
         self.feeder.interrupt(self._rest_began)
+        self._set_course(None)
         self._started = self._heard = False
 
     def drive(self, status: Status, ask: Ask) -> Trip | None:
@@ -156,8 +159,16 @@ class ActiveRun:
         if feeder.shifted and math.isfinite(feeder.began):
             # The journal's set-points stay true: written anew wherever the plan moved in time.
             feeder.shifted = False
-            self._recorder.put(Commanded(feeder.remaining(), feeder.began))
+            remaining = feeder.remaining()
+            self._recorder.put(Commanded(remaining, feeder.began))
+            self._set_course(remaining)
         return None
+
+    def _set_course(self, ahead: Setpoints | None) -> None:
+        """``ahead`` goes on from the running segment's beginning; None where nothing does, or nobody knows when."""
+        feeder = self.feeder
+        began = feeder.began if ahead is not None else math.nan
+        self.course = Course(tuple(feeder.done), began, ahead or Setpoints(()), feeder.rest)
 
     def _look_for_until(self, ask: Ask) -> None:
         feeder, watched = self.feeder, self.feeder.watched
@@ -204,6 +215,7 @@ class ActiveRun:
         if state is not State.COMPLETED:
             self.feeder.interrupt(ended)
             self.note("trip" if state is State.TRIPPED else "warning", str(state), reason, ended)
+        self._set_course(None)
         _wait_for(links, ended + self.plan.tail)
         self.recording = False
         self._tell_discarded(links, ended)

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 from acquire.engine.active import ActiveRun
 from acquire.engine.connection import Connection
+from acquire.engine.course import Course
 from acquire.engine.link import LinkThread
 from acquire.engine.plan import Outcome, Progress, RunPlan
 from acquire.engine.queues import DisplayQueue
@@ -76,6 +77,11 @@ class RunEngine(Connection):
         run = self._run
         progress = Progress(self.state, device_time=now) if run is None else run.progress(self.state, now)
         return replace(progress, trip=self.trip, dwell=self._interlock.dwell)
+
+    @property
+    def course(self) -> Course | None:
+        """The command of the present or the last run in device time; another object wherever the plan moved."""
+        return self._run.course if self._run is not None else None
 
     # For a person, a program or a window to do ------------------------------------------------------------------------
 

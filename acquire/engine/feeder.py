@@ -42,7 +42,7 @@ class Feeder:
             raise ValueError(f"a device queue of {capacity} segments cannot be fed")
         self._all = setpoints.segments
         self._capacity = capacity
-        self._rest = {q: float(rest.get(q, 0.0)) for q in setpoints.quantities}
+        self.rest = self._rest = {q: float(rest.get(q, 0.0)) for q in setpoints.quantities}
         self._rates = dict(rates)
         self.done: list[Executed] = []
         self.shifted = False  # whether `remaining` moved in time since somebody last cleared this

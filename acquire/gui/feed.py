@@ -16,7 +16,7 @@ from drivers.device import Status
 from drivers.signals import Block, FloatArray, Frame
 
 if TYPE_CHECKING:
-    from acquire.engine import RunEngine
+    from acquire.engine import Course, RunEngine
     from protocols import Setpoints
 
 FINE = 0.05  # s of device time that one pair of points stands for
@@ -33,6 +33,7 @@ class Feed:
         self._run = 0
         self._edges: FloatArray = np.zeros(1)
         self._origin = math.nan
+        self._course: Course | None = None  # the last one that was told
         self._disk = Disk()
 
     def begin(self, setpoints: Setpoints) -> None:
@@ -74,10 +75,18 @@ class Feed:
             dwell=dict(progress.dwell),
             disk=self._disk.left(progress.written, out),
             points=_points(blocks),
+            plan=self._plan(engine.course),
             latest={name: float(value[-1]) for block in blocks for name, value in block.values.items()},
             path=_path(blocks),
             picture=_picture(frames[-1]) if frames else None,
         )
+
+    def _plan(self, course: Course | None) -> tuple[FloatArray, dict[str, FloatArray]] | None:
+        """The set-points, where they are others than at the last view."""
+        if course is self._course:
+            return None
+        self._course = course
+        return course.table() if course is not None else None
 
     def _origin_by(self, status: Status) -> float:
         """Device time at which the protocol began, by the segment that the device says it executes."""

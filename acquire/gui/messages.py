@@ -134,6 +134,7 @@ class View:
     """One instrument as the worker sees it now, and the data since the last view.
 
     ``points`` maps channel to (time, value), thinned by extremes, ``latest`` to its newest value (NaN: not measurable);
+    ``plan`` are the set-points in device time, break points as in `Preview`, where they changed since the last view;
     ``path`` (n, 6) is tip position (m) and force (N); ``origin`` the device time at which the protocol began (NaN: not
     yet). ``run`` counts runs: another one clears the plots. Times are in s; ``left`` is the rest of the running
     segment, ``disk`` how long the disk lasts at the present rate (NaN: none); ``dwell`` maps a quantity to how
@@ -160,6 +161,7 @@ class View:
     disk: float = math.nan
     dwell: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     points: Mapping[str, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
+    plan: tuple[FloatArray, Mapping[str, FloatArray]] | None = None
     latest: Mapping[str, float] = field(default_factory=dict)
     path: FloatArray | None = None
     picture: Picture | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 import pyqtgraph as pg
@@ -58,7 +58,7 @@ class ChannelPlot(QWidget):
         self.curves = {c.name: self._curve(theme.curves[k]) for k, c in enumerate(channels)}
         self._lines: list[pg.InfiniteLine] = []
         self._range = FIRST_RANGE.get(channels[0].unit, (-1.0, 1.0))
-        self._plan: tuple[FloatArray, dict[str, FloatArray]] = (np.empty(0), {})
+        self._plan: tuple[FloatArray, Mapping[str, FloatArray]] = (np.empty(0), {})
         self._plan_drawn = math.nan
         self._set_range()
         column = QVBoxLayout(self)
@@ -68,19 +68,16 @@ class ChannelPlot(QWidget):
         column.addWidget(self.plot, 1)
 
     def begin(self, preview: Preview | None) -> None:
-        """A run of the previewed protocol begins: its set-points and limits are drawn ahead."""
+        """A run of the previewed protocol begins: its limits are drawn, and room is made for its set-points."""
         for trace in self.traces.values():
             trace.clear()
         for line in self._lines:
             self.plot.removeItem(line)
         self._lines = []
         self._range = FIRST_RANGE.get(self.channels[0].unit, (-1.0, 1.0))
-        self._plan, self._plan_drawn = (np.empty(0), {}), math.nan
-        for curve in self.commanded.values():
-            curve.clear()
+        self.plan(np.empty(0), {})
         if preview is not None:
             values = {c.name: preview.values[c.name] for c in self.channels if c.name in preview.values}
-            self._plan = (preview.time, values)
             reached = np.concatenate([np.zeros(1), *values.values()])
             self._cover(float(reached.min()), float(reached.max()))
             span = max(float(np.ptp(reached)), 1e-12)
@@ -92,8 +89,15 @@ class ChannelPlot(QWidget):
                     self._cover(bound, bound)
         self._set_range()
 
-    def draw(self, begin: float, end: float, offset: float, plan_offset: float) -> None:
-        """The curves between two device times (s), drawn at ``time - offset``; set-points at ``time + plan_offset``."""
+    def plan(self, time: FloatArray, values: Mapping[str, FloatArray]) -> None:
+        """The set-points in device time (s), as the engine knows them now: done, and to come."""
+        self._plan = (time, {name: values[name] for name in self.commanded if name in values})
+        self._plan_drawn = math.nan
+        for curve in self.commanded.values():
+            curve.clear()
+
+    def draw(self, begin: float, end: float, offset: float) -> None:
+        """The curves between two device times (s), drawn at ``time - offset``."""
         low, high = math.inf, -math.inf
         for name, trace in self.traces.items():
             time, value = trace.between(begin, end)
@@ -105,11 +109,11 @@ class ChannelPlot(QWidget):
         if low < self._range[0] + edge or high > self._range[1] - edge:
             self._cover(low - edge, high + edge)
             self._set_range()
-        if plan_offset != self._plan_drawn:
-            self._plan_drawn = plan_offset
+        if offset != self._plan_drawn:
+            self._plan_drawn = offset
             time, values = self._plan
             for name, value in values.items():
-                self.commanded[name].setData(time + plan_offset, self.factor * value)
+                self.commanded[name].setData(time - offset, self.factor * value)
 
     def tell(self) -> None:
         """The newest values in numbers; grey and with their age where they are past."""
@@ -166,6 +170,7 @@ class LivePanel(QWidget):
         self._shown = (math.nan, math.nan)
         self._run = 0
         self._now = math.nan
+        self._ends = -math.inf  # device time at which the set-points end
 
     def expect(self, preview: Preview | None) -> None:
         """The protocol that the next run will be of."""
@@ -175,8 +180,14 @@ class LivePanel(QWidget):
         """Take in new data, and draw them if the panel is to be seen."""
         if view.run != self._run:
             self._run = view.run
+            self._ends = -math.inf
             for item in self.plots:
                 item.begin(self._preview)
+        if view.plan is not None:
+            time, values = view.plan
+            self._ends = float(time[-1]) if len(time) else -math.inf
+            for item in self.plots:
+                item.plan(time, values)
         for item in self.plots:
             for name, trace in item.traces.items():
                 if name in view.points:
@@ -196,17 +207,16 @@ class LivePanel(QWidget):
         whole = self.span.currentText() == WHOLE and math.isfinite(view.origin) and view.run > 0
         if whole:
             begin = view.origin - 0.02 * view.duration
-            length = 1.04 * view.duration
+            length = max(1.04 * view.duration, self._ends + 0.02 * view.duration - begin)  # pauses made it longer
             while begin + length < self._now:
-                length *= 1.25  # a pause made it longer
+                length *= 1.25  # one that goes on
             self._axis(begin - view.origin, begin + length - view.origin, "time (s)")
-            offset, plan_offset, end = view.origin, 0.0, begin + length
+            offset, end = view.origin, begin + length
         else:
             begin, end, offset = self._now - RECENT, self._now, self._now
-            plan_offset = view.origin - self._now if math.isfinite(view.origin) else math.inf
             self._axis(-RECENT, 0.0, "time before now (s)")
         for item in self.plots:
-            item.draw(begin, end, offset, plan_offset)
+            item.draw(begin, end, offset)
 
     def _axis(self, begin: float, end: float, label: str) -> None:
         if self._shown != (begin, end):

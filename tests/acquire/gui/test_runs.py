@@ -151,12 +151,26 @@ def test_pause_resume_stop(qtbot: QtBot, make_window: MakeWindow) -> None:
     window = make_window(speed=5.0)
     connected(qtbot, window, "cutometer")
     window.controls.start_button.click()
-    qtbot.waitUntil(lambda: window.controls.pause_button.isEnabled(), timeout=PATIENCE)
+    plot = window.measure.currentWidget().live.plots[0]
+    qtbot.waitUntil(lambda: window.views["cutometer"].elapsed > 3.0, timeout=PATIENCE)  # in the hold, from 1 s to 9 s
+    planned = plot.commanded["pressure"].getData()[0][-1]
+    assert planned == pytest.approx(window.views["cutometer"].duration)
     window.controls.pause_button.click()
     qtbot.waitUntil(lambda: state(window, "cutometer") == "paused", timeout=PATIENCE)
+    # Nobody knows when it goes on: nothing is drawn ahead.
+    qtbot.waitUntil(lambda: plot.commanded["pressure"].getData()[0][-1] < planned - 15.0, timeout=PATIENCE)
     qtbot.waitUntil(lambda: window.controls.pause_button.text() == "RESUME", timeout=PATIENCE)
     window.controls.pause_button.click()
     qtbot.waitUntil(lambda: state(window, "cutometer") == "running", timeout=PATIENCE)
+    # The set-points are where the data are: the hold is repeated, and everything behind it comes later.
+    qtbot.waitUntil(lambda: plot.readings["pressure"].value < -29e3, timeout=PATIENCE)
+    begun = plot.curves["pressure"].getData()[0][-1] + 1.0
+    qtbot.waitUntil(lambda: plot.curves["pressure"].getData()[0][-1] > begun + 3.0, timeout=PATIENCE)
+    time, measured = plot.curves["pressure"].getData()
+    late = (time > begun) & (time < begun + 3.0)
+    assert np.allclose(measured[late], np.interp(time[late], *plot.commanded["pressure"].getData()), atol=15.0)  # mbar
+    assert plot.commanded["pressure"].getData()[0][-1] > planned + 2.0
+    assert plot.plot.viewRange()[0][1] > plot.commanded["pressure"].getData()[0][-1]
     window.controls.stop_button.click()
     qtbot.waitUntil(lambda: window.recordings.result.result is not None, timeout=PATIENCE)
     assert window.recordings.result.result is not None
