@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from PySide6.QtWidgets import QFileDialog, QInputDialog, QMessageBox, QWidget
@@ -38,3 +39,14 @@ def may_close(parent: QWidget) -> bool:
     question.setText("Stop the run, vent, and close the window?")
     question.setStandardButtons(QMessageBox.StandardButton.Close | QMessageBox.StandardButton.Cancel)
     return question.exec() == int(QMessageBox.StandardButton.Close)
+
+
+def may_start_beside(parent: QWidget, label: str, running: Sequence[str]) -> bool:
+    """Whether another instrument may be started while others run: nobody does so by a slip."""
+    question = QMessageBox(parent)
+    question.setWindowTitle("Another instrument is running")
+    question.setText(f"{', '.join(running)} is running. Start {label} as well?")
+    start = question.addButton("Start as well", QMessageBox.ButtonRole.AcceptRole)
+    question.setDefaultButton(question.addButton(QMessageBox.StandardButton.Cancel))
+    question.exec()
+    return question.clickedButton() is start

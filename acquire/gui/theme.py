@@ -79,6 +79,10 @@ QPushButton[role="estop"] {{ background: #d00000; color: white; font-size: 17pt;
   border: 3px solid #ffd400; padding: 8px 22px; }}
 QPushButton[role="estop"]:pressed {{ background: #900000; }}
 QFrame[role="bar"] {{ background: {base}; border: 1px solid {border}; border-radius: 6px; }}
+QFrame[role="row"] {{ background: {base}; border: 1px solid {border}; border-radius: 6px; }}
+QFrame[role="row"]:focus {{ border: 1px dashed {text}; }}
+QFrame[role="row"][chosen="true"] {{ border: 2px solid {accent}; }}
+QFrame[role="row"][chosen="true"]:focus {{ border: 2px dashed {accent}; }}
 QFrame[role="alarm"] {{ background: #d00000; border-radius: 6px; }}
 QFrame[role="alarm"] QLabel {{ color: white; font-size: 13pt; font-weight: 700; }}
 QFrame[role="offer"] {{ background: {accent}; border-radius: 6px; }}

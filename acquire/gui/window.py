@@ -15,6 +15,7 @@ from acquire.gui.estop import EmergencyStop
 from acquire.gui.latches import Latches
 from acquire.gui.layout import Layout
 from acquire.gui.messages import LIVE, BenchSettings, Finished, Measurement, ProtocolEntry, Ready, Reply, View
+from acquire.gui.panels.controls import STARTABLE
 from acquire.gui.panels.measure import MeasurePanel
 
 FRAME = 33  # ms between two turns of the one timer
@@ -36,6 +37,7 @@ class MainWindow(Layout):
         self.views: dict[str, View] = {}
         self._gone = ""  # why the worker is not there, if it is not
         self._asked_to_run: set[str] = set()  # instruments between START and the first view of the run
+        self._acting = ""  # the instrument that the bar names: PAUSE, RESUME and STOP are for it
         self._entries: tuple[ProtocolEntry, ...] = ()
         self._drawn: dict[str, MeasurePanel] = {}
         self.restoreGeometry(self.kept.geometry)
@@ -62,9 +64,9 @@ class MainWindow(Layout):
         self.prepare.wanted.connect(lambda path: self._preview())
         self.prepare.open_wanted.connect(self._open_protocol)
         self.controls.start.connect(self.start)
-        self.controls.pause.connect(lambda: self._ask("pause", self.current))
-        self.controls.resume.connect(lambda: self._ask("resume", self.current))
-        self.controls.halt.connect(lambda: self._ask("abort", self.current))
+        self.controls.pause.connect(lambda: self._ask("pause", self._acting))
+        self.controls.resume.connect(lambda: self._ask("resume", self._acting))
+        self.controls.halt.connect(lambda: self._ask("abort", self._acting))
         self.controls.estop.connect(self.emergency_stop)
         self.alarm.accepted.connect(self.reset)
         self.dark_action.triggered.connect(self._other_theme)
@@ -82,10 +84,16 @@ class MainWindow(Layout):
         return self.instruments.current
 
     @property
+    def running(self) -> tuple[str, ...]:
+        """Names of the instruments that act on a person, or may begin to at any moment."""
+        live = {name for name, view in self.views.items() if view.state in LIVE} | self._asked_to_run
+        return tuple(sorted(live))
+
+    @property
     def live(self) -> bool:
         """Whether an instrument acts on a person, or may begin to at any moment, or nobody knows."""
         unknown = bool(self._gone) and self.client.process.is_alive()  # it hangs, and may go on
-        return unknown or bool(self._asked_to_run) or any(view.state in LIVE for view in self.views.values())
+        return unknown or bool(self.running)
 
     @property
     def latched(self) -> bool:
@@ -105,6 +113,8 @@ class MainWindow(Layout):
             return "connect an instrument"
         if self.latches.holds(self.current):
             return "reset the instrument"
+        if self.current in self._asked_to_run:
+            return "starting"
         if preview is None or preview.instrument != row.info.kind:
             return "choose a protocol"
         if not self.subject.sound:
@@ -131,13 +141,32 @@ class MainWindow(Layout):
                 panel.show_view(view, self.measure.currentWidget() is panel and panel.isVisible())
             self.live_fit.show_view(view)
         self.instruments.show_views(views)
-        self.health.show_view(self.views.get(self.current))
         self._show_controls()
+        self.health.show_view(self.views.get(self._acting))
+
+    def _act_on(self) -> str:
+        """What the bar is for: whatever runs, whichever row is chosen; the chosen one where nothing does, or it does."""
+        running = self.running
+        return next((name for name in (self.current, self._acting, *running) if name in running), self.current)
 
     def _show_controls(self) -> None:
-        row = self.instruments.rows.get(self.current)
-        label = row.info.label if row is not None else ""
-        self.controls.show_view(self.views.get(self.current), label, missing=self.missing, fault=self._gone)
+        rows = self.instruments.rows
+        row = rows.get(self.current)
+        self._acting = self._act_on()
+        view = self.views.get(self._acting)
+        if view is not None and self._acting in self._asked_to_run:
+            view = replace(view, state="armed")  # asked for, and not told yet
+        shown = rows[self._acting].info.label if self._acting in rows else ""
+        chosen = self.views.get(self.current)
+        self.controls.show_view(
+            view,
+            shown,
+            missing=self.missing,
+            fault=self._gone,
+            startable=chosen is not None and chosen.state in STARTABLE and not self.missing,
+            beside=row.info.label if row is not None and self.current != self._acting else "",
+            also=[rows[name].info.label for name in self.running if name != self._acting and name in rows],
+        )
         self.live_fit.offer(self.current, row.info.kind if row is not None else "", self.prepare.preview)
         several = len(self.latches.stopped) > 1
         if self._gone:
@@ -250,10 +279,15 @@ class MainWindow(Layout):
         """Arm and start the chosen protocol on the chosen instrument."""
         if not self.ready:
             return
+        others = [self.instruments.rows[name].info.label for name in self.running if name != self.current]
+        label = self.instruments.rows[self.current].info.label
+        if others and not (dialogs.may_start_beside(self, label, others) and self.ready):
+            return
         panel = self._drawn[self.current]
         panel.expect(self.prepare.preview)
         name = self.current
         self._asked_to_run.add(name)
+        self._show_controls()
         self.tabs.setCurrentWidget(self.measure)
         gvt = {"gvt": panel.camera.gvt} if panel.camera is not None else {}
 
@@ -348,6 +382,7 @@ class MainWindow(Layout):
         self._timer.stop()
         self.estop.remove()
         self.client.close()
+        self._forget()  # nothing runs any more, and nobody is to be asked about it
         self.recordings.close()
         self.qualify.close_tool()
         self.live_fit.close_tool()

@@ -18,6 +18,7 @@ import queue
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any
 
@@ -75,6 +76,7 @@ class Worker:
         self._over = threading.Event()
         self._feeds: dict[str, Feed] = {}
         self._hands: dict[str, ThreadPoolExecutor] = {}
+        self._aborts: dict[str, int] = {}  # how often each instrument was told to stop
         self.session = Session(
             station,
             speed=bench.speed,
@@ -163,10 +165,13 @@ class Worker:
         if command.action == "quit":
             self._over.set()
         elif command.action == "abort":
+            self._aborts[name] = self._aborts.get(name, 0) + 1
             if name in self.session.engines:
                 self.session.engine(name).abort()
         else:
             hand = self._hands.setdefault(name, ThreadPoolExecutor(1, thread_name_prefix=f"hand-{name}"))
+            if command.action == "run":
+                command = replace(command, arguments={**command.arguments, "aborts": self._aborts.get(name, 0)})
             hand.submit(self._answer, command)
 
     def _answer(self, command: Command) -> None:
@@ -237,9 +242,13 @@ class Worker:
             if isinstance(source, Camera) and source.measure is not None:
                 source.measure.use(gvt)
 
-    def _run(self, name: str, protocol: str, **request: Any) -> str:
+    def _run(self, name: str, protocol: str, aborts: int, **request: Any) -> str:
         """Arm and start; a warning where the instrument's last qualification does not hold. The run's end is told by
-        `Finished`."""
+        `Finished`.
+
+        ``aborts`` is how often the instrument had been told to stop when START was pressed: a stop that came before
+        there was anything to stop holds as well.
+        """
         from acquire.qualifications import due, serial_of
         from acquire.session import Request
 
@@ -247,8 +256,11 @@ class Worker:
         feed = self._feed(name)
         engine.arm(plan)
         feed.begin(plan.setpoints)
-        engine.start()
         threading.Thread(target=self._await, args=(name, engine, plan.info), name=f"await-{name}", daemon=True).start()
+        if self._aborts.get(name, 0) != aborts:
+            engine.abort()
+            return ""
+        engine.start()
         return due(plan.info.instrument, serial_of(plan.info))
 
     def _await(self, name: str, engine: RunEngine, info: RunInfo) -> None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
-from PySide6.QtCore import Signal
+from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QLabel, QProgressBar, QPushButton, QWidget
 
 from acquire.gui.estop import button_for
@@ -18,7 +19,10 @@ STARTABLE = frozenset({"ready", "completed", "aborted"})
 
 
 class ControlBar(QFrame):
-    """Commands for the chosen instrument; the emergency stop is for all of them."""
+    """Commands for the instrument that it names; the emergency stop is for all of them.
+
+    What runs is named, whichever instrument is chosen; START is for the chosen one, and says so where it is another.
+    """
 
     start = Signal()
     pause = Signal()
@@ -61,24 +65,50 @@ class ControlBar(QFrame):
         layout.addWidget(self.estop_button)
         self.show_view(None, missing="connect an instrument")
 
-    def show_view(self, view: View | None, label: str = "", *, missing: str, fault: str = "") -> None:
-        """The state of the chosen instrument, which is called ``label``.
+    def show_view(
+        self,
+        view: View | None,
+        label: str = "",
+        *,
+        missing: str,
+        fault: str = "",
+        startable: bool = False,
+        beside: str = "",
+        also: Sequence[str] = (),
+    ) -> None:
+        """The state of the instrument that the bar is for, which is called ``label``.
 
         ``missing`` names the steps to be done before START, '' where nothing is; ``fault`` why nothing is known of the
-        instruments.
+        instruments. START is for the chosen instrument, called ``beside`` where it is another one. ``also`` are those
+        that run besides.
         """
         self._label = label
+        self._also = also
         state = view.state if view is not None else "off"
-        self.start_button.setEnabled(not missing and state in STARTABLE)
+        self.start_button.setEnabled(startable)
+        self._name_start(beside)
         self.stop_button.setEnabled(state in LIVE)
         self.pause_button.setEnabled(state in ("running", "paused"))
         if self._paused != (state == "paused"):
             self._paused = state == "paused"
             self.pause_button.setText("RESUME" if self._paused else "PAUSE")
+            self.pause_button.setShortcut("F6")  # a text takes the key away
+        for button, what in ((self.pause_button, "F6"), (self.stop_button, "F7")):
+            button.setToolTip(f"{what}: {label}" if label and state in LIVE else what)
         if view is None or state not in LIVE:
             self._idle(state, missing, fault)
         else:
             self._running(view)
+
+    def _name_start(self, beside: str) -> None:
+        """START names its instrument where that is not the bar's."""
+        room = self.start_button.width() - 12
+        name = self.fontMetrics().elidedText(beside, Qt.TextElideMode.ElideRight, room)
+        text = f"START\n{name}" if beside else "START"
+        if self.start_button.text() != text:
+            self.start_button.setText(text)
+            self.start_button.setShortcut("F5")  # a text takes the key away
+            self.start_button.setToolTip(f"F5: start {beside} as well" if beside else "F5")
 
     def _idle(self, state: str, missing: str, fault: str) -> None:
         if fault:
@@ -109,6 +139,7 @@ class ControlBar(QFrame):
         parts += [
             f"{AWAY.get(name, 'away from rest')} {clock(t)} of {clock(most)}" for name, (t, most) in view.dwell.items()
         ]
+        parts += [f"{name} is running too" for name in self._also]
         _set(self.detail, " · ".join(parts))
         self.bar.setValue(round(1000 * view.elapsed / view.duration) if view.duration else 0)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QMouseEvent
+from PySide6.QtGui import QKeyEvent, QMouseEvent
 from PySide6.QtWidgets import QFrame, QGridLayout, QGroupBox, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
 from acquire.gui.messages import LIVE, NEEDS_RESET, InstrumentInfo, View
@@ -38,7 +38,9 @@ class InstrumentRow(QFrame):
         self.info = info
         self.state = "off"
         self._action = "connect"
-        self.setProperty("role", "bar")
+        self.setProperty("role", "row")
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self.setAccessibleName(info.label)
         self.light = QLabel("●")
         title = QLabel(info.label)
         title.setStyleSheet("font-weight: 600")
@@ -78,17 +80,24 @@ class InstrumentRow(QFrame):
         self.error.setVisible(bool(error))
         self._action, text = _action(state, error)
         self.button.setText(text)
-        self.button.setEnabled(state not in LIVE and state not in ("connecting", "lost"))
+        self.button.setEnabled(state not in ("connecting", "lost"))
 
     def mark(self, chosen: bool) -> None:
         """Show whether this is the one that runs are started on."""
-        self.setFrameShape(QFrame.Shape.StyledPanel)
-        self.setStyleSheet('QFrame[role="bar"] { border: 2px solid palette(highlight); }' if chosen else "")
+        self.setProperty("chosen", chosen)
+        self.style().polish(self)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         """A click anywhere on the row chooses the instrument."""
         self.chosen.emit(self.info.name)
         super().mousePressEvent(event)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """So do the space bar and Return, where the row has the focus."""
+        if event.key() in (Qt.Key.Key_Space, Qt.Key.Key_Return, Qt.Key.Key_Enter):
+            self.chosen.emit(self.info.name)
+            return
+        super().keyPressEvent(event)
 
     def _light(self, state: str) -> None:
         self.light.setStyleSheet(f"color: {LIGHTS.get(state, LIGHTS['off'])}; font-size: 20pt")
@@ -107,6 +116,8 @@ def _action(state: str, error: str) -> tuple[str, str]:
         return "reset", "Reset"
     if state in CLOSED:
         return "connect", "Retry" if error else "Connect"
+    if state in LIVE:
+        return "abort", "Stop"
     return "disconnect", "Disconnect"
 
 
