@@ -7,7 +7,7 @@ from pathlib import Path
 
 from protocols.errors import Problem, ProtocolError
 from protocols.files import is_file, shortened
-from protocols.text import did_you_mean
+from protocols.text import resembling
 
 
 def library() -> dict[str, Path]:
@@ -17,7 +17,10 @@ def library() -> dict[str, Path]:
 
 
 def find(name_or_path: str | Path) -> Path:
-    """The file at a path, or the library's protocol of that name. Raises ProtocolError."""
+    """The file at a path, or the library's protocol of that name. Raises ProtocolError.
+
+    A path that is gone is no misspelt name: the library's names would tell nothing.
+    """
     path = Path(name_or_path)
     if is_file(path):
         return path
@@ -25,5 +28,9 @@ def find(name_or_path: str | Path) -> Path:
     name = str(name_or_path).removesuffix(".yaml")
     if name in known:
         return known[name]
-    message = f"no such file, and no protocol of that name in the library{did_you_mean(name, known)}"
+    message = "no such file"
+    if path.parent == Path() and path.suffix != ".yml":
+        close = resembling(name, known)
+        hint = f"did you mean {close!r}?" if close else f"'acquire check' lists its {len(known)}"
+        message = f"no such file, and no protocol of that name in the library; {hint}"
     raise ProtocolError((Problem(message),), shortened(str(name_or_path)))

@@ -59,8 +59,13 @@ def json_schema() -> dict[str, Any]:
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """``; did you mean 'x'?``, or the list of names, to append to a message."""
     known = list(known)
-    close = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
-    return f"; did you mean {close[0]!r}?" if close else f"; there is {', '.join(known)}"
+    close = resembling(word, known)
+    return f"; did you mean {close!r}?" if close else f"; there is {', '.join(known)}"
+
+
+def resembling(word: str, known: Iterable[str]) -> str:
+    """The known name most like ``word``; '' where none is."""
+    return next(iter(difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)), "")
 
 
 WORDS = {

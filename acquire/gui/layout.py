@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from functools import partial
 
-from PySide6.QtCore import Qt
-from PySide6.QtGui import QAction, QKeySequence
+from PySide6.QtCore import QSize, Qt, QTimer
+from PySide6.QtGui import QAction, QKeySequence, QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QMainWindow, QScrollArea, QStackedWidget, QTabWidget, QVBoxLayout, QWidget
 
 from acquire.gui.messages import BenchSettings
 from acquire.gui.panels.banner import Banner
 from acquire.gui.panels.controls import ControlBar
+from acquire.gui.panels.elided import Elided
 from acquire.gui.panels.health import Health
 from acquire.gui.panels.instruments import InstrumentsPanel
 from acquire.gui.panels.livefit import LiveFitPanel
@@ -19,7 +20,9 @@ from acquire.gui.panels.qualify import QualifyPanel
 from acquire.gui.panels.subject import SubjectPanel
 from acquire.gui.recordings import Recordings
 
-SIDE = 408  # px, the column of instruments and subject
+SIDE = (304, 408)  # px, least and most: the column of instruments and subject
+SHARE = 0.3  # of the window's width is the column's, between the two
+FIRST = QSize(1280, 860)  # when nothing is remembered, where the screen has room for it
 
 
 class Layout(QMainWindow):
@@ -36,6 +39,7 @@ class Layout(QMainWindow):
         self.recordings = Recordings(bench.out, lambda: self.subject.operator.text().strip(), self)
         kept = self.recordings
         self.tabs = QTabWidget()
+        self.tabs.setElideMode(Qt.TextElideMode.ElideNone)
         for widget, title in (
             (self.prepare, "Protocol"), (self.measure, "Measure"), (kept.result, "Result"),
             (kept.browser, "Recordings"), (kept.diagnosis, "Diagnosis"), (kept.fit, "Fit"),
@@ -52,9 +56,24 @@ class Layout(QMainWindow):
         column.addWidget(kept.offer)
         column.addLayout(row, 1)
         self.setCentralWidget(central)
-        self.statusBar().addPermanentWidget(self.health, 1)
-        self.resize(1280, 860)
+        self.said = Elided("")
+        self.statusBar().addWidget(self.said, 1)
+        self.statusBar().addPermanentWidget(self.health)
+        self._silence = QTimer(self)
+        self._silence.setSingleShot(True)
+        self._silence.timeout.connect(lambda: self.said.setText(""))
+        self.resize(FIRST.boundedTo(self.screen().availableSize()))
         self._menu()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Qt's hook: on a small screen the column at the left leaves more to the pages."""
+        super().resizeEvent(event)
+        self._column.setFixedWidth(round(min(max(SHARE * self.width(), SIDE[0]), SIDE[1])))
+
+    def _say(self, text: str, seconds: float = 20.0) -> None:
+        """A line at the bottom, for a while."""
+        self.said.setText(text)
+        self._silence.start(round(1e3 * seconds))
 
     def _side(self) -> QScrollArea:
         side = QWidget()
@@ -68,7 +87,8 @@ class Layout(QMainWindow):
         scroll.setWidgetResizable(True)
         scroll.setFrameShape(QScrollArea.Shape.NoFrame)
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        scroll.setFixedWidth(SIDE)
+        scroll.setFixedWidth(SIDE[0])
+        self._column = scroll
         return scroll
 
     def _menu(self) -> None:

@@ -19,6 +19,7 @@ ALIVE, STOP = b".", b"!"
 
 #: Channels of a tip's position and the force on it, in the order of `View.path`.
 PATH = ("probe_x", "probe_y", "probe_z", "force_x", "force_y", "force_z")
+FROM_FILE = "from a file"  # the title of a protocol that a person opened
 LIVE = frozenset({"armed", "running", "paused"})
 NEEDS_RESET = frozenset({"tripped", "failed"})
 

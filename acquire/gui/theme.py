@@ -89,7 +89,7 @@ QFrame[role="offer"] {{ background: {accent}; border-radius: 6px; }}
 QFrame[role="offer"] QLabel {{ color: {base}; font-weight: 600; }}
 QTabWidget::pane {{ border: 1px solid {border}; background: {base}; top: -1px; }}
 QTabWidget > QStackedWidget {{ background: {base}; }}
-QTabBar::tab {{ padding: 8px 16px; background: {raised}; border: 1px solid {border}; border-bottom: none;
+QTabBar::tab {{ padding: 8px 9px; background: {raised}; border: 1px solid {border}; border-bottom: none;
   border-top-left-radius: 4px; border-top-right-radius: 4px; margin-right: 2px; }}
 QTabBar::tab:selected {{ font-weight: 600; background: {base}; }}
 """

@@ -14,7 +14,17 @@ from acquire.gui.client import Client
 from acquire.gui.estop import EmergencyStop
 from acquire.gui.latches import Latches
 from acquire.gui.layout import Layout
-from acquire.gui.messages import LIVE, BenchSettings, Finished, Measurement, ProtocolEntry, Ready, Reply, View
+from acquire.gui.messages import (
+    FROM_FILE,
+    LIVE,
+    BenchSettings,
+    Finished,
+    Measurement,
+    ProtocolEntry,
+    Ready,
+    Reply,
+    View,
+)
 from acquire.gui.panels.controls import STARTABLE
 from acquire.gui.panels.measure import MeasurePanel
 
@@ -145,7 +155,7 @@ class MainWindow(Layout):
         self.health.show_view(self.views.get(self._acting))
 
     def _act_on(self) -> str:
-        """What the bar is for: whatever runs, whichever row is chosen; the chosen one where nothing does, or it does."""
+        """What the bar is for: what runs, whichever row is chosen; the chosen one where that runs, or nothing does."""
         running = self.running
         return next((name for name in (self.current, self._acting, *running) if name in running), self.current)
 
@@ -344,19 +354,18 @@ class MainWindow(Layout):
         if reply.error:
             self._say(reply.error)
 
-    def _say(self, text: str) -> None:
-        self.statusBar().showMessage(text, 20000)
-
     # Small things -----------------------------------------------------------------------------------------------------
 
     def _open_protocol(self) -> None:
         if path := dialogs.ask_file(self, "Protocol", "Protocols (*.yaml *.yml)"):
             kind = self.instruments.rows[self.current].info.kind if self.current else ""
-            self._entries = (*self._entries, ProtocolEntry(Path(path).stem, "from a file", kind, Path(path)))
+            others = tuple(entry for entry in self._entries if entry.path != Path(path))  # the same file once
+            self._entries = (*others, ProtocolEntry(Path(path).stem, FROM_FILE, kind, Path(path)))
             self.prepare.show_entries(self._entries, kind, path)
 
     def _change_folder(self) -> None:
         if self.live:
+            self._say("Stop the run before changing the folder.")
             return
         if path := dialogs.ask_folder(self, "Folder for recordings", self.bench.out):
             self.kept.out = path
@@ -367,7 +376,7 @@ class MainWindow(Layout):
 
     def _other_theme(self) -> None:
         self.kept.theme = "light" if theme.current() is theme.DARK else "dark"
-        self.statusBar().showMessage(f"{self.kept.theme.capitalize()} from the next start.", 8000)
+        self._say(f"{self.kept.theme.capitalize()} from the next start.", 8.0)
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Qt's hook: a run that goes on is stopped and vented before the window closes, after asking."""

@@ -19,10 +19,12 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from acquire.gui.panels.elided import Elided
 from acquire.gui.reading import Row
 from acquire.gui.theme import LEVELS, current
 
 COLUMNS = ("begun", "instrument", "protocol", "subject", "site", "repeat", "status", "counts")
+WIDEST = 11  # characters of a column at most: a long pseudonym ends in an ellipsis, and its tool tip is whole
 SHORT = 28  # characters of a reason in the table; its tool tip says all
 COLOURS = {
     "completed": LEVELS["ok"], "imported": LEVELS["ok"], "recovered": LEVELS["warning"], "aborted": LEVELS["warning"],
@@ -43,7 +45,7 @@ class BrowserPanel(QWidget):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.rows: tuple[Row, ...] = ()
-        self.folder = QLabel("")
+        self.folder = Elided("")
         self.folder.setProperty("role", "faint")
         self.filter = QLineEdit()
         self.filter.setPlaceholderText("filter: subject, site, protocol, status …")
@@ -57,7 +59,11 @@ class BrowserPanel(QWidget):
         self.table.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
         self.table.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
         self.table.horizontalHeader().setSectionResizeMode(2, QHeaderView.ResizeMode.Stretch)
+        self.table.horizontalHeader().setHighlightSections(False)  # bold heads would be cut
         self.table.itemSelectionChanged.connect(self._chosen)
+        self.empty = QLabel("No recordings here yet: every run that ends is listed. Folder … shows another folder's.")
+        self.empty.setProperty("role", "faint")
+        self.empty.setWordWrap(True)
         self.look = self._button("Open", lambda: self.open_wanted.emit(self.chosen[0]))
         self.table.itemDoubleClicked.connect(self.look.click)
         self.diagnose = self._button("Diagnose", lambda: self.diagnose_wanted.emit(self.chosen))
@@ -74,12 +80,14 @@ class BrowserPanel(QWidget):
         top.addWidget(change)
         top.addWidget(self.refresh)
         bottom = QHBoxLayout()
-        bottom.addWidget(self.folder, 1)
+        bottom.addStretch(1)
         for button in (self.look, self.diagnose, self.fit, self.leave_out, self.count, self.recover):
             bottom.addWidget(button)
         column = QVBoxLayout(self)
         column.addLayout(top)
+        column.addWidget(self.empty)
         column.addWidget(self.table, 1)
+        column.addWidget(self.folder)
         column.addLayout(bottom)
         self._chosen()
 
@@ -94,7 +102,8 @@ class BrowserPanel(QWidget):
         for number, row in enumerate(rows):
             for column, text in enumerate(_cells(row)):
                 item = QTableWidgetItem(text)
-                item.setToolTip("\n".join(filter(None, (row.problem or str(row.path), row.left_out))))
+                told = (row.problem or str(row.path), row.subject, row.left_out)
+                item.setToolTip("\n".join(filter(None, told)))
                 if column == COLUMNS.index("status"):
                     item.setForeground(QColor(COLOURS.get(row.status, LEVELS["bad"])))
                 elif row.left_out:
@@ -102,6 +111,10 @@ class BrowserPanel(QWidget):
                 self.table.setItem(number, column, item)
         for column in (0, 1, 3, 4, 5, 6, 7):
             self.table.resizeColumnToContents(column)
+        most = WIDEST * self.table.fontMetrics().horizontalAdvance("0")
+        for column in (1, 3, 4):
+            self.table.setColumnWidth(column, min(self.table.columnWidth(column), most))
+        self.empty.setVisible(not rows)
         for number, row in enumerate(rows):
             if row.path in chosen:
                 self._select(number, QItemSelectionModel.SelectionFlag.Select)

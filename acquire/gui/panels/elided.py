@@ -8,7 +8,9 @@ from PySide6.QtWidgets import QLabel
 
 
 class Elided(QLabel):
-    """One line, as wide as there is room for."""
+    """One line, as wide as there is room for. ``whole`` is a longer tool tip than the text, where there is one."""
+
+    whole = ""
 
     def minimumSizeHint(self) -> QSize:
         """Qt's hook: no width is too small."""
@@ -17,7 +19,9 @@ class Elided(QLabel):
     def paintEvent(self, event: QPaintEvent) -> None:
         """Qt's hook."""
         shown = self.fontMetrics().elidedText(self.text(), Qt.TextElideMode.ElideRight, self.width())
-        self.setToolTip(self.text() if shown != self.text() else "")
+        tip = self.whole or (self.text() if shown != self.text() else "")
+        if self.toolTip() != tip:
+            self.setToolTip(tip)
         painter = QPainter(self)
         self.style().drawItemText(
             painter, self.rect(), self.alignment(), self.palette(), self.isEnabled(), shown, self.foregroundRole()

@@ -26,7 +26,7 @@ class Health(QWidget):
         row.addStretch(1)
         for label, longest in (
             (self.lost, "lost samples 99999"),
-            (self.disk, "disk lasts more than a year"),
+            (self.disk, "disk lasts 99.9 min"),
             (self.recorder, "recorder 100 % full"),
             (self.rate, "screen 30 Hz"),
         ):

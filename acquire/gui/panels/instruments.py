@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QKeyEvent, QMouseEvent
-from PySide6.QtWidgets import QFrame, QGridLayout, QGroupBox, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QGridLayout, QGroupBox, QLabel, QPushButton, QVBoxLayout, QWidget
 
 from acquire.gui.messages import LIVE, NEEDS_RESET, InstrumentInfo, View
 from acquire.gui.theme import LIGHTS
@@ -54,7 +54,8 @@ class InstrumentRow(QFrame):
         self.error.setWordWrap(True)
         self.error.hide()
         self.button = QPushButton("Connect")
-        self.button.setFixedWidth(106)
+        longest = max(self.button.fontMetrics().horizontalAdvance(text) for text in ("Disconnect", "Connect", "Retry"))
+        self.button.setFixedWidth(longest + 28)
         self.button.clicked.connect(self._act)
         grid = QGridLayout(self)
         grid.setContentsMargins(8, 6, 8, 6)
@@ -141,10 +142,10 @@ class InstrumentsPanel(QGroupBox):
         self.station = QPushButton("Station file …")
         self.simulated.clicked.connect(lambda: self.station_wanted.emit(True))
         self.station.clicked.connect(lambda: self.station_wanted.emit(False))
-        buttons = QHBoxLayout()
-        buttons.addWidget(self.connect_all)
-        buttons.addWidget(self.simulated)
-        buttons.addWidget(self.station)
+        buttons = QGridLayout()
+        buttons.addWidget(self.connect_all, 0, 0, 1, 2)
+        buttons.addWidget(self.simulated, 1, 0)
+        buttons.addWidget(self.station, 1, 1)
         self._list = QVBoxLayout()
         layout = QVBoxLayout(self)
         layout.addWidget(self.bench)

@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QVBoxLayout, QWidg
 
 from acquire.gui.fresh import Reading
 from acquire.gui.messages import ChannelInfo, Preview, View
+from acquire.gui.panels.elided import Elided
 from acquire.gui.plots import limit_line, plot
 from acquire.gui.theme import current
 from acquire.gui.thinning import Trace
@@ -47,9 +48,10 @@ class ChannelPlot(QWidget):
         self.factor, self.unit = pleasant(channels[0].unit)
         self.digits = 1 if self.unit == "mbar" else 3
         self._told = ""
-        self.plot = plot("", "", f"{self.title} ({self.unit})" if self.unit else self.title)
+        self.plot = plot("", "", self.title, self.unit)
         self.numbers = QLabel("")
-        self.numbers.setStyleSheet("font-size: 14pt; font-weight: 600")
+        self.numbers.setStyleSheet("font-size: 13pt; font-weight: 600")
+        self.numbers.setMinimumWidth(1)
         self.numbers.setTextFormat(Qt.TextFormat.RichText)
         theme = current()
         self.traces = {c.name: Trace() for c in channels}
@@ -126,7 +128,7 @@ class ChannelPlot(QWidget):
             past = reading.age or not reading.known
             cells.append(f'<span style="color:{theme.faint if past else colour}">{label} {value}</span>')
         age = f'<span style="color:{theme.faint}"> · {max(ages)}</span>' if max(ages) else ""
-        text = "&nbsp;" * 4 + f"{'&nbsp; '.join(cells)} {self.unit}{age}"
+        text = f"&nbsp; {'&nbsp; '.join(cells)} {self.unit}{age}"
         if text != self._told:
             self._told = text
             self.numbers.setText(text)
@@ -151,8 +153,10 @@ class ChannelPlot(QWidget):
 class LivePanel(QWidget):
     """The plots of one instrument, one above the other, on one time axis."""
 
-    def __init__(self, channels: Iterable[ChannelInfo], parent: QWidget | None = None) -> None:
+    def __init__(self, channels: Iterable[ChannelInfo], label: str, parent: QWidget | None = None) -> None:
         super().__init__(parent)
+        self.label = label
+        self.head = Elided("")
         self.plots = [ChannelPlot(name, group) for name, group in groups(channels)]
         self.span = QComboBox()
         self.span.addItems([WHOLE, LAST])
@@ -160,7 +164,7 @@ class LivePanel(QWidget):
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 0)
         row = QHBoxLayout()
-        row.addStretch(1)
+        row.addWidget(self.head, 1)
         row.addWidget(QLabel("Time"))
         row.addWidget(self.span)
         column.addLayout(row)
@@ -199,7 +203,10 @@ class LivePanel(QWidget):
             self._draw(view)
 
     def tell(self) -> None:
-        """The newest values in numbers."""
+        """The newest values in numbers, and whose they are."""
+        head = f"{self.label} – nothing measured yet: Connect it at the left" if math.isnan(self._now) else self.label
+        if self.head.text() != head:
+            self.head.setText(head)
         for item in self.plots:
             item.tell()
 
@@ -210,11 +217,11 @@ class LivePanel(QWidget):
             length = max(1.04 * view.duration, self._ends + 0.02 * view.duration - begin)  # pauses made it longer
             while begin + length < self._now:
                 length *= 1.25  # one that goes on
-            self._axis(begin - view.origin, begin + length - view.origin, "time (s)")
+            self._axis(begin - view.origin, begin + length - view.origin, "time")
             offset, end = view.origin, begin + length
         else:
             begin, end, offset = self._now - RECENT, self._now, self._now
-            self._axis(-RECENT, 0.0, "time before now (s)")
+            self._axis(-RECENT, 0.0, "time before now")
         for item in self.plots:
             item.draw(begin, end, offset)
 
@@ -223,4 +230,4 @@ class LivePanel(QWidget):
             self._shown = (begin, end)
             for item in self.plots:
                 item.plot.setXRange(begin, end, padding=0)
-            self.plots[-1].plot.getAxis("bottom").setLabel(label)
+            self.plots[-1].plot.getAxis("bottom").title(label, "s")

@@ -65,7 +65,7 @@ class LiveFitPanel(QWidget):
         self.bar.setRange(0, 1)
         self.status = QLabel("Choose a protocol first.")
         self.status.setWordWrap(True)
-        self.plot = plot("time", "s")
+        self.plot = plot("time", "s", "measured")
         self.table = QTableWidget(0, len(HEAD))
         self.table.setHorizontalHeaderLabels(list(HEAD))
         self.table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
@@ -246,7 +246,7 @@ class LiveFitPanel(QWidget):
             future = pg.PlotCurveItem(pen=pg.mkPen(colour, width=1, style=Qt.PenStyle.DashLine))
             for item in (points, past, future):
                 self.plot.addItem(item)
-            self.plot.getAxis("left").setLabel(f"{channel.rpartition('_')[0] or channel} ({unit})")
+            self.plot.getAxis("left").title(_titled(channel), unit)
             self._curves[channel] = (past, future, points)
         return self._curves[channel]
 
@@ -262,6 +262,12 @@ def _alike(one: Chosen, other: Chosen) -> bool:
     return same and all(
         name in yours.values and np.array_equal(values, yours.values[name]) for name, values in mine.values.items()
     )
+
+
+def _titled(channel: str) -> str:
+    """A channel's name on an axis: components of one quantity share it."""
+    stem, _, last = channel.rpartition("_")
+    return (stem if stem and last in "xyz" else channel).replace("_", " ")
 
 
 def _words(fitted: Fitted, last: float) -> str:

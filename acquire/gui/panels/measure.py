@@ -20,7 +20,7 @@ class MeasurePanel(QWidget):
 
     def __init__(self, info: InstrumentInfo, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.live = LivePanel(info.channels)
+        self.live = LivePanel(info.channels, info.label)
         names = {channel.name for channel in info.channels}
         self.camera = CameraPanel() if info.camera else None
         self.robot = RobotPanel() if {"probe_x", "probe_y", "probe_z", "force_x"} <= names else None

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -17,17 +19,23 @@ from PySide6.QtWidgets import (
     QPushButton,
     QSplitter,
     QTabWidget,
+    QTextBrowser,
     QTextEdit,
     QVBoxLayout,
     QWidget,
 )
 
-from acquire.gui.messages import Fault, Preview, ProtocolEntry
+from acquire.gui.messages import FROM_FILE, Fault, Preview, ProtocolEntry
 from acquire.gui.plots import plot
 from acquire.gui.theme import current
 from acquire.words import clock, pleasant, unit_of
 
 MOST_PHASES = 400  # shaded; more are thinner than a line
+MOST_FAULTS = 3  # above the text; all of them are under In words
+#: Groups of the list by how a protocol's name begins, in this order; what is named otherwise is a measurement.
+GROUPS = {"demo": "To try it out", "": "Measurements", "qualify": "Qualification on reference specimens"}
+FROM_FILES = "From files"
+_LINE = re.compile(r"  (\S+) +(.*)")  # of `protocols.summary.in_words`
 
 
 class PreparePanel(QWidget):
@@ -53,9 +61,9 @@ class PreparePanel(QWidget):
         self.fault.setProperty("role", "error")
         self.fault.setWordWrap(True)
         self.fault.hide()
-        self.plot = plot("time", "s")
+        self.plot = plot("time", "s", "set-point")
         self.legend = self.plot.addLegend(offset=(-8, 8))
-        self.words, self.text = _page(), _page()
+        self.words, self.text = QTextBrowser(), _page()
         pages = QTabWidget()
         pages.addTab(self.words, "In words")
         pages.addTab(self.text, "Text")
@@ -75,7 +83,8 @@ class PreparePanel(QWidget):
         splitter.addWidget(left)
         splitter.addWidget(right)
         splitter.setStretchFactor(1, 1)
-        splitter.setSizes([330, 760])
+        splitter.setSizes([270, 820])
+        splitter.setChildrenCollapsible(False)
         QVBoxLayout(self).addWidget(splitter)
 
     def show_entries(self, entries: Sequence[ProtocolEntry], kind: str, chosen: str = "") -> None:
@@ -83,15 +92,19 @@ class PreparePanel(QWidget):
         self.entries = tuple(entry for entry in entries if entry.instrument in (kind, ""))
         self.list.blockSignals(True)
         self.list.clear()
-        row = 0
-        for number, entry in enumerate(self.entries):
-            item = QListWidgetItem(f"{entry.name}\n{entry.title}" if entry.title else entry.name)
-            item.setData(Qt.ItemDataRole.UserRole, str(entry.path))
-            self.list.addItem(item)
-            if str(entry.path) == chosen or (not chosen and entry.name.startswith("demo")):
-                row = number
+        for heading in (*GROUPS.values(), FROM_FILES):
+            members = [entry for entry in self.entries if _group(entry) == heading]
+            if members:
+                self.list.addItem(_heading(heading))
+            for entry in members:
+                item = QListWidgetItem(entry.title or entry.name)
+                item.setToolTip(f"{entry.name}\n{entry.path}")
+                item.setData(Qt.ItemDataRole.UserRole, str(entry.path))
+                self.list.addItem(item)
         self.list.blockSignals(False)
-        self.list.setCurrentRow(row if self.entries else -1)
+        paths = [str(entry.path) for entry in self.entries]
+        demos = [str(entry.path) for entry in self.entries if entry.name.startswith("demo")]
+        self._select(chosen if chosen in paths else next(iter((*demos, *paths)), ""))
         if not self.entries:
             self.preview = None
 
@@ -103,18 +116,23 @@ class PreparePanel(QWidget):
 
     def choose(self, name: str) -> None:
         """Select a protocol by its name or path. Raises ValueError for one that is not listed."""
-        for row, entry in enumerate(self.entries):
+        for entry in self.entries:
             if name in (entry.name, str(entry.path)):
-                self.list.setCurrentRow(row)
+                self._select(str(entry.path))
                 return
         raise ValueError(f"no protocol {name!r} in the list")
+
+    def _select(self, path: str) -> None:
+        """Make the item of a path the current one; none for ''."""
+        rows = [k for k in range(self.list.count()) if self.list.item(k).data(Qt.ItemDataRole.UserRole) == path]
+        self.list.setCurrentRow(rows[0] if rows and path else -1)
 
     def show_preview(self, preview: Preview) -> None:
         """Draw a compiled protocol with its phases and limits."""
         self.preview = preview
         self.title.setText(f"{preview.name} – {clock(preview.duration)}")
         self.fault.hide()
-        self.words.setPlainText(preview.words)
+        self.words.setHtml(_table(preview.words))
         self.text.setPlainText(preview.text)
         self.text.setExtraSelections([])
         self.pages.setCurrentIndex(0)
@@ -128,9 +146,11 @@ class PreparePanel(QWidget):
         lines = [
             f"line {f.line}: {f.field + ': ' if f.field else ''}{f.message}" if f.line else f.message for f in faults
         ]
-        self.fault.setText("\n".join(lines[:6]) or message)
+        told = lines or [message]
+        more = [f"… and {len(told) - MOST_FAULTS} more, under In words"] if len(told) > MOST_FAULTS else []
+        self.fault.setText("\n".join([*told[:MOST_FAULTS], *more]))
         self.fault.show()
-        self.words.setPlainText(message)
+        self.words.setPlainText("\n".join([str(path), "", *(told if more else ())]))
         try:
             self.text.setPlainText(path.read_text(encoding="utf-8"))
         except (OSError, UnicodeDecodeError) as error:
@@ -165,8 +185,7 @@ class PreparePanel(QWidget):
                     drawn.add(factor * bound)
         for bound in drawn:
             self.plot.addItem(pg.InfiniteLine(bound, angle=0, pen=pg.mkPen(theme.limit, style=Qt.PenStyle.DashLine)))
-        self.plot.setLabel("left", "pressure" if unit == "Pa" else "tip position", units=None)
-        self.plot.getAxis("left").setLabel(f"{'pressure' if unit == 'Pa' else 'tip'} ({shown})")
+        self.plot.getAxis("left").title("pressure" if unit == "Pa" else "tip", shown)
         self.plot.setXRange(0, max(preview.duration, 1e-3), padding=0.01)
         self.plot.enableAutoRange(axis="y")
 
@@ -187,6 +206,31 @@ class PreparePanel(QWidget):
         if marks:
             self.text.setTextCursor(marks[0].cursor)
             self.text.centerCursor()
+
+
+def _group(entry: ProtocolEntry) -> str:
+    """The heading that an entry stands under."""
+    if entry.title == FROM_FILE:
+        return FROM_FILES
+    return next((name for begin, name in GROUPS.items() if begin and entry.name.startswith(begin)), GROUPS[""])
+
+
+def _heading(text: str) -> QListWidgetItem:
+    """A line of the list that cannot be chosen."""
+    item = QListWidgetItem(text)
+    item.setFlags(Qt.ItemFlag.NoItemFlags)
+    font = item.font()
+    font.setBold(True)
+    item.setFont(font)
+    return item
+
+
+def _table(words: str) -> str:
+    """A summary in words (`protocols.summary.in_words`) as a table that wraps: one row for each of its lines."""
+    first, *lines = words.splitlines()
+    found = [match for match in map(_LINE.fullmatch, lines) if match]
+    cells = [f"<tr><td><b>{escape(m[1].replace('_', ' '))}</b></td><td>{escape(m[2])}</td></tr>" for m in found]
+    return f"<p>{escape(first)}</p><table cellspacing='4'>{''.join(cells)}</table>"
 
 
 def _page() -> QPlainTextEdit:

@@ -22,10 +22,12 @@ from PySide6.QtWidgets import (
 )
 
 from acquire.analysis.curves import DEFINITIONS
+from acquire.gui.panels.elided import Elided
 from acquire.gui.reading import Result
 from acquire.gui.theme import LEVELS
 from acquire.words import share, shown
 
+TOGETHER = 560  # px of height from which quality and parameters stand below the picture
 LEGIBLE = 0.75  # of its size: a picture is not made smaller to fit, but scrolled
 
 
@@ -78,15 +80,19 @@ class ResultPanel(QWidget):
         self.title = QLabel("No recording yet")
         self.title.setProperty("role", "title")
         self.title.setWordWrap(True)
-        self.subtitle = QLabel("After a run its result appears here; older ones are under Recordings.")
+        self.subtitle = Elided("After a run its result appears here; older ones are under Recordings.")
         self.subtitle.setProperty("role", "faint")
-        self.subtitle.setWordWrap(True)
         self.left_out = QLabel("")
         self.left_out.setProperty("role", "error")
         self.left_out.setWordWrap(True)
         self.left_out.hide()
-        quality = QGroupBox("Quality")
-        self._quality = QVBoxLayout(quality)
+        quality, flags, scroll = QGroupBox("Quality"), QWidget(), QScrollArea()
+        scroll.setFrameShape(QScrollArea.Shape.NoFrame)
+        scroll.setWidgetResizable(True)
+        scroll.setWidget(flags)
+        QVBoxLayout(quality).addWidget(scroll)
+        self._quality = QVBoxLayout(flags)
+        self._quality.setContentsMargins(0, 0, 0, 0)
         self._quality.setAlignment(Qt.AlignmentFlag.AlignTop)
         self.flags: list[QLabel] = []
         parameters = QGroupBox("Parameters")
@@ -102,16 +108,33 @@ class ResultPanel(QWidget):
         self.pages = QTabWidget()
         self.pages.addTab(self.picture, "This run")
         self.pages.addTab(self.compared, "With earlier runs")
-        row = QHBoxLayout()
+        self.details = QWidget()
+        row = QHBoxLayout(self.details)
+        row.setContentsMargins(0, 0, 0, 0)
         row.addWidget(quality, 2)
         row.addWidget(parameters, 3)
-        column = QVBoxLayout(self)
+        self._column = column = QVBoxLayout(self)
         column.addWidget(self.title)
         column.addWidget(self.subtitle)
         column.addWidget(self.left_out)
         column.addWidget(self.pages, 3)
-        column.addLayout(row, 2)
+        column.addWidget(self.details, 2)
+        column.addStretch(0)
         self.result: Result | None = None
+        self.pages.hide()
+        self.details.hide()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Qt's hook: where there is no height for both, quality and parameters are a page beside the picture's."""
+        super().resizeEvent(event)
+        apart = self.pages.indexOf(self.details) >= 0
+        if self.height() < TOGETHER and not apart:
+            self._column.removeWidget(self.details)
+            self.pages.addTab(self.details, "Quality and parameters")
+        elif self.height() >= TOGETHER and apart:
+            self.pages.removeTab(self.pages.indexOf(self.details))
+            self._column.insertWidget(self._column.indexOf(self.pages) + 1, self.details, 2)
+            self.details.setVisible(self.result is not None)
 
     def show_waiting(self, text: str) -> None:
         """A run has just ended and is being read."""
@@ -120,6 +143,9 @@ class ResultPanel(QWidget):
     def show_result(self, result: Result) -> None:
         """Everything about a recording."""
         self.result = result
+        self.pages.show()
+        if self.pages.indexOf(self.details) < 0:
+            self.details.show()
         summary = result.summary
         who = " · ".join(str(summary[key]) for key in ("device", "subject", "site") if summary[key])
         self.title.setText(f"{summary['protocol'] or summary['id']} – {summary['status']}")

@@ -25,7 +25,7 @@ class Projection:
     def __init__(self, across: int, up: int, seen: str) -> None:
         self.across, self.up = across, up
         theme = current()
-        self.plot = plot(f"{'xyz'[across]} (mm)", "", f"{'xyz'[up]} (mm)")
+        self.plot = plot("xyz"[across], "mm", "xyz"[up], "mm")
         self.plot.setTitle(seen, size="10pt", color=theme.faint)
         self.plot.setAspectLocked(True)
         self.plot.getAxis("left").setWidth(52)

@@ -22,6 +22,7 @@ from acquire.gui.messages import Measurement
 from protocols.specimens import SKIN, SPECIMENS, Stated, assignments, stated
 
 SITES = ("forehead", "cheek", "jaw", "parotid", "forearm", "upper arm", "neck", "fingertip")
+PSEUDONYM = "A pseudonym. Do not write a person's name here: it goes into every recording."
 
 
 class SubjectPanel(QGroupBox):
@@ -33,7 +34,7 @@ class SubjectPanel(QGroupBox):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__("Subject", parent)
         self.subject = QLineEdit(pseudonym.fresh())
-        self.subject.setToolTip("A pseudonym. Do not write a person's name here: it goes into every recording.")
+        self._explain(self.subject.text())
         self.another = QPushButton("New")
         self.another.setToolTip("Another random pseudonym")
         self.fault = QLabel("")
@@ -48,6 +49,9 @@ class SubjectPanel(QGroupBox):
         self.repeat.setToolTip("Counted from the finished runs in the folder; a number set by hand holds for one run.")
         self.specimen = QComboBox()
         self.specimen.addItems((SKIN, *SPECIMENS))
+        for box in (self.site, self.specimen):  # a narrow column: the list that opens is as wide as it needs to be
+            box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+            box.setMinimumContentsLength(8)
         self.properties = QLineEdit()
         self.properties.setToolTip("Known properties of the specimen, each with its uncertainty, separated by ';'")
         self.operator = QLineEdit()
@@ -129,7 +133,12 @@ class SubjectPanel(QGroupBox):
         self.subject.setText(pseudonym.fresh())
         self.settled.emit()
 
+    def _explain(self, text: str) -> None:
+        """The pseudonym's tool tip: a long one is not seen whole in its field."""
+        self.subject.setToolTip(f"{text}\n{PSEUDONYM}" if text else PSEUDONYM)
+
     def _check(self, text: str) -> None:
+        self._explain(self.subject.text())
         try:
             pseudonym.check(text.strip())
             self.known()

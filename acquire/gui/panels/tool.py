@@ -20,6 +20,7 @@ from PySide6.QtWidgets import (
 )
 
 from acquire.gui.jobs import Tool
+from acquire.gui.panels.elided import Elided
 from acquire.gui.panels.result import PictureView
 from acquire.gui.pictures import pictures
 
@@ -55,8 +56,7 @@ class ToolPanel(QWidget):
         words = QLabel(explanation)
         words.setProperty("role", "faint")
         words.setWordWrap(True)
-        self.chosen = QLabel("No recordings chosen: choose them under Recordings.")
-        self.chosen.setWordWrap(True)
+        self.chosen = Elided("No recordings chosen: choose them under Recordings.")
         self.field = QLineEdit(default)
         self.field.setPlaceholderText(field)
         self.start = QPushButton("Start")
@@ -71,12 +71,13 @@ class ToolPanel(QWidget):
         self.said = QPlainTextEdit()
         self.said.setReadOnly(True)
         self.said.setMaximumHeight(170)
+        self.said.setMinimumHeight(48)
+        self.said.setPlaceholderText("What it says while it works stands here, its pictures below.")
         self.picture = PictureView()
         self.previous, self.next = QPushButton("◀"), QPushButton("▶")
         self.previous.clicked.connect(lambda: self._turn(-1))
         self.next.clicked.connect(lambda: self._turn(+1))
         row = QHBoxLayout()
-        row.addWidget(self.chosen, 1)
         row.addWidget(self.field, 1)
         for button in (self.start, self.cancel, self.page):
             row.addWidget(button)
@@ -88,6 +89,7 @@ class ToolPanel(QWidget):
         column = QVBoxLayout(self)
         column.addWidget(heading)
         column.addWidget(words)
+        column.addWidget(self.chosen)
         column.addLayout(row)
         column.addLayout(progress)
         column.addWidget(self.said)
@@ -103,6 +105,7 @@ class ToolPanel(QWidget):
     def choose(self, runs: Sequence[Path]) -> None:
         """The recordings to work on."""
         self._runs = tuple(runs)
+        self.chosen.whole = "\n".join(path.stem for path in self._runs)
         names = ", ".join(path.stem for path in self._runs[:3])
         more = f" and {len(self._runs) - 3} more" if len(self._runs) > 3 else ""
         self.chosen.setText(f"{len(self._runs)} recording{'s' * (len(self._runs) != 1)}: {names}{more}")
