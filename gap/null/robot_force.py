@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from gap.data.smoothing import deviation, significant
+from gap.data.smoothing import significant
 from gap.inference.evidence import Fit, split
 from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Start
 from gap.inference.least_squares import fit, under
@@ -16,7 +16,7 @@ from gap.inference.linear import compressed
 from gap.null.blocks import SIMPLE_SHIFT, Block, Group, GroupedSession, Table
 from gap.null.chains import Kept, Memo, needed, run, undone
 from gap.null.robot_axes import AXES, ROBOT_BINS, AxesBlock, specimen_chain
-from gap.null.robot_recorded import recorded, steepness
+from gap.null.robot_recorded import path_of_axes, recorded, steepness
 from gap.null.sheet_discrepancy import sheet_discrepancy
 from gap.null.sheet_law import FURTHER, LAWS, SPECTRUM, TISSUE, Law, rewired, sheet, unwound
 from protocols.specimens import SPECIMENS
@@ -66,7 +66,7 @@ class ForceBlock(Block):
         self.blur_steep_parts(steepness(self, smooth, TRANSDUCERS))
         self._tissue = sheet_tissue("forearm")
         self._nominal = {g.specimen: specimen_chain(g, self._tissue, session.marks) for g, _ in self.groups}
-        self._axes = [self._smoothed(g, axes) for g, _ in self.groups]
+        self._axes = [path_of_axes(self, g, axes.true_axes) for g, _ in self.groups]
         self._grids_of = [self._grid_of(g, at, axes) for (g, at), axes in zip(self.groups, self._axes, strict=True)]
         self._zeros = np.kron(np.eye(3), self.member)
         self._gains = np.tile(self.member, (3, 1))
@@ -261,17 +261,6 @@ class ForceBlock(Block):
         even = self.session.pace(group.members, SHEET_STEP, SHEET_TURN).nodes(begin, end)
         grid = np.unique(np.concatenate([even, ends, kinks[(kinks > begin) & (kinks < end)], [end]]))
         return grid, {name: np.interp(grid, *table) for name, table in axes.items()}
-
-    def _smoothed(self, group: Group, axes: AxesBlock) -> dict[str, Table]:
-        """Recorded axis positions of a group without their sensors' noise: the fitted axes, and the significant part
-        of the record's difference from them."""
-        raw = recorded(self, group, AXES, numbered("axis"), smooth=False)
-        time = raw["axis_1"][0]
-        fitted = axes.true_axes(group, time)
-        return {
-            name: (time, base + deviation(time, value - base))
-            for (name, (_, value)), base in zip(raw.items(), fitted, strict=True)
-        }
 
     def _skin_path(self, group: Group, axes: Mapping[str, Table]) -> FloatArray:
         """Displacement of the skin (3, m) m at the axes' time stamps."""
