@@ -244,6 +244,7 @@ def main() -> None:
     app = QApplication([])
     theme.apply(app, theme.LIGHT)
     with tempfile.TemporaryDirectory() as folder:
+        os.environ["XDG_DATA_HOME"] = folder  # this machine's own qualifications are not in the pictures
         for name in given.only or SETS:
             runs = Path(folder) / name
             runs.mkdir()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from PySide6.QtCore import QSize, Qt, QTimer
-from PySide6.QtGui import QAction, QKeySequence, QResizeEvent
+from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QHBoxLayout, QMainWindow, QScrollArea, QStackedWidget, QTabWidget, QVBoxLayout, QWidget
 
 from acquire.gui.messages import BenchSettings
@@ -20,8 +20,7 @@ from acquire.gui.panels.qualify import QualifyPanel
 from acquire.gui.panels.subject import SubjectPanel
 from acquire.gui.recordings import Recordings
 
-SIDE = (304, 408)  # px, least and most: the column of instruments and subject
-SHARE = 0.3  # of the window's width is the column's, between the two
+SIDE = (336, 408)  # px, the column of instruments and subject, three tenths of the width between the two
 FIRST = QSize(1280, 860)  # when nothing is remembered, where the screen has room for it
 
 
@@ -47,8 +46,8 @@ class Layout(QMainWindow):
         ):  # fmt: skip
             self.tabs.addTab(widget, title)
         row = QHBoxLayout()
-        row.addWidget(self._side())
-        row.addWidget(self.tabs, 1)
+        row.addWidget(self._side(), 3)
+        row.addWidget(self.tabs, 7)
         central = QWidget()
         column = QVBoxLayout(central)
         column.addWidget(self.controls)
@@ -64,11 +63,6 @@ class Layout(QMainWindow):
         self._silence.timeout.connect(lambda: self.said.setText(""))
         self.resize(FIRST.boundedTo(self.screen().availableSize()))
         self._menu()
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        """Qt's hook: on a small screen the column at the left leaves more to the pages."""
-        super().resizeEvent(event)
-        self._column.setFixedWidth(round(min(max(SHARE * self.width(), SIDE[0]), SIDE[1])))
 
     def _say(self, text: str, seconds: float = 20.0) -> None:
         """A line at the bottom, for a while."""
@@ -87,8 +81,8 @@ class Layout(QMainWindow):
         scroll.setWidgetResizable(True)
         scroll.setFrameShape(QScrollArea.Shape.NoFrame)
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        scroll.setFixedWidth(SIDE[0])
-        self._column = scroll
+        scroll.setMinimumWidth(SIDE[0])
+        scroll.setMaximumWidth(SIDE[1])
         return scroll
 
     def _menu(self) -> None:

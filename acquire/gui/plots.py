@@ -35,6 +35,7 @@ class TitledAxis(pg.AxisItem):  # type: ignore[misc]
         text = next((text for text in self._titles if metrics.horizontalAdvance(text) <= room), "")
         if text != self.labelText:
             self.setLabel(text)
+            super().resizeEvent(None)  # in the middle again
 
 
 def plot(bottom: str, unit: str = "", left: str = "", scale: str = "") -> pg.PlotWidget:

@@ -155,7 +155,7 @@ class MainWindow(Layout):
         self.health.show_view(self.views.get(self._acting))
 
     def _act_on(self) -> str:
-        """What the bar is for: what runs, whichever row is chosen; the chosen one where that runs, or nothing does."""
+        """What the bar is for: whatever runs, whichever row is chosen; the chosen one where it does, or nothing."""
         running = self.running
         return next((name for name in (self.current, self._acting, *running) if name in running), self.current)
 

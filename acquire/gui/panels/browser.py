@@ -9,7 +9,6 @@ from PySide6.QtGui import QColor, QKeyEvent
 from PySide6.QtWidgets import (
     QAbstractItemView,
     QHBoxLayout,
-    QHeaderView,
     QLabel,
     QLineEdit,
     QPushButton,
@@ -24,7 +23,8 @@ from acquire.gui.reading import Row
 from acquire.gui.theme import LEVELS, current
 
 COLUMNS = ("begun", "instrument", "protocol", "subject", "site", "repeat", "status", "counts")
-WIDEST = 11  # characters of a column at most: a long pseudonym ends in an ellipsis, and its tool tip is whole
+#: Characters of a column at most: a long pseudonym ends in an ellipsis, and its tool tip is whole.
+WIDEST = {"instrument": 12, "protocol": 30, "subject": 12, "site": 12}
 SHORT = 28  # characters of a reason in the table; its tool tip says all
 COLOURS = {
     "completed": LEVELS["ok"], "imported": LEVELS["ok"], "recovered": LEVELS["warning"], "aborted": LEVELS["warning"],
@@ -58,7 +58,7 @@ class BrowserPanel(QWidget):
         self.table.setAlternatingRowColors(True)
         self.table.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
         self.table.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
-        self.table.horizontalHeader().setSectionResizeMode(2, QHeaderView.ResizeMode.Stretch)
+        self.table.horizontalHeader().setStretchLastSection(True)
         self.table.horizontalHeader().setHighlightSections(False)  # bold heads would be cut
         self.table.itemSelectionChanged.connect(self._chosen)
         self.empty = QLabel("No recordings here yet: every run that ends is listed. Folder … shows another folder's.")
@@ -109,10 +109,10 @@ class BrowserPanel(QWidget):
                 elif row.left_out:
                     item.setForeground(QColor(current().faint))
                 self.table.setItem(number, column, item)
-        for column in (0, 1, 3, 4, 5, 6, 7):
+        one = self.table.fontMetrics().horizontalAdvance("0")
+        for column, name in enumerate(COLUMNS):
             self.table.resizeColumnToContents(column)
-        most = WIDEST * self.table.fontMetrics().horizontalAdvance("0")
-        for column in (1, 3, 4):
+            most = one * WIDEST.get(name, SHORT + 4)
             self.table.setColumnWidth(column, min(self.table.columnWidth(column), most))
         self.empty.setVisible(not rows)
         for number, row in enumerate(rows):
@@ -174,7 +174,7 @@ class BrowserPanel(QWidget):
 
 def _cells(row: Row) -> tuple[str, ...]:
     """The cells of a line of the table, in the order of `COLUMNS`."""
-    begun, repeat = row.start[:19].replace("T", " "), str(row.repeat or "")
+    begun, repeat = row.start[:16].replace("T", " "), str(row.repeat or "")
     counts = "" if row.problem else f"no: {row.left_out}" if row.left_out else "yes"
     shortened = counts if len(counts) <= SHORT else f"{counts[:SHORT]}…"
     return begun, row.instrument, row.protocol, row.subject, row.site, repeat, row.status, shortened

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QKeyEvent, QMouseEvent
-from PySide6.QtWidgets import QFrame, QGridLayout, QGroupBox, QLabel, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QGridLayout, QGroupBox, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
 from acquire.gui.messages import LIVE, NEEDS_RESET, InstrumentInfo, View
+from acquire.gui.panels.elided import Elided
 from acquire.gui.theme import LIGHTS
 
 CLOSED = ("off", "idle")
@@ -42,13 +43,11 @@ class InstrumentRow(QFrame):
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setAccessibleName(info.label)
         self.light = QLabel("●")
-        title = QLabel(info.label)
+        title = Elided(info.label)
         title.setStyleSheet("font-weight: 600")
-        title.setWordWrap(True)
-        title.setToolTip(f"{info.name} in the station: {info.title}")
-        self.words = QLabel(WORDS["off"])
+        title.whole = f"{info.name} in the station: {info.title}"
+        self.words = Elided(WORDS["off"])
         self.words.setProperty("role", "faint")
-        self.words.setWordWrap(True)
         self.error = QLabel("")
         self.error.setProperty("role", "error")
         self.error.setWordWrap(True)
@@ -61,9 +60,10 @@ class InstrumentRow(QFrame):
         grid.setContentsMargins(8, 6, 8, 6)
         grid.setHorizontalSpacing(8)
         grid.addWidget(self.light, 0, 0, 2, 1)
-        grid.addWidget(title, 0, 1)
+        grid.setVerticalSpacing(2)
+        grid.addWidget(title, 0, 1, 1, 2)
         grid.addWidget(self.words, 1, 1)
-        grid.addWidget(self.button, 0, 2, 2, 1)
+        grid.addWidget(self.button, 1, 2)
         grid.addWidget(self.error, 2, 0, 1, 3)
         grid.setColumnStretch(1, 1)
         self._light("off")
@@ -142,13 +142,14 @@ class InstrumentsPanel(QGroupBox):
         self.station = QPushButton("Station file …")
         self.simulated.clicked.connect(lambda: self.station_wanted.emit(True))
         self.station.clicked.connect(lambda: self.station_wanted.emit(False))
-        buttons = QGridLayout()
-        buttons.addWidget(self.connect_all, 0, 0, 1, 2)
-        buttons.addWidget(self.simulated, 1, 0)
-        buttons.addWidget(self.station, 1, 1)
+        head, buttons = QHBoxLayout(), QHBoxLayout()
+        head.addWidget(self.bench, 1)
+        head.addWidget(self.connect_all)
+        buttons.addWidget(self.simulated)
+        buttons.addWidget(self.station)
         self._list = QVBoxLayout()
         layout = QVBoxLayout(self)
-        layout.addWidget(self.bench)
+        layout.addLayout(head)
         layout.addLayout(self._list)
         layout.addLayout(buttons)
         layout.setAlignment(Qt.AlignmentFlag.AlignTop)

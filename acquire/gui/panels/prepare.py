@@ -97,7 +97,7 @@ class PreparePanel(QWidget):
             if members:
                 self.list.addItem(_heading(heading))
             for entry in members:
-                item = QListWidgetItem(entry.title or entry.name)
+                item = QListWidgetItem(entry.name if entry.title in ("", FROM_FILE) else entry.title)
                 item.setToolTip(f"{entry.name}\n{entry.path}")
                 item.setData(Qt.ItemDataRole.UserRole, str(entry.path))
                 self.list.addItem(item)
@@ -126,6 +126,7 @@ class PreparePanel(QWidget):
         """Make the item of a path the current one; none for ''."""
         rows = [k for k in range(self.list.count()) if self.list.item(k).data(Qt.ItemDataRole.UserRole) == path]
         self.list.setCurrentRow(rows[0] if rows and path else -1)
+        self.list.scrollToItem(self.list.currentItem())
 
     def show_preview(self, preview: Preview) -> None:
         """Draw a compiled protocol with its phases and limits."""
@@ -154,7 +155,7 @@ class PreparePanel(QWidget):
         try:
             self.text.setPlainText(path.read_text(encoding="utf-8"))
         except (OSError, UnicodeDecodeError) as error:
-            self.text.setPlainText(str(error))
+            self.text.setPlainText(f"{path.name} cannot be read: {getattr(error, 'strerror', None) or error}")
         self._mark([fault.line for fault in faults if fault.line])
         self.pages.setCurrentIndex(1)
 

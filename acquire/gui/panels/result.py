@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QPixmap, QResizeEvent
+from PySide6.QtGui import QPalette, QPixmap, QResizeEvent
 from PySide6.QtWidgets import (
     QAbstractItemView,
     QGroupBox,
@@ -40,6 +40,8 @@ class PictureView(QScrollArea):
         self._label.setAlignment(Qt.AlignmentFlag.AlignTop | Qt.AlignmentFlag.AlignHCenter)
         self._pixmap = QPixmap()
         self.setWidget(self._label)
+        self.viewport().setBackgroundRole(QPalette.ColorRole.Base)
+        self._label.setAutoFillBackground(False)
         self.setWidgetResizable(True)
 
     def show_png(self, data: bytes) -> None:
@@ -90,6 +92,8 @@ class ResultPanel(QWidget):
         scroll.setFrameShape(QScrollArea.Shape.NoFrame)
         scroll.setWidgetResizable(True)
         scroll.setWidget(flags)
+        for behind in (scroll.viewport(), flags):
+            behind.setAutoFillBackground(False)
         QVBoxLayout(quality).addWidget(scroll)
         self._quality = QVBoxLayout(flags)
         self._quality.setContentsMargins(0, 0, 0, 0)

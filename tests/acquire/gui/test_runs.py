@@ -60,8 +60,8 @@ def test_from_click_to_recording(qtbot: QtBot, make_window: MakeWindow, store: Q
     away = "away from rest" if name == "microrobot" else "under suction"  # beside what is allowed
     assert re.search(rf"{away} \d+:\d\d of \d+:00", window.controls.detail.text())
     least = window.minimumSizeHint()  # the emergency stop stays on a small laptop's screen, whatever the labels say
-    assert least.width() <= 1280
-    assert least.height() <= 720
+    assert least.width() <= 960
+    assert least.height() <= 540
     qtbot.waitUntil(lambda: window.recordings.result.result is not None, timeout=PATIENCE)
     result = window.recordings.result.result
     assert result is not None
