@@ -57,9 +57,11 @@ def compile_protocol(protocol: Protocol, limits: Limits) -> Setpoints:
 def _beside_the_hole(protocol: Protocol, setpoints: Setpoints) -> Iterator[Violation]:
     """Segments in which the tip would run into the support plate, whose hole it moves in."""
     radius = protocol.setup.hole_radius
-    for segment in setpoints.segments if radius is not None else ():
+    if radius is None:
+        return
+    for segment in setpoints.segments:
         aside = max(math.hypot(end["probe_x"], end["probe_y"]) for end in (segment.start, segment.end))
-        if radius is not None and aside >= radius:
+        if aside >= radius:
             message = f"goes {1e3 * aside:.4g} mm aside, in a hole of {1e3 * radius:.4g} mm radius (setup.hole_radius)"
             yield Violation(segment.step, PROBE, message)
 

@@ -100,3 +100,13 @@ def test_the_example_in_the_documentation_compiles() -> None:
     limits = LIMITS.intersect(Limits({"pressure": Range(-40e3, 0)}, "station"))
     # 2 s; four times 60 s + 45 s; 350 mbar at 20 mbar/s; 10 s; three triangles of 2 x 17.5 s
     assert compile_protocol(load(example), limits).duration == pytest.approx(2 + 4 * 105 + 17.5 + 10 + 3 * 35)
+
+
+def test_what_is_not_there_is_told_in_a_line() -> None:
+    """A path that is gone is no misspelt name; a name like none of them is not answered by a list of them all."""
+    with pytest.raises(ProtocolError, match=r"no such file$"):
+        find("somewhere/gone.yaml")
+    with pytest.raises(ProtocolError, match=rf"'acquire check' lists its {len(library())}$"):
+        find("zzz")
+    with pytest.raises(ProtocolError, match="did you mean 'demo-cutometer'"):
+        find("demo-cutometre")
