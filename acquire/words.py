@@ -12,6 +12,13 @@ from collections.abc import Mapping
 NONE = "–"
 #: Units that people read a quantity in, and the factor from SI.
 PLEASANT: Mapping[str, tuple[float, str]] = {"Pa": (0.01, "mbar"), "m": (1e3, "mm"), "m*s": (1e3, "mm·s")}
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_MULTIPLES = {
+    "Pa": (("GPa", 1e9), ("MPa", 1e6), ("kPa", 1e3), ("Pa", 1.0)),
+    "m": (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6)),
+    "s": (("s", 1.0), ("ms", 1e-3)),
+    "N": (("N", 1.0), ("mN", 1e-3)),
+}
 YEAR = 365 * 86400.0  # s
 GREATEST_SHARE = 10.0  # a share beyond it says no more than that it is large
 
@@ -44,6 +51,24 @@ def reading(channel: str, value: float, per: str = "") -> str:
     unit = unit_of(channel)
     factor, name = pleasant(unit)
     return f"{number(value * factor, 4)} {name}{per}" if unit else f"{number(value, 4)}{per} (SI)"
+
+
+def multiple(value: float, unit: str) -> str:
+    """A value in SI ``unit`` to five digits in its most readable multiple: ``20 kPa``, ``2 mm``, ``10⁻⁸ Hz``."""
+    if value == 0.0:
+        return f"0 {unit}".rstrip()
+    for name, factor in _MULTIPLES.get(unit, ()):
+        if factor <= abs(value) < 99999.5 * factor:
+            return f"{value / factor:.5g} {name}"
+    if 1e-3 <= abs(value) < 99999.5:
+        return f"{value:.5g} {unit}".rstrip()
+    power = math.floor(math.log10(abs(value)))
+    digits = f"{value / 10.0**power:.5g}"
+    if digits in ("10", "-10"):
+        digits, power = digits[:-1], power + 1
+    ten = f"10{str(power).translate(_RAISED)}"
+    mantissa = {"1": "", "-1": "-"}.get(digits, f"{digits}·")
+    return f"{mantissa}{ten} {unit}".rstrip()
 
 
 def number(value: float, digits: int = 3) -> str:

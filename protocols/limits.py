@@ -7,7 +7,7 @@ outside is a trip while running (the engine's interlock).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from protocols import units
@@ -20,6 +20,12 @@ PROBE_AXES = ("probe_x", "probe_y", "probe_z")
 RELIEF = 1.0
 # Relative slack of every comparison: unit conversion and angles leave errors of a few ulp, physics never asks for 1e-9.
 _SLACK = 1e-9
+
+
+def limited(quantities: Iterable[str]) -> tuple[str, ...]:
+    """Names that limits of these quantities or channels may have: their own, and `PROBE` where its axes are there."""
+    names = tuple(quantities)
+    return (*names, PROBE) if set(PROBE_AXES) <= set(names) else names
 
 
 @dataclass(frozen=True)
@@ -243,7 +249,7 @@ def _extremes(starts: list[Mapping[str, float]], segment: Segment) -> Iterator[t
         ends = [s[name] for s in starts] + [segment.end[name]]
         jump = max(abs(segment.end[name] - s[name]) for s in starts)
         yield name, min(ends), max(ends), _rate(jump, segment.duration)
-    if set(PROBE_AXES) <= set(names):
+    if PROBE in limited(names):
         # |p| is convex along a straight line: its largest value is at an end.
         lengths = [_length(s) for s in (*starts, segment.end)]
         jump = max(math.dist([s[a] for a in PROBE_AXES], [segment.end[a] for a in PROBE_AXES]) for s in starts)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from protocols import units
-from protocols.limits import PROBE, PROBE_AXES, Limits, Range
+from protocols.limits import PROBE, PROBE_AXES, Limits, Range, limited
 from protocols.schema import CHANNELS, Protocol
 from protocols.setpoints import Segment, Setpoints
 
@@ -37,7 +37,7 @@ def summarise(protocol: Protocol, setpoints: Setpoints, limits: Limits) -> dict[
         "steps": len(protocol.steps),
         "segments": len(setpoints.segments),
         "phases": phases,
-        "quantities": {q: _quantity(q, setpoints, limits) for q in _shown(setpoints)},
+        "quantities": {q: _quantity(q, setpoints, limits) for q in limited(setpoints.quantities)},
         "measured_limits": {name: _measured(limits[name]) for name in watched},
     }
 
@@ -130,10 +130,6 @@ def _draw_directions(axes: Any, setpoints: Setpoints) -> None:
     axes.set_xlabel("x (mm)")
     axes.set_ylabel("y (mm)")
     axes.set_title("seen along the normal, colour: z", fontsize=9)
-
-
-def _shown(setpoints: Setpoints) -> tuple[str, ...]:
-    return (*setpoints.quantities, PROBE) if set(PROBE_AXES) <= set(setpoints.quantities) else setpoints.quantities
 
 
 def _quantity(name: str, setpoints: Setpoints, limits: Limits) -> dict[str, Any]:

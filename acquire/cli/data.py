@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from acquire.cli.inputs import bundles, holds_others
 from acquire.cli.told import strange
 
 if TYPE_CHECKING:
@@ -19,7 +20,6 @@ Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Run = Annotated[Path, typer.Argument(help="A recording (.h5), a bundle's folder, or a journal.")]
 DEFAULT = Path("runs")
 SUFFIXES = (".h5", ".hdf5", ".nxs")
-BUNDLE = "recording.yaml"
 Force = Annotated[bool, typer.Option("--force", help="Replace existing files.")]
 
 
@@ -123,8 +123,8 @@ def import_(
 
         recordings = read_curves(source, column_map)
     else:
-        bundles = sorted(p.parent for p in source.rglob(BUNDLE)) if source.is_dir() else []
-        recordings = [read_bundle(b) for b in (bundles if bundles and not (source / BUNDLE).exists() else [source])]
+        several = bundles(source) if holds_others(source) else []
+        recordings = [read_bundle(bundle) for bundle in several or [source]]
         if len(recordings) > 1 and out.suffix in SUFFIXES:
             raise RecordingError(f"{out}: one file cannot hold {len(recordings)} recordings; name a folder")
     paths = [_target(out, recording, len(recordings)) for recording in recordings]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import sys
 import time
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Annotated, Any
 import typer
 import typer.core
 
+from acquire.cli.fit_list import list_models
 from acquire.cli.fit_plan import plan
 from acquire.cli.numbers import MOST_JOBS, whole
 from acquire.cli.review import ALL, counting
@@ -31,13 +31,6 @@ app = typer.Typer(
 )
 app.command("plan")(plan)
 
-RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-MULTIPLES = {
-    "Pa": (("GPa", 1e9), ("MPa", 1e6), ("kPa", 1e3), ("Pa", 1.0)),
-    "m": (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6)),
-    "s": (("s", 1.0), ("ms", 1e-3)),
-    "N": (("N", 1.0), ("mN", 1e-3)),
-}
 LINES = 5.0  # s between two lines of progress where there is no terminal
 
 
@@ -70,26 +63,20 @@ def fit(
         typer.Option(help="Further models, with commas between: by evidence, the law that the recordings speak for."),
     ] = "",
     everything: Annotated[bool, typer.Option("--all", help=ALL)] = False,
-    list_models: Annotated[bool, typer.Option("--list", help="List the models and their parameters.")] = False,
+    listed: Annotated[bool, typer.Option("--list", help="List the models and their parameters.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result on stdout.")] = False,
 ) -> None:
     """Identify a model's parameters from recordings, and say how well they are known."""
     solver = solver_for(model)
-    if list_models:
-        _list(solver, model, as_json)
+    if listed:
+        list_models(solver, model, as_json)
         return
-    from acquire.files import whole_file, write_text
-    from acquire.recording import load
-
     if not runs:
         raise ValueError("a fit needs at least one recording")
     if not (model or spec):
         raise ValueError(f"a fit needs --model or --spec; models are {', '.join(solver.models())}")
     moments = _times(times)
-    read = [load(run) for run in runs]
-    for line in of_bundles(runs, read):
-        print(line, file=sys.stderr)
-    recordings = counting(read, everything=everything)
+    recordings = counting(_read(runs), everything=everything)
     if compare:
         if not model or spec:
             raise ValueError("--compare goes with --model, and without --spec")
@@ -104,18 +91,31 @@ def fit(
             written = result.write_fields(fields, moments) if fields else []
     except ImportError as error:  # an extra of the solver: its message says which
         raise ValueError(str(error)) from error
-    folder = output or (None if as_json else Path("fit-report"))
-    data = result.as_dict()
+    _tell(result, output or (None if as_json else Path("fit-report")), as_json)
+    if written and not as_json:
+        typer.echo(f"{fields}: {len(written)} files of fields, to be opened by their .pvd or .xdmf")
+
+
+def _read(runs: list[Path]) -> list[Any]:
+    """The recordings, with an import's remarks on bundles among them printed on standard error."""
+    from acquire.recording import load
+
+    recordings = [load(run) for run in runs]
+    for line in of_bundles(runs, recordings):
+        print(line, file=sys.stderr)
+    return recordings
+
+
+def _tell(result: Any, folder: Path | None, as_json: bool) -> None:
+    """Print a fit's result, and write its JSON and page into the folder, where there is one."""
+    from acquire.files import whole_file, write_text
+
+    text = json.dumps(result.as_dict(), indent=1)
     if folder:
-        write_text(folder / "fit.json", json.dumps(data, indent=1) + "\n")
+        write_text(folder / "fit.json", text + "\n")
         with whole_file(folder / "fit.html") as page:
             result.write_page(Path(page.name))
-    if as_json:
-        typer.echo(json.dumps(data, indent=1))
-    else:
-        typer.echo(f"{result.in_words()}\n\n{folder}/fit.html\n{folder}/fit.json")
-        if written:
-            typer.echo(f"{fields}: {len(written)} files of fields, to be opened by their .pvd or .xdmf")
+    typer.echo(text if as_json else f"{result.in_words()}\n\n{folder}/fit.html\n{folder}/fit.json")
 
 
 def _compare(
@@ -143,72 +143,6 @@ def _times(text: str) -> tuple[float, ...]:
         return tuple(float(part.strip().removesuffix("s")) for part in text.split(",") if part.strip())
     except ValueError:
         raise ValueError(f"--times {text!r}: expected seconds with commas between them, such as 0.5,5,60") from None
-
-
-def _list(solver: Any, model: str, as_json: bool) -> None:
-    models = solver.models()
-    if model and model not in models:
-        raise ValueError(f"no model {model!r}; there are {', '.join(models)}")
-    chosen = {}
-    for name in [model] if model else models:
-        try:
-            chosen[name] = models[name].info
-        except ValueError as error:  # one that somebody brought: the others are listed all the same
-            if model:
-                raise
-            print(f"acquire fit: {error}", file=sys.stderr)
-    if as_json:
-        rows = [
-            {
-                "name": info.name, "problem": info.problem, "description": info.description, "source": info.source,
-                "channels": list(info.channels), "parameters": [p.__dict__ for p in info.parameters],
-            }
-            for info in chosen.values()
-        ]  # fmt: skip
-        typer.echo(json.dumps(rows, indent=1))
-        return
-    for info in chosen.values():
-        typer.echo(f"{info.name}: {info.description}")
-        if model:
-            for line in _table([_row(p) for p in info.parameters]):
-                typer.echo(line)
-
-
-def _row(parameter: Any) -> tuple[str, ...]:
-    """Symbol, default, bounds of a fit and meaning; the least of all where a fit stops above it."""
-    unit = parameter.unit
-    stops = getattr(parameter, "fit_lower", None)
-    lowest = f"; down to {_number(parameter.lower, unit)} if asked" if stops is not None else ""
-    lower = _number(parameter.lower if stops is None else stops, unit)
-    bounds = f"{lower} … {_number(parameter.upper, unit)}"
-    return parameter.symbol, _number(parameter.default, unit), bounds, f"{parameter.meaning}{lowest}"
-
-
-def _number(value: float, unit: str) -> str:
-    """A value with its unit, as fits show it: 20 kPa, 2 mm, 10⁻⁸ Hz."""
-    if value == 0.0:
-        return f"0 {unit}".rstrip()
-    for name, factor in MULTIPLES.get(unit, ()):
-        if factor <= abs(value) < 99999.5 * factor:
-            return f"{value / factor:.5g} {name}"
-    if 1e-3 <= abs(value) < 99999.5:
-        return f"{value:.5g} {unit}".rstrip()
-    power = math.floor(math.log10(abs(value)))
-    digits = f"{value / 10.0**power:.5g}"
-    if digits in ("10", "-10"):
-        digits, power = digits[:-1], power + 1
-    ten = f"10{str(power).translate(RAISED)}"
-    mantissa = {"1": "", "-1": "-"}.get(digits, f"{digits}·")
-    return f"{mantissa}{ten} {unit}".rstrip()
-
-
-def _table(rows: list[tuple[str, ...]]) -> list[str]:
-    """Rows in columns: the second to the right, the last as it is."""
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]) - 1)]
-    return [
-        f"  {symbol:<{widths[0]}}  {default:>{widths[1]}}  {bounds:<{widths[2]}}  {meaning}".rstrip()
-        for symbol, default, bounds, meaning in rows
-    ]
 
 
 class _Bar:

@@ -6,16 +6,27 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+BUNDLE = "recording.yaml"
+
+
+def holds_others(path: Path) -> bool:
+    """Whether it is a folder that is no bundle itself."""
+    return path.is_dir() and not (path / BUNDLE).exists()
+
+
+def bundles(folder: Path) -> list[Path]:
+    """Folders of the bundles in a folder, in order."""
+    return sorted(p.parent for p in folder.rglob(BUNDLE))
+
 
 def found(paths: Sequence[Path]) -> list[Path]:
     """Recordings and bundles at ``paths``, in order. Raises FileNotFoundError for a folder without any."""
     every: list[Path] = []
     for path in paths:
-        if path.is_dir() and not (path / "recording.yaml").exists():
-            bundles = sorted(p.parent for p in path.rglob("recording.yaml"))
-            inside = bundles + sorted(p for p in path.rglob("*.h5"))
+        if holds_others(path):
+            inside = bundles(path) + sorted(p for p in path.rglob("*.h5"))
             if not inside:
-                raise FileNotFoundError(f"{path}: no recording (*.h5) and no bundle (recording.yaml) in this folder")
+                raise FileNotFoundError(f"{path}: no recording (*.h5) and no bundle ({BUNDLE}) in this folder")
             every += inside
         else:
             every.append(path)

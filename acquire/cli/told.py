@@ -1,4 +1,4 @@
-"""What commands tell about recordings that they read: what is strange about them, and how large their values are."""
+"""Remarks of commands on recordings that they read: warnings among their events, and how large their values are."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from acquire.words import number, pleasant
+
 if TYPE_CHECKING:
     from acquire.recording import Recording
-
-SHOWN = {"Pa": (100.0, "mbar"), "m": (1e-3, "mm")}  # the units in which a person knows them
 
 
 def strange(recordings: Sequence[Recording]) -> list[str]:
@@ -30,14 +30,15 @@ def sizes(recording: Recording) -> str:
     for name, series in recording.streams.items():
         value = series.value[np.isfinite(series.value)]
         if value.size:
-            factor, unit = SHOWN.get(series.unit, (1.0, series.unit))
-            parts.append(f"{name} {value.min() / factor:.3g} to {value.max() / factor:.3g} {unit}".rstrip())
+            factor, unit = pleasant(series.unit)
+            low, high = (number(factor * float(end)) for end in (value.min(), value.max()))
+            parts.append(f"{name} {low} to {high} {unit}".rstrip())
     longest = max((float(np.ptp(s.time)) for s in recording.streams.values() if len(s.time)), default=0.0)
     return f"{recording.info.id}: {longest:.3g} s, {', '.join(parts)}"
 
 
 def of_bundles(paths: Sequence[Path], recordings: Sequence[Recording]) -> list[str]:
-    """What an import would tell of those that are bundles: a file was told about when it was imported."""
+    """An import's remarks on those that are bundles: those on a file were printed when it was imported."""
     found = [recording for path, recording in zip(paths, recordings, strict=True) if _is_bundle(path)]
     return [line for recording in found for line in (sizes(recording), *strange([recording]))]
 

@@ -21,7 +21,7 @@ from acquire.recording import Event
 from acquire.words import reading
 from drivers.device import Rig, Status
 from drivers.signals import Block, Frame
-from protocols.limits import PROBE, PROBE_AXES, RELIEF
+from protocols.limits import RELIEF, limited
 from protocols.setpoints import Setpoints, Until
 
 T = TypeVar("T")
@@ -64,9 +64,7 @@ class ActiveRun:
             raise ValueError(f"{where}{violation.quantity}: {violation.message}")
         self.plan = plan
         self.feeder = Feeder(plan.setpoints, device.queue_capacity, plan.rest, plan.limits.rates())
-        known = {*device.quantities, *(c.name for c in channels)}
-        if set(PROBE_AXES) <= known:
-            known.add(PROBE)
+        known = limited({*device.quantities, *(c.name for c in channels)})
         self.limits = {n: r for n, r in plan.limits.ranges.items() if n in known and r.bounded}
         self.recording = True
         self.course: Course | None = None  # None until the device has begun; another one wherever the plan moved

@@ -52,13 +52,12 @@ class Feed:
         progress, trip, status = engine.progress, engine.trip, engine.status
         if math.isnan(self._origin) and status is not None and status.state == "running":
             self._origin = self._origin_by(status)
-        identity = next(iter(engine.identities.values()), None)
         state = str(progress.state)
         return View(
             name=self.name,
             state="connecting" if self.opening and state in ("idle", "failed") else state,
             error=self.error,
-            identity=f"{identity.model}, {identity.serial}" if identity else "",
+            identity=_identity(engine),
             trip=trip.message if trip else "",
             run=self._run,
             origin=self._origin,
@@ -92,6 +91,12 @@ class Feed:
         """Device time at which the protocol began, by the segment that the device says it executes."""
         known = math.isfinite(status.began) and status.executed < len(self._edges)
         return status.began - float(self._edges[status.executed]) if known else math.nan
+
+
+def _identity(engine: RunEngine) -> str:
+    """Model and serial number of the first device; '' before it said so."""
+    identity = next(iter(engine.identities.values()), None)
+    return f"{identity.model}, {identity.serial}" if identity else ""
 
 
 def _picture(frame: Frame) -> Picture:

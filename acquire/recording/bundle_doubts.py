@@ -92,7 +92,7 @@ def _rate(bundle: Bundle, recording: Recording) -> Iterator[Event]:
 
 
 def _faint(bundle: Bundle, recording: Recording) -> Iterator[Event]:
-    """Values on skin that are a thousandth of what they should be: mbar that were called Pa, mm that were called µm."""
+    """Values on skin that are a thousandth of usual ones: mbar that were called Pa, mm that were called µm."""
     if bundle.instrument not in SUCTION or bundle.specimen != specimens.SKIN:
         return
     for name, (least, factor, unit) in FAINT.items():

@@ -24,7 +24,7 @@ import numpy as np
 from drivers import messages as msg
 from drivers.device import HOST_SILENT, QUEUE_EMPTY, Identity, Refused, Status
 from drivers.signals import FloatArray
-from protocols.limits import PROBE, PROBE_AXES, DwellTimer, Limits, Range
+from protocols.limits import PROBE, DwellTimer, Limits, Range, limited
 from sim_devices.servers.timeline import Waveform
 
 #: Segments shorter than this (s) are steps.
@@ -269,16 +269,7 @@ class Firmware:
             raise Refused(f"{where}{len(piece.start)} values for {len(self.quantities)} quantities")
         if not math.isfinite(piece.duration) or piece.duration < 0:
             raise Refused(f"{where}a duration of {piece.duration:g} s")
-        for name, a, b in zip(self.quantities, piece.start, piece.end, strict=True):
-            low, high = self.limits[name].low, self.limits[name].high
-            slack = _SLACK * (high - low)
-            for value in (a, b):
-                if not low - slack <= value <= high + slack:
-                    raise Refused(f"{where}{name} {value:g} is outside {low:g} to {high:g}")
-        if PROBE in self.limits and set(PROBE_AXES) <= set(self.quantities):
-            reach = self.limits[PROBE].high
-            if max(math.hypot(*piece.start), math.hypot(*piece.end)) > reach * (1 + _SLACK):
-                raise Refused(f"{where}the probe leaves its reach of {reach:g} m")
+        self._check_values(piece, where)
         self._check_dwell(piece, where)
         for k, name in enumerate(self.quantities):
             rate = self.limits[name].rate
@@ -288,6 +279,18 @@ class Firmware:
                 raise Refused(f"{where}{name} jumps from {before[k]:g} to {piece.start[k]:g}")
             if abs(piece.end[k] - piece.start[k]) > rate * piece.duration * (1 + _SLACK):
                 raise Refused(f"{where}{name} is faster than {rate:g} per s")
+
+    def _check_values(self, piece: msg.Piece, where: str) -> None:
+        for name, a, b in zip(self.quantities, piece.start, piece.end, strict=True):
+            low, high = self.limits[name].low, self.limits[name].high
+            slack = _SLACK * (high - low)
+            for value in (a, b):
+                if not low - slack <= value <= high + slack:
+                    raise Refused(f"{where}{name} {value:g} is outside {low:g} to {high:g}")
+        if PROBE in self.limits and PROBE in limited(self.quantities):
+            reach = self.limits[PROBE].high
+            if max(math.hypot(*piece.start), math.hypot(*piece.end)) > reach * (1 + _SLACK):
+                raise Refused(f"{where}the probe leaves its reach of {reach:g} m")
 
     def _check_dwell(self, piece: msg.Piece, where: str) -> None:
         for name in self._dwells:

@@ -20,6 +20,13 @@ from acquire.gui.window import MainWindow
 
 PATIENCE = 60_000  # ms; a worker starts in seconds, on a busy machine in many
 MakeWindow = Callable[..., MainWindow]
+TWO = """\
+schema: station/1
+name: two of a kind
+instruments:
+  left: {instrument: cutometer, simulated: {seed: 1}, watchdog: 1 s, interlock: {stale: 5 s}}
+  right: {instrument: cutometer, simulated: {seed: 2}, watchdog: 1 s, interlock: {stale: 5 s}}
+"""
 
 
 @pytest.fixture
@@ -33,6 +40,14 @@ def runs(tmp_path: Path) -> Path:
     folder = tmp_path / "runs"
     folder.mkdir()
     return folder
+
+
+@pytest.fixture
+def two(tmp_path: Path) -> Path:
+    """A station with two instruments of a kind."""
+    path = tmp_path / "two.yaml"
+    path.write_text(TWO)
+    return path
 
 
 @pytest.fixture

@@ -18,26 +18,12 @@ from acquire.gui.window import MainWindow
 from sim_devices.servers import serve
 from tests.acquire.gui.conftest import PATIENCE, MakeWindow, press, state
 
-TWO = """\
-schema: station/1
-name: two of a kind
-instruments:
-  left: {instrument: cutometer, simulated: {seed: 1}, watchdog: 1 s, interlock: {stale: 5 s}}
-  right: {instrument: cutometer, simulated: {seed: 2}, watchdog: 1 s, interlock: {stale: 5 s}}
-"""
 FAULTY = """\
 schema: station/1
 instruments:
   cutometer:
     adress: /dev/ttyUSB0
 """
-
-
-@pytest.fixture
-def two(tmp_path: Path) -> Path:
-    path = tmp_path / "two.yaml"
-    path.write_text(TWO)
-    return path
 
 
 def both_ready(qtbot: QtBot, window: MainWindow) -> None:

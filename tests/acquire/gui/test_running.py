@@ -1,4 +1,4 @@
-"""What runs stays in the bar and under its buttons, whichever instrument is chosen meanwhile."""
+"""An instrument that runs stays in the bar and under its buttons, whichever one is chosen meanwhile."""
 
 from __future__ import annotations
 
@@ -14,22 +14,13 @@ from acquire.gui.panels.controls import ControlBar
 from acquire.gui.window import MainWindow
 from tests.acquire.gui.conftest import PATIENCE, MakeWindow, press, state
 
-TWO = """\
-schema: station/1
-name: two of a kind
-instruments:
-  left: {instrument: cutometer, simulated: {seed: 1}, watchdog: 1 s, interlock: {stale: 5 s}}
-  right: {instrument: cutometer, simulated: {seed: 2}, watchdog: 1 s, interlock: {stale: 5 s}}
-"""
 LONG = "cutometer-instant-300"  # a minute's hold
 
 
 @pytest.fixture
-def window(qtbot: QtBot, make_window: MakeWindow, tmp_path: Path) -> MainWindow:
+def window(qtbot: QtBot, make_window: MakeWindow, two: Path) -> MainWindow:
     """Two instruments connected; ``left`` runs."""
-    path = tmp_path / "two.yaml"
-    path.write_text(TWO)
-    window = make_window(station=path, speed=2.0)
+    window = make_window(station=two, speed=2.0)
     press(qtbot, window.instruments.connect_all)
     qtbot.waitUntil(lambda: {state(window, "left"), state(window, "right")} == {"ready"}, timeout=PATIENCE)
     window.prepare.choose(LONG)
@@ -48,7 +39,7 @@ def test_another_row_takes_nothing_from_the_run(qtbot: QtBot, window: MainWindow
     assert bar.countdown.text()
     assert "under suction" in bar.detail.text()
     assert "right" in bar.start_button.text()  # START is for the chosen one, and says so
-    # The keys act on what runs; F6 again goes on.
+    # The keys act on the one that runs; F6 again goes on.
     qtbot.keyClick(window, Qt.Key.Key_F6)
     qtbot.waitUntil(lambda: state(window, "left") == "paused", timeout=PATIENCE)
     assert "PAUSED" in bar.state.text()
@@ -85,7 +76,7 @@ def test_a_second_instrument_is_not_started_by_a_slip(qtbot: QtBot, window: Main
     qtbot.waitUntil(lambda: state(window, "right") == "running", timeout=PATIENCE)
     assert bar.state.text().startswith("right")
     qtbot.waitUntil(lambda: "left" in bar.detail.text(), timeout=PATIENCE)
-    # Each row stops its own; the bar goes on to what still runs.
+    # Each row stops its own; the bar goes on to the one that still runs.
     press(qtbot, window.instruments.rows["right"].button)
     qtbot.waitUntil(lambda: state(window, "right") == "aborted", timeout=PATIENCE)
     assert state(window, "left") == "running"

@@ -13,6 +13,7 @@ from pytestqt.qtbot import QtBot
 
 from acquire.gui import settings
 from acquire.gui.panels.camera import CameraPanel
+from acquire.gui.panels.measure import MeasurePanel
 from acquire.qualifications import SCHEMA, Qualification, keep
 from acquire.recording import Recording, open_recording
 from tests.acquire.gui.conftest import PATIENCE, MakeWindow, connected, state
@@ -37,23 +38,9 @@ def test_from_click_to_recording(qtbot: QtBot, make_window: MakeWindow, store: Q
     qtbot.waitUntil(lambda: state(window, name) == "running", timeout=PATIENCE)
     assert window.tabs.currentWidget() is window.measure
     qtbot.waitUntil(lambda: window.views[name].elapsed > 0.3 * preview.duration, timeout=PATIENCE)
-    for plot in panel.live.plots:
-        for channel, curve in plot.curves.items():
-            time, _ = curve.getData()
-            assert len(time), channel
-            assert len(time) <= 900  # thinned
-            assert preview.duration * 1.05 > time[-1] > 0  # on the protocol's own clock
+    curves_are_drawn(panel, preview.duration)
     if panel.camera is not None:
-        assert panel.camera.image.image is not None
-        assert len(panel.camera.outline.getData()[0]) > 20
-        assert "mm" in panel.camera.apex.text()
-        assert f"grey {proposed + 10}" in panel.camera.quality.text()
-        # The threshold is the plan's: in a run neither mouse nor key moves it.
-        assert not panel.camera.slider.isEnabled()
-        assert not panel.camera.proposed.isEnabled()
-        qtbot.keyClick(panel.camera.slider, Qt.Key.Key_Right)
-        qtbot.mouseClick(panel.camera.proposed, Qt.MouseButton.LeftButton)
-        assert panel.camera.gvt == proposed + 10
+        threshold_is_fixed(qtbot, panel.camera, proposed + 10)
     if panel.robot is not None:
         assert "N" in panel.robot.numbers.text()
     assert window.controls.countdown.text()
@@ -72,15 +59,8 @@ def test_from_click_to_recording(qtbot: QtBot, make_window: MakeWindow, store: Q
     if panel.camera is not None:  # a threshold set by hand is the recording's too
         assert recording.info.calibration["gvt"]["value"] == proposed + 10
         one_apex(recording)
-        # Where no contour is found, no height stands there.
-        qtbot.waitUntil(panel.camera.slider.isEnabled, timeout=PATIENCE)
         window.tabs.setCurrentWidget(window.measure)
-        panel.camera.slider.setFocus()
-        qtbot.keyClick(panel.camera.slider, Qt.Key.Key_Home)
-        qtbot.waitUntil(lambda: "no contour" in panel.camera.apex.text(), timeout=PATIENCE)
-        assert "mm" not in panel.camera.apex.text()
-        height = next(plot for plot in panel.live.plots if "apex_height" in plot.readings)
-        qtbot.waitUntil(lambda: "height –" in height.numbers.text(), timeout=PATIENCE)
+        no_contour_no_height(qtbot, panel)
     assert window.recordings.result.flags
     assert window.recordings.result.picture.shown
     assert window.recordings.result.table.rowCount() > 0
@@ -90,6 +70,42 @@ def test_from_click_to_recording(qtbot: QtBot, make_window: MakeWindow, store: Q
     kept = settings.load(store)
     assert kept.instrument == name
     assert kept.protocols[name].endswith(f"demo-{name}.yaml")
+
+
+def curves_are_drawn(panel: MeasurePanel, duration: float) -> None:
+    """Every channel has a curve, thinned, on the protocol's own clock."""
+    for plot in panel.live.plots:
+        for channel, curve in plot.curves.items():
+            time, _ = curve.getData()
+            assert len(time), channel
+            assert len(time) <= 900
+            assert duration * 1.05 > time[-1] > 0
+
+
+def threshold_is_fixed(qtbot: QtBot, camera: CameraPanel, threshold: int) -> None:
+    """A picture with its contour; the threshold is the plan's: in a run neither mouse nor key moves it."""
+    assert camera.image.image is not None
+    assert len(camera.outline.getData()[0]) > 20
+    assert "mm" in camera.apex.text()
+    assert f"grey {threshold}" in camera.quality.text()
+    assert not camera.slider.isEnabled()
+    assert not camera.proposed.isEnabled()
+    qtbot.keyClick(camera.slider, Qt.Key.Key_Right)
+    qtbot.mouseClick(camera.proposed, Qt.MouseButton.LeftButton)
+    assert camera.gvt == threshold
+
+
+def no_contour_no_height(qtbot: QtBot, panel: MeasurePanel) -> None:
+    """Where no contour is found, no height stands there."""
+    camera = panel.camera
+    assert camera is not None
+    qtbot.waitUntil(camera.slider.isEnabled, timeout=PATIENCE)
+    camera.slider.setFocus()
+    qtbot.keyClick(camera.slider, Qt.Key.Key_Home)
+    qtbot.waitUntil(lambda: "no contour" in camera.apex.text(), timeout=PATIENCE)
+    assert "mm" not in camera.apex.text()
+    height = next(plot for plot in panel.live.plots if "apex_height" in plot.readings)
+    qtbot.waitUntil(lambda: "height –" in height.numbers.text(), timeout=PATIENCE)
 
 
 def set_by_hand(qtbot: QtBot, camera: CameraPanel) -> int:

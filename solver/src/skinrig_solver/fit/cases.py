@@ -1,7 +1,7 @@
 """From recordings to cases: the drive of a model and the data it is compared with.
 
-Recordings are duck-typed: ``info`` (id, instrument, and what `stated` reads), ``streams`` and ``setpoints``, mappings
-of series with ``time``, ``value`` and ``unit`` in SI.
+Recordings are duck-typed: ``info`` (id, instrument, and the fields that `stated` reads), ``streams`` and ``setpoints``,
+mappings of series with ``time``, ``value`` and ``unit`` in SI.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ class RecordingError(ValueError):
 class Case:
     """One recording as a fit sees it.
 
-    ``data``, ``scale`` and ``weight`` are keyed by the model's channel: measured values (n,) in SI, what residuals are
-    divided by (the largest measured value of each force component, paper M), and the square root of each sample's
+    ``data``, ``scale`` and ``weight`` are keyed by the model's channel: measured values (n,) in SI, the divisor of
+    residuals (the largest measured value of each force component, paper M), and the square root of each sample's
     weight (n,). Curves in ``floating`` have an unknown zero; ``drive_noise`` is the white noise of each measured drive
-    [SI]. ``note`` says how the recorded samples were prepared, ``setup`` what is known of the set-up.
+    [SI]. ``note`` says how the recorded samples were prepared, ``setup`` holds the facts of the set-up.
     """
 
     label: str
@@ -56,7 +56,7 @@ class Case:
     drive_noise: Mapping[str, float] = field(default_factory=dict)
 
     def values(self, parameters: Mapping[str, float]) -> dict[str, float]:
-        """The model's parameters for this recording: those of the fit, and what its own set-up says of held ones."""
+        """The model's parameters for this recording: those of the fit, and held ones that its own set-up states."""
         return {**parameters, **self.setup.parameters}
 
     @property
@@ -125,7 +125,7 @@ def _case(recording: Any, label: str, spec: Spec, info: ModelInfo, options: Sequ
 
 
 def given_by(spec: Spec, info: ModelInfo, options: Sequence[Options] = ()) -> Given:
-    """What a specification says of a recording's set-up."""
+    """A specification's part in a recording's set-up."""
     geometry = dict(spec.geometry)
     for option in options:
         geometry.update(option.geometry)

@@ -1,8 +1,8 @@
 """Errors that noise of the measured drive makes in the parameters.
 
-The model is driven by what was measured, noise included. A first-order look finds the scatter that this makes, which
-is in the residual; but noise in what drives a model also pulls its parameters to one side, as in every regression with
-errors in its variables (Fuller 1987), however many samples there are.
+The model is driven by the measured pressure, noise included. A first-order look finds the scatter that this makes,
+which is in the residual; but noise in a model's drive also pulls its parameters to one side, as in every regression
+with errors in its variables (Fuller 1987), however many samples there are.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ SEED = 20230
 
 
 def pulled(problem: Problem, optimum: Evaluation, known: Uncertainty) -> Uncertainty:
-    """``known`` with what the drives' noise pulls the parameters by added to the variances, and told where it is much.
+    """``known`` with the pull of the drives' noise added to the variances, and told where it is much.
 
-    Noise as large again is added to the drives and taken off: the pull is the mean of what the derivatives and the
-    residual change together, over the curvature. Two runs with sensitivities a pair; none where the noise is small.
+    Noise as large again is added to the drives and taken off: the pull is the mean product of the changes of
+    derivatives and residual, over the curvature. Two runs with sensitivities a pair; none where the noise is small.
     """
     if not any(_matters(case) for case in problem.cases):
         return known

@@ -1,7 +1,7 @@
 """A fit while the measurement goes on: an emulator trained on the set-points beforehand, refined where the data lead.
 
 The measured drive is not known beforehand, so the emulator is of the commanded one: samples at which the instrument
-had not followed it are left out. A run that is over is fitted with what was measured (`fit`).
+had not followed it are left out. A run that is over is fitted with its measured drive (`fit`).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ STEP, SAMPLES = 0.1, 600  # s between the times compared, or as many times as th
 TRAINING = 56  # full solves beforehand
 MOST = 160  # of them in all
 WIDER = 8  # of them where the range is widened
-UNIT = 0.01  # of a channel's largest value: what the emulator counts in
+UNIT = 0.01  # of a channel's largest value: the emulator's unit
 FOLLOWED = 0.05  # of the largest drive, by which a measured one may differ from the commanded
 RIGHT = 0.003  # of a channel's largest value: an emulator that is closer than that is not refined
 COARSER: Mapping[str, Mapping[str, float]] = {"suction": {"mesh": 0.7}, "sheet": {"radial": 4, "around": 12}}
@@ -261,8 +261,8 @@ class LiveFit:
     def _fitted(self, emulator: Emulator, data: Array, used: NDArray[np.bool_]) -> tuple[Array, Array]:
         """Levenberg and Marquardt's method on the emulator within its range: coordinates (m,), covariance (m, m).
 
-        The range counts as a flat prior would, so that what is not felt yet stays in its middle. Noise is that of the
-        residuals; a sample counts as one over the samples that count as one.
+        The range counts as a flat prior would, so that a parameter without effect yet stays in its
+        middle. Noise is that of the residuals; a sample counts as one over the samples that count as one.
         """
         region = self._region
         modes, flat = emulator.modes[used], np.diag(12.0 / (region.upper - region.lower) ** 2)

@@ -1,4 +1,4 @@
-"""The noise of a compared curve, read from what a fit leaves: a white part, and one that remembers.
+"""The noise of a compared curve, read from a fit's residual: a white part, and one that remembers.
 
 A fit follows slow noise and takes it for its parameters, so that its residual shows less of it than there was. Both
 shares and the time constant are therefore those of the largest restricted likelihood (Patterson and Thompson 1971;
@@ -20,9 +20,9 @@ LEAST = 20  # samples of which memory can be told at all
 WORTH = 6.0  # twice the rise of the log likelihood from which noise is said to remember: 95 % of chi-squared with two
 SHARES = (0.1, 0.4, 0.75, 0.9, 0.96, 0.99)  # of the variance that remembers, where a search begins
 TIMES = 9  # time constants of the same, from one sample to the slowest
-SLOWEST = 0.2  # of the recording: what remembers for longer is a misfit or a drift, of which one sample is at hand
+SLOWEST = 0.2  # of the recording: a longer memory is a misfit's or a drift's, of which one sample is at hand
 ORDERS = (2, 3, 4)  # of differences, in which noise is left of a smooth curve
-FAR = 50.0  # minus log likelihood above the white one's, for what cannot be computed
+FAR = 50.0  # minus log likelihood above the white one's, where none can be computed
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Scatter:
         return np.asarray(self.deviation**2 * rows.T @ spread)
 
     def widening(self, basis: Array) -> float:
-        """By how much more than white noise of its variance it scatters what lies along basis (n, m), at least 1."""
+        """Variance along basis (n, m) over that of white noise with the same deviation, at least 1."""
         if self.share == 0.0 or self.deviation == 0.0 or not basis.shape[1]:
             return 1.0
         return max(1.0, float(np.trace(self.covariance(basis)) / self.deviation**2 / basis.shape[1]))
@@ -69,7 +69,7 @@ def scatter_of(residual: Array, slopes: Array, time: Array) -> Scatter:
     ]
     first = min(starts, key=minus)
     if minus(first) > -0.25 * WORTH:
-        return white  # no place is near what would be worth it
+        return white  # no start comes near a rise that is worth it
     inwards = first + np.array([[0.0, 0.0], [-0.7, 0.0], [0.0, -0.7]])  # a place at the end of a range is left so
     options = {"initial_simplex": inwards, "xatol": 0.01, "fatol": 0.005, "maxfev": 150}
     best = minimize(minus, first, method="Nelder-Mead", options=options)

@@ -16,7 +16,7 @@ DRAWS = 2  # of the posterior beside its centre, over which the expected varianc
 
 @dataclass(frozen=True)
 class Candidate:
-    """An experiment that could be done: its set-points on a time grid, and what it costs [min]."""
+    """An experiment that could be done: its set-points on a time grid, and its cost [min]."""
 
     name: str
     experiment: Experiment
@@ -36,7 +36,7 @@ class Gain:
 
     @property
     def per_minute(self) -> float:
-        """Natural logarithm of the narrowing, per minute: what repeating adds up."""
+        """Natural logarithm of the narrowing, per minute: the quantity that repeats add up."""
         return -float(np.log1p(-min(self.narrowing, 1.0 - 1e-12))) / self.minutes
 
 
@@ -55,7 +55,7 @@ class Known:
 
 
 def known(fit: Mapping[str, Any]) -> Known:
-    """From the data of a ``fit.json``. Raises ValueError naming what it lacks."""
+    """From the data of a ``fit.json``. Raises ValueError naming a missing entry."""
     try:
         rows, held = fit["parameters"], dict(fit["held"])
         symbols = tuple(str(row["symbol"]) for row in rows)

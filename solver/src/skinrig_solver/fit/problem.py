@@ -150,7 +150,7 @@ class Problem:
         return found
 
     def zeros(self, results: Sequence[Result]) -> list[float]:
-        """Of every compared curve, what the data have to be lowered by [SI] to fit best; 0 where its zero is known."""
+        """Of every compared curve, the zero [SI] to be taken off the data to fit best; 0 where it is known."""
         found = []
         for number, channel, _ in self.groups():
             case = self.cases[number]

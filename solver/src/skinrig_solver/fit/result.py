@@ -105,7 +105,7 @@ class FitResult:
     posterior: Posterior | None = None
 
     def as_dict(self, curves: bool = True) -> dict[str, Any]:
-        """Plain data for JSON: SI numbers, None for what is not finite; ``curves`` adds the arrays."""
+        """Plain data for JSON: SI numbers, None for numbers that are not finite; ``curves`` adds the arrays."""
         plain: dict[str, Any] = _plain(
             {
                 "schema": SCHEMA,
@@ -187,14 +187,14 @@ class FitResult:
         return "\n".join(lines if self.posterior is None else [*lines, "", self.posterior.in_words()])
 
     def _set_ups(self) -> list[str]:
-        """A line for all recordings of one set-up: what was taken, and who says so."""
+        """A line for all recordings of one set-up: its values, and their sources."""
         alike: dict[str, list[str]] = {}
         for label, one in self.setups.items():
             alike.setdefault(one.in_words(), []).append(label)
         return [f"set-up of {', '.join(labels)}: {words}" for words, labels in alike.items() if words]
 
     def write_page(self, path: Path | str) -> Path:
-        """Write one self-contained HTML page. Raises ImportError naming what the page needs; OSError."""
+        """Write one self-contained HTML page. Raises ImportError naming a missing library; OSError."""
         from .page import write_page
 
         return write_page(self, path)

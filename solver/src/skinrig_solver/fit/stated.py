@@ -1,7 +1,7 @@
 """The set-up of a recording as a fit takes it: the probe's opening, its force, the support's hole, and who says so.
 
 The specification comes first, then the recording's protocol, its calibration, and the station it was made on. Where
-none says anything, what is usual for the instrument is assumed, the same for every model, and the result warns of it.
+none says anything, a usual value of the instrument is assumed, the same for every model, and the result warns of it.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class Fact:
 
 @dataclass(frozen=True)
 class Setup:
-    """What a fit takes for one recording: ``geometry`` options and held ``parameters`` of the model, the facts behind
+    """The set-up of one recording in a fit: ``geometry`` options and held ``parameters`` of the model, the facts behind
     them, and ``faults``, statements that could not be understood."""
 
     geometry: Mapping[str, Any] = field(default_factory=dict)
@@ -95,7 +95,7 @@ class Setup:
 
 @dataclass(frozen=True)
 class Given:
-    """What a specification says: geometry options, parameters that it holds (SI), and symbols that it frees."""
+    """A specification's part in it: geometry options, parameters that it holds (SI), and symbols that it frees."""
 
     geometry: Mapping[str, Any]
     held: Mapping[str, float] = field(default_factory=dict)
@@ -128,7 +128,7 @@ def setup(about: Any, info: ModelInfo, given: Given) -> Setup:
 
 
 def _asked(kind: Kind, option: str, held: str, given: Given) -> tuple[str, float] | None:
-    """What the specification says of a quantity."""
+    """Source and SI value of a quantity in the specification; NaN where it is fitted, None where it is not there."""
     if option and option in given.geometry:
         return SPECIFICATION, float(given.geometry[option]) / kind.factor
     if held in given.free:
@@ -204,7 +204,7 @@ def _provenance(entry: Any) -> str:
 
 
 def remarks(setups: Mapping[str, Setup]) -> list[str]:
-    """Warnings about the set-ups of recordings, by label: what is assumed, what disagrees, what was not understood."""
+    """Warnings about the set-ups of recordings, by label: assumptions, disagreements, misunderstandings."""
     found: dict[str, list[str]] = {}
     for label, one in setups.items():
         for fault in one.faults:

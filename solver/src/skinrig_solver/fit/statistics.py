@@ -124,8 +124,8 @@ class _CurveNoise:
 def _curve_noise(case: Case, channel: str, residual: Array, jacobian: Array) -> _CurveNoise:
     """The noise of one curve, from its weighted residual (n,) and Jacobian (n, m).
 
-    Slow noise is larger than what the fit leaves of it: its persistence is what the residual's deviation has to be
-    multiplied by, squared, to scatter the parameters as the noise does.
+    Slow noise is larger than its share in the residual: its persistence is the square of the factor on the residual's
+    deviation that scatters the parameters as the noise does.
     """
     weight = case.weight[channel] / case.scale[channel]
     used = weight > 0.0

@@ -37,7 +37,7 @@ def silent(problem: Problem, optimum: Evaluation, known: Uncertainty) -> str:
 
 
 def reasons(fatal: Sequence[str], found: Sequence[Estimate], converged: bool) -> list[str]:
-    """``fatal`` ones first, then what is wrong with single parameters."""
+    """``fatal`` ones first, then the faults of single parameters."""
     told = [text for text in fatal if text]
     if not converged:
         told.append("the optimiser stopped before it converged")
