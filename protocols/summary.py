@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -50,32 +51,53 @@ def _measured(limit: Range) -> dict[str, float | None]:
 
 def in_words(summary: dict[str, Any]) -> str:
     """A summary as lines for a terminal."""
+    return "\n".join([headline(summary), *(f"  {name:<11} {text}" for name, text in rows(summary))])
+
+
+def headline(summary: dict[str, Any]) -> str:
+    """Name and title."""
+    return f"{summary['name']}: {summary['title']}" if summary["title"] else str(summary["name"])
+
+
+def rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    """A summary as rows of a table: a name, and a text for people."""
     longest = " at most, ends earlier on a condition" if summary["until"] else ""
     setup = ", ".join(f"{k.replace('_', ' ')} {v}" for k, v in summary["setup"].items())
     phases = ", ".join(f"{name} {seconds:.6g} s" for name, seconds in summary["phases"].items() if seconds)
-    lines = [
-        f"{summary['name']}: {summary['title']}" if summary["title"] else summary["name"],
-        f"  instrument  {summary['instrument']}" + (f" ({setup})" if setup else ""),
-        f"  duration    {_clock(summary['duration'])}{longest}",
-        f"  steps       {summary['steps']} in the file, {summary['segments']} segments",
-        f"  phases      {phases}",
+    found = [
+        ("instrument", summary["instrument"] + (f" ({setup})" if setup else "")),
+        ("duration", _clock(summary["duration"]) + longest),
+        ("steps", f"{summary['steps']} in the file, {summary['segments']} segments"),
+        ("phases", phases),
     ]
-    for name, found in summary["quantities"].items():
-        kind = units.kind_of(name)
-        unit = units.KINDS[kind][1][0]
-        low, high, most = (_number(found[k], kind) for k in ("low", "high", "rate"))
-        rate = "steps at once" if found["rate"] is None else f"at most {most} {unit}/s"
-        allowed = " … ".join(_number(v, kind, absent="unbounded") for v in found["limits"])
-        if found["rate_limit"] is not None:
-            allowed += f" {unit}, {_number(found['rate_limit'], kind)} {unit}/s"
-        else:
-            allowed += f" {unit}"
-        lines.append(f"  {name:<11} {low} … {high} {unit}, {rate}; allowed {allowed}")
-    for name, bounds in summary["measured_limits"].items():
-        kind = units.kind_of(name)
-        ends = " … ".join(_number(bounds[k], kind, absent="unbounded") for k in ("low", "high"))
-        lines.append(f"  {name:<11} measured; allowed {ends} {units.KINDS[kind][1][0]}")
-    return "\n".join(lines)
+    found += [(name, _commanded_row(name, facts)) for name, facts in summary["quantities"].items()]
+    found += [(name, _measured_row(name, bounds)) for name, bounds in summary["measured_limits"].items()]
+    return found
+
+
+def _commanded_row(name: str, facts: dict[str, Any]) -> str:
+    kind = units.kind_of(name)
+    unit = units.KINDS[kind][1][0]
+    low, high, most = (_number(facts[k], kind) for k in ("low", "high", "rate"))
+    rate = "steps at once" if facts["rate"] is None else f"at most {most} {unit}/s"
+    allowed = f"{_ends(facts['limits'], kind)} {unit}"
+    if facts["rate_limit"] is not None:
+        allowed += f", {_number(facts['rate_limit'], kind)} {unit}/s"
+    return f"{low} … {high} {unit}, {rate}; allowed {allowed}"
+
+
+def _measured_row(name: str, bounds: dict[str, float | None]) -> str:
+    kind = units.kind_of(name)
+    unit = units.KINDS[kind][1][0]
+    ends = (bounds["low"], bounds["high"])
+    allowed = [f"{_ends(ends, kind)} {unit}"] if any(end is not None for end in ends) else []
+    allowed += [f"{_number(bounds['rate'], kind)} {unit}/s"] if bounds["rate"] is not None else []
+    allowed += [f"{bounds['dwell']:g} s away from rest"] if bounds["dwell"] is not None else []
+    return f"measured; allowed {', '.join(allowed)}"
+
+
+def _ends(bounds: Iterable[float | None], kind: str) -> str:
+    return " … ".join(_number(bound, kind, absent="unbounded") for bound in bounds)
 
 
 def draw(protocol: Protocol, setpoints: Setpoints, limits: Limits) -> Figure:

@@ -60,7 +60,7 @@ def protocols(folder: Path | None = None) -> tuple[ProtocolEntry, ...]:
 def preview(session: Session, name: str, path: str, subject: str = "") -> Preview:
     """The protocol at ``path`` compiled for instrument ``name``. Raises ProtocolError, ValueError."""
     from protocols import find, load
-    from protocols.summary import in_words, summarise
+    from protocols.summary import headline, rows, summarise
 
     protocol = load(find(path))
     setpoints, limits = session.compile(name, protocol, subject)
@@ -71,11 +71,13 @@ def preview(session: Session, name: str, path: str, subject: str = "") -> Previe
         for begin, end, segment in zip(edges[:-1], edges[1:], setpoints.segments, strict=True)
     )
     bounds = {q: bound for q, bound in limits.values().items() if np.isfinite(bound).any()}
+    summary = summarise(protocol, setpoints, limits)
     return Preview(
         name=protocol.name,
         instrument=protocol.instrument,
         text=protocol.origin.text,
-        words=in_words(summarise(protocol, setpoints, limits)),
+        headline=headline(summary),
+        rows=rows(summary),
         duration=setpoints.duration,
         time=time,
         values=values,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -78,12 +78,16 @@ class ProtocolEntry:
 
 @dataclass(frozen=True)
 class Preview:
-    """A compiled protocol: break points (``time`` in s; SI values), limits (SI), phases as (begin, end, name)."""
+    """A compiled protocol: break points (``time`` in s; SI values), limits (SI), phases as (begin, end, name).
+
+    ``headline`` and ``rows``, each a name and a text, describe it in words.
+    """
 
     name: str
     instrument: str
     text: str
-    words: str
+    headline: str
+    rows: Sequence[tuple[str, str]]
     duration: float
     time: FloatArray
     values: Mapping[str, FloatArray]

@@ -155,7 +155,7 @@ class MainWindow(Layout):
         self.health.show_view(self.views.get(self._acting))
 
     def _act_on(self) -> str:
-        """What the bar is for: whatever runs, whichever row is chosen; the chosen one where it does, or nothing."""
+        """The bar's instrument: one that runs, whichever is chosen; the chosen one where that runs, or none does."""
         running = self.running
         return next((name for name in (self.current, self._acting, *running) if name in running), self.current)
 

@@ -266,7 +266,7 @@ class AxesBlock(Block):
             np.exp(np.clip(nuisance[:3], -3, 3)),
             float(nuisance[6]),
             float(np.clip(nuisance[7], -LATEST, LATEST)),
-            **dict(zip(WEIGHTS, nuisance[8:11].tolist(), strict=True)),
+            tuple(nuisance[8:11].tolist()),
         )
         spring = SPRING if self._loads[0] else 0.0
         return self.with_effects(chain.tuned("axes", spring=spring, most_substeps=MOST_SUBSTEPS), active, group)

@@ -51,25 +51,26 @@ class Controller:
     centred: bool
     mass: float = MASS  # kg, that an axis moves
 
-    def installed(self, chain: Chain, scale: FloatArray, drag: float = 0.0, lag: float = 0.0, **fed: float) -> Chain:
+    def installed(
+        self,
+        chain: Chain,
+        scale: FloatArray,
+        drag: float = 0.0,
+        lag: float = 0.0,
+        weights: tuple[float, ...] = (0.0, 0.0, 0.0),
+    ) -> Chain:
         """The chain with this controller, its three gains multiplied by ``scale`` (3,), further ``drag`` N s/m, and a
         coil's force that comes ``lag`` s later than it is asked for.
 
-        ``fed`` tells how the set-point is weighed: ``proportional`` and ``derivative``, by how much more than in this
-        controller; ``acceleration``, the share of the mass that is fed forward.
+        ``weights`` tell by how much more the set-point and its rate weigh than in this controller, and the share of the
+        mass that is fed forward.
         """
         p, i, d = (self.proportional * scale[0], self.integral * scale[1], self.derivative * scale[2])
         loop = chain["axes"]
         assert isinstance(loop, AxisLoop)
         kept = {f.name: getattr(loop, f.name) for f in fields(AxisLoop)}
-        rate = float(np.clip(self.on_error + fed.get("derivative", 0.0), 0.0, HEAVIEST))
-        own = {
-            "mass": self.mass,
-            "lag": lag,
-            "fed": rate * d,
-            "weight": float(np.clip(1.0 + fed.get("proportional", 0.0), 0.0, HEAVIEST)),
-            "thrust": self.mass * float(np.clip(fed.get("acceleration", 0.0), 0.0, HEAVIEST)),
-        }
+        weight, rate, share = np.clip(np.add((1.0, self.on_error, 0.0), weights), 0.0, HEAVIEST).tolist()
+        own = {"mass": self.mass, "lag": lag, "fed": rate * d, "weight": weight, "thrust": share * self.mass}
         tuned = TunedLoop(**kept | own, gains=(p, i, d + self.drag + drag))
         return Chain(chain.instrument, tuple(tuned if op is loop else op for op in chain.operators))
 

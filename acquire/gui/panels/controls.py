@@ -21,7 +21,7 @@ STARTABLE = frozenset({"ready", "completed", "aborted"})
 class ControlBar(QFrame):
     """Commands for the instrument that it names; the emergency stop is for all of them.
 
-    What runs is named, whichever instrument is chosen; START is for the chosen one, and says so where it is another.
+    The one that runs is named, whichever is chosen; START is for the chosen one, and says so where it is another.
     """
 
     start = Signal()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
@@ -32,10 +31,9 @@ from acquire.words import clock, pleasant, unit_of
 
 MOST_PHASES = 400  # shaded; more are thinner than a line
 MOST_FAULTS = 3  # above the text; all of them are under In words
-#: Groups of the list by how a protocol's name begins, in this order; what is named otherwise is a measurement.
+#: Groups of the list by how a protocol's name begins, in this order; one named otherwise is a measurement.
 GROUPS = {"demo": "To try it out", "": "Measurements", "qualify": "Qualification on reference specimens"}
 FROM_FILES = "From files"
-_LINE = re.compile(r"  (\S+) +(.*)")  # of `protocols.summary.in_words`
 
 
 class PreparePanel(QWidget):
@@ -133,7 +131,7 @@ class PreparePanel(QWidget):
         self.preview = preview
         self.title.setText(f"{preview.name} – {clock(preview.duration)}")
         self.fault.hide()
-        self.words.setHtml(_table(preview.words))
+        self.words.setHtml(_table(preview.headline, preview.rows))
         self.text.setPlainText(preview.text)
         self.text.setExtraSelections([])
         self.pages.setCurrentIndex(0)
@@ -226,12 +224,10 @@ def _heading(text: str) -> QListWidgetItem:
     return item
 
 
-def _table(words: str) -> str:
-    """A summary in words (`protocols.summary.in_words`) as a table that wraps: one row for each of its lines."""
-    first, *lines = words.splitlines()
-    found = [match for match in map(_LINE.fullmatch, lines) if match]
-    cells = [f"<tr><td><b>{escape(m[1].replace('_', ' '))}</b></td><td>{escape(m[2])}</td></tr>" for m in found]
-    return f"<p>{escape(first)}</p><table cellspacing='4'>{''.join(cells)}</table>"
+def _table(headline: str, rows: Sequence[tuple[str, str]]) -> str:
+    """A protocol in words as a table that wraps."""
+    cells = [f"<tr><td><b>{escape(name.replace('_', ' '))}</b></td><td>{escape(text)}</td></tr>" for name, text in rows]
+    return f"<p>{escape(headline)}</p><table cellspacing='4'>{''.join(cells)}</table>"
 
 
 def _page() -> QPlainTextEdit:

@@ -60,7 +60,7 @@ class QualifyPanel(QWidget):
         self.said.setReadOnly(True)
         self.said.setMaximumHeight(140)
         self.said.setMinimumHeight(48)
-        self.said.setPlaceholderText("What it says while it works stands here, its page below.")
+        self.said.setPlaceholderText("Messages stand here while it works, its page below.")
         self.picture = PictureView()
         row = QHBoxLayout()
         row.addWidget(self.instrument, 1)

@@ -72,7 +72,7 @@ class ToolPanel(QWidget):
         self.said.setReadOnly(True)
         self.said.setMaximumHeight(170)
         self.said.setMinimumHeight(48)
-        self.said.setPlaceholderText("What it says while it works stands here, its pictures below.")
+        self.said.setPlaceholderText("Messages stand here while it works, its pictures below.")
         self.picture = PictureView()
         self.previous, self.next = QPushButton("◀"), QPushButton("▶")
         self.previous.clicked.connect(lambda: self._turn(-1))

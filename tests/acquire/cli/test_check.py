@@ -72,3 +72,12 @@ def test_limits_of_measured_channels_are_shown(tmp_path: Path) -> None:
     path.write_text(f"{head}steps: [{{type: hold, suction: 100 mbar, duration: 1 s}}]\n")
     told = runner.invoke(app, [str(path)])
     assert "apex_height measured; allowed unbounded … 1.5 mm" in told.stdout
+
+
+def test_a_rate_or_dwell_alone_of_a_measured_channel_is_shown(tmp_path: Path) -> None:
+    path = tmp_path / "slow.yaml"
+    limits = "limits: {apex_height: {rate: 2 mm/s, dwell: 20 s}}"
+    head = f"schema: protocol/1\nname: slow\ninstrument: cutometer\n{limits}\n"
+    path.write_text(f"{head}steps: [{{type: hold, suction: 100 mbar, duration: 1 s}}]\n")
+    told = runner.invoke(app, [str(path)])
+    assert "apex_height measured; allowed 2 mm/s, 20 s away from rest" in told.stdout

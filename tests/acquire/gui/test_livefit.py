@@ -44,7 +44,7 @@ SLOW = Slow()
 
 
 def preview(name: str = "hold", text: str = "") -> Preview:
-    return Preview(name, "cutometer", text, "", 20.0, TIME, SUCTION, {}, ())
+    return Preview(name, "cutometer", text, "", (), 20.0, TIME, SUCTION, {}, ())
 
 
 def view(run: int, state: str = "running", begin: float = 0.0, end: float = 2.0, **more: Any) -> View:
