@@ -147,7 +147,10 @@ def _regulator(rng: np.random.Generator) -> dict[str, float]:
 
 
 def _servo(rng: np.random.Generator) -> dict[str, float]:
-    """Gains of the axes' loops as another laboratory tunes them, with a feedforward of speed or without."""
+    """Gains of the axes' loops as another laboratory tunes them, and by how much they weigh the set-point and feed its
+    speed forward."""
     gains = np.exp(0.25 * rng.normal(size=3))
     knobs = {"kp_share": float(gains[0]), "ki_share": float(gains[1]), "kd_share": float(gains[2])}
-    return knobs | {"unfed": float(rng.choice([0.0, 0.0, 1.0]))}
+    unfed = float(rng.choice([0.0, 0.0, 1.0, rng.uniform(0.0, 0.6)]))
+    unweighed = float(rng.choice([0.0, 0.0, rng.uniform(0.0, 0.4)]))
+    return knobs | {"unfed": unfed, "unweighed": unweighed}

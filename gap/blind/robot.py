@@ -46,7 +46,7 @@ def _targets(s: Session, fx: Knobs) -> Array:
     if poll := fx.get("poll", 0.0):
         t = np.floor(s.t / poll) * poll
     directions = np.array([r.direction for r in s.recordings])
-    starts = np.array([r.start for r in s.recordings])
+    starts = np.array([r.begins for r in s.recordings])
     which = np.clip(np.searchsorted(starts, t, side="right") - 1, 0, None)
     way = s.command(t)
     if rate := fx.get("slew", 0.0):
@@ -156,7 +156,7 @@ def _remembering(s: Session, size: Array, f: Array, fx: Knobs) -> Array:
         f = f * s.per_recording(1 + a * np.exp(-order / get("series", 1.2)))[:, None]
     if a := get("mullins", 0.0):  # every direction is virgin when it is first pulled
         for r in s.recordings:
-            inside = (s.t >= r.start) & (s.t < r.start + r.duration)
+            inside = (s.t >= r.begins) & (s.t < r.start + r.duration)
             worked = np.cumsum(np.where(inside, size[:, 0], 0.0) * s.dt) / SPAN
             f = f * (1 + a * np.where(inside, np.exp(-worked / get("softening", 4.0)), 0.0))[:, None]
     return f

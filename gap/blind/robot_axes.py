@@ -34,13 +34,14 @@ class Loop(NamedTuple):
     cog_pitch: float  # m
     binding: float  # dry friction for each newton of load
     weight: float  # N that the hard bound has to carry as well
-    unfed: float  # 1: the set-point's speed is not fed forward
+    unfed: float  # share of the set-point's speed that is not fed forward
+    unweighed: float  # share of the set-point that the proportional part does not see
 
 
 @njit(cache=True)
 def _coil_force(a, e, de, at, h, c, integral, warm):  # type: ignore[no-untyped-def]
     """Force [N] of axis ``a`` at ``at`` [m] for its error ``e`` [m] and speed error ``de`` [m/s]; moves its states."""
-    u = c.kp * e + c.ki * integral[a] + c.kd * de
+    u = c.kp * (e - c.unweighed * (e + at)) + c.ki * integral[a] + c.kd * de
     if c.soft > 0.0:
         u = c.soft * np.tanh(u / c.soft)
     held = c.limit > 0.0 and abs(u + c.weight) > c.limit

@@ -16,6 +16,7 @@ from .signals import Array
 STEP = 2.5e-3  # s, integration step of the suction chain during a recording
 REST_STEP = 0.05  # s, between recordings, where nothing is commanded
 JUMP = 1e-3  # s, a commanded step is a ramp this long
+APPROACH = 0.4  # s, that a robot's tip takes to a waveform aside, and back
 MBAR = 100.0  # Pa
 _COMMAND_RATE = {"cutometer": 100.0, "aspiration": 100.0, "microrobot": 20.0}  # rows a second
 
@@ -27,7 +28,8 @@ class Recording:
     ``onset`` is when the first loading is commanded, in seconds from the start. For the robot ``direction`` is the
     unit vector of the commanded motion. ``table`` are the set-points as the laboratory has them, where they are not
     ``corners``, and ``events`` (time from start, code) those of its log. ``properties`` are the stated ones of a
-    reference specimen (see ``specimens``), ``experiment`` is the id of the one it answers.
+    reference specimen (see ``specimens``), ``experiment`` is the id of the one it answers. A waveform that does not
+    begin at rest is approached ``ahead`` s earlier, and left when it is over.
     """
 
     start: float
@@ -42,6 +44,21 @@ class Recording:
     events: tuple[tuple[float, str], ...] = ()
     properties: tuple[tuple[str, tuple[tuple[float, ...], float, str]], ...] = ()
     experiment: str = ""
+    ahead: float = 0.0
+
+    @property
+    def begins(self) -> float:
+        """When the instrument first moves for it, s on the session's clock."""
+        return self.start - self.ahead
+
+    def way(self) -> list[tuple[float, float]]:
+        """Corners on the session's clock, with the approach and the return of a waveform aside."""
+        corners = [(self.start + t, v) for t, v in self.corners]
+        if not self.ahead:
+            return corners
+        end = self.start + max(self.duration, self.corners[-1][0])
+        first, last = self.corners[0][1], self.corners[-1][1]
+        return [(self.begins, 0.0), (self.begins + APPROACH, first), *corners, (end, last), (end + APPROACH, 0.0)]
 
     def command(self, t: Array) -> Array:
         """Commanded value at session times ``t`` (linear between corners, 0 or last value outside)."""
@@ -94,12 +111,9 @@ class Session:
 
     def command(self, t: Array) -> Array:
         """Commanded scalar at any session times; each recording's waveform rests at 0 between recordings."""
-        times: list[float] = [-1e3, *(c[0] for c in self.before)]
-        values: list[float] = [0.0, *(c[1] for c in self.before)]
-        for r in self.recordings:
-            times += [r.start + c[0] for c in r.corners]
-            values += [c[1] for c in r.corners]
-        return np.interp(t, [*times, 1e9], [*values, 0.0])
+        corners = [(-1e3, 0.0), *self.before, *(c for r in self.recordings for c in r.way()), (1e9, 0.0)]
+        times, values = np.array(corners).T
+        return np.interp(t, times, values)
 
     def commanded(self, k: int) -> tuple[Array, dict[str, Array]]:
         """Times and commanded values of recording k: the laboratory's table, or a grid and every corner, so that linear
@@ -119,8 +133,8 @@ class Session:
         return t, {"pressure": -value}
 
     def per_recording(self, values: Sequence[float] | Array) -> Array:
-        """A step function of time on the grid: ``values[k]`` from the start of recording k to the next start."""
-        index = np.searchsorted([r.start for r in self.recordings], self.t, side="right") - 1
+        """A step function of time on the grid: ``values[k]`` from when recording k begins to the next."""
+        index = np.searchsorted([r.begins for r in self.recordings], self.t, side="right") - 1
         return np.asarray(values, float)[np.clip(index, 0, None)]
 
 

@@ -29,6 +29,7 @@ from .session import (
 Corners = list[tuple[float, float]]
 Item = tuple[str, Corners, float, str]
 PAUSED = 0.35  # share of sessions with a paused recording
+ASIDE = 0.4  # share of robot sessions whose waveforms are about a place beside the centre
 
 
 def staircase(levels: Sequence[float], onset: float, each: float, rest: float) -> tuple[Corners, float]:
@@ -186,6 +187,7 @@ def wide_robot(rng: np.random.Generator, reference: bool, lab: Laboratory) -> Se
     plan.append((other, *others[other], angles[again], "skin"))
     if reference:
         plan.insert(0 if rng.random() < 0.5 else len(plan), ("slow", *shape, angles[again], "open air"))
+    aside = float(rng.uniform(-0.3, 0.3)) * amplitude if rng.random() < ASIDE else 0.0
     made: list[Recording] = []
     now, seen = 1.0, dict[str, int]()
     for name, corners, length, (theta, phi), specimen in plan:
@@ -194,7 +196,10 @@ def wide_robot(rng: np.random.Generator, reference: bool, lab: Laboratory) -> Se
         key = f"{name} {theta:.0f} {phi:.0f}"
         seen[key + specimen] = seen.get(key + specimen, 0) + 1
         duration = float(np.ceil(length * 25) / 25)
-        r = Recording(now, duration, tuple(corners), onset, key, seen[key + specimen], specimen, direction)
+        ahead = round(float(rng.uniform(0.8, 8.0)), 1) if aside else 0.0
+        now = round(now + ahead, 1)
+        r = Recording(now, duration, tuple((t, v + aside) for t, v in corners), onset, key, seen[key + specimen],
+                      specimen, direction, ahead=ahead)  # fmt: skip
         made.append(_tabled(r, lab))
         now = round(now + duration + float(rng.uniform(1.5, 6.0)), 1)
     return Session("microrobot", tuple(made), lab, *grid(made, 5e-3, 5e-3))

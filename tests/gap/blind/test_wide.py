@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gap.blind import anyskin, laboratory, spells
+from gap.blind import anyskin, laboratory, robot_tissue, spells
 from gap.blind.controllers import controlled
 from gap.blind.laboratory import Noise
+from gap.blind.session import APPROACH, Session
 from gap.blind.session_wide import wide_robot, wide_suction
 from gap.blind.strength import Subject
 from gap.blind.tissue import draw
@@ -113,3 +114,32 @@ def test_splines_of_any_skin_add_up_to_one():
     x = [np.linspace(0.0, 2.0, 50), np.linspace(1.0, 3.0, 20)]
     total = sum(np.concatenate(bump) for bump in anyskin._bumps(x))
     assert total[:-1] == pytest.approx(1.0)
+
+
+def _aside(seeds: int = 20) -> Session:
+    """A robot session whose waveforms are about a place beside the centre."""
+    for seed in range(seeds):
+        rng = np.random.default_rng(seed)
+        session = wide_robot(rng, False, laboratory.draw("microrobot", rng))
+        if session.recordings[0].ahead:
+            return session
+    raise AssertionError("no session aside")
+
+
+def test_a_waveform_aside_is_approached_before_its_recording_and_left_afterwards():
+    session = _aside()
+    for k, r in enumerate(session.recordings):
+        place = r.corners[0][1]
+        assert place != 0.0
+        assert session.command(np.array([r.begins - 1e-6, r.start - 0.3])) == pytest.approx([0.0, place])
+        assert session.command(np.array([r.start + r.duration + APPROACH + 1e-6])) == pytest.approx([0.0])
+        assert k == 0 or r.begins > session.recordings[k - 1].start + session.recordings[k - 1].duration + APPROACH
+
+
+def test_the_axes_stand_aside_when_such_a_recording_begins():
+    session = _aside()
+    person, scatter = robot_tissue.draw(np.random.default_rng(0)), np.ones(len(session.recordings))
+    channels = Subject(session, "conventional", person, scatter, {}, 1).record({})
+    tip_at = np.array([channels[name][0][0] for name in ("probe_x", "probe_y", "probe_z")])
+    r = session.recordings[0]
+    assert tip_at == pytest.approx(r.corners[0][1] * np.array(r.direction), abs=0.15 * abs(r.corners[0][1]) + 5e-5)
