@@ -113,7 +113,8 @@ class Session:
         """Commanded scalar at any session times; each recording's waveform rests at 0 between recordings."""
         corners = [(-1e3, 0.0), *self.before, *(c for r in self.recordings for c in r.way()), (1e9, 0.0)]
         times, values = np.array(corners).T
-        return np.interp(t, times, values)
+        level: Array = np.interp(t, times, values)
+        return level
 
     def commanded(self, k: int) -> tuple[Array, dict[str, Array]]:
         """Times and commanded values of recording k: the laboratory's table, or a grid and every corner, so that linear

@@ -10,7 +10,7 @@ from scipy.signal.windows import gaussian
 from gap.data.noise import high_band_sigma
 from sim_devices.chain import FloatArray
 
-WIDTHS = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64, 1.3)
+WIDTHS = (0.0025, 0.005, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64, 1.3)
 """Standard deviations of the smoothing kernels, s."""
 CONFIDENCE = 2.7
 """Half width of the confidence intervals that must intersect, in standard errors."""

@@ -73,6 +73,11 @@ def best_elsewhere(held_out: Sequence[Mapping[str, Shrink]], margin: float) -> i
     return best if left(held_out[best]) < (1.0 - margin) * left(held_out[0]) else 0
 
 
+TOLD = 0.01
+"""Share of what a session tells of an effect's parameter, as the information of a straight line, that recordings must
+have to be asked for it."""
+
+
 class Carried(NamedTuple):
     """How far the gap shrinks on withheld recordings, by split: of the whole session, and in the blocks that an answer
     changes, which nothing else in the session dilutes."""
@@ -89,23 +94,34 @@ def transferred(
     jobs: int = 1,
 ) -> list[Carried]:
     """For each of the ``answers`` and each split: fit it without the ``withheld`` recordings, hold what that says of
-    the effect, and see how well these can be met with it; before, how well they can be met without.
+    the effect, and see how well these can be met with it; before, how well they can be met without. Splits that leave
+    nothing to say of it are no test, and are left out.
 
     Only the effect has to carry over: tissue and calibration are fitted to the withheld recordings, too, as whether a
     person's skin follows our law to another waveform is not the effect's doing.
     """
     outs = _withheld_rows(problems, null, withheld)
     before = {(s, b): _left(null.fits[b], out) for (s, b), out in outs.items()}
-    parts = [(h, s, b) for h in answers for s, b in outs if b in touched(h.effects)]
+    tests = {id(h): [s for s in withheld if _told_without(h, s, outs)] for h in answers}
+    parts = [(h, s, b) for h in answers for s, b in outs if b in touched(h.effects) and s in tests[id(h)]]
     left = each(lambda part: _carried(problems[part[2]], part[0].fits[part[2]], outs[part[1:]]), parts, jobs)
     found = {(id(h), s, b): x for (h, s, b), x in zip(parts, left, strict=True)}
 
     def shrunk(answer: Hypothesis, blocks: Collection[str]) -> dict[str, Shrink]:
         after = {key: found.get((id(answer), *key), was) for key, was in before.items()}
-        parts = {s: {p: out for p, out in outs.items() if p[0] == s and p[1] in blocks} for s in withheld}
+        parts = {s: {p: out for p, out in outs.items() if p[0] == s and p[1] in blocks} for s in tests[id(answer)]}
         return {s: _shrunk(own, before, after) for s, own in parts.items()}
 
     return [Carried(shrunk(h, problems), shrunk(h, touched(h.effects))) for h in answers]
+
+
+def _told_without(h: Hypothesis, split: str, outs: Mapping[Part, NDArray[np.bool_]]) -> bool:
+    """Whether the recordings that a split leaves tell anything of an answer's effects: an event that only withheld ones
+    show is not tested by it."""
+    blocks = touched(h.effects)
+    rows = [(h.fits[b].effect_jacobian, out) for (s, b), out in outs.items() if s == split and b in blocks]
+    told = [(np.sum(np.square(j), axis=0), np.sum(np.square(j[~out]), axis=0)) for j, out in rows]
+    return not told or any(bool(np.any((whole > 0.0) & (kept >= TOLD * whole))) for whole, kept in told)
 
 
 def _withheld_rows(

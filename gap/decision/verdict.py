@@ -193,13 +193,14 @@ def _worse_on_repeats(f: Findings) -> bool:
 
 def _patched(f: Findings) -> bool:
     """Something for a while that does not get near the noise, or as short as may be, like the rest of a step's answer:
-    such patches repair anything a bit."""
+    such patches repair anything a bit. What skin of another law leaves is not its doing where others show it."""
     if f.shows_itself or not f.first.happens_once:
         return False
     p = f.posterior
     left, had = (p.gap_after, p.gap_before) if f.fitted is None else (f.fitted.after, f.fitted.before)
     leaves_most = _excess(left, f.t) > f.t.event_leaves * _excess(had, f.t)
-    leaves = p.gap_after > f.t.patched or (had > f.t.unusual_gap and leaves_most)
+    in_all = left if f.without_skin > f.t.without_skin else p.gap_after
+    leaves = in_all > f.t.patched or (had > f.t.unusual_gap and leaves_most)
     return leaves or shortest(f.first.hypothesis, f.t.weakest)
 
 

@@ -16,6 +16,7 @@ from gap.inference.linear import compressed
 from gap.null.blocks import SIMPLE_SHIFT, Block, Group, GroupedSession, Table
 from gap.null.chains import Kept, Memo, needed, run, undone
 from gap.null.robot_axes import AXES, ROBOT_BINS, AxesBlock, specimen_chain
+from gap.null.robot_grid import averaged, nodes_within, sticking
 from gap.null.robot_recorded import path_of_axes, recorded, steepness
 from gap.null.sheet_discrepancy import sheet_discrepancy
 from gap.null.sheet_law import FURTHER, LAWS, SPECTRUM, TISSUE, Law, rewired, sheet, unwound
@@ -67,7 +68,11 @@ class ForceBlock(Block):
         self._tissue = sheet_tissue("forearm")
         self._nominal = {g.specimen: specimen_chain(g, self._tissue, session.marks) for g, _ in self.groups}
         self._axes = [path_of_axes(self, g, axes.true_axes) for g, _ in self.groups]
-        self._grids_of = [self._grid_of(g, at, axes) for (g, at), axes in zip(self.groups, self._axes, strict=True)]
+        pairs, seen = [self._ends[:, at] for _, at in self.groups], self.floor / max(self.greatest(), self.floor)
+        self._sticking = [sticking(axes, ends, seen) for axes, ends in zip(self._axes, pairs, strict=True)]
+        nodes = [np.r_[ends.ravel(), nodes_within(ends[:, s])] for ends, s in zip(pairs, self._sticking, strict=True)]
+        parts = zip(self.groups, nodes, self._axes, strict=True)
+        self._grids_of = [self._grid_of(g, at, axes) for (g, _), at, axes in parts]
         self._zeros = np.kron(np.eye(3), self.member)
         self._gains = np.tile(self.member, (3, 1))
         self._legs = np.kron(np.eye(3), np.ones((len(self.stamps), 1)))
@@ -252,14 +257,15 @@ class ForceBlock(Block):
         """The greatest force of a transducer in the session, N."""
         return float(np.max(np.abs(self.measured)))
 
-    def _grid_of(self, group: Group, at: slice, axes: Mapping[str, Table]) -> tuple[FloatArray, dict[str, FloatArray]]:
-        """Nodes for a group, fine enough for a sheet between them, and the axes there."""
-        ends = self._ends[:, at].ravel()
+    def _grid_of(
+        self, group: Group, at: FloatArray, axes: Mapping[str, Table]
+    ) -> tuple[FloatArray, dict[str, FloatArray]]:
+        """Nodes for a group, with those ``at`` (m,) s, fine enough for a sheet between them, and the axes there."""
         time = axes["axis_1"][0]
-        begin, end = min(ends.min(), time[0]), ends.max() + 0.05
+        begin, end = min(at.min(), time[0]), at.max() + 0.05
         kinks = self.session.kinks
         even = self.session.pace(group.members, SHEET_STEP, SHEET_TURN).nodes(begin, end)
-        grid = np.unique(np.concatenate([even, ends, kinks[(kinks > begin) & (kinks < end)], [end]]))
+        grid = np.unique(np.concatenate([even, at, kinks[(kinks > begin) & (kinks < end)], [end]]))
         return grid, {name: np.interp(grid, *table) for name, table in axes.items()}
 
     def _skin_path(self, group: Group, axes: Mapping[str, Table]) -> FloatArray:
@@ -328,15 +334,17 @@ class ForceBlock(Block):
     def _chain_forces(self, nuisance: FloatArray, active: Active) -> FloatArray:
         shift = nuisance[self._parts["shift"]][0]
         out = np.empty((3, len(self.stamps)))
-        for (g, at), (grid, axes), memo in zip(self.groups, self._grids_of, self._memos, strict=True):
+        parts = zip(self.groups, self._grids_of, self._sticking, self._memos, strict=True)
+        for (g, at), (grid, axes), sticks, memo in parts:
             key = g.specimen, nuisance[self._parts["tissue"]].tobytes()
             chain = self._skins.get(key, partial(self._law_chain, g, nuisance))
             operators = needed(self.with_effects(chain, active, g), TRANSDUCERS, axes)
             made = memo.run(operators, self._true_axes(g, grid, axes, active))
             ends = self._ends[:, at] + shift
-            for row, channel in zip(out, TRANSDUCERS, strict=True):
-                first, last = np.interp(ends, grid, made[channel])
-                row[at] = 0.5 * (first + last)
+            forces = [made[channel] for channel in TRANSDUCERS]
+            out[:, at] = [np.interp(ends, grid, force).mean(axis=0) for force in forces]
+            if sticks.any():
+                out[:, at][:, sticks] = averaged(grid, forces, ends[:, sticks])
         return out.ravel()
 
     def denoised(self) -> list[dict[str, Table]]:

@@ -25,6 +25,9 @@ AFTER_KINK = np.concatenate([np.arange(0.001, 0.03, 0.001), np.arange(0.03, 0.1,
 """s after a kink: nodes for the loop's answer, which straight lines over `LOOP_STEP` would miss by several µm. A step
 of 0.5 mm sets off at 15 m/s²: over 4 ms a straight line is up to 30 µm beside that, over 1 ms 2 µm."""
 
+STICKING, STICKS = 0.006, 4.0
+"""s between nodes where an axis sticks and slips: it slips within some 20 ms; and times what forces show by which it
+does: its smoothed record has noise of its own."""
 CLOSE, FEW_OF = 0.03, 4
 """s apart up to which kinks are the looks at a moving command, small steps all; and how many-th node is taken there."""
 
@@ -71,6 +74,20 @@ def averaged(grid: FloatArray, signals: Sequence[FloatArray], ends: FloatArray) 
     window = np.maximum(np.sqrt(3.0) * (ends[1] - ends[0]), KINK)
     last = ends.mean(axis=0) + 0.5 * window
     return mean_before(grid, np.stack(signals), last, window)
+
+
+def sticking(tables: Mapping[str, Table], ends: FloatArray, seen: float) -> NDArray[np.bool_]:
+    """Which bins of nodes ``ends`` (2, n) s, (n,), have a mean that these two miss: an axis, by ``tables`` of them,
+    sticks and slips within such a bin by more than the share of its way that is ``seen`` in the forces."""
+    missed = [averaged(t, [v], ends)[0] - np.interp(ends, t, v).mean(axis=0) for t, v in tables.values()]
+    farthest = max(float(np.ptp(v)) for _, v in tables.values())
+    return np.asarray(np.max(np.abs(missed), axis=0) > STICKS * seen * farthest)
+
+
+def nodes_within(ends: FloatArray) -> FloatArray:
+    """Nodes (m,) s, `STICKING` apart, for the means (`averaged`) of bins of nodes ``ends`` (2, n) s."""
+    middle, half = ends.mean(axis=0), 0.5 * np.sqrt(3.0) * (ends[1] - ends[0])
+    return evenly(middle - half, 2.0 * half, np.full(len(half), STICKING))
 
 
 EVEN = Pace(np.zeros(0), np.array([LOOP_STEP]))

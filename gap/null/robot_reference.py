@@ -44,7 +44,9 @@ class ReferenceForceBlock(ForceBlock):
     def left_out(self, session: GroupedSession) -> tuple[str, ...]:
         return (POST, *{g.name for g in session.groups if g.name not in SPECIMENS})
 
-    def _grid_of(self, group: Group, at: slice, axes: Mapping[str, Table]) -> tuple[FloatArray, dict[str, FloatArray]]:
+    def _grid_of(
+        self, group: Group, at: FloatArray, axes: Mapping[str, Table]
+    ) -> tuple[FloatArray, dict[str, FloatArray]]:
         grid, values = super()._grid_of(group, at, axes)
         before = grid[0] - np.array(HANGING)
         held = {name: np.concatenate([np.full(len(before), v[0]), v]) for name, v in values.items()}

@@ -60,6 +60,22 @@ def test_an_effect_carries_over_though_the_nuisance_does_not(linear, candidate) 
     assert abs(wrong["recording"].value) < 0.05
 
 
+def test_an_event_is_not_tested_on_the_only_recording_that_shows_it(linear, candidate) -> None:
+    """A burst of lost samples, seen by 331 sigma, was refused as its moment was asked of recordings without it."""
+    t = np.linspace(0.0, 1.0, 400)
+
+    def burst(at: float) -> np.ndarray:
+        return np.exp(-np.square((t - at) / 0.02))
+
+    y = 8.0 * burst(0.8) + np.random.default_rng(0).normal(size=400)
+    problem = linear(y, np.ones((400, 1)), {"burst": lambda v: v["a"] * burst(v["at"])}, np.full(1, 100.0), runs=2)
+    event = candidate("burst", Parameter("a", "1", -10.0, 10.0), Parameter("at", "1", 0.0, 1.0))
+    null = Hypothesis((), {"linear": fit(problem)})
+    answer = Hypothesis((event,), {"linear": fit(problem, (event,), np.array([0.9, 0.8]))})
+    carried = transferred({"linear": problem}, null, [answer], {"with": {1}, "without": {0}})[0]
+    assert set(carried.session) == set(carried.changed) == {"without"}
+
+
 def test_channels_that_an_effect_leaves_alone_do_not_dilute_what_it_takes_away(linear, candidate) -> None:
     """A regulator was claimed that left a gap of 2.00 of 2.00 on another waveform: skin's, in the height (410005)."""
     t = np.linspace(0.0, 1.0, 400)
