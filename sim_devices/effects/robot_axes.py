@@ -53,10 +53,11 @@ def _drag(chain: Chain, v: Values) -> Chain:
 
 
 def _backlash(chain: Chain, v: Values) -> Chain:
-    half = v["gap"] / 2
-    if chosen(v, "form") == 0:
-        return law_before(chain, "platform", "backlash", "actuator", kernels.play, (half,))
-    return law_before(chain, "platform", "backlash", "actuator", kernels.soft_play, (half,))
+    half, form, axis = v["gap"] / 2, chosen(v, "form"), chosen(v, "axis")
+    kernel = (kernels.play, kernels.soft_play, kernels.several_plays)[form]
+    parameters = (half, v["spread"]) if form == 2 else (half,)
+    one = (numbered("axis")[axis - 1],) if axis else ()
+    return law_before(chain, "platform", "backlash", "actuator", kernel, parameters, *one)
 
 
 def _friction(chain: Chain, v: Values) -> Chain:
@@ -158,7 +159,9 @@ EFFECTS = (
         "vee-jewel pivots held by springs (M)",
         (
             strength("gap", "m", 1e-6, 6e-4, 80e-6, "full play of one axis"),
-            choice("form", 0, "sharp", "taken up gradually"),
+            choice("form", 0, "sharp", "taken up gradually", "of several joints in a row"),
+            _AXIS,
+            shape("spread", "1", 0.0, 1.0, 0.5, "by which the joints' plays differ from their mean", only=(2,)),
         ),
         _backlash,
     ),

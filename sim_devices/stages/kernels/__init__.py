@@ -47,6 +47,7 @@ from sim_devices.stages.kernels.hysteresis import (
     play_within,
     prandtl,
     resting,
+    several_plays,
     slipping,
     soft_play,
 )
@@ -104,6 +105,7 @@ __all__ = [
     "sagging_store",
     "sealing",
     "second_order",
+    "several_plays",
     "sleeping_loop",
     "slipping",
     "slope_so_far",

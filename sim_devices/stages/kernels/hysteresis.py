@@ -29,6 +29,22 @@ def soft_play(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Flo
         y[i] = u[i] - s[3]
 
 
+PLAYS = 4
+"""Of which `several_plays` is the mean."""
+
+
+@njit(cache=True, error_model="numpy")
+def several_plays(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """Backlash of joints in a row: the mean of plays (Prandtl–Ishlinskii) of half widths between (1 - c) a and
+    (1 + c) a, ``p`` = (a, c)."""
+    for i in range(t.size):
+        y[i] = 0.0
+        for k in range(PLAYS):
+            half = p[0] * (1.0 + p[1] * (2.0 * k / (PLAYS - 1) - 1.0))
+            s[3 + k] = min(max(s[3 + k], u[i] - half), u[i] + half)
+            y[i] += s[3 + k] / PLAYS
+
+
 @njit(cache=True, error_model="numpy")
 def play_within(s: FloatArray, u: FloatArray, width: FloatArray, soft: float, y: FloatArray) -> None:
     """``play`` whose half ``width`` (n,) changes, as dry friction does with the normal load.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from importlib.metadata import EntryPoint
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -100,12 +101,28 @@ def test_an_effect_of_another_instrument_is_refused() -> None:
 
 def test_variants_fix_each_choice() -> None:
     found = variants(effects("microrobot")["backlash"])
-    assert list(found) == ["backlash[form=0]", "backlash[form=1]"]
+    choices = list(product(range(3), range(4)))
+    assert list(found) == [f"backlash[form={form},axis={axis}]" for form, axis in choices]
     chain = nominal("microrobot")
-    for form, variant in enumerate(found.values()):
+    for (form, axis), variant in zip(choices, found.values(), strict=True):
         assert variant.name == "backlash"
-        assert [p.name for p in variant.parameters] == ["gap"]
-        assert variant.apply(chain) == effects("microrobot")["backlash"].apply(chain, {"form": form})
+        assert [p.name for p in variant.parameters] == ["gap", "spread"][: 2 if form == 2 else 1]
+        assert variant.apply(chain) == effects("microrobot")["backlash"].apply(chain, {"form": form, "axis": axis})
+
+
+def test_play_of_one_axis_leaves_the_others_alone() -> None:
+    grid = np.arange(0.0, 2.0, 0.01)
+    axes = {name: 1e-3 * np.sin(6.0 * grid) for name in ("axis_1", "axis_2", "axis_3")}
+    names = list(axes)
+    for form in range(3):
+        v = {"gap": 2e-4, "form": form, "axis": 2}
+        chain = effects("microrobot")["backlash"].apply(nominal("microrobot"), v)
+        law = next(op for op in chain.operators if op.name == "backlash")
+        assert law.source == (names[1],)
+        signals = dict(axes)
+        law.advance(law.fresh(), grid, signals)
+        lost = axes[names[1]] - signals[law.target[0]]
+        assert np.ptp(lost) == pytest.approx(2e-4, rel=0.02)
     assert list(variants(effects()["missing_deep_layer"])) == ["missing_deep_layer"]
 
 
