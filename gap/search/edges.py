@@ -11,7 +11,7 @@ from gap.inference.evidence import Fit, split
 from gap.inference.hypothesis import Candidate, to_unit
 from gap.inference.least_squares import fit
 from gap.inference.problem import Problem
-from gap.search.starts import by_steps
+from gap.search.starts import bursts, by_steps
 from sim_devices.chain import FloatArray
 
 SHIFTS = (-0.4, -0.2, -0.1, -0.05, -0.02, 0.02, 0.05, 0.1, 0.2, 0.4)
@@ -28,6 +28,8 @@ BAND, FACTORS = "band", (0.7, 0.8, 0.9, 0.95, 0.98, 1.02, 1.05, 1.1, 1.25, 1.4)
 nothing changes, and no derivative leads from one to the next."""
 ROUNDS = 3
 """Refits at most, each from the best of these."""
+FEW = 8
+"""Steps of a fit from each moment at which an event may begin instead."""
 LEAST = 2.0
 """χ² that moved edges must take away for another refit."""
 
@@ -47,6 +49,30 @@ def shifted(candidate: Candidate, unit: FloatArray) -> list[FloatArray]:
                 point[k] = to_unit(p, place[p.name])
         points.append(point)
     return points
+
+
+def moved(problem: Problem, fitted: Fit) -> Fit:
+    """A fit whose last effect, if it is an event that lasts to its recording's end, begins where what it leaves says:
+    far from there no derivative leads on, and tissue that was fitted without it shows another moment at first."""
+    event = fitted.hypothesis[-1]
+    names = [p.name for p in event.parameters]
+    if "moment" not in names or "duration" in names:
+        return fitted
+    rest = len(fitted.unit) - len(names)
+    for _ in range(ROUNDS):
+        without = fit(problem, fitted.hypothesis[:-1], fitted.unit[:rest], fitted.nuisance, 0)
+        tries = []
+        for moment in bursts(event, problem, without, fitted.active[event]):
+            begin = fitted.unit.copy()
+            begin[rest + names.index("moment")] = to_unit(event.parameters[names.index("moment")], moment)
+            tries.append(fit(problem, fitted.hypothesis, begin, fitted.nuisance, FEW, belief=fitted.belief))
+        best = min(tries, key=lambda f: f.objective)
+        tried = fitted.simulations + without.simulations + sum(f.simulations for f in tries)
+        if best.objective >= fitted.objective - LEAST:
+            return replace(fitted, simulations=tried)
+        there = fit(problem, fitted.hypothesis, best.unit, best.nuisance, belief=fitted.belief)
+        fitted = replace(there, simulations=tried + there.simulations)
+    return fitted
 
 
 def sharpened(problem: Problem, fitted: Fit) -> Fit:

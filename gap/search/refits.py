@@ -12,7 +12,7 @@ from gap.inference.evidence import DISCOUNT, Fit, Hypothesis
 from gap.inference.hypothesis import Candidate
 from gap.inference.least_squares import fit, under
 from gap.inference.problem import Problem
-from gap.search.edges import sharpened
+from gap.search.edges import moved, sharpened
 from gap.search.screening import Screened, as_open, strains
 
 APART = 3.0
@@ -78,10 +78,10 @@ def _refitted(problem: Problem, before: Fit, screened: Screened, block: str, kno
         tries.append(from_base(here, hypothesis, start, before.nuisance, 5))
         if problem.sound is not None and strains(problem, before):  # tolerances that took the effect on
             tries.append(fit(here, hypothesis, start, problem.sound, 5, belief=belief))
-        if len(tries) == 1 and (moved := problem.warm_start(hypothesis, start)) is not None:
-            for sd in (moved.sd,) if width is moved.sd else (width, moved.sd):
-                there, near = under(problem, moved.mean, sd), moved.jacobian if sd is moved.sd else None
-                tries.append(fit(there, hypothesis, moved.unit, moved.nuisance, 5, jacobian=near, belief=belief))
+        if len(tries) == 1 and (warm := problem.warm_start(hypothesis, start)) is not None:
+            for sd in (warm.sd,) if width is warm.sd else (width, warm.sd):
+                there, near = under(problem, warm.mean, sd), warm.jacobian if sd is warm.sd else None
+                tries.append(fit(there, hypothesis, warm.unit, warm.nuisance, 5, jacobian=near, belief=belief))
     best = max(tries, key=lambda f: promise(f, problem))
     if screened.sure:  # where the data show it to be, once more: on the way to the right skin it may have left
         there = under(problem, best.prior_mean, best.prior_sd)
@@ -95,7 +95,7 @@ def _refitted(problem: Problem, before: Fit, screened: Screened, block: str, kno
         simulations += found.simulations
         final = under(problem, best.prior_mean, best.prior_sd)
         found = fit(final, hypothesis, best.unit, best.nuisance, belief=belief)
-    found = sharpened(final, found)
+    found = sharpened(final, moved(final, found))
     return found, simulations + found.simulations
 
 

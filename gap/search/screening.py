@@ -129,8 +129,9 @@ def screen(
             simulations += len(candidate.blocks) * len(units)
         out.append(_screened(candidate, units, traces, sure, problems, base, own, profiled))
     out.sort(key=lambda s: -s.gain)
-    far = [s for s in out[quick_fits:] if s.score >= least_score and min(d for _, d in s.detectability) > STEEP]
-    unsure = out[:quick_fits] + sorted(far, key=lambda s: -s.score)[:far_fits]
+    bent = [s for s in out if not s.by_chance]  # by chance no prediction moves, of which a straight line could mislead
+    far = [s for s in bent[quick_fits:] if s.score >= least_score and min(d for _, d in s.detectability) > STEEP]
+    unsure = bent[:quick_fits] + sorted(far, key=lambda s: -s.score)[:far_fits]
     for s, (gain, starts, n) in zip(unsure, each(partial(_quick_fit, problems, base), unsure, jobs), strict=True):
         simulations += n
         if gain > s.gain:

@@ -203,7 +203,8 @@ def _spells(event: Candidate, problem: Problem, base: Fit) -> list[Place]:
     time, recording, residual = problem.rows.time, problem.rows.recording, base.residual
     longest = [p.high for p in event.parameters if p.name == "duration"]
     if not longest:
-        return [{"moment": m} for m in to_the_end(base, problem.rows, _begun(event, problem, base))[:BURSTS]]
+        values = event.values(plain_start(event))
+        return [{"moment": m} for m in bursts(event, problem, base, values)]
     moments = jumps(time, residual, recording)
     change = _all_along(event, problem, base)
     windows = spells(time, residual, recording)
@@ -211,12 +212,17 @@ def _spells(event: Candidate, problem: Problem, base: Fit) -> list[Place]:
     return [{"moment": m, "duration": length} for m, length in [*[(m, longest[0]) for m in moments], *windows]]
 
 
-def _begun(event: Candidate, problem: Problem, base: Fit) -> FloatArray:
+def bursts(event: Candidate, problem: Problem, base: Fit, values: Mapping[str, float]) -> list[float]:
+    """Moments, s, at which an event of such ``values`` that lasts to the end of its recording may begin."""
+    return to_the_end(base, problem.rows, _begun(event, problem, base, values))[:BURSTS]
+
+
+def _begun(event: Candidate, problem: Problem, base: Fit, values: Mapping[str, float]) -> FloatArray:
     """The change (n,) of a whitened prediction by an event that begins with each recording's first sample."""
-    values, change = event.values(plain_start(event)), np.zeros(len(base.residual))
+    change = np.zeros(len(base.residual))
     for k in np.unique(problem.rows.recording):
         own = problem.rows.recording == k
-        active = {**base.active, event: values | {"moment": float(np.min(problem.rows.time[own]))}}
+        active = {**base.active, event: {**values, "moment": float(np.min(problem.rows.time[own]))}}
         changed = problem.evaluate(base.nuisance, active, want_jacobian=False).residual
         change[own] = np.nan_to_num(base.residual - changed)[own]
     return change

@@ -7,10 +7,10 @@ import pytest
 
 from gap.inference.hypothesis import to_unit
 from gap.inference.least_squares import fit
-from gap.search.edges import sharpened
+from gap.search.edges import moved, sharpened
 from sim_devices.chain import Parameter
 from sim_devices.effects.any_sensor import LATER
-from sim_devices.effects.build import for_a_while
+from sim_devices.effects.build import MOMENT, for_a_while, shape
 from sim_devices.stages import laws
 from tests.gap.conftest import LinearProblem, candidate
 
@@ -70,3 +70,26 @@ def test_what_happens_after_each_start_is_found_from_some_tenths_of_a_second_awa
     jump = candidate("jump", Parameter("a", "1", -10.0, 10.0), LATER)
     unit = np.array([to_unit(p, {"a": 4.0, "later": 9.13 - off}[p.name]) for p in jump.parameters])
     assert jump.values(sharpened(problem, fit(problem, (jump,), unit)).unit)["later"] == pytest.approx(9.13, abs=0.03)
+
+
+def test_samples_that_are_lost_elsewhere_are_found_by_what_the_fit_leaves() -> None:
+    """A burst of .1 s, 4 s beside where tissue fitted without it showed one, was told a growing desynchronisation."""
+    time, rng = np.arange(600.0), np.random.default_rng(0)
+
+    def waves(shift: np.ndarray | float) -> np.ndarray:
+        return (np.sin(0.13 * (time + shift)) + np.sin(0.061 * (time + shift))) / 0.02
+
+    def change(v) -> np.ndarray:
+        return waves(np.where(time > v["moment"], v["lost"], 0.0)) - waves(0.0)
+
+    y = change({"lost": 1.0, "moment": 336.0}) + rng.normal(size=len(time))
+    tissue = np.column_stack([np.sin(0.13 * time), np.cos(0.13 * time)]) / 0.02
+    problem = LinearProblem(y, tissue, {"burst": change}, np.full(2, 0.5))
+    burst = candidate("burst", Parameter("lost", "s", 0.02, 30.0, 0.0, 2.0, "log"), shape(*MOMENT))
+    unit = np.array([to_unit(p, {"lost": 0.6, "moment": 180.0}[p.name]) for p in burst.parameters])
+    begun = fit(problem, (burst,), unit)
+    found = moved(problem, begun)
+    assert begun.chi2 > 2 * len(time)
+    assert found.chi2 < 1.2 * len(time)
+    assert burst.values(found.unit)["lost"] == pytest.approx(1.0, rel=0.02)
+    assert burst.values(found.unit)["moment"] == pytest.approx(336.0, abs=3.0)
