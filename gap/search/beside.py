@@ -29,10 +29,13 @@ class Beside:
     tried: int = 0
 
     def left(self, unit: FloatArray) -> float:
-        """The deviance that it leaves where it is at ``unit`` (k,) of its prior."""
+        """The deviance that it leaves where it is at ``unit`` (k,) of its prior; infinite where its simulation
+        diverges."""
         self.tried += 1
         active = {self.candidate: self.candidate.values(unit)}
         residual = self.problem.evaluate(self.nuisance, active, want_jacobian=False).residual
+        if not np.all(np.isfinite(residual)):
+            return float(np.inf)
         times = self.problem.noise_scale(active)
         wider = 0.0 if times is None else 2.0 * float(np.sum(np.log(times)))
         column = residual[:, None]

@@ -45,7 +45,7 @@ def begun_anew(hypothesis: Hypothesis, screened: Screened, problems: Mapping[str
     found: list[tuple[float, FloatArray]] = []
 
     def left(unit: FloatArray) -> float:
-        deviance = float(np.nan_to_num(beside.left(unit), nan=np.inf))
+        deviance = beside.left(unit)
         found.append((deviance, np.array(unit)))
         return deviance
 

@@ -53,3 +53,16 @@ def test_a_store_is_found_between_the_points_of_the_screening(store: Candidate, 
         values = best.active[store]
         assert values["capacity"] == pytest.approx(TRUE["capacity"], rel=0.02)
         assert values["fill"] == pytest.approx(TRUE["fill"], rel=0.3)
+
+
+def test_a_simulation_that_diverges_is_no_start_and_no_end(store: Candidate) -> None:
+    """A sound robot session ended with 'array must not contain infs or NaNs': one friction of hundreds diverged."""
+    data = problem()
+    known = data.effects["reservoir_depletion"]
+
+    def diverging(v) -> np.ndarray:
+        return known(v) if v["fill"] > 20.0 else np.full(len(TIME), np.nan)
+
+    data = replace(data, effects={"reservoir_depletion": diverging})
+    best = compare([data], [store], Effort()).hypotheses[0].fits["linear"]
+    assert best.chi2 < 1.2 * len(TIME)
