@@ -12,6 +12,7 @@ from gap.data.pulse import pulse
 
 TIME = np.arange(0.0, 26.0, 0.02)
 HOLD = {"pressure": ([0.0, 1.0, 1.0, 16.0, 16.0, 26.0], [0.0, 0.0, -3e4, -3e4, 0.0, 0.0])}
+LONG = {"pressure": ([0.0, 1.0, 1.0, 26.0], [0.0, 0.0, -3e4, -3e4])}
 SINE = {"pressure": (TIME, -1.5e4 * (1.0 - np.cos(2 * np.pi * 0.9 * TIME)))}
 
 
@@ -41,6 +42,32 @@ def test_a_pulse_that_wanders_is_found_at_its_rate(recording: Callable[..., Reco
     assert float(mark.text.split("about ")[1].split(" Hz")[0]) == pytest.approx(rate, abs=0.15)
     assert mark.noise > 1.2
     assert not mark.alone  # a device's effect that explains more leads
+
+
+def held(rng: np.random.Generator) -> np.ndarray:
+    """Height that creeps all the while."""
+    return 3e-4 * np.maximum(TIME - 1.0, 0.0) ** 0.1 + 4e-6 * rng.normal(size=len(TIME))
+
+
+@pytest.mark.parametrize("rate", [0.2, 0.26, 0.34])
+def test_a_breath_that_wanders_is_found_at_its_rate(recording: Callable[..., Recording], rate: float) -> None:
+    """One of 85 um, whose rate wanders by a tenth, left a gap of 18.6 and was unknown: no sine follows it."""
+    rng = np.random.default_rng(5)
+    session = [recording({"apex_height": held(rng) + wandering(rng, rate, 8e-5)}, TIME, LONG) for _ in range(4)]
+    (mark,) = pulse(session)
+    assert mark.effect == "pulse_breathing"
+    assert "as from breath" in mark.text
+    assert float(mark.text.split("about ")[1].split(" Hz")[0]) == pytest.approx(rate, abs=0.07)
+
+
+def test_a_rhythm_of_the_pressure_is_no_breath(recording: Callable[..., Recording]) -> None:
+    rng = np.random.default_rng(5)
+    session = []
+    for _ in range(4):
+        hunting = wandering(rng, 0.26, 1.0)
+        pressure = np.interp(TIME, *LONG["pressure"]) + 300.0 * hunting + 50.0 * rng.normal(size=len(TIME))
+        session.append(recording({"apex_height": held(rng) + 8e-5 * hunting, "pressure": pressure}, TIME, LONG))
+    assert pulse(session) == []
 
 
 @pytest.mark.parametrize("slow", [0.0, 0.5, 0.9])
