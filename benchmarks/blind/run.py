@@ -100,6 +100,7 @@ def main() -> None:
     if given.record:
         name = "_".join(["blind", *given.instrument, *([given.references] if given.references != "some" else [])])
         name += f"_{given.qualification}_qualification" if given.qualification else ""
+        name += "_sound" if given.tiers == ["T6"] else ""
         told = {"tiers": given.tiers, "n": [given.n], "seed": given.seed, "instrument": given.instrument}
         flags = " ".join(f"--{flag} {' '.join(map(str, values))}" for flag, values in told.items())
         command = f"python benchmarks/blind/run.py {flags} --style {given.style} --references {given.references}"
