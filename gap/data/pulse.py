@@ -45,8 +45,14 @@ class Rhythm:
     slow: float
 
 
-PULSE = Rhythm("a pulse", np.arange(0.8, 2.2, 0.05), 0.1, ((0.6, 0.8), (1.4, 1.9)), 1.15, 1.0, 4.0, 10.0, 0.25)
-BREATH = Rhythm("breath", np.arange(0.16, 0.44, 0.02), 0.04, ((2.6, 3.6),), 12.0, 4.0, 12.0, 60.0, 0.06)
+PULSE = Rhythm(
+    "a pulse", np.arange(0.8, 2.2, 0.05), wanders=0.1, beside=((0.6, 0.8), (1.4, 1.9)), bend=1.15,
+    after=1.0, shortest=4.0, longest=10.0, slow=0.25,
+)  # fmt: skip
+BREATH = Rhythm(
+    "breath", np.arange(0.16, 0.44, 0.02), wanders=0.04, beside=((2.6, 3.6),), bend=12.0,
+    after=4.0, shortest=12.0, longest=60.0, slow=0.06,
+)  # fmt: skip
 """Twice the rate, a pulse's own overtone, is left out. Below a breath is what a stretch's own curve takes away,
 and of a few breaths the power reaches far: noise is told well above, where a colour of 1/f² has a ninth of it."""
 STILL = 1e-3

@@ -66,7 +66,7 @@ def moved(problem: Problem, fitted: Fit) -> Fit:
             begin = fitted.unit.copy()
             begin[rest + names.index("moment")] = to_unit(event.parameters[names.index("moment")], moment)
             tries.append(fit(problem, fitted.hypothesis, begin, fitted.nuisance, FEW, belief=fitted.belief))
-        best = min(tries, key=lambda f: f.objective)
+        best = min(tries, key=lambda f: f.objective, default=fitted)
         tried = fitted.simulations + without.simulations + sum(f.simulations for f in tries)
         if best.objective >= fitted.objective - LEAST:
             return replace(fitted, simulations=tried)
