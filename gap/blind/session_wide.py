@@ -93,6 +93,15 @@ def _paused(r: Recording, rng: np.random.Generator) -> Recording:
     return replace(r, corners=tuple(done), table=tuple(with_it(0.0, 0.0)), duration=longer, events=events)
 
 
+def _one_paused(recordings: Sequence[Recording], rng: np.random.Generator) -> list[Recording]:
+    """One of the recordings with a pause, those after it as much later."""
+    k = int(rng.integers(len(recordings)))
+    longer = _paused(recordings[k], rng)
+    moved = round(longer.duration - recordings[k].duration, 2)
+    later = (replace(r, start=round(r.start + moved, 2)) for r in recordings[k + 1 :])
+    return [*recordings[:k], longer, *later]
+
+
 def _tabled(r: Recording, lab: Laboratory) -> Recording:
     """Set-points in the way of the laboratory's tables."""
     if lab.table == "grid" and not r.table:
@@ -137,10 +146,7 @@ def wide_suction(instrument: str, rng: np.random.Generator, reference: bool, lab
         items = block + items if rng.random() < 0.5 else items + block
     recordings = list(place(items, onset, rng.uniform(8, 40, len(items)).round(1)))
     if rng.random() < PAUSED:
-        k = int(rng.integers(len(recordings)))
-        longer = _paused(recordings[k], rng)
-        moved = round(longer.duration - recordings[k].duration, 2)
-        recordings[k:] = [longer, *(replace(r, start=round(r.start + moved, 2)) for r in recordings[k + 1 :])]
+        recordings = _one_paused(recordings, rng)
     before: tuple[tuple[float, float], ...] = ()
     if rng.random() < 0.25:  # somebody tried the probe
         recordings = [replace(r, start=r.start + 60.0) for r in recordings]

@@ -18,6 +18,7 @@ from scipy.stats import f as f_ratio
 
 from acquire.recording.model import Recording
 from gap.data.command import command
+from gap.data.quantities import significant
 from gap.data.signatures import Signature
 from sim_devices.chain import FloatArray
 from sim_devices.stages.sampling import JUMP
@@ -79,7 +80,7 @@ def _marks(recordings: Sequence[Recording], rhythm: Rhythm) -> Iterator[Signatur
         rate, ratio = found
         if any(abs(rate - other) <= rhythm.wanders for other in rates):
             continue
-        text = f"{channel} has {ratio:.1f} times the noise's power about {rate:.2f} Hz, as from {rhythm.name}"
+        text = f"{channel} has {significant(ratio)} times the noise's power about {rate:.2f} Hz, as from {rhythm.name}"
         yield Signature("pulse_breathing", channel, NATS, text, noise=float(np.sqrt(ratio)), alone=False)
 
 

@@ -15,7 +15,7 @@ from gap.decision.thresholds import Thresholds
 from gap.decision.tolerance import NOT_STATED, Size, shortest, weakest
 
 EMPTY, UNFINISHED, WITHIN, DOUBT = "nothing to name", "unfinished pair", "within tolerance", "in doubt"
-ALIKE = "a sound instrument looks alike"
+ALIKE, NOISY = "a sound instrument looks alike", "told by its noise"
 """Names of rules that others ask for."""
 VERDICTS = ("effect", "several", "none", "unknown", "undetectable")
 
@@ -295,7 +295,7 @@ RULES: tuple[Rule, ...] = (
         Findings.quiet,
         lambda f: f"probability {f.posterior.acts:.2f} that something acts < {f.t.detect:g}",
     ),
-    Rule("told by its noise", lambda f: f.first.noise > f.t.quiet_gap, _named, _sure),
+    Rule(NOISY, lambda f: f.first.noise > f.t.quiet_gap, _named, _sure),
     Rule(
         "told by its marks",
         lambda f: f.first.certain,

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gap.data.smoothing import significant
 from gap.inference.evidence import Fit, split
@@ -68,11 +69,10 @@ class ForceBlock(Block):
         self._tissue = sheet_tissue("forearm")
         self._nominal = {g.specimen: specimen_chain(g, self._tissue, session.marks) for g, _ in self.groups}
         self._axes = [path_of_axes(self, g, axes.true_axes) for g, _ in self.groups]
-        pairs, seen = [self._ends[:, at] for _, at in self.groups], self.floor / max(self.greatest(), self.floor)
-        self._sticking = [sticking(axes, ends, seen) for axes, ends in zip(self._axes, pairs, strict=True)]
-        nodes = [np.r_[ends.ravel(), nodes_within(ends[:, s])] for ends, s in zip(pairs, self._sticking, strict=True)]
-        parts = zip(self.groups, nodes, self._axes, strict=True)
-        self._grids_of = [self._grid_of(g, at, axes) for (g, _), at, axes in parts]
+        seen, paths = self.floor / max(self.greatest(), self.floor), zip(self.groups, self._axes, strict=True)
+        self._sticking = [sticking(axes, self._ends[:, at], seen) for (_, at), axes in paths]
+        parts = zip(self.groups, self._axes, self._sticking, strict=True)
+        self._grids_of = [self._grid_of(g, at, axes, sticks) for (g, at), axes, sticks in parts]
         self._zeros = np.kron(np.eye(3), self.member)
         self._gains = np.tile(self.member, (3, 1))
         self._legs = np.kron(np.eye(3), np.ones((len(self.stamps), 1)))
@@ -258,14 +258,16 @@ class ForceBlock(Block):
         return float(np.max(np.abs(self.measured)))
 
     def _grid_of(
-        self, group: Group, at: FloatArray, axes: Mapping[str, Table]
+        self, group: Group, at: slice, axes: Mapping[str, Table], sticks: NDArray[np.bool_]
     ) -> tuple[FloatArray, dict[str, FloatArray]]:
-        """Nodes for a group, with those ``at`` (m,) s, fine enough for a sheet between them, and the axes there."""
+        """Nodes for a group, fine enough for a sheet between them and in bins in which an axis ``sticks``, (n,)."""
+        ends = self._ends[:, at]
         time = axes["axis_1"][0]
-        begin, end = min(at.min(), time[0]), at.max() + 0.05
+        begin, end = min(ends.min(), time[0]), ends.max() + 0.05
         kinks = self.session.kinks
         even = self.session.pace(group.members, SHEET_STEP, SHEET_TURN).nodes(begin, end)
-        grid = np.unique(np.concatenate([even, at, kinks[(kinks > begin) & (kinks < end)], [end]]))
+        bins = np.concatenate([ends.ravel(), nodes_within(ends[:, sticks])])
+        grid = np.unique(np.concatenate([even, bins, kinks[(kinks > begin) & (kinks < end)], [end]]))
         return grid, {name: np.interp(grid, *table) for name, table in axes.items()}
 
     def _skin_path(self, group: Group, axes: Mapping[str, Table]) -> FloatArray:

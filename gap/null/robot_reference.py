@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import null_space
 
 from gap.inference.hypothesis import FROZEN, Active
@@ -45,9 +46,9 @@ class ReferenceForceBlock(ForceBlock):
         return (POST, *{g.name for g in session.groups if g.name not in SPECIMENS})
 
     def _grid_of(
-        self, group: Group, at: FloatArray, axes: Mapping[str, Table]
+        self, group: Group, at: slice, axes: Mapping[str, Table], sticks: NDArray[np.bool_]
     ) -> tuple[FloatArray, dict[str, FloatArray]]:
-        grid, values = super()._grid_of(group, at, axes)
+        grid, values = super()._grid_of(group, at, axes, sticks)
         before = grid[0] - np.array(HANGING)
         held = {name: np.concatenate([np.full(len(before), v[0]), v]) for name, v in values.items()}
         return np.concatenate([before, grid]), held

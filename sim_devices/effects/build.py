@@ -133,10 +133,17 @@ def law_after(
 
 
 def law_before(
-    chain: Chain, anchor: str, name: str, stage: str, kernel: Kernel, parameters: tuple[float, ...], *signals: str
+    chain: Chain,
+    anchor: str,
+    name: str,
+    stage: str,
+    kernel: Kernel,
+    parameters: tuple[float, ...],
+    *signals: str,
+    add: bool = False,
 ) -> Chain:
     """``kernel`` on the inputs of ``anchor``."""
-    return before(chain, anchor, lambda s, t: Law(name, stage, s, t, kernel, parameters), *signals)
+    return before(chain, anchor, lambda s, t: Law(name, stage, s, t, kernel, parameters, add), *signals)
 
 
 def map_after(

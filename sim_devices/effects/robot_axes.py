@@ -54,10 +54,10 @@ def _drag(chain: Chain, v: Values) -> Chain:
 
 def _backlash(chain: Chain, v: Values) -> Chain:
     half, form, axis = v["gap"] / 2, chosen(v, "form"), chosen(v, "axis")
-    kernel = (kernels.play, kernels.soft_play, kernels.several_plays)[form]
-    parameters = (half, v["spread"]) if form == 2 else (half,)
+    kernel = (kernels.play, kernels.soft_play, kernels.prandtl)[form]
+    parameters = kernels.of_joints(half, v["spread"]) if form == 2 else (half,)
     one = (numbered("axis")[axis - 1],) if axis else ()
-    return law_before(chain, "platform", "backlash", "actuator", kernel, parameters, *one)
+    return law_before(chain, "platform", "backlash", "actuator", kernel, parameters, *one, add=form == 2)
 
 
 def _friction(chain: Chain, v: Values) -> Chain:

@@ -29,22 +29,6 @@ def soft_play(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Flo
         y[i] = u[i] - s[3]
 
 
-PLAYS = 4
-"""Of which `several_plays` is the mean."""
-
-
-@njit(cache=True, error_model="numpy")
-def several_plays(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
-    """Backlash of joints in a row: the mean of plays (Prandtl–Ishlinskii) of half widths between (1 - c) a and
-    (1 + c) a, ``p`` = (a, c)."""
-    for i in range(t.size):
-        y[i] = 0.0
-        for k in range(PLAYS):
-            half = p[0] * (1.0 + p[1] * (2.0 * k / (PLAYS - 1) - 1.0))
-            s[3 + k] = min(max(s[3 + k], u[i] - half), u[i] + half)
-            y[i] += s[3 + k] / PLAYS
-
-
 @njit(cache=True, error_model="numpy")
 def play_within(s: FloatArray, u: FloatArray, width: FloatArray, soft: float, y: FloatArray) -> None:
     """``play`` whose half ``width`` (n,) changes, as dry friction does with the normal load.
@@ -116,6 +100,17 @@ def prandtl(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Float
 def in_a_row(width: float) -> tuple[float, ...]:
     """Parameters of `prandtl`: three stops of ``width`` in all, each half as wide as the next."""
     return width, -width / 3, 2 * width, -width / 3, 4 * width, -width / 3
+
+
+JOINTS = 4
+"""Of which `of_joints` is the mean."""
+
+
+def of_joints(half: float, spread: float) -> tuple[float, ...]:
+    """Parameters of `prandtl` that, added to a signal, make it the mean of plays (joints in a row) of half widths
+    between (1 - ``spread``) and (1 + ``spread``) times ``half``."""
+    widths = [half * (1.0 + spread * (2.0 * k / (JOINTS - 1) - 1.0)) for k in range(JOINTS)]
+    return tuple(x for width in widths for x in (width, -width / JOINTS))
 
 
 @njit(cache=True, error_model="numpy")

@@ -9,6 +9,7 @@ import pytest
 
 from acquire.recording.model import Recording
 from gap.data.pulse import pulse
+from gap.data.signatures import Signature
 
 TIME = np.arange(0.0, 26.0, 0.02)
 HOLD = {"pressure": ([0.0, 1.0, 1.0, 16.0, 16.0, 26.0], [0.0, 0.0, -3e4, -3e4, 0.0, 0.0])}
@@ -37,11 +38,18 @@ def skin(rng: np.random.Generator, slow: float = 0.0) -> np.ndarray:
 def test_a_pulse_that_wanders_is_found_at_its_rate(recording: Callable[..., Recording], rate: float) -> None:
     rng = np.random.default_rng(4)
     session = [recording({"apex_height": skin(rng) + wandering(rng, rate, 4e-6)}, TIME, HOLD) for _ in range(5)]
-    (mark,) = pulse(session)
-    assert mark.effect == "pulse_breathing"
-    assert float(mark.text.split("about ")[1].split(" Hz")[0]) == pytest.approx(rate, abs=0.15)
+    mark = marked(session, "a pulse", rate, 0.15)
     assert mark.noise > 1.2
     assert not mark.alone  # a device's effect that explains more leads
+
+
+def marked(session: list[Recording], rhythm: str, rate: float, within: float) -> Signature:
+    """The one mark of a session, which is of a rhythm within some Hz of a rate."""
+    (mark,) = pulse(session)
+    assert mark.effect == "pulse_breathing"
+    assert mark.text.endswith(f"as from {rhythm}")
+    assert float(mark.text.split("about ")[1].split(" Hz")[0]) == pytest.approx(rate, abs=within)
+    return mark
 
 
 def held(rng: np.random.Generator) -> np.ndarray:
@@ -50,14 +58,14 @@ def held(rng: np.random.Generator) -> np.ndarray:
 
 
 @pytest.mark.parametrize("rate", [0.2, 0.26, 0.34])
-def test_a_breath_that_wanders_is_found_at_its_rate(recording: Callable[..., Recording], rate: float) -> None:
+@pytest.mark.parametrize("amplitude", [8e-6, 8e-5])
+def test_a_breath_that_wanders_is_found_at_its_rate(
+    recording: Callable[..., Recording], rate: float, amplitude: float
+) -> None:
     """One of 85 um, whose rate wanders by a tenth, left a gap of 18.6 and was unknown: no sine follows it."""
     rng = np.random.default_rng(5)
-    session = [recording({"apex_height": held(rng) + wandering(rng, rate, 8e-5)}, TIME, LONG) for _ in range(4)]
-    (mark,) = pulse(session)
-    assert mark.effect == "pulse_breathing"
-    assert "as from breath" in mark.text
-    assert float(mark.text.split("about ")[1].split(" Hz")[0]) == pytest.approx(rate, abs=0.07)
+    session = [recording({"apex_height": held(rng) + wandering(rng, rate, amplitude)}, TIME, LONG) for _ in range(4)]
+    marked(session, "breath", rate, 0.07)
 
 
 def test_a_rhythm_of_the_pressure_is_no_breath(recording: Callable[..., Recording]) -> None:

@@ -35,7 +35,7 @@ CASES: list[tuple[Kernel, tuple[float, ...]]] = [
     (kernels.rate_limit, (0.5, 2.0)),
     (kernels.play, (0.2,)),
     (kernels.soft_play, (0.2,)),
-    (kernels.several_plays, (0.2, 0.5)),
+    (kernels.prandtl, kernels.of_joints(0.2, 0.5)),
     (kernels.resting, (0.2, 0.5, 1.0)),
     (kernels.prandtl, (0.1, 0.3, 0.4, 0.2)),
     (kernels.bouc_wen, (0.5, 0.2, 2.0)),
