@@ -11,6 +11,7 @@ from gap.decision.classes import Cause
 from gap.decision.conformal import COVERAGE, chosen, shares, threshold
 from gap.decision.posterior import Posterior, misfit
 from gap.decision.qualified import moved
+from gap.decision.verdict import NOISY
 from gap.diagnosis import Diagnosis
 from gap.report.assumed import assumed
 from gap.report.breakdown import breakdown
@@ -41,7 +42,7 @@ def as_json(d: Diagnosis) -> dict[str, Any]:
             "by": breakdown(d),
         },
         "where": [{"stage": s, "probability": rounded(share)} for s, share in p.stages.items()],
-        "causes": [_cause(d, c, k) for k, c in enumerate(p.causes)],
+        "causes": [cause_as_json(d, c, k) for k, c in enumerate(p.causes)],
         "none_probability": rounded(p.none),
         "outside_probability": rounded(p.outside),
         "unknown_probability": rounded(unknown_probability(d.verdict.verdict, p)),
@@ -139,8 +140,10 @@ def probable_set(p: Posterior, coverage: float) -> list[str]:
     return names
 
 
-def _cause(d: Diagnosis, cause: Cause, rank: int) -> dict[str, Any]:
-    shrinks = d.shrinks[rank] if rank < len(d.shrinks) else {}  # only the first few are tried by themselves
+def cause_as_json(d: Diagnosis, cause: Cause, rank: int) -> dict[str, Any]:
+    """A cause, the ``rank``-th, as an entry of ``causes``; without parameters and shrinks where its noise tells it."""
+    by_noise = rank == 0 and d.verdict.settled_by == NOISY  # what was fitted to it is no size of it
+    shrinks = d.shrinks[rank] if rank < len(d.shrinks) and not by_noise else {}  # only the first few are tried
     return {
         "effects": [e.name for e in cause.effects],
         "class": list(cause.names),
@@ -148,11 +151,12 @@ def _cause(d: Diagnosis, cause: Cause, rank: int) -> dict[str, Any]:
         "where": [e.key for e in cause.effects],
         "options": [options(e, d.recordings[0].info.instrument) for e in cause.effects],
         "probability": rounded(cause.probability),
-        "parameters": of_cause(d, cause),
+        "parameters": {} if by_noise else of_cause(d, cause),
         "detectability": rounded(cause.detectability),
         "tolerated": cause.tolerated,
         "meaning": [e.meaning for e in cause.effects],
         "remedy": [e.remedy for e in cause.effects],
+        "told_by_noise": by_noise,
         "shrink": {k: None if s.value is None else rounded(s.value) for k, s in shrinks.items()} or {"fitted": None},
         "gaps": {k: {"before": rounded(s.before), "after": rounded(s.after)} for k, s in shrinks.items()},
     }

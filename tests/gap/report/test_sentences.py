@@ -11,11 +11,11 @@ import pytest
 from gap.decision.classes import Cause
 from gap.decision.gaps import Shrink
 from gap.decision.thresholds import INSTRUMENT
-from gap.decision.verdict import Verdict
+from gap.decision.verdict import NOISY, Verdict
 from gap.inference.evidence import Hypothesis
 from gap.inference.least_squares import fit
 from gap.null.doubts import Doubt
-from gap.report.document import probable_set
+from gap.report.document import cause_as_json, probable_set
 from gap.report.parameters import of_cause
 from gap.report.sentences import sentences
 from sim_devices.chain import Parameter
@@ -93,6 +93,22 @@ def test_an_event_is_told_on_the_clock_of_its_recording(linear, candidate, recor
     assert entry["value"] == pytest.approx(130.0)
     assert entry["recording"] == "r02"  # which begins at 100 s of the session
     assert entry["in_recording"] == pytest.approx(30.0)
+
+
+@pytest.mark.parametrize(("rule", "sized"), [(NOISY, False), ("sure", True)])
+def test_what_is_told_by_its_noise_has_no_size(linear, candidate, recording, rule: str, sized: bool) -> None:
+    """A breath told by its power was listed with the amplitude of a sine, 22 ± 3 µm, which it is not."""
+    effect = candidate("breath", Parameter("amplitude", "m", 0.0, 1.0))
+    fitted = fit(linear(T, np.ones((len(T), 1)), {"breath": lambda v: v["amplitude"] * T}), (effect,))
+    cause = Cause(Hypothesis((effect,), {"linear": fitted}), ("breath",), 0.9, 9.0)
+    verdict = Verdict("effect", SimpleNamespace(temper={"linear": 1.0}), (f"{rule}: …",))
+    d = SimpleNamespace(
+        recordings=[recording({"flow": T}, T)], verdict=verdict, shrinks=({"fitted": Shrink(3.0, 1.1)},)
+    )
+    entry = cause_as_json(d, cause, 0)
+    assert entry["told_by_noise"] is not sized
+    assert list(entry["parameters"]) == ["amplitude"] * sized
+    assert entry["shrink"]["fitted"] == (pytest.approx(0.95) if sized else None)
 
 
 def test_shrinks_near_the_noise_are_not_told() -> None:
