@@ -15,6 +15,8 @@ from sim_devices.stages.axes import LOOP_RATE, MASS, AxisLoop
 COARSER = 2.0
 """Substeps of a loop with friction or limits against those of the simulated instrument: half as many to compute."""
 
+NEVER = 1e6
+"""Integral time (s) of a loop that has no integral, which nothing shows within hours."""
 HEAVIEST = 1.5
 """Weight of a set-point, at most."""
 
@@ -102,7 +104,8 @@ def controllers(calibration: Mapping[str, Mapping[str, Any]]) -> tuple[Controlle
     """The controllers that a recording with this ``calibration`` may have: the one it states, whose derivative may be
     of the error or of the position, or the known ones.
 
-    Raises ValueError for part of a controller, another unit, or a number that is none.
+    A PD loop states an integral of 0. Raises ValueError for part of a controller, another unit, or a number that is
+    none.
     """
     given = [name for name in STATED if name in calibration]
     if not given:
@@ -112,8 +115,11 @@ def controllers(calibration: Mapping[str, Mapping[str, Any]]) -> tuple[Controlle
     values = []
     for name, unit in STATED.items():
         value, its = calibration[name].get("value"), calibration[name].get("unit")
-        if its != unit or isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < np.inf:
+        if its != unit or isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < np.inf:
             raise ValueError(f"calibration: {name} is {value!r} {its!r}, not a positive number of {unit}")
+        if value == 0 and name != "loop_integral":
+            raise ValueError(f"calibration: {name} is 0, not a positive number of {unit}")
         values.append(float(value))
     p, i, d, mass = values
+    i = max(i, p / NEVER)
     return tuple(Controller(p, i, d, 0.0, on_error, centred=False, mass=mass) for on_error in (False, True))

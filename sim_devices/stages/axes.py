@@ -148,13 +148,13 @@ def _advance_axis(
     s: FloatArray, t: FloatArray, target: FloatArray, load: FloatArray, p: FloatArray, y: FloatArray
 ) -> None:
     m, kp, ki, kd, drag, spring, longest = p[0], p[1], p[2], p[3], p[4], p[13], p[14]
-    w = 3.0 * ki / kp  # the loop's rate
+    w = math.sqrt(kp / m)  # rad/s, of the loop without its integral: an integral may be as slow as it likes
     per_ki, per_w = 1.0 / ki, 1.0 / w
     # State (w ∫e, x, x'/w): the same size each, so that the series converges fast.
     a = np.zeros((3, 3))
     a[0, 1], a[1, 2] = -w, w
     a[2, 0], a[2, 1], a[2, 2] = ki / (m * w * w), -(kp + spring) / (m * w), -(kd + drag) / m
-    bound = 3.0 * w + (kd + drag) / m + spring / (m * w)
+    bound = 2.0 * w + ki / (m * w * w) + (abs(kd) + drag) / m + spring / (m * w)
     known, exponentials = np.zeros(STEPS), np.empty((STEPS, 3, 3))
     dry_only = longest < math.inf and _only_dry(p)
     if s[0] == 0.0 and t.size:

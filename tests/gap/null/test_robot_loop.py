@@ -26,6 +26,12 @@ def test_a_recording_may_state_its_controller() -> None:
     assert (loop.mass, loop.gains) == (0.05, (3e3, 5.5e4, 18.0))
 
 
+def test_a_loop_without_an_integral_may_be_stated() -> None:
+    values = {"loop_proportional": 3e3, "loop_integral": 0, "loop_derivative": 18.0, "axis_mass": 0.05}
+    pd, _ = controllers({name: {"value": value, "unit": STATED[name]} for name, value in values.items()})
+    assert pd.integral / pd.proportional < 1e-5  # 1/s
+
+
 def test_recordings_of_a_session_have_one_controller(recording) -> None:
     said = {name: {"value": 1.0, "unit": unit} for name, unit in STATED.items()}
     made = [recording({"probe_x": np.zeros(9)}, np.arange(9.0), name=f"r{k}") for k in range(3)]
@@ -47,6 +53,7 @@ def test_recordings_of_a_session_have_one_controller(recording) -> None:
             "needs loop_proportional, loop_integral, loop_derivative besides",
         ),
         ({n: {"value": 1.0, "unit": "N/m"} for n in STATED}, "loop_integral is 1.0 'N/m', not a positive number"),
+        ({n: {"value": 0, "unit": u} for n, u in STATED.items()}, "loop_proportional is 0"),
         ({n: {"value": -1.0, "unit": u} for n, u in STATED.items()}, "loop_proportional is -1.0"),
         ({n: {"value": "3", "unit": u} for n, u in STATED.items()}, "loop_proportional is '3'"),
     ],

@@ -18,6 +18,13 @@ Rate = Callable[[FloatArray], float]
 KP, KI, KD = 3 * MASS * LOOP_RATE**2, MASS * LOOP_RATE**3, 3 * MASS * LOOP_RATE
 
 
+class Gained(AxisLoop):
+    """Without an integral, all but."""
+
+    def controller(self) -> tuple[float, float, float]:
+        return KP, KP / 1e6, KD
+
+
 def moved(time: FloatArray, **rubbing: float) -> FloatArray:
     """Positions (n,) m of an axis that is sent to and fro."""
     loop = AxisLoop("axes", "actuator", ("target_1", "load_1"), ("axis_1",), **rubbing)
@@ -95,6 +102,24 @@ def test_a_set_point_that_is_weighed_follows_its_equation(more: dict[str, float]
     weighed, expected = moved(time, weight=0.7, **more), integrated(time, lambda s: 0.0, weight=0.7)
     assert weighed == pytest.approx(expected, abs=3e-8)
     assert np.abs(weighed - moved(time)).max() > 5e-6
+
+
+@pytest.mark.parametrize("more", [{}, {"slope": 1e-9}, {"coulomb": 1e-9}], ids=["exact", "substeps", "dry"])
+def test_a_loop_whose_integral_is_next_to_none_is_a_pd_loop(more: dict[str, float]) -> None:
+    """A load then moves the axis for good, by itself over the proportional gain."""
+    time = np.arange(0, 3, 1e-3)
+    loop = Gained("axes", "actuator", ("target_1", "load_1"), ("axis_1",), **more)
+    load = 0.1 * np.minimum(time, 1.0)  # N
+    signals = {"target_1": np.interp(time, CORNERS, WAY), "load_1": load}
+    loop.advance(loop.fresh(), time, signals)
+
+    def slope(t: float, s: FloatArray) -> list[float]:
+        force = KP * (np.interp(t, CORNERS, WAY) - s[0]) - KD * s[1] + 0.1 * min(t, 1.0)
+        return [s[1], force / MASS]
+
+    found = solve_ivp(slope, (0.0, 3.0), np.zeros(2), t_eval=time, rtol=1e-9, atol=1e-12, max_step=2e-4)
+    assert signals["axis_1"] == pytest.approx(found.y[0], abs=3e-8)
+    assert signals["axis_1"][-1] == pytest.approx(0.1 / KP, rel=1e-3)
 
 
 def test_a_coil_meets_its_limit_by_the_force_that_a_weighed_set_point_asks_for() -> None:
