@@ -5,6 +5,8 @@ Progress of long work: a bar on a terminal, plain lines elsewhere; on stderr, so
 from __future__ import annotations
 
 import contextlib
+import os
+import select
 import sys
 import time
 from contextlib import AbstractContextManager
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
     from acquire.session import Session
 
 LINES = 10.0  # s of wall time between two plain lines
+LOOK = 0.1  # s between looks for a signal while a person is asked
 
 
 class Stop:
@@ -27,6 +30,7 @@ class Stop:
 
     def __init__(self) -> None:
         self._reason = ""
+        self._typed = b""
         self._session: Session | None = None
         self._caught: AbstractContextManager[None] = caught(self._act)
 
@@ -42,6 +46,31 @@ class Stop:
         self._session = session
         if self._reason:
             session.abort(self._reason)
+
+    def check(self) -> None:
+        """Raises Aborted once there was a signal: between two runs a session has nothing to end."""
+        if self._reason:
+            from acquire.engine import Aborted
+
+            raise Aborted(self._reason)
+
+    def line(self) -> str:
+        """The next line that a person types, without its end; raises Aborted at a signal, and EOFError where no more
+        comes."""
+        try:
+            file = None if os.name == "nt" else sys.stdin.fileno()  # only POSIX waits for a file and a while at once
+        except (OSError, ValueError):  # standard input is not the system's
+            file = None
+        while b"\n" not in self._typed:
+            self.check()
+            if file is None or select.select([file], [], [], LOOK)[0]:
+                more = sys.stdin.readline().encode() if file is None else os.read(file, 4096)
+                if not more:
+                    raise EOFError
+                self._typed += more
+        self.check()
+        line, _, self._typed = self._typed.partition(b"\n")
+        return line.decode(errors="replace").strip()
 
     def _act(self, name: str) -> None:
         self._reason = f"aborted by a person ({name})"

@@ -13,10 +13,13 @@ from acquire.cli.app import DONE, NOT_PASSED
 from acquire.cli.numbers import MOST_JOBS, Speed, whole
 
 if TYPE_CHECKING:
+    from acquire.cli.progress import Stop
     from acquire.engine import Progress
     from acquire.recording import Recording
     from gap.qualify.steps import Step
 
+LONGEST = 3650
+"""Days for which a qualification may hold."""
 COARSE = (320, 240)
 """Pictures of a simulated camera on a bench that a qualification switches on: enough for the apex."""
 
@@ -40,7 +43,7 @@ def qualify(
     effect: Annotated[list[str] | None, typer.Option(help="Simulated non-ideality; may be repeated.")] = None,
     seed: Annotated[int | None, typer.Option(parser=whole(), help="Seed of simulated noise.")] = None,
     serial: Annotated[str, typer.Option(help="Serial number, where the recordings do not tell it.")] = "",
-    days: Annotated[int, typer.Option(parser=whole(1), help="For how many days it holds.")] = 180,
+    days: Annotated[int, typer.Option(parser=whole(1, LONGEST), help="For how many days it holds.")] = 180,
     history: Annotated[
         Path | None, typer.Option(help="Folder of the history; the user's own by default, none of simulated ones.")
     ] = None,
@@ -64,6 +67,8 @@ def qualify(
         from acquire.cli.inputs import load_all
 
         runs = load_all(recordings)
+        if others := {r.info.instrument for r in runs if instrument not in (r.info.instrument, r.info.device)}:
+            raise ValueError(f"these are recordings of {' and '.join(sorted(others))}, not of {instrument}")
     else:
         runs = _measured(instrument, sim, station, known or [], folder, yes, speed, effect or [], seed, operator)
     with Stages(sys.stderr) as stages:
@@ -117,12 +122,10 @@ def _measured(
             steps = steps_of(session.kind(name), known)
 
             def ask(number: int, step: Step) -> None:
+                stop.check()
                 typer.echo(f"step {number} of {len(steps)}, {step.name}: {step.instruction}", err=True)
-                if not yes:
-                    typer.echo("Enter when it is mounted; q to stop, and to go on later: ", err=True, nl=False)
-                    answer = sys.stdin.readline()
-                    if not answer or answer.strip().lower() in ("q", "quit"):
-                        raise Aborted("stopped by a person; the same command goes on from here")
+                if not yes and not _mounted(stop):
+                    raise Aborted("stopped by a person; the same command goes on from here")
 
             def watch(step: Step, progress: Progress) -> None:
                 if step.name not in reporters:
@@ -136,8 +139,24 @@ def _measured(
                 reporters.clear()
 
             try:
-                return measure(
+                made = measure(
                     session, name, steps, folder, ask, watch, operator, lambda text: typer.echo(text, err=True)
                 )
             finally:
                 close()
+            stop.check()  # the last recording may have been on its way to the disk
+            return made
+
+
+def _mounted(stop: Stop) -> bool:
+    """Whether a person says that the specimen is mounted: Enter or yes. Suction begins on nothing else."""
+    while True:
+        typer.echo("Enter when it is mounted; q to stop, and to go on later: ", err=True, nl=False)
+        try:
+            answer = stop.line().lower()
+        except EOFError:
+            return False
+        if answer in ("", "y", "yes"):
+            return True
+        if answer in ("q", "quit", "n", "no", "stop", "exit"):
+            return False
