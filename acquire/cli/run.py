@@ -111,6 +111,7 @@ def _tell(outcome: Outcome, identity: str, instrument: str, duration: float, as_
             "journal": str(outcome.journal) if outcome.journal else None,
             "duration": duration,
             "lost_samples": outcome.lost,
+            "safe": outcome.safe,
         }
         _say(json.dumps(result, indent=2))
         return

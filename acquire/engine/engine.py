@@ -23,6 +23,8 @@ from protocols import specimens
 
 log = logging.getLogger(__name__)
 
+UNSEEN = "NOT SEEN TO BE SAFE: vent by hand or pull the plug"
+"""Said of a device that did not confirm that it vented and stopped; its own watchdog may have."""
 BACKLOG = 200  # blocks that may wait for the interlock before links are read more slowly
 
 
@@ -256,8 +258,9 @@ class RunEngine(Connection):
         if self._run is not None and self._run.recording:
             if not safe:
                 self._run.note("error", "unconfirmed", "the device did not confirm that it is safe", self._now())
+                reason = f"{reason}; {UNSEEN}".lstrip("; ")
             outcome = self._run.finish(state, reason, tuple(self._links))
-            self._outcome.set_result(replace(outcome, trip=self.trip))
+            self._outcome.set_result(replace(outcome, trip=self.trip, safe=safe))
 
     def _changed(self, state: State, event: str) -> None:
         log.info("%s: %s -> %s", self.rig.instrument, event, state)

@@ -57,6 +57,7 @@ class LinkThread(threading.Thread):
         self._requests = Requests(self._wake)
         self._urgent = threading.Event()
         self._safe = threading.Event()
+        self._confirmed = False  # the device's answer to the last `make_safe` over an open link
         self._streaming = False
         self._closing = False
 
@@ -77,8 +78,9 @@ class LinkThread(threading.Thread):
         self._wake.set()
 
     def wait_safe(self, timeout: float) -> bool:
-        """Whether the last `make_safe` was carried out within ``timeout`` s."""
-        return self._safe.wait(timeout)
+        """Whether the device confirmed the last `make_safe` within ``timeout`` s; a source that drives nothing need
+        not."""
+        return self._safe.wait(timeout) and (self._confirmed or not isinstance(self.source, Device))
 
     def connect(self, *, acknowledged: bool = False) -> Future[Any]:
         """Open the link, make an earlier host's instrument safe; the result is the instrument's `Identity`.
@@ -174,7 +176,9 @@ class LinkThread(threading.Thread):
         self._requests.void()
         try:
             self.source.make_safe()
+            self._confirmed |= self.error is None  # a link that was lost is closed by now, and nobody answers
         except Exception as error:
+            self._confirmed = False
             log.warning("%s: make_safe: %s", self.source.name, error)
             if self._streaming and not self._closing:
                 self._fail(error)
@@ -185,9 +189,11 @@ class LinkThread(threading.Thread):
             return
         self._streaming = False
         self.error = error
+        self._confirmed = False
         self._receiver.lost(self, error)
         try:
             self.source.make_safe()
+            self._confirmed = True
         except Exception as second:
             log.warning("%s: make_safe after failure: %s", self.source.name, second)
         self.source.close()

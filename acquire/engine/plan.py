@@ -72,7 +72,8 @@ class Progress:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended. ``recording`` is the finished file; None if it could not be made (then ``journal`` is kept)."""
+    """How a run ended. ``recording`` is the finished file; None if it could not be made (then ``journal`` is kept).
+    ``safe`` is whether the device confirmed that it vented and stopped; the ``reason`` says so where it did not."""
 
     status: State
     reason: str
@@ -80,3 +81,4 @@ class Outcome:
     journal: Path | None = None
     trip: Trip | None = None
     lost: int = 0
+    safe: bool = True

@@ -181,6 +181,10 @@ def test_a_trip_vents_latches_and_needs_a_reset(
     for action in (engine.start, engine.resume, engine.connect, lambda: engine.arm(plan(SHORT, name="next"))):
         with pytest.raises(WrongState):
             action()
+    lost = isinstance(device.raise_on.get("make_safe"), Exception) or device.unplugged
+    assert outcome.safe is not lost
+    assert ("NOT SEEN TO BE SAFE" in outcome.reason) is lost
+    assert any(e.code == "unconfirmed" for e in recording.events) is lost
     device.__init__()  # type: ignore[misc]
     engine.reset()
     assert engine.trip is None
