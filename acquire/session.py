@@ -12,6 +12,7 @@ from __future__ import annotations
 import secrets
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
@@ -108,6 +109,7 @@ class Session:
         self._frame_size = frame_size
         self._listener = listener
         self._benches: dict[str, Bench] = {}
+        self._mounted: Counter[str] = Counter()
         self._aborted = ""
         self._notify = tuple(notify)
         self._attendant: Attendant | None = None
@@ -209,6 +211,8 @@ class Session:
         start = iso_now()
         identity = f"{time.strftime('%Y%m%d-%H%M%S')}-{protocol.name}-{secrets.token_hex(2)}"
         folder = out or self.out
+        if folder.suffix != ".h5" and folder.exists() and not folder.is_dir():
+            raise ValueError(f"{folder} is a file: name a folder for recordings, or a new file that ends in .h5")
         path = folder if folder.suffix == ".h5" else folder / f"{identity}.h5"
         info = RunInfo(
             id=identity,
@@ -348,12 +352,13 @@ class Session:
                 name,
                 kind,
                 entry,
-                set_up or Mounted(),
+                replace(set_up or Mounted(), times=self._mounted[name]),
                 speed=self._speed,
                 frame_size=self._frame_size,
                 watched=self._watched,
                 listener=self._listener,
             )
+            self._mounted[name] += 1
             self._attend()
         return self._benches[name]
 

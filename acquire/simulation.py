@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import secrets
-from dataclasses import dataclass
+import zlib
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from acquire.station import Instrument, Simulation
@@ -17,11 +18,19 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class Mounted:
     """The set-up of a simulated instrument: the probe's ``opening`` (m; None: its own), and the specimen in it with
-    its properties (as `protocols.specimens.stated` gives them)."""
+    its properties (as `protocols.specimens.stated` gives them). ``times`` counts what was mounted before."""
 
     opening: float | None = None
     specimen: str = SKIN
     properties: tuple[tuple[str, Stated], ...] = ()
+    times: int = field(default=0, compare=False)
+
+    @property
+    def number(self) -> int:
+        """Of this mounting among all: 0 where the skin is measured first. Noise that came again in the recording of
+        another specimen would look like a line of the instrument."""
+        own = 0 if self.specimen == SKIN else zlib.crc32(repr((self.specimen, self.properties)).encode())
+        return own + self.times
 
 
 def settled(simulation: Simulation) -> Simulation:
@@ -42,7 +51,7 @@ def chain(kind: str, simulation: Simulation, mounted: Mounted = Mounted()) -> Ch
     options: dict[str, Any] = {"tissue": simulation.tissue}
     if mounted.opening is not None and kind != "microrobot":
         options["opening"] = mounted.opening
-    result = noisy(nominal(kind, **options), simulation.seed or 0)
+    result = noisy(nominal(kind, **options), simulation.seed or 0, mounting=mounted.number)
     if mounted.specimen != SKIN:
         result = specimens.mounted(result, mounted.specimen, dict(mounted.properties))
     for text in simulation.effects:
@@ -76,6 +85,7 @@ def start(
 ) -> Server:
     """Switch on the simulated instrument of a station's entry. Close the result to switch it off."""
     from sim_devices.servers import serve
+    from sim_devices.stages import remounted
 
     assert entry.simulated is not None
     simulation = settled(entry.simulated)
@@ -88,7 +98,7 @@ def start(
         link,
         chain=chain(kind, simulation, mounted),
         speed=speed,
-        seed=simulation.seed or 0,
+        seed=remounted(simulation.seed or 0, mounted.number),
         frame_size=frame_size,
         options={**entry.driver_options, **second},
         watchdog=entry.watchdog,

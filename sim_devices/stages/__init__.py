@@ -35,10 +35,11 @@ def nominal(instrument: str, **options: Any) -> Chain:
     raise ValueError(f"no instrument {instrument!r}; there are {', '.join(INSTRUMENTS)}")
 
 
-def noisy(chain: Chain, seed: int, *, scatter: float = 0.02) -> Chain:
+def noisy(chain: Chain, seed: int, *, scatter: float = 0.02, mounting: int = 0) -> Chain:
     """The chain of a simulated instrument: noise and resolution of its sensors, and the skin's scatter from run to run.
 
-    ``scatter`` is the relative standard deviation of the tissue's compliance between seeds.
+    ``scatter`` is the relative standard deviation of the tissue's compliance between seeds. Another ``mounting`` of the
+    same instrument has other noise.
     """
     factor = float(np.exp(scatter * np.random.default_rng([seed, 99]).standard_normal()))
     if chain.instrument == "microrobot":
@@ -48,9 +49,15 @@ def noisy(chain: Chain, seed: int, *, scatter: float = 0.02) -> Chain:
     else:
         compliance, *rest = chain["elastic"].parameters  # type: ignore[attr-defined]
         chain = chain.tuned("elastic", parameters=(compliance * factor, *rest))
+    first = 2 * remounted(seed, mounting)
     for k, (name, (sigma, resolution)) in enumerate(_NOISE[chain.instrument].items()):
-        chain = chain.tuned(name, sigma=sigma, resolution=resolution, seed=2 * seed + k)
+        chain = chain.tuned(name, sigma=sigma, resolution=resolution, seed=first + k)
     return chain
+
+
+def remounted(seed: int, mounting: int) -> int:
+    """The seed of an instrument's noise at its ``mounting``, 0 the first: noise never comes twice."""
+    return int(np.random.default_rng([seed, mounting]).integers(2**31)) if mounting else seed
 
 
 def runner(chain: Chain) -> Runner | LoopRunner:
@@ -59,4 +66,4 @@ def runner(chain: Chain) -> Runner | LoopRunner:
     return LoopRunner(chain) if chain.instrument == "microrobot" else Runner(chain)
 
 
-__all__ = ["INSTRUMENTS", "RATES", "noisy", "nominal", "runner"]
+__all__ = ["INSTRUMENTS", "RATES", "noisy", "nominal", "remounted", "runner"]

@@ -12,7 +12,8 @@ import pytest
 from acquire.engine import RunEngine, State
 from acquire.recording import open_recording
 from acquire.session import Request, Session
-from acquire.station import load_station, simulated_station
+from acquire.simulation import Mounted, chain
+from acquire.station import Simulation, load_station, simulated_station
 
 BRIEF = """\
 schema: protocol/1
@@ -127,6 +128,21 @@ def test_the_same_seed_gives_the_same_skin(tmp_path: Path, brief: Path) -> None:
         return float(np.median(np.sort(open_recording(outcome.recording).streams["apex_height"].value)[-60:]))
 
     assert height(3) == pytest.approx(height(3), abs=1.1e-5)
+
+
+def test_noise_does_not_come_again_with_another_specimen() -> None:
+    """It was the same in the recordings of all references, so that a sound instrument had a line in its noise."""
+    seen = set()
+    for specimen, times in (("skin", 0), ("open air", 0), ("open air", 1), ("rigid post", 1), ("skin", 2)):
+        mounted = Mounted(specimen=specimen, times=times)
+        made = chain("microrobot", Simulation(seed=3), mounted)
+        seen |= {op.seed for op in made.operators if getattr(op, "sigma", 0.0)}
+    assert len(seen) == 5 * 2  # of transducers and axes
+    again = [chain("microrobot", Simulation(seed=3), Mounted(specimen="open air")) for _ in range(2)]
+    assert again[0].operators == again[1].operators
+    with Session(simulated_station(seed=3)) as session:
+        names = [session._bench("cutometer", Mounted(specimen=s)).set_up.times for s in ("rigid block", "skin")]
+    assert names == [0, 1]
 
 
 def test_listeners_hear_of_every_change(tmp_path: Path, brief: Path) -> None:
