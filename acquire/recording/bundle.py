@@ -256,6 +256,8 @@ class _Import:
         time, lines = table.column(axis.column, channel)
         if len(time) != count:
             message = f"{len(time)} times in column {axis.column!r} for {count} values"
+            if len(time) > count:
+                raise table.fault(lines[count], channel, axis.column, f"{message}, which end before this line")
             raise RecordingError(f"{table.path}: channel {channel}: {message}")
         back = np.flatnonzero(np.diff(time) < 0)
         if len(back):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import io
 import re
@@ -23,6 +24,8 @@ MAX_BYTES = 2**29  # of text
 MAX_UNPACKED = 2**26
 MAX_CELLS = 500_000
 MAX_COUNT = 2**53  # beyond, floats skip whole numbers
+UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+MINUS = "\N{MINUS SIGN}"
 SEPARATORS = {",": "a comma", ";": "a semicolon", "\t": "a tab"}
 _NOT_FINITE = ("nan", "inf", "-inf", "+inf")
 # A cell that begins with one of these is run as a formula when somebody opens the table in a spreadsheet; an
@@ -89,6 +92,7 @@ class Table:
         self._columns: dict[str, tuple[FloatArray, Sequence[int]]] = {}
         if path.suffix.lower() != ".xlsx" and self._numbers is None:
             self._check_separators(separator)
+            self._check_widths(separator)
 
     def _check_separators(self, separator: str) -> None:
         """Refuse rows that are separated otherwise than the header is."""
@@ -98,6 +102,14 @@ class Table:
             if len(self._rows[1][0].split(other)) == len(self.header):
                 texts = f"columns of the header are separated by {SEPARATORS[separator]}, those of this line by"
                 raise RecordingError(f"{self.path}:{self._lines[1]}: the {texts} {SEPARATORS[other]}")
+
+    def _check_widths(self, separator: str) -> None:
+        """Refuse a row with a cell that no heading names: of two halves of a number each would be taken for one."""
+        width = len(self.header)
+        for line, row in zip(self._lines[1:], self._rows[1:], strict=True):
+            if any(cell.strip() for cell in row[width:]):
+                comma = ": is a decimal comma among them?" if separator == "," else ""
+                raise RecordingError(f"{self.path}:{line}: {len(row)} cells under {width} headings{comma}")
 
     def column(self, name: str, channel: str, *, allow_nan: bool = False) -> tuple[FloatArray, Sequence[int]]:
         """Values (n,) of the column ``name`` and the line of each in the file; empty cells at its end are no samples.
@@ -146,6 +158,7 @@ class Table:
         if cell.lower() in _NOT_FINITE:
             return float(cell)
         try:
+            cell = cell.replace(MINUS, "-")  # as typesetting has it
             # A decimal comma cannot be a thousands separator here: a number has at most one.
             return number(cell.replace(",", ".", 1) if "." not in cell else cell)
         except ValueError:
@@ -164,7 +177,7 @@ def _text(path: Path) -> tuple[str, str]:
     except ValueError as error:
         raise RecordingError(str(error)) from error
     try:
-        text = raw.decode("utf-8-sig")
+        text = raw.decode("utf-16" if raw.startswith(UTF_16) else "utf-8-sig")
     except UnicodeDecodeError:
         text = raw.decode("latin-1")  # older instrument software writes it; only headers can be affected
     if "\0" in text:

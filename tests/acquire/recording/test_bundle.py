@@ -63,6 +63,13 @@ def test_other_separators_and_decimal_commas(tmp_path: Path, text: str) -> None:
     assert np.allclose(recording.stream("apex_height").time, [0, 0.1])
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_what_spreadsheets_of_windows_write(tmp_path: Path, encoding: str) -> None:
+    folder = make(tmp_path)
+    (folder / "data.csv").write_bytes("t,p,h\r\n0,0,0\r\n0.1,\N{MINUS SIGN}300,0.1\r\n".encode(encoding))
+    assert np.array_equal(load(folder).stream("pressure").value, [0, -3e4])
+
+
 def test_workbook_and_channels_of_different_length(tmp_path: Path) -> None:
     book = openpyxl.Workbook()
     book.active.append(["t", "p", "t2", "h"])

@@ -75,10 +75,16 @@ FAULTS: list[tuple[str, dict[str, Any], dict[str, str]]] = [
     (r"data\.csv: channel pressure: column 'p' is empty", {}, {"data.csv": "t,p,h\n0,,1\n"}),
     (r"data\.csv: channel pressure: 2 columns are called 'p'", {}, {"data.csv": "t,p,p\n0,1,1\n"}),
     (
-        r"data\.csv: channel pressure: 4 times in column 't' for 2 values",
+        r"data\.csv:4: channel pressure, column 't': 4 times in column 't' for 2 values, which end before this line",
         {},
         {"data.csv": "t,p,h\n0,0,0\n1,0,0\n2,,0\n3,,0\n"},
     ),
+    (
+        r"data\.csv:3: 4 cells under 3 headings: is a decimal comma among them",
+        {},
+        {"data.csv": DATA.replace("0.1\n", "0,1\n")},
+    ),
+    (r"data\.csv:2: 4 cells under 3 headings", {}, {"data.csv": "t,p,h\n0,1,2,3\n1,1,2,3\n"}),
     (r"data\.csv: not a text file", {}, {"data.csv": "t,p\n\0\0"}),
     (
         r"data\.xlsx: not a readable workbook",
