@@ -74,6 +74,9 @@ def run(arguments: Sequence[str] | None = None) -> int:
     0 done, 2 bad input, 3 device or link, 4 tripped, 5 aborted by a person, 6 not passed (`acquire qualify`); 1 is a
     fault of this program.
     """
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by who called us: an instrument is served all the same
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115 - until the process ends
     try:
         application()(args=None if arguments is None else list(arguments), prog_name=_called())
     except SystemExit as stop:

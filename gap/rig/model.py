@@ -51,14 +51,17 @@ class ForwardModel(Protocol):
 
 
 def load_model(where: str) -> ForwardModel:
-    """The model named by ``file.py:Name``. Raises ModelError.
+    """The model named by ``file.py:Name``, or by ``file.py`` where it defines one class. Raises ModelError.
 
     A model is code: it is run only because the user names it, never found in a data folder.
     """
     path_text, _, name = where.rpartition(":")
     path = Path(path_text)
     if not path_text or not name or name.endswith(".py"):  # the colon may be a drive's
-        raise ModelError(f"model {where!r}: give it as file.py:Name{_defined_in(Path(where.rstrip(':')))}")
+        path = Path(where.rstrip(":"))
+        if len(only := _classes(path)) != 1:
+            raise ModelError(f"model {where!r}: give it as file.py:Name{_defined_in(path)}")
+        (name,) = only
     if not is_file(path):
         raise ModelError(f"model {where!r}: there is no file {path}")
     spec = importlib.util.spec_from_file_location(f"skinrig_model_{path.stem}", path)
@@ -106,10 +109,15 @@ def check_model(model: ForwardModel, recordings: Sequence[Recording]) -> None:
 
 
 def _defined_in(path: Path) -> str:
-    """The classes that a file defines, as the end of a message; nothing where it cannot be read."""
+    """The classes that a file defines, as the end of a message; nothing where there are none."""
+    names = _classes(path)
+    return f"; it defines {', '.join(names)}" if names else ""
+
+
+def _classes(path: Path) -> list[str]:
+    """Names of the classes that a file defines; none where it cannot be read."""
     try:
         body = ast.parse(path.read_text(encoding="utf-8")).body if is_file(path) else []
     except (OSError, ValueError, SyntaxError):
         body = []
-    names = [node.name for node in body if isinstance(node, ast.ClassDef)]
-    return f"; it defines {', '.join(names)}" if names else ""
+    return [node.name for node in body if isinstance(node, ast.ClassDef)]

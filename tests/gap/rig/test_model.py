@@ -54,6 +54,13 @@ def test_a_model_is_given_as_file_and_name(tmp_path: Path) -> None:
             load_model(where)
 
 
+def test_the_only_class_of_a_file_need_not_be_named(tmp_path: Path) -> None:
+    path = write(tmp_path, "class Rig:\n    name = 'rig'")
+    for where in (str(path), f"{path}:"):
+        with pytest.raises(ModelError, match="lacks channels"):  # it was made
+            load_model(where)
+
+
 @pytest.mark.parametrize(
     ("stages", "made", "message"),
     [
