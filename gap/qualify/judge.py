@@ -23,6 +23,7 @@ from acquire.qualifications import (
     serial_of,
 )
 from acquire.recording.model import Recording
+from gap.data.signatures import HUM
 from gap.data.tolerances import Tolerance, tolerances
 from gap.decision.classes import Cause
 from gap.diagnosis import Diagnosis, DiagnosisError, Tell, diagnose
@@ -238,7 +239,9 @@ def _sentences(
         beside = f" (or {', '.join(others)}, which these references cannot tell from it)" if others else ""
         said.append(f"Not passed: {f.effect}{beside}, probability {f.probability:.2f}. {f.meaning} {f.remedy}".strip())
     if not findings and d.verdict.verdict == "unknown":
-        said.append("Not passed: the references show something that no known effect explains.")
+        marks = [s.text for s in d.signatures if s.effect == HUM]
+        seen = f": {'; '.join(marks)}" if marks else ""
+        said.append(f"Not passed: the references show something that no known effect explains{seen}.")
     said += _beyond_tolerance(d, findings[0].effect if findings else "", off, full)
     return said or [
         "Passed: no effect of the instrument shows on the references, and all parameters are within tolerance."

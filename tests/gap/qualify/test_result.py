@@ -8,7 +8,8 @@ from types import SimpleNamespace
 import pytest
 
 from acquire.qualifications import SCHEMA, Parameter, Qualification
-from gap.qualify.judge import _beyond_tolerance
+from gap.data.signatures import CERTAIN, HUM, Signature
+from gap.qualify.judge import _beyond_tolerance, _sentences
 from gap.report.pages import render
 
 NOW = datetime(2026, 5, 1, tzinfo=UTC)
@@ -50,3 +51,11 @@ def test_what_the_finding_explains_is_told_apart_from_what_it_leaves() -> None:
     alone = _beyond_tolerance(d, "", OFF, full=False)  # type: ignore[arg-type]
     assert alone[1] == "Not passed: height_shift (desynchronisation would look so) is beyond its tolerance."
     assert len(alone) == 2
+
+
+def test_a_line_that_nobody_explains_is_named() -> None:
+    hum = Signature(HUM, "force_x", CERTAIN, "force_x has a line at 50.0 Hz")
+    d = SimpleNamespace(verdict=SimpleNamespace(verdict="unknown"), signatures=(hum,))
+    (said,) = _sentences(d, [], {}, [], full=False)  # type: ignore[arg-type]
+    assert said.startswith("Not passed")
+    assert "a line at 50.0 Hz" in said
