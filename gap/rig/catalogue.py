@@ -16,10 +16,14 @@ def _rel(name: str, low: float, high: float, unit: str = "signal", meaning: str 
         low,
         high,
         null=0.0,
-        default=np.sqrt(low * high),
+        default=np.sqrt(max(low, 1e-3) * high),
         scale="log",
         meaning=meaning,
     )
+
+
+FAINT = 1e-5
+"""Of a signal: the least strength of what a rig integrates into a position, where it shows all the same."""
 
 
 def _signed(name: str, size: float, unit: str = "signal", meaning: str = "") -> Parameter:
@@ -55,7 +59,7 @@ GENERIC: tuple[GenericEffect, ...] = (
         "dry friction: a constant force against the motion",
         "lubricate, or compensate in the controller",
         (
-            _rel("level", 1e-3, 1.0),
+            _rel("level", FAINT, 1.0),
             _shape(
                 "sharpness",
                 1e-3,
@@ -73,7 +77,7 @@ GENERIC: tuple[GenericEffect, ...] = (
         "coulomb_friction",
         "dry friction that holds what a net force does not overcome, of something without inertia",
         "lubricate, or compensate in the controller",
-        (_rel("level", 1e-3, 1.0),),
+        (_rel("level", FAINT, 1.0),),
         laws.breakaway,
         needs="velocity",
         resists=True,
@@ -84,7 +88,7 @@ GENERIC: tuple[GenericEffect, ...] = (
         "stribeck_friction",
         "dry friction that holds at standstill with more than it has in motion, of something without inertia",
         "stiffer drive, dither",
-        (_rel("level", 1e-3, 1.0), _shape("excess", 0.03, 3.0, "1")),
+        (_rel("level", FAINT, 1.0), _shape("excess", 0.03, 3.0, "1")),
         laws.breakaway,
         needs="velocity",
         resists=True,
@@ -96,7 +100,7 @@ GENERIC: tuple[GenericEffect, ...] = (
         "dry friction that is higher near standstill",
         "stiffer drive, dither",
         (
-            _rel("level", 1e-3, 1.0),
+            _rel("level", FAINT, 1.0),
             _shape("excess", 0.1, 3.0, "1"),
             _shape("stribeck_velocity", 1e-2, 0.5, "velocity"),
             ASYMMETRY,
@@ -110,7 +114,7 @@ GENERIC: tuple[GenericEffect, ...] = (
         "friction of bristles that bend before they slide, higher near standstill",
         "stiffer drive, dither",
         (
-            _rel("level", 1e-3, 1.0),
+            _rel("level", FAINT, 1.0),
             _shape("excess", 0.1, 3.0, "1"),
             _shape("stribeck_velocity", 1e-2, 0.5, "velocity"),
             _shape("presliding", 1e-3, 2.0, "position"),
@@ -177,7 +181,7 @@ GENERIC: tuple[GenericEffect, ...] = (
         "friction with elastic presliding",
         "preload or exchange the bearing",
         (
-            _rel("level", 1e-3, 1.0),
+            _rel("level", FAINT, 1.0),
             _shape("presliding", 1e-3, 2.0, "position"),
             ASYMMETRY,
         ),
@@ -191,7 +195,7 @@ GENERIC: tuple[GenericEffect, ...] = (
         "a rate-independent loop of the signal with itself",
         "close the loop on the output, or drive with charge",
         (
-            _rel("level", 1e-3, 0.5),  # below zero it would run ahead of its input: no material does
+            _rel("level", FAINT, 0.5),  # below zero it would run ahead of its input: no material does
             _shape("width", 0.03, 1.0, "signal", "half the travel of a loop of full height"),
             _between("exponent", 0.0, 3.0, "how much less small loops have"),
             Parameter(INITIAL, "signal", -1.0, 1.0, None, 0.0, meaning="how far it had come to its first value"),
@@ -204,7 +208,7 @@ GENERIC: tuple[GenericEffect, ...] = (
         "backlash",
         "play: the output stands still until the gap is crossed",
         "preload the joint",
-        (_rel("gap", 1e-3, 0.5),),
+        (_rel("gap", FAINT, 0.5),),
         laws.backlash,
         of_turns=True,
     ),
@@ -212,7 +216,7 @@ GENERIC: tuple[GenericEffect, ...] = (
         "dead_zone",
         "no response about a centre",
         "move the working point, or compensate",
-        (_rel("half_width", 3e-3, 0.5), _signed("centre", 1.0)),
+        (_rel("half_width", FAINT, 0.5), _signed("centre", 1.0)),
         laws.dead_zone,
     ),
     GenericEffect(
@@ -361,7 +365,7 @@ GENERIC: tuple[GenericEffect, ...] = (
         "slew_limit",
         "the rate of change is limited",
         "smaller or slower commands",
-        (_rel("rate", 1e-2, 1.0, "rate"),),
+        (_shape("rate", 1e-3, 1.0, "rate", "of the fastest that the signal would be"),),
         laws.slew,
     ),
     GenericEffect(

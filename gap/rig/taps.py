@@ -95,7 +95,7 @@ class Survey:
             seen.ways.setdefault(key, [Way()])[-1].go(np.atleast_1d(np.asarray(going, dtype=float)))
         if y.size == self.time.size and y.size > 1:
             seen.whole = True
-            seen.rate = max(seen.rate, float(np.nanquantile(np.abs(np.diff(y) / np.diff(self.time)), 0.99)))
+            seen.rate = max(seen.rate, float(np.nanmax(np.abs(np.diff(y) / np.diff(self.time)))))
         for key, other in related.items():
             seen.related[key] = max(seen.related.get(key, 0.0), float(np.nanmax(np.abs(other))))
         return values
@@ -187,5 +187,7 @@ def scaled(
             default=seen.low + parameter.default * span,
         )
     k = scales.get(parameter.unit, 1.0)
-    unit = {"dt": "s", "duration": "s", "signal": signal_unit}.get(parameter.unit, parameter.unit)
+    unit = {"dt": "s", "duration": "s", "signal": signal_unit, "rate": f"{signal_unit}/s"}.get(
+        parameter.unit, parameter.unit
+    )
     return replace(parameter, unit=unit, low=parameter.low * k, high=parameter.high * k, default=parameter.default * k)

@@ -38,6 +38,8 @@ LIMITS = (0.1, 0.25, 0.4, 0.48, 0.53, 0.57, 0.61, 0.66, 0.72, 0.8)
 """The same of a limit by itself: many a signal meets one for moments only, or would go farther by a simulation that was
 never fitted to it."""
 LOWER_LIMITS = tuple(1.0 - q for q in LIMITS)
+RATES = (0.3, 0.45, 0.6, 0.7, 0.8, 0.87, 0.93, 0.97)
+"""The same of a limit of a rate, which few moments of a signal meet."""
 DIRECTIONS = {"azimuth": (0.1, 0.35), "elevation": (0.5, 0.85)}
 """The same of a direction: two in plane, two that rise."""
 BURSTS = 3
@@ -66,7 +68,7 @@ def grid(candidate: Candidate, known: Collection[str] = ()) -> list[FloatArray]:
     size = max(len(several), 1)
     for k, p in enumerate(candidate.parameters):
         values = (0.5,) if k in several or p.name in known else _values(p)
-        if values not in (THRESHOLDS, RESTS, LIMITS, LOWER_LIMITS):
+        if values not in (THRESHOLDS, RESTS, LIMITS, LOWER_LIMITS, RATES):
             values = next((v for v in (values, _fewer(p, values)) if size * len(v) <= MAX_GRID), _usual(p))
         size *= len(values)
         axes.append(values)
@@ -84,6 +86,8 @@ def _values(p: Parameter) -> tuple[float, ...]:
         return RESTS
     if p.name == "limit" and p.null is None:
         return LIMITS if p.default > 0.5 * (p.low + p.high) else LOWER_LIMITS
+    if p.name == "rate" and p.null is None:
+        return RATES
     if p.null is None:
         return (to_unit(p, p.default), *BESIDE) if _plain(p) else SHAPES
     if p.low < p.null < p.high:

@@ -248,7 +248,9 @@ def test_priors_are_scaled_to_the_rig(stretched) -> None:
     problem = RigProblem([stretched()], Spring())
     level = next(c for c in problem.candidates if c.key == "coulomb_friction@spring_force").parameters[0]
     span = np.ptp(30.0 * stretched().streams["extension"].value)
-    assert (level.low, level.high, level.unit) == (pytest.approx(1e-3 * span), pytest.approx(span), "N")
+    assert (level.low, level.high, level.unit) == (pytest.approx(1e-5 * span), pytest.approx(span), "N")
+    rate = next(c for c in problem.candidates if c.key == "slew_limit@force").parameters[0]
+    assert rate.unit == "N/s"
 
 
 def test_a_delay_or_lag_far_below_a_sample_is_in_the_prior(stretched) -> None:
