@@ -80,6 +80,14 @@ def parse(text: object, kind: str) -> float:
     return value
 
 
+def split(text: str) -> tuple[float, str]:
+    """The number and the unit of ``text``, unconverted. Raises ValueError where it is no number with a unit."""
+    found = _TEXT.fullmatch(text) if len(text) <= MAX_LENGTH else None
+    if found is None or found["unit"] is None or not math.isfinite(float(found["number"])):
+        raise ValueError(f"{text[:MAX_LENGTH]!r} is no number with a unit")
+    return float(found["number"]), found["unit"]
+
+
 def parse_in(text: str, unit: str) -> float:
     """The value of ``text``, a number in ``unit`` or with a unit of its own. Raises ValueError."""
     found = _TEXT.fullmatch(text) if len(text) <= MAX_LENGTH else None

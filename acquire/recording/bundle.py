@@ -33,7 +33,7 @@ from protocols.text import validate
 OURS = (*SUCTION, "microrobot")
 FILE_NAME = "recording.yaml"
 MAX_PROTOCOL = 2**20  # bytes
-_NAMES_A_FILE = re.compile(r"\.[A-Za-z][A-Za-z0-9]{0,4}$")  # by its suffix; 'rest of 0.5 s' has none
+_NAMES_A_FILE = re.compile(r"^[^,;]*\.[A-Za-z][A-Za-z0-9]{0,4}$")  # by its suffix; 'rest of 0.5 s' has none
 _OURS = re.compile(r"""^[\s{]*["']?schema["']?\s*:\s*["']?protocol/""", re.MULTILINE)
 
 
@@ -148,7 +148,12 @@ class _Import:
 
     def one(self, kind: str, name: str, source: Source) -> Series:
         table = self.table((kind, name, "file"), source.file, source.sheet)
-        scale = unit, factor, offset = self.unit((kind, name, "unit"), name, source.unit)
+        unit, factor, offset = self.unit((kind, name, "unit"), name, source.unit)
+        if source.suction == "positive":
+            if unit != "Pa":
+                raise self.fault((kind, name, "suction"), f"channel {name}: {source.unit!r} is no unit of pressure")
+            factor, offset = -factor, 0.0 - offset  # no minus before nought
+        scale = unit, factor, offset
         nan = source.allow_nan
         if source.width is None:
             value, lines = table.column(source.column, name, allow_nan=nan)

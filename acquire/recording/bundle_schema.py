@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import AfterValidator, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, model_validator
 
 from protocols.fields import Frequency, Model, Unit
+from protocols.units import split
 
 SCHEMA: Final = "recording-bundle/1"
 SUCTION = ("cutometer", "aspiration")
@@ -32,6 +33,16 @@ def _check_name(name: str) -> str:
 
 
 Name = Annotated[Short, AfterValidator(_check_name)]
+
+
+def _quantity(given: Any) -> Any:
+    """``4 mm`` as ``{value: 4.0, unit: mm}``; what has no unit is a value."""
+    if not isinstance(given, str | int | float):
+        return given
+    try:
+        return dict(zip(("value", "unit"), split(str(given)), strict=True))
+    except ValueError:
+        return {"value": given}
 
 
 class _Loose(Model):
@@ -68,6 +79,7 @@ class Source(_Loose):
     file: Short
     column: Short
     unit: Short
+    suction: Literal["negative", "positive"] = Field(default="negative", description="its sign in a column of pressure")
     time: TimeAxis
     width: Annotated[Whole, Field(ge=1, le=10_000)] | None = Field(
         default=None, description="a profile: the columns are <column>_0, <column>_1 …"
@@ -123,7 +135,7 @@ class Run(_Loose):
     protocol_name: Short | None = None
     versions: dict[Name, str] = Field(default={})
     limits: dict[Name, tuple[Number, Number]] = Field(default={})
-    calibration: dict[Name, dict[str, Any]] = Field(default={})
+    calibration: dict[Name, Annotated[dict[str, Any], BeforeValidator(_quantity)]] = Field(default={})
     station: str = ""
     device: Short = ""
     consent: Short = ""

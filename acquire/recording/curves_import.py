@@ -15,7 +15,6 @@ A column map is a YAML file that names the quantity of each column (schema ``col
 from __future__ import annotations
 
 import fnmatch
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -95,6 +94,7 @@ def _one(export: Path, mapping: ColumnMap, source: Yaml, match: str | None, numb
             file=export.name,
             column=match if match is not None and "*" in channel.column else channel.column,
             unit=channel.unit,
+            suction=channel.suction,
             time=mapping.time,
             sheet=mapping.sheet,
         )
@@ -110,11 +110,7 @@ def _one(export: Path, mapping: ColumnMap, source: Yaml, match: str | None, numb
         run=Run(id=f"import-{export.stem}-{number}"),
         **about,
     )
-    recording = import_bundle(bundle, export.parent, source)
-    flipped = {name for name, channel in mapping.channels.items() if channel.suction == "positive"}
-    streams = {n: replace(s, value=0.0 - s.value) if n in flipped else s for n, s in recording.streams.items()}
-    events = tuple(event for event in recording.events if event.code != "pressure_sign" or "pressure" not in flipped)
-    return replace(recording, streams=streams, events=events)
+    return import_bundle(bundle, export.parent, source)
 
 
 def _protocol(column_map: Path, given: str | dict[str, Any] | None) -> str | dict[str, Any] | None:

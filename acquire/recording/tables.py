@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquire.recording.model import FloatArray, RecordingError
+from protocols import units
 from protocols.files import contents, is_file, number, refusing
 from protocols.text import did_you_mean
 
@@ -66,8 +67,8 @@ def write_table(path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
 class Table:
     """One file of columns under a header row. Raises RecordingError that names the file and, where it can, the line.
 
-    Lines beginning with ``#`` before the header are skipped; a CSV may be separated by comma, semicolon (then with a
-    decimal point or a decimal comma) or tab.
+    Lines beginning with ``#`` before the header are skipped, and a row of units below it; a CSV may be separated by
+    comma, semicolon (then with a decimal point or a decimal comma) or tab.
     """
 
     def __init__(self, path: Path, sheet: str | None = None) -> None:
@@ -89,6 +90,8 @@ class Table:
         if self._numbers is not None and self._numbers.shape[1] != len(self.header):
             self._numbers = None
             self._lines, self._rows = _text_rows(path, text, separator)
+        if len(self._rows) > 1 and _of_units(self._rows[1]):
+            del self._rows[1], self._lines[1]
         self._columns: dict[str, tuple[FloatArray, Sequence[int]]] = {}
         if path.suffix.lower() != ".xlsx" and self._numbers is None:
             self._check_separators(separator)
@@ -168,6 +171,17 @@ class Table:
     def fault(self, line: int, channel: str, name: str, what: str) -> RecordingError:
         """A fault of the column ``name`` in this line of the file."""
         return RecordingError(f"{self.path}:{line}: channel {channel}, column {name!r}: {what}")
+
+
+def _of_units(row: Sequence[str]) -> bool:
+    """Whether a row below the header tells units: each of its cells, bracketed or not, is one or empty."""
+    cells = [cell.strip().strip("[]()").strip() for cell in row]
+    if not any(cells) or any(cell[:1].isdigit() or cell.lower() in _NOT_FINITE for cell in cells):
+        return False
+    try:
+        return all(bool(units.to_si(cell)) for cell in cells if cell not in ("", "-"))
+    except ValueError:
+        return False
 
 
 def _text(path: Path) -> tuple[str, str]:

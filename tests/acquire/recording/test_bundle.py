@@ -70,6 +70,39 @@ def test_what_spreadsheets_of_windows_write(tmp_path: Path, encoding: str) -> No
     assert np.array_equal(load(folder).stream("pressure").value, [0, -3e4])
 
 
+@pytest.mark.parametrize("row", ["s,mbar,mm", "[s];[mbar];", '"s","(mbar)","mm"'])
+def test_a_row_of_units_below_the_header_is_skipped(tmp_path: Path, row: str) -> None:
+    separator = ";" if ";" in row else ","
+    text = DATA.replace("\n", f"\n{row.replace(separator, ',')}\n", 1).replace(",", separator)
+    assert np.array_equal(load(make(tmp_path, {"data.csv": text})).stream("pressure").value, [0, -3e4, -3e4, -3e4])
+
+
+def test_suction_may_be_positive_where_a_bundle_says_so(tmp_path: Path) -> None:
+    text = DATA.replace("-300", "300")
+    channels = {"pressure": channel("p", "mbar", suction="positive"), "apex_height": channel("h", "mm")}
+    recording = load(make(tmp_path / "a", {"data.csv": text}, channels=channels))
+    assert np.array_equal(recording.stream("pressure").value, [0, -3e4, -3e4, -3e4])
+    assert not np.signbit(recording.stream("pressure").value[0])
+    assert not any(e.code == "pressure_sign" for e in recording.events)
+    channels["apex_height"]["suction"] = "positive"
+    with pytest.raises(RecordingError, match=r"apex_height\.suction: channel apex_height: 'mm' is no unit of pressure"):
+        load(make(tmp_path / "b", {"data.csv": text}, channels=channels))
+
+
+def test_a_calibration_may_be_written_as_people_do(tmp_path: Path) -> None:
+    given = {"opening": "4 mm", "serial_number": "C7", "axis_mass": {"value": 0.06, "unit": "kg"}}
+    assert load(make(tmp_path, run={"calibration": given})).info.calibration == {
+        "opening": {"value": 4.0, "unit": "mm"},
+        "serial_number": {"value": "C7"},
+        "axis_mass": {"value": 0.06, "unit": "kg"},
+    }
+
+
+def test_a_protocol_in_words_may_end_as_a_file_does(tmp_path: Path) -> None:
+    words = "three steps, see lab book 4, p. 12, levels.csv"
+    assert load(make(tmp_path, protocol=words)).info.protocol == words
+
+
 def test_workbook_and_channels_of_different_length(tmp_path: Path) -> None:
     book = openpyxl.Workbook()
     book.active.append(["t", "p", "t2", "h"])
