@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PARTIAL = ".partial"  # the ending of an unfinished file; a killed process may leave such a file, which is worthless
+JOURNAL, HDF5 = ".journal", b"\x89HDF\r\n\x1a\n"  # how a run's journal is called, and how every HDF5 file begins
 PRIVATE, SHARED = 0o600, 0o666  # modes of new files, the latter less the umask
 
 
@@ -111,7 +112,11 @@ def whole_folder(path: Path | str) -> Iterator[Path]:
 
 
 def write_text(path: Path | str, text: str) -> Path:
-    """Write ``text`` (UTF-8, line ends as they are) to ``path``, which may exist. Raises CannotWrite."""
+    """Write ``text`` (UTF-8, line ends as they are) to ``path``, which may exist if it is no recording.
+
+    Raises CannotWrite.
+    """
+    _spare_recording(Path(path))
     with whole_file(path) as file:
         file.write(text.encode())
     return Path(path)
@@ -120,9 +125,17 @@ def write_text(path: Path | str, text: str) -> Path:
 def write_figure(figure: Figure, path: Path | str, dpi: float) -> Path:
     """Write a picture to ``path`` in the format its suffix names. Raises CannotWrite, ValueError for no such format."""
     path = Path(path)
+    _spare_recording(path)
     with whole_file(path) as file:
         figure.savefig(file, format=path.suffix.lstrip(".").lower() or "png", dpi=dpi)
     return path
+
+
+def _spare_recording(path: Path) -> None:
+    """Raises CannotWrite where ``path`` is a recording, or a run's journal: a person gave the wrong name."""
+    with contextlib.suppress(OSError), path.open("rb") as file:
+        if path.suffix == JOURNAL or file.read(len(HDF5)) == HDF5:
+            raise CannotWrite(f"{path}: is a recording; it is not overwritten")
 
 
 def sync_folder(folder: Path) -> None:

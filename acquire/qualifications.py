@@ -31,6 +31,8 @@ ROUNDING = 1e-3
 """By how much correlations may differ from those of a covariance, whose numbers are rounded to five digits."""
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+LONGEST = 3650
+"""Days for which a qualification may hold."""
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Probability = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
@@ -116,7 +118,7 @@ class Qualification(Model):
     device: str = ""
     serial: str = ""
     date: datetime
-    valid_days: Positive = VALID_DAYS
+    valid_days: Annotated[float, Field(gt=0, le=LONGEST, allow_inf_nan=False)] = VALID_DAYS
     passed: bool
     verdict: str
     sentences: tuple[str, ...] = ()

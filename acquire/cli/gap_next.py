@@ -13,6 +13,8 @@ from acquire.cli.check import limits_of
 from acquire.cli.inputs import found, load_all
 from acquire.cli.numbers import whole
 from acquire.cli.review import ALL, counting
+from protocols.specimens import SKIN, of
+from protocols.text import did_you_mean
 
 
 def next_experiment(
@@ -41,12 +43,23 @@ def next_experiment(
     files = found(recordings or files_of(said, report))
     session, _ = believed(counting(load_all(files), everything=everything), asked_for((), files))
     instrument = session[0].info.instrument
+    _check_same(said, session, report)
+    at_hand = (SKIN, *of(instrument))
+    if unknown := [s for s in specimen or () if s not in at_hand]:
+        raise ValueError(f"specimen {unknown[0]!r} is none of a {instrument}{did_you_mean(unknown[0], at_hand)}")
     known = library(instrument, effects or ())
     choice = choose(said, session, limits_of(instrument, station), known, specimen or (), seed)
     if choice.experiment is not None:
         write(choice.experiment, output)
     write_text(output / EXPERIMENT, yaml.safe_dump(choice.as_dict(), sort_keys=False))
     print(json.dumps(choice.as_dict(), indent=1) if as_json else f"{choice.text}\n\n{output}/{EXPERIMENT}")
+
+
+def _check_same(report: Mapping[str, Any], session: Sequence[Any], path: Path) -> None:
+    """Raises ValueError for recordings of which the report knows none."""
+    known, given = report.get("recordings", []), [r.info.id for r in session]
+    if known and not set(known) & set(given):
+        raise ValueError(f"{path}: is on {', '.join(map(str, known))}, and these recordings are {', '.join(given)}")
 
 
 def read_report(path: Path) -> dict[str, Any]:

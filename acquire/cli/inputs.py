@@ -20,7 +20,10 @@ def bundles(folder: Path) -> list[Path]:
 
 
 def found(paths: Sequence[Path]) -> list[Path]:
-    """Recordings and bundles at ``paths``, in order. Raises FileNotFoundError for a folder without any."""
+    """Recordings and bundles at ``paths``, in order; one that is named twice is no repeat, and counts once.
+
+    Raises FileNotFoundError for a folder without any.
+    """
     every: list[Path] = []
     for path in paths:
         if holds_others(path):
@@ -30,7 +33,10 @@ def found(paths: Sequence[Path]) -> list[Path]:
             every += inside
         else:
             every.append(path)
-    return every
+    once: dict[Path, Path] = {}
+    for path in every:
+        once.setdefault(path.resolve(), path)
+    return list(once.values())
 
 
 def load_all(paths: Sequence[Path]) -> list[Any]:

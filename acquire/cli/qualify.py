@@ -11,6 +11,7 @@ import typer
 
 from acquire.cli.app import DONE, NOT_PASSED
 from acquire.cli.numbers import MOST_JOBS, Speed, whole
+from acquire.qualifications import LONGEST
 
 if TYPE_CHECKING:
     from acquire.cli.progress import Stop
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
     from acquire.recording import Recording
     from gap.qualify.steps import Step
 
-LONGEST = 3650
-"""Days for which a qualification may hold."""
 COARSE = (320, 240)
 """Pictures of a simulated camera on a bench that a qualification switches on: enough for the apex."""
 

@@ -144,3 +144,19 @@ def test_a_folder_that_is_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[s
     path = write_recording(sample_recording(50, frames=0), tmp_path / "run.h5")
     assert run(["export", str(path), "-o", str(path / "a.csv")]) == 2
     assert "cannot be written: Not a directory" in capsys.readouterr().err
+
+
+def test_no_text_and_no_picture_takes_the_place_of_a_recording(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A report with the name of a recording was written over it, without a word."""
+    recording, journal = tmp_path / "a.h5", tmp_path / "a.journal"
+    write_recording(sample_recording(50, frames=0), recording)
+    journal.write_bytes(b"samples")
+    kept = recording.read_bytes()
+    assert run(["report", str(recording), "-o", str(recording)]) == 2
+    assert "a.h5: is a recording; it is not overwritten" in capsys.readouterr().err
+    with pytest.raises(CannotWrite, match="is a recording"):
+        write_text(journal, "{}")
+    assert recording.read_bytes() == kept
+    assert journal.read_bytes() == b"samples"

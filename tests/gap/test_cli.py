@@ -283,3 +283,24 @@ def test_no_next_experiment_from_what_is_no_report(capsys, tmp_path: Path, text:
     assert f"{path}: " in err
     assert message in err
     assert not (tmp_path / "next").exists()
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (["--specimen", "banana"], "specimen 'banana' is none of a cutometer; there is skin, rigid block"),
+        (["--specimen", "dead weight"], "specimen 'dead weight' is none of a cutometer"),
+        ([], "is on other-1, and these recordings are "),
+    ],
+)
+def test_no_next_experiment_on_what_does_not_go_together(
+    capsys, cold_session: Path, tmp_path: Path, more: list[str], message: str
+) -> None:
+    path = tmp_path / "gap.json"
+    report = {"schema": "gap-report/1", "causes": [], "recordings": [] if more else ["other-1"]}
+    path.write_text(json.dumps(report))
+    given = ["gap", "next", path, "-o", tmp_path / "next", "--recordings", cold_session, *more]
+    status, _, err = called(capsys, *given)
+    assert status == 2
+    assert message in err
+    assert not (tmp_path / "next").exists()

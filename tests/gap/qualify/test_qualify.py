@@ -57,6 +57,7 @@ def test_a_file_comes_back(tmp_path: Path) -> None:
         (("value: 0.01", "value: .nan"), r"parameters\.height_gain_error\.value.*finite"),
         (("tolerance: 0.03", "tolerance: .inf"), r"parameters\.height_gain_error\.tolerance.*finite"),
         (("valid_days: 180.0", "valid_days: -3"), r"valid_days.*greater than 0"),
+        (("valid_days: 180.0", "valid_days: 1.0e+8"), r"valid_days.*must be at most 3650"),
         (("sd: 250.0", "sd: -1"), r"noise.*pressure\.sd: must be a number from 0 on"),
         (("- 0.5\n", "- -0.5\n"), r"covariance.*not symmetric in a and b"),
         (("- 0.5\n", "- 5.0\n"), r"covariance.*negative variance"),
