@@ -170,7 +170,7 @@ def ls(
     words = words or []
     if folder is None and words and Path(words[0]).is_dir():
         folder, words = Path(words[0]), words[1:]
-    elif folder is None and words and Path(words[0]).name != words[0]:
+    elif folder is None and words and (Path(words[0]).is_absolute() or words[0].startswith(".")):
         raise ValueError(f"there is no folder {words[0]}")
     if folder is None and not DEFAULT.is_dir():
         typer.echo("[]" if as_json else f"no recordings yet: there is no folder {DEFAULT}")

@@ -56,11 +56,19 @@ class Stop:
 
     def line(self) -> str:
         """The next line that a person types, without its end; raises Aborted at a signal, and EOFError where no more
-        comes."""
+        comes.
+
+        A stray Enter of before the question is no answer to it, at a terminal.
+        """
         try:
             file = None if os.name == "nt" else sys.stdin.fileno()  # only POSIX waits for a file and a while at once
         except (OSError, ValueError):  # standard input is not the system's
             file = None
+        if file is not None and os.isatty(file):
+            import termios
+
+            termios.tcflush(file, termios.TCIFLUSH)
+            self._typed = b""
         while b"\n" not in self._typed:
             self.check()
             if file is None or select.select([file], [], [], LOOK)[0]:

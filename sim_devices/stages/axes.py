@@ -148,7 +148,7 @@ def _advance_axis(
     s: FloatArray, t: FloatArray, target: FloatArray, load: FloatArray, p: FloatArray, y: FloatArray
 ) -> None:
     m, kp, ki, kd, drag, spring, longest = p[0], p[1], p[2], p[3], p[4], p[13], p[14]
-    w = math.sqrt(kp / m)  # rad/s, of the loop without its integral: an integral may be as slow as it likes
+    w = math.sqrt(abs(kp / m))  # rad/s, of the loop without its integral: an integral may be as slow as it likes
     per_ki, per_w = 1.0 / ki, 1.0 / w
     # State (w ∫e, x, x'/w): the same size each, so that the series converges fast.
     a = np.zeros((3, 3))

@@ -80,6 +80,22 @@ def test_a_signal_ends_the_wait_for_a_person(typing: int) -> None:
         timer.join()
 
 
+@pytest.mark.skipif(os.name == "nt", reason="no terminals")
+def test_a_stray_enter_of_before_the_question_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pressed while a step ran, it would have begun the suction of the next."""
+    ours, terminal = os.openpty()
+    try:
+        with os.fdopen(terminal) as stdin, Stop() as stop:
+            monkeypatch.setattr("sys.stdin", stdin)
+            os.write(ours, b"\n")
+            timer = threading.Timer(0.3, os.write, (ours, b"q\n"))
+            timer.start()
+            assert stop.line() == "q"
+            timer.join()
+    finally:
+        os.close(ours)
+
+
 def test_recordings_of_another_instrument_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "a.h5"
     write_recording(sample_recording(100, frames=0), path)
