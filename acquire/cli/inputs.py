@@ -35,7 +35,7 @@ def found(paths: Sequence[Path]) -> list[Path]:
             every.append(path)
     once: dict[Path, Path] = {}
     for path in every:
-        once.setdefault(path.resolve(), path)
+        once.setdefault(path.absolute(), path)
     return list(once.values())
 
 

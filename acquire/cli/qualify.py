@@ -11,7 +11,6 @@ import typer
 
 from acquire.cli.app import DONE, NOT_PASSED
 from acquire.cli.numbers import MOST_JOBS, Speed, whole
-from acquire.qualifications import LONGEST
 
 if TYPE_CHECKING:
     from acquire.cli.progress import Stop
@@ -19,6 +18,8 @@ if TYPE_CHECKING:
     from acquire.recording import Recording
     from gap.qualify.steps import Step
 
+LONGEST = 3650
+"""Days for which a qualification may hold, as in `acquire.qualifications`, which is slow to import."""
 COARSE = (320, 240)
 """Pictures of a simulated camera on a bench that a qualification switches on: enough for the apex."""
 
