@@ -13,8 +13,6 @@ from acquire.cli.check import limits_of
 from acquire.cli.inputs import found, load_all
 from acquire.cli.numbers import whole
 from acquire.cli.review import ALL, counting
-from protocols.specimens import SKIN, of
-from protocols.text import did_you_mean
 
 
 def next_experiment(
@@ -38,6 +36,8 @@ def next_experiment(
     from gap.design.choice import choose
     from gap.design.experiment import EXPERIMENT, write
     from gap.effects import library
+    from protocols.specimens import SKIN, of
+    from protocols.text import did_you_mean
 
     said = read_report(report)
     files = found(recordings or files_of(said, report))
