@@ -124,13 +124,15 @@ def other_structure(block: Regulated, found: Fit, unknown: bool) -> Structure | 
     """The first structure that comes to the noise where a second order, ``found``, does not or strains the tolerances;
     None where it does, or none of them does. Where it may be ``unknown``, only that is tried."""
     if found.chi2 > len(found.residual) * NOISY:
-        tries: tuple[Attempt, ...] = (_unknown,) if unknown else (_integral, _weighed, _limited, _valve)
+        tries: tuple[Attempt, ...] = (_unknown,) if unknown else (_integral, _weighed, _limited, _valve, _heavy)
     elif found.penalty > STRAINED or found.chi2 > len(found.residual) * ABOVE:
         tries = (_integral, _weighed)
     else:
         tries = ()
     first = next(filter(None, (attempt(block, found) for attempt in tries)), None)
-    return first if first is None or first.width[WHOLLY] <= FROZEN else _of_inertia(block, first)
+    if first is None or first.width[WHOLLY] <= FROZEN or first.width[INERTIA] > FROZEN:
+        return first
+    return _of_inertia(block, first)
 
 
 def _of_inertia(block: Regulated, light: Structure) -> Structure:
@@ -216,6 +218,20 @@ def _valve(block: Regulated, found: Fit) -> Structure | None:
     if better and not uneven and _weighs(best):  # which the attempts before have missed: not every way leads there
         return Structure(block.prior(lambda t: t.widest, WEIGHED), best.nuisance, vent)
     if not (better and _quick(block, best) and (uneven or _of_even_flow(best, width))):
+        return None
+    return Structure(width, best.nuisance, vent)
+
+
+def _heavy(block: Regulated, found: Fit) -> Structure | None:
+    """A loop about a valve with inertia, of which no valve without it comes near enough to be a place to start from."""
+    width = _about_valve(block)
+    width[INERTIA] = block.tolerances["regulator"]["valve_inertia"].widest
+    begins = np.tile(block.prior_mean, (len(INTEGRAL_STARTS), 1))
+    begins[:, [WEIGHED.start, WHOLLY, SOFTLY, TRACKS]] = INTEGRAL_STARTS
+    begins[:, [TIME, DAMPING]] += SLUGGISH
+    begins[:, INERTIA] = HEAVY
+    best, vent, objective = min(_with_integral(block, width, begins), key=lambda tried: tried.objective)
+    if not (_near(objective, found, NOISY) and _of_even_flow(best, width) and _quick(block, best)):
         return None
     return Structure(width, best.nuisance, vent)
 
