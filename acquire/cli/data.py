@@ -167,15 +167,12 @@ def ls(
     """List recordings, and journals that wait for recovery."""
     from acquire.catalogue import catalogue
 
-    words = words or []
-    if folder is None and words and Path(words[0]).is_dir():
-        folder, words = Path(words[0]), words[1:]
-    elif folder is None and words and (Path(words[0]).is_absolute() or words[0].startswith(".")):
-        raise ValueError(f"there is no folder {words[0]}")
+    if folder is None:
+        folder, words = _folder_among(words or [])
     if folder is None and not DEFAULT.is_dir():
         typer.echo("[]" if as_json else f"no recordings yet: there is no folder {DEFAULT}")
         return
-    entries = catalogue(folder or DEFAULT, words)
+    entries = catalogue(folder or DEFAULT, words or [])
     if as_json:
         typer.echo(json.dumps([_plain_entry(e) for e in entries], indent=2, ensure_ascii=False))
         return
@@ -184,6 +181,17 @@ def ls(
     for row in rows:
         cells = [f"{cell:<{width}}" for cell, width in zip(row, [*widths, 0], strict=True)]
         typer.echo("  ".join(cells).rstrip())
+
+
+def _folder_among(words: list[str]) -> tuple[Path | None, list[str]]:
+    """The folder that the first of ``words`` is, if it is one, and the other words. Raises ValueError for a path that
+    leads nowhere."""
+    first = Path(words[0]) if words else Path()
+    if words and first.is_dir():
+        return first, words[1:]
+    if words and (first.is_absolute() or words[0].startswith(".")):
+        raise ValueError(f"there is no folder {first}")
+    return None, words
 
 
 def _plain_entry(entry: Entry) -> dict[str, Any]:

@@ -64,11 +64,7 @@ def qualify(
 
     folder, file = _places(output, instrument)
     if recordings:
-        from acquire.cli.inputs import load_all
-
-        runs = load_all(recordings)
-        if others := {r.info.instrument for r in runs if instrument not in (r.info.instrument, r.info.device)}:
-            raise ValueError(f"these are recordings of {' and '.join(sorted(others))}, not of {instrument}")
+        runs = _recorded(instrument, recordings)
     else:
         runs = _measured(instrument, sim, station, known or [], folder, yes, speed, effect or [], seed, operator)
     with Stages(sys.stderr) as stages:
@@ -91,6 +87,16 @@ def _places(output: Path | None, instrument: str) -> tuple[Path, Path]:
     if output.suffix in (".yaml", ".yml"):
         return output.with_name(f"{output.stem}-recordings"), output
     return output / "recordings", output / "qualification.yaml"
+
+
+def _recorded(instrument: str, paths: list[Path]) -> list[Recording]:
+    """Recordings that exist. Raises ValueError where they are not of ``instrument``."""
+    from acquire.cli.inputs import load_all
+
+    runs = load_all(paths)
+    if others := {r.info.instrument for r in runs if instrument not in (r.info.instrument, r.info.device)}:
+        raise ValueError(f"these are recordings of {' and '.join(sorted(others))}, not of {instrument}")
+    return runs
 
 
 def _measured(

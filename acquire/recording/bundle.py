@@ -148,12 +148,7 @@ class _Import:
 
     def one(self, kind: str, name: str, source: Source) -> Series:
         table = self.table((kind, name, "file"), source.file, source.sheet)
-        unit, factor, offset = self.unit((kind, name, "unit"), name, source.unit)
-        if source.suction == "positive":
-            if unit != "Pa":
-                raise self.fault((kind, name, "suction"), f"channel {name}: {source.unit!r} is no unit of pressure")
-            factor, offset = -factor, 0.0 - offset  # no minus before nought
-        scale = unit, factor, offset
+        scale = unit, factor, offset = self.scale(kind, name, source)
         nan = source.allow_nan
         if source.width is None:
             value, lines = table.column(source.column, name, allow_nan=nan)
@@ -181,6 +176,15 @@ class _Import:
             resolution=source.resolution or 0.0,
             noise=self.noise((kind, name, "noise", "unit"), name, source.noise, unit),
         )
+
+    def scale(self, kind: str, name: str, source: Source) -> tuple[str, float, float]:
+        """The SI unit of a source, and its factor and offset, with the sign of suction."""
+        unit, factor, offset = self.unit((kind, name, "unit"), name, source.unit)
+        if source.suction == "negative":
+            return unit, factor, offset
+        if unit != "Pa":
+            raise self.fault((kind, name, "suction"), f"channel {name}: {source.unit!r} is no unit of pressure")
+        return unit, -factor, 0.0 - offset  # no minus before nought
 
     def _refuse_impossible(
         self,

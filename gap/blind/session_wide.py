@@ -113,6 +113,12 @@ def _tabled(r: Recording, lab: Laboratory) -> Recording:
     return r
 
 
+def _after_a_try(recordings: list[Recording], top: float) -> tuple[list[Recording], tuple[tuple[float, float], ...]]:
+    """The recordings a minute after somebody tried the probe up to ``top`` Pa, and the suction (s, Pa) of that."""
+    later = [replace(r, start=r.start + 60.0) for r in recordings]
+    return later, ((5.0, 0.0), (5.0 + JUMP, top), (25.0, top), (25.0 + JUMP, 0.0))
+
+
 def wide_suction(instrument: str, rng: np.random.Generator, reference: bool, lab: Laboratory) -> Session:
     """A suction session of another laboratory: holds of one level twice at least, and two to four other waveforms."""
     cut = instrument == "cutometer"
@@ -148,10 +154,8 @@ def wide_suction(instrument: str, rng: np.random.Generator, reference: bool, lab
     if rng.random() < PAUSED:
         recordings = _one_paused(recordings, rng)
     before: tuple[tuple[float, float], ...] = ()
-    if rng.random() < 0.25:  # somebody tried the probe
-        recordings = [replace(r, start=r.start + 60.0) for r in recordings]
-        top = float(levels[0])
-        before = ((5.0, 0.0), (5.0 + JUMP, top), (25.0, top), (25.0 + JUMP, 0.0))
+    if rng.random() < 0.25:
+        recordings, before = _after_a_try(recordings, float(levels[0]))
     done = tuple(_tabled(r, lab) for r in recordings)
     return Session(instrument, done, lab, *grid(done, REST_STEP, STEP), before)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 from sim_devices.chain import Chain, Effect, Parameter
@@ -118,7 +119,8 @@ def effect(
     )
 
 
-def law_after(
+def _law(
+    place: Callable[..., Chain],
     chain: Chain,
     anchor: str,
     name: str,
@@ -128,22 +130,11 @@ def law_after(
     *signals: str,
     add: bool = False,
 ) -> Chain:
-    """``kernel`` on the outputs of ``anchor``."""
-    return after(chain, anchor, lambda s, t: Law(name, stage, s, t, kernel, parameters, add), *signals)
+    """``kernel`` at a ``place`` about ``anchor``: on its outputs (`after`) or its inputs (`before`)."""
+    return place(chain, anchor, lambda s, t: Law(name, stage, s, t, kernel, parameters, add), *signals)
 
 
-def law_before(
-    chain: Chain,
-    anchor: str,
-    name: str,
-    stage: str,
-    kernel: Kernel,
-    parameters: tuple[float, ...],
-    *signals: str,
-    add: bool = False,
-) -> Chain:
-    """``kernel`` on the inputs of ``anchor``."""
-    return before(chain, anchor, lambda s, t: Law(name, stage, s, t, kernel, parameters, add), *signals)
+law_after, law_before = partial(_law, after), partial(_law, before)
 
 
 def map_after(

@@ -206,6 +206,17 @@ def test_progress_in_words(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().err == "demo: running, segment 3/8 hold, level 300 mbar, 3.0 of 29.0 s\n"
 
 
+@pytest.mark.parametrize("name", ["stdout", "stderr"])
+def test_a_run_whose_reader_closed_a_stream_is_a_run(
+    brief: str, tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, name, None)  # as Python has it after ``2>&-``
+    status = run(["run", brief, "--sim", "--speed", "50", "-o", str(tmp_path / "a.h5")])
+    getattr(sys, name).close()  # which was opened in its place
+    assert status == 0
+    assert (tmp_path / "a.h5").exists()
+
+
 def test_a_file_is_no_folder_for_recordings(brief: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     assert run(["run", brief, "--sim", "-o", str(tmp_path / "notes.txt")]) == 2
