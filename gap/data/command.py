@@ -220,9 +220,25 @@ def bends(time: FloatArray, value: FloatArray) -> NDArray[np.bool_]:
     held = np.r_[0.0, np.maximum(dt[:-1], dt[1:]), 0.0]
     corner = (turn > CORNER * span) & (held >= HELD)
     first, last = np.searchsorted(time, time - AROUND), np.searchsorted(time, time + AROUND, side="right")
-    for i in range(1, m - 1):
-        if kink[i] and not corner[i] and np.isfinite(bend[i]):
-            around = bend[first[i] : last[i]][np.abs(time[first[i] : last[i]] - time[i]) > NEAR]
-            around = around[np.isfinite(around)]
-            kink[i] = len(around) < 3 or bend[i] > SHARPER * float(np.median(around))
+    _sharp(time, bend, first, last, np.flatnonzero(kink & ~corner & np.isfinite(bend)), kink)
     return kink
+
+
+@njit(cache=True, error_model="numpy")
+def _sharp(
+    time: FloatArray,
+    bend: FloatArray,
+    first: NDArray[np.int64],
+    last: NDArray[np.int64],
+    asked: NDArray[np.int64],
+    kink: NDArray[np.bool_],
+) -> None:
+    """Which of the rows ``asked`` (k,) bend sharper than those around, ``first`` to ``last``: into ``kink`` (m,)."""
+    for i in asked:
+        around = np.empty(last[i] - first[i])
+        count = 0
+        for j in range(first[i], last[i]):
+            if abs(time[j] - time[i]) > NEAR and np.isfinite(bend[j]):
+                around[count] = bend[j]
+                count += 1
+        kink[i] = count < 3 or bend[i] > SHARPER * np.median(around[:count])

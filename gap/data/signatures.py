@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 from scipy.stats import gamma
@@ -272,14 +273,15 @@ def _coarse(name: str, series: Sequence[Series], nominal: float) -> list[Signatu
 def _uneven(gaps: FloatArray, levels: FloatArray) -> bool:
     """Whether the ``gaps`` (n,) between neighbouring levels are often no multiples of the smallest about them: neither
     skipped levels nor a scale that bends slowly do that. Digits of a file blur a level by half a digit."""
-    digit = _digit(levels)
-    odd = 0
-    for k in range(len(gaps)):
-        near = gaps[max(k - LEVELS_NEAR, 0) : k + LEVELS_NEAR + 1]
-        step = float(np.median(near[near < 1.2 * np.min(near)]))
-        multiple = max(round(gaps[k] / step), 1)
-        odd += abs(gaps[k] - multiple * step) > max(UNEVEN * multiple * step, (multiple + 1) * digit)
-    return len(gaps) >= LEVELS_NEAR and odd > UNEVENLY * len(gaps)
+    near = np.sort(sliding_window_view(np.pad(gaps, LEVELS_NEAR, constant_values=np.inf), 2 * LEVELS_NEAR + 1), axis=1)
+    like = np.sum(near < 1.2 * near[:, :1], axis=1)
+    every = np.arange(len(gaps))
+    step = 0.5 * (near[every, (like - 1) // 2] + near[every, like // 2])  # the median of those
+    multiple = np.maximum(np.round(gaps / step), 1.0)
+    odd = np.sum(
+        np.abs(gaps - multiple * step) > np.maximum(UNEVEN * multiple * step, (multiple + 1.0) * _digit(levels))
+    )
+    return len(gaps) >= LEVELS_NEAR and bool(odd > UNEVENLY * len(gaps))
 
 
 def _of_two_sizes(gaps: FloatArray, levels: FloatArray) -> bool:

@@ -104,7 +104,7 @@ class Memo:
         """All signals from rest."""
         out: Signals = dict(signals)
         for op in operators:
-            read = {s: out[s] for s in op.reads if s in out}
+            read = {s: out[s] for s in op.wiring[0] if s in out}
             made, _ = self._kept.get((op, *map(id, read.values())), partial(self._made, op, read))
             out.update(made)
         return out

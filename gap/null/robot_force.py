@@ -17,10 +17,10 @@ from gap.inference.linear import compressed
 from gap.null.blocks import SIMPLE_SHIFT, Block, Group, GroupedSession, Table
 from gap.null.chains import Kept, Memo, needed, run, undone
 from gap.null.robot_axes import AXES, ROBOT_BINS, AxesBlock, specimen_chain
-from gap.null.robot_grid import averaged, nodes_within, sticking
+from gap.null.robot_grid import averaged, nodes_within, sticking, thinned
 from gap.null.robot_recorded import path_of_axes, recorded, steepness
 from gap.null.sheet_discrepancy import sheet_discrepancy
-from gap.null.sheet_law import FURTHER, LAWS, SPECTRUM, TISSUE, Law, rewired, sheet, unwound
+from gap.null.sheet_law import FURTHER, LAWS, SPECTRUM, TISSUE, Law, quantities, rewired, sheet, unwound
 from protocols.specimens import SPECIMENS
 from sim_devices.chain import Chain, Effect, FloatArray
 from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
@@ -103,7 +103,11 @@ class ForceBlock(Block):
         self._probability = -np.inf  # log evidence of the null
         self._bent = False  # whether no simple law is at the noise
         self._held: Active = {}  # effects that act whatever is asked for
-        self._memos = [Memo(grid) for grid, _ in self._grids_of]
+        self._coarse = [
+            thinned(*made, self._ends[:, at], session.kinks)
+            for (_, at), made in zip(self.groups, self._grids_of, strict=True)
+        ]
+        self._memos = [[Memo(grid) for grid, _ in made] for made in (self._grids_of, self._coarse)]
         self._skins, self._linear = Kept(LATELY), Kept(LATELY)
 
     def left_out(self, session: GroupedSession) -> tuple[str, ...]:
@@ -292,15 +296,7 @@ class ForceBlock(Block):
         return sheet(nuisance, self._tissue, self._typical)
 
     def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:
-        tissue = self.tissue(nuisance)
-        along = zip(("along", "across", "normal"), tissue.stiffness, strict=True)
-        return {
-            **{f"stiffness_{name}": (value, "N/m") for name, value in along},
-            "angle": (tissue.angle, "rad"),
-            "stiffening_length": (tissue.length, "m"),
-            "stiffening_exponent": (tissue.exponent, "1"),
-            "relaxation": (float(sum(tissue.relaxation)), "1"),
-        }
+        return quantities(self.tissue(nuisance))
 
     def _law_chain(self, group: Group, nuisance: FloatArray) -> Chain:
         """The nominal chain of a group with the tissue at a nuisance vector."""
@@ -330,13 +326,15 @@ class ForceBlock(Block):
         def make() -> Mapping[str, FloatArray]:
             return dict(zip(names, undone(made, np.stack([axes[n] for n in names])), strict=True))
 
-        found: Mapping[str, FloatArray] = self._linear.get((group.specimen, erring), make)
+        found: Mapping[str, FloatArray] = self._linear.get((group.specimen, grid.size, erring), make)
         return found
 
-    def _chain_forces(self, nuisance: FloatArray, active: Active) -> FloatArray:
+    def _chain_forces(self, nuisance: FloatArray, active: Active, coarse: bool = False) -> FloatArray:
+        """Forces of the chain (3 · n,) N, before gains, zeros and discrepancy; ``coarse`` for differences."""
         shift = nuisance[self._parts["shift"]][0]
         out = np.empty((3, len(self.stamps)))
-        parts = zip(self.groups, self._grids_of, self._sticking, self._memos, strict=True)
+        grids = self._coarse if coarse else self._grids_of
+        parts = zip(self.groups, grids, self._sticking, self._memos[coarse], strict=True)
         for (g, at), (grid, axes), sticks, memo in parts:
             key = g.specimen, nuisance[self._parts["tissue"]].tobytes()
             chain = self._skins.get(key, partial(self._law_chain, g, nuisance))
@@ -345,7 +343,7 @@ class ForceBlock(Block):
             ends = self._ends[:, at] + shift
             forces = [made[channel] for channel in TRANSDUCERS]
             out[:, at] = [np.interp(ends, grid, force).mean(axis=0) for force in forces]
-            if sticks.any():
+            if sticks.any() and not coarse:
                 out[:, at][:, sticks] = averaged(grid, forces, ends[:, sticks])
         return out.ravel()
 
@@ -378,11 +376,14 @@ class ForceBlock(Block):
         if not want_jacobian:
             return Evaluation(residual, np.zeros((0, 0)))
         jacobian = np.zeros((len(residual), len(nuisance)))
-        for k in np.flatnonzero(self.prior_sd[:n] > FROZEN):
+        roughly = self._chain_forces(nuisance, active, coarse=True)
+        for k in np.flatnonzero(self.prior_sd[:n] > FROZEN).tolist():
+            tissue = k < n - 1  # a shift by less than a node needs the fine ones, but no new simulation
+            step = 1e-3 if tissue else 0.1 * self.dt
             moved = nuisance.copy()
-            step = 1e-3 if k < n - 1 else 0.1 * self.dt
             moved[k] += step
-            jacobian[:, k] = (self._chain_forces(moved, active) - forces) / step * gain
+            at, here = self._chain_forces(moved, active, tissue), roughly if tissue else forces
+            jacobian[:, k] = (at - here) / step * gain
         scaled = np.hstack([self._legs, self._gains]) * forces[:, None]
         jacobian[:, n:] = np.hstack([scaled, self._zeros, self._basis])
         return Evaluation(residual, self.whitened(jacobian, active))

@@ -125,3 +125,14 @@ def _after(kinks: FloatArray, spans: FloatArray, steps: FloatArray) -> FloatArra
     later = evenly(kinks + after, spans - after, steps)
     taken = (soon < spans[:, None]) & (few | (spans[:, None] > CLOSE))
     return np.concatenate([(kinks[:, None] + soon)[taken], later])
+
+
+def thinned(
+    grid: FloatArray, axes: Mapping[str, FloatArray], ends: FloatArray, kinks: FloatArray
+) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """Nodes (m,) s of a ``grid`` that do for the difference of two simulations, and the ``axes`` there: what comes
+    before the bins, their ``ends`` (2, k), and ``kinks`` (j,) of the commands."""
+    begin = ends.min()
+    inside = kinks[(kinks > begin) & (kinks < grid[-1])]
+    nodes = np.unique(np.concatenate([grid[grid <= begin], ends.ravel(), inside, grid[-1:]]))
+    return nodes, {name: np.interp(nodes, grid, value) for name, value in axes.items()}

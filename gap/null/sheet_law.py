@@ -180,6 +180,18 @@ def unwound(nuisance: FloatArray) -> FloatArray | None:
     return None if out[angle] == nuisance[angle] else out
 
 
+def quantities(tissue: SheetTissue) -> Mapping[str, tuple[float, str]]:
+    """The sheet's parameters for a report: value and unit, SI."""
+    along = zip(("along", "across", "normal"), tissue.stiffness, strict=True)
+    return {
+        **{f"stiffness_{name}": (value, "N/m") for name, value in along},
+        "angle": (tissue.angle, "rad"),
+        "stiffening_length": (tissue.length, "m"),
+        "stiffening_exponent": (tissue.exponent, "1"),
+        "relaxation": (float(sum(tissue.relaxation)), "1"),
+    }
+
+
 def rewired(chain: Chain, nuisance: FloatArray, typical: float, strongest: float) -> Chain:
     """The chain of a sheet with the further parts of its law at a nuisance vector (p,).
 

@@ -40,9 +40,9 @@ class Loaded:
         """The reduced tissue of parameters ``c``."""
         base = self.base
         knee = base.knee * bounded_exp(c["knee"])
-        exponent = float(np.clip(base.exponent + c["exponent"], -3.0, 3.0))
+        exponent = min(max(base.exponent + c["exponent"], -3.0), 3.0)
         exponent = exponent if abs(exponent) > LOGARITHM else LOGARITHM
-        fraction = float(np.clip(FRACTION * bounded_exp(c["fraction"]), 0.03, 0.9))
+        fraction = min(max(FRACTION * bounded_exp(c["fraction"]), 0.03), 0.9)
         memory = [
             (c[f"creep{i + 1}"], tau * bounded_exp(c[f"time{i + 1}"]))
             for i, tau in enumerate(base.times)

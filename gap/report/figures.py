@@ -23,6 +23,10 @@ MAX_PANELS = 6
 ORDER = ("rest", "load", "hold", "unload")
 WIDTH = 9.4
 """inches"""
+STYLE: Any = {
+    "font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.alpha": 0.25,
+    "legend.frameon": False,
+}  # fmt: skip
 Panel = tuple[str, int, int]
 """Block, recording and channel code."""
 
@@ -119,23 +123,18 @@ def _titles(recordings: Sequence[Recording]) -> list[str]:
 
 
 def _embedded(figure: Any) -> str:
-    import matplotlib.pyplot as plt
-
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=110)
-    plt.close(figure)
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode()
 
 
 def _figure(rows: int, columns: int, width: float, height: float) -> Any:
-    import matplotlib
+    from matplotlib import rcParams  # without pyplot, which takes most of a second to import and keeps figures
+    from matplotlib.figure import Figure
 
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    plt.rcParams.update({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
-                         "grid.alpha": 0.25, "legend.frameon": False})  # fmt: skip
-    return plt.subplots(rows, columns, figsize=(width, height), squeeze=False, layout="constrained")
+    rcParams.update(STYLE)
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return figure, figure.subplots(rows, columns, squeeze=False)
 
 
 def where(report: dict[str, Any], label: str) -> str:
