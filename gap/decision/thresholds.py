@@ -12,8 +12,8 @@ import yaml
 
 from gap.inference.hypothesis import Candidate
 
-LIKE_SKIN = ("support_slip",)
-"""Effects of an interface that skin imitates: what yields in its plane slips."""
+LIKE_SKIN = ("support_slip", "strain_stiffening", "missing_deep_layer")
+"""Effects that skin of another law imitates: what yields in its plane slips, and any sheet has an elastic curve."""
 
 
 @dataclass(frozen=True)

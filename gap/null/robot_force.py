@@ -167,7 +167,7 @@ class ForceBlock(Block):
         best = sorted(tried, key=lambda f: f.objective)[:PROMISING]
         on = [fit(under(self, self.prior_mean, f.prior_sd), nuisance=f.nuisance, iterations=40) for f in best]
         first = min(on, key=lambda f: f.objective)
-        for time in OTHER_MODES:
+        for time in OTHER_MODES if first.prior_sd[self.TISSUE.index("time1")] > FROZEN else ():
             begin = first.nuisance.copy()
             begin[self.TISSUE.index("time1")] = time
             on.append(fit(under(self, self.prior_mean, first.prior_sd), nuisance=begin, iterations=40))

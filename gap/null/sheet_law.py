@@ -3,26 +3,39 @@
 Simple laws have two relaxation times or a power law of time; the usual one has any relaxation spectrum. Further ones,
 each a textbook's, are tried where no simple one is at the noise: a memory of strain beside a spring, consolidation
 (Terzaghi 1943), activated flow (Eyring 1936), springs that slip (Iwan 1967), a sheet that is not the same this way and
-that, one on a bed that stiffens when it is pushed, with a toe, one that stiffens along each of its axes apart. A law
-that is less simple must earn its freedom.
+that, one on a bed that stiffens when it is pushed, with a toe, one that stiffens along each of its axes apart; and with
+any relaxation spectrum the plain sheet, one of chains that come to their end (Arruda and Boyce 1993), one with two
+families of fibres (Holzapfel, Gasser and Ogden 2000). A law that is less simple must earn its freedom.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from gap.inference.hypothesis import FROZEN
-from gap.null.sheet_operators import Activated, Apart, Arms, Bedding, Consolidation, Skew, Springs
+from gap.null.sheet_operators import (
+    USED_UP,
+    Activated,
+    Apart,
+    Arms,
+    Bedding,
+    Chains,
+    Consolidation,
+    Fibres,
+    Skew,
+    Springs,
+)
 from gap.null.skin_laws import bounded_exp
 from sim_devices.chain import Chain, FloatArray
 from sim_devices.effects.tissue import spectrum
 from sim_devices.stages import kernels
 from sim_devices.stages.operators import Law as MemoryLaw
-from sim_devices.stages.operators import after, before
+from sim_devices.stages.operators import Wired, after, before
 from sim_devices.stages.robot import xyz
 from sim_devices.stages.sheet import principal_axes
 from sim_devices.stages.tissues import SheetTissue
@@ -59,6 +72,10 @@ ARM_TIMES = "arm_time1", "arm_time2", "arm_time3"
 """Their logarithms above that."""
 TOE = 0.4
 """Of the typical displacement, about which it is sought within which skin is soft."""
+FIBRES: Sequence[Mapping[str, float]] = [
+    {"fibre_angle": angle, "fibre_spread": spread} for angle in (0.0, 1.2) for spread in (0.0, -0.7)
+]
+"""rad, about none and a quarter turn between the families, from which fits of fibres begin."""
 AMOUNTS: Mapping[str, tuple[str, ...]] = {
     "amount1": ("time1",),
     "amount2": ("time2",),
@@ -72,6 +89,8 @@ AMOUNTS: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(("push", "pull"), ()),
     "toe": ("toe_reach",),
     "apart": ("apart_length",),
+    "chains": (),
+    "fibres": ("fibre_length", "fibre_angle", "fibre_spread"),
 }
 """Amounts of a law's optional parts, and the parameters that are nothing without them."""
 TISSUE_SD: Mapping[str, float] = {
@@ -94,9 +113,12 @@ TISSUE_SD: Mapping[str, float] = {
     **dict.fromkeys(("push", "pull"), 0.5),  # of the secant stiffness
     "toe": 0.4,  # of the force
     "apart": 0.5,  # logarithm of the force at the typical displacement
+    "chains": 0.3,  # of their length, used up at the typical displacement
+    "fibres": 0.5,  # of the secant stiffness
     **dict.fromkeys(("time1", "time2", *ARM_TIMES), 1.5),  # logarithms
     "exponent": 0.5,
-    **dict.fromkeys(("toe_reach", "apart_length"), 0.7),  # logarithms
+    **dict.fromkeys(("toe_reach", "apart_length", "fibre_length"), 0.7),  # logarithms
+    **dict.fromkeys(("fibre_angle", "fibre_spread"), 1.5),  # rad
     **dict.fromkeys(YIELDS, 1.0),  # logarithms
 }
 """Widths of the prior, about nought, of all that a law may free."""
@@ -111,22 +133,29 @@ class Law:
     guesses: tuple[tuple[float, ...], ...]
 
 
-def _relaxing(begin: dict[str, float], quicker: Sequence[float] = (0.0,), angles: Sequence[float] = (0.0,)) -> Law:
+def _relaxing(
+    begin: dict[str, float],
+    quicker: Sequence[float] = (0.0,),
+    angles: Sequence[float] = (0.0,),
+    also: Sequence[Mapping[str, float]] = ({},),
+) -> Law:
     """The law that relaxes from the amounts ``begin`` on, its first time from any of ``quicker``, and not otherwise;
-    its principal axes are turned by any of ``angles`` to begin with."""
+    its principal axes are turned by any of ``angles`` to begin with, and other parameters are any of those in ``also``.
+    """
     sd = dict(TISSUE_SD)
     for amount in (*SPECTRUM, *AMOUNTS):
         if amount not in begin:
             sd.update(dict.fromkeys((amount, *AMOUNTS.get(amount, ())), FROZEN))
-    places = (begin | {"time1": first, "angle": angle} for first in quicker for angle in angles)
+    places = (begin | {"time1": first, "angle": angle, **at} for first in quicker for angle in angles for at in also)
     return Law(tuple(sd.values()), tuple(tuple(at.get(name, 0.0) for name in TISSUE) for at in places))
 
 
 TWO_TIMES = dict.fromkeys(("amount1", "amount2"), MODE)
+ANY_TIMES = dict.fromkeys(SPECTRUM, 0.5 / len(SPECTRUM))
 LAWS = (
     _relaxing(TWO_TIMES, QUICK_MODE),
     _relaxing({"power": POWER}),
-    _relaxing(dict.fromkeys(SPECTRUM, 0.5 / len(SPECTRUM))),
+    _relaxing(ANY_TIMES),
 )
 """The simple ones and, last, the usual one."""
 FURTHER = (
@@ -138,8 +167,11 @@ FURTHER = (
     _relaxing(TWO_TIMES | dict.fromkeys(SKEWS, 0.0), QUICK_MODE),
     _relaxing(TWO_TIMES | {"push": 0.1, "pull": 0.0, "toe": 0.1}, QUICK_MODE),
     _relaxing(TWO_TIMES | {"apart": 0.2}, QUICK_MODE, TURNED),
+    _relaxing(ANY_TIMES),
+    _relaxing(ANY_TIMES | {"chains": 0.2}),
+    _relaxing(ANY_TIMES | {"fibres": 0.2}, also=FIBRES),
 )
-"""Those that are tried where no simple one is at the noise."""
+"""Those that are tried where no simple one is at the noise. The last ones are elastic sheets with any memory."""
 
 
 def sheet(nuisance: FloatArray, base: SheetTissue, typical: float) -> SheetTissue:
@@ -203,7 +235,9 @@ def rewired(chain: Chain, nuisance: FloatArray, typical: float, strongest: float
     skin: SheetTissue = chain["tissue"].tissue  # type: ignore[attr-defined]
     if c["apart"]:
         return _apart(chain, skin, c["apart"], typical * _scale(c["apart_length"], 3.0), typical)
-    if not any((c["spring"], c["arm1"], c["closing"], c["activation"], c["slip1"], *skew, *bedding)):
+    if not any(
+        (c["spring"], c["arm1"], c["closing"], c["activation"], c["slip1"], *skew, *bedding, c["chains"], c["fibres"])
+    ):
         return chain
     secant = bounded_exp(skin.exponent * math.log1p((typical / skin.length) ** 2))
     stiffness = np.array(skin.stiffness) * secant
@@ -215,6 +249,12 @@ def rewired(chain: Chain, nuisance: FloatArray, typical: float, strongest: float
     if c["slip1"]:
         return _with_slips(chain, skin, c, tuple(stiffness.tolist()), typical)
     chain = chain.tuned("tissue", tissue=replace(skin, relaxation=(), times=()))
+    if c["chains"] or c["fibres"]:
+        chain = after(chain, "tissue", lambda s, t: MemoryLaw("memory", "tissue", s, t, kernels.prony, prony))
+        curve = (
+            _chains(skin, c["chains"], typical) if c["chains"] else _fibres(c, float(np.mean(stiffness[:2])), typical)
+        )
+        return after(chain, "tissue", lambda s, t: curve("curve", "tissue", s + moved, t))
     if c["spring"]:
         springs = tuple((c["spring"] * stiffness).tolist())
         chain = before(chain, "tissue", lambda s, t: MemoryLaw("strain_memory", "tissue", s, t, kernels.prony, prony))
@@ -261,6 +301,22 @@ def _apart(chain: Chain, skin: SheetTissue, stiffening: float, length: float, ty
     exponent = min(max(stiffening / math.log1p((typical / length) ** 2), -0.3), STEEPEST)
     axes = tuple(principal_axes(skin).ravel().tolist())
     return before(chain, "tissue", lambda s, t: Apart("apart", "tissue", s, t, axes, exponent, length))
+
+
+def _chains(skin: SheetTissue, used: float, typical: float) -> Callable[..., Wired]:
+    """Makes chains of which a share is ``used`` up at the ``typical`` way, m."""
+    axes = principal_axes(skin)
+    matrix = axes @ np.diag(skin.stiffness) @ axes.T
+    end = float(np.mean(skin.stiffness)) * typical**2 / min(max(used, FROZEN), USED_UP)
+    return partial(Chains, matrix=tuple(matrix.ravel().tolist()), end=end)
+
+
+def _fibres(c: Mapping[str, float], stiffness: float, typical: float) -> Callable[..., Wired]:
+    """Makes fibres that are a share of a ``stiffness`` (N/m) at the ``typical`` way, m."""
+    length = typical * _scale(c["fibre_length"], 2.0)
+    at_rest = c["fibres"] * stiffness * math.exp(-min((typical / length) ** 2, 20.0))
+    spread = math.pi / 4 + c["fibre_spread"]
+    return partial(Fibres, stiffness=at_rest, angle=c["fibre_angle"], spread=spread, length=length)
 
 
 def _scale(logarithm: float, most: float) -> float:

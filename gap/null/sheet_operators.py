@@ -21,6 +21,8 @@ from sim_devices.chain import FloatArray, Signals
 from sim_devices.stages.kernels import evaluate, exposure_gain, prony
 from sim_devices.stages.operators import Wired
 
+USED_UP = 0.97
+"""Share of their length up to which chains are followed: a fit may go beyond."""
 ODD = 1, 3, 5, 7
 """Modes of one-dimensional consolidation, whose times are as 1/k² and whose shares, too (Terzaghi 1943)."""
 
@@ -143,6 +145,43 @@ class Apart(Wired):
         along = turn.T @ np.stack([signals[s] for s in self.source])
         longer = along * (1.0 + (along / self.length) ** 2) ** self.exponent
         signals.update(zip(self.target, turn @ longer, strict=True))
+
+
+@dataclass(frozen=True)
+class Chains(Wired):
+    """Forces (sources x, y, z, N) of a sheet of chains that come to their end, by the displacement (sources x, y, z, m)
+    and the sheet's ``matrix`` (9 numbers, row by row): times (1 - x/3)/(1 - x) with x = u.Ku, K over the ``end`` (N m),
+    the inverse Langevin function as of Cohen (1991); chains as of Arruda and Boyce (1993)."""
+
+    matrix: tuple[float, ...]
+    end: float
+
+    def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
+        u = np.stack([signals[s] for s in self.source[3:]])
+        used = np.minimum(np.sum(u * (np.array(self.matrix).reshape(3, 3) @ u), axis=0) / self.end, USED_UP)
+        factor = (1.0 - used / 3.0) / (1.0 - used)
+        signals.update({t: signals[s] * factor for s, t in zip(self.source[:3], self.target, strict=True)})
+
+
+@dataclass(frozen=True)
+class Fibres(Beside):
+    """Two families of fibres in the plane, at ``spread`` rad on either side of ``angle``: each pulls along itself by
+    ``stiffness`` N/m times the displacement's part s along it and exp((s/length)²) (Holzapfel, Gasser and Ogden
+    2000)."""
+
+    stiffness: float
+    angle: float
+    spread: float
+    length: float
+
+    def force(self, displacement: Sequence[FloatArray]) -> FloatArray:
+        out = np.zeros((3, len(displacement[0])))
+        for angle in (self.angle - self.spread, self.angle + self.spread):
+            c, s = math.cos(angle), math.sin(angle)
+            along = c * displacement[0] + s * displacement[1]
+            pull = self.stiffness * along * np.exp(np.minimum((along / self.length) ** 2, 20.0))
+            out += np.stack([c * pull, s * pull, 0.0 * pull])
+        return out
 
 
 _cubics = Kept(6)

@@ -197,6 +197,9 @@ MORE = {
     "skew1": 0.15,
     "push": 0.3,
     "apart": 0.6,
+    "relaxation7": 0.2,
+    "chains": 0.35,
+    "fibres": 0.4,
 }
 """Of each further law, in their order, the parameter that tells it from two relaxation times."""
 

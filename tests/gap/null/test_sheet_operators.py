@@ -8,7 +8,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gap.null.chains import run
-from gap.null.sheet_operators import ODD, Activated, Apart, Arms, Bedding, Consolidation, Skew, Springs, turned
+from gap.null.sheet_operators import (
+    ODD,
+    Activated,
+    Apart,
+    Arms,
+    Bedding,
+    Chains,
+    Consolidation,
+    Fibres,
+    Skew,
+    Springs,
+    turned,
+)
 from sim_devices.stages.kernels import evaluate, prony
 from sim_devices.stages.robot import xyz
 
@@ -103,6 +115,36 @@ def test_a_sheet_stiffens_along_each_of_its_axes_apart() -> None:
     made = _felt(Apart("apart", "tissue", MOVED, OUT, tuple(turn.ravel()), 1.0, 5e-4), path)
     u = turn.T @ np.stack([path[m] for m in MOVED])
     assert np.allclose(turn.T @ made, u + u**3 / 5e-4**2)
+
+
+def test_chains_pull_by_the_inverse_langevin_function_of_their_stretch() -> None:
+    """Against its inverse: coth y - 1/y = r. Cohen's approximant is 5 % off at most."""
+    y = np.linspace(0.05, 6.0, 50)
+    stretch = 1.0 / np.tanh(y) - 1.0 / y
+    k, end = 300.0, 4e-4
+    u = stretch * np.sqrt(end / k)
+    path = dict(zip(MOVED, (u, 0 * u, 0 * u), strict=True))
+    force = dict(zip(FORCE, (-k * u, 0 * u, 0 * u), strict=True))
+    op = Chains("chains", "tissue", FORCE + MOVED, OUT, (k, 0, 0, 0, k, 0, 0, 0, k), end)
+    made = run([op], np.arange(len(u), dtype=float), path | force)[OUT[0]]
+    assert np.allclose(made / (-k * u), y / (3.0 * stretch), rtol=0.05)
+
+
+def test_fibres_pull_along_themselves_only_and_have_a_potential() -> None:
+    path, none = _path(), dict.fromkeys(FORCE, 0 * TIME)
+    k, angle, length = 200.0, 0.4, 0.8e-3
+    one = -_felt(Fibres("fibres", "tissue", FORCE + MOVED, OUT, k, angle, 0.0, length), path | none)
+    along = np.cos(angle) * path[MOVED[0]] + np.sin(angle) * path[MOVED[1]]
+    assert np.allclose(one[0], 2 * k * along * np.exp((along / length) ** 2) * np.cos(angle))
+    assert np.allclose(one[2], 0.0)
+    two = Fibres("fibres", "tissue", FORCE + MOVED, OUT, k, angle, 0.6, length)
+    at, h = np.array([0.3e-3, -0.7e-3, 0.5e-3]), 1e-9
+
+    def force(u: np.ndarray) -> np.ndarray:
+        return two.force(list(u[:, None]))[:, 0]
+
+    slopes = np.array([(force(at + h * e) - force(at - h * e)) / (2 * h) for e in np.eye(3)])
+    assert np.allclose(slopes, slopes.T, rtol=1e-4, atol=1e-3)
 
 
 def test_arms_relax_by_themselves_and_soften_with_the_skin() -> None:
