@@ -256,6 +256,8 @@ def _coarse(name: str, series: Sequence[Series], nominal: float) -> list[Signatu
     if len(levels) < 3 or len(levels) > 0.25 * len(value):
         return []
     gaps = np.concatenate([np.diff(np.unique(v)) for v in values])  # each recording may have a zero of its own
+    if not len(gaps):  # each stands still
+        return []
     wider = _by_steps(value, gaps, nominal)
     shaken = len(levels) >= SHAKEN_LEVELS and float(np.median(visits)) >= SHAKEN_VISITS
     shaken &= SHAKEN[0] < high_band_sigma(value) / float(np.median(gaps)) < SHAKEN[1]

@@ -103,10 +103,7 @@ class ForceBlock(Block):
         self._probability = -np.inf  # log evidence of the null
         self._bent = False  # whether no simple law is at the noise
         self._held: Active = {}  # effects that act whatever is asked for
-        self._coarse = [
-            thinned(*made, self._ends[:, at], session.kinks)
-            for (_, at), made in zip(self.groups, self._grids_of, strict=True)
-        ]
+        self._coarse = self._thinned()
         self._memos = [[Memo(grid) for grid, _ in made] for made in (self._grids_of, self._coarse)]
         self._skins, self._linear = Kept(LATELY), Kept(LATELY)
 
@@ -166,10 +163,10 @@ class ForceBlock(Block):
         tried = [self._from_guesses(law, self._simple(law), FEW) for law in FURTHER]
         best = sorted(tried, key=lambda f: f.objective)[:PROMISING]
         on = [fit(under(self, self.prior_mean, f.prior_sd), nuisance=f.nuisance, iterations=40) for f in best]
-        first = min(on, key=lambda f: f.objective)
-        for time in OTHER_MODES if first.prior_sd[self.TISSUE.index("time1")] > FROZEN else ():
+        first, mode = min(on, key=lambda f: f.objective), self.TISSUE.index("time1")
+        for time in OTHER_MODES if first.prior_sd[mode] > FROZEN else ():
             begin = first.nuisance.copy()
-            begin[self.TISSUE.index("time1")] = time
+            begin[mode] = time
             on.append(fit(under(self, self.prior_mean, first.prior_sd), nuisance=begin, iterations=40))
         return min(on, key=lambda f: f.objective)
 
@@ -273,6 +270,11 @@ class ForceBlock(Block):
         bins = np.concatenate([ends.ravel(), nodes_within(ends[:, sticks])])
         grid = np.unique(np.concatenate([even, bins, kinks[(kinks > begin) & (kinks < end)], [end]]))
         return grid, {name: np.interp(grid, *table) for name, table in axes.items()}
+
+    def _thinned(self) -> list[tuple[FloatArray, dict[str, FloatArray]]]:
+        """Nodes of each group, and the axes there, that do for the difference of two simulations."""
+        bins = [self._ends[:, at] for _, at in self.groups]
+        return [thinned(*made, b, self.session.kinks) for made, b in zip(self._grids_of, bins, strict=True)]
 
     def _skin_path(self, group: Group, axes: Mapping[str, Table]) -> FloatArray:
         """Displacement of the skin (3, m) m at the axes' time stamps."""
@@ -384,8 +386,7 @@ class ForceBlock(Block):
             moved[k] += step
             at, here = self._chain_forces(moved, active, tissue), roughly if tissue else forces
             jacobian[:, k] = (at - here) / step * gain
-        scaled = np.hstack([self._legs, self._gains]) * forces[:, None]
-        jacobian[:, n:] = np.hstack([scaled, self._zeros, self._basis])
+        jacobian[:, n:] = np.hstack([np.hstack([self._legs, self._gains]) * forces[:, None], self._zeros, self._basis])
         return Evaluation(residual, self.whitened(jacobian, active))
 
 

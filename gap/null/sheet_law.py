@@ -93,6 +93,8 @@ AMOUNTS: Mapping[str, tuple[str, ...]] = {
     "fibres": ("fibre_length", "fibre_angle", "fibre_spread"),
 }
 """Amounts of a law's optional parts, and the parameters that are nothing without them."""
+OWN = tuple(name for name in AMOUNTS if name not in ("amount1", "amount2", "power"))
+"""Those that are more than a linear memory, which a sheet has itself."""
 TISSUE_SD: Mapping[str, float] = {
     **dict.fromkeys(("stiffness1", "stiffness2", "stiffness3"), 1.0),  # logarithms
     "angle": 1.5,
@@ -230,14 +232,10 @@ def rewired(chain: Chain, nuisance: FloatArray, typical: float, strongest: float
     ``typical`` displacement in m, ``strongest`` force in N.
     """
     c = dict(zip(TISSUE, nuisance.tolist(), strict=False))
-    skew = [c[name] for name in SKEWS]
-    bedding = c["push"], c["pull"], c["toe"]
     skin: SheetTissue = chain["tissue"].tissue  # type: ignore[attr-defined]
     if c["apart"]:
         return _apart(chain, skin, c["apart"], typical * _scale(c["apart_length"], 3.0), typical)
-    if not any(
-        (c["spring"], c["arm1"], c["closing"], c["activation"], c["slip1"], *skew, *bedding, c["chains"], c["fibres"])
-    ):
+    if not any(c[name] for name in OWN):
         return chain
     secant = bounded_exp(skin.exponent * math.log1p((typical / skin.length) ** 2))
     stiffness = np.array(skin.stiffness) * secant
@@ -249,12 +247,6 @@ def rewired(chain: Chain, nuisance: FloatArray, typical: float, strongest: float
     if c["slip1"]:
         return _with_slips(chain, skin, c, tuple(stiffness.tolist()), typical)
     chain = chain.tuned("tissue", tissue=replace(skin, relaxation=(), times=()))
-    if c["chains"] or c["fibres"]:
-        chain = after(chain, "tissue", lambda s, t: MemoryLaw("memory", "tissue", s, t, kernels.prony, prony))
-        curve = (
-            _chains(skin, c["chains"], typical) if c["chains"] else _fibres(c, float(np.mean(stiffness[:2])), typical)
-        )
-        return after(chain, "tissue", lambda s, t: curve("curve", "tissue", s + moved, t))
     if c["spring"]:
         springs = tuple((c["spring"] * stiffness).tolist())
         chain = before(chain, "tissue", lambda s, t: MemoryLaw("strain_memory", "tissue", s, t, kernels.prony, prony))
@@ -265,14 +257,9 @@ def rewired(chain: Chain, nuisance: FloatArray, typical: float, strongest: float
     if c["activation"]:
         parameters = (c["activation"] / strongest, *prony[1:])
         return after(chain, "tissue", lambda s, t: Activated("memory", "tissue", s, t, skin.angle, parameters))
-    if any(bedding):
-        normal = float(stiffness[2]) / typical
-        bed = c["push"] * normal, c["pull"] * normal, c["toe"], TOE * typical * _scale(c["toe_reach"], 3.0)
-        chain = after(chain, "tissue", lambda s, t: MemoryLaw("memory", "tissue", s, t, kernels.prony, prony))
-        return after(chain, "tissue", lambda s, t: Bedding("bedding", "tissue", s + moved, t, *bed))
-    cubic = tuple((np.array(skew) * float(np.mean(stiffness)) * typical).tolist())
+    curve = _curve(c, skin, stiffness, typical)
     chain = after(chain, "tissue", lambda s, t: MemoryLaw("memory", "tissue", s, t, kernels.prony, prony))
-    return after(chain, "tissue", lambda s, t: Skew("skew", "tissue", s + moved, t, cubic, typical))
+    return after(chain, "tissue", lambda s, t: curve("curve", "tissue", s + moved, t))
 
 
 def _with_arms(chain: Chain, skin: SheetTissue, c: Mapping[str, float], springs: tuple[float, ...]) -> Chain:
@@ -303,20 +290,25 @@ def _apart(chain: Chain, skin: SheetTissue, stiffening: float, length: float, ty
     return before(chain, "tissue", lambda s, t: Apart("apart", "tissue", s, t, axes, exponent, length))
 
 
-def _chains(skin: SheetTissue, used: float, typical: float) -> Callable[..., Wired]:
-    """Makes chains of which a share is ``used`` up at the ``typical`` way, m."""
-    axes = principal_axes(skin)
-    matrix = axes @ np.diag(skin.stiffness) @ axes.T
-    end = float(np.mean(skin.stiffness)) * typical**2 / min(max(used, FROZEN), USED_UP)
-    return partial(Chains, matrix=tuple(matrix.ravel().tolist()), end=end)
-
-
-def _fibres(c: Mapping[str, float], stiffness: float, typical: float) -> Callable[..., Wired]:
-    """Makes fibres that are a share of a ``stiffness`` (N/m) at the ``typical`` way, m."""
-    length = typical * _scale(c["fibre_length"], 2.0)
-    at_rest = c["fibres"] * stiffness * math.exp(-min((typical / length) ** 2, 20.0))
-    spread = math.pi / 4 + c["fibre_spread"]
-    return partial(Fibres, stiffness=at_rest, angle=c["fibre_angle"], spread=spread, length=length)
+def _curve(c: Mapping[str, float], skin: SheetTissue, secant: FloatArray, typical: float) -> Callable[..., Wired]:
+    """Makes the operator of an elastic law's further part, about a ``secant`` stiffness (3,) N/m at the ``typical`` way
+    (m)."""
+    if c["chains"]:
+        axes = principal_axes(skin)
+        matrix = axes @ np.diag(skin.stiffness) @ axes.T
+        end = float(np.mean(skin.stiffness)) * typical**2 / min(max(c["chains"], FROZEN), USED_UP)
+        return partial(Chains, matrix=tuple(matrix.ravel().tolist()), end=end)
+    if c["fibres"]:
+        length = typical * _scale(c["fibre_length"], 2.0)
+        at_rest = c["fibres"] * float(np.mean(secant[:2])) * math.exp(-min((typical / length) ** 2, 20.0))
+        spread = math.pi / 4 + c["fibre_spread"]
+        return partial(Fibres, stiffness=at_rest, angle=c["fibre_angle"], spread=spread, length=length)
+    if c["push"] or c["pull"] or c["toe"]:
+        normal = float(secant[2]) / typical
+        reach = TOE * typical * _scale(c["toe_reach"], 3.0)
+        return partial(Bedding, push=c["push"] * normal, pull=c["pull"] * normal, toe=c["toe"], reach=reach)
+    cubic = np.array([c[name] for name in SKEWS]) * float(np.mean(secant)) * typical
+    return partial(Skew, cubic=tuple(cubic.tolist()), length=typical)
 
 
 def _scale(logarithm: float, most: float) -> float:

@@ -148,6 +148,8 @@ def test_a_slow_signal_on_a_coarse_grid_is_not_clipped(recording) -> None:
     found = find([made(recording, np.round(slow / 2e-5) * 2e-5)])
     assert [s.effect for s in found] == ["sensor_quantisation"]  # but it is twice as coarse as the instrument
     assert find([made(recording, np.round(slow / 1e-5) * 1e-5)]) == []
+    still = [made(recording, np.full(len(TIME), k * 1e-4)) for k in range(3)]  # each at a level of its own
+    assert [s for s in find(still) if s.effect == "sensor_quantisation"] == []
 
 
 @pytest.mark.parametrize(("wider", "told"), [(0.35, True), (0.0, False)])
