@@ -22,7 +22,7 @@ from gap.inference.linear import Projector
 from gap.inference.problem import Problem
 from gap.inference.workers import each
 from gap.search.refits import promise, refit
-from gap.search.restarts import begun_anew, leaves_much
+from gap.search.restarts import all_or_nothing, begun_anew, leaves_much_of
 from gap.search.screening import Screened, as_if_known, from_sound, screen
 from sim_devices.chain import FloatArray
 
@@ -37,6 +37,8 @@ SPANNED, SPANNING = 0.97, 9
 HOPELESS = 4.0
 """Fall of χ² in the screening below which an effect is not refitted."""
 
+LIMITS = 2
+"""Effects that set in at a limit only which are begun from all over their priors, too."""
 LEAST_TEMPER = 0.5
 """Share of the assumed variance of the noise that is believed at least: less may be a nuisance that followed it."""
 
@@ -289,11 +291,17 @@ def _begin_anew(comparison: Comparison, most: int, jobs: int) -> None:
     """Where the best effect leaves much, fit ``most`` of those of several parameters from elsewhere, too."""
     weight = comparison.weighed(comparison.temper())
     ranked = sorted(comparison.hypotheses, key=lambda h: -weight[id(h)].evidence)
-    if not (most and ranked and leaves_much(ranked[0], comparison.problems)):
+    left = leaves_much_of(ranked[0], comparison.problems) if most and ranked else set()
+    if not left:
         return
     known = {s.candidate: s for s in comparison.screened if not (s.by_chance or s.candidate.event)}
     several = [h for h in ranked if h.effects[0] in known and len(h.effects[0].parameters) > 1][:most]
-    looked = each(lambda h: begun_anew(h, known[h.effects[0]], comparison.problems), several, jobs)
+    parts = [(h, known[h.effects[0]]) for h in several]
+    # A fit does not lead from where a limit is met nowhere to where it is met.
+    begun = {h.effects[0] for h in several}
+    limits = [s for c, s in known.items() if c not in begun and left & set(c.blocks) and all_or_nothing(s)]
+    parts += [(comparison.null, s) for s in limits[:LIMITS]]
+    looked = each(lambda part: begun_anew(*part, comparison.problems), parts, jobs)
     comparison.simulations += sum(n for _, n in looked)
     _fit_again(comparison, [s for s, _ in looked], jobs)
 

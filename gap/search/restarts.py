@@ -22,6 +22,8 @@ from sim_devices.chain import FloatArray
 
 LEFT = 1.3
 """χ² for each row of a block from which on its explanation leaves much."""
+NOTHING, ALL = 1.0, 100.0
+"""σ by which an effect hardly stands out, and by which it does so clearly."""
 POPULATION, GENERATIONS = 40, 15
 """Of a differential evolution over an effect's prior: points, half of them the screening's, and how often these are
 bred, from any (rand1bin): from the best alone they all end where the fit was."""
@@ -30,9 +32,17 @@ BEGINNINGS, APART = 8, 0.1
 was fitted, the best of them may lie where the fit was, too."""
 
 
-def leaves_much(hypothesis: Hypothesis, problems: Mapping[str, Problem]) -> bool:
-    """Whether a hypothesis leaves much of a block that its first effect touches."""
-    return any(_left(hypothesis.fits[b]) > LEFT for b in hypothesis.effects[0].blocks if b in problems)
+def leaves_much_of(hypothesis: Hypothesis, problems: Mapping[str, Problem]) -> set[str]:
+    """The blocks of which a hypothesis leaves much, among those that its first effect touches."""
+    return {b for b in hypothesis.effects[0].blocks if b in problems and _left(hypothesis.fits[b]) > LEFT}
+
+
+def all_or_nothing(screened: Screened) -> bool:
+    """Whether an effect of several parameters does nothing at half of its screening points and much at others: from
+    where a limit is met nowhere no fit leads to where it is."""
+    seen = np.array([d for _, d in screened.detectability])
+    several = len(screened.candidate.parameters) > 1
+    return several and bool(np.mean(seen < NOTHING) >= 0.5 and np.max(seen) > ALL)
 
 
 def begun_anew(hypothesis: Hypothesis, screened: Screened, problems: Mapping[str, Problem]) -> tuple[Screened, int]:

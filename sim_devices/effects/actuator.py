@@ -95,7 +95,7 @@ def _depletion(chain: Chain, v: Values) -> Chain:
         drawn = (v["sag"], PRESSURE, v["bleed"], v["fill"])
         return law_after(chain, "regulator", "reservoir_depletion", "actuator", kernels.sagging_store, drawn)
     if chosen(v, "form") == 2:
-        limit = (v["draw"], PRESSURE, v["capacity"], v["bleed"], v["fill"])
+        limit = (v["draw"], PRESSURE, v["capacity"], v["bleed"], v["fill"], v["soft"])
         return law_after(chain, "regulator", "reservoir_depletion", "actuator", kernels.limited_store, limit)
     if chosen(v, "form") == 1:
         store = (v["sag"], PRESSURE, v["pump"] * PRESSURE, v["reserve"], v["reserve"] * v["refill"])
@@ -217,6 +217,7 @@ EFFECTS = (
             shape("capacity", "Pa", 3e3, 90e3, 33e3, "suction of a full store", log=True, only=(2,)),
             shape("bleed", "1/s", 3e-3, 3.0, 0.1, "what a held suction draws, of itself", log=True, only=(2, 3)),
             shape("fill", "s", 3.0, 300.0, 30.0, "within which a pump fills the store", log=True, only=(2, 3)),
+            shape("soft", "Pa", 10.0, 10e3, 100.0, "that a valve needs between store and line", log=True, only=(2,)),
             shape("reserve", "s", 0.1, 20.0, 2.0, "how long the store keeps 300 mbar", log=True, only=(1,)),
             shape("pump", "1", 0.02, 1.2, 0.2, "of 300 mbar, what the pump keeps alone", log=True, only=(1,)),
             shape("tau", "s", 2.0, 300.0, 30.0, "time to empty", log=True, only=(0,)),

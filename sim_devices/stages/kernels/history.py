@@ -68,21 +68,30 @@ def emptying_store(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y
 
 
 @njit(cache=True, error_model="numpy")
+def _through_a_valve(u: float, has: float, soft: float) -> float:
+    """Suction, negative, of which ``u`` is asked for, of a store that ``has`` so much."""
+    apart = abs(has + u)
+    short = soft * math.log1p(math.exp(-apart / soft)) if 0.0 < apart < 30.0 * soft else 0.0
+    return max(u, -has) + short if u < 0.0 else u
+
+
+@njit(cache=True, error_model="numpy")
 def limited_store(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """A store that suction cannot exceed: y = max(u, -c S), of which what grows in y, and a bleed b |y| dt, take the
-    share a/ref, and which fills up again, S -> 1 within tau. Suction is negative.
+    share a/ref, and which fills up again, S -> 1 within tau. Suction is negative. Through a valve it falls short
+    before: by w ln(1 + exp(-d/w)), d being what the store has beyond u, or lacks.
 
-    ``p`` = (a, ref, c, b 1/s, tau s).
+    ``p`` = (a, ref, c, b 1/s, tau s, w).
     """
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2], s[3] = 1.0, t[0], u[0], 1.0
     for i in range(t.size):
         dt = t[i] - s[1]
         full = 1.0 - (1.0 - s[3]) * math.exp(-dt / p[4])
-        now = max(u[i], -p[2] * full)
+        now = _through_a_valve(u[i], p[2] * full, p[5])
         drawn = max(s[2] - now, 0.0) + p[3] * max(-0.5 * (now + s[2]), 0.0) * dt
         s[3] = max(full - p[0] * drawn / p[1], 0.0)
-        s[1], s[2] = t[i], max(u[i], -p[2] * s[3])
+        s[1], s[2] = t[i], _through_a_valve(u[i], p[2] * s[3], p[5])
         y[i] = s[2]
 
 

@@ -204,7 +204,7 @@ CYCLES = [own.step_hold(-level, 2.0, 1.7) for level in (20e3, 12e3, 16e3, 9e3, 2
         ("slew_limit[form=1]", {"span_time": 0.25}),
         ("regulator_lag[form=3]", {"tau": 0.006}),
         ("reservoir_depletion[form=1]", {"sag": 0.1, "reserve": 0.4, "pump": 0.1}),
-        ("reservoir_depletion[form=2]", {"draw": 0.08, "capacity": 21e3, "bleed": 0.3, "fill": 60.0}),
+        ("reservoir_depletion[form=2]", {"draw": 0.08, "capacity": 21e3, "bleed": 0.3, "fill": 60.0, "soft": 50.0}),
         ("crosstalk[form=2]", {"pressure": 200.0}),
         ("gauge_offset[form=3]", {"offset": 120.0, "moment": 40.0}),
         ("wrong_unit[channel=0,form=1]", {"factor": 1.02, "within": 5.0}),

@@ -10,12 +10,15 @@ import pytest
 from gap.effects.load import library
 from gap.inference.hypothesis import Candidate
 from gap.search.compare import Effort, compare
+from gap.search.restarts import all_or_nothing
+from gap.search.screening import Screened
+from sim_devices.chain import Parameter
 from sim_devices.stages import kernels
 from tests.gap.conftest import LinearProblem
 
 TIME = np.arange(0.0, 120.0, 0.1)
-TRUE = {"draw": 0.08, "capacity": 33.5e3, "bleed": 0.008, "fill": 40.0}
-STORE = ("draw", "reference", "capacity", "bleed", "fill")
+TRUE = {"draw": 0.08, "capacity": 33.5e3, "bleed": 0.008, "fill": 40.0, "soft": 20.0}
+STORE = ("draw", "reference", "capacity", "bleed", "fill", "soft")
 
 
 def asked() -> np.ndarray:
@@ -66,3 +69,29 @@ def test_a_simulation_that_diverges_is_no_start_and_no_end(store: Candidate) -> 
     data = replace(data, effects={"reservoir_depletion": diverging})
     best = compare([data], [store], Effort()).hypotheses[0].fits["linear"]
     assert best.chi2 < 1.2 * len(TIME)
+
+
+@pytest.mark.parametrize(("seen", "parameters", "expected"), [
+    ((0.0, 0.5, 300.0), 2, True),
+    ((0.0, 0.5, 300.0), 1, False),  # a fit of a limit alone begins at many places anyhow
+    ((0.0, 40.0, 300.0), 2, False),
+    ((0.0, 0.5, 30.0), 2, False),
+])  # fmt: skip
+def test_what_does_nothing_or_much_is_known(
+    store: Candidate, seen: tuple[float, ...], parameters: int, expected: bool
+) -> None:
+    candidate = replace(store, parameters=store.parameters[:parameters])
+    looked = [(np.zeros(parameters), d) for d in seen]
+    assert all_or_nothing(Screened(candidate, (), 0.0, {}, {}, detectability=looked)) is expected
+
+
+def test_a_limit_is_begun_anew_wherever_it_ranks(store: Candidate) -> None:
+    """Of three outside authors' stores two were claimed as leaks: hardly a point of the screening meets such a limit,
+    and what others explained was refitted."""
+    data = problem()
+    wave = np.sin(TIME) / 50.0
+    data = replace(data, effects=data.effects | {"wave": lambda v: v["a"] * wave})
+    weak = Candidate("wave", "wave", "actuator", (Parameter("a", "1", 0.0, 1.0, 0.0, 0.5),), ("linear",))
+    hidden = replace(Effort(), quick_fits=0, refit_singles=0, far_fits=0, known_law=0, imitators=0, pair_bases=0)
+    found = compare([data], [weak, store], replace(hidden, anew=1), suspects=[weak]).hypotheses
+    assert min(h.fits["linear"].chi2 for h in found if store in h.effects) < 1.2 * len(TIME)
