@@ -30,6 +30,7 @@ class _Part:
         self.measured, self.sigma, self.likelihood_powers = problem.measured, problem.sigma, problem.likelihood_powers
         self.prior_mean, self.prior_sd, self.prior_scales = problem.prior_mean, problem.prior_sd, problem.prior_scales
         self.sd_without_discrepancy, self.open_law = problem.sd_without_discrepancy, problem.open_law
+        self.law_parameters = problem.law_parameters
 
     def start(self) -> FloatArray:
         return self.problem.start()

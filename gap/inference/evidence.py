@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 import scipy.linalg as sla
 
-from gap.inference.hypothesis import Candidate
+from gap.inference.hypothesis import FROZEN, Candidate
 from gap.inference.linear import bordered, factorise
 from sim_devices.chain import FloatArray
 
@@ -20,6 +20,10 @@ UNIFORM_PRECISION = 12.0
 """1/variance of a uniform prior of width 1."""
 STRAIGHT = 0.1
 """Share of χ² that a straight line may foretell beyond what a fit found."""
+NOWHERE = -1e12
+"""log evidence under a width of the prior of which a fit under another one tells nothing."""
+MOVED = 1e-3
+"""How far a parameter of the nuisance must be from its prior's mean to bend a prediction."""
 DISCOUNT = 2.0
 """Times as uncertain as it was fitted that an effect is in the next block, where its form, which is not exact, shows
 otherwise."""
@@ -64,7 +68,8 @@ class Fit:
     ``chi2`` is of the data alone, ``penalty`` the prior's share, ``wider`` twice the logarithm by which effects of
     chance widen the noise, with what is `autocorrelation_penalty`; ``unit`` (k,) are the effect parameters in prior
     quantiles, in the order of the hypothesis, ``covariance`` (k, k) theirs. ``prior_mean``, ``prior_sd`` (p,) are the
-    nuisance's prior that was used: an effect may move where the tissue's parameters are warm_start."""
+    nuisance's prior that was used: an effect may move where the tissue's parameters are warm_start.
+    ``law_parameters`` is how many of the nuisance's first ones are of a law, as `Problem` says."""
 
     hypothesis: tuple[Candidate, ...]
     nuisance: FloatArray
@@ -80,6 +85,7 @@ class Fit:
     prior_mean: FloatArray = field(repr=False)
     prior_sd: FloatArray = field(repr=False)
     belief: GaussianPrior = field(repr=False)
+    law_parameters: int = 0
     wider: float = 0.0
 
     @property
@@ -101,11 +107,18 @@ class Fit:
 
     def evidences(self, temper: float, priors: Sequence[FloatArray]) -> FloatArray:
         """The same for each of the prior widths, (widths,)."""
-        return np.array([self._evidence(temper, sd) for sd in priors])
+        return np.array([self._evidence(temper, sd) if self._leads_to(sd) else NOWHERE for sd in priors])
+
+    def _leads_to(self, sd: FloatArray) -> bool:
+        """Whether a straight line may lead to another width of the prior: to one that freezes what bends the
+        prediction, and was moved, none does."""
+        moved = np.abs(self.nuisance - self.prior_mean) > MOVED
+        frozen = (sd <= FROZEN) & (self.prior_sd > FROZEN)
+        return not np.any((moved & frozen)[: self.law_parameters])
 
     def best_prior(self, priors: Sequence[FloatArray]) -> FloatArray:
         """The most probable of the prior widths ``priors``, (p,)."""
-        return max(priors, key=lambda sd: self._evidence(1.0, sd))
+        return priors[int(np.argmax(self.evidences(1.0, priors)))]
 
     def _evidence(self, temper: float, sd: FloatArray) -> float:
         """log evidence of the model linearised about the fit, under another prior width of the nuisance.

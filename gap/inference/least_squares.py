@@ -254,6 +254,7 @@ class _Objective:
             prior_mean=self.mean.copy(),
             prior_sd=self.sd.copy(),
             belief=belief,
+            law_parameters=self.problem.law_parameters,
             wider=self.wider(u) + autocorrelation_penalty(residual, times, self.problem.rows.recording),
         )
 

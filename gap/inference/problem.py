@@ -25,7 +25,8 @@ class Problem(Protocol):
     ``sound`` (p,) is the nuisance of an instrument as it should be, where that is all there is to know; None where
     there is tissue. ``likelihood_powers``, one for each width, are exponents on the evidence, for model error that
     tempering does not see: low where a person's tissue is free. The first also weighs the widths against
-    each other."""
+    each other. ``law_parameters`` is how many of the nuisance's first parameters are of laws that widths exchange for
+    each other, by freezing some: of a width that freezes what a fit has moved, that fit tells nothing."""
 
     name: str
     rows: Rows
@@ -34,6 +35,7 @@ class Problem(Protocol):
     prior_sd: FloatArray
     prior_scales: Sequence[FloatArray]
     sound: FloatArray | None
+    law_parameters: int
 
     @property
     def sigma(self) -> FloatArray:

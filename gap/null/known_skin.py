@@ -23,6 +23,7 @@ class KnownSkin:
 
     sound: FloatArray | None = None
     open_law = True
+    law_parameters = 0
 
     def __init__(
         self, block: HeightBlock, law: SkinLaw, names: Sequence[str], mean: FloatArray, covariance: FloatArray

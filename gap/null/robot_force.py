@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gap.data.smoothing import significant
-from gap.inference.evidence import Fit, split
-from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Start
-from gap.inference.least_squares import fit, under
+from gap.inference.hypothesis import FROZEN, Active, Evaluation
 from gap.inference.linear import compressed
-from gap.null.blocks import SIMPLE_SHIFT, Block, Group, GroupedSession, Table
+from gap.null.blocks import Group, GroupedSession, Table
 from gap.null.chains import Kept, Memo, needed, run, undone
 from gap.null.robot_axes import AXES, ROBOT_BINS, AxesBlock, specimen_chain
 from gap.null.robot_grid import averaged, nodes_within, sticking, thinned
+from gap.null.robot_laws import LawfulBlock
 from gap.null.robot_recorded import path_of_axes, recorded, steepness
 from gap.null.sheet_discrepancy import sheet_discrepancy
-from gap.null.sheet_law import FURTHER, LAWS, SPECTRUM, TISSUE, Law, quantities, rewired, sheet, unwound
+from gap.null.sheet_law import quantities, rewired, sheet
 from protocols.specimens import SPECIMENS
 from sim_devices.chain import Chain, Effect, FloatArray
 from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
@@ -28,19 +26,11 @@ from sim_devices.stages.tissues import SheetTissue, sheet_tissue
 
 SHEET_STEP, SHEET_TURN = 0.1, 0.05
 """s between nodes of the sheet, stamps apart, at most; and rad by which a curved command may turn in it."""
-AT_NOISE = 1.3
-"""χ²/n of the best simple law above which further ones are tried."""
-FEW, PROMISING = 10, 4
-"""First steps of the further laws' fits, and how many go on after them."""
-OTHER_MODES = -1.5, 1.5
-"""Logarithms of the time of a law's quicker mode, from which the best one is fitted once more."""
-CLEARLY = 5.0
-"""Nats by which a simple law must be more probable than all else to be the only one."""
 LATELY = 4
 """Skins, and linear parts of predictions, that are kept."""
 
 
-class ForceBlock(Block):
+class ForceBlock(LawfulBlock):
     """Recorded axis positions -> transducer forces.
 
     Nuisance: the reduced sheet's parameters; the sampling convention; the transducers' calibration; per recording a
@@ -48,18 +38,11 @@ class ForceBlock(Block):
     """
 
     name, channels = "force", TRANSDUCERS
-    TRUSTS: tuple[float, ...] = (0.25, 0.15, 0.1, 0.08, 0.06)
-    """In the evidence, for each of `DISCREPANCY_SCALES`: the farther the sheet is from the reduced one, the more of
-    the residual may be the sheet's and look like a device's."""
     growth, widest = ROBOT_BINS
     floor = 0.3e-3  # N
-    TISSUE: tuple[str, ...] = TISSUE
-    LAWS: tuple[Law, ...] = LAWS  # the simple ones, then the usual one
-    TRUST_SIMPLE = 0.25  # of a simple law, where the data prefer it
     GAIN_SD = 0.04  # of the tissue's stiffness between recordings
     ZERO_SD = 1.5e-3  # N: those of sound recordings scatter by 0.6 to 1.5 mN
     DISCREPANCY_SD = 0.02  # of the force, per basis function
-    DISCREPANCY_SCALES: tuple[float, ...] = (0.03, 0.15, 0.5, 2.0, 8.0)
     DISCREPANCY_SIZE = 200
 
     def __init__(self, session: GroupedSession, library: Mapping[str, Effect], axes: AxesBlock) -> None:
@@ -95,13 +78,7 @@ class ForceBlock(Block):
         self._parts = {name: slice(end - len(v), end) for (name, v), end in zip(sd.items(), ends.tolist(), strict=True)}
         self.prior_sd = np.concatenate(list(sd.values()))
         self.prior_mean = np.zeros(len(self.prior_sd))
-        simple = [self._simple(law) for law in self.LAWS[:-1]]
-        self.prior_scales = (*simple, *(self._wide(scale) for scale in self.DISCREPANCY_SCALES))
-        self._trusts: Sequence[float] = (*[self.TRUST_SIMPLE] * len(simple), *self.TRUSTS)
-        self._start: FloatArray | None = None
-        self._alone: tuple[FloatArray, FloatArray] | None = None  # widths and fit of a simple law that is not the null
-        self._probability = -np.inf  # log evidence of the null
-        self._bent = False  # whether no simple law is at the noise
+        self._laws_open()
         self._held: Active = {}  # effects that act whatever is asked for
         self._coarse = self._thinned()
         self._memos = [[Memo(grid) for grid, _ in made] for made in (self._grids_of, self._coarse)]
@@ -119,136 +96,6 @@ class ForceBlock(Block):
     def _zero_sd(self) -> FloatArray:
         """By recording (r,), N: how far a transducer's zero is off."""
         return np.full(len(self.runs), self.ZERO_SD)
-
-    @property
-    def likelihood_powers(self) -> Sequence[float]:
-        return self._trusts
-
-    @property
-    def open_law(self) -> bool:  # type: ignore[override]
-        return bool(self._basis.shape[1])
-
-    @property
-    def sd_without_discrepancy(self) -> FloatArray:
-        sd = self.prior_sd.copy()
-        sd[self._parts["discrepancy"]] = FROZEN
-        return sd
-
-    def _simple(self, law: Law) -> FloatArray:
-        """Prior widths (p,) of a simple law, and of channels that are no later than those that sample."""
-        sd = self.prior_sd.copy()
-        sd[self._parts["tissue"]] = law.sd
-        sd[self._parts["shift"]] = SIMPLE_SHIFT
-        sd[self._parts["discrepancy"]] = FROZEN
-        return sd
-
-    def _wide(self, scale: float) -> FloatArray:
-        """Those of the usual law beside a discrepancy of some size."""
-        sd = self.prior_sd.copy()
-        sd[self._parts["discrepancy"]] *= scale
-        return sd
-
-    def _from_guesses(self, law: Law, sd: FloatArray, iterations: int) -> Fit:
-        """The best fit under a law of widths ``sd`` (p,), from each of its guesses."""
-        rest = np.zeros(len(self.prior_mean) - len(law.sd))
-        here = under(self, self.prior_mean, sd)
-        fits = (fit(here, nuisance=np.concatenate([guess, rest]), iterations=iterations) for guess in law.guesses)
-        best = min(fits, key=lambda f: f.objective)
-        back = unwound(best.nuisance)
-        return best if back is None else fit(here, nuisance=back, iterations=iterations)
-
-    def _further(self) -> Fit:
-        """The best fit under one of the further laws: a few steps from all their guesses tell which go on. The times of
-        the best one's quicker mode are local optima: it is fitted from others, too."""
-        tried = [self._from_guesses(law, self._simple(law), FEW) for law in FURTHER]
-        best = sorted(tried, key=lambda f: f.objective)[:PROMISING]
-        on = [fit(under(self, self.prior_mean, f.prior_sd), nuisance=f.nuisance, iterations=40) for f in best]
-        first, mode = min(on, key=lambda f: f.objective), self.TISSUE.index("time1")
-        for time in OTHER_MODES if first.prior_sd[mode] > FROZEN else ():
-            begin = first.nuisance.copy()
-            begin[mode] = time
-            on.append(fit(under(self, self.prior_mean, first.prior_sd), nuisance=begin, iterations=40))
-        return min(on, key=lambda f: f.objective)
-
-    def _at_noise(self, fitted: Fit) -> bool:
-        return fitted.chi2 < AT_NOISE * len(self.measured)
-
-    def _beside(self, law: Fit) -> tuple[Fit, Sequence[FloatArray]]:
-        """A further law's fit beside a discrepancy, and the prior widths of any size of it.
-
-        Any spectrum of relaxation stays free, as under the usual law: skin of three times would else be told a creep.
-        """
-        tissue, sizes = self._parts["tissue"], []
-        freed = np.where(np.isin(self.TISSUE, SPECTRUM), self.LAWS[-1].sd, law.prior_sd[tissue])
-        for scale in (1.0, *self.DISCREPANCY_SCALES):
-            sizes.append(self._wide(scale))
-            sizes[-1][tissue] = freed
-        full, *wide = sizes
-        return fit(under(self, self.prior_mean, full), nuisance=law.nuisance, iterations=15), wide
-
-    def start(self) -> FloatArray:
-        """The null's fit under the most probable law, which also tells how far other sheets are from the reduced one.
-
-        Where that is a simple law by `CLEARLY`, the session's skin is taken to follow it, and nothing wider is kept.
-        """
-        if self._start is None:
-            *laws, usual_law = self.LAWS
-            known, wide = self.prior_scales[: len(laws)], self.prior_scales[len(laws) :]
-            basic = [self._from_guesses(law, sd, 40) for law, sd in zip(laws, known, strict=True)]
-            beside = self._from_guesses(usual_law, self.prior_sd, 40)
-            further = None if not basic or any(map(self._at_noise, basic)) else self._further()
-            if further is not None:
-                known, self._trusts = (*known, further.prior_sd), (self.TRUST_SIMPLE, *self._trusts)
-                if _settled(further) and not self._at_noise(further):
-                    other, its = self._beside(further)
-                    if other.log_evidence(1.0, its) > beside.log_evidence(1.0, wide):
-                        beside, wide = other, tuple(its)
-            self.prior_scales = (*known, *wide)
-            simple = [f for f in (*basic, further) if f is not None and _settled(f)]
-            best = max([*simple, beside], key=lambda f: f.log_evidence(1.0, self.prior_scales))
-            self._probability = best.log_evidence(1.0, self.prior_scales)
-            self._start, self.prior_sd = best.nuisance, best.best_prior(self.prior_scales)
-            self._bent = not any(map(self._at_noise, simple))
-            if simple:
-                law = max(simple, key=_own_evidence)
-                self._alone = law.prior_sd, law.nuisance
-                if _own_evidence(law) > beside.log_evidence(1.0, self.prior_scales) + CLEARLY:
-                    self._probability = _own_evidence(law)
-                    self._keep(law, min(basic, key=lambda f: f.objective) if law is further else None)
-        return self._start.copy()
-
-    def _keep(self, law: Fit, basic: Fit | None) -> None:
-        """Take the skin to follow a simple law, without the discrepancy; but a further law's change may be nothing but
-        an effect on ``basic`` skin."""
-        shape = self._parts["discrepancy"]
-        self._basis = self._basis[:, :0]
-        self._parts["discrepancy"] = slice(shape.start, shape.start)
-        self.prior_mean, self._start = (np.delete(v, shape) for v in (self.prior_mean, law.nuisance))
-        kept = [(np.delete(f.prior_sd, shape), np.delete(f.nuisance, shape)) for f in (law, basic) if f is not None]
-        self.prior_sd = kept[0][0]
-        self.prior_scales = tuple(sd for sd, _ in kept)
-        self._trusts = (self.TRUST_SIMPLE,) * len(kept)
-        self._alone = kept[1] if basic is not None else None
-
-    def warm_start(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
-        """Under a simple law, which takes on little of an effect, where the null needs more than that; also from the
-        laws' guesses where none of them is at the noise, as an effect bends the null's skin."""
-        starts = [self._alone] if self._alone is not None else []
-        if self._bent and self.LAWS[:-1]:
-            starts.append(self._anew(hypothesis, unit))
-        tries = (fit(under(self, self.prior_mean, sd), hypothesis, unit, c, iterations=8) for sd, c in starts)
-        found = max(tries, key=_own_evidence, default=None)
-        does = found is not None and _own_evidence(found) >= self._probability
-        if found is None or not (does or self._bent):
-            return None  # nor does the simple law do with these effects
-        return Start(self.prior_mean, found.prior_sd if does else self.prior_sd, found.nuisance, found.unit)
-
-    def _anew(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Widths and fit (p,) of the simple law that is most probable with effects held at ``unit`` (k,)."""
-        held = copy.copy(self)
-        held._held = split(hypothesis, unit)
-        best = max((held._from_guesses(law, self._simple(law), FEW) for law in self.LAWS[:-1]), key=_own_evidence)
-        return best.prior_sd, best.nuisance
 
     def scattered(self, active: Active) -> FloatArray | None:
         """None beside a discrepancy: the residual where force is steep may be the skin's as well as chance."""
@@ -388,13 +235,3 @@ class ForceBlock(Block):
             jacobian[:, k] = (at - here) / step * gain
         jacobian[:, n:] = np.hstack([np.hstack([self._legs, self._gains]) * forces[:, None], self._zeros, self._basis])
         return Evaluation(residual, self.whitened(jacobian, active))
-
-
-def _own_evidence(fitted: Fit) -> float:
-    """log evidence under the widths that a fit was made with."""
-    return fitted.log_evidence(1.0, (fitted.prior_sd,))
-
-
-def _settled(fitted: Fit) -> bool:
-    """Whether a fit came to an end: else the linear model promises more than there is."""
-    return _own_evidence(fitted) < -0.5 * fitted.objective + CLEARLY

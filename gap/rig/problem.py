@@ -85,6 +85,7 @@ class RigProblem:
         self.sigma = self._by_row()
         self._start: FloatArray | None = None
         self.likelihood_powers = (0.6,)
+        self.law_parameters = 0
         self.prior_scales: Sequence[FloatArray] = (self.prior_sd,)
         self.sd_without_discrepancy = self.prior_sd
         self.rows = label_rows(

@@ -28,6 +28,7 @@ class LinearProblem:
     name: str = "linear"
     runs: int = 1
     likelihood_powers: Sequence[float] = (1.0,)
+    law_parameters: int = 0
 
     def __post_init__(self) -> None:
         n, p = self.design.shape

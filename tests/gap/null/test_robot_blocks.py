@@ -19,7 +19,8 @@ from gap.null.chains import needed
 from gap.null.robot import RoughForceBlock, robot_problems
 from gap.null.robot_arithmetic import ArithmeticBlock
 from gap.null.robot_axes import AXES, QUANTITIES, WEIGHTS, AxesBlock
-from gap.null.robot_force import AT_NOISE, ForceBlock
+from gap.null.robot_force import ForceBlock
+from gap.null.robot_laws import AT_NOISE
 from gap.null.robot_loop import CONTROLLERS
 from gap.null.sheet_discrepancy import gradients, lagged, played, sheet_discrepancy
 from gap.null.sheet_law import FURTHER, SPECTRUM, Law
