@@ -32,8 +32,8 @@ Panel = tuple[str, int, int]
 
 
 def overview(d: Diagnosis, label: str) -> str:
-    """The recording and channel that differ most: measured, nominal and with the effect."""
-    block, run, code = max((p for name in d.problems for p in _panels(d, name)), key=lambda p: _excess(d, p))
+    """The panel that tells most: measured, nominal and with the effect."""
+    block, run, code = most_telling(d, label)
     figure, axes = _figure(1, 1, WIDTH, 4.4)
     ax = axes[0][0]
     time, scale, unit = _scale(d, block, run, code)
@@ -47,6 +47,12 @@ def overview(d: Diagnosis, label: str) -> str:
     ax.set_xlabel("time, s")
     _legend(figure, ax)
     return _embedded(figure)
+
+
+def most_telling(d: Diagnosis, label: str) -> Panel:
+    """The block, recording and channel that differ most or, where an effect is named, of which it takes most away."""
+    panels = [p for name in d.problems for p in _panels(d, name)]
+    return max(panels, key=lambda p: _taken_away(d, p) if label else _excess(d, p))
 
 
 def residuals(d: Diagnosis, block: str, label: str) -> str:
@@ -102,6 +108,13 @@ def _scale(d: Diagnosis, block: str, run: int, code: int) -> tuple[np.ndarray, f
 def _excess(d: Diagnosis, panel: Panel) -> float:
     """How far a panel's residual stands above the noise, rms."""
     return float(np.sqrt(np.mean(np.square(d.null.fits[panel[0]].residual[_rows(d, *panel)]))))
+
+
+def _taken_away(d: Diagnosis, panel: Panel) -> float:
+    """By how much a panel's χ² falls by the first cause."""
+    at = _rows(d, *panel)
+    null, best = (f.fits[panel[0]].residual[at] for f in (d.null, d.best))
+    return float(null @ null - best @ best)
 
 
 def _panels(d: Diagnosis, block: str) -> list[Panel]:

@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 from html.parser import HTMLParser
+from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
@@ -23,6 +24,7 @@ from gap.diagnosis import Diagnosis, diagnose
 from gap.inference.evidence import Hypothesis
 from gap.inference.least_squares import fit
 from gap.report.document import as_json
+from gap.report.figures import most_telling
 from gap.report.html import page
 from sim_devices.chain import Parameter
 
@@ -257,6 +259,18 @@ class Seen(HTMLParser):
 
     def handle_data(self, data: str) -> None:
         self.words += data
+
+
+def test_the_first_picture_shows_a_channel_that_the_effect_changes(linear) -> None:
+    """A store's page began with a height of skin of another law, where nominal and effect are one line."""
+
+    def fits(**residuals: float) -> SimpleNamespace:
+        return SimpleNamespace(fits={b: SimpleNamespace(residual=np.full(50, r)) for b, r in residuals.items()})
+
+    problems = {name: linear(np.zeros(50), np.ones((50, 1)), {}) for name in ("pressure", "height")}
+    d = SimpleNamespace(problems=problems, null=fits(pressure=2.0, height=5.0), best=fits(pressure=1.0, height=5.0))
+    assert most_telling(d, "with the effect") == ("pressure", 0, 0)
+    assert most_telling(d, "") == ("height", 0, 0)
 
 
 def test_the_page_is_self_contained_and_says_the_sentences_first(slow_valve: Diagnosis, report: dict) -> None:
