@@ -13,10 +13,10 @@ import numpy as np
 
 from acquire.plugins import instrument
 from acquire.recording.bundle_schema import SUCTION, Bundle
-from acquire.recording.model import Event, Recording
+from acquire.recording.model import LOOP, Event, Recording
 from drivers.signals import REFERENCE
 from protocols import specimens
-from protocols.text import did_you_mean
+from protocols.text import did_you_mean, resembling
 
 HIGH = 1e3
 """Pa above the air's pressure that no line is at."""
@@ -24,6 +24,8 @@ FAST = 20e3
 """Hz that no channel of ours is sampled at: the fastest takes 1 kHz."""
 FAINT = {"pressure": (500.0, 100.0, "mbar"), "apex_height": (2e-6, 1e-6, "µm")}
 """Of a channel on skin, the largest value [SI] that no measurement stops at, and the unit that it is told in."""
+READ = ("serial_number", "opening", "contact_force", "hole_radius", "frame_scale", "gvt", "initial_height", *LOOP)
+"""Calibrations that something here reads."""
 WIDE = 0.1
 """Of a stated value, its standard uncertainty from which on the unit of the uncertainty is asked about."""
 
@@ -42,6 +44,7 @@ def doubts(bundle: Bundle, recording: Recording) -> tuple[Event, ...]:
     ]
     if bundle.run.id is None:
         asked += [*_setpoints(bundle, recording), *_specimen(bundle, recording), *_start(recording)]
+        asked += _calibration(recording)
     return tuple(event for event in asked if event.code not in told)
 
 
@@ -130,6 +133,20 @@ def _specimen(bundle: Bundle, recording: Recording) -> Iterator[Event]:
         if len(stated.value) == 1 and stated.se > WIDE * abs(stated.scalar) > 0.0:
             text = f"{key} is {stated}: a ± without a unit has that of the value, so write the unit of both"
             yield _warning("wide_uncertainty", text)
+
+
+def _calibration(recording: Recording) -> Iterator[Event]:
+    """A calibration of nearly the name of one that is read; and a loop that a diagnosis would refuse."""
+    known = recording.info.calibration
+    for name in known:
+        if name not in READ and (close := resembling(name, READ)):
+            yield _warning("unknown_calibration", f"{name} is kept, but nothing reads it: is it {close}?")
+    given = [name for name in LOOP if name in known]
+    if missing := [name for name in LOOP if name not in known] if given else []:
+        yield _warning("incomplete_loop", f"a controller needs {', '.join(missing)} besides {', '.join(given)}")
+    for name in given:
+        if (unit := known[name].get("unit")) != LOOP[name]:
+            yield _warning("loop_unit", f"{name} is in {unit}; a diagnosis takes {LOOP[name]} and nothing else")
 
 
 def _start(recording: Recording) -> Iterator[Event]:

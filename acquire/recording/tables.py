@@ -8,6 +8,7 @@ import io
 import re
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -111,8 +112,10 @@ class Table:
         width = len(self.header)
         for line, row in zip(self._lines[1:], self._rows[1:], strict=True):
             if any(cell.strip() for cell in row[width:]):
-                comma = ": is a decimal comma among them?" if separator == "," else ""
-                raise RecordingError(f"{self.path}:{line}: {len(row)} cells under {width} headings{comma}")
+                why = ": is a decimal comma among them?" if separator == "," else ""
+                why = ": lines above the headings begin with #" if width == 1 else why
+                headings = "1 heading" if width == 1 else f"{width} headings"
+                raise RecordingError(f"{self.path}:{line}: {len(row)} cells under {headings}{why}")
 
     def column(self, name: str, channel: str, *, allow_nan: bool = False) -> tuple[FloatArray, Sequence[int]]:
         """Values (n,) of the column ``name`` and the line of each in the file; empty cells at its end are no samples.
@@ -166,11 +169,21 @@ class Table:
             return number(cell.replace(",", ".", 1) if "." not in cell else cell)
         except ValueError:
             what = f"{cell[:40]!r} is not a number" if cell else "the cell is empty"
+            if _is_a_date(cell):
+                what = f"{cell[:40]!r} is a date: write seconds, and when they began as run.start_time"
             raise self.fault(line, channel, name, what) from None
 
     def fault(self, line: int, channel: str, name: str, what: str) -> RecordingError:
         """A fault of the column ``name`` in this line of the file."""
         return RecordingError(f"{self.path}:{line}: channel {channel}, column {name!r}: {what}")
+
+
+def _is_a_date(cell: str) -> bool:
+    try:
+        datetime.fromisoformat(cell)
+    except ValueError:
+        return False
+    return not cell.isdigit()
 
 
 def _of_units(row: Sequence[str]) -> bool:

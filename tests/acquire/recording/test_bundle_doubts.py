@@ -37,6 +37,34 @@ def test_a_name_that_is_nearly_a_reference_is_asked_about(tmp_path: Path) -> Non
     assert "there is rigid block, gauge step" in told(tmp_path / "b", specimen="phantom")["unknown_specimen"]
 
 
+LOOP_STATED = {
+    "loop_proportional": "2000 N/m",
+    "loop_integral": {"value": 6e4, "unit": "N/(m s)"},
+    "loop_derivative": {"value": 18.0, "unit": "N s/m"},
+    "axis_mass": "0.1 kg",
+}
+
+
+@pytest.mark.parametrize(
+    ("changed", "code", "text"),
+    [
+        ({}, "", ""),
+        ({"operator_s_scale": "1 m"}, "", ""),  # what is like nothing that is read is nobody's mistake
+        ({"openning": "2 mm"}, "unknown_calibration", "openning is kept, but nothing reads it: is it opening?"),
+        ({"loop_intergal": "1 N"}, "unknown_calibration", "is it loop_integral?"),
+        ({"axis_mass": None}, "incomplete_loop", "a controller needs axis_mass besides loop_proportional"),
+        ({"loop_proportional": "2 N/mm"}, "loop_unit", "loop_proportional is in N/mm; a diagnosis takes N/m"),
+    ],
+)
+def test_calibrations_that_nothing_would_read_are_asked_about(
+    tmp_path: Path, changed: dict[str, Any], code: str, text: str
+) -> None:
+    calibration = {name: value for name, value in (LOOP_STATED | changed).items() if value is not None}
+    found = told(tmp_path, run={"calibration": calibration})
+    assert text in found.pop(code, "")
+    assert found == {}
+
+
 def test_a_reference_without_its_number_is_remarked_upon(tmp_path: Path) -> None:
     assert told(tmp_path, specimen="gauge step")["incomplete_specimen"].startswith("height: state it for a gauge step")
 

@@ -85,6 +85,16 @@ FAULTS: list[tuple[str, dict[str, Any], dict[str, str]]] = [
         {"data.csv": DATA.replace("0.1\n", "0,1\n")},
     ),
     (r"data\.csv:2: 4 cells under 3 headings", {}, {"data.csv": "t,p,h\n0,1,2,3\n1,1,2,3\n"}),
+    (
+        r"data\.csv:2: 3 cells under 1 heading: lines above the headings begin with #",
+        {},
+        {"data.csv": "exported by a recorder\n" + DATA},
+    ),
+    (
+        r"data\.csv:2: channel pressure, column 't': '2026-03-01T12:00:00\.010' is a date: write seconds",
+        {},
+        {"data.csv": "t,p,h\n2026-03-01T12:00:00.010,0,0\n2026-03-01T12:00:00.020,0,0\n"},
+    ),
     (r"data\.csv: not a text file", {}, {"data.csv": "t,p\n\0\0"}),
     (
         r"data\.xlsx: not a readable workbook",
