@@ -63,9 +63,9 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     return f"; did you mean {close!r}?" if close else f"; there is {', '.join(known)}"
 
 
-def resembling(word: str, known: Iterable[str]) -> str:
-    """The known name most like ``word``; '' where none is."""
-    return next(iter(difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)), "")
+def resembling(word: str, known: Iterable[str], least: float = 0.6) -> str:
+    """The known name most like ``word``; '' where none is so by a ratio of ``least`` (`difflib`)."""
+    return next(iter(difflib.get_close_matches(word, list(known), n=1, cutoff=least)), "")
 
 
 WORDS = {

@@ -13,7 +13,7 @@ import numpy as np
 
 from acquire.plugins import instrument
 from acquire.recording.bundle_schema import SUCTION, Bundle
-from acquire.recording.model import LOOP, Event, Recording
+from acquire.recording.model import AXIS_LOOP, Event, Recording
 from drivers.signals import REFERENCE
 from protocols import specimens
 from protocols.text import did_you_mean, resembling
@@ -24,8 +24,10 @@ FAST = 20e3
 """Hz that no channel of ours is sampled at: the fastest takes 1 kHz."""
 FAINT = {"pressure": (500.0, 100.0, "mbar"), "apex_height": (2e-6, 1e-6, "µm")}
 """Of a channel on skin, the largest value [SI] that no measurement stops at, and the unit that it is told in."""
-READ = ("serial_number", "opening", "contact_force", "hole_radius", "frame_scale", "gvt", "initial_height", *LOOP)
-"""Calibrations that something here reads."""
+READ = ("serial_number", "opening", "contact_force", "hole_radius", "frame_scale", "gvt", "initial_height", *AXIS_LOOP)
+"""Calibrations that something here reads; stations and qualifications, which name some of them, stand on recordings."""
+MISSPELT = 0.85
+"""How like one of these (`difflib`) a name must be to be no word of its own, as `loop_filter` and `frame_rate` are."""
 WIDE = 0.1
 """Of a stated value, its standard uncertainty from which on the unit of the uncertainty is asked about."""
 
@@ -139,14 +141,14 @@ def _calibration(recording: Recording) -> Iterator[Event]:
     """A calibration of nearly the name of one that is read; and a loop that a diagnosis would refuse."""
     known = recording.info.calibration
     for name in known:
-        if name not in READ and (close := resembling(name, READ)):
+        if name not in READ and (close := resembling(name, READ, MISSPELT)):
             yield _warning("unknown_calibration", f"{name} is kept, but nothing reads it: is it {close}?")
-    given = [name for name in LOOP if name in known]
-    if missing := [name for name in LOOP if name not in known] if given else []:
+    given = [name for name in AXIS_LOOP if name in known]
+    if missing := [name for name in AXIS_LOOP if name not in known] if given else []:
         yield _warning("incomplete_loop", f"a controller needs {', '.join(missing)} besides {', '.join(given)}")
     for name in given:
-        if (unit := known[name].get("unit")) != LOOP[name]:
-            yield _warning("loop_unit", f"{name} is in {unit}; a diagnosis takes {LOOP[name]} and nothing else")
+        if (unit := known[name].get("unit")) != AXIS_LOOP[name]:
+            yield _warning("loop_unit", f"{name} is in {unit}; a diagnosis takes {AXIS_LOOP[name]} and nothing else")
 
 
 def _start(recording: Recording) -> Iterator[Event]:

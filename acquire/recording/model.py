@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from protocols.specimens import Stated
 
 FloatArray = NDArray[np.float64]
-LOOP = {"loop_proportional": "N/m", "loop_integral": "N/(m s)", "loop_derivative": "N s/m", "axis_mass": "kg"}
+AXIS_LOOP = {"loop_proportional": "N/m", "loop_integral": "N/(m s)", "loop_derivative": "N s/m", "axis_mass": "kg"}
 """Calibrations by which a recording of the micro-robot states the controller of its axes, all of them or none, and
 their units."""
 

@@ -112,10 +112,10 @@ class Table:
         width = len(self.header)
         for line, row in zip(self._lines[1:], self._rows[1:], strict=True):
             if any(cell.strip() for cell in row[width:]):
-                why = ": is a decimal comma among them?" if separator == "," else ""
-                why = ": lines above the headings begin with #" if width == 1 else why
+                comma = ": is a decimal comma among them?" if separator == "," else ""
+                above = " A line above the headings begins with #." if width == 1 else ""
                 headings = "1 heading" if width == 1 else f"{width} headings"
-                raise RecordingError(f"{self.path}:{line}: {len(row)} cells under {headings}{why}")
+                raise RecordingError(f"{self.path}:{line}: {len(row)} cells under {headings}{comma}{above}")
 
     def column(self, name: str, channel: str, *, allow_nan: bool = False) -> tuple[FloatArray, Sequence[int]]:
         """Values (n,) of the column ``name`` and the line of each in the file; empty cells at its end are no samples.
@@ -179,6 +179,7 @@ class Table:
 
 
 def _is_a_date(cell: str) -> bool:
+    """Whether a cell is a date, with or without a time of day; digits alone are a number that something else spoils."""
     try:
         datetime.fromisoformat(cell)
     except ValueError:

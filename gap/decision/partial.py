@@ -111,16 +111,27 @@ def with_own_phases(problem: Problem, trained: Fit, out: NDArray[np.bool_]) -> P
     for effect in rhythms:
         low, high = next((p.low, p.high) for p in effect.parameters if p.name == PHASE)
         step = (high - low) / COARSE
-        coarse, fine = step * np.arange(COARSE), step / FINE * np.arange(-FINE, FINE + 1)
-        for moves in (coarse, fine):
+        for moves in (step * np.arange(COARSE), step / FINE * np.arange(-FINE, FINE + 1)):
             begun = {k: own[effect] for k, own in phases.items()}
-            left = {k: np.inf for k in recordings}
-            for move in moves:
-                at = {k: low + (begun[k] + move - low) % (high - low) for k in recordings}
-                tried = {k: {**own, effect: at[k]} for k, own in phases.items()}
-                residual = OwnPhases(problem, tried).evaluate(trained.nuisance, active, want_jacobian=False).residual
-                for k in recordings:
-                    square = float(np.sum(np.square(residual[problem.rows.recording == k])))
-                    if square < left[k]:
-                        left[k], phases[k] = square, {**phases[k], effect: at[k]}
+            tries = [{k: low + (at + move - low) % (high - low) for k, at in begun.items()} for move in moves]
+            phases = _best_phases(problem, trained, phases, effect, tries)
     return OwnPhases(problem, phases) if rhythms else problem
+
+
+def _best_phases(
+    problem: Problem,
+    trained: Fit,
+    phases: dict[int, dict[Candidate, float]],
+    effect: Candidate,
+    tries: Sequence[Mapping[int, float]],
+) -> dict[int, dict[Candidate, float]]:
+    """``phases`` by recording and effect with those of one ``effect`` that meet each recording best, of ``tries``."""
+    best, left = phases, dict.fromkeys(phases, np.inf)
+    for at in tries:
+        tried = {k: {**own, effect: at[k]} for k, own in phases.items()}
+        residual = OwnPhases(problem, tried).evaluate(trained.nuisance, trained.active, want_jacobian=False).residual
+        for k in phases:
+            square = float(np.sum(np.square(residual[problem.rows.recording == k])))
+            if square < left[k]:
+                left[k], best = square, {**best, k: tried[k]}
+    return best

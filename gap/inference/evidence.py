@@ -68,7 +68,7 @@ class Fit:
     ``chi2`` is of the data alone, ``penalty`` the prior's share, ``wider`` twice the logarithm by which effects of
     chance widen the noise, with what is `autocorrelation_penalty`; ``unit`` (k,) are the effect parameters in prior
     quantiles, in the order of the hypothesis, ``covariance`` (k, k) theirs. ``prior_mean``, ``prior_sd`` (p,) are the
-    nuisance's prior that was used: an effect may move where the tissue's parameters are warm_start.
+    nuisance's prior that was used: an effect may move the mean of the tissue's parameters.
     ``law_parameters`` is how many of the nuisance's first ones are of a law, as `Problem` says."""
 
     hypothesis: tuple[Candidate, ...]

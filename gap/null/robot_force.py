@@ -15,7 +15,7 @@ from gap.null.blocks import Group, GroupedSession, Table
 from gap.null.chains import Kept, Memo, needed, run, undone
 from gap.null.robot_axes import AXES, ROBOT_BINS, AxesBlock, specimen_chain
 from gap.null.robot_grid import averaged, nodes_within, sticking, thinned
-from gap.null.robot_laws import LawfulBlock
+from gap.null.robot_laws import SheetLawBlock
 from gap.null.robot_recorded import path_of_axes, recorded, steepness
 from gap.null.sheet_discrepancy import sheet_discrepancy
 from gap.null.sheet_law import quantities, rewired, sheet
@@ -30,7 +30,7 @@ LATELY = 4
 """Skins, and linear parts of predictions, that are kept."""
 
 
-class ForceBlock(LawfulBlock):
+class ForceBlock(SheetLawBlock):
     """Recorded axis positions -> transducer forces.
 
     Nuisance: the reduced sheet's parameters; the sampling convention; the transducers' calibration; per recording a
@@ -78,7 +78,7 @@ class ForceBlock(LawfulBlock):
         self._parts = {name: slice(end - len(v), end) for (name, v), end in zip(sd.items(), ends.tolist(), strict=True)}
         self.prior_sd = np.concatenate(list(sd.values()))
         self.prior_mean = np.zeros(len(self.prior_sd))
-        self._laws_open()
+        self._take_all_laws()
         self._held: Active = {}  # effects that act whatever is asked for
         self._coarse = self._thinned()
         self._memos = [[Memo(grid) for grid, _ in made] for made in (self._grids_of, self._coarse)]

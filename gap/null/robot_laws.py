@@ -24,11 +24,11 @@ CLEARLY = 5.0
 """Nats by which a simple law must be more probable than all else to be the only one."""
 
 
-class LawfulBlock(Block):
+class SheetLawBlock(Block):
     """A block whose nuisance begins with the parameters of a sheet's law, and holds changes that other sheets could
     make.
 
-    `_laws_open` settles the widths of its prior; a subclass gives the parts of its nuisance (``_parts``).
+    `_take_all_laws` settles the widths of its prior; a subclass gives the parts of its nuisance (``_parts``).
     """
 
     TISSUE: tuple[str, ...] = TISSUE
@@ -43,8 +43,8 @@ class LawfulBlock(Block):
     _basis: FloatArray
     _held: Active
 
-    def _laws_open(self) -> None:
-        """All laws may be: `start` settles which."""
+    def _take_all_laws(self) -> None:
+        """Any law may be the skin's: `start` settles which."""
         simple = [self._simple(law) for law in self.LAWS[:-1]]
         self.prior_scales = (*simple, *(self._wide(scale) for scale in self.DISCREPANCY_SCALES))
         self.law_parameters = len(self.TISSUE)

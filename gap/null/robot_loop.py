@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from acquire.recording.model import LOOP, Recording
+from acquire.recording.model import AXIS_LOOP, Recording
 from sim_devices.chain import Chain, FloatArray
 from sim_devices.stages.axes import LOOP_RATE, MASS, AxisLoop
 
@@ -90,7 +90,7 @@ def stated(recordings: Sequence[Recording]) -> dict[str, Mapping[str, Any]]:
 
     Raises ValueError where two state different ones.
     """
-    said = {r.info.id: {n: known for n, known in r.info.calibration.items() if n in LOOP} for r in recordings}
+    said = {r.info.id: {n: known for n, known in r.info.calibration.items() if n in AXIS_LOOP} for r in recordings}
     said = {name: own for name, own in said.items() if own}
     first = next(iter(said), "")
     if other := next((name for name, own in said.items() if own != said[first]), ""):
@@ -105,13 +105,13 @@ def controllers(calibration: Mapping[str, Mapping[str, Any]]) -> tuple[Controlle
     A PD loop states an integral of 0. Raises ValueError for part of a controller, another unit, or a number that is
     none.
     """
-    given = [name for name in LOOP if name in calibration]
+    given = [name for name in AXIS_LOOP if name in calibration]
     if not given:
         return CONTROLLERS
-    if missing := [name for name in LOOP if name not in given]:
+    if missing := [name for name in AXIS_LOOP if name not in given]:
         raise ValueError(f"calibration: a controller needs {', '.join(missing)} besides {', '.join(given)}")
     values = []
-    for name, unit in LOOP.items():
+    for name, unit in AXIS_LOOP.items():
         value, its = calibration[name].get("value"), calibration[name].get("unit")
         if its != unit or isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < np.inf:
             raise ValueError(f"calibration: {name} is {value!r} {its!r}, not a positive number of {unit}")

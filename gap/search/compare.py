@@ -36,9 +36,9 @@ SPANNED, SPANNING = 0.97, 9
 """The same of a combination of an effect's traces, and of how many at most."""
 HOPELESS = 4.0
 """Fall of χ² in the screening below which an effect is not refitted."""
-
 LIMITS = 2
 """Effects that set in at a limit only which are begun from all over their priors, too."""
+
 LEAST_TEMPER = 0.5
 """Share of the assumed variance of the noise that is believed at least: less may be a nuisance that followed it."""
 
@@ -288,22 +288,32 @@ def _other_forms(comparison: Comparison, chosen: Sequence[Screened]) -> list[Scr
 
 
 def _begin_anew(comparison: Comparison, most: int, jobs: int) -> None:
-    """Where the best effect leaves much, fit ``most`` of those of several parameters from elsewhere, too."""
+    """Where the best effect leaves much, fit ``most`` of those of several parameters from elsewhere, too, and `LIMITS`
+    of those that set in at a limit, wherever they rank."""
     weight = comparison.weighed(comparison.temper())
     ranked = sorted(comparison.hypotheses, key=lambda h: -weight[id(h)].evidence)
     left = leaves_much_of(ranked[0], comparison.problems) if most and ranked else set()
     if not left:
         return
-    known = {s.candidate: s for s in comparison.screened if not (s.by_chance or s.candidate.event)}
-    several = [h for h in ranked if h.effects[0] in known and len(h.effects[0].parameters) > 1][:most]
-    parts = [(h, known[h.effects[0]]) for h in several]
-    # A fit does not lead from where a limit is met nowhere to where it is met.
-    begun = {h.effects[0] for h in several}
-    limits = [s for c, s in known.items() if c not in begun and left & set(c.blocks) and all_or_nothing(s)]
-    parts += [(comparison.null, s) for s in limits[:LIMITS]]
+    parts = _of_several_parameters(comparison, ranked)[:most]
+    parts += _of_a_limit(comparison, left, [s for _, s in parts])[:LIMITS]
     looked = each(lambda part: begun_anew(*part, comparison.problems), parts, jobs)
     comparison.simulations += sum(n for _, n in looked)
     _fit_again(comparison, [s for s, _ in looked], jobs)
+
+
+def _of_several_parameters(comparison: Comparison, ranked: Sequence[Hypothesis]) -> list[tuple[Hypothesis, Screened]]:
+    """Those of the ``ranked`` hypotheses whose effect has several parameters and is no chance and no event."""
+    known = {s.candidate: s for s in comparison.screened if not (s.by_chance or s.candidate.event)}
+    firsts = [(h, h.effects[0]) for h in ranked]
+    return [(h, known[e]) for h, e in firsts if e in known and len(e.parameters) > 1]
+
+
+def _of_a_limit(comparison: Comparison, left: set[str], begun: Sequence[Screened]) -> list[tuple[Hypothesis, Screened]]:
+    """Screened effects that set in at a limit, on one of the blocks ``left``, beside the null; not those ``begun``: a
+    fit does not lead from where a limit is met nowhere to where it is met."""
+    others = [s for s in comparison.screened if not (s.by_chance or s.candidate.event or s in begun)]
+    return [(comparison.null, s) for s in others if left & set(s.candidate.blocks) and all_or_nothing(s)]
 
 
 def _fit_again(comparison: Comparison, parts: Sequence[Screened], jobs: int) -> None:

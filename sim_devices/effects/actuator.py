@@ -215,7 +215,7 @@ EFFECTS = (
             choice("form", 0, "all along", "once the store is empty, which a pump keeps from it up to some suction",
                    "suction is no larger than what the store has left", "by what rises and holds have drawn"),
             shape("capacity", "Pa", 3e3, 90e3, 33e3, "suction of a full store", log=True, only=(2,)),
-            shape("bleed", "1/s", 3e-3, 3.0, 0.1, "what held suction draws, of one rise to it", log=True, only=(2, 3)),
+            shape("bleed", "1/s", 3e-3, 3.0, 0.1, "drawn by held suction, of one rise to it", log=True, only=(2, 3)),
             shape("fill", "s", 3.0, 300.0, 30.0, "within which a pump fills the store", log=True, only=(2, 3)),
             shape("soft", "Pa", 10.0, 10e3, 100.0, "that a valve needs between store and line", log=True, only=(2,)),
             shape("reserve", "s", 0.1, 20.0, 2.0, "how long the store keeps 300 mbar", log=True, only=(1,)),

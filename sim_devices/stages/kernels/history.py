@@ -69,17 +69,17 @@ def emptying_store(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y
 
 @njit(cache=True, error_model="numpy")
 def _through_a_valve(u: float, has: float, soft: float) -> float:
-    """Suction, negative, of which ``u`` is asked for, of a store that ``has`` so much."""
+    """Suction, negative, of a store that ``has`` so much and is asked for ``u``; at most none, of an empty store."""
     apart = abs(has + u)
-    short = soft * math.log1p(math.exp(-apart / soft)) if 0.0 < apart < 30.0 * soft else 0.0
-    return max(u, -has) + short if u < 0.0 else u
+    short = soft * math.log1p(math.exp(-apart / soft)) if apart < 30.0 * soft else 0.0
+    return min(max(u, -has) + short, 0.0) if u < 0.0 else u
 
 
 @njit(cache=True, error_model="numpy")
 def limited_store(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
-    """A store that suction cannot exceed: y = max(u, -c S), of which what grows in y, and a bleed b |y| dt, take the
-    share a/ref, and which fills up again, S -> 1 within tau. Suction is negative. Through a valve it falls short
-    before: by w ln(1 + exp(-d/w)), d being what the store has beyond u, or lacks.
+    """A store that suction cannot exceed: y = max(u, -c S). Growth of |y| takes the share a/ref of it, a bleed b |y| dt
+    as much, and it fills up again, S -> 1 within tau. Suction is negative. Through a valve suction falls short before
+    the store does: by w ln(1 + exp(-|c S + u|/w)), and to nought at most.
 
     ``p`` = (a, ref, c, b 1/s, tau s, w).
     """

@@ -9,9 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from acquire.qualifications import SERIAL
 from acquire.recording import load
+from acquire.recording.bundle_doubts import READ
 from acquire.recording.bundle_export import write_bundle
-from acquire.recording.model import difference
+from acquire.recording.model import AXIS_LOOP, difference
+from acquire.station import CALIBRATIONS
 from tests.acquire.recording.samples import sample_recording
 from tests.acquire.recording.test_bundle import DATA, channel, make
 
@@ -49,7 +52,7 @@ LOOP_STATED = {
     ("changed", "code", "text"),
     [
         ({}, "", ""),
-        ({"operator_s_scale": "1 m"}, "", ""),  # what is like nothing that is read is nobody's mistake
+        ({"loop_filter": "1 ms", "probe_radius": "1 mm", "frame_rate": "25 Hz"}, "", ""),  # words of their own
         ({"openning": "2 mm"}, "unknown_calibration", "openning is kept, but nothing reads it: is it opening?"),
         ({"loop_intergal": "1 N"}, "unknown_calibration", "is it loop_integral?"),
         ({"axis_mass": None}, "incomplete_loop", "a controller needs axis_mass besides loop_proportional"),
@@ -63,6 +66,10 @@ def test_calibrations_that_nothing_would_read_are_asked_about(
     found = told(tmp_path, run={"calibration": calibration})
     assert text in found.pop(code, "")
     assert found == {}
+
+
+def test_calibrations_of_stations_and_qualifications_are_known() -> None:
+    assert set(READ) > {SERIAL, *CALIBRATIONS, *AXIS_LOOP}
 
 
 def test_a_reference_without_its_number_is_remarked_upon(tmp_path: Path) -> None:

@@ -86,7 +86,7 @@ FAULTS: list[tuple[str, dict[str, Any], dict[str, str]]] = [
     ),
     (r"data\.csv:2: 4 cells under 3 headings", {}, {"data.csv": "t,p,h\n0,1,2,3\n1,1,2,3\n"}),
     (
-        r"data\.csv:2: 3 cells under 1 heading: lines above the headings begin with #",
+        r"data\.csv:2: 3 cells under 1 heading: is a decimal comma .* A line above the headings begins with #",
         {},
         {"data.csv": "exported by a recorder\n" + DATA},
     ),

@@ -243,7 +243,7 @@ def test_a_fit_under_one_law_tells_nothing_of_another(linear) -> None:
     found = fit(problem)
     assert found.evidences(1.0, (own, other)) == pytest.approx([found.log_evidence(1.0, (own,)), NOWHERE])
     assert found.best_prior((other, own)) is own
-    # What was not moved may be frozen, and what is of no law, too.
+    # A parameter that was not moved may be frozen, and so may one of no law.
     assert np.all(fit(linear(rng.normal(size=200), np.zeros((200, 2)), {}, own)).evidences(1.0, (other,)) > NOWHERE)
     problem.law_parameters = 0
     assert fit(problem).evidences(1.0, (other,)) > NOWHERE

@@ -303,3 +303,16 @@ def test_a_valve_that_sleeps_corrects_when_the_pressure_itself_is_off() -> None:
     assert np.median(off) < 5.0
     assert np.mean(off < 0.2 * band) > 0.95
     assert np.max(off) < 1.2 * band
+
+
+def test_suction_through_a_valve_is_smooth_and_ends_at_nought() -> None:
+    """An empty store whose valve needs 35 mbar put the line 24 mbar above the air's pressure."""
+    asked = -np.concatenate([np.linspace(0.0, 40e3, 200), np.full(200, 40e3), np.linspace(40e3, 0.0, 200)])
+    time = np.linspace(0.0, 60.0, len(asked))
+    emptied = evaluate(kernels.limited_store, time, asked, 0.9, 30e3, 20e3, 0.5, 300.0, 3.5e3)
+    assert np.all((emptied <= 0.0) & (emptied >= asked))
+    full = evaluate(kernels.limited_store, time, asked, 1e-9, 30e3, 40e3, 0.0, 300.0, 3.5e3)
+    assert full[300] == pytest.approx(
+        -40e3 + 3.5e3 * np.log(2.0), abs=1.0
+    )  # where the store has just what is asked for
+    assert np.max(np.abs(np.diff(full))) < 400.0
