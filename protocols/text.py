@@ -56,6 +56,10 @@ def json_schema() -> dict[str, Any]:
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
 
 
+ALIKE = 0.65
+"""Ratio of letters in common from which on a word may be a misspelt other (`difflib`)."""
+
+
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """``; did you mean 'x'?``, or the list of names, to append to a message."""
     known = list(known)
@@ -63,7 +67,7 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     return f"; did you mean {close!r}?" if close else f"; there is {', '.join(known)}"
 
 
-def resembling(word: str, known: Iterable[str], least: float = 0.6) -> str:
+def resembling(word: str, known: Iterable[str], least: float = ALIKE) -> str:
     """The known name most like ``word``; '' where none is so by a ratio of ``least`` (`difflib`)."""
     return next(iter(difflib.get_close_matches(word, list(known), n=1, cutoff=least)), "")
 

@@ -1,4 +1,4 @@
-"""Numbers as laboratories state them, with unit and uncertainty: ``1.000±0.002 mm``, ``400 N/m ± 1 %``."""
+"""Numbers as laboratories state them, with unit and uncertainty: ``1.0±0.1 mm``, ``1.0(1) mm``, ``400 N/m ± 1 %``."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from protocols import units
 
 MOST = 20  # numbers of one statement, or properties of one specimen
 _PLUS_MINUS = re.compile(r"±|\+/-|\+-")
+_LAST_DIGITS = re.compile(r"\s*([-+]?\d+(?:\.(\d*))?)\((\d+)\)(.*)", re.ASCII | re.DOTALL)
+"""The uncertainty of a number's last digits, in brackets behind them (GUM 7.2.2): 1.000(2) is 1.000 ± 0.002."""
 
 Raw = tuple[tuple[float, ...], float | None, str]
 """Value, standard uncertainty or None, SI unit ('' where none was said)."""
@@ -80,6 +82,9 @@ def _beside_plus_minus(text: str) -> list[str]:
     """The value and, where it is stated, the uncertainty, as written."""
     if len(text) > 3 * units.MAX_LENGTH:
         raise ValueError("is too long")
+    if concise := _LAST_DIGITS.fullmatch(text):
+        value, decimals, last, unit = concise.groups()
+        return [value + unit, f"{int(last)}e-{len(decimals or '')}{unit}"]
     parts = _PLUS_MINUS.split(text)
     if len(parts) > 2:
         raise ValueError(f"{text!r} has more than one ±")

@@ -7,11 +7,13 @@ recording comes back whole.
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any, Final, Literal
 
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, model_validator
 
 from protocols.fields import Frequency, Model, Unit
+from protocols.specimens import SPECIMENS
 from protocols.units import split
 
 SCHEMA: Final = "recording-bundle/1"
@@ -43,6 +45,16 @@ def _quantity(given: Any) -> Any:
         return dict(zip(("value", "unit"), split(str(given)), strict=True))
     except ValueError:
         return {"value": given}
+
+
+def _joined(given: Any) -> Any:
+    """A time whose zone stands apart, as many loggers print it, in one word: ``2026-04-02 09:10:00 +02:00``."""
+    return re.sub(r"(?<=\d)\s+(?=(Z|[-+]\d\d(:?\d\d)?)$)", "", given.strip()) if isinstance(given, str) else given
+
+
+def _specimen(given: Any) -> Any:
+    """The name of a reference specimen without its capitals."""
+    return given.lower() if isinstance(given, str) and given.lower() in SPECIMENS else given
 
 
 class _Loose(Model):
@@ -84,7 +96,7 @@ class Source(_Loose):
     width: Annotated[Whole, Field(ge=1, le=10_000)] | None = Field(
         default=None, description="a profile: the columns are <column>_0, <column>_1 …"
     )
-    allow_nan: bool = Field(default=False, description="nan cells are samples without a value, not a fault")
+    allow_nan: bool = Field(default=False, description="nan and empty cells are samples without a value, not a fault")
     sheet: Short | None = None
     stage: Short | None = None
     range: tuple[Number, Number] | None = Field(default=None, description="in SI")
@@ -130,8 +142,8 @@ class Run(_Loose):
     id: Short | None = None
     status: Short | None = None
     trip_reason: str = ""
-    start_time: Short = ""
-    end_time: Short = ""
+    start_time: Annotated[Short, BeforeValidator(_joined)] = ""
+    end_time: Annotated[Short, BeforeValidator(_joined)] = ""
     protocol_name: Short | None = None
     versions: dict[Name, str] = Field(default={})
     limits: dict[Name, tuple[Number, Number]] = Field(default={})
@@ -161,7 +173,7 @@ class Bundle(_Loose):
     subject: Short = ""
     site: Short = ""
     repeat: Whole = 1
-    specimen: Short = "skin"
+    specimen: Annotated[Short, BeforeValidator(_specimen)] = "skin"
     specimen_properties: dict[Name, Any] = Field(default={}, description="read by `protocols.specimens.stated`")
     experiment: Short = Field(default="", description="id of the experiment (gap-experiment/1) that this answers")
     operator: Short = ""

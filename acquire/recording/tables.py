@@ -93,7 +93,7 @@ class Table:
             self._lines, self._rows = _text_rows(path, text, separator)
         if len(self._rows) > 1 and _of_units(self._rows[1]):
             del self._rows[1], self._lines[1]
-        self._columns: dict[str, tuple[FloatArray, Sequence[int]]] = {}
+        self._columns: dict[tuple[str, bool], tuple[FloatArray, Sequence[int]]] = {}
         if path.suffix.lower() != ".xlsx" and self._numbers is None:
             self._check_separators(separator)
             self._check_widths(separator)
@@ -121,11 +121,11 @@ class Table:
         """Values (n,) of the column ``name`` and the line of each in the file; empty cells at its end are no samples.
 
         ``channel`` is who asks: it is named in the RecordingError for a missing, doubled or empty column, and for a
-        cell that is not a finite number (``nan`` is none unless ``allow_nan``).
+        cell that is not a finite number (``nan``, or an empty one among others, is none unless ``allow_nan``).
         """
-        if name not in self._columns:
-            self._columns[name] = self._read(name, channel)
-        values, lines = self._columns[name]
+        if (name, allow_nan) not in self._columns:
+            self._columns[name, allow_nan] = self._read(name, channel, "nan" if allow_nan else "")
+        values, lines = self._columns[name, allow_nan]
         bad = np.flatnonzero(np.isinf(values) if allow_nan else ~np.isfinite(values))
         if len(bad):
             text = repr(float(values[bad[0]]))
@@ -140,7 +140,8 @@ class Table:
             raise self.fault(lines[bad[0]], channel, name, f"{float(values[bad[0]])!r} is not a count")
         return values.astype(np.int64)
 
-    def _read(self, name: str, channel: str) -> tuple[FloatArray, Sequence[int]]:
+    def _read(self, name: str, channel: str, empty: str) -> tuple[FloatArray, Sequence[int]]:
+        """A column and its lines; an ``empty`` cell counts as this."""
         found: list[int] = []
         for written in (title_in_csv(name.strip()), name.strip()):
             found = found or [index for index, title in enumerate(self.header) if title == written]
@@ -157,7 +158,7 @@ class Table:
         if not cells:
             raise RecordingError(f"{self.path}: channel {channel}: column {name!r} is empty")
         lines = self._lines[1 : len(cells) + 1]
-        values = [self._number(cell, line, name, channel) for cell, line in zip(cells, lines, strict=True)]
+        values = [self._number(cell or empty, line, name, channel) for cell, line in zip(cells, lines, strict=True)]
         return np.array(values, dtype=np.float64), lines
 
     def _number(self, cell: str, line: int, name: str, channel: str) -> float:
@@ -168,7 +169,9 @@ class Table:
             # A decimal comma cannot be a thousands separator here: a number has at most one.
             return number(cell.replace(",", ".", 1) if "." not in cell else cell)
         except ValueError:
-            what = f"{cell[:40]!r} is not a number" if cell else "the cell is empty"
+            what = (
+                f"{cell[:40]!r} is not a number" if cell else "the cell is empty (a sample without a value? allow_nan)"
+            )
             if _is_a_date(cell):
                 what = f"{cell[:40]!r} is a date: write seconds, and when they began as run.start_time"
             raise self.fault(line, channel, name, what) from None

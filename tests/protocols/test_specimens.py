@@ -33,6 +33,9 @@ def test_the_table_has_these_names_and_no_other() -> None:
         ("reference membrane", "memory", 0.01, 0.01, 0.0),
         ("reference spring", "k", "400 N/m ± 1 %", 400.0, 4.0),
         ("reference spring", "k", "0.4 N/mm", 400.0, 4.0),
+        ("gauge step", "height", "1.000(3) mm", 1e-3, 3e-6),
+        ("gauge step", "height", "1000(3)µm", 1e-3, 3e-6),
+        ("reference spring", "k", " 400.0(25) N/m", 400.0, 2.5),
         ("dead weight", "mass", "20.00±0.02 g", 0.02, 2e-5),
     ],
 )

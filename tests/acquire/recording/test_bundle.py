@@ -70,6 +70,12 @@ def test_what_spreadsheets_of_windows_write(tmp_path: Path, encoding: str) -> No
     assert np.array_equal(load(folder).stream("pressure").value, [0, -3e4])
 
 
+def test_empty_cells_may_be_samples_without_a_value(tmp_path: Path) -> None:
+    channels = {"apex_height": channel("h", "mm", allow_nan=True), "pressure": channel("p", "mbar")}
+    slow = load(make(tmp_path, {"data.csv": DATA.replace("0.1\n", "\n")}, channels=channels))
+    np.testing.assert_allclose(slow.streams["apex_height"].value, [0.0, np.nan, 0.15e-3, 0.17e-3])
+
+
 @pytest.mark.parametrize("row", ["s,mbar,mm", "[s];[mbar];", '"s","(mbar)","mm"'])
 def test_a_row_of_units_below_the_header_is_skipped(tmp_path: Path, row: str) -> None:
     separator = ";" if ";" in row else ","

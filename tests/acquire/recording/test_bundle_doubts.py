@@ -105,7 +105,18 @@ def test_setpoints_that_nothing_reads_are_remarked_upon(tmp_path: Path) -> None:
 
 def test_a_start_that_is_no_time_is_remarked_upon(tmp_path: Path) -> None:
     assert "'yesterday' is no time such as" in told(tmp_path, run={"start_time": "yesterday"})["start_time"]
-    assert told(tmp_path / "b", run={"start_time": "2026-04-02T09:10:00+02:00"}) == {}
+
+
+@pytest.mark.parametrize(
+    "start", ["2026-04-02T09:10:00+02:00", "2026-04-02 09:10:00.5 +0200", "2026-04-02 09:10:00  Z"]
+)
+def test_a_start_may_have_its_zone_apart(tmp_path: Path, start: str) -> None:
+    assert told(tmp_path, run={"start_time": start}) == {}
+
+
+def test_a_reference_is_known_by_its_name_in_capitals(tmp_path: Path) -> None:
+    assert told(tmp_path, specimen="Rigid Block") == {}
+    assert load(tmp_path / "a").info.specimen == "rigid block"
 
 
 def test_times_that_are_equal_are_remarked_upon(tmp_path: Path) -> None:
