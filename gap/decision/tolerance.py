@@ -6,12 +6,14 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import brentq
 
 from gap.data.tolerances import Tolerance
 from gap.inference.evidence import Hypothesis
-from gap.inference.hypothesis import Candidate
+from gap.inference.hypothesis import Candidate, from_unit, slope
 from gap.inference.least_squares import predicted
 from gap.inference.problem import Problem
+from sim_devices.chain import FloatArray
 
 Stated = Mapping[str, Mapping[str, Tolerance]]
 """Tolerances of parameters by effect; under `CHANNELS` those of channels as functions of their own values."""
@@ -20,6 +22,10 @@ STRAINED = 25.0
 """Fall of the nuisance's penalty beside an effect from which on tolerances were strained without: 5 of them."""
 DEGREE = 3
 """Of the polynomial that a channel's error is of its own value: zero, gain, and a bend with one turn."""
+
+
+KNOWN = 1e-12
+"""Variance of a parameter, in tolerances, that counts as known."""
 
 
 class Size(NamedTuple):
@@ -72,14 +78,34 @@ def _by_parameters(h: Hypothesis, stated: Stated) -> float:
 
 
 def in_stated(effect: Candidate, h: Hypothesis, stated: Stated) -> float:
-    """The size of an effect of a hypothesis in stated tolerances of its parameters; inf where none is stated."""
+    """The size of an effect of a hypothesis in stated tolerances of its parameters, of what they are at `least`; inf
+    where none is stated."""
     known = stated.get(effect.name, {})
     strengths = [p for p in effect.parameters if p.null is not None]
     # An event is no tolerance: an instrument is off all the time.
     if effect.event or not strengths or any(p.name not in known for p in strengths):
         return float(np.inf)
-    values = h.values(effect)
-    return float(max(abs(values[p.name] - (p.null or 0.0)) / known[p.name].value for p in strengths))
+    fitted = h.fits[h.surest(effect)]
+    at = np.add(fitted.place(effect), [effect.parameters.index(p) for p in strengths])
+    units = [(p, known[p.name].value, float(u)) for p, u in zip(strengths, fitted.unit[at], strict=True)]
+    value = np.array([(from_unit(p, u) - (p.null or 0.0)) / one for p, one, u in units])
+    scale = np.array([slope(p, u) / one for p, one, u in units])
+    return float(np.max(np.abs(least(value, fitted.covariance[np.ix_(at, at)] * np.outer(scale, scale)))))
+
+
+def least(value: FloatArray, covariance: FloatArray) -> FloatArray:
+    """The point (k,) nearest to nought within one standard deviation of ``value`` (k,), by its ``covariance`` (k, k):
+    of parameters that are known together only, none by itself tells how large an effect must be."""
+    variances, axes = np.linalg.eigh(covariance)
+    variances, along = np.maximum(variances, KNOWN), axes.T @ value
+    if np.sum(np.square(along) / variances) <= 1.0:
+        return np.zeros_like(value)
+
+    def away(weight: float) -> float:  # the more weight on where it is, the less
+        return float(np.sum(variances * np.square(along / (variances + weight)))) - 1.0
+
+    weight = brentq(away, 0.0, float(np.sqrt(np.sum(variances * np.square(along)))))
+    return np.asarray(axes @ (along * weight / (variances + weight)))
 
 
 def weakest(h: Hypothesis, within: float) -> bool:

@@ -50,6 +50,13 @@ def from_unit(parameter: Parameter, u: float) -> float:
     return parameter.low + u * (parameter.high - parameter.low)
 
 
+def slope(parameter: Parameter, u: float) -> float:
+    """How the parameter's value changes with the quantile of its prior, at ``u``."""
+    if parameter.scale == "log":
+        return float(from_unit(parameter, u) * np.log(parameter.high / parameter.low))
+    return parameter.high - parameter.low
+
+
 def to_unit(parameter: Parameter, value: float) -> float:
     """The prior quantile of ``value``, clipped to [0, 1]."""
     if parameter.scale == "log":

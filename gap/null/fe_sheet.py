@@ -225,7 +225,7 @@ class FeForceBlock(Anchored, ForceBlock):
             shape * float(np.exp(change[0])), self._reach, c["angle"], memory,
         )  # fmt: skip
         chain = replace(chain, operators=tuple(sheet if o.name == "tissue" else o for o in chain.operators))
-        soft = (-(base.softening + c["softening"]), base.softening_force, base.softening_rise, base.softening_fall)
+        soft = (-(base.softening + c["softening"]), base.softening_force, *base.softening_law)
         return after(chain, "tissue", lambda s, t: Softening("softening", "tissue", s, t, exposure_gain, soft))
 
     def surrogate_error(self, fitted: Fit) -> float:

@@ -103,6 +103,9 @@ TISSUE_SD: Mapping[str, float] = {
     "stiffening": 0.3,
     "isotropy": 0.5,
     "softening": 0.04,
+    "softening_rise": 0.5,  # logarithms
+    "softening_fall": 0.5,
+    "softening_end": 0.5,
     **dict.fromkeys(SPECTRUM, 0.1),
     **dict.fromkeys(("amount1", "amount2"), 0.3),
     "power": 0.4,
@@ -203,6 +206,9 @@ def sheet(nuisance: FloatArray, base: SheetTissue, typical: float) -> SheetTissu
         relaxation=tuple(g for g, _ in memory),
         times=tuple(tau for _, tau in memory),
         softening=base.softening + c["softening"],
+        softening_rise=base.softening_rise * _scale(c["softening_rise"], 2.0),
+        softening_fall=base.softening_fall * _scale(c["softening_fall"], 2.0),
+        softening_end=min(max(c["softening_end"], 0.0), 1.0),
     )
 
 
@@ -266,7 +272,7 @@ def _with_arms(chain: Chain, skin: SheetTissue, c: Mapping[str, float], springs:
     """The chain of a sheet beside Maxwell's arms, shares of ``springs`` (N/m along its axes), which soften with it."""
     times = (tau * _scale(c[name], 4.0) for name, tau in zip(ARM_TIMES, ARMS.values(), strict=True))
     arms = tuple(zip((c[name] for name in ARMS), times, strict=True))
-    shape = skin.angle, arms, (skin.softening, skin.softening_force, skin.softening_rise, skin.softening_fall)
+    shape = skin.angle, arms, (skin.softening, skin.softening_force, *skin.softening_law)
     return after(chain, "tissue", lambda s, t: Arms("arms", "tissue", s + xyz("skin"), t, springs, *shape))
 
 

@@ -77,12 +77,12 @@ def _slipping(u: FloatArray, length: float) -> FloatArray:
 class Arms(Wired):
     """Forces (sources x, y, z, N) less those of Maxwell's arms beside the skin, by the displacement (sources x, y, z,
     m): springs along the principal axes, shares of ``stiffness`` N/m, each behind a dashpot; ``arms`` are (share, time
-    s) of them (Holzapfel 1996). They soften as the skin does: by ``softening`` (a, N, rise s, fall s) of its force."""
+    s) of them (Holzapfel 1996). They soften as it does: by ``softening`` (a, N, rise s, fall s, end) of its force."""
 
     stiffness: tuple[float, ...]
     angle: float
     arms: tuple[tuple[float, float], ...]
-    softening: tuple[float, float, float, float]
+    softening: tuple[float, ...]
 
     def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
         pairs = [x for share, tau in self.arms for x in (-share, tau)]

@@ -100,7 +100,7 @@ def _depletion(chain: Chain, v: Values) -> Chain:
     if chosen(v, "form") == 1:
         store = (v["sag"], PRESSURE, v["pump"] * PRESSURE, v["reserve"], v["reserve"] * v["refill"])
         return law_after(chain, "regulator", "reservoir_depletion", "actuator", kernels.emptying_store, store)
-    parameters = (-v["sag"], PRESSURE, v["tau"], v["tau"] * v["refill"])
+    parameters = (-v["sag"], PRESSURE, v["tau"], v["tau"] * v["refill"], 0.0)
     return law_after(chain, "regulator", "reservoir_depletion", "actuator", kernels.exposure_gain, parameters)
 
 

@@ -137,7 +137,7 @@ def _preconditioning(chain: Chain, v: Values) -> Chain:
         kernel, shapes = kernels.by_loadings, (v["loadings"],)
     else:
         scale = 0.5 if _is_robot(chain) else height_scale(chain)
-        kernel, shapes = kernels.exposure_gain, (scale, v["rise"], v["forgetting"])
+        kernel, shapes = kernels.exposure_gain, (scale, v["rise"], v["forgetting"], 0.0)
     if _is_robot(chain):
         parameters = (-v["amount"] / (1.0 + v["amount"]), *shapes)
         return after(chain, "tissue", lambda s, t: Softening(name, stage, s, t, kernel, parameters))

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from sim_devices.chain import FloatArray, Signals
-from sim_devices.stages.kernels import hold_weights
+from sim_devices.stages.kernels import exposed, hold_weights
 from sim_devices.stages.operators import Wired
 from sim_devices.stages.tissues import SheetTissue
 
@@ -39,7 +39,7 @@ class Sheet(Wired):
         shape = (max(mean, 1e-12) * t.length**2, t.exponent)
         soft = (t.softening, t.softening_force, t.softening_rise, t.softening_fall)
         parameters = np.array(
-            [*stiffness, *shape, *soft, *self.glue, t.isotropy, sum(t.stiffness) / 3, k[0, 2], k[1, 2]]
+            [*stiffness, *shape, *soft, *self.glue, t.isotropy, sum(t.stiffness) / 3, k[0, 2], k[1, 2], t.softening_end]
         )
         state = np.zeros(_HEAD + 3 * len(t.times))
         return state, parameters, np.array(t.relaxation, dtype=float), np.array(t.times, dtype=float)
@@ -202,6 +202,6 @@ def _advance_sheet(
                 s[j] += b * fx
                 s[j + 1] += b * fy
                 s[j + 2] += b * fz
-            goal = math.sqrt(fx * fx + fy * fy + fz * fz) / soft_f
-            s[5] = goal + (s[5] - goal) * (weights[i, 0] if goal > s[5] else weights[i, 1])
+            load = math.sqrt(fx * fx + fy * fy + fz * fz) / soft_f
+            s[5] = exposed(s[5], load, p[16], weights[i, 0], weights[i, 1])
         s[1], s[2], s[3], s[4] = t[i], fx, fy, fz

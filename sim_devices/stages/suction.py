@@ -199,7 +199,7 @@ def tissue_operators(tissue: SuctionTissue) -> tuple[Wired, ...]:
     """The tissue's operators, skin_pressure -> bulge."""
     pairs = [x for pair in zip(tissue.creep, tissue.times, strict=True) for x in pair]
     flow = (tissue.residual, 0.0, tissue.residual_rise, tissue.residual_fall)
-    soft = (tissue.softening, tissue.softening_height, tissue.softening_rise, tissue.softening_fall)
+    soft = (tissue.softening, tissue.softening_height, *tissue.softening_law)
     curve = (tissue.compliance, tissue.knee, tissue.exponent)
     return (
         Map("elastic", "tissue", ("skin_pressure",), ("elastic_height",), elastic_height, curve),

@@ -37,7 +37,13 @@ class SuctionTissue:
     softening: float = 0.05  # a; 0: no first-curve difference
     softening_rise: float = 8.0  # s
     softening_fall: float = 900.0  # s
+    softening_end: float = 0.0  # how far w stops at 1, whatever the height
     softening_height: float = 0.3e-3  # m at the reference opening: height at which w is 1
+
+    @property
+    def softening_law(self) -> tuple[float, float, float]:
+        """Rise and fall (s) and end of `kernels.exposed`."""
+        return self.softening_rise, self.softening_fall, self.softening_end
 
 
 @dataclass(frozen=True)
@@ -62,6 +68,12 @@ class SheetTissue:
     softening_rise: float = 6.0  # s
     softening_fall: float = 600.0  # s
     softening_force: float = 0.5  # N at which w is 1
+    softening_end: float = 0.0  # how far w stops at 1, whatever the force
+
+    @property
+    def softening_law(self) -> tuple[float, float, float]:
+        """Rise and fall (s) and end of `kernels.exposed`."""
+        return self.softening_rise, self.softening_fall, self.softening_end
 
 
 SUCTION: dict[str, SuctionTissue] = {

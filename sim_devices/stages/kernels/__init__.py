@@ -30,6 +30,7 @@ from sim_devices.stages.kernels.base import (
 from sim_devices.stages.kernels.history import (
     by_loadings,
     emptying_store,
+    exposed,
     exposure_gain,
     limited_store,
     mullins,
@@ -80,6 +81,7 @@ __all__ = [
     "eased",
     "emptying_store",
     "evaluate",
+    "exposed",
     "exposure_gain",
     "faulty_samples",
     "free_loop",

@@ -9,12 +9,27 @@ from numba import njit
 
 from sim_devices.stages.kernels.base import SAME, STEPS, FloatArray, place
 
+SLOWEST_PACE = 1e-3
+"""Of `exposed`, without a load."""
+
+
+@njit(cache=True, error_model="numpy")
+def exposed(w: float, q: float, end: float, rises: float, falls: float) -> float:
+    """What load has built up after a step under a load ``q``, from ``w`` on: w' = (q - w (1 + end (q - 1))) / T, which
+    comes to q at ``end`` 0, and at 1 to no more than 1, the sooner the larger q; or it goes back. What is left of the
+    way after the step is ``rises`` or ``falls``."""
+    pace = max(1.0 + end * (q - 1.0), SLOWEST_PACE)
+    goal = q / pace
+    if goal > w:
+        return goal + (w - goal) * (rises if pace == 1.0 else rises**pace)
+    return goal + (w - goal) * falls
+
 
 @njit(cache=True, error_model="numpy")
 def exposure_gain(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """A gain that load builds up and rest restores: y = u (1 + a w), w -> |u|/ref within tau_up, back within tau_down.
 
-    ``p`` = (a, ref, tau_up s, tau_down s). Emptying stores (a < 0), softening by loading (a > 0).
+    ``p`` = (a, ref, tau_up s, tau_down s, end as of `exposed`). Emptying stores (a < 0), softening by loading (a > 0).
     """
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2] = 1.0, t[0], abs(u[0])
@@ -27,7 +42,7 @@ def exposure_gain(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y:
             j = place(dt)
             if abs(dt - known[j]) > SAME * dt:
                 known[j], up[j], down[j] = dt, math.exp(-dt / p[2]), math.exp(-dt / p[3])
-            w = mean + (w - mean) * (up[j] if mean > w else down[j])
+            w = exposed(w, mean, p[4], up[j], down[j])
         last, before, y[i] = t[i], now, u[i] * (1.0 + p[0] * w)
     s[1], s[2], s[3] = last, before, w
 

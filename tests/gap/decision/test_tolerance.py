@@ -11,7 +11,7 @@ from gap.data.tolerances import Tolerance
 from gap.decision.gaps import Shrink
 from gap.decision.posterior import posterior
 from gap.decision.thresholds import INSTRUMENT
-from gap.decision.tolerance import in_stated
+from gap.decision.tolerance import in_stated, least
 from gap.decision.verdict import Findings, decide
 from gap.inference.hypothesis import Candidate
 from gap.search.compare import Effort, compare
@@ -37,6 +37,23 @@ def test_the_size_of_an_effect_is_what_the_block_says_that_tells_it_best(linear)
     h = next(h for h in found.hypotheses if h.effects == (gauge,))
     assert h.surest(gauge) == "manometer"
     assert in_stated(gauge, h, {"gauge": {"a": Tolerance(1.0, "1", "of a test")}}) == pytest.approx(5.0, abs=0.5)
+
+
+def test_what_is_known_together_only_is_as_small_as_it_may_be() -> None:
+    """Gains of three transducers on skin alone: .149, .147 and .140, each within .2, and a false alarm of 15 sigma of
+    their differences, which are within a tolerance of .005."""
+    common, apart = 0.2**2, 1e-4**2
+    spread = common * np.ones((3, 3)) + apart * np.eye(3)
+    nearest = least(np.array([0.149, 0.147, 0.140]), spread)
+    assert np.max(np.abs(nearest)) < 2 * 0.005
+    assert np.ptp(nearest) == pytest.approx(0.009, abs=2e-4)
+
+
+@pytest.mark.parametrize(
+    ("value", "sd", "nearest"), [(3.0, 0.5, 2.5), (-3.0, 0.5, -2.5), (0.3, 0.5, 0.0), (3.0, 0.0, 3.0)]
+)
+def test_a_single_parameter_is_one_standard_deviation_nearer(value: float, sd: float, nearest: float) -> None:
+    assert least(np.array([value]), np.array([[sd * sd]])) == pytest.approx([nearest])
 
 
 @pytest.mark.parametrize(("width", "rule"), [(0.017, "patched"), (0.2, "claimed")])

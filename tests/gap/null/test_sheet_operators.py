@@ -155,7 +155,7 @@ def test_arms_relax_by_themselves_and_soften_with_the_skin() -> None:
     arms, stiffness = ((0.3, 0.5), (0.2, 4.0)), (300.0, 200.0, 100.0)
     expected = sum(share * tau * (1.0 - np.exp(-TIME / tau)) for share, tau in arms)
     for a in (0.0, 0.1):
-        op = Arms("arms", "tissue", FORCE + MOVED, OUT, stiffness, 0.0, arms, (a, 0.5, 0.1, 0.1))
+        op = Arms("arms", "tissue", FORCE + MOVED, OUT, stiffness, 0.0, arms, (a, 0.5, 0.1, 0.1, 0.0))
         beside = np.stack(list(force.values())) - _felt(op, ramp | force)
         late = TIME > 2.0  # the softening has come to |F| / 0.5 N = 1
         np.testing.assert_allclose(beside[0, late], (1 - a) * 300.0 * 1e-4 * expected[late], rtol=1e-6)

@@ -41,7 +41,8 @@ CASES: list[tuple[Kernel, tuple[float, ...]]] = [
     (kernels.prandtl, (0.1, 0.3, 0.4, 0.2)),
     (kernels.bouc_wen, (0.5, 0.2, 2.0)),
     (kernels.friction, (0.3, 0.5, 1.0, 0.05, 0.1)),
-    (kernels.exposure_gain, (0.4, 1.0, 0.5, 5.0)),
+    (kernels.exposure_gain, (0.4, 1.0, 0.5, 5.0, 0.0)),
+    (kernels.exposure_gain, (0.4, 1.0, 0.5, 5.0, 0.8)),
     (kernels.yield_flow, (0.4, 0.2, 0.5, 5.0)),
     (kernels.mullins, (0.3, 4.0)),
     (kernels.worked, (0.3, 0.4, 0.05, 2.0)),
@@ -316,3 +317,12 @@ def test_suction_through_a_valve_is_smooth_and_ends_at_nought() -> None:
         -40e3 + 3.5e3 * np.log(2.0), abs=1.0
     )  # where the store has just what is asked for
     assert np.max(np.abs(np.diff(full))) < 400.0
+
+
+@pytest.mark.parametrize("load", [0.2, 1.0, 3.0])
+def test_exposure_comes_to_the_load_or_to_one(load: float) -> None:
+    """w' = q - w, or q (1 - w), in units of the time it takes."""
+    time = np.linspace(0.0, 8.0, 400)
+    for end, expected in ((0.0, load * (1.0 - np.exp(-time / 2.0))), (1.0, 1.0 - np.exp(-load * time / 2.0))):
+        gain = evaluate(kernels.exposure_gain, time, np.full(400, load), 0.3, 1.0, 2.0, 5.0, end) / load
+        np.testing.assert_allclose(gain, 1.0 + 0.3 * expected, rtol=1e-9)
