@@ -26,6 +26,8 @@ DOUBTED = 2.0
 """Standard deviations by which neighbouring samples of white noise seem alike."""
 DIVERGED = 1e4
 """Standard deviations by which a simulation that diverges is off everywhere."""
+OVERFLOWS = 1e100
+"""Slope from which on a simulation counts as one that diverges."""
 
 
 def fit(
@@ -126,7 +128,7 @@ class _Objective:
         self.simulations += 1
         with np.errstate(over="ignore", invalid="ignore"):
             made = self.problem.evaluate(c, split(self.hypothesis, u), want_jacobian)
-            if np.isfinite(made.residual @ made.residual):
+            if np.isfinite(made.residual @ made.residual) and np.all(np.abs(made.jacobian) < OVERFLOWS):
                 return made
         # It diverged: a bad trial, from which no way leads on.
         return Evaluation(np.full(len(made.residual), DIVERGED), np.zeros_like(made.jacobian))

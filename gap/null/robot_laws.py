@@ -11,7 +11,7 @@ from gap.inference.evidence import Fit, split
 from gap.inference.hypothesis import FROZEN, Active, Candidate, Start
 from gap.inference.least_squares import fit, under
 from gap.null.blocks import SIMPLE_SHIFT, Block
-from gap.null.sheet_law import FURTHER, LAWS, SPECTRUM, TISSUE, Law, unwound
+from gap.null.sheet_law import CURVES, LAWS, MEMORIES, SPECTRUM, TISSUE, Law, joined, unwound
 from sim_devices.chain import FloatArray
 
 AT_NOISE = 1.3
@@ -92,9 +92,16 @@ class SheetLawBlock(Block):
         return best if back is None else fit(here, nuisance=back, iterations=iterations)
 
     def _further(self) -> Fit:
-        """The best fit under one of the further laws: a few steps from all their guesses tell which go on. The times of
-        the best one's quicker mode are local optima: it is fitted from others, too."""
-        tried = [self._from_guesses(law, self._simple(law), FEW) for law in FURTHER]
+        """The best fit under one of the further laws, or the best memory with any elastic curve: a few steps from all
+        their guesses tell which go on. The times of the best one's quicker mode are local optima: it is fitted from
+        others, too."""
+        remembering, bent = (
+            [(law, self._from_guesses(law, self._simple(law), FEW)) for law in laws] for laws in (MEMORIES, CURVES)
+        )
+        memory, its = min(remembering, key=lambda pair: pair[1].objective)
+        both = [joined(memory, curve, its.nuisance, f.nuisance) for curve, f in bent]
+        tried = [f for _, f in (*remembering, *bent)]
+        tried += [self._from_guesses(law, self._simple(law), FEW) for law in both]
         best = sorted(tried, key=lambda f: f.objective)[:PROMISING]
         on = [fit(under(self, self.prior_mean, f.prior_sd), nuisance=f.nuisance, iterations=40) for f in best]
         first, mode = min(on, key=lambda f: f.objective), self.TISSUE.index("time1")
@@ -146,7 +153,7 @@ class SheetLawBlock(Block):
             if simple:
                 law = max(simple, key=_own_evidence)
                 self._alone = law.prior_sd, law.nuisance
-                if _own_evidence(law) > beside.log_evidence(1.0, self.prior_scales) + CLEARLY:
+                if _own_evidence(law) > beside.log_evidence(1.0, wide) + CLEARLY:
                     self._probability = _own_evidence(law)
                     self._keep(law, min(basic, key=lambda f: f.objective) if law is further else None)
         return self._start.copy()

@@ -69,7 +69,8 @@ SKEWS = tuple(f"skew{k + 1}" for k in range(10))
 ARMS = {"arm1": 0.1, "arm2": 1.0, "arm3": 10.0}
 """s, about which the times of Maxwell's arms beside an elastic sheet are sought."""
 ARM_TIMES = "arm_time1", "arm_time2", "arm_time3"
-"""Their logarithms above that."""
+"""Their logarithms above that; `EVEN` is how far their springs are as stiff in each direction."""
+EVEN = "arm_even"
 TOE = 0.4
 """Of the typical displacement, about which it is sought within which skin is soft."""
 FIBRES: Sequence[Mapping[str, float]] = [
@@ -81,7 +82,9 @@ AMOUNTS: Mapping[str, tuple[str, ...]] = {
     "amount2": ("time2",),
     "power": ("exponent",),
     "spring": (),
-    **{arm: (time,) for arm, time in zip(ARMS, ARM_TIMES, strict=True)},
+    "arm1": (ARM_TIMES[0], EVEN),
+    "arm2": ARM_TIMES[1:2],
+    "arm3": ARM_TIMES[2:],
     "closing": (),
     "activation": (),
     **{slip: (at,) for slip, at in zip(SLIPS, YIELDS, strict=True)},
@@ -111,6 +114,7 @@ TISSUE_SD: Mapping[str, float] = {
     "power": 0.4,
     "spring": 1.0,  # beside a memory of strain, of the secant stiffness
     **dict.fromkeys(ARMS, 0.7),  # of the secant stiffness
+    EVEN: 0.5,
     "closing": 1.0,  # logarithm of times at the typical displacement
     "activation": 4.0,  # of the strongest force
     **dict.fromkeys(SLIPS, 0.5),  # of the secant stiffness
@@ -128,6 +132,8 @@ TISSUE_SD: Mapping[str, float] = {
 }
 """Widths of the prior, about nought, of all that a law may free."""
 TISSUE = tuple(TISSUE_SD)
+OF_SHEET = TISSUE[: TISSUE.index(SPECTRUM[0])]
+"""Those that every law has."""
 
 
 @dataclass(frozen=True)
@@ -163,20 +169,35 @@ LAWS = (
     _relaxing(ANY_TIMES),
 )
 """The simple ones and, last, the usual one."""
-FURTHER = (
+MEMORIES = (
     _relaxing(TWO_TIMES | {"spring": 0.05}, SLOW_MODE),
     _relaxing(dict.fromkeys(ARMS, 0.2), angles=TURNED),
     _relaxing(TWO_TIMES | {"closing": -0.3}, QUICK_MODE),
     _relaxing(TWO_TIMES | {"activation": 2.0}, QUICK_MODE, TURNED),
     _relaxing(TWO_TIMES | dict.fromkeys(SLIPS, 0.1), QUICK_MODE, TURNED),
+)
+CURVES = (
     _relaxing(TWO_TIMES | dict.fromkeys(SKEWS, 0.0), QUICK_MODE),
     _relaxing(TWO_TIMES | {"push": 0.1, "pull": 0.0, "toe": 0.1}, QUICK_MODE),
-    _relaxing(TWO_TIMES | {"apart": 0.2}, QUICK_MODE, TURNED),
     _relaxing(ANY_TIMES),
+    _relaxing(ANY_TIMES | {"apart": 0.2}, angles=TURNED),
     _relaxing(ANY_TIMES | {"chains": 0.2}),
     _relaxing(ANY_TIMES | {"fibres": 0.2}, also=FIBRES),
 )
-"""Those that are tried where no simple one is at the noise. The last ones are elastic sheets with any memory."""
+"""Those that are tried where no simple one is at the noise: sheets of another memory, or of another elastic curve."""
+OF_CURVES = tuple(p for a in (*SKEWS, "push", "pull", "toe", "apart", "chains", "fibres") for p in (a, *AMOUNTS[a]))
+"""Parameters of the other elastic curves."""
+
+
+def joined(memory: Law, curve: Law, remembered: FloatArray, bent: FloatArray) -> Law:
+    """The law of a sheet with one law's ``memory`` and another's elastic ``curve``, from fits (p,) of both: the sheet's
+    own parameters of either."""
+    of_curve, of_sheet = np.isin(TISSUE, OF_CURVES), np.isin(TISSUE, OF_SHEET)
+    sd = np.where(of_curve, curve.sd, memory.sd)
+    known, other = remembered[: len(TISSUE)], bent[: len(TISSUE)]
+    begins = [np.where(of_curve, guess, known) for guess in curve.guesses]
+    begins.append(np.where(of_curve | of_sheet, other, known))
+    return Law(tuple(sd.tolist()), tuple(tuple(begin.tolist()) for begin in begins))
 
 
 def sheet(nuisance: FloatArray, base: SheetTissue, typical: float) -> SheetTissue:
@@ -232,60 +253,69 @@ def quantities(tissue: SheetTissue) -> Mapping[str, tuple[float, str]]:
     }
 
 
-def rewired(chain: Chain, nuisance: FloatArray, typical: float, strongest: float) -> Chain:
-    """The chain of a sheet with the further parts of its law at a nuisance vector (p,).
+Made = Callable[[tuple[str, ...], tuple[str, ...]], Wired] | None
+"""Makes an operator from names of forces and of what it makes of them."""
 
-    ``typical`` displacement in m, ``strongest`` force in N.
-    """
+
+def rewired(chain: Chain, nuisance: FloatArray, typical: float, strongest: float) -> Chain:
+    """The chain of a sheet with the further parts of its law at a nuisance vector (p,): an elastic curve, then a memory
+    that is no linear one of the force, then what is beside the sheet. ``typical`` displacement in m, ``strongest``
+    force in N."""
     c = dict(zip(TISSUE, nuisance.tolist(), strict=False))
-    skin: SheetTissue = chain["tissue"].tissue  # type: ignore[attr-defined]
-    if c["apart"]:
-        return _apart(chain, skin, c["apart"], typical * _scale(c["apart_length"], 3.0), typical)
     if not any(c[name] for name in OWN):
         return chain
+    skin: SheetTissue = chain["tissue"].tissue  # type: ignore[attr-defined]
     secant = bounded_exp(skin.exponent * math.log1p((typical / skin.length) ** 2))
     stiffness = np.array(skin.stiffness) * secant
+    if c["apart"]:
+        chain = _apart(chain, skin, c["apart"], typical * _scale(c["apart_length"], 3.0), typical)
     pairs = [(-g, tau) for g, tau in zip(skin.relaxation, skin.times, strict=True)]
     prony = (1.0, *(x for pair in pairs for x in pair))
-    moved = xyz("skin")
-    if c["arm1"]:
-        return _with_arms(chain, skin, c, tuple(stiffness.tolist()))
-    if c["slip1"]:
-        return _with_slips(chain, skin, c, tuple(stiffness.tolist()), typical)
-    chain = chain.tuned("tissue", tissue=replace(skin, relaxation=(), times=()))
+    beside = _beside(c, skin, tuple(stiffness.tolist()), typical)
+    memory, curve = _memory_of_force(c, skin, prony, typical, strongest), _curve(c, skin, stiffness, typical)
+    if curve or memory or c["spring"]:  # the sheet's own memory would be ahead of them
+        chain = chain.tuned("tissue", tissue=replace(skin, relaxation=(), times=()))
     if c["spring"]:
-        springs = tuple((c["spring"] * stiffness).tolist())
         chain = before(chain, "tissue", lambda s, t: MemoryLaw("strain_memory", "tissue", s, t, kernels.prony, prony))
-        return after(chain, "tissue", lambda s, t: Springs("spring", "tissue", s + moved, t, springs, skin.angle))
+    elif curve and not memory:
+        memory = lambda s, t: MemoryLaw("memory", "tissue", s, t, kernels.prony, prony)  # noqa: E731
+    strained = chain["tissue"].source  # type: ignore[attr-defined]
+    for part in (beside, memory, curve and (lambda s, t: curve("curve", "tissue", s + strained, t))):
+        chain = after(chain, "tissue", part) if part else chain
+    return chain
+
+
+def _memory_of_force(
+    c: Mapping[str, float], skin: SheetTissue, prony: tuple[float, ...], typical: float, strongest: float
+) -> Made:
+    """A memory of the force that is not linear."""
     if c["closing"]:
-        shares = *_modes(c), c["closing"] / typical**2
-        return after(chain, "tissue", lambda s, t: Consolidation("memory", "tissue", s + moved, t, *shares))
+        (quick, slow), closing = _modes(c), c["closing"] / typical**2
+        return lambda s, t: Consolidation("memory", "tissue", s + xyz("skin"), t, quick, slow, closing)
     if c["activation"]:
         parameters = (c["activation"] / strongest, *prony[1:])
-        return after(chain, "tissue", lambda s, t: Activated("memory", "tissue", s, t, skin.angle, parameters))
-    curve = _curve(c, skin, stiffness, typical)
-    chain = after(chain, "tissue", lambda s, t: MemoryLaw("memory", "tissue", s, t, kernels.prony, prony))
-    return after(chain, "tissue", lambda s, t: curve("curve", "tissue", s + moved, t))
+        return lambda s, t: Activated("memory", "tissue", s, t, skin.angle, parameters)
+    return None
 
 
-def _with_arms(chain: Chain, skin: SheetTissue, c: Mapping[str, float], springs: tuple[float, ...]) -> Chain:
-    """The chain of a sheet beside Maxwell's arms, shares of ``springs`` (N/m along its axes), which soften with it."""
-    times = (tau * _scale(c[name], 4.0) for name, tau in zip(ARM_TIMES, ARMS.values(), strict=True))
-    arms = tuple(zip((c[name] for name in ARMS), times, strict=True))
-    shape = skin.angle, arms, (skin.softening, skin.softening_force, *skin.softening_law)
-    return after(chain, "tissue", lambda s, t: Arms("arms", "tissue", s + xyz("skin"), t, springs, *shape))
-
-
-def _with_slips(
-    chain: Chain, skin: SheetTissue, c: Mapping[str, float], springs: tuple[float, ...], typical: float
-) -> Chain:
-    """The chain of a sheet beside shares of ``springs`` (N/m along its axes) that slip one after another, about shares
-    of the ``typical`` way (m)."""
-    lengths = [at * typical * bounded_exp(c[name]) for name, at in YIELDS.items()]
-    slips = tuple(zip((c[name] for name in SLIPS), lengths, strict=True))
-    return after(
-        chain, "tissue", lambda s, t: Springs("slips", "tissue", s + xyz("skin"), t, springs, skin.angle, slips)
-    )
+def _beside(c: Mapping[str, float], skin: SheetTissue, springs: tuple[float, ...], typical: float) -> Made:
+    """Shares of ``springs`` (N/m along the axes) beside the sheet: behind Maxwell's dashpots, which soften with it;
+    slipping one after another, about shares of the ``typical`` way (m); or whole, beside a memory of strain."""
+    if c["arm1"]:
+        times = (tau * _scale(c[name], 4.0) for name, tau in zip(ARM_TIMES, ARMS.values(), strict=True))
+        arms = tuple(zip((c[name] for name in ARMS), times, strict=True))
+        even = sum(springs) / len(springs)
+        own = tuple(k + c[EVEN] * (even - k) for k in springs)
+        shape = skin.angle, arms, (skin.softening, skin.softening_force, *skin.softening_law)
+        return lambda s, t: Arms("arms", "tissue", s + xyz("skin"), t, own, *shape)
+    if c["slip1"]:
+        lengths = [at * typical * bounded_exp(c[name]) for name, at in YIELDS.items()]
+        slips = tuple(zip((c[name] for name in SLIPS), lengths, strict=True))
+        return lambda s, t: Springs("slips", "tissue", s + xyz("skin"), t, springs, skin.angle, slips)
+    if c["spring"]:
+        shares = tuple(c["spring"] * k for k in springs)
+        return lambda s, t: Springs("spring", "tissue", s + xyz("skin"), t, shares, skin.angle)
+    return None
 
 
 def _apart(chain: Chain, skin: SheetTissue, stiffening: float, length: float, typical: float) -> Chain:
@@ -296,9 +326,11 @@ def _apart(chain: Chain, skin: SheetTissue, stiffening: float, length: float, ty
     return before(chain, "tissue", lambda s, t: Apart("apart", "tissue", s, t, axes, exponent, length))
 
 
-def _curve(c: Mapping[str, float], skin: SheetTissue, secant: FloatArray, typical: float) -> Callable[..., Wired]:
+def _curve(
+    c: Mapping[str, float], skin: SheetTissue, secant: FloatArray, typical: float
+) -> Callable[..., Wired] | None:
     """Makes the operator of an elastic law's further part, about a ``secant`` stiffness (3,) N/m at the ``typical`` way
-    (m)."""
+    (m); nothing of a law that has none."""
     if c["chains"]:
         axes = principal_axes(skin)
         matrix = axes @ np.diag(skin.stiffness) @ axes.T
@@ -313,6 +345,8 @@ def _curve(c: Mapping[str, float], skin: SheetTissue, secant: FloatArray, typica
         normal = float(secant[2]) / typical
         reach = TOE * typical * _scale(c["toe_reach"], 3.0)
         return partial(Bedding, push=c["push"] * normal, pull=c["pull"] * normal, toe=c["toe"], reach=reach)
+    if not any(c[name] for name in SKEWS):
+        return None
     cubic = np.array([c[name] for name in SKEWS]) * float(np.mean(secant)) * typical
     return partial(Skew, cubic=tuple(cubic.tolist()), length=typical)
 

@@ -18,7 +18,7 @@ from gap.inference.evidence import Fit, Hypothesis
 from gap.inference.hypothesis import Candidate, Lateness, to_unit
 from gap.inference.problem import Problem
 from gap.search.joint import signed, star
-from gap.search.windows import answered, has_level, to_the_end
+from gap.search.windows import answered, to_the_end
 from sim_devices.chain import FloatArray, Parameter
 
 STRENGTHS = (0.06, 0.3, 0.7)
@@ -210,9 +210,7 @@ def _spells(event: Candidate, problem: Problem, base: Fit) -> list[Place]:
         values = event.values(plain_start(event))
         return [{"moment": m} for m in bursts(event, problem, base, values)]
     moments = jumps(time, residual, recording)
-    change = _all_along(event, problem, base)
-    windows = spells(time, residual, recording)
-    windows += [] if has_level(change) else [answered(base, problem.rows, change)]
+    windows = [*spells(time, residual, recording), answered(base, problem.rows, _all_along(event, problem, base))]
     return [{"moment": m, "duration": length} for m, length in [*[(m, longest[0]) for m in moments], *windows]]
 
 

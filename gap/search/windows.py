@@ -12,16 +12,8 @@ from gap.inference.hypothesis import Rows
 from gap.inference.linear import Projector
 from sim_devices.chain import FloatArray
 
-LEVEL = 0.5
-"""Share of a change's square that is its mean, above which windows in which the residual has a level of its own are as
-good."""
 LEAST = 1e-6
 """Share of a recording's whole change below which a window says nothing."""
-
-
-def has_level(change: FloatArray) -> bool:
-    """Whether a change (n,) has mostly one sign."""
-    return float(np.sum(change)) ** 2 >= LEVEL * len(change) * float(change @ change)
 
 
 def answered(base: Fit, rows: Rows, change: FloatArray) -> tuple[float, float]:

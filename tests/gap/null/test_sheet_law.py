@@ -8,7 +8,21 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gap.null.chains import needed, run
-from gap.null.sheet_law import AMOUNTS, ARMS, FROZEN, FURTHER, LAWS, RELAXATION_TIMES, SPECTRUM, TISSUE, rewired, sheet
+from gap.null.sheet_law import (
+    AMOUNTS,
+    ARMS,
+    CURVES,
+    EVEN,
+    FROZEN,
+    LAWS,
+    MEMORIES,
+    RELAXATION_TIMES,
+    SPECTRUM,
+    TISSUE,
+    joined,
+    rewired,
+    sheet,
+)
 from sim_devices.stages import nominal
 from sim_devices.stages.robot import xyz
 from sim_devices.stages.tissues import SheetTissue, sheet_tissue
@@ -25,7 +39,7 @@ def test_each_law_has_its_own_relaxation_and_no_other() -> None:
 
 
 def test_what_a_law_lacks_is_frozen_at_nothing() -> None:
-    for law in (*LAWS, *FURTHER):
+    for law in (*LAWS, *MEMORIES, *CURVES):
         frozen = np.array(law.sd) <= FROZEN
         assert not np.array(law.guesses)[:, frozen].any()
         assert not frozen[: TISSUE.index("softening") + 1].any()
@@ -36,7 +50,7 @@ def test_what_a_law_lacks_is_frozen_at_nothing() -> None:
 
 
 def test_each_further_law_has_two_times_and_one_thing_more_or_arms() -> None:
-    for law in FURTHER:
+    for law in (*MEMORIES, *CURVES):
         free = {n for n, sd in zip(TISSUE, law.sd, strict=True) if sd > FROZEN} & AMOUNTS.keys()
         if free == ARMS.keys() or len(free) < 2:  # one elastic curve at most, with any memory
             continue
@@ -82,7 +96,7 @@ def _forces(law_at: np.ndarray) -> np.ndarray:
 
 def test_further_laws_change_the_force_and_are_plain_memories_without_what_they_add() -> None:
     memories = "amount1", "amount2", *SPECTRUM
-    for law in FURTHER:
+    for law in (*MEMORIES, *CURVES):
         guess = dict(zip(TISSUE, law.guesses[0], strict=True))
         if not any(guess[n] for n in AMOUNTS):
             continue  # a plain sheet, with any memory
@@ -93,3 +107,30 @@ def test_further_laws_change_the_force_and_are_plain_memories_without_what_they_
         assert np.max(np.abs(_forces(at) - plain)) > 5e-3
         at[[TISSUE.index(n) for n in added]] = 0.0
         assert np.allclose(_forces(at), plain, atol=1e-9)
+
+
+def test_one_laws_memory_joins_anothers_curve() -> None:
+    """Arms beside a sheet of chains: what arms add to it is what they add to a plain sheet."""
+    none = np.zeros(len(TISSUE))
+    none[TISSUE.index("softening")] = -sheet_tissue("forearm").softening
+    arms, chains = MEMORIES[1], CURVES[4]
+    law = joined(arms, chains, none + arms.guesses[0], none + chains.guesses[0])
+    both = np.array(law.guesses[0])
+    assert both[TISSUE.index("chains")] == chains.guesses[0][TISSUE.index("chains")] > 0
+    assert law.sd[TISSUE.index("arm1")] > FROZEN >= law.sd[TISSUE.index(SPECTRUM[0])]
+    curve = both * np.isin(TISSUE, ("chains", "softening"))
+    added = _forces(both) - _forces(curve)
+    assert np.max(np.abs(added)) > 5e-3
+    assert np.allclose(added, _forces(both * (np.array(TISSUE) != "chains")) - _forces(none), atol=1e-12)
+
+
+def test_springs_of_arms_may_be_as_stiff_in_each_direction() -> None:
+    at = np.array(MEMORIES[1].guesses[0])
+    at[TISSUE.index("softening")] = -sheet_tissue("forearm").softening
+    bare = _forces(np.where(np.isin(TISSUE, tuple(ARMS)), 0.0, at))
+    path = np.array([1.0, 0.5, -0.3])
+    spread = {}
+    for even in (0.0, 1.0):
+        added = _forces(np.where(np.array(TISSUE) == EVEN, even, at)) - bare
+        spread[even] = np.ptp(np.max(np.abs(added), axis=1) / np.abs(path))
+    assert spread[1.0] < 1e-9 < 1e-3 < spread[0.0]
