@@ -47,6 +47,8 @@ EXPLAINED = 2.0
 STRENGTHS = np.linspace(0.1, 0.9, 17)
 """Quantiles of their strengths at which: near enough to each other for a search between two to find the best."""
 WEIGHTS = "proportional", "derivative", "acceleration"
+KICK = 1e-3
+"""s for which a card's cycles and filter show a rate where the set-point jumps, of a derivative that is the error's."""
 """Parts of a controller that may see more or less of a set-point than the known ones do."""
 LATEST = 2e-3
 """s at most that the coils' force is late: what follows to first order is not known beyond."""
@@ -97,12 +99,13 @@ class AxesBlock(Block):
     trust = 0.5  # the skin's force loads the axes, as far as the recorded force tells
     growth, widest = ROBOT_BINS
     floor = 0.5e-6  # m
-    TOLERANCES = 11
+    TOLERANCES = 12
     """Logarithms of three gains; s by which all is late; 1, of the clock; s by which the load on the axes is late;
-    N s/m of drag; s by which the coils' force is late; by how much more the set-point and its rate weigh, and the share
-    of the mass that is fed forward."""
+    N s/m of drag; s by which the coils' force is late; by how much more the set-point and its rate weigh, the share of
+    the mass that is fed forward; and the logarithm of how long a coil is at its limit where the set-point jumps, over
+    `KICK`."""
     ZERO_SD = 2e-6  # m
-    STEPS = (1e-2, 1e-2, 1e-2, 1e-3, 1e-6, 1e-3, 0.1, 1e-4, 1e-2, 1e-2, 1e-2)
+    STEPS = (1e-2, 1e-2, 1e-2, 1e-3, 1e-6, 1e-3, 0.1, 1e-4, 1e-2, 1e-2, 1e-2, 5e-2)
     NEAR = 0.5
     """Of the logarithms of the gains, within which the Jacobian of another place is good enough for a step."""
 
@@ -153,6 +156,7 @@ class AxesBlock(Block):
         drag = own["viscous_drag"]["drag"].value if self.controller.on_error else FROZEN
         rest = [late, own["clock_skew"]["rate"].value, loop["load"].value, drag]
         rest += [loop["lag"].value, *(width(loop[f"{name}_weight"]) for name in WEIGHTS)]
+        rest.append(loop["kick"].value if self.controller.on_error else FROZEN)
         return np.array([*gains, *rest, *[self.ZERO_SD] * self._runs.shape[1]])
 
     def reload(self, forces: Mapping[str, dict[str, Table]]) -> None:
@@ -267,6 +271,7 @@ class AxesBlock(Block):
             float(nuisance[6]),
             float(np.clip(nuisance[7], -LATEST, LATEST)),
             tuple(nuisance[8:11].tolist()),
+            KICK * float(np.exp(np.clip(nuisance[11], -2.0, 2.0))),
         )
         spring = SPRING if self._loads[0] else 0.0
         return self.with_effects(chain.tuned("axes", spring=spring, most_substeps=MOST_SUBSTEPS), active, group)

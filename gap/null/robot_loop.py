@@ -60,19 +60,27 @@ class Controller:
         drag: float = 0.0,
         lag: float = 0.0,
         weights: tuple[float, ...] = (0.0, 0.0, 0.0),
+        kick: float = 0.0,
     ) -> Chain:
         """The chain with this controller, its three gains multiplied by ``scale`` (3,), further ``drag`` N s/m, and a
         coil's force that comes ``lag`` s later than it is asked for.
 
         ``weights`` tell by how much more the set-point and its rate weigh than in this controller, and the share of the
-        mass that is fed forward.
+        mass that is fed forward; ``kick`` s how long a coil is at its limit where the set-point jumps.
         """
         p, i, d = (self.proportional * scale[0], self.integral * scale[1], self.derivative * scale[2])
         loop = chain["axes"]
         assert isinstance(loop, AxisLoop)
         kept = {f.name: getattr(loop, f.name) for f in fields(AxisLoop)}
         weight, rate, share = np.clip(np.add((1.0, self.on_error, 0.0), weights), 0.0, HEAVIEST).tolist()
-        own = {"mass": self.mass, "lag": lag, "fed": rate * d, "weight": weight, "thrust": share * self.mass}
+        own = {
+            "mass": self.mass,
+            "lag": lag,
+            "fed": rate * d,
+            "weight": weight,
+            "thrust": share * self.mass,
+            "kick": kick,
+        }
         tuned = TunedLoop(**kept | own, gains=(p, i, d + self.drag + drag))
         return Chain(chain.instrument, tuple(tuned if op is loop else op for op in chain.operators))
 

@@ -27,6 +27,9 @@ NOTHING, ALL = 1.0, 100.0
 POPULATION, GENERATIONS = 40, 15
 """Of a differential evolution over an effect's prior: points, half of them the screening's, and how often these are
 bred, from any (rand1bin): from the best alone they all end where the fit was."""
+ROWS, FEWEST = 3000, 5
+"""Rows of a block up to which there are so many generations; of more there are fewer, as each simulation takes longer,
+but as many as these."""
 BEGINNINGS, APART = 8, 0.1
 """From how many of the points fits begin, and quantiles by which two of these differ at least: with the nuisance as it
 was fitted, the best of them may lie where the fit was, too."""
@@ -62,8 +65,9 @@ def begun_anew(hypothesis: Hypothesis, screened: Screened, problems: Mapping[str
     size = len(screened.candidate.parameters)
     known = screened.units[: POPULATION // 2]
     first = np.vstack([*known, qmc.LatinHypercube(size, seed=0).random(POPULATION - len(known))])
+    generations = max(FEWEST, min(GENERATIONS, GENERATIONS * ROWS // len(fitted.residual)))
     differential_evolution(
-        left, [(0.0, 1.0)] * size, init=first, maxiter=GENERATIONS, strategy="rand1bin", polish=False, tol=0.0, seed=0
+        left, [(0.0, 1.0)] * size, init=first, maxiter=generations, strategy="rand1bin", polish=False, tol=0.0, seed=0
     )
     starts: list[FloatArray] = []
     for _, unit in sorted(found, key=lambda one: one[0]):

@@ -51,7 +51,8 @@ class AxisLoop(Wired):
     What rubs is of the axis ``alone`` (1 to 3), or of all (0).
     ``fed`` N s/m (Kf) is the controller's force in proportion to the target's speed, ``weight`` (b) the share of the
     target that its proportional part sees (Åström and Hägglund, set-point weighting), ``thrust`` kg (Ka) what it gives
-    for the target's acceleration: a kick where the target turns.
+    for the target's acceleration: a kick where the target turns. ``kick`` s is how long a coil pushes at its limit
+    where the target jumps, as its card sees a rate for some cycles: at a jump of d the axis gains at most Kf d / m.
     ``lag`` s is how late the coil's force is: a card's cycle, its filters, the coil's current. It is short against the
     loop's time constant, and taken to first order: F(t - lag) = F - lag F' takes lag Ki off Kp, lag Kp off Kd,
     lag b Kp off Kf, lag Kf off Ka, and lag Kd off the mass.
@@ -78,6 +79,7 @@ class AxisLoop(Wired):
     fed: float = 0.0
     weight: float = 1.0
     thrust: float = 0.0
+    kick: float = 0.0
     lag: float = 0.0
     thinning: float = 0.0
     thinning_power: float = 0.5
@@ -98,6 +100,7 @@ class AxisLoop(Wired):
             math.inf if linear else SUBSTEP, self.soft, self.carried, self.fed,
             self.thinning, self.thinning_power, self.easing, self.most_substeps, self.fed - late * self.weight * kp,
             (1.0 - self.weight) * kp, (self.thrust - late * self.fed) / (self.mass - late * kd),
+            self.kick,
         )  # fmt: skip
         return np.zeros((len(self.target), _STATE)), np.array(values)
 
@@ -166,6 +169,10 @@ def _advance_axis(
                 rho = (target[i] - s[2]) / dt
                 s[6] += p[24] * (rho - s[8])
                 s[8] = rho
+            if dt < p[25]:  # the rest of what the limit lets through, which a step so short does not
+                jump, limit = target[i] - s[2], p[9] - abs(p[16])
+                rest = min(p[17] * abs(jump) - limit * dt, limit * (p[25] - dt))
+                s[6] += math.copysign(max(rest, 0.0), jump) / m
             steps = max(math.ceil(dt / (SUBSTEP if longest == math.inf else longest) * (1.0 - 1e-9)), 1)
             steps = steps if steps < p[21] else int(p[21])
             if longest == math.inf:
