@@ -22,8 +22,6 @@ STRAINED = 25.0
 """Fall of the nuisance's penalty beside an effect from which on tolerances were strained without: 5 of them."""
 DEGREE = 3
 """Of the polynomial that a channel's error is of its own value: zero, gain, and a bend with one turn."""
-
-
 KNOWN = 1e-12
 """Variance of a parameter, in tolerances, that counts as known."""
 

@@ -11,7 +11,7 @@ from gap.inference.evidence import Fit, split
 from gap.inference.hypothesis import FROZEN, Active, Candidate, Start
 from gap.inference.least_squares import fit, under
 from gap.null.blocks import SIMPLE_SHIFT, Block
-from gap.null.sheet_law import CURVES, LAWS, MEMORIES, SPECTRUM, TISSUE, Law, joined, unwound
+from gap.null.sheet_law import CURVES, LAWS, MEMORIES, PLAIN, SPECTRUM, TISSUE, Law, joined, unwound
 from sim_devices.chain import FloatArray
 
 AT_NOISE = 1.3
@@ -99,9 +99,9 @@ class SheetLawBlock(Block):
             [(law, self._from_guesses(law, self._simple(law), FEW)) for law in laws] for laws in (MEMORIES, CURVES)
         )
         memory, its = min(remembering, key=lambda pair: pair[1].objective)
-        both = [joined(memory, curve, its.nuisance, f.nuisance) for curve, f in bent]
+        others = (PLAIN, *(joined(memory, curve, its.nuisance, f.nuisance) for curve, f in bent))
         tried = [f for _, f in (*remembering, *bent)]
-        tried += [self._from_guesses(law, self._simple(law), FEW) for law in both]
+        tried += [self._from_guesses(law, self._simple(law), FEW) for law in others]
         best = sorted(tried, key=lambda f: f.objective)[:PROMISING]
         on = [fit(under(self, self.prior_mean, f.prior_sd), nuisance=f.nuisance, iterations=40) for f in best]
         first, mode = min(on, key=lambda f: f.objective), self.TISSUE.index("time1")

@@ -23,7 +23,7 @@ from gap.null.robot_force import ForceBlock
 from gap.null.robot_laws import AT_NOISE
 from gap.null.robot_loop import CONTROLLERS
 from gap.null.sheet_discrepancy import gradients, lagged, played, sheet_discrepancy
-from gap.null.sheet_law import CURVES, MEMORIES, SPECTRUM, Law, joined
+from gap.null.sheet_law import CURVES, MEMORIES, PLAIN, SPECTRUM, Law, joined
 from gap.search.refits import refit
 from gap.search.screening import Screened
 from sim_devices.chain import FloatArray
@@ -195,9 +195,9 @@ MORE = {
     "closing": -0.5,
     "activation": 4.0,
     "slip1": 0.2,
+    "relaxation7": 0.2,
     "skew1": 0.15,
     "push": 0.3,
-    "relaxation7": 0.2,
     "apart": 0.6,
     "chains": 0.35,
     "fibres": 0.4,
@@ -212,7 +212,7 @@ def sheets() -> tuple[GroupedSession, AxesBlock]:
     return session, AxesBlock(session, {})
 
 
-@pytest.mark.parametrize(("law", "tells"), list(zip((*MEMORIES, *CURVES), MORE, strict=True)), ids=list(MORE))
+@pytest.mark.parametrize(("law", "tells"), list(zip((*MEMORIES, PLAIN, *CURVES), MORE, strict=True)), ids=list(MORE))
 def test_skin_of_a_further_law_is_fitted_by_it_alone(
     sheets: tuple[GroupedSession, AxesBlock], law: Law, tells: str
 ) -> None:
@@ -235,7 +235,7 @@ def test_skin_of_arms_and_chains_is_put_together(sheets: tuple[GroupedSession, A
     session, axes = sheets
     block = ForceBlock(session, {}, axes)
     at = block.prior_mean.copy()
-    arms, chains = MEMORIES[1], CURVES[4]
+    arms, chains = MEMORIES[1], CURVES[3]
     at[: len(arms.sd)] = joined(arms, chains, np.array(arms.guesses[0]), np.array(chains.guesses[0])).guesses[0]
     for name, value in {"arm1": 0.3, "arm2": 0.2, "arm_even": 1.0, "chains": 0.15}.items():
         at[block.TISSUE.index(name)] = value
