@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from gap.data.tolerances import Tolerance
@@ -49,6 +50,9 @@ STRENGTHS = np.linspace(0.1, 0.9, 17)
 WEIGHTS = "proportional", "derivative", "acceleration"
 KICK = 1e-3
 """s for which a card's cycles and filter show a rate where the set-point jumps, of a derivative that is the error's."""
+KICKED, NEARLY, IGNORED = 0.02, 2e-3, 1e3
+"""s behind such a jump for which an axis shows in which part of the card's cycle it fell, and s by which a stamp may be
+early; and how many times as wide the noise of these rows is, which then tell nothing."""
 """Parts of a controller that may see more or less of a set-point than the known ones do."""
 LATEST = 2e-3
 """s at most that the coils' force is late: what follows to first order is not known beyond."""
@@ -135,6 +139,15 @@ class AxesBlock(Block):
         self._rubs = {f.hypothesis[0].key: f for f in rubbed}
         self.suspected = frozenset(self._rubs)
         self._take(*best)
+        if self.controller.on_error:
+            self.row_noise.widen(np.flatnonzero(np.tile(self._kicked(), len(AXES))), IGNORED)
+
+    def _kicked(self) -> NDArray[np.bool_]:
+        """Stamps (n,) that follow a jump of the set-point within `KICKED`."""
+        commands = [group.commands[q] for group, _ in self.groups for q in QUANTITIES]
+        jumps = np.unique(np.concatenate([command.steps for command in commands]))
+        since = self.stamps - np.append(-np.inf, jumps)[np.searchsorted(jumps, self.stamps + NEARLY, side="right")]
+        return np.asarray(since < KICKED)
 
     def _take(self, controller: Controller, held: bool) -> None:
         """Assume a controller that has sampled rows of a command ``held`` until the next or goes straight in between,

@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import lfilter
 
+from acquire.recording.model import AXIS_LOOP
 from gap.design import simulated as own
+from gap.design.simulated import Leg
 from gap.effects.load import library
 from gap.inference.hypothesis import Candidate
 from gap.inference.least_squares import fit
@@ -65,3 +67,21 @@ def test_slow_noise_of_the_axes_shows_beside_a_rigid_post() -> None:
     assert axes.row_noise.memory is not None
     null = fit(axes)
     assert np.sqrt(null.chi2 / len(null.residual)) < 1.1
+
+
+def test_what_a_derivative_of_the_error_makes_of_a_jump_tells_nothing_for_a_moment() -> None:
+    """Of a sound robot of an outside author each step was another part of the card's cycle away, and drag was told."""
+    turns = np.array([0.0, 3.0, 3.0, 6.0, 6.0, 9.0])
+    way = 1e-3 * np.array([0.0, 0.0, 0.8, 0.8, -0.3, -0.3])
+    legs = [Leg({q: (turns, way * (q == "probe_x")) for q in QUANTITIES}, 9.0)]
+    recordings = own.robot_session(np.random.default_rng(3), legs=legs)
+    values = {"loop_proportional": 1500.0, "loop_integral": 12e3, "loop_derivative": 15.0, "axis_mass": 0.06}
+    known = {name: {"value": value, "unit": AXIS_LOOP[name]} for name, value in values.items()}
+    recordings = [replace(r, info=replace(r.info, calibration=known)) for r in recordings]
+    axes = AxesBlock(GroupedSession(recordings, QUANTITIES), {})
+    begin = axes.session.recordings[0].setpoints["probe_x"].time[0]
+    assert not axes.controller.on_error  # the simulated loop damps the position: all rows tell
+    assert not np.any(axes.row_noise.sigma > 1e3 * np.median(axes.row_noise.sigma))
+    behind = axes.stamps - begin
+    expected = ((behind > 2.998) & (behind < 3.02)) | ((behind > 5.998) & (behind < 6.02))
+    np.testing.assert_array_equal(axes._kicked(), expected)
