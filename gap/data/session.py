@@ -10,7 +10,6 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from acquire.recording.model import Recording, Series
 from gap.data.binning import GROWTH, WIDEST, Bins, bin_edges, bin_means, breaks
@@ -85,16 +84,13 @@ class Session:
         self.shifts, self.own_clocks, self.rests_assumed = _shifts(recordings)
         self._own: dict[int, dict[str, Command]] = {}
         self._paces: dict[tuple[tuple[int, ...], float, float, float], Pace] = {}
-        self._begins = np.array([self.span(k)[0] for k in range(len(recordings))])
-
-    def which(self, time: FloatArray) -> NDArray[np.int64]:
-        """The recording, of the shape of ``time`` s, that is going on, or was the last to."""
-        return np.maximum(np.searchsorted(self._begins - OVERLAP, time, side="right") - 1, 0)
+        self._set = np.array([self.span(k)[0] for k in range(len(recordings) if self.own_clocks else 1)])
 
     def clock_age(self, time: FloatArray) -> FloatArray:
         """s, of the shape of ``time`` s, since the recording's clock was set: at the start of the session, or of each
         recording that has a clock of its own."""
-        age: FloatArray = time - self._begins[self.which(time) if self.own_clocks else 0]
+        which = np.searchsorted(self._set - OVERLAP, time, side="right") - 1
+        age: FloatArray = time - self._set[np.maximum(which, 0)]
         return age
 
     def time(self, k: int, series: Series) -> FloatArray:

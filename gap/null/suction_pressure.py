@@ -149,7 +149,6 @@ class PressureBlock(Block):
         super().__init__(session, library, without=("open air",))
         self.row_noise.widen(np.flatnonzero(self._in_motion()), IGNORED)
         self._zeros = zeros_of_recordings(self)
-        self._late = slice(SIZE + self._zeros.shape[1], SIZE + 2 * self._zeros.shape[1])
         self.prior_sd = self.prior(lambda t: t.value)
         self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
         self._begin = self.prior_mean
@@ -251,8 +250,7 @@ class PressureBlock(Block):
         """Prior widths (p,) of a sound instrument, by the one of its tolerances that ``width`` takes."""
         regulator = prior_widths(self.tolerances, self.shift_sd, width, opened)
         again = self.tolerances["gauge_offset"]["again"].value
-        late = self.tolerances["latency"]["interval"].value / np.sqrt(12.0)
-        return np.concatenate([regulator, *(np.full(self._zeros.shape[1], sd) for sd in (again, late))])
+        return np.concatenate([regulator, np.full(self._zeros.shape[1], again)])
 
     def _in_motion(self) -> NDArray[np.bool_]:
         """Rows (n,) of recordings that begin while the pressure still comes back from the one before, until it rests:
@@ -321,9 +319,7 @@ class PressureBlock(Block):
     def early(self, time: FloatArray) -> FloatArray:
         """How far the record's stamps ``time`` (n,) are before the command's clock, s."""
         c = self._fitted
-        late = np.zeros(len(self.session.recordings))
-        late[self.runs[: len(c[self._late])]] = c[self._late]
-        return np.asarray(c[SHIFT] + c[CLOCK] * self.session.clock_age(time) + late[self.session.which(time)])
+        return np.asarray(c[SHIFT] + c[CLOCK] * self.session.clock_age(time))
 
     def true(self, recorded: FloatArray) -> FloatArray:
         """Recorded pressures (n,) Pa without the gauge's error, as far as a sound one's goes."""
@@ -343,7 +339,6 @@ class PressureBlock(Block):
     def _predict(self, nuisance: FloatArray, active: Active) -> FloatArray:
         """Recorded pressure (n,) Pa, by a gauge without an error: its gain would shrink the noise of a record."""
         shift = nuisance[SHIFT] + nuisance[CLOCK] * self.session.clock_age(self.stamps)
-        shift += self._zeros @ nuisance[self._late]
         chain = self.with_effects(self._regulated(self._all, nuisance), active, self._all)
         # Signals a gauge may read beside pressure are as recorded.
         beside = self.session.recorded("apex_height", self._all, smoothed=True)
@@ -371,7 +366,7 @@ class PressureBlock(Block):
         made = self._predict(nuisance, active)
         gain, zero, more = nuisance[GAIN:SIZE]
         empty = vented(made)
-        zeros = zero + more * empty + self._zeros @ nuisance[SIZE : self._late.start]
+        zeros = zero + more * empty + self._zeros @ nuisance[SIZE:]
         residual = self.whitened(self.measured - made * (1.0 + gain) - zeros, active)
         if not want_jacobian:
             return Evaluation(residual, np.zeros((0, 0)))
@@ -383,6 +378,5 @@ class PressureBlock(Block):
             moved = nuisance.copy()
             moved[k] += step
             jacobian[:, k] = (self._predict(moved, active) - made) * (1.0 + gain) / step
-        jacobian[:, GAIN], jacobian[:, VENTED], jacobian[:, SIZE : self._late.start] = made, empty, self._zeros
-        jacobian[:, self._late] = jacobian[:, SHIFT, None] * self._zeros
+        jacobian[:, GAIN], jacobian[:, VENTED], jacobian[:, SIZE:] = made, empty, self._zeros
         return Evaluation(residual, self.whitened(jacobian, active))

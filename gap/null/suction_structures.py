@@ -57,8 +57,8 @@ FAR = 10.0
 """Times wider noise of rows that are left out."""
 QUICK_INTEGRAL = 3.0
 """1/s from which on an integral is none that makes up for a leak, where the set-point is weighed."""
-RACE = ((3, 14), (7, 3), (40, 1))
-"""Fits of loops with an integral race: for so many steps, after which so many of them go on."""
+FIRST, GO_ON, LAST = 10, 3, 40
+"""Steps of fits of loops with an integral, how many of these go on, and for how long."""
 HEAVY = 0.5
 """Inertia of a valve from which a fit begins: a little of it moves nothing;"""
 SLUGGISH = (0.5, -0.5)
@@ -144,7 +144,7 @@ def _of_inertia(block: Regulated, light: Structure) -> Structure:
     begin[[TIME, DAMPING]] += SLUGGISH
     begin[SHIFT : LEAD + 1] = 0.0  # which had to do for it
     found = fit(block.with_integral(light.width, light.vent), nuisance=light.begin)
-    again = fit(block.with_integral(heavy, light.vent), nuisance=begin, iterations=RACE[-1][0])
+    again = fit(block.with_integral(heavy, light.vent), nuisance=begin, iterations=LAST)
     return Structure(heavy, again.nuisance, light.vent) if again.objective < found.objective - WORTH else light
 
 
@@ -281,11 +281,9 @@ def _with_integral(block: Regulated, width: FloatArray, begins: Iterable[FloatAr
         found = fit(looked, nuisance=begin, iterations=iterations)
         return _Tried(found, vent, found.objective + np.count_nonzero(looked.sigma > FAR * block.sigma))
 
-    left = [(vent, begin) for vent, begin in product(VENTS, begins)]
-    for iterations, go_on in RACE:
-        ran = sorted((tried(*each, iterations) for each in left), key=lambda t: t.objective)
-        left = [(t.vent, t.fit.nuisance) for t in ran[:go_on]]
-    return ran
+    first = [tried(vent, begin, FIRST) for vent, begin in product(VENTS, begins)]
+    first.sort(key=lambda t: t.objective)
+    return [tried(t.vent, t.fit.nuisance, LAST) for t in first[:GO_ON]]
 
 
 def _unknown(block: Regulated, found: Fit) -> Structure | None:

@@ -18,6 +18,7 @@ from gap.decision.tolerance import Size, Stated, in_tolerances, weakest
 from gap.decision.transfer import plain
 from gap.decision.verdict import ALIKE, RULES, Findings, decide
 from gap.inference.evidence import Hypothesis
+from gap.inference.hypothesis import slope
 from gap.search.compare import Comparison, compare
 from sim_devices.chain import Parameter
 from tests.gap.decision.waves import DESIGN, SHAPES, T, judge, taking, total, weak_wave
@@ -266,7 +267,9 @@ def test_an_effect_within_twice_a_stated_tolerance_is_no_finding(linear, candida
         return in_tolerances(comparison.problems, comparison.null, [h], stated, found.temper)
 
     assert large({}).tolerances == np.inf
-    assert large({"wave": {"a": Tolerance(size, "1", "test")}})[:2] == pytest.approx((1.0, 0.0))
+    (unit,), (sd,) = h.fits["linear"].told(h.effects[0])
+    nearest = size - sd * slope(h.effects[0].parameters[0], unit)  # one standard deviation less
+    assert large({"wave": {"a": Tolerance(nearest, "1", "test")}})[:2] == pytest.approx((1.0, 0.0))
     jump = replace(h.effects[0], event=True)  # an event is no tolerance
     jumping = Hypothesis((jump,), {"linear": replace(h.fits["linear"], hypothesis=(jump,))})
     stated = {"wave": {"a": Tolerance(size, "1", "test")}}
