@@ -170,7 +170,7 @@ class Table:
             return number(cell.replace(",", ".", 1) if "." not in cell else cell)
         except ValueError:
             what = (
-                f"{cell[:40]!r} is not a number" if cell else "the cell is empty (a sample without a value? allow_nan)"
+                f"{cell[:40]!r} is not a number" if cell else "the cell is empty; allow_nan takes empty cells of values"
             )
             if _is_a_date(cell):
                 what = f"{cell[:40]!r} is a date: write seconds, and when they began as run.start_time"

@@ -22,6 +22,8 @@ TIMES = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4)
 """s within which the slow part forgets."""
 EARNED = 10.0
 """Nats that a slow part must earn in a channel to be believed."""
+IGNORED = 1e3
+"""Times the noise of rows that are left out."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -114,8 +116,8 @@ class RowNoise:
         """Add independent noise of standard deviation ``sd`` (C·n,), SI, to the rows."""
         self._new = self._new + np.square(sd).reshape(self._new.shape)
 
-    def widen(self, rows: NDArray[np.int64], times: float) -> None:
-        """Let some ``rows``, by number, scatter so many times as wide."""
+    def widen(self, rows: NDArray[np.int64], times: float = IGNORED) -> None:
+        """Let some ``rows``, by number, scatter so many times as wide: without a number, so that they tell nothing."""
         new = self._new.ravel().copy()
         new[rows] += np.square(self.sigma[rows]) * (times**2 - 1.0)
         self._new = new.reshape(self._new.shape)

@@ -48,12 +48,12 @@ EXPLAINED = 2.0
 STRENGTHS = np.linspace(0.1, 0.9, 17)
 """Quantiles of their strengths at which: near enough to each other for a search between two to find the best."""
 WEIGHTS = "proportional", "derivative", "acceleration"
+"""Parts of a controller that may see more or less of a set-point than the known ones do."""
 KICK = 1e-3
 """s for which a card's cycles and filter show a rate where the set-point jumps, of a derivative that is the error's."""
-KICKED, NEARLY, IGNORED = 0.02, 2e-3, 1e3
+KICKED, NEARLY = 0.02, 2e-3
 """s behind such a jump for which an axis shows in which part of the card's cycle it fell, and s by which a stamp may be
-early; and how many times as wide the noise of these rows is, which then tell nothing."""
-"""Parts of a controller that may see more or less of a set-point than the known ones do."""
+early."""
 LATEST = 2e-3
 """s at most that the coils' force is late: what follows to first order is not known beyond."""
 SOMEWHERE = 0.3
@@ -140,7 +140,7 @@ class AxesBlock(Block):
         self.suspected = frozenset(self._rubs)
         self._take(*best)
         if self.controller.on_error:
-            self.row_noise.widen(np.flatnonzero(np.tile(self._kicked(), len(AXES))), IGNORED)
+            self.row_noise.widen(np.flatnonzero(np.tile(self._kicked(), len(AXES))))
 
     def _kicked(self) -> NDArray[np.bool_]:
         """Stamps (n,) that follow a jump of the set-point within `KICKED`."""

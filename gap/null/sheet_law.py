@@ -271,8 +271,7 @@ def rewired(chain: Chain, nuisance: FloatArray, typical: float, strongest: float
     stiffness = np.array(skin.stiffness) * secant
     if c["apart"]:
         chain = _apart(chain, skin, c["apart"], typical * _scale(c["apart_length"], 3.0), typical)
-    pairs = [(-g, tau) for g, tau in zip(skin.relaxation, skin.times, strict=True)]
-    prony = (1.0, *(x for pair in pairs for x in pair))
+    prony = _prony(skin)
     beside = _beside(c, skin, tuple(stiffness.tolist()), typical)
     memory, curve = _memory_of_force(c, skin, prony, typical, strongest), _curve(c, skin, stiffness, typical)
     if curve or memory or c["spring"]:  # the sheet's own memory would be ahead of them
@@ -285,6 +284,11 @@ def rewired(chain: Chain, nuisance: FloatArray, typical: float, strongest: float
     for part in (beside, memory, curve and (lambda s, t: curve("curve", "tissue", s + strained, t))):
         chain = after(chain, "tissue", part) if part else chain
     return chain
+
+
+def _prony(skin: SheetTissue) -> tuple[float, ...]:
+    """The sheet's own memory, as of `kernels.prony`."""
+    return 1.0, *(x for g, tau in zip(skin.relaxation, skin.times, strict=True) for x in (-g, tau))
 
 
 def _memory_of_force(

@@ -46,8 +46,6 @@ from sim_devices.stages.sampling import simulate
 from sim_devices.stages.suction import COMMAND_STEP, tissue_operators
 from sim_devices.stages.tissues import SuctionTissue, suction_tissue
 
-IGNORED = 1e3
-"""Times the noise of rows that are left out."""
 SETTLED = 8
 """Samples before suction from which on it can be told where a pressure rests."""
 AWAY, BACK = 8.0, 4.0
@@ -147,7 +145,7 @@ class PressureBlock(Block):
         self.channels = (channel,)
         # An open probe holds no pressure: its record says nothing of the regulator.
         super().__init__(session, library, without=("open air",))
-        self.row_noise.widen(np.flatnonzero(self._in_motion()), IGNORED)
+        self.row_noise.widen(np.flatnonzero(self._in_motion()))
         self._zeros = zeros_of_recordings(self)
         self.prior_sd = self.prior(lambda t: t.value)
         self.prior_mean = self.sound = np.zeros(len(self.prior_sd))
@@ -223,7 +221,7 @@ class PressureBlock(Block):
         """The rows' noise without those of the first stretch of suction in recordings that follow an open probe's,
         whose integral nobody knows."""
         out = copy.copy(self.row_noise)
-        out.widen(np.flatnonzero(self._after_open_air()), IGNORED)
+        out.widen(np.flatnonzero(self._after_open_air()))
         return out
 
     def _simulated_together(self, without: Sequence[str]) -> Sequence[Group]:

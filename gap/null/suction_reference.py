@@ -22,7 +22,7 @@ from gap.null.blocks import Group, GroupedSession, Table
 from gap.null.skin_laws import bounded_exp
 from gap.null.suction_discrepancy import KNEES
 from gap.null.suction_feed import FedBlock
-from gap.null.suction_pressure import IGNORED, NO_TISSUE, PressureBlock, chain_of, vented, zeros_of_recordings
+from gap.null.suction_pressure import NO_TISSUE, PressureBlock, chain_of, vented, zeros_of_recordings
 from protocols.specimens import MEMORY
 from sim_devices.chain import Chain, Effect, FloatArray
 from sim_devices.stages.kernels import evaluate, low_pass
@@ -121,7 +121,7 @@ class ReferenceBlock(FedBlock):
         off = beside & (share > ON_THE_WAY) & (share < 1.0 - ON_THE_WAY)
         moves = np.concatenate([edges, self.stamps[at][off]])
         near = np.min(np.abs(self.stamps[at][:, None] - moves), axis=1, initial=np.inf) < MOVING
-        self.row_noise.widen(at.start + np.flatnonzero(near), IGNORED)
+        self.row_noise.widen(at.start + np.flatnonzero(near))
         return self.stamps[at], np.where(there, height, 0.0)
 
     def _membrane_curve(self) -> tuple[float, float, float]:

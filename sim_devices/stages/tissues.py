@@ -18,8 +18,21 @@ OPENING_EXPONENT = 1.6
 """Heights grow with the opening to this power: 1 by similarity, more because deeper layers are softer. Assumed."""
 
 
+class Softens:
+    """A tissue that loading softens."""
+
+    softening_rise: float
+    softening_fall: float
+    softening_end: float
+
+    @property
+    def softening_law(self) -> tuple[float, float, float]:
+        """Rise and fall (s) and end of `kernels.exposed`."""
+        return self.softening_rise, self.softening_fall, self.softening_end
+
+
 @dataclass(frozen=True)
-class SuctionTissue:
+class SuctionTissue(Softens):
     """Skin under a suction probe.
 
     Instantaneous height phi(q) = c q0 ((1 + q/q0)^m - 1) / m for suction q >= 0; creep h = phi + sum g_i lag(phi,
@@ -40,14 +53,9 @@ class SuctionTissue:
     softening_end: float = 0.0  # how far w stops at 1, whatever the height
     softening_height: float = 0.3e-3  # m at the reference opening: height at which w is 1
 
-    @property
-    def softening_law(self) -> tuple[float, float, float]:
-        """Rise and fall (s) and end of `kernels.exposed`."""
-        return self.softening_rise, self.softening_fall, self.softening_end
-
 
 @dataclass(frozen=True)
-class SheetTissue:
+class SheetTissue(Softens):
     """Skin moved by a glued probe in three directions.
 
     Elastic force f = K u (1 + u.K u / (k l²))^p with K from ``stiffness`` along axes turned by ``angle`` about z, then
@@ -69,11 +77,6 @@ class SheetTissue:
     softening_fall: float = 600.0  # s
     softening_force: float = 0.5  # N at which w is 1
     softening_end: float = 0.0  # how far w stops at 1, whatever the force
-
-    @property
-    def softening_law(self) -> tuple[float, float, float]:
-        """Rise and fall (s) and end of `kernels.exposed`."""
-        return self.softening_rise, self.softening_fall, self.softening_end
 
 
 SUCTION: dict[str, SuctionTissue] = {

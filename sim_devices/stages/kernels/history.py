@@ -15,9 +15,9 @@ SLOWEST_PACE = 1e-3
 
 @njit(cache=True, error_model="numpy")
 def exposed(w: float, q: float, end: float, rises: float, falls: float) -> float:
-    """What load has built up after a step under a load ``q``, from ``w`` on: w' = (q - w (1 + end (q - 1))) / T, which
-    comes to q at ``end`` 0, and at 1 to no more than 1, the sooner the larger q; or it goes back. What is left of the
-    way after the step is ``rises`` or ``falls``."""
+    """Exposure after a step under a load ``q``, from ``w`` on: w' = (q - w (1 + end (q - 1))) / T, which comes to q at
+    ``end`` 0, and at 1 to no more than 1, the sooner the larger q; or it goes back. ``rises`` or ``falls`` is the share
+    of the way that is left after the step."""
     pace = max(1.0 + end * (q - 1.0), SLOWEST_PACE)
     goal = q / pace
     if goal > w:

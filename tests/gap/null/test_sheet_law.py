@@ -1,4 +1,4 @@
-"""The sheet's laws: what each lets relax, and from where."""
+"""The laws of the sheet: their free parameters, and where fits of them begin."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def test_further_laws_change_the_force_and_are_plain_memories_without_what_they_
 
 
 def test_one_laws_memory_joins_anothers_curve() -> None:
-    """Arms beside a sheet of chains: what arms add to it is what they add to a plain sheet."""
+    """Arms add the same to a sheet of chains as to a plain one."""
     none = np.zeros(len(TISSUE))
     none[TISSUE.index("softening")] = -sheet_tissue("forearm").softening
     arms, chains = MEMORIES[1], CURVES[3]
