@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 
 from sim_devices.chain import FloatArray, Signals
-from sim_devices.stages.friction import bristle, eased, thinned
+from sim_devices.stages.friction import THIN_AT, bristle, eased, thinned
 from sim_devices.stages.kernels import SAME, STEPS, place
 from sim_devices.stages.operators import Wired
 
@@ -29,11 +29,14 @@ FORCE_LIMIT = 10.0
 """Greatest force of a coil, N (assumed)."""
 SUBSTEP = 1e-3
 """s, where a nonlinearity is present."""
+UNMOVED = 1e-7
+"""m by which friction that changes within a step may move an axis, if it is taken as held."""
+TURN = 0.1
+"""Of the presliding length, which an axis may go forth and back within a step."""
 _END_STOP = 6e-3  # m from the centre; only a lost control of an axis leads there
 _RUBBING = [4, 5, 6, 8, 18]  # of a loop's parameters: drag, dry friction, stiction, presliding, drag that thins
 _LONGEST = 14  # and the longest substep, s
 _UNSEEN = 23  # N/m of the target that the proportional part does not see
-_SETTLED = 1e-3  # relative difference to dry friction at full slip below which it is that
 _STATE = 9  # [0] started [1] time [2] target [3] load [4] integral [5] position [6] velocity [7] dry friction [8] slope
 
 
@@ -159,7 +162,7 @@ def _advance_axis(
     a[2, 0], a[2, 1], a[2, 2] = ki / (m * w * w), -(kp + spring) / (m * w), -(kd + drag) / m
     bound = 2.0 * w + ki / (m * w * w) + (abs(kd) + drag) / m + spring / (m * w)
     known, exponentials = np.zeros(STEPS), np.empty((STEPS, 3, 3))
-    dry_only = longest < math.inf and _only_dry(p)
+    only_rubs = longest < math.inf and _only_rubs(p)
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2], s[3] = 1.0, t[0], target[0], load[0]
     for i in range(t.size):
@@ -179,8 +182,10 @@ def _advance_axis(
                 e = _of_length(dt, a, bound, known, exponentials)
                 # Only a coil at its limit forbids one long step.
                 steps = 0 if _glides(s, p, w, per_ki, per_w, e, target[i], load[i], dt) else steps
-            elif dry_only and _steady(s, p, w, a, bound, known, exponentials, target[i], load[i], dt):
-                steps = 0
+            elif only_rubs and steps > 1:
+                e = _of_length(dt, a, bound, known, exponentials)
+                if _sticks(s, p, target[i], load[i], dt) or _slides(s, p, w, per_ki, per_w, e, target[i], load[i], dt):
+                    steps = 0
             if steps:
                 h = dt / steps
                 _run(s, p, w, _of_length(h, a, bound, known, exponentials), target[i], load[i], h, steps)
@@ -189,9 +194,30 @@ def _advance_axis(
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _only_dry(p: FloatArray) -> bool:
-    """Whether of all that is not linear only dry friction acts."""
-    return bool(p[6] == 0.0 and p[11] == 0.0 and p[12] == 0.0 and p[15] == 0.0 and p[18] == 0.0 and p[20] == 0.0)
+def _only_rubs(p: FloatArray) -> bool:
+    """Whether of all that is not linear only friction acts."""
+    return bool(p[11] == 0.0 and p[12] == 0.0 and p[15] == 0.0)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _dry(v: float, p: FloatArray) -> float:
+    """Dry friction (N) at ``v`` m/s, of an axis without presliding."""
+    if p[20] > 0.0:
+        return float(p[5] * math.tanh(v / p[20]))
+    return math.copysign(_level(v, p), v) if v != 0.0 and p[8] == 0.0 else 0.0
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _level(v: float, p: FloatArray) -> float:
+    """Greatest dry friction (N) at ``v`` m/s, by Stribeck's curve."""
+    return float(p[5] + p[6] * math.exp(-((v / p[7]) ** 2)))
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _rubs(v: float, p: FloatArray) -> float:
+    """Friction (N) that ``v`` m/s tells: all but that of presliding."""
+    grease = math.copysign(p[18] * (abs(v) / THIN_AT) ** p[19], v) if p[18] > 0.0 else 0.0
+    return grease + _dry(v, p)
 
 
 @njit(cache=True, error_model="numpy")
@@ -238,58 +264,70 @@ def _glides(
 
 
 @njit(cache=True, error_model="numpy")
-def _steady(
+def _slides(
     s: FloatArray,
     p: FloatArray,
     w: float,
-    a: FloatArray,
-    bound: float,
-    known: FloatArray,
-    kept: FloatArray,
+    per_ki: float,
+    per_w: float,
+    e: FloatArray,
     target: float,
     load: float,
     dt: float,
 ) -> bool:
-    """One long step where dry friction does not change within it: the axis stays where it is, or slides one way.
+    """One long step in which friction hardly changes, held at that of its mean speed: an axis that creeps, or goes on
+    one way. The friction of either end would move it by less than `UNMOVED` beside that.
 
     Returns whether it was taken; else ``s`` is as before."""
-    kp, ki, kd, drag, coulomb, presliding = p[1], p[2], p[3], p[4], p[5], p[8]
-    limit, spring = p[9] - abs(p[16]), p[13]
-    x, v = s[5], s[6]
+    integral, x, v, dry = s[4], s[5], s[6], s[7]
+    per_newton = w * e[1, 0] * per_ki
+    if per_newton <= 0.0 or not _glides(s, p, w, per_ki, per_w, e, target, load, dt):  # a loop that swings
+        return False
+    mean, yields = (s[5] - x) / dt, per_newton / dt
+    force = thinned(mean, yields, p[18], p[19]) if p[18] > 0.0 else 0.0
+    free = mean + yields * force
+    if p[20] > 0.0:
+        force += eased(free, yields, p[5], p[20])
+    elif p[8] > 0.0:
+        s[7] = bristle(dry, free, 0.5 * yields, _level(free - yields * dry, p), dt / p[8])
+        force -= 0.5 * (dry + s[7])
+    else:
+        force -= _dry(free, p)
+    s[4] -= (1.0 - e[0, 0]) * force * per_ki
+    s[5] += per_newton * force
+    s[6] += w * w * e[2, 0] * per_ki * force
+    mean = (s[5] - x) / dt
+    if abs(s[6] - mean) * per_w < UNMOVED:  # steep friction: what held one leaves of the speed is gone at once
+        s[6] = mean
+    told = _rubs(mean, p)
+    off = max(abs(_rubs(v, p) - told), abs(_rubs(s[6], p) - told), abs(s[7] - dry))
+    if p[8] == 0.0:
+        off = max(off, abs(told + force))
+    elif min(v * s[6], v * mean) < 0.0 and max(abs(v), abs(s[6])) * dt > TURN * p[8]:
+        off = math.inf  # it turns within the step, and much of presliding goes and comes
+    if off > UNMOVED * p[1] or abs(s[5]) > _END_STOP:
+        s[4], s[5], s[6], s[7] = integral, x, v, dry
+        return False
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def _sticks(s: FloatArray, p: FloatArray, target: float, load: float, dt: float) -> bool:
+    """One long step in which dry friction holds the axis where it is.
+
+    Returns whether it was taken; else ``s`` is as before."""
+    kp, ki, spring, x, limit = p[1], p[2], p[13], s[5], p[9] - abs(p[16])
+    if s[6] != 0.0 or p[8] > 0.0 or p[20] > 0.0:
+        return False
     fed = p[17] * (target - s[2]) / dt
     ahead = p[22] * (target - s[2]) / dt  # as fed, but late
-    if v == 0.0:
-        if presliding > 0.0:
-            return False
-        integral = s[4] + dt * (0.5 * (s[2] + target) - x)
-        before = kp * (s[2] - x) + ki * s[4]
-        behind = kp * (target - x) + ki * integral
-        pull = max(abs(before + ahead + s[3] - spring * x), abs(behind + ahead + load - spring * x))
-        if pull >= coulomb or max(abs(before + fed - p[23] * s[2]), abs(behind + fed - p[23] * target)) > limit:
-            return False
-        s[4] = integral
-        return True
-    dry = coulomb if v > 0.0 else -coulomb
-    if presliding > 0.0 and abs(s[7] - dry) > _SETTLED * coulomb:
+    integral = s[4] + dt * (0.5 * (s[2] + target) - x)
+    before = kp * (s[2] - x) + ki * s[4]
+    behind = kp * (target - x) + ki * integral
+    pull = max(abs(before + ahead + s[3] - spring * x), abs(behind + ahead + load - spring * x))
+    if pull >= p[5] or max(abs(before + fed - p[23] * s[2]), abs(behind + fed - p[23] * target)) > limit:
         return False
-    e = _of_length(dt, a, bound, known, kept)
-    rho = (target - s[2]) / dt
-    lam = (load - s[3]) / dt - spring * rho
-    load0 = s[3] - dry - spring * (s[2] + lam / ki)
-    ip0 = ((kd + drag - p[22]) * rho - load0 + kp * lam / ki) / ki
-    d0, d1, d2 = w * (s[4] - ip0), x - (s[2] + lam / ki), (v - rho) / w
-    integral = ip0 - lam * dt / ki + (e[0, 0] * d0 + e[0, 1] * d1 + e[0, 2] * d2) / w
-    x_new = target + lam / ki + e[1, 0] * d0 + e[1, 1] * d1 + e[1, 2] * d2
-    v_new = rho + w * (e[2, 0] * d0 + e[2, 1] * d1 + e[2, 2] * d2)
-    middle = (x_new - x) / dt  # the mean speed: a turn within the step shows in it
-    way = 1.0 if v > 0.0 else -1.0
-    if min(way * v_new, way * middle) <= 0.0:
-        return False
-    before = kp * (s[2] - x) + ki * s[4] - kd * v + fed - p[23] * s[2]
-    behind = kp * (target - x_new) + ki * integral - kd * v_new + fed - p[23] * target
-    if max(abs(before), abs(behind)) > limit or abs(x_new) > _END_STOP:
-        return False
-    s[4], s[5], s[6] = integral, x_new, v_new
+    s[4] = integral
     return True
 
 
@@ -305,7 +343,7 @@ def _run(
     steps: int,
 ) -> None:
     """From the last target and load in ``s`` to these in ``steps`` of ``h`` s; ``e`` is the exponential of one."""
-    kp, ki, kd, drag, coulomb, stiction, v_s, presliding = p[1], p[2], p[3], p[4], p[5], p[6], p[7], p[8]
+    kp, ki, kd, drag, coulomb, stiction, presliding = p[1], p[2], p[3], p[4], p[5], p[6], p[8]
     limit, windup, slope, curvature, spring, soft, carried = p[9], p[10], p[11], p[12], p[13], p[15], p[16]
     rho = (target - s[2]) / (h * steps)
     lam = (load - s[3]) / (h * steps) - spring * rho
@@ -334,8 +372,7 @@ def _run(
             x += w * e[1, 0] * dry / ki
             integral -= (1.0 - e[0, 0]) * dry / ki
         elif coulomb > 0.0 or stiction > 0.0:
-            speed = 0.5 * (s[6] + v - gain * s[7])  # with the friction of the step before
-            level = coulomb + stiction * math.exp(-((speed / v_s) ** 2))
+            level = _level(0.5 * (s[6] + v - gain * s[7]), p)  # with the friction of the step before
             if presliding > 0.0:
                 after = bristle(s[7], 0.5 * (s[6] + v), 0.25 * gain, level, h / presliding)
                 dry, s[7] = -0.5 * (s[7] + after), after

@@ -8,7 +8,8 @@ from numba import njit
 
 THIN_AT = 1e-3
 """m/s at which the drag of a thinning grease is stated."""
-_ROUNDS, _CLOSE = 30, 1e-9  # of the search for presliding friction at most; of its level, by which it may be off
+_ROUNDS, _CLOSE = 30, 1e-9  # of a search for friction at most; of its level, by which it may be off
+_NEAR = 1e-5  # step of the logarithm of a speed, from which on the next would be as good as none
 
 
 @njit(cache=True, error_model="numpy")
@@ -45,24 +46,20 @@ def thinned(free: float, yields: float, strength: float, power: float) -> float:
     """Drag (N) of a grease that shear thins, or of air that swirls, against a step's mean speed ``free`` m/s that it is
     lowered from by ``yields`` for each newton: ``strength`` N at `THIN_AT`, growing with a ``power`` of the speed that
     is left, below 1 of a grease and 2 of air."""
-    way, speed = math.copysign(1.0, free), abs(free)
-    low, high = 0.0, speed / yields  # what would stop it
-    drag = min(strength * (speed / THIN_AT) ** power, high)
+    speed = abs(free)
+    if speed == 0.0:
+        return 0.0
+    # The speed that is left solves left + slowed(left) = speed: convex in its logarithm, and begun from above.
+    slows = yields * strength * THIN_AT**-power
+    q = math.log(speed)
+    q = min(q, (q - math.log(slows)) / power)
     for _ in range(_ROUNDS):
-        left = max(speed - yields * drag, 0.0)
-        pull = strength * (left / THIN_AT) ** power
-        excess = drag - pull
-        if excess > 0.0:
-            high = drag
-        else:
-            low = drag
-        if abs(excess) < _CLOSE * strength or high - low < _CLOSE * strength:
+        left, slowed = math.exp(q), slows * math.exp(power * q)
+        step = (left + slowed - speed) / (left + power * slowed)
+        q -= step
+        if abs(step) < _NEAR:
             break
-        steep = power * pull / left * yields if left > 0.0 else math.inf
-        drag -= excess / (1.0 + steep)
-        if not low < drag < high:
-            drag = 0.5 * (low + high)
-    return float(-way * drag)
+    return -math.copysign(slows * math.exp(power * q) / yields, free)
 
 
 @njit(cache=True, error_model="numpy")
