@@ -115,6 +115,9 @@ def _dead_band(chain: Chain, v: Values) -> Chain:
 def _gauge_gain(chain: Chain, v: Values) -> Chain:
     if chosen(v, "form") < 3:
         return _gauge(chain, v, v["error"], 0.0)
+    if chosen(v, "form") == 4:
+        growing = (v["error"], PRESSURE, v["power"])
+        return map_after(chain, "gauge", "gauge_bend", "actuator", laws.bent_alike, growing)
     return map_after(chain, "gauge", "gauge_bend", "actuator", laws.bent, (v["error"], v["knee"]))
 
 
@@ -260,8 +263,9 @@ EFFECTS = (
         "span error of pressure sensors; gap.md",
         (
             signed("error", "1", 0.4, 0.1, "relative error of the reading"),
-            choice("form", 0, *WHERE, "in the record, beyond a knee"),
+            choice("form", 0, *WHERE, "in the record, beyond a knee", "in the record, ever more as suction grows"),
             shape("knee", "Pa", 2e3, 25e3, BEND, "pressure beyond which the slope is wrong", only=(3,)),
+            shape("power", "1", 0.5, 4.0, 2.0, "of suction over 300 mbar, of the error", only=(4,)),
         ),
         _gauge_gain,
     ),

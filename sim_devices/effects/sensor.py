@@ -47,17 +47,19 @@ from sim_devices.stages.operators import Map, Wired, after, last_writer
 LENS_REFERENCE = 2e-3
 """m from the axis of a lens at which its distortion is told."""
 FLOW_TIME = 0.1
-"""s over which a change of suction counts as flow."""
+"""s for which a reading usually follows a change of suction."""
 
 
 @dataclass(frozen=True)
 class Flow(Wired):
-    """Height (first source) plus ``gain`` (m/Pa) times the change of pressure (second source) in `FLOW_TIME`."""
+    """Height (first source) plus ``gain`` (m/Pa) times the change of pressure (second source) within ``tau`` s, as by
+    air that flows, or cools as it expands."""
 
     gain: float
+    tau: float
 
     def fresh(self) -> Any:
-        return np.zeros(kernels.STATE), np.array([FLOW_TIME])
+        return np.zeros(kernels.STATE), np.array([self.tau])
 
     def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
         height, pressure = (signals[s] for s in self.source)
@@ -83,7 +85,8 @@ def _crosstalk_suction(chain: Chain, v: Values) -> Chain:
         return map_after(chain, HEIGHT, "crosstalk", "sensor", bent, parameters, reading=("line_pressure",))
     parameters = (-v["amount"] / PRESSURE,)
     if chosen(v, "form") == 1:
-        return after(chain, HEIGHT, lambda s, t: Flow("crosstalk", "sensor", (*s, "line_pressure"), t, *parameters))
+        flow = (*parameters, v["tau"])
+        return after(chain, HEIGHT, lambda s, t: Flow("crosstalk", "sensor", (*s, "line_pressure"), t, *flow))
     return map_after(chain, HEIGHT, "crosstalk", "sensor", mixed, parameters, reading=("line_pressure",))
 
 
@@ -157,6 +160,7 @@ _INTO = choice(
     "as suction stands, ever less as it grows",
 )  # fmt: skip
 _KNEE = shape("knee", "Pa", 3e3, 100e3, 20e3, "suction beyond which it grows less", log=True, only=(3,))
+_WITHIN = shape("tau", "s", 0.02, 3.0, FLOW_TIME, "for which it follows a change of suction", log=True, only=(1,))
 _BACK = signed("pressure", "Pa", 5e3, 500.0, "that 1 mm of height adds to its reading", only=(2,))
 EFFECTS = (
     effect(
@@ -172,12 +176,14 @@ EFFECTS = (
     effect(
         "crosstalk", "sensor", CUTOMETER, "Pressure leaks into the height reading, or height into that of pressure.",
         "Record height under suction on a rigid block.", "windows and housings bend under suction",
-        (signed("amount", "m", 2e-4, 3e-5, "at 300 mbar", only=(0, 1, 3)), _BACK, _INTO, _KNEE), _crosstalk_suction,
+        (signed("amount", "m", 2e-4, 3e-5, "at 300 mbar", only=(0, 1, 3)), _BACK, _INTO, _KNEE, _WITHIN),
+        _crosstalk_suction,
     ),
     effect(
         "crosstalk", "sensor", ASPIRATION, "Pressure leaks into the height reading, or height into that of pressure.",
         "Record height under suction on a rigid block.", "the camera or mirror moves under suction",
-        (signed("amount", "m", 1e-3, 2e-4, "at 300 mbar", only=(0, 1, 3)), _BACK, _INTO, _KNEE), _crosstalk_suction,
+        (signed("amount", "m", 1e-3, 2e-4, "at 300 mbar", only=(0, 1, 3)), _BACK, _INTO, _KNEE, _WITHIN),
+        _crosstalk_suction,
     ),
     effect(
         "misalignment", "sensor", ASPIRATION, "The camera looks from above or below: part of the dome is hidden.",
