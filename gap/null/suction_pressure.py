@@ -334,13 +334,14 @@ class PressureBlock(Block):
         later[SHIFT], earlier[SHIFT] = 1e-3, -1e-3
         return (self._predict(later, {}) - self._predict(earlier, {})) / 2e-3
 
-    def _predict(self, nuisance: FloatArray, active: Active) -> FloatArray:
-        """Recorded pressure (n,) Pa, by a gauge without an error: its gain would shrink the noise of a record."""
+    def _predict(self, nuisance: FloatArray, active: Active, coarse: bool = False) -> FloatArray:
+        """Recorded pressure (n,) Pa, by a gauge without an error: its gain would shrink the noise of a record;
+        ``coarse`` for differences."""
         shift = nuisance[SHIFT] + nuisance[CLOCK] * self.session.clock_age(self.stamps)
         chain = self.with_effects(self._regulated(self._all, nuisance), active, self._all)
         # Signals a gauge may read beside pressure are as recorded.
         beside = self.session.recorded("apex_height", self._all, smoothed=True)
-        out: FloatArray = self.simulated(chain, self._all, slice(0, len(self.stamps)), shift, beside)[0]
+        out: FloatArray = self.simulated(chain, self._all, slice(0, len(self.stamps)), shift, beside, coarse)[0]
         return out
 
     def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:
@@ -369,12 +370,16 @@ class PressureBlock(Block):
         if not want_jacobian:
             return Evaluation(residual, np.zeros((0, 0)))
         jacobian = np.ones((len(residual), len(nuisance)))
+        coarse = not self.unknown  # whose way bends too sharply
+        roughly = self._predict(nuisance, active, coarse)
         for k, step in enumerate(steps(self.dt)):
             if VALVE.start <= k < UNKNOWN.stop and self.prior_sd[k] <= FROZEN:
                 jacobian[:, k] = 0.0
                 continue
+            regulator = coarse and k not in (SHIFT, CLOCK)  # a shift by less than a node needs the fine ones
             moved = nuisance.copy()
             moved[k] += step
-            jacobian[:, k] = (self._predict(moved, active) - made) * (1.0 + gain) / step
+            here = roughly if regulator else made
+            jacobian[:, k] = (self._predict(moved, active, regulator) - here) * (1.0 + gain) / step
         jacobian[:, GAIN], jacobian[:, VENTED], jacobian[:, SIZE:] = made, empty, self._zeros
         return Evaluation(residual, self.whitened(jacobian, active))

@@ -14,7 +14,9 @@ from gap.inference.hypothesis import FROZEN
 from gap.inference.least_squares import fit, under
 from gap.inference.problem import Problem
 from gap.null.suction_regulator import (
+    CLEARS,
     DAMPING,
+    EMPTIES,
     FLOW,
     INERTIA,
     LEAD,
@@ -57,8 +59,14 @@ FAR = 10.0
 """Times wider noise of rows that are left out."""
 QUICK_INTEGRAL = 3.0
 """1/s from which on an integral is none that makes up for a leak, where the set-point is weighed."""
-FIRST, GO_ON, LAST = 10, 3, 40
-"""Steps of fits of loops with an integral, how many of these go on, and for how long."""
+SIMPLER = 40.0
+"""How much more of χ² and strain a limited rate may leave than a valve that is opened wholly: that has four parameters
+more."""
+UNLIKE = EMPTIES, STAYS, CLEARS
+"""Ways to vent that are unlike each other, of which each start is tried."""
+FIRST, LEADERS, NEXT, GO_ON, LAST = 10, 2, 6, 3, 40
+"""Steps of fits of loops with an integral that vent in these ways, how many of them the other ways begin from and with
+how many steps, how many of all go on, and for how long."""
 HEAVY = 0.5
 """Inertia of a valve from which a fit begins: a little of it moves nothing;"""
 SLUGGISH = (0.5, -0.5)
@@ -91,11 +99,13 @@ one that comes softly to its end, and one whose integral tracks it there."""
 
 
 class Structure(NamedTuple):
-    """A structure that was found: the widths (p,) of its prior, where a fit begins (p,), and how it vents."""
+    """A structure that was found: the widths (p,) of its prior, where a fit begins (p,), how it vents, and the
+    ``objective`` of its fit, as if rows that are left out were at the noise."""
 
     width: FloatArray
     begin: FloatArray
     vent: Vent
+    objective: float
 
     @property
     def keeps(self) -> bool:
@@ -121,18 +131,25 @@ Attempt = Callable[[Regulated, Fit], Structure | None]
 
 
 def other_structure(block: Regulated, found: Fit, unknown: bool) -> Structure | None:
-    """The first structure that comes to the noise where a second order, ``found``, does not or strains the tolerances;
-    None where it does, or none of them does. Where it may be ``unknown``, only that is tried."""
+    """The first structure that comes to the noise where a second order, ``found``, does not or strains the tolerances,
+    or, where all are far from it, the best of those that take most away; None where a second order does, or none of
+    them takes most. Where it may be ``unknown``, only that is tried."""
     if found.chi2 > len(found.residual) * NOISY:
         tries: tuple[Attempt, ...] = (_unknown,) if unknown else (_integral, _weighed, _limited, _valve, _heavy)
     elif found.penalty > STRAINED or found.chi2 > len(found.residual) * ABOVE:
         tries = (_integral, _weighed)
     else:
         tries = ()
-    first = next(filter(None, (attempt(block, found) for attempt in tries)), None)
-    if first is None or first.width[WHOLLY] <= FROZEN or first.width[INERTIA] > FROZEN:
-        return first
-    return _of_inertia(block, first)
+    best: Structure | None = None
+    for attempt in tries:
+        structure = attempt(block, found)
+        if structure is not None and (best is None or structure.objective < best.objective - WORTH):
+            best = structure
+        if best is not None and best.objective < len(found.residual) * LEFT:
+            break
+    if best is None or best.width[WHOLLY] <= FROZEN or best.width[INERTIA] > FROZEN:
+        return best
+    return _of_inertia(block, best)
 
 
 def _of_inertia(block: Regulated, light: Structure) -> Structure:
@@ -145,7 +162,8 @@ def _of_inertia(block: Regulated, light: Structure) -> Structure:
     begin[SHIFT : LEAD + 1] = 0.0  # which had to do for it
     found = fit(block.with_integral(light.width, light.vent), nuisance=light.begin)
     again = fit(block.with_integral(heavy, light.vent), nuisance=begin, iterations=LAST)
-    return Structure(heavy, again.nuisance, light.vent) if again.objective < found.objective - WORTH else light
+    better = again.objective < found.objective - WORTH
+    return Structure(heavy, again.nuisance, light.vent, again.objective) if better else light
 
 
 def _about_valve(block: Regulated) -> FloatArray:
@@ -161,7 +179,7 @@ def _limited(block: Regulated, found: Fit) -> Structure | None:
     better = _near(best.objective, found, LEFT)
     if not (better and LIMITS < best.nuisance[SPAN] < 2.0 * width[SPAN]):
         return None
-    return Structure(width, best.nuisance, block.vent)
+    return Structure(width, best.nuisance, block.vent, best.objective)
 
 
 def _of_limited_rate(block: Regulated, found: Fit) -> tuple[FloatArray, Fit]:
@@ -190,9 +208,9 @@ def _integral(block: Regulated, found: Fit) -> Structure | None:
         return None
     # Far from the noise a valve that is opened wholly may be a limited rate, which is simpler.
     opened = not near and best.nuisance[WHOLLY] > OPENED
-    if opened and _of_limited_rate(block, found)[1].objective < objective + WORTH:
+    if opened and _of_limited_rate(block, found)[1].objective < objective + SIMPLER:
         return None
-    return Structure(width, best.nuisance, vent)
+    return Structure(width, best.nuisance, vent, objective)
 
 
 def _weighed(block: Regulated, found: Fit) -> Structure | None:
@@ -203,7 +221,7 @@ def _weighed(block: Regulated, found: Fit) -> Structure | None:
     best, vent, objective = min(_with_integral(block, width, begins), key=lambda tried: tried.objective)
     if not (_near(objective, found, NOISY) and _weighs(best)):
         return None
-    return Structure(width, best.nuisance, vent)
+    return Structure(width, best.nuisance, vent, objective)
 
 
 def _valve(block: Regulated, found: Fit) -> Structure | None:
@@ -216,10 +234,10 @@ def _valve(block: Regulated, found: Fit) -> Structure | None:
     uneven = np.linalg.norm((best.nuisance / width)[FLOW]) > FOLLOWS
     better = _near(objective, found, LEFT if uneven else NOISY)
     if better and not uneven and _weighs(best):  # which the attempts before have missed: not every way leads there
-        return Structure(block.prior(lambda t: t.widest, WEIGHED), best.nuisance, vent)
+        return Structure(block.prior(lambda t: t.widest, WEIGHED), best.nuisance, vent, objective)
     if not (better and _quick(block, best) and (uneven or _of_even_flow(best, width))):
         return None
-    return Structure(width, best.nuisance, vent)
+    return Structure(width, best.nuisance, vent, objective)
 
 
 def _heavy(block: Regulated, found: Fit) -> Structure | None:
@@ -233,7 +251,7 @@ def _heavy(block: Regulated, found: Fit) -> Structure | None:
     best, vent, objective = min(_with_integral(block, width, begins), key=lambda tried: tried.objective)
     if not (_near(objective, found, NOISY) and _of_even_flow(best, width) and _quick(block, best)):
         return None
-    return Structure(width, best.nuisance, vent)
+    return Structure(width, best.nuisance, vent, objective)
 
 
 def _weighs(found: Fit) -> bool:
@@ -273,7 +291,8 @@ class _Tried(NamedTuple):
 
 def _with_integral(block: Regulated, width: FloatArray, begins: Iterable[FloatArray]) -> list[_Tried]:
     """Fits under a ``width`` (p,) of the prior, from each of ``begins`` (p,), of loops of each of `VENTS`; those that
-    come farthest in some steps go on."""
+    come farthest in some steps go on. How a loop vents moves its other parameters by little: where the best of a few
+    ways have come to is where the others begin."""
     loops = {vent: block.with_integral(width, vent) for vent in VENTS}
 
     def tried(vent: Vent, begin: FloatArray, iterations: int) -> _Tried:
@@ -281,7 +300,9 @@ def _with_integral(block: Regulated, width: FloatArray, begins: Iterable[FloatAr
         found = fit(looked, nuisance=begin, iterations=iterations)
         return _Tried(found, vent, found.objective + np.count_nonzero(looked.sigma > FAR * block.sigma))
 
-    first = [tried(vent, begin, FIRST) for vent, begin in product(VENTS, begins)]
+    first = sorted((tried(vent, begin, FIRST) for vent, begin in product(UNLIKE, begins)), key=lambda t: t.objective)
+    others = [vent for vent in VENTS if vent not in UNLIKE]
+    first += [tried(vent, t.fit.nuisance, NEXT) for vent, t in product(others, first[:LEADERS])]
     first.sort(key=lambda t: t.objective)
     return [tried(t.vent, t.fit.nuisance, LAST) for t in first[:GO_ON]]
 
@@ -297,4 +318,4 @@ def _unknown(block: Regulated, found: Fit) -> Structure | None:
     best, n = fit(looked, nuisance=first.nuisance, iterations=60), len(found.residual)
     if best.objective - n > UNEXPLAINED * (found.objective - n):
         return None
-    return Structure(width, best.nuisance, block.vent)
+    return Structure(width, best.nuisance, block.vent, best.objective)
