@@ -91,17 +91,18 @@ class SheetLawBlock(Block):
         back = unwound(best.nuisance)
         return best if back is None else fit(here, nuisance=back, iterations=iterations)
 
-    def _further(self) -> Fit:
-        """The best fit under one of the further laws, or the best memory with any elastic curve: a few steps from all
-        their guesses tell which go on. The times of the best one's quicker mode are local optima: it is fitted from
-        others, too."""
+    def _further(self, beside: Fit) -> Fit:
+        """The best fit under one of the further laws or, where none leaves as little as the usual one ``beside`` a
+        discrepancy does, the best memory with any elastic curve: a few steps from all their guesses tell which go on.
+        The times of the best one's quicker mode are local optima: it is fitted from others, too."""
         remembering, bent = (
             [(law, self._from_guesses(law, self._simple(law), FEW)) for law in laws] for laws in (MEMORIES, CURVES)
         )
-        memory, its = min(remembering, key=lambda pair: pair[1].objective)
-        others = (PLAIN, *(joined(memory, curve, its.nuisance, f.nuisance) for curve, f in bent))
         tried = [f for _, f in (*remembering, *bent)]
-        tried += [self._from_guesses(law, self._simple(law), FEW) for law in others]
+        if min(f.chi2 for f in tried) > beside.chi2:
+            memory, its = min(remembering, key=lambda pair: pair[1].objective)
+            others = (PLAIN, *(joined(memory, curve, its.nuisance, f.nuisance) for curve, f in bent))
+            tried += [self._from_guesses(law, self._simple(law), FEW) for law in others]
         best = sorted(tried, key=lambda f: f.objective)[:PROMISING]
         on = [fit(under(self, self.prior_mean, f.prior_sd), nuisance=f.nuisance, iterations=40) for f in best]
         first, mode = min(on, key=lambda f: f.objective), self.TISSUE.index("time1")
@@ -137,7 +138,7 @@ class SheetLawBlock(Block):
             known, wide = self.prior_scales[: len(laws)], self.prior_scales[len(laws) :]
             basic = [self._from_guesses(law, sd, 40) for law, sd in zip(laws, known, strict=True)]
             beside = self._from_guesses(usual_law, self.prior_sd, 40)
-            further = None if not basic or any(map(self._at_noise, basic)) else self._further()
+            further = None if not basic or any(map(self._at_noise, basic)) else self._further(beside)
             if further is not None:
                 known, self._trusts = (*known, further.prior_sd), (self.TRUST_SIMPLE, *self._trusts)
                 if not self._at_noise(further):
