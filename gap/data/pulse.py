@@ -48,7 +48,7 @@ class Rhythm:
 
 PULSE = Rhythm(
     "a pulse", np.arange(0.8, 2.2, 0.05), wanders=0.1, beside=((0.6, 0.8), (1.4, 1.9)), bend=1.15,
-    after=1.0, shortest=4.0, longest=10.0, slow=0.25,
+    after=1.0, shortest=4.0, longest=20.0, slow=0.25,
 )  # fmt: skip
 BREATH = Rhythm(
     "breath", np.arange(0.16, 0.44, 0.02), wanders=0.04, beside=((2.6, 3.6),), bend=12.0,
@@ -133,7 +133,8 @@ def _hump(pieces: Sequence[tuple[FloatArray, FloatArray]], rhythm: Rhythm) -> tu
         level = float(np.exp(np.mean([np.log(max(power[side].mean(), 1e-300)) for side in sides])))
         ratio = float(power[here].mean()) / (rhythm.bend * level)
         free = _free(seconds, frequency, here)
-        other = len(sides) / sum(1.0 / _free(seconds, frequency, side) for side in sides)
+        # The variance of a logarithm's mean is that of its parts over the square of their number.
+        other = len(sides) ** 2 / sum(1.0 / _free(seconds, frequency, side) for side in sides)
         best = min(best, (float(f_ratio.sf(ratio, free, other)) * len(rhythm.rates), -ratio, float(rate)))
     chance, less, rate = best
     return (rate, -less) if chance < CHANCE else None
