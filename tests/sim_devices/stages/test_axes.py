@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from sim_devices.chain import FloatArray
-from sim_devices.stages.axes import LOOP_RATE, MASS, AxisLoop
+from sim_devices.stages.axes import LOOP_RATE, MASS, SUBSTEP, AxisLoop
 
 CORNERS = np.array([0.0, 0.5, 1.5, 2.5, 3.0])
 WAY = 1e-3 * np.array([0.0, 0.0, 1.0, 0.0, 0.0])
@@ -81,6 +81,22 @@ def test_friction_that_is_eased_about_standstill_follows_its_equation(easing: fl
     time = np.arange(0.0, 3.0, 1e-3)
     expected = integrated(time, lambda s: 0.11 * np.tanh(s[2] / easing))
     np.testing.assert_allclose(moved(time, coulomb=0.11, easing=easing), expected, atol=1.5e-6)
+
+
+@pytest.mark.parametrize(
+    ("rubbing", "within"),
+    [
+        ({"coulomb": 0.05, "thinning": 0.05}, 5e-7),
+        ({"coulomb": 0.03, "stiction": 0.03, "presliding": 5e-6}, 3e-6),  # as it sticks and slips
+        ({"coulomb": 0.05, "easing": 5e-5, "thinning": 0.02, "thinning_power": 2.0}, 5e-7),
+    ],
+    ids=["grease", "bristles", "air"],
+)
+def test_long_steps_of_several_frictions_lead_where_short_ones_do(rubbing: dict[str, float], within: float) -> None:
+    few, many = np.arange(0.0, 3.0, 0.02), np.arange(0.0, 3.0, SUBSTEP)
+    expected = np.interp(few, many, moved(many, **rubbing))
+    assert np.abs(expected - moved(few)).max() > 4e-6, "friction shows"
+    np.testing.assert_allclose(moved(few, **rubbing), expected, atol=within)
 
 
 def test_what_sticks_breaks_away_at_the_stiction() -> None:

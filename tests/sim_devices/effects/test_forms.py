@@ -1,0 +1,30 @@
+"""Forms of effects follow the equations that their parameters say."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sim_devices.effects import effects
+from sim_devices.effects.build import PRESSURE
+from tests.sim_devices.effects.test_effects import reference, session
+
+
+def test_a_height_that_follows_flow_forgets_it_within_its_time() -> None:
+    """As of a chamber's air, which cools as it expands: the reading is off by a share of q - L_τ[q]."""
+    time, inputs, chain = session("cutometer")
+    cools = {"form": 1, "amount": 1e-5, "tau": 0.4}
+    height = effects("cutometer")["crosstalk"].apply(chain, cools).run(time, inputs)["apex_height"]
+    off = height - reference("cutometer")["apex_height"]
+    at = np.interp([1.5, 2.3, 3.1], time, off)  # behind a step at 1 s, which the regulator has done
+    assert at[0] > 5e-7
+    assert at[1:] / at[:-1] == pytest.approx(np.exp(-0.8 / 0.4), rel=0.02)
+
+
+def test_a_gauge_whose_error_grows_with_suction() -> None:
+    time, inputs, chain = session("cutometer")
+    bent = {"form": 4, "error": -0.02, "power": 2.0}
+    read = effects("cutometer")["gauge_gain"].apply(chain, bent).run(time, inputs)
+    true = reference("cutometer")["pressure"]
+    np.testing.assert_allclose(read["pressure"], true * (1.0 - 0.02 * (true / PRESSURE) ** 2), rtol=1e-9)
+    np.testing.assert_array_equal(read["apex_height"], reference("cutometer")["apex_height"])
