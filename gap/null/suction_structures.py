@@ -19,11 +19,13 @@ from gap.null.suction_regulator import (
     EMPTIES,
     FLOW,
     INERTIA,
+    LANDS,
     LEAD,
     SHIFT,
     SOFTLY,
     SPAN,
     STAYS,
+    SWINGS,
     TIME,
     TRACKS,
     UNKNOWN,
@@ -62,7 +64,7 @@ QUICK_INTEGRAL = 3.0
 SIMPLER = 40.0
 """How much more of χ² and strain a limited rate may leave than a valve that is opened wholly: that has four parameters
 more."""
-UNLIKE = EMPTIES, STAYS, CLEARS
+UNLIKE = EMPTIES, STAYS, CLEARS, SWINGS, LANDS
 """Ways to vent that are unlike each other, of which each start is tried."""
 FIRST, LEADERS, NEXT, GO_ON, LAST = 10, 2, 6, 3, 40
 """Steps of fits of loops with an integral that vent in these ways, how many of them the other ways begin from and with
@@ -204,6 +206,8 @@ def _integral(block: Regulated, found: Fit) -> Structure | None:
     begins[:, [WEIGHED.start, WHOLLY, SOFTLY, TRACKS]] = starts
     begins[-1, [TIME, DAMPING]] = found.nuisance[[TIME, DAMPING]]
     best, vent, objective = min(_with_integral(block, width, begins), key=lambda tried: tried.objective)
+    if not near and _near(objective, found, NOISY) and _weighs(best):
+        return _of_weighed(block, best, vent, objective)
     if not (_near(objective, found, NOISY) and _of_even_flow(best, width) and _quick(block, best)):
         return None
     # Far from the noise a valve that is opened wholly may be a limited rate, which is simpler.
@@ -233,8 +237,8 @@ def _valve(block: Regulated, found: Fit) -> Structure | None:
     best, vent, objective = min(tries, key=lambda tried: tried.objective)
     uneven = np.linalg.norm((best.nuisance / width)[FLOW]) > FOLLOWS
     better = _near(objective, found, LEFT if uneven else NOISY)
-    if better and not uneven and _weighs(best):  # which the attempts before have missed: not every way leads there
-        return Structure(block.prior(lambda t: t.widest, WEIGHED), best.nuisance, vent, objective)
+    if better and not uneven and _weighs(best):
+        return _of_weighed(block, best, vent, objective)
     if not (better and _quick(block, best) and (uneven or _of_even_flow(best, width))):
         return None
     return Structure(width, best.nuisance, vent, objective)
@@ -252,6 +256,11 @@ def _heavy(block: Regulated, found: Fit) -> Structure | None:
     if not (_near(objective, found, NOISY) and _of_even_flow(best, width) and _quick(block, best)):
         return None
     return Structure(width, best.nuisance, vent, objective)
+
+
+def _of_weighed(block: Regulated, best: Fit, vent: Vent, objective: float) -> Structure:
+    """A loop that weighs its set-point, where others than `_weighed` come to it: not every way leads there."""
+    return Structure(block.prior(lambda t: t.widest, WEIGHED), best.nuisance, vent, objective)
 
 
 def _weighs(found: Fit) -> bool:

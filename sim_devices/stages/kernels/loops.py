@@ -114,9 +114,10 @@ def _valve_rates(
     y = min(y, loop.highest)
     asked, widest = loop.weighed * u - loop.gain * y + integral, loop.widest
     given = min(max(asked, -widest), widest)
-    gathers = loop.resets * (u - y) if given == asked else loop.resets_then * (u - y) + loop.tracks * (given - asked)
+    resets = loop.resets if given == asked else loop.resets_then
     if loop.softly > 0.0 and widest < math.inf:
         given += loop.softly * (widest * math.tanh(asked / widest) - given)
+    gathers = resets * (u - y) + loop.tracks * (given - asked)
     if loop.spring > 0.0:
         return _flow(y, x, loop), v, loop.spring * (given - x) - loop.drag * v, gathers
     return _flow(y, x, loop), (given - x) * loop.per_lag, 0.0, gathers
