@@ -61,8 +61,8 @@ session of several recordings adds by how much each one's zero is off that (Pa).
 class Vent(NamedTuple):
     """How a regulator vents: to ``highest`` Pa above the air's pressure, above which a loop's integral empties; if only
     to the air's, the integral stays as it is, or begins anew when the instrument is ``armed`` for a recording. Or the
-    controller ``clears`` it, while nothing is asked for, at once where its command touches nought or, in either line,
-    once that has come to the air's pressure.
+    controller ``clears`` it, while nothing is asked for, at once where its command touches nought, or stays there,
+    or, in either line, once that has come to the air's pressure.
     """
 
     highest: float
@@ -71,8 +71,9 @@ class Vent(NamedTuple):
 
 
 EMPTIES, STAYS, ARMED, CLEARS = Vent(5e3), Vent(0.0), Vent(0.0, armed=True), Vent(0.0, clears="unasked")
-SWINGS, LANDS, TOUCHED = Vent(5e3, clears="at air"), Vent(0.0, clears="at air"), Vent(0.0, clears="touched")
-VENTS = (EMPTIES, STAYS, ARMED, CLEARS, SWINGS, LANDS, TOUCHED)
+SWINGS, LANDS = Vent(5e3, clears="at air"), Vent(0.0, clears="at air")
+TOUCHED, STILL = Vent(0.0, clears="touched"), Vent(0.0, clears="still")
+VENTS = (EMPTIES, STAYS, ARMED, CLEARS, SWINGS, LANDS, TOUCHED, STILL)
 
 
 @dataclass(frozen=True)

@@ -52,11 +52,12 @@ LONG, MOST = 5.0, 5000
 """s of a command that stays as it is, behind which a chamber is at rest; and steps of an interval at most."""
 STILL = 0.2
 """Of the nominal flow: where a valve lets less out of an empty chamber, its controller's integral would stay."""
-CLEARS = ("never", "unasked", "at air", "touched")
+CLEARS = ("never", "unasked", "at air", "touched", "still")
 """When a controller clears its integral: never, while nothing is asked for, once the line has come to the air's
-pressure meanwhile, or at once where its command comes to nought, though it only touches it, as a triangle does,"""
+pressure meanwhile, or at once where its command comes to nought, though it only touches it, as a triangle does, or
+where it stays there,"""
 CLEARING, AT_AIR = 0.05, 5e-3
-"""and s within which the others do, which such a command leaves as they are."""
+"""and s within which the second and third do, which a command that touches nought leaves as they are."""
 LEAST = 1e-3
 """Of the nominal flow, at the ends of a supply's range."""
 
@@ -158,8 +159,9 @@ def _valve_on(s: FloatArray, u: float, dt: float, parts: int, late: float, clear
         cleared = i * kept
         y, x, v, i = _valve_moved((y, x, v, i), begin, end, h, loop)
         y = min(y, highest)
-        nothing = max(begin, end) if clears > 2.0 else min(begin, end)
-        if clears > 0.0 and nothing > NOTHING and (clears != 2.0 or y > VENTED):
+        nothing = max(begin, end) if clears == 3.0 else min(begin, end)
+        waits = (clears == 2.0 and y <= VENTED) or (clears == 4.0 and change != 0.0)
+        if clears > 0.0 and nothing > NOTHING and not waits:
             i = cleared
     s[3], s[4], s[5], s[6] = y, x, v, i
 
