@@ -22,9 +22,8 @@ APART = 3.0
 def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) -> tuple[dict[str, Fit], int]:
     """Fits of ``base`` and one effect more in the blocks that the effect touches, and the number of simulations.
 
-    An effect is the same in every block, and what one says of it the next one believes. A normal belief about a
-    strength that is hardly there bounds it to no side, where strengths are logarithms: where a later block then tells
-    another strength, and more surely, it goes first.
+    An effect is the same in every block, and what one says of it the next one believes, but not wholly. Where a later
+    block then tells another strength, and more surely, it goes first.
     """
     order, candidate = tuple(screened.starts), screened.candidate
     fits, simulations = _in_turn(problems, base, screened, order)
@@ -38,11 +37,11 @@ def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) ->
 
 
 def _apart(fits: dict[str, Fit], surest: str, candidate: Candidate) -> bool:
-    """Whether another block's fit has another strength, on a scale that ends at none, than the ``surest`` one's."""
+    """Whether another block's fit has another strength than the ``surest`` one's."""
     own, sd = fits[surest].told(candidate)
-    ends = np.array([p.null is not None and p.scale == "log" for p in candidate.parameters])
+    strengths = np.array([p.null is not None for p in candidate.parameters])
     others = np.array([f.told(candidate)[0] for f in fits.values()])
-    return bool(np.any(ends & (np.abs(others - own) > APART * DISCOUNT * sd)))
+    return bool(np.any(strengths & (np.abs(others - own) > APART * DISCOUNT * sd)))
 
 
 def _in_turn(
