@@ -370,16 +370,16 @@ class PressureBlock(Block):
         if not want_jacobian:
             return Evaluation(residual, np.zeros((0, 0)))
         jacobian = np.ones((len(residual), len(nuisance)))
-        coarse = not self.unknown  # whose way bends too sharply
-        roughly = self._predict(nuisance, active, coarse)
+        coarse = not self.unknown  # its free lines bend too sharply
+        roughly = self._predict(nuisance, active, coarse=True) if coarse else made
         for k, step in enumerate(steps(self.dt)):
             if VALVE.start <= k < UNKNOWN.stop and self.prior_sd[k] <= FROZEN:
                 jacobian[:, k] = 0.0
                 continue
-            regulator = coarse and k not in (SHIFT, CLOCK)  # a shift by less than a node needs the fine ones
+            rough = coarse and k not in (SHIFT, CLOCK)  # a shift by less than a node needs the fine ones
             moved = nuisance.copy()
             moved[k] += step
-            here = roughly if regulator else made
-            jacobian[:, k] = (self._predict(moved, active, regulator) - here) * (1.0 + gain) / step
+            change = self._predict(moved, active, rough) - (roughly if rough else made)
+            jacobian[:, k] = change * (1.0 + gain) / step
         jacobian[:, GAIN], jacobian[:, VENTED], jacobian[:, SIZE:] = made, empty, self._zeros
         return Evaluation(residual, self.whitened(jacobian, active))

@@ -300,8 +300,8 @@ class _Tried(NamedTuple):
 
 def _with_integral(block: Regulated, width: FloatArray, begins: Iterable[FloatArray]) -> list[_Tried]:
     """Fits under a ``width`` (p,) of the prior, from each of ``begins`` (p,), of loops of each of `VENTS`; those that
-    come farthest in some steps go on. How a loop vents moves its other parameters by little: where the best of a few
-    ways have come to is where the others begin."""
+    come farthest in some steps go on. How a loop vents moves its other parameters by little: from all of ``begins``
+    only ways that are `UNLIKE` are tried, and the others from where the best of these end."""
     loops = {vent: block.with_integral(width, vent) for vent in VENTS}
 
     def tried(vent: Vent, begin: FloatArray, iterations: int) -> _Tried:

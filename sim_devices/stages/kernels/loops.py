@@ -58,6 +58,8 @@ pressure meanwhile, or at once where its command comes to nought, though it only
 where it stays there,"""
 CLEARING, AT_AIR = 0.05, 5e-3
 """and s within which the second and third do, which a command that touches nought leaves as they are."""
+LANDED, TOUCHED, STAYED = 2.0, 3.0, 4.0
+"""Places of the last three among them."""
 LEAST = 1e-3
 """Of the nominal flow, at the ends of a supply's range."""
 
@@ -151,7 +153,7 @@ def _valve_on(s: FloatArray, u: float, dt: float, parts: int, late: float, clear
     before, y, x, v, i, still = s[2], s[3], s[4], s[5], s[6], AT_REST * s[7]
     h, change, highest = dt / max(parts, 1), u - before, loop.highest
     rise = change / max(parts, 1)
-    kept = math.exp(-h / (CLEARING if clears < 2.0 else AT_AIR)) if 0.0 < clears < 3.0 else 0.0
+    kept = math.exp(-h / (CLEARING if clears < LANDED else AT_AIR)) if 0.0 < clears < TOUCHED else 0.0
     for j in range(parts):
         if change == 0.0 and abs(u - y) + (abs(x) + abs(v) * late) * late < still:
             break
@@ -159,8 +161,8 @@ def _valve_on(s: FloatArray, u: float, dt: float, parts: int, late: float, clear
         cleared = i * kept
         y, x, v, i = _valve_moved((y, x, v, i), begin, end, h, loop)
         y = min(y, highest)
-        nothing = max(begin, end) if clears == 3.0 else min(begin, end)
-        waits = (clears == 2.0 and y <= VENTED) or (clears == 4.0 and change != 0.0)
+        nothing = max(begin, end) if clears == TOUCHED else min(begin, end)
+        waits = (clears == LANDED and y <= VENTED) or (clears == STAYED and change != 0.0)
         if clears > 0.0 and nothing > NOTHING and not waits:
             i = cleared
     s[3], s[4], s[5], s[6] = y, x, v, i

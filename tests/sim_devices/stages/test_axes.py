@@ -10,7 +10,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from sim_devices.chain import FloatArray
-from sim_devices.stages.axes import LOOP_RATE, MASS, SUBSTEP, AxisLoop
+from sim_devices.stages.axes import LOOP_RATE, MASS, AxisLoop
+from sim_devices.stages.axis_steps import SUBSTEP
 
 CORNERS = np.array([0.0, 0.5, 1.5, 2.5, 3.0])
 WAY = 1e-3 * np.array([0.0, 0.0, 1.0, 0.0, 0.0])
