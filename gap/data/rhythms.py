@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,12 +51,14 @@ def lines(time: FloatArray, residual: FloatArray, low: float, high: float) -> li
 
 def looks(lateness: Lateness) -> list[tuple[float, float, float]]:
     """Intervals (s) at which a device could look at its command, the phase (0 to 1) of it, and the share of lateness
-    (0 to 1) that waiting for the next look explains, beside a constant and a sound clock's skew. The best first.
+    (0 to 1) that waiting for the next look explains, beside a constant and a sound clock's skew. The best first, of one
+    clock that all recordings share and of clocks that begin with each.
 
     Where a ripple tells intervals, they may have any phase: a regulator delays the ripple as it does all else.
     """
     told = [(interval, k / PHASES, 1.0) for interval in lateness.intervals for k in range(PHASES)]
-    return told + _looks(lateness)
+    own = [] if lateness.since is None else _looks(replace(lateness, time=lateness.since))
+    return told + sorted([*_looks(lateness), *own], key=lambda found: -found[2])
 
 
 def _looks(lateness: Lateness) -> list[tuple[float, float, float]]:

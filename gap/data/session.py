@@ -23,6 +23,8 @@ REST, LONGEST_REST = 45.0, 3600.0
 so); and the longest that is simulated: skin has forgotten by then."""
 OVERLAP = 1.0
 """s by which a recording may seem to begin before the last one ended: nobody pressed a key at an exact second."""
+BEFORE, SHORTLY = 5e-3, 0.2
+"""s by which a recording begins before its first row, and within which a command begins with the samples."""
 CLOCK_SD = 2e-5
 """How fast the recording's clock may soundly run against the command's: an ordinary crystal (assumed)."""
 SKIN = "skin"
@@ -102,6 +104,13 @@ class Session:
         """First and last time of recording ``k``, s."""
         times = [s.time for s in self.recordings[k].streams.values() if len(s.time)]
         return min(float(t[0]) for t in times) + self.shifts[k], max(float(t[-1]) for t in times) + self.shifts[k]
+
+    def begin(self, k: int) -> float:
+        """When recording ``k`` begins, s: `BEFORE` its command, if that has rows shortly before the first sample. That
+        is of its own recording in any case, be the clocks some milliseconds apart."""
+        first, tables = self.span(k)[0], self.recordings[k].setpoints.values()
+        asked = min((float(t.time[0]) for t in tables if len(t.time)), default=np.inf) + self.shifts[k]
+        return (asked if first - SHORTLY < asked < first else first) - BEFORE
 
     def command(self, quantity: str, members: Sequence[int]) -> Command:
         """The command over the recordings ``members``, at rest (zero) between them.

@@ -38,8 +38,6 @@ SIMPLE_SHIFT = 1e-3
 """s: how late a channel may be that samples, neither holds nor integrates."""
 AFTER_KINK = 1e-3 * np.concatenate([np.arange(1, 13), 13.0 * 1.08 ** np.arange(57)])
 """s after a kink of the command: nodes so dense that straight lines between them are within .02 σ of the signal."""
-BEFORE = 5e-3
-"""s by which a recording begins before its first sample."""
 Table = tuple[FloatArray, FloatArray]
 """Times (m,) s and values (m,)."""
 
@@ -91,9 +89,8 @@ class GroupedSession(Session):
             commands = {q: self.command(q, members) for q in quantities}
             self.groups.append(Group(label, members, commands, info.specimen or SKIN, info.specimen_properties))
         self.kinks = np.unique(np.concatenate([c.kinks for g in self.groups for c in g.commands.values()]))
-        # A first sample is of its own recording, be the clocks some milliseconds apart.
         armed = [k for k, r in enumerate(recordings) if not continues(r)]
-        self.marks = tuple(self.span(k)[0] - BEFORE for k in armed)
+        self.marks = tuple(map(self.begin, armed))
 
     def whole(self, quantity: str, without: Sequence[str]) -> Group:
         """All recordings but those of specimens ``without`` as one group, in order, with the command of a quantity."""

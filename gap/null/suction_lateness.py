@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from gap.inference.evidence import Fit
 from gap.inference.hypothesis import Active, Lateness
 from gap.inference.problem import Problem
-from gap.null.suction_regulator import GAIN, SHIFT
+from gap.null.suction_regulator import CLOCK, GAIN, SHIFT
 from sim_devices.chain import FloatArray
 
 TOGETHER, RESPONSE = 5e-3, 0.8
@@ -24,10 +24,16 @@ QUIET = 1e-6
 
 
 def lateness(
-    problem: Problem, fitted: Fit, kinks: FloatArray, steps: FloatArray, intervals: Sequence[float]
+    problem: Problem,
+    fitted: Fit,
+    kinks: FloatArray,
+    steps: FloatArray,
+    intervals: Sequence[float],
+    begins: Sequence[float],
 ) -> Lateness | None:
     """Each kink's response, until the next, moved to and fro as a whole. ``kinks`` (k,) s and those of them that are
-    ``steps`` (m,) s are the command's, ``intervals`` s those between looks at it that a ripple may tell."""
+    ``steps`` (m,) s are the command's, ``intervals`` s those between looks at it that a ripple may tell, and recordings
+    begin at ``begins`` s."""
     kinks = kinks[np.diff(kinks, prepend=-np.inf) > TOGETHER]
     number = np.searchsorted(kinks, problem.rows.time, side="right") - 1
     number[(number < 0) | (problem.rows.time - kinks[number] > RESPONSE)] = len(kinks)
@@ -41,12 +47,15 @@ def lateness(
     if not np.any(telling & (over(slope * fitted.residual) ** 2 > LATE**2 * known)):
         none = np.zeros(0)
         return Lateness(none, none, none, none.astype(bool), tuple(intervals)) if intervals else None
-    # The fitted regulator and clock have taken on much of the effect, the nominal ones may answer otherwise.
+    # The fitted clock has taken on much of the effect, and so has the regulator; the nominal one may answer otherwise.
     nominal = np.concatenate([np.zeros(GAIN), fitted.nuisance[GAIN:]])
-    seen = [_late(problem, n, fitted.active, number, telling) for n in (nominal, fitted.nuisance)]
+    in_time = fitted.nuisance.copy()
+    in_time[CLOCK] = 0.0
+    seen = [_late(problem, n, fitted.active, number, telling) for n in (nominal, in_time)]
     late, sd = min(seen, key=lambda found: float(np.median(found[1][telling])))
     good = np.isfinite(sd)
-    return Lateness(kinks[good], late[good], sd[good], np.isin(kinks[good], steps), tuple(intervals))
+    own = kinks[good] - np.array(begins)[np.maximum(np.searchsorted(begins, kinks[good], side="right") - 1, 0)]
+    return Lateness(kinks[good], late[good], sd[good], np.isin(kinks[good], steps), tuple(intervals), own)
 
 
 def _late(

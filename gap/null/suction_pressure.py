@@ -241,6 +241,14 @@ class PressureBlock(Block):
         """Whether the regulator is of a structure that nobody knows."""
         return bool(self.prior_sd[UNKNOWN.start] > FROZEN)
 
+    def remembered(self, found: Fit) -> float:
+        """χ² of a fit without an effect, its noise being as slow as what it leaves shows."""
+        left, out = self.unwhitened(found.residual, {}), copy.copy(self)
+        out.row_noise = copy.copy(self.row_noise)
+        out.row_noise.remember(left, self.noise.tolist())
+        rest = out.whitened(left, {})
+        return float(rest @ rest)
+
     def start(self) -> FloatArray:
         return self._begin.copy()
 
@@ -353,7 +361,8 @@ class PressureBlock(Block):
 
     def lateness(self, fitted: Fit) -> Lateness | None:
         intervals = self._ripple.intervals if self._ripple else ()
-        return lateness(self, fitted, self.session.kinks, self._all.commands["pressure"].steps, intervals)
+        steps, begins = self._all.commands["pressure"].steps, self.session.marks
+        return lateness(self, fitted, self.session.kinks, steps, intervals, begins)
 
     @cached_property
     def _ripple(self) -> Ripple | None:

@@ -127,6 +127,12 @@ class Regulated(Problem, Protocol):
     def largest(self) -> float: ...
     def prior(self, width: Callable[[Tolerance], float], opened: slice = ...) -> FloatArray: ...
     def with_integral(self, width: FloatArray, vent: Vent) -> Regulated: ...
+    def remembered(self, found: Fit) -> float: ...
+
+
+def _left(block: Regulated, found: Fit) -> float:
+    """χ² of a fit, of which what is near the noise may be noise that neighbouring rows share."""
+    return block.remembered(found) if found.chi2 < LEFT * len(found.residual) else found.chi2
 
 
 Attempt = Callable[[Regulated, Fit], Structure | None]
@@ -136,9 +142,10 @@ def other_structure(block: Regulated, found: Fit, unknown: bool) -> Structure | 
     """The first structure that comes to the noise where a second order, ``found``, does not or strains the tolerances,
     or, where all are far from it, the best of those that take most away; None where a second order does, or none of
     them takes most. Where it may be ``unknown``, only that is tried."""
-    if found.chi2 > len(found.residual) * NOISY:
+    left = _left(block, found)
+    if left > len(found.residual) * NOISY:
         tries: tuple[Attempt, ...] = (_unknown,) if unknown else (_integral, _weighed, _limited, _valve, _heavy)
-    elif found.penalty > STRAINED or found.chi2 > len(found.residual) * ABOVE:
+    elif found.penalty > STRAINED or left > len(found.residual) * ABOVE:
         tries = (_integral, _weighed)
     else:
         tries = ()
@@ -313,7 +320,8 @@ def _with_integral(block: Regulated, width: FloatArray, begins: Iterable[FloatAr
     others = [vent for vent in VENTS if vent not in UNLIKE]
     first += [tried(vent, t.fit.nuisance, NEXT) for vent, t in product(others, first[:LEADERS])]
     first.sort(key=lambda t: t.objective)
-    return [tried(t.vent, t.fit.nuisance, LAST) for t in first[:GO_ON]]
+    last = [tried(t.vent, t.fit.nuisance, LAST) for t in first[:GO_ON]]
+    return [t._replace(objective=t.objective - t.fit.chi2 + _left(loops[t.vent], t.fit)) for t in last]
 
 
 def _unknown(block: Regulated, found: Fit) -> Structure | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -50,6 +52,17 @@ def test_the_interval_of_many_looks_is_found() -> None:
     assert share > 0.99
     waits = interval * np.mod(phase - time / interval, 1.0)
     np.testing.assert_allclose(waits, late, atol=1e-3)
+
+
+def test_looks_by_clocks_that_begin_with_each_recording_are_found() -> None:
+    """A host that begins to look anew with each recording has other phases on the session's clock; one of an outside
+    author, which looked each 24 ms, was not told."""
+    since, begins = moments(7, 40) / 10.0, np.repeat([3.0137, 51.2, 99.0071, 160.3003], 10)
+    late = 0.024 * np.mod(0.3 - since / 0.024, 1.0)
+    seen = stepped(begins + since, late, 1e-4)
+    interval, phase, share = looks(replace(seen, since=since))[0]
+    assert (interval, phase) == (pytest.approx(0.024, rel=1e-4), pytest.approx(0.3, abs=0.05))
+    assert share > 0.99 > looks(seen)[0][2]
 
 
 def test_ramps_are_late_by_the_mean_wait() -> None:
