@@ -21,8 +21,9 @@ from gap.null.chains import needed, run
 from gap.null.fe_law import relaxing_shares
 from gap.null.fe_solver import Experiment, FeModel, fe_model
 from gap.null.fe_tissue import Anchored
-from gap.null.robot_axes import AxesBlock, specimen_chain
+from gap.null.robot_axes import AxesBlock
 from gap.null.robot_force import ForceBlock
+from gap.null.robot_specimens import specimen_chain
 from gap.null.sheet_law import Law
 from sim_devices.chain import Chain, Effect, FloatArray, Signals
 from sim_devices.effects.tissue import Softening

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +19,12 @@ from gap.null.robot_grid import LOOP_CURVE, LOOP_STEP, LOOP_TURN, averaged, comm
 from gap.null.robot_load import SPRING, RecordedLoad
 from gap.null.robot_loop import Controller, controllers, stated
 from gap.null.robot_recorded import recorded, steepness
+from gap.null.robot_specimens import specimen_chain
 from sim_devices.chain import Chain, Effect, FloatArray, Operator
-from sim_devices.stages import nominal
 from sim_devices.stages.operators import Retimed
 from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
 from sim_devices.stages.sampling import COMMANDS
-from sim_devices.stages.specimens import SHEETS, sheet_of, with_weight
-from sim_devices.stages.tissues import SheetTissue, sheet_tissue
+from sim_devices.stages.tissues import sheet_tissue
 
 QUANTITIES = ("probe_x", "probe_y", "probe_z")
 AXES, TARGETS = numbered("axis_position"), numbered("target")
@@ -58,33 +56,6 @@ LATEST = 2e-3
 """s at most that the coils' force is late: what follows to first order is not known beyond."""
 SOMEWHERE = 0.3
 """Quantile of its prior at which an effect does something: most do nothing in the middle of a range about nought."""
-
-
-def specimen_chain(group: Group, tissue: SheetTissue, marks: tuple[float, ...] = ()) -> Chain:
-    """The nominal chain for a group: ``tissue`` if it is skin, else its specimen.
-
-    ``marks`` (s): when recordings start, for effects that begin anew with each.
-    """
-    if group.name == "dead weight":
-        if not {"mass", "direction"} <= group.known.keys():
-            raise ValueError("a dead weight tells nothing without its mass and direction")
-        mass, direction = group.known["mass"].scalar, group.known["direction"].value
-        return with_weight(_sound(sheet_tissue("open air"), marks), mass, direction)
-    return _sound(tissue if group.skin else _specimen(group), marks)
-
-
-@lru_cache(maxsize=64)
-def _sound(tissue: SheetTissue, marks: tuple[float, ...]) -> Chain:
-    return nominal("microrobot", tissue=tissue, marks=marks)
-
-
-def _specimen(group: Group) -> SheetTissue:
-    if group.name in SHEETS:
-        return sheet_of(group.name, group.known["k"].scalar if "k" in group.known else 0.0)
-    try:
-        return sheet_tissue(group.name)
-    except ValueError:
-        return sheet_tissue("silicone")
 
 
 def _explains(f: Fit) -> bool:
@@ -124,8 +95,8 @@ class AxesBlock(Block):
         self._misleading: dict[str, bool] = {}
         self._runs = np.kron(np.eye(3), self.member)
         self.prior_mean = self.sound = np.zeros(self.TOLERANCES + self._runs.shape[1])
-        known = controllers(stated([session.recordings[k] for k in self.runs]))
-        ways = [(controller, held) for controller in known for held in (False, True)[: 1 + session.sampled]]
+        self._known = controllers(stated([session.recordings[k] for k in self.runs]))
+        ways = [(controller, held) for controller in self._known for held in (False, True)[: 1 + session.sampled]]
         fits = {way: [self._plain(*way)] for way in ways}
         if not any(_explains(f) for f, *_ in fits.values()):
             for way, tried in fits.items():
@@ -184,8 +155,22 @@ class AxesBlock(Block):
         best = self._best
         self._best = fit(self, best.hypothesis, best.unit, best.nuisance, iterations=3)
         alone = self._best if not best.hypothesis else fit(self, nuisance=self._start, iterations=3)
+        if not _explains(alone):
+            alone = self._reconsidered(alone)
         self._start = alone.nuisance
         self.row_noise.remember(self.unwhitened(self._best.residual, self._best.active), self.noise.tolist())
+
+    def _reconsidered(self, alone: Fit) -> Fit:
+        """The fit of another controller, which is taken if it explains the axes by itself under the load that is known
+        now, or ``alone``, the one of the controller that was taken."""
+        taken = self.controller
+        for controller in (c for c in self._known if c != taken):
+            found = self._plain(controller, self.held)
+            if _explains(found):
+                self._best, self._strained = found, False
+                return found
+        self._take(taken, self.held)
+        return alone
 
     def _forget(self) -> None:
         """Drop tables made for another load or controller."""

@@ -13,10 +13,11 @@ from gap.inference.hypothesis import FROZEN, Active, Evaluation
 from gap.inference.linear import compressed
 from gap.null.blocks import Group, GroupedSession, Table
 from gap.null.chains import Kept, Memo, needed, run, undone
-from gap.null.robot_axes import AXES, ROBOT_BINS, AxesBlock, specimen_chain
+from gap.null.robot_axes import AXES, ROBOT_BINS, AxesBlock
 from gap.null.robot_grid import averaged, nodes_within, sticking, thinned
 from gap.null.robot_laws import SheetLawBlock
 from gap.null.robot_recorded import path_of_axes, recorded, steepness
+from gap.null.robot_specimens import specimen_chain
 from gap.null.sheet_discrepancy import sheet_discrepancy
 from gap.null.sheet_law import quantities, rewired, sheet
 from protocols.specimens import SPECIMENS
