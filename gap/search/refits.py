@@ -17,6 +17,9 @@ from gap.search.screening import Screened, as_open, strains
 
 APART = 3.0
 """Standard deviations, as one block's fit is believed in the next, between strengths that are not the same."""
+UNSURE = 0.15
+"""Standard deviation of all of its parameters, in quantiles of their priors (of a uniform one .29), from which on an
+effect is as good as unknown."""
 
 
 def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) -> tuple[dict[str, Fit], int]:
@@ -44,6 +47,12 @@ def _apart(fits: dict[str, Fit], surest: str, candidate: Candidate) -> bool:
     return bool(np.any(strengths & (np.abs(others - own) > APART * DISCOUNT * sd)))
 
 
+def _tells(found: Fit, candidate: Candidate) -> bool:
+    """Whether a block's fit knows any parameter of an effect better than its prior does: one that hardly sees the
+    effect is no place for others to begin from."""
+    return bool(np.any(found.told(candidate)[1] < UNSURE))
+
+
 def _in_turn(
     problems: dict[str, Problem], base: Hypothesis, screened: Screened, order: Sequence[str]
 ) -> tuple[dict[str, Fit], int]:
@@ -52,9 +61,10 @@ def _in_turn(
     simulations = 0
     known: Fit | None = None
     for block in order:
-        known, n = _refitted(problems[block], base.fits[block], screened, block, known)
-        fits[block] = known
+        fits[block], n = _refitted(problems[block], base.fits[block], screened, block, known)
         simulations += n
+        if known is not None or _tells(fits[block], screened.candidate):
+            known = fits[block]
     return fits, simulations
 
 

@@ -53,3 +53,25 @@ def test_one_that_both_show_is_fitted_as_it_was(candidate: Callable[..., Candida
     for name, f in fits.items():
         assert next(iter(f.active.values()))["size"] == pytest.approx(1.0, rel=0.1)
         assert f.chi2 < 1.3 * N < null.fits[name].chi2
+
+
+def test_a_block_that_hardly_sees_an_effect_is_no_place_to_begin_from(candidate: Callable[..., Candidate]) -> None:
+    """A gauge in a loop that reads more and more shows by its manometer alone. What is left of it in the loop's own
+    record put the fit at the end of its range, from where none led back."""
+    problems = {"gauge": block("gauge", 0.0, 1), "manometer": block("manometer", 1.0, 2)}
+    problems["gauge"].effects["wave"] = lambda v: 1e-3 * v["size"] * WAVE
+    null = Hypothesis((), {name: fit(p) for name, p in problems.items()})
+    wave = replace(candidate("wave", SIZE), blocks=tuple(problems))
+    starts = {"gauge": (np.array([1.0]),), "manometer": (np.array([0.7]),)}
+    screened = Screened(wave, (np.array([0.7]),), 10.0, starts, {name: p.prior_sd for name, p in problems.items()})
+    begun: list[float] = []
+    evaluate = problems["manometer"].evaluate
+
+    def watched(nuisance, active, want_jacobian=True):
+        begun.extend(v["size"] for v in active.values())
+        return evaluate(nuisance, active, want_jacobian)
+
+    problems["manometer"].evaluate = watched  # type: ignore[method-assign]
+    fits, _ = refit(problems, null, screened)
+    assert begun[0] == pytest.approx(0.63, rel=0.1)  # as screened there, not where the gauge ended
+    assert next(iter(fits["manometer"].active.values()))["size"] == pytest.approx(1.0, rel=0.1)
