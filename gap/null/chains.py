@@ -50,14 +50,16 @@ UNDOINGS = 2
 def undone(made: Callable[[FloatArray], FloatArray], read: FloatArray) -> FloatArray:
     """The true signals, (n,) or (k, n), where the sensors, which ``made`` readings of them, ``read`` these.
 
-    Small errors go step by step; of an exchange of channels, or a sign, twice is nothing.
+    Small errors go step by step; of an exchange of channels, or a sign, twice is nothing. Of an error larger than the
+    signal the steps lead away, to a simulation that counts as diverged.
     """
     wrong = made(read)
     if np.max(np.abs(wrong - read), initial=0.0) > 0.1 * np.ptp(read) and np.allclose(made(wrong), read):
         return wrong
     true = read + read - wrong
-    for _ in range(UNDOINGS - 1):
-        true = true + read - made(true)
+    with np.errstate(over="ignore", invalid="ignore"):
+        for _ in range(UNDOINGS - 1):
+            true = true + read - made(true)
     return true
 
 

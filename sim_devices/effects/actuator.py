@@ -115,8 +115,10 @@ def _dead_band(chain: Chain, v: Values) -> Chain:
 def _gauge_gain(chain: Chain, v: Values) -> Chain:
     if chosen(v, "form") < 3:
         return _gauge(chain, v, v["error"], 0.0)
-    if chosen(v, "form") == 4:
+    if chosen(v, "form") > 3:
         growing = (v["error"], PRESSURE, v["power"])
+        if chosen(v, "form") == 5:  # the loop makes the reading what a sound one would make the pressure
+            chain = map_after(chain, "regulator", "misread", "actuator", laws.unbent_alike, growing)
         return map_after(chain, "gauge", "gauge_bend", "actuator", laws.bent_alike, growing)
     return map_after(chain, "gauge", "gauge_bend", "actuator", laws.bent, (v["error"], v["knee"]))
 
@@ -263,9 +265,10 @@ EFFECTS = (
         "span error of pressure sensors; gap.md",
         (
             signed("error", "1", 0.4, 0.1, "relative error of the reading"),
-            choice("form", 0, *WHERE, "in the record, beyond a knee", "in the record, ever more as suction grows"),
+            choice("form", 0, *WHERE, "in the record, beyond a knee", "in the record, ever more as suction grows",
+                   "in the loop and in the record, ever more as suction grows"),
             shape("knee", "Pa", 2e3, 25e3, BEND, "pressure beyond which the slope is wrong", only=(3,)),
-            shape("power", "1", 0.5, 4.0, 2.0, "of suction over 300 mbar, of the error", only=(4,)),
+            shape("power", "1", 0.2, 4.0, 2.0, "of suction over 300 mbar, of the error", only=(4, 5)),
         ),
         _gauge_gain,
     ),

@@ -34,6 +34,9 @@ def _slew_robot(chain: Chain, v: Values) -> Chain:
     if chosen(v, "form") == 2:
         chain = before(chain, "inverse_kinematics", lambda s, t: PathSpeed(name, stage, s, t, rate), *xyz("due"))
         anchor, signals = "inverse_kinematics", xyz("due")
+    elif chosen(v, "form") == 3:
+        limits = (rate, v["acceleration"])
+        return law_before(chain, "axes", name, stage, kernels.planned, limits, *numbered("target"))
     else:
         anchor, signals = "axes", numbered("target")
         chain = law_before(chain, anchor, name, stage, kernels.rate_limit, (rate, rate), *signals)
@@ -89,8 +92,10 @@ EFFECTS = (
         "Slower trajectories, or a higher limit in the controller.",
         "trajectory generators' velocity limits; gap.md",
         (
-            strength("span_time", "s", 0.2, 50.0, 6.0, "time for 1 mm of an axis"),
-            choice("form", 0, "of each axis", "of each axis, rounded as by a limited jerk", "of the tip, rounded"),
+            strength("span_time", "s", 0.02, 50.0, 6.0, "time for 1 mm of an axis"),
+            choice("form", 0, "of each axis", "of each axis, rounded as by a limited jerk", "of the tip, rounded",
+                   "of each axis, by a planner that limits the acceleration, too"),
+            shape("acceleration", "m/s^2", 0.02, 50.0, 1.0, "of the planner", log=True, only=(3,)),
             shape("rounding", "m", 1e-6, 2e-4, 2e-5, "way over which it is rounded", log=True, only=(1, 2)),
         ),
         _slew_robot,

@@ -71,9 +71,9 @@ def tension_for_a_while(
 
 def to_and_fro(
     time: FloatArray, x: FloatArray, y: FloatArray, z: FloatArray,
-    amplitude: float, frequency: float, phase: float, azimuth: float, elevation: float,
+    amplitude: float, frequency: float, phase: float, azimuth: float, elevation: float, sine: float, cosine: float,
 ) -> Forces:  # fmt: skip
     """A vector and, along one direction, a rhythm: of forces, or of displacements where the skin moves."""
-    wave = laws.pulse(time, np.zeros(len(time)), amplitude, frequency, phase)
+    wave = laws.pulse(time, np.zeros(len(time)), amplitude, frequency, phase, sine, cosine)
     flat = math.cos(elevation)
     return x + flat * math.cos(azimuth) * wave, y + flat * math.sin(azimuth) * wave, z + math.sin(elevation) * wave

@@ -176,12 +176,13 @@ def _stiffening(chain: Chain, v: Values) -> Chain:
 
 
 def _pulse_suction(chain: Chain, v: Values) -> Chain:
-    parameters = (v["amplitude"], v["frequency"], v["phase"])
+    parameters = (v["amplitude"], v["frequency"], v["phase"], v["second_sine"], v["second_cosine"])
     return map_after(chain, "softening", "pulse_breathing", "tissue", laws.pulse, parameters)
 
 
 def _pulse_robot(chain: Chain, v: Values) -> Chain:
-    name, stage, rhythm = "pulse_breathing", "tissue", (v["frequency"], v["phase"], v["azimuth"], v["elevation"])
+    name, stage = "pulse_breathing", "tissue"
+    rhythm = [v[k] for k in ("frequency", "phase", "azimuth", "elevation", "second_sine", "second_cosine")]
     if chosen(v, "form") == 0:
         return after(chain, "tissue", lambda s, t: Map(name, stage, s, t, to_and_fro, (v["amplitude"], *rhythm)))
     return after(chain, "glue", lambda s, t: Map(name, stage, s, t, to_and_fro, (-v["motion"], *rhythm)))
@@ -209,6 +210,8 @@ def _pulse(instruments: tuple[str, ...], strengths: tuple[Any, ...], install: An
             shape("frequency", "Hz", 0.15, 2.0, 1.1, log=True, fine=1e-5),
             shape("phase", "rad", 0.0, 2 * math.pi, 0.0),
             *further,
+            shape("second_sine", "1", -0.8, 0.8, 0.21, "of the second harmonic: of twice the phase, against the first"),
+            shape("second_cosine", "1", -0.8, 0.8, 0.21, "the same of its cosine"),
         ),
         install,
     )  # fmt: skip

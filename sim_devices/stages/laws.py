@@ -115,9 +115,25 @@ def cubic(time: FloatArray, u: FloatArray, error: float, reference: float) -> Fl
     return u * (1.0 + error * (u / reference) ** 2)
 
 
+FARTHEST, NEWTON, STEEPEST = 10.0, 6, 0.1
+"""Times its reference above which a gauge's error grows no more, as no reading is believed there; steps in which a
+bend is undone, and the least slope it has for them: where a gauge reads the less the more there is, no loop closes."""
+
+
 def bent_alike(time: FloatArray, u: FloatArray, error: float, reference: float, power: float) -> FloatArray:
     """u (1 + error |u / reference|^power): of either sign alike, as a transformer's core near the end of its coils."""
-    return np.asarray(u * (1.0 + error * np.abs(u / reference) ** power))
+    times = np.minimum(np.abs(u / reference), FARTHEST)
+    return np.asarray(u * (1.0 + error * times**power))
+
+
+def unbent_alike(time: FloatArray, u: FloatArray, error: float, reference: float, power: float) -> FloatArray:
+    """The pressure that a gauge `bent_alike` reads as ``u``: a loop over it holds the reading where it is asked for."""
+    true, most = u, FARTHEST * reference
+    for _ in range(NEWTON):
+        bend = error * np.abs(true / reference) ** power
+        step = (true * (1.0 + bend) - u) / np.maximum(1.0 + (1.0 + power) * bend, STEEPEST)
+        true = np.clip(true - step, -most, most)
+    return np.asarray(true)
 
 
 def saturation(time: FloatArray, u: FloatArray, limit: float, soft: float = 0.0) -> FloatArray:
@@ -210,10 +226,13 @@ def layered(time: FloatArray, u: FloatArray, stiffness: float, start: float, wid
     return u - extra * np.copysign(ramp(np.abs(u), start, width), u)
 
 
-def pulse(time: FloatArray, u: FloatArray, amplitude: float, frequency: float, phase: float) -> FloatArray:
-    """u + amplitude times a wave with 0.3 of second harmonic, as of heart beat."""
+def pulse(
+    time: FloatArray, u: FloatArray, amplitude: float, frequency: float, phase: float, sine: float, cosine: float
+) -> FloatArray:
+    """u + amplitude (sin a + sine sin 2a + cosine cos 2a), a = 2 pi frequency t + phase: a beat rises faster than it
+    falls, a breath rests between."""
     a = 2 * np.pi * frequency * time + phase
-    return u + amplitude * (np.sin(a) + 0.3 * np.sin(2 * a + 0.8))
+    return u + amplitude * (np.sin(a) + sine * np.sin(2 * a) + cosine * np.cos(2 * a))
 
 
 def through_zero(time: FloatArray, u: FloatArray, amount: float, distance: float) -> FloatArray:

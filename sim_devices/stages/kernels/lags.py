@@ -166,6 +166,33 @@ def rate_limit(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
         y[i] = s[3]
 
 
+PLANNED, ARRIVED = 5e-4, 1e-12
+"""s of a planner's step, as of a card's cycle; and how near to its aim, in the signal's unit, it is there."""
+
+
+@njit(cache=True, error_model="numpy")
+def planned(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """A motion planner: y' = v, |v'| <= a, v towards the largest speed from which it still stops where it is to go,
+    sign(e) min(fastest, (2 a |e|)^(1/2)) with e = u - y (time-optimal; Kirk, Optimal Control Theory, 1970, 5.4).
+    ``p`` = (fastest, a), in the signal's unit per second and per second squared.
+    """
+    fastest, a = p[0], p[1]
+    if s[0] == 0.0 and t.size:
+        s[0], s[1], s[2], s[3] = 1.0, t[0], u[0], u[0]
+    for i in range(t.size):
+        dt, begin = t[i] - s[1], s[2]
+        parts = max(math.ceil(dt / PLANNED), 1) if dt > 0.0 else 0
+        h, rise = dt / max(parts, 1), (u[i] - begin) / max(parts, 1)
+        for j in range(parts):
+            e = begin + (j + 1) * rise - s[3]
+            if rise == 0.0 and abs(e) < ARRIVED and s[4] == 0.0:
+                break
+            speed = math.copysign(min(fastest, math.sqrt(2.0 * a * abs(e)), abs(e) / h), e)
+            s[4] = speed if abs(speed - s[4]) < a * h else s[4] + math.copysign(a * h, speed - s[4])
+            s[3] += h * s[4]
+        s[1], s[2], y[i] = t[i], u[i], s[3]
+
+
 @njit(cache=True, error_model="numpy")
 def lead(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
     """Movement is exaggerated: y = u + a (u - lag of u). ``p`` = (a, tau s)."""

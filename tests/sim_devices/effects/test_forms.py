@@ -28,3 +28,31 @@ def test_a_gauge_whose_error_grows_with_suction() -> None:
     true = reference("cutometer")["pressure"]
     np.testing.assert_allclose(read["pressure"], true * (1.0 - 0.02 * (true / PRESSURE) ** 2), rtol=1e-9)
     np.testing.assert_array_equal(read["apex_height"], reference("cutometer")["apex_height"])
+
+
+def test_a_gauge_that_closes_the_loop_reads_as_it_should_whatever_its_bend() -> None:
+    """The loop holds the reading where it is asked for, and the skin feels another pressure."""
+    time, inputs, chain = session("cutometer")
+    bent = {"form": 5, "error": 0.05, "power": 0.3}
+    made = effects("cutometer")["gauge_gain"].apply(chain, bent).run(time, inputs)
+    sound = reference("cutometer")
+    np.testing.assert_allclose(made["pressure"], sound["pressure"], rtol=1e-9, atol=1e-6)
+    deep = np.argmin(made["line_pressure"])
+    times = 1.0 + 0.05 * (-made["line_pressure"][deep] / PRESSURE) ** 0.3
+    assert made["pressure"][deep] / made["line_pressure"][deep] == pytest.approx(times, rel=1e-9)
+    assert np.max(made["apex_height"]) < 0.99 * np.max(sound["apex_height"])
+
+
+def test_a_second_harmonic_makes_a_beat_rise_faster_than_it_falls() -> None:
+    time, inputs, chain = session("cutometer")
+    pulse = effects("cutometer")["pulse_breathing"]
+    rhythm = {"amplitude": 2e-5, "frequency": 0.5, "phase": 0.0}
+    plain, beating = (
+        pulse.apply(chain, rhythm | {"second_sine": share, "second_cosine": 0.0}).run(time, inputs)["apex_height"]
+        for share in (0.0, 0.4)
+    )
+    at = time > 1.5
+    off = (beating - plain)[at] - np.mean((beating - plain)[at])
+    turn = 2 * np.pi * time[at]
+    assert off @ np.sin(turn) / np.linalg.norm(off) / np.linalg.norm(np.sin(turn)) > 0.9
+    assert np.max(np.abs(off)) == pytest.approx(0.4 * 2e-5, rel=0.2)

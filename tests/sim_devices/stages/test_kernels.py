@@ -34,6 +34,7 @@ CASES: list[tuple[Kernel, tuple[float, ...]]] = [
     (kernels.emptying_store, (0.2, 1.0, 0.3, 0.5, 0.2)),
     (kernels.prony, (1.0, 0.3, 0.1, -0.2, 2.0)),
     (kernels.rate_limit, (0.5, 2.0)),
+    (kernels.planned, (0.5, 2.0)),
     (kernels.play, (0.2,)),
     (kernels.soft_play, (0.2,)),
     (kernels.prandtl, kernels.of_joints(0.2, 0.5)),
@@ -63,6 +64,19 @@ def test_chunks_join_without_a_seam(kernel: Kernel, parameters: tuple[float, ...
         parts.append(part)
     np.testing.assert_allclose(np.concatenate(parts), whole, atol=1e-12)
     assert np.isfinite(whole).all()
+
+
+@pytest.mark.parametrize(("far", "lasts"), [(1.0, 0.25 + 1.0 / 4.0), (0.2, 2.0 * np.sqrt(0.2 / 16.0))])
+def test_a_planner_arrives_in_the_least_time(far: float, lasts: float) -> None:
+    """At 4 /s and 16 /s²: d / v + v / a with a stretch of full speed, 2 (d / a)^(1/2) without."""
+    t = np.linspace(0.0, 1.0, 2001)
+    y = evaluate(kernels.planned, t, np.where(t > 0.1, far, 0.0), 4.0, 16.0)
+    arrived = t[np.flatnonzero(np.abs(y - far) < 1e-3 * far)[0]] - 0.1
+    assert arrived == pytest.approx(lasts, abs=0.02)
+    speed = np.gradient(y, t)
+    assert np.max(speed) < 4.0 * 1.01
+    assert np.max(np.abs(speed[20:] - speed[:-20])) / (20 * t[1]) < 16.0 * 1.02
+    assert y[-1] == pytest.approx(far, abs=1e-9)
 
 
 def test_an_eased_lag_stays_finite_however_damped() -> None:

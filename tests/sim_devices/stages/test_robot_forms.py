@@ -67,7 +67,7 @@ def test_tension_for_a_while_is_tension_between_its_moments() -> None:
 
 def test_a_rhythm_is_along_its_direction() -> None:
     time, zero = np.linspace(0.0, 2.0, 400), np.zeros(400)
-    x, y, z = to_and_fro(time, zero, zero, zero, 2e-3, 1.5, 0.4, np.pi / 6, np.pi / 3)
+    x, y, z = to_and_fro(time, zero, zero, zero, 2e-3, 1.5, 0.4, np.pi / 6, np.pi / 3, 0.21, 0.21)
     assert y == pytest.approx(x * np.tan(np.pi / 6))
     assert z == pytest.approx(np.hypot(x, y) * np.sign(x) * np.tan(np.pi / 3))
     assert 2e-3 < np.max(np.sqrt(x * x + y * y + z * z)) < 2.6e-3
