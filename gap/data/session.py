@@ -24,7 +24,7 @@ so); and the longest that is simulated: skin has forgotten by then."""
 OVERLAP = 1.0
 """s by which a recording may seem to begin before the last one ended: nobody pressed a key at an exact second."""
 BEFORE, SHORTLY = 5e-3, 0.2
-"""s by which a recording begins before its first row, and within which a command begins with the samples."""
+"""s by which a recording begins before its first row, and within which a command begins with the samples behind it."""
 CLOCK_SD = 2e-5
 """How fast the recording's clock may soundly run against the command's: an ordinary crystal (assumed)."""
 SKIN = "skin"
@@ -110,7 +110,8 @@ class Session:
         is of its own recording in any case, be the clocks some milliseconds apart."""
         first, tables = self.span(k)[0], self.recordings[k].setpoints.values()
         asked = min((float(t.time[0]) for t in tables if len(t.time)), default=np.inf) + self.shifts[k]
-        return (asked if first - SHORTLY < asked < first else first) - BEFORE
+        ended = self.span(k - 1)[1] + BEFORE if k else -np.inf
+        return (asked if max(first - SHORTLY, ended) < asked < first else first) - BEFORE
 
     def command(self, quantity: str, members: Sequence[int]) -> Command:
         """The command over the recordings ``members``, at rest (zero) between them.

@@ -110,6 +110,11 @@ class AxesBlock(Block):
         self._rubs = {f.hypothesis[0].key: f for f in rubbed}
         self.suspected = frozenset(self._rubs)
         self._take(*best)
+        self._leave_out_kicks()
+
+    def _leave_out_kicks(self) -> None:
+        """Have rows tell nothing in which an axis shows what the controller's derivative of the error made of a
+        jump."""
         if self.controller.on_error:
             self.row_noise.widen(np.flatnonzero(np.tile(self._kicked(), len(AXES))))
 
@@ -168,6 +173,7 @@ class AxesBlock(Block):
             found = self._plain(controller, self.held)
             if _explains(found):
                 self._best, self._strained = found, False
+                self._leave_out_kicks()
                 return found
         self._take(taken, self.held)
         return alone

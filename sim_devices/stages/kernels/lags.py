@@ -185,7 +185,8 @@ def planned(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Float
         h, rise = dt / max(parts, 1), (u[i] - begin) / max(parts, 1)
         for j in range(parts):
             e = begin + (j + 1) * rise - s[3]
-            if rise == 0.0 and abs(e) < ARRIVED and s[4] == 0.0:
+            if rise == 0.0 and abs(e) < ARRIVED and abs(s[4]) * h < ARRIVED:
+                s[4] = 0.0
                 break
             speed = math.copysign(min(fastest, math.sqrt(2.0 * a * abs(e)), abs(e) / h), e)
             s[4] = speed if abs(speed - s[4]) < a * h else s[4] + math.copysign(a * h, speed - s[4])
