@@ -41,6 +41,11 @@ class Shrink:
         return 1.0 - self.after / self.before if self.before > 0.0 else 0.0
 
 
+def above(gap: float, quiet: float) -> float:
+    """How much of a ``gap``, in squares, is above one that is ``quiet``."""
+    return float(max(gap**2 - quiet**2, 0.0))
+
+
 def shrink(before: float, after: float, floor: float = 1.0) -> float | None:
     """(before − after)/(before − floor); None where next to nothing stands above the floor."""
     return float((before - after) / (before - floor)) if before > floor * MEASURABLE else None

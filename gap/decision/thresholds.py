@@ -75,6 +75,8 @@ class Thresholds:
     worse_block: float
     carries_over: float
     amid_skin: float
+    amid_share: float
+    amid_sure: float
     carried_share: float
     untested_gap: float
     rival_lead: float

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gap.decision.classes import Cause
-from gap.decision.gaps import Shrink
+from gap.decision.gaps import Shrink, above
 from gap.decision.marks import explains_marks
 from gap.decision.posterior import Posterior, misfit
 from gap.decision.thresholds import Thresholds
@@ -62,9 +62,9 @@ class Findings:
         other = self.held_out.get("waveform")
         if other is None:
             return self.held_out
-        shown = _excess(self.fitted.before, self.t) if self.fitted is not None else 0.0
+        shown = above(self.fitted.before, self.t.quiet_gap) if self.fitted is not None else 0.0
         others = {k: s for k, s in self.held_out.items() if k != "waveform"}
-        silent = _excess(other.before, self.t) < self.t.worse_share * shown
+        silent = above(other.before, self.t.quiet_gap) < self.t.worse_share * shown
         return others if silent and others else {"waveform": other}
 
     def quiet(self) -> str:
@@ -134,14 +134,9 @@ def _lowers_nothing(f: Findings) -> bool:
     if f.fitted.fall <= f.t.least_fall:
         return True
     p, before = f.posterior, f.fitted.before
-    here = before**2 - f.fitted.after**2 < f.t.least_share * _excess(before, f.t)
-    in_all = p.gap_before**2 - p.gap_after**2 < f.t.least_of_all * _excess(p.gap_before, f.t)
+    here = before**2 - f.fitted.after**2 < f.t.least_share * above(before, f.t.quiet_gap)
+    in_all = p.gap_before**2 - p.gap_after**2 < f.t.least_of_all * above(p.gap_before, f.t.quiet_gap)
     return here or (p.gap_before > f.t.unusual_gap and in_all)
-
-
-def _excess(gap: float, t: Thresholds) -> float:
-    """How much of a gap, in squares, is above the noise."""
-    return float(max(gap**2 - t.quiet_gap**2, 0.0))
 
 
 def _helps(f: Findings) -> bool:
@@ -198,7 +193,7 @@ def _patched(f: Findings) -> bool:
         return False
     p = f.posterior
     left, had = (p.gap_after, p.gap_before) if f.fitted is None else (f.fitted.after, f.fitted.before)
-    leaves_most = _excess(left, f.t) > f.t.event_leaves * _excess(had, f.t)
+    leaves_most = above(left, f.t.quiet_gap) > f.t.event_leaves * above(had, f.t.quiet_gap)
     in_all = left if f.without_skin > f.t.without_skin else p.gap_after
     leaves = in_all > f.t.patched or (had > f.t.unusual_gap and leaves_most)
     return leaves or shortest(f.first.hypothesis, f.t.weakest)
@@ -232,9 +227,12 @@ def _repairs_skin(f: Findings) -> bool:
 
 def _amid_skin(f: Findings) -> bool:
     """Such an effect, or one of the skin, leaves the simulation by itself far from the data: an effect of skin may
-    stand in for part of another law, however much it takes away."""
-    leaves = f.fitted is not None and f.fitted.after > f.t.amid_skin
-    return leaves and (_skin_may(f) or _of_skin(f.first)) and not f.shows_itself
+    stand in for part of another law, unless it takes away nearly all and stands out as none of sound skin did."""
+    if f.fitted is None or f.fitted.after <= f.t.amid_skin or f.shows_itself:
+        return False
+    left, had = above(f.fitted.after, f.t.quiet_gap), above(f.fitted.before, f.t.quiet_gap)
+    sure = left < f.t.amid_share * had and f.first.detectability > f.t.amid_sure
+    return (_skin_may(f) or _of_skin(f.first)) and not sure
 
 
 def _stays_behind(f: Findings) -> bool:

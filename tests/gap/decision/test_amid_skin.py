@@ -54,3 +54,20 @@ def test_an_effect_of_the_device_is_not_claimed_beside_one_of_skin_as_large(
     causes = replace(found, causes=(first, rival))
     findings = Findings(causes, INSTRUMENT, fitted=Shrink(16.9, 3.6), without_skin=0.0)
     assert decide(findings).rules[0].startswith(said)
+
+
+@pytest.mark.parametrize(
+    ("sigma", "left", "said"),
+    [(47.0, 2.2, "claimed"), (15.8, 2.2, "amid skin of another law"), (47.0, 4.0, "amid skin of another law")],
+)
+def test_an_effect_of_skin_that_stands_out_beyond_doubt_may_leave_skin_of_another_law(
+    linear, candidate, sigma: float, left: float, said: str
+) -> None:
+    """A breath of 22 um under a robot took a gap of 6.0 to 2.2 on a sheet beside an Eyring arm: it was unknown."""
+    comparison, known = weak_wave(linear, candidate, 3.15)
+    found = posterior(comparison, known, INSTRUMENT)
+    first = replace(found.causes[0], detectability=sigma)
+    skin = replace(first.hypothesis, effects=tuple(replace(e, stage="tissue") for e in first.effects))
+    causes = replace(found, causes=(replace(first, hypothesis=skin, members=(skin,)),))
+    findings = Findings(causes, INSTRUMENT, fitted=Shrink(6.0, left), without_skin=0.0)
+    assert decide(findings).rules[0].startswith(said)
