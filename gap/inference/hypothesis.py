@@ -110,8 +110,8 @@ class Start(NamedTuple):
 class Lateness:
     """How much later than simulated the command's kinks at ``time`` (m,) s show: ``late`` and its ``sd``, (m,) s.
     ``steps`` are those (m,) at which it jumps: they wait for the next look at it, a ramp is late by the mean wait.
-    ``intervals`` s may be those between looks at the command, where a ripple tells them; ``since`` (m,) is the time of
-    the kinks from the beginning of their recordings on, nothing where these do not begin anew."""
+    ``intervals`` s may be those between looks at the command, where a ripple tells them; ``since`` (m,) s is the time
+    of the kinks from the beginning of their recordings on, None where nobody asks for it."""
 
     time: FloatArray
     late: FloatArray

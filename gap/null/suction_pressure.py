@@ -160,10 +160,8 @@ class PressureBlock(Block):
             best = self._averaged(self._resolved(fit(self)))
         best = self._followed(best)
         self._begin = best.nuisance
-        left = self.unwhitened(best.residual, {})
-        self.row_noise.remember(left, self.noise.tolist())
-        rest = self.whitened(left, {})
-        self.explained = float(rest @ rest) < len(rest) * NOISY  # by a regulator that is known
+        self.row_noise, left = self._with_memory(best)
+        self.explained = left < len(best.residual) * NOISY  # by a regulator that is known
 
     def _resolved(self, found: Fit) -> Fit:
         """The better fit of ``found`` and of one whose levels are whole steps of the command's resolution, or not."""
@@ -243,11 +241,15 @@ class PressureBlock(Block):
 
     def remembered(self, found: Fit) -> float:
         """χ² of a fit without an effect, its noise being as slow as what it leaves shows."""
+        return self._with_memory(found)[1]
+
+    def _with_memory(self, found: Fit) -> tuple[RowNoise, float]:
+        """Noise as slow as what a fit without an effect leaves shows, and the fit's χ² by it."""
         left, out = self.unwhitened(found.residual, {}), copy.copy(self)
         out.row_noise = copy.copy(self.row_noise)
         out.row_noise.remember(left, self.noise.tolist())
         rest = out.whitened(left, {})
-        return float(rest @ rest)
+        return out.row_noise, float(rest @ rest)
 
     def start(self) -> FloatArray:
         return self._begin.copy()

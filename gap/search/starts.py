@@ -40,13 +40,19 @@ never fitted to it."""
 LOWER_LIMITS = tuple(1.0 - q for q in LIMITS)
 RATES = (0.3, 0.45, 0.6, 0.7, 0.8, 0.87, 0.93, 0.97)
 """The same of a limit of a rate, which few moments of a signal meet."""
-DIRECTIONS = {"azimuth": (0.1, 0.35), "elevation": (0.5, 0.85)}
-"""The same of a direction: two in plane, two that rise."""
 SPANS = (0.06, 0.15, 0.22, 0.3, 0.5, 0.7)
 """The same of a limited rate by the time that a span takes: one that is far too slow never arrives, and from there no
 fit leads on."""
-HARMONICS = {"second_sine": (0.5,), "second_cosine": (0.5,)}
-"""The same of a second harmonic: none, as a fit leads to it from the first alone."""
+NAMED = {
+    "azimuth": (0.1, 0.35),
+    "elevation": (0.5, 0.85),
+    "rest": RESTS,
+    "span_time": SPANS,
+    "second_sine": (0.5,),
+    "second_cosine": (0.5,),
+}
+"""The same by a parameter's name: of directions two in plane and two that rise; of a second harmonic none, as a fit
+leads to it from the first alone."""
 BURSTS = 3
 """Moments at which samples may be lost that are tried."""
 MAX_GRID = 12
@@ -83,16 +89,10 @@ def grid(candidate: Candidate, known: Collection[str] = ()) -> list[FloatArray]:
 
 def _values(p: Parameter) -> tuple[float, ...]:
     """Quantiles of its prior at which a parameter is looked at."""
-    if p.name in DIRECTIONS:
-        return DIRECTIONS[p.name]
+    if p.name in NAMED:
+        return NAMED[p.name]
     if p.name == "band" and p.null is not None:
         return THRESHOLDS
-    if p.name == "rest":
-        return RESTS
-    if p.name == "span_time":
-        return SPANS
-    if p.name in HARMONICS:
-        return HARMONICS[p.name]
     if p.name == "limit" and p.null is None:
         return LIMITS if p.default > 0.5 * (p.low + p.high) else LOWER_LIMITS
     if p.name == "rate" and p.null is None:

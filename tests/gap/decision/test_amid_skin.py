@@ -7,11 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gap.decision.classes import Cause
 from gap.decision.gaps import Shrink
-from gap.decision.posterior import posterior
+from gap.decision.posterior import Posterior, posterior
 from gap.decision.thresholds import INSTRUMENT
 from gap.decision.verdict import Findings, decide
 from tests.gap.decision.waves import weak_wave
+
+
+def first_of(linear, candidate, stage: str) -> tuple[Posterior, Cause]:
+    """A posterior and its first cause, whose effect acts in a ``stage``."""
+    found = posterior(*weak_wave(linear, candidate, 3.15), INSTRUMENT)
+    first = found.causes[0]
+    effects = tuple(replace(e, stage=stage) for e in first.effects)
+    member = replace(first.hypothesis, effects=effects)
+    return found, replace(first, hypothesis=member, members=(member,))
 
 
 @pytest.mark.parametrize(
@@ -28,14 +38,9 @@ def test_an_effect_that_leaves_much_of_skin_is_not_claimed(
     linear, candidate, stage: str, left: float, without_skin: float, said: str
 ) -> None:
     """Fibres of 15.8 sigma were claimed that left a gap of 9 of a sound sheet of another law."""
-    comparison, known = weak_wave(linear, candidate, 3.15)
-    found = posterior(comparison, known, INSTRUMENT)
-    first = found.causes[0]
-    effects = tuple(replace(e, stage=stage) for e in first.effects)
-    member = replace(first.hypothesis, effects=effects)
-    cause = replace(first, hypothesis=member, members=(member,))
+    found, first = first_of(linear, candidate, stage)
     findings = Findings(
-        replace(found, causes=(cause,)), INSTRUMENT, fitted=Shrink(9.0, left), without_skin=without_skin
+        replace(found, causes=(first,)), INSTRUMENT, fitted=Shrink(9.0, left), without_skin=without_skin
     )
     assert INSTRUMENT.seen < first.detectability < INSTRUMENT.overwhelming
     assert decide(findings).rules[0].startswith(said)
@@ -46,12 +51,9 @@ def test_an_effect_of_the_device_is_not_claimed_beside_one_of_skin_as_large(
     linear, candidate, share: float, said: str
 ) -> None:
     """A tone that rose by a logistic (16.9 sigma) was told a lamp that drifts (17.2), which left a gap of 3.6."""
-    comparison, known = weak_wave(linear, candidate, 3.15)
-    found = posterior(comparison, known, INSTRUMENT)
+    found, skin = first_of(linear, candidate, "tissue")
     first = replace(found.causes[0], detectability=17.2)
-    skin = replace(first.hypothesis, effects=tuple(replace(e, stage="tissue") for e in first.effects))
-    rival = replace(first, hypothesis=skin, members=(skin,), probability=0.0, detectability=share * 17.2)
-    causes = replace(found, causes=(first, rival))
+    causes = replace(found, causes=(first, replace(skin, probability=0.0, detectability=share * 17.2)))
     findings = Findings(causes, INSTRUMENT, fitted=Shrink(16.9, 3.6), without_skin=0.0)
     assert decide(findings).rules[0].startswith(said)
 
@@ -64,10 +66,7 @@ def test_an_effect_of_skin_that_stands_out_beyond_doubt_may_leave_skin_of_anothe
     linear, candidate, sigma: float, left: float, said: str
 ) -> None:
     """A breath of 22 um under a robot took a gap of 6.0 to 2.2 on a sheet beside an Eyring arm: it was unknown."""
-    comparison, known = weak_wave(linear, candidate, 3.15)
-    found = posterior(comparison, known, INSTRUMENT)
-    first = replace(found.causes[0], detectability=sigma)
-    skin = replace(first.hypothesis, effects=tuple(replace(e, stage="tissue") for e in first.effects))
-    causes = replace(found, causes=(replace(first, hypothesis=skin, members=(skin,)),))
+    found, skin = first_of(linear, candidate, "tissue")
+    causes = replace(found, causes=(replace(skin, detectability=sigma),))
     findings = Findings(causes, INSTRUMENT, fitted=Shrink(6.0, left), without_skin=0.0)
     assert decide(findings).rules[0].startswith(said)
