@@ -73,8 +73,9 @@ def begun_anew(hypothesis: Hypothesis, screened: Screened, problems: Mapping[str
     for _, unit in sorted(found, key=lambda one: one[0]):
         if len(starts) < BEGINNINGS and all(np.max(np.abs(unit - other)) > APART for other in starts):
             starts.append(unit)
-    # In the other blocks the effect is as in this one.
-    return replace(screened, starts={block: tuple(starts)} | {b: () for b in screened.starts if b != block}), len(found)
+    # In the other blocks the effect is as in this one; they begin with the best where its fit hardly knows the effect.
+    others = {b: tuple(starts[:1]) for b in screened.starts if b != block}
+    return replace(screened, starts={block: tuple(starts)} | others), len(found)
 
 
 def _left(fitted: Fit) -> float:

@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 from gap.effects.load import library
+from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import Candidate
+from gap.inference.least_squares import fit
 from gap.search.compare import Effort, compare
-from gap.search.restarts import all_or_nothing
+from gap.search.refits import refit
+from gap.search.restarts import all_or_nothing, begun_anew
 from gap.search.screening import Screened
 from sim_devices.chain import Parameter
 from sim_devices.stages import kernels
@@ -95,3 +98,20 @@ def test_a_limit_is_begun_anew_wherever_it_ranks(store: Candidate) -> None:
     hidden = replace(Effort(), quick_fits=0, refit_singles=0, far_fits=0, known_law=0, imitators=0, pair_bases=0)
     found = compare([data], [weak, store], replace(hidden, anew=1), suspects=[weak]).hypotheses
     assert min(h.fits["linear"].chi2 for h in found if store in h.effects) < 1.2 * len(TIME)
+
+
+def test_one_begun_anew_has_a_start_in_each_block(store: Candidate) -> None:
+    """Two outside sessions ended with 'max() arg is an empty sequence': the block of which most was left hardly saw
+    the effect, and the other had nowhere to begin."""
+    strange = 500.0 * np.sign(np.sin(23 * TIME))
+    blind = replace(problem(), measured=strange, effects={"reservoir_depletion": lambda v: 0.0 * TIME})
+    blocks = {"linear": blind, "second": replace(problem(), name="second")}
+    null = Hypothesis((), {name: fit(p) for name, p in blocks.items()})
+    asked_for = replace(store, blocks=tuple(blocks))
+    units = (np.full(len(store.parameters), 0.5),)
+    widths = {name: p.prior_sd for name, p in blocks.items()}
+    screened = Screened(asked_for, units, 0.0, {name: units for name in blocks}, widths)
+    there, _ = begun_anew(null, screened, blocks)
+    assert list(there.starts) == ["linear", "second"]
+    fits, _ = refit(blocks, null, there)
+    assert set(fits) == set(blocks)
