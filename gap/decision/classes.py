@@ -48,6 +48,11 @@ class Cause:
         """Whether an event is part of it: that is in one recording, and nothing in the others foretells it."""
         return any(e.event for e in self.effects)
 
+    @property
+    def of_skin(self) -> bool:
+        """Whether any of its members acts in the tissue."""
+        return any(e.stage == "tissue" for h in self.members for e in h.effects)
+
     def joined(self, others: Sequence[Cause]) -> Cause:
         """One class with others behind it."""
         return replace(

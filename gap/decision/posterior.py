@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import softmax
 
 from gap.data.signatures import HUM, Signature
-from gap.decision.classes import Cause, Scored
+from gap.decision.classes import Cause, Scored, nats_without_skin
 from gap.decision.gaps import exact, excess_left, gap_of, noisy, worst_gap
 from gap.decision.marks import at_marks, certain, explains_marks, made_by, wider_noise
 from gap.decision.priors import log_priors
@@ -32,10 +32,11 @@ class Posterior:
     """``none`` + the causes' probabilities + ``outside`` = 1.
 
     ``stages`` adds up the causes by stage. ``unexplained`` is the share of the excess χ² that the best explanation
-    leaves; ``gap_before`` and ``gap_after`` are the gaps (rms in σ) without and with it, skin of another law allowed
-    for, ``gap_worst`` that of one block without it. ``foreign`` is how probable it is that something else acts where
-    none of the library's effects does, ``acts`` that one of them does rather than nothing. ``temper`` divides each
-    block's χ²; ``hum`` is a line in a channel's noise.
+    leaves, ``lacking`` how surely that is of something in no library (of an effect of the instrument that blocks
+    without skin show, by these); ``gap_before`` and ``gap_after`` are the gaps (rms in σ) without and with it, skin of
+    another law allowed for, ``gap_worst`` that of one block without it. ``foreign`` is how probable it is that
+    something else acts where none of the library's effects does, ``acts`` that one of them does rather than nothing.
+    ``temper`` divides each block's χ²; ``hum`` is a line in a channel's noise.
     """
 
     causes: tuple[Cause, ...]
@@ -43,6 +44,7 @@ class Posterior:
     outside: float
     stages: Mapping[str, float]
     unexplained: float
+    lacking: float
     gap_before: float
     gap_after: float
     gap_worst: float
@@ -138,10 +140,10 @@ def posterior(
     skin = frozenset(name for name, p in comparison.problems.items() if p.sound is None)
     causes = Scored(every, score, share, weighed, temper, t, signatures, skin).classes()
     causes = [_marked(c, comparison, signatures, t) for c in causes]
-    gaps = _gaps(comparison.null, causes)
+    gaps = _gaps(comparison, causes, temper, t)
     hum = any(s.effect == HUM for s in signatures)
     strange = 1.0 if hum else foreign(max(gaps.before if gap is None else gap, gaps.worst), t)
-    lacking = _lacking(causes[0], gaps, t) if causes else 1.0
+    lacking = _lacking(causes[0], gaps.lacking, t) if causes else 1.0
     known = acts * (1.0 - lacking)
     return Posterior(
         causes=tuple(replace(c, probability=known * c.probability) for c in causes),
@@ -149,6 +151,7 @@ def posterior(
         outside=(1.0 - acts) * strange + acts * lacking,
         stages=_by_stage(every[1:], known * share[1:]),
         unexplained=gaps.left,
+        lacking=gaps.lacking,
         gap_before=gaps.before,
         gap_after=gaps.after,
         gap_worst=gaps.worst,
@@ -160,31 +163,48 @@ def posterior(
 
 
 class _Gaps(NamedTuple):
-    """The gaps without and with the first cause, that of the worst block without it, and the share of the excess χ²
-    that it leaves."""
+    """The gaps without and with the first cause, that of the worst block without it, the share of the excess χ² that it
+    leaves, and how surely that lacks something."""
 
     before: float
     after: float
     worst: float
     left: float
+    lacking: float
 
 
-def _gaps(null: Hypothesis, causes: Sequence[Cause]) -> _Gaps:
+def _gaps(comparison: Comparison, causes: Sequence[Cause], temper: Mapping[str, float], t: Thresholds) -> _Gaps:
     """Of the blocks that hold noise; of an effect in mere arithmetic, of that as well: it is there that it explains."""
+    null = comparison.null
     changed = touched(causes[0].effects) if causes else set()
     alone = sorted(changed) if all(exact(null.fits[b]) for b in changed) else []
     where = list(dict.fromkeys([*noisy(null), *alone]))
     before, worst = gap_of(null, where), worst_gap(null)
     if not causes:
-        return _Gaps(before, before, worst, 1.0)
+        return _Gaps(before, before, worst, 1.0, misfit(1.0, before))
     first = causes[0].hypothesis
-    return _Gaps(before, gap_of(first, where), worst, excess_left(null, first, where))
+    after, left = gap_of(first, where), excess_left(null, first, where)
+    judges = _judges(causes[0], comparison, temper, t, where)
+    lacking = misfit(excess_left(null, first, judges), gap_of(first, judges))
+    return _Gaps(before, after, worst, left, lacking)
 
 
-def _lacking(first: Cause, gaps: _Gaps, t: Thresholds) -> float:
+def _judges(
+    first: Cause, comparison: Comparison, temper: Mapping[str, float], t: Thresholds, where: Sequence[str]
+) -> Sequence[str]:
+    """The blocks, of those ``where`` gaps are told, that say whether the first cause lacks something: of an effect of
+    the instrument that blocks without skin tell surely these alone, as the rest of skin of another law is not its
+    doing."""
+    nats = nats_without_skin(first, comparison, temper)
+    without = [b for b in where if b in nats]
+    sure = sum(nats[b] for b in without) > t.without_skin
+    return without if sure and not first.of_skin else where
+
+
+def _lacking(first: Cause, found: float, t: Thresholds) -> float:
     """The probability that the library lacks the cause, where its best explanation leaves a gap; one that explains its
     marks acts, whatever else does."""
-    return t.prior_outside if explains_marks(first.at_marks, t) else max(t.prior_outside, misfit(gaps.left, gaps.after))
+    return t.prior_outside if explains_marks(first.at_marks, t) else max(t.prior_outside, found)
 
 
 def _earned_alone(

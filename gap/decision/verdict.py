@@ -10,7 +10,7 @@ import numpy as np
 from gap.decision.classes import Cause
 from gap.decision.gaps import Shrink, above
 from gap.decision.marks import explains_marks
-from gap.decision.posterior import Posterior, misfit
+from gap.decision.posterior import Posterior
 from gap.decision.thresholds import Thresholds
 from gap.decision.tolerance import NOT_STATED, Size, shortest, weakest
 
@@ -205,15 +205,11 @@ def _unfinished(f: Findings) -> bool:
     return len(f.first.effects) > 1 and left > f.t.unfinished_pair and not f.shows_itself
 
 
-def _of_skin(c: Cause) -> bool:
-    return any(e.stage == "tissue" for h in c.members for e in h.effects)
-
-
 def _skin_may(f: Findings) -> bool:
     """Whether the first cause, of the device, may be the rest of skin of another law, or a skin's effect as large."""
-    skin = max((c.detectability for c in f.posterior.causes[1:] if _of_skin(c)), default=0.0)
+    skin = max((c.detectability for c in f.posterior.causes[1:] if c.of_skin), default=0.0)
     overwhelming = f.first.detectability > max(f.t.overwhelming, skin / f.t.like_skin)
-    return not (overwhelming or f.without_skin > f.t.without_skin) and not _of_skin(f.first)
+    return not (overwhelming or f.without_skin > f.t.without_skin) and not f.first.of_skin
 
 
 def _repairs_skin(f: Findings) -> bool:
@@ -232,7 +228,7 @@ def _amid_skin(f: Findings) -> bool:
         return False
     left, had = above(f.fitted.after, f.t.quiet_gap), above(f.fitted.before, f.t.quiet_gap)
     sure = left < f.t.amid_share * had and f.first.detectability > f.t.amid_sure
-    return (_skin_may(f) or _of_skin(f.first)) and not sure
+    return (_skin_may(f) or f.first.of_skin) and not sure
 
 
 def _stays_behind(f: Findings) -> bool:
@@ -308,7 +304,7 @@ RULES: tuple[Rule, ...] = (
     ),
     Rule(
         "unexplained",
-        lambda f: misfit(f.posterior.unexplained, f.posterior.gap_after) > f.t.unknown and not f.shows_itself,
+        lambda f: f.posterior.lacking > f.t.unknown and not f.shows_itself,
         Findings.unexplained,
         lambda f: (
             f"the best explanation leaves {100 * f.posterior.unexplained:.0f} % of the excess, "

@@ -9,7 +9,7 @@ import numpy as np
 from gap.data.session import SKIN
 from gap.decision.classes import Cause
 from gap.decision.conformal import COVERAGE, chosen, shares, threshold
-from gap.decision.posterior import Posterior, misfit
+from gap.decision.posterior import Posterior
 from gap.decision.qualified import moved
 from gap.decision.verdict import NOISY
 from gap.diagnosis import Diagnosis
@@ -109,8 +109,7 @@ def earlier(d: Diagnosis) -> dict[str, Any] | None:
 
 def unknown_probability(verdict: str, p: Posterior) -> float:
     """How surely the gap is not one of the library's, if anything acts: above a half just where that is the verdict."""
-    share = misfit(p.unexplained, p.gap_after)
-    return 0.55 + 0.45 * share if verdict == "unknown" else min(share, 0.5)
+    return 0.55 + 0.45 * p.lacking if verdict == "unknown" else min(p.lacking, 0.5)
 
 
 def conformal_set(d: Diagnosis) -> tuple[list[str], str]:

@@ -70,6 +70,29 @@ def test_an_event_is_judged_where_a_reference_shows_it(linear, candidate, event:
     assert settle(case, INSTRUMENT).verdict.settled_by == rule
 
 
+@pytest.mark.parametrize(("stage", "shown", "rule"), [
+    ("actuator", 0.5, "claimed"),
+    ("tissue", 0.5, "unexplained"),
+    ("actuator", 0.0, "unexplained"),
+])  # fmt: skip
+def test_an_effect_of_the_instrument_is_judged_where_no_skin_is(
+    linear, candidate, stage: str, shown: float, rule: str
+) -> None:
+    """A clock of 180 ppm that the axes tell was told unknown for the rest of skin of another law in the force."""
+    noise = np.random.default_rng(0).normal(size=(2, len(T)))
+    effects = {"bump": lambda v: v["a"] * SHAPES["bump"]}
+    seen = {"bump": lambda v: v["a"] * shown * SHAPES["bump"]}
+    axes = linear(noise[0] + 12.0 * shown * SHAPES["bump"], DESIGN, seen, np.full(2, 100.0), name="axes")
+    strange = 3.0 * np.random.default_rng(7).choice([-1.0, 1.0], size=len(T))
+    force = linear(noise[1] + 12.0 * SHAPES["bump"] + strange, DESIGN, effects, np.full(2, 100.0), name="force")
+    one = candidate("bump", Parameter("a", "1", -60.0, 60.0, 0.0), stage=stage)
+    known = [replace(one, blocks=("axes", "force"))]
+    comparison = compare([axes, force], known)
+    force.open_law = True
+    case = Case(comparison, known, (), plain(comparison.problems, comparison.null), {}, {})
+    assert settle(case, replace(INSTRUMENT, least_of_all=0.0, least_share=0.0)).verdict.settled_by == rule
+
+
 @pytest.mark.parametrize(("moment", "tissue", "told"), [(0.1, True, False), (0.1, False, True), (0.4, True, True)])
 def test_an_event_of_skin_that_begins_with_it_is_no_event(
     linear, candidate, moment: float, tissue: bool, told: bool
