@@ -251,7 +251,8 @@ def gathered(recordings: Sequence[Recording], options: Options = Options()) -> t
     case, told = _gathered(recordings, options)
     if options.solver or not regulator_unknown(case.comparison):
         return case, told
-    case, told = _gathered(recordings, replace(options, unknown_regulator=True))
+    again = replace(options, unknown_regulator=True, effort=options.effort.shallower())
+    case, told = _gathered(recordings, again)
     return case, [*told, "the regulator is of a structure that the library does not hold: its answers are fitted"]
 
 

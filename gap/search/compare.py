@@ -136,6 +136,11 @@ class Effort:
             self, quick_fits=4, refit_singles=4, known_law=0, imitators=0, anew=0, pair_bases=0, least_score=20.0
         )
 
+    def shallower(self) -> Effort:
+        """The same without pairs and further starts, for nuisance so flexible that each fit is long and that what it
+        leaves is no effect's alone."""
+        return replace(self, anew=0, pair_bases=0)
+
 
 def compare(
     problems: Sequence[Problem],
