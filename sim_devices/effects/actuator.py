@@ -106,9 +106,11 @@ def _depletion(chain: Chain, v: Values) -> Chain:
 
 def _dead_band(chain: Chain, v: Values) -> Chain:
     form, known = chosen(v, "form"), chain["regulator"]
-    if form == 5 and isinstance(known, Regulator) and known.second_order:
+    if form >= 5 and isinstance(known, Regulator) and known.second_order:
+        if form > 5:
+            return chain.tuned("regulator", laps=(v["band"], float(form == 7)))
         return chain.tuned("regulator", sleeps=(v["band"], v["left"], v["patience"]))
-    settings = (v["band"], (1.0, 0.0, v["left"], 1.0, v["left"], v["left"])[form], float(form >= 3))
+    settings = (v["band"], (1.0, 0.0, v["left"], 1.0, v["left"], v["left"], 1.0, 1.0)[form], float(form >= 3))
     return law_before(chain, "regulator", "dead_band", "actuator", kernels.resting, settings)
 
 
@@ -238,7 +240,8 @@ EFFECTS = (
         (
             strength("band", "Pa", 5.0, 8e3, 1e3, "half width of the ignored error"),
             choice("form", 3, *CORRECTS, *(f"{how}, vented at zero" for how in CORRECTS[::2]),
-                   "it sleeps until the pressure itself is off by the band, vented at zero"),
+                   "it sleeps until the pressure itself is off by the band, vented at zero",
+                   "a spool laps over its port, vented at zero", "the same with a rounded edge, and not vented"),
             shape("left", "1", 0.05, 0.95, 0.3, "share of the band that a correction leaves", only=(2, 4, 5)),
             shape("patience", "s", 0.0, 0.5, 0.0, "within that share before the valve sleeps", only=(5,)),
         ),

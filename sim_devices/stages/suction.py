@@ -42,7 +42,8 @@ class Regulator(Wired):
     times when it is ``armed`` (s) such a loop begins with its integral empty and its valve closed; it ``clears`` its
     integral when `kernels.CLEARS` says. One of ``unknown`` structure (largest command Pa, logarithms of
     `kernels.free_loop`) is the second order where these are 0. One that ``sleeps`` (band Pa, share and s of
-    `kernels.sleeping_loop`) is, where it is awake.
+    `kernels.sleeping_loop`) is, where it is awake, and one that ``laps`` (band Pa, 1 where it is rounded, of
+    `kernels.overlapping_loop`) for large errors.
     """
 
     tau: float = REGULATOR_TAU
@@ -54,19 +55,20 @@ class Regulator(Wired):
     valve: tuple[float, ...] = ()
     unknown: tuple[float, ...] = ()
     sleeps: tuple[float, ...] = ()
+    laps: tuple[float, ...] = ()
     armed: tuple[float, ...] = ()
     clears: str = "never"
 
     @property
     def second_order(self) -> bool:
         """Whether it is of the nominal structure, and its rates are not limited."""
-        return not (self.valve or self.unknown or self.sleeps) and bool(np.isinf(self.rates).all())
+        return not (self.valve or self.unknown or self.sleeps or self.laps) and bool(np.isinf(self.rates).all())
 
     def fresh(self) -> Any:
         if self.unknown:
             return np.zeros(kernels.STATE), np.array([self.tau, self.zeta, *self.unknown])
-        if self.sleeps:
-            return np.zeros(kernels.STATE), np.array([self.tau, self.zeta, *self.sleeps])
+        if self.sleeps or self.laps:
+            return np.zeros(kernels.STATE), np.array([self.tau, self.zeta, *self.sleeps, *self.laps])
         loop = np.array([self.tau, self.zeta, *self.rates])
         if self.valve:
             # By their names, as a kernel reads on beyond too few.
@@ -80,6 +82,7 @@ class Regulator(Wired):
         law = kernels.second_order if np.isinf(self.rates).all() else law
         law = kernels.valve_loop if self.valve else law
         law = kernels.sleeping_loop if self.sleeps else law
+        law = kernels.overlapping_loop if self.laps else law
         law = kernels.free_loop if self.unknown else law
         out = kernels.anew(law, state[0], time, signals[self.source[0]], state[1], self.armed, VALVE_AND_INTEGRAL)
         signals[self.target[0]] = np.clip(out, self.lowest, self.highest, out=out)

@@ -64,7 +64,7 @@ from sim_devices.stages.kernels.lags import (
     second_order,
     uneven_low_pass,
 )
-from sim_devices.stages.kernels.loops import CLEARS, FREE, free_loop, sleeping_loop, valve_loop
+from sim_devices.stages.kernels.loops import CLEARS, FREE, free_loop, overlapping_loop, sleeping_loop, valve_loop
 from sim_devices.stages.kernels.sampling import faulty_samples, jittered, late_by_any, slope_so_far
 
 __all__ = [
@@ -99,6 +99,7 @@ __all__ = [
     "mullins",
     "of_joints",
     "oscillation",
+    "overlapping_loop",
     "place",
     "planned",
     "play",

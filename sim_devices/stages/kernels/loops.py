@@ -215,7 +215,7 @@ def valve_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Fl
 
 
 DOZING = 20.0
-"""Steps of `sleeping_loop` in its time constant: the moment at which it wakes is found no finer."""
+"""Steps of `sleeping_loop` and `overlapping_loop` in their time constant: the moment of waking is found no finer."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -254,6 +254,39 @@ def sleeping_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y:
             rate = s[4] + 0.5 * h * (awake * (now - s[3]) - 2.0 * zeta * tau * s[4]) / (tau * tau)
             half = s[3] + 0.5 * h * s[4]
             s[4] += h * (awake * (middle - half) - 2.0 * zeta * tau * rate) / (tau * tau)
+            s[3] += h * rate
+            if s[3] > 0.0:
+                s[3] = s[4] = 0.0
+        s[1], s[2], y[i] = t[i], u[i], s[3]
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _lapped(error: float, band: float, rounded: bool) -> float:
+    """An error as a valve sees it whose spool laps over its port by ``band``: nothing of it within, or ever less."""
+    return error - (band * math.tanh(error / band) if rounded else min(max(error, -band), band))
+
+
+@njit(cache=True, error_model="numpy")
+def overlapping_loop(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """Pressure by a second-order regulator whose valve's spool laps over its port: tau² y'' + 2 zeta tau y' = D(u - y),
+    D of `_lapped`. Where nothing is asked for, one that is not rounded vents, with D the error itself.
+
+    ``p`` = (tau s, zeta, band Pa, rounded if > 0.5). Midpoint rule; the pressure never rises above the air's.
+    """
+    tau, zeta, band, rounded = max(p[0], QUICKEST_LAG), p[1], p[2], p[3] > 0.5
+    if s[0] == 0.0 and t.size:
+        s[0], s[1], s[2] = 1.0, t[0], u[0]
+    for i in range(t.size):
+        dt, change = t[i] - s[1], u[i] - s[2]
+        parts = max(math.ceil(dt * DOZING / tau), 1) if dt > 1e-7 else 0
+        h = dt / max(parts, 1)
+        for j in range(parts):
+            now, middle = s[2] + j / parts * change, s[2] + (j + 0.5) / parts * change
+            first, half = now - s[3], middle - s[3] - 0.5 * h * s[4]
+            if rounded or now <= NOTHING:
+                first, half = _lapped(first, band, rounded), _lapped(half, band, rounded)
+            rate = s[4] + 0.5 * h * (first - 2.0 * zeta * tau * s[4]) / (tau * tau)
+            s[4] += h * (half - 2.0 * zeta * tau * rate) / (tau * tau)
             s[3] += h * rate
             if s[3] > 0.0:
                 s[3] = s[4] = 0.0

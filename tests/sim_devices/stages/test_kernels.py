@@ -7,6 +7,7 @@ import itertools
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.signal import lsim
 
 from sim_devices.chain import FloatArray
@@ -24,6 +25,8 @@ CASES: list[tuple[Kernel, tuple[float, ...]]] = [
     (kernels.hurried, (0.2, 1.0, 3.0, 2.0)),
     (kernels.valve_loop, (0.2, 0.8, 3.0, 2.0, 0.5, 0.9, 0.4, 0.4, 0.2, 2.0, 0.0, 0.7, 0.0, 0.0, 0.5, 2.0, 0.6)),
     (kernels.sleeping_loop, (0.2, 0.8, 0.3, 0.3, 0.1)),
+    (kernels.overlapping_loop, (0.2, 0.8, 0.3, 0.0)),
+    (kernels.overlapping_loop, (0.2, 0.8, 0.3, 1.0)),
     (kernels.free_loop, (0.2, 0.8, 2.0, *np.linspace(-0.5, 0.5, kernels.FREE).tolist())),
     (kernels.sealing, (0.2, 0.5, 0.1)),
     (kernels.uneven_low_pass, (0.3, 0.05)),
@@ -318,6 +321,28 @@ def test_a_valve_that_sleeps_corrects_when_the_pressure_itself_is_off() -> None:
     assert np.median(off) < 5.0
     assert np.mean(off < 0.2 * band) > 0.95
     assert np.max(off) < 1.2 * band
+
+
+@pytest.mark.parametrize("rounded", [False, True])
+def test_a_spool_that_laps_over_its_port_leaves_the_last_of_an_error(rounded: bool) -> None:
+    """Against an independent integrator: with a sharp edge it rests where the port is shut, with a rounded one it
+    creeps on, ever more slowly."""
+    tau, zeta, band = 0.05, 0.9, 600.0
+    time = np.linspace(0.0, 8.0, 801)
+    corners, levels = [0.0, 1.0, 1.5, 5.0, 5.5, 8.0], [0.0, 0.0, -20e3, -20e3, -12e3, -12e3]
+
+    def rates(at: float, y: np.ndarray) -> list[float]:
+        asked = float(np.interp(at, corners, levels))
+        e = asked - y[0]
+        seen = e - (band * np.tanh(e / band) if rounded else np.clip(e, -band, band))
+        vented = not rounded and asked > -1.0
+        return [y[1], ((e if vented else seen) - 2 * zeta * tau * y[1]) / tau**2]
+
+    expected = solve_ivp(rates, (0.0, 8.0), [0.0, 0.0], t_eval=time, max_step=1e-3, rtol=1e-8, atol=1e-3).y[0]
+    made = evaluate(kernels.overlapping_loop, time, np.interp(time, corners, levels), tau, zeta, band, float(rounded))
+    np.testing.assert_allclose(made, expected, atol=20.0)
+    at_rest = made[time > 4.5][0] + 20e3
+    assert (0.0 < at_rest < 0.6 * band) if rounded else at_rest == pytest.approx(band, rel=0.05)
 
 
 def test_suction_through_a_valve_is_smooth_and_ends_at_nought() -> None:
