@@ -10,11 +10,12 @@ from scipy.optimize import minimize_scalar
 
 from gap.data.tolerances import Tolerance
 from gap.inference.evidence import Fit
-from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Start, to_unit
+from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Lateness, Start, to_unit
 from gap.inference.least_squares import fit
 from gap.inference.linear import Projector
 from gap.null.blocks import Block, Group, GroupedSession, Table
 from gap.null.chains import needed, run
+from gap.null.lateness import lateness
 from gap.null.robot_grid import LOOP_CURVE, LOOP_STEP, LOOP_TURN, averaged, commanded, leading, loop_grid, retimed
 from gap.null.robot_load import SPRING, RecordedLoad
 from gap.null.robot_loop import Controller, controllers, stated
@@ -54,6 +55,8 @@ KICKED, NEARLY = 0.02, 2e-3
 early."""
 LATEST = 2e-3
 """s at most that the coils' force is late: what follows to first order is not known beyond."""
+SHIFT, CLOCK = 3, 4
+"""The nuisance by which all is late, s, and that of the clock, 1."""
 SOMEWHERE = 0.3
 """Quantile of its prior at which an effect does something: most do nothing in the middle of a range about nought."""
 
@@ -120,10 +123,19 @@ class AxesBlock(Block):
 
     def _kicked(self) -> NDArray[np.bool_]:
         """Stamps (n,) that follow a jump of the set-point within `KICKED`."""
-        commands = [group.commands[q] for group, _ in self.groups for q in QUANTITIES]
-        jumps = np.unique(np.concatenate([command.steps for command in commands]))
+        jumps = self._jumps()
         since = self.stamps - np.append(-np.inf, jumps)[np.searchsorted(jumps, self.stamps + NEARLY, side="right")]
         return np.asarray(since < KICKED)
+
+    def _jumps(self) -> FloatArray:
+        """When the set-point jumps (k,), s."""
+        commands = [group.commands[q] for group, _ in self.groups for q in QUANTITIES]
+        return np.unique(np.concatenate([command.steps for command in commands]))
+
+    def lateness(self, fitted: Fit) -> Lateness | None:
+        in_time = np.where(np.isin(np.arange(len(fitted.nuisance)), (SHIFT, CLOCK)), 0.0, fitted.nuisance)
+        kinks, marks = self.session.kinks, self.session.marks
+        return lateness(self, fitted, kinks, self._jumps(), marks, SHIFT, (fitted.nuisance, in_time))
 
     def _take(self, controller: Controller, held: bool) -> None:
         """Assume a controller that has sampled rows of a command ``held`` until the next or goes straight in between,

@@ -20,7 +20,7 @@ from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Late
 from gap.inference.least_squares import fit, under
 from gap.null.blocks import AFTER_KINK, Block, Group, GroupedSession, Table
 from gap.null.chains import needed
-from gap.null.suction_lateness import TOGETHER, lateness
+from gap.null.lateness import TOGETHER, lateness
 from gap.null.suction_regulator import (
     CLOCK,
     DAMPING,
@@ -363,8 +363,11 @@ class PressureBlock(Block):
 
     def lateness(self, fitted: Fit) -> Lateness | None:
         intervals = self._ripple.intervals if self._ripple else ()
-        steps, begins = self._all.commands["pressure"].steps, self.session.marks
-        return lateness(self, fitted, self.session.kinks, steps, intervals, begins)
+        # The fitted clock has taken on much of a latency, and so has the regulator; the nominal one may do otherwise.
+        nominal = np.concatenate([np.zeros(GAIN), fitted.nuisance[GAIN:]])
+        in_time = np.where(np.arange(len(nominal)) == CLOCK, 0.0, fitted.nuisance)
+        steps, session = self._all.commands["pressure"].steps, self.session
+        return lateness(self, fitted, session.kinks, steps, session.marks, SHIFT, (nominal, in_time), intervals)
 
     @cached_property
     def _ripple(self) -> Ripple | None:

@@ -1,4 +1,4 @@
-"""How late a recorded pressure answers each kink of its command."""
+"""How late a recorded pressure, or the axes, answer each kink of their command."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from gap.inference.evidence import Fit
 from gap.inference.hypothesis import Active, Lateness
 from gap.inference.problem import Problem
-from gap.null.suction_regulator import CLOCK, GAIN, SHIFT
 from sim_devices.chain import FloatArray
 
 TOGETHER, RESPONSE = 5e-3, 0.8
@@ -28,16 +27,19 @@ def lateness(
     fitted: Fit,
     kinks: FloatArray,
     steps: FloatArray,
-    intervals: Sequence[float],
     begins: Sequence[float],
+    shift: int,
+    others: Sequence[FloatArray],
+    intervals: Sequence[float] = (),
 ) -> Lateness | None:
-    """Each kink's response, until the next, moved to and fro as a whole. ``kinks`` (k,) s and those of them that are
-    ``steps`` (m,) s are the command's, ``intervals`` s those between looks at it that a ripple may tell, and recordings
-    begin at ``begins`` s."""
+    """Each kink's response, until the next, moved to and fro as a whole by the nuisance ``shift``, s. ``kinks`` (k,) s
+    and those of them that are ``steps`` (m,) s are the command's, ``intervals`` s those between looks at it that a
+    ripple may tell, and recordings begin at ``begins`` s. Of several ``others`` than the fitted nuisance (p,) the one
+    beside which the responses fit best counts: what is fitted may have taken on much of the effect."""
     kinks = kinks[np.diff(kinks, prepend=-np.inf) > TOGETHER]
     number = np.searchsorted(kinks, problem.rows.time, side="right") - 1
     number[(number < 0) | (problem.rows.time - kinks[number] > RESPONSE)] = len(kinks)
-    slope = fitted.jacobian[:, SHIFT]
+    slope = fitted.jacobian[:, shift]
 
     def over(values: FloatArray) -> FloatArray:
         return np.bincount(number, values, len(kinks) + 1)[:-1].astype(float)
@@ -47,11 +49,7 @@ def lateness(
     if not np.any(telling & (over(slope * fitted.residual) ** 2 > LATE**2 * known)):
         none = np.zeros(0)
         return Lateness(none, none, none, none.astype(bool), tuple(intervals)) if intervals else None
-    # The fitted clock has taken on much of the effect, and so has the regulator; the nominal one may answer otherwise.
-    nominal = np.concatenate([np.zeros(GAIN), fitted.nuisance[GAIN:]])
-    in_time = fitted.nuisance.copy()
-    in_time[CLOCK] = 0.0
-    seen = [_late(problem, n, fitted.active, number, telling) for n in (nominal, in_time)]
+    seen = [_late(problem, n, shift, fitted.active, number, telling) for n in others]
     late, sd = min(seen, key=lambda found: float(np.median(found[1][telling])))
     good = np.isfinite(sd)
     own = kinks[good] - np.array(begins)[np.maximum(np.searchsorted(begins, kinks[good], side="right") - 1, 0)]
@@ -59,7 +57,12 @@ def lateness(
 
 
 def _late(
-    problem: Problem, nuisance: FloatArray, active: Active, number: NDArray[np.int64], telling: NDArray[np.bool_]
+    problem: Problem,
+    nuisance: FloatArray,
+    shift: int,
+    active: Active,
+    number: NDArray[np.int64],
+    telling: NDArray[np.bool_],
 ) -> tuple[FloatArray, FloatArray]:
     """How late, s, the responses (k,) are that are ``telling``, and the standard deviations of that. ``number`` (n,)
     says to which kink a row responds."""
@@ -67,7 +70,7 @@ def _late(
     rows, chi2 = [], []
     for move in moved:
         there = nuisance.copy()
-        there[SHIFT] -= move
+        there[shift] -= move
         rows.append(problem.evaluate(there, active, want_jacobian=False).residual)
         chi2.append(np.bincount(number, rows[-1] ** 2, len(telling) + 1)[:-1])
     best = np.clip(np.argmin(chi2, axis=0), 1, len(moved) - 2)
