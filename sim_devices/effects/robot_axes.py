@@ -71,13 +71,14 @@ def _friction(chain: Chain, v: Values) -> Chain:
 
 def _saturation(chain: Chain, v: Values) -> Chain:
     carried = v["carried"] * v["limit"] if chosen(v, "form") == 2 else 0.0
-    return chain.tuned("axes", force_limit=v["limit"], soft=float(chosen(v, "form") == 1), carried=carried)
+    soft = float(chosen(v, "form") == 1)
+    return chain.tuned("axes", force_limit=v["limit"], soft=soft, carried=carried, windup=soft)
 
 
 def _windup(chain: Chain, v: Values) -> Chain:
     if chosen(v, "form") == 1:
         return chain.tuned("axes", windup=v["share"])
-    return chain.tuned("axes", force_limit=v["limit"], windup=v["running"])
+    return chain.tuned("axes", force_limit=v["limit"], windup=v["running"], soft=float(chosen(v, "form") == 2))
 
 
 def _stribeck(chain: Chain, v: Values) -> Chain:
@@ -177,10 +178,11 @@ EFFECTS = (
         "Åström & Hägglund, PID Controllers",
         (
             strength("limit", "N", 0.02, FORCE_LIMIT, 0.25, "force at which the output is limited", null=FORCE_LIMIT,
-                     only=(0,)),
-            shape("running", "1", 0.2, 1.0, 1.0, "share of the integration that goes on", only=(0,)),
+                     only=(0, 2)),
+            shape("running", "1", 0.2, 1.0, 1.0, "share of the integration that goes on", only=(0, 2)),
             strength("share", "1", 1e-3, 1.0, 0.3, "of the integration that goes on", only=(1,)),
-            choice("form", 0, "at a limit below the coil's", "at the coil's own limit"),
+            choice("form", 0, "at a limit below the coil's", "at the coil's own limit",
+                   "at a soft limit below the coil's, whose rest is taken off the integral in part"),
         ),
         _windup,
     ),

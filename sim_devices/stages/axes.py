@@ -32,9 +32,10 @@ class AxisLoop(Wired):
     ``stiction`` N above it near standstill with Stribeck speed ``stribeck_speed`` m/s, ``presliding`` m (0: none), or
     dry friction in proportion to tanh(x'/``easing``), m/s (0: none);
     ``force_limit`` N, met abruptly, or approached as by tanh if ``soft`` is 1; ``carried`` N of a coil's force hold a
-    weight, so that the limit is nearer one way; ``windup`` 0 (integrator frozen while the force is limited) to 1
-    (runs on); relative change of the force constant ``slope`` 1/m and ``curvature`` 1/m². Grease that shear thins
-    brakes with ``thinning`` N at 1 mm/s and with ``thinning_power`` of the speed, air that swirls with a power of 2.
+    weight, so that the limit is nearer one way; ``windup`` 0 (integrator frozen while the force is limited, or that of
+    a soft limit changed by what is withheld over Kp, back-calculation) to 1 (runs on); relative change of the force
+    constant ``slope`` 1/m and ``curvature`` 1/m². Grease that shear thins brakes with ``thinning`` N at 1 mm/s and with
+    ``thinning_power`` of the speed, air that swirls with a power of 2.
     Friction and drag act on the axis ``alone`` (1 to 3), or on all (0).
     ``fed`` N s/m (Kf) is the controller's force in proportion to the target's speed, ``weight`` (b) the share of the
     target that its proportional part sees (Åström and Hägglund, set-point weighting), ``thrust`` kg (Ka) its force

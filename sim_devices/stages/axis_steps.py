@@ -257,6 +257,20 @@ def _sticks(s: FloatArray, p: FloatArray, target: float, load: float, dt: float)
     return True
 
 
+@njit(cache=True, error_model="numpy")
+def _withheld(p: FloatArray, x: float, asked: float, answers: float) -> tuple[float, bool]:
+    """Force (N) that a coil at ``x`` m gives beside the mean one ``asked``, of a step at whose middle the controller
+    ``answers`` each newton of it by so many against it; and whether the coil is at its limit."""
+    limit, extra, given = p[9], 0.0, 0.0
+    share = max(1.0 + p[11] * x + p[12] * x * x, 0.05)
+    for _ in range(6):
+        force = asked - answers * extra
+        real = force * share + p[16]
+        given = limit * math.tanh(real / limit) if p[15] > 0.0 else min(max(real, -limit), limit)
+        extra = given - p[16] - force
+    return extra, abs(given) >= limit
+
+
 @njit(cache=True, error_model="numpy", inline="always")
 def _run(
     s: FloatArray,
@@ -270,23 +284,27 @@ def _run(
 ) -> None:
     """From the last target and load in ``s`` to these in ``steps`` of ``h`` s; ``e`` is the exponential of one."""
     kp, ki, kd, drag, coulomb, stiction, presliding = p[1], p[2], p[3], p[4], p[5], p[6], p[8]
-    limit, windup, slope, curvature, spring, soft, carried = p[9], p[10], p[11], p[12], p[13], p[15], p[16]
+    windup, spring, soft, nearest = p[10], p[13], p[15], p[9] - abs(p[16])
+    even = p[11] == 0.0 and p[12] == 0.0 and soft == 0.0
+    gain = w * w * e[2, 0] / ki  # of the speed at the end of the step, per newton
+    answers = 0.5 * (kp * w * e[1, 0] / ki + 1.0 - e[0, 0] + kd * gain)
     rho = (target - s[2]) / (h * steps)
     lam = (load - s[3]) / (h * steps) - spring * rho
     for k in range(steps):
         r0, r1 = s[2] + rho * h * k, s[2] + rho * h * (k + 1)
-        error = r0 - s[5] + 0.5 * h * (rho - s[6])  # at the middle of the step, about its mean
-        force = kp * error + ki * (s[4] + 0.5 * h * error) - kd * s[6] + p[17] * rho - p[23] * 0.5 * (r0 + r1)
-        real = force * max(1.0 + slope * s[5] + curvature * s[5] * s[5], 0.05) + carried
-        limited = abs(real) >= limit and soft == 0.0
-        extra = (limit * math.tanh(real / limit) if soft > 0.0 else min(max(real, -limit), limit)) - carried - force
         load0 = s[3] + (load - s[3]) / steps * k - spring * (r0 + lam / ki)
-        ip0 = ((kd + drag - p[22]) * rho - load0 - extra + kp * lam / ki) / ki
+        ip0 = ((kd + drag - p[22]) * rho - load0 + kp * lam / ki) / ki
         d0, d1, d2 = w * (s[4] - ip0), s[5] - (r0 + lam / ki), (s[6] - rho) / w
         integral = ip0 - lam * h / ki + (e[0, 0] * d0 + e[0, 1] * d1 + e[0, 2] * d2) / w
         x = r1 + lam / ki + e[1, 0] * d0 + e[1, 1] * d1 + e[1, 2] * d2
         v = rho + w * (e[2, 0] * d0 + e[2, 1] * d1 + e[2, 2] * d2)
-        gain = w * w * e[2, 0] / ki  # of the speed at the end of the step, per newton
+        before, behind = _asked(p, r0, rho, s[4], s[5], s[6]), _asked(p, r1, rho, integral, x, v)
+        extra, limited = 0.0, False
+        if not even or max(abs(before), abs(behind)) > nearest:
+            extra, limited = _withheld(p, s[5], 0.5 * (before + behind), answers)
+            v += gain * extra
+            x += w * e[1, 0] * extra / ki
+            integral -= (1.0 - e[0, 0]) * extra / ki
         if p[18] > 0.0:
             grease = thinned(0.5 * (s[6] + v), 0.5 * gain, p[18], p[19])
             v += gain * grease
@@ -314,6 +332,8 @@ def _run(
                     x, integral = s[5], s[4] + h * (0.5 * (r0 + r1) - s[5])
         if limited:
             integral = s[4] + windup * (integral - s[4])
+        elif soft > 0.0:  # it tracks what the coil gives (back-calculation), by what is withheld over Kp
+            integral += (1.0 - windup) * h * extra / kp
         if abs(x) > _END_STOP:
             x, v = math.copysign(_END_STOP, x), 0.0
         s[4], s[5], s[6] = integral, x, v

@@ -146,6 +146,23 @@ def test_a_coil_meets_its_limit_by_the_force_that_a_weighed_set_point_asks_for()
     assert moved(time, weight=0.0, force_limit=0.02) == pytest.approx(free, abs=1e-12)
 
 
+@pytest.mark.parametrize("running", [0.25, 1.0])
+def test_an_integral_tracks_what_a_coil_gives_that_is_limited_softly(running: float) -> None:
+    """Against an independent integrator, with back-calculation as in Åström and Hägglund."""
+    time, limit = np.arange(0, 3, 1e-3), 5e-3
+
+    def slope(t: float, s: FloatArray) -> list[float]:
+        error = np.interp(t, CORNERS, WAY) - s[1]
+        force = KP * error + KI * s[0] - KD * s[2]
+        given = limit * np.tanh(force / limit)
+        return [error - (1.0 - running) * (force - given) / KP, s[2], given / MASS]
+
+    made = moved(time, force_limit=limit, soft=1.0, windup=running)
+    expected = solve_ivp(slope, (0, 3), [0.0] * 3, t_eval=time, max_step=1e-3, rtol=1e-8, atol=1e-12).y[1]
+    free = moved(time)
+    assert np.max(np.abs(made - expected)) < 0.1 * np.max(np.abs(free - expected))
+
+
 @pytest.mark.parametrize("more", [{}, {"slope": 1e-9}], ids=["exact", "substeps"])
 def test_acceleration_that_is_fed_forward_kicks_where_the_target_turns(more: dict[str, float]) -> None:
     """As a force Ka r'' of a target whose corners are rounded within 1 ms."""
