@@ -10,7 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from acquire.recording.model import Recording
+from gap.data.command import BRIEF
 from gap.inference.hypothesis import Candidate
 from gap.inference.problem import Problem
 from gap.null.blocks import Block, GroupedSession
@@ -28,10 +31,11 @@ POST = "rigid post"
 LIMITED = {"force_saturation": "axes", "integral_windup": "axes", "sensor_saturation": "force"}
 """Effects of a limit, and the block that knows how far the session goes."""
 ABRUPT, GRADUAL, ONE_WAY = (0.4, 1.3), (0.8, 4.0), (0.15, 4.0)
-"""Where a limit counts, of the session's greatest force: well below it an axis falls, well above nothing happens; one
-that acts one way may meet what is small that way."""
+"""Where a limit counts, from so much of the session's greatest load, below which an axis falls, up to so much of the
+greatest force, above which nothing happens; one that acts one way may meet what is small that way."""
 REACH = {
     ("force_saturation", 1): GRADUAL,
+    ("integral_windup", 2): GRADUAL,
     ("sensor_saturation", 1): GRADUAL,
     ("sensor_saturation", 2): ONE_WAY,
     ("sensor_saturation", 3): ONE_WAY,
@@ -118,4 +122,12 @@ def _within_reach(candidate: Candidate, blocks: Sequence[Block]) -> Candidate:
     if not greatest or first.name != "limit":
         return candidate
     low, high = REACH.get((candidate.name, candidate.form), ABRUPT)
-    return replace(candidate, parameters=(replace(first, low=low * greatest, high=high * greatest), *others))
+    most = greatest + (_jolt(block) if isinstance(block, AxesBlock) else 0.0)
+    return replace(candidate, parameters=(replace(first, low=low * greatest, high=high * most), *others))
+
+
+def _jolt(axes: AxesBlock) -> float:
+    """Force, N, that the greatest jump of a set-point asks of a coil at once, beside its load."""
+    commands = [group.commands[q] for group, _ in axes.groups for q in QUANTITIES]
+    jumps = [np.abs(np.diff(c.value))[np.diff(c.time) <= BRIEF] for c in commands]
+    return axes.controller.proportional * float(np.max(np.concatenate(jumps), initial=0.0))

@@ -16,7 +16,7 @@ import numpy as np
 
 from gap.data.noise import correlation_time, long_run_share
 from gap.inference.evidence import Fit, Hypothesis
-from gap.inference.hypothesis import Candidate, touched
+from gap.inference.hypothesis import Candidate, to_unit, touched
 from gap.inference.least_squares import fit, under
 from gap.inference.linear import Projector
 from gap.inference.problem import Problem
@@ -24,6 +24,7 @@ from gap.inference.workers import each
 from gap.search.refits import promise, refit
 from gap.search.restarts import all_or_nothing, begun_anew, leaves_much_of
 from gap.search.screening import Screened, as_if_known, from_sound, screen
+from gap.search.starts import plain_start
 from sim_devices.chain import FloatArray
 
 ALIKE = 0.85
@@ -177,6 +178,7 @@ def compare(
     _refit_all(comparison, [(comparison.null, s) for s in others[: effort.imitators]], jobs)
     if effort.imitators:
         _refit_all(comparison, [(comparison.null, s) for s in _other_forms(comparison, chosen)], jobs)
+        _fit_again(comparison, _extending(comparison), jobs)
     _begin_anew(comparison, effort.anew, jobs)
     _finish_null(comparison)
     tell("trying pairs of effects", 0.73)
@@ -290,6 +292,22 @@ def _other_forms(comparison: Comparison, chosen: Sequence[Screened]) -> list[Scr
         return []
     name = best.effects[0].name
     return [s for s in comparison.screened if s.candidate.name == name and s not in chosen][:FORMS]
+
+
+def _extending(comparison: Comparison) -> list[Screened]:
+    """Effects that become the best one in a limit of their parameters, to be fitted from where that is."""
+    weight = comparison.weighed(comparison.temper())
+    best = max(comparison.hypotheses, key=lambda h: weight[id(h)].evidence, default=comparison.null)
+    if len(best.effects) != 1:
+        return []
+    known, out = best.values(best.effects[0]), []
+    for s in comparison.screened:
+        if best.effects[0].name in s.candidate.extends:
+            unit = plain_start(s.candidate)
+            for k, p in enumerate(s.candidate.parameters):
+                unit[k] = to_unit(p, known[p.name]) if p.name in known else unit[k]
+            out.append(replace(s, starts={b: (unit,) for b in s.starts}))
+    return out[:FORMS]
 
 
 def _begin_anew(comparison: Comparison, most: int, jobs: int) -> None:

@@ -184,7 +184,7 @@ EFFECTS = (
             choice("form", 0, "at a limit below the coil's", "at the coil's own limit",
                    "at a soft limit below the coil's, whose rest is taken off the integral in part"),
         ),
-        _windup,
+        _windup, extends=("force_saturation",),
     ),
     effect(
         "position_dependent_force_constant", "actuator", ROBOT,
