@@ -13,6 +13,8 @@ from sim_devices.chain import FloatArray
 
 COUNTED = 400
 """Small changes from whose number that of no change is foretold."""
+COARSE = 1.5
+"""Noise, in steps of its grid, below which a channel's stillness is no news."""
 TOGETHER = 3
 """Channels at least that must stand at once to say something together."""
 ABOUT = 51
@@ -37,14 +39,20 @@ def repeated_values(series: Sequence[Series]) -> tuple[int, float, int]:
         step = finest_step(v)
         if step == 0 and len(np.unique(v)) < 0.97 * (1 + np.count_nonzero(np.diff(v))):
             continue  # values come back, not only stand: computed from coarse channels, its repeats are theirs
-        if step and high_band_sigma(v) < 1.5 * step:
-            continue  # on so coarse a grid stillness is no news
+        if _coarse(v, step):
+            continue
         change = np.diff(v)
         inside = (v[1:] > v.min()) & (v[1:] < v.max())  # values at an extreme are clipped, not repeated
         repeated += int(np.sum((change == 0) & inside))
         expected += repeats_foretold(change[inside], step)
         counted += len(v)
     return repeated, expected, counted
+
+
+def _coarse(v: FloatArray, step: float) -> bool:
+    """Whether a channel (n,) lies on so coarse a grid of ``step`` that stillness is no news: in the middle between two
+    marks it stands for long, and goes on with the next step of its command."""
+    return bool(step) and high_band_sigma(v) < COARSE * step
 
 
 def repeats_foretold(change: FloatArray, step: float) -> float:
@@ -93,7 +101,7 @@ def held_values(series: Sequence[Series]) -> tuple[int, float]:
     runs, nats = 0, 0.0
     for s in series:
         v = s.value[np.isfinite(s.value)]
-        if len(v) <= 2 * ABOUT:
+        if len(v) <= 2 * ABOUT or _coarse(v, finest_step(v)):
             continue
         change = np.diff(v)
         moves = np.abs(change[change != 0])
