@@ -307,8 +307,8 @@ RULES: tuple[Rule, ...] = (
         lambda f: f.posterior.lacking > f.t.unknown and not f.shows_itself,
         Findings.unexplained,
         lambda f: (
-            f"the best explanation leaves {100 * f.posterior.unexplained:.0f} % of the excess, "
-            f"a gap of {f.posterior.gap_after:.2f}"
+            f"probability {f.posterior.lacking:.2f} that it lacks something > {f.t.unknown:g}: the best explanation "
+            f"leaves {100 * f.posterior.unexplained:.0f} % of the excess, a gap of {f.posterior.gap_after:.2f} in all"
         ),
     ),
     Rule(
