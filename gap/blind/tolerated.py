@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 SUCTION: Mapping[str, float] = MappingProxyType({
-    "latency": 1e-3, "poll": 0.010, "skew": 4e-5, "lag_height": 2e-3,  # s, s/s
+    "latency": 1e-3, "poll": 0.012, "skew": 4e-5, "lag_height": 2e-3,  # s, s/s
     "lag": 0.020, "lag_cascade": 0.020, "lag_fall": 0.020, "lead": 0.020,  # s; the last of another make
     "band": 100.0, "sleep": 100.0, "loop_offset": 200.0, "gauge_offset": 200.0, "gauge_shift": 200.0,  # Pa
     "gauge_gain": 0.010, "gauge_gain_high": 0.010, "gain": 0.020, "drop_gap": 4e-5,  # relative
