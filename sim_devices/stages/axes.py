@@ -33,7 +33,7 @@ class AxisLoop(Wired):
     dry friction in proportion to tanh(x'/``easing``), m/s (0: none);
     ``force_limit`` N, met abruptly, or approached as by tanh if ``soft`` is 1; ``carried`` N of a coil's force hold a
     weight, so that the limit is nearer one way; ``windup`` 0 (integrator frozen while the force is limited, or that of
-    a soft limit changed by what is withheld over Kp, back-calculation) to 1 (runs on); relative change of the force
+    a soft limit changed by the force withheld over Kp, back-calculation) to 1 (runs on); relative change of the force
     constant ``slope`` 1/m and ``curvature`` 1/m². Grease that shear thins brakes with ``thinning`` N at 1 mm/s and with
     ``thinning_power`` of the speed, air that swirls with a power of 2.
     Friction and drag act on the axis ``alone`` (1 to 3), or on all (0).

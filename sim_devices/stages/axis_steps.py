@@ -248,7 +248,7 @@ def _sticks(s: FloatArray, p: FloatArray, target: float, load: float, dt: float)
     x, rho = s[5], (target - s[2]) / dt
     integral = s[4] + dt * (0.5 * (s[2] + target) - x)
     before, behind = _asked(p, s[2], rho, s[4], x, 0.0), _asked(p, target, rho, integral, x, 0.0)
-    # The load has the part of the target that is not seen already; what is fed forward is late.
+    # The load has the part of the target that is not seen already; the force fed forward is late.
     more = (p[22] - p[17]) * rho - p[13] * x
     pushed, pushes = before + p[23] * s[2] + more + s[3], behind + p[23] * target + more + load
     if max(abs(pushed), abs(pushes)) >= p[5] or max(abs(before), abs(behind)) > p[9] - abs(p[16]):
@@ -272,6 +272,24 @@ def _withheld(p: FloatArray, x: float, asked: float, answers: float) -> tuple[fl
 
 
 @njit(cache=True, error_model="numpy", inline="always")
+def _braked(s: FloatArray, p: FloatArray, v: float, gain: float, h: float) -> tuple[float, bool]:
+    """Dry friction (N), kept in ``s``, over a step of ``h`` s that would end at ``v`` m/s without it, where each newton
+    adds ``gain`` m/s; and whether it stops the axis."""
+    if p[20] > 0.0:
+        return eased(0.5 * (s[6] + v), 0.5 * gain, p[5], p[20]), False
+    if p[5] <= 0.0 and p[6] <= 0.0:
+        return 0.0, False
+    level = _level(0.5 * (s[6] + v - gain * s[7]), p)  # with the friction of the step before
+    if p[8] > 0.0:
+        before = s[7]
+        s[7] = bristle(before, 0.5 * (s[6] + v), 0.25 * gain, level, h / p[8])
+        return -0.5 * (before + s[7]), False
+    dry = min(max(-v / gain, -level), level)
+    s[7] = -dry
+    return dry, abs(dry) < level
+
+
+@njit(cache=True, error_model="numpy", inline="always")
 def _run(
     s: FloatArray,
     p: FloatArray,
@@ -283,7 +301,7 @@ def _run(
     steps: int,
 ) -> None:
     """From the last target and load in ``s`` to these in ``steps`` of ``h`` s; ``e`` is the exponential of one."""
-    kp, ki, kd, drag, coulomb, stiction, presliding = p[1], p[2], p[3], p[4], p[5], p[6], p[8]
+    kp, ki, kd, drag = p[1], p[2], p[3], p[4]
     windup, spring, soft, nearest = p[10], p[13], p[15], p[9] - abs(p[16])
     even = p[11] == 0.0 and p[12] == 0.0 and soft == 0.0
     gain = w * w * e[2, 0] / ki  # of the speed at the end of the step, per newton
@@ -299,40 +317,25 @@ def _run(
         x = r1 + lam / ki + e[1, 0] * d0 + e[1, 1] * d1 + e[1, 2] * d2
         v = rho + w * (e[2, 0] * d0 + e[2, 1] * d1 + e[2, 2] * d2)
         before, behind = _asked(p, r0, rho, s[4], s[5], s[6]), _asked(p, r1, rho, integral, x, v)
-        extra, limited = 0.0, False
+        extra, limited, grease = 0.0, False, 0.0
         if not even or max(abs(before), abs(behind)) > nearest:
             extra, limited = _withheld(p, s[5], 0.5 * (before + behind), answers)
             v += gain * extra
-            x += w * e[1, 0] * extra / ki
-            integral -= (1.0 - e[0, 0]) * extra / ki
         if p[18] > 0.0:
             grease = thinned(0.5 * (s[6] + v), 0.5 * gain, p[18], p[19])
             v += gain * grease
-            x += w * e[1, 0] * grease / ki
-            integral -= (1.0 - e[0, 0]) * grease / ki
-        if p[20] > 0.0:
-            dry = eased(0.5 * (s[6] + v), 0.5 * gain, coulomb, p[20])
-            v += gain * dry
-            x += w * e[1, 0] * dry / ki
-            integral -= (1.0 - e[0, 0]) * dry / ki
-        elif coulomb > 0.0 or stiction > 0.0:
-            level = _level(0.5 * (s[6] + v - gain * s[7]), p)  # with the friction of the step before
-            if presliding > 0.0:
-                after = bristle(s[7], 0.5 * (s[6] + v), 0.25 * gain, level, h / presliding)
-                dry, s[7] = -0.5 * (s[7] + after), after
-            else:
-                dry = min(max(-v / gain, -level), level)
-                s[7] = -dry
-            v += gain * dry
-            x += w * e[1, 0] * dry / ki
-            integral -= (1.0 - e[0, 0]) * dry / ki
-            if presliding == 0.0 and abs(dry) < level:  # stopped
-                v = 0.0
-                if s[6] == 0.0:  # and was: stays where it is
-                    x, integral = s[5], s[4] + h * (0.5 * (r0 + r1) - s[5])
+        dry, stops = _braked(s, p, v, gain, h)
+        force = extra + grease + dry
+        v += gain * dry
+        x += w * e[1, 0] * force / ki
+        integral -= (1.0 - e[0, 0]) * force / ki
+        if stops:
+            v = 0.0
+            if s[6] == 0.0:  # and stood before: it stays where it is
+                x, integral = s[5], s[4] + h * (0.5 * (r0 + r1) - s[5])
         if limited:
             integral = s[4] + windup * (integral - s[4])
-        elif soft > 0.0:  # it tracks what the coil gives (back-calculation), by what is withheld over Kp
+        elif soft > 0.0:  # it tracks the coil's force: back-calculation by the force withheld over Kp
             integral += (1.0 - windup) * h * extra / kp
         if abs(x) > _END_STOP:
             x, v = math.copysign(_END_STOP, x), 0.0
