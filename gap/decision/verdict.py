@@ -307,7 +307,7 @@ RULES: tuple[Rule, ...] = (
         lambda f: f.posterior.lacking > f.t.unknown and not f.shows_itself,
         Findings.unexplained,
         lambda f: (
-            f"probability {f.posterior.lacking:.2f} that it lacks something > {f.t.unknown:g}: the best explanation "
+            f"probability {f.posterior.lacking:.2f} > {f.t.unknown:g} that no known effect is all: the best one "
             f"leaves {100 * f.posterior.unexplained:.0f} % of the excess, a gap of {f.posterior.gap_after:.2f} in all"
         ),
     ),
