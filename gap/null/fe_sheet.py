@@ -30,6 +30,7 @@ from sim_devices.effects.tissue import Softening
 from sim_devices.stages.kernels import evaluate, exposure_gain, prony
 from sim_devices.stages.operators import Wired, after
 from sim_devices.stages.robot import xyz
+from sim_devices.stages.sheet import NO_GLUE, Glue
 
 DEGREE = 4
 """Of the potential, in the squares of the displacement."""
@@ -95,24 +96,23 @@ def gradients(displacement: FloatArray) -> FloatArray:
 @dataclass(frozen=True)
 class PotentialSheet(Wired):
     """Displacement x, y, z (m) -> force on the probe (N): potential of ``coefficients`` (m,) in displacements over
-    ``reach`` m, its axes turned by ``angle`` about z, then ``memory`` as of ``kernels.prony``; ``glue`` as of
-    `sim_devices.stages.sheet.Sheet`.
+    ``reach`` m, its axes turned by ``angle`` about z, then ``memory`` as of ``kernels.prony``, through ``glue``.
     """
 
     coefficients: FloatArray
     reach: float
     angle: float
     memory: tuple[float, ...]
-    glue: tuple[float, float] = (0.0, 0.0)
+    glue: Glue = NO_GLUE
 
     def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
         probe = np.stack([signals[s] for s in self.source])
         force, stiffness = self._force(time, probe)
-        if any(self.glue):
-            yields = np.array([self.glue[0], self.glue[0], self.glue[1]])[:, None]
+        if any(self.glue[:2]):
+            yields = np.array([self.glue.plane, self.glue.plane, self.glue.normal])[:, None]
             skin = probe
             for _ in range(30):
-                rest = probe + yields * force - skin
+                rest = probe + self.glue.gives(time, force) - skin
                 if float(np.max(np.abs(rest), initial=0.0)) < 1e-9:
                     break
                 skin = skin + rest / (1.0 + yields * stiffness)

@@ -27,6 +27,7 @@ from sim_devices.effects.build import (
 )
 from sim_devices.stages import kernels, laws
 from sim_devices.stages.operators import Names, Wired, after
+from sim_devices.stages.sheet import Glue
 
 
 @dataclass(frozen=True)
@@ -198,7 +199,13 @@ def _recoil(chain: Chain, v: Values) -> Chain:
 
 
 def _glue(chain: Chain, v: Values) -> Chain:
-    return chain.tuned("tissue", glue=(v["compliance"], v["compliance"] * v["normal"]))
+    form, plane = chosen(v, "form"), v["compliance"]
+    glue = Glue(plane, plane * v["normal"])
+    if form in (1, 3):
+        glue = glue._replace(creeps=v["creeps"], within=v["tau"])
+    if form > 1:
+        glue = glue._replace(closes=1.0 / v["load"])
+    return chain.tuned("tissue", glue=glue)
 
 
 def _slip(chain: Chain, v: Values) -> Chain:
@@ -285,6 +292,11 @@ EFFECTS = (
         (
             strength("compliance", "m/N", 2e-6, 1e-3, 2e-4, "in plane"),
             shape("normal", "1", 0.05, 1.0, 0.3, "compliance along the normal against that in plane"),
+            choice("form", 0, "elastic", "some of it creeps, as tape does", "foam that closes as it is loaded",
+                   "foam that creeps and closes"),
+            shape("creeps", "1", 0.1, 1.0, 0.5, "of the compliance that creeps", only=(1, 3)),
+            shape("tau", "s", 0.01, 100.0, 1.0, "within which it creeps", log=True, only=(1, 3)),
+            shape("load", "N", 0.05, 10.0, 0.7, "by which its compliance is halved", log=True, only=(2, 3)),
         ),
         _glue,
     ),

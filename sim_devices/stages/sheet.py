@@ -5,30 +5,54 @@ from __future__ import annotations
 import math
 from collections import OrderedDict
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
 from sim_devices.chain import FloatArray, Signals
-from sim_devices.stages.kernels import exposed, hold_weights
+from sim_devices.stages.kernels import evaluate, exposed, hold_weights, low_pass
 from sim_devices.stages.operators import Wired
 from sim_devices.stages.tissues import SheetTissue
 
 _HEAD = 9  # of the state: [0] started [1] time [2:5] last elastic force [5] softening [6:9] skin displacement
+_GLUE = 6  # at the state's end: the force by which glue has crept, and the last one that it bore, closed
 _KEPT = 12  # grids' and times' weights: a fit's columns share them, and they are half of a simulation's work
+
+
+class Glue(NamedTuple):
+    """The layer between probe and skin, which gives by g so that the skin moves by u - g.
+
+    g = c ((1 - creeps) f + creeps s), within s' = f - s, of the force F on it, closed by as much as it bears: f = F /
+    (1 + closes |F|). c is ``plane`` or ``normal`` (m/N), ``within`` s, ``closes`` 1/N: a tape's Kelvin-Voigt creep, and
+    foam that is pressed together.
+    """
+
+    plane: float = 0.0
+    normal: float = 0.0
+    creeps: float = 0.0
+    within: float = 1.0
+    closes: float = 0.0
+
+    def gives(self, time: FloatArray, force: FloatArray) -> FloatArray:
+        """The displacement (3, n) m by a force on the probe (3, n) N."""
+        closed = force / (1.0 + self.closes * np.linalg.norm(force, axis=0))
+        if self.creeps:
+            late = np.stack([evaluate(low_pass, time, f, self.within) for f in closed])
+            closed = (1.0 - self.creeps) * closed + self.creeps * late
+        return np.asarray(np.array([self.plane, self.plane, self.normal])[:, None] * closed)
+
+
+NO_GLUE = Glue()
+"""The probe holds the skin itself."""
 
 
 @dataclass(frozen=True)
 class Sheet(Wired):
-    """``tissue`` under the probe: displacement x, y, z (m) -> force on the probe x, y, z (N).
-
-    ``glue`` m/N is the compliance in plane and normal of the layer between probe and skin: the skin then moves by u -
-    glue force.
-    """
+    """``tissue`` under the probe: displacement x, y, z (m) -> force on the probe x, y, z (N), through ``glue``."""
 
     tissue: SheetTissue
-    glue: tuple[float, float] = (0.0, 0.0)
+    glue: Glue = NO_GLUE
 
     def fresh(self) -> Any:
         t = self.tissue
@@ -39,10 +63,12 @@ class Sheet(Wired):
         shape = (max(mean, 1e-12) * t.length**2, t.exponent)
         soft = (t.softening, t.softening_force, t.softening_rise, t.softening_fall)
         parameters = np.array(
-            [*stiffness, *shape, *soft, *self.glue, t.isotropy, sum(t.stiffness) / 3, k[0, 2], k[1, 2], t.softening_end]
-        )
-        state = np.zeros(_HEAD + 3 * len(t.times))
-        return state, parameters, np.array(t.relaxation, dtype=float), np.array(t.times, dtype=float)
+            [*stiffness, *shape, *soft, *self.glue[:2], t.isotropy, sum(t.stiffness) / 3, k[0, 2], k[1, 2],
+             t.softening_end, self.glue.creeps, self.glue.closes]
+        )  # fmt: skip
+        state = np.zeros(_HEAD + 3 * len(t.times) + _GLUE)
+        late = [*t.times, self.glue.within] if self.glue.creeps else t.times
+        return state, parameters, np.array(t.relaxation, dtype=float), np.array(late, dtype=float)
 
     def advance(self, state: Any, time: FloatArray, signals: Signals) -> None:
         u = [signals[s] for s in self.source]
@@ -127,10 +153,11 @@ Triple = tuple[float, float, float]
 
 @njit(cache=True, error_model="numpy")
 def _through_glue(
-    at: Triple, u: Triple, f: Triple, past: Triple, now: float, soft: float, p: FloatArray
+    at: Triple, u: Triple, f: Triple, past: Triple, now: float, soft: float, quick: float, p: FloatArray
 ) -> tuple[float, float, float, float, float, float]:
-    """Displacement of the skin and its force, where the probe is ``at`` and glue gives between them (Newton)."""
-    glue_t, glue_n = p[10], p[11]
+    """Displacement of the skin and its force, where the probe is ``at`` and a share ``quick`` of what glue gives in the
+    end is between them (Newton)."""
+    glue_t, glue_n = p[10] * quick, p[11] * quick
     (ux, uy, uz), (fx, fy, fz) = u, f
     stiff_t, stiff_n = 1.0 + glue_t * max(p[0], p[2]) * now, 1.0 + glue_n * p[3] * now
     for _ in range(40):
@@ -149,6 +176,32 @@ def _through_glue(
 
 
 @njit(cache=True, error_model="numpy")
+def _glue_step(weights: FloatArray, dt: float) -> Triple:
+    """`hold_weights` of the glue's creep; of glue that does not creep, or of no time, nothing changes."""
+    return (weights[0], weights[1], weights[2]) if weights.size and dt > 0.0 else (1.0, 0.0, 0.0)
+
+
+@njit(cache=True, error_model="numpy")
+def _crept(s: FloatArray, j: int, step: Triple, p: FloatArray) -> tuple[float, float, float, float]:
+    """Of what glue gives, the share at once, and what earlier forces have left of it (x, y, z), N."""
+    (e, a, b), creeps = step, p[17]
+    bore = math.sqrt(s[j + 3] ** 2 + s[j + 4] ** 2 + s[j + 5] ** 2)
+    open_still = max(1.0 - p[18] * bore, 0.0)  # 1 / (1 + closes |F|), as `bore` is |F| of that
+    left = [creeps * (e * s[j + k] + a * s[j + 3 + k]) for k in range(3)]
+    return (1.0 - creeps + creeps * b) * open_still, left[0], left[1], left[2]
+
+
+@njit(cache=True, error_model="numpy")
+def _bears(s: FloatArray, j: int, step: Triple, force: Triple, p: FloatArray) -> None:
+    """The glue's state after it has borne a ``force``."""
+    e, a, b = step
+    share = 1.0 / (1.0 + p[18] * math.sqrt(force[0] ** 2 + force[1] ** 2 + force[2] ** 2))
+    for k in range(3):
+        s[j + k] = e * s[j + k] + a * s[j + 3 + k] + b * share * force[k]
+        s[j + 3 + k] = share * force[k]
+
+
+@njit(cache=True, error_model="numpy")
 def _advance_sheet(
     s: FloatArray,
     t: FloatArray,
@@ -163,6 +216,7 @@ def _advance_sheet(
     n = g.size
     soft_a, soft_f = p[6], p[7]
     glued = p[10] > 0.0 or p[11] > 0.0
+    end = _HEAD + 3 * n  # of the memory, where the glue's state begins
     if s[0] == 0.0 and t.size:
         s[0], s[1] = 1.0, t[0]
     for i in range(t.size):
@@ -189,12 +243,17 @@ def _advance_sheet(
             ux, uy, uz = s[6], s[7], s[8]
         fx, fy, fz = _elastic(ux, uy, uz, p)
         if glued:
+            step = _glue_step(weights[i, 2 + 3 * n :], dt)
+            quick, cx, cy, cz = _crept(s, end, step, p)
+            at = (x[i] + p[10] * cx, y[i] + p[10] * cy, z[i] + p[11] * cz)
             ux, uy, uz, fx, fy, fz = _through_glue(
-                (x[i], y[i], z[i]), (ux, uy, uz), (fx, fy, fz), (past_x, past_y, past_z), now, soft, p
+                at, (ux, uy, uz), (fx, fy, fz), (past_x, past_y, past_z), now, soft, quick, p
             )
             s[6], s[7], s[8] = ux, uy, uz
         fx, fy, fz = soft * fx, soft * fy, soft * fz
         f[0, i], f[1, i], f[2, i] = now * fx - past_x, now * fy - past_y, now * fz - past_z
+        if glued:
+            _bears(s, end, step, (f[0, i], f[1, i], f[2, i]), p)
         if dt > 0.0:
             for k in range(n):
                 b = weights[i, 4 + 3 * k]

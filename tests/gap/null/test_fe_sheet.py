@@ -11,6 +11,7 @@ import numpy as np
 from gap.null.fe_sheet import FREE, POWERS, FeForceBlock, PotentialSheet, gradients, sheet_law
 from gap.null.fe_solver import FeModel
 from sim_devices.stages.robot import xyz
+from sim_devices.stages.sheet import Glue
 
 START = {"mu1": 2e4, "mu2": 1.0, "alpha2": 40.0, "sx": 8e4, "sy": 6e4, "bulk": 1e6}
 
@@ -95,7 +96,7 @@ def test_glue_and_sheet_share_the_displacement() -> None:
     for p in ((1, 0, 0), (0, 1, 0), (0, 0, 1)):
         c[np.flatnonzero((p == POWERS).all(axis=1))] = 0.5 * stiffness * 1e-3
     sheet = PotentialSheet(
-        "tissue", "tissue", xyz("skin"), xyz("reaction"), c, 1e-3, 0.4, (1.0, -0.2, 1.0), (compliance, compliance)
+        "tissue", "tissue", xyz("skin"), xyz("reaction"), c, 1e-3, 0.4, (1.0, -0.2, 1.0), Glue(compliance, compliance)
     )
     time = np.linspace(0, 1e-6, 5)
     signals = {s: np.linspace(0, 1e-3, 5) * k for s, k in zip(xyz("skin"), (1.0, -0.5, 0.3), strict=True)}

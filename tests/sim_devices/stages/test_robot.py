@@ -13,7 +13,7 @@ from sim_devices.stages import noisy, nominal, runner
 from sim_devices.stages.axes import LOOP_RATE, MASS, AxisLoop
 from sim_devices.stages.kernels import evaluate, low_pass
 from sim_devices.stages.robot import TRANSDUCERS, closed_loop, numbered, xyz
-from sim_devices.stages.sheet import Sheet
+from sim_devices.stages.sheet import Glue, Sheet
 from sim_devices.stages.tissues import SHEET, SheetTissue
 
 TIME = np.arange(0.0, 30.0, 0.01)
@@ -139,7 +139,7 @@ def test_the_tissue_has_a_potential_and_the_glue_yields() -> None:
     still = {**command("x", np.zeros(2)), **dict.fromkeys(numbered("load"), np.zeros(2))}
     chain = nominal("microrobot")
 
-    def elastic(u: FloatArray, glue: tuple[float, float] = (0.0, 0.0)) -> FloatArray:
+    def elastic(u: FloatArray, glue: Glue = Glue()) -> FloatArray:
         inputs = {**still, **{n: np.array([0.0, c]) for n, c in zip(xyz("tip"), u, strict=True)}}
         out = chain.tuned("tissue", glue=glue).run(np.array([0.0, 1e-9]), inputs)
         return stacked(out, xyz("reaction"))[-1]
@@ -148,7 +148,7 @@ def test_the_tissue_has_a_potential_and_the_glue_yields() -> None:
     slope = np.stack([(elastic(u + step * e) - elastic(u - step * e)) / (2 * step) for e in np.eye(3)])
     np.testing.assert_allclose(slope, slope.T, atol=0.05)
     glue = np.array([2e-4, 2e-4, 1e-4])
-    reaction = elastic(u, (2e-4, 1e-4))
+    reaction = elastic(u, Glue(2e-4, 1e-4))
     np.testing.assert_allclose(elastic(u + glue * reaction), reaction, atol=1e-6)
 
 
