@@ -1,4 +1,5 @@
-"""Whether scatter is scatter: an effect by chance that widens all noise leaves residuals of the size that it says."""
+"""Whether scatter is scatter: an effect by chance that widens all noise leaves residuals of the size that it says, and
+no two neighbours alike."""
 
 from __future__ import annotations
 
@@ -13,7 +14,7 @@ from gap.inference.problem import Problem
 WIDER = 2.0
 """Times the noise from which on a residual is mostly laid to chance."""
 FEWEST = 20
-"""Such residuals from which their median is asked."""
+"""Such residuals, or pairs of neighbours, from which they are asked."""
 
 
 def size_of_chance(problems: Mapping[str, Problem], h: Hypothesis) -> float:
@@ -32,3 +33,26 @@ def size_of_chance(problems: Mapping[str, Problem], h: Hypothesis) -> float:
             laid.append(np.abs(fitted.residual[times > WIDER]))
     sizes = np.concatenate(laid) if laid else np.empty(0)
     return float(np.median(sizes) / norm.ppf(0.75)) if len(sizes) >= FEWEST else 1.0
+
+
+def memory_of_chance(problems: Mapping[str, Problem], h: Hypothesis) -> float:
+    """Correlation of neighbours among the residuals that a hypothesis lays to chance.
+
+    Where the answer to a step is late as a whole, all its samples are off alike; instants that scatter know nothing of
+    each other. 0 where few residuals are laid to chance.
+    """
+    products, squares, n = 0.0, 0.0, 0
+    for block, problem in problems.items():
+        fitted = h.fits[block]
+        times = problem.noise_scale(fitted.active)
+        if times is None:
+            continue
+        rows, wide = problem.rows, times > WIDER
+        channel = rows.labels["channel"][0] if "channel" in rows.labels else np.zeros(len(wide))
+        alike = (np.diff(channel) == 0) & (np.diff(rows.recording) == 0)
+        pair = wide[1:] & wide[:-1] & alike
+        one, next_one = fitted.residual[:-1][pair], fitted.residual[1:][pair]
+        products += float(one @ next_one)
+        squares += float(np.linalg.norm(one) * np.linalg.norm(next_one))
+        n += int(np.count_nonzero(pair))
+    return products / squares if n >= FEWEST and squares > 0.0 else 0.0

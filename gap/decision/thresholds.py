@@ -53,6 +53,7 @@ class Thresholds:
     same_edges: float
     skin_before: float
     chance: float
+    chance_memory: float
     unearned: float
     unknown: float
     sure: float

@@ -59,3 +59,11 @@ def test_a_misfit_of_few_samples_is_no_scatter_of_all(share: float) -> None:
     few = np.where(rng.uniform(size=len(T)) < share, 30.0 * rng.normal(size=len(T)), 0.0)
     assert said(few) == ("unknown", "nothing to name: no effect was fitted")
     assert said(few, sparse=True)[0] == "effect"
+
+
+def test_a_misfit_that_neighbours_share_is_no_scatter() -> None:
+    rng = np.random.default_rng(3)
+    alone = 8.0 * rng.normal(size=len(T))
+    shared = np.convolve(rng.normal(size=len(T) + 9), np.full(10, 8.0 / np.sqrt(10.0)), "valid")
+    assert said(alone, sparse=True)[0] == "effect"
+    assert said(shared, sparse=True) == ("unknown", "nothing to name: no effect was fitted")
