@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from gap.data.tolerances import Tolerance
 from gap.inference.evidence import Fit
-from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Lateness, Start, to_unit
+from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Lateness, Start
 from gap.inference.least_squares import fit
-from gap.inference.linear import Projector
 from gap.null.blocks import Block, Group, GroupedSession, Table
 from gap.null.chains import needed, run
 from gap.null.lateness import lateness
@@ -21,6 +19,7 @@ from gap.null.robot_load import SPRING, RecordedLoad
 from gap.null.robot_loop import Controller, controllers, stated
 from gap.null.robot_recorded import recorded, steepness
 from gap.null.robot_specimens import specimen_chain
+from gap.null.robot_suspects import rubbed
 from sim_devices.chain import Chain, Effect, FloatArray, Operator
 from sim_devices.stages.operators import Retimed
 from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
@@ -44,8 +43,6 @@ MISTAKEN = ("viscous_drag", 0), ("viscous_drag", 2), ("coulomb_friction", 0), ("
 """Effects and forms that the quick fits look for then: each looks like another controller."""
 EXPLAINED = 2.0
 """χ² a row up to which a controller within its tolerances explains the axes: nothing else need be looked for."""
-STRENGTHS = np.linspace(0.1, 0.9, 17)
-"""Quantiles of their strengths at which: near enough to each other for a search between two to find the best."""
 WEIGHTS = "proportional", "derivative", "acceleration"
 """Parts of a controller that may see more or less of a set-point than the known ones do."""
 KICK = 1e-3
@@ -53,6 +50,9 @@ KICK = 1e-3
 KICKED, NEARLY = 0.02, 2e-3
 """s behind such a jump for which an axis shows in which part of the card's cycle it fell, and s by which a stamp may be
 early."""
+ANSWERS, ROUGHLY = 0.05, 0.03
+"""s within which an axis answers to a kick, and the share of its way that is not known meanwhile (assumed): the coils'
+force is late to first order only."""
 LATEST = 2e-3
 """s at most that the coils' force is late: what follows to first order is not known beyond."""
 SHIFT, CLOCK = 3, 4
@@ -117,15 +117,18 @@ class AxesBlock(Block):
 
     def _leave_out_kicks(self) -> None:
         """Have rows tell nothing in which an axis shows what the controller's derivative of the error made of a
-        jump."""
-        if self.controller.on_error:
-            self.row_noise.widen(np.flatnonzero(np.tile(self._kicked(), len(AXES))))
-
-    def _kicked(self) -> NDArray[np.bool_]:
-        """Stamps (n,) that follow a jump of the set-point within `KICKED`."""
-        jumps = self._jumps()
-        since = self.stamps - np.append(-np.inf, jumps)[np.searchsorted(jumps, self.stamps + NEARLY, side="right")]
-        return np.asarray(since < KICKED)
+        jump, and less while it answers to that."""
+        if not self.controller.on_error:
+            return
+        jumps = np.append(-np.inf, self._jumps())
+        last = jumps[np.searchsorted(jumps[1:], self.stamps + NEARLY, side="right")]
+        since = np.where(np.isfinite(last), self.stamps - last, np.inf)
+        moved = np.zeros((len(AXES), len(since)))
+        for (_, at), seen in zip(self.groups, self._seen, strict=True):
+            for row, axis in zip(moved, numbered("axis"), strict=True):
+                row[at] = np.abs(np.interp(last[at] + 3.0 * ANSWERS, *seen[axis]) - np.interp(last[at], *seen[axis]))
+        self.row_noise.blur((ROUGHLY * moved * np.exp(-since / ANSWERS)).ravel())
+        self.row_noise.widen(np.flatnonzero(np.tile(since < KICKED, len(AXES))))
 
     def _jumps(self) -> FloatArray:
         """When the set-point jumps (k,), s."""
@@ -174,6 +177,7 @@ class AxesBlock(Block):
         alone = self._best if not best.hypothesis else fit(self, nuisance=self._start, iterations=3)
         if not _explains(alone):
             alone = self._reconsidered(alone)
+        alone = self._levered(alone)
         self._start = alone.nuisance
         self.row_noise.remember(self.unwhitened(self._best.residual, self._best.active), self.noise.tolist())
 
@@ -185,8 +189,20 @@ class AxesBlock(Block):
             found = self._plain(controller, self.held)
             if _explains(found):
                 self._best, self._strained = found, False
-                self._leave_out_kicks()
+                if not taken.on_error:
+                    self._leave_out_kicks()
                 return found
+        self._take(taken, self.held)
+        return alone
+
+    def _levered(self, alone: Fit) -> Fit:
+        """The fit of the same controller whose axes are loaded by the other lever arms, if that is worth it, or
+        ``alone``: these are the mechanics', and no controller's."""
+        taken = self.controller
+        other = self._plain(replace(taken, centred=not taken.centred), self.held)
+        if other.objective < min(alone.objective, self._best.objective) - WORTH:
+            self._best = other
+            return other
         self._take(taken, self.held)
         return alone
 
@@ -211,27 +227,7 @@ class AxesBlock(Block):
         forms: dict[tuple[str, int], tuple[str, Effect]] = {}
         for key, effect in self.library.items():
             forms.setdefault((effect.name, effect.form), (key, effect))  # of all axes before a single one
-        return [self._rubbed(*forms[form]) for form in MISTAKEN if form in forms]
-
-    def _rubbed(self, key: str, effect: Effect) -> Fit:
-        """A quick fit with an effect on a sound instrument, from the strength that by itself explains most: a step in
-        the force leaves no slope to follow from elsewhere."""
-        candidate = Candidate(key, effect.name, effect.stage, effect.parameters, (self.name,))
-        sound = self.prior_mean
-        refit = Projector(self.evaluate(sound, {}).jacobian, self.prior_sd)
-        shape = np.array([to_unit(p, p.default) for p in effect.parameters])
-
-        def at(strength: float) -> FloatArray:
-            return np.where([p.null is None for p in effect.parameters], shape, strength)
-
-        def left(strength: float) -> float:
-            active = {candidate: candidate.values(at(strength))}
-            return refit.chi2(self.evaluate(sound, active, want_jacobian=False).residual)
-
-        near = min(STRENGTHS.tolist(), key=left)
-        apart = float(STRENGTHS[1] - STRENGTHS[0])
-        best = minimize_scalar(left, bounds=(near - apart, near + apart), options={"xatol": 0.02 * apart})
-        return fit(self, (candidate,), at(float(best.x)), sound, iterations=6)
+        return [rubbed(self, *forms[form]) for form in MISTAKEN if form in forms]
 
     def start(self) -> FloatArray:
         return self._start.copy()
