@@ -134,6 +134,9 @@ def _hysteresis(robot: bool) -> Any:
 
 def low_pass(chain: Chain, v: Values) -> Chain:
     anchor = FORCE if chain.instrument == "microrobot" else ("gauge" if chosen(v, "channel") == 1 else HEIGHT)
+    if "reach" in v and chosen(v, "form") == 1:
+        adaptive = (v["tau"], v["reach"])
+        return law_after(chain, anchor, "sensor_low_pass", "sensor", kernels.adaptive_low_pass, adaptive)
     if chosen(v, "order") == 0:
         return law_after(chain, anchor, "sensor_low_pass", "sensor", kernels.low_pass, (v["tau"],))
     return law_after(chain, anchor, "sensor_low_pass", "sensor", kernels.second_order, (v["tau"] / 2, 1.0))

@@ -171,7 +171,11 @@ EFFECTS = (
     *on_both(ASPIRATION, 1.5e-3, "m"),
     effect(
         *LAG, SUCTION, "The sensor's own lag or filter.", "Less filtering; the same filter on every channel.",
-        "gap.md", (TAU, choice("channel", 0, "height", "pressure"), ORDER), low_pass,
+        "gap.md",
+        (TAU, *(replace(p, only=(0,)) for p in (choice("channel", 0, "height", "pressure"), ORDER)),
+         choice("form", 0, "the same at all times", "of frames, as a filter of noise that lets motion pass"),
+         shape("reach", "m", 3e-6, 5e-4, 5e-5, "motion within its time that passes half as late", log=True, only=(1,))),
+        low_pass,
     ),
     effect(
         "crosstalk", "sensor", CUTOMETER, "Pressure leaks into the height reading, or height into that of pressure.",

@@ -203,6 +203,13 @@ def gain_drift(
     return u * (1.0 + amount * course(time, tau, form, phase))
 
 
+def without_gain_drift(
+    time: FloatArray, u: FloatArray, amount: float, tau: float, form: float, phase: float = 0.0
+) -> FloatArray:
+    """The signal that ``gain_drift`` shows as ``u``."""
+    return u / (1.0 + amount * course(time, tau, form, phase))
+
+
 def stiffness_drift(
     time: FloatArray, u: FloatArray, amount: float, tau: float, form: float, phase: float = 0.0
 ) -> FloatArray:

@@ -53,6 +53,7 @@ from sim_devices.stages.kernels.hysteresis import (
     soft_play,
 )
 from sim_devices.stages.kernels.lags import (
+    adaptive_low_pass,
     eased,
     hurried,
     lead,
@@ -76,6 +77,7 @@ __all__ = [
     "TERMS",
     "FloatArray",
     "Kernel",
+    "adaptive_low_pass",
     "anew",
     "bouc_wen",
     "by_loadings",

@@ -44,6 +44,22 @@ def uneven_low_pass(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, 
 
 
 @njit(cache=True, error_model="numpy")
+def adaptive_low_pass(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """First-order lag that lets what moves far pass: tau (1 + ((u - y) / reach)²)⁻¹ y' = u - y. ``p`` = (tau s, reach).
+
+    A noise filter of frames that looks for motion does so. From the first input on.
+    """
+    if s[0] == 0.0 and t.size:
+        s[0], s[1], s[2], s[3] = 1.0, t[0], u[0], u[0]
+    for i in range(t.size):
+        away = (0.5 * (s[2] + u[i]) - s[3]) / p[1]
+        e, a, b = hold_weights(t[i] - s[1], p[0] / (1.0 + away * away))
+        s[3] = e * s[3] + a * s[2] + b * u[i]
+        s[1], s[2] = t[i], u[i]
+        y[i] = s[3]
+
+
+@njit(cache=True, error_model="numpy")
 def oscillation(dt: float, w: float, z: float) -> tuple[float, float, float, float]:
     """Matrix (by rows) that takes (y, y') of y'' + 2 z w y' + w² y = 0 over ``dt`` s."""
     d2 = w * w * (z * z - 1.0)

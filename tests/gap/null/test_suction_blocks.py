@@ -28,7 +28,7 @@ from sim_devices.chain import Effect
 from sim_devices.effects.tissue import power_law_creep
 from sim_devices.stages.tissues import SuctionTissue
 
-LOW_PASS = "sensor_low_pass[channel=0,order=0]"
+LOW_PASS = "sensor_low_pass[channel=0,order=0,form=0]"
 LEGS = [own.step_hold(-20e3, 10.0, 5.0), own.step_hold(-10e3, 10.0, 5.0), own.triangle(-20e3, 6.0, 1, 5.0)]
 OTHER_SKIN = SuctionTissue(
     compliance=9e-9, knee=4e3, exponent=0.15, creep=(0.3, 0.1, 0.4, 0.1), times=(0.05, 0.6, 4.0, 90.0), residual=0.2

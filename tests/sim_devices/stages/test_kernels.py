@@ -30,6 +30,7 @@ CASES: list[tuple[Kernel, tuple[float, ...]]] = [
     (kernels.free_loop, (0.2, 0.8, 2.0, *np.linspace(-0.5, 0.5, kernels.FREE).tolist())),
     (kernels.sealing, (0.2, 0.5, 0.1)),
     (kernels.uneven_low_pass, (0.3, 0.05)),
+    (kernels.adaptive_low_pass, (0.3, 0.5)),
     (kernels.limited_store, (0.3, 1.0, 0.8, 0.5, 2.0, 0.01)),
     (kernels.limited_store, (0.3, 1.0, 0.8, 0.5, 2.0, 0.2)),
     (kernels.sagging_store, (0.1, 1.0, 0.5, 2.0)),
@@ -365,3 +366,21 @@ def test_exposure_comes_to_the_load_or_to_one(load: float) -> None:
     for end, expected in ((0.0, load * (1.0 - np.exp(-time / 2.0))), (1.0, 1.0 - np.exp(-load * time / 2.0))):
         gain = evaluate(kernels.exposure_gain, time, np.full(400, load), 0.3, 1.0, 2.0, 5.0, end) / load
         np.testing.assert_allclose(gain, 1.0 + 0.3 * expected, rtol=1e-9)
+
+
+def test_an_adaptive_filter_lets_motion_pass_and_is_late_at_rest() -> None:
+    """Against an independent integrator: tau y' = (u - y) (1 + ((u - y) / reach)²)."""
+    time, tau, reach = np.arange(0.0, 4.0, 1e-3), 0.3, 0.5
+
+    def u(t: float) -> float:
+        return float(np.sin(3.0 * t)) * t
+
+    def slope(t: float, y: FloatArray) -> FloatArray:
+        away = u(t) - y
+        return away * (1.0 + (away / reach) ** 2) / tau
+
+    expected = solve_ivp(slope, (0.0, 4.0), [0.0], t_eval=time, rtol=1e-8, atol=1e-10).y[0]
+    found = evaluate(kernels.adaptive_low_pass, time, np.array([u(t) for t in time]), tau, reach)
+    np.testing.assert_allclose(found, expected, atol=4e-3)
+    plain = evaluate(kernels.low_pass, time, np.array([u(t) for t in time]), tau)
+    assert np.max(np.abs(plain - expected)) > 0.2
