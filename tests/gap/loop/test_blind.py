@@ -85,6 +85,19 @@ def test_policies_share_reports_of_what_they_ask_for_alike(cases: Path, diagnose
     assert len(diagnosed) == 2 + 4  # nothing shared, and not certain: on to the third experiment
 
 
+def test_chance_asks_each_case_for_other_experiments(
+    cases: Path, diagnosed: list[list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One seed drew the same three experiments for all cases: a fixed order by another name."""
+    seeds, policy_of = [], blind.policy_of
+    monkeypatch.setattr(
+        blind, "policy_of", lambda name: lambda seed, at_hand: seeds.append(seed) or policy_of(name)(seed, at_hand)
+    )
+    for name in ("case-a", "case-b", "case-a"):
+        blind.loop_case(cases / name, cases.parent / f"out-{len(seeds)}", "random", most=0, seed=7)
+    assert seeds[0] == seeds[2] != seeds[1]
+
+
 def test_only_cases_that_are_not_claimed_go_on(cases: Path, diagnosed: list[list[str]]) -> None:
     root = cases.parent
     work = [benchmark.Work(root, "T2", n, "", 3, 1, False, "") for n in ("case-a", "case-b")]
