@@ -15,6 +15,9 @@ from sim_devices.chain import Effect, FloatArray
 STRENGTHS = np.linspace(0.1, 0.9, 17)
 """Quantiles of a strength that are tried: near enough to each other for a search between two to find the best."""
 
+A_LITTLE = 0.04
+"""Quantile of the length over which friction builds up, from which a fit leads on, as it does not from none."""
+
 
 def rubbed(problem: Problem, key: str, effect: Effect) -> Fit:
     """A quick fit with an effect on a sound instrument, from the strength that by itself explains most: a step in the
@@ -34,4 +37,7 @@ def rubbed(problem: Problem, key: str, effect: Effect) -> Fit:
     near = min(STRENGTHS.tolist(), key=left)
     apart = float(STRENGTHS[1] - STRENGTHS[0])
     best = minimize_scalar(left, bounds=(near - apart, near + apart), options={"xatol": 0.02 * apart})
-    return fit(problem, (candidate,), at(float(best.x)), sound, iterations=6)
+    begin = at(float(best.x))
+    builds_up = np.array([p.name == "presliding" for p in effect.parameters])
+    tries = [begin] + [np.where(builds_up, A_LITTLE, begin)] * bool(builds_up.any())
+    return min((fit(problem, (candidate,), unit, sound, iterations=6) for unit in tries), key=lambda f: f.objective)

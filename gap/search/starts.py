@@ -48,11 +48,12 @@ NAMED = {
     "elevation": (0.5, 0.85),
     "rest": RESTS,
     "span_time": SPANS,
+    "presliding": (0.0, 0.04, 0.3),
     "second_sine": (0.5,),
     "second_cosine": (0.5,),
 }
-"""The same by a parameter's name: of directions two in plane and two that rise; of a second harmonic none, as a fit
-leads to it from the first alone."""
+"""The same by a parameter's name: of directions two in plane and two that rise; of presliding some micrometres, too, as
+no fit leads on from none; of a second harmonic none, as a fit leads to it from the first alone."""
 BURSTS = 3
 """Moments at which samples may be lost that are tried."""
 MAX_GRID = 12

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from scipy.signal import lfilter
 
 from acquire.recording.model import AXIS_LOOP
@@ -17,6 +18,7 @@ from gap.null.blocks import GroupedSession
 from gap.null.robot import robot_problems
 from gap.null.robot_axes import AXES, QUANTITIES, AxesBlock
 from gap.null.robot_loop import CONTROLLERS
+from gap.null.robot_suspects import rubbed
 from sim_devices.stages.tissues import sheet_tissue
 
 
@@ -127,3 +129,14 @@ def test_a_controller_chosen_under_a_smoothed_load_is_weighed_once_more() -> Non
     assert axes.controller is right
     again = fit(axes)
     assert again.chi2 / len(again.residual) < 1.2
+
+
+def test_friction_that_builds_up_over_micrometres_is_fitted_as_such() -> None:
+    """Bristles of 2 um were fitted from none of it and stayed there, so that Stribeck's law, which began with some, was
+    told with a kinetic friction above the static one."""
+    friction = library("microrobot")["coulomb_friction[form=0,axis=0]"]
+    true = {"force": 0.03, "presliding": 3e-6}
+    legs = [own.direction_cycles(angle, 0.1, 1.2e-3, 4.0, 2) for angle in (0.0, 1.2)]
+    recordings = own.robot_session(np.random.default_rng(3), [(friction, true)], legs=legs)
+    found = rubbed(AxesBlock(GroupedSession(recordings, QUANTITIES), {"rubs": friction}), "rubs", friction)
+    assert found.active[found.hypothesis[0]] == pytest.approx(true, rel=0.3)
