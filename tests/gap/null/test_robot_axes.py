@@ -135,7 +135,7 @@ def test_friction_that_builds_up_over_micrometres_is_fitted_as_such() -> None:
     """Bristles of 2 um were fitted from none of it and stayed there, so that Stribeck's law, which began with some, was
     told with a kinetic friction above the static one."""
     friction = library("microrobot")["coulomb_friction[form=0,axis=0]"]
-    true = {"force": 0.03, "presliding": 3e-6}
+    true = {"force": 0.1, "presliding": 2.5e-6}
     legs = [own.direction_cycles(angle, 0.1, 1.2e-3, 4.0, 2) for angle in (0.0, 1.2)]
     recordings = own.robot_session(np.random.default_rng(3), [(friction, true)], legs=legs)
     found = rubbed(AxesBlock(GroupedSession(recordings, QUANTITIES), {"rubs": friction}), "rubs", friction)
