@@ -28,6 +28,8 @@ READ = ("serial_number", "opening", "contact_force", "hole_radius", "frame_scale
 """Calibrations that something here reads; stations and qualifications, which name some of them, stand on recordings."""
 MISSPELT = 0.85
 """How like one of these (`difflib`) a name must be to be no word of its own, as `loop_filter` and `frame_rate` are."""
+COARSE, SPANNED = 10.0, 0.2
+"""Times the usual step between samples, and share of a channel's span, beyond which a stated resolution is none."""
 WIDE = 0.1
 """Of a stated value, its standard uncertainty from which on the unit of the uncertainty is asked about."""
 
@@ -43,6 +45,7 @@ def doubts(bundle: Bundle, recording: Recording) -> tuple[Event, ...]:
         *_sign(bundle, recording),
         *_rate(bundle, recording),
         *_faint(bundle, recording),
+        *_resolution(recording),
     ]
     if bundle.run.id is None:
         asked += [*_setpoints(bundle, recording), *_specimen(bundle, recording), *_start(recording)]
@@ -106,6 +109,19 @@ def _faint(bundle: Bundle, recording: Recording) -> Iterator[Event]:
         if 0.0 < largest < least:
             text = f"channel {name} reaches {largest / factor:.3g} {unit} only: is its unit right?"
             yield _warning("faint_values", text, float(recording.streams[name].time[0]))
+
+
+def _resolution(recording: Recording) -> Iterator[Event]:
+    """A resolution that the samples are finer than by far: one in the column's unit, as that of noise may be."""
+    for name, series in recording.streams.items():
+        value = series.value[np.isfinite(series.value)]
+        steps = np.abs(np.diff(value)) if value.ndim == 1 else np.zeros(0)
+        usual = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else np.inf
+        if series.resolution > max(COARSE * usual, SPANNED * float(np.ptp(value)) if value.size else 0.0):
+            text = (
+                f"channel {name} states a resolution of {series.resolution:g} {series.unit}, but its samples differ by"
+            )
+            yield _warning("coarse_resolution", f"{text} {usual:.2g} {series.unit}: a resolution is in SI units")
 
 
 def _setpoints(bundle: Bundle, recording: Recording) -> Iterator[Event]:

@@ -138,3 +138,14 @@ def test_a_run_of_ours_comes_back_whatever_it_holds(tmp_path: Path) -> None:
     failed = {name: replace(s, value=np.full(20, -1e9), time=np.full(20, 3.0)) for name, s in sound.streams.items()}
     recording = replace(sound, streams=failed)
     assert difference(load(write_bundle(recording, tmp_path / "b")), recording) == ""
+
+
+@pytest.mark.parametrize(("resolution", "asked"), [(1e-5, False), (1e-6, False), (0.01, True)])
+def test_a_resolution_in_the_columns_unit_is_asked_about(tmp_path: Path, resolution: float, asked: bool) -> None:
+    """0.01 of a column in mm is 10 mm: the noise of every sample would count as so wide."""
+    channels = {"pressure": channel("p", "mbar"), "apex_height": channel("h", "mm", resolution=resolution)}
+    said = told(tmp_path, channels=channels)
+    assert set(said) == ({"coarse_resolution"} if asked else set())
+    if asked:
+        assert "channel apex_height states a resolution of 0.01 m" in said["coarse_resolution"]
+        assert "a resolution is in SI units" in said["coarse_resolution"]
