@@ -119,8 +119,7 @@ def _gauge_gain(chain: Chain, v: Values) -> Chain:
         return _gauge(chain, v, v["error"], 0.0)
     if chosen(v, "form") > 5:
         warming = (v["error"], v["tau"], 1.0)
-        if chosen(v, "form") == 7:
-            chain = map_after(chain, "regulator", "misread", "actuator", laws.without_gain_drift, warming)
+        chain = map_after(chain, "regulator", "misread", "actuator", laws.without_gain_drift, warming)
         return map_after(chain, "gauge", "gauge_warming", "actuator", laws.gain_drift, warming)
     if chosen(v, "form") > 3:
         growing = (v["error"], PRESSURE, v["power"])
@@ -274,11 +273,11 @@ EFFECTS = (
         (
             signed("error", "1", 0.4, 0.1, "relative error of the reading"),
             choice("form", 0, *WHERE, "in the record, beyond a knee", "in the record, ever more as suction grows",
-                   "in the loop and in the record, ever more as suction grows", "in the record, as it warms up",
+                   "in the loop and in the record, ever more as suction grows",
                    "in the loop and in the record, as it warms up"),
             shape("knee", "Pa", 2e3, 25e3, BEND, "pressure beyond which the slope is wrong", only=(3,)),
             shape("power", "1", 0.2, 4.0, 2.0, "of suction over 300 mbar, of the error", only=(4, 5)),
-            shape("tau", "s", 10.0, 1000.0, 150.0, "within which it warms up", log=True, only=(6, 7)),
+            shape("tau", "s", 10.0, 1000.0, 150.0, "within which it warms up", log=True, only=(6,)),
         ),
         _gauge_gain,
     ),

@@ -14,7 +14,7 @@ from gap.inference.hypothesis import Candidate
 from gap.inference.least_squares import fit, under
 from gap.search.compare import Effort, compare
 from gap.search.screening import _beginnings, as_if_known, screen
-from gap.search.starts import BESIDE, RESTS, grid, starting_points
+from gap.search.starts import BESIDE, NAMED, RESTS, grid, starting_points
 from sim_devices.chain import Parameter
 
 T = np.linspace(0.0, 1.0, 400)
@@ -28,10 +28,13 @@ def test_the_grid_surrounds_a_value_that_does_nothing(candidate) -> None:
 
 
 def test_the_screening_looks_at_the_plain_form_of_a_law() -> None:
-    """A shape that is nought by default is nought in the plain law: friction that is there at once, no presliding."""
+    """A shape that is nought by default is nought in the plain law; presliding is looked at where a fit leads on."""
     strength = Parameter("force", "N", 1e-3, 5.0, 0.0, 0.4, "log")
     beside = Parameter("presliding", "m", 0.0, 6e-5, None, 0.0, "linear")
     points = grid(Candidate("c", "coulomb_friction", "actuator", (strength, beside), ()))
+    assert {float(u[1]) for u in points} == set(NAMED["presliding"])
+    other = replace(beside, name="curvature")
+    points = grid(Candidate("c", "coulomb_friction", "actuator", (strength, other), ()))
     assert {float(u[1]) for u in points} == {0.0, *BESIDE}
     assert len(points) == 9
 
