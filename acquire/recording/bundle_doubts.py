@@ -115,13 +115,15 @@ def _resolution(recording: Recording) -> Iterator[Event]:
     """A resolution that the samples are finer than by far: one in the column's unit, as that of noise may be."""
     for name, series in recording.streams.items():
         value = series.value[np.isfinite(series.value)]
-        steps = np.abs(np.diff(value)) if value.ndim == 1 else np.zeros(0)
-        usual = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else np.inf
-        if series.resolution > max(COARSE * usual, SPANNED * float(np.ptp(value)) if value.size else 0.0):
-            text = (
-                f"channel {name} states a resolution of {series.resolution:g} {series.unit}, but its samples differ by"
-            )
-            yield _warning("coarse_resolution", f"{text} {usual:.2g} {series.unit}: a resolution is in SI units")
+        steps = np.abs(np.diff(value))
+        moved = steps[steps > 0.0]
+        if not moved.size:
+            continue
+        usual = float(np.median(moved))
+        if series.resolution > max(COARSE * usual, SPANNED * float(np.ptp(value))):
+            stated, differ = f"{series.resolution:g} {series.unit}", f"{usual:.2g} {series.unit}"
+            text = f"channel {name} states a resolution of {stated}, but its samples differ by {differ}"
+            yield _warning("coarse_resolution", f"{text}: a resolution is in SI units")
 
 
 def _setpoints(bundle: Bundle, recording: Recording) -> Iterator[Event]:

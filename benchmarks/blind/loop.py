@@ -271,7 +271,8 @@ def main() -> None:
     drawn = (
         f"{given.style} style, seed {given.seed}, {', '.join(given.instrument)}, references {given.references}"
         f"{qualified}{quick}. Cases with delta_free >= {given.least:g}, by the key: {counts}. "
-        f"Of these {len(seen)} were diagnosed: {len(claimed)} were claimed from their session alone, "
+        f"Of these {len(seen)} were diagnosed, {sum(c.hit(1) for c in seen)} with the right class first: "
+        f"{len(claimed)} were claimed from their session alone, "
         f"{sum(c.hit(1) for c in claimed)} of them rightly, and are not asked about again; {len(done)} of the others "
         "went through every policy, up to the first claim. The tables are of these."
     )

@@ -48,11 +48,10 @@ def memory_of_chance(problems: Mapping[str, Problem], h: Hypothesis) -> float:
         if times is None:
             continue
         rows, wide = problem.rows, times > WIDER
-        channel = rows.labels["channel"][0] if "channel" in rows.labels else np.zeros(len(wide))
-        alike = (np.diff(channel) == 0) & (np.diff(rows.recording) == 0)
-        pair = wide[1:] & wide[:-1] & alike
-        one, next_one = fitted.residual[:-1][pair], fitted.residual[1:][pair]
-        products += float(one @ next_one)
-        squares += float(np.linalg.norm(one) * np.linalg.norm(next_one))
+        next_to = (np.diff(rows.labels["channel"][0]) == 0) & (np.diff(rows.recording) == 0)
+        pair = wide[1:] & wide[:-1] & next_to
+        first, second = fitted.residual[:-1][pair], fitted.residual[1:][pair]
+        products += float(first @ second)
+        squares += float(np.linalg.norm(first) * np.linalg.norm(second))
         n += int(np.count_nonzero(pair))
     return products / squares if n >= FEWEST and squares > 0.0 else 0.0

@@ -67,10 +67,10 @@ def loop_case(
     until_claimed: bool = False,
     qualification: str = "",
 ) -> None:
-    """Run the loop on one case, unless it has its reports: those after k experiments go to ``out/k/<case>.json``, what
-    was asked for and what it cost to ``out/steps/<case>.json``.
+    """Run the loop on one case, unless it has its reports: those after k experiments go to ``out/k/<case>.json``, the
+    experiments and their cost to ``out/steps/<case>.json``.
 
-    Policies given the same folder ``shared`` share the answers and reports to what they ask for alike. With
+    Policies given the same folder ``shared`` share answers and reports of equal experiments. With
     ``until_claimed`` the loop ends with the first claim, otherwise where a cause is certain. With a ``qualification``
     (of `gap.batch.QUALIFICATIONS`) it begins with the session's recordings of skin alone.
     """

@@ -21,7 +21,7 @@ A_LITTLE = 0.04
 
 def rubbed(problem: Problem, key: str, effect: Effect) -> Fit:
     """A quick fit with an effect on a sound instrument, from the strength that by itself explains most: a step in the
-    force leaves no slope to follow from elsewhere."""
+    force leaves no slope to follow from elsewhere. Friction also begins with some presliding."""
     candidate = Candidate(key, effect.name, effect.stage, effect.parameters, (problem.name,))
     sound = problem.prior_mean
     refit = Projector(problem.evaluate(sound, {}).jacobian, problem.prior_sd)
@@ -39,5 +39,5 @@ def rubbed(problem: Problem, key: str, effect: Effect) -> Fit:
     best = minimize_scalar(left, bounds=(near - apart, near + apart), options={"xatol": 0.02 * apart})
     begin = at(float(best.x))
     builds_up = np.array([p.name == "presliding" for p in effect.parameters])
-    tries = [begin] + [np.where(builds_up, A_LITTLE, begin)] * bool(builds_up.any())
+    tries = [begin, np.where(builds_up, A_LITTLE, begin)] if builds_up.any() else [begin]
     return min((fit(problem, (candidate,), unit, sound, iterations=6) for unit in tries), key=lambda f: f.objective)

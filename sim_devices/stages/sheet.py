@@ -155,8 +155,8 @@ Triple = tuple[float, float, float]
 def _through_glue(
     at: Triple, u: Triple, f: Triple, past: Triple, now: float, soft: float, quick: float, p: FloatArray
 ) -> tuple[float, float, float, float, float, float]:
-    """Displacement of the skin and its force, where the probe is ``at`` and a share ``quick`` of what glue gives in the
-    end is between them (Newton)."""
+    """Displacement of the skin and its force, where the probe is ``at`` and glue between them has a share ``quick`` of
+    its compliance at once (Newton)."""
     glue_t, glue_n = p[10] * quick, p[11] * quick
     (ux, uy, uz), (fx, fy, fz) = u, f
     stiff_t, stiff_n = 1.0 + glue_t * max(p[0], p[2]) * now, 1.0 + glue_n * p[3] * now
@@ -183,12 +183,16 @@ def _glue_step(weights: FloatArray, dt: float) -> Triple:
 
 @njit(cache=True, error_model="numpy")
 def _crept(s: FloatArray, j: int, step: Triple, p: FloatArray) -> tuple[float, float, float, float]:
-    """Of what glue gives, the share at once, and what earlier forces have left of it (x, y, z), N."""
+    """The share of its compliance that glue has at once, and the force by which it has crept already (x, y, z), N."""
     (e, a, b), creeps = step, p[17]
     bore = math.sqrt(s[j + 3] ** 2 + s[j + 4] ** 2 + s[j + 5] ** 2)
     open_still = max(1.0 - p[18] * bore, 0.0)  # 1 / (1 + closes |F|), as `bore` is |F| of that
-    left = [creeps * (e * s[j + k] + a * s[j + 3 + k]) for k in range(3)]
-    return (1.0 - creeps + creeps * b) * open_still, left[0], left[1], left[2]
+    return (
+        (1.0 - creeps + creeps * b) * open_still,
+        creeps * (e * s[j] + a * s[j + 3]),
+        creeps * (e * s[j + 1] + a * s[j + 4]),
+        creeps * (e * s[j + 2] + a * s[j + 5]),
+    )
 
 
 @njit(cache=True, error_model="numpy")

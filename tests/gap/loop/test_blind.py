@@ -111,9 +111,9 @@ def test_only_cases_that_are_not_claimed_go_on(cases: Path, diagnosed: list[list
     assert benchmark.over_all(seen, {"after": [{"right class first": 0.0}], "n": 1}) == [0.5]
 
 
-def test_the_table_counts_experiments_minutes_and_seconds_of_visible_cases(
-    cases: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def through(cases: Path, monkeypatch: pytest.MonkeyPatch) -> list[benchmark.Named]:
+    """The visible case, which has been through two policies: a claim after one experiment."""
     asked = next(e for e in catalogue("cutometer", LEGS, LIMITS) if e.specimen == "gauge step")
 
     def run(*given: Any, **named: Any) -> list[Step]:
@@ -123,20 +123,31 @@ def test_the_table_counts_experiments_minutes_and_seconds_of_visible_cases(
     monkeypatch.setattr(blind, "run", run)
     recorded = SimpleNamespace(info=SimpleNamespace(instrument="cutometer"))
     monkeypatch.setattr(blind, "BlindRig", lambda *given: SimpleNamespace(session=[recorded]))
-    assert benchmark.visible(blind.key_of(cases), 3.0, nothing=False) == ["case-a"]
     for policy in ("ours", "random"):
         blind.loop_case(cases / "case-a", cases.parent / f"T2-{policy}", policy)
-    both = benchmark.finished(cases.parent, "T2", ["ours", "random"], ["case-a", "case-c"], 3)
-    assert both == [("T2", "case-a")]
+    return benchmark.finished(cases.parent, "T2", ["ours", "random"], ["case-a", "case-c"], 3)
+
+
+def test_the_table_is_of_visible_cases_that_every_policy_has_been_through(
+    cases: Path, through: list[benchmark.Named]
+) -> None:
+    assert benchmark.visible(blind.key_of(cases), 3.0, nothing=False) == ["case-a"]
+    assert through == [("T2", "case-a")]
     assert benchmark.finished(cases.parent, "T2", ["ours", "fixed"], ["case-a"], 3) == []
-    table = benchmark.table(cases.parent, "ours", both, 3)
+
+
+def test_the_table_counts_experiments_minutes_and_seconds(cases: Path, through: list[benchmark.Named]) -> None:
+    table = benchmark.table(cases.parent, "ours", through, 3)
     assert (table["n"], table["needed"]) == (1, 1.0)
     assert [row["right class first"] for row in table["after"]] == [0.0, 1.0, 1.0, 1.0]
     assert [row["CPU seconds of this step"] for row in table["after"]] == [10.0, 9.0, 0.0, 0.0]
     assert table["after"][0]["minutes of bench time so far"] == 0.0
     assert table["after"][3]["minutes of bench time so far"] == pytest.approx(1.8, abs=0.2)
     assert table["after"][1]["in the set"] == 1.0
-    random = table | {"needed": 2.0}
-    text = benchmark.as_markdown("one case", {"ours": table, "random": random})
+
+
+def test_the_table_in_words_tells_the_share_of_a_random_choice(cases: Path, through: list[benchmark.Named]) -> None:
+    table = benchmark.table(cases.parent, "ours", through, 3)
+    text = benchmark.as_markdown("one case", {"ours": table, "random": table | {"needed": 2.0}})
     assert "That is 50 % of a random choice's" in text
     assert "| case-a | sensor_gain | 8.0 | no, yes, yes, yes | at rest on gauge step |" in text

@@ -11,7 +11,8 @@ import numpy as np
 from gap.null.fe_sheet import FREE, POWERS, FeForceBlock, PotentialSheet, gradients, sheet_law
 from gap.null.fe_solver import FeModel
 from sim_devices.stages.robot import xyz
-from sim_devices.stages.sheet import Glue
+from sim_devices.stages.sheet import Glue, Sheet
+from sim_devices.stages.tissues import SheetTissue
 
 START = {"mu1": 2e4, "mu2": 1.0, "alpha2": 40.0, "sx": 8e4, "sy": 6e4, "bulk": 1e6}
 
@@ -105,3 +106,20 @@ def test_glue_and_sheet_share_the_displacement() -> None:
     together = 1.0 / (1.0 / stiffness + compliance)
     for skin, reaction in zip(xyz("skin"), xyz("reaction"), strict=True):
         np.testing.assert_allclose(signals[reaction], -together * given[skin], rtol=1e-3, atol=1e-9)
+
+
+def test_glue_creeps_and_closes_under_either_sheet() -> None:
+    """The sheets solve one equation of glue, each its own way: all at once, and step by step."""
+    stiffness, glue = 800.0, Glue(2e-4, 1e-4, creeps=0.6, within=0.2, closes=1.5)
+    c = np.zeros(len(POWERS))
+    for p in ((1, 0, 0), (0, 1, 0), (0, 0, 1)):
+        c[np.flatnonzero((p == POWERS).all(axis=1))] = 0.5 * stiffness * 1e-3
+    law = SheetTissue((stiffness,) * 3, angle=0.0, relaxation=(), times=(), exponent=0.0, softening=0.0)
+    names = ("tissue", "tissue", xyz("skin"), xyz("reaction"))
+    time, forces = np.arange(0.0, 1.5, 1e-3), []
+    for sheet in (PotentialSheet(*names, c, 1e-3, 0.0, (1.0, 0.0, 1.0), glue), Sheet(*names, law, glue)):
+        signals = {s: 5e-4 * k * np.sin(5.0 * time) for s, k in zip(xyz("skin"), (1.0, -0.5, 0.3), strict=True)}
+        sheet.advance(sheet.fresh(), time, signals)
+        forces.append(np.stack([signals[s] for s in xyz("reaction")]))
+    assert np.max(np.abs(forces[0])) > 0.3
+    np.testing.assert_allclose(forces[0], forces[1], atol=2e-3)
