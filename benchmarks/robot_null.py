@@ -15,7 +15,7 @@ import numpy as np
 from acquire.recording import load
 from gap.batch import session_paths
 from gap.inference.least_squares import fit
-from gap.null.blocks import GroupedSession
+from gap.null.groups import GroupedSession
 from gap.null.robot_axes import QUANTITIES, AxesBlock
 from gap.null.robot_force import ForceBlock
 from gap.null.robot_loop import CONTROLLERS

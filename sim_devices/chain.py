@@ -166,7 +166,8 @@ class Effect:
     to remove it in reality, ``source`` where it is known from. ``instruments`` are the chains it fits. An effect that
     hits samples by chance has a ``scatter``: the rms (s) by which a channel's true instants are off their stamps, given
     the instrument and the values (none: not by chance); a diagnosis then looks for the noise that it makes and not for
-    the very draw. It is ``sparse`` if chance hits some samples and makes these older, else all are off a little.
+    the very draw. It is ``sparse`` if chance hits some samples and makes these older, else all are off a little. One
+    whose readings walk at random has a ``wander``: by channel, SI, the rms after a second, given the values.
     ``form`` is which of several laws it follows, where that is fixed; ``extends`` names effects that it becomes in a
     limit of its parameters.
     """
@@ -183,6 +184,7 @@ class Effect:
     sparse: bool = False
     form: int = 0
     extends: tuple[str, ...] = ()
+    wander: Callable[[Mapping[str, float]], Mapping[str, float]] | None = field(default=None, repr=False)
 
     @property
     def event(self) -> bool:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -28,20 +29,30 @@ IGNORED = 1e3
 
 @njit(cache=True, error_model="numpy")
 def _gains(
-    time: FloatArray, recording: NDArray[np.int64], white: FloatArray, slow: float, tau: float
+    time: FloatArray,
+    recording: NDArray[np.int64],
+    white: FloatArray,
+    slow: float,
+    tau: float,
+    walk: FloatArray,
+    kept: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Variance (n,) of the innovations of a channel, their weight in the state, and its decay since the row before."""
-    variance, gain, decay = np.empty(len(time)), np.empty(len(time)), np.zeros(len(time))
-    state = slow
+    """Variance (n,) of the innovations of a channel, their weights (n, 2) in two states, and the decay (n, 2) of these
+    since the row before: the slow part, and a random walk, of rms ``walk`` (n,) after a second at the rate of each row,
+    of which ``kept`` (n,) says where it goes on, 1, and where it begins anew, 0, as it does in each recording."""
+    variance, gain, decay = np.empty(len(time)), np.empty((len(time), 2)), np.zeros((len(time), 2))
+    a, b, c = slow, 0.0, 0.0  # covariance of the states: slow with itself, with the walk, the walk with itself
     for i in range(len(time)):
         if i > 0 and recording[i] == recording[i - 1]:
-            decay[i] = np.exp(-max(time[i] - time[i - 1], 0.0) / tau)
-            state = decay[i] ** 2 * state + (1.0 - decay[i] ** 2) * slow
+            passed = max(time[i] - time[i - 1], 0.0)
+            decay[i, 0], decay[i, 1] = np.exp(-passed / tau), kept[i]
+            a = decay[i, 0] ** 2 * a + (1.0 - decay[i, 0] ** 2) * slow
+            b, c = decay[i, 0] * kept[i] * b, kept[i] ** 2 * c + walk[i] ** 2 * passed
         else:
-            state = slow
-        variance[i] = state + white[i]
-        gain[i] = state / variance[i]
-        state *= 1.0 - gain[i]
+            a, b, c = slow, 0.0, 0.0
+        variance[i] = a + 2.0 * b + c + white[i]
+        gain[i, 0], gain[i, 1] = (a + b) / variance[i], (b + c) / variance[i]
+        a, b, c = a - gain[i, 0] * (a + b), b - gain[i, 0] * (b + c), c - gain[i, 1] * (b + c)
     return variance, gain, decay
 
 
@@ -49,26 +60,29 @@ def _gains(
 def _innovations(x: FloatArray, gain: FloatArray, decay: FloatArray, sd: FloatArray) -> FloatArray:
     """Columns of x (n, p) as innovations over their standard deviations ``sd`` (n,)."""
     out = np.empty_like(x)
-    state = np.zeros(x.shape[1])
+    slow, walk = np.zeros(x.shape[1]), np.zeros(x.shape[1])
     for i in range(len(x)):
         for j in range(x.shape[1]):
-            foretold = decay[i] * state[j]
-            new = x[i, j] - foretold
+            slow[j] *= decay[i, 0]
+            walk[j] *= decay[i, 1]
+            new = x[i, j] - slow[j] - walk[j]
             out[i, j] = new / sd[i]
-            state[j] = foretold + gain[i] * new
+            slow[j] += gain[i, 0] * new
+            walk[j] += gain[i, 1] * new
     return out
 
 
 @njit(cache=True, error_model="numpy")
 def _undone(e: FloatArray, gain: FloatArray, decay: FloatArray, sd: FloatArray) -> FloatArray:
-    """The column (n,) whose innovations over ``sd`` are e (n,)."""
+    """The columns (n, p) whose innovations over ``sd`` are e (n, p)."""
     out = np.empty_like(e)
-    state = 0.0
+    slow, walk = np.zeros(e.shape[1]), np.zeros(e.shape[1])
     for i in range(len(e)):
-        foretold = decay[i] * state
-        new = e[i] * sd[i]
-        out[i] = foretold + new
-        state = foretold + gain[i] * new
+        for j in range(e.shape[1]):
+            new = e[i, j] * sd[i]
+            slow[j], walk[j] = decay[i, 0] * slow[j], decay[i, 1] * walk[j]
+            out[i, j] = slow[j] + walk[j] + new
+            slow[j], walk[j] = slow[j] + gain[i, 0] * new, walk[j] + gain[i, 1] * new
     return out
 
 
@@ -76,9 +90,23 @@ def _log_likelihood(
     time: FloatArray, recording: NDArray[np.int64], rest: FloatArray, new: FloatArray, slow: float, tau: float
 ) -> float:
     """Of noise ``rest`` (n,), white of variances ``new`` (n,) but for a ``slow`` part that forgets within ``tau`` s."""
-    variance, gain, decay = _gains(time, recording, new, slow**2, tau)
+    variance, gain, decay = _gains(time, recording, new, slow**2, tau, np.zeros(len(time)), np.ones(len(time)))
     innovations = _innovations(rest[:, None], gain, decay, np.sqrt(variance))
     return -0.5 * float(np.sum(np.square(innovations)) + np.sum(np.log(variance)))
+
+
+class Wider(NamedTuple):
+    """What effects by chance add to the noise of C channels at n time stamps: variance ``scattered`` (C·n,) of each row
+    by itself, and random walks of rms ``walks`` (C, n) after a second at the rate of each row, which go on to all rows
+    or to those that ``kept`` (n,), of 0 and 1, says; SI."""
+
+    scattered: FloatArray | None = None
+    walks: FloatArray | None = None
+    kept: FloatArray | None = None
+
+
+NOTHING = Wider()
+_Filter = tuple[FloatArray, FloatArray, FloatArray]
 
 
 class RowNoise:
@@ -145,30 +173,42 @@ class RowNoise:
         if earned > EARNED and share <= MOST:
             self._slow, self._taus = share * np.asarray(noise), np.full(len(noise), tau)
 
-    def _filters(self, added: FloatArray | None) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
-        """Gains, decays and standard deviations (n,) of each channel's filter, with ``added`` variance (C·n,). Of rows
-        that count as independent the filter remembers nothing."""
-        new = self._new if added is None else self._new + added.reshape(self._new.shape)
+    def _filters(self, wider: Wider) -> list[tuple[_Filter | None, FloatArray]]:
+        """Of each channel gains, decays and standard deviations of its filter, none if its rows are independent, and
+        the latter (n,)."""
+        new = self._new if wider.scattered is None else self._new + wider.scattered.reshape(self._new.shape)
         if self._taus is None:
-            nothing = np.zeros(len(self._time))
-            return [(nothing, nothing, np.sqrt(own + slow**2)) for own, slow in zip(new, self._slow, strict=True)]
-        filters = []
-        for own, slow, tau in zip(new, self._slow, self._taus, strict=True):
-            variance, gain, decay = _gains(self._time, self._recording, own, slow**2, tau)
-            filters.append((gain, decay, np.sqrt(variance)))
+            white, slow, taus = new + self._slow[:, None] ** 2, np.zeros(len(new)), np.ones(len(new))
+        else:
+            white, slow, taus = new, self._slow, self._taus
+        walks = np.zeros_like(new) if wider.walks is None else wider.walks
+        kept = np.ones(len(self._time)) if wider.kept is None else wider.kept
+        filters: list[tuple[_Filter | None, FloatArray]] = []
+        for own, floor, tau, walk in zip(white, slow, taus, walks, strict=True):
+            if self._taus is None and not np.any(walk):
+                filters.append((None, np.sqrt(own)))
+                continue
+            variance, gain, decay = _gains(self._time, self._recording, own, floor**2, tau, walk, kept)
+            sd = np.sqrt(variance)
+            filters.append(((gain, decay, sd), sd))
         return filters
 
-    def sd(self, added: FloatArray | None = None) -> FloatArray:
-        """Standard deviation (C·n,) of the innovations, with ``added`` variance (C·n,)."""
-        return np.concatenate([sd for _, _, sd in self._filters(added)])
+    def sd(self, wider: Wider = NOTHING) -> FloatArray:
+        """Standard deviation (C·n,) of the innovations, with what is ``wider``."""
+        return np.concatenate([sd for _, sd in self._filters(wider)])
 
-    def whitened(self, difference: FloatArray, added: FloatArray | None = None) -> FloatArray:
-        """``difference`` (C·n,) or (C·n, p) in σ, with ``added`` variance (C·n,): independent parts if it is noise."""
-        columns = difference if difference.ndim > 1 else difference[:, None]
-        parts = zip(np.split(columns, len(self._new)), self._filters(added), strict=True)
-        return np.concatenate([_innovations(x, *f) for x, f in parts]).reshape(difference.shape)
+    def whitened(self, difference: FloatArray, wider: Wider = NOTHING) -> FloatArray:
+        """``difference`` (C·n,) or (C·n, p) in σ, with what is ``wider``: independent parts if it is noise."""
+        parts = zip(self._parts(difference), self._filters(wider), strict=True)
+        white = [x / sd[:, None] if f is None else _innovations(x, *f) for x, (f, sd) in parts]
+        return np.concatenate(white).reshape(difference.shape)
 
-    def unwhitened(self, residual: FloatArray, added: FloatArray | None = None) -> FloatArray:
-        """The difference (C·n,), SI, that is whitened to ``residual`` (C·n,)."""
-        parts = zip(np.split(residual, len(self._new)), self._filters(added), strict=True)
-        return np.concatenate([_undone(e, *f) for e, f in parts])
+    def unwhitened(self, residual: FloatArray, wider: Wider = NOTHING) -> FloatArray:
+        """The difference (C·n,) or (C·n, p), SI, that is whitened to ``residual``."""
+        parts = zip(self._parts(residual), self._filters(wider), strict=True)
+        undone = [e * sd[:, None] if f is None else _undone(e, *f) for e, (f, sd) in parts]
+        return np.concatenate(undone).reshape(residual.shape)
+
+    def _parts(self, rows: FloatArray) -> list[FloatArray]:
+        """Channel by channel, in columns."""
+        return np.split(rows if rows.ndim > 1 else rows[:, None], len(self._new))

@@ -47,10 +47,13 @@ class _Part:
     def noise_scale(self, active: Active) -> FloatArray | None:
         return self.problem.noise_scale(active)
 
+    def whitened(self, difference: FloatArray, active: Active) -> FloatArray:
+        return self.problem.whitened(difference, active)
+
     def unwhitened(self, residual: FloatArray, active: Active) -> FloatArray:
         return self.problem.unwhitened(residual, active)
 
-    def timing_log_bayes(self, fitted: Fit) -> float:
+    def chance_log_bayes(self, fitted: Fit) -> float:
         return 0.0
 
     def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:

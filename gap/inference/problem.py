@@ -92,10 +92,14 @@ class Problem(Protocol):
         """How many times wider (n,) the noise is under effects that happen by chance; None without such effects."""
         ...
 
+    def whitened(self, difference: FloatArray, active: Active) -> FloatArray:
+        """A ``difference`` (n,) or (n, p), SI, in σ: a residual."""
+        ...
+
     def unwhitened(self, residual: FloatArray, active: Active) -> FloatArray:
         """The difference (n,), SI, of measurement and prediction behind a whitened ``residual`` (n,)."""
         ...
 
-    def timing_log_bayes(self, fitted: Fit) -> float:
+    def chance_log_bayes(self, fitted: Fit) -> float:
         """Nats by which another law of chance than that of the ``fitted`` effects describes what they leave better."""
         ...

@@ -1,7 +1,6 @@
 """Blocks of data of our own instruments: some channels of a session, binned, against a part of the forward chain.
 
-A block's arrays are channel-major: C channels at the same n time stamps make C n rows. Recordings of one specimen
-form a group and are simulated together, rests included, so that slow effects see the session's clock.
+A block's arrays are channel-major: C channels at the same n time stamps make C n rows.
 """
 
 from __future__ import annotations
@@ -9,26 +8,20 @@ from __future__ import annotations
 import abc
 import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from acquire.recording.model import Recording, RunInfo
 from gap.data.binning import GROWTH, WIDEST, node_times
-from gap.data.command import Command
 from gap.data.innovations import RowNoise
 from gap.data.labels import label_rows
-from gap.data.pauses import continues
-from gap.data.scatter import timing_log_bayes
-from gap.data.session import SKIN, Session
-from gap.data.smoothing import significant
 from gap.data.tolerances import tolerances
 from gap.inference.evidence import Fit
 from gap.inference.hypothesis import Active, Candidate, Evaluation, Lateness, Rows, Start
 from gap.null.chains import Kept, Memo, needed
-from protocols.specimens import SPECIMENS, Stated
+from gap.null.chance import ByChance
+from gap.null.groups import Group, GroupedSession, Table
 from sim_devices.chain import Chain, Effect, FloatArray
 from sim_devices.stages.operators import Retimed
 from sim_devices.stages.sampling import COMMANDS, RETIMED, command_at, time_grid
@@ -36,96 +29,10 @@ from sim_devices.stages.specimens import meets
 
 SIMPLE_SHIFT = 1e-3
 """s: how late a channel may be that samples, neither holds nor integrates."""
+ASKED = 16
+"""Fits with a reading that walks of which it is kept whether it does so in motion alone."""
 AFTER_KINK = 1e-3 * np.concatenate([np.arange(1, 13), 13.0 * 1.08 ** np.arange(57)])
 """s after a kink of the command: nodes so dense that straight lines between them are within .02 σ of the signal."""
-Table = tuple[FloatArray, FloatArray]
-"""Times (m,) s and values (m,)."""
-
-
-@dataclass(frozen=True)
-class Group:
-    """Recordings of one specimen and the commands over them.
-
-    ``specimen`` tells it from every other group (two gauge steps are two), ``name`` is that of its kind, ``known`` what
-    is known of it.
-    """
-
-    specimen: str
-    members: tuple[int, ...]
-    commands: Mapping[str, Command]
-    name: str = SKIN
-    known: Mapping[str, Stated] = field(default_factory=dict)
-
-    @property
-    def skin(self) -> bool:
-        return self.name == SKIN
-
-    @property
-    def reference(self) -> bool:
-        """Whether it is a reference specimen: no law of a person's is in the way."""
-        return self.name in SPECIMENS
-
-    def tables(self, held: bool) -> dict[str, Table]:
-        """Commands as tables for the simulation, sampled rows ``held`` or straight in between."""
-        return {q: c.table(held) for q, c in self.commands.items()}
-
-
-class GroupedSession(Session):
-    """A session whose recordings are grouped by specimen."""
-
-    held = False  # whether sampled rows are held until the next: the actuator's block tells those behind it
-    averaged = False  # whether samples are means over a sampling period, which it tells as well
-    of_height: RowNoise | None = None  # the noise of the height's sensor, as solid references show it
-
-    def __init__(self, recordings: Sequence[Recording], quantities: Sequence[str]) -> None:
-        super().__init__(recordings)
-        self.instrument = recordings[0].info.instrument
-        labels = [_label(r.info) for r in recordings]
-        self.groups = []
-        self._recorded: dict[tuple[str, str, bool], dict[str, Table]] = {}
-        for label in dict.fromkeys(labels):
-            members = tuple(k for k, s in enumerate(labels) if s == label)
-            info = recordings[members[0]].info
-            commands = {q: self.command(q, members) for q in quantities}
-            self.groups.append(Group(label, members, commands, info.specimen or SKIN, info.specimen_properties))
-        self.kinks = np.unique(np.concatenate([c.kinks for g in self.groups for c in g.commands.values()]))
-        armed = [k for k, r in enumerate(recordings) if not continues(r)]
-        self.marks = tuple(map(self.begin, armed))
-
-    def whole(self, quantity: str, without: Sequence[str]) -> Group:
-        """All recordings but those of specimens ``without`` as one group, in order, with the command of a quantity."""
-        members = tuple(sorted(k for g in self.groups if g.name not in without for k in g.members))
-        return Group("all", members, {quantity: self.command(quantity, members)})
-
-    def recorded(self, channel: str, group: Group, *, smoothed: bool = False) -> dict[str, Table]:
-        """A channel of a group's recordings as a table, always the same one; nothing where it was not recorded. It is
-        ``smoothed`` for a sensor that reads it, too: noise fed into a prediction of itself would explain itself."""
-        key = (channel, group.specimen, smoothed)
-        if key not in self._recorded:
-            series = [(k, s) for k in group.members if (s := self.recordings[k].streams.get(channel)) is not None]
-            found = [(self.time(k, s), np.asarray(s.value, dtype=float)) for k, s in series]
-            found = [(t[good], v[good]) for t, v in found if np.any(good := np.isfinite(v))]
-            values = [significant(t, v) if smoothed else v for t, v in found]
-            whole = (np.concatenate([t for t, _ in found]), np.concatenate(values)) if found else None
-            self._recorded[key] = {channel: whole} if whole else {}
-        return self._recorded[key]
-
-    def onset(self, k: int) -> float:
-        """When suction is first commanded in recording ``k``, s; its begin where it never is."""
-        asked, (begin, end) = next(g for g in self.groups if k in g.members).commands["pressure"], self.span(k)
-        acting = np.flatnonzero((asked.value != 0) & (asked.time >= begin) & (asked.time <= end))
-        return float(asked.time[max(acting[0] - 1, 0)]) if len(acting) else begin
-
-    def begins_under_suction(self, k: int) -> bool:
-        """Whether recording ``k`` begins under suction: then it does not tell where the height's zero was."""
-        asked, begin = self.recordings[k].setpoints["pressure"], self.span(k)[0] - self.shifts[k]
-        return bool(np.interp(begin - 1e-9, asked.time, asked.value) != 0)
-
-
-def _label(info: RunInfo) -> str:
-    """The identity of a specimen: its name and, of a reference, its known properties."""
-    known = info.specimen_properties if info.specimen in SPECIMENS else {}
-    return ", ".join([info.specimen or SKIN, *(f"{key} {stated}" for key, stated in known.items())])
 
 
 class _Part(NamedTuple):
@@ -138,10 +45,11 @@ class _Part(NamedTuple):
     spread: FloatArray
 
 
-class Block(abc.ABC):
+class Block(ByChance, abc.ABC):
     """Rows in bins, whitening, effects by candidate; subclasses define prediction and nuisance."""
 
     name: str
+    session: GroupedSession
     channels: tuple[str, ...]
     growth, widest = GROWTH, WIDEST  # of the bins
     averaged: bool  # whether samples are means over a sampling period
@@ -149,7 +57,6 @@ class Block(abc.ABC):
     _grids: Kept
     _delayed: Kept
     trust = 0.9
-    slope: FloatArray | None = None  # of the signal, (channels · n,) per s, where that is known
     floor: float = 0.0  # SI: noise that averaging does not lower, because the nominal chain is not known better
     open_law = False  # whether the residual may be skin of another law
     suspected: frozenset[str] = frozenset()  # keys of effects that the start asked for: they are to be fitted in full
@@ -176,6 +83,7 @@ class Block(abc.ABC):
         self.measured, self.counts = values.ravel(), counts.ravel()
         new = np.stack([sigma.of_mean(n) for sigma, n in zip(noise, counts, strict=True)]) + self.floor**2
         self.row_noise = RowNoise(self.stamps, self.run, new, [sigma.slow for sigma in noise])
+        self._in_motion_alone = Kept(ASKED)
         self.dt = float(
             np.median([np.median(np.diff(session.recordings[k].streams[self.channels[0]].time)) for k in self.runs])
         )
@@ -252,53 +160,6 @@ class Block(abc.ABC):
     def sigma(self) -> FloatArray:
         """Noise (channels · n,) of the rows, SI."""
         return self.row_noise.sigma
-
-    def by_chance(self, key: str) -> bool:
-        """Whether an effect counts as noise on steep parts, not by the change of one draw."""
-        return self.slope is not None and bool(self._scatter(key, {}))
-
-    def _scatter(self, key: str, values: Mapping[str, float]) -> Mapping[str, float]:
-        """By channel, the rms (s) by which an effect scatters its instants; nothing of one that is not by chance."""
-        effect = self.library[key]
-        defaults = {p.name: p.default for p in effect.parameters}
-        return effect.scatter(self.session.instrument, defaults | dict(values)) if effect.scatter else {}
-
-    def scattered(self, active: Active) -> FloatArray | None:
-        """The variance (n,) that scattered instants add, averaged over a bin's samples; None without such effects."""
-        variance: FloatArray | None = None
-        for candidate, values in active.items():
-            rms = self._scatter(candidate.key, values)
-            if self.slope is None or not rms:
-                continue
-            variance = np.square(self.slope * self._by_row(rms)) / self.counts + (0.0 if variance is None else variance)
-        return variance
-
-    def noise_scale(self, active: Active) -> FloatArray | None:
-        """How many times wider the noise is by the scattered instants of effects."""
-        variance = self.scattered(active)
-        return None if variance is None else self.row_noise.sd(variance) / self.row_noise.sd()
-
-    def _by_row(self, of_channels: Mapping[str, float]) -> FloatArray:
-        return np.repeat([of_channels.get(c, 0.0) for c in self.channels], len(self.stamps))
-
-    def timing_log_bayes(self, fitted: Fit) -> float:
-        """Asked of the samples that are by themselves in their bins; of two effects of chance together nothing is."""
-        chance = [(c, rms) for c, values in fitted.active.items() if (rms := self._scatter(c.key, values))]
-        times = self.noise_scale(fitted.active)
-        if len(chance) != 1 or times is None or self.slope is None:
-            return 0.0
-        candidate, rms = chance[0]
-        at = (self.counts == 1) & (self._by_row(rms) > 0)
-        residual, reach = (fitted.residual * times)[at], (self.slope / self.row_noise.sd())[at]
-        return timing_log_bayes(residual, reach, max(rms.values()), self.library[candidate.key].sparse)
-
-    def whitened(self, difference: FloatArray, active: Active) -> FloatArray:
-        """``difference`` (n,) or (n, p) in σ, wider where an effect of chance makes it so."""
-        return self.row_noise.whitened(difference, self.scattered(active))
-
-    def unwhitened(self, residual: FloatArray, active: Active) -> FloatArray:
-        """The difference (n,), SI, of measurement and prediction behind a ``residual`` (n,)."""
-        return self.row_noise.unwhitened(residual, self.scattered(active))
 
     @property
     def member(self) -> FloatArray:

@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 
 from gap.inference.evidence import Fit
-from gap.null.blocks import Group, GroupedSession
 from gap.null.chains import needed, run
 from gap.null.fe_law import relaxing_shares
 from gap.null.fe_solver import Experiment, FeModel, fe_model
 from gap.null.fe_tissue import Anchored
+from gap.null.groups import Group, GroupedSession
 from gap.null.robot_axes import AxesBlock
 from gap.null.robot_force import ForceBlock
 from gap.null.robot_specimens import specimen_chain

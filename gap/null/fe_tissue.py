@@ -28,10 +28,11 @@ from gap.inference.evidence import Fit
 from gap.inference.hypothesis import Active
 from gap.inference.least_squares import fit
 from gap.inference.problem import Problem
-from gap.null.blocks import Block, Group, GroupedSession
+from gap.null.blocks import Block
 from gap.null.chains import needed
 from gap.null.fe_law import FREE, TIMES, creep, moduli, moduli_slopes
 from gap.null.fe_solver import Experiment, FeModel, fe_model
+from gap.null.groups import Group, GroupedSession
 from gap.null.skin_laws import Part, SkinLaw
 from gap.null.suction_height import HeightBlock
 from gap.null.suction_pressure import PressureBlock, chain_of

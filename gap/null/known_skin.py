@@ -84,11 +84,14 @@ class KnownSkin:
     def noise_scale(self, active: Active) -> FloatArray | None:
         return self.block.noise_scale(active)
 
+    def whitened(self, difference: FloatArray, active: Active) -> FloatArray:
+        return self.block.whitened(difference, active)
+
     def unwhitened(self, residual: FloatArray, active: Active) -> FloatArray:
         return self.block.unwhitened(residual, active)
 
-    def timing_log_bayes(self, fitted: Fit) -> float:
-        return self.block.timing_log_bayes(fitted)
+    def chance_log_bayes(self, fitted: Fit) -> float:
+        return self.block.chance_log_bayes(fitted)
 
     def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:
         return self.block.quantities(self.parameters(nuisance))

@@ -16,8 +16,9 @@ from acquire.recording.model import Recording
 from gap.data.command import BRIEF
 from gap.inference.hypothesis import Candidate
 from gap.inference.problem import Problem
-from gap.null.blocks import Block, GroupedSession
+from gap.null.blocks import Block
 from gap.null.candidates import candidates_for
+from gap.null.groups import GroupedSession
 from gap.null.robot_arithmetic import ArithmeticBlock
 from gap.null.robot_axes import AXES, QUANTITIES, AxesBlock
 from gap.null.robot_force import ForceBlock

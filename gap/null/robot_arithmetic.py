@@ -8,8 +8,9 @@ import numpy as np
 
 from gap.data.innovations import RowNoise
 from gap.inference.hypothesis import Active, Evaluation
-from gap.null.blocks import Block, Group, GroupedSession, Table
+from gap.null.blocks import Block
 from gap.null.chains import needed, run
+from gap.null.groups import Group, GroupedSession, Table
 from gap.null.robot_specimens import specimen_chain
 from sim_devices.chain import Effect, FloatArray
 from sim_devices.stages.tissues import sheet_tissue

@@ -11,8 +11,9 @@ from gap.data.tolerances import Tolerance
 from gap.inference.evidence import Fit
 from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Lateness, Start
 from gap.inference.least_squares import fit
-from gap.null.blocks import Block, Group, GroupedSession, Table
+from gap.null.blocks import Block
 from gap.null.chains import needed, run
+from gap.null.groups import Group, GroupedSession, Table
 from gap.null.lateness import lateness
 from gap.null.robot_grid import LOOP_CURVE, LOOP_STEP, LOOP_TURN, averaged, commanded, leading, loop_grid, retimed
 from gap.null.robot_load import SPRING, RecordedLoad

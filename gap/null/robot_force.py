@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from gap.data.smoothing import significant
 from gap.inference.hypothesis import FROZEN, Active, Evaluation
 from gap.inference.linear import compressed
-from gap.null.blocks import Group, GroupedSession, Table
 from gap.null.chains import Kept, Memo, needed, run, undone
+from gap.null.groups import Group, GroupedSession, Table
 from gap.null.robot_axes import AXES, ROBOT_BINS, AxesBlock
 from gap.null.robot_grid import averaged, nodes_within, sticking, thinned
 from gap.null.robot_laws import SheetLawBlock

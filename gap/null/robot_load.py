@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from gap.null.blocks import Table
 from gap.null.chains import needed, run, undone
+from gap.null.groups import Table
 from sim_devices.chain import Chain, FloatArray
 from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
 

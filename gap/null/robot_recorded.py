@@ -7,7 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from gap.data.smoothing import deviation, significant
-from gap.null.blocks import Block, Group, Table
+from gap.null.blocks import Block
+from gap.null.groups import Group, Table
 from sim_devices.chain import FloatArray
 from sim_devices.stages.robot import numbered
 

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from scipy.linalg import null_space
 
 from gap.inference.hypothesis import FROZEN, Active
-from gap.null.blocks import Block, Group, GroupedSession, Table
+from gap.null.blocks import Block
+from gap.null.groups import Group, GroupedSession, Table
 from gap.null.robot_force import ForceBlock
 from gap.null.sheet_law import TISSUE, Law
 from protocols.specimens import GRAVITY, SPECIMENS

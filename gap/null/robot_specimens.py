@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-from gap.null.blocks import Group
+from gap.null.groups import Group
 from sim_devices.chain import Chain
 from sim_devices.stages import nominal
 from sim_devices.stages.specimens import SHEETS, sheet_of, with_weight

@@ -8,8 +8,9 @@ from acquire.recording.model import Recording
 from gap.inference.hypothesis import Candidate
 from gap.inference.least_squares import fit
 from gap.inference.problem import Problem
-from gap.null.blocks import Block, GroupedSession
+from gap.null.blocks import Block
 from gap.null.candidates import candidates_for
+from gap.null.groups import GroupedSession
 from gap.null.suction_feed import FedBlock
 from gap.null.suction_height import HeightBlock
 from gap.null.suction_pressure import SAMPLED, SLOW, PressureBlock

@@ -11,8 +11,9 @@ import numpy as np
 from gap.data.binning import node_times
 from gap.data.noise import SHRUNK, denoised
 from gap.inference.hypothesis import Active
-from gap.null.blocks import Block, Group, GroupedSession, Table
+from gap.null.blocks import Block
 from gap.null.chains import Kept, needed, run, undone
+from gap.null.groups import Group, GroupedSession, Table
 from gap.null.suction_pressure import NO_TISSUE, PressureBlock, chain_of, commanded_line, sound_chain
 from sim_devices.chain import Chain, Effect, FloatArray
 from sim_devices.stages.operators import Map, Noise, Pass

@@ -22,8 +22,9 @@ from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Star
 from gap.inference.least_squares import fit, under
 from gap.inference.linear import compressed
 from gap.inference.workers import each
-from gap.null.blocks import SIMPLE_SHIFT, Group, GroupedSession
+from gap.null.blocks import SIMPLE_SHIFT
 from gap.null.chains import Kept
+from gap.null.groups import Group, GroupedSession
 from gap.null.skin_laws import BASIC, CREEP, FURTHER, PARTS, USUAL, Part, SkinLaw, guesses, rewired, switched
 from gap.null.skin_tries import Alone, Try, probability
 from gap.null.suction_discrepancy import USUAL_MEMORY, Suction, elastic_freedom, suction_discrepancy

@@ -18,8 +18,9 @@ from gap.data.tolerances import Tolerance
 from gap.inference.evidence import Fit
 from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Lateness, Start
 from gap.inference.least_squares import fit, under
-from gap.null.blocks import AFTER_KINK, Block, Group, GroupedSession, Table
+from gap.null.blocks import AFTER_KINK, Block
 from gap.null.chains import needed
+from gap.null.groups import Group, GroupedSession, Table
 from gap.null.lateness import TOGETHER, lateness
 from gap.null.suction_regulator import (
     CLOCK,

@@ -18,7 +18,7 @@ from gap.data.noise import smoothed_error
 from gap.inference.evidence import Fit
 from gap.inference.hypothesis import Active, Evaluation
 from gap.inference.least_squares import fit
-from gap.null.blocks import Group, GroupedSession, Table
+from gap.null.groups import Group, GroupedSession, Table
 from gap.null.skin_laws import bounded_exp
 from gap.null.suction_discrepancy import KNEES
 from gap.null.suction_feed import FedBlock

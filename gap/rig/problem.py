@@ -254,10 +254,13 @@ class RigProblem:
     def noise_scale(self, active: Active) -> None:
         return None
 
+    def whitened(self, difference: FloatArray, active: Active) -> FloatArray:
+        return (difference.T / self.sigma).T
+
     def unwhitened(self, residual: FloatArray, active: Active) -> FloatArray:
         return residual * self.sigma
 
-    def timing_log_bayes(self, fitted: Fit) -> float:
+    def chance_log_bayes(self, fitted: Fit) -> float:
         return 0.0
 
     def parameters(self, nuisance: FloatArray) -> dict[str, float]:

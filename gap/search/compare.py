@@ -74,7 +74,7 @@ class Comparison:
         for name, problem in self.problems.items():
             fits = {id(h.fits[name]): h.fits[name] for h in every}
             rows = {
-                k: f.evidences(temper[name], problem.prior_scales) - problem.timing_log_bayes(f)
+                k: f.evidences(temper[name], problem.prior_scales) - problem.chance_log_bayes(f)
                 for k, f in fits.items()
             }
             table = np.array([rows[id(h.fits[name])] for h in every])

@@ -156,10 +156,9 @@ def _screened(
         along += own[b].squares(changes, own[b].jacobian.T @ changes)
         gains, lens, most = _seen_through(profiled[b], changes, AS_IT_IS if by_steps(candidate) else AMPLITUDES)
         score += most
-        times = [problems[b].noise_scale({candidate: candidate.values(unit)}) for unit in units]
-        if times[0] is not None:  # the residual does not move, it counts for less
-            by_chance = True
-            gains = np.array([_widened(base.fits[b].residual, t) for t in times if t is not None])
+        if problems[b].noise_scale({candidate: candidate.values(units[0])}) is not None:
+            by_chance = True  # the prediction does not move, the residual counts for less
+            gains = np.array([_widened(problems[b], base.fits[b], candidate, unit) for unit in units])
         earned[b], widths[b] = gains, lens.sd
     gain, starts = _beginnings(candidate, units, earned)
     if candidate.event:
@@ -280,9 +279,13 @@ def _windows(rows: int) -> float:
     return 2.0 * float(np.log(max(rows, 2) ** 2 / 2))
 
 
-def _widened(residual: FloatArray, times: FloatArray) -> float:
-    """Twice the nats that noise wider by ``times`` (n,) earns on a residual (n,)."""
-    return float(np.sum(np.square(residual) * (1.0 - 1.0 / np.square(times)) - 2.0 * np.log(times)))
+def _widened(problem: Problem, base: Fit, candidate: Candidate, unit: FloatArray) -> float:
+    """Twice the nats that the wider noise of an effect by chance, at ``unit`` (k,), earns on the rest of a fit."""
+    active = {**base.active, candidate: candidate.values(unit)}
+    there = problem.whitened(problem.unwhitened(base.residual, base.active), active)
+    before, after = (1.0 if t is None else t for t in map(problem.noise_scale, (base.active, active)))
+    wider = float(np.sum(np.log(after / before)))
+    return float(base.residual @ base.residual - there @ there) - 2.0 * wider
 
 
 def _looked_at(

@@ -138,8 +138,12 @@ def _fixed(effect: Effect, fixed: Mapping[str, float]) -> Effect:
     def scatter(instrument: str, values: Mapping[str, float]) -> Mapping[str, float]:
         return effect.scatter(instrument, {**values, **fixed}) if effect.scatter else {}
 
+    def wander(values: Mapping[str, float]) -> Mapping[str, float]:
+        return effect.wander({**values, **fixed}) if effect.wander else {}
+
     free = tuple(p for p in effect.parameters if p.name not in fixed)
-    return replace(effect, parameters=free, install=install, scatter=scatter, form=int(fixed.get("form", 0)))
+    form = int(fixed.get("form", 0))
+    return replace(effect, parameters=free, install=install, scatter=scatter, wander=wander, form=form)
 
 
 @cache

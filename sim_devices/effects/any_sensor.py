@@ -12,6 +12,7 @@ from sim_devices.chain import Chain, Effect, FloatArray, Parameter
 from sim_devices.effects.build import (
     ASPIRATION,
     AT_ONCE,
+    CHOICE,
     LONGEST,
     PHASE,
     Values,
@@ -35,7 +36,10 @@ HEIGHT, FORCE = "optics", "transducers"
 _CHANNELS = "transducer a", "b", "c", "all three"
 CHANNEL = choice("channel", 0, *_CHANNELS)
 _COURSES = ("linear in time", "towards a limit, as in warming up", "to and fro")
-ANEW_COURSE = choice("form", 1, *_COURSES, "towards a limit, switched on with every recording")
+ANEW = "towards a limit, switched on with every recording"
+ANEW_COURSE = choice("form", 1, *_COURSES, ANEW)
+WALKS = 4
+_HEIGHT_COURSE = choice("form", 1, *_COURSES, ANEW, "at random")
 LATER = shape("later", "s", 0.2, 300.0, 5.0, "after the start of each recording", log=True, only=(2,), fine=AT_ONCE)
 WARMING = shape("warming", "s", 0.5, 120.0, 8.0, "within which it warms up", log=True, only=(3,))
 _EACH_COURSE = choice("form", 1, *_COURSES, "towards a limit, each transducer its own")
@@ -152,6 +156,8 @@ def _drift(chain: Chain, v: Values) -> Chain:
         op: Any = chain["latency"]
         parameters = (-v["amount"], v["warming"], *op.marks)
         return map_after(chain, HEIGHT, "sensor_drift", "sensor", laws.fading_offset, parameters)
+    if chosen(v, "form") == WALKS:
+        return law_after(chain, HEIGHT, "sensor_drift", "sensor", kernels.random_walk, (v["walk"], v["seed"]))
     return map_after(
         chain, HEIGHT, "sensor_drift", "sensor", laws.drift, (v["amount"], v["tau"], v["form"], v["phase"])
     )
@@ -165,6 +171,15 @@ def _drift_of_each(chain: Chain, v: Values) -> Chain:
         parameters = (amount, v["tau"], form, v["phase"])
         chain = map_after(chain, FORCE, "sensor_drift", "sensor", laws.drift, parameters, name)
     return chain
+
+
+def _walk(scale: float) -> tuple[Parameter, Parameter]:
+    """Of a height of usual size ``scale`` m."""
+    return (
+        strength("walk", "m", 1e-4 * scale, 0.03 * scale, 3e-3 * scale,
+                 "rms after a second; grows with the root of time", only=(WALKS,)),
+        shape("seed", CHOICE, 0, 9, 1, "which course: another number, another one", only=(WALKS,)),
+    )  # fmt: skip
 
 
 def _flaw(scale: float) -> tuple[Parameter, ...]:
@@ -237,15 +252,17 @@ def _of_zero(instruments: tuple[str, ...], scale: float, unit: str) -> list[Effe
             "Warm up; re-zero between recordings; record the temperature.",
             "datasheet: 5.5 % / 25 °C, null shift" if robot else "light source and electronics; gap.md",
             (
-                signed("amount", unit, 1.0 * scale, 0.2 * scale, "after a time tau (form 2: amplitude)"),
+                signed("amount", unit, 1.0 * scale, 0.2 * scale, "after a time tau (form 2: amplitude)",
+                       only=() if robot else (0, 1, 2, 3)),
                 shape("tau", "s", 20.0, 3000.0, 200.0, log=True, only=() if robot else (0, 1, 2)),
                 *(replace(p, only=(0, 1, 2)) for p in which),
-                _EACH_COURSE if robot else ANEW_COURSE,
+                _EACH_COURSE if robot else _HEIGHT_COURSE,
                 PHASE,
                 *((signed(f"amount_{leg}", unit, scale, 0.2 * scale * share, "of its own", only=(3,))
-                   for leg, share in zip("bc", (-0.5, 0.7), strict=True)) if robot else (WARMING,)),
+                   for leg, share in zip("bc", (-0.5, 0.7), strict=True)) if robot else (WARMING, *_walk(scale))),
             ),
             _drift_of_each if robot else _drift,
+            wander=None if robot else lambda v: {"apex_height": v["walk"]},
         ),
     ]  # fmt: skip
 

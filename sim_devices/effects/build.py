@@ -13,6 +13,7 @@ from sim_devices.stages.operators import Delay, Law, Map, Names, Wired, after, b
 Values = Mapping[str, float]
 Install = Callable[[Chain, Values], Chain]
 Scatter = Callable[[str, Values], Mapping[str, float]]
+Wander = Callable[[Values], Mapping[str, float]]
 
 SUCTION = ("cutometer", "aspiration")
 CUTOMETER, ASPIRATION, ROBOT = ("cutometer",), ("aspiration",), ("microrobot",)
@@ -107,6 +108,7 @@ def effect(
     scatter: Scatter | None = None,
     sparse: bool = False,
     extends: Names = (),
+    wander: Wander | None = None,
 ) -> Effect:
     """An effect that leaves the chain alone where all its strengths are at their null values."""
     strengths = [p for p in parameters if p.null is not None]
@@ -115,7 +117,18 @@ def effect(
         return chain if all(values[p.name] == p.null for p in strengths) else install(chain, values)
 
     return Effect(
-        name, stage, instruments, meaning, remedy, source, parameters, guarded, scatter, sparse, extends=extends
+        name,
+        stage,
+        instruments,
+        meaning,
+        remedy,
+        source,
+        parameters,
+        guarded,
+        scatter,
+        sparse,
+        extends=extends,
+        wander=wander,
     )
 
 

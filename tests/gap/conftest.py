@@ -53,6 +53,10 @@ class LinearProblem:
     def lateness(self, fitted: object) -> None:
         return None
 
+    def whitened(self, difference: FloatArray, active: Active) -> FloatArray:
+        wider = self.noise_scale(active)
+        return (difference.T / (self.sigma if wider is None else self.sigma * wider)).T
+
     def unwhitened(self, residual: FloatArray, active: Active) -> FloatArray:
         wider = self.noise_scale(active)
         return residual * self.sigma * (1.0 if wider is None else wider)
@@ -60,7 +64,7 @@ class LinearProblem:
     def noise_scale(self, active: Active) -> FloatArray | None:
         return None
 
-    def timing_log_bayes(self, fitted: Fit) -> float:
+    def chance_log_bayes(self, fitted: Fit) -> float:
         return 0.0
 
     def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:

@@ -66,7 +66,7 @@ from sim_devices.stages.kernels.lags import (
     uneven_low_pass,
 )
 from sim_devices.stages.kernels.loops import CLEARS, FREE, free_loop, overlapping_loop, sleeping_loop, valve_loop
-from sim_devices.stages.kernels.sampling import faulty_samples, jittered, late_by_any, slope_so_far
+from sim_devices.stages.kernels.sampling import STRIDE, faulty_samples, jittered, late_by_any, random_walk, slope_so_far
 
 __all__ = [
     "CLEARS",
@@ -74,6 +74,7 @@ __all__ = [
     "SAME",
     "STATE",
     "STEPS",
+    "STRIDE",
     "TERMS",
     "FloatArray",
     "Kernel",
@@ -108,6 +109,7 @@ __all__ = [
     "play_within",
     "prandtl",
     "prony",
+    "random_walk",
     "rate_limit",
     "resting",
     "sagging_store",

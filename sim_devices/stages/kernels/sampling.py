@@ -1,4 +1,5 @@
-"""Kernels of faulty sampling: samples that are lost, late or taken at scattered instants."""
+"""Kernels of what happens by chance: samples that are lost, late or taken at scattered instants, and a reading that
+walks at random."""
 
 from __future__ import annotations
 
@@ -56,3 +57,24 @@ def jittered(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: Floa
     for i in range(t.size):
         shift = (2.0 * hash_uniform(p[2], math.floor(t[i] / p[0] + 1e-6)) - 1.0) * math.sqrt(3.0) * p[1]
         y[i] = u[i] + slope_so_far(s, t[i], u[i]) * shift
+
+
+STRIDE = 0.05
+"""s between the steps of a random walk."""
+
+
+@njit(cache=True, error_model="numpy")
+def random_walk(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
+    """A reading that walks at random: y = u + W(t), W of rms ``p[0]`` √(t / s), drawn by the seed ``p[1]``.
+
+    W goes straight on between steps at k `STRIDE`, each a uniform draw.
+    """
+    size = p[0] * math.sqrt(3.0 * STRIDE)
+    for i in range(t.size):
+        k = math.floor(t[i] / STRIDE)
+        if s[0] == 0.0:
+            s[0], s[1] = 1.0, k
+        while s[1] < k:
+            s[2] += size * (2.0 * hash_uniform(p[1], s[1]) - 1.0)
+            s[1] += 1.0
+        y[i] = u[i] + s[2] + size * (2.0 * hash_uniform(p[1], s[1]) - 1.0) * (t[i] / STRIDE - k)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gap.data.innovations import RowNoise
+from gap.data.innovations import NOTHING, RowNoise, Wider
 
 SLOW, TAU = 0.3, 1.5
 
@@ -52,6 +52,29 @@ def test_innovations_are_the_whitening_by_the_covariance() -> None:
         found = noise.whitened(rest.ravel()).reshape(rest.shape)[k]
         assert found == pytest.approx(expected, abs=1e-8)
         assert np.sum(np.log(noise.sd().reshape(rest.shape)[k])) == pytest.approx(0.5 * np.linalg.slogdet(full)[1])
+
+
+def test_a_random_walk_is_whitened_by_its_covariance() -> None:
+    """Cov(W(s), W(t)) = q min(s, t) within a recording, beside slow noise or none, at another rate in some rows."""
+    rng = np.random.default_rng(2)
+    noise, (time, recording, new, rest) = remembering(rng)
+    plain = RowNoise(time, recording, new)
+    rate = np.where(rng.uniform(size=new.shape) < 0.5, 0.4, 0.0)
+    for rows in (noise, plain):
+        slow, taus = rows.memory if rows.memory is not None else (np.zeros(3), np.ones(3))
+        for k in range(3):
+            first = np.r_[True, np.diff(recording) != 0]
+            steps = np.where(first, 0.0, np.diff(time, prepend=time[0]) * rate[k] ** 2)
+            variance = np.cumsum(steps)
+            variance -= np.repeat(variance[first], np.diff(np.r_[np.flatnonzero(first), len(time)]))
+            same = recording[:, None] == recording[None, :]
+            full = np.diag(new[k]) + same * np.minimum(variance[:, None], variance[None, :])
+            full += covariance(time, recording, float(slow[k]), float(taus[k]))
+            expected = np.linalg.solve(np.linalg.cholesky(full), rest[k])
+            found = rows.whitened(rest.ravel(), Wider(walks=rate)).reshape(rest.shape)[k]
+            assert found == pytest.approx(expected, abs=1e-8)
+            sd = rows.sd(Wider(walks=rate)).reshape(rest.shape)[k]
+            assert np.sum(np.log(sd)) == pytest.approx(0.5 * np.linalg.slogdet(full)[1])
 
 
 def test_slow_noise_is_found_and_its_innovations_are_white() -> None:
@@ -102,7 +125,7 @@ def test_a_residual_leads_back_to_its_difference(seed: int, slow: bool, wider: b
     time, recording, new, rest = drawn(rng, slow=0.6 if slow else 0.0)
     noise = RowNoise(time, recording, new, [0.2, 0.1, 0.3])
     noise.remember(rest.ravel(), [1.0, 1.0, 1.0])
-    added = rng.uniform(0, 1, new.size) if wider else None
+    added = Wider(rng.uniform(0, 1, new.size), rng.uniform(0, 1, new.shape)) if wider else NOTHING
     difference = rng.normal(size=new.size)
     assert noise.unwhitened(noise.whitened(difference, added), added) == pytest.approx(difference)
     columns = rng.normal(size=(new.size, 4))
@@ -134,4 +157,4 @@ def test_rows_are_blurred_and_widened() -> None:
     assert noise.sigma == pytest.approx([5.0, 50.0, 5.0])
     noise.blur(np.array([12.0, 0.0, 0.0]))
     assert noise.sigma == pytest.approx([13.0, 50.0, 5.0])
-    assert noise.sd(np.array([0.0, 0.0, 11.0])) == pytest.approx([13.0, 50.0, 6.0])
+    assert noise.sd(Wider(np.array([0.0, 0.0, 11.0]))) == pytest.approx([13.0, 50.0, 6.0])

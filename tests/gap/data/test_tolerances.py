@@ -10,7 +10,7 @@ import pytest
 from gap.data.tolerances import tolerances
 from gap.design import simulated as own
 from gap.inference.least_squares import fit
-from gap.null.blocks import GroupedSession
+from gap.null.groups import GroupedSession
 from gap.null.suction_pressure import PressureBlock
 from gap.null.suction_regulator import GAIN
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from acquire.recording.model import Recording
 from gap.effects.load import library
-from gap.null.blocks import GroupedSession
+from gap.null.groups import GroupedSession
 from gap.null.suction_pressure import PressureBlock
 
 STEP, NOISE = 1e-3, 30.0

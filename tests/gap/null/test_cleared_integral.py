@@ -11,7 +11,7 @@ from acquire.recording.model import Recording
 from gap.effects.load import library
 from gap.inference.hypothesis import FROZEN
 from gap.inference.least_squares import fit
-from gap.null.blocks import GroupedSession
+from gap.null.groups import GroupedSession
 from gap.null.suction_pressure import PressureBlock
 from gap.null.suction_regulator import CLEARS, FLOW, LANDS, STILL, SWINGS, TOUCHED, Vent
 from sim_devices.stages.kernels import CLEARS as CLEARS_WHEN

@@ -14,10 +14,10 @@ from gap.design.simulated import step_hold, suction_session, triangle
 from gap.effects.load import library
 from gap.inference.least_squares import fit
 from gap.null import fe_solver
-from gap.null.blocks import GroupedSession
 from gap.null.fe_law import FREE, creep, moduli, moduli_slopes
 from gap.null.fe_solver import FeModel, fe_model
 from gap.null.fe_tissue import FeHeightBlock
+from gap.null.groups import GroupedSession
 from gap.null.suction import suction_problems
 from gap.null.suction_pressure import PressureBlock
 from sim_devices.stages.kernels import evaluate, prony

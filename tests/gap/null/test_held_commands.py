@@ -14,7 +14,7 @@ from gap.design import simulated as own
 from gap.design.simulated import Leg
 from gap.effects.load import library
 from gap.inference.least_squares import fit
-from gap.null.blocks import GroupedSession
+from gap.null.groups import GroupedSession
 from gap.null.robot_axes import QUANTITIES, AxesBlock
 from gap.null.suction import suction_problems
 from gap.null.suction_pressure import PressureBlock

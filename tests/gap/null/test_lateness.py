@@ -10,7 +10,7 @@ from gap.data.rhythms import looks
 from gap.design import simulated as own
 from gap.design.simulated import Leg
 from gap.inference.least_squares import fit
-from gap.null.blocks import GroupedSession
+from gap.null.groups import GroupedSession
 from gap.null.robot_axes import AXES, QUANTITIES, AxesBlock
 from gap.search.starts import AGREED
 from sim_devices.stages.axes import AxisLoop

@@ -13,7 +13,7 @@ from acquire.recording.model import Recording
 from gap.effects.load import library
 from gap.inference.hypothesis import FROZEN
 from gap.inference.least_squares import fit
-from gap.null.blocks import GroupedSession
+from gap.null.groups import GroupedSession
 from gap.null.suction_pressure import PressureBlock
 from gap.null.suction_regulator import SPAN
 from tests.gap.null.regulators import CORNERS, NOISE, STEP, SUCTION, TIME, session_of

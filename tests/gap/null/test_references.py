@@ -15,7 +15,7 @@ from gap.diagnosis import Diagnosis
 from gap.effects.load import library
 from gap.inference.hypothesis import FROZEN, to_unit
 from gap.inference.least_squares import fit, under
-from gap.null.blocks import GroupedSession
+from gap.null.groups import GroupedSession
 from gap.null.robot import robot_problems
 from gap.null.robot_axes import QUANTITIES, AxesBlock
 from gap.null.robot_loop import CONTROLLERS

@@ -14,7 +14,7 @@ from gap.design.simulated import Leg
 from gap.effects.load import library
 from gap.inference.hypothesis import Candidate
 from gap.inference.least_squares import fit
-from gap.null.blocks import GroupedSession
+from gap.null.groups import GroupedSession
 from gap.null.robot import robot_problems
 from gap.null.robot_axes import AXES, QUANTITIES, AxesBlock
 from gap.null.robot_loop import CONTROLLERS

@@ -13,9 +13,9 @@ from gap.effects.load import library
 from gap.inference.evidence import Fit, Hypothesis
 from gap.inference.hypothesis import Candidate, to_unit
 from gap.inference.least_squares import fit, under
-from gap.null.blocks import GroupedSession
 from gap.null.candidates import candidates_for
 from gap.null.chains import needed
+from gap.null.groups import GroupedSession
 from gap.null.robot import RoughForceBlock, robot_problems
 from gap.null.robot_arithmetic import ArithmeticBlock
 from gap.null.robot_axes import AXES, QUANTITIES, WEIGHTS, AxesBlock

@@ -9,7 +9,7 @@ from gap.design import simulated as own
 from gap.effects.load import library
 from gap.inference.hypothesis import Candidate
 from gap.null import robot_axes, robot_force, robot_grid
-from gap.null.blocks import GroupedSession
+from gap.null.groups import GroupedSession
 from gap.null.robot_axes import QUANTITIES, AxesBlock
 from gap.null.robot_force import ForceBlock
 from gap.null.robot_grid import KINK, commanded, loop_grid

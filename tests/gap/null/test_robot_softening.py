@@ -9,7 +9,7 @@ import pytest
 
 from gap.design import simulated as own
 from gap.inference.least_squares import fit
-from gap.null.blocks import GroupedSession
+from gap.null.groups import GroupedSession
 from gap.null.robot_axes import QUANTITIES, AxesBlock
 from gap.null.robot_force import ForceBlock
 from sim_devices.stages.tissues import sheet_tissue

@@ -11,7 +11,7 @@ from acquire.recording.model import Recording
 from gap.data.session import HELD
 from gap.design import simulated as own
 from gap.inference.least_squares import fit
-from gap.null.blocks import GroupedSession
+from gap.null.groups import GroupedSession
 from gap.null.robot_axes import QUANTITIES, AxesBlock
 from gap.null.robot_force import ForceBlock
 

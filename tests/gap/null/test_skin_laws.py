@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from gap.design import simulated as own
 from gap.effects.load import library
 from gap.inference.least_squares import fit
-from gap.null.blocks import GroupedSession
+from gap.null.groups import GroupedSession
 from gap.null.skin_laws import DASHPOT, FURTHER, PARTS, SkinLaw, activated, rewired, slowed, stiffening_sheet
 from gap.null.suction_height import HeightBlock
 from gap.null.suction_pressure import PressureBlock

@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from acquire.recording.model import Recording
 from gap.effects.load import library
 from gap.inference.least_squares import fit
-from gap.null.blocks import GroupedSession
+from gap.null.groups import GroupedSession
 from gap.null.suction_pressure import PressureBlock
 from tests.gap.null.regulators import CORNERS, NOISE, STEP, SUCTION, TIME, session_of
 

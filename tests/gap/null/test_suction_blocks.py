@@ -17,8 +17,8 @@ from gap.effects.load import library
 from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import FROZEN
 from gap.inference.least_squares import fit, predicted, under
-from gap.null.blocks import GroupedSession
 from gap.null.candidates import candidates_for
+from gap.null.groups import GroupedSession
 from gap.null.skin_laws import BASIC, SkinLaw
 from gap.null.suction import suction_problems
 from gap.null.suction_height import TISSUE_STEP, HeightBlock

@@ -8,7 +8,7 @@ import numpy as np
 
 from acquire.recording.model import Recording, Series
 from gap.inference.least_squares import fit
-from gap.null.blocks import GroupedSession
+from gap.null.groups import GroupedSession
 from tests.gap.null.test_suction_blocks import blocks, session
 
 

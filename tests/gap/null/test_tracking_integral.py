@@ -10,7 +10,7 @@ import pytest
 from acquire.recording.model import Recording
 from gap.effects.load import library
 from gap.inference.least_squares import fit
-from gap.null.blocks import GroupedSession
+from gap.null.groups import GroupedSession
 from gap.null.suction_pressure import PressureBlock
 from tests.gap.null.regulators import CORNERS, STEP, SUCTION, TIME, session_of
 

@@ -13,8 +13,8 @@ from acquire.recording.model import Recording
 from gap.effects.load import library
 from gap.inference.hypothesis import FROZEN
 from gap.inference.least_squares import fit
-from gap.null.blocks import GroupedSession
 from gap.null.candidates import candidates_for
+from gap.null.groups import GroupedSession
 from gap.null.suction import suction_problems
 from gap.null.suction_pressure import PressureBlock
 from gap.null.suction_reference import ManometerBlock

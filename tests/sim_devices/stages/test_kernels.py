@@ -55,6 +55,7 @@ CASES: list[tuple[Kernel, tuple[float, ...]]] = [
     (kernels.faulty_samples, (0.05, 0.3, 1.0, 1.0)),
     (kernels.late_by_any, (0.05, 0.3, 1.0, 0.04)),
     (kernels.jittered, (0.05, 0.01, 1.0)),
+    (kernels.random_walk, (0.2, 1.0)),
 ]
 
 
@@ -384,3 +385,14 @@ def test_an_adaptive_filter_lets_motion_pass_and_is_late_at_rest() -> None:
     np.testing.assert_allclose(found, expected, atol=4e-3)
     plain = evaluate(kernels.low_pass, time, np.array([u(t) for t in time]), tau)
     assert np.max(np.abs(plain - expected)) > 0.2
+
+
+def test_a_random_walk_grows_with_the_root_of_time() -> None:
+    time = np.arange(0.0, 400.0, 0.02)
+    ends = []
+    for seed in range(6):
+        walked = evaluate(kernels.random_walk, time, np.zeros(len(time)), 0.3, float(seed))
+        ends += [float(np.mean(np.square(walked[n:] - walked[:-n])) / (n * 0.02)) for n in (50, 500)]
+    assert np.sqrt(np.mean(ends)) == pytest.approx(0.3, rel=0.15)
+    one, other = (evaluate(kernels.random_walk, time, np.zeros(len(time)), 0.3, s) for s in (1.0, 2.0))
+    assert np.abs(np.corrcoef(np.diff(one[::10]), np.diff(other[::10]))[0, 1]) < 0.1
