@@ -35,7 +35,8 @@ from gap.null.fe_solver import Experiment, FeModel, fe_model
 from gap.null.groups import Group, GroupedSession
 from gap.null.skin_laws import Part, SkinLaw
 from gap.null.suction_height import HeightBlock
-from gap.null.suction_pressure import PressureBlock, chain_of
+from gap.null.suction_line import chain_of
+from gap.null.suction_pressure import PressureBlock
 from sim_devices.chain import Chain, Effect, FloatArray
 from sim_devices.stages.kernels import evaluate, prony
 from sim_devices.stages.operators import Law, Map, after, before

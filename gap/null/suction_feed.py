@@ -14,7 +14,8 @@ from gap.inference.hypothesis import Active
 from gap.null.blocks import Block
 from gap.null.chains import Kept, needed, run, undone
 from gap.null.groups import Group, GroupedSession, Table
-from gap.null.suction_pressure import NO_TISSUE, PressureBlock, chain_of, commanded_line, sound_chain
+from gap.null.suction_line import NO_TISSUE, chain_of, commanded_line, sound_chain
+from gap.null.suction_pressure import PressureBlock
 from sim_devices.chain import Chain, Effect, FloatArray
 from sim_devices.stages.operators import Map, Noise, Pass
 from sim_devices.stages.sampling import simulate

@@ -29,7 +29,8 @@ from gap.null.skin_laws import BASIC, CREEP, FURTHER, PARTS, USUAL, Part, SkinLa
 from gap.null.skin_tries import Alone, Try, probability
 from gap.null.suction_discrepancy import USUAL_MEMORY, Suction, elastic_freedom, suction_discrepancy
 from gap.null.suction_feed import FedBlock
-from gap.null.suction_pressure import PressureBlock, chain_of
+from gap.null.suction_line import chain_of
+from gap.null.suction_pressure import PressureBlock
 from gap.null.suction_skin import Loaded
 from protocols.specimens import SPECIMENS
 from sim_devices.chain import Chain, Effect, FloatArray

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
@@ -18,10 +17,10 @@ from gap.data.tolerances import Tolerance
 from gap.inference.evidence import Fit
 from gap.inference.hypothesis import FROZEN, Active, Candidate, Evaluation, Lateness, Start
 from gap.inference.least_squares import fit, under
-from gap.null.blocks import AFTER_KINK, Block
-from gap.null.chains import needed
+from gap.null.blocks import Block
 from gap.null.groups import Group, GroupedSession, Table
 from gap.null.lateness import TOGETHER, lateness
+from gap.null.suction_line import NO_TISSUE, chain_of, commanded_line
 from gap.null.suction_regulator import (
     CLOCK,
     DAMPING,
@@ -42,77 +41,26 @@ from gap.null.suction_regulator import (
 )
 from gap.null.suction_structures import NOISY, WORTH, Structure, other_structure
 from sim_devices.chain import Chain, Effect, FloatArray
-from sim_devices.stages import nominal
-from sim_devices.stages.sampling import simulate
-from sim_devices.stages.suction import COMMAND_STEP, tissue_operators
-from sim_devices.stages.tissues import SuctionTissue, suction_tissue
+from sim_devices.stages.suction import COMMAND_STEP
 
 SETTLED = 8
 """Samples before suction from which on it can be told where a pressure rests."""
 AWAY, BACK = 8.0, 4.0
 """σ by which a recording must begin off where it rests to count as begun in motion, and from which on it rests."""
-CLOSE, APART = 0.02, 1.0
-"""s between nodes of a line within a recording, and from which on two samples are of two recordings."""
-EMPTY = 500.0
-"""Pa of suction from which on a line is not vented."""
+EMPTY, SOONER = 500.0, (150.0, 30.0)
+"""Pa of suction from which on a line is not vented, usually and otherwise;"""
+EMPTIES_SOONER = 50.0
+"""and by which a gauge must be off otherwise while vented for that to matter."""
 SAMPLED, SLOW, AT_EASE = 5.0, 0.012, 20.0
 """χ² from which on samples are means over a period, or none (odds of twelve), s of a period from which on that matters,
 and the penalty of a regulator that is not strained, which no other samples excuse."""
 SLOWER = (1.0, 0.4)
 """Logarithms of time and damping of a second order that is far slower than the nominal one, from which a fit begins."""
-NO_TISSUE = SuctionTissue(0.0, creep=(), times=(), residual=0.0, softening=0.0)
 
 
-def chain_of(session: GroupedSession, group: Group, tissue: SuctionTissue, **options: Any) -> Chain:
-    """The nominal chain for a group: ``tissue`` if it is skin, else its specimen."""
-    law = tissue if group.skin else _specimen(group.name)
-    chain = sound_chain(session.instrument, session.marks, **options)
-    laws = {op.name: op for op in tissue_operators(law)}
-    return replace(chain, operators=tuple(laws.get(op.name, op) for op in chain.operators))
-
-
-@lru_cache(maxsize=64)
-def sound_chain(instrument: str, marks: tuple[float, ...], **options: Any) -> Chain:
-    """The nominal chain of an instrument that is armed anew at ``marks`` (s)."""
-    return nominal(instrument, marks=marks, **options)
-
-
-def _specimen(name: str) -> SuctionTissue:
-    try:
-        return suction_tissue(name)
-    except ValueError:
-        return suction_tissue("silicone")
-
-
-def commanded_line(
-    chain: Chain,
-    tables: Mapping[str, Table],
-    kinks: FloatArray,
-    time: FloatArray,
-    early: Callable[[FloatArray], FloatArray],
-) -> Table:
-    """True pressure that ``chain`` makes of a command's ``tables``, with ``kinks`` (k,) s: times finer than ``time``
-    (n,) s, within its span, and Pa; the record's stamps are ``early`` s (a function of them) before the command's
-    clock."""
-    nodes = np.concatenate([(kinks[:, None] + AFTER_KINK).ravel(), kinks])
-    fine = np.unique(np.concatenate([_closer(time), nodes - early(nodes)]))
-    fine = fine[(fine >= time[0]) & (fine <= time[-1])]
-    partial = replace(chain, operators=needed(chain, ("line_pressure",)))
-    return fine, simulate(partial, tables, {"line_pressure": fine + early(fine)})["line_pressure"]
-
-
-def _closer(time: FloatArray) -> FloatArray:
-    """Times (m,) s among which are ``time`` (n,) s, no farther apart than `CLOSE` within a recording: between samples
-    that are rare a pressure bends by more than its noise."""
-    parts = np.where(np.diff(time) < APART, np.ceil(np.diff(time) / CLOSE), 1.0).astype(int)
-    begin, step = np.repeat(time[:-1], parts), np.repeat(np.diff(time) / parts, parts)
-    which = np.arange(len(begin)) - np.repeat(np.cumsum(parts) - parts, parts)
-    return np.append(begin + which * step, time[-1:])
-
-
-def vented(pressure: FloatArray) -> FloatArray:
-    """How far (n,), 0 to 1, a line at ``pressure`` (n,) Pa is vented."""
-    return np.clip(1.0 + pressure / EMPTY, 0.0, 1.0)
+def vented(pressure: FloatArray, empty: float = EMPTY) -> FloatArray:
+    """How far (n,), 0 to 1, a line at ``pressure`` (n,) Pa is vented, which from ``empty`` Pa of suction on it is not."""
+    return np.clip(1.0 + pressure / empty, 0.0, 1.0)
 
 
 def zeros_of_recordings(block: Block) -> FloatArray:
@@ -134,6 +82,7 @@ class PressureBlock(Block):
     floor = 5.0  # Pa: a twentieth of the command's resolution
     trust_other = 0.25  # where the regulator is of another structure, ours of that structure is not quite it
     vent = STAYS  # as physics has it: a chamber vents to the air and no further
+    empty = EMPTY
     whole = held = False  # whether levels are held at whole steps of the command's resolution, sampled rows at all
 
     def __init__(
@@ -159,7 +108,7 @@ class PressureBlock(Block):
         if self.structure is not None:
             self._take(self.structure)
             best = self._averaged(self._resolved(fit(self)))
-        best = self._followed(best)
+        best = self._emptied(self._followed(best))
         self._begin = best.nuisance
         self.row_noise, left = self._with_memory(best)
         self.explained = left < len(best.residual) * NOISY  # by a regulator that is known
@@ -188,6 +137,12 @@ class PressureBlock(Block):
         """The better fit of ``found``, whose regulator vents to the air and no further, and of one that swings above
         it, as a line with a supply of its own pressure may, and a second order by itself does."""
         return self._better(found, vent=EMPTIES)
+
+    def _emptied(self, found: Fit) -> Fit:
+        """The better fit of ``found`` and of those whose line is vented from less suction on."""
+        for empty in SOONER if abs(found.nuisance[VENTED]) > EMPTIES_SOONER else ():
+            found = self._better(found, empty=empty)
+        return found
 
     def _better(self, found: Fit, worth: float = WORTH, **other: Any) -> Fit:
         """``found``, or the fit with ``other`` attributes of the block, taken on if that is ``worth`` it."""
@@ -333,7 +288,7 @@ class PressureBlock(Block):
     def true(self, recorded: FloatArray) -> FloatArray:
         """Recorded pressures (n,) Pa without the gauge's error, as far as a sound one's goes."""
         gain, zero, more = self._fitted[GAIN:SIZE]
-        true: FloatArray = recorded * (1.0 - gain) - zero - more * vented(recorded)
+        true: FloatArray = recorded * (1.0 - gain) - zero - more * vented(recorded, self.empty)
         return true
 
     @cached_property
@@ -379,7 +334,7 @@ class PressureBlock(Block):
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         made = self._predict(nuisance, active)
         gain, zero, more = nuisance[GAIN:SIZE]
-        empty = vented(made)
+        empty = vented(made, self.empty)
         zeros = zero + more * empty + self._zeros @ nuisance[SIZE:]
         residual = self.whitened(self.measured - made * (1.0 + gain) - zeros, active)
         if not want_jacobian:

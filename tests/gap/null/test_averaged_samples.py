@@ -16,7 +16,7 @@ from gap.effects.load import library
 from gap.inference.least_squares import fit
 from gap.null.blocks import Block
 from gap.null.suction import suction_problems
-from gap.null.suction_pressure import commanded_line
+from gap.null.suction_line import commanded_line
 from sim_devices.stages import RATES, nominal
 from sim_devices.stages.sampling import simulate
 

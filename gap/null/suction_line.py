@@ -1,0 +1,70 @@
+"""The nominal chain of a suction instrument, and the pressure that it makes in its line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from gap.null.blocks import AFTER_KINK
+from gap.null.chains import needed
+from gap.null.groups import Group, GroupedSession, Table
+from sim_devices.chain import Chain, FloatArray
+from sim_devices.stages import nominal
+from sim_devices.stages.sampling import simulate
+from sim_devices.stages.suction import tissue_operators
+from sim_devices.stages.tissues import SuctionTissue, suction_tissue
+
+CLOSE, APART = 0.02, 1.0
+"""s between nodes of a line within a recording, and from which on two samples are of two recordings."""
+NO_TISSUE = SuctionTissue(0.0, creep=(), times=(), residual=0.0, softening=0.0)
+
+
+def chain_of(session: GroupedSession, group: Group, tissue: SuctionTissue, **options: Any) -> Chain:
+    """The nominal chain for a group: ``tissue`` if it is skin, else its specimen."""
+    law = tissue if group.skin else _specimen(group.name)
+    chain = sound_chain(session.instrument, session.marks, **options)
+    laws = {op.name: op for op in tissue_operators(law)}
+    return replace(chain, operators=tuple(laws.get(op.name, op) for op in chain.operators))
+
+
+@lru_cache(maxsize=64)
+def sound_chain(instrument: str, marks: tuple[float, ...], **options: Any) -> Chain:
+    """The nominal chain of an instrument that is armed anew at ``marks`` (s)."""
+    return nominal(instrument, marks=marks, **options)
+
+
+def _specimen(name: str) -> SuctionTissue:
+    try:
+        return suction_tissue(name)
+    except ValueError:
+        return suction_tissue("silicone")
+
+
+def commanded_line(
+    chain: Chain,
+    tables: Mapping[str, Table],
+    kinks: FloatArray,
+    time: FloatArray,
+    early: Callable[[FloatArray], FloatArray],
+) -> Table:
+    """True pressure that ``chain`` makes of a command's ``tables``, with ``kinks`` (k,) s: times finer than ``time``
+    (n,) s, within its span, and Pa; the record's stamps are ``early`` s (a function of them) before the command's
+    clock."""
+    nodes = np.concatenate([(kinks[:, None] + AFTER_KINK).ravel(), kinks])
+    fine = np.unique(np.concatenate([_closer(time), nodes - early(nodes)]))
+    fine = fine[(fine >= time[0]) & (fine <= time[-1])]
+    partial = replace(chain, operators=needed(chain, ("line_pressure",)))
+    return fine, simulate(partial, tables, {"line_pressure": fine + early(fine)})["line_pressure"]
+
+
+def _closer(time: FloatArray) -> FloatArray:
+    """Times (m,) s among which are ``time`` (n,) s, no farther apart than `CLOSE` within a recording: between samples
+    that are rare a pressure bends by more than its noise."""
+    parts = np.where(np.diff(time) < APART, np.ceil(np.diff(time) / CLOSE), 1.0).astype(int)
+    begin, step = np.repeat(time[:-1], parts), np.repeat(np.diff(time) / parts, parts)
+    which = np.arange(len(begin)) - np.repeat(np.cumsum(parts) - parts, parts)
+    return np.append(begin + which * step, time[-1:])
