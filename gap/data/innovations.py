@@ -36,10 +36,12 @@ def _gains(
     tau: float,
     walk: FloatArray,
     kept: FloatArray,
+    load: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Variance (n,) of the innovations of a channel, their weights (n, 2) in two states, and the decay (n, 2) of these
     since the row before: the slow part, and a random walk, of rms ``walk`` (n,) after a second at the rate of each row,
-    of which ``kept`` (n,) says where it goes on, 1, and where it begins anew, 0, as it does in each recording."""
+    of which ``kept`` (n,) says where it goes on, 1, and where it begins anew, 0, as it does in each recording;
+    ``load`` (n,) times it is in the row."""
     variance, gain, decay = np.empty(len(time)), np.empty((len(time), 2)), np.zeros((len(time), 2))
     a, b, c = slow, 0.0, 0.0  # covariance of the states: slow with itself, with the walk, the walk with itself
     for i in range(len(time)):
@@ -50,14 +52,15 @@ def _gains(
             b, c = decay[i, 0] * kept[i] * b, kept[i] ** 2 * c + walk[i] ** 2 * passed
         else:
             a, b, c = slow, 0.0, 0.0
-        variance[i] = a + 2.0 * b + c + white[i]
-        gain[i, 0], gain[i, 1] = (a + b) / variance[i], (b + c) / variance[i]
-        a, b, c = a - gain[i, 0] * (a + b), b - gain[i, 0] * (b + c), c - gain[i, 1] * (b + c)
+        seen_slow, seen_walk = a + load[i] * b, b + load[i] * c
+        variance[i] = seen_slow + load[i] * seen_walk + white[i]
+        gain[i, 0], gain[i, 1] = seen_slow / variance[i], seen_walk / variance[i]
+        a, b, c = a - gain[i, 0] * seen_slow, b - gain[i, 0] * seen_walk, c - gain[i, 1] * seen_walk
     return variance, gain, decay
 
 
 @njit(cache=True, error_model="numpy")
-def _innovations(x: FloatArray, gain: FloatArray, decay: FloatArray, sd: FloatArray) -> FloatArray:
+def _innovations(x: FloatArray, gain: FloatArray, decay: FloatArray, load: FloatArray, sd: FloatArray) -> FloatArray:
     """Columns of x (n, p) as innovations over their standard deviations ``sd`` (n,)."""
     out = np.empty_like(x)
     slow, walk = np.zeros(x.shape[1]), np.zeros(x.shape[1])
@@ -65,7 +68,7 @@ def _innovations(x: FloatArray, gain: FloatArray, decay: FloatArray, sd: FloatAr
         for j in range(x.shape[1]):
             slow[j] *= decay[i, 0]
             walk[j] *= decay[i, 1]
-            new = x[i, j] - slow[j] - walk[j]
+            new = x[i, j] - slow[j] - load[i] * walk[j]
             out[i, j] = new / sd[i]
             slow[j] += gain[i, 0] * new
             walk[j] += gain[i, 1] * new
@@ -73,7 +76,7 @@ def _innovations(x: FloatArray, gain: FloatArray, decay: FloatArray, sd: FloatAr
 
 
 @njit(cache=True, error_model="numpy")
-def _undone(e: FloatArray, gain: FloatArray, decay: FloatArray, sd: FloatArray) -> FloatArray:
+def _undone(e: FloatArray, gain: FloatArray, decay: FloatArray, load: FloatArray, sd: FloatArray) -> FloatArray:
     """The columns (n, p) whose innovations over ``sd`` are e (n, p)."""
     out = np.empty_like(e)
     slow, walk = np.zeros(e.shape[1]), np.zeros(e.shape[1])
@@ -81,7 +84,7 @@ def _undone(e: FloatArray, gain: FloatArray, decay: FloatArray, sd: FloatArray) 
         for j in range(e.shape[1]):
             new = e[i, j] * sd[i]
             slow[j], walk[j] = decay[i, 0] * slow[j], decay[i, 1] * walk[j]
-            out[i, j] = slow[j] + walk[j] + new
+            out[i, j] = slow[j] + load[i] * walk[j] + new
             slow[j], walk[j] = slow[j] + gain[i, 0] * new, walk[j] + gain[i, 1] * new
     return out
 
@@ -90,23 +93,27 @@ def _log_likelihood(
     time: FloatArray, recording: NDArray[np.int64], rest: FloatArray, new: FloatArray, slow: float, tau: float
 ) -> float:
     """Of noise ``rest`` (n,), white of variances ``new`` (n,) but for a ``slow`` part that forgets within ``tau`` s."""
-    variance, gain, decay = _gains(time, recording, new, slow**2, tau, np.zeros(len(time)), np.ones(len(time)))
-    innovations = _innovations(rest[:, None], gain, decay, np.sqrt(variance))
+    no, all_of_it = np.zeros(len(time)), np.ones(len(time))
+    variance, gain, decay = _gains(time, recording, new, slow**2, tau, no, all_of_it, all_of_it)
+    innovations = _innovations(rest[:, None], gain, decay, all_of_it, np.sqrt(variance))
     return -0.5 * float(np.sum(np.square(innovations)) + np.sum(np.log(variance)))
 
 
 class Wider(NamedTuple):
-    """What effects by chance add to the noise of C channels at n time stamps: variance ``scattered`` (C·n,) of each row
-    by itself, and random walks of rms ``walks`` (C, n) after a second at the rate of each row, which go on to all rows
-    or to those that ``kept`` (n,), of 0 and 1, says; SI."""
+    """What effects by chance add to the noise of C channels at n time stamps.
+
+    ``scattered`` (C·n,) is the variance, SI, of each row by itself; ``walks`` (C, n) the rms after a second of random
+    walks, at the rate of each row, which add to it ``loads`` (C, n) times, SI (once, if not given), and go on to all
+    rows or to those that ``kept`` (n,), of 0 and 1, says."""
 
     scattered: FloatArray | None = None
     walks: FloatArray | None = None
+    loads: FloatArray | None = None
     kept: FloatArray | None = None
 
 
 NOTHING = Wider()
-_Filter = tuple[FloatArray, FloatArray, FloatArray]
+_Filter = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
 
 class RowNoise:
@@ -174,23 +181,24 @@ class RowNoise:
             self._slow, self._taus = share * np.asarray(noise), np.full(len(noise), tau)
 
     def _filters(self, wider: Wider) -> list[tuple[_Filter | None, FloatArray]]:
-        """Of each channel gains, decays and standard deviations of its filter, none if its rows are independent, and
-        the latter (n,)."""
+        """Of each channel gains, decays, loads and standard deviations of its filter, none if its rows are independent,
+        and the latter (n,)."""
         new = self._new if wider.scattered is None else self._new + wider.scattered.reshape(self._new.shape)
         if self._taus is None:
             white, slow, taus = new + self._slow[:, None] ** 2, np.zeros(len(new)), np.ones(len(new))
         else:
             white, slow, taus = new, self._slow, self._taus
         walks = np.zeros_like(new) if wider.walks is None else wider.walks
+        loads = np.ones_like(new) if wider.loads is None else wider.loads
         kept = np.ones(len(self._time)) if wider.kept is None else wider.kept
         filters: list[tuple[_Filter | None, FloatArray]] = []
-        for own, floor, tau, walk in zip(white, slow, taus, walks, strict=True):
+        for own, floor, tau, walk, load in zip(white, slow, taus, walks, loads, strict=True):
             if self._taus is None and not np.any(walk):
                 filters.append((None, np.sqrt(own)))
                 continue
-            variance, gain, decay = _gains(self._time, self._recording, own, floor**2, tau, walk, kept)
+            variance, gain, decay = _gains(self._time, self._recording, own, floor**2, tau, walk, kept, load)
             sd = np.sqrt(variance)
-            filters.append(((gain, decay, sd), sd))
+            filters.append(((gain, decay, load, sd), sd))
         return filters
 
     def sd(self, wider: Wider = NOTHING) -> FloatArray:

@@ -18,8 +18,9 @@ from gap.inference.evidence import Fit
 from gap.inference.hypothesis import Active, Rows
 from gap.inference.linear import Projector
 from gap.null.chains import Kept
-from gap.null.groups import GroupedSession
-from sim_devices.chain import Effect, FloatArray
+from gap.null.groups import Group, GroupedSession
+from sim_devices.chain import Effect, FloatArray, Walk
+from sim_devices.stages.specimens import meets
 
 SETTLED = 3.0
 """s after the last motion from which on nothing but chance is expected to change."""
@@ -36,6 +37,8 @@ class ByChance:
     channels: tuple[str, ...]
     stamps: FloatArray
     rows: Rows
+    groups: list[tuple[Group, slice]]
+    measured: FloatArray
     counts: FloatArray | NDArray[np.int64]
     row_noise: RowNoise
     slope: FloatArray | None = None
@@ -50,8 +53,8 @@ class ByChance:
         effect = self.library[key]
         return effect.scatter(self.session.instrument, _all_of(effect, values)) if effect.scatter else {}
 
-    def _walks(self, key: str, values: Mapping[str, float]) -> Mapping[str, float]:
-        """By channel, the rms after a second by which an effect lets its reading walk; nothing of another one."""
+    def _walks(self, key: str, values: Mapping[str, float]) -> Mapping[str, Walk]:
+        """By channel, how an effect lets its reading walk; nothing of another one."""
         effect = self.library[key]
         return effect.wander(_all_of(effect, values)) if effect.wander else {}
 
@@ -65,17 +68,25 @@ class ByChance:
             variance = np.square(self.slope * self._by_row(rms)) / self.counts + (0.0 if variance is None else variance)
         return variance
 
-    def walking(self, active: Active) -> FloatArray | None:
-        """How far the channels walk in a second, rms (C, n), row by row; None without such effects."""
-        rms = [walks for candidate, values in active.items() if (walks := self._walks(candidate.key, values))]
-        if not rms:
-            return None
-        together = np.linalg.norm([self._by_row(walks) for walks in rms], axis=0)
-        return np.asarray(together).reshape(len(self.channels), -1)
-
     def wider(self, active: Active) -> Wider:
-        """What the active effects add to the noise."""
-        return Wider(self.scattered(active), self.walking(active))
+        """What the active effects add to the noise. Of walks by an amount and by a share only the former count."""
+        every = {c.key: walks for c, values in active.items() if (walks := self._walks(c.key, values))}
+        if not every:
+            return Wider(self.scattered(active))
+        relative = all(walk.relative for walks in every.values() for walk in walks.values())
+        shape = len(self.channels), len(self.stamps)
+        squares = np.zeros(shape)
+        for key, walks in every.items():
+            rms = self._by_row({c: w.rms for c, w in walks.items() if w.relative == relative})
+            squares += np.square(rms).reshape(shape) * self._met(key)
+        return Wider(self.scattered(active), np.sqrt(squares), self.measured.reshape(shape) if relative else None)
+
+    def _met(self, key: str) -> FloatArray:
+        """At which time stamps (n,) of 0 and 1 there is what an effect acts on."""
+        out = np.zeros(len(self.stamps))
+        for group, at in self.groups:
+            out[at] = meets(self.library[key], group.name)
+        return out
 
     def noise_scale(self, active: Active) -> FloatArray | None:
         """How many times wider the noise is by the active effects of chance."""
@@ -88,9 +99,10 @@ class ByChance:
     def chance_log_bayes(self, fitted: Fit) -> float:
         """Asked of a reading that walks: whether it does so in motion alone. And of scattered instants, by the samples
         that are by themselves in their bins; of two effects of chance together nothing is."""
-        if (walks := self.walking(fitted.active)) is not None:
-            asked = fitted.nuisance.tobytes(), fitted.unit.tobytes()
-            found: float = self._in_motion_alone.get(asked, lambda: self._walks_in_motion(fitted, walks))
+        wider = self.wider(fitted.active)
+        if wider.walks is not None:
+            asked = tuple(c.key for c in fitted.hypothesis), fitted.nuisance.tobytes(), fitted.unit.tobytes()
+            found: float = self._in_motion_alone.get(asked, lambda: self._walks_in_motion(fitted, wider))
             return found
         chance = [(c, rms) for c, values in fitted.active.items() if (rms := self._scatter(c.key, values))]
         times = self.noise_scale(fitted.active)
@@ -101,12 +113,11 @@ class ByChance:
         residual, reach = (fitted.residual * times)[at], (self.slope / self.row_noise.sd())[at]
         return timing_log_bayes(residual, reach, max(rms.values()), self.library[candidate.key].sparse)
 
-    def _walks_in_motion(self, fitted: Fit, walks: FloatArray) -> float:
+    def _walks_in_motion(self, fitted: Fit, wider: Wider) -> float:
         """Nats by which a reading that walks in motion, and is right again or stays at rest, describes a fit's data
         better: then it is no chance, but an answer to the motion that is not understood."""
-        wider = self.wider(fitted.active)
         moving = self._lately_moved()
-        if np.all(moving):
+        if wider.walks is None or np.all(moving):
             return 0.0
         rows = self.row_noise.unwhitened(np.column_stack([fitted.at_mean, fitted.jacobian]), wider)
 
@@ -117,7 +128,7 @@ class ByChance:
             return -0.5 * refit.chi2(white[:, 0]) - float(np.sum(np.log(self.row_noise.sd(noise))))
 
         anew = np.where(moving[: len(self.stamps)], 1.0, 0.0)
-        in_motion = walks * moving.reshape(walks.shape)
+        in_motion = wider.walks * moving.reshape(wider.walks.shape)
         others = [wider._replace(walks=times * in_motion, kept=kept) for times, kept in product(FASTER, (None, anew))]
         return max(max(map(log_likelihood, others)) - log_likelihood(wider), 0.0)
 

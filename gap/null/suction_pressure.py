@@ -59,7 +59,7 @@ SLOWER = (1.0, 0.4)
 
 
 def vented(pressure: FloatArray, empty: float = EMPTY) -> FloatArray:
-    """How far (n,), 0 to 1, a line at ``pressure`` (n,) Pa is vented, which from ``empty`` Pa of suction on it is not."""
+    """How far (n,), 0 to 1, a line at ``pressure`` (n,) Pa is vented: from ``empty`` Pa of suction on it is not."""
     return np.clip(1.0 + pressure / empty, 0.0, 1.0)
 
 
