@@ -16,7 +16,7 @@ import abc
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -158,13 +158,6 @@ class Parameter:
     fine: float = 1e-3
 
 
-class Walk(NamedTuple):
-    """How a channel walks at random: rms after a second, SI or, if ``relative``, as a share of what is there."""
-
-    rms: float
-    relative: bool = False
-
-
 @dataclass(frozen=True)
 class Effect:
     """Something a real instrument or tissue does and the nominal chain does not.
@@ -174,7 +167,7 @@ class Effect:
     hits samples by chance has a ``scatter``: the rms (s) by which a channel's true instants are off their stamps, given
     the instrument and the values (none: not by chance); a diagnosis then looks for the noise that it makes and not for
     the very draw. It is ``sparse`` if chance hits some samples and makes these older, else all are off a little. One
-    whose readings walk at random has a ``wander``: how each channel does, given the values.
+    whose readings walk at random has a ``wander``: by channel, SI, the rms after a second, given the values.
     ``form`` is which of several laws it follows, where that is fixed; ``extends`` names effects that it becomes in a
     limit of its parameters.
     """
@@ -191,7 +184,7 @@ class Effect:
     sparse: bool = False
     form: int = 0
     extends: tuple[str, ...] = ()
-    wander: Callable[[Mapping[str, float]], Mapping[str, Walk]] | None = field(default=None, repr=False)
+    wander: Callable[[Mapping[str, float]], Mapping[str, float]] | None = field(default=None, repr=False)
 
     @property
     def event(self) -> bool:

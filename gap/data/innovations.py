@@ -6,6 +6,7 @@ the difference of each sample from the one foretold by all before it (Kalman fil
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from itertools import product
 from typing import NamedTuple
@@ -141,6 +142,12 @@ class RowNoise:
     def memory(self) -> tuple[FloatArray, FloatArray] | None:
         """Standard deviation (C,) of the slow part, SI, and the s (C,) within which it forgets; None unless known."""
         return None if self._taus is None else (self._slow, self._taus)
+
+    def remembering(self, share: float, tau: float, noise: Sequence[float]) -> RowNoise:
+        """The same rows, of whose white ``noise`` (C,) a ``share`` more forgets within ``tau`` s."""
+        out = copy.copy(self)
+        out._slow, out._taus = share * np.asarray(noise), np.full(len(noise), tau)
+        return out
 
     def share(self, other: RowNoise) -> None:
         """Have the slow part of another record as well, from which this one is foretold."""

@@ -55,3 +55,10 @@ def memory_of_chance(problems: Mapping[str, Problem], h: Hypothesis) -> float:
         squares += float(np.linalg.norm(first) * np.linalg.norm(second))
         n += int(np.count_nonzero(pair))
     return products / squares if n >= FEWEST and squares > 0.0 else 0.0
+
+
+def walk_of_chance(problems: Mapping[str, Problem], h: Hypothesis) -> float:
+    """Nats by which readings of a hypothesis walk at random, and not as slow noise or an answer to motion, in the block
+    that shows it most; infinite where none walks."""
+    found = [n for block, problem in problems.items() if np.isfinite(n := problem.walk_log_bayes(h.fits[block]))]
+    return max(found, default=np.inf)

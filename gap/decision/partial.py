@@ -53,6 +53,9 @@ class _Part:
     def unwhitened(self, residual: FloatArray, active: Active) -> FloatArray:
         return self.problem.unwhitened(residual, active)
 
+    def walk_log_bayes(self, fitted: Fit) -> float:
+        return np.inf
+
     def chance_log_bayes(self, fitted: Fit) -> float:
         return 0.0
 

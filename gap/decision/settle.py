@@ -10,7 +10,7 @@ from itertools import takewhile
 import numpy as np
 
 from gap.data.signatures import Signature
-from gap.decision.chance import memory_of_chance, size_of_chance
+from gap.decision.chance import memory_of_chance, size_of_chance, walk_of_chance
 from gap.decision.classes import Cause, begins_with_skin, concept, nats_without_skin
 from gap.decision.gaps import (
     Shrink,
@@ -104,13 +104,14 @@ class Settled:
 
 
 def believed(case: Case, t: Thresholds) -> tuple[Case, list[str]]:
-    """The case without explanations by chance whose residuals are not of the size that they say or remember, and by
-    events of skin that begin with it, and whose simulation has taken on effects within tolerance; these are told in
-    remarks."""
+    """The case without explanations by chance whose residuals are not of the size that they say or remember, or whose
+    readings do not walk at random, and by events of skin that begin with it; its simulation has taken on effects within
+    tolerance, which are told in remarks."""
     comparison, known = case.comparison, case.qualified
     problems = comparison.problems
     kept = [h for h in comparison.hypotheses if size_of_chance(problems, h) >= t.chance]
     kept = [h for h in kept if memory_of_chance(problems, h) <= t.chance_memory]
+    kept = [h for h in kept if walk_of_chance(problems, h) >= t.chance_walk]
     kept = [h for h in kept if not begins_with_skin(problems, h, t.skin_before)]
     comparison = replace(comparison, hypotheses=kept)
     taken = tolerated(

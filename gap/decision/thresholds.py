@@ -54,6 +54,7 @@ class Thresholds:
     skin_before: float
     chance: float
     chance_memory: float
+    chance_walk: float
     unearned: float
     unknown: float
     sure: float

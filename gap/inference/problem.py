@@ -100,6 +100,11 @@ class Problem(Protocol):
         """The difference (n,), SI, of measurement and prediction behind a whitened ``residual`` (n,)."""
         ...
 
+    def walk_log_bayes(self, fitted: Fit) -> float:
+        """Nats by which readings that walk at random describe what a fit leaves better than anything else that
+        neighbours have in common; infinite where none walks."""
+        ...
+
     def chance_log_bayes(self, fitted: Fit) -> float:
         """Nats by which another law of chance than that of the ``fitted`` effects describes what they leave better."""
         ...

@@ -29,8 +29,6 @@ from sim_devices.stages.specimens import meets
 
 SIMPLE_SHIFT = 1e-3
 """s: how late a channel may be that samples, neither holds nor integrates."""
-ASKED = 16
-"""Fits with a reading that walks of which it is kept whether it does so in motion alone."""
 AFTER_KINK = 1e-3 * np.concatenate([np.arange(1, 13), 13.0 * 1.08 ** np.arange(57)])
 """s after a kink of the command: nodes so dense that straight lines between them are within .02 σ of the signal."""
 
@@ -83,7 +81,6 @@ class Block(ByChance, abc.ABC):
         self.measured, self.counts = values.ravel(), counts.ravel()
         new = np.stack([sigma.of_mean(n) for sigma, n in zip(noise, counts, strict=True)]) + self.floor**2
         self.row_noise = RowNoise(self.stamps, self.run, new, [sigma.slow for sigma in noise])
-        self._in_motion_alone = Kept(ASKED)
         self.dt = float(
             np.median([np.median(np.diff(session.recordings[k].streams[self.channels[0]].time)) for k in self.runs])
         )

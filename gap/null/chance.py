@@ -7,42 +7,46 @@ that was before.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gap.data.innovations import RowNoise, Wider
+from gap.data.innovations import MOST, RowNoise, Wider
 from gap.data.scatter import timing_log_bayes
 from gap.inference.evidence import Fit
 from gap.inference.hypothesis import Active, Rows
 from gap.inference.linear import Projector
-from gap.null.chains import Kept
-from gap.null.groups import Group, GroupedSession
-from sim_devices.chain import Effect, FloatArray, Walk
-from sim_devices.stages.specimens import meets
+from gap.null.groups import GroupedSession
+from sim_devices.chain import Effect, FloatArray
 
 SETTLED = 3.0
 """s after the last motion from which on nothing but chance is expected to change."""
+SHOWS = 0.15
+"""Share of the greatest response from which on one counts."""
 FASTER = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
-"""Times as fast as it walks all along that a reading may walk in motion alone."""
+"""Times as fast as it walks all along that a reading may walk in motion alone;"""
+SLOWER = (0.25, 0.5, 1.0)
+"""and, where noise is remembered, all along."""
+SHARES, TIMES = (0.15, 0.3, MOST), (0.2, 0.8, 3.2)
+"""Slow noise that a sound sensor may have, as `gap.data.innovations` has it: shares of the white one, and s."""
 
 
 class ByChance:
     """What a block knows of chance: ``slope`` (C·n,) of the signal per s, where that is known, and ``counts`` (C·n,)
-    of samples in a row."""
+    of samples in a row; ``noise`` (C,) is that of a sample."""
 
     session: GroupedSession
     library: Mapping[str, Effect]
     channels: tuple[str, ...]
     stamps: FloatArray
     rows: Rows
-    groups: list[tuple[Group, slice]]
     measured: FloatArray
     counts: FloatArray | NDArray[np.int64]
+    noise: FloatArray
     row_noise: RowNoise
     slope: FloatArray | None = None
-    _in_motion_alone: Kept
 
     def by_chance(self, key: str) -> bool:
         """Whether an effect counts as noise, on steep parts or all along, not by the change of one draw."""
@@ -53,8 +57,8 @@ class ByChance:
         effect = self.library[key]
         return effect.scatter(self.session.instrument, _all_of(effect, values)) if effect.scatter else {}
 
-    def _walks(self, key: str, values: Mapping[str, float]) -> Mapping[str, Walk]:
-        """By channel, how an effect lets its reading walk; nothing of another one."""
+    def _walks(self, key: str, values: Mapping[str, float]) -> Mapping[str, float]:
+        """By channel, the rms after a second by which an effect lets its reading walk; nothing of another one."""
         effect = self.library[key]
         return effect.wander(_all_of(effect, values)) if effect.wander else {}
 
@@ -68,25 +72,23 @@ class ByChance:
             variance = np.square(self.slope * self._by_row(rms)) / self.counts + (0.0 if variance is None else variance)
         return variance
 
-    def wider(self, active: Active) -> Wider:
-        """What the active effects add to the noise. Of walks by an amount and by a share only the former count."""
-        every = {c.key: walks for c, values in active.items() if (walks := self._walks(c.key, values))}
-        if not every:
-            return Wider(self.scattered(active))
-        relative = all(walk.relative for walks in every.values() for walk in walks.values())
-        shape = len(self.channels), len(self.stamps)
-        squares = np.zeros(shape)
-        for key, walks in every.items():
-            rms = self._by_row({c: w.rms for c, w in walks.items() if w.relative == relative})
-            squares += np.square(rms).reshape(shape) * self._met(key)
-        return Wider(self.scattered(active), np.sqrt(squares), self.measured.reshape(shape) if relative else None)
+    def walking(self, active: Active) -> FloatArray | None:
+        """How far the channels walk in a second, rms (C, n), row by row; None without such effects."""
+        rms = [walks for candidate, values in active.items() if (walks := self._walks(candidate.key, values))]
+        if not rms:
+            return None
+        together = np.linalg.norm([self._by_row(walks) for walks in rms], axis=0)
+        return np.asarray(together).reshape(len(self.channels), -1)
 
-    def _met(self, key: str) -> FloatArray:
-        """At which time stamps (n,) of 0 and 1 there is what an effect acts on."""
-        out = np.zeros(len(self.stamps))
-        for group, at in self.groups:
-            out[at] = meets(self.library[key], group.name)
-        return out
+    def wider(self, active: Active) -> Wider:
+        """What the active effects add to the noise."""
+        return Wider(self.scattered(active), self.walking(active))
+
+    @cached_property
+    def _response(self) -> FloatArray:
+        """What is there, (C, n) SI, where it is no mere noise, which a share of it would explain by itself; else 0."""
+        there = self.measured.reshape(len(self.channels), -1)
+        return np.where(np.abs(there) > SHOWS * np.max(np.abs(there), axis=1, keepdims=True), there, 0.0)
 
     def noise_scale(self, active: Active) -> FloatArray | None:
         """How many times wider the noise is by the active effects of chance."""
@@ -97,13 +99,7 @@ class ByChance:
         return np.repeat([of_channels.get(c, 0.0) for c in self.channels], len(self.stamps))
 
     def chance_log_bayes(self, fitted: Fit) -> float:
-        """Asked of a reading that walks: whether it does so in motion alone. And of scattered instants, by the samples
-        that are by themselves in their bins; of two effects of chance together nothing is."""
-        wider = self.wider(fitted.active)
-        if wider.walks is not None:
-            asked = tuple(c.key for c in fitted.hypothesis), fitted.nuisance.tobytes(), fitted.unit.tobytes()
-            found: float = self._in_motion_alone.get(asked, lambda: self._walks_in_motion(fitted, wider))
-            return found
+        """Asked of the samples that are by themselves in their bins; of two effects of chance together nothing is."""
         chance = [(c, rms) for c, values in fitted.active.items() if (rms := self._scatter(c.key, values))]
         times = self.noise_scale(fitted.active)
         if len(chance) != 1 or times is None or self.slope is None:
@@ -113,24 +109,38 @@ class ByChance:
         residual, reach = (fitted.residual * times)[at], (self.slope / self.row_noise.sd())[at]
         return timing_log_bayes(residual, reach, max(rms.values()), self.library[candidate.key].sparse)
 
-    def _walks_in_motion(self, fitted: Fit, wider: Wider) -> float:
-        """Nats by which a reading that walks in motion, and is right again or stays at rest, describes a fit's data
-        better: then it is no chance, but an answer to the motion that is not understood."""
-        moving = self._lately_moved()
-        if wider.walks is None or np.all(moving):
-            return 0.0
-        rows = self.row_noise.unwhitened(np.column_stack([fitted.at_mean, fitted.jacobian]), wider)
+    def walk_log_bayes(self, fitted: Fit) -> float:
+        wider = self.wider(fitted.active)
+        return np.inf if wider.walks is None else self._walk_log_bayes(fitted, wider, wider.walks)
 
-        def log_likelihood(noise: Wider) -> float:
+    def _walk_log_bayes(self, fitted: Fit, walk: Wider, rates: FloatArray) -> float:
+        """What else there may be: noise that a sound sensor remembers; a reading that walks in motion alone and is
+        right again or stays at rest, an answer to the motion that is not understood; and one that walks by a share of
+        what is there, as skin's tone does."""
+        alone = walk._replace(walks=None)
+        rows = self.row_noise.unwhitened(np.column_stack([fitted.at_mean, fitted.jacobian]), walk)
+
+        def log_likelihood(noise: RowNoise, by_chance: Wider) -> float:
             """Of the data beside a nuisance that is refitted along straight lines."""
-            white = self.row_noise.whitened(rows, noise)
+            white = noise.whitened(rows, by_chance)
             refit = Projector(white[:, 1:], fitted.prior_sd)
-            return -0.5 * refit.chi2(white[:, 0]) - float(np.sum(np.log(self.row_noise.sd(noise))))
+            return -0.5 * refit.chi2(white[:, 0]) - float(np.sum(np.log(noise.sd(by_chance))))
 
+        memories = [self.row_noise]
+        if self.row_noise.memory is None:
+            memories += [self.row_noise.remembering(*one, self.noise.tolist()) for one in product(SHARES, TIMES)]
+        remembered = max(memories, key=lambda noise: log_likelihood(noise, alone))
+        moving = self._lately_moved()
         anew = np.where(moving[: len(self.stamps)], 1.0, 0.0)
-        in_motion = wider.walks * moving.reshape(wider.walks.shape)
-        others = [wider._replace(walks=times * in_motion, kept=kept) for times, kept in product(FASTER, (None, anew))]
-        return max(max(map(log_likelihood, others)) - log_likelihood(wider), 0.0)
+        in_motion = rates * moving.reshape(rates.shape)
+        by_size = 1.0 / np.max(np.abs(self._response), axis=1, keepdims=True)
+        others = [alone, *(walk._replace(walks=times * by_size * rates, loads=self._response) for times in FASTER)]
+        if not np.all(moving):
+            every = product(FASTER, (None, anew))
+            others += [walk._replace(walks=times * in_motion, kept=kept) for times, kept in every]
+        walks = [walk._replace(walks=times * rates) for times in SLOWER]
+        own, other = (max(log_likelihood(remembered, noise) for noise in some) for some in (walks, others))
+        return own - other
 
     def _lately_moved(self) -> NDArray[np.bool_]:
         """Which rows (C·n,) lie in motion or within `SETTLED` s after one."""

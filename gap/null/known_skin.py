@@ -90,6 +90,9 @@ class KnownSkin:
     def unwhitened(self, residual: FloatArray, active: Active) -> FloatArray:
         return self.block.unwhitened(residual, active)
 
+    def walk_log_bayes(self, fitted: Fit) -> float:
+        return self.block.walk_log_bayes(fitted)
+
     def chance_log_bayes(self, fitted: Fit) -> float:
         return self.block.chance_log_bayes(fitted)
 

@@ -260,6 +260,9 @@ class RigProblem:
     def unwhitened(self, residual: FloatArray, active: Active) -> FloatArray:
         return residual * self.sigma
 
+    def walk_log_bayes(self, fitted: Fit) -> float:
+        return np.inf
+
     def chance_log_bayes(self, fitted: Fit) -> float:
         return 0.0
 

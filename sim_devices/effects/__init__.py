@@ -15,7 +15,7 @@ from importlib.metadata import EntryPoint, entry_points
 from itertools import product
 
 from protocols import units
-from sim_devices.chain import Chain, Effect, Parameter, Walk
+from sim_devices.chain import Chain, Effect, Parameter
 from sim_devices.effects import (
     actuator,
     force_sensor,
@@ -138,7 +138,7 @@ def _fixed(effect: Effect, fixed: Mapping[str, float]) -> Effect:
     def scatter(instrument: str, values: Mapping[str, float]) -> Mapping[str, float]:
         return effect.scatter(instrument, {**values, **fixed}) if effect.scatter else {}
 
-    def wander(values: Mapping[str, float]) -> Mapping[str, Walk]:
+    def wander(values: Mapping[str, float]) -> Mapping[str, float]:
         return effect.wander({**values, **fixed}) if effect.wander else {}
 
     free = tuple(p for p in effect.parameters if p.name not in fixed)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sim_devices.chain import Chain, Effect, FloatArray, Parameter, Walk
+from sim_devices.chain import Chain, Effect, FloatArray, Parameter
 from sim_devices.effects.build import (
     ASPIRATION,
     AT_ONCE,
@@ -157,7 +157,7 @@ def _drift(chain: Chain, v: Values) -> Chain:
         parameters = (-v["amount"], v["warming"], *op.marks)
         return map_after(chain, HEIGHT, "sensor_drift", "sensor", laws.fading_offset, parameters)
     if chosen(v, "form") == WALKS:
-        return law_after(chain, HEIGHT, "sensor_drift", "sensor", kernels.random_walk, (v["walk"], v["seed"], 0.0))
+        return law_after(chain, HEIGHT, "sensor_drift", "sensor", kernels.random_walk, (v["walk"], v["seed"]))
     return map_after(
         chain, HEIGHT, "sensor_drift", "sensor", laws.drift, (v["amount"], v["tau"], v["form"], v["phase"])
     )
@@ -262,7 +262,7 @@ def _of_zero(instruments: tuple[str, ...], scale: float, unit: str) -> list[Effe
                    for leg, share in zip("bc", (-0.5, 0.7), strict=True)) if robot else (WARMING, *_walk(scale))),
             ),
             _drift_of_each if robot else _drift,
-            wander=None if robot else lambda v: {"apex_height": Walk(v["walk"])},
+            wander=None if robot else lambda v: {"apex_height": v["walk"]},
         ),
     ]  # fmt: skip
 

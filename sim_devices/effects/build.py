@@ -6,14 +6,14 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
-from sim_devices.chain import Chain, Effect, Parameter, Walk
+from sim_devices.chain import Chain, Effect, Parameter
 from sim_devices.stages.kernels import Kernel
 from sim_devices.stages.operators import Delay, Law, Map, Names, Wired, after, before, last_writer
 
 Values = Mapping[str, float]
 Install = Callable[[Chain, Values], Chain]
 Scatter = Callable[[str, Values], Mapping[str, float]]
-Wander = Callable[[Values], Mapping[str, Walk]]
+Wander = Callable[[Values], Mapping[str, float]]
 
 SUCTION = ("cutometer", "aspiration")
 CUTOMETER, ASPIRATION, ROBOT = ("cutometer",), ("aspiration",), ("microrobot",)

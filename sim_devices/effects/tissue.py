@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from sim_devices.chain import Chain, FloatArray, Signals, Walk
+from sim_devices.chain import Chain, FloatArray, Signals
 from sim_devices.effects.build import (
     ALL,
-    CHOICE,
     PHASE,
     ROBOT,
     SUCTION,
@@ -190,9 +189,6 @@ def _pulse_robot(chain: Chain, v: Values) -> Chain:
 
 
 def _tone(chain: Chain, v: Values) -> Chain:
-    if chosen(v, "form") == WALKS:
-        walk = (v["walk"], v["seed"], 1.0)
-        return law_after(chain, "softening", "muscle_tone_change", "tissue", kernels.random_walk, walk)
     parameters: tuple[float, ...] = (v["change"], v["tau"], v["form"], v["phase"])
     stronger: Callable[..., FloatArray] = laws.gain_drift
     stiffer: Callable[..., FloatArray] = laws.stiffness_drift
@@ -201,32 +197,6 @@ def _tone(chain: Chain, v: Values) -> Chain:
         stronger, stiffer = laws.gain_for_a_while, laws.softer_for_a_while
     anchor, law = ("tissue", stronger) if _is_robot(chain) else ("softening", stiffer)
     return map_after(chain, anchor, "muscle_tone_change", "tissue", law, parameters)
-
-
-WALKS = 4
-_TONES = "linear in time", "towards a new level", "to and fro", "for a while"
-
-
-def _tone_change(instruments: tuple[str, ...], form: Any, *further: Any) -> Any:
-    suction = instruments == SUCTION
-    return effect(
-        "muscle_tone_change", "tissue", instruments,
-        "Stiffness changes during the session.",
-        "Let the subject rest and breathe; repeat the first measurement at the end.",
-        "muscle activity; gap.md",
-        (
-            signed("change", "1", 0.6, 0.3, "relative stiffness in the end (form 2: amplitude)",
-                   only=(0, 1, 2, 3) if suction else ()),
-            shape("tau", "s", 10.0, 2000.0, 150.0, "time it takes (form 2: period)", log=True, only=(0, 1, 2)),
-            form,
-            PHASE,
-            *for_a_while(3),
-            shape("ease", "s", 0.0, 20.0, 0.0, "within which it comes and goes", only=(3,)),
-            *further,
-        ),
-        _tone,
-        wander=(lambda v: {"apex_height": Walk(v["walk"], relative=True)}) if suction else None,
-    )  # fmt: skip
 
 
 def _pulse(instruments: tuple[str, ...], strengths: tuple[Any, ...], install: Any, *further: Any) -> Any:
@@ -384,12 +354,19 @@ EFFECTS = (
         shape("azimuth", "rad", 0.0, 2 * math.pi, 0.5, "of its direction, in plane"),
         shape("elevation", "rad", -0.5 * math.pi, 0.5 * math.pi, 1.1, "of its direction, out of the plane"),
     ),
-    _tone_change(
-        SUCTION,
-        choice("form", 1, *_TONES, "at random"),
-        strength("walk", "1", 1e-3, 0.1, 0.01, "rms after a second, relative; grows with the root of time",
-                 only=(WALKS,)),
-        shape("seed", CHOICE, 0, 9, 1, "which course: another number, another one", only=(WALKS,)),
+    effect(
+        "muscle_tone_change", "tissue", ALL,
+        "Stiffness changes during the session.",
+        "Let the subject rest and breathe; repeat the first measurement at the end.",
+        "muscle activity; gap.md",
+        (
+            signed("change", "1", 0.6, 0.3, "relative stiffness in the end (form 2: amplitude)"),
+            shape("tau", "s", 10.0, 2000.0, 150.0, "time it takes (form 2: period)", log=True, only=(0, 1, 2)),
+            choice("form", 1, "linear in time", "towards a new level", "to and fro", "for a while"),
+            PHASE,
+            *for_a_while(3),
+            shape("ease", "s", 0.0, 20.0, 0.0, "within which it comes and goes", only=(3,)),
+        ),
+        _tone,
     ),
-    _tone_change(ROBOT, choice("form", 1, *_TONES)),
 )  # fmt: skip

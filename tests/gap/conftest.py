@@ -64,6 +64,9 @@ class LinearProblem:
     def noise_scale(self, active: Active) -> FloatArray | None:
         return None
 
+    def walk_log_bayes(self, fitted: Fit) -> float:
+        return np.inf
+
     def chance_log_bayes(self, fitted: Fit) -> float:
         return 0.0
 

@@ -65,10 +65,9 @@ STRIDE = 0.05
 
 @njit(cache=True, error_model="numpy")
 def random_walk(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray) -> None:
-    """What walks at random: y = u + W(t) or, as a share, y = u (1 + W(t)), W of rms r √(t / s), drawn by a seed.
+    """A reading that walks at random: y = u + W(t), W of rms r √(t / s), drawn by a seed. ``p`` = (r, seed).
 
-    ``p`` = (r, seed, share), the last of them 0 or 1. W goes straight on between steps at k `STRIDE`,
-    each a uniform draw.
+    W goes straight on between steps at k `STRIDE`, each a uniform draw.
     """
     size = p[0] * math.sqrt(3.0 * STRIDE)
     for i in range(t.size):
@@ -78,5 +77,4 @@ def random_walk(s: FloatArray, t: FloatArray, u: FloatArray, p: FloatArray, y: F
         while s[1] < k:
             s[2] += size * (2.0 * hash_uniform(p[1], s[1]) - 1.0)
             s[1] += 1.0
-        walked = s[2] + size * (2.0 * hash_uniform(p[1], s[1]) - 1.0) * (t[i] / STRIDE - k)
-        y[i] = u[i] * (1.0 + walked) if p[2] > 0.0 else u[i] + walked
+        y[i] = u[i] + s[2] + size * (2.0 * hash_uniform(p[1], s[1]) - 1.0) * (t[i] / STRIDE - k)

@@ -41,25 +41,17 @@ def walking(block: HeightBlock) -> Candidate:
 
 
 def test_a_reading_that_walks_is_told_by_how_fast_it_does() -> None:
-    block = height(1e-5)
+    block = height(4e-5)
     assert [p.name for p in walking(block).parameters] == ["walk"]  # which course it took does not matter
     comparison = compare([block], candidates_for(library("aspiration"), [block]))
     weight = comparison.weighed(comparison.temper())
     best = max((h for h in comparison.hypotheses if len(h.effects) == 1), key=lambda h: weight[id(h)].evidence)
     assert best.name == WALKS
-    assert best.values(best.effects[0])["walk"] == pytest.approx(1e-5, rel=0.35)
+    assert best.values(best.effects[0])["walk"] == pytest.approx(4e-5, rel=0.35)
     fitted = best.fits["height"]
     assert fitted.chi2 / len(fitted.residual) < 1.2
     assert weight[id(best)].evidence > weight[id(comparison.null)].evidence + 20
-    assert block.chance_log_bayes(fitted) < 2.0
-
-
-def test_it_is_asked_once_whether_a_reading_walks_in_motion_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    block = height(1e-5)
-    fitted = fit(block, (walking(block),), np.array([0.7]), iterations=1)
-    found = block.chance_log_bayes(fitted)
-    monkeypatch.setattr(type(block), "_walks_in_motion", lambda *_: 1e9)
-    assert block.chance_log_bayes(fitted) == found
+    assert block.walk_log_bayes(fitted) > 25.0
 
 
 def test_skin_whose_reading_stands_does_not_walk() -> None:
@@ -67,6 +59,8 @@ def test_skin_whose_reading_stands_does_not_walk() -> None:
     candidate = walking(block)
     alone, with_walk = fit(block), fit(block, (candidate,), np.array([0.05]))
     assert 0.5 * (alone.objective - with_walk.objective) < 4.0
+    assert block.walk_log_bayes(with_walk) < 4.0
+    assert block.walk_log_bayes(alone) == np.inf
 
 
 def test_an_answer_to_motion_is_no_walk() -> None:
@@ -76,7 +70,7 @@ def test_an_answer_to_motion_is_no_walk() -> None:
     kinks = np.array([k for k in block.session.kinks if round(k % 39.0) in (1, 11)])  # it loads, it unloads
     since = block.stamps - np.r_[-np.inf, kinks][np.searchsorted(kinks, block.stamps, side="right")]
     block.measured = block.measured + 60e-6 * np.sin(4.0 * np.minimum(since, 20.0)) * np.exp(-2.0 * since)
-    assert block.chance_log_bayes(fit(block, (candidate,), np.array([0.5]))) > 10.0
+    assert block.walk_log_bayes(fit(block, (candidate,), np.array([0.5]))) < 0.0
 
 
 def test_noise_scale_and_residual_are_of_one_filter() -> None:
