@@ -104,7 +104,7 @@ class Wider(NamedTuple):
     """What effects by chance add to the noise of C channels at n time stamps.
 
     ``scattered`` (C·n,) is the variance, SI, of each row by itself; ``walks`` (C, n) the rms after a second of random
-    walks, at the rate of each row, which add to it ``loads`` (C, n) times, SI (once, if not given), and go on to all
+    walks, at the rate of each row, which are there ``loads`` (C, n) times (once, if not given), and go on to all
     rows or to those that ``kept`` (n,), of 0 and 1, says."""
 
     scattered: FloatArray | None = None

@@ -25,8 +25,8 @@ SETTLED = 3.0
 """s after the last motion from which on nothing but chance is expected to change."""
 SHOWS = 0.15
 """Share of the greatest response from which on one counts."""
-FASTER = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
-"""Times as fast as it walks all along that a reading may walk in motion alone;"""
+FASTER = (0.5, 2.0, 8.0)
+"""Times as fast as it walks all along that a reading may walk in motion alone, or by a share of what is there;"""
 SLOWER = (0.25, 0.5, 1.0)
 """and, where noise is remembered, all along."""
 SHARES, TIMES = (0.15, 0.3, MOST), (0.2, 0.8, 3.2)
@@ -85,10 +85,12 @@ class ByChance:
         return Wider(self.scattered(active), self.walking(active))
 
     @cached_property
-    def _response(self) -> FloatArray:
-        """What is there, (C, n) SI, where it is no mere noise, which a share of it would explain by itself; else 0."""
+    def _share_there(self) -> FloatArray:
+        """The share of a channel's greatest response that is there, (C, n); 0 where it is mere noise, which a share of
+        itself would explain."""
         there = self.measured.reshape(len(self.channels), -1)
-        return np.where(np.abs(there) > SHOWS * np.max(np.abs(there), axis=1, keepdims=True), there, 0.0)
+        share = there / np.maximum(np.max(np.abs(there), axis=1, keepdims=True), np.finfo(float).tiny)
+        return np.where(np.abs(share) > SHOWS, share, 0.0)
 
     def noise_scale(self, active: Active) -> FloatArray | None:
         """How many times wider the noise is by the active effects of chance."""
@@ -114,9 +116,9 @@ class ByChance:
         return np.inf if wider.walks is None else self._walk_log_bayes(fitted, wider, wider.walks)
 
     def _walk_log_bayes(self, fitted: Fit, walk: Wider, rates: FloatArray) -> float:
-        """What else there may be: noise that a sound sensor remembers; a reading that walks in motion alone and is
-        right again or stays at rest, an answer to the motion that is not understood; and one that walks by a share of
-        what is there, as skin's tone does."""
+        """Nats for the walk against whatever else there may be: noise that a sound sensor remembers; a reading that
+        walks in motion alone and is right again or stays at rest, an answer to the motion that is not understood; and
+        one that walks by a share of what is there, as skin's tone does."""
         alone = walk._replace(walks=None)
         rows = self.row_noise.unwhitened(np.column_stack([fitted.at_mean, fitted.jacobian]), walk)
 
@@ -133,8 +135,7 @@ class ByChance:
         moving = self._lately_moved()
         anew = np.where(moving[: len(self.stamps)], 1.0, 0.0)
         in_motion = rates * moving.reshape(rates.shape)
-        by_size = 1.0 / np.max(np.abs(self._response), axis=1, keepdims=True)
-        others = [alone, *(walk._replace(walks=times * by_size * rates, loads=self._response) for times in FASTER)]
+        others = [alone, *(walk._replace(walks=times * rates, loads=self._share_there) for times in FASTER)]
         if not np.all(moving):
             every = product(FASTER, (None, anew))
             others += [walk._replace(walks=times * in_motion, kept=kept) for times, kept in every]
