@@ -106,6 +106,7 @@ def main() -> None:
         command = f"python benchmarks/blind/run.py {flags} --style {given.style} --references {given.references}"
         command += f" --least {given.least:g}" if given.least else ""
         command += f" --qualification {given.qualification}" if given.qualification else ""
+        given.record.mkdir(parents=True, exist_ok=True)
         (given.record / f"{name}.md").write_text(f"`{command}`\n\n```\n{text}```\n")
         (given.record / f"{name}.json").write_text(figures)
     print(text)
