@@ -163,6 +163,11 @@ def _drift(chain: Chain, v: Values) -> Chain:
     )
 
 
+def _wandering(v: Values) -> dict[str, float]:
+    """Of a height that walks at random; the other courses are no chance."""
+    return {"apex_height": v["walk"]} if chosen(v, "form") == WALKS else {}
+
+
 def _drift_of_each(chain: Chain, v: Values) -> Chain:
     amounts, form = {name: v["amount"] for name in _transducers(v)}, v["form"]
     if chosen(v, "form") == 3:
@@ -262,7 +267,7 @@ def _of_zero(instruments: tuple[str, ...], scale: float, unit: str) -> list[Effe
                    for leg, share in zip("bc", (-0.5, 0.7), strict=True)) if robot else (WARMING, *_walk(scale))),
             ),
             _drift_of_each if robot else _drift,
-            wander=None if robot else lambda v: {"apex_height": v["walk"]},
+            wander=None if robot else _wandering,
         ),
     ]  # fmt: skip
 

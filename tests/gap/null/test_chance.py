@@ -40,6 +40,24 @@ def walking(block: HeightBlock) -> Candidate:
     return next(c for c in candidates_for(library("aspiration"), [block]) if c.key == WALKS)
 
 
+def test_effects_by_chance_are_those_of_scattered_instants_and_walks_and_no_other_form() -> None:
+    block = height(0.0)
+    chance = {key for key in library("aspiration") if block.by_chance(key)}
+    assert {key.partition("[")[0] for key in chance - {WALKS}} == {"jitter", "late_samples", "dropped_samples"}
+    assert WALKS in chance
+
+
+@pytest.mark.parametrize("form", [0, 1, 2, 3])
+def test_a_drift_along_a_course_moves_the_prediction(form: int) -> None:
+    block = height(0.0)
+    known = {c.key: c for c in candidates_for(library("aspiration"), [block])}
+    drift = known[f"sensor_drift[form={form}]"]
+    active = {drift: {p.name: p.default for p in drift.parameters}}
+    plain, moved = (block.evaluate(block.start(), a, want_jacobian=False).residual for a in ({}, active))
+    assert block.noise_scale(active) is None
+    assert np.max(np.abs(moved - plain)) > 3.0
+
+
 def test_a_reading_that_walks_is_told_by_how_fast_it_does() -> None:
     block = height(4e-5)
     assert [p.name for p in walking(block).parameters] == ["walk"]  # which course it took does not matter
