@@ -8,8 +8,8 @@ loop begins with skin alone, with or without a qualification by the standard set
 observer could see tells nothing of a choice, and a case that is claimed from its session alone asks for nothing: every
 visible case (δ_free of ``--least`` at least, by the key) is diagnosed, in the key's order, until ``--cases`` of a tier
 are not claimed; these go through every policy, up to the first claim or ``--most`` experiments. Policies that ask for
-the same share answer and report, seconds included. What has been run is kept: a run that was broken off goes on where
-it stopped; ``--only-figures`` runs nothing. By ``--record``, what is printed also goes to ``loop.json`` and ``loop.md``
+the same share answer and report, seconds included. Reports are kept: a run that was broken off goes on where
+it stopped; ``--only-figures`` runs nothing. By ``--record``, the tables also go to ``loop.json`` and ``loop.md``
 in another folder.
 """
 
@@ -18,7 +18,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -48,19 +48,28 @@ RATIO = "≤ 60 % of a random choice"
 def figures(cases: Sequence[Case], costs: Sequence[Sequence[dict[str, Any]]], k: int) -> dict[str, float | None]:
     """Figures after ``k`` experiments, None of no case; ``costs`` are each case's steps."""
     claims = [c for c in cases if c.claims]
-    reports = [c.report for c in cases if c.report is not None]
-    minutes = [sum(s["minutes"] for s in steps[:k]) for steps in costs]
-    seconds = [sum(steps[k]["seconds"].values()) if k < len(steps) else 0.0 for steps in costs]
     return {
-        "right class first": float(np.mean([c.hit(1) for c in cases])),
-        "right and claimed": float(np.mean([c.claims and c.hit(1) for c in cases])),
-        "right among claims": float(np.mean([c.hit(1) for c in claims])) if claims else None,
-        "stage": float(np.mean([_stage_right(c) for c in cases])),
-        "in the set": float(np.mean([bool(c.covered) for c in cases])),
-        "names in the set": float(np.mean([len(r.chosen or ()) for r in reports])),
-        "minutes of bench time so far": float(np.mean(minutes)),
-        "CPU seconds of this step": float(np.mean(seconds)),
+        "right class first": _mean(_first, cases),
+        "right and claimed": _mean(_claimed, cases),
+        "right among claims": _mean(_first, claims) if claims else None,
+        "stage": _mean(_stage_right, cases),
+        "in the set": _mean(lambda c: bool(c.covered), cases),
+        "names in the set": _mean(lambda c: len(c.report.chosen or ()), [c for c in cases if c.report is not None]),
+        "minutes of bench time so far": _mean(lambda steps: sum(s["minutes"] for s in steps[:k]), costs),
+        "CPU seconds of this step": _mean(lambda steps: sum(steps[k]["seconds"].values()) if steps[k:] else 0.0, costs),
     }
+
+
+def _mean(of: Callable[[Any], float], each: Iterable[Any]) -> float:
+    return float(np.mean([of(one) for one in each]))
+
+
+def _first(case: Case) -> bool:
+    return case.hit(1)
+
+
+def _claimed(case: Case) -> bool:
+    return case.claims and case.hit(1)
 
 
 def _stage_right(case: Case) -> bool:
@@ -72,7 +81,7 @@ def needed(after: Sequence[Sequence[Case]]) -> float:
     """Experiments until the right class is claimed, mean over cases; where it never is, one more than were done."""
     counts = []
     for case in zip(*after, strict=True):
-        right = [k for k, c in enumerate(case) if c.claims and c.hit(1)]
+        right = [k for k, c in enumerate(case) if _claimed(c)]
         counts.append(right[0] if right else len(case))
     return float(np.mean(counts))
 
@@ -82,7 +91,7 @@ Named = tuple[str, str]
 
 
 def table(root: Path, policy: str, named: Sequence[Named], most: int) -> dict[str, Any]:
-    """Figures of cases, by number of experiments; ``needed`` beside them, and each case with what was asked for."""
+    """Figures of cases, by number of experiments; ``needed`` beside them, and each case with its experiments."""
     tiers = dict.fromkeys(tier for tier, _ in named)
     only = {tier: [n for t, n in named if t == tier] for tier in tiers}
     after = [
@@ -95,7 +104,7 @@ def table(root: Path, policy: str, named: Sequence[Named], most: int) -> dict[st
     ]
     each = [
         {"case": c.name, "effects": list(c.effects), "delta_free": round(c.delta_free or 0.0, 1),
-         "right": [x.claims and x.hit(1) for x in case],
+         "right": [_claimed(x) for x in case],
          "asked": [f"{s['waveform']} on {s['specimen']}" for s in steps if s["specimen"]]}
         for c, case, steps in zip(after[0], zip(*after, strict=True), costs, strict=True)
     ]  # fmt: skip
@@ -213,7 +222,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--style", default="wide", choices=STYLES)
     parser.add_argument("--workers", type=int, default=1, help="processes, each at another case")
     parser.add_argument("--quick", action="store_true", help="quick diagnoses: few effects are fitted, and no pairs")
-    parser.add_argument("--only-figures", action="store_true", help="of what has been run; run nothing")
+    parser.add_argument("--only-figures", action="store_true", help="of the reports that are there; run nothing")
     parser.add_argument("--record", type=Path, help="folder that also gets loop.json and loop.md")
     parser.add_argument("-o", "--output", type=Path, default=Path("out/loop"))
     given = parser.parse_args()
@@ -245,40 +254,49 @@ def work_on(given: argparse.Namespace, chosen: dict[str, list[str]], tell: Calla
             tell(f"{number + 1}/{len(todo)} {done}")
 
 
+def drawn_and_made(given: argparse.Namespace) -> dict[str, list[str]]:
+    """The visible cases of each tier, by name; tiers that are not there yet are made."""
+    for tier in given.tiers:
+        folder = given.output / tier
+        if not folder.exists():
+            make(tier, given.n, given.seed, folder, given.instrument, style=given.style, references=given.references)
+    return {tier: visible(key_of(given.output / tier), given.least, nothing=False) for tier in given.tiers}
+
+
+def described(given: argparse.Namespace, chosen: Mapping[str, Sequence[str]], seen: Sequence[Case], left: int) -> str:
+    """The cases in words: how many were ``chosen`` by tier, ``seen`` (diagnosed), and ``left`` to every policy."""
+    counts = ", ".join(f"{len(names)} of {given.n} {tier}" for tier, names in chosen.items())
+    qualified = f", skin alone, {given.qualification} a qualification" if given.qualification else ""
+    quick = ", quick diagnoses" if given.quick else ""
+    claimed = [c for c in seen if c.claims]
+    return (
+        f"{given.style} style, seed {given.seed}, {', '.join(given.instrument)}, references {given.references}"
+        f"{qualified}{quick}. Cases with delta_free >= {given.least:g}, by the key: {counts}. "
+        f"Of these {len(seen)} were diagnosed, {sum(map(_first, seen))} with the right class first: "
+        f"{len(claimed)} were claimed from their session alone, "
+        f"{sum(map(_first, claimed))} of them rightly, and are not asked about again; {left} of the others "
+        "went through every policy, up to the first claim. The tables are of these."
+    )
+
+
 def main() -> None:
     given = arguments()
-    root, chosen = given.output, dict[str, list[str]]()
-    for tier in given.tiers:
-        if not (root / tier).exists():
-            make(
-                tier, given.n, given.seed, root / tier, given.instrument, style=given.style, references=given.references
-            )
-        chosen[tier] = visible(key_of(root / tier), given.least, nothing=False)
+    root, chosen = given.output, drawn_and_made(given)
     if not given.only_figures:
         work_on(given, chosen, lambda text: print(text, file=sys.stderr, flush=True))
     found_alone = {tier: undecided(root, tier, names, given.cases) for tier, names in chosen.items()}
     done = [case for t, (_, left) in found_alone.items() for case in finished(root, t, given.policy, left, given.most)]
     if not done:
         sys.exit("no case has been through every policy")
-    found = {policy: table(root, policy, done, given.most) for policy in given.policy}
     seen = [c for cases, _ in found_alone.values() for c in cases]
+    found = {policy: table(root, policy, done, given.most) for policy in given.policy}
     for one in found.values():
         one["over all"] = over_all(seen, one)
-    claimed = [c for c in seen if c.claims]
-    qualified = f", skin alone, {given.qualification} a qualification" if given.qualification else ""
-    counts = ", ".join(f"{len(names)} of {given.n} {tier}" for tier, names in chosen.items())
-    quick = ", quick diagnoses" if given.quick else ""
-    drawn = (
-        f"{given.style} style, seed {given.seed}, {', '.join(given.instrument)}, references {given.references}"
-        f"{qualified}{quick}. Cases with delta_free >= {given.least:g}, by the key: {counts}. "
-        f"Of these {len(seen)} were diagnosed, {sum(c.hit(1) for c in seen)} with the right class first: "
-        f"{len(claimed)} were claimed from their session alone, "
-        f"{sum(c.hit(1) for c in claimed)} of them rightly, and are not asked about again; {len(done)} of the others "
-        "went through every policy, up to the first claim. The tables are of these."
-    )
+    drawn = described(given, chosen, seen, len(done))
     text = as_markdown(drawn, found)
     print(text)
     for folder, stem in [(root, "figures")] + ([(given.record, "loop")] if given.record else []):
+        folder.mkdir(parents=True, exist_ok=True)
         (folder / f"{stem}.md").write_text(text, encoding="utf-8")
         (folder / f"{stem}.json").write_text(json.dumps({"drawn": drawn, "found": found}, indent=1) + "\n", "utf-8")
 

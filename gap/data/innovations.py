@@ -101,7 +101,7 @@ def _log_likelihood(
 
 
 class Wider(NamedTuple):
-    """What effects by chance add to the noise of C channels at n time stamps.
+    """The noise that effects by chance add to C channels at n time stamps.
 
     ``scattered`` (C·n,) is the variance, SI, of each row by itself; ``walks`` (C, n) the rms after a second of random
     walks, at the rate of each row, which are there ``loads`` (C, n) times (once, if not given), and go on to all
@@ -209,11 +209,11 @@ class RowNoise:
         return filters
 
     def sd(self, wider: Wider = NOTHING) -> FloatArray:
-        """Standard deviation (C·n,) of the innovations, with what is ``wider``."""
+        """Standard deviation (C·n,) of the innovations, with the noise of ``wider``."""
         return np.concatenate([sd for _, sd in self._filters(wider)])
 
     def whitened(self, difference: FloatArray, wider: Wider = NOTHING) -> FloatArray:
-        """``difference`` (C·n,) or (C·n, p) in σ, with what is ``wider``: independent parts if it is noise."""
+        """``difference`` (C·n,) or (C·n, p) in σ, with the noise of ``wider``: independent parts if it is noise."""
         parts = zip(self._parts(difference), self._filters(wider), strict=True)
         white = [x / sd[:, None] if f is None else _innovations(x, *f) for x, (f, sd) in parts]
         return np.concatenate(white).reshape(difference.shape)

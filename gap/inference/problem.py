@@ -26,7 +26,7 @@ class Problem(Protocol):
     there is tissue. ``likelihood_powers``, one for each width, are exponents on the evidence, for model error that
     tempering does not see: low where a person's tissue is free. The first also weighs the widths against
     each other. ``law_parameters`` is how many of the nuisance's first parameters are of laws that widths exchange for
-    each other, by freezing some: of a width that freezes what a fit has moved, that fit tells nothing."""
+    each other, by freezing some: of a width that freezes parameters which a fit has moved, that fit tells nothing."""
 
     name: str
     rows: Rows
@@ -101,10 +101,10 @@ class Problem(Protocol):
         ...
 
     def walk_log_bayes(self, fitted: Fit) -> float:
-        """Nats by which readings that walk at random describe what a fit leaves better than anything else that
-        neighbours have in common; infinite where none walks."""
+        """Nats by which readings that walk at random describe the rest of a fit better than slow noise and answers to
+        motion do; infinite where none walks."""
         ...
 
     def chance_log_bayes(self, fitted: Fit) -> float:
-        """Nats by which another law of chance than that of the ``fitted`` effects describes what they leave better."""
+        """Nats by which another law of chance than that of the ``fitted`` effects describes their rest better."""
         ...

@@ -26,7 +26,7 @@ SETTLED = 3.0
 SHOWS = 0.15
 """Share of the greatest response from which on one counts."""
 FASTER = (0.5, 2.0, 8.0)
-"""Times as fast as it walks all along that a reading may walk in motion alone, or by a share of what is there;"""
+"""Times as fast as it walks all along that a reading may walk in motion alone, or in proportion to the response;"""
 SLOWER = (0.25, 0.5, 1.0)
 """and, where noise is remembered, all along."""
 SHARES, TIMES = (0.15, 0.3, MOST), (0.2, 0.8, 3.2)
@@ -34,7 +34,7 @@ SHARES, TIMES = (0.15, 0.3, MOST), (0.2, 0.8, 3.2)
 
 
 class ByChance:
-    """What a block knows of chance: ``slope`` (C·n,) of the signal per s, where that is known, and ``counts`` (C·n,)
+    """The part of a block that knows of chance: ``slope`` (C·n,) of the signal per s, where that is known, and ``counts`` (C·n,)
     of samples in a row; ``noise`` (C,) is that of a sample."""
 
     session: GroupedSession
@@ -81,7 +81,7 @@ class ByChance:
         return np.asarray(together).reshape(len(self.channels), -1)
 
     def wider(self, active: Active) -> Wider:
-        """What the active effects add to the noise."""
+        """The noise that the active effects add."""
         return Wider(self.scattered(active), self.walking(active))
 
     @cached_property
@@ -116,9 +116,9 @@ class ByChance:
         return np.inf if wider.walks is None else self._walk_log_bayes(fitted, wider, wider.walks)
 
     def _walk_log_bayes(self, fitted: Fit, walk: Wider, rates: FloatArray) -> float:
-        """Nats for the walk against whatever else there may be: noise that a sound sensor remembers; a reading that
+        """Nats for the walk against the best of its alternatives: noise that a sound sensor remembers; a reading that
         walks in motion alone and is right again or stays at rest, an answer to the motion that is not understood; and
-        one that walks by a share of what is there, as skin's tone does."""
+        one that walks in proportion to the response, as skin's tone does."""
         alone = walk._replace(walks=None)
         rows = self.row_noise.unwhitened(np.column_stack([fitted.at_mean, fitted.jacobian]), walk)
 

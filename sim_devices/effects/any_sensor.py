@@ -15,6 +15,7 @@ from sim_devices.effects.build import (
     CHOICE,
     LONGEST,
     PHASE,
+    ROBOT,
     Values,
     choice,
     chosen,
@@ -36,13 +37,12 @@ HEIGHT, FORCE = "optics", "transducers"
 _CHANNELS = "transducer a", "b", "c", "all three"
 CHANNEL = choice("channel", 0, *_CHANNELS)
 _COURSES = ("linear in time", "towards a limit, as in warming up", "to and fro")
-ANEW = "towards a limit, switched on with every recording"
-ANEW_COURSE = choice("form", 1, *_COURSES, ANEW)
+_ANEW = "towards a limit, switched on with every recording"
+ANEW_COURSE = choice("form", 1, *_COURSES, _ANEW)
 WALKS = 4
-_HEIGHT_COURSE = choice("form", 1, *_COURSES, ANEW, "at random")
+"""The form of a height that walks at random."""
 LATER = shape("later", "s", 0.2, 300.0, 5.0, "after the start of each recording", log=True, only=(2,), fine=AT_ONCE)
 WARMING = shape("warming", "s", 0.5, 120.0, 8.0, "within which it warms up", log=True, only=(3,))
-_EACH_COURSE = choice("form", 1, *_COURSES, "towards a limit, each transducer its own")
 
 
 def _transducers(v: Values) -> tuple[str, ...]:
@@ -178,15 +178,6 @@ def _drift_of_each(chain: Chain, v: Values) -> Chain:
     return chain
 
 
-def _walk(scale: float) -> tuple[Parameter, Parameter]:
-    """Of a height of usual size ``scale`` m."""
-    return (
-        strength("walk", "m", 1e-4 * scale, 0.03 * scale, 3e-3 * scale,
-                 "rms after a second; grows with the root of time", only=(WALKS,)),
-        shape("seed", CHOICE, 0, 9, 1, "which course: another number, another one", only=(WALKS,)),
-    )  # fmt: skip
-
-
 def _flaw(scale: float) -> tuple[Parameter, ...]:
     return (
         shape("at", "m", 0.1 * scale, 4.0 * scale, 0.6 * scale, "height of the flaw", log=True, only=(1,)),
@@ -233,41 +224,74 @@ def _sensor(unit: str) -> tuple[bool, tuple[Parameter, ...], str]:
 
 def _of_zero(instruments: tuple[str, ...], scale: float, unit: str) -> list[Effect]:
     """Errors of its zero."""
-    robot, which, what = _sensor(unit)
+    return _of_force_zero(scale) if unit == "N" else _of_height_zero(instruments, scale)
+
+
+_CONSTANT, _WANDERS = "Constant error of {}.", "The {} reading wanders slowly with time (temperature)."
+_ZERO_AGAIN = "Zero against a known state; read the zero again at the end."
+_WARM = "Warm up; re-zero between recordings; record the temperature."
+_AFTER, _ALONG = "after a time tau (form 2: amplitude)", (0, 1, 2)
+_ALWAYS, _SINCE = "always", "from one moment on, or for a while"
+_TAU = ("tau", "s", 20.0, 3000.0, 200.0)
+
+
+def _of_height_zero(instruments: tuple[str, ...], scale: float) -> list[Effect]:
     return [
         effect(
-            "sensor_offset", "sensor", instruments,
-            f"Constant error of {what}{' or position' if robot else ''}.",
-            "Zero against a known state; read the zero again at the end.",
-            "datasheet: null ±15 mV, shift ±0.5 mV over 2 to 40 °C" if robot else "accuracy 3 % (assumed)",
+            "sensor_offset", "sensor", instruments, _CONSTANT.format("height"), _ZERO_AGAIN, "accuracy 3 % (assumed)",
             (
-                signed("offset", unit, 0.5 * scale, 0.1 * scale),
-                *((signed("position", "m", 3e-4, 0.0, "of the position sensor of the same number"), CHANNEL)
-                  if robot else ()),
-                choice("form", 0, "always", "from one moment on, or for a while",
-                       *(() if robot else ("in every recording, some time after its start",))),
+                signed("offset", "m", 0.5 * scale, 0.1 * scale),
+                choice("form", 0, _ALWAYS, _SINCE, "in every recording, some time after its start"),
                 *for_a_while(1, lasting=LONGEST),
-                *(() if robot else (LATER,)),
+                LATER,
             ),
-            _offset_force if robot else _offset_height,
+            _offset_height,
         ),
         effect(
-            "sensor_drift", "sensor", instruments,
-            f"The {what} reading wanders slowly with time (temperature).",
-            "Warm up; re-zero between recordings; record the temperature.",
-            "datasheet: 5.5 % / 25 °C, null shift" if robot else "light source and electronics; gap.md",
+            "sensor_drift", "sensor", instruments, _WANDERS.format("height"), _WARM,
+            "light source and electronics; gap.md",
             (
-                signed("amount", unit, 1.0 * scale, 0.2 * scale, "after a time tau (form 2: amplitude)",
-                       only=() if robot else (0, 1, 2, 3)),
-                shape("tau", "s", 20.0, 3000.0, 200.0, log=True, only=() if robot else (0, 1, 2)),
-                *(replace(p, only=(0, 1, 2)) for p in which),
-                _EACH_COURSE if robot else _HEIGHT_COURSE,
+                signed("amount", "m", 1.0 * scale, 0.2 * scale, _AFTER, only=(*_ALONG, 3)),
+                shape(*_TAU, log=True, only=_ALONG),
+                choice("form", 1, *_COURSES, _ANEW, "at random"),
                 PHASE,
-                *((signed(f"amount_{leg}", unit, scale, 0.2 * scale * share, "of its own", only=(3,))
-                   for leg, share in zip("bc", (-0.5, 0.7), strict=True)) if robot else (WARMING, *_walk(scale))),
+                WARMING,
+                strength("walk", "m", 1e-4 * scale, 0.03 * scale, 3e-3 * scale,
+                         "rms after a second; grows with the root of time", only=(WALKS,)),
+                shape("seed", CHOICE, 0, 9, 1, "which course: another number, another one", only=(WALKS,)),
             ),
-            _drift_of_each if robot else _drift,
-            wander=None if robot else _wandering,
+            _drift,
+            wander=_wandering,
+        ),
+    ]  # fmt: skip
+
+
+def _of_force_zero(scale: float) -> list[Effect]:
+    return [
+        effect(
+            "sensor_offset", "sensor", ROBOT, _CONSTANT.format("force or position"), _ZERO_AGAIN,
+            "datasheet: null ±15 mV, shift ±0.5 mV over 2 to 40 °C",
+            (
+                signed("offset", "N", 0.5 * scale, 0.1 * scale),
+                signed("position", "m", 3e-4, 0.0, "of the position sensor of the same number"),
+                CHANNEL,
+                choice("form", 0, _ALWAYS, _SINCE),
+                *for_a_while(1, lasting=LONGEST),
+            ),
+            _offset_force,
+        ),
+        effect(
+            "sensor_drift", "sensor", ROBOT, _WANDERS.format("force"), _WARM, "datasheet: 5.5 % / 25 °C, null shift",
+            (
+                signed("amount", "N", 1.0 * scale, 0.2 * scale, _AFTER),
+                shape(*_TAU, log=True),
+                replace(CHANNEL, only=_ALONG),
+                choice("form", 1, *_COURSES, "towards a limit, each transducer its own"),
+                PHASE,
+                *(signed(f"amount_{leg}", "N", scale, 0.2 * scale * share, "of its own", only=(3,))
+                  for leg, share in zip("bc", (-0.5, 0.7), strict=True)),
+            ),
+            _drift_of_each,
         ),
     ]  # fmt: skip
 
