@@ -26,8 +26,7 @@ class Problem(Protocol):
     there is tissue. ``likelihood_powers``, one for each width, are exponents on the evidence, for model error that
     tempering does not see: low where a person's tissue is free. The first also weighs the widths against
     each other. ``law_parameters`` is how many of the nuisance's first parameters are of laws that widths exchange for
-    each other, by freezing some: of a width that freezes parameters which a fit has moved, that fit tells
-    nothing."""
+    each other, by freezing some: of a width that freezes parameters which a fit has moved, that fit tells nothing."""
 
     name: str
     rows: Rows

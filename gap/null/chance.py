@@ -34,8 +34,10 @@ SHARES, TIMES = (0.15, 0.3, MOST), (0.2, 0.8, 3.2)
 
 
 class ByChance:
-    """The part of a block that knows of chance: ``slope`` (C·n,) of the signal per s, where that is known, and ``counts`` (C·n,)
-    of samples in a row; ``noise`` (C,) is that of a sample."""
+    """The part of a block that knows of chance.
+
+    ``slope`` (C·n,) is that of the signal per s, where it is known, ``counts`` (C·n,) the samples in a row, ``noise``
+    (C,) that of a sample."""
 
     session: GroupedSession
     library: Mapping[str, Effect]
