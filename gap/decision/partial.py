@@ -47,9 +47,6 @@ class _Part:
     def noise_scale(self, active: Active) -> FloatArray | None:
         return self.problem.noise_scale(active)
 
-    def whitened(self, difference: FloatArray, active: Active) -> FloatArray:
-        return self.problem.whitened(difference, active)
-
     def unwhitened(self, residual: FloatArray, active: Active) -> FloatArray:
         return self.problem.unwhitened(residual, active)
 

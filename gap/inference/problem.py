@@ -92,12 +92,9 @@ class Problem(Protocol):
         """How many times wider (n,) the noise is under effects that happen by chance; None without such effects."""
         ...
 
-    def whitened(self, difference: FloatArray, active: Active) -> FloatArray:
-        """A ``difference`` (n,) or (n, p), SI, in σ: a residual."""
-        ...
-
     def unwhitened(self, residual: FloatArray, active: Active) -> FloatArray:
-        """The difference (n,), SI, of measurement and prediction behind a whitened ``residual`` (n,)."""
+        """The difference (n,), SI, of measurement and prediction behind a whitened ``residual`` (n,); a reading that
+        walks at random is predicted from the rows before."""
         ...
 
     def walk_log_bayes(self, fitted: Fit) -> float:

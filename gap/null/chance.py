@@ -163,8 +163,12 @@ class ByChance:
         return self.row_noise.whitened(difference, self.wider(active))
 
     def unwhitened(self, residual: FloatArray, active: Active) -> FloatArray:
-        """The difference (n,), SI, of measurement and prediction behind a ``residual`` (n,)."""
-        return self.row_noise.unwhitened(residual, self.wider(active))
+        """The difference (n,), SI, of measurement and prediction behind a ``residual`` (n,). A walk is an effect's, not
+        the noise's: it is predicted from the rows before."""
+        wider = self.wider(active)
+        return (
+            self.row_noise.unwhitened(residual, wider) if wider.walks is None else residual * self.row_noise.sd(wider)
+        )
 
 
 def _all_of(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:

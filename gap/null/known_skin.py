@@ -84,9 +84,6 @@ class KnownSkin:
     def noise_scale(self, active: Active) -> FloatArray | None:
         return self.block.noise_scale(active)
 
-    def whitened(self, difference: FloatArray, active: Active) -> FloatArray:
-        return self.block.whitened(difference, active)
-
     def unwhitened(self, residual: FloatArray, active: Active) -> FloatArray:
         return self.block.unwhitened(residual, active)
 

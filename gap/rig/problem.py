@@ -254,9 +254,6 @@ class RigProblem:
     def noise_scale(self, active: Active) -> None:
         return None
 
-    def whitened(self, difference: FloatArray, active: Active) -> FloatArray:
-        return (difference.T / self.sigma).T
-
     def unwhitened(self, residual: FloatArray, active: Active) -> FloatArray:
         return residual * self.sigma
 

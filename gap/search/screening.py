@@ -282,7 +282,7 @@ def _windows(rows: int) -> float:
 def _widened(problem: Problem, base: Fit, candidate: Candidate, unit: FloatArray) -> float:
     """Twice the nats that the wider noise of an effect by chance, at ``unit`` (k,), earns on the rest of a fit."""
     active = {**base.active, candidate: candidate.values(unit)}
-    there = problem.whitened(problem.unwhitened(base.residual, base.active), active)
+    there = problem.evaluate(base.nuisance, active, want_jacobian=False).residual
     before, after = (1.0 if t is None else t for t in map(problem.noise_scale, (base.active, active)))
     wider = float(np.sum(np.log(after / before)))
     return float(base.residual @ base.residual - there @ there) - 2.0 * wider

@@ -53,10 +53,6 @@ class LinearProblem:
     def lateness(self, fitted: object) -> None:
         return None
 
-    def whitened(self, difference: FloatArray, active: Active) -> FloatArray:
-        wider = self.noise_scale(active)
-        return (difference.T / (self.sigma if wider is None else self.sigma * wider)).T
-
     def unwhitened(self, residual: FloatArray, active: Active) -> FloatArray:
         wider = self.noise_scale(active)
         return residual * self.sigma * (1.0 if wider is None else wider)

@@ -12,7 +12,7 @@ from acquire.recording.model import Recording
 from gap.design import simulated as own
 from gap.effects.load import library
 from gap.inference.hypothesis import Candidate
-from gap.inference.least_squares import fit
+from gap.inference.least_squares import fit, predicted
 from gap.null.candidates import candidates_for
 from gap.null.groups import GroupedSession
 from gap.null.suction_height import HeightBlock
@@ -72,6 +72,13 @@ def test_a_reading_that_walks_is_told_by_how_fast_it_does() -> None:
     assert block.walk_log_bayes(fitted) > 25.0
 
 
+def test_a_walk_is_predicted_from_the_rows_before() -> None:
+    block = height(4e-5)
+    fits = fit(block), fit(block, (walking(block),), np.array([0.7]))
+    nominal, walks = (np.sqrt(np.mean(np.square(block.measured - predicted(block, f)))) for f in fits)
+    assert walks < 0.85 * nominal
+
+
 def test_skin_whose_reading_stands_does_not_walk() -> None:
     block = height(0.0)
     candidate = walking(block)
@@ -101,5 +108,5 @@ def test_noise_scale_and_residual_are_of_one_filter() -> None:
     assert wider[0] == pytest.approx(1.0)  # it has had no time to go anywhere
     difference: FloatArray = np.random.default_rng(0).normal(size=len(block.measured)) * block.sigma
     there = block.whitened(difference, active)
-    assert block.unwhitened(there, active) == pytest.approx(difference)
+    assert block.row_noise.unwhitened(there, block.wider(active)) == pytest.approx(difference)
     assert block.noise_scale({}) is None
