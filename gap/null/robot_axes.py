@@ -20,8 +20,9 @@ from gap.null.robot_load import SPRING, RecordedLoad
 from gap.null.robot_loop import Controller, controllers, stated
 from gap.null.robot_recorded import recorded, steepness
 from gap.null.robot_specimens import specimen_chain
-from gap.null.robot_suspects import rubbed
+from gap.null.robot_suspects import Guess, guessed, rubbed
 from sim_devices.chain import Chain, Effect, FloatArray, Operator
+from sim_devices.stages.axes import AxisLoop
 from sim_devices.stages.operators import Retimed
 from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
 from sim_devices.stages.sampling import COMMANDS
@@ -42,6 +43,8 @@ WORTH = 20.0
 """χ² by which a controller that holds sampled rows must be better than one that goes straight in between."""
 MISTAKEN = ("viscous_drag", 0), ("viscous_drag", 2), ("coulomb_friction", 0), ("latency", 0)
 """Effects and forms that the quick fits look for then: each looks like another controller."""
+LIKELIEST = 2
+"""Controllers, of those that may be, beside which each of them is fitted."""
 EXPLAINED = 2.0
 """χ² a row up to which a controller within its tolerances explains the axes: nothing else need be looked for."""
 WEIGHTS = "proportional", "derivative", "acceleration"
@@ -65,6 +68,15 @@ SOMEWHERE = 0.3
 def _explains(f: Fit) -> bool:
     """Whether a sound instrument within its tolerances leaves no more than the noise."""
     return f.penalty <= STRAINED and f.chi2 <= EXPLAINED * len(f.residual)
+
+
+def _likely(guesses: Mapping[tuple[Controller, bool], Sequence[Guess]], k: int) -> float:
+    """The deviance up to which the ``k``-th effect is fitted beside a controller: those of the likeliest."""
+    return sorted(own[k].left for own in guesses.values())[:LIKELIEST][-1]
+
+
+def _stable(axes: Operator) -> bool:
+    return not isinstance(axes, AxisLoop) or axes.stable
 
 
 class AxesBlock(Block):
@@ -102,18 +114,23 @@ class AxesBlock(Block):
         self._known = controllers(stated([session.recordings[k] for k in self.runs]))
         ways = [(controller, held) for controller in self._known for held in (False, True)[: 1 + session.sampled]]
         fits = {way: [self._plain(*way)] for way in ways}
+        guesses: dict[tuple[Controller, bool], list[Guess]] = {}
         if not any(_explains(f) for f, *_ in fits.values()):
-            for way, tried in fits.items():
-                tried += self._rubbing(*way)
+            guesses = {way: self._rubbing(*way) for way in ways}
+        for way, own in guesses.items():
+            self._take(*way)
+            fits[way] += [rubbed(self, g) for k, g in enumerate(own) if g.left <= _likely(guesses, k)]
         # Rows are straight unless it is worth it that they are held.
         costs = {way: min(f.objective for f in fits[way]) + WORTH * way[1] for way in ways}
         best = min(ways, key=lambda way: costs[way])
-        alone, *rubbed = fits[best]
-        self._best = min(fits[best], key=lambda f: f.objective)
-        self._start, self._strained = alone.nuisance, not _explains(alone)
-        self._rubs = {f.hypothesis[0].key: f for f in rubbed}
-        self.suspected = frozenset(self._rubs)
         self._take(*best)
+        alone, *likely = fits[best]
+        self._rubs = {f.hypothesis[0].key: f for f in likely}
+        left = [g for g in guesses.get(best, ()) if g.candidate.key not in self._rubs]
+        self._rubs |= {g.candidate.key: rubbed(self, g) for g in left}
+        self.suspected = frozenset(self._rubs)
+        self._best = min([alone, *self._rubs.values()], key=lambda f: f.objective)
+        self._start, self._strained = alone.nuisance, not _explains(alone)
         self._leave_out_kicks()
 
     def _leave_out_kicks(self) -> None:
@@ -222,13 +239,13 @@ class AxesBlock(Block):
         self._take(controller, held)
         return fit(self, nuisance=self.prior_mean, iterations=3)
 
-    def _rubbing(self, controller: Controller, held: bool) -> list[Fit]:
+    def _rubbing(self, controller: Controller, held: bool) -> list[Guess]:
         """The same with friction, drag or lateness, because much of these looks like the other controller."""
         self._take(controller, held)
         forms: dict[tuple[str, int], tuple[str, Effect]] = {}
         for key, effect in self.library.items():
             forms.setdefault((effect.name, effect.form), (key, effect))  # of all axes before a single one
-        return [rubbed(self, *forms[form]) for form in MISTAKEN if form in forms]
+        return [guessed(self, *forms[form]) for form in MISTAKEN if form in forms]
 
     def start(self) -> FloatArray:
         return self._start.copy()
@@ -293,7 +310,10 @@ class AxesBlock(Block):
         out = np.empty((3, len(self.stamps)))
         loads, undone = self._loads_under(active)
         for i, ((g, at), load) in enumerate(zip(self.groups, loads, strict=True)):
-            operators = needed(self._loop(g, nuisance, active), AXES, load)
+            chain = self._loop(g, nuisance, active)
+            if not _stable(chain["axes"]):
+                return np.full(out.size, np.inf)  # nobody runs such a robot, and its simulation takes long
+            operators = needed(chain, AXES, load)
             key = (i, operators, undone, *nuisance[3:6].tolist())
             if key not in self._made:
                 if len(self._made) > 20:

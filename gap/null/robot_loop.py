@@ -11,6 +11,7 @@ import numpy as np
 from acquire.recording.model import AXIS_LOOP, Recording
 from sim_devices.chain import Chain, FloatArray
 from sim_devices.stages.axes import LOOP_RATE, MASS, AxisLoop
+from sim_devices.stages.axis_steps import LONGEST
 
 COARSER = 2.0
 """Substeps of a loop with friction or limits against those of the simulated instrument: half as many to compute."""
@@ -33,7 +34,7 @@ class TunedLoop(AxisLoop):
     def fresh(self) -> Any:
         rows, parameters = super().fresh()
         if self.stiction or not self.coulomb:  # dry friction alone takes long steps but where the axis turns
-            parameters[14] *= COARSER
+            parameters[LONGEST] *= COARSER
         return rows, parameters
 
 

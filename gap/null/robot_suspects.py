@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.optimize import minimize_scalar
 
@@ -19,9 +21,19 @@ A_LITTLE = 0.04
 """Quantile of the length over which friction builds up, from which a fit leads on, as it does not from none."""
 
 
-def rubbed(problem: Problem, key: str, effect: Effect) -> Fit:
-    """A quick fit with an effect on a sound instrument, from the strength that by itself explains most: a step in the
-    force leaves no slope to follow from elsewhere. Friction also begins with some presliding."""
+@dataclass(frozen=True)
+class Guess:
+    """An effect on a sound instrument at the point (k,) of its prior, its usual shape, at which it explains most; and
+    the deviance that it leaves there, the nuisance refitted along straight lines."""
+
+    candidate: Candidate
+    unit: FloatArray
+    left: float
+
+
+def guessed(problem: Problem, key: str, effect: Effect) -> Guess:
+    """The strength by which an effect explains most by itself: a step in the force leaves no slope to follow from
+    elsewhere."""
     candidate = Candidate(key, effect.name, effect.stage, effect.parameters, (problem.name,))
     sound = problem.prior_mean
     refit = Projector(problem.evaluate(sound, {}).jacobian, problem.prior_sd)
@@ -37,7 +49,12 @@ def rubbed(problem: Problem, key: str, effect: Effect) -> Fit:
     near = min(STRENGTHS.tolist(), key=left)
     apart = float(STRENGTHS[1] - STRENGTHS[0])
     best = minimize_scalar(left, bounds=(near - apart, near + apart), options={"xatol": 0.02 * apart})
-    begin = at(float(best.x))
-    builds_up = np.array([p.name == "presliding" for p in effect.parameters])
-    tries = [begin, np.where(builds_up, A_LITTLE, begin)] if builds_up.any() else [begin]
-    return min((fit(problem, (candidate,), unit, sound, iterations=6) for unit in tries), key=lambda f: f.objective)
+    return Guess(candidate, at(float(best.x)), float(best.fun))
+
+
+def rubbed(problem: Problem, guess: Guess) -> Fit:
+    """A quick fit from a guess. Friction also begins with some presliding."""
+    builds_up = np.array([p.name == "presliding" for p in guess.candidate.parameters])
+    tries = [guess.unit, np.where(builds_up, A_LITTLE, guess.unit)] if builds_up.any() else [guess.unit]
+    fits = (fit(problem, (guess.candidate,), unit, problem.prior_mean, iterations=6) for unit in tries)
+    return min(fits, key=lambda f: f.objective)

@@ -78,6 +78,13 @@ class AxisLoop(Wired):
         """Proportional, integral and derivative gain, N/m, N/(m s), N s/m."""
         return 3 * self.mass * self.rate**2, self.mass * self.rate**3, 3 * self.mass * self.rate
 
+    @property
+    def stable(self) -> bool:
+        """Whether the linear loop comes to rest (Routh, 1877): no machine is built about one that does not."""
+        (kp, ki, kd), late = self.controller(), self.lag
+        mass, damping, stiffness = self.mass - late * kd, kd - late * kp + self.drag, kp - late * ki + self.spring
+        return mass > 0.0 and damping > 0.0 and ki > 0.0 and stiffness * damping > ki * mass
+
     def fresh(self) -> Any:
         (kp, ki, kd), late = self.controller(), self.lag
         linear = not (self.coulomb or self.stiction or self.slope or self.curvature or self.soft or self.thinning)

@@ -8,8 +8,9 @@ from numba import njit
 
 THIN_AT = 1e-3
 """m/s at which the drag of a thinning grease is stated."""
-_ROUNDS, _CLOSE = 30, 1e-9  # of a search for friction at most; of its level, by which it may be off
-_NEAR = 1e-5  # step of the logarithm of a speed, from which on the next would be as good as none
+_ROUNDS = 30  # of a search for friction at most
+_CLOSE = 1e-5  # of its level, by which it may be off before the last step of Newton's, and 1e-10 behind it
+_NEAR = 1e-4  # step of the logarithm of a speed, from which on the next would be as good as none
 
 
 @njit(cache=True, error_model="numpy")
@@ -36,7 +37,7 @@ def bristle(held: float, free: float, yields: float, level: float, per_metre: fl
         after -= excess / slope
         if not low <= after <= high:
             after = 0.5 * (low + high)
-        if abs(excess) < _CLOSE * level:
+        elif abs(excess) < _CLOSE * level:
             break
     return after
 
@@ -44,13 +45,13 @@ def bristle(held: float, free: float, yields: float, level: float, per_metre: fl
 @njit(cache=True, error_model="numpy")
 def thinned(free: float, yields: float, strength: float, power: float) -> float:
     """Drag (N) of a grease that shear thins, or of air that swirls, against a step's mean speed ``free`` m/s that it is
-    lowered from by ``yields`` for each newton: ``strength`` N at `THIN_AT`, growing with a ``power`` of the speed that
-    is left, below 1 of a grease and 2 of air."""
+    lowered from by ``yields`` for each newton: ``strength`` N at 1 m/s, growing with a ``power`` of the speed that is
+    left, below 1 of a grease and 2 of air."""
     speed = abs(free)
     if speed == 0.0:
         return 0.0
     # The speed that is left solves left + slowed(left) = speed: convex in its logarithm, and begun from above.
-    slows = yields * strength * THIN_AT**-power
+    slows = yields * strength
     q = math.log(speed)
     q = min(q, (q - math.log(slows)) / power)
     for _ in range(_ROUNDS):
@@ -76,9 +77,9 @@ def eased(free: float, yields: float, level: float, easing: float) -> float:
             high = dry
         else:
             low = dry
-        if abs(excess) < _CLOSE * level:
-            break
         dry -= excess / (1.0 + level * (1.0 - share * share) * yields / easing)
-        if not low < dry < high:
+        if not low <= dry <= high:
             dry = 0.5 * (low + high)
+        elif abs(excess) < _CLOSE * level:
+            break
     return float(-way * dry)

@@ -18,7 +18,7 @@ from gap.null.groups import GroupedSession
 from gap.null.robot import robot_problems
 from gap.null.robot_axes import AXES, QUANTITIES, AxesBlock
 from gap.null.robot_loop import CONTROLLERS
-from gap.null.robot_suspects import rubbed
+from gap.null.robot_suspects import guessed, rubbed
 from sim_devices.stages.tissues import sheet_tissue
 
 
@@ -138,5 +138,6 @@ def test_friction_that_builds_up_over_micrometres_is_fitted_as_such() -> None:
     true = {"force": 0.1, "presliding": 2.5e-6}
     legs = [own.direction_cycles(angle, 0.1, 1.2e-3, 4.0, 2) for angle in (0.0, 1.2)]
     recordings = own.robot_session(np.random.default_rng(3), [(friction, true)], legs=legs)
-    found = rubbed(AxesBlock(GroupedSession(recordings, QUANTITIES), {"rubs": friction}), "rubs", friction)
+    block = AxesBlock(GroupedSession(recordings, QUANTITIES), {"rubs": friction})
+    found = rubbed(block, guessed(block, "rubs", friction))
     assert found.active[found.hypothesis[0]] == pytest.approx(true, rel=0.3)
