@@ -20,7 +20,7 @@ from gap.null.robot_load import SPRING, RecordedLoad
 from gap.null.robot_loop import Controller, controllers, stated
 from gap.null.robot_recorded import recorded, steepness
 from gap.null.robot_specimens import specimen_chain
-from gap.null.robot_suspects import Guess, guessed, rubbed
+from gap.null.robot_suspects import WORTH, explains, likeliest, quickly
 from sim_devices.chain import Chain, Effect, FloatArray, Operator
 from sim_devices.stages.axes import AxisLoop
 from sim_devices.stages.operators import Retimed
@@ -34,19 +34,9 @@ ROBOT_BINS = 0.3, 0.4
 """Growth and largest width (s) of the bins: the motion is slow."""
 MOST_SUBSTEPS = 12
 """Of a step of the loop's grid, where friction or the like acts: 1 ms behind a kink, 4 ms where motion is straight."""
-STRAINED = 15.0
-"""Penalty of the loop's tolerances above which they are strained: something else is likely."""
 SETTLED, BEYOND = 3.0, 0.1
 """s for which a grid begins before the recordings, as a loop holds its load when they begin, a weight that hangs; and
 by which it goes beyond them, as clocks differ."""
-WORTH = 20.0
-"""χ² by which a controller that holds sampled rows must be better than one that goes straight in between."""
-MISTAKEN = ("viscous_drag", 0), ("viscous_drag", 2), ("coulomb_friction", 0), ("latency", 0)
-"""Effects and forms that the quick fits look for then: each looks like another controller."""
-LIKELIEST = 2
-"""Controllers, of those that may be, beside which each of them is fitted."""
-EXPLAINED = 2.0
-"""χ² a row up to which a controller within its tolerances explains the axes: nothing else need be looked for."""
 WEIGHTS = "proportional", "derivative", "acceleration"
 """Parts of a controller that may see more or less of a set-point than the known ones do."""
 KICK = 1e-3
@@ -63,16 +53,6 @@ SHIFT, CLOCK = 3, 4
 """The nuisance by which all is late, s, and that of the clock, 1."""
 SOMEWHERE = 0.3
 """Quantile of its prior at which an effect does something: most do nothing in the middle of a range about nought."""
-
-
-def _explains(f: Fit) -> bool:
-    """Whether a sound instrument within its tolerances leaves no more than the noise."""
-    return f.penalty <= STRAINED and f.chi2 <= EXPLAINED * len(f.residual)
-
-
-def _likely(guesses: Mapping[tuple[Controller, bool], Sequence[Guess]], k: int) -> float:
-    """The deviance up to which the ``k``-th effect is fitted beside a controller: those of the likeliest."""
-    return sorted(own[k].left for own in guesses.values())[:LIKELIEST][-1]
 
 
 def _stable(axes: Operator) -> bool:
@@ -113,24 +93,11 @@ class AxesBlock(Block):
         self.prior_mean = self.sound = np.zeros(self.TOLERANCES + self._runs.shape[1])
         self._known = controllers(stated([session.recordings[k] for k in self.runs]))
         ways = [(controller, held) for controller in self._known for held in (False, True)[: 1 + session.sampled]]
-        fits = {way: [self._plain(*way)] for way in ways}
-        guesses: dict[tuple[Controller, bool], list[Guess]] = {}
-        if not any(_explains(f) for f, *_ in fits.values()):
-            guesses = {way: self._rubbing(*way) for way in ways}
-        for way, own in guesses.items():
-            self._take(*way)
-            fits[way] += [rubbed(self, g) for k, g in enumerate(own) if g.left <= _likely(guesses, k)]
-        # Rows are straight unless it is worth it that they are held.
-        costs = {way: min(f.objective for f in fits[way]) + WORTH * way[1] for way in ways}
-        best = min(ways, key=lambda way: costs[way])
+        best, alone, self._rubs = likeliest(self, self._take, ways, library)
         self._take(*best)
-        alone, *likely = fits[best]
-        self._rubs = {f.hypothesis[0].key: f for f in likely}
-        left = [g for g in guesses.get(best, ()) if g.candidate.key not in self._rubs]
-        self._rubs |= {g.candidate.key: rubbed(self, g) for g in left}
         self.suspected = frozenset(self._rubs)
         self._best = min([alone, *self._rubs.values()], key=lambda f: f.objective)
-        self._start, self._strained = alone.nuisance, not _explains(alone)
+        self._start, self._strained = alone.nuisance, not explains(alone)
         self._leave_out_kicks()
 
     def _leave_out_kicks(self) -> None:
@@ -193,7 +160,7 @@ class AxesBlock(Block):
         best = self._best
         self._best = fit(self, best.hypothesis, best.unit, best.nuisance, iterations=3)
         alone = self._best if not best.hypothesis else fit(self, nuisance=self._start, iterations=3)
-        if not _explains(alone):
+        if not explains(alone):
             alone = self._reconsidered(alone)
         alone = self._levered(alone)
         self._start = alone.nuisance
@@ -205,7 +172,7 @@ class AxesBlock(Block):
         taken = self.controller
         for controller in (c for c in self._known if c != taken):
             found = self._plain(controller, self.held)
-            if _explains(found):
+            if explains(found):
                 self._best, self._strained = found, False
                 if not taken.on_error:
                     self._leave_out_kicks()
@@ -235,17 +202,8 @@ class AxesBlock(Block):
         self._kept.clear()
 
     def _plain(self, controller: Controller, held: bool) -> Fit:
-        """A quick fit with a controller that takes sampled rows so."""
         self._take(controller, held)
-        return fit(self, nuisance=self.prior_mean, iterations=3)
-
-    def _rubbing(self, controller: Controller, held: bool) -> list[Guess]:
-        """The same with friction, drag or lateness, because much of these looks like the other controller."""
-        self._take(controller, held)
-        forms: dict[tuple[str, int], tuple[str, Effect]] = {}
-        for key, effect in self.library.items():
-            forms.setdefault((effect.name, effect.form), (key, effect))  # of all axes before a single one
-        return [guessed(self, *forms[form]) for form in MISTAKEN if form in forms]
+        return quickly(self)
 
     def start(self) -> FloatArray:
         return self._start.copy()
@@ -398,8 +356,9 @@ class AxesBlock(Block):
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         k = self.TOLERANCES
         difference = self.measured - self._predict(nuisance, active) - self._runs @ nuisance[k:]
-        residual = self.whitened(difference, active)
-        return Evaluation(residual, self._tolerances(nuisance, active) if want_jacobian else np.zeros((0, 0)))
+        with np.errstate(invalid="ignore"):  # of an axis that does not come to rest
+            residual = self.whitened(difference, active)
+            return Evaluation(residual, self._tolerances(nuisance, active) if want_jacobian else np.zeros((0, 0)))
 
     def _tolerances(self, nuisance: FloatArray, active: Active) -> FloatArray:
         """Whitened Jacobian (n, p) of the nuisance, of the prediction without any effect, at the first gains within
@@ -413,5 +372,6 @@ class AxesBlock(Block):
                 moved[j] += step
                 chain_part[:, j] = (self._predict(moved, {}) - nominal) / step
             kept = np.hstack([chain_part, self._runs])
-            self._kept.append((nuisance[:3].copy(), kept))
+            if np.isfinite(kept).all():
+                self._kept.append((nuisance[:3].copy(), kept))
         return self.whitened(kept, active)

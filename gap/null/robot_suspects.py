@@ -1,7 +1,8 @@
-"""Quick fits of effects that look like another controller of the robot's axes."""
+"""Which controller drives the robot's axes, by quick fits also of effects that look like another one."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ from gap.inference.hypothesis import Candidate, to_unit
 from gap.inference.least_squares import fit
 from gap.inference.linear import Projector
 from gap.inference.problem import Problem
+from gap.null.robot_loop import Controller
 from sim_devices.chain import Effect, FloatArray
 
 STRENGTHS = np.linspace(0.1, 0.9, 17)
@@ -19,6 +21,63 @@ STRENGTHS = np.linspace(0.1, 0.9, 17)
 
 A_LITTLE = 0.04
 """Quantile of the length over which friction builds up, from which a fit leads on, as it does not from none."""
+
+
+MISTAKEN = ("viscous_drag", 0), ("viscous_drag", 2), ("coulomb_friction", 0), ("latency", 0)
+"""Effects and forms that the quick fits look for where no controller explains the axes: each looks like another one."""
+LIKELIEST = 2
+"""Controllers beside which each of them is fitted: those beside which it explains most."""
+STRAINED, EXPLAINED = 15.0, 2.0
+"""Penalty of the loop's tolerances above which they are strained: something else is likely; and χ² a row up to which a
+controller within its tolerances explains the axes: nothing else need be looked for."""
+WORTH = 20.0
+"""χ² by which a controller that holds sampled rows must be better than one that goes straight in between."""
+Way = tuple[Controller, bool]
+"""A controller, and whether it holds sampled rows of a command until the next."""
+
+
+def explains(f: Fit) -> bool:
+    """Whether a sound instrument within its tolerances leaves no more than the noise."""
+    return f.penalty <= STRAINED and f.chi2 <= EXPLAINED * len(f.residual)
+
+
+def quickly(problem: Problem) -> Fit:
+    """A quick fit of a sound instrument."""
+    return fit(problem, nuisance=problem.prior_mean, iterations=3)
+
+
+def likeliest(
+    problem: Problem, take: Callable[[Controller, bool], None], ways: Sequence[Way], library: Mapping[str, Effect]
+) -> tuple[Way, Fit, dict[str, Fit]]:
+    """The likeliest of the ways that ``problem`` can ``take``, its fit by itself and, where none explains the axes so,
+    those with each of `MISTAKEN` of the ``library``, by its key."""
+
+    def beside(way: Way) -> Problem:
+        take(*way)
+        return problem
+
+    alone = {way: quickly(beside(way)) for way in ways}
+    guesses: dict[Way, list[Guess]] = {way: [] for way in ways}
+    if not any(map(explains, alone.values())):
+        forms = _mistaken(library)
+        guesses = {way: [guessed(beside(way), key, effect) for key, effect in forms] for way in ways}
+    deviance = np.array([[guess.left for guess in own] for own in guesses.values()])
+    first = deviance <= np.sort(deviance, axis=0)[:LIKELIEST][-1]
+    rubs: dict[Way, dict[str, Fit]] = {}
+    for (way, own), likely in zip(guesses.items(), first, strict=True):
+        rubs[way] = {g.candidate.key: rubbed(beside(way), g) for g, fitted in zip(own, likely, strict=True) if fitted}
+    # Rows are straight unless it is worth it that they are held.
+    best = min(ways, key=lambda w: min(f.objective for f in (alone[w], *rubs[w].values())) + WORTH * w[1])
+    others = [g for g in guesses[best] if g.candidate.key not in rubs[best]]
+    return best, alone[best], rubs[best] | {g.candidate.key: rubbed(beside(best), g) for g in others}
+
+
+def _mistaken(library: Mapping[str, Effect]) -> list[tuple[str, Effect]]:
+    """The effects that look like another controller, with their keys: of all axes before a single one."""
+    forms: dict[tuple[str, int], tuple[str, Effect]] = {}
+    for key, effect in library.items():
+        forms.setdefault((effect.name, effect.form), (key, effect))
+    return [forms[form] for form in MISTAKEN if form in forms]
 
 
 @dataclass(frozen=True)

@@ -68,7 +68,7 @@ more."""
 UNLIKE = EMPTIES, STAYS, CLEARS, SWINGS, LANDS
 """Ways to vent that are unlike each other, of which each start is tried."""
 FIRST, HALF, SECOND, LEADERS, NEXT, GO_ON, LAST = 4, 0.5, 6, 2, 6, 3, 40
-"""Steps of fits of loops with an integral that vent in these ways, the share of them that goes on then and with how many
+"""Steps of fits of loops with an integral that vent in these ways, the share of them that goes on and with how many
 steps, how many of these the other ways begin from and with how many steps, how many of all go on, and for how long."""
 HEAVY = 0.5
 """Inertia of a valve from which a fit begins: a little of it moves nothing;"""

@@ -141,3 +141,14 @@ def test_friction_that_builds_up_over_micrometres_is_fitted_as_such() -> None:
     block = AxesBlock(GroupedSession(recordings, QUANTITIES), {"rubs": friction})
     found = rubbed(block, guessed(block, "rubs", friction))
     assert found.active[found.hypothesis[0]] == pytest.approx(true, rel=0.3)
+
+
+def test_a_loop_that_does_not_come_to_rest_is_no_place_for_a_fit() -> None:
+    """It was simulated for ten times as long as others, until every axis was at its end stop."""
+    legs = [own.direction_cycles(0.4, 0.1, 1.2e-3, 4.0, 1)]
+    axes = AxesBlock(GroupedSession(own.robot_session(np.random.default_rng(3), legs=legs), QUANTITIES), {})
+    wild = axes.start()
+    wild[1] = 3.0  # of the integral gain's logarithm
+    assert not np.any(np.isfinite(axes.evaluate(wild, {}, want_jacobian=False).residual))
+    found = fit(axes, nuisance=wild, iterations=5)
+    assert found.chi2 < 1.5 * len(found.residual)

@@ -7,6 +7,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from sim_devices.chain import FloatArray
@@ -52,6 +54,25 @@ def integrated(
         found = solve_ivp(slope, (a, b), state, method="LSODA", dense_output=True, rtol=1e-9, atol=1e-12, max_step=2e-3)
         out[at], state = found.sol(time[at])[1], found.y[:, -1]
     return out
+
+
+@given(
+    st.floats(1.0, 300.0),
+    st.floats(0.02, 0.2),
+    st.floats(-2e-3, 8e-3),
+    st.floats(0.0, 5.0),
+    st.floats(0.0, 500.0),
+)
+def test_a_loop_is_stable_where_all_of_its_poles_are_on_the_left(
+    rate: float, mass: float, lag: float, drag: float, spring: float
+) -> None:
+    loop = AxisLoop("axes", "actuator", (), (), rate=rate, mass=mass, lag=lag, drag=drag, spring=spring)
+    kp, ki, kd = loop.controller()
+    characteristic = [mass - lag * kd, kd - lag * kp + drag, kp - lag * ki + spring, ki]
+    assume(abs(characteristic[0]) > 1e-9)
+    rightmost = float(np.max(np.roots(characteristic).real))
+    assume(abs(rightmost) > 1e-6)
+    assert loop.stable == (rightmost < 0.0)
 
 
 @pytest.mark.parametrize("length", [2e-6, 6e-6, 4e-5])
