@@ -249,6 +249,7 @@ FIGURES = (
     Definition("calibration error of exact probabilities", seen, calibration_by_chance),
     Definition("overconfidence of the first cause", seen, overconfidence),
     Definition("calibration error, sound sessions among them", seen_or_sound, calibration_error),
+    Definition("the same of exact probabilities", seen_or_sound, calibration_by_chance),
     Definition("unknown found at 5 % false, delta >= 10", _outside_or_known, unknown_recall, ">= 0.85", needs=outside),
     Definition("both of a pair in the top three", pair, _third, ">= 0.80"),
     Definition("coin tosses between equivalent effects", seen, _share(lambda c: c.coin_toss), "<= 0"),
