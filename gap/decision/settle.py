@@ -12,6 +12,7 @@ import numpy as np
 from gap.data.signatures import Signature
 from gap.decision.chance import memory_of_chance, size_of_chance, walk_of_chance
 from gap.decision.classes import Cause, begins_with_skin, concept, nats_without_skin
+from gap.decision.findings import Findings
 from gap.decision.gaps import (
     Shrink,
     gap_but_for_skin,
@@ -28,7 +29,7 @@ from gap.decision.thresholds import Thresholds
 from gap.decision.tolerance import NOT_STATED, Size, Stated, in_stated, in_tolerances, strained
 from gap.decision.tolerated import beside, told, tolerated
 from gap.decision.transfer import Carried, best_elsewhere, plain, transferred
-from gap.decision.verdict import UNFINISHED, WITHIN, Findings, Verdict, decide
+from gap.decision.verdict import UNFINISHED, WITHIN, Verdict, decide
 from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import Candidate
 from gap.inference.workers import each

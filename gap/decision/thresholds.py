@@ -79,6 +79,7 @@ class Thresholds:
     amid_skin: float
     amid_share: float
     amid_sure: float
+    left_elsewhere: float
     carried_share: float
     untested_gap: float
     rival_lead: float

@@ -2,92 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-
-import numpy as np
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 from gap.decision.classes import Cause
+from gap.decision.findings import Findings
 from gap.decision.gaps import Shrink, above
-from gap.decision.marks import explains_marks
 from gap.decision.posterior import Posterior
 from gap.decision.thresholds import Thresholds
-from gap.decision.tolerance import NOT_STATED, Size, shortest, weakest
+from gap.decision.tolerance import shortest, weakest
 
 EMPTY, UNFINISHED, WITHIN, DOUBT = "nothing to name", "unfinished pair", "within tolerance", "in doubt"
 ALIKE, NOISY = "a sound instrument looks alike", "told by its noise"
 """Names of rules that others ask for."""
 VERDICTS = ("effect", "several", "none", "unknown", "undetectable")
-
-
-@dataclass(frozen=True)
-class Findings:
-    """All that the rules look at. ``fitted`` is the gap in the channels that the first cause changes (of an event that
-    some of them without skin show, in these: the rest of skin of another law is not its doing), ``each`` in every such
-    block, ``held_out`` in them on recordings that its parameters were not fitted to, by split, and
-    ``rival`` that of the next cause of other effects, in all blocks; ``without_skin``, the nats that blocks without
-    skin give the first cause; ``size``, that of the smallest member of its class; ``strained``, whether without it
-    tolerances are strained far; ``expected``, whether the instrument's references have shown it."""
-
-    posterior: Posterior
-    t: Thresholds
-    fitted: Shrink | None = None
-    each: Mapping[str, Shrink] = field(default_factory=dict)
-    held_out: Mapping[str, Shrink] = field(default_factory=dict)
-    rival: Mapping[str, Shrink] = field(default_factory=dict)
-    without_skin: float = np.inf
-    size: Size = NOT_STATED
-    strained: bool = False
-    expected: bool = False
-
-    @property
-    def first(self) -> Cause:
-        return self.posterior.causes[0]
-
-    @property
-    def seen(self) -> float:
-        """Detectability that the first cause needs."""
-        if self.first.marked or self.expected:
-            return self.t.seen_marked
-        return self.t.seen_strained if self.strained else self.t.seen_of(self.first.effects)
-
-    @property
-    def shows_itself(self) -> bool:
-        """Whether the first cause's marks in the samples are explained by it, whatever else there is."""
-        return explains_marks(self.first.at_marks, self.t)
-
-    @property
-    def withheld(self) -> Mapping[str, Shrink]:
-        """Held-out gaps that judge an effect: another waveform, where there is one that shows a gap."""
-        other = self.held_out.get("waveform")
-        if other is None:
-            return self.held_out
-        shown = above(self.fitted.before, self.t.quiet_gap) if self.fitted is not None else 0.0
-        others = {k: s for k, s in self.held_out.items() if k != "waveform"}
-        silent = above(other.before, self.t.quiet_gap) < self.t.worse_share * shown
-        return others if silent and others else {"waveform": other}
-
-    def quiet(self) -> str:
-        """The verdict where no effect is needed."""
-        p = self.posterior
-        if p.hum or p.gap_before > self.t.unusual_gap:
-            return "unknown"
-        quiet = max(p.gap_before, p.gap_worst) <= self.t.quiet_gap
-        return "none" if quiet and p.none >= self.t.sure_none else "undetectable"
-
-    def unexplained(self) -> str:
-        """The verdict where the best explanation leaves much: unknown, unless noise read too low may be all of it."""
-        return "unknown" if self.posterior.gap_before > self.t.unexplained_gap else self.quiet()
-
-    def tolerated(self) -> str:
-        """The verdict where a stated tolerance explains the gap: nothing is unknown then, unless a gap is left."""
-        said, p = self.quiet(), self.posterior
-        explained = not p.hum and p.gap_after <= self.t.unusual_gap
-        return "undetectable" if said == "unknown" and explained else said
-
-    def spoiled(self) -> str:
-        """The verdict where a named effect fails a test: unknown, where a gap is there to be explained."""
-        return "unknown" if self.fitted is not None and self.fitted.before > self.t.unusual_gap else self.quiet()
 
 
 @dataclass(frozen=True)
@@ -122,6 +50,32 @@ class Verdict:
     def claims(self) -> bool:
         """Whether an effect is named."""
         return self.verdict in ("effect", "several")
+
+
+def quiet(f: Findings) -> str:
+    """The verdict where no effect is needed."""
+    p = f.posterior
+    if p.hum or p.gap_before > f.t.unusual_gap:
+        return "unknown"
+    within = max(p.gap_before, p.gap_worst) <= f.t.quiet_gap
+    return "none" if within and p.none >= f.t.sure_none else "undetectable"
+
+
+def unexplained(f: Findings) -> str:
+    """The verdict where the best explanation leaves much: unknown, unless noise read too low may be all of it."""
+    return "unknown" if f.posterior.gap_before > f.t.unexplained_gap else quiet(f)
+
+
+def tolerated(f: Findings) -> str:
+    """The verdict where a stated tolerance explains the gap: nothing is unknown then, unless a gap is left."""
+    said, p = quiet(f), f.posterior
+    explained = not p.hum and p.gap_after <= f.t.unusual_gap
+    return "undetectable" if said == "unknown" and explained else said
+
+
+def spoiled(f: Findings) -> str:
+    """The verdict where a named effect fails a test: unknown, where a gap is there to be explained."""
+    return "unknown" if f.fitted is not None and f.fitted.before > f.t.unusual_gap else quiet(f)
 
 
 def _always(said: str) -> Callable[[Findings], str]:
@@ -231,6 +185,17 @@ def _amid_skin(f: Findings) -> bool:
     return (_skin_may(f) or f.first.of_skin) and not sure
 
 
+def _of_another_form(f: Findings) -> bool:
+    """An effect that nothing without skin shows stands out little, and leaves another waveform above the noise: it may
+    stand in for one of another form or at another place, of which it imitates the answer to the first."""
+    carried = f.held_out.get("waveform")
+    if carried is None or f.shows_itself or f.first.detectability > f.t.amid_sure:
+        return False
+    shown = f.fitted is None or f.fitted.before >= f.t.quiet_gap
+    amid_skin = f.first.of_skin or f.without_skin <= f.t.without_skin
+    return shown and amid_skin and carried.after > f.t.left_elsewhere
+
+
 def _stays_behind(f: Findings) -> bool:
     """On every withheld recording the first cause takes away little of its share where it was fitted, as it may where
     a tolerance takes it on in each of them."""
@@ -282,11 +247,11 @@ def _sized(f: Findings) -> str:
 
 
 RULES: tuple[Rule, ...] = (
-    Rule(EMPTY, lambda f: not f.posterior.causes, Findings.quiet, lambda f: "no effect was fitted"),
+    Rule(EMPTY, lambda f: not f.posterior.causes, quiet, lambda f: "no effect was fitted"),
     Rule(
         "not detected",
         lambda f: f.posterior.acts < f.t.detect,
-        Findings.quiet,
+        quiet,
         lambda f: f"probability {f.posterior.acts:.2f} that something acts < {f.t.detect:g}",
     ),
     Rule(NOISY, lambda f: f.first.noise > f.t.quiet_gap, _named, _sure),
@@ -299,13 +264,13 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "not seen",
         lambda f: f.first.detectability < f.seen and not f.shows_itself,
-        Findings.quiet,
+        quiet,
         lambda f: f"detectability {f.first.detectability:.1f} < {f.seen:g}",
     ),
     Rule(
         "unexplained",
         lambda f: f.posterior.lacking > f.t.unknown and not f.shows_itself,
-        Findings.unexplained,
+        unexplained,
         lambda f: (
             f"probability {f.posterior.lacking:.2f} > {f.t.unknown:g} that no known effect is all: the best one "
             f"leaves {100 * f.posterior.unexplained:.0f} % of the excess, a gap of {f.posterior.gap_after:.2f} in all"
@@ -314,7 +279,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "patched",
         _patched,
-        Findings.spoiled,
+        spoiled,
         lambda f: f"an effect {_while(f)} leaves a gap of {f.posterior.gap_after:.2f}, {_fall(f)}".removesuffix(", "),
     ),
     Rule(
@@ -323,28 +288,29 @@ RULES: tuple[Rule, ...] = (
         _always("unknown"),
         lambda f: f"several effects leave a gap > {f.t.unfinished_pair:g} where they act: {_fall(f)}",
     ),
-    Rule(ALIKE, lambda f: f.size.of_channels and f.size.within(f.t.tolerances, f.seen), Findings.tolerated, _sized),
-    Rule(WITHIN, lambda f: f.size.within(f.t.tolerances, f.seen), Findings.tolerated, _sized),
+    Rule(ALIKE, lambda f: f.size.of_channels and f.size.within(f.t.tolerances, f.seen), tolerated, _sized),
+    Rule(WITHIN, lambda f: f.size.within(f.t.tolerances, f.seen), tolerated, _sized),
     Rule(
         "takes nothing away",
         _lowers_nothing,
-        Findings.spoiled,
+        spoiled,
         lambda f: f"{_fall(f)}, {f.posterior.gap_before:.2f} -> {f.posterior.gap_after:.2f} in all",
     ),
-    Rule("takes little away", _small, Findings.spoiled, _all_told),
-    Rule("within the noise", _untested, Findings.quiet, _fall),
+    Rule("takes little away", _small, spoiled, _all_told),
+    Rule("within the noise", _untested, quiet, _fall),
     Rule(
         "worse in another channel",
         _repairs_one,
         _always("unknown"),
         lambda f: ", ".join(f"{name}: gap {s.before:.2f} -> {s.after:.2f}" for name, s in f.each.items()),
     ),
-    Rule("as weak as may be", _faint, Findings.spoiled, lambda f: "at the low end of its range, and no use elsewhere"),
+    Rule("as weak as may be", _faint, spoiled, lambda f: "at the low end of its range, and no use elsewhere"),
     Rule("worse on repeats", _worse_on_repeats, _always("unknown"), _told("repeat")),
     Rule("worse elsewhere", _worse("waveform", lambda f: f.t.worse_elsewhere), _always("unknown"), _told("waveform")),
     Rule("does not carry over", _repairs_skin, _always("unknown"), _told("waveform")),
     Rule("amid skin of another law", _amid_skin, _always("unknown"), _all_told),
-    Rule("stays behind", _stays_behind, Findings.spoiled, _all_told),
+    Rule("of another form", _of_another_form, spoiled, _all_told),
+    Rule("stays behind", _stays_behind, spoiled, _all_told),
     Rule(
         "outdone by a rival",
         _outdone,

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from gap.decision.classes import Cause
+from gap.decision.findings import Findings
 from gap.decision.gaps import Shrink
 from gap.decision.posterior import Posterior, posterior
 from gap.decision.thresholds import INSTRUMENT
-from gap.decision.verdict import Findings, decide
+from gap.decision.verdict import decide
 from tests.gap.decision.waves import weak_wave
 
 
@@ -69,4 +70,18 @@ def test_an_effect_of_skin_that_stands_out_beyond_doubt_may_leave_skin_of_anothe
     found, skin = first_of(linear, candidate, "tissue")
     causes = replace(found, causes=(replace(skin, detectability=sigma),))
     findings = Findings(causes, INSTRUMENT, fitted=Shrink(6.0, left), without_skin=0.0)
+    assert decide(findings).rules[0].startswith(said)
+
+
+@pytest.mark.parametrize(
+    ("sigma", "left", "said"), [(9.6, 1.53, "of another form"), (9.6, 1.2, "claimed"), (34.0, 1.83, "claimed")]
+)
+def test_a_faint_effect_leaves_another_waveform_near_the_noise(
+    linear, candidate, sigma: float, left: float, said: str
+) -> None:
+    """A low pass of a transducer was told a change of tone (9.6 sigma) that left 1.53 on a withheld waveform."""
+    found, first = first_of(linear, candidate, "sensor")
+    causes = replace(found, causes=(replace(first, detectability=sigma),))
+    tested = {"waveform": Shrink(2.22, left)}
+    findings = Findings(causes, INSTRUMENT, fitted=Shrink(1.71, 1.16), held_out=tested, without_skin=0.0)
     assert decide(findings).rules[0].startswith(said)

@@ -8,10 +8,11 @@ from itertools import product
 import pytest
 
 from gap.decision.classes import Cause
+from gap.decision.findings import Findings
 from gap.decision.gaps import Shrink
 from gap.decision.posterior import posterior
 from gap.decision.thresholds import INSTRUMENT
-from gap.decision.verdict import Findings, decide
+from gap.decision.verdict import decide
 from tests.gap.decision.waves import weak_wave
 
 

@@ -10,13 +10,14 @@ from scipy.special import expit
 
 from gap.data.signatures import Signature
 from gap.data.tolerances import Tolerance
+from gap.decision.findings import Findings
 from gap.decision.gaps import Shrink
 from gap.decision.limits import bounds, confusable
 from gap.decision.marks import explains_marks, made_by
 from gap.decision.posterior import posterior
 from gap.decision.thresholds import INSTRUMENT
 from gap.decision.transfer import best_elsewhere, plain
-from gap.decision.verdict import Findings
+from gap.decision.verdict import quiet
 from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import to_unit
 from gap.inference.least_squares import fit
@@ -392,5 +393,5 @@ def test_no_certainty_of_none_beside_a_small_block_that_nothing_explains(linear,
         beside = [replace(h, fits={**h.fits, "reference": small}) for h in (comparison.null, *comparison.hypotheses)]
         found = posterior(replace(comparison, null=beside[0], hypotheses=beside[1:]), known, INSTRUMENT)
         assert found.gap_before < INSTRUMENT.quiet_gap
-        assert Findings(found, INSTRUMENT).quiet() == said
+        assert quiet(Findings(found, INSTRUMENT)) == said
     assert found.foreign > 0.15

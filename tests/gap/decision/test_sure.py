@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import pytest
 
+from gap.decision.findings import Findings
 from gap.decision.gaps import Shrink
 from gap.decision.posterior import posterior
 from gap.decision.thresholds import INSTRUMENT, RIG, Thresholds
-from gap.decision.verdict import Findings, decide
+from gap.decision.verdict import decide
 from tests.gap.decision.waves import judge, weak_wave
 
 

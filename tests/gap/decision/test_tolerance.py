@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from gap.data.tolerances import Tolerance
+from gap.decision.findings import Findings
 from gap.decision.gaps import Shrink
 from gap.decision.posterior import posterior
 from gap.decision.thresholds import INSTRUMENT
 from gap.decision.tolerance import in_stated, least
-from gap.decision.verdict import Findings, decide
+from gap.decision.verdict import decide
 from gap.inference.hypothesis import Candidate
 from gap.search.compare import Effort, compare
 from sim_devices.chain import Parameter

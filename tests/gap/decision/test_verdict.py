@@ -10,13 +10,14 @@ import pytest
 from gap.data.signatures import HUM, MAINS, Signature
 from gap.data.tolerances import Tolerance, tolerances
 from gap.decision.classes import nats_without_skin
+from gap.decision.findings import Findings
 from gap.decision.gaps import Shrink
 from gap.decision.posterior import posterior
 from gap.decision.settle import Case, settle
 from gap.decision.thresholds import INSTRUMENT, RIG, Thresholds, provenance
 from gap.decision.tolerance import Size, Stated, in_tolerances, weakest
 from gap.decision.transfer import plain
-from gap.decision.verdict import ALIKE, RULES, Findings, decide
+from gap.decision.verdict import ALIKE, RULES, decide
 from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import slope
 from gap.search.compare import Comparison, compare

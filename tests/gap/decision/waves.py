@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from gap.decision.findings import Findings
 from gap.decision.gaps import Shrink
 from gap.decision.posterior import posterior
 from gap.decision.thresholds import INSTRUMENT, Thresholds
-from gap.decision.verdict import Findings, Verdict, decide
+from gap.decision.verdict import Verdict, decide
 from gap.search.compare import Comparison, compare
 from sim_devices.chain import Parameter
 
