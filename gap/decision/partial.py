@@ -23,6 +23,7 @@ class _Part:
 
     sound: FloatArray | None = None
     resets: Sequence[float] = ()
+    leans_on = ""
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem

@@ -31,7 +31,7 @@ from gap.decision.tolerated import beside, told, tolerated
 from gap.decision.transfer import Carried, best_elsewhere, plain, transferred
 from gap.decision.verdict import UNFINISHED, WITHIN, Verdict, decide
 from gap.inference.evidence import Hypothesis
-from gap.inference.hypothesis import Candidate
+from gap.inference.hypothesis import Candidate, touched
 from gap.inference.workers import each
 from gap.search.compare import Comparison
 
@@ -166,6 +166,7 @@ def _settled(case: Case, t: Thresholds, jobs: int) -> Settled:
         each=in_each_block(case.null, trials[0].answer),
         held_out=trials[0].changed,
         rival=_rival(case, found, t, jobs),
+        given=_given(case, trials[0].answer),
         without_skin=sum(nats.values()) if has_skin else np.inf,
         size=size,
         strained=strained(comparison.problems, comparison.null, first.hypothesis),
@@ -192,6 +193,14 @@ def _with_tolerated(settled: Settled, case: Case, t: Thresholds) -> Settled:
 
 def _withheld(trial: Trial) -> Mapping[str, Shrink]:
     return {split: s for split, s in trial.shrinks.items() if split != "fitted"}
+
+
+def _given(case: Case, answer: Hypothesis) -> float:
+    """The gap of the simulation by itself in the blocks that all those which an answer changes are given; 0 where one
+    is given none."""
+    leans = [case.comparison.problems[b].leans_on for b in noisy(case.null, touched(answer.effects))]
+    known = [b for b in leans if b in case.null.fits]
+    return max(gap_without_discrepancy(case.null, [b]) for b in known) if leans and len(known) == len(leans) else 0.0
 
 
 def _rival(case: Case, found: Posterior, t: Thresholds, jobs: int) -> Mapping[str, Shrink]:

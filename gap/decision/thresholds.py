@@ -80,6 +80,7 @@ class Thresholds:
     amid_share: float
     amid_sure: float
     left_elsewhere: float
+    given: float
     carried_share: float
     untested_gap: float
     rival_lead: float

@@ -196,6 +196,13 @@ def _of_another_form(f: Findings) -> bool:
     return shown and amid_skin and carried.after > f.t.left_elsewhere
 
 
+def _on_what_is_not_met(f: Findings) -> bool:
+    """The channels that the first cause changes are near the noise anyhow, and what they are given as input is not: the
+    load on a robot's axes where skin of another law bends it."""
+    quiet_there = f.fitted is not None and f.fitted.before <= f.t.quiet_gap
+    return quiet_there and not f.shows_itself and f.given > f.t.given
+
+
 def _stays_behind(f: Findings) -> bool:
     """On every withheld recording the first cause takes away little of its share where it was fitted, as it may where
     a tolerance takes it on in each of them."""
@@ -310,6 +317,12 @@ RULES: tuple[Rule, ...] = (
     Rule("does not carry over", _repairs_skin, _always("unknown"), _told("waveform")),
     Rule("amid skin of another law", _amid_skin, _always("unknown"), _all_told),
     Rule("of another form", _of_another_form, spoiled, _all_told),
+    Rule(
+        "given what is not met",
+        _on_what_is_not_met,
+        quiet,
+        lambda f: f"{_all_told(f)}, {f.given:.2f} in those that they are given",
+    ),
     Rule("stays behind", _stays_behind, spoiled, _all_told),
     Rule(
         "outdone by a rival",

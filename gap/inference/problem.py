@@ -62,6 +62,11 @@ class Problem(Protocol):
         """Whether the residual may be skin of another law."""
         ...
 
+    @property
+    def leans_on(self) -> str:
+        """The block whose fit its simulation is given, as axes are the forces on them; empty where there is none."""
+        ...
+
     def under_simple_law(self, candidate: Candidate, unit: FloatArray) -> Fit | None:
         """A few steps of a fit with an effect, from ``unit`` (k,) on, under the best simple law and nothing beside it.
         None where such a law is at the noise without an effect, or where there is none."""

@@ -66,7 +66,7 @@ class AxesBlock(Block):
     recording. Which of the known controllers it is, the recording tells.
     """
 
-    name, channels = "axes", AXES
+    name, channels, leans_on = "axes", AXES, "force"
     trust = 0.5  # the skin's force loads the axes, as far as the recorded force tells
     growth, widest = ROBOT_BINS
     floor = 0.5e-6  # m

@@ -108,3 +108,24 @@ def test_an_event_of_skin_that_begins_with_it_is_no_event(
     force.open_law = True
     case = Case(comparison, known, (), plain(comparison.problems, comparison.null), {}, {})
     assert settle(believed(case, thresholds)[0], thresholds).verdict.claims is told
+
+
+@pytest.mark.parametrize(("leans_on", "rule"), [("force", "given what is not met"), ("", "claimed")])
+def test_an_effect_near_the_noise_is_not_claimed_where_what_it_is_given_is_not_met(
+    linear, candidate, leans_on: str, rule: str
+) -> None:
+    """Two sound robots whose skin no law met were told an effect of their axes, which the forces load."""
+    noise = np.random.default_rng(0).normal(size=(8, len(T)))
+    effects = {"bump": lambda v: v["a"] * np.tile(SHAPES["bump"], 8)}
+    many = np.tile(DESIGN, (8, 1))
+    axes = linear(
+        0.9 * noise.ravel() + 2.5 * effects["bump"]({"a": 1.0}), many, effects, np.full(2, 100.0), name="axes"
+    )
+    of_skin = np.column_stack([DESIGN, SHAPES["wave"]])
+    force = linear(noise[0] + 9.0 * SHAPES["wave"], of_skin, {}, np.full(3, 100.0), name="force")
+    force.sd_without_discrepancy = np.array([100.0, 100.0, 1e-3])
+    force.open_law, axes.leans_on = True, leans_on
+    known = [replace(candidate("bump", Parameter("a", "1", -60.0, 60.0, 0.0)), blocks=("axes",))]
+    comparison = compare([axes, force], known)
+    case = Case(comparison, known, (), plain(comparison.problems, comparison.null), {}, {})
+    assert settle(case, INSTRUMENT).verdict.rules[0].startswith(rule)
