@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Mapping
 from itertools import product
 from typing import NamedTuple, Protocol
@@ -67,9 +66,9 @@ SIMPLER = 40.0
 more."""
 UNLIKE = EMPTIES, STAYS, CLEARS, SWINGS, LANDS
 """Ways to vent that are unlike each other, of which each start is tried."""
-FIRST, HALF, SECOND, LEADERS, NEXT, GO_ON, LAST = 4, 0.5, 6, 2, 6, 3, 40
-"""Steps of fits of loops with an integral that vent in these ways, the share of them that goes on and with how many
-steps, how many of these the other ways begin from and with how many steps, how many of all go on, and for how long."""
+FIRST, LEADERS, NEXT, GO_ON, LAST = 10, 2, 6, 3, 40
+"""Steps of fits of loops with an integral that vent in these ways, how many of them the other ways begin from and with
+how many steps, how many of all go on, and for how long."""
 HEAVY = 0.5
 """Inertia of a valve from which a fit begins: a little of it moves nothing;"""
 SLUGGISH = (0.5, -0.5)
@@ -318,8 +317,6 @@ def _with_integral(block: Regulated, width: FloatArray, begins: Iterable[FloatAr
         return _Tried(found, vent, found.objective + np.count_nonzero(looked.sigma > FAR * block.sigma))
 
     first = sorted((tried(vent, begin, FIRST) for vent, begin in product(UNLIKE, begins)), key=lambda t: t.objective)
-    first = [tried(t.vent, t.fit.nuisance, SECOND) for t in first[: math.ceil(HALF * len(first))]]
-    first.sort(key=lambda t: t.objective)
     others = [vent for vent in VENTS if vent not in UNLIKE]
     first += [tried(vent, t.fit.nuisance, NEXT) for vent, t in product(others, first[:LEADERS])]
     first.sort(key=lambda t: t.objective)

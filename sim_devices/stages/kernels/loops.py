@@ -36,7 +36,7 @@ class Loop(NamedTuple):
     resets_then: float  # k r, as far as it goes on meanwhile
 
 
-PARTS, QUICK_PARTS = 4.0, 1.5
+PARTS, QUICK_PARTS = 6.0, 2.0
 """Steps in the loop's time constant or the chamber's, and in the valve's, which need not be followed as closely."""
 QUICKEST = 3e-3
 """s: a valve that is quicker than this counts as so quick; it saves steps and moves no pressure that is sampled."""

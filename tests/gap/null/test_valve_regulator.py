@@ -273,7 +273,7 @@ def test_a_valve_loop_without_integral_is_a_second_order(tau: float, zeta: float
     asked = -suction_of(time)
     plain = evaluate(second_order, time, asked, tau, zeta)
     loop = evaluate(valve_loop, time, asked, tau, zeta, *FREE, 0.0, 1.0, 0.0, 0.0, 0.0, 50e3, 0.0, *ENDS)
-    np.testing.assert_allclose(loop, plain, atol=1.0)  # Pa; noise is tens of them
+    np.testing.assert_allclose(loop, plain, atol=0.5)
 
 
 @pytest.mark.parametrize(
