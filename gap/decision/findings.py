@@ -20,8 +20,8 @@ class Findings:
     """``fitted`` is the gap in the channels that the first cause changes (of an event that some of them without skin
     show, in these: the rest of skin of another law is not its doing), ``each`` in every such block, ``held_out`` in
     them on recordings that its parameters were not fitted to, by split, ``rival`` that of the next cause of other
-    effects, in all blocks, and ``given`` that of the simulation by itself in the blocks that all of those channels are
-    given as input; ``without_skin``, the nats that blocks without skin give the first cause; ``size``, that of the
+    effects, in all blocks, and ``input_gap`` that of the simulation by itself in the blocks that all of those channels
+    have as input; ``without_skin``, the nats that blocks without skin give the first cause; ``size``, that of the
     smallest member of its class; ``strained``, whether without it tolerances are strained far; ``expected``, whether
     the instrument's references have shown it."""
 
@@ -31,7 +31,7 @@ class Findings:
     each: Mapping[str, Shrink] = field(default_factory=dict)
     held_out: Mapping[str, Shrink] = field(default_factory=dict)
     rival: Mapping[str, Shrink] = field(default_factory=dict)
-    given: float = 0.0
+    input_gap: float = 0.0
     without_skin: float = np.inf
     size: Size = NOT_STATED
     strained: bool = False

@@ -23,7 +23,7 @@ class _Part:
 
     sound: FloatArray | None = None
     resets: Sequence[float] = ()
-    leans_on = ""
+    input_block = ""
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem

@@ -166,7 +166,7 @@ def _settled(case: Case, t: Thresholds, jobs: int) -> Settled:
         each=in_each_block(case.null, trials[0].answer),
         held_out=trials[0].changed,
         rival=_rival(case, found, t, jobs),
-        given=_given(case, trials[0].answer),
+        input_gap=_input_gap(case, trials[0].answer),
         without_skin=sum(nats.values()) if has_skin else np.inf,
         size=size,
         strained=strained(comparison.problems, comparison.null, first.hypothesis),
@@ -195,12 +195,12 @@ def _withheld(trial: Trial) -> Mapping[str, Shrink]:
     return {split: s for split, s in trial.shrinks.items() if split != "fitted"}
 
 
-def _given(case: Case, answer: Hypothesis) -> float:
-    """The gap of the simulation by itself in the blocks that all those which an answer changes are given; 0 where one
-    is given none."""
-    leans = [case.comparison.problems[b].leans_on for b in noisy(case.null, touched(answer.effects))]
-    known = [b for b in leans if b in case.null.fits]
-    return max(gap_without_discrepancy(case.null, [b]) for b in known) if leans and len(known) == len(leans) else 0.0
+def _input_gap(case: Case, answer: Hypothesis) -> float:
+    """The gap of the simulation by itself in the blocks that all those which an answer changes have as input; 0 where
+    one has none."""
+    inputs = [case.comparison.problems[b].input_block for b in noisy(case.null, touched(answer.effects))]
+    known = [b for b in inputs if b in case.null.fits]
+    return max(gap_without_discrepancy(case.null, [b]) for b in known) if inputs and len(known) == len(inputs) else 0.0
 
 
 def _rival(case: Case, found: Posterior, t: Thresholds, jobs: int) -> Mapping[str, Shrink]:

@@ -80,7 +80,7 @@ class Thresholds:
     amid_share: float
     amid_sure: float
     left_elsewhere: float
-    given: float
+    input_gap: float
     carried_share: float
     untested_gap: float
     rival_lead: float

@@ -196,11 +196,11 @@ def _of_another_form(f: Findings) -> bool:
     return shown and amid_skin and carried.after > f.t.left_elsewhere
 
 
-def _on_what_is_not_met(f: Findings) -> bool:
-    """The channels that the first cause changes are near the noise anyhow, and what they are given as input is not: the
-    load on a robot's axes where skin of another law bends it."""
+def _on_unexplained_input(f: Findings) -> bool:
+    """The channels that the first cause changes are near the noise anyhow, and those that they have as input are not:
+    the load on a robot's axes where skin of another law bends it."""
     quiet_there = f.fitted is not None and f.fitted.before <= f.t.quiet_gap
-    return quiet_there and not f.shows_itself and f.given > f.t.given
+    return quiet_there and not f.shows_itself and f.input_gap > f.t.input_gap
 
 
 def _stays_behind(f: Findings) -> bool:
@@ -318,10 +318,10 @@ RULES: tuple[Rule, ...] = (
     Rule("amid skin of another law", _amid_skin, _always("unknown"), _all_told),
     Rule("of another form", _of_another_form, spoiled, _all_told),
     Rule(
-        "given what is not met",
-        _on_what_is_not_met,
+        "unexplained input",
+        _on_unexplained_input,
         quiet,
-        lambda f: f"{_all_told(f)}, {f.given:.2f} in those that they are given",
+        lambda f: f"{_all_told(f)}, {f.input_gap:.2f} in those that they have as input",
     ),
     Rule("stays behind", _stays_behind, spoiled, _all_told),
     Rule(

@@ -63,8 +63,8 @@ class Problem(Protocol):
         ...
 
     @property
-    def leans_on(self) -> str:
-        """The block whose fit its simulation is given, as axes are the forces on them; empty where there is none."""
+    def input_block(self) -> str:
+        """The block whose fit its simulation has as input, as axes have the forces; empty where there is none."""
         ...
 
     def under_simple_law(self, candidate: Candidate, unit: FloatArray) -> Fit | None:

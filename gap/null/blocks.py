@@ -57,7 +57,7 @@ class Block(ByChance, abc.ABC):
     trust = 0.9
     floor: float = 0.0  # SI: noise that averaging does not lower, because the nominal chain is not known better
     open_law = False  # whether the residual may be skin of another law
-    leans_on = ""  # the block whose fit its simulation is given
+    input_block = ""  # the block whose fit its simulation has as input
     suspected: frozenset[str] = frozenset()  # keys of effects that the start asked for: they are to be fitted in full
     law_parameters = 0  # of the nuisance's first ones, in which predictions bend
     sound: FloatArray | None = None  # the nuisance of a sound instrument, without tissue in the way

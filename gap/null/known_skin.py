@@ -23,7 +23,7 @@ class KnownSkin:
 
     sound: FloatArray | None = None
     open_law = True
-    leans_on = ""
+    input_block = ""
     law_parameters = 0
 
     def __init__(

@@ -66,7 +66,7 @@ class AxesBlock(Block):
     recording. Which of the known controllers it is, the recording tells.
     """
 
-    name, channels, leans_on = "axes", AXES, "force"
+    name, channels, input_block = "axes", AXES, "force"
     trust = 0.5  # the skin's force loads the axes, as far as the recorded force tells
     growth, widest = ROBOT_BINS
     floor = 0.5e-6  # m
@@ -93,8 +93,7 @@ class AxesBlock(Block):
         self.prior_mean = self.sound = np.zeros(self.TOLERANCES + self._runs.shape[1])
         self._known = controllers(stated([session.recordings[k] for k in self.runs]))
         ways = [(controller, held) for controller in self._known for held in (False, True)[: 1 + session.sampled]]
-        best, alone, self._rubs = likeliest(self, self._take, ways, library)
-        self._take(*best)
+        alone, self._rubs = likeliest(self, self._take, ways, library)
         self.suspected = frozenset(self._rubs)
         self._best = min([alone, *self._rubs.values()], key=lambda f: f.objective)
         self._start, self._strained = alone.nuisance, not explains(alone)

@@ -48,28 +48,29 @@ def quickly(problem: Problem) -> Fit:
 
 def likeliest(
     problem: Problem, take: Callable[[Controller, bool], None], ways: Sequence[Way], library: Mapping[str, Effect]
-) -> tuple[Way, Fit, dict[str, Fit]]:
-    """The likeliest of the ways that ``problem`` can ``take``, its fit by itself and, where none explains the axes so,
+) -> tuple[Fit, dict[str, Fit]]:
+    """Have ``problem`` ``take`` the likeliest of the ways; its fit by itself and, where none explains the axes so,
     those with each of `MISTAKEN` of the ``library``, by its key."""
 
-    def beside(way: Way) -> Problem:
+    alone: dict[Way, Fit] = {}
+    for way in ways:
         take(*way)
-        return problem
-
-    alone = {way: quickly(beside(way)) for way in ways}
+        alone[way] = quickly(problem)
     guesses: dict[Way, list[Guess]] = {way: [] for way in ways}
-    if not any(map(explains, alone.values())):
-        forms = _mistaken(library)
-        guesses = {way: [guessed(beside(way), key, effect) for key, effect in forms] for way in ways}
+    for way in () if any(map(explains, alone.values())) else ways:
+        take(*way)
+        guesses[way] = [guessed(problem, key, effect) for key, effect in _mistaken(library)]
     deviance = np.array([[guess.left for guess in own] for own in guesses.values()])
-    first = deviance <= np.sort(deviance, axis=0)[:LIKELIEST][-1]
-    rubs: dict[Way, dict[str, Fit]] = {}
-    for (way, own), likely in zip(guesses.items(), first, strict=True):
-        rubs[way] = {g.candidate.key: rubbed(beside(way), g) for g, fitted in zip(own, likely, strict=True) if fitted}
+    likely = deviance <= np.sort(deviance, axis=0)[:LIKELIEST][-1]
+    fitted: dict[Way, dict[str, Fit]] = {}
+    for (way, own), explain_most in zip(guesses.items(), likely, strict=True):
+        take(*way)  # which forgets all that was made for another
+        fitted[way] = {g.candidate.key: rubbed(problem, g) for g, most in zip(own, explain_most, strict=True) if most}
     # Rows are straight unless it is worth it that they are held.
-    best = min(ways, key=lambda w: min(f.objective for f in (alone[w], *rubs[w].values())) + WORTH * w[1])
-    others = [g for g in guesses[best] if g.candidate.key not in rubs[best]]
-    return best, alone[best], rubs[best] | {g.candidate.key: rubbed(beside(best), g) for g in others}
+    best = min(ways, key=lambda w: min(f.objective for f in (alone[w], *fitted[w].values())) + WORTH * w[1])
+    take(*best)
+    others = [g for g in guesses[best] if g.candidate.key not in fitted[best]]
+    return alone[best], fitted[best] | {g.candidate.key: rubbed(problem, g) for g in others}
 
 
 def _mistaken(library: Mapping[str, Effect]) -> list[tuple[str, Effect]]:

@@ -97,7 +97,7 @@ def _unknown(d: Diagnosis) -> str:
         "worse elsewhere": "makes withheld recordings of another waveform worse",
         "does not carry over": "does not carry over to another waveform",
         "amid skin of another law": "leaves so much that skin of another law may be all of it",
-        "given what is not met": "acts on channels that are given forces which no skin explains",
+        "unexplained input": "acts on channels whose input is not explained, as forces that no skin explains",
         "of another form": "leaves a gap in withheld recordings of another waveform",
         "stays behind": "takes away little of withheld recordings",
         "outdone by a rival": "is outdone by another on withheld recordings",

@@ -63,7 +63,7 @@ class RigProblem:
     sound: FloatArray | None = None
     resets: Sequence[float] = ()
     open_law = False
-    leans_on = ""
+    input_block = ""
 
     def __init__(
         self, recordings: Sequence[Recording], model: ForwardModel, further: Sequence[GenericEffect] = ()

@@ -81,20 +81,24 @@ class AxisLoop(Wired):
     @property
     def stable(self) -> bool:
         """Whether the linear loop comes to rest (Routh, 1877): no machine is built about one that does not."""
-        (kp, ki, kd), late = self.controller(), self.lag
-        mass, damping, stiffness = self.mass - late * kd, kd - late * kp + self.drag, kp - late * ki + self.spring
+        mass, kp, ki, kd = self._with_lag()
+        damping, stiffness = kd + self.drag, kp + self.spring
         return mass > 0.0 and damping > 0.0 and ki > 0.0 and stiffness * damping > ki * mass
 
+    def _with_lag(self) -> tuple[float, float, float, float]:
+        """Mass (kg) and gains (N/m, N/(m s), N s/m) of a loop whose force is in time, to first order as this one."""
+        kp, ki, kd = self.controller()
+        return self.mass - self.lag * kd, kp - self.lag * ki, ki, kd - self.lag * kp
+
     def fresh(self) -> Any:
-        (kp, ki, kd), late = self.controller(), self.lag
+        (mass, *gains), kp, late = self._with_lag(), self.controller()[0], self.lag
         linear = not (self.coulomb or self.stiction or self.slope or self.curvature or self.soft or self.thinning)
         values = (
-            self.mass - late * kd, kp - late * ki, ki, kd - late * kp,
-            self.drag, self.coulomb, self.stiction, self.stribeck_speed, self.presliding,
+            mass, *gains, self.drag, self.coulomb, self.stiction, self.stribeck_speed, self.presliding,
             self.force_limit, self.windup, self.slope, self.curvature, self.spring,
             math.inf if linear else SUBSTEP, self.soft, self.carried, self.fed,
             self.thinning, self.thinning_power, self.easing, self.most_substeps, self.fed - late * self.weight * kp,
-            (1.0 - self.weight) * kp, (self.thrust - late * self.fed) / (self.mass - late * kd),
+            (1.0 - self.weight) * kp, (self.thrust - late * self.fed) / mass,
             self.kick,
         )  # fmt: skip
         return np.zeros((len(self.target), STATE)), np.array(values)

@@ -62,12 +62,11 @@ class Loop(NamedTuple):
     kick_time: float  # s for which a coil pushes at its limit where the target jumps
 
 
-PARAMETERS = len(Loop._fields)
 RUBBING = [Loop._fields.index(n) for n in ("drag", "coulomb", "stiction", "presliding", "thinning")]
 LONGEST, UNSEEN = Loop._fields.index("substep"), Loop._fields.index("unseen")
 
 
-class _Exact(NamedTuple):
+class _Derived(NamedTuple):
     """A linear loop's own rate ``w`` (rad/s), inverse of that and of its integral gain, greatest force (N) that meets
     no limit, and drag (N) of grease at 1 m/s."""
 
@@ -90,7 +89,7 @@ class _Ramp(NamedTuple):
     rising: float
 
 
-class _Moved(NamedTuple):
+class _State(NamedTuple):
     """Integral of the error (m s), position (m), velocity (m/s) and dry friction (N) of an axis."""
 
     integral: float
@@ -151,7 +150,7 @@ def advance_axis(
     loop = _loop(p)
     m, w = loop.mass, math.sqrt(abs(loop.kp / loop.mass))  # without its integral, which may be as slow as it likes
     grease = loop.thinning * THIN_AT**-loop.thinning_power
-    own = _Exact(w, 1.0 / w, 1.0 / loop.ki, loop.force_limit - abs(loop.carried), grease)
+    own = _Derived(w, 1.0 / w, 1.0 / loop.ki, loop.force_limit - abs(loop.carried), grease)
     # State (w ∫e, x, x'/w): the same size each, so that the series converges fast.
     a = np.zeros((3, 3))
     a[0, 1], a[1, 2] = -w, w
@@ -162,14 +161,14 @@ def advance_axis(
     if s[0] == 0.0 and t.size:
         s[0], s[1], s[2], s[3] = 1.0, t[0], target[0], load[0]
     before, r, f, slope = s[1], s[2], s[3], s[8]
-    at = _Moved(s[INTEGRAL], s[POSITION], s[VELOCITY], s[DRY])
+    at = _State(s[INTEGRAL], s[POSITION], s[VELOCITY], s[DRY])
     for i in range(t.size):
         dt = t[i] - before
         if dt > 1e-7:
             ramp = _Ramp(r, target[i], f, load[i], dt, (target[i] - r) / dt, (load[i] - f) / dt)
             kicked = at.v + _kick(ramp, slope, loop, own)
             slope = ramp.rate if loop.kick != 0.0 else slope
-            at = _Moved(at.integral, at.x, kicked, at.dry)
+            at = _State(at.integral, at.x, kicked, at.dry)
             whole, moved = _whole(at, ramp, kept[_of_length(dt, a, bound, known, kept)], loop, own)
             if whole:
                 at = moved
@@ -185,7 +184,7 @@ def advance_axis(
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _kick(ramp: _Ramp, slope: float, loop: Loop, own: _Exact) -> float:
+def _kick(ramp: _Ramp, slope: float, loop: Loop, own: _Derived) -> float:
     """Speed (m/s) that an axis gains at once where its target turns from a ``slope`` (m/s), fed forward, and where it
     jumps, within the coil's limit."""
     out = loop.kick * (ramp.rate - slope) if loop.kick != 0.0 else 0.0
@@ -197,7 +196,7 @@ def _kick(ramp: _Ramp, slope: float, loop: Loop, own: _Exact) -> float:
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _whole(at: _Moved, ramp: _Ramp, e: FloatArray, loop: Loop, own: _Exact) -> tuple[bool, _Moved]:
+def _whole(at: _State, ramp: _Ramp, e: FloatArray, loop: Loop, own: _Derived) -> tuple[bool, _State]:
     """One long step, ``e`` its exponential, where nothing forbids it: in a linear loop only a coil at its limit.
     Whether it may be taken, and where it leads."""
     if loop.substep == math.inf:
@@ -218,14 +217,14 @@ def _asked(loop: Loop, target: float, rate: float, integral: float, x: float, v:
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _freely(at: _Moved, ramp: _Ramp, e: FloatArray, loop: Loop, own: _Exact) -> _Moved:
+def _freely(at: _State, ramp: _Ramp, e: FloatArray, loop: Loop, own: _Derived) -> _State:
     """Where one step of the linear loop leads; ``e`` is its exponential."""
     ahead = (ramp.rising - loop.spring * ramp.rate) * own.per_ki
     rest = ramp.begin + ahead
     damped = (loop.kd + loop.drag - loop.fed_late) * ramp.rate
     ip0 = (damped - ramp.push + loop.spring * rest + loop.kp * ahead) * own.per_ki
     d0, d1, d2 = own.w * (at.integral - ip0), at.x - rest, (at.v - ramp.rate) * own.per_w
-    return _Moved(
+    return _State(
         ip0 - ahead * ramp.dt + (e[0, 0] * d0 + e[0, 1] * d1 + e[0, 2] * d2) * own.per_w,
         ramp.end + ahead + e[1, 0] * d0 + e[1, 1] * d1 + e[1, 2] * d2,
         ramp.rate + own.w * (e[2, 0] * d0 + e[2, 1] * d1 + e[2, 2] * d2),
@@ -234,7 +233,7 @@ def _freely(at: _Moved, ramp: _Ramp, e: FloatArray, loop: Loop, own: _Exact) -> 
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _glides(at: _Moved, ramp: _Ramp, e: FloatArray, loop: Loop, own: _Exact) -> tuple[bool, _Moved]:
+def _glides(at: _State, ramp: _Ramp, e: FloatArray, loop: Loop, own: _Derived) -> tuple[bool, _State]:
     """One long step of the linear loop, unless the coil meets its limit; ``e`` is its exponential."""
     there = _freely(at, ramp, e, loop, own)
     before = _asked(loop, ramp.begin, ramp.rate, at.integral, at.x, at.v)
@@ -243,7 +242,7 @@ def _glides(at: _Moved, ramp: _Ramp, e: FloatArray, loop: Loop, own: _Exact) -> 
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _sticks(at: _Moved, ramp: _Ramp, loop: Loop, own: _Exact) -> tuple[bool, _Moved]:
+def _sticks(at: _State, ramp: _Ramp, loop: Loop, own: _Derived) -> tuple[bool, _State]:
     """One long step in which dry friction holds an axis that stands where it is."""
     x, rho = at.x, ramp.rate
     integral = at.integral + ramp.dt * (0.5 * (ramp.begin + ramp.end) - x)
@@ -253,7 +252,7 @@ def _sticks(at: _Moved, ramp: _Ramp, loop: Loop, own: _Exact) -> tuple[bool, _Mo
     pushed = before + loop.unseen * ramp.begin + more + ramp.push
     pushes = behind + loop.unseen * ramp.end + more + ramp.pushes
     held = max(abs(pushed), abs(pushes)) < loop.coulomb and max(abs(before), abs(behind)) <= own.free
-    return held, _Moved(integral, x, 0.0, pushes)
+    return held, _State(integral, x, 0.0, pushes)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -273,7 +272,7 @@ def _dry(v: float, loop: Loop) -> float:
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _rubs(v: float, loop: Loop, own: _Exact) -> float:
+def _rubs(v: float, loop: Loop, own: _Derived) -> float:
     """Friction (N) that ``v`` m/s tells: all but that of presliding."""
     if own.grease > 0.0:
         return math.copysign(own.grease * abs(v) ** loop.thinning_power, v) + _dry(v, loop)
@@ -281,7 +280,7 @@ def _rubs(v: float, loop: Loop, own: _Exact) -> float:
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _slides(at: _Moved, ramp: _Ramp, e: FloatArray, loop: Loop, own: _Exact) -> tuple[bool, _Moved]:
+def _slides(at: _State, ramp: _Ramp, e: FloatArray, loop: Loop, own: _Derived) -> tuple[bool, _State]:
     """One long step in which friction hardly changes, held at that of its mean speed: an axis that creeps, or goes on
     one way. The friction of either end would move it by less than `UNMOVED` beside that."""
     per_newton = own.w * e[1, 0] * own.per_ki
@@ -316,7 +315,7 @@ def _slides(at: _Moved, ramp: _Ramp, e: FloatArray, loop: Loop, own: _Exact) -> 
         off = max(off, abs(told + force))
     elif min(at.v * v, at.v * mean) < 0.0 and max(abs(at.v), abs(v)) * ramp.dt > TURN * loop.presliding:
         return False, at  # it turns within the step, and much of presliding goes and comes
-    return off <= UNMOVED * loop.kp, _Moved(integral, x, v, dry)
+    return off <= UNMOVED * loop.kp, _State(integral, x, v, dry)
 
 
 @njit(cache=True, error_model="numpy")
@@ -334,7 +333,7 @@ def _withheld(loop: Loop, x: float, asked: float, answers: float) -> tuple[float
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _braked(at: _Moved, v: float, gain: float, h: float, loop: Loop) -> tuple[float, float, bool]:
+def _braked(at: _State, v: float, gain: float, h: float, loop: Loop) -> tuple[float, float, bool]:
     """Dry friction (N) over a step of ``h`` s that would end at ``v`` m/s without it, where each newton adds ``gain``
     m/s; that behind it, which is kept; and whether it stops the axis."""
     if loop.easing > 0.0:
@@ -350,7 +349,7 @@ def _braked(at: _Moved, v: float, gain: float, h: float, loop: Loop) -> tuple[fl
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _run(at: _Moved, ramp: _Ramp, e: FloatArray, steps: int, loop: Loop, own: _Exact) -> _Moved:
+def _run(at: _State, ramp: _Ramp, e: FloatArray, steps: int, loop: Loop, own: _Derived) -> _State:
     """Where a step leads in so many ``steps``; ``e`` is the exponential of one."""
     h = ramp.dt / steps
     even = loop.slope == 0.0 and loop.curvature == 0.0 and loop.soft == 0.0
@@ -385,5 +384,5 @@ def _run(at: _Moved, ramp: _Ramp, e: FloatArray, steps: int, loop: Loop, own: _E
             integral += (1.0 - loop.windup) * h * extra / loop.kp
         if abs(x) > _END_STOP:
             x, v = math.copysign(_END_STOP, x), 0.0
-        at = _Moved(integral, x, v, kept)
+        at = _State(integral, x, v, kept)
     return at

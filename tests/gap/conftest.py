@@ -39,7 +39,7 @@ class LinearProblem:
         self.sound: NDArray[np.float64] | None = None
         self.resets: tuple[float, ...] = ()
         self.open_law = False
-        self.leans_on = ""
+        self.input_block = ""
         self.sigma = np.ones(n)
         labels = {k: (np.zeros(n, np.int64), ("-",)) for k in ("channel", "phase", "level", "direction", "repeat")}
         run = np.repeat(np.arange(self.runs), -(-n // self.runs))[:n].astype(np.int64)

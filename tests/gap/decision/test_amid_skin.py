@@ -88,14 +88,14 @@ def test_a_faint_effect_leaves_another_waveform_near_the_noise(
 
 
 @pytest.mark.parametrize(
-    ("given", "gap", "left", "said"),
-    [(2.1, 0.96, 0.9, "given what is not met"), (1.5, 0.96, 0.9, "claimed"), (2.1, 7.4, 1.5, "claimed")],
+    ("input_gap", "gap", "left", "said"),
+    [(2.1, 0.96, 0.9, "unexplained input"), (1.5, 0.96, 0.9, "claimed"), (2.1, 7.4, 1.5, "claimed")],
 )
 def test_an_effect_of_axes_near_the_noise_is_none_under_forces_that_no_skin_explains(
-    linear, candidate, given: float, gap: float, left: float, said: str
+    linear, candidate, input_gap: float, gap: float, left: float, said: str
 ) -> None:
     """A sound robot was told a windup (11.8 sigma): its force where motion turned was not the one that it had."""
     found, first = first_of(linear, candidate, "controller")
     causes = replace(found, causes=(replace(first, detectability=11.8),))
-    findings = Findings(causes, INSTRUMENT, fitted=Shrink(gap, left), without_skin=np.inf, given=given)
+    findings = Findings(causes, INSTRUMENT, fitted=Shrink(gap, left), without_skin=np.inf, input_gap=input_gap)
     assert decide(findings).rules[0].startswith(said)

@@ -110,9 +110,9 @@ def test_an_event_of_skin_that_begins_with_it_is_no_event(
     assert settle(believed(case, thresholds)[0], thresholds).verdict.claims is told
 
 
-@pytest.mark.parametrize(("leans_on", "rule"), [("force", "given what is not met"), ("", "claimed")])
-def test_an_effect_near_the_noise_is_not_claimed_where_what_it_is_given_is_not_met(
-    linear, candidate, leans_on: str, rule: str
+@pytest.mark.parametrize(("input_block", "rule"), [("force", "unexplained input"), ("", "claimed")])
+def test_an_effect_near_the_noise_is_not_claimed_where_its_input_is_not_explained(
+    linear, candidate, input_block: str, rule: str
 ) -> None:
     """Two sound robots whose skin no law met were told an effect of their axes, which the forces load."""
     noise = np.random.default_rng(0).normal(size=(8, len(T)))
@@ -124,7 +124,7 @@ def test_an_effect_near_the_noise_is_not_claimed_where_what_it_is_given_is_not_m
     of_skin = np.column_stack([DESIGN, SHAPES["wave"]])
     force = linear(noise[0] + 9.0 * SHAPES["wave"], of_skin, {}, np.full(3, 100.0), name="force")
     force.sd_without_discrepancy = np.array([100.0, 100.0, 1e-3])
-    force.open_law, axes.leans_on = True, leans_on
+    force.open_law, axes.input_block = True, input_block
     known = [replace(candidate("bump", Parameter("a", "1", -60.0, 60.0, 0.0)), blocks=("axes",))]
     comparison = compare([axes, force], known)
     case = Case(comparison, known, (), plain(comparison.problems, comparison.null), {}, {})
