@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from sim_devices.chain import FloatArray
@@ -173,6 +174,14 @@ def long_run_share(runs: Sequence[FloatArray]) -> float:
             ratio = float(np.mean(np.square(summed))) / (length * square)
             most = max(most, ratio * (1.0 - CHANCE * np.sqrt(2.0 / len(summed))))
     return most
+
+
+def mean_correlation(residual: FloatArray, recording: NDArray[np.int64]) -> float:
+    """How many rows of a ``residual`` (n,) count as one: the mean over recordings, each row's number (n,), or that of
+    all in long blocks where it is more."""
+    runs = [residual[recording == r] for r in np.unique(recording)]
+    times = [correlation_time(run) for run in runs]
+    return max(float(np.mean(times)), long_run_share(runs)) if times else 1.0
 
 
 SMOOTH, SHRUNK = 0.25, 3.0

@@ -107,6 +107,11 @@ class Problem(Protocol):
         motion do; infinite where none walks."""
         ...
 
+    def belies(self, fitted: Fit) -> bool:
+        """Whether a fit does not do what one of its effects is called for, as an overshoot beside a regulator so slow
+        that nothing overshoots."""
+        ...
+
     def chance_log_bayes(self, fitted: Fit) -> float:
         """Nats by which another law of chance than that of the ``fitted`` effects describes their rest better."""
         ...

@@ -171,6 +171,9 @@ class Block(ByChance, abc.ABC):
                 chain = self.library[candidate.key].apply(chain, values)
         return chain
 
+    def belies(self, fitted: Fit) -> bool:
+        return False
+
     def simulated(
         self,
         chain: Chain,

@@ -91,6 +91,9 @@ class KnownSkin:
     def walk_log_bayes(self, fitted: Fit) -> float:
         return self.block.walk_log_bayes(fitted)
 
+    def belies(self, fitted: Fit) -> bool:
+        return self.block.belies(fitted)
+
     def chance_log_bayes(self, fitted: Fit) -> float:
         return self.block.chance_log_bayes(fitted)
 

@@ -42,7 +42,7 @@ class FedPressure:
             fine, base = commanded_line(chain, commanded, kinks, time, np.zeros_like)
         else:
             fine, base = self._pressure.line(group, time)
-            value = value if self._as_read else self._pressure.true(value)
+            value = value if self._as_read else self._pressure.true(group, time, value)
         period = self._pressure.dt if self._pressure is not None and self._pressure.averaged else 0.0
         foretold = np.interp(node_times(time, np.zeros(len(time)), period), fine, base).mean(axis=0)
         off = value - foretold

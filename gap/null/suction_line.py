@@ -20,6 +20,8 @@ from sim_devices.stages.tissues import SuctionTissue, suction_tissue
 
 CLOSE, APART = 0.02, 1.0
 """s between nodes of a line within a recording, and from which on two samples are of two recordings."""
+STEP, CLOSER = 6.0, 0.005
+"""s for which a step is held to see whether a regulator overshoots, and between looks at it."""
 NO_TISSUE = SuctionTissue(0.0, creep=(), times=(), residual=0.0, softening=0.0)
 
 
@@ -59,6 +61,15 @@ def commanded_line(
     fine = fine[(fine >= time[0]) & (fine <= time[-1])]
     partial = replace(chain, operators=needed(chain, ("line_pressure",)))
     return fine, simulate(partial, tables, {"line_pressure": fine + early(fine)})["line_pressure"]
+
+
+def overshoot(chain: Chain, size: float) -> float:
+    """By which share a chain's recorded pressure goes beyond a step of ``size`` Pa and what it settles at."""
+    time, rise = np.linspace(0.0, STEP, 1 + round(STEP / CLOSER)), np.array([0.0, CLOSE, CLOSE, STEP])
+    partial, flat = replace(chain, operators=needed(chain, ("pressure",), ("apex_height",))), (rise, np.zeros(4))
+    command = {"pressure": (rise, np.array([0.0, 0.0, -size, -size]))}
+    made = simulate(partial, command, {"pressure": time}, {"apex_height": flat})["pressure"]
+    return float(-np.min(made) / max(size, -made[-1]) - 1.0)
 
 
 def _closer(time: FloatArray) -> FloatArray:

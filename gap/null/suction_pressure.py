@@ -20,7 +20,7 @@ from gap.inference.least_squares import fit, under
 from gap.null.blocks import Block
 from gap.null.groups import Group, GroupedSession, Table
 from gap.null.lateness import TOGETHER, lateness
-from gap.null.suction_line import NO_TISSUE, chain_of, commanded_line
+from gap.null.suction_line import NO_TISSUE, chain_of, commanded_line, overshoot
 from gap.null.suction_regulator import (
     CLOCK,
     DAMPING,
@@ -34,6 +34,7 @@ from gap.null.suction_regulator import (
     VALVE,
     VENTED,
     Vent,
+    closed_over,
     prior_widths,
     quantities,
     regulated,
@@ -51,6 +52,8 @@ EMPTY, SOONER = 500.0, (150.0, 30.0)
 """Pa of suction from which on a line is not vented, usually and otherwise;"""
 EMPTIES_SOONER = 50.0
 """and by which a gauge must be off otherwise while vented for that to matter."""
+CLOSED_OVER = 100.0
+"""Pa of a gauge's zero over which a loop is closed, to tell how far a line is vented where the command ends that."""
 SAMPLED, SLOW, AT_EASE = 5.0, 0.012, 20.0
 """χ² from which on samples are means over a period, or none (odds of twelve), s of a period from which on that matters,
 and the penalty of a regulator that is not strained, which no other samples excuse."""
@@ -61,6 +64,12 @@ SLOWER = (1.0, 0.4)
 def vented(pressure: FloatArray, empty: float = EMPTY) -> FloatArray:
     """How far (n,), 0 to 1, a line at ``pressure`` (n,) Pa is vented: from ``empty`` Pa of suction on it is not."""
     return np.clip(1.0 + pressure / empty, 0.0, 1.0)
+
+
+def unasked(made: FloatArray, closed: FloatArray) -> FloatArray:
+    """How far (n,), 0 to 1 in the end, a regulator answers to no suction being asked for: of the pressures that it made
+    (n,) Pa without a gauge's zero, and ``closed`` over one of `CLOSED_OVER`."""
+    return 1.0 - (made - closed) / CLOSED_OVER
 
 
 def zeros_of_recordings(block: Block) -> FloatArray:
@@ -83,6 +92,7 @@ class PressureBlock(Block):
     trust_other = 0.25  # where the regulator is of another structure, ours of that structure is not quite it
     vent = STAYS  # as physics has it: a chamber vents to the air and no further
     empty = EMPTY
+    commanded = False  # whether its loop sees a gauge's zero while suction is asked for, not while there is some
     whole = held = False  # whether levels are held at whole steps of the command's resolution, sampled rows at all
 
     def __init__(
@@ -139,10 +149,13 @@ class PressureBlock(Block):
         return self._better(found, vent=EMPTIES)
 
     def _emptied(self, found: Fit) -> Fit:
-        """The better fit of ``found`` and of those whose line is vented from less suction on."""
-        for empty in SOONER if abs(found.nuisance[VENTED]) > EMPTIES_SOONER else ():
+        """The better fit of ``found`` and of those whose line is vented from less suction on, or as soon as none is
+        asked for."""
+        if abs(found.nuisance[VENTED]) < EMPTIES_SOONER:
+            return found
+        for empty in SOONER:
             found = self._better(found, empty=empty)
-        return found
+        return self._better(found, commanded=True)
 
     def _better(self, found: Fit, worth: float = WORTH, **other: Any) -> Fit:
         """``found``, or the fit with ``other`` attributes of the block, taken on if that is ``worth`` it."""
@@ -258,10 +271,10 @@ class PressureBlock(Block):
         self.prior_sd = best.prior_sd
         return best
 
-    def line(self, group: Group, time: FloatArray) -> Table:
-        """The pressure that the regulator, as fitted to the record, made of the command: times finer than ``time`` (n,)
-        s, and Pa."""
-        chain, kinks = self._regulated(group, self._fitted), group.commands["pressure"].kinks
+    def line(self, group: Group, time: FloatArray, zero: float = 0.0) -> Table:
+        """The pressure that the regulator, as fitted to the record, made of the command, closed over a gauge of such a
+        ``zero`` (Pa): times finer than ``time`` (n,) s, and Pa."""
+        chain, kinks = self._regulated(group, self._fitted, zero), group.commands["pressure"].kinks
         return commanded_line(chain, self.tables(group), kinks, time, self.early)
 
     def tables(self, group: Group) -> dict[str, Table]:
@@ -269,10 +282,12 @@ class PressureBlock(Block):
         tables = group.tables(self.held)
         return {q: in_whole_steps(*table, COMMAND_STEP) for q, table in tables.items()} if self.whole else tables
 
-    def _regulated(self, group: Group, nuisance: FloatArray) -> Chain:
-        """A group's nominal chain with the regulator at a nuisance vector."""
+    def _regulated(self, group: Group, nuisance: FloatArray, zero: float = 0.0) -> Chain:
+        """A group's nominal chain with the regulator at a nuisance vector, closed over a gauge of such a ``zero``
+        (Pa)."""
         # Bins average over the staircase of the command's resolution: simulate its mean.
         chain = chain_of(self.session, group, NO_TISSUE, command_step=0.0)
+        chain = closed_over(chain, zero, self.empty) if zero else chain
         return regulated(chain, nuisance, self.largest, self.vent)
 
     @cached_property
@@ -285,10 +300,15 @@ class PressureBlock(Block):
         c = self._fitted
         return np.asarray(c[SHIFT] + c[CLOCK] * self.session.clock_age(time))
 
-    def true(self, recorded: FloatArray) -> FloatArray:
-        """Recorded pressures (n,) Pa without the gauge's error, as far as a sound one's goes."""
+    def true(self, group: Group, time: FloatArray, recorded: FloatArray) -> FloatArray:
+        """Pressures ``recorded`` (n,) Pa at ``time`` (n,) s without the gauge's error, as far as a sound one's goes."""
         gain, zero, more = self._fitted[GAIN:SIZE]
-        true: FloatArray = recorded * (1.0 - gain) - zero - more * vented(recorded, self.empty)
+        if self.commanded:
+            fine, made = self.line(group, time)
+            share = np.interp(time, fine, unasked(made, self.line(group, time, CLOSED_OVER)[1]))
+        else:
+            share = vented(recorded, self.empty)
+        true: FloatArray = recorded * (1.0 - gain) - zero - more * share
         return true
 
     @cached_property
@@ -300,15 +320,21 @@ class PressureBlock(Block):
         later[SHIFT], earlier[SHIFT] = 1e-3, -1e-3
         return (self._predict(later, {}) - self._predict(earlier, {})) / 2e-3
 
-    def _predict(self, nuisance: FloatArray, active: Active, coarse: bool = False) -> FloatArray:
+    def _predict(self, nuisance: FloatArray, active: Active, coarse: bool = False, zero: float = 0.0) -> FloatArray:
         """Recorded pressure (n,) Pa, by a gauge without an error: its gain would shrink the noise of a record;
-        ``coarse`` for differences."""
+        ``coarse`` for differences, and of a loop that is closed over a gauge of such a ``zero`` (Pa)."""
         shift = nuisance[SHIFT] + nuisance[CLOCK] * self.session.clock_age(self.stamps)
-        chain = self.with_effects(self._regulated(self._all, nuisance), active, self._all)
+        chain = self.with_effects(self._regulated(self._all, nuisance, zero), active, self._all)
         # Signals a gauge may read beside pressure are as recorded.
         beside = self.session.recorded("apex_height", self._all, smoothed=True)
         out: FloatArray = self.simulated(chain, self._all, slice(0, len(self.stamps)), shift, beside, coarse)[0]
         return out
+
+    def _vented_share(self, nuisance: FloatArray, active: Active, made: FloatArray) -> FloatArray:
+        """How far (n,), 0 to 1, the line is vented where it was ``made`` so (n,) Pa."""
+        if self.commanded:
+            return unasked(made, self._predict(nuisance, active, zero=CLOSED_OVER))
+        return vented(made, self.empty)
 
     def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:
         return quantities(nuisance, self.prior_sd)
@@ -316,6 +342,12 @@ class PressureBlock(Block):
     def warm_start(self, hypothesis: Sequence[Candidate], unit: FloatArray) -> Start | None:
         # Not from the null's shift, which has taken on much of a delay.
         return Start(self.prior_mean, self.prior_scales[0], self.prior_mean, unit)
+
+    def belies(self, fitted: Fit) -> bool:
+        if all(candidate.name != "overshoot" for candidate in fitted.active):
+            return False
+        chain = self.with_effects(self._regulated(self._all, fitted.nuisance), fitted.active, self._all)
+        return overshoot(chain, 0.5 * self.largest) < self.tolerances["overshoot"]["overshoot"].value
 
     def lateness(self, fitted: Fit) -> Lateness | None:
         intervals = self._ripple.intervals if self._ripple else ()
@@ -334,7 +366,7 @@ class PressureBlock(Block):
     def evaluate(self, nuisance: FloatArray, active: Active, want_jacobian: bool = True) -> Evaluation:
         made = self._predict(nuisance, active)
         gain, zero, more = nuisance[GAIN:SIZE]
-        empty = vented(made, self.empty)
+        empty = self._vented_share(nuisance, active, made)
         zeros = zero + more * empty + self._zeros @ nuisance[SIZE:]
         residual = self.whitened(self.measured - made * (1.0 + gain) - zeros, active)
         if not want_jacobian:

@@ -15,7 +15,7 @@ from gap.null.skin_laws import bounded_exp
 from sim_devices.chain import Chain, FloatArray, Signals
 from sim_devices.effects.build import PRESSURE
 from sim_devices.stages.kernels import FREE, evaluate, low_pass, prony
-from sim_devices.stages.operators import Wired, after
+from sim_devices.stages.operators import Map, Wired, after
 from sim_devices.stages.suction import REGULATOR_TAU
 
 LAGS, SLOW_LAGS = (0.015, 0.04, 0.1), (0.3, 1.5, 7.0)
@@ -148,6 +148,20 @@ def regulated(chain: Chain, c: FloatArray, largest: float, vent: Vent) -> Chain:
         return chain
     lags = tuple(zip(shares, (*LAGS, *SLOW_LAGS), strict=True))
     return after(chain, "regulator", lambda s, t: FurtherLags("further_lags", "actuator", s, t, lags, lead))
+
+
+def closed_over(chain: Chain, zero: float, empty: float) -> Chain:
+    """The chain with a loop that is closed over a gauge which reads ``zero`` Pa too much: it leaves so much less, from
+    ``empty`` Pa of suction on that are asked for."""
+    return after(
+        chain,
+        "command_resolution",
+        lambda s, t: Map("closed_over", "command", s, t, _less, (zero, empty)),
+    )
+
+
+def _less(time: FloatArray, command: FloatArray, zero: float, empty: float) -> FloatArray:
+    return command - zero * np.clip(-command / empty, 0.0, 1.0)
 
 
 def opened_flow(c: FloatArray, largest: float) -> float:

@@ -156,7 +156,7 @@ def other_structure(block: Regulated, found: Fit, unknown: bool) -> Structure | 
             best = structure
         if best is not None and best.objective < len(found.residual) * LEFT:
             break
-    if best is None or best.width[WHOLLY] <= FROZEN or best.width[INERTIA] > FROZEN:
+    if best is None or best.width[WEIGHED.start] <= FROZEN or best.width[INERTIA] > FROZEN:
         return best
     return _of_inertia(block, best)
 

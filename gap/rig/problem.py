@@ -261,6 +261,9 @@ class RigProblem:
     def walk_log_bayes(self, fitted: Fit) -> float:
         return np.inf
 
+    def belies(self, fitted: Fit) -> bool:
+        return False
+
     def chance_log_bayes(self, fitted: Fit) -> float:
         return 0.0
 

@@ -14,14 +14,14 @@ from operator import attrgetter
 
 import numpy as np
 
-from gap.data.noise import correlation_time, long_run_share
+from gap.data.noise import mean_correlation
 from gap.inference.evidence import Fit, Hypothesis
 from gap.inference.hypothesis import Candidate, to_unit, touched
 from gap.inference.least_squares import fit, under
 from gap.inference.linear import Projector
 from gap.inference.problem import Problem
 from gap.inference.workers import each
-from gap.search.refits import promise, refit
+from gap.search.refits import belied, promise, refit
 from gap.search.restarts import all_or_nothing, begun_anew, leaves_much_of
 from gap.search.screening import Screened, as_if_known, from_sound, screen
 from gap.search.starts import plain_start
@@ -101,17 +101,12 @@ class Comparison:
         return out
 
 
-def mean_correlation(residual: FloatArray, recording: np.ndarray) -> float:
-    runs = [residual[recording == r] for r in np.unique(recording)]
-    times = [correlation_time(run) for run in runs]
-    return max(float(np.mean(times)), long_run_share(runs)) if times else 1.0
-
-
 def _refit_all(comparison: Comparison, parts: Sequence[tuple[Hypothesis, Screened]], jobs: int) -> None:
     """Add to the comparison each base with one effect more."""
     fitted = each(lambda part: refit(comparison.problems, *part), parts, jobs)
     for (base, screened), (fits, n) in zip(parts, fitted, strict=True):
-        comparison.hypotheses.append(Hypothesis((*base.effects, screened.candidate), base.fits | fits))
+        if not belied(comparison.problems, fits):
+            comparison.hypotheses.append(Hypothesis((*base.effects, screened.candidate), base.fits | fits))
         comparison.simulations += n
 
 
@@ -344,6 +339,8 @@ def _fit_again(comparison: Comparison, parts: Sequence[Screened], jobs: int) -> 
     fitted = each(lambda s: refit(comparison.problems, comparison.null, s), parts, jobs)
     for s, (fits, n) in zip(parts, fitted, strict=True):
         comparison.simulations += n
+        if belied(comparison.problems, fits):
+            continue
         known = next((h for h in comparison.hypotheses if h.effects == (s.candidate,)), None)
         if known is None:
             comparison.hypotheses.append(Hypothesis((s.candidate,), comparison.null.fits | fits))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -37,6 +37,11 @@ def refit(problems: dict[str, Problem], base: Hypothesis, screened: Screened) ->
         fits, more = _in_turn(problems, base, begun, (surest, *(b for b in order if b != surest)))
         simulations += more
     return {b: fits[b] for b in order}, simulations
+
+
+def belied(problems: Mapping[str, Problem], fits: Mapping[str, Fit]) -> bool:
+    """Whether fits, a block each, do not do what their effects are called for."""
+    return any(problems[b].belies(f) for b, f in fits.items())
 
 
 def _apart(fits: dict[str, Fit], surest: str, candidate: Candidate) -> bool:

@@ -16,6 +16,7 @@ from typing import cast
 import numpy as np
 from scipy.special import gammaln
 
+from gap.data.noise import mean_correlation
 from gap.decision.gaps import Shrink, gap_without_discrepancy, in_changed_blocks
 from gap.decision.settle import Case
 from gap.decision.thresholds import Thresholds
@@ -26,7 +27,7 @@ from gap.inference.linear import Projector
 from gap.inference.problem import Problem
 from gap.null.blocks import Block
 from gap.rig.problem import RigProblem
-from gap.search.compare import LEAST_TEMPER, mean_correlation
+from gap.search.compare import LEAST_TEMPER
 from gap.search.refits import refit
 from gap.search.screening import STRAIN_EACH, Screened
 from gap.terms.dictionary import INSTRUMENTS, Choice, choices

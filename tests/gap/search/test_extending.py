@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gap.inference.evidence import Fit
 from gap.inference.hypothesis import Candidate
 from gap.search.compare import Effort, compare
 from sim_devices.chain import Parameter
@@ -35,3 +36,20 @@ def test_it_begins_where_the_best_effect_is(candidate: Callable[..., Candidate],
     left = {h.name: h.fits["linear"].chi2 / len(TIME) for h in found.hypotheses}
     assert left["simple"] > 1.4
     assert (left.get("whole", np.inf) < 1.2) is extends
+
+
+def test_an_effect_that_does_not_do_its_name_is_no_hypothesis(candidate: Callable[..., Candidate]) -> None:
+    """A resonance that delays and does not overshoot was told an overshoot, and the delay came second."""
+
+    class Belying(LinearProblem):
+        def belies(self, fitted: Fit) -> bool:
+            return any(c.name == "simple" for c in fitted.active)
+
+    def wave(v) -> np.ndarray:
+        return 6.0 * np.sin(v["pace"] * TIME)
+
+    data = wave({"pace": 217.3}) + np.random.default_rng(0).normal(size=len(TIME))
+    problem = Belying(data, np.ones((len(TIME), 1)), {"simple": wave, "whole": wave})
+    near = replace(PACE, low=210.0, high=225.0)
+    found = compare([problem], [candidate("simple", near), candidate("whole", near)], Effort())
+    assert {e.name for h in found.hypotheses for e in h.effects} == {"whole"}
