@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from acquire.recording.bundle_doubts import doubts
-from acquire.recording.bundle_schema import SUCTION, Bundle, Images, Source, StatedNoise, TimeAxis
+from acquire.recording.bundle_schema import SUCTION, Bundle, Images, Quantity, Source, TimeAxis
 from acquire.recording.images import find_frames
 from acquire.recording.model import Event, FloatArray, Frames, Recording, RecordingError, RunInfo, SegmentRecord, Series
 from acquire.recording.possible import impossible
@@ -173,8 +173,8 @@ class _Import:
             time_host=host,
             stage=source.stage if source.stage is not None else _stage(self.bundle.instrument, name),
             range=source.range,
-            resolution=source.resolution or 0.0,
-            noise=self.noise((kind, name, "noise", "unit"), name, source.noise, unit),
+            resolution=self.stated((kind, name), "resolution", source.resolution, unit),
+            noise=self.stated((kind, name), "noise", source.noise, unit),
         )
 
     def scale(self, kind: str, name: str, source: Source) -> tuple[str, float, float]:
@@ -203,18 +203,19 @@ class _Import:
             text = f"{value[worst]:g} {source.unit} is {factor * value[worst] + offset:g} {unit}: {reason}"
             raise table.fault(lines[worst], name, source.column, f"{text}; a wrong unit?")
 
-    def noise(self, path: Key, channel: str, stated: StatedNoise | None, unit: str) -> float:
-        if stated is None:
-            return 0.0
+    def stated(self, channel: tuple[str, str], what: str, quantity: float | Quantity | None, unit: str) -> float:
+        """A quantity of a channel in its SI ``unit``; a number is in SI."""
+        if not isinstance(quantity, Quantity):
+            return quantity or 0.0
+        path = (*channel, what, "unit")
         try:
-            si, factor, _ = units.to_si(stated.unit)
+            si, factor, _ = units.to_si(quantity.unit)
         except ValueError as error:
-            raise self.fault(path, f"channel {channel}: {error}") from error
+            raise self.fault(path, f"channel {channel[1]}: {error}") from error
         if si != unit:
-            raise self.fault(
-                path, f"channel {channel}: noise in {stated.unit!r} is {si}, but this channel is in {unit}"
-            )
-        return factor * stated.value
+            text = f"{what} in {quantity.unit!r} is {si}, but this channel is in {unit}"
+            raise self.fault(path, f"channel {channel[1]}: {text}")
+        return factor * quantity.value
 
     def table(self, path: Key, name: str, sheet: str | None) -> Table:
         file = self.inside(path, name)

@@ -123,7 +123,7 @@ def _resolution(recording: Recording) -> Iterator[Event]:
         if series.resolution > max(COARSE * usual, SPANNED * float(np.ptp(value))):
             stated, differ = f"{series.resolution:g} {series.unit}", f"{usual:.2g} {series.unit}"
             text = f"channel {name} states a resolution of {stated}, but its samples differ by {differ}"
-            yield _warning("coarse_resolution", f"{text}: a resolution is in SI units")
+            yield _warning("coarse_resolution", f"{text}: a resolution that is a number is in SI units")
 
 
 def _setpoints(bundle: Bundle, recording: Recording) -> Iterator[Event]:

@@ -78,8 +78,8 @@ class TimeAxis(_Loose):
         return self
 
 
-class StatedNoise(_Loose):
-    """Standard deviation of one sample of a channel, as the laboratory knows it."""
+class Quantity(_Loose):
+    """A quantity of a channel as the laboratory knows it: its noise, or its resolution."""
 
     value: Annotated[Number, Field(gt=0)]
     unit: Short
@@ -100,8 +100,8 @@ class Source(_Loose):
     sheet: Short | None = None
     stage: Short | None = None
     range: tuple[Number, Number] | None = Field(default=None, description="in SI")
-    resolution: Number | None = Field(default=None, description="in SI")
-    noise: StatedNoise | None = Field(default=None, description="else a diagnosis reads it from the samples")
+    resolution: Number | Quantity | None = Field(default=None, description="a number is in SI")
+    noise: Quantity | None = Field(default=None, description="else a diagnosis reads it from the samples")
     seq: Short | None = Field(default=None, description="column of the device's sample counter")
     time_host: Short | None = Field(default=None, description="column of the host's clock, in s")
 

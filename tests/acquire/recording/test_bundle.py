@@ -266,3 +266,12 @@ def test_stated_noise_becomes_si_and_is_kept(tmp_path: Path) -> None:
     wrong = {"pressure": channel("p", "mbar", noise={"value": 0.7, "unit": "mm"})}
     with pytest.raises(RecordingError, match=r"recording\.yaml:\d+:\d+: .*noise in 'mm' is m, but this channel is in"):
         load(make(tmp_path / "wrong", channels=wrong))
+
+
+def test_a_stated_resolution_has_a_unit_of_its_own_or_is_in_si(tmp_path: Path) -> None:
+    for k, resolution in enumerate(({"value": 0.1, "unit": "mbar"}, 10.0)):
+        recording = load(make(tmp_path / f"b{k}", channels={"pressure": channel("p", "mbar", resolution=resolution)}))
+        assert recording.stream("pressure").resolution == pytest.approx(10.0)
+    wrong = {"pressure": channel("p", "mbar", resolution={"value": 0.1, "unit": "mm"})}
+    with pytest.raises(RecordingError, match=r"recording\.yaml:\d+:\d+: .*resolution in 'mm' is m, but this channel"):
+        load(make(tmp_path / "wrong", channels=wrong))

@@ -148,4 +148,4 @@ def test_a_resolution_in_the_columns_unit_is_asked_about(tmp_path: Path, resolut
     assert set(said) == ({"coarse_resolution"} if asked else set())
     if asked:
         assert "channel apex_height states a resolution of 0.01 m" in said["coarse_resolution"]
-        assert "a resolution is in SI units" in said["coarse_resolution"]
+        assert "a number is in SI units" in said["coarse_resolution"]
