@@ -23,7 +23,9 @@ effect: a part of the nominal instrument, or a quantity of it that a qualificati
 has no tolerance: any amount that can be seen is a finding. [nominal.md](nominal.md) has the equations. *quantities* are
 what an instrument passes a qualification with, wider than the prior of the same thing: a diagnosis asks the other row.
 Of an effect with several forms the row of the form's own strength holds (a *delay* of 1 ms and looks every 5 ms, late
-by half of that, are two). No maker publishes these numbers: all are assumed. This page is made by
+by half of that, are two). Skin's own (stiffer or softer by 5 % from recording to recording under suction, by 4 % on
+the robot), zeros that are taken anew with each recording and the slower part of noise are in [nominal.md](nominal.md).
+No maker publishes these numbers: all are assumed. This page is made by
 `tools/tolerance_list.py` from `gap/data/tolerances.yaml`.
 """
 TITLES = {

@@ -22,6 +22,10 @@ CLOSE, APART = 0.02, 1.0
 """s between nodes of a line within a recording, and from which on two samples are of two recordings."""
 STEP, CLOSER = 6.0, 0.005
 """s for which a step is held to see whether a regulator overshoots, and between looks at it."""
+EMPTY = 500.0
+"""Pa of suction from which on a line is not vented, usually."""
+CLOSED_OVER = 100.0
+"""Pa of a gauge's zero over which a loop is closed, to tell how far a line is vented where the command ends that."""
 NO_TISSUE = SuctionTissue(0.0, creep=(), times=(), residual=0.0, softening=0.0)
 
 
@@ -70,6 +74,17 @@ def overshoot(chain: Chain, size: float) -> float:
     command = {"pressure": (rise, np.array([0.0, 0.0, -size, -size]))}
     made = simulate(partial, command, {"pressure": time}, {"apex_height": flat})["pressure"]
     return float(-np.min(made) / max(size, -made[-1]) - 1.0)
+
+
+def vented(pressure: FloatArray, empty: float = EMPTY) -> FloatArray:
+    """How far (n,), 0 to 1, a line at ``pressure`` (n,) Pa is vented: from ``empty`` Pa of suction on it is not."""
+    return np.clip(1.0 + pressure / empty, 0.0, 1.0)
+
+
+def unasked(made: FloatArray, closed: FloatArray) -> FloatArray:
+    """How far (n,), 0 to 1 in the end, a regulator answers to no suction being asked for: of the pressures that it made
+    (n,) Pa without a gauge's zero, and ``closed`` over one of `CLOSED_OVER`."""
+    return 1.0 - (made - closed) / CLOSED_OVER
 
 
 def _closer(time: FloatArray) -> FloatArray:

@@ -20,7 +20,16 @@ from gap.inference.least_squares import fit, under
 from gap.null.blocks import Block
 from gap.null.groups import Group, GroupedSession, Table
 from gap.null.lateness import TOGETHER, lateness
-from gap.null.suction_line import NO_TISSUE, chain_of, commanded_line, overshoot
+from gap.null.suction_line import (
+    CLOSED_OVER,
+    EMPTY,
+    NO_TISSUE,
+    chain_of,
+    commanded_line,
+    overshoot,
+    unasked,
+    vented,
+)
 from gap.null.suction_regulator import (
     CLOCK,
     DAMPING,
@@ -48,28 +57,15 @@ SETTLED = 8
 """Samples before suction from which on it can be told where a pressure rests."""
 AWAY, BACK = 8.0, 4.0
 """σ by which a recording must begin off where it rests to count as begun in motion, and from which on it rests."""
-EMPTY, SOONER = 500.0, (150.0, 30.0)
-"""Pa of suction from which on a line is not vented, usually and otherwise;"""
+SOONER = 150.0, 30.0
+"""Pa of suction from which on a line may not be vented, if not from `EMPTY` on;"""
 EMPTIES_SOONER = 50.0
 """and by which a gauge must be off otherwise while vented for that to matter."""
-CLOSED_OVER = 100.0
-"""Pa of a gauge's zero over which a loop is closed, to tell how far a line is vented where the command ends that."""
 SAMPLED, SLOW, AT_EASE = 5.0, 0.012, 20.0
 """χ² from which on samples are means over a period, or none (odds of twelve), s of a period from which on that matters,
 and the penalty of a regulator that is not strained, which no other samples excuse."""
 SLOWER = (1.0, 0.4)
 """Logarithms of time and damping of a second order that is far slower than the nominal one, from which a fit begins."""
-
-
-def vented(pressure: FloatArray, empty: float = EMPTY) -> FloatArray:
-    """How far (n,), 0 to 1, a line at ``pressure`` (n,) Pa is vented: from ``empty`` Pa of suction on it is not."""
-    return np.clip(1.0 + pressure / empty, 0.0, 1.0)
-
-
-def unasked(made: FloatArray, closed: FloatArray) -> FloatArray:
-    """How far (n,), 0 to 1 in the end, a regulator answers to no suction being asked for: of the pressures that it made
-    (n,) Pa without a gauge's zero, and ``closed`` over one of `CLOSED_OVER`."""
-    return 1.0 - (made - closed) / CLOSED_OVER
 
 
 def zeros_of_recordings(block: Block) -> FloatArray:
@@ -114,7 +110,7 @@ class PressureBlock(Block):
         self.prior_scales = (self.prior_sd, self.prior(lambda t: t.widest))
         self.blur_steep_parts(self._slope())
         best = self._followed(self._vented(self._averaged(self._resolved(self._second_order()))))
-        self.structure = other_structure(self, best, unknown)
+        self.structure = self._structured(best, unknown)
         if self.structure is not None:
             self._take(self.structure)
             best = self._averaged(self._resolved(fit(self)))
@@ -122,6 +118,19 @@ class PressureBlock(Block):
         self._begin = best.nuisance
         self.row_noise, left = self._with_memory(best)
         self.explained = left < len(best.residual) * NOISY  # by a regulator that is known
+
+    def _structured(self, found: Fit, unknown: bool) -> Structure | None:
+        """The regulator's structure, if not the second order ``found``; of sampled commands that are held at each row,
+        or straight between, whichever comes nearer."""
+        structure, n = other_structure(self, found, unknown), len(found.residual)
+        if not self.session.sampled or (structure or found).objective < n * NOISY:
+            return structure
+        looked, changed = self._changed(held=not self.held)
+        again = other_structure(looked, fit(looked, nuisance=found.nuisance), unknown)
+        if again is None or (structure is not None and again.objective > structure.objective - WORTH):
+            return structure
+        vars(self).update(changed)
+        return again
 
     def _resolved(self, found: Fit) -> Fit:
         """The better fit of ``found`` and of one whose levels are whole steps of the command's resolution, or not."""
@@ -149,8 +158,7 @@ class PressureBlock(Block):
         return self._better(found, vent=EMPTIES)
 
     def _emptied(self, found: Fit) -> Fit:
-        """The better fit of ``found`` and of those whose line is vented from less suction on, or as soon as none is
-        asked for."""
+        """The better fit of ``found`` and of those whose line is vented from less suction on, or by the command."""
         if abs(found.nuisance[VENTED]) < EMPTIES_SOONER:
             return found
         for empty in SOONER:
@@ -159,14 +167,19 @@ class PressureBlock(Block):
 
     def _better(self, found: Fit, worth: float = WORTH, **other: Any) -> Fit:
         """``found``, or the fit with ``other`` attributes of the block, taken on if that is ``worth`` it."""
-        looked = under(self, self.prior_mean, self.prior_sd)
-        changed = {**self.sampled(other.get("averaged", self.averaged)), **other}  # grids anew, of other commands maybe
-        vars(looked).update(changed)
+        looked, changed = self._changed(**other)
         again = fit(looked, nuisance=found.nuisance)
         if again.objective > found.objective - worth:
             return found
         vars(self).update(changed)
         return again
+
+    def _changed(self, **other: Any) -> tuple[Self, dict[str, Any]]:
+        """The block with ``other`` attributes, and all that these change: grids anew, of other commands maybe."""
+        looked = under(self, self.prior_mean, self.prior_sd)
+        changed = {**self.sampled(other.get("averaged", self.averaged)), **other}
+        vars(looked).update(changed)
+        return looked, changed
 
     def _take(self, structure: Structure) -> None:
         """Let a regulator of another structure be a third width of the prior."""

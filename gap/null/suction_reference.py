@@ -22,8 +22,8 @@ from gap.null.groups import Group, GroupedSession, Table
 from gap.null.skin_laws import bounded_exp
 from gap.null.suction_discrepancy import KNEES
 from gap.null.suction_feed import FedBlock
-from gap.null.suction_line import NO_TISSUE, chain_of
-from gap.null.suction_pressure import PressureBlock, vented, zeros_of_recordings
+from gap.null.suction_line import NO_TISSUE, chain_of, vented
+from gap.null.suction_pressure import PressureBlock, zeros_of_recordings
 from protocols.specimens import MEMORY
 from sim_devices.chain import Chain, Effect, FloatArray
 from sim_devices.stages.kernels import evaluate, low_pass

@@ -14,8 +14,9 @@ from gap.inference.hypothesis import FROZEN
 from gap.null.skin_laws import bounded_exp
 from sim_devices.chain import Chain, FloatArray, Signals
 from sim_devices.effects.build import PRESSURE
+from sim_devices.stages import kernels
 from sim_devices.stages.kernels import FREE, evaluate, low_pass, prony
-from sim_devices.stages.operators import Map, Wired, after
+from sim_devices.stages.operators import Law, Map, Wired, after, before
 from sim_devices.stages.suction import REGULATOR_TAU
 
 LAGS, SLOW_LAGS = (0.015, 0.04, 0.1), (0.3, 1.5, 7.0)
@@ -53,9 +54,9 @@ SIZE = VENTED + 1
 """Where the nuisance (SIZE,) has the logarithm of the regulator's time and damping, how late its samples are (s) and
 its clock's rate; shares of further lags, a lead (s), the loop about a valve (`WEIGHED` its controller's, `FLOW` how its
 flow follows the pressure, `WHOLLY`, `SOFTLY` and `TRACKS` what it does at its end, and its `INERTIA`), the s for 300
-mbar of a limited rate, shares of slow lags, the logarithms of `kernels.free_loop`; the gauge's gain, its zero (Pa), and
-by how much it reads more (Pa) while the line is vented: a zero that closes the loop shows at one of both only. A
-session of several recordings adds by how much each one's zero is off that (Pa)."""
+mbar of a limited rate (below nought the set-point's), shares of slow lags, the logarithms of `kernels.free_loop`; the
+gauge's gain, its zero (Pa), and by how much it reads more (Pa) while the line is vented: a zero that closes the loop
+shows at one of both only. A session of several recordings adds by how much each one's zero is off that (Pa)."""
 
 
 class Vent(NamedTuple):
@@ -141,13 +142,21 @@ def regulated(chain: Chain, c: FloatArray, largest: float, vent: Vent) -> Chain:
         chain = chain.tuned("regulator", valve=valve, armed=armed, clears=vent.clears)
     if np.any(np.abs(c[UNKNOWN]) > FROZEN):
         chain = chain.tuned("regulator", unknown=(largest, *c[UNKNOWN].tolist()))
-    if (span := float(c[SPAN])) > FROZEN:
-        chain = chain.tuned("regulator", rates=(PRESSURE / span, PRESSURE / span))
+    if abs(span := float(c[SPAN])) > FROZEN:
+        chain = _limited(chain, PRESSURE / span)
     shares, lead = (*c[FURTHER].tolist(), *c[SLOW].tolist()), float(c[LEAD])
     if not lead and not any(shares):
         return chain
     lags = tuple(zip(shares, (*LAGS, *SLOW_LAGS), strict=True))
     return after(chain, "regulator", lambda s, t: FurtherLags("further_lags", "actuator", s, t, lags, lead))
+
+
+def _limited(chain: Chain, rate: float) -> Chain:
+    """The chain with a pressure's rate limited to ``rate`` Pa/s, or, of a negative one, with its set-point's."""
+    if rate > 0.0:
+        return chain.tuned("regulator", rates=(rate, rate))
+    limits = -rate, -rate
+    return before(chain, "regulator", lambda s, t: Law("limited", "command", s, t, kernels.rate_limit, limits))
 
 
 def closed_over(chain: Chain, zero: float, empty: float) -> Chain:
@@ -188,7 +197,7 @@ def quantities(c: FloatArray, sd: FloatArray) -> Mapping[str, tuple[float, str]]
         if width > FROZEN
     }
     if sd[SPAN] > FROZEN:
-        out["regulator_span_time"] = (float(c[SPAN]), "s")
+        out["regulator_span_time" if c[SPAN] > 0.0 else "setpoint_span_time"] = (abs(float(c[SPAN])), "s")
     return out | {
         "sampling_shift": (float(c[SHIFT]), "s"),
         "clock_rate": (float(c[CLOCK]), "s/s"),

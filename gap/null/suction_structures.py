@@ -47,8 +47,8 @@ LEFT, FOLLOWS, INTEGRAL, OPENED = 2.0, 0.5, 0.1, 0.3
 """which is one if it leaves less than so much of χ² and strain for each row, and if its flow follows the pressure by so
 many tolerances, or it comes to the noise and has an integral of so many 1/s, or a valve that the largest command opens
 by so much: else it is but a better place to start from, and something else acts,"""
-SPANS, LIMITS = (0.04, 0.08, 0.15), 0.01
-"""s for 300 mbar at which a limited rate is looked for, and from which on it is one."""
+SPANS, LIMITS = (0.04, 0.08, 0.15, -0.04, -0.08, -0.15), 0.01
+"""s for 300 mbar at which a limited rate is looked for, below nought the set-point's, and from which on it is one."""
 LEAVES = 0.05
 """Share of the excess over the noise that a structure may leave: what acts beside it is then looked for."""
 MOST = 0.5
@@ -186,7 +186,7 @@ def _limited(block: Regulated, found: Fit) -> Structure | None:
     """A rate that is limited within twice its tolerance."""
     width, best = _of_limited_rate(block, found)
     better = _near(best.objective, found, LEFT)
-    if not (better and LIMITS < best.nuisance[SPAN] < 2.0 * width[SPAN]):
+    if not (better and LIMITS < abs(best.nuisance[SPAN]) < 2.0 * width[SPAN]):
         return None
     return Structure(width, best.nuisance, block.vent, best.objective)
 
@@ -196,7 +196,8 @@ def _of_limited_rate(block: Regulated, found: Fit) -> tuple[FloatArray, Fit]:
     width = block.prior(lambda t: t.widest)
     width[SPAN] = block.tolerances["slew_limit"]["span_time"].value
     looked = under(block, block.prior_mean, width)
-    begins = np.tile(found.nuisance, (len(SPANS), 1))
+    # The time that a second order needs to be as late as a set-point with a limited rate is none of its own.
+    begins = np.array([found.nuisance if span > 0.0 else block.prior_mean for span in SPANS])
     begins[:, SPAN] = SPANS
     first = min((fit(looked, nuisance=start, iterations=3) for start in begins), key=lambda f: f.objective)
     return width, fit(looked, nuisance=first.nuisance)

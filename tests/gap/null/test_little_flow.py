@@ -16,6 +16,7 @@ from gap.inference.least_squares import fit
 from gap.null.groups import GroupedSession
 from gap.null.suction_pressure import PressureBlock
 from gap.null.suction_regulator import SPAN
+from sim_devices.stages.kernels import evaluate, second_order
 from tests.gap.null.regulators import CORNERS, NOISE, STEP, SUCTION, TIME, session_of
 
 
@@ -119,3 +120,22 @@ def test_a_command_that_is_looked_at_now_and_then_is_no_other_make(recording: Ca
     measured = -looked_at(np.interp(TIME, CORNERS, low))[::10] + noise
     taken = recording({"pressure": measured}, TIME[::10], {"pressure": (CORNERS, -low)})
     assert block_of(taken).structure is None
+
+
+def test_a_sampled_set_point_of_a_limited_rate_is_sound(recording: Callable[..., Recording]) -> None:
+    """A sound session of an outside author, with rows each 10 ms that its controller holds, was told a regulator's lag
+    (11 sigma): only the pressure's own rate could be limited, and which rows are held was asked of a second order."""
+    rows, time = np.arange(0.0, 24.0, 0.01), np.arange(0.0, 24.0, STEP)
+    steps = np.select([rows < 2, rows < 6, rows < 8, rows < 12, rows < 13], [0.0, 30e3, 0.0, 10e3, 0.0], 0.0)
+    asked = steps + np.where(rows >= 13, 10e3 * (1.0 - np.cos(2.0 * np.pi * 0.2 * (rows - 13.0))), 0.0)
+    held, limited = np.repeat(asked, 10), np.zeros(len(time))
+    for k in range(1, len(time)):
+        limited[k] = limited[k - 1] + np.clip(held[k] - limited[k - 1], -240.0, 240.0)
+    made = evaluate(second_order, time, limited, 0.036, 1.0)[::20]
+    measured = -made + NOISE * np.random.default_rng(5).normal(size=len(made))
+    block = block_of(recording({"pressure": measured}, time[::20], {"pressure": (rows, -asked)}))
+    found = fit(block)
+    assert block.held
+    assert block.quantities(found.nuisance)["setpoint_span_time"][0] == pytest.approx(0.125, rel=0.02)
+    assert found.penalty < 25
+    assert found.chi2 < 1.1 * len(found.residual)

@@ -12,7 +12,8 @@ from gap.design import simulated as own
 from gap.effects.load import library
 from gap.inference.least_squares import fit
 from gap.null.groups import GroupedSession
-from gap.null.suction_pressure import EMPTY, VENTED, PressureBlock
+from gap.null.suction_line import EMPTY
+from gap.null.suction_pressure import VENTED, PressureBlock
 
 OFF = 100.0  # Pa
 
