@@ -21,14 +21,15 @@ ROBOT: Mapping[str, float] = MappingProxyType({
     "latency": 2e-3, "skew": 4e-5, "leg_gain": 0.010, "leg_gains": 0.010, "drag": 20.0, "drop_gap": 4e-5,
 })  # fmt: skip
 """The same of `effects_robot`."""
-SLOWEST = 300e2 / 0.15
-"""Pa/s: a rate that is limited no lower is no finding."""
+SLOWEST, SLOWEST_AXIS = 300e2 / 0.15, 1.0
+"""Pa/s and m/s: a rate that is limited no lower is no finding."""
 
 
 def within_tolerance(knobs: Mapping[str, float], robotic: bool) -> bool:
     """Whether an effect of ``knobs``, of the robot where it is ``robotic``, is within twice a stated tolerance."""
-    if "slew" in knobs and not robotic:
-        return knobs["slew"] >= SLOWEST
+    if "slew" in knobs or "slew_soft" in knobs:  # under suction the second tells how a rate is approached
+        rate = knobs.get("slew", knobs.get("slew_soft", 0.0))
+        return rate >= (SLOWEST_AXIS if robotic else SLOWEST)
     limits = ROBOT if robotic else SUCTION
     stated = [name for name in knobs if name in limits]
     return bool(stated) and all(abs(knobs[name]) <= limits[name] for name in stated)

@@ -350,7 +350,7 @@ def _of_resolution(instruments: tuple[str, ...], scale: float, unit: str) -> lis
             "Approach each value from one side; another sensor.",
             "Prandtl 1928, Bouc 1967, Dahl 1968, Wen 1976 for the forms",
             (
-                strength("width", unit, 0.0005 * scale, 0.4 * scale, 0.05 * scale, "half width"),
+                strength("width", unit, 0.0001 * scale, 0.4 * scale, 0.05 * scale, "half width"),
                 *which,
                 choice("form", 0, "play", "Prandtl-Ishlinskii", "Bouc-Wen", "Dahl"),
             ),
@@ -372,5 +372,5 @@ def _quantised(robot: bool) -> Any:
 
 GAIN_MEANING, GAIN_REMEDY = "Wrong sensitivity", "Calibrate with a known height or weight."
 LAG = ("sensor_low_pass", "sensor")
-TAU = strength("tau", "s", 3e-4, 3.0, 0.2)
+TAU = strength("tau", "s", 5e-5, 3.0, 0.2)
 ORDER = choice("order", 0, "first order", "second order")

@@ -247,7 +247,7 @@ EFFECTS = (
         "Press more evenly, grease the rim, shave the site; tighten the hose.",
         "contact on hairy or curved sites; gap.md",
         (
-            strength("share", "1", 2e-3, 0.6, 0.12, "of the suction at 300 mbar (form 1: of 300 mbar in the end)"),
+            strength("share", "1", 2e-4, 0.6, 0.12, "of the suction at 300 mbar (form 1: of 300 mbar in the end)"),
             choice("form", 0, "a power of suction", "until suction has sealed the rim", "open for a while",
                    "at the end of a long hose, which delays suction besides",
                    "until suction has pressed the rim tight, each time anew"),
@@ -290,7 +290,7 @@ EFFECTS = (
         "A thinner layer, cyanoacrylate instead of tape; track the skin by camera.",
         "M glues the probe; yield unknown",
         (
-            strength("compliance", "m/N", 2e-6, 1e-3, 2e-4, "in plane"),
+            strength("compliance", "m/N", 5e-7, 1e-3, 2e-4, "in plane"),
             shape("normal", "1", 0.05, 1.0, 0.3, "compliance along the normal against that in plane"),
             choice("form", 0, "elastic", "some of it creeps, as tape does", "foam that closes as it is loaded",
                    "foam that creeps and closes"),

@@ -93,7 +93,7 @@ EFFECTS = (
         "Slower trajectories, or a higher limit in the controller.",
         "trajectory generators' velocity limits; gap.md",
         (
-            strength("span_time", "s", 0.02, 50.0, 6.0, "time for 1 mm of an axis"),
+            strength("span_time", "s", 3e-4, 50.0, 6.0, "time for 1 mm of an axis"),
             choice("form", 0, "of each axis", "of each axis, rounded as by a limited jerk", "of the tip, rounded",
                    "of each axis, by a planner that limits the acceleration, too"),
             shape("acceleration", "m/s^2", 0.02, 50.0, 1.0, "of the planner", log=True, only=(3,)),
@@ -119,10 +119,10 @@ EFFECTS = (
         "Other grease; feed the speed forward.",
         "slides and position sensors; gap.md; greases thin by shear, Herschel and Bulkley 1926; Rayleigh 1876",
         (
-            strength("drag", "N s/m", 1.0, 3e3, 200.0, "per axis", only=(0,)),
-            strength("thinning", "N", 1e-3, 1.0, 0.05, "at 1 mm/s, per axis", only=(1,)),
+            strength("drag", "N s/m", 0.02, 3e3, 200.0, "per axis", only=(0,)),
+            strength("thinning", "N", 1e-4, 1.0, 0.05, "at 1 mm/s, per axis", only=(1,)),
             shape("power", "1", 0.2, 0.9, 0.5, "of the speed that it grows with", only=(1,)),
-            strength("braking", "N", 1e-4, 5.0, 0.1, "at 10 mm/s, per axis", only=(2,)),
+            strength("braking", "N", 1e-6, 5.0, 0.1, "at 10 mm/s, per axis", only=(2,)),
             shape("steepness", "1", 1.2, 3.0, 2.0, "power of the speed that it grows with", only=(2,)),
             choice("form", 0, "in proportion to its speed", "with a power of it, as grease thins",
                    "with its square, or about so, as air swirls"),
@@ -136,7 +136,7 @@ EFFECTS = (
         "Other bearings; friction feed-forward; dither.",
         "ALPS RDC1014 alone has up to 0.25 N; Dahl 1968 for the presliding form",
         (
-            strength("force", "N", 1e-3, 5.0, 0.4, "of one axis"),
+            strength("force", "N", 2e-4, 5.0, 0.4, "of one axis"),
             choice("form", 0, "abrupt where motion turns", "eased about standstill, as a tanh of the speed"),
             replace(_PRESLIDING, only=(0,)),
             shape("easing", "m/s", 1e-5, 2e-3, 1.5e-4, "speed within which it is eased", log=True, only=(1,)),
@@ -150,7 +150,7 @@ EFFECTS = (
         "Other lubricant; dither; a faster approach.",
         "Stribeck 1902; Armstrong-Hélouvry et al. 1994; with bristles Canudas de Wit et al. 1995",
         (
-            strength("stiction", "N", 1e-3, 5.0, 0.5, "above the kinetic friction, at standstill"),
+            strength("stiction", "N", 2e-4, 5.0, 0.5, "above the kinetic friction, at standstill"),
             shape("coulomb_share", "1", 0.0, 2.0, 0.5, "kinetic friction against that"),
             shape("speed", "m/s", 5e-5, 5e-3, 5e-4, "Stribeck speed", log=True),
             _PRESLIDING,
@@ -164,7 +164,7 @@ EFFECTS = (
         "Preload the pivots with stiffer springs.",
         "vee-jewel pivots held by springs (M)",
         (
-            strength("gap", "m", 1e-6, 6e-4, 80e-6, "full play of one axis"),
+            strength("gap", "m", 1e-7, 6e-4, 80e-6, "full play of one axis"),
             choice("form", 0, "sharp", "taken up gradually", "of several joints in a row"),
             _AXIS,
             shape("spread", "1", 0.0, 1.0, 0.5, "by which the joints' plays differ from their mean", only=(2,)),

@@ -26,7 +26,7 @@ from sim_devices.effects.build import (
     strength,
 )
 from sim_devices.stages import RATES, kernels
-from sim_devices.stages.operators import Delay, Gap, Law, Polled, Wandering, after
+from sim_devices.stages.operators import Delay, Gap, Law, Polled, Wandering, Warming, after
 from sim_devices.stages.robot import TRANSDUCERS, numbered
 
 _SEED = shape("seed", "choice", 0, 9, 1, "which samples are hit: another number, other samples")
@@ -77,6 +77,9 @@ def _skew(chain: Chain, v: Values) -> Chain:
         wandering = (v["swing"], v["period"], v["phase"])
         return after(chain, "latency", lambda s, t: Wandering("wandering", "timing", s, t, *wandering))
     op: Any = chain["latency"]
+    if chosen(v, "form") > 2:
+        rates = (v["rate"], 0.0) if chosen(v, "form") == 3 else (0.0, v["rate"])
+        return after(chain, "latency", lambda s, t: Warming("warming", "timing", s, t, *rates, v["tau"], op.marks))
     marks = op.marks if chosen(v, "form") == 0 else ()
     return chain.tuned("latency", skew=op.skew + v["rate"], marks=marks)
 
@@ -166,7 +169,7 @@ EFFECTS = (
         "buffered serial and USB links; gap.md",
         (
             strength("delay", "s", 2e-4, 0.5, 0.08, "dead time", only=(0,)),
-            strength("interval", "s", 2e-3, 1.0, 0.087, "between looks at the command", only=(1, 2), fine=1e-8),
+            strength("interval", "s", 5e-4, 1.0, 0.087, "between looks at the command", only=(1, 2), fine=1e-8),
             choice("form", 0, "constant", "until the device looks next, which it does at equal intervals",
                    "the same, by intervals that begin with each recording"),
             shape("phase", "1", 0.0, 1.0, 0.37, "when it looks, in intervals", only=(1, 2)),
@@ -179,10 +182,11 @@ EFFECTS = (
         "Take both from one clock, or exchange time stamps at both ends of a recording.",
         "crystal tolerance is 20 to 100 ppm; software timers are far worse",
         (
-            signed("rate", "s/s", 0.01, 3e-3, "positive: the recording's clock runs fast", only=(0, 1)),
-            strength("swing", "s", 1e-4, 0.03, 5e-3, "by how much it is off at most", only=(2,)),
+            signed("rate", "s/s", 0.01, 3e-3, "positive: the recording's clock runs fast", only=(0, 1, 3, 4)),
+            strength("swing", "s", 1e-5, 0.03, 5e-3, "by how much it is off at most", only=(2,)),
             choice("form", 0, "aligned at the start of each recording", "aligned once, at the start of the session",
-                   "to and fro"),
+                   "to and fro", "while its crystal is cold, at the start of the session", "once it is warm"),
+            shape("tau", "s", 10.0, 2000.0, 150.0, "within which it warms up", log=True, only=(3, 4)),
             shape("period", "s", 15.0, 1500.0, 150.0, "of going to and fro", log=True, only=(2,), fine=1e-4),
             PHASE,
         ),

@@ -342,12 +342,12 @@ EFFECTS = (
         ),
         _stiffening,
     ),
-    _pulse(SUCTION, (strength("amplitude", "m", 3e-7, 3e-4, 1.5e-5),), _pulse_suction),
+    _pulse(SUCTION, (strength("amplitude", "m", 1e-7, 3e-4, 1.5e-5),), _pulse_suction),
     _pulse(
         ROBOT,
         (
-            strength("amplitude", "N", 5e-4, 0.3, 0.03, only=(0,)),
-            strength("motion", "m", 1e-6, 1e-3, 5e-5, only=(1,)),
+            strength("amplitude", "N", 2e-5, 0.3, 0.03, only=(0,)),
+            strength("motion", "m", 3e-8, 1e-3, 5e-5, only=(1,)),
         ),
         _pulse_robot,
         choice("form", 0, "a force on the probe", "the skin moves under it"),

@@ -238,6 +238,35 @@ class Wandering(Retimed):
 
 
 @dataclass(frozen=True)
+class Warming(Retimed):
+    """A clock whose crystal warms up: it runs fast by ``cold`` at first, by ``warm`` in the end, and comes from one to
+    the other within ``tau`` s; it is aligned at each of ``marks`` (s)."""
+
+    cold: float = 0.0
+    warm: float = 0.0
+    tau: float = 1.0
+    marks: tuple[float, ...] = ()
+
+    @property
+    def moves(self) -> bool:
+        return self.cold != 0.0 or self.warm != 0.0
+
+    def _off(self, time: FloatArray, aligned: FloatArray) -> FloatArray:
+        """The integral of the rate since it was ``aligned`` (n,) s."""
+        gone = np.exp(-aligned / self.tau) - np.exp(-time / self.tau)
+        return np.asarray(self.warm * (time - aligned) + (self.cold - self.warm) * self.tau * gone)
+
+    def seen(self, time: FloatArray) -> FloatArray:
+        return time - self._off(time, _latest(self.marks, time))
+
+    def shows(self, moments: FloatArray) -> FloatArray:
+        shown, aligned = moments, _latest(self.marks, moments)
+        for _ in range(4):  # each step gains a factor of the rate
+            shown = moments + self._off(shown, aligned)
+        return shown
+
+
+@dataclass(frozen=True)
 class Noise(Wired):
     """White Gaussian noise of ``sigma`` on each channel, then rounding to ``resolution``; neither where it is 0."""
 

@@ -81,7 +81,9 @@ def test_twice_a_stated_tolerance_is_that_of_the_documents(knob: str, robotic: b
     assert not within_tolerance({knob: 1.01 * limit}, robotic)
 
 
-@pytest.mark.parametrize(("rate", "robotic", "within"), [(4e5, False, True), (1e5, False, False), (4e5, True, False)])
+@pytest.mark.parametrize(
+    ("rate", "robotic", "within"), [(4e5, False, True), (1e5, False, False), (1.1, True, True), (0.6, True, False)]
+)
 def test_a_rate_is_within_its_tolerance_where_it_is_quick(rate: float, robotic: bool, within: bool):
     assert within_tolerance({"slew": rate, "slew_soft": 1.0}, robotic) == within
 

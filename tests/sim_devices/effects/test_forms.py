@@ -56,3 +56,25 @@ def test_a_second_harmonic_makes_a_beat_rise_faster_than_it_falls() -> None:
     turn = 2 * np.pi * time[at]
     assert off @ np.sin(turn) / np.linalg.norm(off) / np.linalg.norm(np.sin(turn)) > 0.9
     assert np.max(np.abs(off)) == pytest.approx(0.4 * 2e-5, rel=0.2)
+
+
+NOISE = {f"axis_position_{k}": 8e-6 for k in (1, 2, 3)} | {f"transducer_force_{k}": 1.5e-3 for k in "abc"}
+"""m and N: noise (rms) of the robot's sensors."""
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["slew_limit", "viscous_drag", "coulomb_friction", "backlash", "latency", "glue_compliance",
+     "sensor_hysteresis", "sensor_low_pass", "pulse_breathing"],
+)  # fmt: skip
+def test_the_weakest_strength_of_an_instruments_effect_hardly_shows(name: str) -> None:
+    """A planner's limit of 667 mm/s (187 sigma) was no hypothesis: the prior began at 50 mm/s, some 1000 sigma."""
+    time, inputs, chain = session("microrobot")
+    effect = effects("microrobot")[name]
+    forms = next((int(p.high) for p in effect.parameters if p.name == "form"), 0)
+    for form in range(forms + 1):
+        weakest = {p.name: p.low for p in effect.parameters if p.scale == "log" and p.null is not None}
+        weakest |= {p.name: p.high for p in effect.parameters if p.name == "acceleration"}
+        out = effect.apply(chain, weakest | ({"form": form} if forms else {})).run(time, inputs)
+        off = [(out[c] - reference("microrobot")[c]) / noise for c, noise in NOISE.items()]
+        assert np.linalg.norm(np.concatenate(off)) < 10.0, form
