@@ -14,6 +14,7 @@ from gap.null.chains import needed
 from gap.null.groups import Group, GroupedSession, Table
 from sim_devices.chain import Chain, FloatArray
 from sim_devices.stages import nominal
+from sim_devices.stages.operators import Map, after
 from sim_devices.stages.sampling import simulate
 from sim_devices.stages.suction import tissue_operators
 from sim_devices.stages.tissues import SuctionTissue, suction_tissue
@@ -24,7 +25,7 @@ STEP, CLOSER = 6.0, 0.005
 """s for which a step is held to see whether a regulator overshoots, and between looks at it."""
 EMPTY = 500.0
 """Pa of suction from which on a line is not vented, usually."""
-CLOSED_OVER = 100.0
+GAUGE_ZERO = 100.0
 """Pa of a gauge's zero over which a loop is closed, to tell how far a line is vented where the command ends that."""
 NO_TISSUE = SuctionTissue(0.0, creep=(), times=(), residual=0.0, softening=0.0)
 
@@ -81,10 +82,20 @@ def vented(pressure: FloatArray, empty: float = EMPTY) -> FloatArray:
     return np.clip(1.0 + pressure / empty, 0.0, 1.0)
 
 
+def closed_over(chain: Chain, empty: float) -> Chain:
+    """The chain with a loop that is closed over a gauge which reads `GAUGE_ZERO` too much: it leaves so much less,
+    wholly from ``empty`` Pa of suction on that are asked for."""
+    return after(chain, "command_resolution", lambda s, t: Map("closed_over", "command", s, t, _less, (empty,)))
+
+
+def _less(time: FloatArray, command: FloatArray, empty: float) -> FloatArray:
+    return command - GAUGE_ZERO * (1.0 - vented(command, empty))
+
+
 def unasked(made: FloatArray, closed: FloatArray) -> FloatArray:
-    """How far (n,), 0 to 1 in the end, a regulator answers to no suction being asked for: of the pressures that it made
-    (n,) Pa without a gauge's zero, and ``closed`` over one of `CLOSED_OVER`."""
-    return 1.0 - (made - closed) / CLOSED_OVER
+    """How far (n,), 0 to 1 in the end, a regulator answers to no suction being asked for: of the pressures (n,) Pa that
+    it ``made``, and made `closed_over` a gauge's zero."""
+    return 1.0 - (made - closed) / GAUGE_ZERO
 
 
 def _closer(time: FloatArray) -> FloatArray:

@@ -21,10 +21,10 @@ from gap.null.blocks import Block
 from gap.null.groups import Group, GroupedSession, Table
 from gap.null.lateness import TOGETHER, lateness
 from gap.null.suction_line import (
-    CLOSED_OVER,
     EMPTY,
     NO_TISSUE,
     chain_of,
+    closed_over,
     commanded_line,
     overshoot,
     unasked,
@@ -43,7 +43,6 @@ from gap.null.suction_regulator import (
     VALVE,
     VENTED,
     Vent,
-    closed_over,
     prior_widths,
     quantities,
     regulated,
@@ -284,10 +283,10 @@ class PressureBlock(Block):
         self.prior_sd = best.prior_sd
         return best
 
-    def line(self, group: Group, time: FloatArray, zero: float = 0.0) -> Table:
-        """The pressure that the regulator, as fitted to the record, made of the command, closed over a gauge of such a
-        ``zero`` (Pa): times finer than ``time`` (n,) s, and Pa."""
-        chain, kinks = self._regulated(group, self._fitted, zero), group.commands["pressure"].kinks
+    def line(self, group: Group, time: FloatArray, closed: bool = False) -> Table:
+        """The pressure that the regulator, as fitted to the record, made of the command, or `closed_over` a gauge's
+        zero: times finer than ``time`` (n,) s, and Pa."""
+        chain, kinks = self._regulated(group, self._fitted, closed), group.commands["pressure"].kinks
         return commanded_line(chain, self.tables(group), kinks, time, self.early)
 
     def tables(self, group: Group) -> dict[str, Table]:
@@ -295,12 +294,11 @@ class PressureBlock(Block):
         tables = group.tables(self.held)
         return {q: in_whole_steps(*table, COMMAND_STEP) for q, table in tables.items()} if self.whole else tables
 
-    def _regulated(self, group: Group, nuisance: FloatArray, zero: float = 0.0) -> Chain:
-        """A group's nominal chain with the regulator at a nuisance vector, closed over a gauge of such a ``zero``
-        (Pa)."""
+    def _regulated(self, group: Group, nuisance: FloatArray, closed: bool = False) -> Chain:
+        """A group's nominal chain with the regulator at a nuisance vector, or `closed_over` a gauge's zero."""
         # Bins average over the staircase of the command's resolution: simulate its mean.
         chain = chain_of(self.session, group, NO_TISSUE, command_step=0.0)
-        chain = closed_over(chain, zero, self.empty) if zero else chain
+        chain = closed_over(chain, self.empty) if closed else chain
         return regulated(chain, nuisance, self.largest, self.vent)
 
     @cached_property
@@ -318,7 +316,7 @@ class PressureBlock(Block):
         gain, zero, more = self._fitted[GAIN:SIZE]
         if self.commanded:
             fine, made = self.line(group, time)
-            share = np.interp(time, fine, unasked(made, self.line(group, time, CLOSED_OVER)[1]))
+            share = np.interp(time, fine, unasked(made, self.line(group, time, closed=True)[1]))
         else:
             share = vented(recorded, self.empty)
         true: FloatArray = recorded * (1.0 - gain) - zero - more * share
@@ -333,11 +331,11 @@ class PressureBlock(Block):
         later[SHIFT], earlier[SHIFT] = 1e-3, -1e-3
         return (self._predict(later, {}) - self._predict(earlier, {})) / 2e-3
 
-    def _predict(self, nuisance: FloatArray, active: Active, coarse: bool = False, zero: float = 0.0) -> FloatArray:
+    def _predict(self, nuisance: FloatArray, active: Active, coarse: bool = False, closed: bool = False) -> FloatArray:
         """Recorded pressure (n,) Pa, by a gauge without an error: its gain would shrink the noise of a record;
-        ``coarse`` for differences, and of a loop that is closed over a gauge of such a ``zero`` (Pa)."""
+        ``coarse`` for differences, and of a loop that is `closed_over` a gauge's zero."""
         shift = nuisance[SHIFT] + nuisance[CLOCK] * self.session.clock_age(self.stamps)
-        chain = self.with_effects(self._regulated(self._all, nuisance, zero), active, self._all)
+        chain = self.with_effects(self._regulated(self._all, nuisance, closed), active, self._all)
         # Signals a gauge may read beside pressure are as recorded.
         beside = self.session.recorded("apex_height", self._all, smoothed=True)
         out: FloatArray = self.simulated(chain, self._all, slice(0, len(self.stamps)), shift, beside, coarse)[0]
@@ -346,7 +344,7 @@ class PressureBlock(Block):
     def _vented_share(self, nuisance: FloatArray, active: Active, made: FloatArray) -> FloatArray:
         """How far (n,), 0 to 1, the line is vented where it was ``made`` so (n,) Pa."""
         if self.commanded:
-            return unasked(made, self._predict(nuisance, active, zero=CLOSED_OVER))
+            return unasked(made, self._predict(nuisance, active, closed=True))
         return vented(made, self.empty)
 
     def quantities(self, nuisance: FloatArray) -> Mapping[str, tuple[float, str]]:

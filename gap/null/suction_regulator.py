@@ -16,7 +16,7 @@ from sim_devices.chain import Chain, FloatArray, Signals
 from sim_devices.effects.build import PRESSURE
 from sim_devices.stages import kernels
 from sim_devices.stages.kernels import FREE, evaluate, low_pass, prony
-from sim_devices.stages.operators import Law, Map, Wired, after, before
+from sim_devices.stages.operators import Law, Wired, after, before
 from sim_devices.stages.suction import REGULATOR_TAU
 
 LAGS, SLOW_LAGS = (0.015, 0.04, 0.1), (0.3, 1.5, 7.0)
@@ -159,20 +159,6 @@ def _limited(chain: Chain, rate: float) -> Chain:
     return before(chain, "regulator", lambda s, t: Law("limited", "command", s, t, kernels.rate_limit, limits))
 
 
-def closed_over(chain: Chain, zero: float, empty: float) -> Chain:
-    """The chain with a loop that is closed over a gauge which reads ``zero`` Pa too much: it leaves so much less, from
-    ``empty`` Pa of suction on that are asked for."""
-    return after(
-        chain,
-        "command_resolution",
-        lambda s, t: Map("closed_over", "command", s, t, _less, (zero, empty)),
-    )
-
-
-def _less(time: FloatArray, command: FloatArray, zero: float, empty: float) -> FloatArray:
-    return command - zero * np.clip(-command / empty, 0.0, 1.0)
-
-
 def opened_flow(c: FloatArray, largest: float) -> float:
     """Pa/s that the valve of a nuisance vector (SIZE,) gives to an empty chamber where it is opened wholly."""
     per_error = 1.0 / (2.0 * REGULATOR_TAU * bounded_exp(c[TIME]) * bounded_exp(c[DAMPING]))
@@ -197,7 +183,7 @@ def quantities(c: FloatArray, sd: FloatArray) -> Mapping[str, tuple[float, str]]
         if width > FROZEN
     }
     if sd[SPAN] > FROZEN:
-        out["regulator_span_time" if c[SPAN] > 0.0 else "setpoint_span_time"] = (abs(float(c[SPAN])), "s")
+        out["regulator_span_time" if c[SPAN] > 0.0 else "regulator_setpoint_span_time"] = (abs(float(c[SPAN])), "s")
     return out | {
         "sampling_shift": (float(c[SHIFT]), "s"),
         "clock_rate": (float(c[CLOCK]), "s/s"),

@@ -136,6 +136,6 @@ def test_a_sampled_set_point_of_a_limited_rate_is_sound(recording: Callable[...,
     block = block_of(recording({"pressure": measured}, time[::20], {"pressure": (rows, -asked)}))
     found = fit(block)
     assert block.held
-    assert block.quantities(found.nuisance)["setpoint_span_time"][0] == pytest.approx(0.125, rel=0.02)
+    assert block.quantities(found.nuisance)["regulator_setpoint_span_time"][0] == pytest.approx(0.125, rel=0.02)
     assert found.penalty < 25
     assert found.chi2 < 1.1 * len(found.residual)
