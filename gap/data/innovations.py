@@ -22,8 +22,10 @@ SHARES, MOST = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.45, 0.6, 0.8, 1.2), 0.4
 of its variance in it (assumed). More is a misfit, and none of it is the sensor's."""
 TIMES = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4)
 """s within which the slow part forgets."""
+PIECE, TELLS = 20.0, 40
+"""s, and rows at least, of a piece of a recording that is asked by itself."""
 EARNED = 10.0
-"""Nats that a slow part must earn in a channel to be believed."""
+"""Nats that a slow part must earn in all channels to be believed."""
 IGNORED = 1e3
 """Times the noise of rows that are left out."""
 
@@ -100,6 +102,29 @@ def _log_likelihood(
     return -0.5 * float(np.sum(np.square(innovations)) + np.sum(np.log(variance)))
 
 
+class _Rest(NamedTuple):
+    """What a fit leaves of a channel: time, recording, rest, variance (n,) of its rows, and white noise of a sample."""
+
+    time: FloatArray
+    recording: NDArray[np.int64]
+    rest: FloatArray
+    new: FloatArray
+    sigma: float
+
+    def earned(self, share: float, tau: float) -> float:
+        """Nats that a slow part of a ``share`` of the white noise earns."""
+        alone = -0.5 * float(np.sum(np.square(self.rest) / self.new + np.log(self.new)))
+        return _log_likelihood(self.time, self.recording, self.rest, self.new, share * self.sigma, tau) - alone
+
+    def pieces(self) -> list[_Rest]:
+        """Its pieces of `PIECE` s of a recording, without those that are too short to tell where others are not."""
+        places = np.floor(self.time / PIECE)
+        edges = np.flatnonzero((np.diff(self.recording) != 0) | (np.diff(places) != 0)) + 1
+        split = (np.split(values, edges) for values in (self.time, self.recording, self.rest, self.new))
+        every = [_Rest(time, run, rest, new, self.sigma) for time, run, rest, new in zip(*split, strict=True)]
+        return [piece for piece in every if len(piece.time) >= TELLS] or every
+
+
 class Wider(NamedTuple):
     """The noise that effects by chance add to C channels at n time stamps.
 
@@ -173,17 +198,15 @@ class RowNoise:
         """Take a slow part into account if the rest ``left`` (C·n,) of a fit of all channels shows one, ``among`` some
         of the n time stamps where others would not tell.
 
-        ``noise`` (C,) is the white noise of a sample. Channels are alike: share and time are those of the middle one by
-        each, as one that sticks, or misfits otherwise, does not tell for the others.
+        ``noise`` (C,) is the white noise of a sample. Channels are alike: share and time are those of the middle piece
+        of a channel's recordings, as one that sticks, misfits or holds an event does not tell for the others.
         """
-        found, told = [], np.ones(len(self._time), dtype=bool) if among is None else among
-        for new, rest, sigma in zip(self._new[:, told], left.reshape(self._new.shape)[:, told], noise, strict=True):
-            alone = -0.5 * float(np.sum(np.square(rest) / new + np.log(new)))
-            rows = self._time[told], self._recording[told]
-            likely = ((_log_likelihood(*rows, rest, new, s * sigma, tau), s, tau) for s, tau in product(SHARES, TIMES))
-            best, share, tau = max(likely)
-            found.append((best - alone, share, tau))
-        earned, share, tau = (float(np.median(values)) for values in zip(*found, strict=True))
+        told = np.ones(len(self._time), dtype=bool) if among is None else among
+        rows = zip(left.reshape(self._new.shape)[:, told], self._new[:, told], noise, strict=True)
+        channels = [_Rest(self._time[told], self._recording[told], *own) for own in rows]
+        found = [max((p.earned(*q), *q) for q in product(SHARES, TIMES)) for c in channels for p in c.pieces()]
+        _, share, tau = (float(np.median(values)) for values in zip(*found, strict=True))
+        earned = len(channels) * float(np.median([channel.earned(share, tau) for channel in channels]))
         if earned > EARNED and share <= MOST:
             self._slow, self._taus = share * np.asarray(noise), np.full(len(noise), tau)
 

@@ -99,6 +99,12 @@ class ByChance:
         wider = self.wider(active)
         return None if all(part is None for part in wider) else self.row_noise.sd(wider) / self.row_noise.sd()
 
+    def remember(self, fitted: Fit, among: NDArray[np.bool_] | None = None) -> bool:
+        """Take a slow part of the noise into account if a fit's rest shows one, ``among`` some of the time stamps (n,)
+        where others would not tell (`RowNoise.remember`); whether there is one."""
+        self.row_noise.remember(self.unwhitened(fitted.residual, fitted.active), self.noise.tolist(), among)
+        return self.row_noise.memory is not None
+
     def _by_row(self, of_channels: Mapping[str, float]) -> FloatArray:
         return np.repeat([of_channels.get(c, 0.0) for c in self.channels], len(self.stamps))
 

@@ -57,6 +57,7 @@ class GroupedSession(Session):
     held = False  # whether sampled rows are held until the next: the actuator's block tells those behind it
     averaged = False  # whether samples are means over a sampling period, which it tells as well
     of_height: RowNoise | None = None  # the noise of the height's sensor, as solid references show it
+    of_force: RowNoise | None = None  # the noise of the transducers, as references show it
 
     def __init__(self, recordings: Sequence[Recording], quantities: Sequence[str]) -> None:
         super().__init__(recordings)

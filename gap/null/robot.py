@@ -109,6 +109,7 @@ def _force_blocks(
         axes.reload(dict(zip(specimens, rough.denoised(), strict=True)))
     if True in shown:  # ahead of the skin: the fit of an effect on a reference goes on to it
         blocks.append(ReferenceForceBlock(session, effects, axes))
+        session.of_force = blocks[-1].row_noise
     if False in shown:
         blocks.append(force(session, effects, axes))
     return blocks

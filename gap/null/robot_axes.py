@@ -163,7 +163,7 @@ class AxesBlock(Block):
             alone = self._reconsidered(alone)
         alone = self._levered(alone)
         self._start = alone.nuisance
-        self.row_noise.remember(self.unwhitened(self._best.residual, self._best.active), self.noise.tolist())
+        self.remember(self._best)
 
     def _reconsidered(self, alone: Fit) -> Fit:
         """The fit of another controller, which is taken if it explains the axes by itself under the load that is known

@@ -13,7 +13,7 @@ from gap.inference.hypothesis import FROZEN, Active, Evaluation
 from gap.inference.linear import compressed
 from gap.null.chains import Kept, Memo, needed, run, undone
 from gap.null.groups import Group, GroupedSession, Table
-from gap.null.robot_axes import AXES, ROBOT_BINS, AxesBlock
+from gap.null.robot_axes import AXES, AxesBlock
 from gap.null.robot_grid import averaged, nodes_within, sticking, thinned
 from gap.null.robot_laws import SheetLawBlock
 from gap.null.robot_recorded import path_of_axes, recorded, steepness
@@ -39,7 +39,7 @@ class ForceBlock(SheetLawBlock):
     """
 
     name, channels = "force", TRANSDUCERS
-    growth, widest = ROBOT_BINS
+    growth, widest = 0.1, 0.12  # s: a pulse of 1.2 Hz, and what is twice as fast, keep their amplitude
     floor = 0.3e-3  # N
     GAIN_SD = 0.04  # of the tissue's stiffness between recordings
     ZERO_SD = 1.5e-3  # N: those of sound recordings scatter by 0.6 to 1.5 mN
@@ -50,6 +50,8 @@ class ForceBlock(SheetLawBlock):
         super().__init__(session, library, self.left_out(session))
         smooth = [recorded(self, g, TRANSDUCERS, TRANSDUCERS, smooth=True) for g, _ in self.groups]
         self.blur_steep_parts(steepness(self, smooth, TRANSDUCERS))
+        if session.of_force is not None:
+            self.row_noise.alike(session.of_force)
         self._tissue = sheet_tissue("forearm")
         self._nominal = {g.specimen: specimen_chain(g, self._tissue, session.marks) for g, _ in self.groups}
         self._axes = [path_of_axes(self, g, axes.true_axes) for g, _ in self.groups]

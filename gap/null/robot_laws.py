@@ -134,10 +134,10 @@ class SheetLawBlock(Block):
         Where that is a simple law by `CLEARLY`, the session's skin is taken to follow it, and nothing wider is kept.
         """
         if self._start is None:
-            *laws, usual_law = self.LAWS
+            laws = self.LAWS[:-1]
             known, wide = self.prior_scales[: len(laws)], self.prior_scales[len(laws) :]
+            beside = self._beside_all_sheets()
             basic = [self._from_guesses(law, sd, 40) for law, sd in zip(laws, known, strict=True)]
-            beside = self._from_guesses(usual_law, self.prior_sd, 40)
             further = None if not basic or any(map(self._at_noise, basic)) else self._further(beside)
             if further is not None:
                 known, self._trusts = (*known, further.prior_sd), (self.TRUST_SIMPLE, *self._trusts)
@@ -157,7 +157,22 @@ class SheetLawBlock(Block):
                 if _own_evidence(law) > beside.log_evidence(1.0, wide) + CLEARLY:
                     self._probability = _own_evidence(law)
                     self._keep(law, min(basic, key=lambda f: f.objective) if law is further else None)
+            if self.row_noise.memory is None and self.remember(self._null(self._start)):
+                null = self._null(self._start)
+                self._start, self._probability = null.nuisance, null.log_evidence(1.0, self.prior_scales)
         return self._start.copy()
+
+    def _null(self, begin: FloatArray) -> Fit:
+        """The fit of the simulation by itself under its own widths, from ``begin`` (p,)."""
+        return fit(under(self, self.prior_mean, self.prior_sd), nuisance=begin, iterations=10)
+
+    def _beside_all_sheets(self) -> Fit:
+        """The fit of the usual law beside a discrepancy, which leaves noise whichever law is the skin's: from it the
+        sensors' slow noise is known, where no reference told it."""
+        found = self._from_guesses(self.LAWS[-1], self.prior_sd, 40)
+        if self.row_noise.memory is not None or len(self.LAWS) == 1 or not self.remember(found):
+            return found
+        return self._null(found.nuisance)
 
     def _keep(self, law: Fit, basic: Fit | None) -> None:
         """Take the skin to follow a simple law, without the discrepancy; but a further law's change may be nothing but

@@ -14,16 +14,20 @@ from numpy.typing import NDArray
 from scipy.linalg import null_space
 
 from gap.inference.hypothesis import FROZEN, Active
+from gap.inference.least_squares import fit
 from gap.null.blocks import Block
 from gap.null.groups import Group, GroupedSession, Table
+from gap.null.robot_axes import AxesBlock
 from gap.null.robot_force import ForceBlock
 from gap.null.sheet_law import TISSUE, Law
 from protocols.specimens import GRAVITY, SPECIMENS
-from sim_devices.chain import FloatArray
+from sim_devices.chain import Effect, FloatArray
 
 KNOWN = Law((FROZEN,) * len(TISSUE), ((0.0,) * len(TISSUE),))
 """No freedom of a tissue's."""
 POST = "rigid post"
+AIR, TELLING = "open air", 100
+"""The specimen that has no force, and the rows on it that tell the transducers' noise by themselves."""
 LOOSE = 0.3
 """Of a stiffness or mass, were it not known."""
 HANGING = (60.0, 20.0, 5.0, 1.0)
@@ -38,10 +42,19 @@ class ReferenceForceBlock(ForceBlock):
     """
 
     name = "reference"
+    floor = 0.1e-3  # N: what is fitted to is known better than skin
     LAWS = (KNOWN,)
     DISCREPANCY_SCALES = (1.0,)
     DISCREPANCY_SIZE = 100
     TRUSTS = (0.9,)
+
+    def __init__(self, session: GroupedSession, library: Mapping[str, Effect], axes: AxesBlock) -> None:
+        super().__init__(session, library, axes)
+        self.sound = self.prior_mean
+        # Slow noise of the transducers shows best where there is no force; elsewhere it may be the specimen's.
+        nothing = np.repeat([g.name == AIR for g, _ in self.groups], [at.stop - at.start for _, at in self.groups])
+        among = nothing if np.count_nonzero(nothing) >= TELLING else None
+        self.remember(fit(self), among)
 
     def left_out(self, session: GroupedSession) -> tuple[str, ...]:
         return (POST, *{g.name for g in session.groups if g.name not in SPECIMENS})
@@ -87,10 +100,6 @@ class ReferenceForceBlock(ForceBlock):
     @property
     def sd_without_discrepancy(self) -> FloatArray:
         return self.prior_sd
-
-    @property
-    def sound(self) -> FloatArray:  # type: ignore[override]
-        return self.prior_mean
 
     def scattered(self, active: Active) -> FloatArray | None:
         return Block.scattered(self, active)

@@ -44,8 +44,8 @@ TISSUE_STEP = 1e-3
 """Of the tissue's parameters, for differences."""
 QUICK = 10
 """Steps of a fit after which its evidence, which looks ahead along a straight line, says where it leads."""
-SHORT, FEW = 6, 4
-"""The same of a fit with an effect, and of one that only tells whether a simple law does with it."""
+SHORT, FEW, NOISE = 6, 4, 12
+"""Steps of a fit with an effect, of one that only tells whether a simple law does with it, of one for its rest."""
 FAR = 4.0
 """χ² per sample of the best law from which on fits with an effect begin anew under every basic one."""
 ANSWER = 0.15
@@ -67,9 +67,7 @@ class HeightBlock(FedBlock):
     name, channels = "height", ("apex_height",)
     open_law = True
     jobs = 1  # processes that share the fits of `start`
-    trust = (
-        0.2  # other tissue laws than ours leave what some device effect can repair: 5 nats in the worst of 26 sessions
-    )
+    trust = 0.2  # other laws of tissue leave what some device effect can repair: 5 nats in the worst of 26 sessions
     trust_simple = 0.25  # of a simple law, where the data prefer it
     PARTS: ClassVar[Mapping[str, Part]] = PARTS
     SIMPLE_LAWS: ClassVar[Sequence[SkinLaw]] = BASIC
@@ -152,9 +150,7 @@ class HeightBlock(FedBlock):
         """Prior widths ``sd`` (p,), nought for parts that a law lacks; a simple one has an elastic curve of three
         parameters and a channel that neither holds nor integrates."""
         out = sd.copy()
-        for k, part in enumerate(self.PARTS.values()):
-            if not law.frees(part):
-                out[k] = FROZEN
+        out[np.flatnonzero([not law.frees(part) for part in self.PARTS.values()])] = FROZEN
         if law.simple:
             out[len(self.PARTS)] = SIMPLE_SHIFT
             out[self._curve_part] *= self.SIMPLE_CURVE
@@ -204,6 +200,7 @@ class HeightBlock(FedBlock):
         Beside a free discrepancy, which can do all that they do and linearly, they would run away.
         """
         if self._start is None:
+            self._know_noise()
             found, law = self._best_alone()
             self._bend(found.nuisance)
             self._start = self._alone((), np.zeros(0), [Try(law, found.nuisance, 30)])[0][0].nuisance
@@ -214,6 +211,12 @@ class HeightBlock(FedBlock):
             self.prior_scales = self._priors()
             self.prior_sd = fit(self, nuisance=self._start).best_prior(self.prior_scales)
         return self._start.copy()
+
+    def _know_noise(self) -> None:
+        """Take the slow noise, where no reference told it, from what the usual law beside a discrepancy leaves."""
+        if self.row_noise.memory is None:
+            usual = under(self, self.prior_mean, self._sd(self._widths[-1], self.full))
+            self.remember(fit(usual, nuisance=self._guesses()[0], iterations=NOISE))
 
     def _best_alone(self) -> Alone:
         """The most probable of all laws, fitted alone: basic ones, further ones where these are not at the noise, the
@@ -277,9 +280,7 @@ class HeightBlock(FedBlock):
     def _hold(self, mean: FloatArray, nuisance: FloatArray) -> None:
         """The tissue at ``nuisance`` becomes the prior's ``mean``, but for how much it creeps."""
         mean[: len(self.PARTS)] = nuisance[: len(self.PARTS)]
-        for k, name in enumerate(self.PARTS):
-            if name in CREEP:
-                mean[k] = 0.0
+        mean[[k for k, name in enumerate(self.PARTS) if name in CREEP]] = 0.0
 
     def _guesses(self) -> list[FloatArray]:
         """Nuisance vectors (p,) to begin from."""

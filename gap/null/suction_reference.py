@@ -101,7 +101,7 @@ class ReferenceBlock(FedBlock):
         still = [bulge is not None for bulge in self._bulge]
         rigid = np.repeat(still, [at.stop - at.start for _, at in self.groups])
         if np.count_nonzero(rigid) >= TELLING:
-            self.row_noise.remember(self.unwhitened(fit(self).residual, {}), self.noise.tolist(), rigid)
+            self.remember(fit(self), rigid)
 
     def _solid(self, group: Group, at: slice) -> Table | None:
         """Height of a solid over a group's time, m; None of a membrane. A step is there from half of its reading on,
@@ -270,7 +270,7 @@ class ManometerBlock(FedBlock):
         self.prior_scales = (self.prior_sd,)
         best = self._averaged(fit(self))
         if self.row_noise.memory is None:
-            self.row_noise.remember(self.unwhitened(best.residual, {}), self.noise.tolist())
+            self.remember(best)
 
     def _averaged(self, found: Fit) -> Fit:
         """The better fit of ``found`` and of one whose samples are means where the first gauge's are none, or are none
