@@ -25,11 +25,12 @@ SURE = 2.0
 
 @dataclass(frozen=True)
 class Shrink:
-    """Gaps before and after, strained tolerances included as in `gap_without_discrepancy`; ``value`` is
-    (before − after)/(before − 1)."""
+    """Gaps before and after in so many ``rows``, strained tolerances included as in `gap_without_discrepancy`;
+    ``value`` is (before − after)/(before − 1)."""
 
     before: float
     after: float
+    rows: int = 0
 
     @property
     def value(self) -> float | None:
@@ -39,6 +40,11 @@ class Shrink:
     def fall(self) -> float:
         """Share of the gap that goes."""
         return 1.0 - self.after / self.before if self.before > 0.0 else 0.0
+
+    @property
+    def squares(self) -> float:
+        """The χ² that goes."""
+        return self.rows * (self.before**2 - self.after**2)
 
 
 def above(gap: float, quiet: float) -> float:

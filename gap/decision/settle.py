@@ -16,6 +16,7 @@ from gap.decision.findings import Findings
 from gap.decision.gaps import (
     Shrink,
     gap_but_for_skin,
+    gap_of,
     gap_without_discrepancy,
     in_changed_blocks,
     in_each_block,
@@ -26,7 +27,7 @@ from gap.decision.marks import explains_marks
 from gap.decision.posterior import Posterior, posterior
 from gap.decision.qualified import Qualified
 from gap.decision.thresholds import Thresholds
-from gap.decision.tolerance import NOT_STATED, Size, Stated, in_stated, in_tolerances, strained
+from gap.decision.tolerance import NOT_STATED, Size, Stated, in_stated, in_tolerances, of_skin, strained
 from gap.decision.tolerated import beside, told, tolerated
 from gap.decision.transfer import Carried, best_elsewhere, plain, transferred
 from gap.decision.verdict import UNFINISHED, WITHIN, Verdict, decide
@@ -157,8 +158,11 @@ def _settled(case: Case, t: Thresholds, jobs: int) -> Settled:
         size = NOT_STATED  # references, on which no skin could do as much, have shown that it is more than that
     has_skin = any(p.open_law for p in comparison.problems.values())
     nats = nats_without_skin(first, comparison, found.temper)
-    # No other recording tells an event from skin of another law.
-    telling = [b for b, n in nats.items() if n > t.without_skin] if has_skin and first.happens_once else []
+    skin = [b for b, p in comparison.problems.items() if of_skin(p)]
+    # No other recording tells an event from skin of another law, and where no law meets the skin its rest hides all.
+    unmet = any(gap_of(comparison.null, [b]) > t.unusual_gap for b in skin)
+    asked = unmet or (has_skin and first.happens_once)
+    telling = [b for b, n in nats.items() if n > t.without_skin and b not in skin] if asked else []
     findings = Findings(
         posterior=found,
         t=t,

@@ -12,8 +12,9 @@ import yaml
 
 from gap.inference.hypothesis import Candidate
 
-LIKE_SKIN = ("support_slip", "strain_stiffening", "missing_deep_layer")
-"""Effects that skin of another law imitates: what yields in its plane slips, and any sheet has an elastic curve."""
+LIKE_SKIN = ("support_slip", "strain_stiffening", "missing_deep_layer", "prestress_anisotropy")
+"""Effects that skin of another law imitates: what yields in its plane slips, any sheet has an elastic curve, and one of
+its own kind another in each direction."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,7 @@ class Thresholds:
     weakest: float
     at_bound: float
     helps: float
+    helps_squares: float
     worse_repeat: float
     worse_elsewhere: float
     worse_share: float

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from gap.data.tolerances import Tolerance
 from gap.inference.evidence import Hypothesis
-from gap.inference.hypothesis import Candidate, from_unit, slope
+from gap.inference.hypothesis import FROZEN, Candidate, from_unit, slope
 from gap.inference.least_squares import predicted
 from gap.inference.problem import Problem
 from sim_devices.chain import FloatArray
@@ -67,8 +67,13 @@ def in_tolerances(
 
 def strained(problems: Mapping[str, Problem], null: Hypothesis, h: Hypothesis) -> bool:
     """Whether a simulation without the hypothesis strains tolerances to take it on, where no skin is in play."""
-    sound = [b for b, problem in problems.items() if not problem.open_law]
+    sound = [b for b, p in problems.items() if not of_skin(p)]
     return any(null.fits[b].penalty - h.fits[b].penalty > STRAINED for b in sound)
+
+
+def of_skin(problem: Problem) -> bool:
+    """Whether a block's nuisance holds the law of a person's skin, known for a simple one as it may be."""
+    return problem.open_law or bool(np.any(problem.prior_sd[: problem.law_parameters] > FROZEN))
 
 
 def _by_parameters(h: Hypothesis, stated: Stated) -> float:

@@ -140,7 +140,8 @@ def _shrunk(
     n = sum(np.count_nonzero(out) for out in outs.values())
     if not n:
         return Shrink(1.0, 1.0)
-    return Shrink(*(float(np.sqrt(sum(left[part] for part in outs) / n)) for left in (before, after)))
+    gaps = [float(np.sqrt(sum(left[part] for part in outs) / n)) for left in (before, after)]
+    return Shrink(gaps[0], gaps[1], int(n))
 
 
 def _left(f: Fit, out: NDArray[np.bool_]) -> float:

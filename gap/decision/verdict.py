@@ -94,7 +94,7 @@ def _lowers_nothing(f: Findings) -> bool:
 
 
 def _helps(f: Findings) -> bool:
-    return any(s.value is not None and s.value > f.t.helps for s in f.withheld.values())
+    return any((s.value or 0.0) > f.t.helps or s.squares > f.t.helps_squares for s in f.withheld.values())
 
 
 def _faint(f: Findings) -> bool:
