@@ -9,9 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gap.data.signatures import Signature
-from gap.decision.gaps import Shrink
+from gap.decision.gaps import Shrink, gap_of
 from gap.decision.marks import made_by
 from gap.decision.thresholds import Thresholds
+from gap.decision.tolerance import of_skin
 from gap.inference.evidence import Hypothesis
 from gap.inference.hypothesis import Candidate
 from gap.inference.problem import Problem
@@ -210,11 +211,19 @@ def _same_event(one: Hypothesis, other: Hypothesis, near: float) -> bool:
     return bool(blocks & others) and abs(begin - from_then) < near and abs(end - until) < near
 
 
-def nats_without_skin(cause: Cause, comparison: Comparison, temper: Mapping[str, float]) -> dict[str, float]:
-    """Nats that each block whose null leaves no room for skin of another law gives a cause."""
+def unmet_skin(problems: Mapping[str, Problem], h: Hypothesis, unusual_gap: float) -> list[str]:
+    """The blocks of skin that neither a law, nor a discrepancy, nor the effects of a hypothesis meet."""
+    return [b for b, problem in problems.items() if of_skin(problem) and gap_of(h, [b]) > unusual_gap]
+
+
+def nats_without_skin(
+    cause: Cause, comparison: Comparison, temper: Mapping[str, float], unusual_gap: float
+) -> dict[str, float]:
+    """Nats that each block which leaves no room for skin of another law gives a cause."""
     nats = {}
+    unmet = unmet_skin(comparison.problems, cause.hypothesis, unusual_gap)
     for block, problem in comparison.problems.items():
-        if not problem.open_law:
+        if not problem.open_law and block not in unmet:
             fits = cause.hypothesis.fits[block], comparison.null.fits[block]
             one, other = (f.log_evidence(temper[block], problem.prior_scales) for f in fits)
             nats[block] = problem.likelihood_powers[0] * (one - other)

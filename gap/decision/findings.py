@@ -17,9 +17,9 @@ from gap.decision.tolerance import NOT_STATED, Size
 
 @dataclass(frozen=True)
 class Findings:
-    """``fitted`` is the gap in the channels that the first cause changes (of an event that some of them without skin
-    show, in these: the rest of skin of another law is not its doing), ``each`` in every such block, ``held_out`` in
-    them on recordings that its parameters were not fitted to, by split, ``rival`` that of the next cause of other
+    """``fitted`` is the gap in the channels that the first cause changes (where it is ``judged_apart``, in those
+    without skin: the rest of skin of another law is not its doing), ``each`` in every such block, ``held_out`` in them
+    on recordings that its parameters were not fitted to, by split, ``rival`` that of the next cause of other
     effects, in all blocks, and ``input_gap`` that of the simulation by itself in the blocks that all of those channels
     have as input; ``without_skin``, the nats that blocks without skin give the first cause; ``size``, that of the
     smallest member of its class; ``strained``, whether without it tolerances are strained far; ``expected``, whether
@@ -35,6 +35,7 @@ class Findings:
     without_skin: float = np.inf
     size: Size = NOT_STATED
     strained: bool = False
+    judged_apart: bool = False
     expected: bool = False
 
     @property

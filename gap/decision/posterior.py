@@ -195,7 +195,7 @@ def _judges(
     """The blocks, of those ``where`` gaps are told, that say whether the first cause lacks something: of an effect of
     the instrument that blocks without skin tell surely these alone, as the rest of skin of another law is not its
     doing."""
-    nats = nats_without_skin(first, comparison, temper)
+    nats = nats_without_skin(first, comparison, temper, t.unusual_gap)
     without = [b for b in where if b in nats]
     sure = sum(nats[b] for b in without) > t.without_skin
     return without if sure and not first.of_skin else where

@@ -11,12 +11,11 @@ import numpy as np
 
 from gap.data.signatures import Signature
 from gap.decision.chance import memory_of_chance, size_of_chance, walk_of_chance
-from gap.decision.classes import Cause, begins_with_skin, concept, nats_without_skin
+from gap.decision.classes import Cause, begins_with_skin, concept, nats_without_skin, unmet_skin
 from gap.decision.findings import Findings
 from gap.decision.gaps import (
     Shrink,
     gap_but_for_skin,
-    gap_of,
     gap_without_discrepancy,
     in_changed_blocks,
     in_each_block,
@@ -27,7 +26,7 @@ from gap.decision.marks import explains_marks
 from gap.decision.posterior import Posterior, posterior
 from gap.decision.qualified import Qualified
 from gap.decision.thresholds import Thresholds
-from gap.decision.tolerance import NOT_STATED, Size, Stated, in_stated, in_tolerances, of_skin, strained
+from gap.decision.tolerance import NOT_STATED, Size, Stated, in_stated, in_tolerances, strained
 from gap.decision.tolerated import beside, told, tolerated
 from gap.decision.transfer import Carried, best_elsewhere, plain, transferred
 from gap.decision.verdict import UNFINISHED, WITHIN, Verdict, decide
@@ -156,13 +155,11 @@ def _settled(case: Case, t: Thresholds, jobs: int) -> Settled:
     expected = case.qualified is not None and bool(case.qualified.expected(first.hypothesis))
     if expected:
         size = NOT_STATED  # references, on which no skin could do as much, have shown that it is more than that
-    has_skin = any(p.open_law for p in comparison.problems.values())
-    nats = nats_without_skin(first, comparison, found.temper)
-    skin = [b for b, p in comparison.problems.items() if of_skin(p)]
+    nats = nats_without_skin(first, comparison, found.temper, t.unusual_gap)
+    has_skin = len(nats) < len(comparison.problems)
     # No other recording tells an event from skin of another law, and where no law meets the skin its rest hides all.
-    unmet = any(gap_of(comparison.null, [b]) > t.unusual_gap for b in skin)
-    asked = unmet or (has_skin and first.happens_once)
-    telling = [b for b, n in nats.items() if n > t.without_skin and b not in skin] if asked else []
+    asked = first.happens_once or unmet_skin(comparison.problems, first.hypothesis, t.unusual_gap)
+    telling = [b for b, n in nats.items() if n > t.without_skin] if has_skin and asked else []
     findings = Findings(
         posterior=found,
         t=t,
@@ -174,6 +171,7 @@ def _settled(case: Case, t: Thresholds, jobs: int) -> Settled:
         without_skin=sum(nats.values()) if has_skin else np.inf,
         size=size,
         strained=strained(comparison.problems, comparison.null, first.hypothesis),
+        judged_apart=bool(telling),
         expected=expected,
     )
     return Settled(decide(findings), found, trials)

@@ -90,7 +90,7 @@ def _lowers_nothing(f: Findings) -> bool:
     p, before = f.posterior, f.fitted.before
     here = before**2 - f.fitted.after**2 < f.t.least_share * above(before, f.t.quiet_gap)
     in_all = p.gap_before**2 - p.gap_after**2 < f.t.least_of_all * above(p.gap_before, f.t.quiet_gap)
-    return here or (p.gap_before > f.t.unusual_gap and in_all)
+    return here or (p.gap_before > f.t.unusual_gap and in_all and not f.judged_apart)
 
 
 def _helps(f: Findings) -> bool:

@@ -52,20 +52,25 @@ def test_one_of_two_is_claimed_beside_a_tolerance_of_another_channel(linear, can
     assert (verdict.settled_by, verdict.causes[0].names) == ("claimed", ("bump",))
 
 
-@pytest.mark.parametrize(("event", "rule"), [(True, "claimed"), (False, "takes nothing away")])
-def test_an_event_is_judged_where_a_reference_shows_it(linear, candidate, event: bool, rule: str) -> None:
-    """Skin of another law leaves most of the session's gap, and no recording beside the event's own tells of it."""
+@pytest.mark.parametrize(
+    ("event", "met", "rule"),
+    [(True, True, "claimed"), (False, True, "takes nothing away"), (False, False, "claimed")],
+)
+def test_an_event_is_judged_where_a_reference_shows_it(linear, candidate, event: bool, met: bool, rule: str) -> None:
+    """Skin of another law leaves most of the session's gap, and no recording beside the event's own tells of it. Nor
+    does any of an effect that lasts where no law of a person's skin meets it, and no discrepancy is kept."""
     noise = np.random.default_rng(0).normal(size=(2, len(T)))
     effects = {"bump": lambda v: v["a"] * SHAPES["bump"]}
     of_skin = np.column_stack([DESIGN, SHAPES["wave"]])
     reference = linear(noise[0] + 3.0 * SHAPES["bump"], DESIGN, effects, np.full(2, 100.0), name="reference")
     y = noise[1] + 3.0 * SHAPES["bump"] + 6.0 * SHAPES["wave"]
-    force = linear(y, of_skin, effects, np.full(3, 100.0), name="force")
+    force = linear(y, of_skin, effects, np.array([100.0, 100.0, 100.0 if met else 1e-3]), name="force")
     force.sd_without_discrepancy = np.array([100.0, 100.0, 1e-3])
+    force.law_parameters = 2
     blocks = ("reference", "force")
     known = [replace(candidate("bump", Parameter("a", "1", -60.0, 60.0, 0.0)), blocks=blocks, event=event)]
     comparison = compare([reference, force], known)
-    force.open_law = True
+    force.open_law = met
     case = Case(comparison, known, (), plain(comparison.problems, comparison.null), {}, {})
     assert settle(case, INSTRUMENT).verdict.settled_by == rule
 

@@ -12,7 +12,7 @@ from gap.decision.findings import Findings
 from gap.decision.gaps import Shrink
 from gap.decision.posterior import posterior
 from gap.decision.thresholds import INSTRUMENT
-from gap.decision.tolerance import in_stated, least
+from gap.decision.tolerance import in_stated, least, strained
 from gap.decision.verdict import decide
 from gap.inference.hypothesis import Candidate
 from gap.search.compare import Effort, compare
@@ -73,3 +73,16 @@ def test_an_event_as_short_as_may_be_is_what_a_step_leaves(linear, width: float,
     at_noise = replace(posterior(comparison, [spell], INSTRUMENT), gap_before=0.78, gap_after=0.74, unexplained=0.0)
     final = decide(Findings(at_noise, INSTRUMENT, fitted=Shrink(1.04, 0.95)))
     assert final.verdict == ("undetectable" if rule == "patched" else "effect")
+
+
+@pytest.mark.parametrize(("law_parameters", "strains"), [(0, True), (1, False)])
+def test_what_a_person_s_law_is_strained_by_is_no_tolerance(linear, law_parameters: int, strains: bool) -> None:
+    """Sound skin of a simple law, which has no discrepancy, was told a stiffening, its penalty being a gauge's."""
+    noise = np.random.default_rng(11).normal(size=len(T))
+    wave = np.sin(9 * T)
+    block = linear(8.0 * wave + noise, wave[:, None], {"gauge": lambda v: v["a"] * wave}, np.ones(1))
+    block.law_parameters = law_parameters
+    gauge = Candidate("gauge", "gauge", "actuator", (Parameter("a", "1", -10.0, 10.0),), ("linear",), "gauge", "")
+    found = compare([block], [gauge], Effort(pair_bases=0))
+    h = next(h for h in found.hypotheses if h.effects == (gauge,))
+    assert strained(found.problems, found.null, h) == strains

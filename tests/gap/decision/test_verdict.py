@@ -126,11 +126,15 @@ def test_a_device_effect_must_carry_over_where_skin_is_in_play(
     comparison, known = weak_wave(linear, candidate, strength)
     held_out = {} if transfer is None else {"waveform": taking(transfer)}
     fitted = Shrink(gap, 0.8 * gap)
-    free = nats_without_skin(posterior(comparison, known, INSTRUMENT).causes[0], comparison, comparison.temper())
+    free = nats_without_skin(
+        posterior(comparison, known, INSTRUMENT).causes[0], comparison, comparison.temper(), INSTRUMENT.unusual_gap
+    )
     assert free["linear"] > 0.0
     assert judge(comparison, known, fitted=fitted, held_out=held_out, without_skin=np.inf).verdict == "effect"
     comparison.problems["linear"].open_law = True
-    skin = nats_without_skin(posterior(comparison, known, INSTRUMENT).causes[0], comparison, comparison.temper())
+    skin = nats_without_skin(
+        posterior(comparison, known, INSTRUMENT).causes[0], comparison, comparison.temper(), INSTRUMENT.unusual_gap
+    )
     assert skin == {}
     final = judge(comparison, known, fitted=fitted, held_out=held_out, without_skin=0.0)
     assert final.verdict == said
@@ -186,13 +190,16 @@ def test_a_claim_makes_no_other_channel_worse(linear, candidate, after: float, s
         (0.93, (0.93, 0.93), "undetectable"),
         (0.93, (1.3, 1.1), "effect"),
         (0.93, (0.98, 0.93), "effect"),
+        (0.93, (0.995, 0.98, 2000), "effect"),
+        (0.93, (0.995, 0.98, 1000), "undetectable"),
         (0.85, (0.93, 0.9), "effect"),
         (0.93, None, "effect"),
     ],
 )
 def test_what_takes_little_away_must_help_elsewhere(linear, candidate, after, elsewhere, said) -> None:
     """Uneven counts were told a lag, which took .02 of a gap of .95 and nothing of a withheld waveform's. An orifice's
-    leak of 8 sigma took .02 as well, and .05 of a withheld waveform's."""
+    leak of 8 sigma took .02 as well, and .05 of a withheld waveform's. A pulse of 26 sigma took .03 of one of 1.01, of
+    which hardly any is above the noise, and 120 of its chi2."""
     comparison, known = weak_wave(linear, candidate, 4.0)
     held_out = {} if elsewhere is None else {"waveform": Shrink(*elsewhere)}
     assert judge(comparison, known, fitted=Shrink(0.95, after), held_out=held_out).verdict == said
