@@ -54,7 +54,8 @@ def _targets(s: Session, fx: Knobs) -> Array:
     if rate := fx.get("slew_soft", 0.0):
         way = uneven_lag(limited(way, s.dt, rate), s.dt, 2e-5 / rate, 2e-5 / rate)
     q = np.zeros((way.size, 3))
-    grid = np.linspace(-1.5e-3, 1.5e-3, 513)  # linear between: 0.2 nm off at most
+    reach = float(np.max(np.abs(way)))
+    grid = np.linspace(-reach, reach, 513)  # linear between: 0.3 nm off at most
     for k, direction in enumerate(directions):
         table, rows = axes_for(grid[:, None] * direction), which == k
         for a in range(3):

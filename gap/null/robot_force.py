@@ -25,7 +25,7 @@ from sim_devices.chain import Chain, Effect, FloatArray
 from sim_devices.stages.robot import TRANSDUCERS, numbered, xyz
 from sim_devices.stages.tissues import SheetTissue, sheet_tissue
 
-SHEET_STEP, SHEET_TURN = 0.1, 0.05
+SHEET_STEP, SHEET_TURN = 0.1, 0.04
 """s between nodes of the sheet, stamps apart, at most; and rad by which a curved command may turn in it."""
 LATELY = 4
 """Skins, and linear parts of predictions, that are kept."""
