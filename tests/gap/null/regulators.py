@@ -53,12 +53,12 @@ def choked(asked: np.ndarray) -> np.ndarray:
     return out
 
 
-def session_of(recording: Callable[..., Recording], suction: np.ndarray) -> Recording:
-    """A recording, 50 Hz, of a ``suction`` (n,) Pa at `TIME`."""
-    measured = -suction[::20] + NOISE * np.random.default_rng(1).normal(size=len(TIME[::20]))
+def session_of(recording: Callable[..., Recording], suction: np.ndarray, seed: int = 1) -> Recording:
+    """A recording, 50 Hz, of a ``suction`` (n,) Pa at `TIME`; ``seed`` draws its noise."""
+    measured = -suction[::20] + NOISE * np.random.default_rng(seed).normal(size=len(TIME[::20]))
     return recording({"pressure": measured}, TIME[::20], {"pressure": (CORNERS, -SUCTION)})
 
 
-def block_of(recording: Callable[..., Recording], suction: np.ndarray) -> PressureBlock:
-    session = GroupedSession([session_of(recording, suction)], ("pressure",))
+def block_of(recording: Callable[..., Recording], suction: np.ndarray, seed: int = 1) -> PressureBlock:
+    session = GroupedSession([session_of(recording, suction, seed)], ("pressure",))
     return PressureBlock(session, library("cutometer"), unknown=True)

@@ -21,14 +21,18 @@ from tests.gap.null.regulators import CORNERS, SUCTION, TIME, block_of, choked, 
 def test_a_regulator_of_another_structure_is_sound(
     recording: Callable[..., Recording], regulator: Callable[[np.ndarray], np.ndarray], most: float
 ) -> None:
-    """Sound sessions of another author had gaps of 3.7 and 4: all else was hidden behind them."""
-    block = block_of(recording, regulator(np.interp(TIME, CORNERS, SUCTION)))
-    found = fit(block)
-    assert block.prior_sd[UNKNOWN.start] > FROZEN
-    assert found.chi2 / len(found.residual) < most
-    told = block.quantities(found.nuisance)
-    assert "regulator_time" not in told
-    assert told["sampling_shift"][0] == pytest.approx(0.0, abs=8e-3)
+    """Sound sessions of another author had gaps of 3.7 and 4: all else was hidden behind them. Which of several optima
+    a fit ends in, the noise decides."""
+    suction, left = regulator(np.interp(TIME, CORNERS, SUCTION)), []
+    for seed in range(5):
+        block = block_of(recording, suction, seed)
+        found = fit(block)
+        assert block.prior_sd[UNKNOWN.start] > FROZEN
+        left.append(found.chi2 / len(found.residual))
+        told = block.quantities(found.nuisance)
+        assert "regulator_time" not in told
+        assert told["sampling_shift"][0] == pytest.approx(0.0, abs=8e-3)
+    assert np.median(left) < most
 
 
 def test_it_does_not_hide_a_pressure_that_falls_short(recording: Callable[..., Recording]) -> None:
