@@ -26,7 +26,8 @@ class Cause:
     the leader's first, and the probability that one of them acts. ``detectability`` is in tempered σ;
     ``marked``, whether a channel's own marks speak for it, ``at_marks`` the gap there without and with it, and
     ``noise`` how many times wider it makes the channel's noise, by them; ``certain``, whether nothing else leaves them;
-    ``tolerated``, whether it is within a stated tolerance, which the simulation has taken on: no finding.
+    ``tolerated``, whether it is within a stated tolerance, which the simulation has taken on: no finding; then ``size``
+    is how many of these it is.
     """
 
     hypothesis: Hypothesis
@@ -39,6 +40,7 @@ class Cause:
     noise: float = 1.0
     certain: bool = False
     tolerated: bool = False
+    size: float = np.inf
 
     @property
     def effects(self) -> tuple[Candidate, ...]:

@@ -311,7 +311,7 @@ def _earned(
     that is wider where signals are steep repairs every form error there."""
     if len(h.effects) < 2:
         return True
-    if _one_event(h, t.at_once) or any(in_stated(e, h, stated) <= t.tolerances for e in h.effects):
+    if _one_event(h, t.at_once) or any(in_stated(e, h, comparison.null, stated) <= t.tolerances for e in h.effects):
         return False
     singles = [s for s in comparison.hypotheses if len(s.effects) == 1 and s.effects[0] in h.effects]
     best = max(singles, key=lambda s: weighed[id(s)].evidence)

@@ -26,7 +26,7 @@ from gap.decision.marks import explains_marks
 from gap.decision.posterior import Posterior, posterior
 from gap.decision.qualified import Qualified
 from gap.decision.thresholds import Thresholds
-from gap.decision.tolerance import NOT_STATED, Size, Stated, in_stated, in_tolerances, strained
+from gap.decision.tolerance import NOT_STATED, Size, Stated, in_tolerances, strained
 from gap.decision.tolerated import beside, told, tolerated
 from gap.decision.transfer import Carried, best_elsewhere, plain, transferred
 from gap.decision.verdict import UNFINISHED, WITHIN, Verdict, decide
@@ -125,7 +125,7 @@ def believed(case: Case, t: Thresholds) -> tuple[Case, list[str]]:
     comparison = beside(comparison, taken, t.second_excess)
     null = plain(comparison.problems, comparison.null) if taken else case.null
     there = replace(case, comparison=comparison, null=null, taken=taken, _answers={}, _carried={})
-    return there, told(taken, case.stated)
+    return there, told(taken)
 
 
 def settle(case: Case, t: Thresholds, jobs: int = 1) -> Settled:
@@ -187,8 +187,7 @@ def _with_tolerated(settled: Settled, case: Case, t: Thresholds) -> Settled:
     trials = tuple(tried[id(c.hypothesis)] for c in known)
     rules = verdict.rules
     if verdict.verdict in ("none", "undetectable") and found.causes[0].names in {c.names for c in case.taken}:
-        size = Size(in_stated(found.causes[0].effects[0], found.causes[0].hypothesis, case.stated))
-        rules = (f"{WITHIN}: {size} <= {t.tolerances:g}", *rules)
+        rules = (f"{WITHIN}: {Size(found.causes[0].size)} <= {t.tolerances:g}", *rules)
     said = "undetectable" if verdict.verdict == "none" else verdict.verdict
     return Settled(Verdict(said, found, rules), settled.found, trials)
 

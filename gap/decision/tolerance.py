@@ -60,7 +60,7 @@ def in_tolerances(
     Where the simulation by itself strains tolerances to do a hypothesis' work, the hypothesis does not change the
     channels: its parameters alone tell its size then."""
     fair = [h for h in members if all(null.fits[b].penalty - h.fits[b].penalty <= STRAINED for b in problems)]
-    sizes = [Size(_by_parameters(h, stated)) for h in members]
+    sizes = [Size(_by_parameters(h, null, stated)) for h in members]
     sizes += [_by_channels(problems, null, h, stated.get(CHANNELS, {}), temper) for h in fair]
     return min(sizes, key=lambda size: size.tolerances if size.beyond < seen else np.inf, default=NOT_STATED)
 
@@ -76,24 +76,35 @@ def of_skin(problem: Problem) -> bool:
     return problem.open_law or bool(np.any(problem.prior_sd[: problem.law_parameters] > FROZEN))
 
 
-def _by_parameters(h: Hypothesis, stated: Stated) -> float:
-    return max((in_stated(e, h, stated) for e in h.effects), default=float(np.inf))
+def _by_parameters(h: Hypothesis, null: Hypothesis, stated: Stated) -> float:
+    return max((in_stated(e, h, null, stated) for e in h.effects), default=float(np.inf))
 
 
-def in_stated(effect: Candidate, h: Hypothesis, stated: Stated) -> float:
-    """The size of an effect of a hypothesis in stated tolerances of its parameters, of what they are at `least`; inf
-    where none is stated."""
+def in_stated(effect: Candidate, h: Hypothesis, null: Hypothesis, stated: Stated) -> float:
+    """The size of an effect of a hypothesis in stated tolerances of its parameters, of what they are at `least`, as
+    sure as they are beside the ``null``; inf where none is stated."""
     known = stated.get(effect.name, {})
     strengths = [p for p in effect.parameters if p.null is not None]
     # An event is no tolerance: an instrument is off all the time.
     if effect.event or not strengths or any(p.name not in known for p in strengths):
         return float(np.inf)
-    fitted = h.fits[h.surest(effect)]
+    surest = h.surest(effect)
+    fitted = h.fits[surest]
     at = np.add(fitted.place(effect), [effect.parameters.index(p) for p in strengths])
     units = [(p, known[p.name].value, float(u)) for p, u in zip(strengths, fitted.unit[at], strict=True)]
     value = np.array([(from_unit(p, u) - (p.null or 0.0)) / one for p, one, u in units])
     scale = np.array([slope(p, u) / one for p, one, u in units])
-    return float(np.max(np.abs(least(value, fitted.covariance[np.ix_(at, at)] * np.outer(scale, scale)))))
+    covariance = fitted.covariance[np.ix_(at, at)] * np.outer(scale, scale)
+    return float(
+        np.max(np.abs(least(value, as_sure(value, covariance, null.fits[surest].objective - fitted.objective))))
+    )
+
+
+def as_sure(value: FloatArray, covariance: FloatArray, gained: float) -> FloatArray:
+    """The ``covariance`` (k, k) of a ``value`` (k,), narrowed where by it nought would be likelier than it is: the fit
+    without is worse by ``gained`` in χ², but a threshold, as a dead band's, may be flat about its best value."""
+    said = float(value @ np.linalg.pinv(covariance) @ value)
+    return covariance * min(1.0, said / gained) if gained > 0.0 else covariance
 
 
 def least(value: FloatArray, covariance: FloatArray) -> FloatArray:

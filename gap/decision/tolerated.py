@@ -33,8 +33,9 @@ def tolerated(
         if 2.0 * earned[id(h)] < seen**2:
             break
         blocks = set(h.effects[0].blocks)
-        if not judged & blocks and in_stated(h.effects[0], h, stated) <= within and not known(h):
-            found.append(Cause(h, (concept(h),), 0.0, float(np.sqrt(2.0 * earned[id(h)])), (h,)))
+        size = np.inf if judged & blocks else in_stated(h.effects[0], h, comparison.null, stated)
+        if size <= within and not known(h):
+            found.append(Cause(h, (concept(h),), 0.0, float(np.sqrt(2.0 * earned[id(h)])), (h,), size=size))
         judged |= blocks
     return found
 
@@ -75,9 +76,9 @@ def _adds(h: Hypothesis, part: Mapping[Candidate, Hypothesis], null: Hypothesis,
     return first is None or first.deviance - h.deviance >= least * (null.deviance - first.deviance)
 
 
-def told(taken: Sequence[Cause], stated: Stated) -> list[str]:
+def told(taken: Sequence[Cause]) -> list[str]:
     """Remarks on effects that the simulation has taken on."""
-    sizes = [(c.effects[0].name, in_stated(c.effects[0], c.hypothesis, stated)) for c in taken]
     return [
-        f"the simulation takes on {name} of {size:.1f} stated tolerances, which is no finding" for name, size in sizes
+        f"the simulation takes on {c.effects[0].name} of {c.size:.1f} stated tolerances, which is no finding"
+        for c in taken
     ]

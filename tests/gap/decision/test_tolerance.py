@@ -12,7 +12,7 @@ from gap.decision.findings import Findings
 from gap.decision.gaps import Shrink
 from gap.decision.posterior import posterior
 from gap.decision.thresholds import INSTRUMENT
-from gap.decision.tolerance import in_stated, least, strained
+from gap.decision.tolerance import as_sure, in_stated, least, strained
 from gap.decision.verdict import decide
 from gap.inference.hypothesis import Candidate
 from gap.search.compare import Effort, compare
@@ -37,7 +37,9 @@ def test_the_size_of_an_effect_is_what_the_block_says_that_tells_it_best(linear)
     found = compare(list(blocks.values()), [gauge], Effort(pair_bases=0))
     h = next(h for h in found.hypotheses if h.effects == (gauge,))
     assert h.surest(gauge) == "manometer"
-    assert in_stated(gauge, h, {"gauge": {"a": Tolerance(1.0, "1", "of a test")}}) == pytest.approx(5.0, abs=0.5)
+    assert in_stated(gauge, h, found.null, {"gauge": {"a": Tolerance(1.0, "1", "of a test")}}) == pytest.approx(
+        5.0, abs=0.5
+    )
 
 
 def test_what_is_known_together_only_is_as_small_as_it_may_be() -> None:
@@ -86,3 +88,10 @@ def test_what_a_person_s_law_is_strained_by_is_no_tolerance(linear, law_paramete
     found = compare([block], [gauge], Effort(pair_bases=0))
     h = next(h for h in found.hypotheses if h.effects == (gauge,))
     assert strained(found.problems, found.null, h) == strains
+
+
+@pytest.mark.parametrize(("gained", "nearest"), [(0.0, 0.0), (1.0, 0.0), (0.04, 0.0), (400.0, 2.85), (1e6, 2.997)])
+def test_a_flat_optimum_is_as_sure_as_the_fit_without_is_worse(gained: float, nearest: float) -> None:
+    """A valve that sleeps within 2.6 mbar stood out by 37 sigma, and was 0.0 tolerances large: its fit was flat."""
+    value, covariance = np.array([3.0]), np.array([[25.0]])
+    assert least(value, as_sure(value, covariance, gained)) == pytest.approx([nearest], abs=1e-3)

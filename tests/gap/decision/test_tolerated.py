@@ -126,7 +126,7 @@ def test_every_hypothesis_is_compared_with_it(two_channels) -> None:
     taken = tolerated(comparison, LIMIT, 2.0, 3.0)
     there = beside(comparison, taken, least=0.0)
     assert there.null.effects == ()
-    assert told(taken, LIMIT)
+    assert told(taken)
     for h in there.hypotheses:
         if "p" not in {b for e in h.effects for b in e.blocks}:
             assert h.fits["p"] is there.null.fits["p"]
