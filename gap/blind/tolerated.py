@@ -19,6 +19,7 @@ SUCTION: Mapping[str, float] = MappingProxyType({
 """Twice the tolerance of a knob of `effects_suction`, by which it is at most."""
 ROBOT: Mapping[str, float] = MappingProxyType({
     "latency": 2e-3, "skew": 4e-5, "leg_gain": 0.010, "leg_gains": 0.010, "drag": 20.0, "drop_gap": 4e-5,
+    "axis_coarse": 50e-6, "leg_coarse": 6e-3,  # m, N: the sensors' resolutions
 })  # fmt: skip
 """The same of `effects_robot`."""
 SLOWEST, SLOWEST_AXIS = 300e2 / 0.15, 1.0

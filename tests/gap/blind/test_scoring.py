@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
+from acquire.plugins import instrument
 from gap.blind import Hidden, Scorecard, Truth, score, write_key
 from gap.blind.__main__ import main
 from gap.blind.answers import visible
@@ -86,6 +87,15 @@ def test_twice_a_stated_tolerance_is_that_of_the_documents(knob: str, robotic: b
 )
 def test_a_rate_is_within_its_tolerance_where_it_is_quick(rate: float, robotic: bool, within: bool):
     assert within_tolerance({"slew": rate, "slew_soft": 1.0}, robotic) == within
+
+
+@pytest.mark.parametrize(
+    ("knob", "channel"), [("axis_coarse", "axis_position_1"), ("leg_coarse", "transducer_force_a")]
+)
+def test_steps_up_to_a_sensor_s_resolution_are_no_finding(knob: str, channel: str):
+    (resolution,) = (c.resolution for c in instrument("microrobot").channels if c.name == channel)
+    assert within_tolerance({knob: resolution}, robotic=True)
+    assert not within_tolerance({knob: 1.01 * resolution}, robotic=True)
 
 
 @pytest.fixture
