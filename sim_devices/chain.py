@@ -167,7 +167,8 @@ class Effect:
     hits samples by chance has a ``scatter``: the rms (s) by which a channel's true instants are off their stamps, given
     the instrument and the values (none: not by chance); a diagnosis then looks for the noise that it makes and not for
     the very draw. It is ``sparse`` if chance hits some samples and makes these older, else all are off a little. One
-    whose readings walk at random has a ``wander``: by channel, SI, the rms after a second, given the values.
+    whose readings walk at random has a ``wander``: by channel, SI, the rms after a second, given the values; one of a
+    ``frequency`` that wanders has a ``rhythm``: by channel, SI, its rms.
     ``form`` is which of several laws it follows, where that is fixed; ``extends`` names effects that it becomes in a
     limit of its parameters.
     """
@@ -185,6 +186,7 @@ class Effect:
     form: int = 0
     extends: tuple[str, ...] = ()
     wander: Callable[[Mapping[str, float]], Mapping[str, float]] | None = field(default=None, repr=False)
+    rhythm: Callable[[Mapping[str, float]], Mapping[str, float]] | None = field(default=None, repr=False)
 
     @property
     def event(self) -> bool:
@@ -195,6 +197,12 @@ class Effect:
     def strengths(self) -> tuple[Parameter, ...]:
         """The parameters whose null value switches the effect off."""
         return tuple(p for p in self.parameters if p.null is not None)
+
+    @property
+    def of_chance(self) -> tuple[Parameter, ...]:
+        """The parameters that say how strong chance is, and at which rate, and not which draw it was."""
+        rate = ("frequency",) if self.rhythm else ()
+        return tuple(p for p in self.parameters if p.null is not None or p.name in rate)
 
     def apply(self, chain: Chain, values: Mapping[str, float] | None = None) -> Chain:
         """The chain with this effect; parameters not given take their defaults.

@@ -30,75 +30,129 @@ IGNORED = 1e3
 """Times the noise of rows that are left out."""
 
 
-@njit(cache=True, error_model="numpy")
-def _gains(
-    time: FloatArray,
-    recording: NDArray[np.int64],
-    white: FloatArray,
-    slow: float,
-    tau: float,
-    walk: FloatArray,
-    kept: FloatArray,
-    load: FloatArray,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Variance (n,) of the innovations of a channel, their weights (n, 2) in two states, and the decay (n, 2) of these
-    since the row before: the slow part, and a random walk, of rms ``walk`` (n,) after a second at the rate of each row,
-    of which ``kept`` (n,) says where it goes on, 1, and where it begins anew, 0, as it does in each recording;
-    ``load`` (n,) times it is in the row."""
-    variance, gain, decay = np.empty(len(time)), np.empty((len(time), 2)), np.zeros((len(time), 2))
-    a, b, c = slow, 0.0, 0.0  # covariance of the states: slow with itself, with the walk, the walk with itself
-    for i in range(len(time)):
-        if i > 0 and recording[i] == recording[i - 1]:
-            passed = max(time[i] - time[i - 1], 0.0)
-            decay[i, 0], decay[i, 1] = np.exp(-passed / tau), kept[i]
-            a = decay[i, 0] ** 2 * a + (1.0 - decay[i, 0] ** 2) * slow
-            b, c = decay[i, 0] * kept[i] * b, kept[i] ** 2 * c + walk[i] ** 2 * passed
-        else:
-            a, b, c = slow, 0.0, 0.0
-        seen_slow, seen_walk = a + load[i] * b, b + load[i] * c
-        variance[i] = seen_slow + load[i] * seen_walk + white[i]
-        gain[i, 0], gain[i, 1] = seen_slow / variance[i], seen_walk / variance[i]
-        a, b, c = a - gain[i, 0] * seen_slow, b - gain[i, 0] * seen_walk, c - gain[i, 1] * seen_walk
-    return variance, gain, decay
+class _States(NamedTuple):
+    """What a channel remembers from one of its n rows to the next, as K states with a part in each row.
+
+    ``keeps`` (n, K, K) is their transition since the row before, nought where a recording begins; ``grows`` (n, K, K)
+    the covariance that is new; ``load`` (n, K) how often each state is in the row."""
+
+    keeps: FloatArray
+    grows: FloatArray
+    load: FloatArray
 
 
 @njit(cache=True, error_model="numpy")
-def _innovations(x: FloatArray, gain: FloatArray, decay: FloatArray, load: FloatArray, sd: FloatArray) -> FloatArray:
-    """Columns of x (n, p) as innovations over their standard deviations ``sd`` (n,)."""
-    out = np.empty_like(x)
-    slow, walk = np.zeros(x.shape[1]), np.zeros(x.shape[1])
-    for i in range(len(x)):
-        for j in range(x.shape[1]):
-            slow[j] *= decay[i, 0]
-            walk[j] *= decay[i, 1]
-            new = x[i, j] - slow[j] - load[i] * walk[j]
-            out[i, j] = new / sd[i]
-            slow[j] += gain[i, 0] * new
-            walk[j] += gain[i, 1] * new
+def _gains(white: FloatArray, keeps: FloatArray, grows: FloatArray, load: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Variance (n,) of the innovations of a channel whose rows have the variance ``white`` (n,) by themselves, and
+    their weights (n, K) in its states."""
+    n, k = load.shape
+    variance, gain = np.empty(n), np.empty((n, k))
+    covariance, moved, seen = np.zeros((k, k)), np.empty((k, k)), np.empty(k)
+    for i in range(n):
+        for a in range(k):
+            for b in range(k):
+                moved[a, b] = 0.0
+                for c in range(k):
+                    moved[a, b] += keeps[i, a, c] * covariance[c, b]
+        for a in range(k):
+            for b in range(k):
+                covariance[a, b] = grows[i, a, b]
+                for c in range(k):
+                    covariance[a, b] += moved[a, c] * keeps[i, b, c]
+        variance[i] = white[i]
+        for a in range(k):
+            seen[a] = 0.0
+            for b in range(k):
+                seen[a] += covariance[a, b] * load[i, b]
+            variance[i] += load[i, a] * seen[a]
+        for a in range(k):
+            gain[i, a] = seen[a] / variance[i]
+            for b in range(k):
+                covariance[a, b] -= gain[i, a] * seen[b]
+    return variance, gain
+
+
+@njit(cache=True, error_model="numpy")
+def _innovations(
+    x: FloatArray, gain: FloatArray, keeps: FloatArray, load: FloatArray, sd: FloatArray, undo: bool
+) -> FloatArray:
+    """Columns of x (n, p) as innovations over their standard deviations ``sd`` (n,); where it is to ``undo`` that, the
+    columns whose innovations x are. Columns are innermost, as they are many."""
+    n, p = x.shape
+    k = load.shape[1]
+    out, states, moved, new = np.empty_like(x), np.zeros((k, p)), np.zeros((k, p)), np.empty(p)
+    for i in range(n):
+        for j in range(p):
+            out[i, j] = 0.0
+        for a in range(k):
+            for j in range(p):
+                moved[a, j] = keeps[i, a, 0] * states[0, j]
+            for b in range(1, k):
+                for j in range(p):
+                    moved[a, j] += keeps[i, a, b] * states[b, j]
+            for j in range(p):
+                out[i, j] += load[i, a] * moved[a, j]
+        for j in range(p):  # what is foretold becomes what is asked for
+            new[j] = x[i, j] * sd[i] if undo else x[i, j] - out[i, j]
+            out[i, j] = out[i, j] + new[j] if undo else new[j] / sd[i]
+        for a in range(k):
+            for j in range(p):
+                states[a, j] = moved[a, j] + gain[i, a] * new[j]
     return out
 
 
-@njit(cache=True, error_model="numpy")
-def _undone(e: FloatArray, gain: FloatArray, decay: FloatArray, load: FloatArray, sd: FloatArray) -> FloatArray:
-    """The columns (n, p) whose innovations over ``sd`` are e (n, p)."""
-    out = np.empty_like(e)
-    slow, walk = np.zeros(e.shape[1]), np.zeros(e.shape[1])
-    for i in range(len(e)):
-        for j in range(e.shape[1]):
-            new = e[i, j] * sd[i]
-            slow[j], walk[j] = decay[i, 0] * slow[j], decay[i, 1] * walk[j]
-            out[i, j] = slow[j] + load[i] * walk[j] + new
-            slow[j], walk[j] = slow[j] + gain[i, 0] * new, walk[j] + gain[i, 1] * new
-    return out
+def _passed(time: FloatArray, recording: NDArray[np.int64]) -> FloatArray:
+    """s (n,) since the row before, infinite where a recording begins."""
+    same = np.append(False, np.diff(recording) == 0)
+    return np.where(same, np.maximum(np.diff(time, prepend=time[:1]), 0.0), np.inf)
 
 
-def _log_likelihood(
-    time: FloatArray, recording: NDArray[np.int64], rest: FloatArray, new: FloatArray, slow: float, tau: float
-) -> float:
+def _slow_states(passed: FloatArray, slow: float, tau: float) -> _States:
+    """Of a first-order process of variance ``slow`` that forgets within ``tau`` s."""
+    keeps = np.exp(-passed / tau)
+    return _States(keeps[:, None, None], (slow * (1.0 - keeps**2))[:, None, None], np.ones((len(passed), 1)))
+
+
+def _walk_states(passed: FloatArray, walk: FloatArray, kept: FloatArray, load: FloatArray) -> _States:
+    """Of a random walk, of rms ``walk`` (n,) after a second at the rate of each row, of which ``kept`` (n,) says where
+    it goes on, 1, and where it begins anew, 0, as it does in each recording; ``load`` (n,) times it is in the row."""
+    goes_on = np.isfinite(passed)
+    grows = np.where(goes_on, walk**2 * np.where(goes_on, passed, 0.0), 0.0)
+    return _States(np.where(goes_on, kept, 0.0)[:, None, None], grows[:, None, None], load[:, None])
+
+
+def _rhythm_states(passed: FloatArray, rhythm: Rhythm, rms: float) -> _States:
+    """Of a rhythm of an ``rms``, whose phase wanders: a sine and a cosine that turn and forget. Its mean over the time
+    that a row stands for is less than itself."""
+    goes_on = np.isfinite(passed)
+    since = np.where(goes_on, passed, 0.0)
+    turn, decay = 2.0 * np.pi * rhythm.frequency * since, np.where(goes_on, np.exp(-since / rhythm.lasts), 0.0)
+    keeps = decay[:, None, None] * np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]).transpose(
+        2, 0, 1
+    )
+    grows = (rms**2 * (1.0 - decay**2))[:, None, None] * np.eye(2)
+    width = np.minimum(passed, np.append(passed[1:], np.inf))
+    width[~np.isfinite(width)] = 0.0
+    return _States(keeps, grows, np.column_stack([np.sinc(rhythm.frequency * width), np.zeros(len(since))]))
+
+
+def _together(parts: Sequence[_States]) -> _States:
+    """Independent states beside each other."""
+    if len(parts) == 1:
+        return parts[0]
+    n, sizes = len(parts[0].load), [part.load.shape[1] for part in parts]
+    keeps, grows = np.zeros((n, sum(sizes), sum(sizes))), np.zeros((n, sum(sizes), sum(sizes)))
+    for part, end, size in zip(parts, np.cumsum(sizes), sizes, strict=True):
+        keeps[:, end - size : end, end - size : end] = part.keeps
+        grows[:, end - size : end, end - size : end] = part.grows
+    return _States(keeps, grows, np.hstack([part.load for part in parts]))
+
+
+def _log_likelihood(passed: FloatArray, rest: FloatArray, new: FloatArray, slow: float, tau: float) -> float:
     """Of noise ``rest`` (n,), white of variances ``new`` (n,) but for a ``slow`` part that forgets within ``tau`` s."""
-    no, all_of_it = np.zeros(len(time)), np.ones(len(time))
-    variance, gain, decay = _gains(time, recording, new, slow**2, tau, no, all_of_it, all_of_it)
-    innovations = _innovations(rest[:, None], gain, decay, all_of_it, np.sqrt(variance))
+    states = _slow_states(passed, slow**2, tau)
+    variance, gain = _gains(new, *states)
+    innovations = _innovations(rest[:, None], gain, states.keeps, states.load, np.sqrt(variance), False)
     return -0.5 * float(np.sum(np.square(innovations)) + np.sum(np.log(variance)))
 
 
@@ -114,7 +168,8 @@ class _Rest(NamedTuple):
     def earned(self, share: float, tau: float) -> float:
         """Nats that a slow part of a ``share`` of the white noise earns."""
         alone = -0.5 * float(np.sum(np.square(self.rest) / self.new + np.log(self.new)))
-        return _log_likelihood(self.time, self.recording, self.rest, self.new, share * self.sigma, tau) - alone
+        passed = _passed(self.time, self.recording)
+        return _log_likelihood(passed, self.rest, self.new, share * self.sigma, tau) - alone
 
     def pieces(self) -> list[_Rest]:
         """Its pieces of `PIECE` s of a recording, without those that are too short to tell where others are not."""
@@ -125,17 +180,32 @@ class _Rest(NamedTuple):
         return [piece for piece in every if len(piece.time) >= TELLS] or every
 
 
+class Rhythm(NamedTuple):
+    """A rhythm of a ``frequency``, Hz, whose phase is its own for so many s as it ``lasts``, with an ``rms`` (C,), SI,
+    in each channel."""
+
+    frequency: float
+    lasts: float
+    rms: FloatArray
+
+
 class Wider(NamedTuple):
     """The noise that effects by chance add to C channels at n time stamps.
 
     ``scattered`` (C·n,) is the variance, SI, of each row by itself; ``walks`` (C, n) the rms after a second of random
     walks, at the rate of each row, which are there ``loads`` (C, n) times (once, if not given), and go on to all
-    rows or to those that ``kept`` (n,), of 0 and 1, says."""
+    rows or to those that ``kept`` (n,), of 0 and 1, says; ``rhythm`` is one that wanders."""
 
     scattered: FloatArray | None = None
     walks: FloatArray | None = None
     loads: FloatArray | None = None
     kept: FloatArray | None = None
+    rhythm: Rhythm | None = None
+
+    @property
+    def remembers(self) -> bool:
+        """Whether what it adds is foretold by the rows before."""
+        return self.walks is not None or self.rhythm is not None
 
 
 NOTHING = Wider()
@@ -156,6 +226,7 @@ class RowNoise:
         self._time, self._recording, self._new = np.asarray(time, dtype=float), recording, new
         self._slow = np.zeros(len(new)) if slow is None else np.asarray(slow, dtype=float)
         self._taus: FloatArray | None = None  # s, (C,), once they are known
+        self._passed = _passed(self._time, recording)
 
     @property
     def sigma(self) -> FloatArray:
@@ -218,18 +289,32 @@ class RowNoise:
             white, slow, taus = new + self._slow[:, None] ** 2, np.zeros(len(new)), np.ones(len(new))
         else:
             white, slow, taus = new, self._slow, self._taus
-        walks = np.zeros_like(new) if wider.walks is None else wider.walks
-        loads = np.ones_like(new) if wider.loads is None else wider.loads
-        kept = np.ones(len(self._time)) if wider.kept is None else wider.kept
         filters: list[tuple[_Filter | None, FloatArray]] = []
-        for own, floor, tau, walk, load in zip(white, slow, taus, walks, loads, strict=True):
-            if self._taus is None and not np.any(walk):
+        for c, own in enumerate(white):
+            states = self._states(c, slow[c], taus[c], wider)
+            if not states:
                 filters.append((None, np.sqrt(own)))
                 continue
-            variance, gain, decay = _gains(self._time, self._recording, own, floor**2, tau, walk, kept, load)
+            keeps, grows, load = _together(states)
+            variance, gain = _gains(own, keeps, grows, load)
             sd = np.sqrt(variance)
-            filters.append(((gain, decay, load, sd), sd))
+            filters.append(((gain, keeps, load, sd), sd))
         return filters
+
+    def _states(self, channel: int, slow: float, tau: float, wider: Wider) -> list[_States]:
+        """What a channel remembers, with the noise of ``wider``; nothing where its rows are independent."""
+        rms = 0.0 if wider.rhythm is None else float(wider.rhythm.rms[channel])
+        walks = None if wider.walks is None or not np.any(wider.walks[channel]) else wider.walks[channel]
+        if self._taus is None and walks is None and not rms:
+            return []
+        states = [_slow_states(self._passed, slow**2, tau)] if self._taus is not None else []
+        if walks is not None:
+            ones = np.ones(len(self._time))
+            loads = ones if wider.loads is None else wider.loads[channel]
+            states.append(_walk_states(self._passed, walks, ones if wider.kept is None else wider.kept, loads))
+        if wider.rhythm is not None and rms:
+            states.append(_rhythm_states(self._passed, wider.rhythm, rms))
+        return states
 
     def sd(self, wider: Wider = NOTHING) -> FloatArray:
         """Standard deviation (C·n,) of the innovations, with the noise of ``wider``."""
@@ -238,13 +323,13 @@ class RowNoise:
     def whitened(self, difference: FloatArray, wider: Wider = NOTHING) -> FloatArray:
         """``difference`` (C·n,) or (C·n, p) in σ, with the noise of ``wider``: independent parts if it is noise."""
         parts = zip(self._parts(difference), self._filters(wider), strict=True)
-        white = [x / sd[:, None] if f is None else _innovations(x, *f) for x, (f, sd) in parts]
+        white = [x / sd[:, None] if f is None else _innovations(x, *f, False) for x, (f, sd) in parts]
         return np.concatenate(white).reshape(difference.shape)
 
     def unwhitened(self, residual: FloatArray, wider: Wider = NOTHING) -> FloatArray:
         """The difference (C·n,) or (C·n, p), SI, that is whitened to ``residual``."""
         parts = zip(self._parts(residual), self._filters(wider), strict=True)
-        undone = [e * sd[:, None] if f is None else _undone(e, *f) for e, (f, sd) in parts]
+        undone = [e * sd[:, None] if f is None else _innovations(e, *f, True) for e, (f, sd) in parts]
         return np.concatenate(undone).reshape(residual.shape)
 
     def _parts(self, rows: FloatArray) -> list[FloatArray]:

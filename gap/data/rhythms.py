@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 
 from gap.data.session import CLOCK_SD
 from gap.inference.hypothesis import Lateness
@@ -20,6 +21,8 @@ LINES = 2
 """How many of each are tried."""
 ALIKE = 0.5
 """s by which the clearest jumps of recordings may differ and be one after the same time."""
+HUMP, WIDE = 0.02, 0.06
+"""Of the logarithm of a rate: between rates that are tried, and by which a rhythm that keeps no phase wanders (rms)."""
 SHARP = 3e-3
 """s: lateness known worse than that says nothing of looks at equal intervals."""
 SLOWEST_LOOK, QUICKEST_LOOK = 1.0, 2e-3
@@ -47,6 +50,22 @@ def lines(time: FloatArray, residual: FloatArray, low: float, high: float) -> li
     frequency = np.fft.rfftfreq(4 * len(even), step)
     power[(frequency < low) | (frequency > high)] = 0.0
     return [float(frequency[k]) for k in _peaks(power, 8)]
+
+
+def humps(time: FloatArray, piece: NDArray[np.int64], residual: FloatArray, low: float, high: float) -> list[float]:
+    """The rates, Hz, between ``low`` and ``high`` about which a residual (n,) at uneven ``time`` (n,) s has most power,
+    above that of half and one and a half times the rate: of a rhythm that keeps no phase. Each ``piece`` (n,) of it, by
+    number, is asked by itself."""
+    rates = np.geomspace(low / 2.0, 1.5 * high, 1 + round(np.log(3.0 * high / low) / HUMP))
+    power = np.zeros(len(rates))
+    for k in np.unique(piece):
+        t, own = time[piece == k], residual[piece == k]
+        window = np.sin(np.pi * np.clip((t - t.min()) / max(float(np.ptp(t)), 1e-9), 0.0, 1.0)) ** 2
+        power += np.square(np.abs(np.exp(-2j * np.pi * np.outer(rates, t)) @ (window * (own - own.mean()))))
+    smooth = gaussian_filter1d(power, WIDE / HUMP)
+    beside = 0.5 * sum(np.interp(k * rates, rates, smooth) for k in (0.5, 1.5))
+    above = np.where((rates >= low) & (rates <= high), smooth / np.maximum(beside, 1e-300), 0.0)
+    return [float(rates[k]) for k in _peaks(above, 8)]
 
 
 def looks(lateness: Lateness) -> list[tuple[float, float, float]]:

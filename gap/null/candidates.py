@@ -33,7 +33,7 @@ def candidates_for(
     out = []
     for key, effect in effects.items():
         # Which draw it was, nobody knows: only how strong.
-        parameters = effect.strengths if all(b.by_chance(key) for b in blocks) else effect.parameters
+        parameters = effect.of_chance if all(b.by_chance(key) for b in blocks) else effect.parameters
         trial = Candidate(
             key, effect.name, effect.stage, parameters, (), effect.meaning, effect.remedy, effect.form, effect.event,
             effect.sparse, effect.extends,

@@ -6,20 +6,21 @@ that was before.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gap.data.innovations import MOST, RowNoise, Wider
+from gap.data.innovations import MOST, Rhythm, RowNoise, Wider
 from gap.data.scatter import timing_log_bayes
 from gap.inference.evidence import Fit
 from gap.inference.hypothesis import Active, Rows
 from gap.inference.linear import Projector
-from gap.null.groups import GroupedSession
+from gap.null.groups import Group, GroupedSession
 from sim_devices.chain import Effect, FloatArray
+from sim_devices.stages.specimens import meets
 
 SETTLED = 3.0
 """s after the last motion from which on nothing but chance is expected to change."""
@@ -32,6 +33,13 @@ SLOWER = (0.25, 0.5, 1.0)
 SHARES, TIMES = (0.15, 0.3, MOST), (0.2, 0.8, 3.2)
 """Slow noise that a sound sensor may have, as `gap.data.innovations` has it: shares of the white one, and s."""
 
+ANY = (0.3, 0.6, 1.2, 2.4)
+"""The same of what a law that is not the skin's leaves."""
+TURNS = 3.0
+"""Turns for which a rhythm whose rate wanders keeps its phase."""
+BESIDE = (0.6, 1.6)
+"""Times its rate, where there is as much of what is no rhythm."""
+
 
 class ByChance:
     """The part of a block that knows of chance.
@@ -40,6 +48,7 @@ class ByChance:
     (C,) that of a sample."""
 
     session: GroupedSession
+    groups: Sequence[tuple[Group, slice]]
     library: Mapping[str, Effect]
     channels: tuple[str, ...]
     stamps: FloatArray
@@ -52,7 +61,8 @@ class ByChance:
 
     def by_chance(self, key: str) -> bool:
         """Whether an effect counts as noise, on steep parts or all along, not by the change of one draw."""
-        return bool(self._walks(key, {})) or (self.slope is not None and bool(self._scatter(key, {})))
+        walks = self._walks(key, {}) or self._rhythm(key, {})
+        return bool(walks) or (self.slope is not None and bool(self._scatter(key, {})))
 
     def _scatter(self, key: str, values: Mapping[str, float]) -> Mapping[str, float]:
         """By channel, the rms (s) by which an effect scatters its instants; nothing of one that is not by chance."""
@@ -63,6 +73,12 @@ class ByChance:
         """By channel, the rms after a second by which an effect lets its reading walk; nothing of another one."""
         effect = self.library[key]
         return effect.wander(_all_of(effect, values)) if effect.wander else {}
+
+    def _rhythm(self, key: str, values: Mapping[str, float]) -> Mapping[str, float]:
+        """By channel, the rms of a rhythm whose rate wanders; nothing of others, or of what it does not meet."""
+        effect = self.library[key]
+        met = any(meets(effect, group.name) for group, _ in self.groups)
+        return effect.rhythm(_all_of(effect, values)) if effect.rhythm and met else {}
 
     def scattered(self, active: Active) -> FloatArray | None:
         """The variance (n,) that scattered instants add, averaged over a bin's samples; None without such effects."""
@@ -82,9 +98,18 @@ class ByChance:
         together = np.linalg.norm([self._by_row(walks) for walks in rms], axis=0)
         return np.asarray(together).reshape(len(self.channels), -1)
 
+    def beating(self, active: Active) -> Rhythm | None:
+        """The rhythm of the channels whose rate wanders, if one does; None without such an effect."""
+        for candidate, values in active.items():
+            if of_channels := self._rhythm(candidate.key, values):
+                rms = np.array([of_channels.get(c, 0.0) for c in self.channels])
+                rate = _all_of(self.library[candidate.key], values)["frequency"]
+                return Rhythm(rate, TURNS / rate, rms) if np.any(rms) else None
+        return None
+
     def wider(self, active: Active) -> Wider:
         """The noise that the active effects add."""
-        return Wider(self.scattered(active), self.walking(active))
+        return Wider(self.scattered(active), self.walking(active), rhythm=self.beating(active))
 
     @cached_property
     def _share_there(self) -> FloatArray:
@@ -121,21 +146,37 @@ class ByChance:
 
     def walk_log_bayes(self, fitted: Fit) -> float:
         wider = self.wider(fitted.active)
+        if wider.rhythm is not None:
+            return self._rhythm_log_bayes(fitted, wider, wider.rhythm)
         return np.inf if wider.walks is None else self._walk_log_bayes(fitted, wider, wider.walks)
+
+    def _rhythm_log_bayes(self, fitted: Fit, beats: Wider, rhythm: Rhythm) -> float:
+        """Nats for a rhythm against the best of its alternatives: noise of any colour, and a rhythm of another rate,
+        as the rest of a law that is not the skin's has at each; and one that goes with the response."""
+        alone = beats._replace(rhythm=None)
+        colours = [self.row_noise, *(self.row_noise.remembering(*c, self.noise.tolist()) for c in product(ANY, TIMES))]
+        beside = [beats._replace(rhythm=rhythm._replace(frequency=k * rhythm.frequency)) for k in BESIDE]
+        asked = self._likelihood(fitted, beats)
+        others = [asked(noise, alone) for noise in colours] + [asked(self.row_noise, other) for other in beside]
+        return asked(self.row_noise, beats) - max(others)
+
+    def _likelihood(self, fitted: Fit, wider: Wider) -> Callable[[RowNoise, Wider], float]:
+        """The log likelihood by a noise and what chance adds, of the data of a fit with what ``wider`` added, beside a
+        nuisance that is refitted along straight lines."""
+        rows = self.row_noise.unwhitened(np.column_stack([fitted.at_mean, fitted.jacobian]), wider)
+
+        def log_likelihood(noise: RowNoise, by_chance: Wider) -> float:
+            white = noise.whitened(rows, by_chance)
+            refit = Projector(white[:, 1:], fitted.prior_sd)
+            return -0.5 * refit.chi2(white[:, 0]) - float(np.sum(np.log(noise.sd(by_chance))))
+
+        return log_likelihood
 
     def _walk_log_bayes(self, fitted: Fit, walk: Wider, rates: FloatArray) -> float:
         """Nats for the walk against the best of its alternatives: noise that a sound sensor remembers; a reading that
         walks in motion alone and is right again or stays at rest, an answer to the motion that is not understood; and
         one that walks in proportion to the response, as skin's tone does."""
-        alone = walk._replace(walks=None)
-        rows = self.row_noise.unwhitened(np.column_stack([fitted.at_mean, fitted.jacobian]), walk)
-
-        def log_likelihood(noise: RowNoise, by_chance: Wider) -> float:
-            """Of the data beside a nuisance that is refitted along straight lines."""
-            white = noise.whitened(rows, by_chance)
-            refit = Projector(white[:, 1:], fitted.prior_sd)
-            return -0.5 * refit.chi2(white[:, 0]) - float(np.sum(np.log(noise.sd(by_chance))))
-
+        alone, log_likelihood = walk._replace(walks=None), self._likelihood(fitted, walk)
         memories = [self.row_noise]
         if self.row_noise.memory is None:
             memories += [self.row_noise.remembering(*one, self.noise.tolist()) for one in product(SHARES, TIMES)]
@@ -172,9 +213,7 @@ class ByChance:
         """The difference (n,), SI, of measurement and prediction behind a ``residual`` (n,). A walk is an effect's, not
         the noise's: it is predicted from the rows before."""
         wider = self.wider(active)
-        return (
-            self.row_noise.unwhitened(residual, wider) if wider.walks is None else residual * self.row_noise.sd(wider)
-        )
+        return residual * self.row_noise.sd(wider) if wider.remembers else self.row_noise.unwhitened(residual, wider)
 
 
 def _all_of(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:

@@ -13,7 +13,7 @@ from itertools import product
 
 import numpy as np
 
-from gap.data.rhythms import jumps, lines, looks, since_the_start, spells, wanderings
+from gap.data.rhythms import humps, jumps, lines, looks, since_the_start, spells, wanderings
 from gap.inference.evidence import Fit, Hypothesis
 from gap.inference.hypothesis import Candidate, Lateness, to_unit
 from gap.inference.problem import Problem
@@ -173,14 +173,18 @@ def _places(candidate: Candidate, problem: Problem, base: Fit) -> tuple[Sequence
         return [{"within": float(np.median(time[recording == k]))} for k in np.unique(recording)], False
     if "delay" in parameters and candidate.stage == "processing" and problem.resets:
         return [{"delay": delay} for delay in problem.resets], True
-    return _rhythms(parameters, problem, base) if "phase" in parameters else ([], False)
+    return _rhythms(parameters, problem, base) if parameters.keys() & {"phase", "frequency"} else ([], False)
 
 
 def _rhythms(parameters: Mapping[str, Parameter], problem: Problem, base: Fit) -> tuple[Sequence[Place], bool]:
     """The rhythms that a residual, or the lateness of what it is about, may have; and whether one explains it."""
-    time, residual = problem.rows.time, base.residual
+    time, recording, residual = problem.rows.time, problem.rows.recording, base.residual
     if "frequency" in parameters:
         low, high = parameters["frequency"].low, parameters["frequency"].high
+        if "phase" not in parameters:  # it has any, and keeps none
+            channel = problem.rows.labels["channel"][0]
+            piece = channel * (int(recording.max()) + 1) + recording
+            return [{"frequency": rate} for rate in humps(time, piece, residual, low, high)], False
         ways = (0.0, np.pi) if "elevation" in parameters else (0.0,)  # a direction may point either way
         return [_wave(time, residual, line, way) for line in lines(time, residual, low, high) for way in ways], False
     if "tau" in parameters:

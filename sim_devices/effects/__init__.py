@@ -21,6 +21,7 @@ from sim_devices.effects import (
     force_sensor,
     interface,
     processing,
+    pulse,
     robot_axes,
     sensor,
     timing,
@@ -141,16 +142,20 @@ def _fixed(effect: Effect, fixed: Mapping[str, float]) -> Effect:
     def wander(values: Mapping[str, float]) -> Mapping[str, float]:
         return effect.wander({**values, **fixed}) if effect.wander else {}
 
+    def rhythm(values: Mapping[str, float]) -> Mapping[str, float]:
+        return effect.rhythm({**values, **fixed}) if effect.rhythm else {}
+
     free = tuple(p for p in effect.parameters if p.name not in fixed)
     form = int(fixed.get("form", 0))
-    return replace(effect, parameters=free, install=install, scatter=scatter, wander=wander, form=form)
+    beats = rhythm if rhythm({p.name: p.default for p in effect.parameters}) else None
+    return replace(effect, parameters=free, install=install, scatter=scatter, wander=wander, rhythm=beats, form=form)
 
 
 @cache
 def _all() -> tuple[tuple[Effect, ...], tuple[tuple[str, str], ...]]:
     own = [
         e
-        for module in (timing, actuator, robot_axes, interface, tissue, sensor, force_sensor, processing)
+        for module in (timing, actuator, robot_axes, interface, tissue, pulse, sensor, force_sensor, processing)
         for e in module.EFFECTS
     ]
     added, errors = _plugins(entry_points(group=GROUP))

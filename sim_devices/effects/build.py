@@ -109,6 +109,7 @@ def effect(
     sparse: bool = False,
     extends: Names = (),
     wander: Wander | None = None,
+    rhythm: Wander | None = None,
 ) -> Effect:
     """An effect that leaves the chain alone where all its strengths are at their null values."""
     strengths = [p for p in parameters if p.null is not None]
@@ -129,6 +130,7 @@ def effect(
         sparse,
         extends=extends,
         wander=wander,
+        rhythm=rhythm,
     )
 
 

@@ -77,3 +77,13 @@ def to_and_fro(
     wave = laws.pulse(time, np.zeros(len(time)), amplitude, frequency, phase, sine, cosine)
     flat = math.cos(elevation)
     return x + flat * math.cos(azimuth) * wave, y + flat * math.sin(azimuth) * wave, z + math.sin(elevation) * wave
+
+
+def wandering_force(
+    time: FloatArray, fx: FloatArray, fy: FloatArray, fz: FloatArray,
+    amplitude: float, frequency: float, seed: float, azimuth: float, elevation: float,
+) -> Forces:  # fmt: skip
+    """A force and, along one direction, a rhythm whose rate wanders."""
+    wave = laws.wandering_pulse(time, np.zeros(len(time)), amplitude, frequency, seed)
+    flat = math.cos(elevation)
+    return fx + flat * math.cos(azimuth) * wave, fy + flat * math.sin(azimuth) * wave, fz + math.sin(elevation) * wave

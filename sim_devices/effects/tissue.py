@@ -36,10 +36,9 @@ from sim_devices.effects.sheet_forces import (
     tension_for_a_while,
     tension_force,
     tether_force,
-    to_and_fro,
 )
 from sim_devices.stages import kernels, laws
-from sim_devices.stages.operators import Map, Wired, after
+from sim_devices.stages.operators import Wired, after
 from sim_devices.stages.robot import xyz
 
 _SKIN = xyz("skin")
@@ -175,19 +174,6 @@ def _stiffening(chain: Chain, v: Values) -> Chain:
     return map_after(chain, "elastic", "strain_stiffening", "tissue", laws.stiffening, parameters)
 
 
-def _pulse_suction(chain: Chain, v: Values) -> Chain:
-    parameters = (v["amplitude"], v["frequency"], v["phase"], v["second_sine"], v["second_cosine"])
-    return map_after(chain, "softening", "pulse_breathing", "tissue", laws.pulse, parameters)
-
-
-def _pulse_robot(chain: Chain, v: Values) -> Chain:
-    name, stage = "pulse_breathing", "tissue"
-    rhythm = [v[k] for k in ("frequency", "phase", "azimuth", "elevation", "second_sine", "second_cosine")]
-    if chosen(v, "form") == 0:
-        return after(chain, "tissue", lambda s, t: Map(name, stage, s, t, to_and_fro, (v["amplitude"], *rhythm)))
-    return after(chain, "glue", lambda s, t: Map(name, stage, s, t, to_and_fro, (-v["motion"], *rhythm)))
-
-
 def _tone(chain: Chain, v: Values) -> Chain:
     parameters: tuple[float, ...] = (v["change"], v["tau"], v["form"], v["phase"])
     stronger: Callable[..., FloatArray] = laws.gain_drift
@@ -197,24 +183,6 @@ def _tone(chain: Chain, v: Values) -> Chain:
         stronger, stiffer = laws.gain_for_a_while, laws.softer_for_a_while
     anchor, law = ("tissue", stronger) if _is_robot(chain) else ("softening", stiffer)
     return map_after(chain, anchor, "muscle_tone_change", "tissue", law, parameters)
-
-
-def _pulse(instruments: tuple[str, ...], strengths: tuple[Any, ...], install: Any, *further: Any) -> Any:
-    return effect(
-        "pulse_breathing", "tissue", instruments,
-        "Periodic motion by heart beat or breath.",
-        "Average over beats, or record pulse and breath and subtract.",
-        "0.15 to 0.4 Hz breath, 0.8 to 2 Hz pulse",
-        (
-            *strengths,
-            shape("frequency", "Hz", 0.15, 2.0, 1.1, log=True, fine=1e-5),
-            shape("phase", "rad", 0.0, 2 * math.pi, 0.0),
-            *further,
-            shape("second_sine", "1", -0.8, 0.8, 0.21, "of the second harmonic: of twice the phase, against the first"),
-            shape("second_cosine", "1", -0.8, 0.8, 0.21, "the same of its cosine"),
-        ),
-        install,
-    )  # fmt: skip
 
 
 _RESIDUAL = ("viscoplastic_residual", "tissue")
@@ -341,18 +309,6 @@ EFFECTS = (
             shape("exponent", "1", 1.0, 5.0, 2.0),
         ),
         _stiffening,
-    ),
-    _pulse(SUCTION, (strength("amplitude", "m", 1e-7, 3e-4, 1.5e-5),), _pulse_suction),
-    _pulse(
-        ROBOT,
-        (
-            strength("amplitude", "N", 2e-5, 0.3, 0.03, only=(0,)),
-            strength("motion", "m", 3e-8, 1e-3, 5e-5, only=(1,)),
-        ),
-        _pulse_robot,
-        choice("form", 0, "a force on the probe", "the skin moves under it"),
-        shape("azimuth", "rad", 0.0, 2 * math.pi, 0.5, "of its direction, in plane"),
-        shape("elevation", "rad", -0.5 * math.pi, 0.5 * math.pi, 1.1, "of its direction, out of the plane"),
     ),
     effect(
         "muscle_tone_change", "tissue", ALL,

@@ -242,6 +242,21 @@ def pulse(
     return u + amplitude * (np.sin(a) + sine * np.sin(2 * a) + cosine * np.cos(2 * a))
 
 
+SWINGS = (0.03, 0.1, 0.25)
+"""Hz of the bands (VLF, LF, HF) in which a heart's rate varies (Task Force of ESC and NASPE 1996);"""
+SWING = 0.04
+"""and by which share in each: an rms of 5 % in all, as of 50 ms in a second (SDNN)."""
+
+
+def wandering_pulse(time: FloatArray, u: FloatArray, amplitude: float, frequency: float, seed: float) -> FloatArray:
+    """u + amplitude sin a, a the integral of 2 pi f (t), a ``frequency`` that swings at `SWINGS` by `SWING` each, drawn
+    by a ``seed``."""
+    begins = np.random.default_rng(round(seed)).uniform(0.0, 2 * np.pi, len(SWINGS) + 1)
+    swings = zip(SWINGS, begins[1:], strict=True)
+    wandered = sum(SWING * np.sin(2 * np.pi * rate * time + begin) / (2 * np.pi * rate) for rate, begin in swings)
+    return np.asarray(u + amplitude * np.sin(2 * np.pi * frequency * (time + wandered) + begins[0]))
+
+
 def through_zero(time: FloatArray, u: FloatArray, amount: float, distance: float) -> FloatArray:
     """u + amount (1 - exp(-|u|/distance)) with u's sign: an error that is there as soon as there is a signal."""
     return u - amount * np.copysign(np.expm1(-np.abs(u) / distance), u)

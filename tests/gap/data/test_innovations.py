@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gap.data.innovations import NOTHING, RowNoise, Wider
+from gap.data.innovations import NOTHING, Rhythm, RowNoise, Wider
 
 SLOW, TAU = 0.3, 1.5
 
@@ -75,6 +75,25 @@ def test_a_random_walk_is_whitened_by_its_covariance() -> None:
             assert found == pytest.approx(expected, abs=1e-8)
             sd = rows.sd(Wider(walks=rate)).reshape(rest.shape)[k]
             assert np.sum(np.log(sd)) == pytest.approx(0.5 * np.linalg.slogdet(full)[1])
+
+
+def test_a_rhythm_that_wanders_is_whitened_by_its_covariance() -> None:
+    """r² exp(-|s - t| / T) cos 2 pi f (s - t) within a recording, each row its mean over its own time."""
+    rng = np.random.default_rng(3)
+    noise, (time, recording, new, rest) = remembering(rng)
+    assert noise.memory is not None
+    beats = Wider(rhythm=Rhythm(1.1, 2.5, np.array([0.3, 0.7, 0.0])))
+    same = recording[:, None] == recording[None, :]
+    apart = np.where(same, time[:, None] - time[None, :], 0.0)
+    steps = np.where(np.diff(recording) == 0, np.diff(time), np.inf)
+    mean = np.sinc(1.1 * np.minimum(np.r_[np.inf, steps], np.r_[steps, np.inf]))
+    for k, (rms, slow, tau) in enumerate(zip((0.3, 0.7, 0.0), *noise.memory, strict=True)):
+        beat = rms**2 * np.exp(-np.abs(apart) / 2.5) * np.cos(2 * np.pi * 1.1 * apart) * np.outer(mean, mean)
+        full = np.diag(new[k]) + covariance(time, recording, float(slow), float(tau)) + same * beat
+        expected = np.linalg.solve(np.linalg.cholesky(full), rest[k])
+        white = noise.whitened(rest.ravel(), beats)
+        assert white.reshape(rest.shape)[k] == pytest.approx(expected, abs=1e-8)
+        assert noise.unwhitened(white, beats) == pytest.approx(rest.ravel())
 
 
 def test_slow_noise_is_found_and_its_innovations_are_white() -> None:

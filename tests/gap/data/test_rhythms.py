@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from gap.data.rhythms import jumps, lines, looks, since_the_start, spells, wanderings
+from gap.data.rhythms import humps, jumps, lines, looks, since_the_start, spells, wanderings
 from gap.inference.hypothesis import Lateness
 
 
@@ -72,6 +72,19 @@ def test_ramps_are_late_by_the_mean_wait() -> None:
     interval, _, share = looks(Lateness(time, late, np.full(40, 1e-4), steps))[0]
     assert interval == pytest.approx(0.04, rel=1e-4)
     assert share > 0.99
+
+
+def test_a_rhythm_that_keeps_no_phase_is_a_hump() -> None:
+    """A heart's rate that wanders by 5 % has no line, and a colour of noise no hump."""
+    rng = np.random.default_rng(4)
+    time = np.sort(rng.uniform(0.0, 150.0, 2000))
+    piece = (time // 30.0).astype(np.int64)
+    rate = 1.3 * (1.0 + 0.07 * np.sin(time / 7.0))
+    beat = np.sin(2 * np.pi * np.cumsum(rate * np.gradient(time)))
+    colour = np.convolve(rng.normal(size=2000), np.exp(-np.arange(60) / 12.0), "same")
+    assert humps(time, piece, 0.7 * beat + 0.5 * colour + rng.normal(size=2000), 0.15, 2.0)[0] == pytest.approx(
+        1.3, rel=0.1
+    )
 
 
 @pytest.mark.parametrize("late", [np.zeros(12), np.full(12, 0.04)])
