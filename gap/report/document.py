@@ -11,11 +11,10 @@ from gap.decision.classes import Cause
 from gap.decision.conformal import COVERAGE, chosen, shares, threshold
 from gap.decision.posterior import Posterior
 from gap.decision.qualified import moved
-from gap.decision.verdict import NOISY
 from gap.diagnosis import Diagnosis
 from gap.report.assumed import assumed
 from gap.report.breakdown import breakdown
-from gap.report.parameters import of_cause, of_model, rounded
+from gap.report.parameters import has_no_size, of_cause, of_model, rounded
 from gap.report.sentences import sentences
 from gap.report.terms import of_term
 from gap.report.words import options, words
@@ -141,7 +140,7 @@ def probable_set(p: Posterior, coverage: float) -> list[str]:
 
 def cause_as_json(d: Diagnosis, cause: Cause, rank: int) -> dict[str, Any]:
     """A cause, the ``rank``-th, as an entry of ``causes``; without parameters and shrinks where its noise tells it."""
-    by_noise = rank == 0 and d.verdict.settled_by == NOISY  # what was fitted to it is no size of it
+    by_noise = rank == 0 and has_no_size(d, cause)
     shrinks = d.shrinks[rank] if rank < len(d.shrinks) and not by_noise else {}  # only the first few are tried
     return {
         "effects": [e.name for e in cause.effects],

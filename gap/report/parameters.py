@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from gap.decision.classes import Cause
+from gap.decision.verdict import NOISY
 from gap.diagnosis import Diagnosis
 from gap.inference.evidence import Fit
 from gap.inference.hypothesis import FROZEN, from_unit
@@ -21,6 +22,13 @@ STEP = 1e-3
 def rounded(x: float) -> float:
     """``x`` to five significant digits, as reports give it."""
     return float(f"{x:.5g}")
+
+
+def has_no_size(d: Diagnosis, cause: Cause) -> bool:
+    """Whether the noise of its marks alone tells the first cause, so that what was fitted to it is no size of it: of
+    one that is fitted as noise itself it is."""
+    chance = (d.problems[b].noise_scale(f.active) for b, f in cause.hypothesis.fits.items())
+    return d.verdict.settled_by == NOISY and all(times is None for times in chance)
 
 
 def of_cause(d: Diagnosis, cause: Cause) -> dict[str, dict[str, Any]]:

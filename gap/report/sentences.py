@@ -7,11 +7,11 @@ from gap.data.signatures import HUM
 from gap.decision.classes import Cause
 from gap.decision.gaps import gap_without_discrepancy, shrink
 from gap.decision.marks import made_by
-from gap.decision.verdict import ALIKE, DOUBT, EMPTY, NOISY, WITHIN
+from gap.decision.verdict import ALIKE, DOUBT, EMPTY, WITHIN
 from gap.diagnosis import Diagnosis
 from gap.inference.hypothesis import Candidate
 from gap.report.breakdown import breakdown
-from gap.report.parameters import of_cause
+from gap.report.parameters import has_no_size, of_cause
 from gap.report.terms import text
 from gap.report.words import SPLITS, options, words
 
@@ -121,7 +121,7 @@ def _explained(d: Diagnosis, cause: Cause) -> str:
     named = f"{what.capitalize()} ({'; '.join([stage, *how, *numbers(d, cause)])})"
     sure = f"(probability {cause.probability:.2f})"
     acts = "act" if several else "acts"
-    if d.verdict.settled_by == NOISY:  # no sample is foretold, and no size of it
+    if has_no_size(d, cause):
         marks = [s.text for s in d.signatures if any(made_by(s, e) for e in cause.effects)]
         return f"{what.capitalize()} ({stage}) {acts} {sure}: {'; '.join(marks)}."
     if cause.certain:
@@ -148,7 +148,7 @@ def _tested(d: Diagnosis, cause: Cause) -> str:
         return f"These data cannot tell it from {' or '.join(others)}."
     if _within_noise(d):
         return f"That nothing acts has probability {d.verdict.posterior.none:.2f}."
-    if d.verdict.settled_by == NOISY:
+    if has_no_size(d, cause):
         return f"In reality: {cause.effects[0].remedy}"
     for split, on in SPLITS.items():
         share = d.shrinks[0][split].value if split in d.shrinks[0] else None

@@ -95,15 +95,25 @@ def test_an_event_is_told_on_the_clock_of_its_recording(linear, candidate, recor
     assert entry["in_recording"] == pytest.approx(30.0)
 
 
-@pytest.mark.parametrize(("rule", "sized"), [(NOISY, False), ("sure", True)])
-def test_what_is_told_by_its_noise_has_no_size(linear, candidate, recording, rule: str, sized: bool) -> None:
-    """A breath told by its power was listed with the amplitude of a sine, 22 ± 3 µm, which it is not."""
+@pytest.mark.parametrize(
+    ("rule", "by_chance", "sized"), [(NOISY, False, False), (NOISY, True, True), ("sure", False, True)]
+)
+def test_what_is_told_by_its_noise_has_no_size(
+    linear, candidate, recording, rule: str, by_chance: bool, sized: bool
+) -> None:
+    """A breath told by its power was listed with the amplitude of a sine, 22 ± 3 µm, which it is not. One that is
+    fitted as noise of a narrow band has that of its own."""
     effect = candidate("breath", Parameter("amplitude", "m", 0.0, 1.0))
-    fitted = fit(linear(T, np.ones((len(T), 1)), {"breath": lambda v: v["amplitude"] * T}), (effect,))
+    problem = linear(T, np.ones((len(T), 1)), {"breath": lambda v: v["amplitude"] * T})
+    fitted = fit(problem, (effect,))
+    problem.noise_scale = lambda active: np.ones(len(T)) if by_chance else None
     cause = Cause(Hypothesis((effect,), {"linear": fitted}), ("breath",), 0.9, 9.0)
     verdict = Verdict("effect", SimpleNamespace(temper={"linear": 1.0}), (f"{rule}: …",))
     d = SimpleNamespace(
-        recordings=[recording({"flow": T}, T)], verdict=verdict, shrinks=({"fitted": Shrink(3.0, 1.1)},)
+        recordings=[recording({"flow": T}, T)],
+        verdict=verdict,
+        shrinks=({"fitted": Shrink(3.0, 1.1)},),
+        problems={"linear": problem},
     )
     entry = cause_as_json(d, cause, 0)
     assert entry["told_by_noise"] is not sized
