@@ -32,7 +32,6 @@ SLOWER = (0.25, 0.5, 1.0)
 """and, where noise is remembered, all along."""
 SHARES, TIMES = (0.15, 0.3, MOST), (0.2, 0.8, 3.2)
 """Slow noise that a sound sensor may have, as `gap.data.innovations` has it: shares of the white one, and s."""
-
 ANY = (0.3, 0.6, 1.2, 2.4)
 """The same of what a law that is not the skin's leaves."""
 TURNS = 10.0
@@ -76,10 +75,9 @@ class ByChance:
         return effect.wander(_all_of(effect, values)) if effect.wander else {}
 
     def _rhythm(self, key: str, values: Mapping[str, float]) -> Mapping[str, float]:
-        """By channel, the rms of a rhythm whose rate wanders; nothing of others, or of what it does not meet."""
+        """By channel, the rms of a rhythm whose rate wanders; nothing of another effect."""
         effect = self.library[key]
-        met = any(meets(effect, group.name) for group, _ in self.groups)
-        return effect.rhythm(_all_of(effect, values)) if effect.rhythm and met else {}
+        return effect.rhythm(_all_of(effect, values)) if effect.rhythm else {}
 
     def scattered(self, active: Active) -> FloatArray | None:
         """The variance (n,) that scattered instants add, averaged over a bin's samples; None without such effects."""
@@ -100,12 +98,12 @@ class ByChance:
         return np.asarray(together).reshape(len(self.channels), -1)
 
     def beating(self, active: Active) -> Rhythm | None:
-        """The rhythm of the channels whose rate wanders, if one does; None without such an effect."""
+        """The rhythm of the channels whose rate wanders, if one does on what it meets; None without such an effect."""
         for candidate, values in active.items():
-            if of_channels := self._rhythm(candidate.key, values):
-                rms = np.array([of_channels.get(c, 0.0) for c in self.channels])
+            rms = [self._rhythm(candidate.key, values).get(channel, 0.0) for channel in self.channels]
+            if any(rms) and any(meets(self.library[candidate.key], group.name) for group, _ in self.groups):
                 rate = _all_of(self.library[candidate.key], values)["frequency"]
-                return Rhythm(rate, TURNS / rate, rms) if np.any(rms) else None
+                return Rhythm(rate, TURNS / rate, np.array(rms))
         return None
 
     def wider(self, active: Active) -> Wider:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from gap.inference.hypothesis import Candidate
 from gap.inference.least_squares import fit
 from gap.null.candidates import candidates_for
 from gap.null.groups import GroupedSession
+from gap.null.robot import robot_problems
 from gap.null.suction_height import HeightBlock
 from gap.null.suction_pressure import PressureBlock
 from gap.search.compare import compare
@@ -63,3 +66,15 @@ def test_noise_of_no_colour_is_a_rhythm(tau: float) -> None:
     candidate = wandering(block)
     for quantiles in ([0.5, 0.3], [0.5, 0.75]):
         assert block.walk_log_bayes(fit(block, (candidate,), np.array(quantiles))) < 10.0
+
+
+def test_on_a_reference_it_is_by_chance_as_well_and_does_nothing() -> None:
+    """Else a session with references had its course and its direction among the parameters."""
+    skin = own.direction_cycles(0.0, 0.0, 1e-3, 8.0, 2)
+    legs = [replace(skin, specimen="open air"), skin]
+    effects = library("microrobot")
+    blocks = robot_problems(own.robot_session(np.random.default_rng(3), legs=legs), effects)[0]
+    (key,) = (key for key, effect in effects.items() if effect.rhythm)
+    (beats,) = candidates_for({key: effects[key]}, blocks)
+    assert beats.blocks == ("force",)
+    assert [p.name for p in beats.parameters] == ["amplitude", "frequency"]
