@@ -12,9 +12,9 @@ import yaml
 
 from gap.inference.hypothesis import Candidate
 
-LIKE_SKIN = ("support_slip", "strain_stiffening", "missing_deep_layer", "prestress_anisotropy")
+LIKE_SKIN = ("support_slip", "strain_stiffening", "missing_deep_layer", "prestress_anisotropy", "sensor_low_pass")
 """Effects that skin of another law imitates: what yields in its plane slips, any sheet has an elastic curve, and one of
-its own kind another in each direction."""
+its own kind another in each direction; one that answers later than the law's quickest part lags as a sensor does."""
 
 
 @dataclass(frozen=True)
