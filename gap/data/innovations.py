@@ -1,7 +1,8 @@
-"""Noise that a sensor remembers: white noise and, beside it, a first-order (Ornstein-Uhlenbeck) process.
+"""Noise that a sensor remembers: white noise and, beside it, a first-order (Ornstein-Uhlenbeck) process; and what an
+effect by chance adds, a random walk or a rhythm whose phase wanders.
 
 Neighbouring samples then have a part in common, so that residuals over σ are not independent. Their innovations are:
-the difference of each sample from the one foretold by all before it (Kalman filter of a scalar state).
+the difference of each sample from the one foretold by all before it (a Kalman filter of few states).
 """
 
 from __future__ import annotations
@@ -127,9 +128,8 @@ def _rhythm_states(passed: FloatArray, rhythm: Rhythm, rms: float) -> _States:
     goes_on = np.isfinite(passed)
     since = np.where(goes_on, passed, 0.0)
     turn, decay = 2.0 * np.pi * rhythm.frequency * since, np.where(goes_on, np.exp(-since / rhythm.lasts), 0.0)
-    keeps = decay[:, None, None] * np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]).transpose(
-        2, 0, 1
-    )
+    cos, sin = decay * np.cos(turn), decay * np.sin(turn)
+    keeps = np.stack([cos, -sin, sin, cos], axis=1).reshape(-1, 2, 2)
     grows = (rms**2 * (1.0 - decay**2))[:, None, None] * np.eye(2)
     width = np.minimum(passed, np.append(passed[1:], np.inf))
     width[~np.isfinite(width)] = 0.0
