@@ -41,16 +41,17 @@ def bounds(
 
 def beyond_the_fitted(found: Mapping[str, float], verdict: Verdict) -> dict[str, float]:
     """Bounds that do not contradict a verdict: of an effect that came first and was not claimed they are no less than
-    the strength that fits best."""
+    the strength that fits best, and of one that was claimed no more."""
     out = dict(found)
-    if verdict.claims or not verdict.causes or len(verdict.causes[0].effects) > 1:
+    if not verdict.causes or len(verdict.causes[0].effects) > 1:
         return out
+    nearer = min if verdict.claims else max
     for h in verdict.causes[0].members or (verdict.causes[0].hypothesis,):
         e = h.effects[0]
         strength = next((p for p in e.parameters if p.null is not None), None)
         if e.key in out and strength is not None:
             fitted = h.values(e)[strength.name]
-            out[e.key] = max(out[e.key], abs(fitted - (strength.null or 0.0)))
+            out[e.key] = nearer(out[e.key], abs(fitted - (strength.null or 0.0)))
     return out
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from gap.decision.gaps import Shrink
 from gap.decision.limits import beyond_the_fitted
 from tests.gap.decision.waves import judge, weak_wave
@@ -19,3 +21,5 @@ def test_a_bound_does_not_contradict_what_fits_best(linear, candidate) -> None:
     assert found[key] > 0.1
     claimed = judge(comparison, known, fitted=Shrink(0.95, 0.85), held_out=elsewhere)
     assert beyond_the_fitted({key: 1e-3}, claimed) == {key: 1e-3}
+    # A pulse of 1.2 mN was claimed beside 'weaker than 3.7 mN'.
+    assert beyond_the_fitted({key: 1e3}, claimed)[key] == pytest.approx(found[key])
