@@ -1,5 +1,5 @@
-"""Noise that a sensor remembers: white noise and, beside it, a first-order (Ornstein-Uhlenbeck) process; and what an
-effect by chance adds, a random walk or a rhythm whose phase wanders.
+"""Noise that a sensor remembers: white noise and, beside it, a first-order (Ornstein-Uhlenbeck) process; and the
+noise that an effect by chance adds, a random walk or a rhythm whose phase wanders.
 
 Neighbouring samples then have a part in common, so that residuals over σ are not independent. Their innovations are:
 the difference of each sample from the one foretold by all before it (a Kalman filter of few states).
@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 from typing import NamedTuple
 
@@ -93,7 +95,7 @@ def _innovations(
                     moved[a, j] += keeps[i, a, b] * states[b, j]
             for j in range(p):
                 out[i, j] += load[i, a] * moved[a, j]
-        for j in range(p):  # what is foretold becomes what is asked for
+        for j in range(p):  # ``out`` is the foretold part until here
             new[j] = x[i, j] * sd[i] if undo else x[i, j] - out[i, j]
             out[i, j] = out[i, j] + new[j] if undo else new[j] / sd[i]
         for a in range(k):
@@ -156,7 +158,8 @@ def _log_likelihood(passed: FloatArray, rest: FloatArray, new: FloatArray, slow:
     return -0.5 * float(np.sum(np.square(innovations)) + np.sum(np.log(variance)))
 
 
-class _Rest(NamedTuple):
+@dataclass(frozen=True)
+class _Rest:
     """What a fit leaves of a channel: time, recording, rest, variance (n,) of its rows, and white noise of a sample."""
 
     time: FloatArray
@@ -165,11 +168,15 @@ class _Rest(NamedTuple):
     new: FloatArray
     sigma: float
 
+    @cached_property
+    def passed(self) -> FloatArray:
+        """s (n,) since the row before (`_passed`)."""
+        return _passed(self.time, self.recording)
+
     def earned(self, share: float, tau: float) -> float:
         """Nats that a slow part of a ``share`` of the white noise earns."""
         alone = -0.5 * float(np.sum(np.square(self.rest) / self.new + np.log(self.new)))
-        passed = _passed(self.time, self.recording)
-        return _log_likelihood(passed, self.rest, self.new, share * self.sigma, tau) - alone
+        return _log_likelihood(self.passed, self.rest, self.new, share * self.sigma, tau) - alone
 
     def pieces(self) -> list[_Rest]:
         """Its pieces of `PIECE` s of a recording, without those that are too short to tell where others are not."""
@@ -204,7 +211,7 @@ class Wider(NamedTuple):
 
     @property
     def remembers(self) -> bool:
-        """Whether what it adds is foretold by the rows before."""
+        """Whether the rows before foretell a part of it."""
         return self.walks is not None or self.rhythm is not None
 
 

@@ -95,9 +95,8 @@ def in_stated(effect: Candidate, h: Hypothesis, null: Hypothesis, stated: Stated
     value = np.array([(from_unit(p, u) - (p.null or 0.0)) / one for p, one, u in units])
     scale = np.array([slope(p, u) / one for p, one, u in units])
     covariance = fitted.covariance[np.ix_(at, at)] * np.outer(scale, scale)
-    return float(
-        np.max(np.abs(least(value, as_sure(value, covariance, null.fits[surest].objective - fitted.objective))))
-    )
+    gained = null.fits[surest].objective - fitted.objective
+    return float(np.max(np.abs(least(value, as_sure(value, covariance, gained)))))
 
 
 def as_sure(value: FloatArray, covariance: FloatArray, gained: float) -> FloatArray:

@@ -1,7 +1,7 @@
 """Effects that happen by chance: no prediction moves, the noise is wider.
 
 Instants that scatter make it so where a signal is steep; a reading that walks at random is noise that remembers all
-that was before.
+that was before, and a rhythm whose rate wanders is noise about one rate.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ SLOWER = (0.25, 0.5, 1.0)
 SHARES, TIMES = (0.15, 0.3, MOST), (0.2, 0.8, 3.2)
 """Slow noise that a sound sensor may have, as `gap.data.innovations` has it: shares of the white one, and s."""
 ANY = (0.3, 0.6, 1.2, 2.4)
-"""The same of what a law that is not the skin's leaves."""
+"""The same of the rest that a law leaves which is not the skin's."""
 TURNS = 10.0
 """Turns for which a rhythm whose rate wanders keeps its phase: simulated rates that swing by 5 and 12 % (rms) fit best
 with 6 to 24, and their amplitudes are right within a third."""
 BESIDE = (0.6, 1.6)
-"""Times its rate, where there is as much of what is no rhythm."""
+"""Times its rate, where noise that is no rhythm has as much power."""
 
 
 class ByChance:
@@ -98,7 +98,7 @@ class ByChance:
         return np.asarray(together).reshape(len(self.channels), -1)
 
     def beating(self, active: Active) -> Rhythm | None:
-        """The rhythm of the channels whose rate wanders, if one does on what it meets; None without such an effect."""
+        """The rhythm of the channels whose rate wanders, if one acts on these specimens; else None."""
         for candidate, values in active.items():
             rms = [self._rhythm(candidate.key, values).get(channel, 0.0) for channel in self.channels]
             if any(rms) and any(meets(self.library[candidate.key], group.name) for group, _ in self.groups):
@@ -160,8 +160,8 @@ class ByChance:
         return asked(self.row_noise, beats) - max(others)
 
     def _likelihood(self, fitted: Fit, wider: Wider) -> Callable[[RowNoise, Wider], float]:
-        """The log likelihood by a noise and what chance adds, of the data of a fit with what ``wider`` added, beside a
-        nuisance that is refitted along straight lines."""
+        """The log likelihood by a noise and by effects of chance, of the data of a fit that had those of ``wider``,
+        beside a nuisance that is refitted along straight lines."""
         rows = self.row_noise.unwhitened(np.column_stack([fitted.at_mean, fitted.jacobian]), wider)
 
         def log_likelihood(noise: RowNoise, by_chance: Wider) -> float:

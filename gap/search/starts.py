@@ -178,15 +178,9 @@ def _places(candidate: Candidate, problem: Problem, base: Fit) -> tuple[Sequence
 
 def _rhythms(parameters: Mapping[str, Parameter], problem: Problem, base: Fit) -> tuple[Sequence[Place], bool]:
     """The rhythms that a residual, or the lateness of what it is about, may have; and whether one explains it."""
-    time, recording, residual = problem.rows.time, problem.rows.recording, base.residual
     if "frequency" in parameters:
-        low, high = parameters["frequency"].low, parameters["frequency"].high
-        if "phase" not in parameters:  # it has any, and keeps none
-            channel = problem.rows.labels["channel"][0]
-            piece = channel * (int(recording.max()) + 1) + recording
-            return [{"frequency": rate} for rate in humps(time, piece, residual, low, high)], False
-        ways = (0.0, np.pi) if "elevation" in parameters else (0.0,)  # a direction may point either way
-        return [_wave(time, residual, line, way) for line in lines(time, residual, low, high) for way in ways], False
+        return _beats(parameters, problem, base), False
+    time, residual = problem.rows.time, base.residual
     if "tau" in parameters:
         tau = parameters["tau"]
         seen = Lateness(time, residual, np.ones(len(residual)), np.zeros(len(residual), dtype=bool))
@@ -201,6 +195,18 @@ def _rhythms(parameters: Mapping[str, Parameter], problem: Problem, base: Fit) -
     period = parameters["period"]
     swings = wanderings(late, period.low, period.high) if len(late.time) else []
     return [{"swing": a, "period": length, "phase": phase} for length, phase, a in swings], False
+
+
+def _beats(parameters: Mapping[str, Parameter], problem: Problem, base: Fit) -> list[Place]:
+    """The rhythms of a rate that a residual may have: with a phase, or, of an effect that keeps none, without."""
+    time, recording, residual = problem.rows.time, problem.rows.recording, base.residual
+    low, high = parameters["frequency"].low, parameters["frequency"].high
+    if "phase" not in parameters:
+        channel = problem.rows.labels["channel"][0]
+        piece = channel * (int(recording.max()) + 1) + recording
+        return [{"frequency": rate} for rate in humps(time, piece, residual, low, high)]
+    ways = (0.0, np.pi) if "elevation" in parameters else (0.0,)  # a direction may point either way
+    return [_wave(time, residual, line, way) for line in lines(time, residual, low, high) for way in ways]
 
 
 def _of_the_greatest(candidate: Candidate, problem: Problem) -> list[Place]:

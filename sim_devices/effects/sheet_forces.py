@@ -75,8 +75,7 @@ def to_and_fro(
 ) -> Forces:  # fmt: skip
     """A vector and, along one direction, a rhythm: of forces, or of displacements where the skin moves."""
     wave = laws.pulse(time, np.zeros(len(time)), amplitude, frequency, phase, sine, cosine)
-    flat = math.cos(elevation)
-    return x + flat * math.cos(azimuth) * wave, y + flat * math.sin(azimuth) * wave, z + math.sin(elevation) * wave
+    return _along(x, y, z, wave, azimuth, elevation)
 
 
 def wandering_force(
@@ -85,5 +84,10 @@ def wandering_force(
 ) -> Forces:  # fmt: skip
     """A force and, along one direction, a rhythm whose rate wanders."""
     wave = laws.wandering_pulse(time, np.zeros(len(time)), amplitude, frequency, seed)
+    return _along(fx, fy, fz, wave, azimuth, elevation)
+
+
+def _along(x: FloatArray, y: FloatArray, z: FloatArray, wave: FloatArray, azimuth: float, elevation: float) -> Forces:
+    """A vector and a ``wave`` (n,) along one direction (rad)."""
     flat = math.cos(elevation)
-    return fx + flat * math.cos(azimuth) * wave, fy + flat * math.sin(azimuth) * wave, fz + math.sin(elevation) * wave
+    return x + flat * math.cos(azimuth) * wave, y + flat * math.sin(azimuth) * wave, z + math.sin(elevation) * wave
